@@ -26,6 +26,7 @@ if TYPE_CHECKING:
         Regulator,
         Uncertain,
         control_fleet,
+        design,
         predict,
         realization_controls,
         regulate,
@@ -80,6 +81,7 @@ __all__ = [
     "cases",
     "control",
     "control_fleet",
+    "design",
     "exceptions",
     "fuse",
     "fuse_path",
@@ -109,7 +111,7 @@ __all__ = [
 _ROOMS = {
     "_base.threads": "get_num_threads set_num_threads",
     "certificates": "Certificate",
-    "controls": "Cost Limits Plan Regulator Uncertain control control_fleet predict "
+    "controls": "Cost Limits Plan Regulator Uncertain control control_fleet design predict "
     "realization_controls regulate required_samples steer",
     "ensembles": "Counts Ensemble SystemEnsemble sample sample_counts",
     "exceptions": "StochensError",

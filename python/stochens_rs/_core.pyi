@@ -37,6 +37,8 @@ __all__ = [
     "chi2_upper",
     "closed_form",
     "diagonal_quantile",
+    "drawn_misses",
+    "estimate_draws",
     "f_upper",
     "feedback_gain",
     "fit",
@@ -54,13 +56,13 @@ __all__ = [
     "loop_eigenvalues",
     "mean_difference",
     "mixtures",
+    "next_runs",
     "noncentrality_limit",
     "normal_quantile",
     "one_noise",
     "pseudoinverse",
     "pushed",
     "realization_controls",
-    "region_draws",
     "residual_p_values",
     "residuals",
     "robust_control",
@@ -96,6 +98,7 @@ __all__ = [
     "triangle",
     "triangle_update",
     "uniform_path",
+    "validation_mean",
     "validation_rank",
     "validation_runs",
     "validation_systems",
@@ -666,15 +669,35 @@ def bootstrap(
     weights: _Floats | None,
     threads: int,
 ) -> _Floats: ...
-def region_draws(
-    h: _Floats,
-    white: _Floats,
-    root: _Floats,
-    nu: int,
+
+# H (n, d), white (rank, d), S (n, n), "known" or what is to estimate of it, degrees of freedom
+_EstimateLaw: TypeAlias = tuple[_Floats, _Floats, _Floats, str, int]
+
+def estimate_draws(law: _EstimateLaw, size: int, key: bytes, threads: int) -> _Floats: ...
+def drawn_misses(
+    law: _EstimateLaw,
+    x0: _Floats,
+    inputs: _Floats,
+    xf: _Floats,
+    noise: bool,
     size: int,
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+
+# inputs (runs, steps m); phi before the first run and after each
+def next_runs(
+    model: _Floats,
+    white: _Floats,
+    covariance: _Floats,
+    x0: _Floats,
+    inputs: _Floats,
+    starts: _Floats,
+    steps: int,
+    low: _Floats,
+    high: _Floats,
+    key: bytes,
+) -> tuple[_Floats, _Floats]: ...
 def residuals(z: _Floats, y: _Floats, white: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
 def residual_p_values(
     z: _Floats, y: _Floats, white: _Floats, draws: int, key: bytes, threads: int
@@ -935,6 +958,7 @@ def scenario_required(epsilon: float, dimension: int, beta: float) -> int: ...
 # path, A, scale, target
 _Predicted: TypeAlias = tuple[_Floats, _Floats, _Floats, _Floats]
 
+def validation_mean(ends: _Floats, target: _Floats, delta: float) -> float: ...
 def validation_rank(scores: _Floats, rank: int) -> float: ...
 def validation_runs(
     predicted: _Predicted, runs: _Floats, threads: int

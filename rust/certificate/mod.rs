@@ -15,7 +15,9 @@
 //! # Ok::<(), stochens::Error>(())
 //! ```
 
+mod drawn_misses;
 mod near;
+mod next_runs;
 mod noise;
 mod nuclear;
 mod pilot;
@@ -25,9 +27,11 @@ mod reference;
 mod several_steps;
 mod trajectory;
 
+pub use drawn_misses::{Aim, drawn_misses};
 pub use near::Near;
+pub use next_runs::{Design, Goal, NextRuns, next_runs};
 pub use noise::{Gaussian, ToCome};
-pub use pilot::{Event, Pilot, Runs, Simulation};
+pub use pilot::{Event, MainRuns, Pilot, Simulation};
 pub use plan::{Control, Plan, Task, Way, certify};
 pub use reference::{Reference, Shares};
 pub use trajectory::{Errors, states, trajectory};

@@ -39,7 +39,7 @@ const SLACK: f64 = 4.0;
 
 /// Measured runs: rows `(x, u, x_next)`, so many for each run, one run after another.
 #[derive(Debug, Clone, Copy)]
-pub struct Runs<'a> {
+pub struct MainRuns<'a> {
     /// (N, 2 n + m).
     pub rows: &'a [f64],
     /// Steps of each run, of sum N.
@@ -99,7 +99,7 @@ impl Pilot {
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`] where the pilot's simulation or a square of the data leaves
     /// the range of doubles, [`Error::Memory`], [`Error::Interrupted`].
-    pub fn new(runs: Runs<'_>, simulation: Simulation<'_>, threads: usize, stop: &Stop) -> Result<Self> {
+    pub fn new(runs: MainRuns<'_>, simulation: Simulation<'_>, threads: usize, stop: &Stop) -> Result<Self> {
         room_for_products()?;
         let (n, d) = (runs.n, simulation.model.len().checked_div(runs.n).unwrap_or(0));
         let width = 2 * d + n;
@@ -297,7 +297,7 @@ fn transposed_inverse(matrix: &[f64], units: &[f64], d: usize) -> Result<(Vec<f6
 }
 
 /// The rows `(zeta, z, y)` (N, 2 d + n) of all pairs.
-fn simulated(runs: Runs<'_>, simulation: Simulation<'_>, d: usize, stop: &Stop) -> Result<Vec<f64>> {
+fn simulated(runs: MainRuns<'_>, simulation: Simulation<'_>, d: usize, stop: &Stop) -> Result<Vec<f64>> {
     let (n, m, model) = (runs.n, runs.m, simulation.model);
     let (taken, width) = (2 * n + m, 2 * d + n);
     let pairs = runs.lengths.iter().try_fold(0usize, |sum, length| sum.checked_add(*length)).unwrap_or(0);

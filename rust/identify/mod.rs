@@ -7,6 +7,7 @@ mod beta_model;
 mod confidence_radii;
 mod distributions;
 mod estimate;
+mod estimate_law;
 mod instruments;
 mod kept;
 mod largest_root;
@@ -31,6 +32,8 @@ pub use confidence_radii::{MIXTURES, PRIOR_NOISE};
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
 pub(crate) use distributions::{level, positive_root, root};
 pub use estimate::{Data, Estimate};
+pub(crate) use estimate_law::covariance_root;
+pub use estimate_law::{EstimateLaw, NoiseLaw};
 pub(crate) use instruments::Projected;
 pub use kept::kept_quantiles;
 pub use least_squares::{Fitted, fit};
@@ -43,7 +46,7 @@ pub use quantiles::{
     diagonal_quantile, joint_radii, log_multigamma, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,
     trace_quantile, wishart_quantile,
 };
-pub use replicates::{Centre, region_draws, residual_models, weighted_models};
+pub use replicates::{Centre, residual_models, weighted_models};
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
 pub use robust_control::robust_control;
 pub use signs::{SignTest, chance_of_infinity, sign_radii, sign_sizes, sign_statistics};

@@ -6,10 +6,9 @@
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
-use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, room_for_products, try_collect_all, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::simd::dispatch::widest;
 use crate::stream::{Key, Purpose};
@@ -118,81 +117,21 @@ pub fn residual_models(
             let e = MatRef::from_row_major_slice(&drawn, samples, n);
             let to = MatMut::from_row_major_slice_mut(&mut sums, n, rank);
             matmul(to, Accum::Replace, e.transpose(), q, 1.0, Par::Seq);
-            write_model(&sums, centre, d, model);
+            write_model(&sums, rank, centre, d, model);
         }
         Ok(())
     })?;
     Ok(models)
 }
 
-/// `H + deviation white`, `deviation` (n, rank).
-fn write_model(deviation: &[f64], centre: Centre<'_>, d: usize, model: &mut [f64]) {
+/// `H + deviation white`, `deviation` the first `rank` columns of `lines`, which are `width` long.
+pub(super) fn write_model(lines: &[f64], width: usize, centre: Centre<'_>, d: usize, model: &mut [f64]) {
     model.copy_from_slice(centre.model);
-    let rank = centre.white.len() / d;
-    for (row, deviation) in model.chunks_exact_mut(d).zip(deviation.chunks_exact(rank.max(1))) {
+    for (row, deviation) in model.chunks_exact_mut(d).zip(lines.chunks_exact(width.max(1))) {
         for (factor, white) in deviation.iter().zip(centre.white.chunks_exact(d)) {
             row.iter_mut().zip(white).for_each(|(to, white)| *to += factor * white);
         }
     }
-}
-
-/// `size` draws of `H + S^(1/2) E^(-1/2) G V^(-1/2)`, `G` standard normal, `E ~ W_n(I, nu)` by Bartlett's triangle,
-/// `root root' = S` (n, n).
-///
-/// # Errors
-/// [`Error::Shape`]; [`Error::Value`] for `nu < n`; as [`weighted_models`].
-pub fn region_draws(
-    centre: Centre<'_>,
-    root: &[f64],
-    nu: usize,
-    key: &Key,
-    size: usize,
-    threads: usize,
-    stop: &Stop,
-) -> Result<Vec<f64>> {
-    let n = root.len().isqrt();
-    let d = centre.model.len().checked_div(n).unwrap_or(0);
-    if n == 0 || n * n != root.len() || n * d != centre.model.len() || d == 0 || !centre.white.len().is_multiple_of(d) {
-        let (expected, found) = ("n x n entries, where H is n x d and white rank x d", root.len());
-        return Err(Error::Shape { name: "root", expected: expected.into(), found: format!("{found} entries") });
-    }
-    if nu < n {
-        return Err(Error::Value { name: "nu", expected: "at least the number of rows", found: nu.to_string() });
-    }
-    let refused = |_| Error::Numerical("a chi-square law was refused".into());
-    let chi2 = try_collect_all(WHAT, (0..n).map(|i| ChiSquared::new((nu - i) as f64).map_err(refused)))?;
-    let rank = centre.white.len() / d;
-    let mut models = try_zeros(WHAT, checked_len(WHAT, size, n * d)?)?;
-    for_each_chunk(models.chunks_mut(BLOCK * n * d).enumerate(), threads, stop, |(block, models)| {
-        let [mut t, mut g, mut deviation] =
-            [try_zeros(WHAT, n * n)?, try_zeros(WHAT, n * rank)?, try_zeros(WHAT, n * rank)?];
-        for (b, model) in models.chunks_exact_mut(n * d).enumerate() {
-            let mut rng = key.stream(Purpose::Replicates, block * BLOCK + b);
-            for i in 0..n {
-                t[i * n..i * n + i].fill_with(|| StandardNormal.sample(&mut rng));
-                t[i * n + i] = chi2[i].sample(&mut rng).sqrt();
-            }
-            g.fill_with(|| StandardNormal.sample(&mut rng));
-            // E = T T': T' X = G
-            for i in (0..n).rev() {
-                let (row, below) = g[i * rank..].split_at_mut(rank);
-                for (j, known) in below.chunks_exact(rank.max(1)).enumerate() {
-                    let factor = t[(i + 1 + j) * n + i];
-                    row.iter_mut().zip(known).for_each(|(value, known)| *value -= factor * known);
-                }
-                row.iter_mut().for_each(|value| *value /= t[i * n + i]);
-            }
-            deviation.fill(0.0);
-            for (to, root) in deviation.chunks_exact_mut(rank.max(1)).zip(root.chunks_exact(n)) {
-                for (factor, from) in root.iter().zip(g.chunks_exact(rank.max(1))) {
-                    to.iter_mut().zip(from).for_each(|(to, from)| *to += factor * from);
-                }
-            }
-            write_model(&deviation, centre, d, model);
-        }
-        Ok(())
-    })?;
-    Ok(models)
 }
 
 #[cfg(test)]
@@ -251,7 +190,5 @@ mod tests {
         }
         let many = residual_models(&pairs, centre(), &key, 200, 3, &stop).unwrap();
         assert_eq!(many[..280], residual_models(&pairs, centre(), &key, 70, 1, &stop).unwrap());
-        let draws = region_draws(centre(), &[1.0, 0.0, 0.5, 1.0], 9, &key, 200, 3, &stop).unwrap();
-        assert_eq!(draws[..280], region_draws(centre(), &[1.0, 0.0, 0.5, 1.0], 9, &key, 70, 1, &stop).unwrap());
     }
 }

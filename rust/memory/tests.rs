@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
-use crate::certificate::{Gaussian, Task, ToCome, Way, certify};
+use crate::certificate::{Aim, Gaussian, Goal, Runs, Task, ToCome, Way, certify, drawn_misses, next_runs};
 use crate::control::{Entity, Factors, Motion, Realized, best_control, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::identify;
@@ -460,7 +460,22 @@ fn call(name: &str) -> Option<Call> {
                 let counts = identify::Weights::Counts(&key);
                 identify::weighted_models(&pairs, centre, counts, true, 70, 2, &stop)?;
                 identify::residual_models(&pairs, centre, &key, 3, 2, &stop)?;
-                identify::region_draws(centre, &white, 40, &key, 3, 2, &stop)?;
+                let law = identify::EstimateLaw::new(centre, &white, identify::NoiseLaw::Full(40))?;
+                law.models(&key, 3, 2, &stop)?;
+                let (x0, inputs) = (&model[..15], &model[..3]);
+                drawn_misses(&law, Aim { x0, inputs: &[], m: 1, target: x0, noise: true }, &key, 3, 2, &stop).err();
+                let goal = Goal {
+                    model: &model[..90],
+                    n: 9,
+                    m: 1,
+                    white: &white[..100],
+                    covariance: &white[..81],
+                    x0: &x0[..9],
+                    inputs,
+                };
+                let runs = Runs { starts: &model[..18], steps: 4, low: &[-1.0; 4], high: &[1.0; 4] };
+                next_runs(goal, runs, &key, &stop)?;
+
                 identify::sign_statistics(&pairs, identify::Weights::Signs(&key), 70, 2, &stop).map(drop)
             })
         }

@@ -121,25 +121,6 @@ pub(super) fn bootstrap<'py>(
     array2(py, models, size, n * d)
 }
 
-/// Models (size, n d) at random in the region of `H` (n, d): `H + S^(1/2) E^(-1/2) G V^(-1/2)`, `root root' = S`.
-#[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
-pub(super) fn region_draws<'py>(
-    py: Python<'py>,
-    h: PyReadonlyArray2<'py, f64>,
-    white: PyReadonlyArray2<'py, f64>,
-    root: PyReadonlyArray2<'py, f64>,
-    nu: usize,
-    size: usize,
-    key: &[u8],
-    threads: usize,
-) -> PyResult<Matrix<'py>> {
-    let (n, d) = h.as_array().dim();
-    let (centre, key, root) = (centre(&h, &white)?, self::key(key)?, slice("root", &root)?);
-    let models = run(py, UNTIL_STOPPED, |stop| identify::region_draws(centre, root, nu, &key, size, threads, stop))?;
-    array2(py, models, size, n * d)
-}
-
 /// `(q (N, rank), residuals (N, n), leverages (N))` of the rows of `z` (N, d) and `y` (N, n) with `white` (rank, d).
 #[pyfunction]
 pub(super) fn residuals<'py>(

@@ -6,6 +6,7 @@
 mod arrays;
 mod control;
 mod convert;
+mod drawn;
 mod draws;
 mod error;
 mod estimate;
@@ -39,6 +40,8 @@ mod _core {
     #[pymodule_export]
     use super::control::{best_control, mean_difference, pseudoinverse, pushed, realization_controls};
     #[pymodule_export]
+    use super::drawn::{drawn_misses, estimate_draws, next_runs};
+    #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
     use super::estimate::{PyEstimate, chance_of_infinity, kept_quantiles, mixtures, sign_contains, sign_sizes};
@@ -61,8 +64,7 @@ mod _core {
     use super::horizon_results::{Apart, HorizonControl};
     #[pymodule_export]
     use super::identify::{
-        bootstrap, region_draws, residual_p_values, residuals, robust_control, sign_radii, sign_statistics, triangle,
-        triangle_update,
+        bootstrap, residual_p_values, residuals, robust_control, sign_radii, sign_statistics, triangle, triangle_update,
     };
     #[pymodule_export]
     use super::laws::{
@@ -87,7 +89,9 @@ mod _core {
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream, mean_radius};
     #[pymodule_export]
-    use super::validation::{validation_rank, validation_runs, validation_systems, validation_weighted};
+    use super::validation::{
+        validation_mean, validation_rank, validation_runs, validation_systems, validation_weighted,
+    };
     #[pymodule_export]
     use super::{build, version};
 }

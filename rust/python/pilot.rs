@@ -7,7 +7,7 @@ use super::convert::{array1, array2, slice};
 use super::estimate::covariance;
 use super::region::{PyRegion, places};
 use super::run::{UNTIL_STOPPED, run};
-use crate::certificate::{Pilot, Reference, Runs, Shares, Simulation, Task};
+use crate::certificate::{MainRuns, Pilot, Reference, Shares, Simulation, Task};
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -46,7 +46,7 @@ impl PyPilot {
     ) -> PyResult<Self> {
         let ((pairs, width), (n, d)) = (rows.as_array().dim(), model.as_array().dim());
         let lengths = places("lengths", &lengths)?;
-        let runs = Runs { rows: slice("rows", &rows)?, lengths: &lengths, n, m: width.saturating_sub(2 * n) };
+        let runs = MainRuns { rows: slice("rows", &rows)?, lengths: &lengths, n, m: width.saturating_sub(2 * n) };
         let feedback = match &feedback {
             None => None,
             Some((gain, dither)) => Some((slice("gain", gain)?, slice("dither", dither)?)),

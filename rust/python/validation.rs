@@ -5,7 +5,7 @@ use pyo3::prelude::*;
 
 use super::convert::{array1, slice};
 use super::run::run;
-use crate::simulate::{Predicted, Scores, Systems, order_statistic, weighted_order_statistic};
+use crate::simulate::{Predicted, Scores, Systems, mean_miss, order_statistic, weighted_order_statistic};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -13,7 +13,7 @@ type Cube<'py> = PyReadonlyArray3<'py, f64>;
 /// `(deviations, misses)`, one of each per run.
 type Found<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
-/// `(path (K + 1, n), A (n, n), scale (K, n), target (n,))`
+/// `(path (K + 1, n) or (M (K + 1), n), A (n, n), scale (K, n), target (n,))`
 #[derive(FromPyObject)]
 pub(super) struct PredictedArgument<'py>(Matrix<'py>, Matrix<'py>, Matrix<'py>, Vector<'py>);
 
@@ -72,6 +72,13 @@ pub(super) fn validation_systems<'py>(
     };
     let cost = 2.0 * steps as f64 * (systems.a.len() + systems.b.len()) as f64;
     found(py, run(py, cost, |stop| given.systems(&systems, threads, stop))?)
+}
+
+/// A bound of the distance of the mean of Gaussian `ends` (M, n) from the target.
+#[pyfunction]
+pub(super) fn validation_mean(py: Python<'_>, ends: Matrix<'_>, target: Vector<'_>, delta: f64) -> PyResult<f64> {
+    let (ends, target) = (slice("ends", &ends)?, slice("target", &target)?);
+    run(py, (ends.len() * target.len()) as f64, |_| mean_miss(ends, target, delta))
 }
 
 /// The score of this rank, from 1; infinite beyond the last one.

@@ -3,8 +3,10 @@
 
 use super::systems::{Systems, WHAT};
 use crate::error::{Error, Result, require_finite};
+use crate::identify::{Symmetric, f_upper};
 use crate::memory::{checked_len, try_copy, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
+use crate::scaled::distance;
 
 /// Runs that are scored as one piece of work.
 const CHUNK: usize = 64;
@@ -16,7 +18,7 @@ const CHUNK: usize = 64;
 pub struct Predicted<'a> {
     /// States.
     pub n: usize,
-    /// `(K + 1) n` entries.
+    /// `(K + 1) n` entries; or so many for each run, which is then predicted by its own, from its own start.
     pub path: &'a [f64],
     /// `n n` entries, one row after another.
     pub a: &'a [f64],
@@ -43,10 +45,14 @@ impl Predicted<'_> {
     /// for a unit that is not positive, [`Error::Memory`], [`Error::Interrupted`] after a stop.
     pub fn runs(&self, runs: &[f64], threads: usize, stop: &Stop) -> Result<Scores> {
         self.checked()?;
-        let one = self.path.len();
+        let one = self.one();
         if runs.is_empty() || !runs.len().is_multiple_of(one) {
             let expected = format!("a multiple of {one} entries");
             return Err(Error::Shape { name: "runs", expected, found: runs.len().to_string() });
+        }
+        if self.path.len() != one && self.path.len() != runs.len() {
+            let expected = format!("{one} entries, or those of {} runs", runs.len() / one);
+            return Err(Error::Shape { name: "predicted", expected, found: self.path.len().to_string() });
         }
         self.scored(runs.len() / one, threads, stop, |r, run| {
             run.copy_from_slice(&runs[r * one..(r + 1) * one]);
@@ -60,8 +66,8 @@ impl Predicted<'_> {
     /// As [`Predicted::runs`], and as [`Systems::run`] but for an overflow, which is a run that diverged.
     pub fn systems(&self, systems: &Systems<'_>, threads: usize, stop: &Stop) -> Result<Scores> {
         self.checked()?;
-        let (size, steps) = (systems.checked()?, self.path.len() / self.n - 1);
-        if systems.n != self.n || systems.steps() != steps {
+        let (size, steps) = (systems.checked()?, self.scale.len() / self.n);
+        if self.path.len() != self.one() || systems.n != self.n || systems.steps() != steps {
             let found = format!("{} states and {} steps", systems.n, systems.steps());
             return Err(Error::Shape {
                 name: "systems",
@@ -83,13 +89,16 @@ impl Predicted<'_> {
         let (mut deviations, mut misses) = (try_zeros(WHAT, size)?, try_zeros(WHAT, size)?);
         let chunks = deviations.chunks_mut(CHUNK).zip(misses.chunks_mut(CHUNK)).enumerate();
         for_each_chunk(chunks, threads, stop, |(index, (deviations, misses))| {
-            let mut run = try_zeros(WHAT, self.path.len())?;
+            let mut run = try_zeros(WHAT, self.one())?;
             let (mut off, mut next) = (try_zeros(WHAT, self.n)?, try_zeros(WHAT, self.n)?);
             for (at, (deviation, miss)) in deviations.iter_mut().zip(misses).enumerate() {
                 stop.check()?;
-                fill(index * CHUNK + at, &mut run)?;
+                let r = index * CHUNK + at;
+                fill(r, &mut run)?;
+                let path =
+                    if self.path.len() == run.len() { self.path } else { &self.path[r * run.len()..][..run.len()] };
                 let finite = run.iter().all(|v| v.is_finite());
-                *deviation = if finite { self.deviation(&run, &mut off, &mut next) } else { f64::INFINITY };
+                *deviation = if finite { self.deviation(path, &run, &mut off, &mut next) } else { f64::INFINITY };
                 *miss = if finite { self.miss(&run) } else { f64::INFINITY };
             }
             Ok(())
@@ -97,11 +106,16 @@ impl Predicted<'_> {
         Ok(Scores { deviations, misses })
     }
 
+    /// Entries of a run.
+    fn one(&self) -> usize {
+        self.scale.len().saturating_add(self.n)
+    }
+
     /// `max_{k, i} |x(k) - p(k) - A^k (x(0) - p(0))|_i / s(k)_i`
-    fn deviation(&self, run: &[f64], off: &mut [f64], next: &mut [f64]) -> f64 {
+    fn deviation(&self, path: &[f64], run: &[f64], off: &mut [f64], next: &mut [f64]) -> f64 {
         let n = self.n;
-        off.iter_mut().zip(run).zip(self.path).for_each(|((to, x), p)| *to = x - p);
-        let steps = run.chunks_exact(n).zip(self.path.chunks_exact(n)).skip(1).zip(self.scale.chunks_exact(n));
+        off.iter_mut().zip(run).zip(path).for_each(|((to, x), p)| *to = x - p);
+        let steps = run.chunks_exact(n).zip(path.chunks_exact(n)).skip(1).zip(self.scale.chunks_exact(n));
         let mut largest: f64 = 0.0;
         for ((x, p), scale) in steps {
             for (to, row) in next.iter_mut().zip(self.a.chunks_exact(n)) {
@@ -135,19 +149,57 @@ impl Predicted<'_> {
             }
             Err(Error::Shape { name, expected: format!("{len} entries"), found: values.len().to_string() })
         };
-        if n == 0 || self.path.len() < 2 * n || !self.path.len().is_multiple_of(n) {
+        let one = self.one();
+        if n == 0
+            || one < 2 * n
+            || !one.is_multiple_of(n)
+            || !self.path.len().is_multiple_of(one)
+            || self.path.is_empty()
+        {
             let expected = "one step of one state at least".into();
             return Err(Error::Shape { name: "predicted", expected, found: self.path.len().to_string() });
         }
         require_finite("predicted", self.path)?;
         fits("A", self.a, checked_len(WHAT, n, n)?)?;
-        fits("scale", self.scale, self.path.len() - n)?;
+        fits("scale", self.scale, one - n)?;
         fits("target", self.target, n)?;
         match self.scale.iter().find(|&&v| v <= 0.0) {
             Some(v) => Err(Error::Value { name: "scale", expected: "> 0", found: v.to_string() }),
             None => Ok(()),
         }
     }
+}
+
+/// A bound of `||E x - target||` of which Gaussian x the rows of `ends` are independent draws, with probability `1 - delta`
+/// (Hotelling): `||mean - target|| + sqrt(lam_max(S) n (M - 1) / (M (M - n)) F_{n, M - n}(delta))`, infinite for `M <= n`.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Memory`].
+pub fn mean_miss(ends: &[f64], target: &[f64], delta: f64) -> Result<f64> {
+    let (n, size) = (target.len(), ends.len().checked_div(target.len()).unwrap_or(0));
+    if size == 0 || ends.len() != size * n {
+        let expected = format!("rows of {n} entries");
+        return Err(Error::Shape { name: "ends", expected, found: ends.len().to_string() });
+    }
+    require_finite("ends", ends)?;
+    require_finite("target", target)?;
+    if size <= n {
+        return Ok(f64::INFINITY);
+    }
+    let (mut mean, mut spread) = (try_zeros(WHAT, n)?, Symmetric::new(n)?);
+    for row in ends.chunks_exact(n) {
+        mean.iter_mut().zip(row).for_each(|(to, x)| *to += x / size as f64);
+    }
+    for row in ends.chunks_exact(n) {
+        for (i, line) in spread.matrix.chunks_exact_mut(n).enumerate() {
+            for (j, to) in line.iter_mut().enumerate() {
+                *to += (row[i] - mean[i]) * (row[j] - mean[j]);
+            }
+        }
+    }
+    // the divisor M - 1 of S goes with the factor M - 1
+    let factor = n as f64 / (size as f64 * (size - n) as f64) * f_upper(delta, n as f64, (size - n) as f64)?;
+    Ok(distance(&mean, target) + (spread.largest()?.max(0.0) * factor).sqrt())
 }
 
 /// The score of this rank, from 1; infinite beyond the last one.
@@ -222,6 +274,22 @@ mod tests {
     }
 
     #[test]
+    fn runs_of_a_loop_have_paths_of_their_own() {
+        let (path, runs) = ([1.0, 2.0, 3.0, 2.0, 4.0, 6.0], [1.0, 2.5, 3.0, 2.0, 4.0, 8.0]);
+        let found = Predicted { path: &path, ..PLAN }.runs(&runs, 1, &Stop::new()).unwrap();
+        assert_eq!(found, Scores { deviations: vec![0.5, 0.5], misses: vec![2.5, 7.5] });
+    }
+
+    #[test]
+    fn the_mean_of_one_state_is_that_of_student() {
+        // mean 2, S = 1, t_2(.025)^2 = F_{1,2}(.05) = 18.51282
+        let found = mean_miss(&[1.0, 2.0, 3.0], &[0.0], 0.05).unwrap();
+        assert!((found - (2.0 + (18.512_820_512_820_51_f64 / 3.0).sqrt())).abs() < 1e-9, "{found}");
+        assert_eq!(mean_miss(&[1.0, 2.0, 3.0, 4.0], &[0.0, 0.0], 0.05).unwrap(), f64::INFINITY);
+        assert!(mean_miss(&[1.0, 2.0, 3.0], &[0.0, 0.0], 0.05).is_err());
+    }
+
+    #[test]
     fn systems_are_scored_as_their_runs() {
         let (a, b, x0, u) = ([1.0, 1e300], [1.0, 1e300], [1.0], [1.0, 1e10]);
         let systems = Systems { n: 1, m: 1, a: &a, b: &b, c: None, x0: &x0, u: &u };
@@ -266,6 +334,7 @@ mod tests {
         let stop = Stop::new();
         for (wrong, runs) in [
             (Predicted { path: &[1.0], ..PLAN }, 3),
+            (Predicted { path: &[1.0; 6], ..PLAN }, 3),
             (Predicted { path: &[1.0, 2.0, f64::NAN], ..PLAN }, 3),
             (Predicted { a: &[], ..PLAN }, 3),
             (Predicted { scale: &[1.0], ..PLAN }, 3),

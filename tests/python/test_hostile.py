@@ -309,6 +309,7 @@ MADE = {
     "FleetPlan": lambda: se.control_fleet([(A, B), (-A, B)], X0, XF, 2, risk="worst"),
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
     "Regulator": loop,
+    "Typical": lambda: se.control(model(), X0, XF).typical(),
     "Validation": lambda: se.control((A, B), X0, XF).validate([se.System(A, B)] * 20),
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
     "Study": study,
@@ -354,7 +355,7 @@ SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curv
 SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
 SEPARATE |= {"System.from_mujoco", "from_andes"}  # optional packages: in files of their own
 SEPARATE |= {"Bound", "Printed", "Simulated", "Results.select", "Results.plot"}
-SEPARATE |= {"Study.resume", "Study.merge"}
+SEPARATE |= {"Study.resume", "Study.merge", "Plan.typical"}
 SEPARATE |= {
     f"{kind}.{name}"
     for kind in ("Stream", "DataStream", "ModelStream")

@@ -69,6 +69,10 @@ RECORDS = {
         lambda: se.control(model(), X0, XF, steps=2).bound(),
         ["of the predicted state", "95 % at least", "no bound of the control", "<polyline"],
     ),
+    "Typical": (
+        lambda: se.control(model(), X0, XF, steps=2).typical(),
+        ["certified", "typical", "approximate", "fixed beforehand"],
+    ),
     "Radius": (lambda: plan().bound()["state"], ["within", "(simulated)", "0.95"]),
     "Validation": (
         lambda: plan().validate([SYSTEM] * 20, x0=X0),

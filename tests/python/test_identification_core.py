@@ -427,8 +427,8 @@ def test_laws_of_the_replicates():
     size = 40_000
     centred = (e - e.mean(axis=0)) * np.sqrt(12 / fitted.nu)
     V = fitted.white.T @ fitted.white
-    root = np.linalg.cholesky(fitted.S)
-    draws = core.region_draws(fitted.H, fitted.white, root, fitted.nu, size, KEY, 1)
+    law = fitted.H, fitted.white, fitted.S, "full", fitted.nu
+    draws = core.estimate_draws(law, size, KEY, 1)
     for models, spread in [
         (
             replicates(fitted, q, e / np.sqrt(1 - h)[:, None], "wild", size),

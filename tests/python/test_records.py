@@ -147,6 +147,7 @@ PARTS = {
     "bound": lambda: PLANS["iid"]().bound(),
     "certificate": lambda: PLANS["plan of a model"]().bound(),
     "infinite certificate": lambda: unbounded(PLANS["plan of a model"]().bound()),
+    "typical": lambda: PLANS["plan of a model"]().typical(),
     "validation": lambda: PLANS["exact"]().validate([SYSTEM] * 20),
     "infinite validation": lambda: PLANS["exact"]().validate([SYSTEM]),
     "error": lambda: PLANS["iid"]().error(SYSTEM, X0, XF),

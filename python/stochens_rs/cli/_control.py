@@ -126,8 +126,9 @@ def control_command(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
             found = _certified(plan, probability, noise, open_loop)
-    facts = _facts(plan, found, x0, xf, names)
-    show_result(facts, _text(plan, found, xf, names), as_json)
+    near = None if found is None else _typical(plan, probability, noise)
+    facts = {**_facts(plan, found, x0, xf, names), "typical": near}
+    show_result(facts, _text(plan, found, near, xf, names), as_json)
     files.write(facts, lambda: plan.plot(found))
 
 
@@ -147,6 +148,15 @@ def _certified(plan: Plan, delta: float, noise: bool, open_loop: bool) -> Any:
             "--noise needs a bound on the noise to come, and this model has none: identify "
             f"with --sigma S, or with --last-pairs --design independent{steps}"
         ) from error
+
+
+def _typical(plan: Plan, delta: float, noise: bool) -> float | None:
+    """The typical miss; None where its conditions do not hold."""
+    try:
+        miss: float | None = finite(plan.typical(delta, noise=noise).miss)
+    except InputError:
+        return None
+    return miss
 
 
 def _state(option: str, text: str | None, n: int, default: Any) -> Any:
@@ -201,7 +211,13 @@ def _facts(
     }
 
 
-def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]) -> str:
+def _text(
+    plan: Plan,
+    found: Certificate | None,
+    near: float | None,
+    xf: Any,
+    names: tuple[Any, Any],
+) -> str:
     tube = [] if found is None else ["tube"]
     rows = [["step", *names[1], *names[0], *tube]]
     inputs, path = _rounded(plan.u), _rounded(plan.predicted_states)
@@ -224,6 +240,7 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
             if first.reason
             else f"certified  the true system ends within {found.target:.4g} of the target, with "
             f"{100 * (1 - found.delta):g} %",
+            *_beside(found, near),
             f"of that    {_reach(plan, found)} {where}, {error:.4g} by its error{mostly}",
             f"each       {_components(found, names[0])}",
             f"by         {first.method}",
@@ -231,6 +248,13 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
         ]
     lines += limit_lines(plan)
     return "\n".join([*lines, *(f"warning    {text}" for text in plan.warnings)])
+
+
+def _beside(found: Certificate, near: float | None) -> list[str]:
+    if near is None:
+        return []
+    share = f"{100 * (1 - found.delta):g} %"
+    return [f"typical    {share} of the models drawn for these data miss by less than {near:.4g}"]
 
 
 def _inputs(plan: Plan, inputs: Any, k: int) -> list[str]:

@@ -7,6 +7,7 @@ from .fleet import control_fleet
 from .fleet_plan import FleetPlan
 from .fleet_risk import RiskBound
 from .limits import Limits
+from .next_runs import NextRuns, design
 from .plan import Plan
 from .plan_validation import Validation
 from .planning import required_samples
@@ -17,6 +18,7 @@ from .regulator import Regulator
 from .regulator_log import Call
 from .sample_plan import SamplePlan
 from .steering import steer
+from .typical import Typical
 from .uncertain import Uncertain
 
 __all__ = [
@@ -24,16 +26,19 @@ __all__ = [
     "Cost",
     "FleetPlan",
     "Limits",
+    "NextRuns",
     "Plan",
     "PlanError",
     "Reachability",
     "Regulator",
     "RiskBound",
     "SamplePlan",
+    "Typical",
     "Uncertain",
     "Validation",
     "control",
     "control_fleet",
+    "design",
     "predict",
     "realization_controls",
     "regulate",

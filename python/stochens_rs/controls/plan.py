@@ -36,6 +36,7 @@ from .plan_error import limited_error
 from .plan_summary import cost_rows, cost_text, expectation, made_from, worst_state
 from .plan_validation import Validation
 from .provenance import Basis, completed
+from .typical import Typical, known_model, typical
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -295,6 +296,64 @@ class Plan(SavedRecord, Timed):
         if self.limited is not None:
             return limited_bound(basis, self.limited, predicted, delta, self.fusion)
         return plan_bound(basis, self.u, predicted, self.fusion, delta)
+
+    def typical(
+        self,
+        delta: float = DELTA,
+        *,
+        draws: int = 1000,
+        rng: RngLike = 0,
+        noise: bool = False,
+    ) -> Typical:
+        """Say how far models that may be the true one miss the target: approximate, no bound.
+
+        Parameters
+        ----------
+        delta : float, default 0.05
+            The share of the drawn models that miss by more, in (0, 1).
+        draws : int, default 1000
+            The number of models, at least ``1 / delta - 1``.
+        rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
+            Source of randomness; with the default the same number in every call.
+        noise : bool, default False
+            Whether the noise of the run to come is included, in the certificate too.
+
+        Returns
+        -------
+        Typical
+            The number, ``miss``, beside what ``bound(delta)`` certifies.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the plan is not for a `Model` of Gaussian noise that the data determine, without
+            instruments and single known entries, or its x0 is uncertain; if the model has a
+            warning; if the covariance is unknown and fewer than 2 n pairs more than unknowns of a
+            row are there; or if an argument cannot be used.
+
+        Notes
+        -----
+        The models are those of `Model.draw`: ``H + Sigma^1/2 G V^-1/2``, or with an unknown
+        covariance ``H + S^1/2 E^-1/2 G V^-1/2``. This control is applied to each, and of the
+        ``||x(K) - xf||`` the order statistic of rank ``ceil((1 - delta) (draws + 1))`` is taken. In
+        84 cells of 14 systems with 3 to 40 runs of 10 steps in open loop it was exceeded in 0.2 to
+        7.6 % of 1000 data sets for 5 %. No inequality is known: runs whose number was chosen by
+        what they showed make it wrong.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((40, 3))
+        >>> x_next = 0.5 * z[:, :1] + z[:, 1:2] + 0.01 * z[:, 2:]
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], x_next)
+        >>> model = se.identify(data, sigma=0.01)
+        >>> se.control(model, [1.0], [0.0], steps=2).typical()
+        <Typical: certified 0.00658, typical 0.0034, 95 %, without noise>
+        """
+        share = validation.probability("delta", delta)
+        known_model(self.basis, "typical")
+        certified = self.bound(share, noise=noise)
+        return typical(self.basis, self.u, certified.target, share, draws, rng, noise)
 
     def covariance(
         self,

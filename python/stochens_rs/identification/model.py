@@ -31,7 +31,7 @@ from .identified import Identified
 from .pilot import Pilot
 from .pilot import refuse as refuse_pilot
 from .region import Region
-from .resampling import BOOTSTRAPS, Bootstrap, bootstrap_models, drawn_models
+from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate, whitened
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -527,14 +527,27 @@ class Model(Identified, Durable, Tabled):
         <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
         """
         count = validation.size("size", size)
+        law, key = self._law(), as_key(rng).child("draw")
+        memory.need("the models", 3 * 8 * count * self._Theta.size)
+        found = _core.estimate_draws(law, count, bytes(key), get_num_threads())
+        models = found.reshape(count, *self._Theta.shape)
+        return self._ensemble(models, "draws of the law of the estimate", count)
+
+    def _law(self) -> Law:
+        """The law of the estimate, for the core."""
         self._refuse_resampling()
         if self.noise != "gaussian":
             raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
         if len(self._blocks) > 1:
             raise InputError("draw() knows no law with single known entries: use bootstrap()")
-        block, key = self._blocks[0], as_key(rng).child("draw")
-        models = drawn_models(block, self.assumptions, self._Theta, count, key)
-        return self._ensemble(models, "draws of the law of the estimate", count)
+        return law_of_estimate(self._blocks[0], self.assumptions, self._Theta)
+
+    def _white(self) -> Floats:
+        """``white' white = V^-1`` of all columns, where the rows of Theta have one V."""
+        self._refuse_resampling()
+        if len(self._blocks) > 1:
+            raise InputError("the rows of a model with single known entries have no V in common")
+        return whitened(self._blocks[0], self._d)
 
     def _refuse_resampling(self) -> None:
         if self.pilot is not None:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .._base.types import Floats
 
 
+Law: TypeAlias = "tuple[Floats, Floats, Floats, str, int]"
 Bootstrap: TypeAlias = Literal["pairs", "residual", "wild", "trajectories"]
 BOOTSTRAPS: tuple[Bootstrap, ...] = get_args(Bootstrap)
 
@@ -67,32 +68,17 @@ def bootstrap_models(
     return models[solved]
 
 
-def drawn_models(f: _core.Fitted, noise: Assumptions, Theta: Floats, size: int, key: Key) -> Floats:
-    """``Theta + L E^-1/2 G white`` with the laws of the noise assumed, (size, n, d)."""
-    n = len(Theta)
-    memory.need("the models", 3 * 8 * size * Theta.size)
-    least = n if noise.covariance == "full" else 1
+def law_of_estimate(f: _core.Fitted, noise: Assumptions, Theta: Floats) -> Law:
+    """What the core draws models from: Theta, white of all columns, S, its kind and nu."""
+    least = len(Theta) if noise.covariance == "full" else 1
     if noise.known is None and f.nu < least:
         raise InputError(f"draw() needs at least {f.rank + least} pairs, got {f.N}")
-    H = np.ascontiguousarray(Theta[:, f.columns])
-    if noise.covariance == "full":
-        values, vectors = np.linalg.eigh(f.S)
-        root = np.ascontiguousarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-        models = _core.region_draws(H, f.white, root, f.nu, size, bytes(key), get_num_threads())
-        return _placed(models, f, Theta)
-    gen = key.generator()
-    G = gen.standard_normal((size, n, f.rank))
-    if noise.known is not None:
-        G = np.linalg.cholesky(noise.known) @ G
-    elif noise.covariance == "scalar":
-        G *= np.sqrt(np.trace(f.S) / gen.chisquare(n * f.nu, (size, 1, 1)))
-    else:
-        G *= np.sqrt(np.diag(f.S) / gen.chisquare(f.nu, (size, n)))[:, :, None]
-    return _placed((H + G @ f.white).reshape(size, -1), f, Theta)
+    S = f.S if noise.known is None else noise.known
+    return Theta, whitened(f, Theta.shape[1]), S, noise.covariance, f.nu
 
 
-def _placed(models: Floats, f: _core.Fitted, Theta: Floats) -> Floats:
-    """The models with the columns that are known."""
-    whole = np.repeat(Theta[None], len(models), axis=0)
-    whole[:, :, f.columns] = models.reshape(len(models), len(Theta), len(f.columns))
-    return whole
+def whitened(f: _core.Fitted, d: int) -> Floats:
+    """``white' white = V^+`` for all d columns, 0 in those that are known."""
+    white = np.zeros((f.rank, d))
+    white[:, f.columns] = f.white
+    return white

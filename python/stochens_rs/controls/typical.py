@@ -1,0 +1,132 @@
+"""`Typical`: how far models that may be the true one miss the target, beside what is certified."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from .. import _core
+from .._base import html, validation
+from .._base.records import SavedRecord
+from .._base.threads import get_num_threads
+from ..certificates.model_basis import ModelBasis
+from ..exceptions import InputError, SizeError
+from ..identification.model import Model
+from ..rng import as_key
+from .plan_validation import needed, rank_of
+from .provenance import Basis
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+    from ..rng import RngLike
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Typical(SavedRecord):
+    """An approximate error bar of a plan from data, beside its certificate; it is no bound.
+
+    Made by `Plan.typical`.
+
+    Attributes
+    ----------
+    miss : float
+        A share ``1 - delta`` of the drawn models ends within this of the target.
+    certified : float
+        ``plan.bound(delta).target``, which does bound the distance; infinite where nothing does.
+    delta : float
+        The share of drawn models that miss by more.
+    draws : int
+        The number of drawn models.
+    noise : bool
+        Whether both include the noise of the run to come.
+    assumption : str
+        What `miss` rests on, in words.
+    """
+
+    miss: float
+    certified: float
+    delta: float
+    draws: int
+    noise: bool
+    assumption: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        validation.probability("delta", self.delta)
+        validation.size("draws", self.draws)
+        validation.flag("noise", self.noise)
+        for name in ("miss", "certified"):
+            if not getattr(self, name) >= 0.0:
+                raise InputError(f"`{name}` must be at least 0, got {getattr(self, name)}")
+
+    @property
+    def text(self) -> str:
+        """Both numbers, and what each is, in one sentence."""
+        share = f"{100 * (1 - self.delta):g} %"
+        return (
+            f"certified {self.certified:.3g}, typical {self.miss:.3g}: {share} of the models drawn "
+            "from the confidence distribution of the data miss by less than the second "
+            "(approximate)"
+        )
+
+    def __repr__(self) -> str:
+        run = "with noise" if self.noise else "without noise"
+        return (
+            f"<Typical: certified {self.certified:.3g}, typical {self.miss:.3g}, "
+            f"{100 * (1 - self.delta):g} %, {run}>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [("both", self.text), ("drawn models", self.draws), ("for", self.assumption)]
+        return html.card(self, rows)
+
+
+def typical(
+    basis: Basis | ModelBasis | None,
+    u: Floats,
+    certified: float,
+    delta: float,
+    draws: int,
+    rng: RngLike,
+    noise: bool,
+) -> Typical:
+    """Check that a law of the estimate is known, and draw the misses from it."""
+    count = validation.size("draws", draws)
+    if rank_of(count, delta) > count:
+        raise SizeError(
+            f"`draws` must be at least {needed(delta)} for delta={delta:g}, got {count}"
+        )
+    model = known_model(basis, "typical")
+    assert isinstance(basis, ModelBasis)
+    if basis.x0_error:
+        raise InputError("`typical` needs an exact x0, not an Uncertain one")
+    law = model._law()
+    nu, assumed = law[-1], model.assumptions
+    if assumed.known is None and nu < 2 * model.n:
+        raise InputError(
+            f"`typical` needs {2 * model.n} more pairs than unknowns of a row where the covariance "
+            f"is unknown, this model has {nu}"
+        )
+    misses = _core.drawn_misses(
+        law, basis.x0, u, basis.xf, noise, count, bytes(as_key(rng).child("typical")),
+        get_num_threads(),
+    )  # fmt: skip
+    said = (
+        f"{assumed.text}; states without error; number and lengths of the runs fixed beforehand; "
+        f"residuals {'not tested' if model.checks is None else 'without a warning'}"
+    )
+    miss = _core.validation_rank(misses, rank_of(count, delta))
+    return Typical(miss, certified, delta, count, noise, said)
+
+
+def known_model(basis: Basis | ModelBasis | None, what: str) -> Model:
+    """The model of a plan whose law of the estimate can be trusted as far as is seen."""
+    model = basis.model if isinstance(basis, ModelBasis) else None
+    if not isinstance(model, Model):
+        raise InputError(
+            f"`{what}` needs a plan for a model by `identify`: only there the law of the estimate "
+            "is known, and no data were looked at in between"
+        )
+    if model.warnings:
+        raise InputError(f"`{what}` must not be trusted beside a warning: {model.warnings[0]}")
+    return model

@@ -1,0 +1,123 @@
+//! Where a control leads models that are drawn by the law of the estimate: how it may miss, of which nothing is certified.
+
+use crate::error::{Error, Result, require_finite};
+use crate::identify::EstimateLaw;
+use crate::memory::{checked_len, try_zeros};
+use crate::parallel::{Stop, for_each_chunk};
+use crate::scaled::distance;
+use crate::stream::Key;
+
+const WHAT: &str = "the misses of drawn models";
+/// Draws of one piece of work.
+const CHUNK: usize = 64;
+
+/// A control and its target.
+#[derive(Debug, Clone, Copy)]
+pub struct Aim<'a> {
+    /// The initial state (n).
+    pub x0: &'a [f64],
+    /// `u(0), .., u(K-1)`, each with m entries.
+    pub inputs: &'a [f64],
+    /// The number of inputs.
+    pub m: usize,
+    /// The target (n).
+    pub target: &'a [f64],
+    /// Whether the noise of the run acts, of the same draw as the model.
+    pub noise: bool,
+}
+
+/// `||x(K) - target||` of `size` drawn models, each of its own run; infinite where a run overflows.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Memory`], [`Error::Interrupted`].
+pub fn drawn_misses(
+    law: &EstimateLaw<'_>,
+    aim: Aim<'_>,
+    key: &Key,
+    size: usize,
+    threads: usize,
+    stop: &Stop,
+) -> Result<Vec<f64>> {
+    let (n, d, Aim { x0, inputs, m, target, noise }) = (law.n(), law.d(), aim);
+    let offset = d.wrapping_sub(n + m);
+    if m == 0 || offset > 1 || x0.len() != n || target.len() != n || !inputs.len().is_multiple_of(m) {
+        let expected = format!("inputs of {m}, states of {n} entries in a model with rows of {d}");
+        let found = format!("{}, {} and {} entries", inputs.len(), x0.len(), target.len());
+        return Err(Error::Shape { name: "inputs, x0, xf", expected, found });
+    }
+    for (name, values) in [("x0", x0), ("inputs", inputs), ("xf", target)] {
+        require_finite(name, values)?;
+    }
+    let noises = if noise { inputs.len() / m } else { 0 };
+    let mut misses = try_zeros(WHAT, size)?;
+    for_each_chunk(misses.chunks_mut(CHUNK).enumerate(), threads, stop, |(chunk, misses)| {
+        let (mut drawing, mut model) = (law.drawing(noises)?, try_zeros(WHAT, checked_len(WHAT, n, d)?)?);
+        let mut w = try_zeros(WHAT, checked_len(WHAT, noises, n)?)?;
+        let (mut x, mut next) = (try_zeros(WHAT, n)?, try_zeros(WHAT, n)?);
+        for (b, miss) in misses.iter_mut().enumerate() {
+            stop.check()?;
+            law.draw(key, chunk * CHUNK + b, &mut drawing, &mut model, &mut w);
+            x.copy_from_slice(x0);
+            for (k, u) in inputs.chunks_exact(m).enumerate() {
+                for (i, (to, row)) in next.iter_mut().zip(model.chunks_exact(d)).enumerate() {
+                    let z = x.iter().chain(u).chain(&[1.0]);
+                    let noise = w.get(k * n + i).copied().unwrap_or(0.0);
+                    *to = row.iter().zip(z).map(|(a, z)| a * z).sum::<f64>() + noise;
+                }
+                std::mem::swap(&mut x, &mut next);
+            }
+            *miss = distance(&x, target);
+            if miss.is_nan() {
+                *miss = f64::INFINITY;
+            }
+        }
+        Ok(())
+    })?;
+    Ok(misses)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::identify::{Centre, NoiseLaw};
+
+    #[test]
+    fn misses_are_those_of_the_models() {
+        // x+ = a x + u + c, only a is uncertain
+        let centre = Centre { model: &[0.5, 1.0, 2.0], white: &[0.1, 0.0, 0.0] };
+        let law = EstimateLaw::new(centre, &[4.0], NoiseLaw::Known).unwrap();
+        let (key, stop) = (Key([3; 32]), Stop::new());
+        let aim = Aim { x0: &[1.0], inputs: &[3.0, -1.0], m: 1, target: &[0.25], noise: false };
+        let found = drawn_misses(&law, aim, &key, 130, 2, &stop).unwrap();
+        let models = law.models(&key, 130, 1, &stop).unwrap();
+        for (miss, model) in found.iter().zip(models.chunks_exact(3)) {
+            assert_eq!(model[1..], [1.0, 2.0]);
+            assert_eq!(*miss, (model[0] * (model[0] + 5.0) + 1.0 - 0.25).abs());
+        }
+        // the variance of the noise is 4 (1 + a^2) more
+        let many = |noise| drawn_misses(&law, Aim { noise, ..aim }, &key, 4000, 2, &stop).unwrap();
+        let square = |values: Vec<f64>| values.iter().map(|v| v * v).sum::<f64>() / 4000.0;
+        let more = square(many(true)) - square(many(false));
+        assert!((more / (4.0 * 1.25) - 1.0).abs() < 0.3, "{more}");
+    }
+
+    #[test]
+    fn what_overflows_is_infinite_and_wrong_shapes_are_errors() {
+        let centre = Centre { model: &[1e200, 1.0], white: &[1.0, 0.0] };
+        let law = EstimateLaw::new(centre, &[1.0], NoiseLaw::Known).unwrap();
+        let (key, stop) = (Key([3; 32]), Stop::new());
+        let aim = Aim { x0: &[1.0], inputs: &[0.0; 4], m: 1, target: &[0.0], noise: true };
+        assert_eq!(drawn_misses(&law, aim, &key, 2, 1, &stop).unwrap(), [f64::INFINITY; 2]);
+        for wrong in [
+            Aim { x0: &[], ..aim },
+            Aim { m: 0, ..aim },
+            Aim { m: 2, ..aim },
+            Aim { target: &[0.0; 2], ..aim },
+            Aim { x0: &[f64::NAN], ..aim },
+        ] {
+            assert!(drawn_misses(&law, wrong, &key, 2, 1, &stop).is_err());
+        }
+        stop.request();
+        assert_eq!(drawn_misses(&law, aim, &key, 2, 1, &stop), Err(Error::Interrupted));
+    }
+}

@@ -4,6 +4,8 @@ use crate::error::{Error, Result};
 use crate::memory::{checked_len, covered, room_for_products, try_collect, try_copy, try_zeros};
 use crate::scaled;
 
+pub(super) use crate::control::singular_values;
+
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
@@ -65,7 +67,10 @@ pub(super) fn only_diagonal(q: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
 }
 
 /// `F` (rank, n) with `F'F = Q`, without the rows that are 0; eigenvalues up to `n eps ||Q||` count as 0.
-pub(super) fn root(q: &[f64], n: usize) -> Result<Vec<f64>> {
+///
+/// # Errors
+/// [`Error::Numerical`], [`Error::Memory`].
+pub fn root(q: &[f64], n: usize) -> Result<Vec<f64>> {
     let mut rows = Vec::new();
     let mut add = |value: f64, vector: &dyn Fn(usize) -> f64| {
         let size = value.sqrt();
@@ -94,7 +99,7 @@ pub(super) fn least_eigenvalue(q: &[f64], n: usize) -> Result<f64> {
 }
 
 /// Rising eigenvalues of the symmetric `Q`, and its eigenvectors one by one.
-fn eigen(q: &[f64], n: usize) -> Result<(Vec<f64>, Vec<f64>)> {
+pub(crate) fn eigen(q: &[f64], n: usize) -> Result<(Vec<f64>, Vec<f64>)> {
     let found = covered(WHAT, room(n, n), || decomposed(q, n))??;
     let values = try_copy(WHAT, &found.0)?;
     Ok((values, found.1))
@@ -115,18 +120,6 @@ fn room(rows: usize, columns: usize) -> u128 {
     8 * (8 * most * (least + 64) + 64 * (least + 64)) + (1 << 20)
 }
 
-/// Singular values, falling; none without rows.
-pub(super) fn singular_values(a: &[f64], columns: usize) -> Result<Vec<f64>> {
-    let rows = a.len().checked_div(columns).unwrap_or(0);
-    if rows == 0 {
-        return Ok(Vec::new());
-    }
-    covered(WHAT, room(rows, columns), || {
-        let found = MatRef::from_row_major_slice(a, rows, columns).singular_values();
-        found.map_err(|_| Error::Numerical("the singular values of a map did not converge".into()))
-    })?
-}
-
 /// `||A||_2`
 pub(super) fn spectral(a: &[f64], columns: usize) -> Result<f64> {
     if a.len() == 1 || columns == 1 || a.len() == columns {
@@ -136,15 +129,15 @@ pub(super) fn spectral(a: &[f64], columns: usize) -> Result<f64> {
 }
 
 /// `A = U diag(s) V'` with falling `s > tiny`, `tiny = max(rows, columns) eps s_0`: vectors one by one.
-pub(super) struct Decomposition {
-    pub(super) u: Vec<f64>,
-    pub(super) s: Vec<f64>,
-    pub(super) v: Vec<f64>,
-    pub(super) tiny: f64,
+pub(crate) struct Decomposition {
+    pub(crate) u: Vec<f64>,
+    pub(crate) s: Vec<f64>,
+    pub(crate) v: Vec<f64>,
+    pub(crate) tiny: f64,
 }
 
 /// The decomposition of `A`.
-pub(super) fn decomposition(a: &[f64], columns: usize) -> Result<Decomposition> {
+pub(crate) fn decomposition(a: &[f64], columns: usize) -> Result<Decomposition> {
     let rows = a.len().checked_div(columns).unwrap_or(0);
     if rows == 0 {
         return Ok(Decomposition { u: Vec::new(), s: Vec::new(), v: Vec::new(), tiny: 0.0 });

@@ -11,6 +11,8 @@ __all__ = [
     "DataStream",
     "Draws",
     "Errors",
+    "Estimate",
+    "Fitted",
     "Horizon",
     "HorizonControl",
     "Loop",
@@ -27,19 +29,23 @@ __all__ = [
     "box_control",
     "build",
     "certify",
+    "chance_of_infinity",
     "chi2_quantile",
     "chi2_upper",
     "closed_form",
     "diagonal_quantile",
     "f_upper",
+    "fit",
     "fleet_gains",
     "fleet_mean",
     "fleet_misses",
     "fleet_worst",
     "joint_radii",
+    "kept_quantiles",
     "least_squares_level",
     "log_multigamma",
     "mean_difference",
+    "mixtures",
     "noncentrality_limit",
     "normal_quantile",
     "one_noise",
@@ -60,7 +66,9 @@ __all__ = [
     "scenario_judged",
     "scenario_relaxed",
     "scenario_required",
+    "sign_contains",
     "sign_radii",
+    "sign_sizes",
     "sign_statistics",
     "simulate_estimates",
     "simulate_mean_field",
@@ -357,6 +365,87 @@ def least_squares_level(
 def one_noise(n: int, delta: float) -> float: ...
 def log_multigamma(a: float, n: int) -> float: ...
 
+# least squares of some rows and columns of Theta: white' white = V^+, root' root = V, columns of
+# missing: what the data do not determine, rounding (rows,) what it may change
+@final
+class Fitted:
+    @property
+    def rows(self) -> NDArray[np.int64]: ...
+    @property
+    def columns(self) -> NDArray[np.int64]: ...
+    @property
+    def H(self) -> _Floats: ...
+    @property
+    def S(self) -> _Floats: ...
+    @property
+    def white(self) -> _Floats: ...
+    @property
+    def root(self) -> _Floats: ...
+    @property
+    def missing(self) -> _Floats: ...
+    @property
+    def rounding(self) -> _Floats: ...
+    @property
+    def N(self) -> int: ...
+    @property
+    def rank(self) -> int: ...
+    @property
+    def nu(self) -> int: ...
+    @property
+    def ratio(self) -> float: ...
+    # rows (d - rank, d), each with an entry of its own
+    def combinations(self) -> _Floats: ...
+
+# of rows [Z Y] or their triangle, Z of d columns
+def fit(rows: _Floats, d: int, size: int, threads: int) -> Fitted: ...
+
+# pairs Z, Y, basis of Z, m, q, key of the signs
+_Signs: TypeAlias = tuple[_Floats, _Floats, _Floats, int, int, bytes]
+
+@final
+class Estimate:
+    def __new__(
+        cls,
+        triangle: _Floats,
+        size: int,
+        n: int,
+        m: int,
+        offset: bool,
+        known: _Floats | None = None,
+        instruments: int = 0,
+        state_noise: _Floats | None = None,
+    ) -> Estimate: ...
+    @property
+    def Theta(self) -> _Floats: ...
+    @property
+    def rank(self) -> int: ...
+    @property
+    def covariance(self) -> _Floats | None: ...
+    @property
+    def blocks(self) -> list[Fitted]: ...
+    def after(self, size: int) -> Estimate: ...
+    # assumed: design, noise, covariance, the known one
+    def region(
+        self,
+        assumed: tuple[str, str, str, _Floats | None],
+        scale: _Floats,
+        delta: float,
+        components: bool,
+        directions: _Floats | None,
+        future: int,
+        frobenius: bool,
+        method: str,
+        anytime: bool,
+        threads: int,
+    ) -> Region: ...
+    def sign_region(self, test: _Signs, threads: int) -> Region: ...
+
+def sign_contains(test: _Signs, theta: _Floats, threads: int) -> bool: ...
+def sign_sizes(delta: float) -> tuple[int, int]: ...
+def chance_of_infinity(size: int, d: int) -> float: ...
+def mixtures() -> _Floats: ...
+def kept_quantiles() -> int: ...
+
 # (Theta - C) V (Theta - C)' <= S times the factor for some rows and columns of Theta; white' white
 # = V^+, root' root = V; columns of missing: what the data do not determine
 @final
@@ -372,6 +461,26 @@ class RegionPart:
         shape: _Floats,
         factor: float,
     ) -> RegionPart: ...
+    # around least squares, widened by its rounding
+    @staticmethod
+    def around(fitted: Fitted, shape: _Floats, factor: float) -> RegionPart: ...
+    def __reduce__(self) -> tuple[type[RegionPart], tuple[object, ...]]: ...
+    @property
+    def rows(self) -> NDArray[np.int64]: ...
+    @property
+    def columns(self) -> NDArray[np.int64]: ...
+    @property
+    def white(self) -> _Floats: ...
+    @property
+    def root(self) -> _Floats: ...
+    @property
+    def missing(self) -> _Floats: ...
+    @property
+    def ratio(self) -> float: ...
+    @property
+    def S(self) -> _Floats: ...
+    @property
+    def factor(self) -> float: ...
     @property
     def radius(self) -> float: ...
     # of each row
@@ -387,8 +496,21 @@ _ToCome: TypeAlias = tuple[float, _Floats] | tuple[_Floats, float, float]
 @final
 class Region:
     def __new__(
-        cls, centre: _Floats, m: int, parts: list[RegionPart], frobenius: float | None, future: bool
+        cls,
+        centre: _Floats,
+        m: int,
+        parts: tuple[RegionPart, ...],
+        frobenius: float | None,
+        future: bool,
     ) -> Region: ...
+    @property
+    def centre(self) -> _Floats: ...
+    @property
+    def parts(self) -> tuple[RegionPart, ...]: ...
+    @property
+    def frobenius(self) -> float | None: ...
+    @property
+    def noise(self) -> _Floats | None: ...
     @property
     def radius(self) -> float: ...
     def bound(self, z: _Floats, noise: bool) -> float: ...
@@ -418,7 +540,7 @@ class Errors:
     def rest(self) -> _Floats: ...
 
 # best way, target, reach, error of the model, of x0, components (n,), tube (K + 1,), distance of
-# the control from the best one, or why there is none; a way: whether it is asked for that
+# the control from the best one, and why that is not known; a way: whether it is asked for that
 _Way: TypeAlias = tuple[Region, _Floats, _ToCome | None, bool]
 
 def certify(
@@ -436,8 +558,8 @@ def certify(
     float,
     _Floats,
     _Floats,
-    float | None,
-    Literal["many", "no effect"] | None,
+    float,
+    str | None,
 ]: ...
 def robust_control(
     h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float

@@ -1,5 +1,6 @@
 //! Products, roots, eigenvalues and singular values of the matrices of a problem, row by row.
 
+use crate::control::{Singular, singular};
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, covered, room_for_products, try_collect, try_copy, try_zeros};
 use crate::scaled;
@@ -139,22 +140,10 @@ pub(crate) struct Decomposition {
 /// The decomposition of `A`.
 pub(crate) fn decomposition(a: &[f64], columns: usize) -> Result<Decomposition> {
     let rows = a.len().checked_div(columns).unwrap_or(0);
-    if rows == 0 {
-        return Ok(Decomposition { u: Vec::new(), s: Vec::new(), v: Vec::new(), tiny: 0.0 });
-    }
-    covered(WHAT, 2 * room(rows, columns), || factors(a, rows, columns))?
-}
-
-#[expect(clippy::disallowed_methods, reason = "called under `covered`")]
-fn factors(a: &[f64], rows: usize, columns: usize) -> Result<Decomposition> {
-    let lost = |_| Error::Numerical("the singular value decomposition of a map did not converge".into());
-    let found = MatRef::from_row_major_slice(a, rows, columns).thin_svd().map_err(lost)?;
-    let (u, v) = (found.U(), found.V());
-    let all: Vec<f64> = found.S().column_vector().iter().copied().collect();
-    let tiny = rows.max(columns) as f64 * f64::EPSILON * all.first().copied().unwrap_or(0.0);
-    let s: Vec<f64> = all.into_iter().filter(|s| *s > tiny).collect();
-    let of = |m: MatRef<'_, f64>, len: usize| -> Vec<f64> {
-        (0..s.len()).flat_map(|j| (0..len).map(move |i| m[(i, j)])).collect()
-    };
-    Ok(Decomposition { u: of(u, rows), v: of(v, columns), tiny, s })
+    let Singular { mut u, mut s, mut v } = singular(a, rows, columns)?;
+    let tiny = rows.max(columns) as f64 * f64::EPSILON * s.first().copied().unwrap_or(0.0);
+    s.retain(|s| *s > tiny);
+    u.truncate(s.len() * rows);
+    v.truncate(s.len() * columns);
+    Ok(Decomposition { u, s, v, tiny })
 }

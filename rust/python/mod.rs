@@ -8,6 +8,8 @@ mod control;
 mod convert;
 mod draws;
 mod error;
+mod estimate;
+mod fitted;
 mod fleet;
 mod fuse;
 mod horizon;
@@ -36,6 +38,10 @@ mod _core {
     use super::control::{best_control, mean_difference, pseudoinverse, pushed, realization_controls};
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
+    #[pymodule_export]
+    use super::estimate::{PyEstimate, chance_of_infinity, kept_quantiles, mixtures, sign_contains, sign_sizes};
+    #[pymodule_export]
+    use super::fitted::{PyFitted, fit};
     #[pymodule_export]
     use super::fleet::{
         fleet_gains, fleet_mean, fleet_misses, fleet_worst, scenario_at_most, scenario_compression,

@@ -20,6 +20,7 @@ LAYERS = (
     ("cases", "theory"),
     ("ensembles",),
     ("identification",),
+    ("certificates",),
     ("fusion", "streams"),
     ("controls",),
     ("simulation",),

@@ -8,6 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
+from .._base.csv_file import read_cells
 from .._base.html import number_of
 from .._base.types import DELTA
 from ..exceptions import DataWarning
@@ -18,7 +19,7 @@ from ..rng import as_key
 from ._command import Command
 from ._csv import listed, read_runs
 from ._options import FILE, Choice, force_option, json_option, out_option, seed_option
-from ._output import WRITTEN, Folder, finite, grid, note, show_result
+from ._output import Out, finite, grid, note, show_result
 from ._problem import share
 
 
@@ -28,7 +29,7 @@ from ._problem import share
     short_help="Fit a model to measured runs.",
     examples=[
         "identify runs.csv --states x,v --inputs F --by run --time t",
-        "identify runs.csv --states x,v --inputs F --save model.safetensors",
+        "identify runs.csv --states x,v --inputs F --out model.safetensors",
     ],
     sections={
         "Table": ["states", "inputs", "by", "time", "last_pairs"],
@@ -36,8 +37,8 @@ from ._problem import share
     },
 )
 @click.argument("runs", metavar="RUNS.csv", type=FILE)
-@click.option("--states", required=True, metavar="A,B", help="Columns of the states.")
-@click.option("--inputs", required=True, metavar="U,V", help="Columns of the inputs.")
+@click.option("--states", metavar="A,B", help="Columns of the states.")
+@click.option("--inputs", metavar="U,V", help="Columns of the inputs.")
 @click.option("--by", metavar="COLUMN", help="The column that tells runs apart; else one run.")
 @click.option("--time", metavar="COLUMN", help="The column of times [s], or of dates.")
 @click.option(
@@ -89,16 +90,16 @@ from ._problem import share
     help="Probability that the region misses the system.",
 )
 @seed_option
-@click.option("--save", type=FILE, metavar="FILE", help="Save the model, for `stochens control`.")
-@out_option("identify")
+@out_option("identify", "the model to a file .safetensors")
 @force_option
 @json_option
 @click.pass_context
 def identify_command(
     context: click.Context,
+    /,
     runs: str,
-    states: str,
-    inputs: str,
+    states: str | None,
+    inputs: str | None,
     by: str | None,
     time: str | None,
     design: Any,
@@ -111,10 +112,8 @@ def identify_command(
     lags: int | None,
     delta: str,
     seed: int,
-    save: str | None,
-    out: str | None,
-    force: bool,
     as_json: bool,
+    **_: Any,
 ) -> None:
     """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to a table of runs, with a region.
 
@@ -124,8 +123,10 @@ def identify_command(
     assumption, no p proves one.
     """
     probability = share(delta, "--delta")
-    options = {k: v for k, v in context.params.items() if k not in WRITTEN}
-    folder = None if out is None else Folder(out, "identify", options, force)
+    if states is None or inputs is None:
+        known = ", ".join(read_cells(runs).names)
+        raise click.UsageError(f"give --states and --inputs, of the columns {known}")
+    files = Out(context, [".safetensors", ".state"])
     data, unused = read_runs(runs, _names("--states", states), _names("--inputs", inputs), by, time)
     if last_pairs:
         data = data.last_pairs()
@@ -149,10 +150,10 @@ def identify_command(
             rng=as_key(seed),
         )
     region = model.region(probability)
-    if save is not None:
-        model.save(save)
+    if files.file is not None:
+        model.save(files.file)
     careful = [*model.warnings, *_useless(model, data, region)]
-    facts = {**_facts(model, data, region, save), "unused": unused, "warnings": careful}
+    facts = {**_facts(model, data, region, files.file), "unused": unused, "warnings": careful}
     lines = [_text(model, data, region)]
     if unused and by is None:
         lines.append(
@@ -165,10 +166,9 @@ def identify_command(
             "if no state or input depends on the noise of a next state"
         )
     show_result(facts, "\n".join(lines), as_json)
-    if save is not None:
-        note(f"written: {save}")
-    if folder is not None:
-        folder.write(facts, model.plot)
+    if files.file is not None:
+        note(f"written: {files.file}")
+    files.write(facts, model.plot)
 
 
 def _names(option: str, text: str) -> list[str]:

@@ -116,8 +116,8 @@ unsafe: $(VENV)/.maturin ## run the tests of unsafe code under valgrind, which m
 	CARGO_TARGET_X86_64_UNKNOWN_LINUX_GNU_RUNNER="valgrind --error-exitcode=1" \
 	    cargo test --release --locked --lib -- --test-threads 1 $(UNSAFE)
 
-# pages, stores past the caches, vector registers, unchecked tables
-UNSAFE := huge_pages:: nontemporal:: simd:: slse_tables:: sample::categorical sample::tests \
+# stores past the caches, vector registers, unchecked tables
+UNSAFE := nontemporal:: simd:: slse_tables:: sample::categorical sample::tests \
           sample::sequence stream::tests singleton_rows the_layout_of
 
 clean: ## remove everything that make has made, with .venv and results/

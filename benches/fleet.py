@@ -17,7 +17,6 @@ import numpy as np
 from scipy import sparse
 
 import stochens_rs as se
-from stochens_rs import _core as core
 from stochens_rs.theory import scenario
 
 
@@ -48,13 +47,6 @@ def maps(units: se.SystemEnsemble, x0: np.ndarray, K: int) -> tuple[np.ndarray, 
         blocks.append(X)
         X, state = A @ X, A @ state
     return np.concatenate(blocks[::-1], axis=2), -state[:, :, 0]
-
-
-def moments(units: se.SystemEnsemble, x0: np.ndarray, K: int) -> tuple[np.ndarray, np.ndarray]:
-    """H and f by NumPy: the rows of all units below each other, one product."""
-    G, b = maps(units, x0, K)
-    rows = G.reshape(-1, G.shape[2])
-    return rows.T @ rows / len(G), rows.T @ b.ravel() / len(G)
 
 
 def monolithic(G: np.ndarray, b: np.ndarray, limit: float) -> Callable[[], np.ndarray]:
@@ -103,17 +95,6 @@ def main() -> None:
                 f"{peer / ours:5.1f}x, gap {plan.gap:.0e}, "
                 f"value / Clarabel's - 1 = {plan.value / value - 1:+.0e}"
             )
-    print("moments [ms]")
-    for n, m, K, N in ((4, 2, 10, 3000), (10, 5, 10, 3000), (10, 5, 20, 10_000)):
-        units, x0 = population(gen, N, n, m), gen.standard_normal(n)
-        given = (units.A, units.B, None, x0[None], np.zeros(n), np.eye(n), K)
-        H, f, _ = core.fleet_moments(given, 1)
-        other = moments(units, x0, K)
-        assert np.allclose(H, other[0], rtol=1e-9)
-        assert np.allclose(f, other[1], rtol=1e-6)
-        ours = median(lambda g=given: core.fleet_moments(g, 1))
-        peer = median(lambda u=units, x=x0, K=K: moments(u, x, K))
-        print(f"  n={n} m={m} K={K} N={N}: {ours:.2f}, NumPy {peer:.2f}, {peer / ours:.2f}x")
     print("risk numbers [us]")
     for name, call in (
         ("a_priori", lambda: scenario.a_priori(3000, 21, 1e-6)),

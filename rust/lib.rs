@@ -65,14 +65,12 @@ mod fault;
 pub mod feedback;
 pub mod fleet;
 pub mod fuse;
-mod huge_pages;
 pub mod identify;
 pub mod limits;
 mod memory;
 mod nontemporal;
 mod parallel;
 mod pod;
-mod prefetch;
 #[cfg(feature = "python")]
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
 mod python;

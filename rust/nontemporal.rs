@@ -2,7 +2,8 @@
 //!
 //! A usual store first reads the cache line that it changes. Most lines of a large result leave the caches before they
 //! are read again, so half of that traffic is wasted. Stores past the caches are faster only if their inputs are
-//! prefetched (measured).
+//! prefetched, and only where these are far apart: measured for 64 MiB of controls from sampled matrices, n = 100, m = 50
+//! took 3.6 ms with them and 7.6 ms without, n = 10, m = 4 took 6.2 ms and 4.5 ms.
 
 #![allow(unsafe_code, reason = "these stores take pointers; every one stays inside an array it borrows")]
 
@@ -44,11 +45,10 @@ pub(crate) fn past(work: impl FnOnce(&Through)) {
 /// With SSE2, which every x86-64 has; wider registers are not faster here.
 #[cfg(target_arch = "x86_64")]
 mod x86_64 {
-    use std::arch::x86_64::{_mm_loadu_pd, _mm_sfence, _mm_stream_pd, _mm_stream_si64};
+    use std::arch::x86_64::{_MM_HINT_T0, _mm_loadu_pd, _mm_prefetch, _mm_sfence, _mm_stream_pd, _mm_stream_si64};
     use std::marker::PhantomData;
 
     use super::Writer;
-    use crate::prefetch::prefetch;
 
     /// Past the caches. Only on one thread, and only inside [`past`].
     pub(crate) struct Past(PhantomData<*const ()>);
@@ -76,7 +76,8 @@ mod x86_64 {
 
         #[inline(always)]
         fn prefetch<T>(&self, values: &[T], at: usize) {
-            prefetch(values, at);
+            // SAFETY: SSE, which every x86-64 has; a hint, nothing is read, for any address.
+            unsafe { _mm_prefetch::<_MM_HINT_T0>(values.as_ptr().wrapping_add(at).cast()) };
         }
     }
 

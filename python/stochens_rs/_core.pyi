@@ -43,10 +43,8 @@ __all__ = [
     "feedback_gain",
     "fit",
     "fleet_gains",
+    "fleet_mean",
     "fleet_misses",
-    "fleet_moments",
-    "fleet_slope",
-    "fleet_triangle",
     "fleet_worst",
     "guaranteed_gain",
     "joint_radii",
@@ -104,6 +102,7 @@ __all__ = [
     "validation_systems",
     "validation_weighted",
     "version",
+    "weight_root",
     "widest_gain",
     "wishart_quantile",
 ]
@@ -913,20 +912,25 @@ def box_batch(
     m: _Floats, y: _Floats, r: _Floats, low: _Floats, high: _Floats, gaps: bool, threads: int
 ) -> tuple[_Floats, _Floats | None]: ...
 
+# F (rank, n) with F'F = Q
+def weight_root(q: _Floats) -> _Floats: ...
+
 # -- fleets: x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s, d = steps m; u is (d,) --
 
 # A (N, n, n), B (N, n, m), c (N, n) or None, x0 (N, n) or (1, n), xf (n,), F (rows, n) with
 # F'F = Q, steps
 _Units: TypeAlias = tuple[_Floats, _Floats, _Floats | None, _Floats, _Floats, _Floats, int]
 
-# H (d, d), f (d,), constant: mean_s ||G_s u - b_s||_Q^2 = u'Hu - 2f'u + constant
-def fleet_moments(units: _Units, threads: int) -> tuple[_Floats, _Floats, float]: ...
-
-# upper triangle R (d + 1, d + 1): R'R / N = [[H, f], [f', constant]], without squaring
-def fleet_triangle(units: _Units) -> _Floats: ...
-
-# that mean, and half its gradient (d,), from the residuals of all units
-def fleet_slope(units: _Units, u: _Floats, threads: int) -> tuple[float, _Floats]: ...
+# u, J(u)^1/2 and a lower bound of the least, for J(u) = mean_s ||G_s u - b_s||_Q^2 + ||u||_R^2 with
+# R (m, m) of each step. After Ctrl-C the best so far.
+def fleet_mean(
+    units: _Units,
+    low: _Floats,
+    high: _Floats,
+    r: _Floats | None,
+    time_limit: float | None,
+    threads: int,
+) -> tuple[_Floats, float, float, _Status]: ...
 
 # (N,): (||G_s u - b_s||_Q^2 + beside)^1/2
 def fleet_misses(units: _Units, u: _Floats, beside: float, threads: int) -> _Floats: ...

@@ -310,7 +310,7 @@ impl Pilot {
         let (covariance, apart) = (work.covariance(steps)?, work.difference(steps)?);
         for (i, to) in components.iter_mut().enumerate() {
             let row = |of: &[f64]| -> Result<f64> {
-                let (frobenius, nuclear) = norms(&of[i * d * n..(i + 1) * d * n], d, n)?;
+                let (frobenius, nuclear) = norms(&of[i * d * n..(i + 1) * d * n], n)?;
                 Ok(times(event.frobenius, frobenius).min(times(event.spectral, nuclear)))
             };
             let mut first = s.abs() * row_level * covariance[i * (n + 1)].sqrt() + row(&apart)?;

@@ -1,11 +1,10 @@
 //! The certificate of a plan: how far the true system ends from its target, from what one or several regions say.
 
-use faer::MatRef;
-
+use crate::control::singular_values;
 use crate::error::{Error, Result};
 use crate::fuse::{distance, norm};
 use crate::identify::spectral_norm;
-use crate::memory::{covered, try_collect, try_filled, try_room, try_zeros};
+use crate::memory::{try_collect, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Region, times};
 
@@ -172,10 +171,7 @@ fn control(task: Task<'_>, way: &Way<'_>, end: &[f64]) -> Result<Control> {
     }
     let mut b = try_room(WHAT, n * m)?;
     region.centre.chunks_exact(d).for_each(|row| b.extend_from_slice(&row[n..n + m]));
-    let bytes = 64 * (n as u128 + 64) * (m as u128 + 64);
-    let values = covered(WHAT, bytes, || MatRef::from_row_major_slice(&b, n, m).singular_values())?;
-    let values = values.map_err(|_| Error::Numerical("the singular values of `B` did not converge".into()))?;
-    let least = values.iter().copied().fold(f64::INFINITY, f64::min);
+    let least = singular_values(&b, m)?.last().copied().unwrap_or(f64::INFINITY);
     let spread = region.spread(n, n + m)?;
     if spread.is_nan() || spread >= least {
         return Ok(Control::NoEffect);

@@ -9,12 +9,11 @@
 //! A the state matrix of C and `D_x` the first columns of D. What follows holds for all inputs at once, also for those chosen
 //! after the data, in the event that Theta is in the region.
 
-use faer::MatRef;
-
+use crate::control::singular_values;
 use crate::error::{Error, Result};
-use crate::fuse::{norm, power_of_two_scale};
+use crate::fuse::norm;
 use crate::identify::{normal_quantile, spectral_norm};
-use crate::memory::{checked_len, covered, room_for_products, try_collect, try_filled, try_room, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_collect, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Region, times};
 
@@ -98,6 +97,12 @@ pub fn trajectory(
     } else {
         by_rows(region, &at, inputs, rho0, to_come, stop)
     };
+    let found = found.and_then(|(mut found, covariance)| {
+        if let Some(ToCome::Gaussian(noise)) = to_come {
+            noise.of_components(&covariance, n, &mut found.components)?;
+        }
+        Ok(found)
+    });
     match found {
         Ok(found) if !found.radii.iter().chain(&found.components).any(|r| r.is_nan()) => {
             Ok(Errors { states: at, ..found })
@@ -107,7 +112,8 @@ pub fn trajectory(
     }
 }
 
-/// `D = S^(1/2) Gamma V^(-1/2)` with bounds of both norms of Gamma: see [`super::several_steps`].
+/// `D = S^(1/2) Gamma V^(-1/2)` with bounds of both norms of Gamma: see [`super::several_steps`]. Also the covariance of
+/// the Gaussian noise to come, which the components do not have yet.
 ///
 /// Components, by the same expansion with a row m_j of `A^(K-1-j) S^(1/2)` in place of the matrix:
 ///
@@ -121,7 +127,7 @@ fn one_part(
     rho0: f64,
     to_come: Option<ToCome<'_>>,
     stop: &Stop,
-) -> Result<Errors> {
+) -> Result<(Errors, Vec<f64>)> {
     let (part, n, steps) = (&region.parts[0], region.n, inputs.len() / region.m);
     let order = part.rows.iter().enumerate().all(|(at, row)| at == *row);
     if !order {
@@ -162,7 +168,7 @@ fn one_part(
         several_steps(region, root, at, inputs, radii, stop)?;
     let mut components = try_filled(WHAT, f64::INFINITY, n)?;
     if !r[steps].is_finite() {
-        return Ok(Errors { states: Vec::new(), radii: r, components, linear, rest });
+        return Ok((Errors { states: Vec::new(), radii: r, components, linear, rest }, covariance));
     }
     let (c, width) = span.first(steps)?;
     let mut all = try_zeros(WHAT, checked_len(WHAT, width, n)?)?;
@@ -178,37 +184,29 @@ fn one_part(
             }
             each += 1;
         }
-        let (frobenius, nuclear) = norms(&all, width, n)?;
+        let (frobenius, nuclear) = norms(&all, n)?;
         let first = times(radii.frobenius, frobenius).min(times(radii.spectral, nuclear));
         let start = times(rho0, norm(power[i * n..(i + 1) * n].iter().copied()));
         *component = first + times(radii.spectral, back) + start;
-    }
-    if let Some(noise) = radii.to_come {
-        noise.of_components(&covariance, n, &mut components)?;
     }
     if let Some((radius, root)) = added {
         r[steps] += times(radius, spectral_norm(root, n, n)?);
         let rows = root.chunks_exact(n).map(|row| times(radius, norm(row.iter().copied())));
         components.iter_mut().zip(rows).for_each(|(to, row)| *to += row);
     }
-    Ok(Errors { states: Vec::new(), radii: r, components, linear, rest })
+    Ok((Errors { states: Vec::new(), radii: r, components, linear, rest }, covariance))
 }
 
 /// `||N||_F` and `||N||_*`, with room for its rounding.
-pub(super) fn norms(matrix: &[f64], rows: usize, cols: usize) -> Result<(f64, f64)> {
+pub(super) fn norms(matrix: &[f64], cols: usize) -> Result<(f64, f64)> {
     if matrix.is_empty() {
         return Ok((0.0, 0.0));
     }
     if !matrix.iter().all(|v| v.is_finite()) {
         return Err(Error::Overflow { what: "a component of the error" });
     }
-    let scale = power_of_two_scale(matrix);
-    let scaled = try_collect(WHAT, matrix.iter().map(|v| v / scale))?;
-    // copies of the matrix, and blocks of reflections
-    let bytes = 64 * (rows as u128 + 64) * (cols as u128 + 64);
-    let values = covered(WHAT, bytes, || MatRef::from_row_major_slice(&scaled, rows, cols).singular_values())?;
-    let values = values.map_err(|_| Error::Numerical("the singular values did not converge".into()))?;
-    Ok((norm(values.iter().copied()) * scale, values.iter().sum::<f64>() * scale * (1.0 + ROUNDING)))
+    let values = singular_values(matrix, cols)?;
+    Ok((norm(values.iter().copied()), values.iter().sum::<f64>() * (1.0 + ROUNDING)))
 }
 
 /// `|D z|_i <= c_i(z)` and `|D_x e|_i <= s_i ||e||` for regions of several parts.
@@ -229,7 +227,7 @@ fn by_rows(
     rho0: f64,
     to_come: Option<ToCome<'_>>,
     stop: &Stop,
-) -> Result<Errors> {
+) -> Result<(Errors, Vec<f64>)> {
     let (n, d, steps) = (region.n, region.d, inputs.len() / region.m);
     let mut pushes = try_room(WHAT, checked_len(WHAT, steps, n)?)?; // c(z(j)), later with s r_j + omega
     for (x, u) in at.chunks_exact(n).zip(inputs.chunks_exact(region.m)) {
@@ -289,8 +287,5 @@ fn by_rows(
         r.push(bound + quantile);
         powers.push(next);
     }
-    if let Some(noise) = noise {
-        noise.of_components(&covariance, n, &mut components)?;
-    }
-    Ok(Errors { states: Vec::new(), radii: r, components, linear: Vec::new(), rest: Vec::new() })
+    Ok((Errors { states: Vec::new(), radii: r, components, linear: Vec::new(), rest: Vec::new() }, covariance))
 }

@@ -19,6 +19,9 @@ const BLOCK: usize = 256;
 /// its stores.
 const BYTES: usize = 1 << 16;
 
+/// States from which the indices of one realization fill a cache line.
+const FAR: usize = 64;
+
 /// Entries of `y` in one block of the general case: 64 KiB, well within a second-level cache.
 const ENTRIES: usize = 8192;
 
@@ -27,7 +30,8 @@ const ENTRIES: usize = 8192;
 pub enum Memory {
     /// Never written before: the system clears its pages through the cache, so the controls are stored there too.
     Fresh,
-    /// Written before: controls of singletons (drawn by columns) of 32 MiB or more are stored past the caches.
+    /// Written before: controls of singletons (drawn by columns) of 64 or more states, 32 MiB or more, are stored past the
+    /// caches.
     Used,
 }
 
@@ -68,7 +72,7 @@ impl Realized<'_> {
         let picks = Picks::new(self, &transposed, m)?;
         let unbounded = picks.as_ref().is_none_or(|picks| !picks.bound().is_finite());
         // stores past the caches only if no block is read again to look for infinities
-        let large = memory == Memory::Used && !unbounded && size_of_val(out) >= LARGE;
+        let large = memory == Memory::Used && !unbounded && size_of_val(out) >= LARGE && n >= FAR;
         let rows = match picks {
             Some(_) => BLOCK.max(if large { BYTES / (8 * m) } else { 0 }),
             None => (ENTRIES / n).clamp(16, BLOCK),

@@ -7,7 +7,6 @@ use super::realizations::{Entity, Realized};
 use crate::error::Result;
 use crate::memory::{room_for_products, try_zeros};
 use crate::parallel::Stop;
-use crate::prefetch::prefetch;
 
 /// Entries of `A` between two checks of the stop flag: well below a millisecond.
 const STEP: usize = 1 << 18;
@@ -94,24 +93,6 @@ fn few_differences(realized: &Realized<'_>, first: usize, y: &mut [f64], stop: &
     Ok(())
 }
 
-/// Prefetch distance in entries of `A`: one page of 4 KiB, the limit of the hardware prefetcher.
-const AHEAD: usize = 512;
-
-/// Doubles in one cache line.
-const CACHE_LINE: usize = 8;
-
-/// Most entries to prefetch for one row or small matrix: with more, the prefetches delayed the loads they should have
-/// helped (measured).
-const ASK: usize = 128;
-
-/// Prefetches as many entries as `values` has, `AHEAD` further on.
-#[inline(always)]
-fn prefetch_as_many(values: &[f64]) {
-    if values.len() <= ASK {
-        (0..values.len()).step_by(CACHE_LINE).for_each(|k| prefetch(values, AHEAD + k));
-    }
-}
-
 /// `y -= A x`. Short rows are taken four at a time; for long rows this was slower, because it reads memory in four
 /// places.
 #[inline(never)]
@@ -126,7 +107,6 @@ fn subtract_product(a: &[f64], x: &[f64], y: &mut [f64]) {
         25..=28 => subtract_short::<7>(a, x, y),
         29..=32 => subtract_short::<8>(a, x, y),
         n => y.iter_mut().zip(a.chunks_exact(n)).for_each(|(y, row)| {
-            prefetch_as_many(row);
             *y -= dot(row, x);
         }),
     }
@@ -136,7 +116,6 @@ fn subtract_product(a: &[f64], x: &[f64], y: &mut [f64]) {
 /// may overlap the groups; `x` counts as zero in the overlap.
 #[inline(always)]
 fn subtract_short<const FOURS: usize>(a: &[f64], x: &[f64], y: &mut [f64]) {
-    prefetch_as_many(a);
     let n = x.len();
     let (whole, _) = x.as_chunks::<4>();
     let mut fours = [[0.0; 4]; FOURS];

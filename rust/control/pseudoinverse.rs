@@ -1,4 +1,4 @@
-//! The Moore-Penrose inverse with its rank and condition.
+//! Singular values, and the Moore-Penrose inverse with its rank and condition.
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, Mat, MatMut, MatRef, Par};
@@ -69,6 +69,27 @@ fn from_svd(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
         condition: if rank > 0 { largest / s[rank - 1] } else { f64::INFINITY },
         singular_values: s.into_iter().map(|sigma| sigma * scale).collect(),
     })
+}
+
+/// Singular values of a matrix given row by row, falling; none of an empty one.
+///
+/// # Errors
+/// [`Error::Numerical`], [`Error::Memory`].
+pub(crate) fn singular_values(a: &[f64], columns: usize) -> Result<Vec<f64>> {
+    let rows = a.len().checked_div(columns).unwrap_or(0);
+    if rows == 0 {
+        return Ok(Vec::new());
+    }
+    let scale = power_of_two_scale(a);
+    // copies of the matrix, and blocks of reflections
+    let bytes = 64 * (rows as u128 + 64) * (columns as u128 + 64) + (1 << 20);
+    room_for_products()?;
+    let found = covered("singular values", bytes, || {
+        Mat::from_fn(rows, columns, |i, j| a[i * columns + j] / scale).singular_values()
+    })?;
+    let mut values = found.map_err(|_| Error::Numerical("the singular values of a matrix did not converge".into()))?;
+    values.iter_mut().for_each(|value| *value *= scale);
+    Ok(values)
 }
 
 /// The first `rank` columns, one after the other.

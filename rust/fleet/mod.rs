@@ -1,14 +1,15 @@
 //! One command for many units: `x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s`, and how much a fresh unit risks.
 //!
 //! The miss of a unit is `||x_s(K) - xf||_Q`, with the weighed inputs beside it: `(||.||_Q^2 + ||u||_R^2)^{1/2}`. With
-//! `G_s` the map of the inputs and `b_s = xf - A_s^K x0 - ...` it is `||G_s u - b_s||_Q`. [`moments`] and [`slope`] are what
-//! the mean of the squared misses takes, [`gains`] the size of every map, [`worst`] finds the least largest miss, with a lower bound from its dual that
+//! `G_s` the map of the inputs and `b_s = xf - A_s^K x0 - ...` it is `||G_s u - b_s||_Q`. [`least_mean`] minimises
+//! the mean of the squared misses, [`gains`] is the size of every map, [`worst`] finds the least largest miss, with a lower bound from its dual that
 //! believes no solver. The other functions bound, from the number of units and the size of a support alone, how often a
 //! fresh unit of the same law misses more.
 
 mod binomial;
 mod cones;
 mod dual;
+mod least_mean;
 mod mean;
 mod scenario;
 mod units;
@@ -18,6 +19,7 @@ mod worst;
 mod tests;
 
 pub use cones::Limits;
+pub use least_mean::{LeastMean, least_mean};
 pub use mean::{Moments, gains, moments, slope, triangle};
 pub use scenario::{at_most, compression, discarding, judged, relaxed, required};
 pub use units::Units;

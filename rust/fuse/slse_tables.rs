@@ -7,7 +7,6 @@
 
 use super::slse_sample::Sample;
 use crate::error::Result;
-use crate::huge_pages::Buffer;
 use crate::memory::try_zeros;
 use crate::sample::Index;
 
@@ -152,12 +151,12 @@ impl Tables for Apart {
     }
 }
 
-/// One table of pairs, in large pages if available, because steps read it at random.
-pub(super) struct Beside(Buffer<[f64; 2]>);
+/// One table of pairs, because steps read it at random.
+pub(super) struct Beside(Vec<[f64; 2]>);
 
 impl Tables for Beside {
     fn new(length: usize, gamma: &[f64], mut a: impl Iterator<Item = f64>) -> Result<Self> {
-        let mut pairs = Buffer::unset(WHAT, gamma.len() * length)?;
+        let mut pairs = try_zeros::<[f64; 2]>(WHAT, gamma.len() * length)?;
         for (line, g) in pairs.chunks_exact_mut(length).zip(gamma) {
             // every pair gets a value, even if there are too few targets
             line.iter_mut().for_each(|pair| *pair = [0.0, g * a.next().unwrap_or(0.0)]);

@@ -5,8 +5,8 @@ use crate::error::{Error, Result};
 /// `low <= u <= high`; infinite where there is no limit.
 #[derive(Clone, Copy)]
 pub struct Bounds<'a> {
-    pub(super) low: &'a [f64],
-    pub(super) high: &'a [f64],
+    pub(crate) low: &'a [f64],
+    pub(crate) high: &'a [f64],
 }
 
 impl<'a> Bounds<'a> {
@@ -35,7 +35,7 @@ impl<'a> Bounds<'a> {
     }
 
     #[inline(always)]
-    pub(super) fn clip(&self, i: usize, v: f64) -> f64 {
+    pub(crate) fn clip(&self, i: usize, v: f64) -> f64 {
         // adding zero makes 0 of -0
         v.max(self.low[i]).min(self.high[i]) + 0.0
     }

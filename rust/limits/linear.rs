@@ -1,8 +1,11 @@
 //! Products, roots, eigenvalues and singular values of the matrices of a problem, row by row.
 
+use crate::control::{Singular, singular};
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, covered, room_for_products, try_collect, try_copy, try_zeros};
 use crate::scaled;
+
+pub(super) use crate::control::singular_values;
 
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
@@ -65,7 +68,10 @@ pub(super) fn only_diagonal(q: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
 }
 
 /// `F` (rank, n) with `F'F = Q`, without the rows that are 0; eigenvalues up to `n eps ||Q||` count as 0.
-pub(super) fn root(q: &[f64], n: usize) -> Result<Vec<f64>> {
+///
+/// # Errors
+/// [`Error::Numerical`], [`Error::Memory`].
+pub fn root(q: &[f64], n: usize) -> Result<Vec<f64>> {
     let mut rows = Vec::new();
     let mut add = |value: f64, vector: &dyn Fn(usize) -> f64| {
         let size = value.sqrt();
@@ -94,7 +100,7 @@ pub(super) fn least_eigenvalue(q: &[f64], n: usize) -> Result<f64> {
 }
 
 /// Rising eigenvalues of the symmetric `Q`, and its eigenvectors one by one.
-fn eigen(q: &[f64], n: usize) -> Result<(Vec<f64>, Vec<f64>)> {
+pub(crate) fn eigen(q: &[f64], n: usize) -> Result<(Vec<f64>, Vec<f64>)> {
     let found = covered(WHAT, room(n, n), || decomposed(q, n))??;
     let values = try_copy(WHAT, &found.0)?;
     Ok((values, found.1))
@@ -115,18 +121,6 @@ fn room(rows: usize, columns: usize) -> u128 {
     8 * (8 * most * (least + 64) + 64 * (least + 64)) + (1 << 20)
 }
 
-/// Singular values, falling; none without rows.
-pub(super) fn singular_values(a: &[f64], columns: usize) -> Result<Vec<f64>> {
-    let rows = a.len().checked_div(columns).unwrap_or(0);
-    if rows == 0 {
-        return Ok(Vec::new());
-    }
-    covered(WHAT, room(rows, columns), || {
-        let found = MatRef::from_row_major_slice(a, rows, columns).singular_values();
-        found.map_err(|_| Error::Numerical("the singular values of a map did not converge".into()))
-    })?
-}
-
 /// `||A||_2`
 pub(super) fn spectral(a: &[f64], columns: usize) -> Result<f64> {
     if a.len() == 1 || columns == 1 || a.len() == columns {
@@ -136,32 +130,20 @@ pub(super) fn spectral(a: &[f64], columns: usize) -> Result<f64> {
 }
 
 /// `A = U diag(s) V'` with falling `s > tiny`, `tiny = max(rows, columns) eps s_0`: vectors one by one.
-pub(super) struct Decomposition {
-    pub(super) u: Vec<f64>,
-    pub(super) s: Vec<f64>,
-    pub(super) v: Vec<f64>,
-    pub(super) tiny: f64,
+pub(crate) struct Decomposition {
+    pub(crate) u: Vec<f64>,
+    pub(crate) s: Vec<f64>,
+    pub(crate) v: Vec<f64>,
+    pub(crate) tiny: f64,
 }
 
 /// The decomposition of `A`.
-pub(super) fn decomposition(a: &[f64], columns: usize) -> Result<Decomposition> {
+pub(crate) fn decomposition(a: &[f64], columns: usize) -> Result<Decomposition> {
     let rows = a.len().checked_div(columns).unwrap_or(0);
-    if rows == 0 {
-        return Ok(Decomposition { u: Vec::new(), s: Vec::new(), v: Vec::new(), tiny: 0.0 });
-    }
-    covered(WHAT, 2 * room(rows, columns), || factors(a, rows, columns))?
-}
-
-#[expect(clippy::disallowed_methods, reason = "called under `covered`")]
-fn factors(a: &[f64], rows: usize, columns: usize) -> Result<Decomposition> {
-    let lost = |_| Error::Numerical("the singular value decomposition of a map did not converge".into());
-    let found = MatRef::from_row_major_slice(a, rows, columns).thin_svd().map_err(lost)?;
-    let (u, v) = (found.U(), found.V());
-    let all: Vec<f64> = found.S().column_vector().iter().copied().collect();
-    let tiny = rows.max(columns) as f64 * f64::EPSILON * all.first().copied().unwrap_or(0.0);
-    let s: Vec<f64> = all.into_iter().filter(|s| *s > tiny).collect();
-    let of = |m: MatRef<'_, f64>, len: usize| -> Vec<f64> {
-        (0..s.len()).flat_map(|j| (0..len).map(move |i| m[(i, j)])).collect()
-    };
-    Ok(Decomposition { u: of(u, rows), v: of(v, columns), tiny, s })
+    let Singular { mut u, mut s, mut v } = singular(a, rows, columns)?;
+    let tiny = rows.max(columns) as f64 * f64::EPSILON * s.first().copied().unwrap_or(0.0);
+    s.retain(|s| *s > tiny);
+    u.truncate(s.len() * rows);
+    v.truncate(s.len() * columns);
+    Ok(Decomposition { u, s, v, tiny })
 }

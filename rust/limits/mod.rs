@@ -30,6 +30,8 @@ mod tests;
 
 pub use batch::{Batch, box_batch};
 pub use bounds::Bounds;
+pub use linear::root;
+pub(crate) use linear::{Decomposition, decomposition, eigen};
 pub use quadratic::{Method, Status, Until};
 pub use riccati::{Steps, horizon_control};
 pub use rows::{Rows, RowsSolution, rows_control};

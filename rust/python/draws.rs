@@ -54,7 +54,7 @@ impl Draws {
         if lines != law.lines() {
             return Err(ShapeError::new_err(format!("`indices` must have {} columns, got {lines}", law.lines())));
         }
-        let mut narrow = Indices::unset(law.length(), checked_len("the indices", size, lines)?)?;
+        let mut narrow = Indices::zeros(law.length(), checked_len("the indices", size, lines)?)?;
         let given = indices.as_array();
         if let Some(found) = given.iter().find(|&&r| r as usize >= law.length()) {
             return Err(InputError::new_err(format!("`indices` must be below {}, got {found}", law.length())));

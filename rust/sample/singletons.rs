@@ -4,7 +4,6 @@ use std::sync::Arc;
 
 use super::law::Law;
 use crate::error::{Error, Result};
-use crate::huge_pages::Buffer;
 use crate::memory::{try_collect, try_zeros};
 use crate::parallel::Stop;
 use crate::pod::Pod;
@@ -40,11 +39,11 @@ impl_index!(u8, u16, u32);
 #[derive(Debug, PartialEq, Eq)]
 pub enum Indices {
     /// Lines of at most 256 entries.
-    U8(Buffer<u8>),
+    U8(Vec<u8>),
     /// Lines of at most 65 536 entries.
-    U16(Buffer<u16>),
+    U16(Vec<u16>),
     /// Longer lines.
-    U32(Buffer<u32>),
+    U32(Vec<u32>),
 }
 
 /// Runs one generic expression on whichever index slice is there.
@@ -60,18 +59,18 @@ macro_rules! with_indices {
 pub(crate) use with_indices;
 
 impl Indices {
-    /// `len` indices, not yet written, of the width that lines of `length` entries need.
+    /// `len` zeros, of the width that lines of `length` entries need.
     ///
     /// # Errors
     /// [`crate::Error::Memory`] if they do not fit.
-    pub(crate) fn unset(length: usize, len: usize) -> Result<Self> {
+    pub(crate) fn zeros(length: usize, len: usize) -> Result<Self> {
         const WHAT: &str = "the indices of a sample";
         Ok(if length <= 1 << 8 {
-            Self::U8(Buffer::unset(WHAT, len)?)
+            Self::U8(try_zeros(WHAT, len)?)
         } else if length <= 1 << 16 {
-            Self::U16(Buffer::unset(WHAT, len)?)
+            Self::U16(try_zeros(WHAT, len)?)
         } else {
-            Self::U32(Buffer::unset(WHAT, len)?)
+            Self::U32(try_zeros(WHAT, len)?)
         })
     }
 

@@ -5,8 +5,9 @@ use super::geometry::{Geometry, scaled_norm};
 use super::products::{Products, Start};
 use super::trace::{Entry, on_grid};
 use super::variants::Raw;
+use crate::control::singular_values;
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, covered, room_for_products, try_filled, try_room, try_zeros};
+use crate::memory::{checked_len, try_filled, try_room, try_zeros};
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
 use crate::vector::norm;
@@ -151,7 +152,11 @@ impl Stream {
         }
         let slot = |values, lines, key: Key| Estimator::new(values, lines, n, key, config.safeguard);
         let size_a = scaled_norm(&laws.a);
-        let norm_a = if config.order == Order::Gain { spectral_norm(&laws.a, n)? } else { 0.0 };
+        let norm_a = if config.order == Order::Gain {
+            singular_values(&laws.a, n)?.first().copied().unwrap_or(0.0)
+        } else {
+            0.0
+        };
         let slots = [slot(laws.x0, 1, laws.keys[0])?, slot(laws.xf, 1, laws.keys[1])?, slot(laws.a, n, laws.keys[2])?];
         // ||Ff - FA F0||_1 <= gf + gA g0 for all means of realizations: if this is finite, nothing overflows later
         let largest = |k: usize| slots[k].law.gamma().iter().fold(0.0f64, |m, g| m.max(*g));
@@ -276,18 +281,6 @@ impl Stream {
         self.room.lines = lines;
         self.trace.push(Entry { step: self.steps, certificate, error, size });
     }
-}
-
-fn spectral_norm(a: &[f64], n: usize) -> Result<f64> {
-    let scale = crate::fuse::power_of_two_scale(a);
-    // the matrix, a copy, and the blocks of reflections
-    let bytes = 8 * 3 * (n as u128 + 64).pow(2) + (1 << 16);
-    room_for_products()?;
-    let largest = covered("the norm of `A`", bytes, || {
-        let matrix = faer::Mat::from_fn(n, n, |i, j| a[j * n + i] / scale);
-        matrix.singular_values().map(|sigma| sigma.first().copied().unwrap_or(0.0))
-    })?;
-    Ok(largest.map_err(|_| Error::Numerical("the singular values of `A` did not converge".into()))? * scale)
 }
 
 #[cfg(test)]

@@ -12,7 +12,6 @@ from hidden_systems import KINDS, drawn
 from limit_plans import draw_case, within
 from limit_problems import draws
 from stochens_rs import _core as core
-from stochens_rs.controls.constraints import root
 from stochens_rs.controls.limited import OPTIMAL, Horizon
 from stochens_rs.theory.dynamics import states
 
@@ -117,7 +116,7 @@ def test_the_status_follows_the_gap_in_every_kind_of_system(gen, kind):
 
 def test_the_status_follows_the_gap_of_drawn_problems(gen):
     for p in draws(gen, 300):
-        F = root(p.Q)
+        F = core.weight_root(p.Q)
         M, y = np.ascontiguousarray(F @ p.G), F @ p.b
         found = core.box_control(M, y, np.ascontiguousarray(p.R), p.low, p.high, None, None)
         assert (found.status == "optimal") == (

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from .. import _core
 from .._base import validation
 from .._base.align_labels import aligned
 from .._base.records import Record, require_shapes, trusted
@@ -85,17 +86,7 @@ class Task(Record):
 
     def weights(self) -> tuple[Floats, Floats]:
         """Roots of the weights: ``Q^1/2`` of the stages, and of the last state."""
-        return root(self.stage), root(self.terminal)
-
-
-def root(Q: Floats) -> Floats:
-    """``F`` with ``F'F = Q``, without the rows that are 0."""
-    diagonal = np.diag(Q)
-    if np.array_equal(Q, np.diag(diagonal)):
-        return np.ascontiguousarray(np.diag(np.sqrt(np.maximum(diagonal, 0.0)))[diagonal > 0.0])
-    values, vectors = np.linalg.eigh(Q)
-    some = values > len(Q) * np.finfo(np.float64).eps * max(float(values[-1]), 0.0)
-    return np.ascontiguousarray((vectors[:, some] * np.sqrt(values[some])).T)
+        return _core.weight_root(self.stage), _core.weight_root(self.terminal)
 
 
 def checked_task(

@@ -12,8 +12,7 @@ from .. import _core
 from .._base import memory
 from .._base.threads import get_num_threads
 from .._base.types import Floats, Status
-from ..theory.exact import EPS
-from .constraints import REGULAR, root
+from .constraints import REGULAR
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
     from .fleet_units import Units
 
 TOLERANCE = 1e-7  # of the largest miss, relative
-GOOD = 1e-9  # of the mean of the squared misses, relative to J(0) + J(u)
-SQUARED = 1e-10  # eigenvalues of H below this share are better had without squares
 FLOOR = 1e-9  # of the largest miss at the start: values closer than this are the same
 NEAR, SQUARES = 1e-6, 1e-9  # "optimal": gap, or that of the squares relative to J(0) + J(u)
 
@@ -49,12 +46,6 @@ class Box:
     high: Floats
     R: Floats | None
 
-    def cost(self, d: int) -> Floats:
-        """``R`` of all inputs, shape (d, d)."""
-        if self.R is None:
-            return np.zeros((d, d))
-        return np.asarray(np.kron(np.eye(d // len(self.R)), self.R), dtype=np.float64)
-
     def split(self, d: int) -> tuple[Floats, Floats]:
         """``r`` (d,) and ``F`` (rows, d) with ``R = diag(r) + F'F``, r as large as that allows."""
         if self.R is None:
@@ -64,70 +55,17 @@ class Box:
         if not rest.any():
             return np.tile(r, K), np.zeros((0, d))
         least = max(0.0, float(np.linalg.eigvalsh(self.R)[0]))
-        F = root(self.R - least * np.eye(len(r)))
+        F = _core.weight_root(self.R - least * np.eye(len(r)))
         return np.full(d, least), np.ascontiguousarray(np.kron(np.eye(K), F))
 
 
 def least_mean(units: Units, box: Box, time_limit: float | None) -> Design:
-    """Minimise ``J(u) = mean_s ||G_s u - b_s||_Q^2 + ||u||_R^2``.
-
-    By the moments H and f; where H is ill-conditioned, by an orthogonal triangle of all rows. The
-    gap is that of the gradient from the residuals of all units, which also corrects u.
-    """
-    d, threads = units.inputs, get_num_threads()
-    memory.need("the moments of a fleet", 8 * (d + 1) ** 2 * 68)
-    H, _, at_zero = _core.fleet_moments(units.arrays, threads)
-    R = box.cost(d)
-    values, along = np.linalg.eigh(H + R)
-    half = np.sqrt(np.maximum(values, 0.0))
-    if values[0] <= SQUARED * values[-1]:
-        rows = _core.fleet_triangle(units.arrays)[:, :d] / np.sqrt(units.size)
-        _, half, V = np.linalg.svd(np.vstack([rows, root(R)]), full_matrices=False)
-        along = V.T
-    some = half > d * EPS * max(float(half.max()), 1e-300)
-    half, along = half[some], along[:, some]
-    M = np.ascontiguousarray((along * half).T) if half.size else np.zeros((1, d))
-    size = np.linalg.norm(M, axis=0)
-    M[:, size <= d * EPS * size.max()] = 0.0  # rounding of inputs that move no unit
-
-    def solve(u: Floats, g: Floats) -> _core.BoxControl:
-        """Minimise the quadratic of these factors with half the gradient g at u."""
-        y = half * (along.T @ u) - along.T @ g / half if half.size else np.zeros(1)
-        return _core.box_control(M, y, np.zeros(d), box.low, box.high, None, time_limit)
-
-    @np.errstate(over="ignore", invalid="ignore")
-    def judge(u: Floats) -> tuple[float, float, Floats]:
-        """``J(u)``, how far it can be from the least, and half its gradient."""
-        square, g = _core.fleet_slope(units.arrays, u, threads)
-        g = g + R @ u
-        # J(u) - J(v) <= <J'(u), u - v> for all v within the limits
-        ends = np.maximum(g * (u - box.low), g * (u - box.high))
-        wolfe = 2.0 * float(np.sum(np.where(g == 0.0, 0.0, ends)))
-        # and J(u) - min J <= e'H^-1 e, e the part of J'/2 that no limit balances
-        e = np.where(((u == box.low) & (g > 0.0)) | ((u == box.high) & (g < 0.0)), 0.0, g)
-        inside = along.T @ e
-        outside = np.linalg.norm(e - along @ inside)
-        largest = float(half.max()) if half.size else 0.0
-        rounding = d * EPS * largest * (np.sqrt(at_zero) + largest * np.linalg.norm(u))
-        newton = float(np.sum((inside / half) ** 2)) if outside <= rounding else np.inf
-        return float(square + u @ R @ u), max(0.0, min(wolfe, newton)), g
-
-    status: Status = "optimal"
-    u = np.clip(np.zeros(d), box.low, box.high)
-    J, gap, g = judge(u)
-    for _ in range(4):
-        found = solve(u, g)
-        J2, gap2, g2 = judge(found.control)
-        status = found.status
-        if gap2 < gap or J2 < J:
-            u, J, gap, g = found.control, J2, gap2, g2
-        else:
-            break
-        if status in STOPPED or gap <= EPS * (at_zero + J):
-            break
-    if status in ("optimal", "optimal_inaccurate"):
-        status = "optimal" if gap <= GOOD * (at_zero + J) else "optimal_inaccurate"
-    return Design(u, float(np.sqrt(J)), float(np.sqrt(max(0.0, J - gap))), status, [])
+    """Minimise ``J(u) = mean_s ||G_s u - b_s||_Q^2 + ||u||_R^2``."""
+    memory.need("the moments of a fleet", 8 * (units.inputs + 1) ** 2 * 68)
+    u, value, lower, status = _core.fleet_mean(
+        units.arrays, box.low, box.high, box.R, time_limit, get_num_threads()
+    )
+    return Design(u, value, lower, status, [])
 
 
 def tiny_weight(units: Units, skip: Sequence[int] = ()) -> tuple[Floats, int] | None:

@@ -16,7 +16,7 @@ from .._base.types import Floats
 from ..ensembles import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..identification.identified import Identified
-from .constraints import root, weight
+from .constraints import weight
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,7 +74,7 @@ class Units(Record):
     def arrays(self) -> tuple[Floats, Floats, Floats | None, Floats, Floats, Floats, int]:
         """What the core takes."""
         s = self.systems
-        return s.A, s.B, s.c, self.x0, self.xf, root(self.Q), self.steps
+        return s.A, s.B, s.c, self.x0, self.xf, _core.weight_root(self.Q), self.steps
 
     def part(self, chosen: list[int]) -> Units:
         """Some of the units."""

@@ -1,15 +1,14 @@
 //! Errors of single estimates.
 
-use faer::MatRef;
-
+use crate::control::singular_values;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::memory::{covered, room_for_products, try_zeros};
+use crate::memory::try_zeros;
 use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{Key, Purpose};
 
 use super::average::Average;
-use super::sizes::{CHUNK, WHAT};
+use super::sizes::CHUNK;
 
 /// The norm of an error.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -34,7 +33,7 @@ pub fn estimate_errors(
     threads: usize,
     stop: &Stop,
 ) -> Result<Vec<f64>> {
-    let (lines, length) = (average.law.lines(), average.law.length());
+    let length = average.law.length();
     let mut errors: Vec<f64> = try_zeros("the simulated errors", runs)?;
     for_each_chunk(errors.chunks_mut(CHUNK).enumerate(), threads, stop, |(chunk, errors)| {
         let mut wrong: Vec<f64> = try_zeros("a simulated estimate", average.law.values().len())?;
@@ -48,15 +47,7 @@ pub fn estimate_errors(
             *error = match kind {
                 Norm::One => wrong.iter().map(|w| w.abs()).sum(),
                 Norm::Two => norm(wrong.iter().copied()),
-                Norm::Spectral => {
-                    let found = MatRef::from_row_major_slice(&wrong, lines, length);
-                    // copies of the matrix, and blocks of reflections
-                    let bytes = 64 * (lines as u128 + 64) * (length as u128 + 64);
-                    room_for_products()?;
-                    let values = covered(WHAT, bytes, || found.singular_values())?;
-                    let values = values.map_err(|_| Error::Numerical("the singular values did not converge".into()))?;
-                    values.first().copied().unwrap_or(0.0)
-                }
+                Norm::Spectral => singular_values(&wrong, length)?.first().copied().unwrap_or(0.0),
             };
         }
         Ok(())

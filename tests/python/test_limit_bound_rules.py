@@ -121,7 +121,7 @@ def perturbed(gen, A, B, x0):
     """A true system near (A, B, x0), and the region that has nothing else."""
     size = 10.0 ** gen.uniform(-4, -0.5)
     dA, dB = size * gen.normal(size=A.shape), size * gen.normal(size=B.shape)
-    truth = _core.Region(np.hstack([A + dA, B + dB]), B.shape[1], [], None, False)
+    truth = _core.Region(np.hstack([A + dA, B + dB]), B.shape[1], (), None, False)
     return A + dA, B + dB, x0 + size * gen.normal(size=len(x0)), truth
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import pickle
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -360,3 +361,80 @@ def test_a_plan_does_not_see_later_changes():
     before = plan.bound().to_dict(), repr(plan)
     inputs[:], target[:], matrix[:] = 0.0, 0.0, 0.0
     assert (plan.bound().to_dict(), repr(plan)) == before
+
+
+# -- the record ------------------------------------------------------------------------------------
+
+
+def certificates():
+    gen = np.random.default_rng(3)
+    x, u, w = (
+        gen.standard_normal((60, 3)),
+        gen.standard_normal((60, 2)),
+        gen.standard_normal((60, 3)),
+    )
+    x_next = x @ A.T + u @ B.T + 0.1 * w
+    few = se.ModelStream(3, 2, sigma=0.1)
+    few.update(x[:2], u[:2], x_next[:2])
+    model = se.identify(se.Trajectories.from_pairs(x, u, x_next), sigma=0.1)
+    x0, xf, matrix = ensembles()
+    weights, hard = se.Cost(Q=1.0, R=1.0), se.Limits(x=(-9.0, 9.0), soft=False)
+    stream = se.DataStream(B, ranges={"x0": 9.0})
+    stream.update(x0=X0, xf=XF, A=A)
+    return [
+        *(se.control((matrix, B), x0, xf, steps=K).bound() for K in (1, 3)),
+        se.control((matrix, B), x0, xf, limits=(-1.0, 1.0), cost=weights).bound(),
+        se.control((matrix, B), x0, xf, limits=hard, cost=weights).bound(),
+        se.control((A, B), X0, XF).bound(),
+        *(se.control(model, se.Uncertain(X0, 0.1), XF, steps=K).bound() for K in (1, 3)),
+        se.control(model, X0, XF, steps=3, limits=(-1.0, 1.0), cost=weights).bound(noise=True),
+        few.look(X0, XF, tol=1.0).certificate,
+        stream.confidence(),
+    ]
+
+
+def test_every_certificate_passes_the_checks_of_its_constructor():
+    """Infinite radii have a reason, targets are at most the sum of their parts; files keep all."""
+    infinite = 0
+    for found in certificates():
+        for one in (found, *found.quantities.values()):
+            one.__post_init__()
+        infinite += sum(bool(np.isinf(one.radius).any()) for one in found.quantities.values())
+        assert se.Certificate.from_dict(found.to_dict()) == found
+        assert not found.parts or found.target <= sum(found.parts.values()) * (1.0 + 1e-12)
+        sure = {one.probability for one in found.quantities.values()}
+        assert sure == {1.0 if found.kind == "certain" else 0.95}
+    assert infinite >= 12
+
+
+def test_a_radius_says_why_it_is_infinite_and_is_no_negative_number():
+    for radius, probability, message in (
+        (np.inf, 0.95, "`reason` must say why"),
+        (-1.0, 0.95, "`radius` must be >= 0"),
+        (np.nan, 0.95, "`radius` must be >= 0"),
+        (np.ones((2, 2)), 0.95, "at most one dimension"),
+        (1.0, 0.0, "`probability` must be in"),
+        (1.0, 1.1, "`probability` must be in"),
+    ):
+        with pytest.raises(InputError, match=message):
+            se.certificates.Radius(radius, "xf", probability, "by hand")
+    found = planned().bound()
+    with pytest.raises(InputError, match="no 'tube': it bounds target, state and control"):
+        found["tube"]
+    assert found["state"] != planned().bound(0.5)["state"]
+    with pytest.raises(InputError, match=r"`parts\['x'\]` must be >= 0"):
+        replace(found, parts={"x": -1.0})
+    with pytest.raises(InputError, match="`quantities` must have at least one"):
+        replace(found, quantities={})
+
+
+def test_arguments_for_plans_of_the_other_kind_are_refused_by_name():
+    plan = planned()
+    for name in ("noise", "open_loop", "x0_fixed"):
+        with pytest.raises(InputError, match=f"`{name}` must be left out for a plan of estimates"):
+            plan.bound(**{name: True})
+    data = se.Trajectories.from_pairs(np.eye(3)[:, :1], np.eye(3)[:, 1:2], np.ones((3, 1)))
+    model = se.control(se.identify(data, sigma=0.1, checks=False), [1.0], [0.0])
+    for name, value in (("system", SYSTEM), ("x0", [1.0]), ("xf", [0.0])):
+        with pytest.raises(InputError, match=f"`{name}` must be left out for a model from data"):
+            model.bound(**{name: value})

@@ -43,12 +43,20 @@ class Asked(NamedTuple):
 
 
 def certificate(
-    basis: ModelBasis, u: Floats, predicted: Floats, delta: float, asked: Asked
+    basis: ModelBasis,
+    u: Floats,
+    predicted: Floats,
+    delta: float,
+    asked: Asked,
+    known: tuple[float, tuple[Region, ...], ToCome | None] | None = None,
 ) -> Certificate:
-    """Bound where the true system ends under `u`; `predicted` are the states of the model."""
+    """Bound where the true system ends under `u`; `predicted` are the states of the model.
+
+    `known` is what `step_regions` returns for these arguments.
+    """
     model, K, own = basis.model, len(u), False
-    _refuse(basis, K, asked)
     if model.doubts:
+        _refuse(basis, K, asked)
         reason, said = model.doubts[0], "none that would do"
         name = "several steps" if K > 1 else "one step"
         tube, components = np.full(K + 1, np.inf), np.full(len(basis.xf), np.inf)
@@ -56,7 +64,7 @@ def certificate(
         parts = [norm(predicted[-1] - basis.xf), np.inf, basis.x0_error]
         target, control, why = np.inf, np.inf, None
     else:
-        share, regions, to_come = step_regions(basis, delta, K, asked)
+        share, regions, to_come = known or step_regions(basis, delta, K, asked)
         steps = model.data.steps if isinstance(model, Model) else 1
         name = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
         # a region, the inputs in its form, and whether it says how far the control is from the best
@@ -110,6 +118,7 @@ def step_regions(
     basis: ModelBasis, delta: float, K: int, asked: Asked
 ) -> tuple[float, tuple[Region, ...], ToCome | None]:
     """The level of each event, the regions for single steps that hold in it, and noise to come."""
+    _refuse(basis, K, asked)
     kind = _noise_to_come(basis.model)
     # with a covariance from the data the direct regression is sharper: it has the whole level
     estimated = (

@@ -109,6 +109,6 @@ def _apart(
     every, unit = np.arange(n), np.eye(n)
     part = _core.RegionPart(every, every, unit, unit, unit[:, :0].copy(), 1.0, unit, eA * eA)
     centre = np.hstack([basis.estimates[2], basis.B])
-    region = _core.Region(centre, m, [part], None, False)  # ||A - A^|| <= eA
+    region = _core.Region(centre, m, (part,), None, False)  # ||A - A^|| <= eA
     states = np.ascontiguousarray(predicted[1:])
     return model.core.apart(region, states, limited.u, alpha, limited.gap)

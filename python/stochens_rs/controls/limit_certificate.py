@@ -42,7 +42,8 @@ def limited_certificate(
     comparison with the best control of the true system, in the same event: "excess", "control",
     and "states", ``(sum_k ||x(k) - y(k)||_{Q_k}^2)^(1/2)`` for the states x under u and y under it.
     """
-    found = certificate(basis, limited.u, predicted, delta, asked)
+    known = None if basis.model.doubts else step_regions(basis, delta, len(limited.u), asked)
+    found = certificate(basis, limited.u, predicted, delta, asked, known)
     task, tube = limited.task, found.tube[1:]
     model = Horizon(task, basis.model.A, basis.model.B, R=limited.R)
     horizon, farthest = model.core, model.core.farthest(limited.u)
@@ -50,9 +51,8 @@ def limited_certificate(
     reason = found["target"].reason
     if task.state_low is not None and task.soft is None:
         reason = HARD
-    elif not basis.model.doubts:
-        _, regions, _ = step_regions(basis, delta, len(limited.u), asked)
-        region, reason = (regions[0], reason) if regions else (None, _DIRECT)
+    elif known is not None:
+        region, reason = (known[1][0], reason) if known[1] else (None, _DIRECT)
     if region is not None and np.isfinite(tube).all():
         at = np.ascontiguousarray(predicted[1:]), limited.u
         sure = len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise

@@ -1,5 +1,5 @@
 """
-May I close the loop yet?
+May I close the loop?
 =========================
 
 A pendulum stands upright on a cart. All that is known are short runs with a random force. From N of

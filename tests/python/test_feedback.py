@@ -41,13 +41,13 @@ def region(centre, V, S, rho, *, by_rows=False, phi=None):
     n, d = centre.shape
     W, root = white(V), np.ascontiguousarray(np.linalg.cholesky(V).T)
     rows = [[i] for i in range(n)] if by_rows else [list(range(n))]
-    parts = [
+    parts = tuple(
         _core.RegionPart(
             np.array(one), np.arange(d), W, root, np.zeros((d, 0)), 1.0,
             np.ascontiguousarray(S[np.ix_(one, one)]), rho**2,
         )
         for one in rows
-    ]  # fmt: skip
+    )  # fmt: skip
     return _core.Region(centre, 1, parts, phi, False)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
-from .._base.records import SavedRecord, require_shapes
+from .._base.records import SavedRecord, require_shapes, trusted
 from .._base.signal_names import Labels
 from ..exceptions import InputError
 from ..identification.region import Region
@@ -193,11 +193,23 @@ class LoopCertificate(SavedRecord):
                 )
             bound = np.ascontiguousarray(covariance), validation.probability("noise", noise)
         found = self._core.tube(first, K, plan, radius, bound)
-        nominal, model, begun, radii, spread, size, later, reach = map(_kept, found)
-        return Tube(
-            nominal[:, :n], nominal[:-1, n:], model, begun, radii, spread, size, later, reach,
-            self.region.delta, noise, self.labels, self.dt,
-        )  # fmt: skip
+        nominal, model, begun, radii, spread, size, later, reach = found
+        return trusted(
+            Tube,
+            states=validation.frozen(nominal[:, :n]),
+            inputs=validation.frozen(nominal[:-1, n:]),
+            model=validation.frozen(model),
+            start=validation.frozen(begun),
+            state_radii=validation.frozen(radii),
+            noise=validation.frozen(spread),
+            noise_radius=size,
+            later=validation.frozen(later),
+            reach=validation.frozen(reach),
+            delta=self.region.delta,
+            eps=noise,
+            labels=self.labels,
+            dt=self.dt,
+        )
 
     def holds(
         self,
@@ -307,17 +319,22 @@ def judged(
             reason = f"the data do not determine the system along {along}"
     norm, least, radius = found.sizes
     proof = found.proof if status == "certified" else None
-    norm = np.inf if doubt is not None else norm
-    kept = (None if one is None else validation.frozen(one) for one in (proof, member))
-    first, last = kept
-    return LoopCertificate(
-        region, K, status, norm, least, radius, first, validation.frozen(found.multipliers), last,
-        labels, dt, reason, readings,
-    )  # fmt: skip
-
-
-def _kept(value: Floats | float) -> Floats | float:
-    return value if isinstance(value, float) else validation.frozen(value)
+    return trusted(
+        LoopCertificate,
+        region=region,
+        K=K,
+        status=status,
+        norm=np.inf if doubt is not None else norm,
+        least=least,
+        spectral_radius=radius,
+        proof=None if proof is None else validation.frozen(proof),
+        multipliers=validation.frozen(found.multipliers),
+        member=None if member is None else validation.frozen(member),
+        labels=labels,
+        dt=dt,
+        reason=reason,
+        readings=readings,
+    )
 
 
 def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -> Floats:

@@ -8,17 +8,18 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
+from .._base.records import trusted
 from ..exceptions import InputError
 from ..identification.identified import Identified
 from ..identification.model import Model
-from ..identification.region import Region
 from ..system import System
-from .loop import Loop
+from .loop import GainMethod, Loop, region_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
+    from ..identification.region import Region
 
 
 def gain(
@@ -86,6 +87,7 @@ def gain(
             "`guarantee` and a gain without `Q` and `R` need a model from data, which has a region"
         )
     region = None
+    method: GainMethod = "least squares"
     if model is not None and (guarantee is not None or Q is None):
         region = region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
     if Q is None or R is None:
@@ -95,14 +97,22 @@ def gain(
     else:
         weights = weight("Q", Q, n), weight("R", R, m)
         if region is None:
-            (K, S, parameter), method = _core.feedback_gain(A, B, *weights), "least squares"
+            K, S, parameter = _core.feedback_gain(A, B, *weights)
         else:
             K, S, parameter = _core.guaranteed_gain(region._core, *weights)
             method = "guaranteed cost"
-    kept = None if S is None else validation.frozen(S)
-    used = None if method == "least squares" else parameter
-    frozen = (validation.frozen(matrix) for matrix in (A, B, K))
-    return Loop(*frozen, kept, method, used, known.labels, known.dt, model)
+    return trusted(
+        Loop,
+        A=validation.frozen(A),
+        B=validation.frozen(B),
+        K=validation.frozen(K),
+        S=None if S is None else validation.frozen(S),
+        method=method,
+        parameter=None if method == "least squares" else parameter,
+        labels=known.labels,
+        dt=known.dt,
+        model=model,
+    )
 
 
 def weight(name: str, value: ArrayLike, size: int) -> Floats:
@@ -116,12 +126,3 @@ def weight(name: str, value: ArrayLike, size: int) -> Floats:
     if not np.allclose(found, found.T, rtol=1e-12, atol=0.0):
         raise InputError(f"`{name}` must be symmetric")
     return found
-
-
-def region_of(name: str, model: Identified, value: object) -> Region:
-    """Return a region as given, or that of the model with this probability."""
-    if not isinstance(value, Region):
-        return model.region(validation.probability(name, value))
-    if value.centre.shape != model._Theta.shape:
-        raise InputError(f"`{name}` must be a region of this model, got one of another size")
-    return value

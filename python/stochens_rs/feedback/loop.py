@@ -120,12 +120,7 @@ class Loop(SavedRecord):
         """
         if self.model is None:
             raise InputError("`certificate` needs a loop for a model from data: gain(model, ...)")
-        region = delta
-        if not isinstance(delta, Region):
-            region = self.model.region(validation.probability("delta", delta))
-        region = validation.instance("delta", region, Region)
-        if region.centre.shape != self.model._Theta.shape:
-            raise InputError("`delta` must be a region of this model, got one of another size")
+        region = region_of("delta", self.model, delta)
         noisy = isinstance(self.model, Model) and self.model.assumptions.noisy_states
         doubts = self.model.doubts
         return judged(region, self.K, self.labels, self.dt, doubts[0] if doubts else None, noisy)
@@ -140,3 +135,12 @@ class Loop(SavedRecord):
         rows = zip(self.labels.inputs, self.K, strict=True)
         table = html.grid(head, [[name, *(f"{v:.4g}" for v in row)] for name, row in rows])
         return html.card(self, [("u = K x with", "K below")], table)
+
+
+def region_of(name: str, model: Identified, value: object) -> Region:
+    """Return a region as given, or that of the model with this probability."""
+    if not isinstance(value, Region):
+        return model.region(validation.probability(name, value))
+    if value.centre.shape != model._Theta.shape:
+        raise InputError(f"`{name}` must be a region of this model, got one of another size")
+    return value

@@ -160,8 +160,15 @@ class Tube(SavedRecord):
         """
         free = np.full(self.inputs.shape, np.inf)
         inputs = Inputs(self.inputs, self.labels.input_axes, -free, free)
-        more = {"inputs": inputs, "dt": self.dt, "says": self._share, "figure": figure}
-        return draw_tube(self.states, self.radii, self.labels.state_axes, **more)
+        return draw_tube(
+            self.states,
+            self.radii,
+            self.labels.state_axes,
+            inputs=inputs,
+            dt=self.dt,
+            says=self._share,
+            figure=figure,
+        )
 
     @property
     def _share(self) -> str:

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike, NDArray
 
+    from ..rng import RngLike
+
 _NOT_FOR = {
     True: "for a model from data, whose region needs no exact values: use Plan.error to compare",
     False: "for a plan of estimates: it says something of measured runs, for models from data",

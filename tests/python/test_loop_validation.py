@@ -84,8 +84,10 @@ def test_what_is_void_is_refused() -> None:
     assert "8 runs cannot support 95 %: 19 are needed" in str(few.reason)
     lost = [*x, np.full((3, 2), np.nan), x[0][:4]]
     assert loop().validate(lost).diverged == 2
-    data = se.Trajectories(x, u)
-    model = se.identify(data, checks=False)
+    z = gen.standard_normal((40, 5))
+    after = z[:, :2] @ A.T + z[:, 2:3] @ B.T + z[:, 3:] * [0.01, 0.03]
+    pairs = se.Trajectories.from_pairs(z[:, :2], z[:, 2:3], after)
+    model = se.identify(pairs, checks=False)
     units = se.regulate(model, 5, limits=(-2.0, 2.0)).validate(x)
     np.testing.assert_allclose(
         units.tube[-1] / units.factor, np.sqrt(np.diag(model.covariance)), rtol=1e-12

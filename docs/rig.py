@@ -230,6 +230,7 @@ def main() -> None:
     example(options.images)
     first_control(options.images)
     within_limits(options.images)
+    which_number(options.images)
     exact = {name: way for name, way in WAYS.items() if not way.noisy_states}
     noisy = {name: WAYS[name] for name in ("instruments", "all pairs, sigma known")}
     for law, reading, ways in (
@@ -283,6 +284,43 @@ def within_limits(images: Path) -> None:
     loop = se.regulate(model, 20, **task)
     se.track((A, B), np.zeros((61, 4)), controller=loop, x0=X0, noise=SIGMA, rng=3)
     loop.plot().savefig(images / "limits-loop.png", dpi=110)
+
+
+def which_number(images: Path, sets: int = 60) -> None:
+    """The figure and the table of which-number.md: all with the noise of the run, medians."""
+    rows = []
+    for N in SIZES:
+        numbers, ends = [], []
+        for seed in range(sets):
+            rng = np.random.default_rng([seed, N, 7])
+            model = se.identify(runs(N, rng, gaussian)[0], sigma=SIGMA, scale=SCALE, checks=False)
+            if model.warnings:
+                continue
+            plan = se.control(model, X0, XF, steps=STEPS)
+            w = SIGMA * rng.standard_normal((119, STEPS, 4))
+            x = np.empty((119, STEPS + 1, 4))
+            x[:, 0] = X0
+            for k in range(STEPS):
+                x[:, k + 1] = x[:, k] @ A.T + plan.u[k] @ B.T + w[:, k]
+            typical = plan.typical(DELTA, noise=True)
+            numbers.append([typical.certified, typical.miss, plan.validate(x[:19], DELTA).target])
+            ends.append(np.linalg.norm(x[19:, -1] - XF, axis=1))
+        rows.append([*np.median(numbers, axis=0), np.quantile(ends, 1 - DELTA)])
+        print(f"| {N} | " + " | ".join(f"{value:.2g}" for value in rows[-1]) + " |")
+    guaranteed, typical, validated, truth = np.array(rows).T
+    ax = draw_certificates(
+        np.array(SIZES),
+        {
+            "guaranteed": (guaranteed, truth),
+            "typical": (typical, None),
+            "validated, 19 runs": (validated, None),
+        },
+        across="measured runs N",
+        up="distance from the target after 10 steps",
+        kinds=("the number", "truth: 95 % of the next runs"),
+    )
+    ax.set_yticks([0.05, 0.1, 0.2], ["0.05", "0.1", "0.2"])
+    ax.figure.savefig(images / "which-number.png", dpi=110)
 
 
 def draw(found: dict[str, list[Result]], images: Path) -> None:

@@ -41,6 +41,7 @@ PICTURED = (
     "guide",
     "close-the-loop",
     "measured-runs",
+    "which-number",
     "systems",
     "networks",
     "compare",

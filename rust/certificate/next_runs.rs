@@ -72,7 +72,8 @@ struct Search<'a> {
 }
 
 /// Inputs at their limits, run after run: each maximises `sum_k z_k' V^-1 Psi V^-1 z_k` over its own inputs, V with all runs
-/// before it (Frank and Wolfe's method for `phi`), which is convex in them; to a point that no sweep improves.
+/// before it (Frank and Wolfe's method for `phi`), which is convex in them; to a point that neither its linear part nor a
+/// single input improves.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for limits in the wrong order, [`Error::Overflow`] if states of
@@ -83,7 +84,8 @@ pub fn next_runs(goal: Goal<'_>, runs: NextRuns<'_>, key: &Key, stop: &Stop) -> 
     let mut design =
         Design { inputs: try_zeros(WHAT, checked_len(WHAT, count, one)?)?, phi: try_zeros(WHAT, count + 1)? };
     design.phi[0] = search.refresh()?;
-    let (mut u, mut next, mut path) = (try_zeros(WHAT, one)?, try_zeros(WHAT, one)?, search.path(runs.steps)?);
+    let [mut u, mut kept, mut next] = [try_zeros(WHAT, one)?, try_zeros(WHAT, one)?, try_zeros(WHAT, one)?];
+    let mut path = search.path(runs.steps)?;
     for (r, best) in design.inputs.chunks_exact_mut(one.max(1)).enumerate() {
         let (start, mut largest) = (&runs.starts[r * n..(r + 1) * n], f64::NEG_INFINITY);
         for from in 0..STARTS {
@@ -91,23 +93,32 @@ pub fn next_runs(goal: Goal<'_>, runs: NextRuns<'_>, key: &Key, stop: &Stop) -> 
             let at = |i: usize, up: bool| if up { runs.high[i] } else { runs.low[i] };
             u.iter_mut().enumerate().for_each(|(i, u)| *u = at(i, rng.random()));
             let mut value = f64::NEG_INFINITY;
-            for _ in 0..SWEEPS {
+            for sweep in 0..SWEEPS {
                 stop.check()?;
                 let found = search.value_and_gradient(start, &u, &mut path, &mut next)?;
                 if found <= value {
-                    break;
+                    // no linear part improves it: does one input alone?
+                    u.copy_from_slice(&kept);
+                    value = search.flipped(start, &mut u, runs, value, &mut path, &mut next, stop)?;
+                    let same = u == kept;
+                    kept.copy_from_slice(&u);
+                    if same || sweep + 1 == SWEEPS {
+                        break;
+                    }
+                    search.value_and_gradient(start, &u, &mut path, &mut next)?;
                 }
-                value = found;
-                if found > largest {
-                    largest = found;
-                    best.copy_from_slice(&u);
-                }
+                value = value.max(found);
+                kept.copy_from_slice(&u);
                 // the vertex that maximises the linear part
                 for (i, (u, slope)) in u.iter_mut().zip(&next).enumerate() {
                     if *slope != 0.0 {
                         *u = at(i, *slope > 0.0);
                     }
                 }
+            }
+            if value > largest {
+                largest = value;
+                best.copy_from_slice(&kept);
             }
         }
         search.add(start, best, &mut path, &mut next)?;
@@ -162,6 +173,32 @@ impl Search<'_> {
             }
             slope.copy_from_slice(&own[n..n + m]);
             adjoint.copy_from_slice(&own[..n]);
+        }
+        Ok(value)
+    }
+
+    /// Moves each input in turn to its other limit where that is better; the value that is reached.
+    #[expect(clippy::too_many_arguments, reason = "memory of the search")]
+    fn flipped(
+        &self,
+        start: &[f64],
+        u: &mut [f64],
+        runs: Runs<'_>,
+        mut value: f64,
+        path: &mut [f64],
+        spare: &mut [f64],
+        stop: &Stop,
+    ) -> Result<f64> {
+        for i in 0..u.len() {
+            stop.check()?;
+            let before = u[i];
+            u[i] = if before == runs.low[i] { runs.high[i] } else { runs.low[i] };
+            let found = self.value_and_gradient(start, u, path, spare)?;
+            if found > value * (1.0 + 1e-12) {
+                value = found;
+            } else {
+                u[i] = before;
+            }
         }
         Ok(value)
     }

@@ -157,6 +157,12 @@ def model():
 
 
 @cache
+def to_improve():
+    known = se.identify(runs(), sigma=1.0, checks=False)
+    return se.control(known, X0, XF, steps=2)
+
+
+@cache
 def fused_model():
     return se.fuse([(A, B), (0.5 * A, B)], "leave-one-out", data=model())
 
@@ -258,6 +264,8 @@ OWN = {
     "panel": {"name": "3a"},
     "Experiment.panel": {"name": "3a"},
     "Plan.validate": {"runs": np.ones((3, 2, 2))},
+    "Regulator.validate": {"runs": np.ones((3, 2, 2))},
+    "design": {"plan": to_improve(), "runs": 2, "limits": (-1.0, 1.0)},
     "Plan.plot_phase": {"across": 0, "up": 1},
     "Trajectory.plot_phase": {"across": 0, "up": 1},
     "EnsembleTrajectory.plot_phase": {"across": 0, "up": 1},
@@ -283,6 +291,7 @@ TAKEN = {
     ("control_fleet", "limits"): {"object vector", "list of None"},
     # runs that diverged
     ("Plan.validate", "runs"): {"nan matrix"},
+    ("Regulator.validate", "runs"): {"nan matrix"},
     ("Stream.run", "checkpoint"): {"text"},
     ("Study", "function"): {"class"},
     ("closed_loop", "limits"): {"object vector", "list of None"},
@@ -310,6 +319,7 @@ MADE = {
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
     "Regulator": loop,
     "Typical": lambda: se.control(model(), X0, XF).typical(),
+    "NextRuns": lambda: se.design(to_improve(), 2, limits=(-1.0, 1.0)),
     "Validation": lambda: se.control((A, B), X0, XF).validate([se.System(A, B)] * 20),
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
     "Study": study,

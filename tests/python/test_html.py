@@ -34,6 +34,11 @@ def model(**options):
     return se.identify(data, design="independent", **options)
 
 
+DATA = se.Trajectories.from_pairs(
+    *np.split(np.random.default_rng(1).standard_normal((20, 5)), [2, 3], axis=1)
+)
+
+
 def plan(**options):
     return se.steer(SYSTEM, X0, XF, 12345, rng=1, **options)
 
@@ -72,6 +77,12 @@ RECORDS = {
     "Typical": (
         lambda: se.control(model(), X0, XF, steps=2).typical(),
         ["certified", "typical", "approximate", "fixed beforehand"],
+    ),
+    "NextRuns": (
+        lambda: se.design(
+            se.control(se.identify(DATA, sigma=1.0), X0, XF, steps=2), 3, limits=(-1.0, 1.0)
+        ),
+        ["forecast", "not a bound", "<polyline"],
     ),
     "Radius": (lambda: plan().bound()["state"], ["within", "(simulated)", "0.95"]),
     "Validation": (

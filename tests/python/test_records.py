@@ -147,6 +147,9 @@ PARTS = {
     "bound": lambda: PLANS["iid"]().bound(),
     "certificate": lambda: PLANS["plan of a model"]().bound(),
     "infinite certificate": lambda: unbounded(PLANS["plan of a model"]().bound()),
+    "next runs": lambda: se.design(
+        se.control(model(design="adaptive", sigma=1.0), X0, XF, steps=3), 3, limits=(-1.0, 1.0)
+    ),
     "typical": lambda: PLANS["plan of a model"]().typical(),
     "validation": lambda: PLANS["exact"]().validate([SYSTEM] * 20),
     "infinite validation": lambda: PLANS["exact"]().validate([SYSTEM]),

@@ -1,4 +1,4 @@
-"""`Plan.validate`: held-out runs and fresh systems, compared with what a plan predicts."""
+"""`validate`: held-out runs and fresh systems against what a plan, or a loop, predicts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .plan_validation import Source, Validation, rank_of
 from .provenance import Basis
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import ArrayLike
 
@@ -34,6 +34,19 @@ Runs: TypeAlias = "Trajectories | SystemEnsemble | Sequence[System] | Sequence[A
 _LEAST = 1e-3
 # Recorded inputs may be rounded: by this much of the largest one they are those of the plan.
 _INPUTS = 1e-6
+
+
+class Loop(NamedTuple):
+    """A loop: the states that its model predicts from a start, and its inputs along a run."""
+
+    path: Callable[[Floats, int], Floats]
+    inputs: Callable[[Floats], Floats]
+    n: int
+    m: int
+    target: Floats
+    scale: Floats
+    labels: Labels
+    dt: float | None
 
 
 class Predicted(NamedTuple):
@@ -125,6 +138,58 @@ def validated(
             raise InputError("`x0` is for fresh systems: runs have their own starts")
         states = _states(plan, runs)
         deviations, misses = _core.validation_runs(told, states, get_num_threads())
+    free = None
+    if source == "runs" and (states[:, 0] == states[0, 0]).all() and np.isfinite(states).all():
+        ends = np.ascontiguousarray(states[:, -1])
+        free = _core.validation_mean(ends, target, delta)
+    return _judged((deviations, misses), units, target, delta, sure, weights, source, free)
+
+
+def validated_loop(
+    loop: Loop,
+    runs: Runs,
+    delta: float,
+    beta: float | None,
+    scale: ArrayLike | None,
+    weights: ArrayLike | None,
+) -> Validation:
+    """The same for runs of a loop, each predicted by the loop from its own start."""
+    delta = validation.probability("delta", delta)
+    sure = None if beta is None else validation.probability("beta", beta)
+    if isinstance(runs, Trajectories):
+        K = int(runs.lengths.max())
+    else:
+        given = [runs] if isinstance(runs, np.ndarray) and runs.ndim == 2 else runs
+        K = max((len(one) for one in validation.items("runs", given)), default=0) - 1
+    if K < 1:
+        raise ShapeError("`runs` must have one step at least")
+    nothing = np.zeros((K, loop.m)), np.zeros((K + 1, loop.n))
+    like = Predicted(*nothing, None, None, loop.labels, loop.dt)
+    if isinstance(runs, Trajectories):
+        states = _of_trajectories(like, runs, loop)
+    else:
+        states = _states(like, runs)
+    units = np.tile(loop.scale, (K, 1)) if scale is None else _scale(scale, like.states)
+    memory.need("the predictions", states.nbytes)
+    starts = np.nan_to_num(states[:, 0])  # of a run without any state: it diverged
+    paths = np.array([loop.path(start, K) for start in starts])
+    told = paths.reshape(-1, loop.n), np.zeros((loop.n, loop.n)), units, loop.target
+    scores = _core.validation_runs(told, states, get_num_threads())
+    return _judged(scores, units, loop.target, delta, sure, weights, "runs of a loop", None)
+
+
+def _judged(
+    scores: tuple[Floats, Floats],
+    units: Floats,
+    target: Floats,
+    delta: float,
+    sure: float | None,
+    weights: ArrayLike | None,
+    source: Source,
+    free: float | None,
+) -> Validation:
+    """The order statistics of the scores."""
+    deviations, misses = scores
     size, rank = len(misses), None
     if weights is None:
         rank = rank_of(size, delta, sure)
@@ -140,7 +205,8 @@ def validated(
         # a radius that is compared in doubles must not lose its own order statistic to rounding
         radii = factor * units * (1.0 + 4.0 * np.finfo(float).eps)
     tube = np.vstack([np.zeros((1, len(target))), radii])  # the start of a run is known
-    return Validation(factor, tube, miss, target, delta, sure, source, deviations, misses, rank)
+    found = factor, tube, miss, target, delta, sure, source, deviations, misses, rank, free
+    return Validation(*found)
 
 
 def _systems(runs: Runs) -> SystemEnsemble | None:
@@ -211,7 +277,7 @@ def _states(plan: Predicted, runs: Runs) -> Floats:
     return states
 
 
-def _of_trajectories(plan: Predicted, runs: Trajectories) -> Floats:
+def _of_trajectories(plan: Predicted, runs: Trajectories, loop: Loop | None = None) -> Floats:
     (rows, n), (K, m) = plan.states.shape, plan.u.shape
     if (runs.n, runs.m) != (n, m):
         raise ShapeError(f"`runs` must have n={n} and m={m}, got n={runs.n} and m={runs.m}")
@@ -222,15 +288,16 @@ def _of_trajectories(plan: Predicted, runs: Trajectories) -> Floats:
     order = order_of("runs", Labels(runs.state_names, runs.input_names), plan.labels)
     memory.need("the runs", 8 * len(runs) * rows * n)
     states = np.full((len(runs), rows, n), np.nan)
-    allowed = _INPUTS * np.abs(plan.u).max()
     for r, (x, u) in enumerate(runs.runs):
         T = min(len(u), K)
-        if (np.abs(order.of_inputs(u[:T]) - plan.u[:T]) > allowed).any():
+        states[r, : T + 1] = order.of_states(x[: T + 1])
+        wanted = plan.u[:T] if loop is None else loop.inputs(states[r, :T])
+        if (np.abs(order.of_inputs(u[:T]) - wanted) > _INPUTS * np.abs(wanted).max()).any():
+            of = "plan" if loop is None else "loop"
             raise InputError(
-                f"`runs` must have the inputs of this plan, run {r} has others: what runs under "
+                f"`runs` must have the inputs of this {of}, run {r} has others: what runs under "
                 "other inputs did says nothing of this one"
             )
-        states[r, : T + 1] = order.of_states(x[: T + 1])
     return states
 
 

@@ -15,7 +15,7 @@ from .._base.types import Floats
 from ..exceptions import InputError, ShapeError
 from ..theory import scenario
 
-Source: TypeAlias = Literal["runs", "fresh systems"]
+Source: TypeAlias = Literal["runs", "runs of a loop", "fresh systems"]
 SOURCES: tuple[Source, ...] = get_args(Source)
 
 _SAME = {
@@ -23,6 +23,11 @@ _SAME = {
         "the next run of this very plan: the same inputs, hardware and limits, its start drawn and "
         "its end decided by the same rule. No run was left out, whatever came of it, and plan, "
         "scale and delta were fixed before the runs were seen"
+    ),
+    "runs of a loop": (
+        "the next run of this very loop: the same controller, set points, hardware and limits, its "
+        "start drawn and its end decided by the same rule. No run was left out, whatever came of "
+        "it, and controller, scale and delta were fixed before the runs were seen"
     ),
     "fresh systems": (
         "this command on one more system, drawn as these were, from a start drawn as theirs. No "
@@ -36,8 +41,9 @@ _SAME = {
 class Validation(SavedRecord):
     """The next run stays in `tube`, and ends within `target`, with probability ``1 - delta`` each.
 
-    Made by `Plan.validate`. It assumes nothing of the plant, of the noise or of the model, and says
-    nothing of other plans: it is no certificate, and no number of it is added to one.
+    Made by `Plan.validate` and `Regulator.validate`. It assumes nothing of the plant, of the noise
+    or of the model, and says nothing of other plans: it is no certificate, and no number of it is
+    added to one.
 
     Attributes
     ----------
@@ -47,6 +53,7 @@ class Validation(SavedRecord):
         ``|x(k) - p(k)|_i`` is at most this for all k and i at once: ``factor * scale``. p is the
         prediction from the run's own start, ``xh(k) + A_hat^k (x(0) - xh(0))``, so ``tube[0]`` is
         0. A plan that keeps no A_hat (diagonal fusion, made by hand) has ``p(k) = xh(k)``, k >= 1.
+        Of a loop p is the loop around its own model.
     target : float
         ``||x(K) - xf||`` is at most this: an order statistic of `misses`.
     xf : ndarray, shape (n,)
@@ -56,8 +63,8 @@ class Validation(SavedRecord):
     beta : float or None
         None: the probability is over the runs and the next one together. Else the runs can mislead
         with probability `beta`, and otherwise at most a share `delta` of all further runs fails.
-    source : {"runs", "fresh systems"}
-        What was compared with the plan.
+    source : {"runs", "runs of a loop", "fresh systems"}
+        What was compared with the plan or the loop.
     deviations : ndarray, shape (M,)
         Of each run, ``max |x(k) - p(k)|_i / scale(k)_i``; infinite where it diverged or ended
         early.
@@ -66,6 +73,10 @@ class Validation(SavedRecord):
     rank : int or None
         The order statistic is the one of this rank; ``M + 1`` where none is enough. None with
         weights.
+    noise_free : float or None
+        Of a plan whose runs all had the same start: with probability ``1 - delta`` the mean of
+        x(K), where it ends without noise, is within this of xf. For Gaussian noise and a linear
+        plant only, other than all else here; None where starts differ or a run diverged.
     """
 
     factor: float
@@ -78,6 +89,7 @@ class Validation(SavedRecord):
     deviations: Floats
     misses: Floats
     rank: int | None
+    noise_free: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -194,6 +206,7 @@ class Validation(SavedRecord):
             ("holds for", self.covers),
             ("largest radius of the tube", html.vector(self.tube.max(axis=0))),
             ("largest miss of a run", float(self.misses.max())),
+            ("without noise, if it is Gaussian", self.noise_free),
             ("diverged or ended early", self.diverged or None),
             ("why not", self.reason),
         ]

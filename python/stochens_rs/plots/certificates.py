@@ -24,11 +24,13 @@ def draw_certificates(
     across: str = "experiments N",
     up: str = "distance from the target",
     tol: float | None = None,
+    kinds: tuple[str, str] = ("certificate", "true error"),
     ax: Axes | None = None,
 ) -> Axes:
     """Draw for each label the certificates and, dashed, the true errors over `sizes`.
 
-    An infinite certificate is an open marker at the upper edge. `tol` is a horizontal line.
+    An infinite certificate is an open marker at the upper edge. `tol` is a horizontal line. `kinds`
+    says what a solid and a dashed line are.
     """
     ax = axes_or_new(ax, width=7.8)
     from matplotlib.lines import Line2D
@@ -59,9 +61,9 @@ def draw_certificates(
         line = ax.axhline(tol, color=theme.pale, linewidth=0.9)
         line.set_label(f"tolerance {number_text(tol)}")
     grey: dict[str, Any] = {"color": theme.ink}
-    handles.append(Line2D([], [], label="certificate", **grey))
+    handles.append(Line2D([], [], label=kinds[0], **grey))
     if any(error is not None for _, error in curves.values()):
-        handles.append(Line2D([], [], linestyle="--", linewidth=1.0, label="true error", **grey))
+        handles.append(Line2D([], [], linestyle="--", linewidth=1.0, label=kinds[1], **grey))
     if endless:
         open_: dict[str, Any] = {"linestyle": "", "marker": "o", "markerfacecolor": theme.face}
         handles.append(Line2D([], [], label="at the upper edge: infinite", **open_, **grey))

@@ -1,0 +1,169 @@
+"""`design`: the oracle of the formula, the best of all vertices, what it gains, what it refuses."""
+
+from __future__ import annotations
+
+import itertools
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import _core
+from stochens_rs.controls import NextRuns
+from stochens_rs.exceptions import InputError, ShapeError
+from test_typical import A, B, data
+
+KEY = bytes(range(32))
+H0 = np.array([[0.8, 0.1, 0.1], [0.0, 0.9, 0.9]])
+
+
+def simulated(x0, u) -> np.ndarray:
+    """The rows z of a run of H0."""
+    rows = []
+    for inputs in u:
+        rows.append(np.concatenate([x0, inputs]))
+        x0 = H0 @ rows[-1]
+    return np.array(rows)
+
+
+def instruments() -> np.ndarray:
+    """Three runs of four steps of H0 from integers."""
+    rows = []
+    for r in range(3):
+        x0 = [(((3 * r + 2 * i + 1) ** 2) % 7 - 3) / 2 for i in range(2)]
+        rows.append(simulated(x0, [[((2 * r + 1) * (k + 2) ** 2) % 5 - 2.0] for k in range(4)]))
+    return np.vstack(rows)
+
+
+def psi() -> np.ndarray:
+    """``sum_jk tr(A^{p_j} A^{p_k}') z_j z_k'`` of the plan, by its definition."""
+    z = simulated([1.0, -1.0], [[0.4], [0.1], [-0.4]])
+    powers = [np.linalg.matrix_power(H0[:, :2], 2 - j) for j in range(3)]
+    found = np.zeros((3, 3))
+    for j, k in itertools.product(range(3), repeat=2):
+        found += np.trace(powers[j] @ powers[k].T) * np.outer(z[j], z[k])
+    return found
+
+
+def asked(V, starts, steps, low=-1.0, high=1.0):
+    white = np.linalg.inv(np.linalg.cholesky(V))
+    return _core.next_runs(
+        H0, white, np.eye(2), np.array([1.0, -1.0]), np.array([[0.4], [0.1], [-0.4]]),
+        np.array(starts), steps, np.full((steps, 1), low), np.full((steps, 1), high), KEY,
+    )  # fmt: skip
+
+
+def test_the_formula_and_the_best_vertex() -> None:
+    """Values that two other codes computed."""
+    zeta = instruments()
+    V, P = zeta.T @ zeta, psi()
+    assert np.linalg.det(V) == pytest.approx(9818.701109004, rel=1e-12)
+    entries = [P[i, j] for i, j in ((0, 0), (0, 1), (1, 1), (2, 2))]
+    np.testing.assert_allclose(entries, [7.324512, -6.092304, 5.068064, 0.010376], rtol=1e-12)
+    inputs, phi = asked(V, [[1.0, -1.0]], 3)
+    assert phi[0] == pytest.approx(1.741562977059, rel=1e-12)
+    M = np.linalg.inv(V) @ P @ np.linalg.inv(V)
+    z = simulated([1.0, -1.0], inputs.reshape(3, 1))
+    assert np.trace(M @ z.T @ z) == pytest.approx(1.385365029221, rel=1e-12)
+    assert inputs[0].tolist() == [-1.0, -1.0, -1.0]
+    every = []
+    for u in itertools.product((-1.0, 1.0), repeat=3):
+        z = simulated([1.0, -1.0], np.array(u)[:, None])
+        every.append(np.trace(P @ np.linalg.inv(V + z.T @ z)))
+    assert phi[1] == pytest.approx(min(every), rel=1e-12)
+
+
+def test_many_runs_against_the_definition() -> None:
+    """50 random V and starts, runs of 4 steps: near the best vertex of each run in turn."""
+    gen, lost = np.random.default_rng(1), []
+    P = psi()
+    for _ in range(50):
+        G = gen.standard_normal((3, 6))
+        V, starts = G @ G.T, gen.standard_normal((3, 2))
+        inputs, phi = asked(V, starts, 4, -0.5, 1.0)
+        for r, (start, u) in enumerate(zip(starts, inputs, strict=True)):
+            assert phi[r] == pytest.approx(np.trace(P @ np.linalg.inv(V)), rel=1e-9)
+            assert set(u) <= {-0.5, 1.0}
+            M = np.linalg.inv(V) @ P @ np.linalg.inv(V)
+            values = []
+            for v in [u, *itertools.product((-0.5, 1.0), repeat=4)]:
+                z = simulated(start, np.array(v)[:, None])
+                values.append(np.trace(M @ z.T @ z))
+            lost.append(1.0 - values[0] / max(values))
+            z = simulated(start, u[:, None])
+            V = V + z.T @ z
+    assert np.mean(np.array(lost) < 1e-9) > 0.9
+    assert np.mean(lost) < 0.02
+
+
+def planned(runs: int = 10, **options) -> se.Plan:
+    model = se.identify(data(runs, 8), **{"sigma": 0.1, "checks": False, **options})
+    return se.control(model, [1.0, 0.5], [0.0, 0.0], steps=5)
+
+
+def test_the_forecast_and_what_is_gained() -> None:
+    """40 sets: the executed certificate near the forecast, and below that of random inputs."""
+    gen, ratios, gains = np.random.default_rng(2), [], []
+    for seed in range(40):
+        before = data(6, 8, seed=100 + seed)
+        model = se.identify(before, sigma=0.1, checks=False)
+        plan = se.control(model, [1.0, 0.5], [0.0, 0.0], steps=5)
+        more = se.design(plan, 20, limits=(-1.0, 1.0), x0=[0.0, 0.0])
+        assert more.forecast[0] == pytest.approx(plan.bound().target, rel=1e-12)
+        assert (np.diff(more.forecast) < 0.0).all()
+        found = []
+        for u in (more.inputs, np.clip(gen.standard_normal(more.inputs.shape), -1.0, 1.0)):
+            x = np.zeros((20, 6, 2))
+            for k in range(5):
+                x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + 0.1 * gen.standard_normal((20, 2))
+            states = [*(x for x, _ in before.runs), *x]
+            both = se.Trajectories(states, [*(u for _, u in before.runs), *u])
+            later = se.identify(both, sigma=0.1, checks=False)
+            found.append(se.control(later, [1.0, 0.5], [0.0, 0.0], steps=5).bound().target)
+        ratios.append(found[0] / more.forecast[-1])
+        gains.append(found[0] / found[1])
+    assert 0.85 < np.median(ratios) < 1.15
+    assert np.median(gains) < 0.9
+
+
+def test_the_record(tmp_path) -> None:
+    found = se.design(planned(), 4, limits=(-1.0, 2.0), steps=3)
+    assert found.inputs.shape == (4, 3, 1)
+    assert set(np.unique(found.inputs)) <= {-1.0, 2.0}
+    first = np.mean([x[0] for x, _ in data(10, 8).runs], axis=0)
+    np.testing.assert_allclose(found.starts, np.tile(first, (4, 1)), rtol=1e-14)
+    assert "(forecast, not a bound)" in repr(found)
+    assert "a forecast" in found._repr_html_()
+    found.save(tmp_path / "next.state")
+    for other in (
+        pickle.loads(pickle.dumps(found)),
+        NextRuns.from_dict(found.to_dict()),
+        NextRuns.load(tmp_path / "next.state"),
+    ):
+        assert repr(other) == repr(found)
+        assert np.array_equal(other.inputs, found.inputs)
+    again = se.design(planned(), 4, limits=(-1.0, 2.0), steps=3)
+    assert np.array_equal(again.inputs, found.inputs)
+    known = se.design(planned(known_B=[[0.0], [1.0]]), 3, limits=(-1.0, 1.0))
+    assert (np.diff(known.forecast) < 0.0).all()
+    with pytest.raises(ShapeError, match="of the runs"):
+        NextRuns(found.inputs, found.starts[:3], found.forecast, 0.05)
+
+
+def test_what_cannot_be_designed() -> None:
+    exact = se.control((A, B), [1.0, 0.0], [0.0, 0.0], steps=3)
+    pairs = se.identify(data(20, 8).last_pairs(), design="independent", checks=False)
+    independent = se.control(pairs, [1.0, 0.0], [0.0, 0.0], steps=3)
+    for plan, options, text in (
+        (exact, {}, "a model by `identify`"),
+        (independent, {}, "not independent of their noise"),
+        (planned(known_B=[[0.0], [np.nan]]), {}, "no V in common"),
+        (planned(), {"limits": (-1.0, None)}, "`limits` must be finite"),
+        (planned(), {"limits": (1.0, -1.0)}, "low <= high"),
+        (planned(), {"limits": se.Limits(u=(-1, 1), x=(-1, 1))}, "only here"),
+        (planned(), {"x0": [[0.0, 0.0]] * 3}, "`x0`"),
+        (planned(), {"runs": 0}, "`runs`"),
+    ):
+        with pytest.raises(InputError, match=text):
+            se.design(plan, **{"runs": 2, "limits": (-1.0, 1.0), **options})

@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import _core
 from .._base import html, validation
 from .._base.records import Record
+from .._base.threads import get_num_threads
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..system import System
@@ -89,8 +91,10 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
     if isinstance(pilot, (int, float)) and not isinstance(pilot, bool):
         first = _first(data, pilot, d)
         runs = data[:first]
-        Z = np.hstack([runs._rows[:, : d - offset], np.ones((runs.size, int(offset)))])
-        model = np.linalg.lstsq(Z, runs._rows[:, -n:], rcond=None)[0].T
+        x, u, y = runs.pairs()
+        rows = np.hstack([x, u, np.ones((runs.size, int(offset))), y])
+        threads = get_num_threads()
+        model = _core.fit(_core.triangle(rows, threads), d, runs.size, threads).H
         source = f"runs 0 to {first - 1}, the model is of runs {first} to {len(data) - 1}"
         return np.ascontiguousarray(model), source, data[first:], runs.size
     if isinstance(pilot, (tuple, System)):

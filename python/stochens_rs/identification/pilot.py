@@ -84,6 +84,19 @@ class Pilot(Record):
             f"noise of all runs, inputs {how}; pilot: {self.source}{task}"
         )
 
+    def _of(self, data: Trajectories) -> _core.Pilot:
+        """The model of these runs."""
+        feedback = None
+        if self.gain is not None and self.dither is not None:
+            feedback = np.ascontiguousarray(self.gain), np.ascontiguousarray(self.dither)
+        rows, model = np.ascontiguousarray(data._rows), np.ascontiguousarray(self.model)
+        return _core.Pilot(rows, data.lengths, model, feedback, get_num_threads())
+
+    def _reference_of(self, model: _core.Pilot) -> _core.Reference:
+        assert self.start is not None
+        assert self.inputs is not None
+        return model.reference(self.start, np.ascontiguousarray(self.inputs))
+
 
 def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, Trajectories, int]:
     """The model of a pilot, its source in words, the main runs, and how many pairs were before."""

@@ -25,13 +25,13 @@ use crate::fuse::{distance, norm};
 use crate::identify::{Symmetric, chi2_upper, coarse_normal_quantile, normal_quantile, smallest, spectral_norm};
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
-use crate::region::times;
+use crate::region::{Region, times};
 
 use super::noise::{Gaussian, root_of};
 use super::nuclear::Effort;
 use super::pilot::{Event, Pilot, WHAT};
 use super::plan::Task;
-use super::powers::{Powers, largest_difference, product};
+use super::powers::{Powers, first_order, largest_difference, product};
 use super::reference::{Reference, Shares};
 use super::several_steps::{Radii, Steps, several_steps};
 use super::trajectory::{norms, states};
@@ -58,23 +58,6 @@ pub struct Near {
     pub components: Vec<f64>,
 }
 
-/// First-order parts of all steps: `sum_{j<k} c_j' (x) M_{k-1-j}` (n, d n) for k = 1..K.
-fn first_order(a: &[f64], root: &[f64], c: &[f64], n: usize, d: usize) -> Result<Vec<Vec<f64>>> {
-    let width = checked_len(WHAT, d, n)?;
-    let mut all = try_room(WHAT, c.len() / d)?;
-    let mut now = try_zeros(WHAT, checked_len(WHAT, n, width)?)?;
-    for c in c.chunks_exact(d) {
-        now = product(a, &now, n, n, width)?;
-        for (row, root) in now.chunks_exact_mut(width).zip(root.chunks_exact(n)) {
-            for (to, c) in row.chunks_exact_mut(n).zip(c) {
-                to.iter_mut().zip(root).for_each(|(to, root)| *to += c * root);
-            }
-        }
-        all.push(try_copy(WHAT, &now)?);
-    }
-    Ok(all)
-}
-
 /// `to += weight (X Y' + Y X') / 2` of (rows, cols).
 fn add_products(to: &mut [f64], weight: f64, [x, y]: [&[f64]; 2], rows: usize, cols: usize) {
     for i in 0..rows {
@@ -96,16 +79,112 @@ struct Work<'a> {
     n: usize,
     d: usize,
     event: &'a Event,
-    /// Those of the plan and of the reference.
+    shares: Shares,
+    /// Of the plan without a reference.
+    steps: Steps,
+    /// `A0^p S^(1/2)`.
+    pilot: Powers,
+    /// First-order parts of the plan and of the reference.
     plan: Vec<Vec<f64>>,
     reference: Vec<Vec<f64>>,
     /// With noise to come: the covariances of `sum_{p<k} A0^p w` and of `sum_{p<k} (A^p - A0^p) w`, k = 1..K.
     through: Vec<Vec<f64>>,
     drift: Vec<Vec<f64>>,
     s: f64,
+    /// `b_j`, j < K.
+    b: Vec<f64>,
 }
 
 impl Work<'_> {
+    fn noisy(&self) -> bool {
+        self.shares.noise > 0.0
+    }
+
+    /// Finds the covariances of noise to come.
+    fn add_noise(&mut self) -> Result<()> {
+        let n = self.n;
+        let [mut through, mut drift] = [try_zeros(WHAT, n * n)?, try_zeros(WHAT, n * n)?];
+        for (m, l) in self.steps.outside.matrices.iter().zip(&self.pilot.matrices) {
+            let apart = try_collect(WHAT, m.iter().zip(l).map(|(m, l)| m - l))?;
+            add_products(&mut through, 1.0, [l, l], n, n);
+            add_products(&mut drift, 1.0, [&apart, &apart], n, n);
+            self.through.push(try_copy(WHAT, &through)?);
+            self.drift.push(try_copy(WHAT, &drift)?);
+        }
+        Ok(())
+    }
+
+    /// Finds `b_j`: `T_x e(j)` split as the target is, or as it is without a reference; given `T_x` and `(R^-1)'_x` (d, n).
+    fn between(&mut self, [tx, t0x]: [&[f64]; 2], stop: &Stop) -> Result<()> {
+        let (n, d, s, count) = (self.n, self.d, self.s, self.plan.len());
+        let level = self.shares.between / (count.max(2) as f64 - 1.0);
+        self.b.push(0.0);
+        for j in 1..count {
+            stop.check()?;
+            let seen = product(t0x, &self.reference[j - 1], d, n, d * n)?;
+            let plan = product(tx, &self.plan[j - 1], d, n, d * n)?;
+            let apart = try_collect(WHAT, plan.iter().zip(&seen).map(|(a, b)| a - s * b))?;
+            let mut found = self.factor() * spectral_norm(&apart, d, d * n)? + self.steps.noise[j];
+            found += self.event.spectral * self.steps.inside.cauchy_schwarz(&self.b)?;
+            let crude = self.steps.rest[j];
+            if found < crude {
+                let mut covariance = try_zeros(WHAT, d * d)?;
+                add_products(&mut covariance, 1.0, [&seen, &seen], d, d * n);
+                found += s.abs() * coarse_normal_quantile(&covariance, d, level)?;
+            }
+            self.b.push(found.min(crude));
+        }
+        Ok(())
+    }
+
+    /// `mismatch(s)` of k steps, first order by the norm of Frobenius.
+    fn mismatch(&self, k: usize) -> Result<f64> {
+        Ok(self.factor() * spectral_norm(&self.difference(k)?, self.n, self.d * self.n)?)
+    }
+
+    /// `spectral wcs` of k steps.
+    fn rest(&mut self, k: usize) -> Result<f64> {
+        Ok(self.event.spectral * self.steps.outside.cauchy_schwarz(&self.b[..k])?)
+    }
+
+    /// A bound of `||e(k)||`, one of K that hold together.
+    fn step(&mut self, k: usize) -> Result<f64> {
+        let (n, count) = (self.n, self.plan.len() as f64);
+        let quantile = self.s.abs() * coarse_normal_quantile(&self.covariance(k)?, n, self.shares.reference / count)?;
+        let mut first = quantile + self.mismatch(k)?;
+        if self.noisy() {
+            first += coarse_normal_quantile(&self.drift[k - 1], n, self.shares.noise / 2.0 / count)?;
+        } else {
+            first = first.min(self.steps.linear[k]);
+        }
+        Ok(first + self.rest(k)?)
+    }
+
+    /// Bounds of `|e(K)|_i`, which hold together: first order of a row exactly.
+    fn components(&self) -> Result<Vec<f64>> {
+        let (n, width, count) = (self.n, self.d * self.n, self.plan.len());
+        let quantile = |level: f64| Ok::<_, Error>(chi2_upper(level / n as f64, 1.0)?.sqrt());
+        let times_deviation = self.s.abs() * quantile(self.shares.reference)?;
+        let (covariance, apart) = (self.covariance(count)?, self.difference(count)?);
+        let row = |of: &[f64], i: usize| -> Result<f64> {
+            let (frobenius, nuclear) = norms(&of[i * width..(i + 1) * width], self.d, n)?;
+            Ok(times(self.event.frobenius, frobenius).min(times(self.event.spectral, nuclear)))
+        };
+        let mut found = try_zeros(WHAT, n)?;
+        for (i, to) in found.iter_mut().enumerate() {
+            let mut first = times_deviation * covariance[i * (n + 1)].sqrt() + row(&apart, i)?;
+            if self.noisy() {
+                first += quantile(self.shares.noise / 2.0)? * self.drift[count - 1][i * (n + 1)].sqrt();
+            } else {
+                first = first.min(row(&self.plan[count - 1], i)?);
+            }
+            let each = self.steps.outside.matrices.iter().rev().zip(&self.b);
+            let rest: f64 = each.map(|(m, b)| times(norm(m[i * n..(i + 1) * n].iter().copied()), *b)).sum();
+            *to = first + self.event.spectral * rest;
+        }
+        Ok(found)
+    }
+
     /// `sum_j c_j' (x) M_j - s sum_j g_j' (x) L_j` (n, d n).
     fn difference(&self, k: usize) -> Result<Vec<f64>> {
         try_collect(WHAT, self.plan[k - 1].iter().zip(&self.reference[k - 1]).map(|(a, b)| a - self.s * b))
@@ -193,7 +272,7 @@ impl Pilot {
         if !region.radius().is_finite() {
             return unbounded();
         }
-        match self.bounded(reference, task, &at, inputs, (event, shares), stop) {
+        match self.bounded(reference, task, (&region, &at, inputs), (event, shares), stop) {
             Ok(found) if found.target.is_finite() => Ok(found),
             Ok(_) | Err(Error::Overflow { .. }) => unbounded(),
             Err(error) => Err(error),
@@ -204,15 +283,14 @@ impl Pilot {
         &self,
         reference: &Reference,
         task: Task<'_>,
-        at: &[f64],
-        inputs: &[f64],
+        (region, at, inputs): (&Region, &[f64], &[f64]),
         (event, shares): (&Event, Shares),
         stop: &Stop,
     ) -> Result<Near> {
-        let (n, d, steps) = (self.n, self.d, inputs.len() / self.m);
-        let between = steps.max(2) as f64 - 1.0;
+        let (n, d, count) = (self.n, self.d, inputs.len() / self.m);
         let (noisy, root) = (shares.noise > 0.0, root_of(&event.covariance, n)?);
-        let future = Gaussian { root: &root, end: shares.noise / 2.0, before: shares.noise / 2.0 / between };
+        let half = shares.noise / 2.0;
+        let future = Gaussian { root: &root, end: half, before: half / (count.max(2) as f64 - 1.0) };
         let radii = Radii {
             spectral: event.spectral,
             frobenius: event.frobenius,
@@ -220,19 +298,20 @@ impl Pilot {
             noise: false,
             to_come: noisy.then_some(future),
         };
-        let region = self.within(event)?;
-        let Steps { linear, rest: crude, noise: nu, mut outside, mut inside, .. } =
-            several_steps(&region, &root, at, inputs, radii, stop)?;
-        let mut c = try_room(WHAT, checked_len(WHAT, steps, d)?)?;
+        let steps = several_steps(region, &root, at, inputs, radii, stop)?;
+        let mut c = try_room(WHAT, checked_len(WHAT, count, d)?)?;
         for (x, u) in at.chunks_exact(n).zip(inputs.chunks_exact(self.m)) {
             c.extend(product(&self.t, &region.regressor(x, u)?, d, d, 1)?);
         }
-        let [mut a, mut a0] = [try_room(WHAT, n * n)?, try_room(WHAT, n * n)?];
-        self.h.chunks_exact(d).for_each(|row| a.extend_from_slice(&row[..n]));
-        self.model.chunks_exact(d).for_each(|row| a0.extend_from_slice(&row[..n]));
-        let mut pilot = Powers::new(n, n, steps)?; // A0^p S^(1/2)
+        let columns = |from: &[f64]| -> Result<Vec<f64>> {
+            let mut x = try_room(WHAT, checked_len(WHAT, from.len() / d, n)?)?;
+            from.chunks_exact(d).for_each(|row| x.extend_from_slice(&row[..n]));
+            Ok(x)
+        };
+        let (a, a0) = (columns(&self.h)?, columns(&self.model)?);
+        let mut pilot = Powers::new(n, n, count)?;
         let mut power = try_copy(WHAT, &root)?;
-        for _ in 0..steps {
+        for _ in 0..count {
             let next = product(&a0, &power, n, n, n)?;
             pilot.push(power)?;
             power = next;
@@ -241,102 +320,45 @@ impl Pilot {
             n,
             d,
             event,
+            shares,
+            steps,
+            pilot,
             plan: first_order(&a, &root, &c, n, d)?,
             reference: first_order(&a0, &root, &reference.g, n, d)?,
-            through: try_room(WHAT, steps)?,
-            drift: try_room(WHAT, steps)?,
+            through: try_room(WHAT, count)?,
+            drift: try_room(WHAT, count)?,
             s: 1.0,
+            b: try_room(WHAT, count)?,
         };
         if noisy {
-            let [mut through, mut drift] = [try_zeros(WHAT, n * n)?, try_zeros(WHAT, n * n)?];
-            for (m, l) in outside.matrices.iter().zip(&pilot.matrices) {
-                let apart = try_collect(WHAT, m.iter().zip(l).map(|(m, l)| m - l))?;
-                add_products(&mut through, 1.0, [l, l], n, n);
-                add_products(&mut drift, 1.0, [&apart, &apart], n, n);
-                work.through.push(try_copy(WHAT, &through)?);
-                work.drift.push(try_copy(WHAT, &drift)?);
-            }
+            work.add_noise()?;
         }
-        let q = normal_quantile(&work.covariance(steps)?, n, shares.reference)?;
+        let q = normal_quantile(&work.covariance(count)?, n, shares.reference)?;
         if !noisy {
             work.s = work.best(q)?;
         }
-        let (s, factor) = (work.s, work.factor());
+        work.between([&columns(&self.t)?, &columns(&self.t0)?], stop)?;
 
-        // b_j: T_x e(j) split in the same way, or as it is without a reference
-        let columns = |from: &[f64]| -> Result<Vec<f64>> {
-            let mut x = try_room(WHAT, checked_len(WHAT, d, n)?)?;
-            from.chunks_exact(d).for_each(|row| x.extend_from_slice(&row[..n]));
-            Ok(x)
-        };
-        let (tx, t0x) = (columns(&self.t)?, columns(&self.t0)?);
-        let mut b = try_room(WHAT, steps)?;
-        b.push(0.0);
-        for j in 1..steps {
-            stop.check()?;
-            let seen = product(&t0x, &work.reference[j - 1], d, n, d * n)?;
-            let plan = product(&tx, &work.plan[j - 1], d, n, d * n)?;
-            let apart = try_collect(WHAT, plan.iter().zip(&seen).map(|(a, b)| a - s * b))?;
-            let mut first = factor * spectral_norm(&apart, d, d * n)? + nu[j];
-            first += event.spectral * inside.cauchy_schwarz(&b)?;
-            if first < crude[j] {
-                let mut covariance = try_zeros(WHAT, d * d)?;
-                add_products(&mut covariance, 1.0, [&seen, &seen], d, d * n);
-                first += s.abs() * coarse_normal_quantile(&covariance, d, shares.between / between)?;
-            }
-            b.push(first.min(crude[j]));
-        }
-
-        // a bound for all k, of which the last has its own level too
-        let mut tube = try_room(WHAT, steps + 1)?;
-        let off = |k: usize| distance(&at[k * n..(k + 1) * n], &task.predicted[k * n..(k + 1) * n]);
-        tube.push(off(0));
-        let (mut mismatch, mut rest) = (0.0, 0.0);
-        for k in 1..=steps {
-            stop.check()?;
-            rest = event.spectral * outside.cauchy_schwarz(&b[..k])?;
-            mismatch = factor * spectral_norm(&work.difference(k)?, n, d * n)?;
-            let level = shares.reference / steps as f64;
-            let quantile = s.abs() * coarse_normal_quantile(&work.covariance(k)?, n, level)?;
-            let mut drift = 0.0;
-            if noisy {
-                drift = coarse_normal_quantile(&work.drift[k - 1], n, shares.noise / 2.0 / steps as f64)?;
-            }
-            let first = quantile + mismatch + drift;
-            tube.push(if noisy { first } else { first.min(linear[k]) } + rest + off(k));
-        }
-        let row_level = chi2_upper(shares.reference / n as f64, 1.0)?.sqrt();
-        let mut components = try_filled(WHAT, 0.0, n)?;
-        let (covariance, apart) = (work.covariance(steps)?, work.difference(steps)?);
-        for (i, to) in components.iter_mut().enumerate() {
-            let row = |of: &[f64]| -> Result<f64> {
-                let (frobenius, nuclear) = norms(&of[i * d * n..(i + 1) * d * n], n)?;
-                Ok(times(event.frobenius, frobenius).min(times(event.spectral, nuclear)))
-            };
-            let mut first = s.abs() * row_level * covariance[i * (n + 1)].sqrt() + row(&apart)?;
-            if noisy {
-                let drift = work.drift[steps - 1][i * (n + 1)];
-                first += (chi2_upper(shares.noise / 2.0 / n as f64, 1.0)? * drift).sqrt();
-            } else {
-                first = first.min(row(&work.plan[steps - 1])?);
-            }
-            let each = outside.matrices.iter().rev().zip(&b);
-            let back: f64 = each.map(|(m, b)| times(norm(m[i * n..(i + 1) * n].iter().copied()), *b)).sum();
-            *to = (at[steps * n + i] - task.xf[i]).abs() + first + event.spectral * back;
-        }
-
-        // the target: q at its whole level, and the first order over the spectral ball
-        let scaled = try_collect(WHAT, reference.g.iter().map(|g| s * g))?;
-        let enough = mismatch / event.spectral;
-        let spectral = largest_difference([&outside, &pilot], [&c, &scaled], EFFORT, enough)?;
+        // the target: q at its whole level, and the first order over the spectral ball too
+        let (mut quantile, mut mismatch) = (work.s.abs() * q, work.mismatch(count)?);
+        let scaled = try_collect(WHAT, reference.g.iter().map(|g| work.s * g))?;
+        let powers = [&work.steps.outside, &work.pilot];
+        let spectral = largest_difference(powers, [&c, &scaled], EFFORT, mismatch / event.spectral)?;
         mismatch = mismatch.min(event.spectral * spectral);
-        let mut quantile = s.abs() * q;
         if noisy {
-            mismatch += normal_quantile(&work.drift[steps - 1], n, shares.noise / 2.0)?;
-        } else if linear[steps] < quantile + mismatch {
-            (quantile, mismatch) = (0.0, linear[steps]); // s = 0
+            mismatch += normal_quantile(&work.drift[count - 1], n, half)?;
+        } else if work.steps.linear[count] < quantile + mismatch {
+            (quantile, mismatch) = (0.0, work.steps.linear[count]); // s = 0
         }
-        let reach = distance(&at[steps * n..], task.xf);
+        let (reach, rest) = (distance(&at[count * n..], task.xf), work.rest(count)?);
+        let mut tube = try_room(WHAT, count + 1)?;
+        for (k, (x, predicted)) in at.chunks_exact(n).zip(task.predicted.chunks_exact(n)).enumerate() {
+            stop.check()?;
+            tube.push(distance(x, predicted) + if k > 0 { work.step(k)? } else { 0.0 });
+        }
+        let mut components = work.components()?;
+        let off = at[count * n..].iter().zip(task.xf).map(|(x, xf)| (x - xf).abs());
+        components.iter_mut().zip(off).for_each(|(to, off)| *to += off);
         Ok(Near { target: reach + quantile + mismatch + rest, reach, quantile, mismatch, rest, tube, components })
     }
 }

@@ -109,6 +109,23 @@ impl Powers {
     }
 }
 
+/// First-order parts of all steps: `sum_{j<k} c_j' (x) M_{k-1-j}` (n, d n) for k = 1..K.
+pub(super) fn first_order(a: &[f64], root: &[f64], c: &[f64], n: usize, d: usize) -> Result<Vec<Vec<f64>>> {
+    let width = checked_len(WHAT, d, n)?;
+    let mut all = try_room(WHAT, c.len() / d)?;
+    let mut now = try_zeros(WHAT, checked_len(WHAT, n, width)?)?;
+    for c in c.chunks_exact(d) {
+        now = product(a, &now, n, n, width)?;
+        for (row, root) in now.chunks_exact_mut(width).zip(root.chunks_exact(n)) {
+            for (to, c) in row.chunks_exact_mut(n).zip(c) {
+                to.iter_mut().zip(root).for_each(|(to, root)| *to += c * root);
+            }
+        }
+        all.push(try_copy(WHAT, &now)?);
+    }
+    Ok(all)
+}
+
 /// A bound of the largest `||sum_j M_{K-1-j} Gamma c_j - sum_j L_{K-1-j} Gamma g_j||` over `||Gamma||_2 <= 1`, for as many
 /// `M_p` as `L_p`; infinite if there is no time for it. `c` and `g` are (K, r).
 pub(super) fn largest_difference(

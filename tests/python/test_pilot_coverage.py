@@ -200,7 +200,7 @@ def test_a_reference_chosen_after_the_data_fails() -> None:
 
 def test_a_trajectory_cut_into_runs_fails() -> None:
     """A unit root, 8 runs of 5 steps of one trajectory: .35 for .2."""
-    outside, sets = 0, 200
+    outside, sets = 0, 500
     for seed in range(sets):
         gen = np.random.default_rng([seed, 31])
         u, w = gen.standard_normal((40, 1)), gen.standard_normal(40)

@@ -198,19 +198,12 @@ class Model(Identified, Durable, Tabled):
     @cached_property
     def _piloted(self) -> _core.Pilot:
         assert self.pilot is not None
-        feedback = None
-        if self.pilot.gain is not None and self.pilot.dither is not None:
-            feedback = tuple(map(np.ascontiguousarray, (self.pilot.gain, self.pilot.dither)))
-        rows, model = self.data._rows, np.ascontiguousarray(self.pilot.model)
-        threads = get_num_threads()
-        return _core.Pilot(np.ascontiguousarray(rows), self.data.lengths, model, feedback, threads)
+        return self.pilot._of(self.data)
 
     @cached_property
     def _reference(self) -> _core.Reference:
         assert self.pilot is not None
-        assert self.pilot.start is not None
-        assert self.pilot.inputs is not None
-        return self._piloted.reference(self.pilot.start, np.ascontiguousarray(self.pilot.inputs))
+        return self.pilot._reference_of(self._piloted)
 
     @property
     def covariance(self) -> Floats | None:

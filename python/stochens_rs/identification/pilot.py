@@ -7,8 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import _core
 from .._base import html, validation
 from .._base.records import Record
+from .._base.threads import get_num_threads
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..system import System
@@ -82,6 +84,19 @@ class Pilot(Record):
             f"noise of all runs, inputs {how}; pilot: {self.source}{task}"
         )
 
+    def _of(self, data: Trajectories) -> _core.Pilot:
+        """The model of these runs."""
+        feedback = None
+        if self.gain is not None and self.dither is not None:
+            feedback = np.ascontiguousarray(self.gain), np.ascontiguousarray(self.dither)
+        rows, model = np.ascontiguousarray(data._rows), np.ascontiguousarray(self.model)
+        return _core.Pilot(rows, data.lengths, model, feedback, get_num_threads())
+
+    def _reference_of(self, model: _core.Pilot) -> _core.Reference:
+        assert self.start is not None
+        assert self.inputs is not None
+        return model.reference(self.start, np.ascontiguousarray(self.inputs))
+
 
 def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, Trajectories, int]:
     """The model of a pilot, its source in words, the main runs, and how many pairs were before."""
@@ -89,8 +104,10 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
     if isinstance(pilot, (int, float)) and not isinstance(pilot, bool):
         first = _first(data, pilot, d)
         runs = data[:first]
-        Z = np.hstack([runs._rows[:, : d - offset], np.ones((runs.size, int(offset)))])
-        model = np.linalg.lstsq(Z, runs._rows[:, -n:], rcond=None)[0].T
+        x, u, y = runs.pairs()
+        rows = np.hstack([x, u, np.ones((runs.size, int(offset))), y])
+        threads = get_num_threads()
+        model = _core.fit(_core.triangle(rows, threads), d, runs.size, threads).H
         source = f"runs 0 to {first - 1}, the model is of runs {first} to {len(data) - 1}"
         return np.ascontiguousarray(model), source, data[first:], runs.size
     if isinstance(pilot, (tuple, System)):

@@ -413,7 +413,7 @@ class Model(Identified, Durable, Tabled):
             centre=validation.frozen(centre),
             m=self.m,
             delta=wish.delta,
-            assumption=said(noise, wish, self.instruments is not None) + text,
+            assumption=said(noise, wish, self.instruments is not None) + text + self.data._assumed,
             missing=self.missing if self.instruments is None else (),
             parts=made,
             future=wish.future,

@@ -145,13 +145,14 @@ def identify_command(
     options = {k: v for k, v in context.params.items() if k not in WRITTEN}
     options["source"] = list(source)
     folder = None if out is None else Folder(out, "identify", options, force)
-    columns = {"states": _names("--states", states), "inputs": _names("--inputs", inputs)}
+    x, u = _names("--states", states), _names("--inputs", inputs)
     files = csv_files(source[0] if len(source) == 1 else source)
-    about = {"by": by, "time": time, "dt": dt, "delay": delay, "on_gap": on_gap}
-    data = Trajectories.from_csv(files, **columns, **about)
+    data = Trajectories.from_csv(
+        files, states=x, inputs=u, by=by, time=time, dt=dt, delay=delay, on_gap=on_gap
+    )
     unused: list[str] = []
     if len(files) == 1 and by is None:
-        named = {*columns["states"], *columns["inputs"], time}
+        named = {*x, *u, time}
         unused = [one for one in Table.of_file(files[0]).names if one not in named]
     if last_pairs:
         data = data.last_pairs()

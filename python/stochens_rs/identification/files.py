@@ -13,7 +13,7 @@ from ..exceptions import InputError
 from ..rng import Key
 from .assumptions import COVARIANCES, DESIGNS, NOISES, Assumptions
 from .checks import NAMES, Checks
-from .gaps import NO_GAPS, checked_gaps
+from .pieces import Pieces
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -38,8 +38,9 @@ def from_runs(runs: Any) -> Sections:
         "names": _bytes(b"".join(names)),
         "name_lengths": _counts(*(len(name) for name in names)),
     }
-    if len(runs._gaps):
-        found["gaps"] = runs._gaps.astype(np.uint64).ravel()
+    if len(runs._pieces.gaps) or runs.lost:
+        found["gaps"] = runs._pieces.gaps.astype(np.uint64).ravel()
+        found["lost"] = runs._pieces.lost.astype(np.uint64)
     return found
 
 
@@ -56,19 +57,16 @@ def to_runs(sections: Sections) -> tuple[Any, ...]:
         raise InputError(f"`lengths` must be numbers of steps from 1 to {len(rows)}")
     if int(lengths.sum()) != len(rows):
         raise InputError(f"`lengths` must have the sum {len(rows)}, got {int(lengths.sum())}")
-    steps_of_runs = lengths.astype(np.int64)
-    gaps = NO_GAPS
+    pieces = Pieces.whole(lengths.astype(np.int64))
     if "gaps" in sections:
-        found = _taken(sections, "gaps", np.uint64)
-        if found.size and found.max() >= 2**62:
-            raise InputError(f"`gaps` must be below 2^62, got {found.max()}")
-        gaps = checked_gaps(found.astype(np.int64), steps_of_runs)
+        gaps, lost = (_taken(sections, name, np.uint64) for name in ("gaps", "lost"))
+        pieces = Pieces.checked(pieces.lengths, gaps, lost)
     dt = _taken(sections, "dt", np.float64)
     if len(dt) > 1:
         raise InputError(f"`dt` must have at most one entry, got {len(dt)}")
     names = _names(sections, n + m)
     step = float(dt[0]) if len(dt) else None
-    return rows, steps_of_runs, gaps, n, step, names[:n], names[n:], steps
+    return rows, pieces, n, step, names[:n], names[n:], steps
 
 
 def from_model(model: Any) -> Sections:
@@ -108,7 +106,7 @@ def from_model(model: Any) -> Sections:
 def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
     """Check the arrays of `from_model`, and return the data as of `to_runs`, and other fields."""
     data = to_runs(sections)
-    n, m = data[3], len(data[6])
+    n, m = data[2], len(data[5])
     words = _whole(sections, "assumptions", 4)
     (offset,) = _whole(sections, "intercept", 1)
     error = _choice(words[3], STATE_NOISES)

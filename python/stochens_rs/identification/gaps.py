@@ -13,6 +13,7 @@ import numpy as np
 
 from .._base import validation
 from ..exceptions import InputError
+from .pieces import Pieces
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,7 +28,6 @@ ON_GAP: tuple[OnGap, ...] = get_args(OnGap)
 NEAR = 0.25  # of a step: how far a stamp may be off if `dt` is declared
 CLOSE = 0.05  # the same if it is not
 IRREGULAR = 0.1  # share of stamps further off from which on a log has no sampling time
-NO_GAPS = np.zeros((0, 3), dtype=np.int64)
 
 
 ENDS = 8  # readings at the end of a sensor's range, at the least
@@ -42,24 +42,11 @@ class Stamps(NamedTuple):
 
 
 class Pairs(NamedTuple):
-    """The rows (x, u, x_next) of all pairs, their number in each run, and the gaps."""
+    """The rows (x, u, x_next) of all pairs, their runs and pieces, and the time of a step [s]."""
 
     rows: Floats
-    lengths: NDArray[np.int64]
-    gaps: NDArray[np.int64]
+    pieces: Pieces
     dt: float | None
-
-
-def checked_gaps(gaps: NDArray[np.int64], lengths: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Refuse gaps that are not rows (pair behind it, steps, whether rows were lost) inside runs."""
-    given = gaps.reshape(-1, 3) if gaps.size % 3 == 0 else None
-    if given is not None and given.dtype.kind in "iu":
-        at, steps, lost = given.astype(np.int64).T
-        starts = np.cumsum(lengths) - lengths
-        inside = (at > 0) & (at < lengths.sum()) & ~np.isin(at, starts)
-        if (np.diff(at) > 0).all() and (inside & (steps > 0) & (lost >= 0) & (lost <= 1)).all():
-            return given.astype(np.int64)
-    raise InputError("`gaps` must be rows (pair behind it, steps, 0 or 1) inside runs, in order")
 
 
 def joined(
@@ -74,18 +61,16 @@ def joined(
     back = validation.size("delay", delay, minimum=0)
     split = validation.choice("on_gap", on_gap, ON_GAP) == "split"
     stamps = _stamps(runs, dt, tolerance)
-    rows, gaps, count = [], [NO_GAPS], 0
+    rows, pieces = [], []
     for run in runs:
         own, acting, lost = _kept(run, names, stamps, back, split)
         rows.append(np.hstack([run.x[own], run.u[acting], run.x[own + 1]]))
-        gaps.append(lost + np.array([count, 0, 0]))
-        count += len(own)
-    lengths = np.array([len(one) for one in rows], dtype=np.int64)
+        pieces.append(lost)
     every = np.vstack(rows)
     n = len(every[0]) - len(names)
     _refuse_useless(every[:, : len(names)], names)
     _refuse_clipped(runs, every, names[:n])
-    return Pairs(every, lengths, np.vstack(gaps), stamps.dt)
+    return Pairs(every, Pieces.joined(pieces), stamps.dt)
 
 
 def _stamps(runs: Sequence[Run], dt: object, tolerance: object) -> Stamps:
@@ -115,15 +100,19 @@ def _stamps(runs: Sequence[Run], dt: object, tolerance: object) -> Stamps:
 
 def _kept(
     run: Run, names: Sequence[Any], stamps: Stamps, delay: int, split: bool
-) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int64]]:
-    """The rows k of the pairs x(k), u(k - delay), x(k + 1), those of their inputs, and the gaps."""
-    there, given = np.isfinite(run.x).all(axis=1), np.isfinite(run.u).all(axis=1)
-    at = np.arange(len(run.x))
+) -> tuple[NDArray[np.intp], NDArray[np.intp], Pieces]:
+    """The rows k of the pairs x(k), u(k - delay), x(k + 1), those of their inputs, and the pieces.
+
+    Lost are rows that the stamps skip, rows off the grid, and rows with a cell missing.
+    """
+    there, given = (np.logical_and.reduce(np.isfinite(one), axis=1) for one in (run.x, run.u))
+    at, absent = np.arange(len(run.x)), 0
     if run.times is not None and stamps.dt is not None:
         q = np.diff(run.times) / stamps.dt
         whole = np.round(q).astype(np.int64)
         # where rows are not a whole number of steps apart, no input reaches over
         odd = np.abs(q - whole) > stamps.tolerance
+        absent = int(np.maximum(whole - 1, odd).sum())
         at = np.concatenate([[0], np.cumsum(np.where(odd, np.maximum(whole, 2) + delay, whole))])
     acting = np.searchsorted(at, at - delay)
     known = (at[acting] == at - delay) & given[acting]
@@ -137,10 +126,13 @@ def _kept(
             + ("" if stamps.dt is None else f", {stamps.dt:.6g} s")
             + (f", with an input {delay} steps before them" if delay else "")
         )
-    lost = np.diff(at[kept]) - 1
-    behind = np.flatnonzero(lost) + 1
-    gaps = np.column_stack([behind, lost[behind - 1], np.ones(len(behind), dtype=np.int64)])
-    return kept, acting[kept], gaps
+    given[-1] = True  # the last input acts behind the last state
+    lost = absent + int((~there | ~given).sum())
+    steps = np.diff(at[kept]) - 1
+    behind = np.flatnonzero(steps) + 1
+    gaps = np.column_stack([behind, steps[behind - 1]])
+    count = np.array([len(kept)]), np.array([lost])
+    return kept, acting[kept], Pieces(count[0], gaps, count[1])
 
 
 def _refuse_disorder(run: Run) -> None:
@@ -201,7 +193,7 @@ def _refuse_gaps(run: Run, at: NDArray[np.int64], names: Sequence[Any]) -> None:
     missing[-1, run.x.shape[1] :] = False  # the last input acts behind the last state
     if missing.any():
         row, column = np.unravel_index(int(np.argmax(missing)), missing.shape)
-        raise InputError(f"`{names[column]!s:.40}` is missing {run.where(int(row))}{divides}")
+        raise InputError(f"`{names[int(column)]!s:.40}` is missing {run.where(int(row))}{divides}")
 
 
 def _refuse_useless(z: Floats, names: Sequence[Any]) -> None:

@@ -18,7 +18,8 @@ from .._base.signal_names import checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import RngLike, as_key
 from .files import Sections, from_runs, to_runs
-from .gaps import NO_GAPS, OnGap, checked_gaps, joined
+from .gaps import OnGap, joined
+from .pieces import NO_GAPS, Pieces
 from .tables import Chosen, Run, Table, chosen_columns, read_files, read_table
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ def _rebuild(
     rows: Floats,
     lengths: NDArray[np.int64],
     gaps: NDArray[np.int64],
+    lost: NDArray[np.int64],
     n: int,
     dt: float | None,
     state_names: tuple[str, ...],
@@ -46,8 +48,8 @@ def _rebuild(
     if checked.shape[1] <= 2 * count or each.sum() != len(checked):
         raise InputTypeError("the fields of these Trajectories do not fit together")
     size = validation.size("steps", steps)
-    lost = checked_gaps(np.asarray(gaps), each)
-    return Trajectories._of(checked, each, lost, count, dt, state_names, input_names, size)
+    pieces = Pieces.checked(each, np.asarray(gaps), np.asarray(lost))
+    return Trajectories._of(checked, pieces, count, dt, state_names, input_names, size)
 
 
 class Trajectories(Durable, Record):
@@ -89,15 +91,10 @@ class Trajectories(Durable, Record):
     array([1. , 1.5, 0.5])
     """
 
-    __slots__ = (
-        "_dt", "_gaps", "_input_names", "_lengths", "_n", "_rows", "_state_names", "_steps",
-    )  # fmt: skip
+    __slots__ = ("_dt", "_input_names", "_n", "_pieces", "_rows", "_state_names", "_steps")
 
     _rows: Floats
-    _lengths: NDArray[np.int64]
-    # rows (t, s, l): between the pairs t - 1 and t of a run s steps have no pair; l is 1 if rows
-    # were lost there, 0 if pairs were left out by a fixed rule
-    _gaps: NDArray[np.int64]
+    _pieces: Pieces
     _n: int
     _dt: float | None
     _state_names: tuple[str, ...]
@@ -132,7 +129,7 @@ class Trajectories(Durable, Record):
             rows.append(np.hstack([run[:-1], control, run[1:]]))
         lengths = np.array([len(part) for part in rows], dtype=np.int64)
         assert n is not None
-        self._set(np.vstack(rows), lengths, NO_GAPS, n, dt, state_names, input_names, 1)
+        self._set(np.vstack(rows), Pieces.whole(lengths), n, dt, state_names, input_names, 1)
 
     @classmethod
     def from_csv(
@@ -182,7 +179,7 @@ class Trajectories(Durable, Record):
         >>> _ = (folder / "1.csv").write_text(chr(10).join(rows))
         >>> data = se.Trajectories.from_csv(folder, states=["v"], inputs=["F"], time="t")
         >>> data
-        <Trajectories: 1 run in 2 pieces, 2 steps lost, 2 pairs, n=1 m=1 dt=0.1>
+        <Trajectories: 1 run in 2 pieces, 2 pairs, 1 row lost, n=1 m=1 dt=0.1>
         >>> data.state_names
         ('v [m/s]',)
         """
@@ -313,8 +310,8 @@ class Trajectories(Durable, Record):
         after = validation.matrix("x_next", x_next, rows=N, cols=n)
         memory.need("the pairs", (2 * before.nbytes) + acting.nbytes)
         rows = np.hstack([before, acting, after])
-        each = np.ones(N, dtype=np.int64)
-        return cls._of(rows, each, NO_GAPS, n, dt, state_names, input_names)
+        pieces = Pieces.whole(np.ones(N, dtype=np.int64))
+        return cls._of(rows, pieces, n, dt, state_names, input_names)
 
     @property
     def n(self) -> int:
@@ -339,17 +336,17 @@ class Trajectories(Durable, Record):
     @property
     def lengths(self) -> NDArray[np.int64]:
         """The number of pairs of each run, read-only; of all its pieces, if it has gaps."""
-        return self._lengths
+        return self._pieces.lengths
 
     @property
     def pieces(self) -> NDArray[np.int64]:
         """The number of pairs of each piece: a run between two gaps, or a whole one."""
-        return np.diff(np.append(np.flatnonzero(self._places() == 0), self.size))
+        return np.diff(np.append(np.flatnonzero(self._pieces.places() == 0), self.size))
 
     @property
     def lost(self) -> int:
-        """The number of steps lost with rows inside runs: a lost row is in up to two of them."""
-        return int(self._gaps[self._gaps[:, 2] == 1, 1].sum())
+        """The number of rows that the logs of these runs have lost: missing, or not complete."""
+        return int(self._pieces.lost.sum())
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -369,17 +366,14 @@ class Trajectories(Durable, Record):
     @property
     def single(self) -> bool:
         """Whether every run is one pair."""
-        return len(self._lengths) == len(self._rows)
+        return len(self) == self.size
 
     @property
     def runs(self) -> list[tuple[Floats, Floats]]:
         """The states (T + 1, n) and inputs (T, m) of each run; nan for what is lost at a gap."""
-        n, found = self._n, []
-        steps = self.size + len(self) + int(self._gaps[:, 1].sum())
-        memory.need("the runs", 8 * steps * (n + self.m))
-        skipped = np.zeros(self.size, dtype=np.int64)
-        skipped[self._gaps[:, 0]] = self._gaps[:, 1]
-        for T, end in zip(self._lengths, np.cumsum(self._lengths), strict=True):
+        n, found, skipped = self._n, [], self._pieces.skipped()
+        memory.need("the runs", 8 * (self.size + len(self) + int(skipped.sum())) * (n + self.m))
+        for T, end in zip(self.lengths, np.cumsum(self.lengths), strict=True):
             part = self._rows[end - T : end]
             at = np.arange(T) + np.cumsum(skipped[end - T : end])  # the step of each pair
             x, u = np.full((at[-1] + 2, n), np.nan), np.full((at[-1] + 1, self.m), np.nan)
@@ -423,8 +417,9 @@ class Trajectories(Durable, Record):
         >>> data.last_pairs()
         <Trajectories: 2 pairs, n=1 m=1>
         """
-        rows = self._rows[np.cumsum(self._lengths) - 1]
-        return self._part(rows, np.ones(len(rows), dtype=np.int64))
+        last = np.zeros(self.size, dtype=bool)
+        last[np.cumsum(self.lengths) - 1] = True
+        return self._with(last)
 
     def k_step(self, steps: int, *, open_loop: bool) -> Self:
         """Take the first K steps of each run as one step: ``(x(0), u(0), ..., u(K-1)) -> x(K)``.
@@ -464,22 +459,21 @@ class Trajectories(Durable, Record):
                 "`open_loop` must be True: inputs that react to the noise inside a run break "
                 "every region over several steps; with feedback use last_pairs()"
             )
-        n, places = self._n, self._places()
+        n, places = self._n, self._pieces.places()
         ends = np.flatnonzero(places >= K - 1)  # pairs with K - 1 before them in their piece
         if not len(ends):
             raise InputError(
-                f"`steps` is {K}, but the longest {'piece of a ' if len(self._gaps) else ''}run has "
-                f"{html.counted(int(places.max()) + 1)}"
+                f"`steps` is {K}, but the longest {'piece' if len(self._pieces.gaps) else 'run'} "
+                f"has {html.counted(int(places.max()) + 1)}"
             )
-        run = np.repeat(np.arange(len(self)), self._lengths)[ends]
-        start = ends[np.unique(run, return_index=True)[1]] - (K - 1)  # one for each run
+        runs, where = np.unique(self._pieces.runs()[ends], return_index=True)
+        start = ends[where] - (K - 1)  # one for each run
         acting = [self._rows[start + k, n:-n] for k in range(K)]
         rows = np.hstack([self._rows[start, :n], *acting, self._rows[start + K - 1, -n:]])
         names = [f"{name}({k})" for k in range(K) for name in self._input_names]
         return self._of(
             rows,
-            np.ones(len(rows), dtype=np.int64),
-            NO_GAPS,
+            Pieces(np.ones(len(rows), dtype=np.int64), NO_GAPS, self._pieces.lost[runs]),
             n,
             None if self._dt is None else K * self._dt,
             self._state_names,
@@ -525,24 +519,16 @@ class Trajectories(Durable, Record):
             raise InputError(f"`share` must leave a run for each part, got {share} of {runs}")
         first = np.zeros(runs, dtype=bool)
         first[as_key(rng).child("split").generator().permutation(runs)[:count]] = True
-        return self._chosen(first), self._chosen(~first)
+        run = self._pieces.runs()
+        return self._with(first[run]), self._with(~first[run])
 
-    def _chosen(self, runs: NDArray[np.bool_]) -> Self:
-        kept = np.repeat(runs, self._lengths)
-        gaps = self._gaps[kept[self._gaps[:, 0]]]
-        moved = np.column_stack([np.cumsum(kept)[gaps[:, 0]] - 1, gaps[:, 1:]])
-        return self._part(self._rows[kept], self._lengths[runs], moved)
+    def _with(self, pairs: NDArray[np.bool_]) -> Self:
+        """Some of the pairs; their runs stay."""
+        return self._part(self._rows[pairs], self._pieces.chosen(pairs))
 
     def _thinned(self) -> Self:
-        """Every second pair of each piece; their runs stay, with gaps in which no row is lost."""
-        kept, about = self._places() % 2 == 0, np.zeros((self.size, 2), dtype=np.int64)
-        about[self._gaps[:, 0]] = self._gaps[:, 1:]
-        about[:, 0] += ~kept
-        since = np.diff(np.cumsum(about, axis=0)[kept], axis=0, prepend=0)  # pair kept before
-        run = np.repeat(np.arange(len(self)), self._lengths)[kept]
-        behind = np.flatnonzero(np.diff(run, prepend=-1) == 0)
-        gaps = np.column_stack([behind, since[behind, 0], np.minimum(since[behind, 1], 1)])
-        return self._part(self._rows[kept], np.bincount(run), gaps)
+        """Every second pair of each piece."""
+        return self._with(self._pieces.places() % 2 == 0)
 
     def past_inputs(self, lags: int) -> Floats:
         """Return the present and past inputs of every pair, as instruments for `identify`.
@@ -566,9 +552,9 @@ class Trajectories(Durable, Record):
         array([[1., 0.],
                [2., 1.]])
         """
-        lags = validation.size("lags", lags, minimum=0, maximum=int(self._lengths.max()))
+        lags = validation.size("lags", lags, minimum=0, maximum=int(self.lengths.max()))
         memory.need("the past inputs", 2 * 8 * (lags + 1) * self.size * self.m)
-        u, places = self._rows[:, self._n : -self._n], self._places()
+        u, places = self._rows[:, self._n : -self._n], self._pieces.places()
         back = [
             np.where((places >= lag)[:, None], np.roll(u, lag, axis=0), 0.0)
             for lag in range(lags + 1)
@@ -590,13 +576,12 @@ class Trajectories(Durable, Record):
         chosen[runs] = True
         if not chosen.any() or (runs.step or 1) < 0:
             raise InputError("the slice must name at least one run, in their order")
-        return self._chosen(chosen)
+        return self._with(chosen[self._pieces.runs()])
 
     def _set(
         self,
         rows: Floats,
-        lengths: NDArray[np.int64],
-        gaps: NDArray[np.int64],
+        pieces: Pieces,
         n: int,
         dt: object,
         state_names: Sequence[str] | None,
@@ -604,12 +589,11 @@ class Trajectories(Durable, Record):
         steps: int,
     ) -> None:
         m = rows.shape[1] - 2 * n
-        rows.flags.writeable = lengths.flags.writeable = gaps.flags.writeable = False
+        rows.flags.writeable = False
         of_states, of_inputs = checked_names(n, m, state_names, input_names)
         for slot, value in (
             ("_rows", rows),
-            ("_lengths", lengths),
-            ("_gaps", gaps),
+            ("_pieces", pieces),
             ("_n", n),
             ("_dt", None if dt is None else validation.positive("dt", dt)),
             ("_state_names", of_states),
@@ -621,16 +605,16 @@ class Trajectories(Durable, Record):
     @classmethod
     def _joined(cls, runs: list[Run], chosen: Chosen, *about: Any) -> Self:
         """The runs of a log, their columns, and dt, tolerance, delay and on_gap."""
-        names = [[str(name) for name in some] for some in chosen[:2]]
-        rows, lengths, gaps, dt = joined(runs, [*names[0], *names[1]], *about)
-        return cls._of(rows, lengths, gaps, len(names[0]), dt, *names)
+        states, inputs = map(str, chosen.states), map(str, chosen.inputs)
+        names = tuple(states), tuple(inputs)
+        rows, pieces, dt = joined(runs, [*names[0], *names[1]], *about)
+        return cls._of(rows, pieces, len(names[0]), dt, *names)
 
     @classmethod
     def _of(
         cls,
         rows: Floats,
-        lengths: NDArray[np.int64],
-        gaps: NDArray[np.int64],
+        pieces: Pieces,
         n: int,
         dt: float | None,
         state_names: Sequence[str] | None,
@@ -638,14 +622,12 @@ class Trajectories(Durable, Record):
         steps: int = 1,
     ) -> Self:
         self = object.__new__(cls)
-        self._set(rows, lengths, gaps, n, dt, state_names, input_names, steps)
+        self._set(rows, pieces, n, dt, state_names, input_names, steps)
         return self
 
-    def _part(
-        self, rows: Floats, lengths: NDArray[np.int64], gaps: NDArray[np.int64] = NO_GAPS
-    ) -> Self:
+    def _part(self, rows: Floats, pieces: Pieces) -> Self:
         names = self._state_names, self._input_names
-        return type(self)._of(rows, lengths, gaps, self._n, self._dt, *names, self._steps)
+        return type(self)._of(rows, pieces, self._n, self._dt, *names, self._steps)
 
     def _to_sections(self) -> Sections:
         return from_runs(self)
@@ -657,20 +639,15 @@ class Trajectories(Durable, Record):
         return cls._of(validation.matrix("rows", rows), *about)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild, (self._rows, self._lengths, self._gaps, *self._about())
-
-    def _places(self) -> NDArray[np.int64]:
-        """The place of each pair in its piece: 0 for one that does not follow on the one before."""
-        t, first = np.arange(self.size), np.zeros(self.size, dtype=np.int64)
-        starts = np.append(np.cumsum(self._lengths) - self._lengths, self._gaps[:, 0])
-        first[starts] = starts
-        return t - np.maximum.accumulate(first)
+        about = self._pieces
+        return _rebuild, (self._rows, about.lengths, about.gaps, about.lost, *self._about())
 
     def _require_whole(self, name: str, why: str) -> None:
         """Refuse runs with gaps where an argument needs every row of a run."""
-        if len(self._gaps):
+        gaps = len(self._pieces.gaps)
+        if gaps:
             raise InputError(
-                f"`{name}` must have no gaps, got {html.number_of(len(self._gaps), 'gap')} in "
+                f"`{name}` must have no gaps, got {html.number_of(gaps, 'gap')} in "
                 f"{html.number_of(len(self), 'run')}: {why}"
             )
 
@@ -680,7 +657,7 @@ class Trajectories(Durable, Record):
         return "; rows lost by chance, not for what they read" if self.lost else ""
 
     def __len__(self) -> int:
-        return len(self._lengths)
+        return len(self.lengths)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"Trajectories are immutable: `{name}` cannot be set")
@@ -688,9 +665,9 @@ class Trajectories(Durable, Record):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Trajectories):
             return NotImplemented
-        return self._about() == other._about() and (
-            np.array_equal(self._lengths, other._lengths)
-            and np.array_equal(self._gaps, other._gaps)
+        return (
+            self._about() == other._about()
+            and self._pieces.same(other._pieces)
             and np.array_equal(self._rows, other._rows)
         )
 
@@ -703,14 +680,14 @@ class Trajectories(Durable, Record):
         runs, pairs = html.number_of(len(self), "run"), html.number_of(self.size, "pair")
         dt = "" if self._dt is None else f" dt={self._dt:g}"
         over = "" if self._steps == 1 else f" over {self._steps} steps"
-        if self.lost:
-            pieces = html.number_of(len(self.pieces), "piece")
-            runs += f" in {pieces}, {html.number_of(self.lost, 'step')} lost"
+        if len(self._pieces.gaps):
+            runs += f" in {html.number_of(len(self.pieces), 'piece')}"
+        lost = f", {html.number_of(self.lost, 'row')} lost" if self.lost else ""
         shown = pairs if self.single else f"{runs}, {pairs}"
-        return f"<Trajectories: {shown}{over}, n={self.n} m={self.m}{dt}>"
+        return f"<Trajectories: {shown}{over}{lost}, n={self.n} m={self.m}{dt}>"
 
     def _repr_html_(self) -> str:
-        pieces, kind = self.pieces, "piece" if len(self._gaps) else "run"
+        pieces, kind = self.pieces, "piece" if len(self._pieces.gaps) else "run"
         shortest, longest = int(pieces.min()), int(pieces.max())
         rows = [
             (
@@ -750,9 +727,7 @@ def pooled(data: object) -> Trajectories:
         return sets[0]
     memory.need("the pooled data", sum(one._rows.nbytes for one in sets))
     rows = np.vstack([one._rows for one in sets])
-    before = np.cumsum([0, *(one.size for one in sets[:-1])])
-    gaps = np.vstack([one._gaps + np.array([t, 0, 0]) for one, t in zip(sets, before, strict=True)])
-    return sets[0]._part(rows, np.concatenate([one._lengths for one in sets]), gaps)
+    return sets[0]._part(rows, Pieces.joined([one._pieces for one in sets]))
 
 
 def _several(name: str, value: Any) -> list[tuple[str, Any]]:

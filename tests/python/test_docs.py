@@ -158,6 +158,7 @@ PAGES = (
     "docs/fleet.md",
     "docs/limits.md",
     "docs/measured-runs.md",
+    "docs/messy-logs.md",
     "docs/networks.md",
     "docs/saving.md",
     "docs/several-models.md",

@@ -83,7 +83,8 @@ def csv_files(source: Any) -> list[str]:
     run_2 before run_10.
     """
     if not isinstance(source, (str, os.PathLike)):
-        return [checked_path("source", one) for one in validation.items("source", source)]
+        given = [checked_path("source", one) for one in validation.items("source", source)]
+        return [path for one in given for path in csv_files(one)]
     text = os.fspath(source) if os.path.isdir(source) else checked_path("source", source)
     if os.path.isdir(text):
         found = [one.path for one in os.scandir(text) if one.name.lower().endswith(".csv")]
@@ -94,7 +95,7 @@ def csv_files(source: Any) -> list[str]:
         return [text]
     if not found:
         raise FileNotFoundError(wanted)
-    return sorted(found, key=_natural)
+    return sorted(found, key=natural)
 
 
 def name_and_unit(title: str) -> tuple[str, str]:
@@ -103,6 +104,7 @@ def name_and_unit(title: str) -> tuple[str, str]:
     return (title, "") if split is None else (split[1], split[2])
 
 
-def _natural(path: str) -> tuple[list[Any], str]:
+def natural(path: str) -> tuple[list[Any], str]:
+    """What to sort names by so that numbers in them are compared as numbers."""
     parts = re.split("([0-9]+)", path)
     return [int(part) if k % 2 else part for k, part in enumerate(parts)], path

@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from .._base import html
-from .._base.csv_file import csv_files
+from .._base.csv_file import csv_files, natural
 from .._base.types import DELTA
 from ..exceptions import DataWarning
 from ..identification import Model, Trajectories, identify
@@ -146,7 +146,7 @@ def identify_command(
     options["source"] = list(source)
     folder = None if out is None else Folder(out, "identify", options, force)
     x, u = _names("--states", states), _names("--inputs", inputs)
-    files = csv_files(source[0] if len(source) == 1 else source)
+    files = csv_files(sorted(source, key=natural))
     data = Trajectories.from_csv(
         files, states=x, inputs=u, by=by, time=time, dt=dt, delay=delay, on_gap=on_gap
     )
@@ -215,6 +215,8 @@ def _facts(model: Model, data: Trajectories, region: Region, save: str | None) -
     return {
         "schema": "stochens-identify/1",
         "runs": len(data),
+        "pieces": len(data.pieces),
+        "lost_rows": data.lost,
         "pairs": model.size,
         "states": list(model.state_names),
         "inputs": list(model.input_names),
@@ -251,9 +253,8 @@ def _text(model: Model, data: Trajectories, region: Region) -> str:
         [f"{name}(k+1)", *row, f"{deviation:.3g}"]
         for name, row, deviation in zip(model.state_names, cells, deviations, strict=True)
     ]
-    counts = f"{html.number_of(len(data), 'run')}, {html.number_of(model.size, 'pair')}"
     lines = [
-        f"{counts}{dt}; rank {model.rank} of {len(columns)}",
+        f"{data._counts}{dt}; rank {model.rank} of {len(columns)}",
         "",
         *grid([["", *columns, "deviation"], *body]),
         "",

@@ -125,6 +125,7 @@ def _kept(
             f"{run.name} has no two complete rows that are one step apart"
             + ("" if stamps.dt is None else f", {stamps.dt:.6g} s")
             + (f", with an input {delay} steps before them" if delay else "")
+            + ": leave this run out, if its rows were lost by chance"
         )
     given[-1] = True  # the last input acts behind the last state
     lost = absent + int((~there | ~given).sum())

@@ -676,15 +676,20 @@ class Trajectories(Durable, Record):
     def _about(self) -> tuple[object, ...]:
         return (self._n, self._dt, self._state_names, self._input_names, self._steps)
 
-    def __repr__(self) -> str:
+    @property
+    def _counts(self) -> str:
+        """``2 runs in 5 pieces, 40 pairs, 3 rows lost``."""
         runs, pairs = html.number_of(len(self), "run"), html.number_of(self.size, "pair")
-        dt = "" if self._dt is None else f" dt={self._dt:g}"
-        over = "" if self._steps == 1 else f" over {self._steps} steps"
         if len(self._pieces.gaps):
             runs += f" in {html.number_of(len(self.pieces), 'piece')}"
         lost = f", {html.number_of(self.lost, 'row')} lost" if self.lost else ""
-        shown = pairs if self.single else f"{runs}, {pairs}"
-        return f"<Trajectories: {shown}{over}{lost}, n={self.n} m={self.m}{dt}>"
+        return f"{runs}, {pairs}{lost}"
+
+    def __repr__(self) -> str:
+        dt = "" if self._dt is None else f" dt={self._dt:g}"
+        over = "" if self._steps == 1 else f" over {self._steps} steps"
+        shown = self._counts.partition(", ")[2] if self.single else self._counts
+        return f"<Trajectories: {shown}{over}, n={self.n} m={self.m}{dt}>"
 
     def _repr_html_(self) -> str:
         pieces, kind = self.pieces, "piece" if len(self._pieces.gaps) else "run"

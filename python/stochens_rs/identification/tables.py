@@ -100,7 +100,8 @@ class Table:
             raise
         except Exception:  # whatever a table raises for what is no column
             known = ", ".join(printable(f"{one!s:.20}") for one in self.names[:8])
-            near = validation.nearest(str(name), [str(one) for one in self.names])
+            texts = [one for one in self.names if isinstance(one, str)]
+            near = validation.nearest(name, texts) if isinstance(name, str) else ""
             of = "`table`" if self.path is None else self.path
             raise InputError(
                 f"`{argument}` names {validation.show(name)}, but the columns of {of} are "

@@ -387,6 +387,9 @@ def test_a_folder_a_pattern_and_a_list_are_the_same_runs(folder):
     named = [folder / f"run_{number}.csv" for number in (10, 1, 2)]
     assert [x[0, 0] for x, _ in files(named).runs] == [10, 1, 2]
     assert files(named[1]) == data[0:1]
+    assert files(f"{folder}/") == data
+    with pytest.raises(InputError, match=r"must name each file once, got .*run_10.csv twice"):
+        files([str(folder), named[0]])
 
 
 def test_a_file_is_read_as_a_table_is(folder):
@@ -469,7 +472,7 @@ def test_a_folder_on_the_command_line(capsys):
     options = ["--states", "position,angle,speed,rate", "--inputs", "force", "--time", "time"]
     shifted = [*options, "--dt", "0.02", "--delay", "1"]
     printed = []
-    for source in ([LOGS], [f"{LOGS}/run_*.csv"], sorted(LOGS.glob("*.csv"))):
+    for source in ([f"{LOGS}/"], [f"{LOGS}/run_*.csv"], sorted(LOGS.glob("*.csv"))):
         assert cli.main(["identify", *map(str, source), *shifted]) == 0
         printed.append(capsys.readouterr().out)
     assert printed[0].startswith("16 runs in 45 pieces, 2285 pairs, 30 rows lost, 0.02 s apart")

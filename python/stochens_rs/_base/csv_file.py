@@ -82,10 +82,18 @@ def csv_files(source: Any) -> list[str]:
     Those of a folder or pattern are in the order of their names, with numbers compared as numbers:
     run_2 before run_10.
     """
-    if not isinstance(source, (str, os.PathLike)):
-        given = [checked_path("source", one) for one in validation.items("source", source)]
-        return [path for one in given for path in csv_files(one)]
-    text = os.fspath(source) if os.path.isdir(source) else checked_path("source", source)
+    single = isinstance(source, (str, os.PathLike))
+    given = [source] if single else validation.items("source", source)
+    found = [path for one in given for path in _files(one)]
+    twice = next((p for p, n in Counter(map(os.path.realpath, found)).items() if n > 1), None)
+    if twice is not None:
+        raise InputError(f"`source` must name each file once, got {twice} twice")
+    return found
+
+
+def _files(source: Any) -> list[str]:
+    folder = source.rstrip("/") if isinstance(source, str) else source  # the shell adds a slash
+    text = checked_path("source", folder)
     if os.path.isdir(text):
         found = [one.path for one in os.scandir(text) if one.name.lower().endswith(".csv")]
         wanted = f"no .csv file in the folder {text}"

@@ -190,7 +190,7 @@ def _scaled_best(honest: Any, *args: Any, **kwargs: Any) -> Any:
 
 HONEST_CONTROL: Any = exact.Best.u.fget  # type: ignore[attr-defined]
 # sqrt is in the radius only; the probability of an error is left as it is
-half_of_mcdiarmid = change(inequalities, "mcdiarmid", lambda honest, *args: 0.5 * honest(*args))
+half_of_mcdiarmid = change(inequalities, "differences", lambda honest, *args: 0.5 * honest(*args))
 
 
 class WrongStream(se.Stream):
@@ -338,9 +338,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "a bound that holds": put(
             printed_bounds,
             "Lemma43",
-            lambda system, x0, u, C: bounds.bound(
-                "Hoeffding, one step", "trajectory", system, x0, u
-            ),
+            lambda system, x0, u, C: bounds.bound("McDiarmid", "trajectory", system, x0, u),
         ),
     },
     ("Lemma 4.3", 1): {

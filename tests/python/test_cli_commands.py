@@ -94,8 +94,8 @@ def test_no_summary_of_a_command_is_cut(capsys, monkeypatch):
         ("plan --case ieee14 --fusion diagnal", "did you mean 'diagonal'?", 2),
         ("study ieee93", "did you mean 'ieee39'?", 2),
         ("study ieee14 --methods alse,unifrom", "did you mean 'uniform'?", 2),
-        ("study ieee14 --save a.parqet", "--save must be one of '.parquet', '.nc', '.json'", 2),
-        ("study ieee14 --save a.parqet", "did you mean '.parquet'?", 2),
+        ("study ieee14 --out a.parqet", "'a.parqet' ends in '.parqet'", 2),
+        ("study ieee14 --out a.parqet", "did you mean '.parquet'?", 2),
         ("plan --file sytem.json", "did you mean 'system.json'?", 5),
         ("control sytem.json", "did you mean 'system.json'?", 5),
         ("control modle.safetensors --from 1,0", "did you mean 'model.safetensors'?", 5),
@@ -262,7 +262,7 @@ def test_an_error_before_any_number_leaves_nothing_behind(place, capsys):
 
 
 def test_x0_error_is_that_of_the_package(place, capsys):
-    assert cli.main([*RUNS.split(), "--save", "model.safetensors"]) == 0
+    assert cli.main([*RUNS.split(), "--out", "model.safetensors"]) == 0
     capsys.readouterr()
     model, targets = se.identification.Model.load("model.safetensors"), []
     for off in (0.0, 0.1):

@@ -16,6 +16,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs import cli
 from stochens_rs.cli import _workers
+from stochens_rs.cli._output import grid
 from stochens_rs.exceptions import InputError, ShapeError
 from stochens_rs.paper.experiments.replicate import Step
 from stochens_rs.studies.methods import METHODS, STYLES
@@ -74,25 +75,38 @@ def test_what_is_zero_has_no_relative_error() -> None:
 
 
 def test_the_same_command_goes_on(
-    problem: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    problem: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setenv("COLUMNS", "120")
     path = str(tmp_path / "a.study")
     args = [problem, "--sizes", "5:200:log3", "--methods", "uniform,slse", "--seed", "4"]
     _, whole, _ = run(capsys, *args, "--replicates", "40")
     assert whole["status"] == "completed"
-    code, first, _ = run(capsys, *args, "--replicates", "7", "--path", path)
+    code, first, _ = run(capsys, *args, "--replicates", "7", "--checkpoint", path)
     assert code == 0
     assert first["digest"] != whole["digest"]
     saved = tmp_path / "all.json"
     _, second, _ = run(
-        capsys, *args, "--replicates", "40", "--path", path, "--workers", "2", "--save", str(saved)
+        capsys,
+        *args,
+        "--replicates",
+        "40",
+        "--checkpoint",
+        path,
+        "--workers",
+        "2",
+        "--out",
+        str(saved),
     )
     assert second["digest"] == whole["digest"]
     assert json.loads(saved.read_text())["grid"]["size"] == [5, 32, 200]
-    code, _, told = run(capsys, *args[:-1], "5", "--replicates", "40", "--path", path)
+    code, _, told = run(capsys, *args[:-1], "5", "--replicates", "40", "--checkpoint", path)
     assert code == 5
     assert told.startswith("stochens: `key` of ")
-    code = cli.main(["study", *args, "--replicates", "40", "--path", path])
+    code = cli.main(["study", *args, "--replicates", "40", "--checkpoint", path])
     text = capsys.readouterr().out.splitlines()
     assert text[0].startswith("completed: 240 of 240 replicates")
     assert len(text) == 2 + 2 * 6
@@ -147,7 +161,7 @@ def test_ctrl_c_loses_nothing(
 ) -> None:
     path, script = tmp_path / "a.study", tmp_path / "script.py"
     script.write_text(INTERRUPTED)
-    args = [problem, "--sizes", "5,20", "--replicates", "400", "--path", str(path)]
+    args = [problem, "--sizes", "5,20", "--replicates", "400", "--checkpoint", str(path)]
     command = [sys.executable, str(script), str(number), "study", *args, "--workers", workers]
     done = subprocess.run(
         [*command, "--json"], capture_output=True, text=True, start_new_session=True, timeout=300
@@ -170,7 +184,15 @@ def test_what_did_not_get_to_its_end_has_an_exit_code_of_its_own(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    args = [problem, "--sizes", "5", "--replicates", "40", "--path", str(tmp_path / "a.study")]
+    args = [
+        problem,
+        "--sizes",
+        "5",
+        "--replicates",
+        "40",
+        "--checkpoint",
+        str(tmp_path / "a.study"),
+    ]
     code, facts, told = run(capsys, *args, "--time-limit", "1e-9")
     assert (code, facts["status"]) == (4, "time_limit")
     assert "the same command continues" in told
@@ -204,7 +226,7 @@ def test_what_did_not_get_to_its_end_has_an_exit_code_of_its_own(
         (["--methods", "ales"], 2, "'ales'"),
         (["--workers", "0"], 2, "--workers"),
         (["--time-limit", "0"], 2, "--time-limit"),
-        (["--path", "no/such/folder/a.study"], 5, "no/such/folder"),
+        (["--checkpoint", "no/such/folder/a.study"], 5, "no/such/folder"),
     ],
 )
 def test_bad_options(
@@ -222,3 +244,13 @@ def test_a_missing_dask_is_named(
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert cli.main(["study", problem, "--dask", "tcp://127.0.0.1:1"]) == 2
     assert "stochens_rs[dask]" in capsys.readouterr().err
+
+
+def test_a_narrow_terminal_gets_tables_with_the_same_keys(monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = [["name", "size", "mean", "median"], ["state", "10", "0.25", "0.125"]]
+    wide = ["name   size  mean  median", "state    10  0.25   0.125"]
+    monkeypatch.setenv("COLUMNS", "25")
+    assert grid(rows, keys=2) == wide
+    monkeypatch.setenv("COLUMNS", "20")
+    narrow = [*(line[:17] for line in wide), "", *(line[:11] + line[17:] for line in wide)]
+    assert grid(rows, keys=2) == narrow

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import click
 
 from .. import paper
 from ._command import Command
 from ._options import force_option, json_option, out_option, seed_option
-from ._output import Folder, show_result
+from ._output import Out, show_result
 
 
 @click.command(
@@ -22,9 +24,7 @@ from ._output import Folder, show_result
 @force_option
 @json_option
 @click.pass_context
-def claims(
-    context: click.Context, seed: int, quick: bool, out: str | None, force: bool, as_json: bool
-) -> None:
+def claims(context: click.Context, /, seed: int, quick: bool, as_json: bool, **_: Any) -> None:
     """Check every definition, lemma, algorithm and figure of the paper.
 
     For each: what the paper says, whether it holds, what is true instead, and the evidence, which
@@ -37,12 +37,9 @@ def claims(
     Files in DIR are replaced if a run with the same options wrote them, or with --force; other
     files never are (claims.json lists its files with their SHA-256).
     """
-    folder = None
-    if out is not None:
-        folder = Folder(out, "claims", {"seed": seed, "quick": quick}, force)
+    files = Out(context)
     found = paper.claims(seed, quick=quick, progress=True)
     show_result(found.to_dict(), f"{found}\n\n{found.summary}", as_json)
-    if folder is not None:
-        folder.write(found.to_dict(), found.plot)
+    files.write(found.to_dict(), found.plot)
     if not found.confirmed:
         context.exit(3)

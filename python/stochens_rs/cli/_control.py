@@ -14,13 +14,14 @@ from .._base import state_file
 from .._base.numbers import ROUNDING
 from .._base.reading import number
 from .._base.types import DELTA
-from ..controls import Certificate, Plan, Uncertain, control
+from ..certificates import Certificate
+from ..controls import Plan, Uncertain, control
 from ..exceptions import DataWarning, InputError
 from ..identification import Model
 from ._command import Command
 from ._limits import LIMIT_NAMES, limit_facts, limit_lines, limit_options, limits_given
 from ._options import FILE, force_option, json_option, out_option, steps_option
-from ._output import WRITTEN, Folder, finite, grid, show_result
+from ._output import Out, finite, grid, show_result
 from ._problem import share
 
 LISTED = 12  # states whose certificates are printed; JSON has all
@@ -85,14 +86,12 @@ def control_command(
     x0_error: float,
     open_loop: bool,
     robust: bool,
-    out: str | None,
-    force: bool,
     as_json: bool,
     **_: Any,
 ) -> None:
     """Compute the control from one state to another, also within limits.
 
-    MODEL_OR_PROBLEM is a model of `identify --save`, or a known system: .npz, .mat, .csv or JSON
+    MODEL_OR_PROBLEM is a model of `identify --out`, or a known system: .npz, .mat, .csv or JSON
     with A, B and optionally x0, xf, names and units.
 
     For a model, prints how far the true system can end from the target, with probability 1 - P,
@@ -100,12 +99,7 @@ def control_command(
     weighted squares of the distances from the target (--Q, --Qf) and of the inputs (--R).
     """
     probability = share(delta, "--delta")
-    options = {
-        name: list(value) if isinstance(value, tuple) else value  # as JSON has them
-        for name, value in context.params.items()
-        if name not in WRITTEN
-    }
-    folder = None if out is None else Folder(out, "control", options, force)
+    files = Out(context)
     known: Any
     if source.endswith(".safetensors") or state_file.is_state(source):
         known = Model.load(source)
@@ -113,8 +107,8 @@ def control_command(
     else:
         if noise or open_loop or robust or x0_error:
             raise click.UsageError(
-                "--x0-error, --noise, --open-loop and --robust are for models of identify "
-                "--save, not for a system that is known"
+                "--x0-error, --noise, --open-loop and --robust are for models of identify, "
+                "not for a system that is known"
             )
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
@@ -134,8 +128,7 @@ def control_command(
             found = _certified(plan, probability, noise, open_loop)
     facts = _facts(plan, found, x0, xf, names)
     show_result(facts, _text(plan, found, xf, names), as_json)
-    if folder is not None:
-        folder.write(facts, lambda: plan.plot(found))
+    files.write(facts, lambda: plan.plot(found))
 
 
 def _certified(plan: Plan, delta: float, noise: bool, open_loop: bool) -> Any:
@@ -195,18 +188,15 @@ def _facts(
             "delta": found.delta,
             "target": finite(found.target),
             "state": finite(found.state),
-            "reach": finite(found.reach),
-            "model_error": finite(found.model_error),
+            "parts": {name: finite(part) for name, part in found.parts.items()},
             "components": finite(found.components),
             "tube": finite(found.tube),
             "control": finite(found.control),
-            "control_reason": found.control_reason,
-            "larger": found.larger,
-            "method": found.method,
-            "noise": found.noise,
+            "methods": {name: one.method for name, one in found.quantities.items()},
+            "reasons": {name: one.reason for name, one in found.quantities.items() if one.reason},
+            "kind": found.kind,
+            "covers": found.covers,
             "assumption": found.assumption,
-            "missing": list(found.missing),
-            "doubts": list(found.doubts),
         },
     }
 
@@ -223,22 +213,22 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
     lines = [*grid(rows), ""]
     if found is None:
         off = float(np.linalg.norm(plan.predicted_states[-1] - xf))
-        lines.append(f"ends       {off:.4g} from the target; the system is taken as known")
-    elif found.doubts:
-        lines.append("certified  nothing: columns of the data are no states of a plant, see below")
+        where = f"{off:.4g} from the target" if off > _rounding(plan) else "at the target"
+        lines.append(f"ends       {where}; the system is taken as known")
     else:
+        first, error = found["target"], found.parts["model error"]
         where = "out of reach of the model" if plan.limited is None else "where the model ends"
+        mostly = "" if plan.limited else f": mostly {found.largest}"
         lines += [
-            f"certified  the true system ends within {found.target:.4g} of the target, with "
-            f"{100 * (1 - found.delta):g} %, {'with' if found.noise else 'without'} noise",
-            f"of that    {_reach(plan, found)} {where}, {found.model_error:.4g} by its error"
-            f"{'' if plan.limited else f': mostly {found.larger}'}",
+            f"certified  nothing: {first.reason}"
+            if first.reason
+            else f"certified  the true system ends within {found.target:.4g} of the target, with "
+            f"{100 * (1 - found.delta):g} %",
+            f"of that    {_reach(plan, found)} {where}, {error:.4g} by its error{mostly}",
             f"each       {_components(found, names[0])}",
-            f"by         {found.method}",
+            f"by         {first.method}",
             f"for        {found.assumption}",
         ]
-        if found.missing:
-            lines.append(f"unknown    {'; '.join(found.missing)}")
     lines += limit_lines(plan)
     return "\n".join([*lines, *(f"warning    {text}" for text in plan.warnings)])
 
@@ -258,8 +248,13 @@ def _starred(values: Any, k: int, active: Any) -> list[str]:
 
 def _reach(plan: Plan, found: Certificate) -> str:
     """How far the model ends from the target; 0 where that is rounding beside the states."""
-    rounding = ROUNDING * float(np.abs(plan.predicted_states).max())
-    return f"{found.reach if found.reach > rounding else 0.0:.4g}"
+    reach = found.parts["reach"]
+    return f"{reach if reach > _rounding(plan) else 0.0:.4g}"
+
+
+def _rounding(plan: Plan) -> float:
+    """Distances up to here are rounding beside the states."""
+    return ROUNDING * float(np.abs(plan.predicted_states).max())
 
 
 def _components(found: Certificate, names: Any) -> str:

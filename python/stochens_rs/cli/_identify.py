@@ -20,7 +20,7 @@ from ..identification.tables import Table
 from ..rng import as_key
 from ._command import Command
 from ._options import FILE, Choice, force_option, json_option, out_option, seed_option
-from ._output import WRITTEN, Folder, finite, grid, note, show_result
+from ._output import Out, finite, grid, note, show_result
 from ._problem import share
 
 
@@ -31,7 +31,7 @@ from ._problem import share
     examples=[
         "identify runs.csv --states x,v --inputs F --by run --time t",
         "identify logs/ --states x,v --inputs F --time t --dt 0.02",
-        "identify runs.csv --states x,v --inputs F --save model.safetensors",
+        "identify runs.csv --states x,v --inputs F --out model.safetensors",
     ],
     sections={
         "Table": ["states", "inputs", "by", "time", "dt", "delay", "on_gap", "last_pairs"],
@@ -39,8 +39,8 @@ from ._problem import share
     },
 )
 @click.argument("source", metavar="LOGS...", type=FILE, nargs=-1, required=True)
-@click.option("--states", required=True, metavar="A,B", help="Columns of the states.")
-@click.option("--inputs", required=True, metavar="U,V", help="Columns of the inputs.")
+@click.option("--states", metavar="A,B", help="Columns of the states.")
+@click.option("--inputs", metavar="U,V", help="Columns of the inputs.")
 @click.option("--by", metavar="COLUMN", help="The column that tells runs apart; else one run.")
 @click.option("--time", metavar="COLUMN", help="The column of times [s], or of dates.")
 @click.option(
@@ -103,16 +103,16 @@ from ._problem import share
     help="Probability that the region misses the system.",
 )
 @seed_option
-@click.option("--save", type=FILE, metavar="FILE", help="Save the model, for `stochens control`.")
-@out_option("identify")
+@out_option("identify", "the model to a file .safetensors")
 @force_option
 @json_option
 @click.pass_context
 def identify_command(
     context: click.Context,
+    /,
     source: tuple[str, ...],
-    states: str,
-    inputs: str,
+    states: str | None,
+    inputs: str | None,
     by: str | None,
     time: str | None,
     dt: float | None,
@@ -128,10 +128,8 @@ def identify_command(
     lags: int | None,
     delta: str,
     seed: int,
-    save: str | None,
-    out: str | None,
-    force: bool,
     as_json: bool,
+    **_: Any,
 ) -> None:
     """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to runs in CSV files, with a region.
 
@@ -142,18 +140,18 @@ def identify_command(
     assumption, no p proves one.
     """
     probability = share(delta, "--delta")
-    options = {k: v for k, v in context.params.items() if k not in WRITTEN}
-    options["source"] = list(source)
-    folder = None if out is None else Folder(out, "identify", options, force)
+    paths = csv_files(sorted(source, key=natural))
+    if states is None or inputs is None:
+        known = ", ".join(map(str, Table.of_file(paths[0]).names))
+        raise click.UsageError(f"give --states and --inputs, of the columns {known}")
+    files = Out(context, [".safetensors", ".state"])
     x, u = _names("--states", states), _names("--inputs", inputs)
-    files = csv_files(sorted(source, key=natural))
     data = Trajectories.from_csv(
-        files, states=x, inputs=u, by=by, time=time, dt=dt, delay=delay, on_gap=on_gap
+        paths, states=x, inputs=u, by=by, time=time, dt=dt, delay=delay, on_gap=on_gap
     )
     unused: list[str] = []
-    if len(files) == 1 and by is None:
-        named = {*x, *u, time}
-        unused = [one for one in Table.of_file(files[0]).names if one not in named]
+    if len(paths) == 1 and by is None:
+        unused = [one for one in Table.of_file(paths[0]).names if one not in {*x, *u, time}]
     if last_pairs:
         data = data.last_pairs()
     elif design == "independent" and not data.single:
@@ -176,10 +174,10 @@ def identify_command(
             rng=as_key(seed),
         )
     region = model.region(probability)
-    if save is not None:
-        model.save(save)
+    if files.file is not None:
+        model.save(files.file)
     careful = [*model.warnings, *_useless(model, data, region)]
-    facts = {**_facts(model, data, region, save), "unused": unused, "warnings": careful}
+    facts = {**_facts(model, data, region, files.file), "unused": unused, "warnings": careful}
     lines = [_text(model, data, region)]
     if unused:
         lines.append(
@@ -192,10 +190,9 @@ def identify_command(
             "if no state or input depends on the noise of a next state"
         )
     show_result(facts, "\n".join(lines), as_json)
-    if save is not None:
-        note(f"written: {save}")
-    if folder is not None:
-        folder.write(facts, model.plot)
+    if files.file is not None:
+        note(f"written: {files.file}")
+    files.write(facts, model.plot)
 
 
 def _names(option: str, text: str) -> list[str]:

@@ -63,10 +63,15 @@ FILE, DIRECTORY = Place("file"), Place("dir")
 ENDINGS = ".npz, .mat, .csv or JSON"
 
 
-def out_option(name: str) -> Callable[[F], F]:
-    """The directory for ``<name>.json`` and the figure."""
+def out_option(name: str, more: str = "") -> Callable[[F], F]:
+    """The directory for ``<name>.json`` and the figure; `more`: what files it may be, too."""
+    text = f"Write {name}.json and the figure to this directory"
     return click.option(
-        "--out", type=DIRECTORY, metavar="DIR", help=f"Write {name}.json and the figure there."
+        "--out",
+        type=DIRECTORY,
+        multiple=bool(more),
+        metavar="OUT" if more else "DIR",
+        help=f"{text}; or {more}; or both." if more else f"{text}.",
     )
 
 

@@ -6,9 +6,10 @@ import contextlib
 import json
 import os
 import re
+import shutil
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
@@ -18,6 +19,7 @@ import click
 import numpy as np
 
 from .._base.files import write_listed
+from .._base.validation import nearest
 from ..exceptions import InputError
 from ..plots import save_figures
 from ..plots.style import require_matplotlib
@@ -26,7 +28,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # Options that say where the results go, and are no part of what is computed.
-WRITTEN = ("out", "force", "as_json", "save")
+WRITTEN = ("out", "force", "as_json", "checkpoint")
+_UNBROKEN = 10_000  # columns of an output that is no terminal
 
 
 def occupy_standard_descriptors() -> None:
@@ -81,17 +84,42 @@ def prepared(
     return directory, _replaceable(directory, index, names, options, force)
 
 
-class Folder:
-    """The directory of ``--out``: checked when it is made, written to when there are results."""
+class Out:
+    """What ``--out`` names: a directory, checked when this is made; a `file` with an ending."""
 
-    def __init__(self, out: str, name: str, options: dict[str, Any], force: bool) -> None:
-        require_matplotlib()
-        self._name, self._options = name, options
-        names = re.compile(rf"{name}\.(json|png|svg)")
-        self._at, self._earlier = prepared(out, f"{name}.json", names, options, force)
+    def __init__(self, context: click.Context, endings: Sequence[str] = ()) -> None:
+        given = context.params["out"] or ()
+        files: list[str] = []
+        directories: list[str] = []
+        for path in (given,) if isinstance(given, str) else given:
+            ending = Path(path).suffix
+            if hint := ending not in endings and nearest(ending, endings):
+                raise click.BadParameter(f"{path!r} ends in {ending!r}{hint}", param_hint="--out")
+            (files if ending in endings else directories).append(path)
+        if max(len(files), len(directories)) > 1:
+            raise click.UsageError("--out must be one directory, one file, or one of each")
+        self.file = files[0] if files else None
+        self._at: Path | None = None
+        if directories:
+            require_matplotlib()
+            name = self._name = str(context.command.name)
+            self._options = {
+                key: list(value) if isinstance(value, tuple) else value  # as JSON has them
+                for key, value in context.params.items()
+                if key not in WRITTEN
+            }
+            names, force = re.compile(rf"{name}\.(json|png|svg)"), context.params["force"]
+            self._at, self._earlier = prepared(
+                directories[0], f"{name}.json", names, self._options, force
+            )
 
     def write(self, facts: dict[str, Any], draw: Callable[[], Figure]) -> None:
-        """Write the facts with the options, and the figure; name the files on standard error."""
+        """Write facts with the options, and the figure, to the directory if there is one.
+
+        Names the files on standard error.
+        """
+        if self._at is None:
+            return
         for path in self._earlier:
             path.unlink(missing_ok=True)
         with tempfile.TemporaryDirectory(dir=self._at) as made:
@@ -107,16 +135,25 @@ def finite(values: Any) -> Any:
     return np.where(np.isfinite(given), given.astype(object), np.array(None)).tolist()
 
 
-def grid(rows: list[list[str]]) -> list[str]:
-    """Lines of cells in columns: the first left-aligned, the others right-aligned."""
+def grid(rows: list[list[str]], keys: int = 1) -> list[str]:
+    """Lines of cells in columns: the first left-aligned, the others right-aligned.
+
+    A terminal that is too narrow gets several tables, each with the first columns, `keys` of them.
+    """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return [
-        "  ".join(
-            [row[0].ljust(widths[0])]
-            + [cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)]
-        ).rstrip()
-        for row in rows
-    ]
+    room = shutil.get_terminal_size((_UNBROKEN, 0)).columns
+    tables = [list(range(keys))]
+    for k, width in enumerate(widths[keys:], start=keys):
+        if len(tables[-1]) > keys and sum(widths[j] + 2 for j in tables[-1]) + width > room:
+            tables.append(list(range(keys)))
+        tables[-1].append(k)
+    lines: list[str] = []
+    for table in tables:
+        lines += [""] * bool(lines)
+        for row in rows:
+            cells = [row[0].ljust(widths[0]), *(row[k].rjust(widths[k]) for k in table[1:])]
+            lines.append("  ".join(cells).rstrip())
+    return lines
 
 
 def _remove_empty(made: list[Path]) -> None:

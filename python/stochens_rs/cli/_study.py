@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from .._base.reading import number
-from .._base.validation import choice, nearest
+from .._base.validation import nearest
 from ..cases import CASES
 from ..fusion.fusing import Method
 from ..rng import as_key
@@ -17,7 +17,7 @@ from ..studies import Results, Study, error
 from ..studies.results import SUFFIXES
 from ._command import INTERRUPTED, TIME_LIMIT, WORKERS_LOST, Command
 from ._options import FILE, Place, Words, force_option, json_option, out_option, seed_option
-from ._output import Folder, finite, grid, note, show_result
+from ._output import Out, finite, grid, note, show_result
 from ._problem import problem
 from ._workers import executor, workers_option
 
@@ -34,7 +34,7 @@ _CODES = {"interrupted": INTERRUPTED, "time_limit": TIME_LIMIT, "workers_lost": 
     short_help="Errors against the number of samples.",
     examples=[
         "study ieee14 --sizes 10:1e4:log5 --methods uniform,alse",
-        "study system.json --path run.study --workers 4 --save errors.parquet",
+        "study system.json --checkpoint run.study --out errors.parquet",
     ],
     codes={TIME_LIMIT: "time limit reached", WORKERS_LOST: "workers lost"},
 )
@@ -53,45 +53,39 @@ _CODES = {"interrupted": INTERRUPTED, "time_limit": TIME_LIMIT, "workers_lost": 
 @workers_option
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster instead.")
 @click.option(
-    "--path",
+    "--checkpoint",
     type=FILE,
     metavar="FILE",
     help="Keep the numbers here; an existing study goes on.",
 )
 @click.option("--time-limit", type=float, metavar="S", help="Time limit of this run in seconds.")
 @seed_option
-@click.option("--save", type=FILE, metavar="FILE", help=f"All numbers: {', '.join(SUFFIXES)}.")
-@out_option("study")
+@out_option("study", f"all numbers to a file, {', '.join(SUFFIXES)}")
 @force_option
 @json_option
 @click.pass_context
 def study_command(
     context: click.Context,
+    /,
     source: str,
     sizes: str,
     methods: str,
     replicates: int,
     workers: int,
     dask: str | None,
-    path: str | None,
+    checkpoint: str | None,
     time_limit: float | None,
     seed: int,
-    save: str | None,
-    out: str | None,
-    force: bool,
     as_json: bool,
+    **_: Any,
 ) -> None:
     """Compare fusions by the errors of control and state, relative, over repeated samples.
 
     PROBLEM is the name of an example system, or a file: .npz, .mat, .csv or JSON with A, B and
-    optionally x0, xf. With --path, the same command continues after Ctrl-C or a crash; the numbers
-    are the same bits as without, with any number of workers.
+    optionally x0, xf. With --checkpoint, the same command continues after Ctrl-C or a crash; the
+    numbers are the same bits as without, with any number of workers.
     """
-    options = {k: v for k, v in context.params.items() if k not in ("out", "force", "as_json")}
-    folder = None if out is None else Folder(out, "study", options, force)
-    key = as_key(seed)
-    if save is not None:
-        choice("save", Path(save).suffix, SUFFIXES)
+    files, key = Out(context, SUFFIXES), as_key(seed)
     known = source in CASES
     if not known and not Path(source).suffix and not Path(source).exists():
         names = f"{' or '.join(CASES)}, or a file"
@@ -109,16 +103,16 @@ def study_command(
         shared=["method"],
     )
     with executor(workers, dask) as run_by:
-        results = made.run(run_by, path, progress=True, time_limit=time_limit)
-    facts = _facts(results, path)
-    if save is not None:
-        results.save(save)
+        results = made.run(run_by, checkpoint, progress=True, time_limit=time_limit)
+    facts = _facts(results, checkpoint)
+    if files.file is not None:
+        results.save(files.file)
     show_result(facts, _text(results), as_json)
-    if folder is not None and results.values:
+    if results.values:
         number = "state" if "state" in results.values else next(iter(results.values))
-        folder.write(facts, lambda: _figure(results, number))
+        files.write(facts, lambda: _figure(results, number))
     if results.status in _CODES:
-        if path is not None:
+        if checkpoint is not None:
             note("the same command continues")
         context.exit(_CODES[results.status])
 
@@ -163,7 +157,7 @@ def _methods(text: str) -> list[str]:
     return found
 
 
-def _facts(results: Results, path: str | None) -> dict[str, Any]:
+def _facts(results: Results, checkpoint: str | None) -> dict[str, Any]:
     columns = results.summary().columns
     numbers = ("mean", "standard_error", "q10", "median", "q90")
     return {
@@ -175,7 +169,7 @@ def _facts(results: Results, path: str | None) -> dict[str, Any]:
         "failed": len(results.failures),
         "seconds": results.seconds,
         "summary": {k: finite(v) if k in numbers else v for k, v in columns.items()},
-        "path": path,
+        "checkpoint": checkpoint,
     }
 
 
@@ -196,7 +190,8 @@ def _text(results: Results) -> str:
     if len(rows) > 1:
         name = rows[0].index("name")
         kept = [row for row in rows if row[name] in ("name", "control", "state")]
-        lines += grid([[row[name], *row[:name], *row[name + 1 :]] for row in kept])
+        moved = [[row[name], *row[:name], *row[name + 1 :]] for row in kept]
+        lines += grid(moved, keys=name + 1)
     if results.failures:
         lines.append(f"{len(results.failures)} failed, the first: {results.failures[0].error}")
     return "\n".join(lines)

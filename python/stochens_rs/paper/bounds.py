@@ -17,8 +17,7 @@ from .._base.types import Floats
 from ..exceptions import NonFiniteError
 from ..system import System
 from ..theory.bounds import Bound
-from ..theory.bounds.base import Inequality, Rates, Setting
-from ..theory.bounds.inequalities import square, union
+from ..theory.bounds.base import Rates, Setting, halved
 
 __all__ = ["Lemma42", "Lemma43", "OneVector", "Printed"]
 
@@ -46,21 +45,31 @@ class Printed(Bound):
     wrong: ClassVar[str]
 
     def __init__(self, constant: float, *widths: float) -> None:
-        exponentials = _Exponentials(Setting(self.quantity), constant, widths)
-        super().__init__(self.name, self.source, exponentials)
-
-
-class _Exponentials(Inequality):
-    def __init__(self, at: Setting, constant: float, widths: tuple[float, ...]) -> None:
-        super().__init__(at)
         if not all(math.isfinite(c) for c in widths):
             raise NonFiniteError("a constant of the lemma overflows: scale the problem down")
+        super().__init__(self.name, self.source, Setting(self.quantity))
         self._constant, self._widths = constant, widths
 
-    def level(self, rates: Rates, eps: float) -> float:
+    def _level_at(self, rates: Rates, eps: float) -> float:
         """Level of the sum, from the exponents ``2 N eps^2 / c_i^2``."""
-        levels = [2.0 * square(eps / c) / rates[0] for c in self._widths if c * rates[0] > 0.0]
-        return union(self._constant, levels)
+        ratios = [eps / c for c in self._widths if c * rates[0] > 0.0]
+        levels = [2.0 * ratio * ratio / rates[0] for ratio in ratios]
+        least = min(levels, default=math.inf)
+        if least == math.inf:
+            return math.inf
+        return least - math.log(self._constant * sum(math.exp(least - one) for one in levels))
+
+    def _radius_at(self, rates: Rates, level: float) -> float:
+        """The radius at which the sum has this level."""
+        if self._level_at(rates, math.ulp(0.0)) >= level:
+            return 0.0
+        outside = 1.0
+        while self._level_at(rates, outside) < level:
+            outside *= 2.0
+        inside = outside / 2.0
+        while inside > 0.0 and self._level_at(rates, inside) >= level:
+            outside, inside = inside, inside / 2.0
+        return halved(inside, outside, lambda eps: self._level_at(rates, eps) < level)[1]
 
 
 class OneVector(Printed):
@@ -195,8 +204,7 @@ class Lemma43(Printed):
     Notes
     -----
     ``c_i = -2 N eps^2 / (9 d_i^2)`` with ``d = (||u|| gB, ||A|| g0, ||x0|| gA)``, ``||u||`` the
-    2-norm of all controls. See ``wrong``; the bounds that hold are "Hoeffding, one step"
-    and "McDiarmid" of a trajectory.
+    2-norm of all controls. See ``wrong``; what holds is "McDiarmid" of a trajectory.
 
     Examples
     --------

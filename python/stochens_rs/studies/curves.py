@@ -7,18 +7,16 @@ mean square, z-score) can be recomputed from the saved file alone.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._base import validation
 from .._base.numbers import ROUNDING, TINY
+from .._base.records import Record
 from .._base.types import FUSIONS, Fusion
-from ..exceptions import InputError, StochensError
+from ..exceptions import InputError
 from ..fusion.fusing import Method
 
 BAND = (0.1, 0.9)  # the shaded band holds the middle 80 % of the replicates
@@ -27,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class Curve(Record):
     """The relative error of one method against the number of samples.
 
     Attributes
@@ -112,36 +110,9 @@ class Curve:
         )
         return z
 
-    def to_dict(self) -> dict[str, Any]:
-        """Plain lists and numbers; the key "statistics" is derived from the others."""
-        low, median, high = self._quantiles
-        derived = {"q10": low, "median": median, "q90": high, "rms": self.rms, "z": self.z}
-        return {**_listed(vars(self)), "statistics": _listed(derived)}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Curve:
-        """The inverse of :meth:`to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Raises
-        ------
-        InputError
-            If it is something else.
-        """
-        with written_by("Curve"):
-            arrays = {
-                name: None if data[name] is None else np.asarray(data[name], dtype=np.float64)
-                for name in ("errors", "exact_rms", "exact_spread")
-            }
-            return cls(data["method"], data["fusion"], **arrays)  # type: ignore[arg-type]
-
 
 @dataclass(frozen=True, eq=False)
-class Panel:
+class Panel(Record):
     """One axes of a figure: the same quantity by every method.
 
     Attributes
@@ -201,45 +172,3 @@ class Panel:
             ):
                 return curve
         raise InputError(f"panel {self.name} has no curve {method!r} with fusion {fusion!r}")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain lists and numbers."""
-        plain = {k: v for k, v in vars(self).items() if k != "curves"}
-        return {**plain, "curves": [curve.to_dict() for curve in self.curves]}
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Panel:
-        """The inverse of :meth:`to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned.
-
-        Raises
-        ------
-        InputError
-            If it is something else.
-        """
-        with written_by("Panel"):
-            plain = {k: v for k, v in data.items() if k != "curves"}
-            return cls(**plain, curves=tuple(Curve.from_dict(c) for c in data["curves"]))
-
-
-@contextmanager
-def written_by(what: str) -> Iterator[None]:
-    """Raise an InputError where anything shows that the data are not those of a record."""
-    try:
-        yield
-    except (StochensError, MemoryError):
-        raise
-    except Exception as error:
-        raise InputError(
-            f"`data` must be what {what}.to_dict returned, got something else "
-            f"({type(error).__name__})"
-        ) from error
-
-
-def _listed(values: Mapping[str, Any]) -> dict[str, Any]:
-    """The same with lists in place of arrays."""
-    return {k: v.tolist() if isinstance(v, np.ndarray) else v for k, v in values.items()}

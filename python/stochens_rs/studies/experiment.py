@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,20 +13,18 @@ from numpy.typing import NDArray
 
 from .._base import validation
 from .._base.files import versions, write_text
-from ..exceptions import InputError
+from .._base.records import Record
 from ..plots.files import save_figures
-from .curves import Panel, written_by
+from .curves import Panel
 from .figures import figure, panel
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-SCHEMA = "stochens-experiment/1"
 
-
-@dataclass(frozen=True, eq=False)
-class Experiment:
+@dataclass(frozen=True, eq=False, repr=False)
+class Experiment(Record):
     """A finished experiment: settings, key, errors of every replicate, and facts derived from them.
 
     Attributes
@@ -89,42 +86,6 @@ class Experiment:
         """
         named = {panel.name: panel for panel in self.panels}
         return named[validation.choice("name", name, tuple(named))]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain data, ready for ``json.dumps``; `from_dict` restores every number bit for bit."""
-        return {
-            "schema": SCHEMA,
-            **vars(self),
-            "sizes": self.sizes.tolist(),
-            "panels": [panel.to_dict() for panel in self.panels],
-        }
-
-    @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Experiment:
-        """The inverse of :meth:`to_dict`.
-
-        Parameters
-        ----------
-        data : mapping
-            What `to_dict` returned, possibly written to JSON and read again.
-
-        Raises
-        ------
-        InputError
-            If the data are something else, or were written with another schema.
-        """
-        with written_by("Experiment"):
-            schema = data["schema"]
-            if schema != SCHEMA:
-                raise InputError(
-                    f"`data` must have schema '{SCHEMA}', got {validation.show(schema)}"
-                )
-            names = ("name", "title", "key", "settings", "facts", "seconds", "versions")
-            return cls(
-                **{name: data[name] for name in names},
-                sizes=np.asarray(data["sizes"], dtype=np.int64),
-                panels=tuple(Panel.from_dict(p) for p in data["panels"]),
-            )
 
     def plot(self, *, shown: bool = True) -> dict[str, Figure]:
         """The figures of this experiment, by file name: "power-figure-1", ...

@@ -19,7 +19,7 @@ from ...theory.exact import best_control
 from .. import rationals as exact
 from ..bounds import Lemma42
 from ..repeating import HERE, Where, complete
-from .records import Claim, claim
+from .records import Claim, Outcome, claim, outcome
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -135,29 +135,29 @@ def variance(streamed: Streamed) -> Claim:
     limit = exact.square(_printed([atom for _, atom in exact.atoms(w)] * 20, w) - w)
     square = {k: (x**2).mean(axis=0) for k, x in streamed.state.items()}
     allowed = streamed.bound.mean(axis=0)
-    means = [", ".join(f"{float(x):.3g}" for x in one) for one in (printed, fused)]
-    texts = (
-        f"A = B = I, x0 = (1, 1), xf = 0, all sequences of N = {', '.join(map(str, sizes))} "
-        f"realizations of x0: mean square error of the control {means[0]} as printed, {means[1]} "
-        "with fused estimates. Where the realizations alternate, the printed one is "
-        f"{float(limit):.6f} after 40 of them: it tends to 2/9.",
-        f"n = {streamed.n}, m = {streamed.m}, {len(streamed.bound)} runs: mean square error of "
-        f"the state after {streamed.steps[0]} and {streamed.steps[1]} steps "
-        f"{square['literal'][0]:.3g} and {square['literal'][1]:.3g} as printed, "
-        f"{square['consistent'][0]:.2g} and {square['consistent'][1]:.2g} with fused estimates; "
-        f"the bound for these is {allowed[0]:.3g} and {allowed[1]:.3g}.",
-    )
     two_ninths = abs(limit - Fraction(2, 9)) < 1e-6
     remains = square["literal"][1] > max(allowed[1], 0.5 * square["literal"][0])
     return claim(
         "Contribution vi",
-        ("enumeration", texts[0], min(printed) > limit and two_ninths and 10 * fused[2] < fused[0]),
-        ("Monte Carlo", texts[1], np.all(square["consistent"] <= allowed) and remains),
-        ("exact", *_no_variance_of_averages(w)),
+        outcome(
+            min(printed) > limit and two_ninths and 10 * fused[2] < fused[0],
+            sizes=sizes,
+            printed=printed,
+            fused=fused,
+            limit=float(limit),
+        ),
+        outcome(
+            np.all(square["consistent"] <= allowed) and remains,
+            streamed=streamed,
+            runs=len(streamed.bound),
+            square=square,
+            allowed=allowed,
+        ),
+        _no_variance_of_averages(w),
     )
 
 
-def _no_variance_of_averages(w: exact.Array) -> tuple[str, bool]:
+def _no_variance_of_averages(w: exact.Array) -> Outcome:
     """Lemma 4.2, which holds for averages, beside the printed loop for the same entities."""
     N, least, eps = 10_000, 10, Fraction(46, 100)
     # a realization that is drawn again changes nothing; v halves its distance to 2/3 or 1/3 of the
@@ -173,13 +173,14 @@ def _no_variance_of_averages(w: exact.Array) -> tuple[str, bool]:
     few = Fraction(sum(comb(N - 1, changes) for changes in range(least)), 2 ** (N - 1))
     law = Lemma42((np.eye(2), np.eye(2)), exact.floats(w), np.zeros(2), C=2.0)
     bound = law.probability(N, float(eps))
-    text = (
-        f"The same x0, N = {N}: the printed loop is farther than {float(eps)} from the control "
-        f"whenever the realization has changed {least} times, which it has not in one run of "
-        f"10^{len(str(few.denominator // few.numerator)) - 1}; the bound of Lemma 4.2 on the "
-        f"probability that the average of as many is that far away is {bound:.0e}."
+    return outcome(
+        same and min(ends) > eps**2 and 1 - few > Fraction(bound),
+        N=N,
+        eps=float(eps),
+        least=least,
+        power=len(str(few.denominator // few.numerator)) - 1,
+        bound=bound,
     )
-    return text, same and min(ends) > eps**2 and 1 - few > Fraction(bound)
 
 
 def _printed(samples: list[exact.Array], w: exact.Array) -> exact.Array:
@@ -208,13 +209,11 @@ def lines_3_and_16() -> Claim:
         total += 1
     y = xf - A @ x0
     v = pinv @ y
-    text = (
-        f"n = 2, m = 1, A = [[1, 1], [1, 2]], B = (1, 1), x0 = (1, 1), xf = (3, 4) = A x0 + {v} B: "
-        f"of all {total} combinations of realizations the share {solvable} has a solution. The "
-        f"least-squares controls have the mean {mean}."
-    )
     confirms = np.array_equal(v * b, y) and solvable == 0 and mean == v
-    return claim("Algorithm 1, lines 3 and 16", ("enumeration", text, confirms))
+    return claim(
+        "Algorithm 1, lines 3 and 16",
+        outcome(confirms, v=v, total=total, solvable=solvable, mean=mean),
+    )
 
 
 def algorithm_1(streamed: Streamed) -> Claim:
@@ -223,18 +222,15 @@ def algorithm_1(streamed: Streamed) -> Claim:
     literal, consistent = (
         float(np.median(streamed.control[k][:, 1])) for k in ("literal", "consistent")
     )
-    texts = (
-        f"n = {streamed.n}, m = {streamed.m}, {len(streamed.stops)} runs of {streamed.steps[1]} "
-        f"steps: median relative error of the control {literal:.2g} as printed (old and new: the "
-        f"last two realizations), {consistent:.2g} with fused estimates in all slots.",
-        f"The control with fused estimates is B^+ (Ff - FA F0) up to {streamed.apart.max():.0e} of "
-        f"its norm after {streamed.steps[0]} and {streamed.steps[1]} steps of all runs.",
-        f"errorBound 1e-9: the printed rule stops after {stop:g} steps in the median, at a median "
-        f"relative error of {left:.2g}.",
-    )
     return claim(
         "Algorithm 1",
-        ("Monte Carlo", texts[0], literal > 0.5 and consistent < 0.2 * literal),
-        ("Monte Carlo", texts[1], streamed.apart.max() <= ROUNDED),
-        ("Monte Carlo", texts[2], stop <= 50 and left > 0.5),
+        outcome(
+            literal > 0.5 and consistent < 0.2 * literal,
+            streamed=streamed,
+            runs=len(streamed.stops),
+            literal=literal,
+            consistent=consistent,
+        ),
+        outcome(streamed.apart.max() <= ROUNDED, apart=streamed.apart.max(), streamed=streamed),
+        outcome(stop <= 50 and left > 0.5, stop=stop, left=left),
     )

@@ -13,7 +13,7 @@ from ...rng import Key
 from ...theory.exact import best_control
 from .. import rationals as exact
 from .. import reachability
-from .records import Claim, claim
+from .records import Claim, Outcome, claim, outcome
 
 
 def solution_formula() -> Claim:
@@ -24,13 +24,10 @@ def solution_formula() -> Claim:
     for factor in A[:K]:
         state = factor @ state
     right, printed = (_product(A[:factors]) @ x for factors in (K, K + 1))
-    text = (
-        f"K = {K}, three integer matrices, u = 0: the recursion gives {exact.show(state)}, the "
-        f"product of K factors {exact.show(right)}, the printed product of K + 1 factors "
-        f"{exact.show(printed)}."
-    )
     confirms = np.array_equal(state, right) and not np.array_equal(state, printed)
-    return claim("Definition 2.1, eq. (3)", ("exact", text, confirms))
+    return claim(
+        "Definition 2.1, eq. (3)", outcome(confirms, K=K, state=state, right=right, printed=printed)
+    )
 
 
 def _product(factors: list[exact.Array]) -> exact.Array:
@@ -48,12 +45,8 @@ def index_maps() -> Claim:
     # diag(g_j |a_jj|) - A diag(a_jj)
     formula = np.diag(abs(A).sum(axis=0) * abs(np.diag(A))) - A * np.diag(A)
     rows = ", ".join(f"[{', '.join(map(str, row))}]" for row in bias)
-    text = (
-        f"A = [[1, 2], [-1, 1]]: over all realizations E[A(s) A(s)] - A^2 = [{rows}] if one "
-        "realization is used twice, and 0 if two are drawn."
-    )
     confirms = np.array_equal(fresh, A @ A) and np.array_equal(bias, formula) and bias.any()
-    return claim("Definition 2.2", ("enumeration", text, confirms))
+    return claim("Definition 2.2", outcome(confirms, rows=rows))
 
 
 def approximate_reachability(key: Key) -> Claim:
@@ -62,21 +55,14 @@ def approximate_reachability(key: Key) -> Claim:
     gen = key.child("states").generator()
     x0, xf = gen.standard_normal(4), gen.standard_normal(4)
     found = reachability.approximately(system, x0, xf, 2, rng=key.child("runs"))
-    errors = ", ".join(f"{error:.2g}" for error in found.errors)
-    allowed = ", ".join(f"{radius:.2g}" for radius in found.radii)
-    text = (
-        "Random system, n = m = 4, two steps, one open-loop control: the averages of "
-        f"{', '.join(map(str, found.sizes))} runs miss xf by {errors}; allowed at 99 %: {allowed}. "
-        f"Verdict: {found.verdict}."
-    )
     return claim(
         "Definition 2.3",
-        ("enumeration", *_any_control()),
-        ("Monte Carlo", text, found.verdict == "approximately reachable"),
+        _any_control(),
+        outcome(found.verdict == "approximately reachable", found=found),
     )
 
 
-def _any_control() -> tuple[str, bool]:
+def _any_control() -> Outcome:
     """All realizations of two steps under several controls: only one of them leads to xf."""
     A, b, x0 = exact.array([[1, 2], [-1, 1]]), exact.array([1, -2]), exact.array([1, 1])
     chosen, others = (1, -1), ((0, 0), (1, 1), (-1, 1))
@@ -91,13 +77,14 @@ def _any_control() -> tuple[str, bool]:
         for u in means:
             means[u] = means[u] + p * q * r * s * t * (M1 @ (M0 @ start + u[0] * b0) + u[1] * b1)
     missed = {u: exact.square(mean - xf) for u, mean in means.items()}
-    text = (
-        f"A = [[1, 2], [-1, 1]], B = (1, -2), x0 = (1, 1), two steps, all {runs} runs: each has a "
-        f"trajectory with each of the controls {chosen}, {', '.join(map(str, others))}, and the "
-        f"squared distance of the mean of their ends from xf = {exact.show(xf)} is "
-        f"{', '.join(str(square) for square in missed.values())}."
+    return outcome(
+        missed[chosen] == 0 and all(missed[u] > 0 for u in others),
+        runs=runs,
+        chosen=chosen,
+        others=[str(u) for u in others],
+        xf=xf,
+        missed=list(missed.values()),
     )
-    return text, missed[chosen] == 0 and all(missed[u] > 0 for u in others)
 
 
 def sample_reachability(key: Key) -> Claim:
@@ -109,11 +96,5 @@ def sample_reachability(key: Key) -> Claim:
     one = best_control(A, B, x0, xf).reachability()
     every = reachability.sample_reachability((A, B), x0, xf)
     residual = f"{one.relative:.0e}" if one.relative > ROUNDING else "0 to rounding"
-    text = (
-        f"Random system, n = {n}, m = {m}, xf = A x0 + B u: reachable (relative residual "
-        f"{residual}), but only {every.reachable_atoms} of {every.atoms} different realizations "
-        f"are; the root mean square of their distances to reachable targets is "
-        f"{every.rms_residual:.3g}."
-    )
     confirms = one.reachable and every.reachable_atoms == 0
-    return claim("Definition 2.4", ("enumeration", text, confirms))
+    return claim("Definition 2.4", outcome(confirms, n=n, m=m, residual=residual, every=every))

@@ -15,19 +15,14 @@ from ...ensembles.ensemble import Ensemble
 from ...theory.exact import best_control
 from .. import rationals as exact
 from .. import reachability
-from .records import Claim, claim
+from .records import Claim, Outcome, claim, outcome
 
 
 def lemma_31() -> Claim:
     """Reachability does not imply approximate reachability as defined."""
     found = [reachability.lemma_3_1(N) for N in (3, 10, 1000)]
     found.append(reachability.lemma_3_1(5, weights=[1, 0, 2, 0, 7], controls=[1, 2, 3, 4, 5]))
-    text = (
-        "n = 2, m = 1, one good realization each of x0, A and B, zeros otherwise; the exact system "
-        f"reaches xf. Every weighted final state misses it by at least {_least(found)}, for "
-        f"{len(found)} choices of N, weights and controls."
-    )
-    return claim("Lemma 3.1", ("exact", text, _refutes(found)))
+    return claim("Lemma 3.1", outcome(_refutes(found), least=_least(found), count=len(found)))
 
 
 def remark_31() -> Claim:
@@ -39,32 +34,21 @@ def remark_31() -> Claim:
         for u in (-1, 0, 1)
     ]
     found.append(reachability.lemma_3_1(N))
-    text = (
-        f"The system of Lemma 3.1, N = {N}: each run alone, with the controls -1, 0 and 1, and "
-        f"the mean of all end at least {_least(found)} from xf. A control moves a run only "
-        "along the line of B, and weighted sums are convex, so the same is true for all weights "
-        "and controls. The exact system reaches xf with u = 0."
-    )
-    return claim("Remark after Lemma 3.1", ("exact", text, _refutes(found)))
+    return claim("Remark after Lemma 3.1", outcome(_refutes(found), N=N, least=_least(found)))
 
 
 def lemma_32() -> Claim:
     """Averaged controls need not approach the control."""
     found = [reachability.lemma_3_2(N) for N in (2, 10, 1000)]
     found.append(reachability.lemma_3_2(5, weights=[1, 0, 2, 0, 7]))
-    text = (
-        "Scalars x0 = A = B = 1, xf = 0, so that v = -1; one good realization each, zeros "
-        f"otherwise. u(s) = 0 takes every realization to xf; the weighted sum of these controls is "
-        f"off by {_least(found)}, for {len(found)} choices of N and weights."
-    )
     return claim(
         "Lemma 3.2",
-        ("exact", text, _refutes(found)),
-        ("enumeration", *_product_weights()),
+        outcome(_refutes(found), least=_least(found), count=len(found)),
+        _product_weights(),
     )
 
 
-def _product_weights() -> tuple[str, bool]:
+def _product_weights() -> Outcome:
     """The corrected control: its identity, its mean, and what the package computes for it."""
     A, b = exact.array([[1, 1], [1, 2]]), exact.array([1, 1])
     x0, xf = exact.array([1, 1]), exact.array([1, 2])
@@ -90,14 +74,9 @@ def _product_weights() -> tuple[str, bool]:
         x0s, As, xfs = (Ensemble.from_samples(exact.floats(np.stack(one))) for one in pairs)
         each = realization_controls((As, B), x0s, xfs)
         apart = max(apart, _apart(each, own))
-    text = (
-        "A = [[1, 1], [1, 2]], B = (1, 1), x0 = (1, 1), xf = (1, 2), all pairs of realizations of "
-        "each, weights (1/3, 2/3) for x0, (1/2, 1/2) for A, (1, 0) for xf: B (v - u) is what the "
-        f"corrected statement says in all {count} cases, and u has the mean {mean}, v = {v}. "
-        "The controls of the package, of estimates and of single realizations, differ from these "
-        f"by at most {apart:.0e}."
+    return outcome(
+        identity and mean == v and apart <= ROUNDING, count=count, mean=mean, v=v, apart=apart
     )
-    return text, identity and mean == v and apart <= ROUNDING
 
 
 def _law(x: exact.Array) -> list[tuple[Fraction, exact.Array]]:
@@ -122,21 +101,11 @@ def _apart(found: Floats, expected: list[Fraction]) -> float:
 def remark_32_reachable() -> Claim:
     """Sample reachable implies reachable only for unbiased realizations."""
     found = [reachability.remark_3_2(N) for N in (2, 10, 1000)]
-    text = (
-        "Scalars x0 = A = 1, xf = 0, B = 0; one good realization each of x0 and A, zeros "
-        "otherwise. A(s) x0(s) = 0 = xf(s) for every s, with any control; the only reachable state "
-        f"is A x0, and it is {_least(found)} from xf."
-    )
     reached, missed = _sample_reachable()
-    unbiased = (
-        "The realizations of Lemma 4.1, all A, x0, xf with n = 2 and entries -1, 0, 1, B = (1, 0) "
-        f"and B = (1, 1): {reached + missed} targets are sample reachable, {missed} of them not "
-        "reachable."
-    )
     return claim(
         "Remark after Lemma 3.2, reachable",
-        ("exact", text, _refutes(found)),
-        ("enumeration", unbiased, reached > 0 and missed == 0),
+        outcome(_refutes(found), least=_least(found)),
+        outcome(reached > 0 and missed == 0, targets=reached + missed, missed=missed),
     )
 
 
@@ -169,14 +138,11 @@ def remark_32_any() -> Claim:
         # B = 1, xf = xf(s) = 0: u(s) = -A(s) x0(s) and v = -A x0 = -1. If all u(s) are on one
         # side of v, no convex sum of them is nearer to v than the nearest.
         least.append(min(-matrices * starts) + 1)
-    text = (
-        "Scalars x0 = A = B = 1, xf = 0; x0(s) = 2, 0, 2, 0, .. and A(s) = 0, 2, 0, 2, .. are "
-        "bounded and independent, as constants are, and their plain averages over N = "
-        f"{', '.join(map(str, sizes))} are off by {max(averages)}. Every weighted "
-        f"sum of the controls is off by at least {min(least)}."
-    )
     confirms = not any(averages) and min(least) >= 1
-    return claim("Remark after Lemma 3.2, any sequence", ("exact", text, confirms))
+    return claim(
+        "Remark after Lemma 3.2, any sequence",
+        outcome(confirms, sizes=sizes, off=max(averages), least=min(least)),
+    )
 
 
 def _alternating(N: int) -> tuple[exact.Array, exact.Array]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .. import rationals as exact
-from .records import Claim, claim
+from .records import Claim, claim, outcome
 
 
 def lemma_41() -> Claim:
@@ -23,18 +23,11 @@ def lemma_41() -> Claim:
     inside = all((mean[w == 0] == 0).all() and (mean * w >= 0).all() for _, mean in law)
     best = min(_second_moment(w, q) for q in _masses(w, 12))
     own = _second_moment(w, abs(w) / g)
-    texts = (
-        f"w = (3, -1, 0, 2), all sequences of N = {N}: the mean of the sum is "
-        f"{exact.show(total)} = N w, that of the average w; no average has an entry of "
-        "another sign, or one where w has none.",
-        f"Among all masses q in twelfths, realizations w_i / q_i e_i have the least mean square "
-        f"norm {best} at q = |w| / g, where it is g^2 = {g**2}.",
-    )
     unbiased = np.array_equal(exact.expectation(law), w) and np.array_equal(total, N * w)
     return claim(
         "Lemma 4.1",
-        ("enumeration", texts[0], unbiased and inside),
-        ("enumeration", texts[1], best == own == g**2),
+        outcome(unbiased and inside, N=N, total=total),
+        outcome(best == own == g**2, best=best, square=g**2),
     )
 
 
@@ -66,21 +59,20 @@ def rows_or_columns() -> Claim:
     # a_11 is estimated by 3 in every realization, off by 2
     every = sum(p for p, one in laws["rows"] if one[0, 0] - A[0, 0] >= eps) ** N
     hoeffding = 2.0 * exp(-2.0 * N * eps**2 / float(gamma) ** 2)
-    texts = (
-        "A = [[1, 1, 1], [1, 0, 0], [0, 1, 0]], all realizations: drawn by columns and by rows, "
-        f"the mean is A; the mean square errors are {squares['columns']} and {squares['rows']}, "
-        "that is the sum of (sum of absolute values)^2 - (2-norm)^2 over the columns or rows.",
-        f"The same A, g(A) = {gamma} as printed: by columns no entry exceeds it, by rows one is "
-        f"{largest['rows']}. With N = {N} the mean of a_11 is off by {eps} with probability "
-        f"{float(every):.1e} at least; Hoeffding's inequality with the range g(A) says "
-        f"{hoeffding:.1e}.",
-    )
     as_formulas = all(np.array_equal(m, A) for m in means) and [*squares.values()] == formulas
     exceeded = largest["columns"] <= gamma < largest["rows"]
     return claim(
         "Remark after Lemma 4.1, rows",
-        ("enumeration", texts[0], as_formulas and squares["rows"] != squares["columns"]),
-        ("exact", texts[1], exceeded and float(every) > hoeffding),
+        outcome(as_formulas and squares["rows"] != squares["columns"], squares=squares),
+        outcome(
+            exceeded and float(every) > hoeffding,
+            gamma=gamma,
+            largest=largest,
+            N=N,
+            eps=eps,
+            every=float(every),
+            hoeffding=hoeffding,
+        ),
     )
 
 
@@ -98,13 +90,10 @@ def sparsity() -> Claim:
         complete.append(law[_pattern(A)])
     inside = all(pattern <= _pattern(A) for pattern in law)
     signs = all((one * A >= 0).all() for _, one in atoms)
-    text = (
-        f"A = [[1, 1, 0], [1, 1, 1], [0, 1, 1]], all {len(atoms)} realizations: none has an entry "
-        "where A has none, or of another sign. Averages of 1, 2, 3, 4 of them have all the entries "
-        f"of A with probability {', '.join(map(str, complete))}."
-    )
     confirms = inside and signs and complete[1] == 0 and 0 < complete[3] < 1
-    return claim("Remark after Lemma 4.1, sparsity", ("enumeration", text, confirms))
+    return claim(
+        "Remark after Lemma 4.1, sparsity", outcome(confirms, count=len(atoms), complete=complete)
+    )
 
 
 def _pattern(A: exact.Array) -> frozenset[Any]:
@@ -122,11 +111,13 @@ def bernoulli() -> Claim:
     covariance = exact.expectation((p, np.outer(a - w, a - w)) for p, a in atoms)
     as_formula = np.array_equal(covariance, np.diag(g * abs(w)) - np.outer(w, w))
     nearest = min(exact.square(atom - w) for _, atom in atoms)
-    text = (
-        f"w = (3, -1, 0, 2), all realizations: the values of the components are "
-        f"{', '.join('{' + ', '.join(map(str, v)) + '}' for v in values)}; the covariance of the "
-        f"first and the last is {covariance[0, 3]}. No realization is nearer to w than "
-        f"||s - w||^2 = {nearest}."
-    )
     confirms = two and g != 1 and as_formula and covariance[0, 3] < 0 < nearest
-    return claim("Remark after Lemma 4.1, Bernoulli", ("enumeration", text, confirms))
+    return claim(
+        "Remark after Lemma 4.1, Bernoulli",
+        outcome(
+            confirms,
+            values=[f"{{{', '.join(map(str, v))}}}" for v in values],
+            covariance=covariance[0, 3],
+            nearest=nearest,
+        ),
+    )

@@ -14,7 +14,7 @@ from ...fusion.fusing import fuse
 from ...rng import Key
 from .. import rationals as exact
 from .comparison import Comparison
-from .records import Claim, claim
+from .records import Claim, Outcome, claim, outcome
 
 _GAP = 1e-8  # of ||A||^2: ten times the default `tol` of `fuse`
 
@@ -27,16 +27,10 @@ def lemma_44() -> Claim:
     printed, corrected = (exact.square(S * y - w) for y in (w, w / g))
     # one sample: the only weight on the simplex is 1
     least, unseen = exact.square(exact.atoms(ones)[0][1] - ones), ones[1] ** 2
-    texts = (
-        f"w = (3, 4), each entry drawn once: the printed weights sum to {g} and give "
-        f"||S y - w||^2 = {printed}, the corrected {corrected}.",
-        f"w = (1, 1), one sample: the printed minimum is {unseen}, that of weights on the simplex "
-        f"{least}.",
-    )
     return claim(
         "Lemma 4.4",
-        ("exact", texts[0], g != 1 and printed > corrected == 0),
-        ("exact", texts[1], least > unseen),
+        outcome(g != 1 and printed > corrected == 0, g=g, printed=printed, corrected=corrected),
+        outcome(least > unseen, unseen=unseen, least=least),
     )
 
 
@@ -55,16 +49,12 @@ def exact_recovery(key: Key) -> Claim:
     together = [exact.array([[3, 3], [0, 0]]), exact.array([[0, 0], [3, 3]])]
     # two realizations: SLSE is the optimum of the segment
     left = exact.slse(together, exact.array([[1, 2], [2, 1]]))[-1]
-    texts = (
-        "A = [[1, 2], [2, 1]], realizations [[3, 3], [0, 0]] and [[0, 0], [3, 3]]: every entry was "
-        f"hit, but the least squared error of weights on the simplex is {left}.",
-        f"A = ones of order {n}, a hull of dimension d = {n * (n - 1)}: errors {errors}; the "
-        f"target is in the hull from N = {first} on.",
-    )
     return claim(
         "Remark after Lemma 4.4",
-        ("exact", texts[0], left > 0),
-        ("Monte Carlo", texts[1], first is not None and not fits[10].exact),
+        outcome(left > 0, left=left),
+        outcome(
+            first is not None and not fits[10].exact, n=n, d=n * (n - 1), errors=errors, first=first
+        ),
     )
 
 
@@ -80,32 +70,21 @@ def recursion() -> Claim:
     for p, samples in exact.sequences(hidden, 3):
         least += p * exact.square(exact.towards(samples[1], samples[0], hidden) - hidden)
         squares += p * exact.slse(samples, hidden)[-1]
-    texts = (
-        "w = (1, 1, 1), each entry drawn once: F(1) = E_1, F(2) = E_2 and weights on the simplex "
-        "keep the printed F(n) on the segment from E_1 to E_2 for every n, at a squared error of "
-        f"{printed} or more. After three realizations it is {corrected} with "
-        f"F(n) = v1 F(n-1) + v2 E_n, and {plain} with uniform weights.",
-        "w = (2, 1, 1), all sequences: the mean square error of the printed F(n) is at least "
-        f"{least} for every n, that of uniform weights V/3 = {V / 3} from n = 3 on at most; the "
-        f"corrected F(3) has {squares}.",
-    )
     return claim(
         "Lemma 4.5, recursion",
-        ("exact", texts[0], printed > corrected == plain == 0),
-        ("enumeration", texts[1], least > V / 3 >= squares),
+        outcome(
+            printed > corrected == plain == 0, printed=printed, corrected=corrected, plain=plain
+        ),
+        outcome(least > V / 3 >= squares, least=least, third=V / 3, squares=squares),
     )
 
 
 def first_inequality(key: Key) -> Claim:
     """ALSE is never worse than SLSE and uniform weights, and mostly better."""
-    return claim(
-        "Lemma 4.5, first inequality",
-        ("enumeration", *_every_sequence()),
-        ("Monte Carlo", *_random_ensembles(key)),
-    )
+    return claim("Lemma 4.5, first inequality", _every_sequence(), _random_ensembles(key))
 
 
-def _every_sequence() -> tuple[str, bool]:
+def _every_sequence() -> Outcome:
     """The closed form of Lemma 4.4, corrected, for all sequences of a vector."""
     w = exact.array([2, 1, 1])
     apart, optimal, worse, better = 0.0, True, False, exact.ZERO
@@ -119,16 +98,12 @@ def _every_sequence() -> tuple[str, bool]:
         better += p * (square < other)
         fit = fuse(Ensemble.from_samples(exact.floats(samples)), "alse", target=exact.floats(w))
         apart = max(apart, abs(_square(fit) - float(square)))
-    text = (
-        "w = (2, 1, 1), all sequences of N = 4: the corrected Lemma 4.4 gives the best weights on "
-        "the simplex (it meets the condition of optimality), its squared error is never above "
-        f"those of SLSE and uniform weights, and below both with probability {better}. The squared "
-        f"error of `fuse` differs by at most {apart:.0e}."
+    return outcome(
+        optimal and not worse and better > 0 and apart <= ROUNDING, better=better, apart=apart
     )
-    return text, optimal and not worse and better > 0 and apart <= ROUNDING
 
 
-def _random_ensembles(key: Key) -> tuple[str, bool]:
+def _random_ensembles(key: Key) -> Outcome:
     """The weights of `fuse` for ensembles of a random matrix."""
     gen = key.generator()
     A = gen.standard_normal((4, 4))
@@ -145,13 +120,12 @@ def _random_ensembles(key: Key) -> tuple[str, bool]:
         found, inner = float(error @ error), S @ error
         excess = max(excess, 2.0 * float(y @ inner - inner.min()), found - others)
         strict += found < 0.99 * others
-    text = (
-        f"{cases} ensembles of a random 4 x 4 matrix: the weights are on the simplex; by at most "
-        f"{excess / scale:.0e} of ||A||^2 the squared error exceeds the least one (gap recomputed "
-        "from the weights) or the smaller one of SLSE and uniform weights; it is smaller than both "
-        f"by 1 % or more on {strict} of them."
+    return outcome(
+        feasible and excess <= _GAP * scale and 2 * strict > cases,
+        cases=cases,
+        excess=excess / scale,
+        strict=strict,
     )
-    return text, feasible and excess <= _GAP * scale and 2 * strict > cases
 
 
 def second_inequality(comparison: Comparison) -> Claim:
@@ -169,23 +143,26 @@ def second_inequality(comparison: Comparison) -> Claim:
     three = exact.array([[[0, 0], [3, 3]], [[3, 0], [0, 3]], [[0, 3], [3, 0]]])
     greedy, plain = exact.slse(three, A)[-1], exact.square(exact.mean(three) - A)
     z = (comparison.mean_square - comparison.bound) / comparison.standard_error.clip(TINY)
-    texts = (
-        "Three realizations of [[1, 1], [2, 2]] whose plain mean is exact: SLSE ends at the "
-        f"squared error {greedy}, uniform weights at {plain}.",
-        f"w = (2, 1, 1), all sequences of N = 4: SLSE is worse than uniform weights with "
-        f"probability {worse}. Mean squares after 1, 2, 3 realizations: "
-        f"{', '.join(map(str, squares))}, at most V/n = {V}, {V / 2}, {V / 3}.",
-        f"{len(comparison.slse)} runs up to N = {comparison.sizes[-1]}: SLSE is worse than uniform "
-        f"weights on at most {100 * float(comparison.worse.max()):.2g} % of them at any N; its "
-        f"mean square at the last N is {float(comparison.mean_square[-1]):.1e}, V/n is "
-        f"{float(comparison.bound[-1]):.1e}.",
-    )
     below = all(s <= V / n for n, s in enumerate(squares, start=1))
     return claim(
         "Lemma 4.5, second inequality",
-        ("exact", texts[0], greedy > plain == 0),
-        ("enumeration", texts[1], worse == Fraction(5, 32) and below),
-        ("Monte Carlo", texts[2], np.all(z[1:] <= 4.0)),
+        outcome(greedy > plain == 0, greedy=greedy, plain=plain),
+        outcome(
+            worse == Fraction(5, 32) and below,
+            worse=worse,
+            squares=squares,
+            V=V,
+            half=V / 2,
+            third=V / 3,
+        ),
+        outcome(
+            np.all(z[1:] <= 4.0),
+            runs=len(comparison.slse),
+            last=comparison.sizes[-1],
+            worse=100 * comparison.worse.max(),
+            square=comparison.mean_square[-1],
+            bound=comparison.bound[-1],
+        ),
     )
 
 
@@ -211,16 +188,12 @@ def norms() -> Claim:
             off = abs(estimate - w)
             for a, b in ((alse.sum(), off.sum()), (alse.max(), off.max())):
                 violated, smaller, count = violated + (a > b), smaller + (a < b), count + 1
-    texts = (
-        "A = [[4, -2], [1, 2]], realizations [[0, -4], [5, 0]] once and [[5, 0], [0, 4]] twice: "
-        f"squared Frobenius errors {frobenius[0]} (ALSE and SLSE) and {frobenius[1]} (uniform), "
-        f"2-norms {spectral[0]:.3f} and {spectral[1]:.3f}.",
-        "w = (3, -1, 1), all sequences of N = 4, against SLSE and uniform weights, in the 1-norm "
-        f"and the largest entry: ALSE is worse in {violated} of {count} comparisons, better in "
-        f"{smaller}.",
-    )
     return claim(
         "Lemma 4.5, norm",
-        ("exact", texts[0], frobenius[0] < frobenius[1] and below[1] and not below[0]),
-        ("enumeration", texts[1], violated == 0 < smaller),
+        outcome(
+            frobenius[0] < frobenius[1] and below[1] and not below[0],
+            frobenius=frobenius,
+            spectral=spectral,
+        ),
+        outcome(violated == 0 < smaller, violated=violated, count=count, smaller=smaller),
     )

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from configparser import ConfigParser
 from dataclasses import asdict, dataclass
+from fractions import Fraction
 from functools import cache
 from pathlib import Path
+from string import Formatter
 from textwrap import wrap
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
 
 from .comparison import Comparison
 from .drawing import draw_claims
@@ -73,19 +77,39 @@ class Claim:
 
 @cache
 def statements() -> ConfigParser:
-    """What the paper says, the verdict, and what is true, from ``statements.ini``."""
+    """What the paper says, the verdict, what is true and the texts of the evidence."""
     parser = ConfigParser(delimiters=("=",), interpolation=None)
     parser.read_string(Path(__file__).with_name("statements.ini").read_text("utf-8"))
     return parser
 
 
-def claim(item: str, *found: tuple[Kind, str, object]) -> Claim:
-    """One statement, with the kind, the text and the outcome of each computation on it."""
-    says, verdict, true = (
-        " ".join(statements()[item].get(key, "").split()) for key in ("says", "verdict", "true")
-    )
-    evidence = tuple(Evidence(kind, text, bool(confirms)) for kind, text, confirms in found)
-    return Claim(item, says, verdict, true, evidence)  # type: ignore[arg-type]
+Outcome: TypeAlias = tuple[bool, dict[str, Any]]
+
+
+def outcome(confirms: object, **values: Any) -> Outcome:
+    """Whether a computation supports a verdict, and the values that its text shows."""
+    return bool(confirms), values
+
+
+class _Texts(Formatter):
+    """Formats lists and arrays item by item, with commas; and fractions as decimals if asked."""
+
+    def format_field(self, value: Any, format_spec: str) -> str:
+        """One field of a text."""
+        if isinstance(value, (list, tuple, np.ndarray)):
+            return ", ".join(self.format_field(one, format_spec) for one in value)
+        decimal = isinstance(value, Fraction) and format_spec
+        return str(super().format_field(float(value) if decimal else value, format_spec))
+
+
+def claim(item: str, *found: Outcome) -> Claim:
+    """One statement, with the outcome of each computation on it."""
+    said = {key: " ".join(text.split()) for key, text in statements()[item].items()}
+    evidence = []
+    for k, (confirms, values) in enumerate(found, start=1):
+        kind, _, text = said[f"evidence {k}"].partition(": ")
+        evidence.append(Evidence(kind, _Texts().format(text, **values), confirms))  # type: ignore[arg-type]
+    return Claim(item, said["says"], said["verdict"], said.get("true", ""), tuple(evidence))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from ...theory import dynamics
 from .. import rationals as exact
 from .. import reachability
 from ..repeating import HERE, Where, complete
-from .records import Claim, claim
+from .records import Claim, claim, outcome
 
 if TYPE_CHECKING:
     from ...studies import Experiment
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 # A = diag(1, 3, 3) in `ordering`; it has no other realization.
 _GAINS = (1, 3, 3)
+_ORDERS = ("alse_above_slse", "slse_above_uniform")
 
 
 def one_step_only(key: Key, where: Where = HERE) -> Claim:
@@ -47,26 +48,20 @@ def one_step_only(key: Key, where: Where = HERE) -> Claim:
     given = [exact.floats(x) for x in (A, B[:, None], x0, xf)]
     computed = control((given[0], given[1]), given[2], given[3], steps=2).u.ravel()
     apart = float(np.abs(computed - exact.floats(two)).max())
-    text = (
-        "A = [[1, 2], [1, 1]], B = (1, 1), x0 = (1, 0), xf = (0, 1), A drawn afresh for every run "
-        f"and step: the mean of the least-squares controls of one step is {one}, v = {v}; the mean "
-        f"of the controls that take the runs to xf in two steps takes the system to "
-        f"{exact.show(state)}, whatever the number of runs. The exact control of two steps is "
-        f"{exact.show(two)}, which `control` gives up to {apart:.0e}."
-    )
     sizes = (100, 10_000)
     study = Study(_miss, {"size": sizes}, replicates=25, rng=key, shared=["size"])
     misses = np.median(complete(study, **where.of("one-step"))["miss"], axis=1)
-    fused = (
-        f"25 random systems with n = 4, m = 2, three steps, the control computed from one average "
-        f"of N = {sizes[0]} and {sizes[1]} realizations of A: the relative miss is "
-        f"{misses[0]:.2g} and {misses[1]:.2g} in the median."
-    )
     return claim(
         "Section 5.2, one step",
-        ("enumeration", text, one == v and exact.square(state - xf) > 0 and apart <= ROUNDING),
-        # 100 times the realizations: a tenth of the miss, were there no spread
-        ("Monte Carlo", fused, misses[1] < 0.3 * misses[0]),
+        outcome(
+            one == v and exact.square(state - xf) > 0 and apart <= ROUNDING,
+            one=one,
+            v=v,
+            state=state,
+            two=two,
+            apart=apart,
+        ),
+        outcome(misses[1] < 0.3 * misses[0], sizes=sizes, misses=misses),
     )
 
 
@@ -95,24 +90,16 @@ def ordering(large: Experiment) -> Claim:
         better, worse = exact.alse(samples, w) - w, exact.mean(samples) - w
         nearer = exact.square(better) < exact.square(worse)
         reversed_share += p * (nearer and exact.square(A @ better) > exact.square(A @ worse))
-    text = (
-        "x0 = (2, 1, 1), A = diag(1, 3, 3), B = I, all sequences of N = 3: with probability "
-        f"{reversed_share} ALSE has the better estimate of x0 and the worse state."
-    )
     orders = [large.facts["ordering"][panel] for panel in ("3a", "3b")]
-    shares = [max(order["alse_above_slse"], order["slse_above_uniform"]) for order in orders]
-    many = (
-        f"n = {large.settings['n']}, m = {large.settings['m']}, {large.replicates} replicates: in "
-        f"x(1) ALSE is above SLSE in {100 * orders[0]['alse_above_slse']:.2g} % of all pairs of a "
-        f"replicate and a size, SLSE above uniform weights in "
-        f"{100 * orders[0]['slse_above_uniform']:.2g} %; in x(2) it is "
-        f"{100 * orders[1]['alse_above_slse']:.2g} % and "
-        f"{100 * orders[1]['slse_above_uniform']:.2g} %."
-    )
+    shares = [max(order[name] for name in _ORDERS) for order in orders]
     return claim(
         "Figure 3, order",
-        ("enumeration", text, reversed_share > 0),
-        ("experiment", many, min(shares) > 0.0),
+        outcome(reversed_share > 0, reversed_share=reversed_share),
+        outcome(
+            min(shares) > 0.0,
+            large=large,
+            percent=[100 * order[name] for order in orders for name in _ORDERS],
+        ),
     )
 
 
@@ -120,10 +107,6 @@ def computed_states() -> Claim:
     """What Lemma 3.2 as printed would give is false; unbiased realizations make them converge."""
     found = [reachability.lemma_3_2(N) for N in (2, 10, 1000)]
     missed = min(one.claim for one in found)
-    text = (
-        "The scalars of Lemma 3.2: every realization is taken to xf, and the averaged control "
-        f"takes the system to A x0 + B u, which is {missed} from xf for N = 2, 10, 1000."
-    )
     A, x = exact.array([[1, 1], [0, 1]]), exact.array([[1, 1], [2, -1], [1, 2]])
     steps = [_errors(A, *ends) for ends in pairwise(x)]
     # x(1) is off by e(0), x(2) by A e(0) + e(1)
@@ -135,15 +118,10 @@ def computed_states() -> Claim:
     one = [_mean_square(law) for law in steps]
     carried = _mean_square([(p, A @ e) for p, e in steps[0]])
     expected = [(one[0] / N, (carried + one[1]) / N) for N in (1, 2)]
-    unbiased = (
-        "A = [[1, 1], [0, 1]], B = I, x(0), x(1), x(2) = (1, 1), (2, -1), (1, 2), all realizations "
-        f"for N = 1 and 2: mean square errors of x(1) {squares[0][0]} and {squares[1][0]}, of x(2) "
-        f"{squares[0][1]} and {squares[1][1]}, that is tr C_0 / N and tr(A C_0 A^T + C_1) / N."
-    )
     return claim(
         "Section 5.2, computed states",
-        ("exact", text, missed >= 1),
-        ("enumeration", unbiased, squares == expected and one[0] == _formula(A, x[0], x[1])),
+        outcome(missed >= 1, missed=missed),
+        outcome(squares == expected and one[0] == _formula(A, x[0], x[1]), squares=squares),
     )
 
 

@@ -11,23 +11,17 @@ weights. For systematic samples there are "systematic" and "simulated", for othe
 quantity            choice                                                names of the bounds
 ==================  ====================================================  =====================
 vector ``w``        ``norm="2"`` (default)                                McDiarmid, Bousquet,
-                                                                          Weissman, Hoeffding,
-                                                                          Chebyshev, systematic
+                                                                          Weissman, Chebyshev,
+                                                                          systematic
 ..                  ``norm="1"``                                          Weissman
 matrix ``A``        ``norm="Frobenius"``                                  McDiarmid, Bousquet,
-                                                                          Hoeffding, Chebyshev,
-                                                                          systematic
+                                                                          Chebyshev, systematic
 ..                  ``norm="spectral"`` (default)                         Bernstein, and those
                                                                           of the Frobenius norm
-state, control      ``fusion="product"`` (default)                        McDiarmid, Bousquet,
-                                                                          Chebyshev; state:
-                                                                          Hoeffding
-..                  ``fusion="diagonal"``                                 McDiarmid, Bousquet,
+state, control      ``fusion="product"`` (default) or "diagonal"          McDiarmid, Bousquet,
                                                                           Chebyshev
 trajectory          average of runs over K steps                          McDiarmid, Bousquet,
                                                                           Chebyshev
-..                  one step, ``axis="columns"``                          McDiarmid, one step;
-                                                                          Hoeffding, one step
 all but trajectory  errors drawn from the law, delta >= `least_delta`     simulated
 ==================  ====================================================  =====================
 
@@ -37,11 +31,10 @@ entries, Bousquet's for many realizations, McDiarmid's for few, Bernstein's for 
 Chebyshev's for large delta. `candidates` leaves out "simulated" and "systematic".
 
 The code is a table *setting x inequality*: `table` has a row for each bound, with the text of its
-source; `settings` the quantities, with the numbers that inequalities need; `inequalities` and
-`fused_inequalities` the formulas, with their sources in the literature. A new bound is a row and
-its formula, a new quantity a setting. All bounds but those for one step of a trajectory hold for
-``axis="rows"``, too. The formulas as printed in the paper are in :mod:`stochens_rs.paper.bounds`,
-each with its error.
+source; `settings` the quantities, with the numbers that inequalities need; `inequalities` the
+formulas, with their sources in the literature. A new bound is a row and its formula, a new quantity
+a setting. All bounds hold for ``axis="rows"``, too. The formulas as printed in the paper are in
+:mod:`stochens_rs.paper.bounds`, each with its error.
 """
 
 from .base import Bound

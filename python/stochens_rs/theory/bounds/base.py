@@ -1,4 +1,4 @@
-"""The base of all bounds: a setting, an inequality for it, and the bound that they make."""
+"""The base of all bounds: a setting, and the bound that a formula makes of it."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ from ...exceptions import InputError, SizeError
 from ..formulas import Sizes, checked_finite, inverse_size, one_each
 
 Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
+Formula: TypeAlias = "Callable[[Any, Rates, float], float]"  # of setting, rates and level
 
 _ROUNDS = 200  # at most: a bisection between float64 of like size ends after 53 halvings
 _LARGEST_LEVEL = 744.0  # log(1 / delta) for the smallest positive float64, 4.9e-324
@@ -45,6 +46,10 @@ class Setting:
         """The largest error that is possible, or a larger number."""
         return math.inf
 
+    def cap(self, rates: Rates) -> float:
+        """The largest possible error, with what rounding may add to it."""
+        return float(self.farthest(rates)) * _ABOVE_ROUNDING
+
 
 class Moments(Setting, ABC):
     """A setting with the numbers that the generic inequalities need, as functions of the rates."""
@@ -62,49 +67,6 @@ class Moments(Setting, ABC):
         """Largest variance of a projection of the error."""
 
 
-class Inequality:
-    """A radius for every level ``log(1 / delta)``, and a level for every radius.
-
-    A class defines one of the two methods; the other is computed by inversion.
-    """
-
-    equal: str = ""  # as in `Setting`
-
-    def __init__(self, at: Any) -> None:
-        self.at = at
-
-    def radius(self, rates: Rates, level: float) -> float:
-        """Radius for ``delta = exp(-level)``."""
-        if self.level(rates, math.ulp(0.0)) >= level:
-            return 0.0
-        outside = 1.0
-        while self.level(rates, outside) < level:
-            outside *= 2.0
-            if outside == math.inf:
-                return outside
-        inside = outside / 2.0
-        while inside > 0.0 and self.level(rates, inside) >= level:
-            outside, inside = inside, inside / 2.0
-        return halved(inside, outside, lambda eps: self.level(rates, eps) < level)[1]
-
-    def level(self, rates: Rates, eps: float) -> float:
-        """A level with ``P(error > eps) <= exp(-level)``, the largest that follows."""
-        known, unknown = 0.0, _LARGEST_LEVEL
-        if self.radius(rates, known) > eps:
-            return 0.0
-        if self.radius(rates, unknown) <= eps:
-            return math.inf if self.radius(rates, unknown) == 0.0 else unknown
-        return halved(known, unknown, lambda level: self.radius(rates, level) <= eps)[0]
-
-    def cap(self, rates: Rates) -> float:
-        """The largest possible error, with what rounding may add to it."""
-        return float(self.at.farthest(rates)) * _ABOVE_ROUNDING
-
-    def capped(self, rates: Rates, level: float) -> float:
-        """The radius, at most the largest possible error."""
-        return min(self.radius(rates, level), self.cap(rates))
-
-
 class Bound:
     """A tail bound ``P(error > radius(size, delta)) <= delta`` for every size and every delta.
 
@@ -114,8 +76,12 @@ class Bound:
     ----------
     name, source : str
         As the attributes.
-    inequality : Inequality
-        As the attribute.
+    setting : Setting
+        The quantity with its data.
+    formula : callable
+        ``formula(setting, rates, level)``: the radius for ``delta = exp(-level)``.
+    equal : str, default ""
+        The reason why the inequality needs equal sizes.
 
     Attributes
     ----------
@@ -127,8 +93,8 @@ class Bound:
         The quantity: "vector", "matrix", "state", "control" or "trajectory".
     norm : str
         The norm of the error: "2", "Frobenius", "spectral" or "1".
-    inequality, setting
-        For this package: the formula on plain numbers, and the quantity with its data.
+    setting
+        For this package: the quantity with its data.
 
     Notes
     -----
@@ -145,10 +111,13 @@ class Bound:
     (0.1282, 16433)
     """
 
-    def __init__(self, name: str, source: str, inequality: Inequality) -> None:
-        self.name, self.source = name, source
-        self.inequality, self.setting = inequality, inequality.at
-        self.quantity, self.norm = self.setting.quantity, self.setting.norm
+    def __init__(
+        self, name: str, source: str, setting: Any, formula: Formula | None = None, equal: str = ""
+    ) -> None:
+        self.name, self.source, self.setting = name, source, setting
+        self.equal = equal or setting.equal
+        self.quantity, self.norm = setting.quantity, setting.norm
+        self._formula = formula
 
     def radius(self, size: Sizes, delta: float) -> float:
         """Radius that the error exceeds with probability at most `delta`.
@@ -172,7 +141,7 @@ class Bound:
             `size` is not a count, `delta` does not lie in (0, 1), or the radius overflows.
         """
         rates = self._rates(size)
-        return self._in_units(self.inequality.capped(rates, level_of(delta)))
+        return self._in_units(self._capped(rates, level_of(delta)))
 
     def probability(self, size: Sizes, eps: float) -> float:
         """Bound on the probability that the error exceeds `eps`.
@@ -196,9 +165,9 @@ class Bound:
         """
         rates = self._rates(size)
         eps, unit = validation.positive("eps", eps), self.setting.unit
-        if eps >= self.inequality.cap(rates) * unit:
+        if eps >= self.setting.cap(rates) * unit:
             return 0.0
-        level = self.inequality.level(rates, eps / unit)
+        level = self._level_at(rates, eps / unit)
         return 1.0 if level <= 0.0 else math.exp(-level)
 
     def required_size(self, eps: float, delta: float, *, exact: Sequence[str] = ()) -> int:
@@ -236,16 +205,32 @@ class Bound:
 
     def _smallest(self, eps: float, delta: float, rates: Callable[[int], Rates]) -> int | None:
         level = level_of(delta)
-        return smallest_size(
-            lambda N: self._in_units(self.inequality.capped(rates(N), level)) <= eps
-        )
+        return smallest_size(lambda N: self._in_units(self._capped(rates(N), level)) <= eps)
+
+    def _radius_at(self, rates: Rates, level: float) -> float:
+        """Radius for ``delta = exp(-level)``, in units of the setting."""
+        assert self._formula is not None  # or the class has this method
+        return self._formula(self.setting, rates, level)
+
+    def _level_at(self, rates: Rates, eps: float) -> float:
+        """A level with ``P(error > eps) <= exp(-level)``, the largest that follows."""
+        if self._radius_at(rates, 0.0) > eps:
+            return 0.0
+        if self._radius_at(rates, _LARGEST_LEVEL) <= eps:
+            return math.inf
+        return halved(0.0, _LARGEST_LEVEL, lambda level: self._radius_at(rates, level) <= eps)[0]
+
+    def _capped(self, rates: Rates, level: float) -> float:
+        """The radius, at most the largest possible error."""
+        return min(self._radius_at(rates, level), float(self.setting.cap(rates)))
 
     def _rates(self, size: Sizes) -> Rates:
         rates: Rates = self.setting.rates(size)
-        why = self.inequality.equal or self.setting.equal
-        if why and differ(rates):
+        if self.equal and differ(rates):
             sizes = ", ".join(f"{1.0 / rate:g}" if rate else "None" for rate in rates)
-            raise InputError(f"`size` must be one number here ({why}), got N0, Nf, NA = {sizes}")
+            raise InputError(
+                f"`size` must be one number here ({self.equal}), got N0, Nf, NA = {sizes}"
+            )
         return rates
 
     def _in_units(self, radius: float) -> float:

@@ -145,7 +145,7 @@ def candidates(
     --------
     >>> from stochens_rs.theory import bounds
     >>> [bound.name for bound in bounds.candidates("vector", [3.0, -1.0, 0.5])]
-    ['McDiarmid', 'Bousquet', 'Weissman', 'Hoeffding', 'Chebyshev']
+    ['McDiarmid', 'Bousquet', 'Weissman', 'Chebyshev']
     """
     return Problem(quantity, data, norm, fusion, axis).formulas()
 
@@ -208,7 +208,7 @@ def best(
         needed, chosen = _smallest_size([drawn] if drawn else found, eps, delta)
         return Best(chosen, chosen.radius(needed, delta), needed, delta)
     if differ(found[0].setting.rates(size)):
-        found = [one for one in found if not one.inequality.equal]
+        found = [one for one in found if not one.equal]
     radii = [one.radius(size, delta) for one in found]
     k = radii.index(min(radii))
     if drawn is None or radii[k] == 0.0:

@@ -15,7 +15,7 @@ from ..dynamics import checked_ends
 from ..formulas import lines_of
 from .base import Bound, Setting
 from .drawn_errors import Entity, PlanErrors
-from .settings import Lines, OneStep, Paired, Product, Runs
+from .settings import Lines, Paired, Product, Runs
 from .simulated import Law, Simulated
 from .table import SETTINGS, TABLE, Row
 
@@ -86,25 +86,21 @@ class Problem:
 
     def bound(self, row: Row, setting: str) -> Bound:
         """Make the bound of a row."""
-        setting = setting.removesuffix(", state")  # the setting is the same; the row is for states
         self._made[setting] = self._made.get(setting) or self._make(setting)
-        return Bound(row.name, row.source, row.inequality(self._made[setting]))
+        return Bound(row.name, row.source, self._made[setting], row.formula, row.equal)
 
     def _make(self, setting: str) -> Setting:
         if self.system is None:
             norm = "Frobenius" if setting == "matrix" else self.norm
             return Lines(self.lines, self.quantity, norm)
         if self.quantity == "trajectory":
-            runs = OneStep if setting == "one step" else Runs
-            return runs(self.system, self.x0, self.u, self.axis, self.sample_B)
+            return Runs(self.system, self.x0, self.u, self.axis, self.sample_B)
         control = Paired if setting == "diagonal" else Product
         return control(self.system, self.x0, self.xf, self.axis, self.quantity)
 
     def formulas(self) -> list[Bound]:
         """All bounds for independent realizations that are formulas."""
-        several = self.quantity == "trajectory" and (self.axis == "rows" or len(self.u) > 1)
-        pairs = self.rows(TABLE).values()
-        return [self.bound(row, at) for row, at in pairs if not (several and at == "one step")]
+        return [self.bound(*pair) for pair in self.rows(TABLE).values()]
 
     def simulated(self, scheme: Scheme = "iid", steps: int = 1, rng: RngLike = 0) -> Simulated:
         """The order statistic of errors drawn from the law."""

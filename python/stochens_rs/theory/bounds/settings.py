@@ -11,9 +11,8 @@ from functools import cached_property
 import numpy as np
 
 from ..._base.types import Axis, Floats
-from ...exceptions import InputError, ShapeError
 from ...system import System
-from ..formulas import checked_finite, sum_of_others
+from ..formulas import checked_finite, column_excess, sum_of_others
 from ..moments import trajectory_covariance, trajectory_mean
 from .base import Moments, Rates, unit_of
 from .geometry import Geometry, largest_norm
@@ -61,6 +60,14 @@ class Lines(Moments):
             return math.sqrt(float(self.deviations.sum()))
         # ||g sign(w_i) e_i - w||_1 = 2 (g - |w_i|)
         return 2.0 * float(sum_of_others(self.lines)[self.lines != 0.0].max(initial=0.0))
+
+    @cached_property
+    def matrix_variance(self) -> float:
+        """``max(||T_A(1)||_2, max_j (g_j^2 - ||a_j||^2))``, of Bernstein's inequality."""
+        if not self.lines.size:
+            return 0.0
+        total = column_excess(self.lines, np.ones(self.lines.shape[1]))  # T_A(1) = sum_j Cv(a_j)
+        return max(float(np.linalg.eigvalsh(total)[-1]), float(self.variances.max()))
 
     @cached_property
     def _top(self) -> float:
@@ -113,6 +120,11 @@ class Product(Control):
     - (A_hat - A) x0_hat``. Given ``x0_hat``, the last term is an average of independent terms; a
     share of delta is for the distance of ``x0_hat`` from ``x0``.
     """
+
+    @cached_property
+    def start(self) -> Lines:
+        """The average of the realizations of ``x0``."""
+        return Lines(self.x0[:, None], "vector", "2")
 
     def rms(self, rates: Rates) -> float:
         """``sqrt(tr Cov)``, exact (`moments.control_covariance`, `moments.state_covariance`)."""
@@ -194,14 +206,16 @@ class Runs(Moments):
             self._farthest = checked_finite(
                 largest + float(np.linalg.norm(self.mean - shift)), MOMENT
             )
-        self.spread = checked_finite(2.0 * largest * largest, MOMENT)
+            one_step = len(self.u) == 1 and axis == "columns"
+            spread = self._one_step() if one_step else 2.0 * largest * largest
+            self.spread = checked_finite(spread, MOMENT)
 
     def rms(self, rates: Rates) -> float:
         """``sqrt(tr S_K / N)``."""
         return math.sqrt(self.mean_square * rates[0])
 
     def ranges(self, rates: Rates) -> tuple[float, float, float]:
-        """Replacing one run moves the average by ``2 R_K / N`` at most."""
+        """Replacing one run moves the average by ``2 R_K / N`` at most; see also `_one_step`."""
         return 1.0, self.rms(rates), self.spread * rates[0]
 
     def variance(self, rates: Rates) -> float:
@@ -240,29 +254,16 @@ class Runs(Moments):
                 r = r + np.abs(self.B @ u)
         return float(np.linalg.norm(r))
 
+    def _one_step(self) -> float:
+        """``V = 2 g0^2 gA^2 + sum_j u_j^2 h_j^2``, ``h_j = ||b_j||_1`` (0 for an exact B): columns.
 
-class OneStep(Runs):
-    """One step of `Runs`, by columns, with a range for every part that is drawn independently.
-
-    ``2 V = 4 g0^2 gA^2 + 2 sum_j u_j^2 h_j^2``, ``h_j = ||b_j||_1`` (0 for an exact B): a run
-    consists of ``A^s x0^s``, one entry of at most ``g0 gA``, and of the columns of ``B^s``; ``gA``
-    is the maximum over the columns that ``x0`` reaches.
-    """
-
-    def __init__(self, system: System, x0: Floats, u: Floats, axis: Axis, sample_B: bool) -> None:
-        if axis != "columns":
-            raise InputError("`axis` must be 'columns' for the bounds of one step, got 'rows'")
-        super().__init__(system, x0, u, axis, sample_B)
-        if len(self.u) != 1:
-            raise ShapeError(f"`u` must have shape (1, m): one step, got {len(self.u)} steps")
+        A run of one step consists of ``A^s x0^s``, one entry of at most ``g0 gA``, and of the
+        columns of ``B^s``; ``gA`` is the maximum over the columns that ``x0`` reaches.
+        """
         gA = float(np.abs(self.A[:, self.x0 != 0.0]).sum(axis=0).max(initial=0.0))
-        self.moved = float(np.abs(self.x0).sum()) * gA
-        pushed = np.abs(self.u[0]) * np.abs(self.B).sum(axis=0) * sample_B
-        gB = float(np.abs(self.B).sum(axis=0).max()) if pushed.any() else 0.0
-        self.pushed = float(np.linalg.norm(self.u)) * gB
-        self.spread = checked_finite(
-            2.0 * self.moved * self.moved + float((pushed**2).sum()), MOMENT
-        )
+        moved = float(np.abs(self.x0).sum()) * gA
+        pushed = np.abs(self.u[0]) * np.abs(self.B).sum(axis=0) * self.sample_B
+        return 2.0 * moved * moved + float((pushed**2).sum())
 
 
 def _row_range(A: Floats, r: Floats) -> Floats:

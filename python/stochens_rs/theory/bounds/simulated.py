@@ -12,7 +12,7 @@ from ..._base.types import Floats, Scheme
 from ...exceptions import SizeError
 from ...rng import Key
 from ..formulas import Sizes
-from .base import Bound, Inequality, Rates, Setting, halved
+from .base import Bound, Rates, Setting, halved
 from .drawn_errors import (
     Errors,
     EstimateErrors,
@@ -48,46 +48,6 @@ class Law(Setting):
         if sizes[0] is None:
             raise SizeError("`size` must be a number here: exact values have no errors")
         return EstimateErrors(self._of, self.norm, sizes[0], self._scheme)
-
-
-class OrderStatistic(Inequality):
-    """The order statistic of simulated errors that is a bound (see `drawn_errors`)."""
-
-    at: Law
-
-    def __init__(self, at: Law, key: Key) -> None:
-        super().__init__(at)
-        self.key = key
-
-    def radius(self, rates: Rates, level: float) -> float:
-        """From new draws, equal for equal sizes."""
-        if not any(rates):
-            return 0.0
-        errors, delta = self.at.errors(rates), math.exp(-level)
-        found = radii(errors, delta, self.key)
-        if found is None:
-            raise SizeError(not_simulated(delta, errors.cost))
-        return found[self.at.which]
-
-    def level(self, rates: Rates, eps: float) -> float:
-        """The largest level at which few enough of the simulated errors exceed eps."""
-        if not any(rates):
-            return math.inf
-        errors, which = self.at.errors(rates), self.at.which
-        runs = runs_for(_TYPICAL, errors.cost)
-        if runs is None:
-            return 0.0
-        drawn = errors.draw(runs, self.key)
-        # what rounding adds to an error in the middle
-        off = errors.rounded(tuple(float(np.median(one)) for one in drawn.T))[which]
-        drawn = drawn[:, which]
-        beyond = int((drawn + (off - float(np.median(drawn))) > eps).sum())
-
-        def enough(level: float) -> bool:
-            allowed = exceedances(runs, math.exp(-level))
-            return allowed is not None and beyond <= allowed
-
-        return halved(0.0, math.log(runs), enough, rounds=40)[0]  # a level to 1e-11
 
 
 class Simulated(Bound):
@@ -129,9 +89,39 @@ class Simulated(Bound):
         super().__init__(
             "simulated",
             "order statistic of errors drawn from the law; its own chance of failure is in delta",
-            OrderStatistic(law, key),
+            law,
         )
         self._key = key
+
+    def _radius_at(self, rates: Rates, level: float) -> float:
+        """From new draws, equal for equal sizes."""
+        if not any(rates):
+            return 0.0
+        errors, delta = self.setting.errors(rates), math.exp(-level)
+        found = radii(errors, delta, self._key)
+        if found is None:
+            raise SizeError(not_simulated(delta, errors.cost))
+        return found[self.setting.which]
+
+    def _level_at(self, rates: Rates, eps: float) -> float:
+        """The largest level at which few enough of the simulated errors exceed eps."""
+        if not any(rates):
+            return math.inf
+        errors, which = self.setting.errors(rates), self.setting.which
+        runs = runs_for(_TYPICAL, errors.cost)
+        if runs is None:
+            return 0.0
+        drawn = errors.draw(runs, self._key)
+        # what rounding adds to an error in the middle
+        off = errors.rounded(tuple(float(np.median(one)) for one in drawn.T))[which]
+        drawn = drawn[:, which]
+        beyond = int((drawn + (off - float(np.median(drawn))) > eps).sum())
+
+        def enough(level: float) -> bool:
+            allowed = exceedances(runs, math.exp(-level))
+            return allowed is not None and beyond <= allowed
+
+        return halved(0.0, math.log(runs), enough, rounds=40)[0]  # a level to 1e-11
 
     def errors(self, size: Sizes) -> Errors:
         """The law of the errors for a number of realizations.

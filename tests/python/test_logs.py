@@ -285,7 +285,7 @@ def test_stamps_off_the_grid_divide_and_no_input_reaches_over_them():
 
 
 def test_huge_gaps_take_no_memory():
-    data = stamped(np.r_[np.arange(20), np.arange(20) + 1e9] * 0.1)
+    data = stamped(np.r_[np.arange(20), np.arange(20) + 1e12] * 0.1)
     assert data.pieces.tolist() == [19, 19]
     assert "1 run in 2 pieces" in repr(data)
     assert "<polyline" in data._repr_html_()
@@ -296,6 +296,9 @@ def test_huge_gaps_take_no_memory():
     [
         ([0, 1, 2, 2, 3], {}, "must increase within a run, but does not at time 2"),
         ([0, 1, 3, 6, 10, 15, 21], {}, "`time` must have"),
+        ([0, 1, 4], {}, "`time` must have equal steps, got 2 of 1 to 3 s: declare `dt`"),
+        ([-1.7e308, 0, 1.7e308, 1.75e308], {"dt": 1e308}, "`time` must have"),
+        ([-1.7e308, 1.7e308], {}, "`time` must have finite steps, got inf at time -1.7e+308"),
         (
             np.cumsum(1.0 + 0.8 * np.random.default_rng(3).random(50)),
             {"dt": 1.2},

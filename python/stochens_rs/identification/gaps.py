@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 OnGap: TypeAlias = Literal["split", "raise"]
 ON_GAP: tuple[OnGap, ...] = get_args(OnGap)
+PAUSE = 2**30  # steps that a gap counts at most
 NEAR = 0.25  # of a step: how far a stamp may be off if `dt` is declared
 CLOSE = 0.05  # the same if it is not
 IRREGULAR = 0.1  # share of stamps further off from which on a log has no sampling time
@@ -90,6 +91,11 @@ def _stamps(runs: Sequence[Run], dt: object, tolerance: object) -> Stamps:
         known = np.concatenate(steps)
         parts = known / np.median(known)
         near = (np.abs(parts - np.round(parts)) <= NEAR) & (np.round(parts) >= 1.0)
+        if not near.any():
+            raise InputError(
+                f"`time` must have equal steps, got {len(known)} of {known.min():.6g} to "
+                f"{known.max():.6g} s: declare `dt`"
+            )
         found = float(np.mean(known[near] / np.round(parts[near])))
         declared = float(f"{found:.12g}")  # 0.1, where stamps are 0, 0.1, 0.2, 0.30000000000000004
     _refuse_irregular(runs, declared, slack, dt is None)
@@ -106,8 +112,9 @@ def _kept(
     there, given = (np.logical_and.reduce(np.isfinite(one), axis=1) for one in (run.x, run.u))
     at, absent = np.arange(len(run.x)), 0
     if run.times is not None and stamps.dt is not None:
-        q = np.diff(run.times) / stamps.dt
-        whole = np.round(q).astype(np.int64)
+        with np.errstate(over="ignore"):
+            q = np.diff(run.times) / stamps.dt
+        whole = np.minimum(np.round(q), PAUSE).astype(np.int64)
         # where rows are not a whole number of steps apart, no input reaches over
         odd = np.abs(q - whole) > stamps.tolerance
         absent = int(np.maximum(whole - 1, odd).sum())
@@ -138,7 +145,11 @@ def _refuse_disorder(run: Run) -> None:
     """Refuse times that do not increase."""
     if run.times is None:
         return
-    back = np.diff(run.times) <= 0.0
+    with np.errstate(over="ignore"):
+        steps = np.diff(run.times)
+    if np.isinf(steps).any():
+        raise InputError(f"`time` must have finite steps, got {steps.max():g} {run.where(0)}")
+    back = steps <= 0.0
     if back.any():
         raise InputError(
             f"`time` must increase within a run, but does not {run.where(int(np.argmax(back)) + 1)}"
@@ -155,8 +166,9 @@ def _refuse_irregular(runs: Sequence[Run], dt: float | None, tolerance: float, f
         if run.times is None or dt is None or len(run.times) < 2:
             continue
         own = np.diff(run.times)
-        q = own / dt
-        away = np.abs(q - np.maximum(np.round(q), 1.0))
+        with np.errstate(over="ignore", invalid="ignore"):
+            q = own / dt
+            away = np.abs(q - np.maximum(np.round(q), 1.0))
         if 2 * int((np.round(q) == 1.0).sum()) < len(q):
             raise InputError(
                 f"`time` must have steps of {dt:.6g} s in every run, but most of {run.name} are "
@@ -232,7 +244,6 @@ def _refuse_clipped(runs: Sequence[Run], rows: Floats, names: Sequence[Any]) -> 
                 raise InputError(
                     f"`{name!s:.40}` reads {values[end]:.6g}, its "
                     f"{'largest' if end else 'least'} value, in {counts[end]} rows: the end of the "
-                    "sensor's range, not the state. Neither leave these rows out nor cut runs "
-                    "before them: that chooses pairs by their outcomes, and no region holds. "
-                    "Measure with a wider range"
+                    "sensor's range, or a stop, and no linear system. Neither leave these rows out "
+                    "nor cut runs before them: that chooses pairs by their outcomes"
                 )

@@ -284,6 +284,11 @@ def test_stamps_off_the_grid_divide_and_no_input_reaches_over_them():
     assert stamped(on_grid, delay=3).pieces.tolist() == [16, 2, 16]  # u(20) is lost
 
 
+def test_a_row_that_is_logged_twice_follows_on_none():
+    times = np.sort(np.r_[np.arange(40) * 0.1, 2.001])
+    assert stamped(times, dt=0.1).pieces.tolist() == [20, 19]
+
+
 def test_huge_gaps_take_no_memory():
     data = stamped(np.r_[np.arange(20), np.arange(20) + 1e12] * 0.1)
     assert data.pieces.tolist() == [19, 19]

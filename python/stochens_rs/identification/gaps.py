@@ -116,7 +116,7 @@ def _kept(
             q = np.diff(run.times) / stamps.dt
         whole = np.minimum(np.round(q), PAUSE).astype(np.int64)
         # where rows are not a whole number of steps apart, no input reaches over
-        odd = np.abs(q - whole) > stamps.tolerance
+        odd = (np.abs(q - whole) > stamps.tolerance) | (whole < 1)
         absent = int(np.maximum(whole - 1, odd).sum())
         at = np.concatenate([[0], np.cumsum(np.where(odd, np.maximum(whole, 2) + delay, whole))])
     acting = np.searchsorted(at, at - delay)

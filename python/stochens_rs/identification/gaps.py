@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from .._base import validation
+from .._base import memory, validation
 from ..exceptions import InputError
 from .pieces import Pieces
 
@@ -63,14 +63,15 @@ def joined(
     split = validation.choice("on_gap", on_gap, ON_GAP) == "split"
     stamps = _stamps(runs, dt, tolerance)
     rows, pieces = [], []
+    wide = len(names) + runs[0].x.shape[1]  # entries of (x, u, x_next)
+    memory.need("the pairs", 2 * 8 * wide * sum(len(run.x) for run in runs))
     for run in runs:
         own, acting, lost = _kept(run, names, stamps, back, split)
         rows.append(np.hstack([run.x[own], run.u[acting], run.x[own + 1]]))
         pieces.append(lost)
     every = np.vstack(rows)
-    n = len(every[0]) - len(names)
     _refuse_useless(every[:, : len(names)], names)
-    _refuse_clipped(runs, every, names[:n])
+    _refuse_clipped(runs, every, names[: wide - len(names)])
     return Pairs(every, Pieces.joined(pieces), stamps.dt)
 
 

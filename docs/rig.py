@@ -263,10 +263,9 @@ def example(images: Path) -> None:
 
 def first_control(images: Path) -> None:
     """The figure of README.md: a control from a CSV file."""
-    table = np.genfromtxt(Path(__file__).parent / "data" / "runs.csv", delimiter=",", names=True)
-    columns = {name: table[name] for name in table.dtype.names}
+    path = Path(__file__).parent / "data" / "runs.csv"
     states, inputs = ["position", "angle", "speed", "rate"], ["force"]
-    data = se.Trajectories.from_table(columns, states=states, inputs=inputs, by="run", time="time")
+    data = se.Trajectories.from_csv(path, states=states, inputs=inputs, by="run", time="time")
     model = se.identify(data, scale=SCALE)
     plan = se.control(model, [0.1, 0.0, 0.0, 0.0], np.zeros(4), steps=10, limits=(-4.0, 4.0))
     plan.plot().savefig(images / "first-control.png", dpi=110)

@@ -28,7 +28,6 @@ import numpy as np
 from changes import changed
 
 import stochens_rs as se
-from stochens_rs.cli._csv import read_runs
 
 try:
     import resource
@@ -149,7 +148,7 @@ def _read_problem(path: Path) -> None:
 
 
 def _read_table(path: Path) -> None:
-    read_runs(str(path), ["x", "v"], ["u"], "run", "t")
+    se.Trajectories.from_csv(path, states=["x", "v"], inputs=["u"], by="run", time="t")
 
 
 def _read_indices(path: Path) -> None:

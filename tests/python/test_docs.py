@@ -159,6 +159,7 @@ PAGES = (
     "docs/limits.md",
     "docs/measured-runs.md",
     "docs/which-number.md",
+    "docs/messy-logs.md",
     "docs/networks.md",
     "docs/saving.md",
     "docs/several-models.md",

@@ -75,8 +75,8 @@ def test_an_archive_whose_entries_begin_before_it_is_refused(tmp_path):
 def test_a_label_of_two_lines_gives_a_message_of_one(tmp_path):
     path = tmp_path / "runs.csv"
     path.write_text('t,x,u,run\n0,1,1,"a\nb"\n')
-    with pytest.raises(se.exceptions.InputError, match=r"in run a\?b at time 0: a run needs two"):
-        readers.read_runs(str(path), ["x"], ["u"], "run", "t")
+    with pytest.raises(se.exceptions.InputError, match=r"^run a\?b of .* has no two"):
+        se.Trajectories.from_csv(path, states=["x"], inputs=["u"], by="run", time="t")
 
 
 @pytest.mark.parametrize("largest", [1e155, 1e308])

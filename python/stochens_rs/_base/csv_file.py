@@ -1,19 +1,23 @@
-"""CSV files as rows of cells; messages name the file."""
+"""CSV files as rows of cells, and folders of them; messages name the file."""
 
 from __future__ import annotations
 
 import csv
+import glob
+import os
+import re
 from collections import Counter
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from ..exceptions import InputError
-from . import memory
-from .files import PathLike
+from . import memory, validation
+from .files import PathLike, checked_path
 from .reading import printable
 
 # Bytes of memory for one of the file: a cell of few characters becomes an object of about 60.
 _PARSED = 30
+_WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
 
 
 class Cells(NamedTuple):
@@ -70,3 +74,45 @@ def read_cells(path: PathLike, *, comments: bool = False) -> Cells:
     if not found:
         raise InputError(f"{path} has no rows below the names of its columns")
     return Cells(names, found, said)
+
+
+def csv_files(source: Any) -> list[str]:
+    """The files of a folder, of a pattern, or of a list in its order; or one file.
+
+    Those of a folder or pattern are in the order of their names, with numbers compared as numbers:
+    run_2 before run_10.
+    """
+    single = isinstance(source, (str, os.PathLike))
+    given = [source] if single else validation.items("source", source)
+    found = [path for one in given for path in _files(one)]
+    twice = next((p for p, n in Counter(map(os.path.realpath, found)).items() if n > 1), None)
+    if twice is not None:
+        raise InputError(f"`source` must name each file once, got {twice} twice")
+    return found
+
+
+def _files(source: Any) -> list[str]:
+    folder = source.rstrip("/") if isinstance(source, str) else source  # the shell adds a slash
+    text = checked_path("source", folder)
+    if os.path.isdir(text):
+        found = [one.path for one in os.scandir(text) if one.name.lower().endswith(".csv")]
+        wanted = f"no .csv file in the folder {text}"
+    elif glob.has_magic(text) and not os.path.exists(text):
+        found, wanted = glob.glob(text), f"no file fits {text}"
+    else:
+        return [text]
+    if not found:
+        raise FileNotFoundError(wanted)
+    return sorted(found, key=natural)
+
+
+def name_and_unit(title: str) -> tuple[str, str]:
+    """``delta_1 [rad]``: the name, and the unit or ""."""
+    split = _WITH_UNIT.fullmatch(title)
+    return (title, "") if split is None else (split[1], split[2])
+
+
+def natural(path: str) -> tuple[list[Any], str]:
+    """What to sort names by so that numbers in them are compared as numbers."""
+    parts = re.split("([0-9]+)", path)
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], path

@@ -9,11 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from .._base.csv_file import read_cells
+from .._base.csv_file import name_and_unit, read_cells
 from .._base.reading import number, printable
 from ..exceptions import InputError
 
-_WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
 # A comment about the step, and one that can be read: dt = 0.1, dt = 100 ms, dt [ms] = 100.
 _ABOUT_STEP = re.compile(r"\bdt\s*([=:]|[\[(].*[=:])|^dt\b.*\d|^dt$", re.IGNORECASE)
 _STEP = re.compile(
@@ -48,7 +47,7 @@ def read_csv(path: Path) -> dict[str, Any]:
             f"input, got {n} rows and {len(titles)} such columns (measured runs become a model "
             "with identify)"
         )
-    names, units = zip(*(_name_and_unit(title) for title in titles), strict=True)
+    names, units = zip(*(name_and_unit(title) for title in titles), strict=True)
     order = list(range(n)) if of_rows is None else _order(path, of_rows, names[:n])
     numbers = {
         title: [_number(path, title, cells[k]) for k in order]
@@ -68,7 +67,7 @@ def read_csv(path: Path) -> dict[str, Any]:
 
 def _order(path: Path, of_rows: Sequence[str], states: Sequence[str]) -> list[int]:
     """The row of each state."""
-    named = [_name_and_unit(cell)[0] for cell in of_rows]
+    named = [name_and_unit(cell)[0] for cell in of_rows]
     wrong = next((name for name in states if named.count(name) != 1), None)
     if wrong is not None:
         raise InputError(
@@ -76,12 +75,6 @@ def _order(path: Path, of_rows: Sequence[str], states: Sequence[str]) -> list[in
             f"of its rows, each once, got {wrong[:30]!r} {named.count(wrong)} times"
         )
     return [named.index(name) for name in states]
-
-
-def _name_and_unit(title: str) -> tuple[str, str]:
-    """``delta_1 [rad]``: the name, and the unit or ""."""
-    split = _WITH_UNIT.fullmatch(title)
-    return (title, "") if split is None else (split[1], split[2])
 
 
 def _number(path: Path, title: str, cell: str) -> float:

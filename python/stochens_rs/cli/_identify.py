@@ -8,16 +8,17 @@ from typing import Any
 import click
 import numpy as np
 
-from .._base.csv_file import read_cells
-from .._base.html import number_of
+from .._base import html
+from .._base.csv_file import csv_files, natural
 from .._base.types import DELTA
 from ..exceptions import DataWarning
 from ..identification import Model, Trajectories, identify
 from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
+from ..identification.gaps import ON_GAP
 from ..identification.region import Region
+from ..identification.tables import Table
 from ..rng import as_key
 from ._command import Command
-from ._csv import listed, read_runs
 from ._options import FILE, Choice, force_option, json_option, out_option, seed_option
 from ._output import Out, finite, grid, note, show_result
 from ._problem import share
@@ -29,18 +30,30 @@ from ._problem import share
     short_help="Fit a model to measured runs.",
     examples=[
         "identify runs.csv --states x,v --inputs F --by run --time t",
+        "identify logs/ --states x,v --inputs F --time t --dt 0.02",
         "identify runs.csv --states x,v --inputs F --out model.safetensors",
     ],
     sections={
-        "Table": ["states", "inputs", "by", "time", "last_pairs"],
+        "Table": ["states", "inputs", "by", "time", "dt", "delay", "on_gap", "last_pairs"],
         "Assumptions": ["design", "noise", "sigma", "covariance", "exact", "intercept", "lags"],
     },
 )
-@click.argument("runs", metavar="RUNS.csv", type=FILE)
+@click.argument("source", metavar="LOGS...", type=FILE, nargs=-1, required=True)
 @click.option("--states", metavar="A,B", help="Columns of the states.")
 @click.option("--inputs", metavar="U,V", help="Columns of the inputs.")
 @click.option("--by", metavar="COLUMN", help="The column that tells runs apart; else one run.")
 @click.option("--time", metavar="COLUMN", help="The column of times [s], or of dates.")
+@click.option(
+    "--dt", metavar="S", type=float, help="Time of a step; then stamps may jitter by 25 %."
+)
+@click.option("--delay", metavar="K", type=int, default=0, help="Steps until an input acts.")
+@click.option(
+    "--on-gap",
+    type=Choice(ON_GAP),
+    metavar="WORD",
+    default="split",
+    help="split a run where rows are lost or empty, or raise an error.",
+)
 @click.option(
     "--design",
     type=Choice(DESIGNS),
@@ -97,11 +110,14 @@ from ._problem import share
 def identify_command(
     context: click.Context,
     /,
-    runs: str,
+    source: tuple[str, ...],
     states: str | None,
     inputs: str | None,
     by: str | None,
     time: str | None,
+    dt: float | None,
+    delay: int,
+    on_gap: Any,
     design: Any,
     last_pairs: bool,
     noise: Any,
@@ -115,19 +131,27 @@ def identify_command(
     as_json: bool,
     **_: Any,
 ) -> None:
-    """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to a table of runs, with a region.
+    """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to runs in CSV files, with a region.
 
-    The first row of RUNS.csv names the columns; every other row is one time of one run. The last
-    inputs of a run may be empty. Prints A, B and c with bounds that hold for all entries at once,
+    LOGS are files, folders of .csv files, or patterns. The first row of a file names the columns;
+    every other row is one time. Each file is a run, or several with --by. Cells may be empty and
+    rows lost, by chance. Prints A, B and c with bounds that hold for all entries at once,
     under the assumptions that you declare, and tests of the residuals: a small p speaks against an
     assumption, no p proves one.
     """
     probability = share(delta, "--delta")
+    paths = csv_files(sorted(source, key=natural))
     if states is None or inputs is None:
-        known = ", ".join(read_cells(runs).names)
+        known = ", ".join(map(str, Table.of_file(paths[0]).names))
         raise click.UsageError(f"give --states and --inputs, of the columns {known}")
     files = Out(context, [".safetensors", ".state"])
-    data, unused = read_runs(runs, _names("--states", states), _names("--inputs", inputs), by, time)
+    x, u = _names("--states", states), _names("--inputs", inputs)
+    data = Trajectories.from_csv(
+        paths, states=x, inputs=u, by=by, time=time, dt=dt, delay=delay, on_gap=on_gap
+    )
+    unused: list[str] = []
+    if len(paths) == 1 and by is None:
+        unused = [one for one in Table.of_file(paths[0]).names if one not in {*x, *u, time}]
     if last_pairs:
         data = data.last_pairs()
     elif design == "independent" and not data.single:
@@ -155,9 +179,9 @@ def identify_command(
     careful = [*model.warnings, *_useless(model, data, region)]
     facts = {**_facts(model, data, region, files.file), "unused": unused, "warnings": careful}
     lines = [_text(model, data, region)]
-    if unused and by is None:
+    if unused:
         lines.append(
-            f"not used   {listed(unused)}: all rows are one run; --by COLUMN tells runs apart"
+            f"not used   {html.listed(unused)}: all rows are one run; --by COLUMN tells runs apart"
         )
     lines += [f"warning    {text}" for text in careful]
     if last_pairs and _exact_is_possible(model):
@@ -188,6 +212,8 @@ def _facts(model: Model, data: Trajectories, region: Region, save: str | None) -
     return {
         "schema": "stochens-identify/1",
         "runs": len(data),
+        "pieces": len(data.pieces),
+        "lost_rows": data.lost,
         "pairs": model.size,
         "states": list(model.state_names),
         "inputs": list(model.input_names),
@@ -224,9 +250,8 @@ def _text(model: Model, data: Trajectories, region: Region) -> str:
         [f"{name}(k+1)", *row, f"{deviation:.3g}"]
         for name, row, deviation in zip(model.state_names, cells, deviations, strict=True)
     ]
-    counts = f"{number_of(len(data), 'run')}, {number_of(model.size, 'pair')}"
     lines = [
-        f"{counts}{dt}; rank {model.rank} of {len(columns)}",
+        f"{data._counts}{dt}; rank {model.rank} of {len(columns)}",
         "",
         *grid([["", *columns, "deviation"], *body]),
         "",
@@ -263,6 +288,6 @@ def _useless(model: Model, data: Trajectories, region: Region) -> list[str]:
     if model.assumptions.known is None:
         cures.append("give --sigma if the noise is known")
     return [
-        f"the bounds of {listed([f'{name}(k+1)' for name in rows])} are infinite or larger than "
-        f"every coefficient: {', or '.join(cures)}"
+        f"the bounds of {html.listed([f'{name}(k+1)' for name in rows])} are infinite or larger "
+        f"than every coefficient: {', or '.join(cures)}"
     ]

@@ -285,6 +285,7 @@ def _of_trajectories(plan: Predicted, runs: Trajectories, loop: Loop | None = No
         raise InputError("`runs` must have every step, not the pairs of `k_step`")
     if plan.dt is not None and runs.dt is not None and not np.isclose(plan.dt, runs.dt, rtol=1e-9):
         raise InputError(f"`runs` must have dt={plan.dt:g} as this plan, got dt={runs.dt:g}")
+    runs._require_whole("runs", "whether a run stayed inside is not known where rows are lost")
     order = order_of("runs", Labels(runs.state_names, runs.input_names), plan.labels)
     memory.need("the runs", 8 * len(runs) * rows * n)
     states = np.full((len(runs), rows, n), np.nan)

@@ -13,6 +13,7 @@ from ..exceptions import InputError
 from ..rng import Key
 from .assumptions import COVARIANCES, DESIGNS, NOISES, Assumptions
 from .checks import NAMES, Checks
+from .pieces import Pieces
 from .pilot import Pilot
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ STATE_NOISES = ("none", "white", "covariance")
 def from_runs(runs: Any) -> Sections:
     """Return trajectories as named arrays."""
     names = [name.encode() for name in (*runs.state_names, *runs.input_names)]
-    return {
+    found = {
         "format": _counts(VERSION, runs.n, runs.m, runs.steps),
         "rows": runs._rows.ravel(),
         "lengths": runs.lengths.astype(np.uint64),
@@ -38,6 +39,10 @@ def from_runs(runs: Any) -> Sections:
         "names": _bytes(b"".join(names)),
         "name_lengths": _counts(*(len(name) for name in names)),
     }
+    if len(runs._pieces.gaps) or runs.lost:
+        found["gaps"] = runs._pieces.gaps.astype(np.uint64).ravel()
+        found["lost"] = runs._pieces.lost.astype(np.uint64)
+    return found
 
 
 def to_runs(sections: Sections) -> tuple[Any, ...]:
@@ -53,12 +58,16 @@ def to_runs(sections: Sections) -> tuple[Any, ...]:
         raise InputError(f"`lengths` must be numbers of steps from 1 to {len(rows)}")
     if int(lengths.sum()) != len(rows):
         raise InputError(f"`lengths` must have the sum {len(rows)}, got {int(lengths.sum())}")
+    pieces = Pieces.whole(lengths.astype(np.int64))
+    if "gaps" in sections:
+        gaps, lost = (_taken(sections, name, np.uint64) for name in ("gaps", "lost"))
+        pieces = Pieces.checked(pieces.lengths, gaps, lost)
     dt = _taken(sections, "dt", np.float64)
     if len(dt) > 1:
         raise InputError(f"`dt` must have at most one entry, got {len(dt)}")
     names = _names(sections, n + m)
     step = float(dt[0]) if len(dt) else None
-    return rows, lengths.astype(np.int64), n, step, names[:n], names[n:], steps
+    return rows, pieces, n, step, names[:n], names[n:], steps
 
 
 def from_model(model: Any) -> Sections:

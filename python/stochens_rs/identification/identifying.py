@@ -207,7 +207,7 @@ def identify(
         rows = tested_rows(assumed, known, n)
         tested = checked_residuals(own, outcomes, rows, exact=assumed.design == "independent")
     if zeta is not None:
-        keep = runs._places() % 2 == 0
+        keep = runs._pieces.places() % 2 == 0
         runs, zeta = runs._thinned(), zeta[keep]
         Z = np.hstack([zeta, Z[keep]])
     triangle = _core.triangle(Z, get_num_threads())

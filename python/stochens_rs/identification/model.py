@@ -430,7 +430,7 @@ class Model(Identified, Durable, Tabled):
             centre=validation.frozen(made.centre),
             m=self.m,
             delta=wish.delta,
-            assumption=assumption + text,
+            assumption=assumption + text + self.data._assumed,
             missing=self.missing if self.instruments is None else (),
             parts=made.parts,
             future=wish.future,
@@ -580,7 +580,7 @@ class Model(Identified, Durable, Tabled):
         """The test of one more lag; None where errors of reading are declared, or none is known."""
         if self.assumptions.noisy_states:
             return None
-        rows, later = self.data._rows, np.flatnonzero(self.data._places() > 0)
+        rows, later = self.data._rows, np.flatnonzero(self.data._pieces.places() > 0)
         return one_more_lag(rows, later, self.n, self.intercept, self._residuals[1])
 
     @cached_property

@@ -1,132 +1,252 @@
-"""Runs from a table with one row per run and time, its columns named by the user."""
+"""Runs from tables and CSV files with one row per run and time, their columns named by the user."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .._base import validation
-from .._base.reading import printable
+from .._base.csv_file import csv_files, name_and_unit, read_cells
+from .._base.reading import number, printable
 from ..exceptions import InputError, InputTypeError, ShapeError
-from ..theory.exact import EPS
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from .._base.types import Floats
 
 
-# A step may differ from the others by this part of it: times are often written with few digits.
-EQUAL = 1e-3
+class Chosen(NamedTuple):
+    """The columns that the user names."""
+
+    states: list[Any]
+    inputs: list[Any]
+    by: Any
+    time: Any
 
 
-def read_table(
-    table: Any, states: Sequence[Any], inputs: Sequence[Any], by: Any, time: Any
-) -> tuple[Floats, NDArray[np.int64], float | None]:
-    """The rows (x, u, x_next) of all runs, the steps of each run, and the time between steps."""
-    chosen = {
-        "states": validation.items("states", states),
-        "inputs": validation.items("inputs", inputs),
-    }
-    for argument, names in chosen.items():
+@dataclass(frozen=True, eq=False)
+class Run:
+    """The rows of a run: states, inputs, nan where one is missing; times [s]; and words for it."""
+
+    x: Floats
+    u: Floats
+    times: Floats | None
+    rows: NDArray[np.intp]
+    table: Table
+    label: str | None
+
+    @property
+    def name(self) -> str:
+        """``run a``, ``logs/3.csv``, ``run a of logs/3.csv``."""
+        of = self.table.path if self.label is None else f"run {self.label}"
+        return f"{of} of {self.table.path}" if self.label and self.table.path else of or "the table"
+
+    def where(self, row: int) -> str:
+        """``in run a at time 0.2``."""
+        inside = self.label is not None or self.table.path is not None
+        at = f"row {self.rows[row] + self.table.first}"
+        at = f"in {at}" if self.times is None else f"at time {self.times[row]:.6g}"
+        return f"in {self.name} {at}" if inside else at
+
+
+class Table:
+    """The columns of a table, or of a CSV file, by the names that the user knows."""
+
+    def __init__(self, columns: Any, path: str | None = None) -> None:
+        if not isinstance(columns, Mapping) and not hasattr(columns, "columns"):
+            raise InputTypeError(
+                f"`table` must be a table or a mapping of columns, got {validation.show(columns)}"
+            )
+        self.columns, self.path = columns, path
+        self.first = 0 if path is None else 2  # the number of its first row: a file has a head
+
+    @classmethod
+    def of_file(cls, path: str) -> Table:
+        """Read a CSV file; its cells stay text."""
+        names, rows, _ = read_cells(path)
+        columns = zip(*rows, strict=True)
+        return cls({name: np.array(one) for name, one in zip(names, columns, strict=True)}, path)
+
+    @property
+    def names(self) -> list[Any]:
+        """The names of the columns."""
+        return list(self.columns.keys() if self.path is not None else _names(self.columns))
+
+    def title(self, name: Any) -> Any:
+        """The column of this name, with the unit that a file may say behind it."""
+        if not isinstance(name, str) or self.path is None or name in self.columns:
+            return name
+        fits = [title for title in self.columns if name_and_unit(title)[0] == name]
+        return fits[0] if len(fits) == 1 else name
+
+    def said(self, name: Any) -> str:
+        """A column in words."""
+        if self.path is not None:
+            return f"column '{name:.30}' of {self.path}"
+        return f"`table[{name!r:.30}]`"
+
+    def column(self, argument: str, name: Any) -> NDArray[Any]:
+        """A column as it is."""
+        try:
+            found = self.columns[name]
+        except MemoryError:
+            raise
+        except Exception:  # whatever a table raises for what is no column
+            known = ", ".join(printable(f"{one!s:.20}") for one in self.names[:8])
+            texts = [one for one in self.names if isinstance(one, str)]
+            near = validation.nearest(name, texts) if isinstance(name, str) else ""
+            of = "`table`" if self.path is None else self.path
+            raise InputError(
+                f"`{argument}` names {validation.show(name)}, but the columns of {of} are "
+                f"{known}{', ...' if len(self.names) > 8 else ''}{near}"
+            ) from None
+        if isinstance(self.columns, Mapping):
+            column = validation.read(f"table[{name!r:.30}]", found)
+        else:  # all columns of a frame have the order of its rows
+            column = np.asarray(found)
+        if column.ndim != 1:
+            raise ShapeError(f"{self.said(name)} must be one column, got {column.ndim} dimensions")
+        return column
+
+    def numbers(self, argument: str, name: Any) -> Floats:
+        """A column of numbers; nan where one is missing."""
+        column = self.column(argument, name)
+        if self.path is not None:
+            return self._parsed(name, column)
+        if column.dtype.kind == "O":  # numbers and None, as tables keep them
+            with contextlib.suppress(TypeError, ValueError):
+                column = column.astype(np.float64)
+        if column.dtype.kind not in "iuf":
+            raise InputTypeError(
+                f"{self.said(name)} must contain real numbers, got dtype {str(column.dtype)[:40]}"
+            )
+        return column.astype(np.float64)
+
+    def times(self, name: Any, rows: int) -> Floats:
+        """A column of seconds, or of dates and times in seconds since its first row."""
+        column = self.column("time", name)
+        if self.path is not None:
+            if name_and_unit(name)[1] not in ("", "s"):
+                raise InputError(f"{self.said(name)} must be in seconds, or dates and times")
+            try:
+                column = self._parsed(name, column)
+            except InputError as error:
+                try:
+                    column = column.astype("datetime64[ns]")
+                except ValueError:
+                    raise InputError(
+                        f"{error}: seconds, or dates and times as in ISO 8601"
+                    ) from None
+        if column.dtype.kind in "mM" and len(column):
+            column = (column - column[0]) / np.timedelta64(1, "s")
+        if column.dtype.kind not in "iuf" or len(column) != rows:
+            raise InputTypeError(
+                f"`time` must be a column of {rows} numbers or dates, got {len(column)} of dtype "
+                f"{str(column.dtype)[:40]}"
+            )
+        times = column.astype(np.float64)
+        if not np.isfinite(times).all():
+            row = int(np.argmin(np.isfinite(times))) + self.first
+            of = "" if self.path is None else f" of {self.path}"
+            raise InputError(f"`time` is missing in row {row}{of}")
+        return times
+
+    def labels(self, by: Any) -> list[Any]:
+        """The labels as they are: NumPy makes 1 of True, and text of both beside text."""
+        column = self.column("by", by)
+        if self.path is not None:
+            return [label or None for label in column.tolist()]
+        if column.dtype.kind in "mM":
+            return [None if np.isnat(time) else time.item() for time in column]
+        given = self.columns[by]
+        return list(given) if isinstance(given, (list, tuple)) else column.tolist()
+
+    def _parsed(self, name: Any, cells: NDArray[Any]) -> Floats:
+        """Text as numbers, nan where a cell is empty."""
+        found = np.full(len(cells), np.nan)
+        for k, cell in enumerate(cells.tolist()):
+            try:
+                found[k] = number(cell) if cell else np.nan
+            except ValueError:
+                raise InputError(
+                    f"{self.path} must have numbers in column '{name:.30}', got {cell[:30]!r} in "
+                    f"row {k + self.first}"
+                ) from None
+        return found
+
+
+def chosen_columns(states: Any, inputs: Any, by: Any, time: Any) -> Chosen:
+    """Check the arguments that name columns."""
+    chosen = Chosen(
+        validation.items("states", states), validation.items("inputs", inputs), by, time
+    )
+    for argument, names in (("states", chosen.states), ("inputs", chosen.inputs)):
         if not names:
             raise InputError(f"`{argument}` must name at least one column, got none")
-    x, u = (
-        np.column_stack([_numbers(table, argument, name) for name in names])
-        for argument, names in chosen.items()
-    )
+    return chosen
+
+
+def read_files(source: Any, chosen: Chosen) -> tuple[list[Run], Chosen]:
+    """The runs of CSV files, and the columns with the units that the files say."""
+    runs: list[Run] = []
+    titles = None
+    for path in csv_files(source):
+        table = Table.of_file(path)
+        names = [[table.title(name) for name in some] for some in chosen[:2]]
+        own = Chosen(*names, *(table.title(name) for name in chosen[2:]))
+        runs += read_table(table, own)
+        titles = titles or own
+        if own != titles:
+            here, before = next((a, b) for a, b in zip(own, titles, strict=True) if a != b)
+            raise InputError(
+                f"{path} has {printable(f'{here!s:.80}')}, the files before it "
+                f"{printable(f'{before!s:.80}')}: bring them to the same units"
+            )
+    if titles is None:
+        raise InputError("`source` must have at least one file, got none")
+    return runs, titles
+
+
+def read_table(table: Table, chosen: Chosen) -> list[Run]:
+    """The runs of a table, in the order of their first rows."""
+    x = np.column_stack([table.numbers("states", name) for name in chosen.states])
+    u = np.column_stack([table.numbers("inputs", name) for name in chosen.inputs])
     if len(x) != len(u):
         raise ShapeError(f"`table` must have columns of one length, got {len(x)} and {len(u)} rows")
-    times = None if time is None else _seconds(_column(table, "time", time), len(x))
-    rows, lengths, dt = [], [], None
-    for label, places in _runs(table, by, len(x)):
-        where = _Place(label if by is not None else None, places, times)
-        if len(places) < 2:
-            raise InputError(f"`table` has one row only {where(0)}: a run needs two")
-        if times is not None:
-            dt = _checked_step(times[places], where, dt)
-        names = chosen["states"]
-        _refuse_missing(x[places], names, where)
-        _refuse_missing(u[places[:-1]], chosen["inputs"], where)
-        rows.append(np.hstack([x[places[:-1]], u[places[:-1]], x[places[1:]]]))
-        lengths.append(len(places) - 1)
-    return np.vstack(rows), np.array(lengths, dtype=np.int64), dt
+    times = None if chosen.time is None else table.times(chosen.time, len(x))
+    runs = []
+    for label, rows in _runs(table, chosen.by, len(x)):
+        text = None if chosen.by is None else printable(f"{label!s:.30}")
+        own = None if times is None else times[rows]
+        run = Run(x[rows], u[rows], own, rows, table, text)
+        for values, names in ((run.x, chosen.states), (run.u, chosen.inputs)):
+            if np.isinf(values).any():
+                row, column = np.unravel_index(int(np.argmax(np.isinf(values))), values.shape)
+                raise InputError(
+                    f"{table.said(names[column])} is {values[row, column]} {run.where(int(row))}: "
+                    "a run that diverged ends with its last finite state"
+                )
+        runs.append(run)
+    return runs
 
 
-class _Place:
-    """Words for a row of a run: ``in run 'a' at time 0.2``."""
-
-    def __init__(self, label: object, places: NDArray[np.intp], times: Floats | None) -> None:
-        text = printable(f"{label!s:.30}")
-        self.label, self.places, self.times = None if label is None else text, places, times
-
-    def __call__(self, row: int) -> str:
-        run = "" if self.label is None else f"in run {self.label} "
-        at = f"in row {self.places[row]}"
-        return run + (at if self.times is None else f"at time {self.times[self.places[row]]:.6g}")
+def _names(columns: Any) -> Any:
+    return columns.keys() if isinstance(columns, Mapping) else columns.columns
 
 
-def _column(table: Any, argument: str, name: Any) -> NDArray[Any]:
-    if not isinstance(table, Mapping) and not hasattr(table, "columns"):
-        raise InputTypeError(
-            f"`table` must be a table or a mapping of columns, got {validation.show(table)}"
-        )
-    try:
-        found = table[name]
-    except MemoryError:
-        raise
-    except Exception:  # whatever a table raises for what is no column
-        known = ", ".join(printable(f"{one!s:.20}") for one in list(_column_names(table))[:6])
-        raise InputError(
-            f"`{argument}` names {validation.show(name)}, but the columns of `table` are {known}"
-        ) from None
-    if isinstance(table, Mapping):
-        column = validation.read(f"table[{name!r:.30}]", found)
-    else:  # all columns of a frame have the order of its rows
-        column = np.asarray(found)
-    if column.ndim != 1:
-        raise ShapeError(f"`table[{name!r:.30}]` must be one column, got {column.ndim} dimensions")
-    return column
-
-
-def _column_names(table: Any) -> Any:
-    return table.keys() if isinstance(table, Mapping) else table.columns
-
-
-def _numbers(table: Any, argument: str, name: Any) -> Floats:
-    column = _column(table, argument, name)
-    if column.dtype.kind == "O":  # numbers and None, as tables keep them
-        with contextlib.suppress(TypeError, ValueError):
-            column = column.astype(np.float64)
-    if column.dtype.kind not in "iuf":
-        raise InputTypeError(
-            f"`table[{name!r:.30}]` must contain real numbers, got dtype {str(column.dtype)[:40]}"
-        )
-    return column.astype(np.float64)
-
-
-def _seconds(column: NDArray[Any], rows: int) -> Floats:
-    if column.dtype.kind in "mM":  # dates or durations
-        column = (column - column[0]) / np.timedelta64(1, "s")
-    if column.dtype.kind not in "iuf" or len(column) != rows:
-        raise InputTypeError(
-            f"`time` must be a column of {rows} numbers or dates, got {len(column)} of dtype "
-            f"{str(column.dtype)[:40]}"
-        )
-    times = column.astype(np.float64)
-    if not np.isfinite(times).all():
-        raise InputError(f"`time` is missing in row {int(np.argmin(np.isfinite(times)))}")
-    return times
-
-
-def _runs(table: Any, by: Any, rows: int) -> list[tuple[Any, NDArray[np.intp]]]:
+def _runs(table: Table, by: Any, rows: int) -> Iterator[tuple[Any, NDArray[np.intp]]]:
     """The label and the rows of each run, in the order of their first rows."""
     if by is None:
-        return [(None, np.arange(rows))]
-    labels = _labels(table, by)
+        yield None, np.arange(rows)
+        return
+    labels = table.labels(by)
     if len(labels) != rows:
         raise ShapeError(f"`by` must be a column of {rows} rows, got {len(labels)}")
     found: dict[tuple[bool, Any], list[int]] = {}
@@ -138,47 +258,10 @@ def _runs(table: Any, by: Any, rows: int) -> list[tuple[Any, NDArray[np.intp]]]:
         except (TypeError, ValueError):  # missing as pandas says it, or a list
             missing = True
         if missing:
-            raise InputError(f"`by` is missing in row {row}, or no label: {validation.show(label)}")
-    return [(label, np.array(places)) for (_, label), places in found.items()]
-
-
-def _labels(table: Any, by: Any) -> list[Any]:
-    """The labels of the rows as they are: NumPy makes 1 of True, and text of both beside text."""
-    column = _column(table, "by", by)
-    if column.dtype.kind in "mM":
-        return [None if np.isnat(time) else time.item() for time in column]
-    given = table[by]
-    return list(given) if isinstance(given, (list, tuple)) else column.tolist()
-
-
-def _checked_step(times: Floats, where: _Place, dt: float | None) -> float:
-    """The time between two rows; that of the runs before, if there are any."""
-    steps = np.diff(times)
-    if (steps <= 0.0).any():
-        row = int(np.argmax(steps <= 0.0)) + 1
-        raise InputError(
-            f"`time` must increase within a run, but does not {where(row)}: sort it"
-            + (", or, if there are several runs, give `by`" if where.label is None else "")
-        )
-    usual = float(np.median(steps)) if dt is None else dt
-    # rounding of the times themselves, and of what is written with few digits
-    slack = EQUAL * usual + 8.0 * EPS * float(np.abs(times).max())
-    wrong = np.abs(steps - usual) > slack
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        raise InputError(
-            f"`time` must have equal steps of {usual:.6g}, but the next row {where(row)} is "
-            f"{steps[row]:.6g} later: divide the run at the gap"
-        )
-    return float(f"{usual:.12g}")  # 0.1, where the times are 0, 0.1, 0.2, 0.30000000000000004
-
-
-def _refuse_missing(values: Floats, names: list[Any], where: _Place) -> None:
-    finite = np.isfinite(values)
-    if not finite.all():
-        row, column = np.unravel_index(int(np.argmin(finite)), values.shape)
-        raise InputError(
-            f"`table[{names[column]!r:.30}]` is {values[row, column]} {where(int(row))}: "
-            "end the run before it, and start a new one after it"
-            + ("; without `by`, all rows are one run" if where.label is None else "")
-        )
+            of = "" if table.path is None else f" of {table.path}, column '{by:.30}'"
+            raise InputError(
+                f"`by` is missing in row {row + table.first}{of}, or no label: "
+                f"{validation.show(label)}"
+            )
+    for (_, label), places in found.items():
+        yield label, np.array(places)

@@ -18,7 +18,9 @@ from .._base.signal_names import checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import RngLike, as_key
 from .files import Sections, from_runs, to_runs
-from .tables import read_table
+from .gaps import OnGap, joined
+from .pieces import NO_GAPS, Pieces
+from .tables import Chosen, Run, Table, chosen_columns, read_files, read_table
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -30,6 +32,8 @@ if TYPE_CHECKING:
 def _rebuild(
     rows: Floats,
     lengths: NDArray[np.int64],
+    gaps: NDArray[np.int64],
+    lost: NDArray[np.int64],
     n: int,
     dt: float | None,
     state_names: tuple[str, ...],
@@ -44,7 +48,8 @@ def _rebuild(
     if checked.shape[1] <= 2 * count or each.sum() != len(checked):
         raise InputTypeError("the fields of these Trajectories do not fit together")
     size = validation.size("steps", steps)
-    return Trajectories._of(checked, each, count, dt, state_names, input_names, size)
+    pieces = Pieces.checked(each, np.asarray(gaps), np.asarray(lost))
+    return Trajectories._of(checked, pieces, count, dt, state_names, input_names, size)
 
 
 class Trajectories(Durable, Record):
@@ -86,10 +91,10 @@ class Trajectories(Durable, Record):
     array([1. , 1.5, 0.5])
     """
 
-    __slots__ = ("_dt", "_input_names", "_lengths", "_n", "_rows", "_state_names", "_steps")
+    __slots__ = ("_dt", "_input_names", "_n", "_pieces", "_rows", "_state_names", "_steps")
 
     _rows: Floats
-    _lengths: NDArray[np.int64]
+    _pieces: Pieces
     _n: int
     _dt: float | None
     _state_names: tuple[str, ...]
@@ -124,7 +129,62 @@ class Trajectories(Durable, Record):
             rows.append(np.hstack([run[:-1], control, run[1:]]))
         lengths = np.array([len(part) for part in rows], dtype=np.int64)
         assert n is not None
-        self._set(np.vstack(rows), lengths, n, dt, state_names, input_names, 1)
+        self._set(np.vstack(rows), Pieces.whole(lengths), n, dt, state_names, input_names, 1)
+
+    @classmethod
+    def from_csv(
+        cls,
+        source: Any,
+        *,
+        states: Sequence[str],
+        inputs: Sequence[str],
+        by: str | None = None,
+        time: str | None = None,
+        dt: float | None = None,
+        tolerance: float | None = None,
+        delay: int = 0,
+        on_gap: OnGap = "split",
+    ) -> Self:
+        """Read runs from CSV files, with lost rows and jittering stamps as logs have them.
+
+        Parameters
+        ----------
+        source : path, pattern or list of paths
+            A file, a folder of ``.csv`` files, a pattern as ``"logs/run_*.csv"``, or a list. Each
+            file is a run, or several with `by`. The files of a folder or pattern are taken in the
+            order of their names with numbers compared as numbers (``run_2`` before ``run_10``),
+            those of a list in its order.
+        states, inputs : sequence of str
+            The columns of the states and of the inputs, as the first row of each file names them;
+            ``angle`` is also found as ``angle [rad]``, and the name then has the unit.
+        by, time, dt, tolerance, delay, on_gap
+            As in `from_table`.
+
+        Returns
+        -------
+        Trajectories
+
+        Raises
+        ------
+        InputError
+            As `from_table`, with the file and its row; or if two files say different units.
+        FileNotFoundError
+            If there is no such file.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, stochens_rs as se
+        >>> folder = pathlib.Path(tempfile.mkdtemp())
+        >>> rows = ["t,v [m/s],F", "0.0,0.0,1", "0.1,0.3,-1", "0.2,,0.5", "0.3,0.1,1", "0.4,0.4,"]
+        >>> _ = (folder / "1.csv").write_text(chr(10).join(rows))
+        >>> data = se.Trajectories.from_csv(folder, states=["v"], inputs=["F"], time="t")
+        >>> data
+        <Trajectories: 1 run in 2 pieces, 2 pairs, 1 row lost, n=1 m=1 dt=0.1>
+        >>> data.state_names
+        ('v [m/s]',)
+        """
+        runs, titles = read_files(source, chosen_columns(states, inputs, by, time))
+        return cls._joined(runs, titles, dt, tolerance, delay, on_gap)
 
     @classmethod
     def from_table(
@@ -135,21 +195,37 @@ class Trajectories(Durable, Record):
         inputs: Sequence[Any],
         by: Any = None,
         time: Any = None,
-    ) -> Trajectories:
+        dt: float | None = None,
+        tolerance: float | None = None,
+        delay: int = 0,
+        on_gap: OnGap = "split",
+    ) -> Self:
         """Read runs from a table with one row per run and time.
 
         Parameters
         ----------
         table : pandas.DataFrame or mapping of columns
-            ``table[name]`` is a column of numbers, all of one length.
+            ``table[name]`` is a column of numbers, all of one length; nan where one is missing.
         states, inputs : sequence of column names
             The columns of the states and of the inputs, in the order that the model is to have.
             They become `state_names` and `input_names`.
         by : column name, optional
             The column that tells the runs apart; None: the table is one run.
         time : column name, optional
-            The column of times [s], or of dates and times; it gives `dt`. None: the rows of a run
-            are equal steps apart.
+            The column of times [s], or of dates and times. None: the rows of a run are equal steps
+            apart.
+        dt : float, optional
+            The time between two steps [s]: your declaration that the stamps jitter and the sampling
+            does not. None: the mean step of `time`.
+        tolerance : float, optional
+            By what part of a step a stamp may be off; the default is 0.25 if `dt` is declared, else
+            0.05. Rows that are further off do not follow on each other.
+        delay : int, default 0
+            After how many steps an input acts: ``u(k - delay)`` takes the place of ``u(k)``.
+        on_gap : {"split", "raise"}, default "split"
+            Where a row is lost, or a state or input missing, the run is divided into pieces, or an
+            error names the row. A pair needs both its rows and its input. The pieces are still one
+            run for all that counts runs (`last_pairs`, `k_step`, `split`, resampling).
 
         Returns
         -------
@@ -159,16 +235,17 @@ class Trajectories(Durable, Record):
         Raises
         ------
         InputError
-            If a column is missing or not usable; a state or an input is missing, named by column,
-            run and time; the times of a run do not increase or are not equally far apart, with the
-            run and the time of the first gap; the steps of two runs differ; or a run has one row.
+            If a column is missing, not usable, constant, or proportional to another one; the times
+            of a run do not increase; more than a tenth of the steps are not a whole number of `dt`;
+            a run has no pair; or a sensor is seen at the end of its range.
         InputTypeError
             If `table` is no table.
 
         Notes
         -----
-        The input in the last row of a run acts after its last state: it is not used, and may be
-        missing (nan).
+        Rows must be lost by chance, which is part of every `Region.assumption`: with a logger that
+        loses rows for what they would have read, or runs that were cut before a bad reading, no
+        region holds. The input in the last row of a run acts after its last state: it is not used.
 
         Examples
         --------
@@ -184,9 +261,8 @@ class Trajectories(Durable, Record):
         ... )
         <Trajectories: 2 runs, 3 pairs, n=1 m=1 dt=0.5>
         """
-        rows, lengths, dt = read_table(table, states, inputs, by, time)
-        names = [str(name) for name in states], [str(name) for name in inputs]
-        return cls._of(rows, lengths, len(names[0]), dt, *names)
+        chosen = chosen_columns(states, inputs, by, time)
+        return cls._joined(read_table(Table(table), chosen), chosen, dt, tolerance, delay, on_gap)
 
     @classmethod
     def from_pairs(
@@ -234,7 +310,8 @@ class Trajectories(Durable, Record):
         after = validation.matrix("x_next", x_next, rows=N, cols=n)
         memory.need("the pairs", (2 * before.nbytes) + acting.nbytes)
         rows = np.hstack([before, acting, after])
-        return cls._of(rows, np.ones(N, dtype=np.int64), n, dt, state_names, input_names)
+        pieces = Pieces.whole(np.ones(N, dtype=np.int64))
+        return cls._of(rows, pieces, n, dt, state_names, input_names)
 
     @property
     def n(self) -> int:
@@ -258,8 +335,18 @@ class Trajectories(Durable, Record):
 
     @property
     def lengths(self) -> NDArray[np.int64]:
-        """The number of steps of each run, read-only."""
-        return self._lengths
+        """The number of pairs of each run, read-only; of all its pieces, if it has gaps."""
+        return self._pieces.lengths
+
+    @property
+    def pieces(self) -> NDArray[np.int64]:
+        """The number of pairs of each piece: a run between two gaps, or a whole one."""
+        return np.diff(np.append(np.flatnonzero(self._pieces.places() == 0), self.size))
+
+    @property
+    def lost(self) -> int:
+        """The number of rows that the logs of these runs have lost: missing, or not complete."""
+        return int(self._pieces.lost.sum())
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -279,14 +366,20 @@ class Trajectories(Durable, Record):
     @property
     def single(self) -> bool:
         """Whether every run is one pair."""
-        return len(self._lengths) == len(self._rows)
+        return len(self) == self.size
 
     @property
     def runs(self) -> list[tuple[Floats, Floats]]:
-        """The states (T + 1, n) and inputs (T, m) of each run."""
-        n, ends = self._n, np.cumsum(self._lengths)
-        parts = [self._rows[end - T : end] for T, end in zip(self._lengths, ends, strict=True)]
-        return [(np.vstack([part[:, :n], part[-1:, -n:]]), part[:, n:-n].copy()) for part in parts]
+        """The states (T + 1, n) and inputs (T, m) of each run; nan for what is lost at a gap."""
+        n, found, skipped = self._n, [], self._pieces.skipped()
+        memory.need("the runs", 8 * (self.size + len(self) + int(skipped.sum())) * (n + self.m))
+        for T, end in zip(self.lengths, np.cumsum(self.lengths), strict=True):
+            part = self._rows[end - T : end]
+            at = np.arange(T) + np.cumsum(skipped[end - T : end])  # the step of each pair
+            x, u = np.full((at[-1] + 2, n), np.nan), np.full((at[-1] + 1, self.m), np.nan)
+            x[at], u[at], x[at + 1] = part[:, :n], part[:, n:-n], part[:, -n:]
+            found.append((x, u))
+        return found
 
     def pairs(self) -> tuple[Floats, Floats, Floats]:
         """Return all pairs of all runs.
@@ -312,9 +405,9 @@ class Trajectories(Durable, Record):
         Returns
         -------
         Trajectories
-            As many pairs as runs. They may be identified with ``design="independent"``, also
-            where the runs had feedback, if the runs are independent of each other and their
-            lengths were chosen without a look at the last state.
+            As many pairs as runs, however many pieces a run has. They may be identified with
+            ``design="independent"``, also where the runs had feedback, if the runs are independent
+            of each other and their lengths were chosen without a look at the last state.
 
         Examples
         --------
@@ -324,8 +417,9 @@ class Trajectories(Durable, Record):
         >>> data.last_pairs()
         <Trajectories: 2 pairs, n=1 m=1>
         """
-        rows = self._rows[np.cumsum(self._lengths) - 1]
-        return self._part(rows, np.ones(len(rows), dtype=np.int64))
+        last = np.zeros(self.size, dtype=bool)
+        last[np.cumsum(self.lengths) - 1] = True
+        return self._with(last)
 
     def k_step(self, steps: int, *, open_loop: bool) -> Self:
         """Take the first K steps of each run as one step: ``(x(0), u(0), ..., u(K-1)) -> x(K)``.
@@ -333,7 +427,8 @@ class Trajectories(Durable, Record):
         Parameters
         ----------
         steps : int
-            The number of steps K. Shorter runs are left out.
+            The number of steps K. Of a run with gaps: the first K steps without one. Runs without
+            so many are left out.
         open_loop : bool
             Your declaration that the inputs were independent of the noise of all runs: chosen
             beforehand or drawn apart. With feedback no region holds, so False is refused.
@@ -364,19 +459,21 @@ class Trajectories(Durable, Record):
                 "`open_loop` must be True: inputs that react to the noise inside a run break "
                 "every region over several steps; with feedback use last_pairs()"
             )
-        n = self._n
-        enough = self._lengths >= K
-        if not enough.any():
+        n, places = self._n, self._pieces.places()
+        ends = np.flatnonzero(places >= K - 1)  # pairs with K - 1 before them in their piece
+        if not len(ends):
             raise InputError(
-                f"`steps` is {K}, but the longest run has {html.counted(int(self._lengths.max()))}"
+                f"`steps` is {K}, but the longest {'piece' if len(self._pieces.gaps) else 'run'} "
+                f"has {html.counted(int(places.max()) + 1)}"
             )
-        start = (np.cumsum(self._lengths) - self._lengths)[enough]
+        runs, where = np.unique(self._pieces.runs()[ends], return_index=True)
+        start = ends[where] - (K - 1)  # one for each run
         acting = [self._rows[start + k, n:-n] for k in range(K)]
         rows = np.hstack([self._rows[start, :n], *acting, self._rows[start + K - 1, -n:]])
         names = [f"{name}({k})" for k in range(K) for name in self._input_names]
         return self._of(
             rows,
-            np.ones(len(rows), dtype=np.int64),
+            Pieces(np.ones(len(rows), dtype=np.int64), NO_GAPS, self._pieces.lost[runs]),
             n,
             None if self._dt is None else K * self._dt,
             self._state_names,
@@ -422,15 +519,16 @@ class Trajectories(Durable, Record):
             raise InputError(f"`share` must leave a run for each part, got {share} of {runs}")
         first = np.zeros(runs, dtype=bool)
         first[as_key(rng).child("split").generator().permutation(runs)[:count]] = True
-        return self._chosen(first), self._chosen(~first)
+        run = self._pieces.runs()
+        return self._with(first[run]), self._with(~first[run])
 
-    def _chosen(self, runs: NDArray[np.bool_]) -> Self:
-        return self._part(self._rows[np.repeat(runs, self._lengths)], self._lengths[runs])
+    def _with(self, pairs: NDArray[np.bool_]) -> Self:
+        """Some of the pairs; their runs stay."""
+        return self._part(self._rows[pairs], self._pieces.chosen(pairs))
 
     def _thinned(self) -> Self:
-        """Every second pair of each run, as pairs."""
-        rows = self._rows[self._places() % 2 == 0]
-        return self._part(rows, np.ones(len(rows), dtype=np.int64))
+        """Every second pair of each piece."""
+        return self._with(self._pieces.places() % 2 == 0)
 
     def past_inputs(self, lags: int) -> Floats:
         """Return the present and past inputs of every pair, as instruments for `identify`.
@@ -443,8 +541,9 @@ class Trajectories(Durable, Record):
         Returns
         -------
         ndarray, shape (N, (lags + 1) m)
-            ``u(k), u(k - 1), ..., u(k - lags)``, 0 before the start of a run. They are instruments
-            only if the inputs are independent of the noise of states and readings: open loop.
+            ``u(k), u(k - 1), ..., u(k - lags)``, 0 before the start of a run or piece. They are
+            instruments only if the inputs are independent of the noise of states and readings: open
+            loop.
 
         Examples
         --------
@@ -453,9 +552,9 @@ class Trajectories(Durable, Record):
         array([[1., 0.],
                [2., 1.]])
         """
-        lags = validation.size("lags", lags, minimum=0, maximum=int(self._lengths.max()))
+        lags = validation.size("lags", lags, minimum=0, maximum=int(self.lengths.max()))
         memory.need("the past inputs", 2 * 8 * (lags + 1) * self.size * self.m)
-        u, places = self._rows[:, self._n : -self._n], self._places()
+        u, places = self._rows[:, self._n : -self._n], self._pieces.places()
         back = [
             np.where((places >= lag)[:, None], np.roll(u, lag, axis=0), 0.0)
             for lag in range(lags + 1)
@@ -477,12 +576,12 @@ class Trajectories(Durable, Record):
         chosen[runs] = True
         if not chosen.any() or (runs.step or 1) < 0:
             raise InputError("the slice must name at least one run, in their order")
-        return self._chosen(chosen)
+        return self._with(chosen[self._pieces.runs()])
 
     def _set(
         self,
         rows: Floats,
-        lengths: NDArray[np.int64],
+        pieces: Pieces,
         n: int,
         dt: object,
         state_names: Sequence[str] | None,
@@ -490,11 +589,11 @@ class Trajectories(Durable, Record):
         steps: int,
     ) -> None:
         m = rows.shape[1] - 2 * n
-        rows.flags.writeable = lengths.flags.writeable = False
+        rows.flags.writeable = False
         of_states, of_inputs = checked_names(n, m, state_names, input_names)
         for slot, value in (
             ("_rows", rows),
-            ("_lengths", lengths),
+            ("_pieces", pieces),
             ("_n", n),
             ("_dt", None if dt is None else validation.positive("dt", dt)),
             ("_state_names", of_states),
@@ -504,10 +603,18 @@ class Trajectories(Durable, Record):
             object.__setattr__(self, slot, value)
 
     @classmethod
+    def _joined(cls, runs: list[Run], chosen: Chosen, *about: Any) -> Self:
+        """The runs of a log, their columns, and dt, tolerance, delay and on_gap."""
+        states, inputs = map(str, chosen.states), map(str, chosen.inputs)
+        names = tuple(states), tuple(inputs)
+        rows, pieces, dt = joined(runs, [*names[0], *names[1]], *about)
+        return cls._of(rows, pieces, len(names[0]), dt, *names)
+
+    @classmethod
     def _of(
         cls,
         rows: Floats,
-        lengths: NDArray[np.int64],
+        pieces: Pieces,
         n: int,
         dt: float | None,
         state_names: Sequence[str] | None,
@@ -515,12 +622,12 @@ class Trajectories(Durable, Record):
         steps: int = 1,
     ) -> Self:
         self = object.__new__(cls)
-        self._set(rows, lengths, n, dt, state_names, input_names, steps)
+        self._set(rows, pieces, n, dt, state_names, input_names, steps)
         return self
 
-    def _part(self, rows: Floats, lengths: NDArray[np.int64]) -> Self:
+    def _part(self, rows: Floats, pieces: Pieces) -> Self:
         names = self._state_names, self._input_names
-        return type(self)._of(rows, lengths, self._n, self._dt, *names, self._steps)
+        return type(self)._of(rows, pieces, self._n, self._dt, *names, self._steps)
 
     def _to_sections(self) -> Sections:
         return from_runs(self)
@@ -532,15 +639,25 @@ class Trajectories(Durable, Record):
         return cls._of(validation.matrix("rows", rows), *about)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _rebuild, (self._rows, self._lengths, *self._about())
+        about = self._pieces
+        return _rebuild, (self._rows, about.lengths, about.gaps, about.lost, *self._about())
 
-    def _places(self) -> NDArray[np.int64]:
-        """The step k of each pair in its run."""
-        first = np.cumsum(self._lengths) - self._lengths
-        return np.arange(self.size) - np.repeat(first, self._lengths)
+    def _require_whole(self, name: str, why: str) -> None:
+        """Refuse runs with gaps where an argument needs every row of a run."""
+        gaps = len(self._pieces.gaps)
+        if gaps:
+            raise InputError(
+                f"`{name}` must have no gaps, got {html.number_of(gaps, 'gap')} in "
+                f"{html.number_of(len(self), 'run')}: {why}"
+            )
+
+    @property
+    def _assumed(self) -> str:
+        """What is assumed of the rows that are lost, behind the assumptions of a region."""
+        return "; rows lost by chance, not for what they read" if self.lost else ""
 
     def __len__(self) -> int:
-        return len(self._lengths)
+        return len(self.lengths)
 
     def __setattr__(self, name: str, value: object) -> None:
         raise AttributeError(f"Trajectories are immutable: `{name}` cannot be set")
@@ -548,8 +665,9 @@ class Trajectories(Durable, Record):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Trajectories):
             return NotImplemented
-        return self._about() == other._about() and (
-            np.array_equal(self._lengths, other._lengths)
+        return (
+            self._about() == other._about()
+            and self._pieces.same(other._pieces)
             and np.array_equal(self._rows, other._rows)
         )
 
@@ -558,27 +676,35 @@ class Trajectories(Durable, Record):
     def _about(self) -> tuple[object, ...]:
         return (self._n, self._dt, self._state_names, self._input_names, self._steps)
 
-    def __repr__(self) -> str:
+    @property
+    def _counts(self) -> str:
+        """``2 runs in 5 pieces, 40 pairs, 3 rows lost``."""
         runs, pairs = html.number_of(len(self), "run"), html.number_of(self.size, "pair")
+        if len(self._pieces.gaps):
+            runs += f" in {html.number_of(len(self.pieces), 'piece')}"
+        lost = f", {html.number_of(self.lost, 'row')} lost" if self.lost else ""
+        return f"{runs}, {pairs}{lost}"
+
+    def __repr__(self) -> str:
         dt = "" if self._dt is None else f" dt={self._dt:g}"
         over = "" if self._steps == 1 else f" over {self._steps} steps"
-        shown = pairs if self.single else f"{runs}, {pairs}"
+        shown = self._counts.partition(", ")[2] if self.single else self._counts
         return f"<Trajectories: {shown}{over}, n={self.n} m={self.m}{dt}>"
 
     def _repr_html_(self) -> str:
-        shortest, longest = int(self._lengths.min()), int(self._lengths.max())
+        pieces, kind = self.pieces, "piece" if len(self._pieces.gaps) else "run"
+        shortest, longest = int(pieces.min()), int(pieces.max())
         rows = [
             (
-                "steps of a run",
+                f"steps of a {kind}",
                 f"{shortest}" if shortest == longest else f"{shortest} to {longest}",
             ),
             ("states", ", ".join(self._state_names)),
             ("inputs", ", ".join(self._input_names)),
         ]
-        states = self.runs[0][0] if len(self) == 1 or not self.single else self._rows[:, : self._n]
-        about = (
-            "states over the pairs" if self.single and len(self) > 1 else "states of the first run"
-        )
+        single = self.single and len(self) > 1
+        states = self._rows[:, : self._n] if single else self._rows[: pieces[0], : self._n]
+        about = "states over the pairs" if single else f"states of the first {kind}"
         return html.card(self, rows, html.states(np.arange(len(states)), states, about))
 
 
@@ -606,7 +732,7 @@ def pooled(data: object) -> Trajectories:
         return sets[0]
     memory.need("the pooled data", sum(one._rows.nbytes for one in sets))
     rows = np.vstack([one._rows for one in sets])
-    return sets[0]._part(rows, np.concatenate([one._lengths for one in sets]))
+    return sets[0]._part(rows, Pieces.joined([one._pieces for one in sets]))
 
 
 def _several(name: str, value: Any) -> list[tuple[str, Any]]:

@@ -102,6 +102,7 @@ def checked_design(
         validation.instance("runs", runs, Trajectories)
         if (runs.n, runs.m, runs.steps) != (n, m, 1):
             raise InputError(f"`runs` must have n={n} and m={m}, as the system, got {runs!r}")
+        runs._require_whole("runs", "their inputs are played again")
     return RunDesign(
         starts=validation.deviations("starts", starts, n),
         excitation=validation.deviations("excitation", excitation, m),

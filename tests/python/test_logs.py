@@ -1,0 +1,493 @@
+"""Logs as they are: folders, lost rows, stamps, delays, and what is refused."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import cli
+from stochens_rs.exceptions import InputError
+
+LOGS = Path(__file__).parents[2] / "docs" / "data" / "logs"
+RIG = {"states": ["position", "angle", "speed", "rate"], "inputs": ["force"], "time": "time"}
+nan = float("nan")
+
+
+def log(gen, rows=40, lost=0.0):
+    """One run on a grid of 0.1 s, rows left out of its table by chance, and cells of its states."""
+    there = gen.random(rows) >= lost
+    there[:3] = True
+    columns = {
+        "t": 0.1 * np.arange(rows),
+        "x": gen.standard_normal(rows),
+        "v": gen.standard_normal(rows),
+        "u": gen.standard_normal(rows),
+    }
+    columns["v"][gen.random(rows) < lost / 2] = nan
+    columns["u"][gen.random(rows) < lost / 2] = nan
+    columns["v"][:3] = columns["u"][:3] = 1.0
+    return {name: column[there] for name, column in columns.items()}
+
+
+def several(gen, runs=4, **options):
+    logs = [log(gen, **options) for _ in range(runs)]
+    found = {name: np.concatenate([one[name] for one in logs]) for name in logs[0]}
+    return found | {"run": np.repeat(np.arange(runs), [len(one["t"]) for one in logs])}
+
+
+def read(columns, **options):
+    options = {"by": "run", "time": "t", **options}
+    return se.Trajectories.from_table(columns, states=["x", "v"], inputs=["u"], **options)
+
+
+def by_hand(columns, delay=0):
+    """The pairs of each run with their steps, from a dictionary of complete rows."""
+    found = []
+    for run in dict.fromkeys(columns["run"].tolist()):
+        own = columns["run"] == run
+        at = {
+            round(t / 0.1): k for k, t in zip(np.flatnonzero(own), columns["t"][own], strict=True)
+        }
+        pairs = []
+        for step, k in at.items():
+            after, acting = at.get(step + 1), at.get(step - delay)
+            if after is None or acting is None:
+                continue
+            states = columns["x"][k], columns["v"][k]
+            then = columns["x"][after], columns["v"][after]
+            row = np.array([*states, columns["u"][acting], *then])
+            if np.isfinite(row).all():
+                pairs.append((step, row))
+        found.append(pairs)
+    return found
+
+
+def one_step(pairs):
+    return [k > 0 and pairs[k][0] == pairs[k - 1][0] + 1 for k in range(len(pairs))]
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize("lost", [0.0, 0.05, 0.3])
+def test_pairs_and_pieces_are_those_by_hand(lost, delay):
+    gen = np.random.default_rng(5)
+    columns = several(gen, lost=lost)
+    data, expected = read(columns, delay=delay), by_hand(columns, delay)
+    np.testing.assert_array_equal(data._rows, [row for run in expected for _, row in run])
+    assert data.lengths.tolist() == [len(run) for run in expected]
+    pieces = [follows for run in expected for follows in one_step(run)]
+    assert len(data.pieces) == pieces.count(False)
+    assert data.pieces.sum() == data.size
+    assert (data.lost > 0) is (lost > 0)
+    for (x, u), run in zip(data.runs, expected, strict=True):  # nan where there is no pair
+        first = run[0][0]
+        assert len(x) == run[-1][0] - first + 2
+        assert np.isfinite(u).sum() == len(run)
+        for step, row in run:
+            np.testing.assert_array_equal(x[step - first], row[:2])
+            np.testing.assert_array_equal(x[step - first + 1], row[3:])
+            np.testing.assert_array_equal(u[step - first], row[2:3])
+
+
+def test_lost_rows_are_counted_once():
+    """Row 2 left out, a cell of row 5 empty, the input of row 8 empty, the last input unused."""
+    gen = np.random.default_rng(6)
+    columns = {name: gen.standard_normal(12) for name in "xvu"} | {"t": 0.1 * np.arange(12)}
+    columns["v"][5], columns["u"][8], columns["u"][11] = nan, nan, nan
+    data = read({name: np.delete(column, 2) for name, column in columns.items()}, by=None)
+    assert (data.lost, data.pieces.tolist(), len(data)) == (3, [1, 1, 2, 2], 1)
+    assert repr(data) == "<Trajectories: 1 run in 4 pieces, 6 pairs, 3 rows lost, n=2 m=1 dt=0.1>"
+
+
+def test_least_squares_of_an_integer_log_with_lost_rows():
+    """Inputs and noise by integer formulas, rows 10, 11 and 30 lost; numbers by other code."""
+    t = np.arange(61)
+    u, w = ((3 * t**2 + 2 * t) % 7 - 3) / 3.0, ((t + 2) ** 2 % 11 - 5) / 20.0
+    y = np.append([0.3, -0.2], np.zeros(59))
+    for k in range(1, 60):
+        y[k + 1] = 1.2 * y[k] - 0.5 * y[k - 1] + u[k] + 0.4 * u[k - 1] + w[k + 1]
+    assert y[60] == pytest.approx(-0.1313653632019, abs=1e-12)
+    y[[10, 11, 30]] = u[[10, 11, 30]] = nan
+    table = {"y": y[1:], "y before": y[:-1], "u before": u[:-1], "u": u[1:]}
+    data = se.Trajectories.from_table(table, states=list(table)[:3], inputs=["u"])
+    assert data.size == 52
+    model = se.identify(data, exact=["y before", "u before"], checks=False)
+    found = np.hstack([model.A, model.B])[0, [0, 1, 3, 2]]
+    expected = [1.18569387532, -0.4779681122702, 1.034331191496, 0.4330868101888]
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
+    assert model.covariance[0, 0] * (52 - 4) == pytest.approx(0.957983156482, rel=1e-11)
+
+
+# -- one run stays one run -------------------------------------------------------------------------
+
+
+def test_what_counts_runs_counts_no_pieces():
+    columns = several(np.random.default_rng(7), lost=0.15)
+    data, expected = read(columns), by_hand(columns)
+    assert len(data.pieces) > len(data) == 4
+    last = data.last_pairs()
+    np.testing.assert_array_equal(last._rows, [run[-1][1] for run in expected])
+    assert last.single
+    first, second = data.split(2, rng=1)
+    assert (len(first), len(second), first.lost + second.lost) == (2, 2, data.lost)
+    assert len(data[1:3].pieces) == sum(one_step(run).count(False) for run in expected[1:3])
+    assert data[1:3].lengths.tolist() == [len(run) for run in expected[1:3]]
+    with pytest.raises(InputError, match="must be 'adaptive' for runs of several steps"):
+        se.identify(data, design="independent")
+    pooled = se.identify([data, data], checks=False).data
+    assert (len(pooled), len(pooled.pieces)) == (8, 2 * len(data.pieces))
+
+
+@pytest.mark.parametrize("K", [3, 4])
+def test_several_steps_are_the_first_without_a_gap_of_each_run(K):
+    columns = several(np.random.default_rng(9), runs=12, rows=5, lost=0.5)
+    direct = read(columns).k_step(K, open_loop=True)
+    expected = []
+    for run in by_hand(columns):
+        steps = [step for step, _ in run]
+        begin = next(
+            (k for k in range(len(run)) if steps[k : k + K] == [*range(steps[k], steps[k] + K)]),
+            None,
+        )
+        if begin is not None:
+            rows = [row for _, row in run[begin : begin + K]]
+            expected.append([*rows[0][:2], *(row[2] for row in rows), *rows[-1][3:]])
+    assert 0 < len(expected) < 12
+    np.testing.assert_array_equal(direct._rows, expected)
+    data = read(several(np.random.default_rng(7), lost=0.15))
+    with pytest.raises(InputError, match=f"the longest piece has {data.pieces.max()} steps"):
+        data.k_step(40, open_loop=True)
+
+
+def test_instruments_take_every_second_pair_of_a_piece_and_no_input_over_a_gap():
+    columns = several(np.random.default_rng(10), runs=3, lost=0.2)
+    data, expected = read(columns), by_hand(columns)
+    past = data.past_inputs(1)
+    rows, follows = (
+        [row for run in expected for _, row in run],
+        [one for run in expected for one in one_step(run)],
+    )
+    before = [rows[k - 1][2] if after else 0.0 for k, after in enumerate(follows)]
+    np.testing.assert_array_equal(past, np.column_stack([[row[2] for row in rows], before]))
+    model = se.identify(data, state_noise="white", instruments=data.past_inputs(3), checks=False)
+    kept, place = [], 0
+    for row, after in zip(rows, follows, strict=True):
+        place = place + 1 if after else 0
+        kept += [row] if place % 2 == 0 else []
+    np.testing.assert_array_equal(model.data._rows, kept)
+    assert len(model.data) == 3  # runs, not pairs
+    assert model.data.pieces.tolist() == [1] * len(kept)
+
+
+def test_runs_are_resampled_whole():
+    """Two runs, one in many pieces: a resample of runs has one, the other, or both."""
+    columns = several(np.random.default_rng(11), runs=2, lost=0.2)
+    model = se.identify(read(columns), checks=False)
+    drawn = model.bootstrap(60, method="trajectories", rng=1)
+    assert len(np.unique(drawn.A.round(9), axis=0)) <= 3
+
+
+def test_a_run_with_gaps_is_no_held_out_run_and_no_design():
+    gen = np.random.default_rng(12)
+    data = read(several(gen, lost=0.2))
+    plan = se.control((np.eye(2) / 2, np.ones((2, 1))), [1.0, 0.0], [0.0, 0.0], steps=2)
+    with pytest.raises(InputError, match=r"`runs` must have no gaps, got \d+ gaps in 4 runs"):
+        plan.validate(data)
+    with pytest.raises(InputError, match=r"`runs` must have no gaps"):
+        se.studies.coverage((np.eye(2) / 2, np.ones((2, 1))), [1, 0], [0, 0], noise=1, runs=data)
+
+
+def test_the_lag_test_reaches_over_no_gap():
+    gen = np.random.default_rng(13)
+    columns = several(gen, runs=3, rows=300, lost=0.1)
+    model = se.identify(read(columns), checks=False)
+    pieces = [row for run in read(columns).runs for row in cut(*run)]
+    apart = se.identify(se.Trajectories(*zip(*pieces, strict=True)), checks=False)
+    assert model._lag.explained == pytest.approx(apart._lag.explained)
+
+
+def cut(x, u):
+    """The pieces of a run with nan between them."""
+    whole = np.isfinite(u).all(axis=1)
+    ends = np.flatnonzero(np.diff(np.r_[False, whole, False].astype(int))).reshape(-1, 2)
+    return [(x[a : b + 1], u[a:b]) for a, b in ends]
+
+
+# -- saved and copied ------------------------------------------------------------------------------
+
+
+def test_gaps_are_saved_and_copied(tmp_path):
+    data = read(several(np.random.default_rng(14), lost=0.2))
+    data.save(tmp_path / "runs.state")
+    model = se.identify(data, checks=False)
+    model.save(tmp_path / "model.state")
+    loaded = se.Trajectories.load(tmp_path / "runs.state")
+    for other in (loaded, pickle.loads(pickle.dumps(data)), copy.deepcopy(data)):
+        assert other == data
+        assert (other.lost, other.pieces.tolist()) == (data.lost, data.pieces.tolist())
+    assert se.Model.load(tmp_path / "model.state").data == data
+    assert data != read(several(np.random.default_rng(14), lost=0.2), on_gap="split")[0:3]
+
+
+@pytest.mark.parametrize(
+    "gaps",
+    [[[0, 1]], [[40, 1]], [[5, 0]], [[9, 1], [5, 1]], [[5, 2**50]], [[-1, 1]], [5], [[5.0, 1.0]]],
+)
+def test_gaps_that_fit_no_runs_are_refused(gaps):
+    data = se.Trajectories(np.ones((41, 1)), np.ones((40, 1)))
+    make, (rows, lengths, _, lost, *about) = data.__reduce__()
+    assert make(rows, lengths, np.array([[5, 2]]), lost, *about).pieces.tolist() == [5, 35]
+    with pytest.raises(InputError, match="`gaps` must be"):
+        make(rows, lengths, np.array(gaps), lost, *about)
+    with pytest.raises(InputError, match="`lost` must"):
+        make(rows, lengths, np.array([[5, 2]]), np.array([1, 2]), *about)
+
+
+# -- stamps ----------------------------------------------------------------------------------------
+
+
+def stamped(times, **options):
+    gen = np.random.default_rng(len(times))
+    columns = {name: gen.standard_normal(len(times)) for name in "xvu"}
+    return read(columns | {"t": np.asarray(times, dtype=float)}, by=None, **options)
+
+
+def test_the_step_is_the_mean_where_stamps_are_rounded():
+    """60 Hz in whole milliseconds: the median, 17 ms, would put the steps of 16 ms off the grid."""
+    data = stamped(np.round(np.arange(60) / 60.0, 3))
+    assert data.dt == pytest.approx(1 / 60, rel=1e-3)
+    assert data.pieces.tolist() == [59]
+
+
+def test_jitter_needs_a_declared_step_and_drift_does_not_matter():
+    gen = np.random.default_rng(15)
+    times = 0.02 * (np.arange(200) + gen.uniform(-0.1, 0.1, 200))
+    with pytest.raises(InputError, match=r"off by more than 5 % of one.* declare dt=0.02") as said:
+        stamped(times)
+    assert "of 199 are off" in str(said.value)
+    assert stamped(times, dt=0.02).pieces.tolist() == [199]
+    assert stamped(times, tolerance=0.25).dt == pytest.approx(0.02, rel=1e-2)
+    drifting = np.cumsum(np.linspace(0.0195, 0.0205, 400))  # 1 s off the grid at the end
+    assert stamped(drifting).pieces.tolist() == [399]
+
+
+def test_stamps_off_the_grid_divide_and_no_input_reaches_over_them():
+    times = np.r_[np.arange(20), np.arange(20) + 21.4] * 0.1
+    assert stamped(times, dt=0.1).pieces.tolist() == [19, 19]
+    assert stamped(times, dt=0.1, delay=3).pieces.tolist() == [16, 16]
+    assert stamped(np.r_[np.arange(20), np.arange(20) + 20.6] * 0.1, dt=0.1).lost == 1
+    on_grid = np.r_[np.arange(20), np.arange(20) + 21] * 0.1
+    assert stamped(on_grid, delay=3).pieces.tolist() == [16, 2, 16]  # u(20) is lost
+
+
+def test_a_row_that_is_logged_twice_follows_on_none():
+    times = np.sort(np.r_[np.arange(40) * 0.1, 2.001])
+    assert stamped(times, dt=0.1).pieces.tolist() == [20, 19]
+
+
+def test_huge_gaps_take_no_memory():
+    data = stamped(np.r_[np.arange(20), np.arange(20) + 1e12] * 0.1)
+    assert data.pieces.tolist() == [19, 19]
+    assert "1 run in 2 pieces" in repr(data)
+    assert "<polyline" in data._repr_html_()
+
+
+@pytest.mark.parametrize(
+    ("times", "options", "said"),
+    [
+        ([0, 1, 2, 2, 3], {}, "must increase within a run, but does not at time 2"),
+        ([0, 1, 3, 6, 10, 15, 21], {}, "`time` must have"),
+        ([0, 1, 4], {}, "`time` must have equal steps, got 2 of 1 to 3 s: declare `dt`"),
+        ([-1.7e308, 0, 1.7e308, 1.75e308], {"dt": 1e308}, "`time` must have"),
+        ([-1.7e308, 1.7e308], {}, "`time` must have finite steps, got inf at time -1.7e+308"),
+        (
+            np.cumsum(1.0 + 0.8 * np.random.default_rng(3).random(50)),
+            {"dt": 1.2},
+            "irregular times",
+        ),
+        ([0, 1, 2, 3, 4, 5], {"dt": 0.5}, "steps of 0.5 s in every run, but most of the table are"),
+        (
+            [0, 1, 2, 5, 6, 7],
+            {"on_gap": "raise"},
+            "a gap of 3 steps behind the row at time 2: on_g",
+        ),
+        ([0, 1, 2], {"tolerance": 0.7}, "`tolerance` must be"),
+        ([0, 1, 2], {"dt": -1.0}, "`dt` must be > 0"),
+        ([0, 1, 2], {"delay": -1}, "`delay` must be"),
+        ([0, 1, 2], {"delay": 5}, "no two complete rows that are one step apart, 1 s, with an inp"),
+        ([0, 1, 2], {"on_gap": "fill"}, "`on_gap` must be"),
+    ],
+)
+def test_bad_stamps_are_refused_with_the_numbers(times, options, said):
+    with pytest.raises(InputError) as caught:
+        stamped(times, **options)
+    assert said in str(caught.value)
+
+
+def test_without_times_the_rows_are_the_steps():
+    data = stamped(np.arange(9), time=None, dt=0.5, delay=1)
+    assert (data.dt, data.size) == (0.5, 7)
+
+
+# -- columns ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda c: c | {"u": np.full(40, 0.3)}, "`u` is constant (0.3) in all rows: leave it out"),
+        (lambda c: c | {"v": np.zeros(40)}, "`v` is constant (0) in all rows"),
+        (lambda c: c | {"v": -57.29577951 * c["x"]}, "`x` and `v` are proportional in all rows"),
+        (lambda c: c | {"v": np.clip(c["v"], -0.5, 9)}, "`v` reads -0.5, its least value, in "),
+        (lambda c: c | {"x": np.clip(c["x"], -9, 0.5)}, "`x` reads 0.5, its largest value, in "),
+        (lambda c: c | {"x": np.where(c["x"] > 2, np.inf, c["x"])}, "`table['x']` is inf at time"),
+    ],
+)
+def test_columns_that_are_no_signals_are_named(change, said):
+    columns = change(log(np.random.default_rng(16)))
+    with pytest.raises(InputError) as caught:
+        read(columns, by=None)
+    assert said in str(caught.value)
+
+
+@pytest.mark.parametrize("unit", [0.01, 0.2])
+def test_coarse_readings_of_a_swing_are_not_the_end_of_a_range(unit):
+    t = np.arange(2000)
+    gen = np.random.default_rng(17)
+    swing = np.round(np.sin(0.05 * t) / unit) * unit
+    columns = {"t": 0.1 * t, "x": swing, "v": np.cos(0.05 * t), "u": gen.standard_normal(2000)}
+    assert read(columns, by=None).size == 1999
+
+
+# -- files -----------------------------------------------------------------------------------------
+
+
+def write(path, columns, names="t,x,v,u", lines=()):
+    rows = np.column_stack([columns[name] for name in "txvu"]).tolist()
+    cells = [",".join("" if np.isnan(cell) else repr(cell) for cell in row) for row in rows]
+    path.write_text("\n".join([names, *cells, *lines]) + "\n")
+
+
+@pytest.fixture
+def folder(tmp_path):
+    gen = np.random.default_rng(18)
+    for number in (10, 2, 1):
+        columns = log(gen, lost=0.1)
+        columns["x"][0] = number
+        write(tmp_path / f"run_{number}.csv", columns)
+    (tmp_path / "notes.txt").write_text("no log")
+    return tmp_path
+
+
+def files(source, **options):
+    options = {"time": "t", **options}
+    return se.Trajectories.from_csv(source, states=["x", "v"], inputs=["u"], **options)
+
+
+def test_a_folder_a_pattern_and_a_list_are_the_same_runs(folder):
+    data = files(folder)
+    assert [x[0, 0] for x, _ in data.runs] == [1, 2, 10]
+    assert files(str(folder / "run_*.csv")) == data
+    named = [folder / f"run_{number}.csv" for number in (10, 1, 2)]
+    assert [x[0, 0] for x, _ in files(named).runs] == [10, 1, 2]
+    assert files(named[1]) == data[0:1]
+    assert files(f"{folder}/") == data
+    with pytest.raises(InputError, match=r"must name each file once, got .*run_10.csv twice"):
+        files([str(folder), named[0]])
+
+
+def test_a_file_is_read_as_a_table_is(folder):
+    cells = np.genfromtxt(folder / "run_2.csv", delimiter=",", names=True)
+    table = {name: cells[name] for name in cells.dtype.names}
+    assert files(folder / "run_2.csv") == read(table, by=None)
+
+
+def test_units_of_columns_must_agree(folder):
+    for number in (1, 2, 10):
+        path = folder / f"run_{number}.csv"
+        path.write_text(path.read_text().replace("t,x,v,u", "t [s],x [m],v,u"))
+    assert files(folder).state_names == ("x [m]", "v")
+    path.write_text(path.read_text().replace("x [m]", "x [mm]"))
+    with pytest.raises(InputError, match=r"run_10.csv has .*x \[mm\].* the same units"):
+        files(folder)
+    path.write_text(path.read_text().replace("t [s]", "t [ms]"))
+    with pytest.raises(InputError, match=r"column 't \[ms\]' of .* must be in seconds"):
+        files(path)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (
+            lambda p: p.write_text(p.read_text().replace("t,x,v,u", "t,x,w,u")),
+            "of {} are t, x, w, u",
+        ),
+        (
+            lambda p: p.write_text(p.read_text() + "9,1,fast,2\n"),
+            "{} must have numbers in column 'v'",
+        ),
+        (lambda p: p.write_text(p.read_text() + "0.1,1,2,3\n"), "does not in {} at time 0.1"),
+        (lambda p: p.write_text("t,x,v,u\n0,1,2,3\n"), "{} has no two complete rows"),
+        (lambda p: p.write_text(p.read_text() + ",1,2,3\n"), "`time` is missing in row "),
+    ],
+)
+def test_errors_name_the_file(folder, spoil, said):
+    path = folder / "run_2.csv"
+    spoil(path)
+    with pytest.raises(InputError) as caught:
+        files(folder)
+    assert said.format(path) in str(caught.value)
+
+
+def test_no_files(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"no .csv file in the folder"):
+        files(tmp_path)
+    with pytest.raises(FileNotFoundError, match="no file fits"):
+        files(str(tmp_path / "*.csv"))
+    with pytest.raises(InputError, match="`source` must have at least one file"):
+        files([])
+
+
+def test_missing_cells_are_named_if_gaps_are_to_raise(folder):
+    columns = log(np.random.default_rng(19))
+    columns["v"][7] = columns["u"][-1] = nan
+    write(folder / "run_2.csv", columns)
+    with pytest.raises(InputError, match=r"`v` is missing in .*run_2.csv at time 0.7: on_gap='spl"):
+        files(folder / "run_2.csv", on_gap="raise")
+
+
+# -- the logs of the documentation -----------------------------------------------------------------
+
+
+def test_the_logs_of_the_rig():
+    data = se.Trajectories.from_csv(LOGS, dt=0.02, delay=1, **RIG)
+    assert (len(data), data.lost, data.dt) == (16, 30, 0.02)
+    paths = sorted(LOGS.glob("*.csv"), key=lambda path: int(path.stem[4:]))
+    starts = [float(path.read_text().splitlines()[2].split(",")[1]) for path in paths]
+    assert [x[0, 0] for x, _ in data.runs] == starts  # the first row has no force before it
+    model = se.identify(data)
+    assert model.warnings == ()
+    assert model.region(0.05).assumption.endswith("; rows lost by chance, not for what they read")
+    last = se.identify(data.last_pairs(), checks=False)
+    assert last.region(0.05).assumption.endswith("; rows lost by chance, not for what they read")
+
+
+def test_a_folder_on_the_command_line(capsys):
+    options = ["--states", "position,angle,speed,rate", "--inputs", "force", "--time", "time"]
+    shifted = [*options, "--dt", "0.02", "--delay", "1"]
+    printed = []
+    for source in ([f"{LOGS}/"], [f"{LOGS}/run_*.csv"], sorted(LOGS.glob("*.csv"))):
+        assert cli.main(["identify", *map(str, source), *shifted]) == 0
+        printed.append(capsys.readouterr().out)
+    assert printed[0].startswith("16 runs in 45 pieces, 2285 pairs, 30 rows lost, 0.02 s apart")
+    assert printed[0] == printed[1] == printed[2]
+    assert cli.main(["identify", str(LOGS), *options]) == 2
+    assert "declare dt=0.02" in capsys.readouterr().err.replace("--dt ", "dt=").replace(
+        "--dt=", "dt="
+    )
+    assert cli.main(["identify", str(LOGS), *shifted, "--on-gap", "raise"]) == 2
+    assert "gap of 2 steps" in capsys.readouterr().err

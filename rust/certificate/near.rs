@@ -167,7 +167,7 @@ impl Work<'_> {
         let times_deviation = self.s.abs() * quantile(self.shares.reference)?;
         let (covariance, apart) = (self.covariance(count)?, self.difference(count)?);
         let row = |of: &[f64], i: usize| -> Result<f64> {
-            let (frobenius, nuclear) = norms(&of[i * width..(i + 1) * width], self.d, n)?;
+            let (frobenius, nuclear) = norms(&of[i * width..(i + 1) * width], n)?;
             Ok(times(self.event.frobenius, frobenius).min(times(self.event.spectral, nuclear)))
         };
         let mut found = try_zeros(WHAT, n)?;

@@ -183,7 +183,7 @@ impl Search<'_> {
         &self,
         start: &[f64],
         u: &mut [f64],
-        runs: Runs<'_>,
+        runs: NextRuns<'_>,
         mut value: f64,
         path: &mut [f64],
         spare: &mut [f64],

@@ -131,7 +131,7 @@ impl Uncertain {
         }
         let back = |i: usize| 1.0 / unit[i];
         let mut pieces = Vec::new();
-        let phi = region.frobenius;
+        let phi = region.frobenius();
         for part in &region.parts {
             let (rows, width) = (part.rows.clone(), part.columns.len());
             if width == 0 {

@@ -392,9 +392,9 @@ fn call(name: &str) -> Option<Call> {
             identify::smallest_quantile(10, 100, 0.05, 2, &stop).map(drop)
         }),
         "a region from data" => {
-            let (n, d) = (20, 30);
+            let (n, d) = (4, 12);
             let rows = entries(200 * (n + d));
-            let (scale, directions) = (entries(d), entries(d * 12));
+            let (known, directions) = (entries(n * n), entries(d * 3));
             Box::new(move || {
                 let triangle = identify::triangle(&rows, n + d, 1, &stop)?;
                 let of = identify::Data {
@@ -408,7 +408,6 @@ fn call(name: &str) -> Option<Call> {
                     state_noise: None,
                 };
                 let estimate = identify::Estimate::new(of, &stop)?;
-                let known = entries(n * n);
                 let assumed = |design| identify::Assumed {
                     design,
                     noise: identify::Noise::Gaussian,
@@ -416,13 +415,12 @@ fn call(name: &str) -> Option<Call> {
                 };
                 let wish = identify::Wish::new(0.05);
                 let [any, exact] = [identify::Design::Adaptive, identify::Design::Independent].map(assumed);
-                Region::from_data(&estimate, any, wish, &scale, 1, &stop)?;
-                Region::from_data(&estimate, any, identify::Wish { components: true, ..wish }, &scale, 1, &stop)?;
+                Region::from_data(&estimate, any, wish, &[1.0; 12], 1, &stop)?;
+                Region::from_data(&estimate, any, identify::Wish { components: true, ..wish }, &[1.0; 12], 1, &stop)?;
                 let wish = identify::Wish { directions: Some(&directions), ..wish };
-                Region::from_data(&estimate, exact, wish, &scale, 1, &stop)?;
-                let of = identify::Data { n: 10, m: 15, instruments: 25, ..of };
-                let estimate = identify::Estimate::new(of, &stop)?;
-                Region::from_data(&estimate, exact, identify::Wish::new(0.05), &scale, 1, &stop).map(drop)
+                Region::from_data(&estimate, exact, wish, &[1.0; 12], 1, &stop)?;
+                let of = identify::Data { n: 2, m: 3, instruments: 9, ..of };
+                identify::Estimate::new(of, &stop).map(drop)
             })
         }
         "several steps" => {

@@ -18,6 +18,7 @@ import stochens_rs as se
 from core_regions import region_errors
 from coverage_study import DELTA, at_most, coverage
 from identification_data import SKEWED, THETA, Y, Z, check, hull, independent, tuned
+from stochens_rs import _core
 from stochens_rs.exceptions import (
     DataWarning,
     InputError,
@@ -26,7 +27,6 @@ from stochens_rs.exceptions import (
     ShapeError,
 )
 from stochens_rs.fusion import FusedModel
-from stochens_rs.fusion.hull import hull_radius2, noncentrality
 from twin import fusing_by_data as fd
 from twin import laws
 from twin import triangle as tr
@@ -65,7 +65,7 @@ def Theta_of(model):
 
 def error_of(region, model, Theta):
     """``||S^-1/2 (Theta - C) V^1/2||_F``, which the Frobenius radius of the region bounds."""
-    root = model.least_squares._blocks[0].fitted.root
+    root = model.least_squares._blocks[0].root
     L = np.linalg.cholesky(region.parts[0].S)
     return np.linalg.norm(np.linalg.solve(L, (Theta - region.centre) @ root.T))
 
@@ -85,17 +85,7 @@ def test_oracle():
     check(1.0 - 3.0 / data.distance**2, 0.796619816977)  # the constant p - face - 2
     check(data.share, 1.0 - 1.5 * (1.0 - 0.796619816977))  # chi2 of 5 degrees is larger
     # one part of the region, in units of sigma
-    check(0.04 * hull_radius2(data._hull, data._noise, 0.05), 1.349148050135, rtol=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("x", "degrees", "delta"), [(32, 32, 0.025), (3e6, 40, 0.01), (1e5, 3, 0.4)]
-)
-def test_limits_of_the_noncentrality(x, degrees, delta):
-    found, exact = noncentrality(x, degrees, delta), laws.noncentrality_limit(x, degrees, delta)
-    if x < 1e4:
-        check(found, 21.445789230634)
-    assert exact * (1 - 1e-9) <= found <= exact + 2 * degrees
+    check(0.04 * _core.hull_radius(data._hull, data._noise, 0.05, 0), 1.349148050135, rtol=1e-7)
 
 
 CASES = {
@@ -238,7 +228,7 @@ def test_regions_with_noise_to_come_hold():
     for k in range(runs):
         Theta, z, y = independent(gen, N=30)
         fused = fused_by(hull(gen, Theta, 0.5, 0.3 * (k % 2)), z, y, 1.0 if k % 3 else None)
-        root, later = fused.least_squares._blocks[0].fitted.root, gen.standard_normal((4, 3))
+        root, later = fused.least_squares._blocks[0].root, gen.standard_normal((4, 3))
         wrong = [False, False]
         for i, frobenius in enumerate((False, True)):
             for one in fused._regions(DELTA, future=3, frobenius=frobenius):
@@ -344,7 +334,7 @@ def test_mean_square_error_is_below_that_of_least_squares(case, sigma):
     for _ in range(400):
         Theta, z, y = independent(gen, n=n, d=d, N=N)
         fused = fused_by(hull(gen, Theta, 0.5, off, M=M), z, y, sigma)
-        root = fused.least_squares._blocks[0].fitted.root
+        root = fused.least_squares._blocks[0].root
         risks.append(
             [
                 np.sum(((Theta_of(one) - Theta) @ root.T) ** 2)
@@ -436,7 +426,7 @@ def test_data_that_do_not_determine_the_model():
     inside, outside = z[0], gen.standard_normal(5)
     assert region.bound(inside[:3], inside[3:]) < np.inf
     assert region.bound(outside[:3], outside[3:]) == np.inf
-    f = fused.least_squares._blocks[0].fitted
+    f = fused.least_squares._blocks[0]
     null = np.linalg.svd(z)[2][3:].T  # there the model is that of the mixture
     V = np.tensordot(fused.weights, models, axes=1)
     change = Theta_of(fused) - V

@@ -33,8 +33,6 @@ __all__ = [
     "build",
     "certify",
     "chance_of_infinity",
-    "chi2_quantile",
-    "chi2_upper",
     "closed_form",
     "diagonal_quantile",
     "drawn_misses",
@@ -47,6 +45,9 @@ __all__ = [
     "fleet_misses",
     "fleet_worst",
     "guaranteed_gain",
+    "hull_explained",
+    "hull_radius",
+    "hull_share",
     "joint_radii",
     "kept_quantiles",
     "least_squares_level",
@@ -55,7 +56,6 @@ __all__ = [
     "mean_difference",
     "mixtures",
     "next_runs",
-    "noncentrality_limit",
     "normal_quantile",
     "one_noise",
     "pseudoinverse",
@@ -366,12 +366,14 @@ def scalar_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> floa
 def row_quantile(n: int, d: int, nu: int, delta: float) -> float: ...
 def diagonal_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float: ...
 def trace_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float: ...
+
+# `hull` and `noise` are read by their attributes, see `fusion.hull`
+def hull_share(hull: object, noise: object) -> float: ...
+def hull_explained(hull: object, noise: object) -> bool | None: ...
+def hull_radius(hull: object, noise: object, delta: float, extra: int) -> float: ...
 def joint_radii(n: int, d: int, nu: int, delta: float, threads: int) -> tuple[float, float]: ...
-def chi2_quantile(probability: float, degrees: float) -> float: ...
-def chi2_upper(delta: float, degrees: float) -> float: ...
 def normal_quantile(covariance: _Floats, delta: float) -> float: ...
 def f_upper(delta: float, a: float, b: float) -> float: ...
-def noncentrality_limit(x: float, degrees: float, delta: float) -> float: ...
 def sphere_level(n: int, ld: float, delta: float) -> float: ...
 def least_squares_level(
     n: int, ld: _Floats, wider: _Floats, delta: float, frobenius: bool

@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 use super::convert::slice;
 use super::run::{UNTIL_STOPPED, run};
 use crate::identify;
+use crate::region::{Noise, Place};
 
 /// Quantiles of sizes, a level and a number of threads.
 macro_rules! quantiles {
@@ -41,18 +42,6 @@ pub(super) fn row_quantile(n: usize, d: usize, nu: usize, delta: f64) -> PyResul
     Ok(identify::row_quantile(n, d, nu, delta)?)
 }
 
-/// `x` with `P(chi2 <= x) = probability`.
-#[pyfunction]
-pub(super) fn chi2_quantile(probability: f64, degrees: f64) -> PyResult<f64> {
-    Ok(identify::chi2_quantile(probability, degrees)?)
-}
-
-/// `x` with `P(chi2 > x) = delta`.
-#[pyfunction]
-pub(super) fn chi2_upper(delta: f64, degrees: f64) -> PyResult<f64> {
-    Ok(identify::chi2_upper(delta, degrees)?)
-}
-
 /// `t` with `P(||x|| > t) <= delta` for normal x of this covariance (n, n).
 #[pyfunction]
 pub(super) fn normal_quantile(py: Python<'_>, covariance: PyReadonlyArray2<'_, f64>, delta: f64) -> PyResult<f64> {
@@ -66,10 +55,60 @@ pub(super) fn f_upper(delta: f64, a: f64, b: f64) -> PyResult<f64> {
     Ok(identify::f_upper(delta, a, b)?)
 }
 
-/// Upper limit of a noncentrality with confidence `1 - delta`, from one value `x`.
+/// The fields of the package's `Hull`.
+#[derive(FromPyObject)]
+pub(super) struct HullArgument {
+    distance2: f64,
+    off2: f64,
+    along: f64,
+    k: usize,
+    face: usize,
+    p: usize,
+}
+
+impl HullArgument {
+    fn get(&self) -> Place {
+        let Self { distance2, off2, along, k, face, p } = *self;
+        Place { distance: distance2, off: off2, along, k, face, p }
+    }
+}
+
+/// The fields of the package's `Noise`.
+#[derive(FromPyObject)]
+pub(super) struct NoiseArgument {
+    variance: Option<f64>,
+    rss: f64,
+    degrees: usize,
+}
+
+impl NoiseArgument {
+    fn get(&self) -> Noise {
+        self.variance.map_or(Noise::Estimated { rss: self.rss, degrees: self.degrees }, Noise::Known)
+    }
+}
+
+/// The share of least squares in the mixture with it.
 #[pyfunction]
-pub(super) fn noncentrality_limit(py: Python<'_>, x: f64, degrees: f64, delta: f64) -> PyResult<f64> {
-    run(py, 0.0, |_| identify::noncentrality_limit(x, degrees, delta))
+pub(super) fn hull_share(hull: HullArgument, noise: NoiseArgument) -> PyResult<f64> {
+    Ok(hull.get().share(noise.get())?)
+}
+
+/// Whether an affine mixture is compatible with the data.
+#[pyfunction]
+pub(super) fn hull_explained(hull: HullArgument, noise: NoiseArgument) -> PyResult<Option<bool>> {
+    Ok(hull.get().explained(noise.get())?)
+}
+
+/// A bound on `||(F - Theta) V^(1/2)||_F^2`.
+#[pyfunction]
+pub(super) fn hull_radius(
+    py: Python<'_>,
+    hull: HullArgument,
+    noise: NoiseArgument,
+    delta: f64,
+    extra: usize,
+) -> PyResult<f64> {
+    run(py, 0.0, |_| hull.get().radius(noise.get(), delta, extra))
 }
 
 /// `c` with `1F1(1/2; n/2; c) = exp(ld / 2) / delta`.

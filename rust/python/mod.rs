@@ -68,9 +68,9 @@ mod _core {
     };
     #[pymodule_export]
     use super::laws::{
-        chi2_quantile, chi2_upper, diagonal_quantile, f_upper, joint_radii, least_squares_level, log_multigamma,
-        noncentrality_limit, normal_quantile, one_noise, row_quantile, roy_quantile, scalar_quantile,
-        smallest_quantile, sphere_level, trace_quantile, wishart_quantile,
+        diagonal_quantile, f_upper, hull_explained, hull_radius, hull_share, joint_radii, least_squares_level,
+        log_multigamma, normal_quantile, one_noise, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,
+        sphere_level, trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
     use super::limited::BoxControl;

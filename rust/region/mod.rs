@@ -7,11 +7,13 @@
 //! with C the centre. What several steps add is in [`crate::certificate`].
 
 mod from_data;
+mod hull;
 mod instruments;
 mod models;
 mod part;
 mod projection;
 
+pub use hull::{Noise, Place};
 pub use models::Region;
 pub use part::{Part, PartOf};
 pub use projection::DIRECTIONS;

@@ -8,11 +8,10 @@ mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
 pub(crate) mod dispatch;
+mod lanes;
 #[cfg(target_arch = "x86_64")]
 mod x86_64;
 
+pub use lanes::LANES;
 #[cfg(target_arch = "x86_64")]
 pub(crate) use x86_64::{fill, lookup, subtract_short};
-
-/// Interleaved xoshiro256++ generators per chunk. Part of the stream's definition.
-pub const LANES: usize = 8;

@@ -6,7 +6,8 @@
 
 use std::arch::is_x86_feature_detected;
 
-use super::{LANES, avx2, avx512};
+use super::lanes::LANES;
+use super::{avx2, avx512};
 
 /// Fills `steps` and returns true, or returns false where the processor has no AVX2.
 pub(crate) fn fill(state: &mut [[u64; LANES]; 4], steps: &mut [[u64; LANES]]) -> bool {

@@ -18,6 +18,7 @@ import stochens_rs as se
 from core_regions import region_errors
 from coverage_study import DELTA, at_most, coverage
 from identification_data import SKEWED, THETA, Y, Z, check, hull, independent, tuned
+from stochens_rs import _core
 from stochens_rs.exceptions import (
     DataWarning,
     InputError,
@@ -26,7 +27,6 @@ from stochens_rs.exceptions import (
     ShapeError,
 )
 from stochens_rs.fusion import FusedModel
-from stochens_rs.fusion.hull import hull_radius2, noncentrality
 from twin import fusing_by_data as fd
 from twin import laws
 from twin import triangle as tr
@@ -85,17 +85,7 @@ def test_oracle():
     check(1.0 - 3.0 / data.distance**2, 0.796619816977)  # the constant p - face - 2
     check(data.share, 1.0 - 1.5 * (1.0 - 0.796619816977))  # chi2 of 5 degrees is larger
     # one part of the region, in units of sigma
-    check(0.04 * hull_radius2(data._hull, data._noise, 0.05), 1.349148050135, rtol=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("x", "degrees", "delta"), [(32, 32, 0.025), (3e6, 40, 0.01), (1e5, 3, 0.4)]
-)
-def test_limits_of_the_noncentrality(x, degrees, delta):
-    found, exact = noncentrality(x, degrees, delta), laws.noncentrality_limit(x, degrees, delta)
-    if x < 1e4:
-        check(found, 21.445789230634)
-    assert exact * (1 - 1e-9) <= found <= exact + 2 * degrees
+    check(0.04 * _core.hull_radius(data._hull, data._noise, 0.05, 0), 1.349148050135, rtol=1e-7)
 
 
 CASES = {

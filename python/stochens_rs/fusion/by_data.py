@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import _core
 from .._base import html, memory, validation
 from .._base.signal_names import order_of
 from ..ensembles.ensemble import Ensemble
@@ -53,7 +54,7 @@ def fuse_by_data(
         fit = _nearest(S - t, options)
         weights, share = fit.weights / fit.weights.sum(), 0.0
         if shrink:
-            share = hull.least_squares_share(hull.position(S, t, weights), noise_of(least))
+            share = _core.hull_share(hull.position(S, t, weights), noise_of(least))
     else:
         fit = _nearest(_left_out(given, least, shrink), options)
         weights, share = _apart(fit.weights, given.size)

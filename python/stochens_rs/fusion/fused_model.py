@@ -148,7 +148,7 @@ class FusedModel(SavedRecord, Identified):
         A test of level 0.01, exact for a design that is independent of the noise. None where there
         is nothing to test, and for "leave-one-out".
         """
-        return None if self.method != "alse" else hull.explained(self._hull, self._noise)
+        return None if self.method != "alse" else _core.hull_explained(self._hull, self._noise)
 
     @property
     def doubts(self) -> tuple[str, ...]:
@@ -249,7 +249,7 @@ class FusedModel(SavedRecord, Identified):
         noise, k = self._noise, self._hull.k
         usual = noise._replace(rss=float(noise.degrees))
         mean = self._hull._replace(off2=float(self._hull.p - k), along=0.0)
-        ball = hull.hull_radius2(mean, usual, delta / 2.0, self.least_squares.n * future)
+        ball = _core.hull_radius(mean, usual, delta / 2.0, self.least_squares.n * future)
         own = self.least_squares.region(delta, future=future).parts[0]
         return ball < own.factor * (usual.rss if noise.variance is None else 1.0)
 
@@ -263,7 +263,7 @@ class FusedModel(SavedRecord, Identified):
         """A ball around this model, in one event with least squares at delta / 2."""
         data, known = self.least_squares, self.least_squares.assumptions.known
         own = data.region(delta / 2.0, future=future, frobenius=frobenius)
-        a = np.sqrt(hull.hull_radius2(self._hull, self._noise, delta / 2.0, data.n * future))
+        a = np.sqrt(_core.hull_radius(self._hull, self._noise, delta / 2.0, data.n * future))
         ball = hull.frobenius_ball if frobenius else hull.ball
         radius = ball(_radius(own, known is not None), float(a), self._hull.away, self.share)
         shape = np.eye(data.n) if known is None else known

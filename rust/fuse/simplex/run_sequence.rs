@@ -29,7 +29,7 @@ const NEWTON_CG_PASSES: f64 = 700.0;
 /// | Newton-CG | S, n = 100, N = 1000 | 4.1 | 115 |
 /// | direct solve | S, n = 30, N = 10 000 | 7.6 | 45 |
 /// | SSNAL before the active set | S, n = 30, N = 1700 | 43 | 125 |
-/// | active set | D, n = 1000, N = 1900 | 1900 | 3640, and the gap stays too large |
+/// | active set | D, n = 1000, N = 1900 | 1870 | 3450 |
 /// | Newton-CG within SSNAL | S, n = 100, N = 13 000 | 850 | 1210 |
 /// | sifting ([`super::sifting`]) | S, n = 10, N = 1 000 000 | 54 | 839 |
 /// | closed form ([`super::select`]) | one vector, n = 1000, N = 1000 | 0.05 | 1.4 |

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from stochens_rs import _core
 
+from .laws import chi2_quantile
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 EPS = float(np.finfo(float).eps)
@@ -335,7 +337,7 @@ def _unknown_noise(f: Fitted, noise: Any, scale: Floats, delta: float, anytime: 
     share = delta / 2.0 / (f.N * (f.N + 1.0) if anytime else 1.0)
     rho2 = mixture_level(f, n, scale, delta / 2.0)
     if noise.covariance == "scalar":
-        left = _core.chi2_quantile(share, n * f.N) - min(n, f.rank) * rho2
+        left = chi2_quantile(share, n * f.N) - min(n, f.rank) * rho2
         S: Floats = np.trace(f.S) * np.eye(n)
     else:
         left = _core.smallest_quantile(n, f.N, share, 1) - rho2

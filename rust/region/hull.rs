@@ -1,0 +1,173 @@
+//! What data say of a mixture of given models, from where least squares lie relative to the hull of these models.
+
+use crate::error::Result;
+use crate::identify::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
+use crate::memory::try_push;
+
+const WHAT: &str = "cells of a variance";
+
+/// Probability to doubt models of which a mixture is true.
+const DOUBT: f64 = 0.01;
+/// Of Stein's constant; below 2 least squares is never better.
+const MOST: f64 = 1.5;
+/// How far above its largest value a squared radius may be.
+const LOOSE: f64 = 1.002;
+/// Noncentral laws are replaced by a normal bound beyond.
+const LARGE: f64 = 1e4;
+
+/// The noise of the data in each coordinate.
+#[derive(Debug, Clone, Copy)]
+pub enum Noise {
+    /// Its variance.
+    Known(f64),
+    /// The residual sum of squares, and its degrees of freedom.
+    Estimated {
+        /// `tr S`
+        rss: f64,
+        /// Degrees of freedom.
+        degrees: usize,
+    },
+}
+
+/// Where t, least squares in `p` coordinates, lies: at distances `off^(1/2)` of the affine hull and `distance^(1/2)` of the
+/// nearest mixture, with `along` between the two nearest points; `k` and `face` are the dimensions of the affine hull and of the
+/// face of the mixture.
+#[derive(Debug, Clone, Copy)]
+pub struct Place {
+    /// `||t - mixture||^2`
+    pub distance: f64,
+    /// `||t - P t||^2`
+    pub off: f64,
+    /// `||P t - mixture||`
+    pub along: f64,
+    /// Dimension of the affine hull.
+    pub k: usize,
+    /// Dimension of the face.
+    pub face: usize,
+    /// Dimension of the space.
+    pub p: usize,
+}
+
+impl Place {
+    /// The share of least squares in the mixture with it.
+    ///
+    /// With `q = p - face`, `c = sigma^2 min(1.5 (q - 2), chi^2_{q; DOUBT})`. While the mixture stays in its face, t is
+    /// shrunk along the normal cone of that face, of dimension q, and Stein's identity has no boundary terms there: the
+    /// unbiased estimate of the risk minus that of least squares is `sigma^2 (distance / sigma^2 - 2 q)` below c and
+    /// `c (c - 2 sigma^2 (q - 2)) / distance` beyond, both <= 0 (James and Stein 1961; Bock 1982). So no Theta has a larger
+    /// mean-square error than with least squares. The quantile lets the data in only where they contradict the models; 1.5
+    /// keeps three quarters of what the best constant, 1, gains far from the hull. sigma unknown: `1.5 (q - 2) / (degrees + 2)`
+    /// and the quantile of F, times tr S (Baranchik 1970); without degrees nothing is known of the noise, and 0.
+    ///
+    /// # Errors
+    /// As [`chi2_upper`].
+    pub fn share(&self, noise: Noise) -> Result<f64> {
+        let q = (self.p - self.face) as f64;
+        if self.distance == 0.0 || matches!(noise, Noise::Estimated { degrees: 0, .. }) {
+            return Ok(0.0);
+        }
+        if q <= 2.0 {
+            return Ok(1.0);
+        }
+        let c = match noise {
+            Noise::Known(variance) => variance * (MOST * (q - 2.0)).min(chi2_upper(DOUBT, q)?),
+            Noise::Estimated { rss, degrees } => {
+                let free = degrees as f64;
+                rss * (MOST * (q - 2.0) / (free + 2.0)).min(q / free * f_upper(DOUBT, q, free)?)
+            }
+        };
+        Ok((1.0 - c / self.distance).max(0.0))
+    }
+
+    /// Whether an affine mixture is compatible with the data: test of `off` at level 0.01. None where there is no direction
+    /// off the hull, or nothing is known of the noise.
+    ///
+    /// # Errors
+    /// As [`chi2_upper`].
+    pub fn explained(&self, noise: Noise) -> Result<Option<bool>> {
+        let off = (self.p - self.k) as f64;
+        if off == 0.0 {
+            return Ok(None);
+        }
+        Ok(match noise {
+            Noise::Known(variance) => Some(self.off <= variance * chi2_upper(DOUBT, off)?),
+            Noise::Estimated { degrees: 0, .. } => None,
+            Noise::Estimated { rss, degrees } => {
+                let free = degrees as f64;
+                Some(self.off <= rss * (off / free * f_upper(DOUBT, off, free)?))
+            }
+        })
+    }
+
+    /// A bound on `||(F - Theta) V^(1/2)||_F^2` for the mixture F, from the data alone.
+    ///
+    /// `off / sigma^2` is noncentral chi^2_{p-k} with the squared distance of Theta to the affine hull, independent of the
+    /// part along it: `sigma^2 L + (along + sigma chi_k)^2`, L the upper limit of the noncentrality (after Baraud 2004). sigma
+    /// unknown: the largest value over its interval from tr S, by cells that are bounded by both their ends and halved where
+    /// it matters. `extra`: independent variates of the same noise that are to be covered too;
+    /// `(a + x)^2 + y^2 <= (a + (x^2 + y^2)^(1/2))^2`.
+    ///
+    /// # Errors
+    /// As [`chi2_upper`] and [`noncentrality_limit`].
+    pub fn radius(&self, noise: Noise, delta: f64, extra: usize) -> Result<f64> {
+        let (inside, off) = ((self.k + extra) as f64, (self.p - self.k) as f64);
+        let squared = |v: f64, limit: f64, chi: f64| v * limit + (self.along + v.sqrt() * chi).powi(2);
+        let (rss, degrees) = match noise {
+            Noise::Known(variance) => {
+                let share = if inside > 0.0 && off > 0.0 { delta / 2.0 } else { delta };
+                let chi = chi2_upper(share, inside)?.sqrt();
+                return Ok(squared(variance, limit(self.off / variance, off, share)?, chi));
+            }
+            Noise::Estimated { degrees: 0, .. } => return Ok(f64::INFINITY),
+            Noise::Estimated { rss, degrees } => (rss, degrees as f64),
+        };
+        let (low, high) = (rss / chi2_upper(delta / 6.0, degrees)?, rss / chi2_quantile(delta / 6.0, degrees)?);
+        if low <= 0.0 {
+            return Ok(self.off + self.along * self.along); // no noise at all
+        }
+        let chi = chi2_upper(delta / 3.0, inside)?.sqrt();
+        let upper = |v: f64| limit(self.off / v, off, delta / 3.0);
+        // the limit falls with sigma^2: a cell [v, w] is below the value for w with the limit at v
+        let first = upper(low)?;
+        let mut largest = squared(low, first, chi);
+        let mut cells = Vec::new();
+        try_push(WHAT, &mut cells, (squared(high, first, chi), low, high, first))?;
+        loop {
+            let worst = (0..cells.len()).max_by(|&a, &b| cells[a].0.total_cmp(&cells[b].0)).unwrap_or(0);
+            let (bound, v, w, above) = cells[worst];
+            if bound <= LOOSE * largest || !bound.is_finite() {
+                return Ok(bound);
+            }
+            let middle = (v * w).sqrt();
+            let lower = upper(middle)?;
+            largest = largest.max(squared(middle, lower, chi));
+            cells[worst] = (squared(middle, above, chi), v, middle, above);
+            try_push(WHAT, &mut cells, (squared(w, lower, chi), middle, w, lower))?;
+        }
+    }
+}
+
+/// Upper limit of the noncentrality of chi^2 from one value x, with confidence `1 - delta`.
+///
+/// For large x, `(x^(1/2) + z)^2` with the normal quantile z, since chi^2 is at least `(L^(1/2) + g)^2` for a standard normal g:
+/// larger by less than the degrees, and quick.
+fn limit(x: f64, degrees: f64, delta: f64) -> Result<f64> {
+    if x <= LARGE * (1.0 + degrees / 100.0) {
+        return noncentrality_limit(x, degrees, delta);
+    }
+    Ok((x.sqrt() + chi2_upper((2.0 * delta).min(0.999), 1.0)?.sqrt()).powi(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_of_the_noncentrality() {
+        assert!((limit(32.0, 32.0, 0.025).unwrap() - 21.445789230634).abs() < 1e-9);
+        for (x, degrees, delta) in [(32.0, 32.0, 0.025), (3e6, 40.0, 0.01), (1e5, 3.0, 0.4)] {
+            let (found, exact) = (limit(x, degrees, delta).unwrap(), noncentrality_limit(x, degrees, delta).unwrap());
+            assert!(exact * (1.0 - 1e-9) <= found && found <= exact + 2.0 * degrees, "{x}: {found} {exact}");
+        }
+    }
+}

@@ -10,7 +10,6 @@ import numpy as np
 
 from .._base.csv_file import read_cells
 from .._base.html import number_of
-from .._base.types import DELTA
 from ..exceptions import DataWarning
 from ..identification import Model, Trajectories, identify
 from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
@@ -18,9 +17,8 @@ from ..identification.region import Region
 from ..rng import as_key
 from ._command import Command
 from ._csv import listed, read_runs
-from ._options import FILE, Choice, force_option, json_option, out_option, seed_option
+from ._options import FILE, Choice, delta_option, force_option, json_option, out_option, seed_option
 from ._output import Out, finite, grid, note, show_result
-from ._problem import share
 
 
 @click.command(
@@ -83,12 +81,7 @@ from ._problem import share
     help="States have errors: the present and L past inputs, which do not react to the states, are "
     "the instruments.",
 )
-@click.option(
-    "--delta",
-    metavar="P",
-    default=f"{DELTA:.0%}",
-    help="Probability that the region misses the system.",
-)
+@delta_option("Probability that the region misses the system.")
 @seed_option
 @out_option("identify", "the model to a file .safetensors")
 @force_option
@@ -110,7 +103,7 @@ def identify_command(
     exact: str | None,
     intercept: bool,
     lags: int | None,
-    delta: str,
+    delta: float,
     seed: int,
     as_json: bool,
     **_: Any,
@@ -122,7 +115,6 @@ def identify_command(
     under the assumptions that you declare, and tests of the residuals: a small p speaks against an
     assumption, no p proves one.
     """
-    probability = share(delta, "--delta")
     if states is None or inputs is None:
         known = ", ".join(read_cells(runs).names)
         raise click.UsageError(f"give --states and --inputs, of the columns {known}")
@@ -149,7 +141,7 @@ def identify_command(
             instruments=None if lags is None else data.past_inputs(lags),
             rng=as_key(seed),
         )
-    region = model.region(probability)
+    region = model.region(delta)
     if files.file is not None:
         model.save(files.file)
     careful = [*model.warnings, *_useless(model, data, region)]

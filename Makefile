@@ -117,7 +117,7 @@ unsafe: $(VENV)/.maturin ## run the tests of unsafe code under valgrind, which m
 	    cargo test --release --locked --lib -- --test-threads 1 $(UNSAFE)
 
 # pages, stores past the caches, vector registers, unchecked tables
-UNSAFE := pages:: past_caches:: wide:: slse_tables:: sample::categorical sample::tests \
+UNSAFE := huge_pages:: nontemporal:: simd:: slse_tables:: sample::categorical sample::tests \
           sample::sequence stream::tests singleton_rows the_layout_of
 
 clean: ## remove everything that make has made, with .venv and results/

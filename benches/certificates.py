@@ -16,7 +16,7 @@ import time
 import numpy as np
 
 import stochens_rs as se
-from stochens_rs.controls.region_errors import region_errors
+from stochens_rs.certificates.region_errors import region_errors
 
 N, M, SIGMA = 4, 2, 0.1
 

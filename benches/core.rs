@@ -28,7 +28,7 @@ fn draw(law: &Arc<Law>, size: usize) -> Singletons {
 }
 
 /// Stores past the caches (non-temporal), if the architecture has them.
-fn fill_past_caches(out: &mut [f64], value: f64) {
+fn fill_nontemporal(out: &mut [f64], value: f64) {
     #[cfg(target_arch = "x86_64")]
     // SAFETY: eight borrowed bytes at a time, and a fence before they are read; SSE2, which every x86-64 has.
     unsafe {
@@ -50,7 +50,7 @@ fn limits(c: &mut Criterion) {
     group.throughput(Throughput::Bytes(8 * out.len() as u64));
     group.bench_function("stores", |b| b.iter(|| black_box(&mut out).fill(black_box(1.5))));
     group.bench_function("stores past the caches", |b| {
-        b.iter(|| fill_past_caches(black_box(&mut out), black_box(1.5)));
+        b.iter(|| fill_nontemporal(black_box(&mut out), black_box(1.5)));
     });
     let table: Vec<f64> = entries(256);
     let indices: Vec<u8> = (0..1usize << 16).map(|i| (i * 167 % 256) as u8).collect();

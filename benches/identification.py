@@ -119,7 +119,7 @@ def models(gen: np.random.Generator) -> Iterator[Line]:
     shape = np.ascontiguousarray(fitted.S)
     rows, columns = np.arange(n), np.arange(d)
     part = core.RegionPart(rows, columns, white, wide, missing, fitted.ratio, shape, 1.1**2)
-    region = core.Region(H, d - n, [part], 2.0, False)
+    region = core.Region(H, d - n, (part,), 2.0, False)
     yield (
         "certificate of 6 steps",
         "NumPy twin",

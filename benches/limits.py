@@ -4,8 +4,7 @@ Times include each solver's Python interface. The gap of every answer is recompu
 ``M``, ``y`` and the clipped answer, divided by ``J(0)``: the smaller of the Frank-Wolfe gap and
 of the dual residual in the norm of ``H^-1``, each an upper bound of ``J(u) - min J``. In single,
 all start from ``M``, ``y`` and ``R``: NumPy computes ``H = M'M + R`` and ``f = -M'y`` for the
-peers inside the timed part. "given H": the peers get ``H`` and ``f``; ours is a ``BoxSolver`` that
-has seen ``M`` (it keeps ``H`` and its inverse) and gets ``y``, cold each time.
+peers inside the timed part.
 
 - DAQP: bounds only, warm where the problem is a sequence; PIQP dense (sparse for K = 200); OSQP
   (1e-6, polished); Clarabel; SciPy's ``lsq_linear`` (bvls).
@@ -23,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochens_rs import _core as core
+from stochens_rs.controls.constraints import Task
 
 Floats = NDArray[np.float64]
 Solve = Callable[[], Floats]
@@ -128,9 +128,7 @@ def single() -> None:
                 )
             parts = []
             for name in lines[0]:
-                own = np.median(
-                    [line["given H" if "given H" in name else "ours"][0] for line in lines]
-                )
+                own = np.median([line["ours"][0] for line in lines])
                 seconds = np.median([line[name][0] for line in lines])
                 worst = max(line[name][1] for line in lines)
                 parts.append(f"{name} {1e6 * seconds:.1f} ({worst:.0e}) {seconds / own:.1f}x")
@@ -140,23 +138,13 @@ def single() -> None:
 def solvers(M: Floats, y: Floats, r: Floats, low: Floats, high: Floats) -> dict[str, Solve]:
     from scipy import optimize
 
-    solver, (H, f) = core.BoxSolver(M, r, low, high, 0, None, None), hessian(M, y, r)
-
-    def prepared() -> Floats:
-        solver.resume(None)
-        return solver.solve(y, None).control
-
     found: dict[str, Solve] = {
         "ours": lambda: core.box_control(M, y, r, low, high, None, None).control
     }
-    others = peers(low, high)
-    for name, solve in others.items():
+    for name, solve in peers(low, high).items():
         found[name] = lambda solve=solve: solve(*hessian(M, y, r))
     if len(low) <= 50:
         found["bvls"] = lambda: optimize.lsq_linear(M, y, (low, high), method="bvls").x
-    found["given H"] = prepared
-    for name in ("DAQP", "PIQP"):
-        found[f"{name} given H"] = lambda solve=others[name]: solve(H, f)
     return found
 
 
@@ -207,21 +195,16 @@ def batch() -> None:
         def theirs(H=H, F=F, none=none, high=high, low=low, sense=sense) -> list[Floats]:
             return [daqp.solve(H, f, none, high, low, sense)[0] for f in F]
 
-        many = np.ascontiguousarray(np.broadcast_to(M.ravel(), (20_000, m * m)))
-
-        def each(M=many, y=y[:20_000], r=r, low=low, high=high) -> Floats:
-            return core.box_batch_each(M, y, r, low, high, False, 1)[0]
-
         def certified(M=M, y=y, r=r, low=low, high=high) -> object:
             return core.box_batch(M, y, r, low, high, True, 1)
 
         own = median(ours, 0.5, 3) / size
-        alone, gaps = median(each, 0.3, 3), median(certified, 0.3, 3) / size
+        gaps = median(certified, 0.3, 3) / size
         peer = median(theirs, 0.3, 3) / 2000
         worst = np.abs(ours()[:2000] - np.array(theirs())).max()
         print(
             f"m={m}: {1e9 * own:.0f} ({1e-6 / own:.1f} M/s), with gaps {1e9 * gaps:.0f}, "
-            f"with M each {1e9 * alone / 20_000:.0f}, DAQP {1e9 * peer:.0f}, "
+            f"DAQP {1e9 * peer:.0f}, "
             f"ratio {peer / own:.0f}x, difference {worst:.0e}",
             flush=True,
         )
@@ -264,7 +247,7 @@ def regulator() -> None:
     )
     for limit in (0.3, 100.0):
         low, high = np.full(d, -limit), np.full(d, limit)
-        solver = core.BoxSolver(G, R, low, high, m, powers, np.zeros(n * K))
+        solver = core.Loop(A, B, None, task(A, B, K, r, limit))
         sense = np.zeros(d, dtype=np.int32)
         model = daqp.Model()
         model.setup(H, np.zeros(d), np.zeros((0, d)), high, low, sense)
@@ -324,6 +307,15 @@ def regulator() -> None:
             )
 
 
+def task(A: Floats, B: Floats, K: int, r: float, limit: float) -> Task:
+    """Least ``sum ||x||^2 + r ||u||^2`` over K steps."""
+    (n, m), eye = B.shape, np.eye(len(A))
+    high = np.full((K, m), limit)
+    return Task(
+        low=-high, high=high, stage=eye, terminal=eye, reference=np.zeros((K, n)), R=r * np.eye(m)
+    )
+
+
 def horizon() -> None:
     import daqp
     import piqp
@@ -337,16 +329,16 @@ def horizon() -> None:
     for K in (20, 50, 100, 200):
         d = m * K
         low, high = np.full(d, -0.3), np.full(d, 0.3)
-        eye, zero, shape = np.eye(n), np.zeros((K, n)), (K, m)
         G, powers = condense(A, B, K, r)
         y, R = -powers @ x0, np.full(d, r)
         H, f = G.T @ G + r * np.eye(d), -(G.T @ y)
         none, sense = np.zeros((0, d)), np.zeros(d, dtype=np.int32)
 
-        def riccati(K=K, low=low, high=high, zero=zero, shape=shape, eye=eye) -> core.BoxControl:
-            low, high = low.reshape(shape), high.reshape(shape)
-            rr = r * np.eye(m)
-            return core.horizon_control(A, B, x0, zero, eye, eye, rr, low, high, None, None)
+        loop = core.Loop(A, B, None, task(A, B, K, r, 0.3))
+
+        def cold(loop=loop) -> core.BoxControl:
+            loop.resume(None)
+            return loop.solve(x0, None)
 
         # states as variables: x(k+1) - A x(k) - B u(k) = 0
         P = sparse.block_diag([r * sparse.eye(d), sparse.eye(n * K)], format="csc")
@@ -371,7 +363,7 @@ def horizon() -> None:
             return core.box_control(G, y, R, low, high, None, None).control
 
         solvers = {
-            "Riccati": lambda: riccati().control,
+            "Riccati" if not loop.condensed else "condensed": lambda: cold().control,
             "dense": dense,
             "PIQP sparse": by_piqp,
             "DAQP": by_daqp,
@@ -383,7 +375,7 @@ def horizon() -> None:
             own = own or seconds
             found = gap(G, y, R, low, high, work()) if K <= 100 else float("nan")
             parts.append(f"{name} {1e3 * seconds:.2f} ({found:.0e}) {seconds / own:.1f}x")
-        found = riccati()
+        found = cold()
         print(f"K={K}:", "; ".join(parts), f"; {found.iterations} factorizations", flush=True)
 
 

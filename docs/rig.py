@@ -268,7 +268,7 @@ def first_control(images: Path) -> None:
     data = se.Trajectories.from_table(columns, states=states, inputs=inputs, by="run", time="time")
     model = se.identify(data, scale=SCALE)
     plan = se.control(model, [0.1, 0.0, 0.0, 0.0], np.zeros(4), steps=10, limits=(-4.0, 4.0))
-    plan.plot(plan.bound(DELTA)).savefig(images / "first-control.png", dpi=110)
+    plan.plot().savefig(images / "first-control.png", dpi=110)
 
 
 def within_limits(images: Path) -> None:
@@ -278,7 +278,7 @@ def within_limits(images: Path) -> None:
     cost = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], R=0.01)
     task: dict[str, Any] = {"limits": (-1.0, 1.0), "cost": cost}
     plan = se.control(model, X0, XF, steps=20, **task)
-    figure = plan.plot(plan.bound(DELTA), measured=plan.states((A, B), X0))
+    figure = plan.plot(measured=plan.states((A, B), X0))
     figure.savefig(images / "limits-plan.png", dpi=110)
     loop = se.regulate(model, 20, **task)
     se.track((A, B), np.zeros((61, 4)), controller=loop, x0=X0, noise=SIGMA, rng=3)

@@ -12,7 +12,7 @@
 //! 5. does 1-3 as a **stream** ([`streaming`]), with a certificate as stopping rule, whose state is saved in files
 //!    ([`storage`]).
 //! 6. **identifies** `A` and `B` from measured pairs ([`identify`]): least squares, and the laws of its error;
-//! 7. says what a **region** of models contains ([`region`]), and where a control leads the true system ([`certificate`]);
+//! 7. makes a **region** of models from data, says what it contains ([`region`]), and where a control leads the true system ([`certificate`]);
 //! 8. computes **controls within limits** ([`limits`]), with a certificate;
 //! 9. finds one **command for a fleet** of units ([`fleet`]), and bounds what a fresh unit risks.
 //!
@@ -27,6 +27,32 @@
 //! assert!(alse.objective < 1e-20); // every nonzero component has been seen: the fit is exact
 //! # Ok::<(), stochens::Error>(())
 //! ```
+//!
+//! From measured pairs to a plan with a certificate:
+//!
+//! ```
+//! use stochens::identify::{Assumed, Covariance, Data, Design, Estimate, Noise, Wish, triangle};
+//! use stochens::{Stop, certificate, region::Region};
+//! // 40 pairs (x, u, y) of y = x / 2 + u + w, |w| <= .01
+//! let row = |k: f64| (k.cos(), (1.7 * k).sin(), 0.01 * (2.9 * k).sin());
+//! let pairs = (0..40).map(|k| row(f64::from(k))).flat_map(|(x, u, w)| [x, u, x / 2.0 + u + w]);
+//! let stop = Stop::new();
+//! let triangle = triangle(&pairs.collect::<Vec<_>>(), 3, 1, &stop)?;
+//! let data = Data { triangle: &triangle, size: 40, n: 1, m: 1, offset: false, instruments: 0, known: None, state_noise: None };
+//! let estimate = Estimate::new(data, &stop)?;
+//! let covariance = Covariance::Known(&[1e-4]);
+//! let assumed = Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance };
+//! let region = Region::from_data(&estimate, assumed, Wish::new(0.05), &[1.0, 1.0], 1, &stop)?;
+//! assert!(region.contains(&[0.5, 1.0])? && !region.contains(&[0.6, 1.0])?);
+//! // the control by the model from x0 = 1 to xf = 2, and how far the true system ends from there
+//! let ([x0, xf], [a, b]) = ([1.0, 2.0], [estimate.model[0], estimate.model[1]]);
+//! let u = (xf - a * x0) / b;
+//! let task = certificate::Task { x0: &[x0], rho0: 0.0, xf: &[xf], predicted: &[x0, a * x0 + b * u] };
+//! let way = certificate::Way { region: &region, inputs: &[u], to_come: None, compares: false };
+//! let plan = certificate::certify(task, &[way], None, &stop)?;
+//! assert!((x0 / 2.0 + u - xf).abs() <= plan.target && plan.target < 0.03);
+//! # Ok::<(), stochens::Error>(())
+//! ```
 
 #![deny(missing_docs, unsafe_code)]
 #![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
@@ -38,14 +64,13 @@ mod error;
 mod fault;
 pub mod fleet;
 pub mod fuse;
+mod huge_pages;
 pub mod identify;
-mod lanes;
 pub mod limits;
 mod memory;
-mod pages;
+mod nontemporal;
 mod parallel;
-mod past_caches;
-mod plain;
+mod pod;
 mod prefetch;
 #[cfg(feature = "python")]
 #[allow(missing_docs, reason = "the Python side is documented in the package")]
@@ -53,17 +78,15 @@ mod python;
 pub mod region;
 pub mod sample;
 mod scaled;
+mod simd;
 pub mod simulate;
 pub mod storage;
 mod stream;
 pub mod streaming;
 mod vector;
-#[cfg(target_arch = "x86_64")]
-mod wide;
-mod widest;
 
 pub use error::{Error, Result};
-pub use lanes::LANES;
 pub use parallel::Stop;
 pub use sample::{Law, Scheme, Singletons, sample};
+pub use simd::LANES;
 pub use stream::{CHUNK, Key, Purpose};

@@ -12,7 +12,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::error::{Error, Result};
-use crate::plain::Plain;
+use crate::pod::Pod;
 
 fn refused<T>(what: &'static str, len: usize) -> Error {
     Error::Memory { what, bytes: len as u128 * size_of::<T>() as u128 }
@@ -25,7 +25,7 @@ pub(crate) fn checked_len(what: &'static str, a: usize, b: usize) -> Result<usiz
 
 /// Zeros from the system, which clears pages when they are first used: writing gigabytes here could not be interrupted.
 #[allow(unsafe_code, reason = "no safe function gives zeros or says that there are none")]
-pub(crate) fn try_zeros<T: Plain>(what: &'static str, len: usize) -> Result<Vec<T>> {
+pub(crate) fn try_zeros<T: Pod>(what: &'static str, len: usize) -> Result<Vec<T>> {
     let layout = Layout::array::<T>(len).map_err(|_| refused::<T>(what, len))?;
     if layout.size() == 0 {
         return Ok(Vec::new());

@@ -9,7 +9,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{Rng, SeedableRng};
 use sha2::{Digest, Sha256};
 
-use crate::lanes::LANES;
+use crate::simd::LANES;
 
 /// Words (= draws) in a chunk of one line. Part of the stream's definition.
 pub const CHUNK: usize = 16_384;
@@ -127,7 +127,7 @@ impl Lanes {
     pub(crate) fn fill(&mut self, words: &mut [u64]) {
         let (steps, rest) = words.as_chunks_mut::<LANES>();
         #[cfg(target_arch = "x86_64")]
-        let done = crate::wide::fill(&mut self.state, steps);
+        let done = crate::simd::fill(&mut self.state, steps);
         #[cfg(not(target_arch = "x86_64"))]
         let done = false;
         if !done {

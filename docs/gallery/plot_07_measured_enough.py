@@ -39,7 +39,7 @@ print(looks[-1].assumption)
 # %%
 # The forecast assumes that the data go on like those so far. It is no bound.
 pairs = np.array([look.size for look in looks])
-certificates = np.array([look.certificate for look in looks])
+certificates = np.array([look.certificate.target for look in looks])
 ends = pairs + np.array([look.forecast for look in looks])
 fig, (top, bottom) = plt.subplots(2, 1, figsize=(7, 5), sharex=True, height_ratios=(3, 2))
 seen = certificates < 100  # for the first runs it is huge or infinite

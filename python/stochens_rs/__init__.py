@@ -18,6 +18,7 @@ from ._core import version as _version
 if TYPE_CHECKING:
     from . import cases, exceptions, paper, plots, studies, theory
     from ._base.threads import get_num_threads, set_num_threads
+    from .certificates import Certificate
     from .controls import (
         Cost,
         Limits,
@@ -52,6 +53,7 @@ if TYPE_CHECKING:
 __version__ = _version()
 
 __all__ = [
+    "Certificate",
     "Cost",
     "Counts",
     "DataStream",
@@ -104,6 +106,7 @@ __all__ = [
 # adds a few milliseconds to that of NumPy.
 _ROOMS = {
     "_base.threads": "get_num_threads set_num_threads",
+    "certificates": "Certificate",
     "controls": "Cost Limits Plan Regulator Uncertain control control_fleet predict "
     "realization_controls regulate required_samples steer",
     "ensembles": "Counts Ensemble SystemEnsemble sample sample_counts",

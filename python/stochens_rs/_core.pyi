@@ -3,22 +3,21 @@ from typing import Literal, TypeAlias, final
 
 import numpy as np
 from numpy.typing import NDArray
-from typing_extensions import disjoint_base
 
 __all__ = [
     "Alse",
     "Apart",
     "BoxControl",
-    "BoxSolver",
     "DataStream",
     "Draws",
     "Errors",
+    "Estimate",
+    "Fitted",
     "Horizon",
     "HorizonControl",
     "Loop",
     "Region",
     "RegionPart",
-    "RowsControl",
     "StateLock",
     "Stream",
     "alse",
@@ -27,26 +26,28 @@ __all__ = [
     "best_control",
     "bootstrap",
     "box_batch",
-    "box_batch_each",
     "box_control",
     "build",
     "certify",
+    "chance_of_infinity",
     "chi2_quantile",
     "chi2_upper",
     "closed_form",
     "diagonal_quantile",
     "f_upper",
+    "fit",
     "fleet_gains",
     "fleet_misses",
     "fleet_moments",
     "fleet_slope",
     "fleet_triangle",
     "fleet_worst",
-    "horizon_control",
     "joint_radii",
+    "kept_quantiles",
     "least_squares_level",
     "log_multigamma",
     "mean_difference",
+    "mixtures",
     "noncentrality_limit",
     "normal_quantile",
     "one_noise",
@@ -58,7 +59,6 @@ __all__ = [
     "residuals",
     "robust_control",
     "row_quantile",
-    "rows_control",
     "roy_quantile",
     "sample_counts",
     "scalar_quantile",
@@ -68,11 +68,12 @@ __all__ = [
     "scenario_judged",
     "scenario_relaxed",
     "scenario_required",
+    "sign_contains",
     "sign_radii",
+    "sign_sizes",
     "sign_statistics",
     "simulate_estimates",
     "simulate_mean_field",
-    "simulate_plan_estimates",
     "simulate_plans",
     "simulate_runs",
     "simulate_systems",
@@ -309,19 +310,6 @@ def simulate_plans(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
-
-# of the runs from `first` on, (runs, n (n + 2)): x0, xf, A row by row, as `simulate_plans` has them
-def simulate_plan_estimates(
-    x0: _Estimate,
-    xf: _Estimate,
-    a: _Estimate,
-    rows: bool,
-    first: int,
-    runs: int,
-    cost: float,
-    key: bytes,
-    threads: int,
-) -> _Floats: ...
 def simulate_estimates(
     values: _Floats,
     size: int,
@@ -378,6 +366,87 @@ def least_squares_level(
 def one_noise(n: int, delta: float) -> float: ...
 def log_multigamma(a: float, n: int) -> float: ...
 
+# least squares of some rows and columns of Theta: white' white = V^+, root' root = V, columns of
+# missing: what the data do not determine, rounding (rows,) what it may change
+@final
+class Fitted:
+    @property
+    def rows(self) -> NDArray[np.int64]: ...
+    @property
+    def columns(self) -> NDArray[np.int64]: ...
+    @property
+    def H(self) -> _Floats: ...
+    @property
+    def S(self) -> _Floats: ...
+    @property
+    def white(self) -> _Floats: ...
+    @property
+    def root(self) -> _Floats: ...
+    @property
+    def missing(self) -> _Floats: ...
+    @property
+    def rounding(self) -> _Floats: ...
+    @property
+    def N(self) -> int: ...
+    @property
+    def rank(self) -> int: ...
+    @property
+    def nu(self) -> int: ...
+    @property
+    def ratio(self) -> float: ...
+    # rows (d - rank, d), each with an entry of its own
+    def combinations(self) -> _Floats: ...
+
+# of rows [Z Y] or their triangle, Z of d columns
+def fit(rows: _Floats, d: int, size: int, threads: int) -> Fitted: ...
+
+# pairs Z, Y, basis of Z, m, q, key of the signs
+_Signs: TypeAlias = tuple[_Floats, _Floats, _Floats, int, int, bytes]
+
+@final
+class Estimate:
+    def __new__(
+        cls,
+        triangle: _Floats,
+        size: int,
+        n: int,
+        m: int,
+        offset: bool,
+        known: _Floats | None = None,
+        instruments: int = 0,
+        state_noise: _Floats | None = None,
+    ) -> Estimate: ...
+    @property
+    def Theta(self) -> _Floats: ...
+    @property
+    def rank(self) -> int: ...
+    @property
+    def covariance(self) -> _Floats | None: ...
+    @property
+    def blocks(self) -> list[Fitted]: ...
+    def after(self, size: int) -> Estimate: ...
+    # assumed: design, noise, covariance, the known one
+    def region(
+        self,
+        assumed: tuple[str, str, str, _Floats | None],
+        scale: _Floats,
+        delta: float,
+        components: bool,
+        directions: _Floats | None,
+        future: int,
+        frobenius: bool,
+        method: str,
+        anytime: bool,
+        threads: int,
+    ) -> Region: ...
+    def sign_region(self, test: _Signs, threads: int) -> Region: ...
+
+def sign_contains(test: _Signs, theta: _Floats, threads: int) -> bool: ...
+def sign_sizes(delta: float) -> tuple[int, int]: ...
+def chance_of_infinity(size: int, d: int) -> float: ...
+def mixtures() -> _Floats: ...
+def kept_quantiles() -> int: ...
+
 # (Theta - C) V (Theta - C)' <= S times the factor for some rows and columns of Theta; white' white
 # = V^+, root' root = V; columns of missing: what the data do not determine
 @final
@@ -393,6 +462,26 @@ class RegionPart:
         shape: _Floats,
         factor: float,
     ) -> RegionPart: ...
+    # around least squares, widened by its rounding
+    @staticmethod
+    def around(fitted: Fitted, shape: _Floats, factor: float) -> RegionPart: ...
+    def __reduce__(self) -> tuple[type[RegionPart], tuple[object, ...]]: ...
+    @property
+    def rows(self) -> NDArray[np.int64]: ...
+    @property
+    def columns(self) -> NDArray[np.int64]: ...
+    @property
+    def white(self) -> _Floats: ...
+    @property
+    def root(self) -> _Floats: ...
+    @property
+    def missing(self) -> _Floats: ...
+    @property
+    def ratio(self) -> float: ...
+    @property
+    def S(self) -> _Floats: ...
+    @property
+    def factor(self) -> float: ...
     @property
     def radius(self) -> float: ...
     # of each row
@@ -408,8 +497,21 @@ _ToCome: TypeAlias = tuple[float, _Floats] | tuple[_Floats, float, float]
 @final
 class Region:
     def __new__(
-        cls, centre: _Floats, m: int, parts: list[RegionPart], frobenius: float | None, future: bool
+        cls,
+        centre: _Floats,
+        m: int,
+        parts: tuple[RegionPart, ...],
+        frobenius: float | None,
+        future: bool,
     ) -> Region: ...
+    @property
+    def centre(self) -> _Floats: ...
+    @property
+    def parts(self) -> tuple[RegionPart, ...]: ...
+    @property
+    def frobenius(self) -> float | None: ...
+    @property
+    def noise(self) -> _Floats | None: ...
     @property
     def radius(self) -> float: ...
     def bound(self, z: _Floats, noise: bool) -> float: ...
@@ -439,7 +541,7 @@ class Errors:
     def rest(self) -> _Floats: ...
 
 # best way, target, reach, error of the model, of x0, components (n,), tube (K + 1,), distance of
-# the control from the best one, or why there is none; a way: whether it is asked for that
+# the control from the best one, and why that is not known; a way: whether it is asked for that
 _Way: TypeAlias = tuple[Region, _Floats, _ToCome | None, bool]
 
 def certify(
@@ -457,8 +559,8 @@ def certify(
     float,
     _Floats,
     _Floats,
-    float | None,
-    Literal["many", "no effect"] | None,
+    float,
+    str | None,
 ]: ...
 def robust_control(
     h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float
@@ -498,7 +600,7 @@ def sign_statistics(
 # d) psd; limits (d,), -inf and inf where there is none, equal where an input is fixed. Weights of
 # states are inside: M = Q^(1/2) B.
 
-@disjoint_base
+@final
 class BoxControl:
     # (d,), inside the limits
     @property
@@ -512,13 +614,10 @@ class BoxControl:
     def multipliers(self) -> _Floats: ...
     @property
     def status(self) -> _Status | Literal["infeasible"]: ...
-    # J(u) - min J is at most this: the smaller of `frank_wolfe` and the square of the distance by
-    # the dual residual
+    # J(u) - min J is at most this: the smaller of max <J'(u), u - v> over the limits and the square
+    # of the distance by the dual residual
     @property
     def gap(self) -> float: ...
-    # max over the box of <J'(u), u - v>; inf where J'_i is not 0 towards an infinite limit
-    @property
-    def frank_wolfe(self) -> float: ...
     # D >= (||M (u - u*)||^2 + ||u - u*||_R^2)^(1/2)
     @property
     def distance(self) -> float: ...
@@ -546,28 +645,6 @@ def box_control(
     warm: NDArray[np.int8] | None,
     time_limit: float | None,
 ) -> BoxControl: ...
-
-# The same M, R and limits for many y. With `state` (rows, n) and `target` (rows,), `solve` takes
-# x (n,) and y = target - state x; without them it takes y. Each call begins at the active set of
-# the call before, shifted by `shift` inputs. At most 20 pivots, 25 steps of the interior point
-# and 5 pivots, and as many with orthogonal factors where the gap is not small then. Nothing
-# changes where a call raises.
-@final
-class BoxSolver:
-    def __new__(
-        cls,
-        m: _Floats,
-        r: _Floats,
-        low: _Floats,
-        high: _Floats,
-        shift: int,
-        state: _Floats | None,
-        target: _Floats | None,
-    ) -> BoxSolver: ...
-    def solve(self, given: _Floats, time_limit: float | None) -> BoxControl: ...
-    # active set (d,) at which the next call begins, before the shift; None: from anew
-    def warm(self) -> NDArray[np.int8] | None: ...
-    def resume(self, warm: NDArray[np.int8] | None) -> None: ...
 
 # K steps of x(k+1) = A x(k) + B u(k) + c and a task: what its best control is, and how far others
 # are from it. M (rows, m K), y = target - state x0 for the condensed map. `task` is read by its
@@ -605,8 +682,7 @@ class Horizon:
     # the largest ||u - v|| for v within the limits of single inputs
     def farthest(self, u: _Floats) -> float: ...
     def in_two_norm(self, distance: float) -> tuple[float, float]: ...
-    def best(self, x0: _Floats, time_limit: float | None) -> RowsControl: ...
-    # the same with what the limits cost
+    # the best control, and what the limits cost
     def solve(self, x0: _Floats, time_limit: float | None) -> HorizonControl: ...
     # a bound of max <J'(u), u - v>, from gap >= J(u) - min J where there are rates or hard limits
     # of states, and the norm of what no limit balances of J'(u) / 2
@@ -720,72 +796,6 @@ class Loop:
 def box_batch(
     m: _Floats, y: _Floats, r: _Floats, low: _Floats, high: _Floats, gaps: bool, threads: int
 ) -> tuple[_Floats, _Floats | None]: ...
-
-# The same with an M of its own for each: m (N, rows d)
-def box_batch_each(
-    m: _Floats, y: _Floats, r: _Floats, low: _Floats, high: _Floats, gaps: bool, threads: int
-) -> tuple[_Floats, _Floats | None]: ...
-
-# K steps of x(k+1) = A x(k) + B u(k) by Riccati's recursion, for long horizons. Least
-# sum_{k=1..K} ||x(k) - reference(k)||^2_{Q_k} + sum_k ||u(k)||^2_R: `reference` (K, n) for x(1)
-# .. x(K), Q_k = `stage` (n, n), at K `terminal`; R (m, m); limits (K, m). `control`, `active`,
-# `multipliers` and `warm` are (K m,), step by step; `warm` of `rows_control` has the signs of rates
-# and of states (K n,) behind them, where there are such limits.
-def horizon_control(
-    a: _Floats,
-    b: _Floats,
-    x0: _Floats,
-    reference: _Floats,
-    stage: _Floats,
-    terminal: _Floats,
-    r: _Floats,
-    low: _Floats,
-    high: _Floats,
-    warm: NDArray[np.int8] | None,
-    time_limit: float | None,
-) -> BoxControl: ...
-
-# The same with limits on changes and states. `gap`, `distance` and `frank_wolfe` are computed with
-# the multipliers of all limits. "infeasible": no control meets the limits on states; then `control`
-# is the best one within limits that are wider by `missing`, and so are gap, distance, multipliers.
-@final
-class RowsControl(BoxControl):
-    # (K m,) or empty, of u(k) - u(k-1): > 0 at `rate`, < 0 at -`rate`
-    @property
-    def rates(self) -> _Floats: ...
-    # (K n,) or empty: > 0 at the upper limit, < 0 at the lower one; of soft limits 2 soft times the
-    # excess
-    @property
-    def states(self) -> _Floats: ...
-    # the least largest excess of hard limits on states; 0 if they can be met
-    @property
-    def missing(self) -> float: ...
-    # the largest excess of a hard limit on states by `control`; rounding, if they are met
-    @property
-    def excess(self) -> float: ...
-
-# |u(k) - u(k-1)| <= rate (m,), u(-1) = previous (m,); state_low <= x(k) <= state_high (K, n) for
-# k = 1 .. K, or with `soft` the weight of
-# ||max(0, x - state_high)||^2 + ||max(0, state_low - x)||^2 in J. Looks at the time, and for
-# Ctrl-C, between two iterations.
-def rows_control(
-    a: _Floats,
-    b: _Floats,
-    x0: _Floats,
-    reference: _Floats,
-    stage: _Floats,
-    terminal: _Floats,
-    r: _Floats,
-    low: _Floats,
-    high: _Floats,
-    rate: _Floats | None,
-    previous: _Floats | None,
-    state_low: _Floats | None,
-    state_high: _Floats | None,
-    soft: float | None,
-    warm: NDArray[np.int8] | None,
-    time_limit: float | None,
-) -> RowsControl: ...
 
 # -- fleets: x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s, d = steps m; u is (d,) --
 

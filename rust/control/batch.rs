@@ -9,8 +9,8 @@ use super::realizations::Realized;
 use super::singleton_rows::Picks;
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, try_collect, try_zeros};
+use crate::nontemporal::LARGE;
 use crate::parallel::{Stop, for_each_chunk};
-use crate::past_caches::LARGE;
 
 /// Realizations in one block of work.
 const BLOCK: usize = 256;

@@ -145,7 +145,7 @@ fn subtract_short<const FOURS: usize>(a: &[f64], x: &[f64], y: &mut [f64]) {
         fours[FOURS - 1][k + 4 - n] = x[k];
     }
     #[cfg(target_arch = "x86_64")]
-    let done = crate::wide::subtract_short(a, n, &fours, y);
+    let done = crate::simd::subtract_short(a, n, &fours, y);
     #[cfg(not(target_arch = "x86_64"))]
     let done = 0;
     for (y, row) in y[done..].iter_mut().zip(a[done * n..].chunks_exact(n)) {
@@ -153,7 +153,7 @@ fn subtract_short<const FOURS: usize>(a: &[f64], x: &[f64], y: &mut [f64]) {
     }
 }
 
-/// Four sums, lane by lane, then `(s_0 + s_1) + (s_2 + s_3)`: the order of additions in `crate::wide`.
+/// Four sums, lane by lane, then `(s_0 + s_1) + (s_2 + s_3)`: the order of additions in `crate::simd`.
 #[inline(always)]
 fn short_dot<const FOURS: usize>(row: &[f64], x: &[[f64; 4]; FOURS]) -> f64 {
     let last = row.len() - 4;

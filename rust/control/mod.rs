@@ -15,6 +15,7 @@ mod steps;
 pub use batch::Memory;
 pub use best::{Best, Factors, best_control, pushed};
 pub use pairs::Motion;
+pub(crate) use pseudoinverse::singular;
 pub use pseudoinverse::{Pseudoinverse, pseudoinverse};
 pub use realizations::{Entity, Realized};
 pub(crate) use steps::steps_control;

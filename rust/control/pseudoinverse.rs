@@ -34,11 +34,8 @@ pub struct Pseudoinverse {
 /// [`Error::Memory`].
 pub fn pseudoinverse(b: &[f64], rows: usize, cols: usize) -> Result<Pseudoinverse> {
     require_finite("B", b)?;
-    // copies of the matrix, its factors, the bidiagonal matrix, and blocks of reflections
-    let (large, small) = (rows.max(cols) as u128, rows.min(cols) as u128);
-    let bytes = 8 * (8 * (large + 64) * (small + 8) + 8 * (small + 8) * (small + 8)) + (1 << 16);
     room_for_products()?;
-    covered("the pseudoinverse of `B`", bytes, || from_svd(b, rows, cols))?
+    covered("the pseudoinverse of `B`", svd_bytes(rows, cols), || from_svd(b, rows, cols))?
 }
 
 #[expect(clippy::disallowed_methods, clippy::disallowed_macros, reason = "called under `covered`")]
@@ -84,6 +81,41 @@ fn by_vector(what: &'static str, columns: &Mat<f64>, rank: usize) -> Result<Vec<
     Ok(out)
 }
 
+/// `M = sum_k s_k u_k v_k'`, `s` decreasing; `u` and `v` vector by vector.
+#[derive(Debug)]
+pub(crate) struct Singular {
+    pub u: Vec<f64>,
+    pub s: Vec<f64>,
+    pub v: Vec<f64>,
+}
+
+/// The singular values and vectors of a small `rows x cols` matrix, given row by row.
+///
+/// # Errors
+/// [`Error::Overflow`] for entries that are not finite, [`Error::Numerical`] if it fails, [`Error::Memory`].
+pub(crate) fn singular(m: &[f64], rows: usize, cols: usize) -> Result<Singular> {
+    const WHAT: &str = "the singular value decomposition of a matrix";
+    if !m.iter().all(|v| v.is_finite()) {
+        return Err(Error::Overflow { what: WHAT });
+    }
+    let (least, scale) = (rows.min(cols), power_of_two_scale(m));
+    if least == 0 {
+        return Ok(Singular { u: Vec::new(), s: Vec::new(), v: Vec::new() });
+    }
+    room_for_products()?;
+    covered(WHAT, svd_bytes(rows, cols), || {
+        let (u, mut s, v) = thin_svd(Mat::from_fn(rows, cols, |i, j| m[i * cols + j] / scale).as_ref())?;
+        s.iter_mut().for_each(|s| *s *= scale);
+        Ok(Singular { u: by_vector(WHAT, &u, least)?, s, v: by_vector(WHAT, &v, least)? })
+    })?
+}
+
+/// Bytes for copies of the matrix, its factors, the bidiagonal matrix, and blocks of reflections.
+fn svd_bytes(rows: usize, cols: usize) -> u128 {
+    let (large, small) = (rows.max(cols) as u128, rows.min(cols) as u128);
+    8 * (8 * (large + 64) * (small + 8) + 8 * (small + 8) * (small + 8)) + (1 << 16)
+}
+
 type Factors = (Mat<f64>, Vec<f64>, Mat<f64>);
 
 /// `U, S, V` with `B = U S V^T`; the transpose is tried where the iteration does not converge.
@@ -100,7 +132,7 @@ fn thin_svd(b: MatRef<'_, f64>) -> Result<Factors> {
     };
     factors(b)
         .or_else(|| factors(b.transpose()).map(|(u, s, v)| (v, s, u)))
-        .ok_or_else(|| Error::Numerical("the singular value decomposition of `B` did not converge".into()))
+        .ok_or_else(|| Error::Numerical("the singular value decomposition of a matrix did not converge".into()))
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@
 use super::realizations::{Entity, Realized};
 use crate::error::Result;
 use crate::memory::{try_copy, try_zeros};
-use crate::past_caches::{Through, Writer, past};
+use crate::nontemporal::{Through, Writer, past};
 use crate::sample::{Index, Indices};
 
 /// Prefetch distance in realizations: the controls computed during one load from memory, with some margin.

@@ -6,11 +6,11 @@ use faer::{Accum, MatMut, MatRef, Par};
 use super::units::{Room, Units, WHAT};
 use crate::error::{Error, Result};
 use crate::identify::update;
-use crate::lanes::LANES;
 use crate::memory::{checked_len, room_for_products, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
+use crate::simd::LANES;
+use crate::simd::dispatch::{Work, widest};
 use crate::vector::{axpy, dot};
-use crate::widest::{Work, widest};
 
 /// Rows of `G_s` that are multiplied at a time.
 const ROWS: usize = 256;

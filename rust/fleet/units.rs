@@ -1,9 +1,9 @@
 //! The units, and what a command does to each of them.
 
 use crate::error::{Error, Result};
-use crate::lanes::LANES;
 use crate::memory::{checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
+use crate::simd::LANES;
 use crate::vector::{axpy, dot};
 
 pub(super) const WHAT: &str = "a command for a fleet";

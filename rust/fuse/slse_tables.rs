@@ -7,8 +7,8 @@
 
 use super::slse_sample::Sample;
 use crate::error::Result;
+use crate::huge_pages::Buffer;
 use crate::memory::try_zeros;
-use crate::pages::Buffer;
 use crate::sample::Index;
 
 pub(super) const WHAT: &str = "a sequential fit";

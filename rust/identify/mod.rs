@@ -2,9 +2,15 @@
 //!
 //! The same in plain NumPy is in `python/stochens_rs/reference/`.
 
+mod assumed;
 mod beta_model;
+mod confidence_radii;
 mod distributions;
+mod estimate;
+mod instruments;
+mod kept;
 mod largest_root;
+mod least_squares;
 mod legendre;
 mod levels;
 mod normal_norm;
@@ -18,9 +24,17 @@ mod symmetric;
 mod triangle;
 mod weighted_sums;
 
+pub use assumed::{Assumed, Covariance, Design, Method, Noise, Wish};
 pub use beta_model::DRAWS;
+pub(crate) use confidence_radii::{By, Radius, adaptive, independent};
+pub use confidence_radii::{MIXTURES, PRIOR_NOISE};
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
 pub(crate) use distributions::{level, positive_root, root};
+pub use estimate::{Data, Estimate};
+pub(crate) use instruments::Projected;
+pub use kept::kept_quantiles;
+pub use least_squares::{Fitted, fit};
+pub(crate) use least_squares::{SLACK, add, backward, cholesky, forward, lengths, null_space};
 pub use levels::{least_squares_level, one_noise, sphere_level};
 pub use normal_norm::normal_quantile;
 pub use quantiles::{
@@ -30,7 +44,7 @@ pub use quantiles::{
 pub use replicates::{Centre, region_draws, residual_models, weighted_models};
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
 pub use robust_control::robust_control;
-pub use signs::{sign_radii, sign_statistics};
+pub use signs::{SignTest, chance_of_infinity, sign_radii, sign_sizes, sign_statistics};
 pub(crate) use symmetric::{Symmetric, spectral_norm};
 pub use triangle::{triangle, update};
 pub use weighted_sums::{Pairs, Weights};

@@ -11,8 +11,8 @@ use rand_distr::{ChiSquared, Distribution, StandardNormal};
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, room_for_products, try_collect_all, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
+use crate::simd::dispatch::widest;
 use crate::stream::{Key, Purpose};
-use crate::widest::widest;
 
 use super::side_by_side::{Eight, Eightfold};
 use super::weighted_sums::{BLOCK, LANES, Pairs, Summer, Weights, block_of, checked, each_index, shared_features};

@@ -1,7 +1,7 @@
 //! The small systems of eight replicates, side by side in the lanes of a register.
 
 use super::weighted_sums::LANES;
-use crate::widest::Work;
+use crate::simd::dispatch::Work;
 
 /// Of the pivots, which are near 1: below, a replicate has no estimate.
 const SINGULAR: f64 = 1e-10;

@@ -3,9 +3,12 @@
 //! For a sign vector `a`, `s = sum a e q'` and `K = sum a q q'` with `q = V^(-1/2) z`: while `||S_1|| <= ||S_a||`, `X = (Theta - H)
 //! V^(1/2)` has `||X|| <= ||s - X K||`.
 
+use statrs::function::gamma::ln_gamma;
+
 use crate::error::{Error, Result};
-use crate::memory::{covered, try_zeros};
+use crate::memory::{checked_len, covered, try_room, try_zeros};
 use crate::parallel::Stop;
+use crate::stream::Key;
 
 use super::levels::smallest;
 use super::weighted_sums::{Pairs, Weights, signed_sums};
@@ -40,6 +43,106 @@ pub fn sign_statistics(
     let mut norms = try_zeros("the sums of sign vectors", size)?;
     signed_sums(pairs, signs, &mut norms, threads, stop, |s, _| Ok(crate::fuse::norm(s.iter().copied())))?;
     Ok(norms)
+}
+
+/// Least level: that takes 1 / delta sign vectors.
+const SMALLEST: f64 = 1e-5;
+/// Fewest sign vectors m, that of ones included.
+const SIZE: f64 = 100.0;
+
+/// m and q with `q / m <= delta`, equal where delta has two decimals.
+///
+/// # Errors
+/// [`Error::Value`] for a delta below 1e-5.
+pub fn sign_sizes(delta: f64) -> Result<(usize, usize)> {
+    if delta.is_nan() || delta < SMALLEST {
+        let expected = "at least 1e-05 for noise='symmetric'";
+        return Err(Error::Value { name: "delta", expected, found: delta.to_string() });
+    }
+    let m = (1.0 / delta - 1e-9).ceil().max(SIZE);
+    Ok((m as usize, (delta * m + 1e-9).floor() as usize))
+}
+
+/// P(one sign vector bounds nothing) for d columns in general position: `2 P(Bin(N, 1/2) < d)`.
+#[must_use]
+pub fn chance_of_infinity(size: usize, d: usize) -> f64 {
+    if 2 * d.saturating_sub(1) >= size {
+        return 1.0;
+    }
+    let pairs = size as f64;
+    let log = |k: usize| ln_gamma(pairs + 1.0) - ln_gamma(k as f64 + 1.0) - ln_gamma(pairs - k as f64 + 1.0);
+    (2.0 * (0..d).map(|k| (log(k) - pairs * 2f64.ln()).exp()).sum::<f64>()).min(1.0)
+}
+
+/// The exact set of sign-perturbed sums for independent symmetric noise of any law.
+///
+/// If the `w_t` are independent, symmetric and independent of all `z_t`, the true Theta makes `S_a = sum a_t e_t(Theta) q_t'`
+/// equal in law for all sign vectors a, with `e_t(Theta) = y_t - Theta z_t`: the rank of `||S_1||_F` among m of them is uniform,
+/// so that `||S_1||` is not among the q largest with probability `1 - q / m` (Csaji, Campi and Weyer 2015).
+#[derive(Debug, Clone, Copy)]
+pub struct SignTest<'a> {
+    /// The pairs `z` (N, d) and `y` (N, n).
+    pub pairs: [&'a [f64]; 2],
+    /// Orthonormal columns (N, rank) spanning those of z.
+    pub basis: &'a [f64],
+    /// d, n and the rank.
+    pub sizes: [usize; 3],
+    /// m sign vectors, that of ones included, and q.
+    pub of: (usize, usize),
+    /// That of the m - 1 random ones, which must never be drawn anew for the same data.
+    pub key: &'a Key,
+}
+
+impl SignTest<'_> {
+    /// Whether the set contains `theta` (n, d); ties count as inside, which is safe.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`], [`Error::Interrupted`].
+    pub fn contains(&self, theta: &[f64], threads: usize, stop: &Stop) -> Result<bool> {
+        let (rows, [_, n, rank]) = (self.rows(theta)?, self.sizes);
+        let mut sums = try_zeros("the sum of all signs", rank * n)?;
+        for row in rows.chunks_exact((rank + n).max(1)) {
+            let (q, e) = row.split_at(rank);
+            sums.chunks_exact_mut(rank.max(1))
+                .zip(e)
+                .for_each(|(to, e)| to.iter_mut().zip(q).for_each(|(s, q)| *s += e * q));
+        }
+        let own = crate::fuse::norm(sums.iter().copied());
+        let pairs = Pairs::new(&rows, rank, n, None)?;
+        let others = sign_statistics(&pairs, Weights::Signs(self.key), self.of.0 - 1, threads, stop)?;
+        Ok(others.iter().filter(|other| **other >= own * (1.0 - 1e-12)).count() >= self.of.1)
+    }
+
+    /// Of the ball around least squares `theta` that holds the set, in the Frobenius norm: the q-th largest of the radii of
+    /// the sign vectors; infinite where one bounds nothing.
+    ///
+    /// # Errors
+    /// As [`SignTest::contains`].
+    pub fn radius(&self, theta: &[f64], threads: usize, stop: &Stop) -> Result<f64> {
+        let (rows, [_, n, rank]) = (self.rows(theta)?, self.sizes);
+        let pairs = Pairs::new(&rows, rank, n, None)?;
+        let mut radii = sign_radii(&pairs, Weights::Signs(self.key), self.of.0 - 1, threads, stop)?;
+        radii.sort_unstable_by(|a, b| b.total_cmp(a));
+        Ok(radii[self.of.1 - 1])
+    }
+
+    /// `(q_t, y_t - Theta z_t)` of all pairs.
+    fn rows(&self, theta: &[f64]) -> Result<Vec<f64>> {
+        let ([z, y], [d, n, rank], (m, q)) = (self.pairs, self.sizes, self.of);
+        let size = y.len().checked_div(n).unwrap_or(0);
+        let fits = z.len() == size * d && y.len() == size * n && self.basis.len() == size * rank;
+        if !(fits && d > 0 && n > 0 && theta.len() == n * d && (1..m).contains(&q)) {
+            let found = format!("{} entries of Theta", theta.len());
+            return Err(Error::Shape { name: "Z, Y", expected: format!("{size} rows, and 1 <= q < m"), found });
+        }
+        let mut rows = try_room("the pairs", checked_len("the pairs", size, rank + n)?)?;
+        for (t, (z, y)) in z.chunks_exact(d).zip(y.chunks_exact(n)).enumerate() {
+            rows.extend_from_slice(&self.basis[t * rank..(t + 1) * rank]);
+            let fitted = |row: &[f64]| row.iter().zip(z).map(|(a, b)| a * b).sum::<f64>();
+            rows.extend(y.iter().zip(theta.chunks_exact(d)).map(|(y, row)| y - fitted(row)));
+        }
+        Ok(rows)
+    }
 }
 
 fn radius(s: &[f64], k: &[f64]) -> Result<f64> {

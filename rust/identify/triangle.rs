@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::fuse::power_of_two_scale;
 use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
-use crate::widest::{Work, widest};
+use crate::simd::dispatch::{Work, widest};
 
 const WHAT: &str = "a triangle";
 

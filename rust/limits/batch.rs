@@ -1,4 +1,4 @@
-//! Many problems: one `M` for all, or one each. Threads take fixed chunks, so results do not depend on their number.
+//! One `M` for many problems. Threads take fixed chunks, so results do not depend on their number.
 
 use super::bounds::Bounds;
 use super::dense::Dense;
@@ -60,41 +60,12 @@ pub fn box_batch(
         }
         Ok(())
     };
-    in_chunks(d, size, gaps, threads, stop, work)
-}
-
-/// The same with an `M` of its own for each problem: row `s` of `m` is `M_s` row by row.
-///
-/// # Errors
-/// As [`box_batch`].
-#[expect(clippy::too_many_arguments, reason = "as above")]
-pub fn box_batch_each(
-    m: &[f64],
-    y: &[f64],
-    size: usize,
-    r: Penalty<'_>,
-    bounds: Bounds<'_>,
-    gaps: bool,
-    threads: usize,
-    stop: &Stop,
-) -> Result<Batch> {
-    let d = bounds.low.len();
-    let rows = y.len().checked_div(size).unwrap_or(0);
-    checked_rows("y", y.len(), size, rows)?;
-    checked_rows("M", m.len(), size, checked_len(WHAT, rows, d)?)?;
-    let work = |first: usize, u: &mut [f64], mut gaps: Option<&mut [f64]>| {
-        let (mut dense, _) = stacked(&m[..rows * d], d, r)?;
-        let mut search = Search::new(d)?;
-        for (i, u) in u.chunks_exact_mut(d).enumerate() {
-            stop.check()?;
-            let s = first + i;
-            dense.set_above(&m[s * rows * d..(s + 1) * rows * d])?;
-            aim(&mut dense, rows, &y[s * rows..(s + 1) * rows])?;
-            single(&mut dense, &mut search, bounds, u, gaps.as_deref_mut().map(|gaps| &mut gaps[i]), stop)?;
-        }
-        Ok(())
-    };
-    in_chunks(d, size, gaps, threads, stop, work)
+    let mut u = try_zeros(WHAT, checked_len(WHAT, size, d)?)?;
+    let mut all = if gaps { Some(try_zeros(WHAT, size)?) } else { None };
+    let mut slots = all.as_mut().map(|gaps: &mut Vec<f64>| gaps.chunks_mut(CHUNK));
+    let chunks = u.chunks_mut(CHUNK * d).enumerate().map(move |(c, u)| (c, u, slots.as_mut().and_then(Iterator::next)));
+    for_each_chunk(chunks, threads, stop, |(c, u, gaps)| work(c * CHUNK, u, gaps))?;
+    Ok((u, all))
 }
 
 pub(super) fn single(
@@ -114,21 +85,4 @@ pub(super) fn single(
         *gap = found.gap;
     }
     Ok(())
-}
-
-/// `work(first, controls, gaps)` for all chunks.
-fn in_chunks(
-    d: usize,
-    size: usize,
-    gaps: bool,
-    threads: usize,
-    stop: &Stop,
-    work: impl Fn(usize, &mut [f64], Option<&mut [f64]>) -> Result<()> + Sync,
-) -> Result<Batch> {
-    let mut u = try_zeros(WHAT, checked_len(WHAT, size, d)?)?;
-    let mut all = if gaps { Some(try_zeros(WHAT, size)?) } else { None };
-    let mut slots = all.as_mut().map(|gaps: &mut Vec<f64>| gaps.chunks_mut(CHUNK));
-    let chunks = u.chunks_mut(CHUNK * d).enumerate().map(move |(c, u)| (c, u, slots.as_mut().and_then(Iterator::next)));
-    for_each_chunk(chunks, threads, stop, |(c, u, gaps)| work(c * CHUNK, u, gaps))?;
-    Ok((u, all))
 }

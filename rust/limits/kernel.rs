@@ -2,8 +2,8 @@
 //! remainder. They give the same bits on every processor.
 
 use super::bounds::Bounds;
-use crate::lanes::LANES;
-pub(super) use crate::widest::{Work, widest};
+use crate::simd::LANES;
+pub(super) use crate::simd::dispatch::{Work, widest};
 
 /// A function with its body compiled for each width of registers.
 macro_rules! kernel {

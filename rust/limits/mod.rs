@@ -28,7 +28,7 @@ mod tiles;
 #[cfg(test)]
 mod tests;
 
-pub use batch::{Batch, box_batch, box_batch_each};
+pub use batch::{Batch, box_batch};
 pub use bounds::Bounds;
 pub use quadratic::{Method, Status, Until};
 pub use riccati::{Steps, horizon_control};

@@ -90,11 +90,11 @@ impl Search {
                 None
             }
             End::Stuck => {
-                self.judge(q, bounds, until, method, true)?;
+                self.verify(q, bounds, until, method, true)?;
                 None
             }
             End::Early(status) => {
-                self.judge(q, bounds, until, method, true)?;
+                self.verify(q, bounds, until, method, true)?;
                 Some(status)
             }
         };
@@ -208,7 +208,7 @@ impl Search {
         method: Method,
         dual: bool,
     ) -> Result<()> {
-        self.judge(q, bounds, until, method, dual)?;
+        self.verify(q, bounds, until, method, dual)?;
         let scale = q.scale() + self.certificate.objective;
         if self.certificate.gap > EXACT * scale && self.v == self.u && q.dual_at_hand(&self.fixed) {
             // far limits make the other bound large where a correction gains nothing
@@ -228,7 +228,7 @@ impl Search {
             }
             q.correct(&mut self.step);
             self.v.iter_mut().zip(&self.step).for_each(|(v, step)| *v -= step);
-            self.judge(q, bounds, until, method, dual)?;
+            self.verify(q, bounds, until, method, dual)?;
         }
         Ok(())
     }
@@ -251,20 +251,20 @@ impl Search {
         let moving = (&mut *self.v, &mut *self.step, &mut *self.held);
         let (done, early) = self.interior.run(q, bounds, moving, until)?;
         self.factorizations += done;
-        self.judge(q, bounds, until, Method::Interior, true)?;
+        self.verify(q, bounds, until, Method::Interior, true)?;
         if early.is_some() {
             return Ok(early);
         }
         match self.pivot(q, bounds, until, LAST_PIVOTS)? {
             End::Done => self.refine(q, bounds, until, Method::Interior, true)?,
-            End::Stuck => self.judge(q, bounds, until, Method::Interior, true)?,
+            End::Stuck => self.verify(q, bounds, until, Method::Interior, true)?,
             End::Early(status) => return Ok(Some(status)),
         }
         Ok(None)
     }
 
     /// Clips `v`; it is the best control if its gap is smaller. `dual`: with the dual residual, where that is needed.
-    fn judge(
+    fn verify(
         &mut self,
         q: &mut impl Quadratic,
         bounds: Bounds<'_>,

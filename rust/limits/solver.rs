@@ -1,36 +1,34 @@
-//! One `M` for many `y`.
+//! One `M` for many states.
 
 use super::bounds::Bounds;
 use super::dense::Dense;
 use super::orthogonal::reduce;
 use super::quadratic::{Quadratic, Until};
 use super::search::Search;
-use super::solve::{Penalty, Solution, aim, checked_warm, find, stacked, told};
+use super::solve::{Penalty, Solution, checked_warm, find, stacked, told};
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, try_copy, try_zeros};
 use crate::parallel::Stop;
 
 const WHAT: &str = "a control within limits";
 
-/// `[state target]` after reduction, and its columns.
-type Map = (Vec<f64>, usize);
-
-/// One `M`, `R` and limits for many `y`, or for many `x` with `y = target - state x`.
+/// One `M`, `R` and limits for many `x` with `y = target - state x`.
 pub struct Solver {
     dense: Dense,
     search: Search,
-    rows: usize,
     low: Vec<f64>,
     high: Vec<f64>,
     shift: usize,
-    /// Rows of `T` first, then those that no input changes.
-    map: Option<Map>,
+    /// `[state target]` after reduction: the rows of `T` first, then those that no input changes.
+    map: Vec<f64>,
+    n: usize,
     warm: Option<Vec<i8>>,
 }
 
 impl Solver {
-    /// Everything that does not depend on `y` is computed here. `shift`: each call begins at the limits that the call
-    /// before has reached, this many inputs later. `goal`: `state` (rows, n) and `target`.
+    /// Everything that does not depend on `x` is computed here. `shift`: each call begins at the limits that the call
+    /// before has reached, this many inputs later.
+    /// `state` is (rows, n).
     ///
     /// # Errors
     /// As [`super::box_control`], and [`Error::Interrupted`].
@@ -39,52 +37,43 @@ impl Solver {
         r: Penalty<'_>,
         bounds: Bounds<'_>,
         shift: usize,
-        goal: Option<(&[f64], &[f64])>,
+        (state, target): (&[f64], &[f64]),
         stop: &Stop,
     ) -> Result<Self> {
         let d = bounds.low.len();
-        let (mut dense, mut rows) = stacked(m, d, r)?;
-        let mut map = None;
-        if let Some((state, target)) = goal {
-            let n = state.len().checked_div(rows).unwrap_or(0);
-            if target.len() != rows || state.len() != n * rows || n == 0 {
-                let found = format!("{} and {}", state.len(), target.len());
-                let expected = format!("{rows} rows, as many as `target`");
-                return Err(Error::Shape { name: "state", expected, found });
-            }
-            (dense, map) = reduced(&dense, rows, state, target, n, stop)?;
-            rows = d;
+        let (dense, rows) = stacked(m, d, r)?;
+        let n = state.len().checked_div(rows).unwrap_or(0);
+        if target.len() != rows || state.len() != n * rows || n == 0 {
+            let found = format!("{} and {}", state.len(), target.len());
+            let expected = format!("{rows} rows, as many as `target`");
+            return Err(Error::Shape { name: "state", expected, found });
         }
+        let (mut dense, map) = reduced(&dense, rows, state, target, n, stop)?;
         dense.prepare(Until::new(stop, None))?;
         let (low, high) = (try_copy(WHAT, bounds.low)?, try_copy(WHAT, bounds.high)?);
-        Ok(Self { search: Search::new(d)?, dense, rows, low, high, shift, map, warm: None })
+        Ok(Self { search: Search::new(d)?, dense, low, high, shift, map, n, warm: None })
     }
 
-    /// The best control for `given`, which is `x` or `y`. After an error, all is as before.
+    /// The best control for `x`. After an error, all is as before.
     ///
     /// # Errors
     /// As [`super::box_control`].
-    pub fn solve(&mut self, given: &[f64], until: Until<'_>) -> Result<Solution> {
-        let d = self.low.len();
-        match &self.map {
-            None => {
-                require_finite("y", given)?;
-                aim(&mut self.dense, self.rows, given)?;
-            }
-            Some((map, width)) => {
-                if given.len() + 1 != *width {
-                    let found = format!("{} entries", given.len());
-                    return Err(Error::Shape { name: "x", expected: format!("{} entries", width - 1), found });
-                }
-                require_finite("x", given)?;
-                let mut y = try_zeros(WHAT, d)?;
-                let (of_inputs, others) = map.split_at(d * width);
-                let at = |row: &[f64]| row[given.len()] - given.iter().zip(row).map(|(x, v)| x * v).sum::<f64>();
-                y.iter_mut().zip(of_inputs.chunks_exact(*width)).for_each(|(y, row)| *y = at(row));
-                self.dense.rest = others.chunks_exact(*width).map(|row| at(row).powi(2)).sum();
-                self.dense.aim(&y)?;
-            }
+    pub fn solve(&mut self, x: &[f64], until: Until<'_>) -> Result<Solution> {
+        let (d, n) = (self.low.len(), self.n);
+        if x.len() != n {
+            return Err(Error::Shape {
+                name: "x",
+                expected: format!("{n} entries"),
+                found: format!("{} entries", x.len()),
+            });
         }
+        require_finite("x", x)?;
+        let mut y = try_zeros(WHAT, d)?;
+        let (of_inputs, others) = self.map.split_at(d * (n + 1));
+        let at = |row: &[f64]| row[n] - x.iter().zip(row).map(|(x, v)| x * v).sum::<f64>();
+        y.iter_mut().zip(of_inputs.chunks_exact(n + 1)).for_each(|(y, row)| *y = at(row));
+        self.dense.rest = others.chunks_exact(n + 1).map(|row| at(row).powi(2)).sum();
+        self.dense.aim(&y)?;
         let bounds = Bounds { low: &self.low, high: &self.high };
         let mut first = None;
         if let Some(warm) = &self.warm {
@@ -112,11 +101,6 @@ impl Solver {
         self.warm = warm;
         Ok(())
     }
-
-    /// Inputs.
-    pub fn size(&self) -> usize {
-        self.low.len()
-    }
 }
 
 /// `[M state target; R^(1/2) 0 0] = Q [T S t; 0 S2 t2]`: `||M u - y||^2 + u'R u = ||T u - (t - S x)||^2 + ||t2 - S2 x||^2`.
@@ -127,7 +111,7 @@ fn reduced(
     target: &[f64],
     n: usize,
     stop: &Stop,
-) -> Result<(Dense, Option<Map>)> {
+) -> Result<(Dense, Vec<f64>)> {
     let (d, ld) = (dense.d, dense.ld);
     let mut columns = try_zeros(WHAT, checked_len(WHAT, n + 1, dense.y.len())?)?;
     let height = dense.y.len().max(1);
@@ -148,7 +132,7 @@ fn reduced(
     let mut small = Dense::new(d, d)?;
     small.set(&t, &try_zeros(WHAT, d)?)?;
     (small.triangular, small.least) = (true, dense.least);
-    Ok((small, Some((map, n + 1))))
+    Ok((small, map))
 }
 
 #[cfg(test)]
@@ -163,7 +147,10 @@ mod tests {
             (0..d * d).map(|i| if i % (d + 1) == 0 { 2.0 } else { (i as f64).sin() / d as f64 }).collect();
         let (low, high, r) = (vec![-1.0; d], vec![1.0; d], vec![0.1; d]);
         let bounds = Bounds { low: &low, high: &high };
-        let mut solver = Solver::new(&m, Penalty::Diagonal(&r), bounds, 0, None, &stop).unwrap();
+        // y = x: state = -I, target = 0
+        let state: Vec<f64> = (0..d * d).map(|i| if i % (d + 1) == 0 { -1.0 } else { 0.0 }).collect();
+        let goal = (&state[..], &vec![0.0; d][..]);
+        let mut solver = Solver::new(&m, Penalty::Diagonal(&r), bounds, 0, goal, &stop).unwrap();
         for size in [0.1, 0.2, 0.3] {
             let y: Vec<f64> = (0..d).map(|i| size * (i as f64).cos()).collect();
             let found = solver.solve(&y, Until::new(&stop, None)).unwrap();

@@ -2,7 +2,7 @@
 //! used four times, and sums stay in registers. The same bits on every processor, as in [`super::kernel`].
 
 use super::kernel::{Work, add, group, kernel, widest};
-use crate::lanes::LANES;
+use crate::simd::LANES;
 
 /// Lines of a tile.
 const LINES: usize = 4;

@@ -285,15 +285,14 @@ fn call(name: &str) -> Option<Call> {
                 }
                 limits::box_control(&ill, &one[..N], Penalty::Diagonal(&zero), open, None, until())?;
                 limits::box_control(&one, &one[..N], Penalty::Full(&identity), bounds, None, until())?;
-                let goal = Some((&one[..2 * N], &one[..N]));
+                let goal = (&one[..2 * N], &one[..N]);
                 let penalty = Penalty::Diagonal(&[0.1; N]);
                 let mut solver = limits::Solver::new(&one, penalty, bounds, 2, goal, &stop)?;
                 solver.solve(&one[..2], until())?;
                 limits::box_batch(&one, &one[..2 * N], 2, penalty, bounds, true, 2, &stop)?;
                 let small = Bounds::new(&low[..5], &high[..5], 5)?;
-                limits::box_batch(&one[..50], &one[..5000], 500, Penalty::Diagonal(&[0.0; 5]), small, true, 2, &stop)?;
-                let penalty = Penalty::Diagonal(&[0.1; 5]);
-                limits::box_batch_each(&one[..5000], &one[..1000], 100, penalty, small, true, 2, &stop).map(drop)
+                let penalty = Penalty::Diagonal(&[0.0; 5]);
+                limits::box_batch(&one[..50], &one[..5000], 500, penalty, small, true, 2, &stop).map(drop)
             })
         }
         "limits of rows" => {
@@ -392,6 +391,40 @@ fn call(name: &str) -> Option<Call> {
             identify::roy_quantile(10, 15, 100, 0.05, 2, &stop)?;
             identify::smallest_quantile(10, 100, 0.05, 2, &stop).map(drop)
         }),
+        "a region from data" => {
+            let (n, d) = (20, 30);
+            let rows = entries(200 * (n + d));
+            let (scale, directions) = (entries(d), entries(d * 12));
+            Box::new(move || {
+                let triangle = identify::triangle(&rows, n + d, 1, &stop)?;
+                let of = identify::Data {
+                    triangle: &triangle,
+                    size: 200,
+                    n,
+                    m: d - n,
+                    offset: false,
+                    instruments: 0,
+                    known: None,
+                    state_noise: None,
+                };
+                let estimate = identify::Estimate::new(of, &stop)?;
+                let known = entries(n * n);
+                let assumed = |design| identify::Assumed {
+                    design,
+                    noise: identify::Noise::Gaussian,
+                    covariance: identify::Covariance::Known(&known),
+                };
+                let wish = identify::Wish::new(0.05);
+                let [any, exact] = [identify::Design::Adaptive, identify::Design::Independent].map(assumed);
+                Region::from_data(&estimate, any, wish, &scale, 1, &stop)?;
+                Region::from_data(&estimate, any, identify::Wish { components: true, ..wish }, &scale, 1, &stop)?;
+                let wish = identify::Wish { directions: Some(&directions), ..wish };
+                Region::from_data(&estimate, exact, wish, &scale, 1, &stop)?;
+                let of = identify::Data { n: 10, m: 15, instruments: 25, ..of };
+                let estimate = identify::Estimate::new(of, &stop)?;
+                Region::from_data(&estimate, exact, identify::Wish::new(0.05), &scale, 1, &stop).map(drop)
+            })
+        }
         "several steps" => {
             let (model, square) = (entries(40 * 42), entries(42 * 42));
             // by all rows, with Gaussian noise to come; by rows; and a region of one step, with that of all its rows
@@ -489,6 +522,7 @@ const CALLS: [&str; 39] = [
     "data stream",
     "triangle",
     "exact quantiles",
+    "a region from data",
     "several steps",
     "replicates",
     "residuals",

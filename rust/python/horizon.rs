@@ -6,12 +6,11 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, key, slice};
 use super::horizon_arguments::{AroundArgument, CauseArgument, GivenControl, TaskArgument, cost, given, made};
 use super::horizon_results::{Apart, HorizonControl};
-use super::limited::RowsControl;
 use super::limits::{seconds, to_best};
 use super::run::run;
 use super::simulate::EstimateArgument;
+use crate::limits::Until;
 use crate::limits::horizon::{Cause, Horizon, Radii, Runs, Solved};
-use crate::limits::{RowsSolution, Until};
 use crate::memory::try_copy;
 use crate::simulate::Plans;
 
@@ -119,14 +118,6 @@ impl PyHorizon {
         let solved = to_best(py, self.cost, status, |stop| self.inner.solve(x0, Until::new(stop, limit)))?;
         let (n, m, steps) = self.inner.size();
         Ok(HorizonControl { solved, n, m, steps })
-    }
-
-    /// The best control alone.
-    fn best(&self, py: Python<'_>, x0: Vector<'_>, time_limit: Option<f64>) -> PyResult<Py<RowsControl>> {
-        let (x0, limit) = (slice("x0", &x0)?, seconds(time_limit));
-        let status = |found: &RowsSolution| found.found.status;
-        let found = to_best(py, self.cost, status, |stop| self.inner.best(x0, false, None, Until::new(stop, limit)))?;
-        RowsControl::of(py, found)
     }
 
     /// A Frank-Wolfe gap of `u` with these states, and the norm of what no limit balances of half of the gradient.

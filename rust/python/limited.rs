@@ -4,11 +4,11 @@ use numpy::PyArray1;
 use pyo3::prelude::*;
 
 use super::convert::array1;
-use crate::limits::{RowsSolution, Solution};
+use crate::limits::Solution;
 use crate::memory::try_copy;
 
 /// A control within limits, and how far from the best one it can be.
-#[pyclass(frozen, subclass, module = "stochens_rs._core")]
+#[pyclass(frozen, module = "stochens_rs._core")]
 pub(super) struct BoxControl(pub(super) Solution);
 
 #[pymethods]
@@ -39,11 +39,6 @@ impl BoxControl {
     }
 
     #[getter]
-    fn frank_wolfe(&self) -> f64 {
-        self.0.frank_wolfe
-    }
-
-    #[getter]
     fn distance(&self) -> f64 {
         self.0.distance
     }
@@ -66,45 +61,5 @@ impl BoxControl {
     #[getter]
     fn method(&self) -> &'static str {
         self.0.method.as_str()
-    }
-}
-
-/// A control with limits on states or rates as well.
-#[pyclass(frozen, extends = BoxControl, module = "stochens_rs._core")]
-pub(super) struct RowsControl {
-    rates: Vec<f64>,
-    states: Vec<f64>,
-    missing: f64,
-    excess: f64,
-}
-
-#[pymethods]
-impl RowsControl {
-    #[getter]
-    fn rates<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        array1(py, try_copy("the multipliers of the rates", &self.rates)?)
-    }
-
-    #[getter]
-    fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        array1(py, try_copy("the multipliers of the states", &self.states)?)
-    }
-
-    #[getter]
-    fn missing(&self) -> f64 {
-        self.missing
-    }
-
-    #[getter]
-    fn excess(&self) -> f64 {
-        self.excess
-    }
-}
-
-impl RowsControl {
-    pub(super) fn of(py: Python<'_>, solution: RowsSolution) -> PyResult<Py<Self>> {
-        let RowsSolution { found, rates, states, missing, excess } = solution;
-        let own = Self { rates, states, missing, excess };
-        Py::new(py, PyClassInitializer::from(BoxControl(found)).add_subclass(own))
     }
 }

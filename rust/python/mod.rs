@@ -8,6 +8,8 @@ mod control;
 mod convert;
 mod draws;
 mod error;
+mod estimate;
+mod fitted;
 mod fleet;
 mod fuse;
 mod horizon;
@@ -37,6 +39,10 @@ mod _core {
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
+    use super::estimate::{PyEstimate, chance_of_infinity, kept_quantiles, mixtures, sign_contains, sign_sizes};
+    #[pymodule_export]
+    use super::fitted::{PyFitted, fit};
+    #[pymodule_export]
     use super::fleet::{
         fleet_gains, fleet_misses, fleet_moments, fleet_slope, fleet_triangle, fleet_worst, scenario_at_most,
         scenario_compression, scenario_discarding, scenario_judged, scenario_relaxed, scenario_required,
@@ -61,15 +67,14 @@ mod _core {
         smallest_quantile, sphere_level, trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
-    use super::limited::{BoxControl, RowsControl};
+    use super::limited::BoxControl;
     #[pymodule_export]
-    use super::limits::{BoxSolver, box_batch, box_batch_each, box_control, horizon_control, rows_control};
+    use super::limits::{box_batch, box_control};
     #[pymodule_export]
     use super::region::{PyErrors, PyPart, PyRegion, certify};
     #[pymodule_export]
     use super::simulate::{
-        simulate_estimates, simulate_mean_field, simulate_plan_estimates, simulate_plans, simulate_runs,
-        simulate_systems, track, trajectory,
+        simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
@@ -90,5 +95,5 @@ fn version() -> &'static str {
 /// Whether the core is a release build, and the registers for which its kernels were chosen.
 #[pyfunction]
 fn build() -> (bool, &'static str) {
-    (!cfg!(debug_assertions), crate::widest::registers())
+    (!cfg!(debug_assertions), crate::simd::dispatch::registers())
 }

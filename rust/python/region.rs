@@ -4,12 +4,14 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::types::PyList;
+use pyo3::types::PyTuple;
 
 use super::convert::{array1, array2, slice};
 use super::error::ShapeError;
+use super::fitted::{PyFitted, copied, places as as_places};
 use super::run::run;
 use crate::certificate::{self, Control, Gaussian, Task, ToCome, Way};
+use crate::error::require_finite;
 use crate::memory::{try_copy, try_room};
 use crate::region::{DIRECTIONS, Part, PartOf, Region};
 
@@ -57,7 +59,69 @@ impl PyPart {
             shape: slice("S", &shape)?,
             factor,
         };
+        for (name, values) in [("white", of.white), ("root", of.root), ("missing", of.missing), ("S", of.shape)] {
+            require_finite(name, values)?;
+        }
         Ok(Self(Arc::new(Part::new(of)?)))
+    }
+
+    /// Around least squares, widened by its rounding.
+    #[staticmethod]
+    fn around(fitted: &PyFitted, shape: Matrix<'_>, factor: f64) -> PyResult<Self> {
+        let shape = slice("S", &shape)?;
+        require_finite("S", shape)?;
+        Ok(Self(Arc::new(Part::around(&fitted.0, shape, factor)?)))
+    }
+
+    fn __reduce__<'py>(slf: &Bound<'py, Self>) -> PyResult<(Bound<'py, PyAny>, Bound<'py, PyTuple>)> {
+        let names = ["rows", "columns", "white", "root", "missing", "ratio", "S", "factor"];
+        let mut fields = try_room(WHAT, names.len())?;
+        for name in names {
+            fields.push(slf.getattr(name)?);
+        }
+        Ok((slf.get_type().into_any(), PyTuple::new(slf.py(), fields)?))
+    }
+
+    #[getter]
+    fn rows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        as_places(py, self.0.of().rows)
+    }
+
+    #[getter]
+    fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
+        as_places(py, self.0.of().columns)
+    }
+
+    #[getter]
+    fn white<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.with_columns(py, self.0.of().white)
+    }
+
+    #[getter]
+    fn root<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        self.with_columns(py, self.0.of().root)
+    }
+
+    #[getter]
+    fn missing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let PartOf { columns, missing, .. } = self.0.of();
+        copied(py, missing, columns.len(), missing.len().checked_div(columns.len()).unwrap_or(0))
+    }
+
+    #[getter(S)]
+    fn shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let PartOf { rows, shape, .. } = self.0.of();
+        copied(py, shape, rows.len(), rows.len())
+    }
+
+    #[getter]
+    fn ratio(&self) -> f64 {
+        self.0.of().ratio
+    }
+
+    #[getter]
+    fn factor(&self) -> f64 {
+        self.0.of().factor
     }
 
     #[getter]
@@ -80,6 +144,13 @@ impl PyPart {
 
     fn reach(&self, from: usize, to: usize) -> PyResult<f64> {
         Ok(self.0.reach(from, to)?)
+    }
+}
+
+impl PyPart {
+    fn with_columns<'py>(&self, py: Python<'py>, values: &[f64]) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let columns = self.0.of().columns.len();
+        copied(py, values, values.len().checked_div(columns).unwrap_or(0), columns)
     }
 }
 
@@ -141,7 +212,7 @@ fn to_come<'a>(noise: &'a Option<Noise<'_>>) -> PyResult<Option<ToCome<'a>>> {
 
 /// A set of models that contains the true one.
 #[pyclass(frozen, module = "stochens_rs._core", name = "Region")]
-pub(super) struct PyRegion(Region);
+pub(super) struct PyRegion(pub(super) Region);
 
 impl PyRegion {
     /// Elementary operations of a certificate of so many steps.
@@ -156,7 +227,7 @@ impl PyRegion {
     fn new(
         centre: Matrix<'_>,
         m: usize,
-        parts: &Bound<'_, PyList>,
+        parts: &Bound<'_, PyTuple>,
         frobenius: Option<f64>,
         future: bool,
     ) -> PyResult<Self> {
@@ -166,6 +237,29 @@ impl PyRegion {
             all.push(Arc::clone(&part.cast::<PyPart>()?.get().0));
         }
         Ok(Self(Region::new(slice("centre", &centre)?, n, m, all, frobenius, future)?))
+    }
+
+    #[getter]
+    fn centre<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        let (centre, d) = (self.0.centre(), self.0.width());
+        copied(py, centre, centre.len() / d, d)
+    }
+
+    #[getter]
+    fn parts<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyTuple>> {
+        let mut all = try_room(WHAT, self.0.parts().len())?;
+        all.extend(self.0.parts().iter().map(|part| PyPart(Arc::clone(part))));
+        PyTuple::new(py, all)
+    }
+
+    #[getter]
+    fn frobenius(&self) -> Option<f64> {
+        Some(self.0.frobenius()).filter(|size| size.is_finite())
+    }
+
+    #[getter]
+    fn noise<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        self.0.noise().map(|noise| copied(py, noise, noise.len().isqrt(), noise.len().isqrt())).transpose()
     }
 
     #[getter]
@@ -226,7 +320,7 @@ impl PyRegion {
 
 /// A region, the inputs in its form, noise to come, and whether it compares with the best control.
 type GivenWay<'py> = (Bound<'py, PyRegion>, Matrix<'py>, Option<Noise<'py>>, bool);
-/// `(best, target, reach, model_error, start, components, tube, control)`; `control` is a number, or why there is none.
+/// `(best, target, reach, model_error, start, components, tube, control, why)`; `why` no bound of the control is known.
 type Found<'py> = (
     usize,
     f64,
@@ -235,7 +329,7 @@ type Found<'py> = (
     f64,
     Bound<'py, PyArray1<f64>>,
     Bound<'py, PyArray1<f64>>,
-    Option<f64>,
+    f64,
     Option<&'static str>,
 );
 
@@ -259,10 +353,14 @@ pub(super) fn certify<'py>(
     let apart = apart.as_ref().map(as_way).transpose()?;
     let found = run(py, 2.0 * cost, |stop| certificate::certify(task, &given, apart, stop))?;
     let (control, reason) = match found.control {
-        None => (None, None),
-        Some(Control::Within(value)) => (Some(value), None),
-        Some(Control::Many) => (None, Some("many")),
-        Some(Control::NoEffect) => (None, Some("no effect")),
+        None => (f64::INFINITY, Some("over several steps no bound of the control is known")),
+        Some(Control::Within(value)) => (value, None),
+        Some(Control::Many) => {
+            (f64::INFINITY, Some("there are more inputs than states, so that many controls are as good"))
+        }
+        Some(Control::NoEffect) => {
+            (f64::INFINITY, Some("within the error of the data some inputs may have no effect"))
+        }
     };
     Ok((
         found.best,

@@ -220,28 +220,6 @@ pub(super) fn simulate_plans<'py>(
     array2(py, errors, runs, 2)
 }
 
-/// Estimates (runs, n (n + 2)) of the runs from `first` on: `x0`, `xf`, and `A` row by row, as [`simulate_plans`] draws them.
-#[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
-pub(super) fn simulate_plan_estimates<'py>(
-    py: Python<'py>,
-    x0: EstimateArgument<'py>,
-    xf: EstimateArgument<'py>,
-    a: EstimateArgument<'py>,
-    rows: bool,
-    first: usize,
-    runs: usize,
-    cost: f64,
-    key: &[u8],
-    threads: usize,
-) -> PyResult<Array2<'py>> {
-    let n = x0.0.as_array().len();
-    let plans = Plans::new(estimate("x0", &x0)?, estimate("xf", &xf)?, estimate("A", &a)?, rows, false)?;
-    let key = self::key(key)?;
-    let found = run(py, cost * runs as f64, |stop| plans.estimates(first, runs, &key, threads, stop))?;
-    array2(py, found, runs, n * (n + 2))
-}
-
 /// Errors (runs,) of simulated averages of `size` realizations; `norm` is "1", "2" or "spectral".
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]

@@ -6,6 +6,8 @@
 //!
 //! with C the centre. What several steps add is in [`crate::certificate`].
 
+mod from_data;
+mod instruments;
 mod models;
 mod part;
 mod projection;

@@ -39,6 +39,7 @@ pub struct Region {
     pub(crate) frobenius: f64,
     /// Whether noise to come is covered.
     pub(crate) future: bool,
+    noise: Option<Vec<f64>>,
 }
 
 impl Region {
@@ -75,7 +76,37 @@ impl Region {
             }
         }
         let frobenius = frobenius.unwrap_or(f64::INFINITY);
-        Ok(Self { n, m, d, centre: try_copy(WHAT, centre)?, parts, frobenius, future })
+        Ok(Self { n, m, d, centre: try_copy(WHAT, centre)?, parts, frobenius, future, noise: None })
+    }
+
+    /// The same with a bound (n, n) of the covariance of the noise that holds in the same event.
+    #[must_use]
+    pub fn with_noise(self, noise: Option<Vec<f64>>) -> Self {
+        Self { noise, ..self }
+    }
+
+    /// C (n, d), the middle of the region.
+    #[must_use]
+    pub fn centre(&self) -> &[f64] {
+        &self.centre
+    }
+
+    /// One part for all rows, or one for each.
+    #[must_use]
+    pub fn parts(&self) -> &[Arc<Part>] {
+        &self.parts
+    }
+
+    /// `||S^(-1/2) (Theta - C) V^(1/2)||_F` is at most this, infinite where only the spectral norm is bounded.
+    #[must_use]
+    pub const fn frobenius(&self) -> f64 {
+        self.frobenius
+    }
+
+    /// The covariance (n, n) of the noise is at most this, in the same event; None where no bound is known.
+    #[must_use]
+    pub fn noise(&self) -> Option<&[f64]> {
+        self.noise.as_deref()
     }
 
     /// Entries of z.

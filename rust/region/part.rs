@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::identify::{Symmetric, spectral_norm};
+use crate::identify::{Fitted, Symmetric, spectral_norm};
 use crate::memory::{checked_len, try_copy, try_zeros};
 
 pub(super) const WHAT: &str = "a region of models";
@@ -14,6 +14,9 @@ pub(crate) fn times(a: f64, b: f64) -> f64 {
 
 /// The ratio below which the missing directions are known to fewer than half of the digits.
 const TRUSTED: f64 = 1e-8;
+
+/// See [`Part::around`].
+const WIDER: f64 = 10.0;
 
 /// What a [`Part`] is made of.
 #[derive(Debug, Clone, Copy)]
@@ -94,6 +97,44 @@ impl Part {
             radius,
             deviations,
         })
+    }
+
+    /// The part around least squares, widened by its rounding.
+    ///
+    /// With rows wrong by r, in the data and in D, `||l' D V^(1/2)||` is at most `sqrt(factor) (||l' E|| + |l|' r) + |l|' r`,
+    /// and `(|l|' r)^2 <= n l' diag(r^2) l`. The factor [`WIDER`] takes the product of both terms, up to `2 / WIDER^2` of the
+    /// first one.
+    ///
+    /// # Errors
+    /// As [`Part::new`].
+    pub fn around(f: &Fitted, shape: &[f64], factor: f64) -> Result<Self> {
+        Self::within(f, &f.missing, shape, factor)
+    }
+
+    /// The same with other missing directions.
+    pub(super) fn within(f: &Fitted, missing: &[f64], shape: &[f64], factor: f64) -> Result<Self> {
+        let (n, mut wide) = (f.rows.len(), try_copy(WHAT, shape)?);
+        if 0.0 < factor && factor.is_finite() {
+            let rounding = |r: f64| WIDER * (1.0 + 1.0 / factor.sqrt()) * r;
+            wide.iter_mut().step_by(n + 1).zip(&f.rounding).for_each(|(v, r)| *v += n as f64 * rounding(*r).powi(2));
+        }
+        let (rows, columns, white, root) = (&f.rows, &f.columns, &f.white, &f.root);
+        Self::new(PartOf { rows, columns, white, root, missing, ratio: f.ratio, shape: &wide, factor })
+    }
+
+    /// What it is made of.
+    #[must_use]
+    pub fn of(&self) -> PartOf<'_> {
+        PartOf {
+            rows: &self.rows,
+            columns: &self.columns,
+            white: &self.white,
+            root: &self.root,
+            missing: &self.missing,
+            ratio: self.ratio,
+            shape: &self.shape,
+            factor: self.factor,
+        }
     }
 
     /// `sqrt(factor ||S||)`.

@@ -1,6 +1,8 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::Stop;
+use crate::identify::{Assumed, Covariance, Data, Design, Estimate, Noise, Wish, f_upper, triangle};
 
 /// V = diag(4, 16), S = diag(1, 4): everything in closed form.
 fn region(factor: f64, by_rows: bool) -> Region {
@@ -112,4 +114,57 @@ fn projections() {
     let largest = |at: usize| rows.iter().skip(at).step_by(2).fold(0.0f64, |m, v| m.max(v.abs()));
     assert!((largest(0) - 0.15).abs() < 1e-12 && (largest(1) - 0.15).abs() < 1e-12);
     assert_eq!(region(0.09, true).projection((0, 0), (0, 2)).unwrap(), None); // known
+}
+
+/// Pairs (x, u, y) of `y = x / 2 + u + w`.
+fn estimate(known: Option<&[f64]>) -> Estimate {
+    let row = |k: f64| (k.cos(), (1.7 * k).sin(), 0.01 * (2.9 * k).sin());
+    let rows: Vec<f64> = (0..40).map(|k| row(f64::from(k))).flat_map(|(x, u, w)| [x, u, x / 2.0 + u + w]).collect();
+    let triangle = triangle(&rows, 3, 1, &Stop::new()).unwrap();
+    let (instruments, state_noise) = (0, None);
+    let of = Data { triangle: &triangle, size: 40, n: 1, m: 1, offset: false, instruments, known, state_noise };
+    Estimate::new(of, &Stop::new()).unwrap()
+}
+
+fn made(known: Option<&[f64]>, design: Design, wish: Wish<'_>) -> crate::Result<Region> {
+    let assumed = Assumed { design, noise: Noise::Gaussian, covariance: Covariance::Full };
+    Region::from_data(&estimate(known), assumed, wish, &[1.0, 1.0], 1, &Stop::new())
+}
+
+#[test]
+fn one_row_of_an_independent_design_has_the_law_of_f() {
+    let region = made(None, Design::Independent, Wish::new(0.05)).unwrap();
+    let part = region.parts()[0].of();
+    assert!((part.factor - 2.0 / 38.0 * f_upper(0.05, 2.0, 38.0).unwrap()).abs() < 1e-13);
+    assert!(region.contains(&[0.5, 1.0]).unwrap() && !region.contains(&[0.6, 1.0]).unwrap());
+    // one entry is known: one column of G
+    let region = made(Some(&[0.5, f64::NAN]), Design::Independent, Wish::new(0.05)).unwrap();
+    assert_eq!((region.centre()[0], region.parts()[0].of().columns), (0.5, &[1][..]));
+    assert!((region.parts()[0].of().factor - f_upper(0.05, 1.0, 39.0).unwrap() / 39.0).abs() < 1e-13);
+    // all of them: a region of one model
+    let region = made(Some(&[0.5, 1.0]), Design::Independent, Wish::new(0.05)).unwrap();
+    assert!(region.contains(&[0.5, 1.0]).unwrap() && !region.contains(&[0.5, 1.1]).unwrap());
+}
+
+#[test]
+fn directions_take_what_spans_them() {
+    let whole = made(None, Design::Independent, Wish::new(0.05)).unwrap();
+    let wish = Wish { directions: Some(&[1.0, 0.0]), ..Wish::new(0.05) };
+    let along = made(None, Design::Independent, wish).unwrap();
+    assert!(along.bound(&[2.0, 0.0], false).unwrap() < whole.bound(&[2.0, 0.0], false).unwrap());
+    assert!(along.bound(&[2.0, 0.1], false).unwrap().is_infinite());
+}
+
+#[test]
+fn no_region_is_made_up() {
+    let refused = |design, wish| made(None, design, wish).is_err();
+    assert!(refused(Design::Independent, Wish::new(0.0)) && refused(Design::Independent, Wish::new(f64::NAN)));
+    let future = Wish { future: 1, ..Wish::new(0.05) };
+    assert!(refused(Design::Adaptive, future) && !refused(Design::Independent, future));
+    assert!(refused(Design::Independent, Wish { components: true, ..future }));
+    let one = Wish { directions: Some(&[1.0]), ..Wish::new(0.05) };
+    assert!(refused(Design::Independent, one) && refused(Design::Adaptive, one));
+    let assumed = Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance: Covariance::Full };
+    let found = Region::from_data(&estimate(None), assumed, Wish::new(0.05), &[1.0, 1.0], 1, &Stop::new());
+    assert!(found.is_err()); // a size that bounds the noise must be known
 }

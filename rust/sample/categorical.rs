@@ -7,8 +7,8 @@
 
 use super::singletons::Index;
 use crate::error::Result;
+use crate::huge_pages::Buffer;
 use crate::memory::try_zeros;
-use crate::pages::Buffer;
 
 /// The coin's range: a cell is split between itself and its alias in units of `2^-32`.
 const COIN: u64 = 1 << 32;
@@ -76,7 +76,7 @@ impl AliasTable {
     /// [`AliasTable::draw`] for every word: `out[i]` is the index of `words[i]`.
     pub(crate) fn draw_all<I: Index>(&self, words: &[u64], out: &mut [I]) {
         #[cfg(target_arch = "x86_64")]
-        let done = crate::wide::lookup(&self.cells, words, out, I::new);
+        let done = crate::simd::lookup(&self.cells, words, out, I::new);
         #[cfg(not(target_arch = "x86_64"))]
         let done = 0;
         self.draw_all_portable(&words[done..], &mut out[done..]);

@@ -14,7 +14,7 @@ mod singletons;
 mod statistics;
 mod systematic;
 
-pub use crate::pages::Buffer;
+pub use crate::huge_pages::Buffer;
 pub use categorical::AliasTable;
 pub use counts::multinomial_counts;
 pub use law::Law;

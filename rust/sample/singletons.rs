@@ -4,16 +4,16 @@ use std::sync::Arc;
 
 use super::law::Law;
 use crate::error::{Error, Result};
+use crate::huge_pages::Buffer;
 use crate::memory::{try_collect, try_zeros};
-use crate::pages::Buffer;
 use crate::parallel::Stop;
-use crate::plain::Plain;
+use crate::pod::Pod;
 
 /// Realizations between two checks of the stop flag: well below a millisecond per line.
 const BLOCK: usize = 1 << 14;
 
 /// An unsigned integer that stores the index of an entry in its line.
-pub trait Index: Plain + Ord {
+pub trait Index: Pod + Ord {
     /// The index as stored; the caller has checked that it fits.
     fn new(index: u32) -> Self;
     /// The index as a position.

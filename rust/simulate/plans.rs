@@ -201,25 +201,21 @@ impl Plans {
         Ok(())
     }
 
-    /// The estimates of the runs `first ..  first + runs`: for each `x0`, `xf`, and `A` row by row. They are those that
+    /// The estimates of the runs `first .. first + runs`: for each `x0`, `xf`, and `A` row by row. They are those that
     /// [`Plans::errors`] draws over several steps.
     ///
     /// # Errors
     /// As [`Plans::errors`].
-    pub fn estimates(&self, first: usize, runs: usize, key: &Key, threads: usize, stop: &Stop) -> Result<Vec<f64>> {
+    pub fn estimates(&self, first: usize, runs: usize, key: &Key, stop: &Stop) -> Result<Vec<f64>> {
         let n = self.n;
         let width = checked_len("the estimates", n, n + 2)?;
         let mut found: Vec<f64> = try_zeros("the simulated estimates", checked_len("the estimates", runs, width)?)?;
-        for_each_chunk(found.chunks_mut(width.max(1) * CHUNK).enumerate(), threads, stop, |(chunk, found)| {
-            for (at, row) in found.chunks_exact_mut(width.max(1)).enumerate() {
-                stop.check()?;
-                let mut rng = key.stream(Purpose::Plans, first + chunk * CHUNK + at);
-                let (x0, rest) = row.split_at_mut(n);
-                let (xf, a) = rest.split_at_mut(n);
-                self.estimate(&mut rng, x0, xf, a)?;
-            }
-            Ok(())
-        })?;
+        for (at, row) in found.chunks_exact_mut(width.max(1)).enumerate() {
+            stop.check()?;
+            let (x0, rest) = row.split_at_mut(n);
+            let (xf, a) = rest.split_at_mut(n);
+            self.estimate(&mut key.stream(Purpose::Plans, first + at), x0, xf, a)?;
+        }
         Ok(found)
     }
 

@@ -1,9 +1,9 @@
 //! Saves a data stream as sections and loads it, bit for bit; loaded numbers are checked as in [`super::state`].
 
 use super::data::{Data, Feed, size};
+use super::estimator::damaged;
 use super::geometry::Geometry;
 use super::sections::{LARGEST, NAMES, Sections};
-use super::slot::damaged;
 use crate::error::Result;
 use crate::fuse::distance;
 

@@ -16,11 +16,11 @@
 mod advance;
 mod data;
 mod data_state;
+mod estimator;
 mod geometry;
 mod products;
 mod read;
 mod sections;
-mod slot;
 mod state;
 mod stream;
 mod trace;

@@ -3,7 +3,7 @@
 //! With the safeguard, `F` also moves towards the mean of all realizations, so the products with the sums `SA`, `S0` of
 //! the realizations are kept as well. The product is linear in each factor, and each factor changes by a [`Move`].
 
-use super::slot::{Move, Slot};
+use super::estimator::{Estimator, Move};
 use crate::error::Result;
 use crate::memory::try_zeros;
 
@@ -25,13 +25,13 @@ pub(super) struct Start {
 }
 
 impl Start {
-    pub(super) fn of(x0: &Slot) -> Result<Self> {
+    pub(super) fn of(x0: &Estimator) -> Result<Self> {
         let mut start = Self { f: try_zeros(WHAT, x0.run.length)?, s: try_zeros(WHAT, x0.run.hits.len())? };
         start.update(x0);
         Ok(start)
     }
 
-    pub(super) fn update(&mut self, x0: &Slot) {
+    pub(super) fn update(&mut self, x0: &Estimator) {
         x0.line(0, 1.0, &mut self.f);
         if !self.s.is_empty() {
             x0.sum_line(0, 1.0, &mut self.s);
@@ -41,12 +41,12 @@ impl Start {
 
 impl Products {
     /// Zeros.
-    pub(super) fn none(n: usize, x0: &Slot) -> Result<Self> {
+    pub(super) fn none(n: usize, x0: &Estimator) -> Result<Self> {
         Ok(Self { ff: try_zeros(WHAT, n)?, sums: try_zeros(WHAT, x0.run.hits.len())? })
     }
 
     /// All products, summed from the entries: `O(n^2)`.
-    pub(super) fn direct(a: &Slot, start: &Start) -> Result<Self> {
+    pub(super) fn direct(a: &Estimator, start: &Start) -> Result<Self> {
         let n = a.run.length;
         let mut made = Self { ff: try_zeros(WHAT, n)?, sums: try_zeros(WHAT, start.s.len())? };
         made.sum_up(a, start, &mut try_zeros(WHAT, n)?);
@@ -54,7 +54,7 @@ impl Products {
     }
 
     /// The same; `line` is scratch space for a line of `A`.
-    pub(super) fn sum_up(&mut self, a: &Slot, start: &Start, line: &mut [f64]) {
+    pub(super) fn sum_up(&mut self, a: &Estimator, start: &Start, line: &mut [f64]) {
         self.ff.fill(0.0);
         self.sums.fill([0.0; 3]);
         for j in 0..a.run.length {
@@ -73,7 +73,7 @@ impl Products {
     }
 
     /// Updates after `F0` and `S0` have moved by a realization that hits entry `i` with `value`.
-    pub(super) fn move_start(&mut self, a: &Slot, i: usize, value: f64, by: Move, work: &mut [Vec<f64>; 2]) {
+    pub(super) fn move_start(&mut self, a: &Estimator, i: usize, value: f64, by: Move, work: &mut [Vec<f64>; 2]) {
         let [first, second] = work;
         if self.sums.is_empty() {
             if by.t > 0.0 {
@@ -96,7 +96,7 @@ impl Products {
     }
 
     /// Updates after `FA` and `SA` have moved by the realization that `a` drew last.
-    pub(super) fn move_matrix(&mut self, a: &Slot, start: &Start, by: Move, work: &mut [Vec<f64>; 2]) {
+    pub(super) fn move_matrix(&mut self, a: &Estimator, start: &Start, by: Move, work: &mut [Vec<f64>; 2]) {
         let [first, second] = work;
         let n = a.run.length;
         let scatter = |x: &[f64], out: &mut [f64]| {

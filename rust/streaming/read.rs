@@ -1,6 +1,6 @@
 //! Results of a stream: the control, the estimates, and their distances from the targets.
 
-use super::slot::Slot;
+use super::estimator::Estimator;
 use super::stream::{Config, Lines, Room, Stream, Variant};
 use super::trace::Entry;
 use crate::control::Best;
@@ -65,7 +65,7 @@ impl Stream {
     pub fn residuals(&self) -> Result<[f64; 3]> {
         let literal = self.literal();
         let [mut line, mut off, ..] = Room::lines(self.geometry.n)?;
-        let mut residual = |slot: &Slot| slot.squared_error(literal, [&mut line, &mut off]).sqrt() * slot.scale;
+        let mut residual = |slot: &Estimator| slot.squared_error(literal, [&mut line, &mut off]).sqrt() * slot.scale;
         Ok([0, 1, 2].map(|k| residual(&self.slots[k])))
     }
 
@@ -145,7 +145,7 @@ impl Stream {
     /// # Errors
     /// [`crate::Error::Memory`].
     pub fn estimates(&self) -> Result<[Vec<f64>; 3]> {
-        let estimate = |slot: &Slot| -> Result<Vec<f64>> {
+        let estimate = |slot: &Estimator| -> Result<Vec<f64>> {
             let mut values = slot.estimate(self.literal())?;
             values.iter_mut().for_each(|v| *v *= slot.scale);
             Ok(values)

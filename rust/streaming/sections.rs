@@ -1,6 +1,6 @@
 //! A saved state as named arrays of plain numbers.
 
-use super::slot::damaged;
+use super::estimator::damaged;
 use crate::error::Result;
 use crate::memory::{try_copy, try_push};
 

@@ -1,10 +1,10 @@
 //! Saves a stream as sections and loads it, bit for bit. Shapes, ranges, and whether the numbers belong together are
 //! checked before a stream is made of them.
 
+use super::estimator::{Estimator, damaged};
 use super::geometry::Geometry;
 use super::products::Products;
 use super::sections::{LARGEST, NAMES, Sections};
-use super::slot::{Slot, damaged};
 use super::stream::{Config, Laws, Order, Stream, Variant};
 use super::trace::{Entry, on_grid};
 use super::variants::Raw;
@@ -165,7 +165,7 @@ impl Stream {
     }
 }
 
-fn load_slot(slot: &mut Slot, name: &str, count: u64, config: Config, from: &mut Sections) -> Result<()> {
+fn load_slot(slot: &mut Estimator, name: &str, count: u64, config: Config, from: &mut Sections) -> Result<()> {
     let entries = slot.run.tables.h.len();
     let state = from.take_f64(&format!("{name}.state"), Some(8))?;
     slot.run.tables.h = from.take_f64(&format!("{name}.fused"), Some(entries))?;

@@ -1,8 +1,8 @@
 //! The stream: the choice of the slot, and the update of its estimate and of all that depends on it.
 
+use super::estimator::Estimator;
 use super::geometry::{Geometry, scaled_norm};
 use super::products::{Products, Start};
-use super::slot::Slot;
 use super::trace::{Entry, on_grid};
 use super::variants::Raw;
 use crate::error::{Error, Result};
@@ -63,7 +63,7 @@ pub struct Stream {
     pub(super) geometry: Geometry,
     pub(super) keys: [Key; 4],
     /// `x0`, `xf`, `A`
-    pub(super) slots: [Slot; 3],
+    pub(super) slots: [Estimator; 3],
     pub(super) choice: Sequence,
     pub(super) start: Start,
     pub(super) products: Products,
@@ -96,7 +96,7 @@ pub(super) struct Room {
 pub(super) type Lines = [Vec<f64>; 6];
 
 impl Room {
-    fn new(n: usize, x0: &Slot) -> Result<Self> {
+    fn new(n: usize, x0: &Estimator) -> Result<Self> {
         Ok(Self { lines: Self::lines(n)?, fresh: Products::none(n, x0)? })
     }
 
@@ -149,7 +149,7 @@ impl Stream {
                 return Err(Error::Shape { name, expected: format!("{len} entries"), found: values.len().to_string() });
             }
         }
-        let slot = |values, lines, key: Key| Slot::new(values, lines, n, key, config.safeguard);
+        let slot = |values, lines, key: Key| Estimator::new(values, lines, n, key, config.safeguard);
         let size_a = scaled_norm(&laws.a);
         let norm_a = if config.order == Order::Gain { spectral_norm(&laws.a, n)? } else { 0.0 };
         let slots = [slot(laws.x0, 1, laws.keys[0])?, slot(laws.xf, 1, laws.keys[1])?, slot(laws.a, n, laws.keys[2])?];
@@ -237,7 +237,7 @@ impl Stream {
     fn gainful_slot(&self) -> usize {
         let [x0, xf, a] = &self.slots;
         let f0 = norm(&self.start.f) * x0.scale;
-        let gain = |slot: &Slot, factor: f64| {
+        let gain = |slot: &Estimator, factor: f64| {
             let d2 = slot.run.state.er.max(0.0);
             let reached = (factor * slot.scale).powi(2) * d2;
             if d2 > 0.0 { reached * (d2 / (slot.variance + d2)) } else { 0.0 }

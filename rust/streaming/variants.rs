@@ -1,7 +1,7 @@
 //! The readings of Algorithm 1 that do not converge, kept for comparison: both average the control of the latest
 //! *realizations*, `v <- (1 - t) v + t B^+ (Ef - EA E0)`.
 
-use super::slot::Slot;
+use super::estimator::Estimator;
 use crate::error::Result;
 use crate::memory::try_zeros;
 
@@ -18,7 +18,7 @@ impl Raw {
     }
 
     /// The differences of the first realizations.
-    pub(super) fn of(slots: &[Slot; 3]) -> Result<Self> {
+    pub(super) fn of(slots: &[Estimator; 3]) -> Result<Self> {
         let n = slots[0].run.length;
         let mut made = Self { goal: try_zeros("a stream", n)?, free: try_zeros("a stream", n)? };
         made.average(1.0, slots);
@@ -26,7 +26,7 @@ impl Raw {
     }
 
     /// One step; a triple of realizations has two nonzero numbers.
-    pub(super) fn average(&mut self, t: f64, slots: &[Slot; 3]) {
+    pub(super) fn average(&mut self, t: f64, slots: &[Estimator; 3]) {
         if t == 0.0 {
             return;
         }

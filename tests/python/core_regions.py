@@ -20,7 +20,13 @@ def core_region(fitted, S, *, spectral=1.0, frobenius=np.inf, noise=False, offse
         spectral**2,
     )
     centre = np.ascontiguousarray(fitted.H)
-    return _core.Region(centre, d - n - offset, [part], frobenius, noise), part
+    return _core.Region(centre, d - n - offset, (part,), frobenius, noise), part
+
+
+def changed(part, **fields):
+    """The part of a region with other fields."""
+    names = ("rows", "columns", "white", "root", "missing", "ratio", "S", "factor")
+    return _core.RegionPart(*(fields.get(name, getattr(part, name)) for name in names))
 
 
 def region_errors(region, x0, u, *, rho0=0.0, to_come=None):

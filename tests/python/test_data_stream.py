@@ -107,12 +107,12 @@ def test_radii_equal_the_reference():
     stream = se.DataStream(B, ranges=ranges)
     stream.update(**DATA)
     found = stream.confidence(0.06)
-    assert found.finite_sample
-    assert found.reason is None
-    assert "mean" in found.covers
+    assert found.kind == "guaranteed"
+    assert {one.reason for one in found.quantities.values()} == {None}
+    assert found["x0"].distance_from == "the mean of the law of x0"
     radii = {n: reference.mean_radius(d, ranges[n], 0.02) for n, d in DATA.items()}
     for name, radius in radii.items():
-        assert getattr(found, name) == pytest.approx(radius, rel=1e-9)
+        assert found[name].radius == pytest.approx(radius, rel=1e-9)
     state = (
         radii["xf"]
         + (np.linalg.norm(MEANS["A"], 2) + radii["A"]) * radii["x0"]
@@ -125,16 +125,16 @@ def test_observed_ranges_are_named_as_such():
     stream = se.DataStream(B, ranges={"xf": 0.0})
     stream.update(x0=DATA["x0"], xf=MEANS["xf"], A=DATA["A"][0])
     found = stream.confidence()
-    assert not found.finite_sample
-    assert found.xf == 0.0
-    assert found.A == found.state == np.inf  # one realization shows no range
-    assert found.reason is not None
-    assert "one realization of A, and `ranges`" in found.reason
-    assert found.bounds["A"] == "none"
-    assert "an estimate" in found.bounds["x0"]
+    assert found.kind == "estimated"
+    assert "not guaranteed" in found.holds
+    assert found["xf"].radius == 0.0
+    assert found["A"].radius == found.state == np.inf  # one realization shows no range
+    assert "one realization of A, and `ranges`" in found["state"].reason
+    assert found["A"].method == "none"
+    assert "an estimate" in found["x0"].method
     spread = 2.0 * np.linalg.norm(DATA["x0"] - DATA["x0"][0], axis=1).max()
     expected = reference.mean_radius(DATA["x0"], spread, 0.05 / 2)  # xf is exact
-    assert found.x0 == pytest.approx(expected, rel=1e-9)
+    assert found["x0"].radius == pytest.approx(expected, rel=1e-9)
 
 
 def fair(gen):
@@ -248,13 +248,13 @@ def test_declared_sizes():
     for count in (200, 2000, 4000):
         for stream in (plain, sized):
             stream.update(x0=data[stream.counts["x0"] : count], xf=[0.0], A=[[1.0]])
-        radii[count] = sized.confidence().x0 / plain.confidence().x0
+        radii[count] = sized.confidence()["x0"].radius / plain.confidence()["x0"].radius
         expected = reference.mean_radius(data[:count], 2.0, 0.05, 2000)
-        assert sized.confidence().x0 == pytest.approx(expected, rel=1e-9)
+        assert sized.confidence()["x0"].radius == pytest.approx(expected, rel=1e-9)
     assert radii[2000] < 0.7
     assert min(radii, key=radii.__getitem__) == 2000
-    assert "tightest at 2000" in sized.confidence().bounds["x0"]
-    assert pickle.loads(pickle.dumps(sized)).confidence() == sized.confidence()
+    assert "tightest at 2000" in sized.confidence()["x0"].method
+    assert pickle.loads(pickle.dumps(sized)).confidence().to_dict() == sized.confidence().to_dict()
     for sizes, error in (({"x0": 0}, SizeError), ({"B": 1}, InputError), ([3], InputTypeError)):
         with pytest.raises(error, match="`sizes"):
             se.DataStream(B, sizes=sizes)
@@ -271,9 +271,9 @@ def test_what_is_covered_is_the_mean_of_the_law():
     stream = se.DataStream([[1.0]], ranges={"x0": 0.0, "xf": 0.0, "A": 2.0 * width})
     stream.update(x0=[1.0], xf=[0.0], A=fits.reshape(-1, 1, 1))
     found = stream.confidence()
-    assert found.finite_sample
-    assert abs(fits.mean() - truth) > found.A  # not covered, and not said to be
-    assert found.covers == "the means of the laws that the realizations come from"
+    assert found.kind == "guaranteed"
+    assert abs(fits.mean() - truth) > found["A"].radius  # not covered, and not said to be
+    assert "a bias of the realizations is not covered" in found.assumption
 
 
 def test_confidence_covers_the_control():
@@ -448,7 +448,7 @@ def with_range(data, diameter):
 )
 def test_ranges_that_the_data_refute_are_refused(data, diameter, apart):
     stream = with_range(data[:1], diameter)
-    assert stream.confidence().finite_sample
+    assert stream.confidence().kind == "guaranteed"
     stream.update(x0=data[1:])
     pattern = rf"`ranges\['x0'\]` .* at least {apart}\S* apart, got {diameter:g}"
     with pytest.raises(InputError, match=pattern):
@@ -473,7 +473,7 @@ def test_data_that_satisfy_their_range_exactly_are_never_refused():
         diameter = float(np.sqrt(np.sum((corners[0] - corners[1]) ** 2)))
         more = corners[gen.integers(len(corners), size=500)]
         for data in (corners, np.vstack([corners, more])):
-            assert with_range(data, diameter).confidence().finite_sample
+            assert with_range(data, diameter).confidence().kind == "guaranteed"
         with pytest.raises(InputError, match="`ranges"):
             with_range(corners, diameter * (1.0 - 1e-9)).confidence()
 

@@ -94,7 +94,7 @@ def plans(*, formula=False, count=10, steps=1, fusion="product", **options):
         for _ in range(count):
             A, start, goal = estimates(gen, system, x0, xf, **options)
             plan = se.control((A, system.B), start, goal, steps=steps, fusion=fusion)
-            if bound is None or bound.state_bound != "simulated":
+            if bound is None or bound["state"].method != "simulated":
                 bound = plan.bound(DELTA)
             assert formula == (bound.reason is not None)
             error = plan.error(truth, x0, xf)
@@ -155,7 +155,7 @@ def limited(*, steps, uncertain, formula=False, count=4, R=0.1):
             matrix = A if uncertain else system.A
             how = {"steps": steps, "limits": LIMITS, "R": R}
             plan = se.control((matrix, system.B), start, goal, **within(**how))
-            if bound is None or bound.state_bound != "simulated":
+            if bound is None or bound["state"].method != "simulated":
                 bound = plan.bound(DELTA)
             assert formula == (bound.reason is not None)
             v = se.control((system.A, system.B), x0, xf, **within(**how)).limited

@@ -61,14 +61,15 @@ RECORDS = {
         lambda: plan().error(SYSTEM, X0, XF),
         ["control off by", "% of the norm of the exact control", "state off by", "out of reach"],
     ),
-    "PlanBound": (
+    "Certificate": (
         lambda: plan().bound(),
         ["of where the exact control leads (simulated)", "of xf", "95 %", "drawn from"],
     ),
-    "Certificate": (
+    "Certificate of a model": (
         lambda: se.control(model(), X0, XF, steps=2).bound(),
-        ["of the predicted one", "95 % at least", "only the state", "<polyline"],
+        ["of the predicted state", "95 % at least", "no bound of the control", "<polyline"],
     ),
+    "Radius": (lambda: plan().bound()["state"], ["within", "(simulated)", "0.95"]),
     "Validation": (
         lambda: plan().validate([SYSTEM] * 20, x0=X0),
         ["20 fresh systems", "No system was left out", "of further runs"],
@@ -94,9 +95,9 @@ RECORDS = {
     "Trace": (lambda: stream().trace, ["<polyline"]),
     "StreamRun": (lambda: stream().run(max_steps=10), ["max_steps", "seconds"]),
     "DataStream": (data_stream, ["2 of x0", "control u"]),
-    "Confidence": (
+    "Certificate of means": (
         lambda: data_stream().confidence(),
-        ["state within", "x0 within", "95 %", "the means of the laws"],
+        ["state", "guaranteed", "95 %", "the mean of the law of x0"],
     ),
     "Tracking": (
         lambda: se.track(SYSTEM, [X0, XF, X0], 99, rng=1),
@@ -152,17 +153,19 @@ def test_a_bound_says_what_it_covers_in_short():
     bound = plan().bound()
     assert str(bound) == repr(bound)
     assert re.fullmatch(
-        r"<PlanBound: state within [\d.]+, [\d.]+ from xf, control within [\d.]+, with "
-        r"probability 95 % \(simulated\)>",
+        r"<Certificate: target within [\d.]+ of xf \(simulated\), mostly estimates, "
+        r"95 % guaranteed>",
         repr(bound),
     )
-    assert f"state within {bound.state:.3g}," in repr(bound)
-    assert bound.covers.startswith("each of the two with probability 95 % at least, over the draws")
+    assert "drawn from" in bound.assumption
+    assert bound.holds.startswith(
+        "guaranteed with probability 95 % at least; control and state each"
+    )
     exact = se.control(SYSTEM, X0, XF).bound()
-    assert "if what was given is exact" in repr(exact)
-    assert "if what was given is exact" in exact.covers
+    assert repr(exact).endswith(", certain>")
+    assert exact.holds == "certain; nothing was drawn"
     fit = se.fuse(se.sample(SYSTEM.A, 9, rng=1), "slse", target=SYSTEM.A)
-    assert "targets of the fits" in se.control((fit, SYSTEM.B), X0, XF).bound().covers
+    assert "targets of the fits" in se.control((fit, SYSTEM.B), X0, XF).bound().assumption
 
 
 def test_text_from_outside_is_escaped():

@@ -13,7 +13,6 @@ from coverage_study import DELTA
 from identification_data import POINT, THETA, Y, Z, check, independent, noisy_states, tuned
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
-from stochens_rs.identification import levels
 from twin import anytime as at
 from twin import instruments as iv
 from twin import laws, signs
@@ -147,7 +146,7 @@ def test_a_known_covariance_may_be_a_matrix():
 def test_regions_for_any_design_are_those_of_the_twin(scale):
     sizes = np.broadcast_to(scale, 3)
     scaled = tr.triangle(Z / sizes, Y)
-    lams = list(levels.GRID)
+    lams = list(_core.mixtures()[:-1])
     for noise in ("gaussian", "sub-gaussian", "bounded"):
         region = se.identify(DATA, noise=noise, sigma=0.3, scale=scale).region(DELTA)
         check(region.radius, rg.radius(at.known_noise(scaled, 0.3, DELTA, lams)), rtol=1e-10)
@@ -165,7 +164,7 @@ def longer(seed=3, N=400, n=2, d=3):
 
 def test_regions_of_unknown_noise_for_any_design_are_those_of_the_twin():
     z, y, data = longer()
-    twin, lams = tr.triangle(z, y), list(levels.GRID)
+    twin, lams = tr.triangle(z, y), list(_core.mixtures()[:-1])
     for anytime in (False, True):
         region = se.identify(data).region(DELTA, method="mixture", anytime=anytime)
         expected = at.gaussian_noise(twin, DELTA, lams, anytime=anytime)
@@ -174,17 +173,17 @@ def test_regions_of_unknown_noise_for_any_design_are_those_of_the_twin():
         assert np.isfinite(region.radius)
     region = se.identify(data, covariance="scalar").region(DELTA, method="mixture")
     check(region.radius, rg.radius(at.scalar_noise(twin, DELTA, lams)), rtol=1e-9)
-    prior = {"l0": 1.0, "psi": levels.PRIOR_NOISE, "nu0": 4.0}
+    prior = {"l0": 1.0, "psi": _core.mixtures()[-1], "nu0": 4.0}
     region = se.identify(data).region(DELTA, method="universal")
     check(region.radius, rg.radius(at.universal(twin, DELTA, **prior)), rtol=1e-9)
 
 
 def test_the_smaller_of_two_regions_costs_half_of_delta():
     z, y, data = longer()
-    twin, lams = tr.triangle(z, y), list(levels.GRID)
+    twin, lams = tr.triangle(z, y), list(_core.mixtures()[:-1])
     both = [
         at.gaussian_noise(twin, DELTA / 2, lams),
-        at.universal(twin, DELTA / 2, l0=1.0, psi=levels.PRIOR_NOISE, nu0=4.0),
+        at.universal(twin, DELTA / 2, l0=1.0, psi=_core.mixtures()[-1], nu0=4.0),
     ]
     check(se.identify(data).region(DELTA).radius, min(map(rg.radius, both)), rtol=1e-9)
     few = data[:12]

@@ -13,11 +13,11 @@ import pytest
 import stochens_rs as se
 from limit_plans import within
 from limit_problems import draw_box, draw_map, draw_steps, weight
+from stochens_rs.certificates.model_basis import ModelBasis
 from stochens_rs.controls import limit_bound, limit_certificate, limited_errors
 from stochens_rs.controls.constraints import checked_task
 from stochens_rs.controls.limit_bound import FIRM
 from stochens_rs.controls.limited import Horizon, Limited
-from stochens_rs.controls.provenance import ModelBasis
 from stochens_rs.controls.uncertain_map import Around
 from stochens_rs.exceptions import InputError
 from stochens_rs.theory.dynamics import states
@@ -265,8 +265,8 @@ def test_without_weight_of_inputs_the_reason_is_said():
     B = [[1.0, 0.1], [0.0, 0.0]]
     found = one_row(B, [1.0, 1.0], limits=(-1, 1), R=0.0).bound()
     assert found.control == np.inf
-    assert found.control_bound == "none"
-    assert "more than one control" in found.reason
+    assert found["control"].method == "none"
+    assert "more than one control" in found["control"].reason
     assert found.state < 0.1
     # well inside the limits the control of least norm is bounded, active or not with a weight
     planned = one_row(B, [1.0, 1.0], limits=(-9, 9), R=0.0)
@@ -277,7 +277,7 @@ def test_without_weight_of_inputs_the_reason_is_said():
     np.testing.assert_allclose(weighted.control, weighted.state / 2, rtol=1e-4)
     full = one_row([[0.5], [0.0]], [1.0, 1.0], limits=(-1, 1), R=0.0).bound()
     np.testing.assert_allclose(full.control, full.state / 0.5, rtol=1e-6)
-    assert "not" not in repr(found)
+    assert full["control"].reason is None
 
 
 def test_hard_limits_of_the_state_have_no_bound():
@@ -293,7 +293,7 @@ def test_hard_limits_of_the_state_have_no_bound():
         planned.limited = replace(planned.limited, task=task)
         found = planned.bound()
         assert (found.state, found.control, found.excess) == (np.inf,) * 3
-        assert "hard limits of the states" in found.reason
+        assert "hard limits of the states" in found["state"].reason
 
 
 def test_a_known_error_is_the_error():
@@ -310,9 +310,9 @@ def test_a_known_error_is_the_error():
         np.testing.assert_allclose(
             found.control, np.linalg.norm(planned.limited.u - best.u), atol=1e-6
         )
-        assert found.certain
-        assert found.relative_to == "targets"
-        assert found.state_bound == "exact error"
+        assert found.kind == "certain"
+        assert "targets of the fits" in found.assumption
+        assert found["state"].method == "exact error"
         J = [value(exact.task, A, B, x0, u) for u in (planned.limited.u, best.u)]
         assert J[0] - J[1] <= found.excess <= J[0] - J[1] + 1e-9
 
@@ -323,7 +323,7 @@ def test_too_small_a_probability_to_simulate_takes_a_formula(K):
     for more in ({"R": 1.0}, {"R": "auto"}):
         planned, system = drawn("nonnegative", 10**6, K, limits=(-0.5, 0.5), Q=1.0, **more)
         found, usual = planned.bound(delta), planned.bound(0.1)
-        assert found.state_bound == (FIRM if K == 1 else "uncertain map")
+        assert found["state"].method == (FIRM if K == 1 else "uncertain map")
         assert usual.state < found.state
         if more["R"] == 1.0:
             assert found.state < 100 * usual.state
@@ -466,7 +466,7 @@ def test_plans_bound_their_controls_within_limits(gen):
         some = se.sample(A, 100, rng=2), B
         plan = se.control(some, start, se.sample(xf, 100, rng=3), fusion=fusion, limits=(-0.1, 0.1))
         found = plan.bound(0.1)
-        assert found.state_bound == FIRM
+        assert found["state"].method == FIRM
         free = se.control(some, start, se.sample(xf, 100, rng=3), fusion=fusion).bound(0.1)
         np.testing.assert_allclose(found.state, free.state, rtol=1e-6)
         assert plan.error(se.System(A, B), x0, xf).state <= found.state
@@ -478,19 +478,21 @@ def test_plans_bound_their_controls_within_limits(gen):
         some, start, None, steps=2, limits=(-0.1, 0.1), cost=se.Cost(reference=reference, R=0.1)
     )
     found = plan.bound(0.1)
-    assert (found.state_bound, found.norm) == ("simulated", "2-norm")
-    assert "PlanBound" in repr(found)
+    assert found["state"].method == "simulated"
+    assert found["target"].distance_from == "the reference"
     assert "simulated" in found._repr_html_()
     assert plan.error(se.System(A, B), x0, None).state <= found.state
     wide = se.control(
         some, start, xf, steps=2, limits=(-0.1, 0.1), cost=se.Cost(Q=2.0, R=0.1)
     ).bound(0.1)
-    assert wide.norm == "Q"
-    assert "weighted" in repr(wide)
+    assert {wide[name].distance_from for name in ("target", "state")} == {
+        "xf, in the norm of Q",
+        "where the best control within the limits leads, in the norm of Q",
+    }
     model = measured(gen, A, B, 100, 0.01)
     plan = se.control(model, x0, xf, steps=2, limits=(-0.1, 0.1), cost=se.Cost(R=0.1))
     found = plan.bound(0.1)
     error = plan.error(se.System(A, B), x0, xf)
-    assert error.state <= found.apart
+    assert error.state <= found["states"].radius
     assert error.control <= found.control
     assert found.excess < 1.0

@@ -55,28 +55,6 @@ def test_the_distance_bounds_the_distance() -> None:
         assert guess.status in ("optimal", "user_limit")
 
 
-def test_a_solver_begins_where_it_ended() -> None:
-    gen = np.random.default_rng(2)
-    M, y, r, _, _ = problem(gen, 20, 12)
-    low, high = np.full(12, -0.1), np.full(12, 0.1)
-    solver = core.BoxSolver(M, r, low, high, 0, None, None)
-    assert solver.warm() is None
-    first = solver.solve(y, None)
-    again = solver.solve(y, None)
-    assert again.iterations == 1
-    assert np.array_equal(solver.warm(), first.active)
-    with pytest.raises(NonFiniteError, match="`y`"):
-        solver.solve(np.full(20, np.nan), None)
-    with pytest.raises(ShapeError, match="20 entries"):
-        solver.solve(y[:3], None)
-    assert np.array_equal(solver.warm(), first.active)
-    solver.resume(None)
-    assert solver.warm() is None
-    other = core.BoxSolver(M, r, low, high, 0, None, None)
-    other.resume(first.active)
-    assert np.array_equal(other.solve(y, None).control, again.control)
-
-
 def test_batches_are_equal_for_any_number_of_threads() -> None:
     gen = np.random.default_rng(3)
     for d in (1, 2, 5, 8, 11):
@@ -88,9 +66,6 @@ def test_batches_are_equal_for_any_number_of_threads() -> None:
         assert none is None
         assert gaps is not None
         assert gaps.max() <= 1e-11 * np.sum(Y**2, axis=1).max()
-        each = np.ascontiguousarray(np.broadcast_to(M.ravel(), (50, d * d)))
-        w, _ = core.box_batch_each(each, Y[:50], r, low, high, False, 2)
-        assert w == pytest.approx(u[:50], abs=1e-10)
 
 
 def test_bad_limits_and_penalties_are_refused() -> None:

@@ -7,7 +7,7 @@ import pytest
 
 import stochens_rs as se
 from limit_plans import exactly, within
-from stochens_rs.controls.limited import Horizon
+from stochens_rs.controls.limited import loop_of
 from twin import limited_control as lc
 from twin import limited_problems as lp
 
@@ -68,8 +68,9 @@ def test_active_rates_are_those_with_multipliers(gen, scale):
         how = {"rate": 0.2 * scale, "previous": 0.0, "Q": 1.0, "R": 1.0, "steps": K}
         x0 = scale * gen.normal(size=3)
         plan = se.control((A, B), x0, [0.0] * 3, **within(**how))
-        found = Horizon(plan.limited.task, A, B).core.best(x0, None)
-        assert np.array_equal(plan.rate_active.ravel(), np.sign(found.rates))
+        loop = loop_of(plan.limited.task, A, B, None)
+        loop.solve(x0, None)
+        assert np.array_equal(plan.rate_active.ravel(), loop.warm()[m * K :])
         assert plan.limits_active == plan.rate_active.any()
         seen += np.count_nonzero(plan.rate_active)
     assert seen > 30

@@ -30,7 +30,6 @@ from stochens_rs.exceptions import (
     StateRecoveredWarning,
     StochensError,
 )
-from stochens_rs.identification import levels
 from stochens_rs.streams.snapshot import look_after, planned
 from twin import anytime as at
 from twin import certified_control as cc
@@ -71,7 +70,7 @@ def test_regions_are_those_of_the_twin():
     check(part.S, 0.09 * np.eye(2))
     # N = 12: too few for the covariance, so the universal region with half of delta
     assert np.isinf(at.gaussian_noise(data, 0.025, at.GRID, anytime=True).factor)
-    expected = at.universal(data, 0.025, l0=1.0, psi=levels.PRIOR_NOISE, nu0=4.0).factor
+    expected = at.universal(data, 0.025, l0=1.0, psi=_core.mixtures()[-1], nu0=4.0).factor
     check(unknown.model.region().parts[0].factor, expected, rtol=1e-9)
 
 
@@ -118,7 +117,7 @@ def test_an_intercept_is_a_column():
     end = np.array([1.0, 0.0])
     for k in range(2):
         end = Theta @ np.concatenate([end, look.u[k], [1.0]])
-    check(look.reach, np.linalg.norm(end - [0.0, 0.5]), atol=1e-9)
+    check(look.certificate.parts["reach"], np.linalg.norm(end - [0.0, 0.5]), atol=1e-9)
 
 
 def test_a_look_is_that_of_the_twin():
@@ -131,7 +130,7 @@ def test_a_look_is_that_of_the_twin():
         look = stream.look(x0, xf, tol=tol)
         twin = at.look(data, np.concatenate([x0, u]), xf, 0.1, 0.05, tol)
         check(look.u[0], u, rtol=1e-9, atol=1e-12)
-        check(look.certificate, twin.certificate, rtol=1e-9)
+        check(look.certificate.target, twin.certificate, rtol=1e-9)
         assert look.stop == (twin.certificate <= tol)
         if look.stop:
             assert look.forecast == 0.0
@@ -151,8 +150,11 @@ def test_several_steps_are_those_of_the_twin_and_bound_models_of_the_region(opti
     part, fitted = region.parts[0], tr.fit(tr.triangle(z, y))
     radii = {"spectral": np.sqrt(part.factor), "frobenius": region.frobenius}
     twin = cc.several_steps(fitted._replace(S=part.S), x0, look.u, **radii)
-    check(look.model_error, twin.radii[-1], rtol=1e-8)
-    check(look.certificate, look.reach + look.model_error)
+    check(look.certificate.parts["model error"], twin.radii[-1], rtol=1e-8)
+    check(
+        look.certificate.target,
+        look.certificate.parts["reach"] + look.certificate.parts["model error"],
+    )
     end, gen = rolled(fitted.H, x0, look.u), np.random.default_rng(6)
     root, worst = np.linalg.cholesky(part.S), 0.0
     for _ in range(500):
@@ -160,7 +162,9 @@ def test_several_steps_are_those_of_the_twin_and_bound_models_of_the_region(opti
         D = np.sqrt(part.factor) * root @ (G / np.linalg.norm(G, 2)) @ np.linalg.pinv(part.root.T)
         assert region.contains(*np.hsplit(fitted.H + 0.999 * D, [4]))
         worst = max(worst, np.linalg.norm(rolled(fitted.H + D, x0, look.u) - end))
-    assert 0.1 * look.model_error < worst <= look.model_error
+    assert (
+        0.1 * look.certificate.parts["model error"] < worst <= look.certificate.parts["model error"]
+    )
 
 
 def test_planned_looks():
@@ -171,7 +175,7 @@ def test_planned_looks():
     stream, z, y = filled(57, sigma=None, design="independent", first=10)
     part = stream.model.region().parts[0]
     share = at.look_shares(6, 0.05)[5]
-    check(part.factor, levels.roy_quantile(4, 6, 51, share))
+    check(part.factor, _core.roy_quantile(4, 6, 51, share, 1))
     stream.update(z[0, :4], z[0, 4:], y[0])
     for refused in (stream.model.region, lambda: stream.look(np.ones(4), np.ones(4), tol=1.0)):
         with pytest.raises(InputError, match=r"there are 58, and the next look is at 80$"):
@@ -179,9 +183,9 @@ def test_planned_looks():
     assert stream.next_look == 80
     assert stream.model.A.shape == (4, 4)  # the model itself is no look at a region
     assert stream.model._size_after(100.0) == 114
-    delta, more, _ = stream.model._part(0.05, 114)
-    assert delta == at.look_shares(8, 0.05)[7]
-    check(more.factor, levels.roy_quantile(4, 6, 108, delta))
+    later = stream.model._region(0.05, size=114)
+    assert later.delta == at.look_shares(8, 0.05)[7]
+    check(later.parts[0].factor, _core.roy_quantile(4, 6, 108, later.delta, 1))
 
 
 def test_the_covariance_is_bounded_for_any_number_of_pairs():
@@ -201,23 +205,23 @@ def test_nothing_is_certain_without_data():
     for options in ({"sigma": 0.1}, {}, {"covariance": "scalar"}):
         stream = se.ModelStream(2, 1, **options)
         look = stream.look([1.0, 0.0], [0.0, 0.0], tol=1.0)
-        assert (look.certificate, look.forecast, look.stop) == (np.inf, np.inf, False)
+        assert (look.certificate.target, look.forecast, look.stop) == (np.inf, np.inf, False)
         assert "after 0 pairs, tol 1, forecast: unknown" in repr(look)
         assert stream.model.missing == ("x[0]", "x[1]", "u[0]")
         assert stream.model.region().bound([0.0, 1.0], [0.0]) == np.inf
         stream.update([1.0, 0.0], [0.0], [1.0, 0.0])
-        assert stream.look([0.0, 1.0], [0.0, 0.0], tol=1.0, steps=3).certificate == np.inf
+        assert stream.look([0.0, 1.0], [0.0, 0.0], tol=1.0, steps=3).certificate.target == np.inf
     stream = se.ModelStream(1, 1, design="independent", first=5)
     stream.update(np.arange(5.0)[:, None], np.zeros((5, 1)), 2.0 * np.arange(5.0)[:, None])
     with pytest.warns(DataWarning, match="certificate is infinite: .* has no residual"):
         look = stream.look([1.0], [2.0], tol=1.0, u=[[0.0]])
-    assert look.certificate == look.forecast == np.inf
-    assert look.doubts == stream.model.doubts
+    assert look.certificate.target == look.forecast == np.inf
+    assert look.certificate["target"].reason == stream.model.doubts[0]
     assert "1 warning" in repr(look)
     stream = se.ModelStream(1, 1, design="independent", first=5, exact=[0])
     stream.update(np.arange(5.0)[:, None], np.zeros((5, 1)), 2.0 * np.arange(5.0)[:, None])
-    assert stream.look([1.0], [2.0], tol=1.0, u=[[0.0]]).certificate < 1e-9
-    assert stream.look([0.0], [1.0], tol=1.0, u=[[1.0]]).certificate == np.inf
+    assert stream.look([1.0], [2.0], tol=1.0, u=[[0.0]]).certificate.target < 1e-9
+    assert stream.look([0.0], [1.0], tol=1.0, u=[[1.0]]).certificate.target == np.inf
 
 
 @pytest.mark.parametrize("options", [{}, {"sigma": None}])
@@ -226,7 +230,7 @@ def test_a_far_forecast_grows_with_the_square_of_the_error(options):
     stream, _, _ = filled(60, **options)
     x0, xf = np.ones(4), np.full(4, 0.2)
     u = np.linalg.lstsq(stream.model.B, xf - stream.model.A @ x0)[0]
-    reach = stream.look(x0, xf, tol=1.0, u=[u]).reach
+    reach = stream.look(x0, xf, tol=1.0, u=[u]).certificate.parts["reach"]
     near, far, farther = (
         stream.look(x0, xf, tol=reach + room, u=[u]).forecast for room in (2e-4, 1e-7, 1e-8)
     )
@@ -238,14 +242,13 @@ def test_a_far_forecast_grows_with_the_square_of_the_error(options):
 
 def test_a_look_asks_for_one_new_quantile():
     """Those that the forecast takes are for powers of 2, which all looks share."""
-    stream, z, y = filled(200, sigma=None)
-    levels.smallest_quantile.cache_clear()
+    stream, z, y = filled(200, sigma=None, delta=0.043)
     asked = []
     for k in range(8):
-        before = levels.smallest_quantile.cache_info().misses
+        before = _core.kept_quantiles()
         look = stream.look(np.ones(4), np.full(4, 0.1), tol=0.8)
         assert 1.0 < look.forecast < 1e5
-        asked.append(levels.smallest_quantile.cache_info().misses - before)
+        asked.append(_core.kept_quantiles() - before)
         stream.update(z[k, :4], z[k, 4:], y[k])
     assert max(asked[1:]) <= 1 < asked[0]
 
@@ -253,7 +256,7 @@ def test_a_look_asks_for_one_new_quantile():
 def test_too_few_pairs_have_a_forecast_all_the_same():
     stream, _, _ = filled(9, sigma=None)
     look = stream.look(np.ones(4), np.zeros(4), tol=1e6)
-    assert look.certificate == np.inf
+    assert look.certificate.target == np.inf
     assert 1.0 <= look.forecast < 1e4
 
 

@@ -50,9 +50,10 @@ def test_a_plan_of_drawn_ensembles_needs_nothing(fusion, axis):
             )
             # and the rounding of the control
             assert getattr(found, quantity) == pytest.approx(best.radius, rel=1e-12)
-            assert getattr(found, f"{quantity}_bound") == best.bound.name
-    assert (bound.delta, bound.relative_to, bound.certain) == (0.02, "laws", False)
-    assert bound.state_bound == "simulated" != rare.state_bound
+            assert found[quantity].method == best.bound.name
+    assert (bound.delta, bound.kind) == (0.02, "guaranteed")
+    assert "those that the realizations were drawn from" in bound.assumption
+    assert bound["state"].method == "simulated" != rare["state"].method
     residual = plan.error(SYSTEM, X0, XF).residual
     assert bound.target == pytest.approx(np.hypot(bound.state, residual), rel=1e-12)
     of = {"state": moments.state_covariance, "control": moments.control_covariance}
@@ -79,7 +80,8 @@ def test_counts_uniform_fits_and_exact_entities_know_their_law():
     residual = exact.bound().target
     assert residual == pytest.approx(exact.reachability.residual, rel=1e-12)
     bound = exact.bound(0.5)
-    assert (bound.state_bound, bound.relative_to, bound.certain) == ("exact error", "laws", True)
+    assert (bound["state"].method, bound.kind) == ("exact error", "certain")
+    assert {one.probability for one in bound.quantities.values()} == {1.0}
     # an exact control is wrong by rounding
     known = exact.error(SYSTEM, X0, XF)
     assert 0.0 < known.state_rounding <= bound.state < 1e-14
@@ -118,10 +120,9 @@ def test_the_error_of_fits_is_known(method):
     for steps in (1, 3):
         plan = se.control((matrix, B), x0, xf, steps=steps)
         bound = plan.bound()
-        assert (bound.relative_to, bound.certain, bound.state_bound) == (
-            "targets", True, "exact error",
-        )  # fmt: skip
-        assert bound == type(bound)(**{**vars(plan.bound(0.9)), "delta": 0.05})
+        assert (bound.kind, bound["state"].method) == ("certain", "exact error")
+        assert "targets of the fits" in bound.assumption
+        assert bound.to_dict() == {**plan.bound(0.9).to_dict(), "delta": 0.05}
         error = plan.error(nominal, targets["x0"], targets["xf"])
         for name in ("state", "control"):
             assert getattr(error, name) <= getattr(bound, name)
@@ -136,9 +137,9 @@ def test_the_error_of_fits_is_known(method):
 def test_systematic_samples():
     plan = planned(scheme="systematic")
     bound = plan.bound(0.3)
-    assert (bound.relative_to, bound.certain, bound.state_bound) == ("laws", False, "simulated")
+    assert (bound.kind, bound["state"].method) == ("guaranteed", "simulated")
     rare = plan.bound(1e-9)
-    assert rare.state_bound == "sum of errors"
+    assert rare["state"].method == "sum of errors"
     error = plan.error(SYSTEM, X0, XF)
     assert error.state <= rare.state
     assert error.control <= rare.control
@@ -173,25 +174,24 @@ def test_the_method_and_its_reason_are_named(steps, limits):
     )
     often, rare = plan.bound(0.02), plan.bound(1e-9)
     if limits is None or steps > 1:
-        assert often.reason is None
+        assert often["state"].reason is None
         assert "simulated" in repr(often)
-    assert rare.state_bound != "simulated"
-    assert "`delta` must be at least" in rare.reason
+    assert rare["state"].method != "simulated"
+    assert "`delta` must be at least" in rare["state"].reason
     assert "got 1e-09" in repr(rare)
-    assert rare.state_bound in repr(rare)
-    assert rare.reason in rare._repr_html_()
+    assert rare["state"].method in repr(rare)
+    assert rare["state"].reason in rare._repr_html_()
 
 
 def test_an_array_counts_as_exact():
     ensemble = se.sample(np.eye(2), 20, rng=1)
     own = ensemble.combine(np.full(20, 1 / 20))
-    assert "if what was given is exact" in repr(
-        se.control((own, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound()
-    )
+    found = se.control((own, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound()
+    assert (found.kind, found.assumption) == ("certain", "what was given is exact")
     fit = se.fuse(ensemble)
-    assert "if what was given is exact" not in repr(
-        se.control((fit, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound()
-    )
+    found = se.control((fit, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound()
+    assert found.kind == "guaranteed"
+    assert "what was given is exact" not in found.assumption
     for text in (se.Ensemble.combine.__doc__, se.control.__doc__):
         assert "as exact" in text
         assert "pass a Fit" in " ".join(text.split())
@@ -211,7 +211,8 @@ def test_fits_beside_samples():
     fit = se.fuse(matrix, "alse", target=A)
     plan = se.control((fit, B), x0, xf)
     bound = plan.bound(0.1)
-    assert (bound.certain, bound.relative_to) == (False, "targets")
+    assert bound.kind == "guaranteed"
+    assert "targets of the fits" in bound.assumption
     e0, ef = (bounds.best("vector", w, size=N, delta=5e-10).radius for w in (X0, XF))
     eA = np.linalg.norm(fit.estimate - A, 2)
     expected = bounds.from_errors(
@@ -250,7 +251,7 @@ def test_realizations_brought_by_the_user_need_a_declared_law():
     given = se.control((matrix, B), indices, xf)
     with pytest.raises(InputError, match="law of `x0` is unknown"):
         given.bound()
-    assert given.bound(x0=X0) == known.bound()
+    assert given.bound(x0=X0).to_dict() == known.bound().to_dict()
     part = se.sample(X0, 100, rng=3, scheme="systematic").prefix(7)
     with pytest.raises(InputError, match="law of `x0` is unknown"):
         se.control((A, B), part, XF).bound()
@@ -281,7 +282,7 @@ def test_arguments_that_contradict_the_plan():
         plan.bound(system=se.System(A, B[:, :1]))
     with pytest.raises(ShapeError, match="`xf`"):
         plan.bound(xf=[1.0])
-    assert plan.bound(x0=X0, xf=XF, system=SYSTEM) == plan.bound()
+    assert plan.bound(x0=X0, xf=XF, system=SYSTEM).to_dict() == plan.bound().to_dict()
     fitted = se.control((A, B), se.fuse(ensembles()[0], "alse", target=X0), XF)
     with pytest.raises(InputError, match="`x0` must not be given"):
         fitted.bound(x0=X0)
@@ -308,7 +309,7 @@ def test_a_fit_and_a_sample_with_one_key_are_not_independent():
 @pytest.mark.parametrize("condition", [1e4, 1e8, 1e12])
 @pytest.mark.parametrize("kind", ["exact", "fitted"])
 def test_the_known_error_covers_rounding(condition, kind):
-    """Against rational arithmetic, as `PlanError`: no bound below the error, ``certain`` or not."""
+    """Against rational arithmetic, as `PlanError`: no bound below the error, "certain" or not."""
     gen = np.random.default_rng(int(np.log10(condition)))
     for _ in range(10):
         Q, V = (np.linalg.qr(gen.standard_normal((3, 3)))[0] for _ in range(2))
@@ -348,7 +349,7 @@ def test_plans_stay_small_and_picklable():
     plan = planned(size=100_000)
     stored = pickle.dumps(plan)
     assert len(stored) < 10_000
-    assert pickle.loads(stored).bound() == plan.bound()
+    assert pickle.loads(stored).bound().to_dict() == plan.bound().to_dict()
     counts = se.sample_counts(X0, 10**6, rng=1)
     assert se.control((A, B), pickle.loads(pickle.dumps(counts)), XF).bound().state > 0.0
 
@@ -356,6 +357,6 @@ def test_plans_stay_small_and_picklable():
 def test_a_plan_does_not_see_later_changes():
     inputs, target, matrix = B.copy(), XF.copy(), A.copy()
     plan = se.control((matrix, inputs), ensembles()[0], target)
-    before = plan.bound(), repr(plan)
+    before = plan.bound().to_dict(), repr(plan)
     inputs[:], target[:], matrix[:] = 0.0, 0.0, 0.0
-    assert (plan.bound(), repr(plan)) == before
+    assert (plan.bound().to_dict(), repr(plan)) == before

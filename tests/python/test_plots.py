@@ -321,20 +321,43 @@ def test_a_tube_contains_the_run_that_was_kept_apart():
             assert at.max() == pytest.approx(predicted[k] + found.tube[k])
             assert at.min() <= measured[k] <= at.max()
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["certified, 95 %", "predicted", "measured"]
+    assert labels == ["95 % guaranteed", "predicted", "measured"]
 
 
-def test_a_plan_is_drawn_with_its_target_and_without_a_tube():
+def test_a_plan_is_drawn_with_its_target_and_its_tube_where_one_is_known():
     model, _ = identified()
     plan = se.control(model, [1.0, 0.0], [0.0, 0.0], steps=3)
-    labels = [text.get_text() for text in plan.plot().legends[0].get_texts()]
-    assert labels == ["predicted", "target"]
+    for given, drawn in (
+        (None, ["95 % guaranteed"]),
+        (False, []),
+        (plan.bound(0.1), ["90 % guaranteed"]),
+    ):
+        labels = [text.get_text() for text in plan.plot(given).legends[0].get_texts()]
+        assert labels == [*drawn, "predicted", "target"]
     figure = se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=2).plot()
     assert figure.axes[0].get_xlabel() == "step k"
     with pytest.raises(InputError, match="over 3 steps, got one over 2 steps"):
         plan.plot(se.control(model, [1.0, 0.0], [0.0, 0.0], steps=2).bound())
     with pytest.raises(InputError, match=r"`measured` must have shape \(4, 2\)"):
         plan.plot(measured=np.zeros((3, 2)))
+    with pytest.raises(
+        InputError, match="this certificate has no 'tube': it bounds target, state and control"
+    ):
+        plan.plot(se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3).bound())
+
+
+def test_a_certificate_is_drawn_with_its_parts_its_tube_and_its_components():
+    model, _ = identified()
+    found = se.control(model, [1.0, 0.0], [0.0, 0.0], steps=3).bound()
+    parts, components, tube = found.plot().axes
+    for ax, values in ((parts, found.parts.values()), (components, found.components)):
+        assert [bar.get_width() for bar in ax.patches] == pytest.approx(list(values))
+    assert [text.get_text() for text in parts.get_yticklabels()] == list(found.parts)
+    assert np.array_equal(tube.lines[0].get_ydata(), found.tube)
+    stream = se.DataStream([[1.0]], ranges={"x0": 0.2})
+    stream.update(x0=[[1.0], [1.1]], xf=[0.0], A=[[2.0]])
+    (ax,) = stream.confidence().plot().axes
+    assert [text.get_text() for text in ax.texts] == [" infinite", " 0.2", " infinite", " infinite"]
 
 
 def test_an_infinite_tube_and_many_states_can_be_drawn():

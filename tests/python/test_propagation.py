@@ -16,8 +16,8 @@ from core_regions import core_region, region_errors
 from coverage_study import DELTA, at_most, coverage, exactly, repeated
 from hidden_systems import KINDS, NOISES, covariance, drawn, of_each_kind
 from stochens_rs import _core
-from stochens_rs.controls import model_bound
-from stochens_rs.controls.region_errors import GaussianNoise, root_of, trajectory
+from stochens_rs.certificates import of_model
+from stochens_rs.certificates.region_errors import GaussianNoise, root_of, trajectory
 from twin import certified_control as cc
 from twin import laws
 from twin import triangle as tr
@@ -374,11 +374,11 @@ def test_the_noise_is_that_of_the_certificate():
     plan = se.control(model, gen.standard_normal(4), np.zeros(4), steps=6)
     found = plan.bound(noise=True)
     radius = np.sqrt(_core.wishart_quantile(4, 6, DELTA / 2, 1))
-    ball = model_bound.SizedNoise(radius, np.diag(sizes))
+    ball = of_model.SizedNoise(radius, np.diag(sizes))
     before = region_errors(
         model.region(DELTA / 2, frobenius=True), plan.basis.x0, plan.u, rho0=0.0, to_come=ball
     )
-    assert found.model_error < 0.6 * before.radii[-1]
+    assert found.parts["model error"] < 0.6 * before.radii[-1]
     assert "noise to come independent of the data" in found.assumption
     few, _ = measured(gen, A, B, N=8, noise="gaussian")
     nothing = se.control(few, np.zeros(4), np.zeros(4), steps=3)

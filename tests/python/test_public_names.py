@@ -13,20 +13,20 @@ import pytest
 import stochens_rs as se
 
 TOP = """
-    Cost Counts DataStream Ensemble EnsembleTrajectory Fit Key Limits Model ModelStream Plan
-    Regulator StochensError Stream Study System SystemEnsemble Tracking Trajectories Trajectory
+    Certificate Cost Counts DataStream Ensemble EnsembleTrajectory Fit Key Limits Model ModelStream
+    Plan Regulator StochensError Stream Study System SystemEnsemble Tracking Trajectories Trajectory
     Uncertain
     __version__ cases control control_fleet exceptions fuse fuse_path get_num_threads identify
     paper plots predict realization_controls reference regulate required_samples sample
     sample_counts set_num_threads simulate simulate_ensemble steer studies theory track
 """
 ROOMS = {
-    "controls": "Call Certificate FleetPlan PlanBound PlanError Reachability RiskBound SamplePlan "
-    "Validation",
+    "certificates": "Radius",
+    "controls": "Call FleetPlan PlanError Reachability RiskBound SamplePlan Validation",
     "fusion": "FusedModel Path",
     "identification": "Checks Region",
     "studies": "Curve Experiment Failure Panel Results Summary",
-    "streams": "Confidence Look Snapshot StreamRun Trace",
+    "streams": "Look Snapshot StreamRun Trace",
 }
 
 

@@ -67,7 +67,7 @@ def test_every_torn_file_is_refused_or_the_previous_one_taken(tmp_path: Path) ->
 def test_a_file_says_what_it_is(tmp_path: Path) -> None:
     PARTS["fit"]().save(tmp_path / "fit")
     before = (tmp_path / "fit").read_bytes()
-    for kind in (se.Plan, se.Trajectory, se.Model, se.controls.Certificate):
+    for kind in (se.Plan, se.Trajectory, se.Model, se.Certificate):
         with pytest.raises(StateError, match="holds a state of kind"):
             kind.load(tmp_path / "fit")
     with pytest.raises(StateError):
@@ -200,7 +200,11 @@ HOSTILE = [
     ("fleet", put("low", to=[[0.0]]), "`low` must have shape|no array"),
     ("counts", put("counts", to=[[1.5, 0], [0, 0]]), "`counts` must be nested lists of int64"),
     ("certificate", put("delta", to=1.5), "`delta` must be in"),
-    ("certificate", put("tube", to=[[1.0]]), "`tube` must have one dimension"),
+    (
+        "certificate",
+        put("quantities", "tube", "radius", to=[[1.0]]),
+        "at most one dimension",
+    ),
 ]
 
 

@@ -12,8 +12,7 @@ import pytest
 import stochens_rs as se
 from limit_plans import within
 from limit_problems import draw_steps
-from stochens_rs import _core
-from stochens_rs.controls.limited import Horizon
+from stochens_rs.controls.limited import Horizon, loop_of
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from twin.limited_control import solve
 from twin.limited_problems import (
@@ -323,11 +322,8 @@ def test_work_of_a_call_is_bounded():
         loop = se.regulate(
             (F, X), K, limits=(-0.1, 0.1), cost=se.Cost(Q=1.0, R=1e-8 if index % 2 else 0.1)
         )
-        low, high = loop._task.low.ravel(), loop._task.high.ravel()
-        horizon = Horizon(loop._task, F, X)
-        M, state, target = horizon.core.weighted()
-        cost = np.tile(horizon.cost(), K)
-        solver = _core.BoxSolver(M, cost, low, high, m, state, target)
+        solver = loop_of(loop._task, F, X, None)
+        assert solver.condensed
         for _ in range(100):
             x = 10.0 ** gen.uniform(-1, 2) * gen.normal(size=n)
             found = solver.solve(x, None)

@@ -205,7 +205,7 @@ def by_ensembles(scheme="iid", axis="columns", fusion="product", steps=1, delta=
         matrix = se.sample(A, N, rng=key.child("A"), scheme=scheme, axis=axis)
         plan = se.control((matrix, B), *drawn, steps=steps, fusion=fusion)
         bound = plan.bound(delta)
-        assert (bound.state_bound == "simulated") == (delta > 1e-6)
+        assert (bound["state"].method == "simulated") == (delta > 1e-6)
         return plan.u, bound.state, bound.control, bound.target
 
     return made
@@ -215,7 +215,7 @@ def by_exact(steps=1):
     def made(A, B, x0, xf):
         plan = se.control((A, B), x0, xf, steps=steps)
         bound = plan.bound()
-        assert bound.state_bound == "exact error"
+        assert bound["state"].method == "exact error"
         return plan.u, bound.state, bound.control, bound.target
 
     return made
@@ -226,7 +226,7 @@ def by_fits(A, B, x0, xf):
     start, goal, matrix = fits
     plan = se.control((matrix, B), start, goal)
     bound = plan.bound()
-    assert bound.relative_to == "targets"
+    assert "targets of the fits" in bound.assumption
     return plan.u, bound.state, bound.control, bound.target
 
 
@@ -238,7 +238,9 @@ def within_limits(drawn):
         start, goal, matrix = data
         plan = se.control((matrix, B), start, goal, limits=(-1e30, 1e30), cost=se.Cost(R=0.0))
         bound = plan.bound()
-        assert bound.state_bound == ("limits: firm nonexpansiveness" if drawn else "exact error")
+        assert bound["state"].method == (
+            "limits: firm nonexpansiveness" if drawn else "exact error"
+        )
         return plan.u, bound.state, math.inf, bound.target
 
     return made
@@ -248,7 +250,7 @@ def by_means(A, B, x0, xf):
     stream = se.DataStream(B, ranges={"x0": 0.0, "xf": 0.0, "A": 0.0})
     stream.update(x0=x0, xf=xf, A=A)
     found = stream.confidence()
-    assert found.finite_sample
+    assert found.kind == "guaranteed"
     return stream.u[None, :], found.state, math.inf, math.inf
 
 

@@ -210,7 +210,7 @@ def test_runs_of_ones_own_are_repeated_in_turn() -> None:
 def test_bounds_from_realizations_are_those_of_the_plan_and_hold() -> None:
     function = se.studies.sampling_coverage((A, B), [1, 1], [0.5, 0], size=40, delta=0.1)
     plan = se.steer((A, B), [1, 1], [0.5, 0], 40, rng=KEY.child("plan"))
-    bound = plan.bound(0.1, rng=KEY.child("bound"))
+    bound = plan.bound(0.1)
     error = plan.error(se.System(A, B), [1, 1], [0.5, 0])
     found = function(KEY)
     assert (found["bound"], found["error"]) == (bound.state, error.state)

@@ -173,7 +173,7 @@ class SavedRecord(Record, Durable, listed=False):
         return made
 
 
-def trusted(kind: Callable[P, R], *args: P.args, **fields: P.kwargs) -> R:
+def trusted(kind: Callable[P, R], /, *args: P.args, **fields: P.kwargs) -> R:
     """``kind(*args, **fields)`` without its checks: the fields were just computed or checked."""
     made = object.__new__(cast("type[Any]", kind))
     made.__dict__["__post_init__"] = _unchecked  # called in place of that of the class

@@ -41,6 +41,11 @@ _LONGEST = 2**63  # of whole numbers
 _EMPTY = 2**20  # the largest side of an array without entries
 
 
+def enter(record: type[Any], **arguments: Any) -> None:
+    """List a class of the core, whose constructor takes arguments of these types."""
+    RECORDS[record.__name__], _DECLARED[record] = record, arguments
+
+
 def declared(record: type[Any]) -> dict[str, Any]:
     """The arguments of the constructor of a record, and their types."""
     if record not in _DECLARED:
@@ -246,7 +251,8 @@ def _made(name: str, record: type[Any], fields: dict[str, Any], get: Get) -> Any
     given = {field: restored(f"{at}{field}", fields[field], wanted[field], get) for field in wanted}
     try:
         made = getattr(record, "_made_by", record)(**given)
-        made._verify()
+        if hasattr(made, "_verify"):
+            made._verify()
     except (StochensError, MemoryError):
         raise
     except Exception as error:  # whatever fields that do not go together lead to

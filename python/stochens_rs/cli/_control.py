@@ -13,7 +13,8 @@ from .. import cases
 from .._base import state_file
 from .._base.numbers import ROUNDING
 from .._base.reading import number
-from ..controls import Certificate, Plan, Uncertain, control
+from ..certificates import Certificate
+from ..controls import Plan, Uncertain, control
 from ..exceptions import DataWarning, InputError
 from ..identification import Model
 from ._command import Command
@@ -23,8 +24,8 @@ from ._output import Out, finite, grid, show_result
 
 LISTED = 12  # states whose certificates are printed; JSON has all
 # Fields of a certificate in JSON.
-_NUMBERS = ("delta", "target", "state", "reach", "model_error", "components", "tube", "control")
-_WORDS = ("control_reason", "larger", "method", "noise", "assumption", "missing", "doubts")
+_NUMBERS = ("delta", "target", "state", "components", "tube", "control")
+_WORDS = ("kind", "covers", "assumption")
 
 
 @click.command(
@@ -181,6 +182,9 @@ def _facts(
         else {
             **{name: finite(getattr(found, name)) for name in _NUMBERS},
             **{name: getattr(found, name) for name in _WORDS},
+            "parts": {name: finite(part) for name, part in found.parts.items()},
+            "methods": {name: one.method for name, one in found.quantities.items()},
+            "reasons": {name: one.reason for name, one in found.quantities.items() if one.reason},
         },
     }
 
@@ -199,21 +203,20 @@ def _text(plan: Plan, found: Certificate | None, xf: Any, names: tuple[Any, Any]
         off = float(np.linalg.norm(plan.predicted_states[-1] - xf))
         where = f"{off:.4g} from the target" if off > _rounding(plan) else "at the target"
         lines.append(f"ends       {where}; the system is taken as known")
-    elif found.doubts:
-        lines.append("certified  nothing: columns of the data are no states of a plant, see below")
     else:
+        first, error = found["target"], found.parts["model error"]
         where = "out of reach of the model" if plan.limited is None else "where the model ends"
+        mostly = "" if plan.limited else f": mostly {found.largest}"
         lines += [
-            f"certified  the true system ends within {found.target:.4g} of the target, with "
-            f"{100 * (1 - found.delta):g} %, {'with' if found.noise else 'without'} noise",
-            f"of that    {_reach(plan, found)} {where}, {found.model_error:.4g} by its error"
-            f"{'' if plan.limited else f': mostly {found.larger}'}",
+            f"certified  nothing: {first.reason}"
+            if first.reason
+            else f"certified  the true system ends within {found.target:.4g} of the target, with "
+            f"{100 * (1 - found.delta):g} %",
+            f"of that    {_reach(plan, found)} {where}, {error:.4g} by its error{mostly}",
             f"each       {_components(found, names[0])}",
-            f"by         {found.method}",
+            f"by         {first.method}",
             f"for        {found.assumption}",
         ]
-        if found.missing:
-            lines.append(f"unknown    {'; '.join(found.missing)}")
     lines += limit_lines(plan)
     return "\n".join([*lines, *(f"warning    {text}" for text in plan.warnings)])
 
@@ -233,7 +236,8 @@ def _starred(values: Any, k: int, active: Any) -> list[str]:
 
 def _reach(plan: Plan, found: Certificate) -> str:
     """How far the model ends from the target; 0 where that is rounding beside the states."""
-    return f"{found.reach if found.reach > _rounding(plan) else 0.0:.4g}"
+    reach = found.parts["reach"]
+    return f"{reach if reach > _rounding(plan) else 0.0:.4g}"
 
 
 def _rounding(plan: Plan) -> float:

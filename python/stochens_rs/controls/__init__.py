@@ -1,7 +1,6 @@
 """Controls from estimates, and what is known about their errors."""
 
 from ..theory.records import PlanError, Reachability
-from .certificate import Certificate
 from .control import control
 from .cost import Cost
 from .fleet import control_fleet
@@ -9,7 +8,6 @@ from .fleet_plan import FleetPlan
 from .fleet_risk import RiskBound
 from .limits import Limits
 from .plan import Plan
-from .plan_bound import PlanBound
 from .plan_validation import Validation
 from .planning import required_samples
 from .predicting import predict
@@ -23,12 +21,10 @@ from .uncertain import Uncertain
 
 __all__ = [
     "Call",
-    "Certificate",
     "Cost",
     "FleetPlan",
     "Limits",
     "Plan",
-    "PlanBound",
     "PlanError",
     "Reachability",
     "Regulator",

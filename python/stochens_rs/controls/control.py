@@ -134,8 +134,8 @@ def control(
     >>> data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + w)
     >>> model = se.identify(data, design="independent")
     >>> found = se.control(model, [1.0, 2.0], [0.0, 0.0], steps=4).bound(0.05)
-    >>> found.method, found.target < 0.1
-    ('several steps', True)
+    >>> found["target"].method, found.target < 0.1
+    ('several steps without noise', True)
     >>> pushed, cost = ([[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]]), se.Cost(R=0.0)
     >>> plan = se.control(pushed, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), cost=cost)
     >>> plan.u.ravel(), plan.active.ravel(), round(plan.missed, 6), plan.status

@@ -11,6 +11,7 @@ from .._base import memory, validation
 from .._base.signal_names import Labels, order_of
 from .._base.threads import get_num_threads
 from .._base.types import Floats
+from ..certificates.model_basis import ModelBasis
 from ..ensembles import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..identification import Model, Trajectories
@@ -18,7 +19,7 @@ from ..identification.identified import Identified
 from ..system import System
 from .fleet_units import read_starts
 from .plan_validation import Source, Validation, rank_of
-from .provenance import Basis, ModelBasis
+from .provenance import Basis
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..exceptions import InputError
-from ..rng import RngLike, as_key
 from ..theory.bounds.drawn_errors import not_simulated, radii
 from .limited import Horizon
 from .limited_errors import LimitedErrors, MovedTarget
-from .plan_bound import PlanBound, distances, plan_errors
+from .plan_bound import KEY, certificate_of_laws, distances, plan_errors
 from .uncertain_map import HARD, SMALL, Around
 
 if TYPE_CHECKING:
     from .. import _core
     from .._base.types import Floats, Fusion
+    from ..certificates.certificate import Certificate
     from .limited import Limited
     from .provenance import Basis
 
@@ -29,11 +29,9 @@ def limited_bound(
     limited: Limited,
     predicted: Floats,
     delta: float,
-    rng: RngLike,
     fusion: Fusion = "product",
-) -> PlanBound:
+) -> Certificate:
     """Bound the errors of a control within limits, which leads the model along `predicted`."""
-    key = as_key(rng).child("simulated bound")
     errors = plan_errors(basis, len(limited.u), fusion)
     task, (x0, xf, A) = limited.task, basis.values
     wanted = None if task.follows else np.tile(xf, (task.steps, 1))
@@ -53,7 +51,7 @@ def limited_bound(
             # ||du||_H <= d and ||du||_R <= d / 2 for d = ||P_Q (b^ - b)||_Q
             name, off = FIRM, np.ascontiguousarray(task.reference - predicted[1:])
             moved = MovedTarget(errors, exact)
-            if drawn := radii(moved, delta, key):
+            if drawn := radii(moved, delta, KEY):
                 cause = drawn[0]
             else:
                 reason = not_simulated(delta, moved.cost)
@@ -62,32 +60,30 @@ def limited_bound(
             follows = basis.xf.kind != "exact" and not task.follows
             law = LimitedErrors(errors, exact, limited, follows)
             if task.boxed:
-                cause = radii(law, delta, key)
+                cause = radii(law, delta, KEY)
                 reason = None if cause else not_simulated(delta, law.cost)
             name = "simulated" if cause else "uncertain map"
             cause = cause or _apart(basis, limited, predicted, exact, delta)
         x0 = np.ascontiguousarray(x0)
         state, control, excess, missed = exact.core.error(x0, limited, cause, off)
-        if np.isinf(control):
-            reason = SMALL if name == "uncertain map" else _MANY
     # in the 2-norm where only the last state counts, with one weight
     scale = float(task.terminal[0, 0])
     plain = not task.stage.any() and np.array_equal(task.terminal, scale * np.eye(len(x0)))
     size = np.sqrt(scale) if plain else 1.0
-    return PlanBound(
-        state=state / size,
-        control=control,
-        target=(state + missed) / size,
-        delta=delta,
-        state_bound=name,
-        control_bound="none" if np.isinf(control) else name,
-        relative_to="targets" if any(e.kind == "fitted" for e in basis.entities) else "laws",
-        certain=not errors.random,
-        norm="2-norm" if plain else "Q",
-        solver=limited.distance,
-        excess=excess,
-        reason=reason,
-    )
+    norm = "" if plain else ", in the norm of Q"
+    best = "the best control within the limits"
+    goal = "the reference" if task.follows else "xf"
+    quantities = {
+        "target": ((state + missed) / size, f"{goal}{norm}", name, reason),
+        "state": (state / size, f"where {best} leads{norm}", name, reason),
+        "control": (control, best, name, reason),
+        "excess": (excess, "the least J within the limits", name, reason),
+    }
+    if np.isinf(control) and not hard:
+        why = SMALL if name == "uncertain map" else _MANY
+        quantities["control"] = (control, best, "none", why)
+    parts = {"estimates": state / size, "out of reach": missed / size}
+    return certificate_of_laws(basis, delta, errors.random, quantities, parts)
 
 
 def _formula(basis: Basis, exact: Horizon, delta: float, fusion: Fusion, why: str) -> float:

@@ -10,21 +10,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base.numbers import ROUNDING
+from .._base.records import trusted
+from ..certificates.of_model import certificate, step_regions
+from ..certificates.radius import Radius
+from ..certificates.region_errors import spread, trajectory
 from .limited import Horizon
-from .model_bound import certificate, step_regions
-from .region_errors import spread, trajectory
 from .uncertain_map import HARD, SMALL, Around, product
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from .._base.types import Floats
+    from ..certificates.certificate import Certificate
+    from ..certificates.model_basis import ModelBasis
+    from ..certificates.of_model import Asked
     from ..identification.region import Region
-    from .certificate import Certificate
     from .constraints import Task
     from .limited import Limited
-    from .model_bound import Asked
-    from .provenance import ModelBasis
 
 ALONE, MOVED = "the limits alone", "how far the best control moves in the region"
 _DIRECT = "a region over all steps at once says nothing of single steps"
@@ -34,53 +34,44 @@ AHEAD = 1e-6  # the solver keeps limits to 1e-9 of the states, which must not un
 
 
 def limited_certificate(
-    basis: ModelBasis,
-    limited: Limited,
-    predicted: Floats,
-    delta: float,
-    asked: Asked,
-    exact: Mapping[str, object],
+    basis: ModelBasis, limited: Limited, predicted: Floats, delta: float, asked: Asked
 ) -> Certificate:
     """Bound where the true system ends, and how far the control is from the best within limits.
 
     The certificate holds for any control that was chosen after the data; what is new is the
-    comparison with the best control of the true system, in the same event.
+    comparison with the best control of the true system, in the same event: "excess", "control",
+    and "states", ``(sum_k ||x(k) - y(k)||_{Q_k}^2)^(1/2)`` for the states x under u and y under it.
     """
-    found = certificate(basis, limited.u, predicted, delta, asked, exact)
-    if found.doubts:
-        return replace(found, excess=np.inf, apart=np.inf)
+    found = certificate(basis, limited.u, predicted, delta, asked)
     task, tube = limited.task, found.tube[1:]
     model = Horizon(task, basis.model.A, basis.model.B, R=limited.R)
     horizon, farthest = model.core, model.core.farthest(limited.u)
-    _, regions, _ = step_regions(basis, delta, len(limited.u), asked)
-    region = regions[0] if regions else None
-    reason: str | None = None
+    region, control, excess, states = None, np.inf, np.inf, np.inf
+    reason = found["target"].reason
     if task.state_low is not None and task.soft is None:
         reason = HARD
-    elif region is None:
-        reason = _DIRECT
-    elif not np.isfinite(tube).all():
-        reason = "the data do not determine where the control leads"
-    if reason is not None or region is None:
-        found = replace(found, control=np.inf, excess=np.inf, apart=np.inf)
-        return _at_most(found, farthest, reason)
-    alpha = float(np.sqrt(horizon.weights(True) @ tube**2))
-    if len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise:
-        alpha = min(alpha, _weighted(region, basis, limited, predicted))
-    states = np.ascontiguousarray(predicted[1:])
-    by = horizon.apart(_around(basis, region), states, limited.u, alpha, limited.gap)
-    found = replace(found, control=by.control, excess=by.excess, apart=by.state)
-    return _at_most(found, farthest, SMALL)
+    elif not basis.model.doubts:
+        _, regions, _ = step_regions(basis, delta, len(limited.u), asked)
+        region, reason = (regions[0], reason) if regions else (None, _DIRECT)
+    if region is not None and np.isfinite(tube).all():
+        alpha = float(np.sqrt(horizon.weights(True) @ tube**2))
+        if len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise:
+            alpha = min(alpha, _weighted(region, basis, limited, predicted))
+        at = np.ascontiguousarray(predicted[1:])
+        by = horizon.apart(_around(basis, region), at, limited.u, alpha, limited.gap)
+        control, excess, states, reason = by.control, by.excess, by.state, SMALL
 
+    def radius(value: float, distance_from: str, method: str = MOVED) -> Radius:
+        because = None if np.isfinite(value) else reason
+        return trusted(Radius, value, distance_from, 1.0 - delta, method, because)
 
-def _at_most(found: Certificate, farthest: float, reason: str | None) -> Certificate:
-    """No control within the limits is further away than `farthest`; or why there is no bound."""
-    if farthest < found.control:
-        return replace(found, control=farthest, control_method=ALONE, control_reason=None)
-    if np.isfinite(found.control):
-        return replace(found, control_method=MOVED, control_reason=None)
-    text = f"only the state is certified: {reason}"
-    return replace(found, control_method=None, control_reason=text)
+    best = "the best control within the limits"
+    alone = farthest < control
+    return found._with(
+        control=radius(min(control, farthest), best, ALONE if alone else MOVED),
+        excess=radius(excess, "the least J within the limits"),
+        states=radius(states, f"the states under {best}, in the norm of Q"),
+    )
 
 
 def _weighted(region: Region, basis: ModelBasis, limited: Limited, predicted: Floats) -> float:
@@ -192,4 +183,4 @@ def _certified(
 ) -> tuple[Floats, Certificate]:
     """The states of the model and the certificate."""
     at = trajectory(basis.model._Theta, basis.x0, limited.u)
-    return at, certificate(basis, limited.u, at, delta, asked, {})
+    return at, certificate(basis, limited.u, at, delta, asked)

@@ -12,6 +12,9 @@ from .._base import validation
 from .._base.numbers import ROUNDING
 from .._base.records import trusted
 from .._base.types import DELTA
+from ..certificates.model_basis import ModelBasis
+from ..certificates.of_model import Asked
+from ..certificates.region_errors import trajectory
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError
@@ -21,10 +24,7 @@ from .arguments import ending, fusion_over, step_warnings
 from .constraints import checked_task, seconds
 from .limit_certificate import within_state_limits
 from .limited import Horizon
-from .model_bound import Asked
 from .plan import Plan
-from .provenance import ModelBasis
-from .region_errors import trajectory
 from .uncertain import Uncertain
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -12,6 +13,9 @@ from .._base.records import SavedRecord, require_shapes
 from .._base.signal_names import Labels, default_labels, fitting, two_states
 from .._base.to_xarray import Cube, Timed, named, over_time, padded
 from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
+from ..certificates.certificate import Certificate
+from ..certificates.model_basis import ModelBasis
+from ..certificates.of_model import Asked, certificate
 from ..exceptions import InputError, ShapeError
 from ..plots.panels import Inputs
 from ..plots.states import draw_phase
@@ -21,26 +25,26 @@ from ..system import System
 from ..theory.dynamics import checked_ends, states
 from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
-from .certificate import Certificate
 from .held_out_runs import Predicted, Runs, validated
 from .limit_bound import limited_bound
 from .limit_certificate import limited_certificate
 from .limited import Limited
-from .model_bound import certificate, declared
-from .plan_bound import PlanBound, plan_bound
+from .plan_bound import plan_bound
 from .plan_covariance import plan_covariance
 from .plan_error import limited_error
 from .plan_summary import cost_rows, cost_text, expectation, made_from, worst_state
 from .plan_validation import Validation
-from .provenance import Basis, ModelBasis, completed
+from .provenance import Basis, completed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike, NDArray
 
-    from ..rng import RngLike
-
+_NOT_FOR = {
+    True: "for a model from data, whose region needs no exact values: use Plan.error to compare",
+    False: "for a plan of estimates: it says something of measured runs, for models from data",
+}
 _DRAWN = 1e300  # the largest measured value that an axis, with its margins, can show
 
 
@@ -183,24 +187,21 @@ class Plan(SavedRecord, Timed):
         system: System | None = None,
         x0: ArrayLike | None = None,
         xf: ArrayLike | None = None,
-        rng: RngLike = 0,
         noise: bool = False,
         open_loop: bool = False,
         x0_fixed: bool = False,
-    ) -> PlanBound | Certificate:
-        """Bound the error of the control, from what the plan keeps about its arguments.
+    ) -> Certificate:
+        """Bound how wrong the control is, from what the plan keeps about its arguments.
 
         Parameters
         ----------
         delta : float, default 0.05
             Probability of failure of each radius, in (0, 1).
         system : System, optional
-            Needed only if the law of A is unknown: declares that the realizations of A are
+            For realizations brought by you, as `x0` and `xf`: declares that those of A are
             independent singletons of the A of this system, as `sample` draws them.
         x0, xf : array_like, shape (n,), optional
             The same for x0 and xf.
-        rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
-            Source of randomness of the simulation; with the default the same bound in every call.
         noise : bool, default False
             For a model from data, as all that follows: whether the noise of the run to come is
             included. With several steps, an independent design and noise of unknown covariance
@@ -216,42 +217,48 @@ class Plan(SavedRecord, Timed):
 
         Returns
         -------
-        PlanBound or Certificate
-            Radii for the last state and for the control, with the names of the bounds; for a model
-            from data a `Certificate`.
+        Certificate
+            Radii of "target", the distance ``||x(K) - xf||``; of "state", that of x(K) from where
+            the exact best control v leads, ``||C_K (u - v)||``, or for a model from the state that
+            it predicts; and of "control", ``||u - v||``. For a model also of "components", ``|x(K)
+            - xf|_i``, and the "tube" around the predicted states, all together; else "control" and
+            "state" each for itself, and "target" with "state". Within limits v is the best control
+            within them, and "excess" bounds ``J(u) - J(v)``; with a weight Q that is no multiple of
+            the identity, or of several steps, "state" and "target" are ``(sum_k ||x(k) -
+            y(k)||_{Q_k}^2)^(1/2)``, as their `distance_from` says, and so is "states" of a model.
 
         Raises
         ------
         InputError, InputTypeError
-            If `delta` does not lie in (0, 1); the law of an entity is unknown (realizations
-            brought by the user, a part of a systematic sample) and not declared, or a declared
-            one contradicts the plan; two entities were drawn with the same key; systematic
-            realizations of rows are paired; the bound overflows; or an argument does not go with
-            the model from data, or no bound is known for what was assumed of them.
+            If `delta` does not lie in (0, 1); an argument is for plans of the other kind; the law
+            of an entity is unknown (realizations brought by the user, a part of a systematic
+            sample) and not declared, or a declared one contradicts the plan; two entities were
+            drawn with the same key; systematic realizations of rows are paired; the bound
+            overflows; or no bound is known for what was assumed of the data.
 
         Notes
         -----
-        The bound is an order statistic of the errors of thousands of simulated draws
-        (`theory.bounds.Simulated`). It holds over the draws of the realizations, and is within a
-        few percent of the error that is exceeded with probability `delta`. Fits ("alse", "slse")
-        are not drawn again: their distance from their targets is known. With fits and exact values
-        only, nothing is random and the bound is the error itself, relative to the targets. If the
-        ``4 / delta`` draws that are needed would take one thread more than 10 s (`delta` below 2e-6
-        for a few states, 3e-5 for n = 20 over four steps, 7e-4 for n = 100), the formulas of
-        `theory.bounds` are used, which are often 4 to 40 times larger; over several steps the
-        triangle inequality along the predicted states ``xh``, ``||x(K) - xf|| <= ef + ||A^K|| e0
-        + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + ||xh(K) - xf_hat||``. `state_bound`, `control_bound`
-        and `reason` of the result say so.
+        *Estimates.* An order statistic of the errors of thousands of simulated draws
+        (`theory.bounds.Simulated`), the same in every call. It holds over the draws of the
+        realizations, and is within a few percent of the error that is exceeded with probability
+        `delta`. Fits ("alse", "slse") are not drawn again: their distance from their targets is
+        known. With fits and exact values only, nothing is random and the bound is the error itself,
+        relative to the targets. If the ``4 / delta`` draws that are needed would take one thread
+        more than 10 s (`delta` below 2e-6 for a few states, 3e-5 for n = 20 over four steps, 7e-4
+        for n = 100), the formulas of `theory.bounds` are used, which are often 4 to 40 times
+        larger; over several steps the triangle inequality along the predicted states ``xh``,
+        ``||x(K) - xf|| <= ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + ||xh(K) -
+        xf_hat||``. `method` and `reason` of each radius say so.
 
         For realizations of an unknown law there is no bound. If the distance of any two
         realizations is bounded, use `DataStream.confidence`. To compare with a nominal system, use
         `Plan.error`.
 
-        For a model from data the bound follows from its region, for any control, also one chosen
-        after the data; nothing is random. One step: ``||x(1) - xf|| <= ||H z - xf|| + radius
-        ||z||``. Several: ``e(k+1) = A_hat e(k) + D z(k) + D_x e(k)``, ``D = Theta - H``, in first
-        order exact over the Frobenius ball or by nuclear norms over the spectral one, and the rest
-        by induction. Gaussian noise of known covariance to come by its exact quantile, with .4 of
+        *Models from data.* The bound follows from the region of the model, for any control, also
+        one chosen after the data. One step: ``||x(1) - xf|| <= ||H z - xf|| + radius ||z||``.
+        Several: ``e(k+1) = A_hat e(k) + D z(k) + D_x e(k)``, ``D = Theta - H``, in first order
+        exact over the Frobenius ball or by nuclear norms over the spectral one, and the rest by
+        induction. Gaussian noise of known covariance to come by its exact quantile, with .4 of
         `delta`; .1 is for what the error of the model makes of it, the rest for the region.
 
         Examples
@@ -264,20 +271,21 @@ class Plan(SavedRecord, Timed):
         True
         """
         delta = validation.probability("delta", delta)
-        asked = declared(noise, open_loop, x0_fixed)
+        flags = {"noise": noise, "open_loop": open_loop, "x0_fixed": x0_fixed}
+        asked = Asked(*(validation.flag(name, value) for name, value in flags.items()))
+        predicted, model = self.predicted_states, isinstance(self.basis, ModelBasis)
+        other = {"system": system, "x0": x0, "xf": xf} if model else flags
+        for name, value in other.items():
+            if value is not None and value is not False:
+                raise InputError(f"`{name}` must be left out {_NOT_FOR[model]}")
         if isinstance(self.basis, ModelBasis):
-            exact = {"system": system, "x0": x0, "xf": xf}
-            at, how = self.predicted_states, (delta, asked, exact)
             if self.limited is not None:
-                return limited_certificate(self.basis, self.limited, at, *how)
-            return certificate(self.basis, self.u, at, *how)
-        if any(asked):
-            raise InputError("`noise`, `open_loop` and `x0_fixed` are for models from data")
+                return limited_certificate(self.basis, self.limited, predicted, delta, asked)
+            return certificate(self.basis, self.u, predicted, delta, asked)
         basis = completed(self.basis, system, x0, xf, "bound", self.labels)
         if self.limited is not None:
-            at = self.predicted_states
-            return limited_bound(basis, self.limited, at, delta, rng, self.fusion)
-        return plan_bound(basis, self.u, self.predicted_states, self.fusion, delta, rng)
+            return limited_bound(basis, self.limited, predicted, delta, self.fusion)
+        return plan_bound(basis, self.u, predicted, self.fusion, delta)
 
     def covariance(
         self,
@@ -476,7 +484,7 @@ class Plan(SavedRecord, Timed):
 
     def plot(
         self,
-        certificate: Certificate | None = None,
+        certificate: Certificate | Literal[False] | None = None,
         *,
         measured: ArrayLike | None = None,
         figure: Figure | SubFigure | None = None,
@@ -488,8 +496,9 @@ class Plan(SavedRecord, Timed):
 
         Parameters
         ----------
-        certificate : Certificate, optional
-            From `bound`, of this plan: draws the tube that contains the true states.
+        certificate : Certificate or False, optional
+            From `bound`, of this plan: draws the tube that contains the true states. The default is
+            that of ``bound()`` for a model from data, where one is known; False draws none.
         measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
             The states of one run under this control, or of R runs.
         figure : matplotlib Figure or SubFigure, optional
@@ -533,7 +542,7 @@ class Plan(SavedRecord, Timed):
         self,
         across: str | int,
         up: str | int,
-        certificate: Certificate | None = None,
+        certificate: Certificate | Literal[False] | None = None,
         *,
         measured: ArrayLike | None = None,
         ax: Axes | None = None,
@@ -544,8 +553,8 @@ class Plan(SavedRecord, Timed):
         ----------
         across, up : str or int
             The two states, by name or number.
-        certificate : Certificate, optional
-            From `bound`, of this plan: draws discs that contain the true states.
+        certificate : Certificate or False, optional
+            As in `plot`: draws discs that contain the true states.
         measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
             The states of one run under this control, or of R runs.
         ax : matplotlib Axes, optional
@@ -603,19 +612,22 @@ class Plan(SavedRecord, Timed):
         return target
 
     def _certified(
-        self, certificate: Certificate | None, measured: ArrayLike | None
+        self, certificate: Certificate | Literal[False] | None, measured: ArrayLike | None
     ) -> tuple[Floats | None, str, Floats | None]:
         """The tube, what it says, and the checked runs."""
         predicted = self.predicted_states
+        if certificate is None and isinstance(self.basis, ModelBasis):
+            with suppress(InputError):  # no region is known for what was assumed of the data
+                certificate = self.bound()
         tube, says, runs = None, "", None
-        if certificate is not None:
+        if certificate is not None and certificate is not False:
             tube = validation.instance("certificate", certificate, Certificate).tube
             if len(tube) != len(predicted):
                 raise ShapeError(
                     f"`certificate` must be of this plan, over {html.counted(len(predicted) - 1)}, "
                     f"got one over {html.counted(len(tube) - 1)}"
                 )
-            says = f"certified, {100 * (1 - certificate.delta):g} %"
+            says = certificate.share
         if measured is not None:
             runs = validation.array("measured", measured, ndim=(2, 3))
             if np.abs(runs).max() > _DRAWN:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from math import sqrt
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from .._base import html
 from .._base.numbers import norm
-from .._base.records import SavedRecord, trusted
+from .._base.records import trusted
 from .._base.types import QUANTITIES, Floats
+from ..certificates.certificate import Certificate
+from ..certificates.radius import Radius
 from ..exceptions import InputError
-from ..rng import RngLike, as_key
+from ..rng import as_key
 from ..theory import bounds
 from ..theory.bounds.drawn_errors import DrawnEntity, PlanErrors, not_simulated, radii
 from ..theory.dynamics import matrix_powers, spectral_norms
@@ -26,142 +26,64 @@ if TYPE_CHECKING:
     from ..theory.bounds import Best
 
 
-@dataclass(frozen=True, repr=False)
-class PlanBound(SavedRecord):
-    """Bounds on the errors of a control, relative to the exact values.
-
-    ``v`` is the best control, with limits the one with the least J within them, and
-    ``x = A^K x0 + C_K v`` the state it leads to (one step: ``C_1 = B``).
-
-    Attributes
-    ----------
-    state : float
-        Bound on the distance ``||C_K (u - v)||_2`` between the state reached and ``x``.
-    control : float
-        Bound on ``||u - v||_2``.
-    target : float
-        Bound on the distance between the state reached and ``xf``,
-        ``sqrt(state^2 + ||xf - x||^2)``, with limits ``state + ||xf - x||``; it holds if `state`
-        does.
-    delta : float
-        `state` and `control` are each exceeded with at most this probability.
-    state_bound, control_bound : str
-        Method that gave each bound. "simulated": the order statistic of errors drawn from the laws
-        (`theory.bounds.Simulated`). "exact error": nothing is random, and this is the error, with
-        what rounding may add. "sum of errors": the triangle inequality, with the error of every
-        estimate (`theory.bounds.from_errors`). "limits: firm nonexpansiveness": the error of the
-        target, which limits do not make larger. "uncertain map": the inequality of the best control
-        within limits where A is uncertain. "none": infinite, see `reason`. Others: a formula of
-        `theory.bounds`.
-    relative_to : str
-        The meaning of the exact values. "laws": the realizations were drawn from them. "targets":
-        for fitted entities they are the targets of the fits.
-    certain : bool
-        Whether nothing is random, so that the radii hold with certainty.
-    norm : str
-        "2-norm"; or "Q", with limits and a weight Q: then `state` bounds ``(sum_k ||x(k) -
-        y(k)||_{Q_k}^2)^(1/2)`` for the states y under the best control, and `target` the same with
-        the reference in place of y.
-    solver : float
-        With limits: what the solver may add, ``||u - u*||_H <= solver`` for the best control u* of
-        the estimates, ``H = G'QG + R``. It is in `state` and `control`.
-    excess : float or None
-        With limits: ``J(u) - J(v)`` is at most this, exceeded with at most the probability `delta`.
-    reason : str or None
-        Why a bound is infinite, or a formula, several times larger than what is simulated from a
-        larger `delta` on.
-    """
-
-    state: float
-    control: float
-    target: float
-    delta: float
-    state_bound: str
-    control_bound: str
-    relative_to: str
-    certain: bool
-    norm: str = "2-norm"
-    solver: float = 0.0
-    excess: float | None = None
-    reason: str | None = None
-
-    @property
-    def covers(self) -> str:
-        """The probability of the radii and the meaning of the exact values, in words."""
-        how = (
-            "for certain if what was given is exact, as nothing was drawn"
-            if self.certain
-            else f"each of the two with {self._share} at least, over the draws of the realizations"
-        )
-        what = (
-            "the exact values are those that the realizations were drawn from"
-            if self.relative_to == "laws"
-            else "in place of exact values that were fitted stand the targets of the fits"
-        )
-        return f"{how}; {what}"
-
-    @property
-    def _share(self) -> str:
-        return f"probability {100 * (1 - self.delta):.6g} %"
-
-    def __repr__(self) -> str:
-        sure = "if what was given is exact" if self.certain else f"with {self._share}"
-        both = self.state_bound == self.control_bound
-        state, control = ("" if both else f" ({name})" for name in self._methods)
-        return (
-            f"<PlanBound: state within {self.state:.3g}{state}, {self.target:.3g} from xf"
-            f"{' (weighted)' if self.norm == 'Q' else ''}, control within "
-            f"{self.control:.3g}{control}, {sure}{f' ({self._methods[0]})' if both else ''}"
-            f"{f'; {self.reason}' if self.reason else ''}>"
-        )
-
-    @property
-    def _methods(self) -> tuple[str, str]:
-        return self.state_bound, self.control_bound
-
-    def _repr_html_(self) -> str:
-        state = (
-            f"within {self.state:.4g} of where the exact control leads ({self.state_bound}), "
-            f"within {self.target:.4g} of xf"
-        )
-        control = f"within {self.control:.4g} of the exact one ({self.control_bound})"
-        rows = [("state", state), ("control", control), ("holds", self.covers)]
-        return html.card(self, [*rows, ("because", self.reason)])
+KEY = as_key(0).child("simulated bound")  # of the draws, which are the same in every call
+LAWS = "the exact values are those that the realizations were drawn from, independently"
+TARGETS = "in place of exact values that were fitted stand the targets of the fits"
 
 
 def plan_bound(
-    basis: Basis, u: Floats, predicted: Floats, fusion: Fusion, delta: float, rng: RngLike
-) -> PlanBound:
+    basis: Basis, u: Floats, predicted: Floats, fusion: Fusion, delta: float
+) -> Certificate:
     """Bound the errors of the control `u`, which leads the model along `predicted`."""
-    key = as_key(rng).child("simulated bound")
     errors = plan_errors(basis, len(u), fusion)
-    fitted = any(entity.kind == "fitted" for entity in basis.entities)
     found: tuple[float, ...]
     reason = None
     if not errors.random:
         error = errors.best.error(u.ravel(), basis.values[0])
         names = ("exact error",) * 2
         found = error.state + error.state_rounding, error.control + error.control_rounding
-    elif drawn := radii(errors, delta, key):
+    elif drawn := radii(errors, delta, KEY):
         found, names = drawn, ("simulated",) * 2
     else:
         reason = not_simulated(delta, errors.cost)
         found, names = _formulas(basis, u, predicted, errors, delta, fusion)
     state, control = _handed_out(basis, errors, *found) if errors.random else found
-    digits = errors.best.gap > 0.0 and np.isfinite(basis.rounding).all()
-    if digits:
+    if errors.best.gap > 0.0 and np.isfinite(basis.rounding).all():
         checked_finite(np.array([state, control]), "bound")
+    else:
+        reason = _DIGITS
+    target = float(np.hypot(state, errors.best.upper)) * (1.0 + 4.0 * EPS)
+    quantities = {
+        "target": (target, "xf", names[0], reason),
+        "state": (state, "where the exact control leads", names[0], reason),
+        "control": (control, "the exact control", names[1], reason),
+    }
+    parts = {"estimates": state, "out of reach": errors.best.upper * (1.0 + 4.0 * EPS)}
+    return certificate_of_laws(basis, delta, errors.random, quantities, parts)
+
+
+def certificate_of_laws(
+    basis: Basis,
+    delta: float,
+    random: bool,
+    quantities: dict[str, tuple[float, str, str, str | None]],
+    parts: dict[str, float],
+) -> Certificate:
+    """The certificate of a plan of estimates: radius, what it is from, method, reason of each."""
+    sure = 1.0 - delta if random else 1.0
+    fitted = any(entity.kind == "fitted" for entity in basis.entities)
+    each = "control and state each, target with state, over the draws of the realizations"
     return trusted(
-        PlanBound,
-        state=state,
-        control=control,
-        target=float(np.hypot(state, errors.best.upper)) * (1.0 + 4.0 * EPS),
+        Certificate,
+        kind="guaranteed" if random else "certain",
         delta=delta,
-        state_bound=names[0],
-        control_bound=names[1],
-        relative_to="targets" if fitted else "laws",
-        certain=not errors.random,
-        reason=reason if digits else _DIGITS,
+        quantities={
+            name: trusted(Radius, radius, distance_from, sure, method, reason)
+            for name, (radius, distance_from, method, reason) in quantities.items()
+        },
+        covers=each if random else "nothing was drawn",
+        assumption=TARGETS if fitted else LAWS if random else "what was given is exact",
+        parts=parts,
     )
 
 

@@ -11,9 +11,9 @@ from .._base import html
 from .._base.numbers import norm
 from .._base.signal_names import Labels, default_labels
 from .._base.types import Floats
+from ..certificates.model_basis import ModelBasis
 from ..exceptions import StochensError
 from ..theory.exact import best_control
-from .provenance import ModelBasis
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

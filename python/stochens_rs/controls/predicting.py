@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import validation
+from ..certificates.model_basis import ModelBasis
+from ..certificates.region_errors import trajectory
 from ..exceptions import InputTypeError, NonFiniteError
 from ..identification.identified import Identified
 from ..theory.exact import best_control
 from .plan import Plan
-from .provenance import ModelBasis
-from .region_errors import trajectory
 from .uncertain import Uncertain
 
 if TYPE_CHECKING:

@@ -2,7 +2,7 @@
 
 `Known` is what is known about one of x0, xf and A: its estimate, the exact values behind it where
 they are known, and how many realizations were drawn how. `Basis` is B with the three of them. Both
-hold arrays of the size of the problem, never the realizations. `ModelBasis` is for models.
+hold arrays of the size of the problem, never the realizations.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ import numpy as np
 from .._base import validation
 from .._base.records import Record, trusted
 from .._base.types import AXES, Floats
+from ..certificates.model_basis import ModelBasis
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
-from ..exceptions import InputError, InputTypeError, ShapeError
+from ..exceptions import InputError, ShapeError
 from ..fusion.fits import Fit
-from ..identification.identified import Identified
 from ..rng import Key
 from ..system import System
 
@@ -150,37 +150,6 @@ class Basis(Record):
         """Numbers of realizations ``(N0, Nf, NA)``; None for what is exact."""
         N0, Nf, NA = (None if e.kind == "exact" else e.size for e in self.entities)
         return N0, Nf, NA
-
-
-@dataclass(frozen=True, eq=False)
-class ModelBasis(Record):
-    """What a plan for a model from data keeps.
-
-    Attributes
-    ----------
-    model : Identified
-        The model, with its regions.
-    x0, xf : ndarray, shape (n,)
-        Initial state and target.
-    x0_error : float
-        How far the true initial state may be from `x0`, in the 2-norm.
-    """
-
-    model: Identified
-    x0: Floats
-    xf: Floats
-    x0_error: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.model, Identified):
-            raise InputTypeError(
-                f"`model` must be a model from data, got {validation.show(self.model)}"
-            )
-        n = len(self.model.A)
-        for name, value in (("x0", self.x0), ("xf", self.xf)):
-            if validation.kept(name, value, ndim=(1,)).shape != (n,):
-                raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
-        validation.nonnegative("x0_error", self.x0_error)
 
 
 def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:

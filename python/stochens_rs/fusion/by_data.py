@@ -40,10 +40,10 @@ def fuse_by_data(
     given = _models(models, data, validation.flag("independent", independent))
     least = _least_squares(given, method, data, design, sigma)
     given = given._in_order("ensemble", least.labels)
-    f = least._blocks[0].fitted
+    f = least._blocks[0]
     if f.rank == 0:
         raise InputError("`data` determine nothing: all states and inputs are 0")
-    memory.need("the models", 4 * 8 * given.size * given.n * (f.rank + f.R11.shape[1]))
+    memory.need("the models", 4 * 8 * given.size * given.n * (f.rank + len(f.columns)))
     with np.errstate(over="ignore", invalid="ignore"):
         S, t = hull.coordinates(stacked(given, least.intercept), f, units(least))
     if not np.isfinite(S).all() or not np.isfinite(np.vdot(S, S)):
@@ -81,7 +81,7 @@ def _left_out(given: SystemEnsemble, least: Model, with_own: bool) -> Floats:
     determines a direction, so that its error is unbounded.
     """
     Z, Y = least._pairs()
-    f = least._blocks[0].fitted
+    f = least._blocks[0]
     memory.need("the errors of the models", 3 * 8 * (given.size + 1) * Y.size)
     errors = [Y - Z @ Theta.T for Theta in stacked(given, least.intercept)]
     free = 1.0 - np.sum((Z @ f.white.T) ** 2, axis=1)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
+from .. import _core
 from .._base import html, validation
 from .._base.records import SavedRecord
 from .._base.types import STATUSES, Status
@@ -15,13 +16,11 @@ from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified
 from ..identification.model import Model
-from ..identification.part import Part
 from ..identification.region import Region
 from . import hull
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from ..identification.least_squares import Fitted
     from ..identification.trajectories import Trajectories
 
 DataMethod: TypeAlias = Literal["alse", "leave-one-out"]
@@ -98,8 +97,8 @@ class FusedModel(SavedRecord, Identified):
         return hull.position(S, t, self.weights)
 
     @property
-    def _fitted(self) -> Fitted:
-        return self.least_squares._blocks[0].fitted
+    def _fitted(self) -> _core.Fitted:
+        return self.least_squares._blocks[0]
 
     @property
     def _units(self) -> Floats:
@@ -268,13 +267,12 @@ class FusedModel(SavedRecord, Identified):
         ball = hull.frobenius_ball if frobenius else hull.ball
         radius = ball(_radius(own, known is not None), float(a), self._hull.away, self.share)
         shape = np.eye(data.n) if known is None else known
-        block = data._blocks[0]
         return replace(
             own,
             centre=self._Theta,
             delta=delta,
             assumption=own.assumption + "; models independent of the data",
-            parts=(Part.of(self._fitted, block.rows, block.columns, shape, radius**2),),
+            parts=(_core.RegionPart.around(self._fitted, shape, radius**2),),
             frobenius=radius if frobenius else None,
         )
 
@@ -324,6 +322,6 @@ def units(data: Model) -> Floats:
 
 def noise_of(data: Model) -> hull.Noise:
     """sigma^2 in the `units`: 1 where the covariance is known, else from the residuals."""
-    fitted = data._blocks[0].fitted
+    fitted = data._blocks[0]
     known = data.assumptions.known is not None
     return hull.Noise(1.0 if known else None, float(np.trace(fitted.S)), data.n * fitted.nu)

@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .. import _core
-from ..identification.least_squares import Fitted
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -59,7 +58,7 @@ class Hull(NamedTuple):
         return self.t - self.point
 
 
-def coordinates(models: Floats, fitted: Fitted, units: Floats) -> tuple[Floats, Floats]:
+def coordinates(models: Floats, fitted: _core.Fitted, units: Floats) -> tuple[Floats, Floats]:
     """The S_i (M, n, rank) and t (n, rank), each row in `units` L: ``L^-1 Theta R'``."""
     S: Floats = np.asarray(np.linalg.solve(units, models @ fitted.root.T))
     return S, np.asarray(np.linalg.solve(units, fitted.H @ fitted.root.T))

@@ -18,7 +18,6 @@ from .._base.threads import get_num_threads
 from ..exceptions import InputError
 from ..rng import Key, as_key
 from .dependences import spanned
-from .least_squares import fit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -136,7 +135,7 @@ def checked_residuals(
     Of the states `rows`, and where their residuals are tied to each other, of as many combinations
     as are not: the statistics are those of any basis.
     """
-    f = fit(_core.triangle(np.hstack([Z, Y]), get_num_threads()), Z.shape[1], len(Z))
+    f = _core.fit(np.hstack([Z, Y]), Z.shape[1], len(Z), get_num_threads())
     basis = spanned(f, rows).basis
     count = basis.shape[1]
     if f.rank < 1 or count < 1 or f.nu < len(f.S) or len(Z) < 4:

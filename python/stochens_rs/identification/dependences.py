@@ -16,8 +16,6 @@ from .. import _core
 from .._base import html, memory
 from .._base.threads import get_num_threads
 from ..theory.exact import EPS
-from .least_squares import Fitted, fit, r_factor
-from .part import WIDER
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -28,6 +26,7 @@ if TYPE_CHECKING:
 # Least eigenvalue of the correlation matrix of residuals that is taken for 0. With a covariance of
 # full rank it is below with a probability of order (1e-4 n)^2, as there are more pairs than needed.
 SINGULAR = 1e-8
+ROUNDING = 10.0  # times what rounding may change, below which a residual is 0
 LEVEL = 1e-4  # of the test of one more lag
 REFUSED = 0.1  # explained share of the variance from which that refuses
 
@@ -51,11 +50,11 @@ def tested_rows(assumed: Assumptions, known: Floats | None, n: int) -> NDArray[n
     return rows if known is None else rows[np.isnan(known[rows, :n]).any(axis=1)]
 
 
-def spanned(f: Fitted, rows: NDArray[np.int64]) -> Range:
+def spanned(f: _core.Fitted, rows: NDArray[np.int64]) -> Range:
     """What the residuals of these rows span."""
     S = f.S[np.ix_(rows, rows)]
     sizes = np.sqrt(np.diag(S))
-    live = sizes > WIDER * f.rounding[rows]
+    live = sizes > ROUNDING * f.rounding[rows]
     scale = sizes[live]
     values, vectors = np.linalg.eigh(S[np.ix_(live, live)] / scale[:, None] / scale)
     apart = values > SINGULAR
@@ -66,7 +65,7 @@ def spanned(f: Fitted, rows: NDArray[np.int64]) -> Range:
     return Range(rows, rows[~live], spread[:, apart], tied)
 
 
-def exact_relations(f: Fitted, found: Range, names: Sequence[str]) -> tuple[str, ...]:
+def exact_relations(f: _core.Fitted, found: Range, names: Sequence[str]) -> tuple[str, ...]:
     """What is said of residuals that are 0, or tied to each other, where pairs are left to see it.
 
     The columns after "declare" leave others that are independent.
@@ -164,9 +163,9 @@ def one_more_lag(
     z, before = rows[later, :extra], rows[later - 1, :extra]
     ones, y = np.ones((len(later), int(offset))), rows[later][:, extra + found.rows]
     R = _core.triangle(np.hstack([z, ones, before, y]), get_num_threads())
-    wide = fit(R, d + extra, len(later))
+    wide = _core.fit(R, d + extra, len(later), 1)
     keep = np.r_[:d, d + extra : len(R)]
-    narrow = fit(r_factor(R[:, keep]), d, len(later))
+    narrow = _core.fit(np.ascontiguousarray(R[:, keep]), d, len(later), 1)
     q, nu = wide.rank - narrow.rank, wide.nu
     if q < 1 or nu <= p:
         return None

@@ -9,7 +9,7 @@ from .._base import validation
 from ..exceptions import InputError, ShapeError
 
 if TYPE_CHECKING:
-    from .part import Part
+    from .. import _core
 
 
 def coefficient(entry: tuple[int, int], n: int, m: int) -> str:
@@ -19,7 +19,7 @@ def coefficient(entry: tuple[int, int], n: int, m: int) -> str:
 
 
 def chosen_entry(
-    argument: str, entry: object, size: tuple[int, int, int], parts: Sequence[Part]
+    argument: str, entry: object, size: tuple[int, int, int], parts: Sequence[_core.RegionPart]
 ) -> tuple[int, int]:
     """Row and column of a coefficient that is not known; `size` is n, m and the columns."""
     n, m, d = size

@@ -4,20 +4,23 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import _core
 from .._base import html, memory, validation
 from .._base.durable import Durable, nothing_left
 from .._base.records import trusted
+from .._base.threads import get_num_threads
 from .._base.to_xarray import Cube, Tabled
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..plots.residuals import draw_residuals
 from ..rng import Key, RngLike, as_key
 from .assumptions import Assumptions
-from .certifying import METHODS, Block, Method, Wish, assembled, blocks, parts, said, sign_region
+from .cautions import cautions, missing_directions
+from .certifying import METHODS, Method, Wish, region_of, said, sign_test
 from .certifying import directions as spanned_by
 from .certifying import refuse as refuse_region
 from .checks import DRAWS, WORK, Checks, checked_residuals
@@ -25,8 +28,6 @@ from .consistency import refuse, require_sound, require_triangle_of
 from .dependences import Lag, Range, exact_relations, one_more_lag, spanned, tested_rows
 from .files import Sections, from_model, to_model
 from .identified import Identified
-from .instruments import instrumented, projected, two_stages
-from .least_squares import Fitted, cautions, corrected, fit, named, r_factor
 from .region import Region
 from .resampling import BOOTSTRAPS, Bootstrap, bootstrap_models, drawn_models
 from .trajectories import Trajectories
@@ -153,30 +154,32 @@ class Model(Identified, Durable, Tabled):
 
     @property
     def _own(self) -> Floats:
-        """The triangle of [Z Y] alone."""
+        """The triangle of [Z Y] alone, with more rows where there are instruments."""
         r = 0 if self.instruments is None else self.instruments.shape[1]
-        return self.triangle[:, r:] if r else self.triangle
+        return np.ascontiguousarray(self.triangle[:, r:])
 
     @cached_property
-    def _blocks(self) -> list[Block]:
-        return self._blocks_of(by_rows=False)
+    def _estimate(self) -> _core.Estimate:
+        noise = self.assumptions.state_noise
+        return _core.Estimate(
+            np.ascontiguousarray(self.triangle),
+            self.size,
+            self.n,
+            self.m,
+            self.intercept,
+            None if self.known is None else np.ascontiguousarray(self.known),
+            0 if self.instruments is None else self.instruments.shape[1],
+            None if isinstance(noise, str) else np.ascontiguousarray(noise),
+        )
 
-    def _blocks_of(self, *, by_rows: bool) -> list[Block]:
-        R = self._own
-        if self.instruments is not None:
-            R = np.linalg.qr(R)[1]
-        return blocks(R, self._d, self.size, self.known, by_rows)
+    @cached_property
+    def _blocks(self) -> list[_core.Fitted]:
+        return self._estimate.blocks
 
     @cached_property
     def _Theta(self) -> Floats:
         """``[A B c]``, read-only."""
-        d, covariance = self._d, self.assumptions.state_noise
-        if self.instruments is not None:
-            r = self.instruments.shape[1]
-            return validation.frozen(two_stages(projected(self.triangle, r, self.size), d))
-        if isinstance(covariance, str):
-            return validation.frozen(assembled(self._blocks, self.known, self.n, d))
-        return validation.frozen(corrected(self.triangle, d, self.n, self.size, covariance))
+        return validation.frozen(self._estimate.Theta)
 
     @property
     def covariance(self) -> Floats | None:
@@ -186,18 +189,12 @@ class Model(Identified, Durable, Tabled):
         """
         if self.assumptions.known is not None:
             return self.assumptions.known
-        found = np.zeros((self.n, self.n))
-        for block in self._blocks:
-            if block.fitted.nu < 1:
-                return None
-            found[np.ix_(block.rows, block.rows)] = block.fitted.S / block.fitted.nu
-        return found
+        return self._estimate.covariance
 
     @property
     def rank(self) -> int:
         """How many directions of z = (x, u, 1) the data determine, the least over the rows."""
-        free = [block.fitted.rank - len(block.columns) for block in self._blocks]
-        return self._d + min(free)
+        return self._estimate.rank
 
     @property
     def identifiable(self) -> bool:
@@ -211,14 +208,7 @@ class Model(Identified, Durable, Tabled):
         ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
         combination is 0.
         """
-        names = np.array([*self.state_names, *self.input_names, "1"][: self._d], dtype=object)
-        found: list[str] = []
-        for block in self._blocks:
-            if block.fitted.missing.shape[1]:
-                for text in named(block.fitted.missing, list(names[block.columns])):
-                    if text not in found:
-                        found.append(text)
-        return tuple(found)
+        return missing_directions(self._blocks, [*self.state_names, *self.input_names, "1"])
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -232,7 +222,7 @@ class Model(Identified, Durable, Tabled):
             said.append(
                 f"the residuals were not tested, as {self.size} pairs take long: see Model.check"
             )
-        said += cautions([block.fitted for block in self._blocks], self.missing)
+        said += cautions(self._blocks, self.missing)
         if self.assumptions.noisy_states and self.instruments is None:
             said.append("the states are measured with error, so that no region is known")
         return tuple(said)
@@ -306,7 +296,7 @@ class Model(Identified, Durable, Tabled):
         Z, Y = self._pairs()
         residuals = Y - Z @ self._Theta.T
         # h_t = ||z_t||^2 in the norm of V^-1, over the columns of all rows of Theta together
-        white = fit(r_factor(self._own), self._d, self.size).white
+        white = _core.fit(self._own, self._d, self.size, 1).white
         leverages = np.sum((Z @ white.T) ** 2, axis=1)
         tested = None if self.checks is None else self.checks.p_values
         return draw_residuals(residuals, leverages, self.state_names, tested, figure)
@@ -394,32 +384,26 @@ class Model(Identified, Durable, Tabled):
             validation.choice("method", method, METHODS),
             validation.flag("anytime", anytime),
         )
-        noise, by_rows = self.assumptions, len(self._blocks) > 1
-        refuse_region(noise, wish, self.instruments is not None, by_rows)
-        centre, signs, radius, text = self._Theta, None, None, ""
-        covariance = None
-        found = self._blocks_of(by_rows=True) if wish.components and not by_rows else self._blocks
-        if self.instruments is not None:
-            source = projected(self.triangle, self.instruments.shape[1], self.size)
-            centre, part = instrumented(source, self._d, wish.delta)
-            made: tuple[Any, ...] = (part,)
-        elif self.key is not None:
-            made, signs, text = sign_region(found[0], centre, *self._pairs(), wish.delta, self.key)
-            radius = made[0].radius
+        refuse_region(self.assumptions, wish, self.instruments is not None, len(self._blocks) > 1)
+        signs, text = None, ""
+        if self.key is None:
+            made = region_of(self._estimate, self.assumptions, wish, self.scale)
         else:
-            made, radius, covariance = parts(found, noise, wish, self.scale, self.n)
+            signs, text = sign_test(self._blocks[0], *self._pairs(), wish.delta, self.key)
+            made = self._estimate.sign_region(signs._of, get_num_threads())
+        noise = made.noise
         return trusted(
             Region,
-            centre=validation.frozen(centre),
+            centre=validation.frozen(made.centre),
             m=self.m,
             delta=wish.delta,
-            assumption=said(noise, wish, self.instruments is not None) + text,
+            assumption=said(self.assumptions, wish, self.instruments is not None) + text,
             missing=self.missing if self.instruments is None else (),
-            parts=made,
+            parts=made.parts,
             future=wish.future,
-            frobenius=radius,
+            frobenius=made.frobenius,
             signs=signs,
-            noise=None if covariance is None else validation.frozen(covariance),
+            noise=None if noise is None else validation.frozen(noise),
         )
 
     def bootstrap(
@@ -536,10 +520,11 @@ class Model(Identified, Durable, Tabled):
         )
 
     @cached_property
-    def _residuals(self) -> tuple[Fitted, Range]:
+    def _residuals(self) -> tuple[_core.Fitted, Range]:
         """Least squares without regard to known entries, and what its residuals span."""
-        R = self._own if self.instruments is None else r_factor(self._own)
-        f = fit(R, self._d, self.size)
+        f = self._blocks[0]
+        if self.known is not None:
+            f = _core.fit(self._own, self._d, self.size, 1)
         return f, spanned(f, tested_rows(self.assumptions, self.known, self.n))
 
     @cached_property

@@ -7,14 +7,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import _core
-from .._base import html, validation
+from .._base import html, serialize, types, validation
 from .._base.records import SavedRecord
 from ..exceptions import InputError, ShapeError
 from ..plots.regions import draw_region
 from .entry import chosen_entry, coefficient
-from .part import Part
 from .signs import SignTest
 
 if TYPE_CHECKING:
@@ -22,6 +22,16 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
+
+serialize.enter(
+    _core.RegionPart,
+    rows=NDArray[np.int64],
+    columns=NDArray[np.int64],
+    **dict.fromkeys(("white", "root", "missing"), types.Floats),
+    ratio=float,
+    shape=types.Floats,
+    factor=float,
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,7 +55,10 @@ class Region(SavedRecord):
         The directions ``z = (x, u)`` that the data do not determine, in the names of the data: for
         a z with a part in them, `bound` is infinite.
     parts : tuple
-        The region itself: one part for all rows of ``[A B c]``, or one for each row.
+        The region itself: one part for all rows of ``[A B c]``, or one for each row, that says
+        ``(Theta - centre) V (Theta - centre)' <= factor S`` for its `rows` and `columns`. With
+        ``V^+ = white' white`` and ``V = root' root``; columns of `missing` are what the data do not
+        determine, and `ratio` is the smallest over the largest singular value of the scaled data.
     future : int
         How many columns of noise to come are covered, see `bound`.
     frobenius : float or None
@@ -63,7 +76,7 @@ class Region(SavedRecord):
     delta: float
     assumption: str
     missing: tuple[str, ...]
-    parts: tuple[Part, ...]
+    parts: tuple[_core.RegionPart, ...]
     future: int = 0
     frobenius: float | None = None
     signs: SignTest | None = None
@@ -76,13 +89,12 @@ class Region(SavedRecord):
             raise ShapeError(f"`centre` must have {n + self.m} columns, or one more, got {d}")
         validation.probability("delta", self.delta)
         for part in self.parts:
-            validation.instance("parts", part, Part)
+            validation.instance("parts", part, _core.RegionPart)
 
     @cached_property
     def _core(self) -> _core.Region:
-        parts = [part._core for part in self.parts]
         centre = np.ascontiguousarray(self.centre)
-        return _core.Region(centre, self.m, parts, self.frobenius, self.future > 0)
+        return _core.Region(centre, self.m, self.parts, self.frobenius, self.future > 0)
 
     @property
     def n(self) -> int:

@@ -12,7 +12,6 @@ from .._base.threads import get_num_threads
 from ..exceptions import InputError
 from ..rng import Key
 from .assumptions import Assumptions
-from .certifying import Block
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ BOOTSTRAPS: tuple[Bootstrap, ...] = get_args(Bootstrap)
 
 
 def bootstrap_models(
-    blocks: list[Block],
+    blocks: list[_core.Fitted],
     Z: Floats,
     Y: Floats,
     Theta: Floats,
@@ -47,11 +46,10 @@ def bootstrap_models(
     if method == "trajectories":
         runs = np.repeat(np.arange(len(data), dtype=np.uint32), data.lengths)
     kind = "pairs" if method == "trajectories" else method
-    for block in blocks:
-        if not len(block.columns):
+    for f in blocks:
+        if not len(f.columns):
             continue
-        f = block.fitted
-        q, e = Z[:, block.columns] @ f.white.T, residuals[:, block.rows]
+        q, e = Z[:, f.columns] @ f.white.T, residuals[:, f.rows]
         if method == "residual":
             if f.nu < 1:
                 raise InputError("method='residual' needs more pairs than unknowns: use 'pairs'")
@@ -59,7 +57,7 @@ def bootstrap_models(
         elif method == "wild":
             left = 1.0 - np.sum(q * q, axis=1)  # 0 where a pair is fitted exactly: so is e
             e = e / np.sqrt(np.where(left > 1e-12, left, np.inf))[:, None]
-        place = np.ix_(block.rows, block.columns)
+        place = np.ix_(f.rows, f.columns)
         H = np.ascontiguousarray(Theta[place])
         found = _core.bootstrap(
             np.hstack([q, e]), H, f.white, runs, kind, size, bytes(key), None, get_num_threads()
@@ -69,20 +67,19 @@ def bootstrap_models(
     return models[solved]
 
 
-def drawn_models(block: Block, noise: Assumptions, Theta: Floats, size: int, key: Key) -> Floats:
+def drawn_models(f: _core.Fitted, noise: Assumptions, Theta: Floats, size: int, key: Key) -> Floats:
     """``Theta + L E^-1/2 G white`` with the laws of the noise assumed, (size, n, d)."""
-    f = block.fitted
     n = len(Theta)
     memory.need("the models", 3 * 8 * size * Theta.size)
     least = n if noise.covariance == "full" else 1
     if noise.known is None and f.nu < least:
         raise InputError(f"draw() needs at least {f.rank + least} pairs, got {f.N}")
-    H = np.ascontiguousarray(Theta[:, block.columns])
+    H = np.ascontiguousarray(Theta[:, f.columns])
     if noise.covariance == "full":
         values, vectors = np.linalg.eigh(f.S)
         root = np.ascontiguousarray(vectors * np.sqrt(np.maximum(values, 0.0)))
         models = _core.region_draws(H, f.white, root, f.nu, size, bytes(key), get_num_threads())
-        return _placed(models, block, Theta)
+        return _placed(models, f, Theta)
     gen = key.generator()
     G = gen.standard_normal((size, n, f.rank))
     if noise.known is not None:
@@ -91,11 +88,11 @@ def drawn_models(block: Block, noise: Assumptions, Theta: Floats, size: int, key
         G *= np.sqrt(np.trace(f.S) / gen.chisquare(n * f.nu, (size, 1, 1)))
     else:
         G *= np.sqrt(np.diag(f.S) / gen.chisquare(f.nu, (size, n)))[:, :, None]
-    return _placed((H + G @ f.white).reshape(size, -1), block, Theta)
+    return _placed((H + G @ f.white).reshape(size, -1), f, Theta)
 
 
-def _placed(models: Floats, block: Block, Theta: Floats) -> Floats:
+def _placed(models: Floats, f: _core.Fitted, Theta: Floats) -> Floats:
     """The models with the columns that are known."""
     whole = np.repeat(Theta[None], len(models), axis=0)
-    whole[:, :, block.columns] = models.reshape(len(models), len(Theta), len(block.columns))
+    whole[:, :, f.columns] = models.reshape(len(models), len(Theta), len(f.columns))
     return whole

@@ -9,7 +9,6 @@ and Weyer 2015).
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -18,15 +17,10 @@ import numpy as np
 from .. import _core
 from .._base.records import Record
 from .._base.threads import get_num_threads
-from ..exceptions import InputError
 from ..rng import Key
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-
-
-SMALLEST = 1e-5  # delta: that takes 1 / delta sign vectors
-SIZE = 100  # sign vectors m, the one of ones included
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,39 +46,11 @@ class SignTest(Record):
     largest: int
     key: Key
 
-    def _errors(self, Theta: Floats) -> Floats:
-        return np.hstack([self.basis, self.Y - self.Z @ Theta.T])
+    @property
+    def _of(self) -> tuple[Floats, Floats, Floats, int, int, bytes]:
+        arrays = map(np.ascontiguousarray, (self.Z, self.Y, self.basis))
+        return *arrays, self.size, self.largest, bytes(self.key)  # type: ignore[return-value]
 
     def contains(self, Theta: Floats) -> bool:
         """Whether the set contains `Theta`; ties count as inside, which is safe."""
-        rows, n = self._errors(Theta), self.Y.shape[1]
-        own = float(np.linalg.norm(rows[:, -n:].T @ self.basis))
-        key, threads = bytes(self.key), get_num_threads()
-        others = _core.sign_statistics(rows, n, self.size - 1, key, None, threads)
-        return bool(np.sum(others >= own * (1.0 - 1e-12)) >= self.largest)
-
-    def radius(self, Theta: Floats) -> float:
-        """Of the ball around least squares `Theta` that holds the set, in the Frobenius norm.
-
-        The q-th largest of the radii of the sign vectors; infinite where one bounds nothing.
-        """
-        rows, n = self._errors(Theta), self.Y.shape[1]
-        key, threads = bytes(self.key), get_num_threads()
-        radii = _core.sign_radii(rows, n, self.size - 1, key, None, threads)
-        return float(np.sort(radii)[::-1][self.largest - 1])
-
-
-def sizes(delta: float) -> tuple[int, int]:
-    """m and q with ``q / m <= delta``, equal where delta has two decimals."""
-    if delta < SMALLEST:
-        raise InputError(f"`delta` must be at least {SMALLEST:g} for noise='symmetric'")
-    m = max(SIZE, math.ceil(1.0 / delta - 1e-9))
-    return m, math.floor(delta * m + 1e-9)
-
-
-def chance_of_infinity(N: int, d: int) -> float:
-    """P(one sign vector bounds nothing) for z in general position: ``2 P(Bin(N, 1/2) < d)``."""
-    if 2 * (d - 1) >= N:
-        return 1.0
-    log = [math.lgamma(N + 1) - math.lgamma(k + 1) - math.lgamma(N - k + 1) for k in range(d)]
-    return min(1.0, 2.0 * math.fsum(math.exp(value - N * math.log(2.0)) for value in log))
+        return _core.sign_contains(self._of, Theta, get_num_threads())

@@ -1,6 +1,5 @@
 """Controls and models that are updated with every realization or pair, and their state files."""
 
-from .confidence import Confidence
 from .data_stream import DataStream
 from .looks import Look
 from .model_stream import ModelStream
@@ -9,7 +8,6 @@ from .snapshot import Snapshot
 from .stream import Stream
 
 __all__ = [
-    "Confidence",
     "DataStream",
     "Look",
     "ModelStream",

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import _core
-from .._base import html
+from .._base.records import trusted
 from .._base.threads import interruptible
+from ..certificates.certificate import Certificate
+from ..certificates.radius import Radius
 from ..exceptions import InputError
 from ..theory.exact import EPS
 from .state import ENTITIES
@@ -21,68 +22,17 @@ if TYPE_CHECKING:
 # Share of delta for the bound on the mean; the bound on the variance has the rest. About the best
 # choice for N > 100.
 _SHARE = 0.75
-
-
-@dataclass(frozen=True)
-class Confidence:
-    """Confidence radii of the running means of a `DataStream`, and of the state.
-
-    Attributes
-    ----------
-    state : float
-        Radius for the state: ``||B (v - v*)|| <= state`` with v* the control from the exact means
-        and v the one in doubles, whose rounding is included.
-    x0, xf, A : float
-        Radii for x0 and xf (2-norm) and A (Frobenius norm).
-    delta : float
-        Probability that any of the radii is exceeded at any number of realizations, at most, if
-        `finite_sample`.
-    finite_sample : bool
-        True if every range was given: the radii then hold for any number of realizations. If
-        False, the radii are estimates, because a range was estimated from the realizations so far.
-    bounds : dict of str to str
-        For "x0", "xf" and "A": the bound that gives the radius.
-    reason : str or None
-        Why a radius is infinite; None if all are finite.
-    covers : str
-        What the radii are distances from. A bias of the realizations is not covered: the mean of
-        least-squares fits to noisy states, for example, is not the matrix of the system.
-    """
-
-    state: float
-    x0: float
-    xf: float
-    A: float
-    delta: float
-    finite_sample: bool
-    bounds: dict[str, str]
-    reason: str | None
-    covers: str = "the means of the laws that the realizations come from"
-
-    def _repr_html_(self) -> str:
-        radii = [
-            (f"{name} within", f"{getattr(self, name):.4g} ({self.bounds[name]})")
-            for name in ("x0", "xf", "A")
-        ]
-        observed = "" if self.finite_sample else ": an estimate, from the ranges observed so far"
-        rows = [
-            ("state within", self.state),
-            *radii,
-            ("all of them", f"with probability {100 * (1 - self.delta):.6g} % at least{observed}"),
-            ("of", self.covers),
-            ("infinite, because", self.reason),
-        ]
-        return html.card(self, rows)
+_SUM = "the sum of the errors of the means"
 
 
 def radii_of_means(
     core: _core.DataStream, ranges: Mapping[str, float], sizes: Mapping[str, int], delta: float
-) -> Confidence:
+) -> Certificate:
     """Return the radii of the running means and of the state (see `DataStream.confidence`)."""
     counts, deviations, spreads, _ = core.statistics()
     apart, rounding = core.evidence()
     uncertain = sum(ranges.get(name, np.inf) > 0.0 for name in ENTITIES)
-    radii, bounds = [], {}
+    radii, methods = [], []
     for k, name in enumerate(ENTITIES):
         given, size = ranges.get(name), sizes.get(name)
         if given is not None and apart[k] > given:
@@ -93,7 +43,7 @@ def radii_of_means(
         observed = 2.0 * spreads[k] if counts[k] > 1 else np.inf
         diameter = observed if given is None else given
         radius = mean_radius(counts[k], deviations[k], diameter, delta / max(uncertain, 1), size)
-        bounds[name] = _bound(radius, diameter, given, size)
+        methods.append(_bound(radius, diameter, given, size))
         radii.append(radius + 2.0 * rounding[k])  # rounding of the mean and of the deviation
     x0, _, A = core.estimates()
     r0, rf, rA = radii
@@ -103,14 +53,29 @@ def radii_of_means(
     state = rf + sum(a * b if a != 0.0 and b != 0.0 else 0.0 for a, b in parts)
     # the control in doubles, and rounding of norms and sums
     state += core.control()[1] + len(x0) * 4.0 * EPS * state
+    if np.isnan(state):
+        state = np.inf
     single = [name for name, r in zip(ENTITIES, radii, strict=True) if not np.isfinite(r)]
-    reason = None
+    reason = "the radius of the state overflows"
     if single:
         reason = f"only one realization of {', '.join(single)}, and `ranges` does not bound it"
-    elif not np.isfinite(state):
-        state, reason = np.inf, "the radius of the state overflows"
-    complete = len(ranges) == len(ENTITIES)
-    return Confidence(state, r0, rf, rA, delta, complete, bounds, reason)
+    said = [("state", state, "where the control from the exact means leads", _SUM)]
+    means = (f"the mean of the law of {name}" for name in ENTITIES)
+    said += zip(ENTITIES, radii, means, methods, strict=True)
+    return trusted(
+        Certificate,
+        kind="guaranteed" if len(ranges) == len(ENTITIES) else "estimated",
+        delta=delta,
+        quantities={
+            name: trusted(
+                Radius, radius, mean, 1.0 - delta, method, None if radius < np.inf else reason
+            )
+            for name, radius, mean, method in said
+        },
+        covers="all together, at all numbers of realizations at once",
+        assumption="realizations of each entity independent, of one law, within its range; a bias "
+        "of the realizations is not covered",
+    )
 
 
 def mean_radius(

@@ -13,12 +13,13 @@ from .._base.durable import Durable
 from .._base.types import DELTA, Floats
 from ..exceptions import InputError, InputTypeError
 from .batches import blocks
-from .confidence import Confidence, radii_of_means
+from .confidence import radii_of_means
 from .state import ENTITIES
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from ..certificates.certificate import Certificate
     from .batches import FeedLike
 
 
@@ -181,7 +182,7 @@ class DataStream(Durable):
         found = self._core.certificate()
         return None if found is None else found[1]
 
-    def confidence(self, delta: float = DELTA) -> Confidence:
+    def confidence(self, delta: float = DELTA) -> Certificate:
         """Bound the distance of the control from the control that the exact means give.
 
         Parameters
@@ -191,8 +192,10 @@ class DataStream(Durable):
 
         Returns
         -------
-        Confidence
-            Radii for x0, xf, A and the state.
+        Certificate
+            Radii of the "state", ``||B (v - v*)||`` with v* the control from the exact means, and
+            of "x0", "xf" (2-norm) and "A" (Frobenius norm). Of `kind` "estimated" where a range was
+            estimated from the realizations so far.
 
         Raises
         ------
@@ -222,7 +225,7 @@ class DataStream(Durable):
         *Ranges.* A range is refused if a distance from the first realization, the range of an
         entry, or ``D^2 > (N - 1) R^2 / 2`` contradicts it; other violations are not detected.
         Without a range, twice the largest distance from the first realization is used. This is an
-        estimate (``finite_sample=False``), because rare values may not have been seen yet.
+        estimate (`kind` "estimated"), because rare values may not have been seen yet.
 
         References
         ----------
@@ -239,8 +242,8 @@ class DataStream(Durable):
         >>> stream = DataStream([[1.0]], ranges={"x0": 0.2, "xf": 0.0, "A": 0.0})
         >>> stream.update(x0=data, xf=[0.0], A=[[2.0]])
         >>> found = stream.confidence()
-        >>> found.finite_sample, abs(stream.u[0] + 2.0) <= found.state < 0.006
-        (True, True)
+        >>> found.kind, abs(stream.u[0] + 2.0) <= found.state < 0.006
+        ('guaranteed', True)
         """
         delta = float(validation.probability("delta", delta))
         self._seen("confidence")

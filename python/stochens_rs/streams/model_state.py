@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import _core
 from .._base import validation
 from .._base.signal_names import checked_names
 from ..exceptions import InputError
@@ -20,7 +21,6 @@ from ..identification.assumptions import (
     checked_scale,
 )
 from ..identification.files import exact_states
-from ..identification.levels import GRID, PRIOR_NOISE
 from .snapshot import Snapshot
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 VERSION = 1  # of the arrays
 # The event of a stream refers to these: a stream must not go on with others.
-MIXTURES: Floats = np.append(GRID, PRIOR_NOISE)
+MIXTURES = _core.mixtures()
 
 
 def refuse(assumed: Assumptions) -> None:

@@ -92,7 +92,7 @@ class ModelStream(Durable):
     ...     look = stream.look([0.0], [1.0], tol=0.2)
     ...     if look.stop:
     ...         break
-    >>> bool(abs(look.u[0, 0] - 1.0) <= look.certificate <= 0.2)
+    >>> bool(abs(look.u[0, 0] - 1.0) <= look.certificate.target <= 0.2)
     True
     """
 
@@ -268,10 +268,10 @@ class ModelStream(Durable):
 
         Notes
         -----
-        ``certificate = ||xh(K) - xf|| + r_K`` with the model's states xh; for one step
+        The target is within ``||xh(K) - xf|| + r_K`` with the model's states xh; for one step
         ``r_1 = sqrt(factor ||S||) ||(x0, u)||`` in the norm of V^-1, see `Region`. Stopping at the
-        first certificate <= tol is valid. The forecast is the N with ``||xh(K) - xf|| + r_K(N) =
-        tol`` for the same u, if V and S grow in proportion to N.
+        first one <= tol is valid. The forecast is the N with ``||xh(K) - xf|| + r_K(N) = tol`` for
+        the same u, if V and S grow in proportion to N.
 
         Examples
         --------

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .. import _core
 from .._base import html, validation
 from .._base.signal_names import checked_names
 from ..exceptions import InputError
 from ..identification.assumptions import Assumptions
-from ..identification.certifying import Block, Wish, blocks, parts
+from ..identification.cautions import cautions, missing_directions
+from ..identification.certifying import Wish, region_of
 from ..identification.dependences import exact_relations, spanned, tested_rows
 from ..identification.identified import Identified
-from ..identification.least_squares import cautions, named
-from ..identification.part import Part
 from ..identification.region import Region
 
 if TYPE_CHECKING:
@@ -86,18 +86,22 @@ class Snapshot(Identified):
         return len(self.scale)
 
     @cached_property
-    def _block(self) -> Block:
-        return blocks(self.triangle, self._d, self.size, None, by_rows=False)[0]
+    def _estimate(self) -> _core.Estimate:
+        return _core.Estimate(self.triangle, self.size, self.n, self.m, self.intercept)
+
+    @cached_property
+    def _block(self) -> _core.Fitted:
+        return self._estimate.blocks[0]
 
     @cached_property
     def _Theta(self) -> Floats:
         """``[A B c]``, read-only."""
-        return validation.frozen(self._block.fitted.H)
+        return validation.frozen(self._estimate.Theta)
 
     @property
     def rank(self) -> int:
         """How many directions of z = (x, u, 1) the data determine."""
-        return self._block.fitted.rank
+        return self._block.rank
 
     @property
     def identifiable(self) -> bool:
@@ -107,18 +111,17 @@ class Snapshot(Identified):
     @cached_property
     def missing(self) -> tuple[str, ...]:
         """The directions of z that the data do not determine, in the names of states and inputs."""
-        names = [*self.state_names, *self.input_names, "1"][: self._d]
-        return named(self._block.fitted.missing, names) if not self.identifiable else ()
+        return missing_directions([self._block], [*self.state_names, *self.input_names, "1"])
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each."""
-        return (*self.doubts, *cautions([self._block.fitted], self.missing))
+        return (*self.doubts, *cautions([self._block], self.missing))
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
         """Why no certificate is finite: exact relations that were not declared, as in `Model`."""
-        f = self._block.fitted
+        f = self._block
         found = spanned(f, tested_rows(self.assumptions, None, self.n))
         return exact_relations(f, found, self.state_names)
 
@@ -184,36 +187,30 @@ class Snapshot(Identified):
         """The number of pairs of the next possible look: `size` if it is possible now."""
         return self._size_after(self.size)
 
-    def _part(self, delta: float, size: int) -> tuple[float, Part, Floats | None]:
-        """What of delta is spent, the region and the bound of the noise, at a possible look.
-
-        At more pairs than there are, V and S grow in proportion.
-        """
-        if self._planned:
-            j = look_after(self.first, size)
-            delta /= (j + 1.0) * (j + 2.0)
-        block = self._block._replace(fitted=self._block.fitted.after(size))
-        wish = Wish(delta, anytime=True)
-        made, _, covariance = parts([block], self.assumptions, wish, self.scale, self.n)
-        return delta, made[0], covariance
-
     def _region(self, delta: float, *, frobenius: bool = False, size: int | None = None) -> Region:
-        """At a planned number of pairs, `size` as in `_part`."""
+        """At a planned number of pairs; at more than there are, V and S grow in proportion."""
         text = f"{self.assumptions.text}, any design, valid for all N at once"
+        at, estimate = self.size, self._estimate
+        if size is not None:
+            at, estimate = size, estimate.after(size)
         if self._planned:
             text = f"{self.assumptions.text}, independent of all states and inputs, planned looks"
-        delta, part, covariance = self._part(delta, self.size if size is None else size)
+            j = look_after(self.first, at)
+            delta /= (j + 1.0) * (j + 2.0)
+        wish = Wish(delta, anytime=True)
+        made = region_of(estimate, self.assumptions, wish, self.scale)
         # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
-        wider = float(np.sqrt(part.factor * min(self.n, self.rank))) if frobenius else None
+        factor, noise = made.parts[0].factor, made.noise
+        wider = float(np.sqrt(factor * min(self.n, self.rank))) if frobenius else None
         return Region(
             centre=self._Theta,
             m=self.m,
             delta=delta,
             assumption=text,
             missing=self.missing,
-            parts=(part,),
+            parts=made.parts,
             frobenius=wider,
-            noise=None if covariance is None else validation.frozen(covariance),
+            noise=None if noise is None else validation.frozen(noise),
         )
 
     def _size_after(self, size: float) -> int:

@@ -5,9 +5,9 @@
 //! with the reason why the search ended if the gap is too large.
 
 mod clarabel;
-mod judge;
 mod realizations;
 mod solution;
+mod verify;
 
 use super::distance;
 use super::simplex;
@@ -129,7 +129,7 @@ pub fn second_opinion(
     } else {
         clarabel::propose(realizations, target, settings, norm, stop)?
     };
-    let solution = judge::judge(realizations, proposal, target, settings, stop)?;
+    let solution = verify::verify(realizations, proposal, target, settings, stop)?;
     let limited = solution.status == Status::OptimalInaccurate && clock.over();
     Ok(Solution { status: if limited { Status::UserLimit } else { solution.status }, ..solution })
 }

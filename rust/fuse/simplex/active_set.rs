@@ -18,13 +18,15 @@ use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_filled, try_zeros};
 use crate::vector::{axpy, dot, min, norm, sum};
 
-/// Walks from `start` (on the simplex) until the gap is below `tol`, no step helps, or `steps` have been made.
+/// Steps before the search is given up.
+const STEPS: usize = 20_000;
+
+/// Walks from `start` (on the simplex) until the gap is below `tol` or no step helps.
 pub(crate) fn solve<O: Operator>(
     op: &O,
     q: &[f64],
     start: &[f64],
     tol: f64,
-    steps: usize,
     budget: &mut Budget,
     work: &mut Work,
 ) -> Result<Iterate> {
@@ -41,7 +43,7 @@ pub(crate) fn solve<O: Operator>(
     let (mut r, mut a, mut p) = (try_zeros(SEARCH, d)?, try_zeros(SEARCH, n)?, try_zeros(SEARCH, n)?);
     let mut face: Option<Face<O>> = None;
     let mut barred: Option<usize> = None;
-    for _ in 0..steps {
+    for _ in 0..STEPS {
         let s = sum(&w);
         op.apply(&w, &mut r)?;
         axpy(-s, q, &mut r);

@@ -6,20 +6,18 @@
 //! 1. `problem`: sizes and indices are checked; [`solve`] scales by a power of two;
 //! 2. `relaxed_target`: the target is replaced by its projection on the affine hull, exactly;
 //! 3. `sifting`: with far more realizations than dimensions, a subset is solved and certified on all;
-//! 4. `ladder`: `newton_cg` below 1.25 realizations per dimension, `proximal::direct` above 1.9, `proximal::augmented`
+//! 4. `run_sequence`: `newton_cg` up to 1.05 realizations per dimension, `proximal::direct` above 1.9, `proximal::augmented`
 //!    between and if they fail, then `active_set` once the support is nearly found;
 //! 5. `certificate`: gap and bounds are recomputed from the data, in compensated arithmetic, and give the `status`.
 
 mod active_set;
 mod budget;
 mod certificate;
-mod climb;
 mod dense;
 mod face;
 mod factor;
 mod hessian;
 mod kernel;
-mod ladder;
 mod newton_cg;
 mod newton_system;
 mod operator;
@@ -27,6 +25,8 @@ mod parallel;
 mod problem;
 mod proximal;
 mod relaxed_target;
+mod run_sequence;
+mod select;
 mod semismooth;
 mod sifting;
 mod singletons;
@@ -76,7 +76,7 @@ fn solve_rows<I: Index>(
     let (g, target) = (scale.down(problem.g)?, scale.down(problem.target)?);
     let op = Singletons::new(rows, problem.length, &g, options.subsimplex, options.threads);
     let relaxed = relax(&target, op.counts()?, &g, problem.length, options.subsimplex)?;
-    let line = ladder::closed_form(&op, &target, &g, options.subsimplex)?;
+    let line = select::closed_form(&op, &target, &g, options.subsimplex)?;
     finish(&op, &target, relaxed, scale, options, Start { warm, line }, stop)
 }
 
@@ -135,11 +135,11 @@ fn finish<O: Operator>(
     let warm = start.warm.map(|w| padded(w, n, options.subsimplex)).transpose()?;
     let (Found { mut weights, phase, work }, sifted) = match start.line {
         Some(weights) => (Found { weights, phase: Phase::ClosedForm, work: task::Work::default() }, false),
-        None => ladder::run(&task, warm.as_deref(), &mut budget)?,
+        None => select::run(&task, warm.as_deref(), &mut budget)?,
     };
     let mut certificate = certificate::certify(op, target, &weights)?;
     if !certificate.exact && relaxed.unseen == 0 && relaxed.floor <= 1e-24 * reference && phase != Phase::ClosedForm {
-        certificate = ladder::polish(&task, target, &mut weights, certificate, &mut budget)?;
+        certificate = select::polish(&task, target, &mut weights, certificate, &mut budget)?;
     }
     let relative_gap = if reference > 0.0 { certificate.gap / reference } else { 0.0 };
     let status = if relative_gap <= options.tol {

@@ -1,4 +1,4 @@
-//! Projected Newton-CG (PNCG): few realizations per dimension, `N < 1.25 d`.
+//! Projected Newton-CG (PNCG): few realizations, `N < d`.
 //!
 //! The constraint `sum w = 1` is replaced by a penalty. With `s = 1^T w` and a factor `kappa`,
 //!
@@ -10,18 +10,9 @@
 //! entries that are zero with a nonnegative gradient, solves the Newton equations on the others by conjugate gradients
 //! on a contiguous copy of their samples, and projects (Bertsekas, SIAM J. Control Optim. 20, 1982). It is well
 //! conditioned while `N < d`, and every iteration gives a certificate at no extra cost.
-//!
-//! Near `N = 2 d` the free samples are a nearly square random matrix, and plain conjugate gradients converge slowly.
-//! Once they have cost as much as a Cholesky factor of the free block, the factor is computed and used as
-//! preconditioner. It stays good while the free set changes little (samples that left are dropped from it, new ones get
-//! their diagonal).
-
-use std::cell::RefCell;
 
 use super::budget::Budget;
-use super::factor::{Factor, LARGEST_FACTOR, solve_cost};
-use super::hessian::{Hessian, factor_cost};
-use super::newton_system::is_crawling;
+use super::hessian::Hessian;
 use super::operator::Operator;
 use super::problem::SEARCH;
 use super::task::{Iterate, Work, start_or_uniform};
@@ -32,15 +23,13 @@ use crate::vector::{axpy, dot, min, norm, sum};
 /// Most inner iterations per Newton step.
 const MAX_CG: usize = 400;
 
-/// Limits of the search, and use of a factor.
+/// Limits of the search.
 #[derive(Clone, Copy)]
 pub(crate) enum Effort {
-    /// A bounded number of passes; a factor only after as much has been spent without one.
+    /// A bounded number of passes.
     Passes(f64),
-    /// From nearly the right support: a bounded number of passes, Newton equations solved accurately, no factor.
+    /// From nearly the right support: a bounded number of passes, Newton equations solved accurately.
     Finish(f64),
-    /// Until the gap is small enough, with a factor from the first step.
-    Last,
 }
 
 /// Minimises from `start` (uniform if `None`) until the gap is below `tol` or the limit is reached.
@@ -54,11 +43,11 @@ pub(crate) fn solve<O: Operator>(
     work: &mut Work,
 ) -> Result<Iterate> {
     let (n, d) = (op.size(), op.dim());
-    let (stop_at, patience, mut debt) = match effort {
-        Effort::Passes(passes) => (budget.passes() + passes, 60, 0.0),
-        Effort::Finish(passes) => (budget.passes() + passes, 6, f64::NEG_INFINITY),
-        Effort::Last => (f64::INFINITY, 200, 2.0),
+    let (passes, patience) = match effort {
+        Effort::Passes(passes) => (passes, 60),
+        Effort::Finish(passes) => (passes, 6),
     };
+    let stop_at = budget.passes() + passes;
     let qq = dot(q, q);
     // ||E_i - q||^2 = ||E_i||^2 - 2 <E_i, q> + ||q||^2
     let mut images = try_zeros(SEARCH, n)?;
@@ -76,8 +65,6 @@ pub(crate) fn solve<O: Operator>(
     let mut best = Iterate { weights: try_copy(SEARCH, &w)?, gap: f64::INFINITY };
     let mut free: Vec<usize> = Vec::new();
     let (mut settled, mut stalled) = (false, 0);
-    let mut crawling = debt > 1.0;
-    let mut factored: Option<Stale> = None;
 
     for iteration in 0..10_000 {
         // r = S w - s q, recomputed at intervals
@@ -125,26 +112,12 @@ pub(crate) fn solve<O: Operator>(
         let gradient: Vec<f64> = try_collect(SEARCH, free.iter().map(|&i| a[i] + shift))?;
         let inverse: Vec<f64> = try_collect(SEARCH, free.iter().map(|&i| diagonal[i]))?;
         let hessian = Hessian { sub: &sub, q, kappa };
-        if debt > 1.0 && crawling && free.len() <= LARGEST_FACTOR {
-            let images: Vec<f64> = try_collect(SEARCH, free.iter().map(|&i| images[i]))?;
-            let cost = factor_cost(free.len(), op.entries());
-            budget.charge(1, cost as usize, 1);
-            let members = try_copy(SEARCH, &free)?;
-            factored = hessian.factor(&images, qq, budget)?.map(|factor| Stale { factor, members });
-            work.factors += 1;
-            debt = 0.0;
-        }
-        let preconditioner = Preconditioner::new(&free, inverse, factored.as_ref())?;
-        let before = work.cg;
         let most = match effort {
             Effort::Finish(_) => ((stop_at - budget.passes()) * n as f64 / free.len().max(1) as f64) as usize,
             _ => MAX_CG,
         };
-        let step = conjugate_gradients(&hessian, &gradient, &preconditioner, eta, most, budget, work)?;
+        let step = conjugate_gradients(&hessian, &gradient, &inverse, eta, most, budget, work)?;
         work.newton += 1;
-        let cost = (work.cg - before) as f64 * preconditioner.cost(op.entries());
-        debt += cost / factor_cost(free.len(), op.entries());
-        crawling = is_crawling(cost, 2.0 * (free.len() * op.entries()) as f64, free.len());
 
         // Armijo on the projected arc; the decrease of the quadratic is evaluated from the step itself (no cancellation):
         //   f(w + dw) - f(w) = <g, dw> + 1/2 ||S dw - (1^T dw) q||^2 + kappa/2 (1^T dw)^2
@@ -184,69 +157,11 @@ pub(crate) fn solve<O: Operator>(
     Ok(best)
 }
 
-/// A factor of `H` on the samples `members`, some of which may no longer be free.
-struct Stale {
-    factor: Factor,
-    members: Vec<usize>,
-}
-
-/// An earlier factor, restricted to the free samples.
-struct Mapped<'a> {
-    factor: &'a Factor,
-    /// Position among the members, of each free sample.
-    places: Vec<Option<usize>>,
-    scratch: RefCell<Vec<f64>>,
-}
-
-/// The inverse of the diagonal; on the samples of an earlier factor, the inverse of that.
-struct Preconditioner<'a> {
-    inverse: Vec<f64>,
-    stale: Option<Mapped<'a>>,
-}
-
-impl<'a> Preconditioner<'a> {
-    fn new(free: &[usize], inverse: Vec<f64>, stale: Option<&'a Stale>) -> Result<Self> {
-        let map = |s: &'a Stale| {
-            let places = try_collect(SEARCH, free.iter().map(|i| s.members.binary_search(i).ok()))?;
-            let scratch = RefCell::new(try_zeros(SEARCH, s.members.len())?);
-            Ok(Mapped { factor: &s.factor, places, scratch })
-        };
-        Ok(Self { inverse, stale: stale.map(map).transpose()? })
-    }
-
-    fn solve(&self, r: &[f64], z: &mut [f64]) {
-        for ((z, r), m) in z.iter_mut().zip(r).zip(&self.inverse) {
-            *z = r * m;
-        }
-        if let Some(Mapped { factor, places, scratch }) = &self.stale {
-            let mut x = scratch.borrow_mut();
-            x.fill(0.0);
-            for (r, place) in r.iter().zip(places) {
-                if let Some(p) = place {
-                    x[*p] = *r;
-                }
-            }
-            factor.solve(&mut x);
-            for (z, place) in z.iter_mut().zip(places) {
-                if let Some(p) = place {
-                    *z = x[*p];
-                }
-            }
-        }
-    }
-
-    /// Entries touched per iteration, the product with `H` included.
-    fn cost(&self, entries: usize) -> f64 {
-        let k = self.inverse.len() as f64;
-        2.0 * k * entries as f64 + self.stale.as_ref().map_or(0.0, |s| solve_cost(s.scratch.borrow().len()))
-    }
-}
-
-/// `H p = -g` to `||residual|| <= eta ||g||`.
+/// `H p = -g` to `||residual|| <= eta ||g||`; `inverse` is that of the diagonal of `H`.
 fn conjugate_gradients<O: Operator>(
     hessian: &Hessian<O>,
     gradient: &[f64],
-    preconditioner: &Preconditioner,
+    inverse: &[f64],
     eta: f64,
     most: usize,
     budget: &mut Budget,
@@ -256,7 +171,8 @@ fn conjugate_gradients<O: Operator>(
     let mut p = try_zeros(SEARCH, k)?;
     let mut residual: Vec<f64> = try_collect(SEARCH, gradient.iter().map(|g| -g))?;
     let mut z = try_zeros(SEARCH, k)?;
-    preconditioner.solve(&residual, &mut z);
+    let precondition = |r: &[f64], z: &mut [f64]| z.iter_mut().zip(r).zip(inverse).for_each(|((z, r), m)| *z = r * m);
+    precondition(&residual, &mut z);
     let mut direction = try_copy(SEARCH, &z)?;
     let (mut h, mut image) = (try_zeros(SEARCH, k)?, try_zeros(SEARCH, hessian.q.len())?);
     let mut rz = dot(&residual, &z);
@@ -274,7 +190,7 @@ fn conjugate_gradients<O: Operator>(
         let alpha = rz / curvature;
         axpy(alpha, &direction, &mut p);
         axpy(-alpha, &h, &mut residual);
-        preconditioner.solve(&residual, &mut z);
+        precondition(&residual, &mut z);
         let next = dot(&residual, &z);
         let beta = next / rz;
         rz = next;

@@ -78,12 +78,11 @@ pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &
 /// The proximal point method with a decreasing sequence of `mu`, over-relaxed.
 ///
 /// Once the support is known, the remaining steps are many and alike, so other methods take over. Newton-CG is tried
-/// when the support has not changed, with a share of the cost so far. With `early`, the method ends before convergence,
-/// as soon as the active set method is expected to finish for `EAGER` times the cost so far. Returns the best weights,
-/// and the last ones as its start.
+/// when the support has not changed, with a share of the cost so far. The method ends before convergence, as soon as the
+/// active set method is expected to finish for `EAGER` times the cost so far. Returns the best weights, and the last ones
+/// as its start.
 pub(crate) fn augmented<O: Operator>(
     set: &Setting<O>,
-    early: bool,
     budget: &mut Budget,
     work: &mut Work,
 ) -> Result<(Iterate, Vec<f64>)> {
@@ -93,9 +92,7 @@ pub(crate) fn augmented<O: Operator>(
     let mut point = Point::origin(n, set.op.dim())?;
     let mut mu = 3e-2 * set.scale();
     let nearly = (set.dimension + set.dimension / 20 + 2).min(LARGEST_FACTOR);
-    let mut memory = Memory::new(1.0, if early { nearly } else { 0 });
-    // Without over-relaxation when the other methods have failed.
-    let relaxation = if early { RELAXATION } else { 0.0 };
+    let mut memory = Memory::new(1.0, nearly);
     let started = budget.passes();
     let mut next_trial = 0.0;
     let mut support = try_filled(SEARCH, true, n)?;
@@ -132,7 +129,7 @@ pub(crate) fn augmented<O: Operator>(
             *known = *w > 0.0;
         }
         let spent = budget.passes() - started;
-        if early && point.support <= nearly && rest(set, point.support, changed) <= EAGER * spent {
+        if point.support <= nearly && rest(set, point.support, changed) <= EAGER * spent {
             break;
         }
         if changed == 0 && point.support <= set.dimension && spent >= next_trial {
@@ -145,7 +142,7 @@ pub(crate) fn augmented<O: Operator>(
         }
 
         for (c, w) in center.iter_mut().zip(&point.w) {
-            *c = w + relaxation * (w - *c);
+            *c = w + RELAXATION * (w - *c);
         }
         let shrink = match work.newton - before {
             0..=2 => 0.5,

@@ -5,9 +5,9 @@
 //! again. After a few rounds, or if the subset grows to half of all, the caller solves without sifting.
 
 use super::budget::Budget;
-use super::climb::climb;
 use super::operator::Operator;
 use super::problem::SEARCH;
+use super::run_sequence::run_sequence;
 use super::semismooth::{Setting, gap_and_values};
 use super::task::{Found, Task};
 use crate::error::Result;
@@ -37,7 +37,7 @@ pub(crate) fn sift<O: Operator>(task: &Task<O>, budget: &mut Budget) -> Result<O
         }
         let sub = task.op.subset(&keep)?;
         let small = Task { op: &sub, ..*task };
-        let mut found = climb(&small, warm.as_deref(), budget)?;
+        let mut found = run_sequence(&small, warm.as_deref(), budget)?;
         let mut weights = try_zeros(SEARCH, n)?;
         for (&i, w) in keep.iter().zip(&found.weights) {
             weights[i] = *w;

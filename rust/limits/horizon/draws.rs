@@ -177,7 +177,7 @@ impl Horizon {
     /// each run has its own, in u and in v.
     ///
     /// # Errors
-    /// As [`Plans::errors`] and [`super::super::box_batch_each`].
+    /// As [`Plans::errors`] and [`super::super::box_batch`].
     pub fn drawn_errors(
         &self,
         plans: &Plans,
@@ -204,7 +204,7 @@ impl Horizon {
         }
         let mut errors = try_zeros(WHAT, checked_len(WHAT, runs.count, 3)?)?;
         for_each_chunk(errors.chunks_mut(3 * CHUNK).enumerate(), runs.threads, stop, |(chunk, errors)| {
-            let drawn = plans.estimates(chunk * CHUNK, errors.len() / 3, runs.key, 1, stop)?;
+            let drawn = plans.estimates(chunk * CHUNK, errors.len() / 3, runs.key, stop)?;
             let mut problem = Problem::new(&wide, penalty, bounds, d)?;
             let (mut best_wide, mut own) = (try_copy(WHAT, &wide)?, try_copy(WHAT, &wide)?);
             let (mut v, mut u) = (try_copy(WHAT, &best)?, try_zeros(WHAT, d)?);

@@ -171,7 +171,7 @@ impl Loop {
         if !horizon.long() && horizon.boxed() {
             let (cost, state, target) = (horizon.cost()?, horizon.state()?, horizon.target()?);
             let bounds = Bounds::new(&horizon.task.low, &horizon.task.high, horizon.steps * horizon.m)?;
-            let goal = Some((&state[..], &target[..]));
+            let goal = (&state[..], &target[..]);
             solver = Some(Solver::new(horizon.map()?, Horizon::penalty(&cost), bounds, horizon.m, goal, stop)?);
         }
         Ok(Self { horizon, solver, warm: None })

@@ -156,7 +156,7 @@ fn drawn_errors_do_not_depend_on_threads_and_follow_the_estimates() {
         });
         assert_eq!(one, two);
         // each is the error of the best inputs of its estimates
-        let estimates = plans().unwrap().estimates(0, 150, &key, 1, &stop).unwrap();
+        let estimates = plans().unwrap().estimates(0, 150, &key, &stop).unwrap();
         let best = solved(&h, &X0).found;
         for (errors, estimate) in one.chunks_exact(3).zip(estimates.chunks_exact(8)).step_by(10) {
             let own = Horizon::new(estimate[4..].to_vec(), B.to_vec(), None, 2, h.task.clone()).unwrap();

@@ -77,7 +77,7 @@ impl Search<'_, '_> {
         let point = program.solve(until)?;
         self.iterations += point.iterations;
         let (u, multipliers, held) = self.task.read(&point, rows, Aim::Best)?;
-        self.judge(&u, &multipliers, Method::Interior, until)?;
+        self.verify(&u, &multipliers, Method::Interior, until)?;
         if point.timed_out {
             return Ok(Some(Status::Limit));
         }
@@ -119,7 +119,7 @@ pub fn rows_control(
         early = or_ended(search.follow(&mut held, until), until)?;
     }
     if search.best.as_ref().is_none_or(|best| best.merit > GOOD) {
-        search.judge(&none.inputs, &none, Method::Interior, until)?;
+        search.verify(&none.inputs, &none, Method::Interior, until)?;
         if early.is_none() {
             early = search.try_run(until)?;
         }
@@ -132,7 +132,7 @@ pub fn rows_control(
     if unmet {
         match search.least(until) {
             Ok((u, amount, sure)) => {
-                search.judge(&u, &none, Method::Interior, until)?;
+                search.verify(&u, &none, Method::Interior, until)?;
                 if sure && amount > 0.0 {
                     missing = amount;
                     widened = Some((task.widened(amount * (1.0 + ROOM))?, u));
@@ -146,7 +146,7 @@ pub fn rows_control(
     let Search { mut best, mut iterations, .. } = search;
     if let Some((wider, u)) = &widened {
         let mut search = Search::new(wider, &mut q)?;
-        search.judge(u, &none, Method::Interior, until)?;
+        search.verify(u, &none, Method::Interior, until)?;
         early = search.try_run(until)?;
         iterations += search.iterations;
         best = search.best;

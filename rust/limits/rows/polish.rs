@@ -161,6 +161,6 @@ impl Search<'_, '_> {
             let v = multipliers.states[i];
             *to = if task.fixed(Kind::State, i) || v * f64::from(held.states[i]) > 0.0 { v } else { 0.0 };
         }
-        self.judge(u, &signed, Method::Refinement, until)
+        self.verify(u, &signed, Method::Refinement, until)
     }
 }

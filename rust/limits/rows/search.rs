@@ -49,7 +49,7 @@ impl<'a, 'b> Search<'a, 'b> {
     }
 
     /// Takes `u`, clipped, and the signs that its multipliers must have; keeps it if it is the best so far.
-    pub(super) fn judge(&mut self, u: &[f64], rows: &Multipliers, method: Method, until: Until<'_>) -> Result<()> {
+    pub(super) fn verify(&mut self, u: &[f64], rows: &Multipliers, method: Method, until: Until<'_>) -> Result<()> {
         let task = self.task;
         if u.iter().chain(&rows.rates).chain(&rows.states).any(|v| !v.is_finite()) {
             return Ok(());

@@ -48,3 +48,24 @@ fn what_does_not_fit_is_refused() {
     let rows = Estimate::Drawn(Average::new(law, 5, Scheme::Systematic).unwrap());
     assert!(matches!(Plans::new(fixed(2), fixed(2), rows, true, true), Err(Error::Value { name: "fusion", .. })));
 }
+
+/// With `B = I` and one step the control of an estimate is `xf - A x0`.
+#[test]
+fn estimates_are_those_behind_the_errors() {
+    let (a, x0, exact, stop) = ([0.5, -1.0, 0.25, 2.0], [1.0, -2.0], [0.3, -0.7], Stop::new());
+    for rows in [false, true] {
+        let fixed = Estimate::Fixed(exact.to_vec());
+        let plans = Plans::new(drawn(&x0, 1, 40), fixed, drawn(&a, 2, 40), rows, false).unwrap();
+        let (identity, key) = ([1.0, 0.0, 0.0, 1.0], Key([3; 32]));
+        let errors = plans.errors(Exact::Steps { b: &identity, c: &identity, v: &exact }, 50, &key, 2, &stop).unwrap();
+        let estimates = plans.estimates(0, 50, &key, &stop).unwrap();
+        assert_eq!(plans.estimates(20, 30, &key, &stop).unwrap(), estimates[20 * 8..]);
+        for (errors, of) in errors.chunks_exact(2).zip(estimates.chunks_exact(8)) {
+            assert_eq!(of[2..4], exact);
+            // xf - A x0 - v with v = xf
+            let wrong = (0..2).map(|i| of[4 + 2 * i] * of[0] + of[5 + 2 * i] * of[1]);
+            let size = wrong.map(|w| w * w).sum::<f64>().sqrt();
+            assert!(errors.iter().all(|e| (e - size).abs() <= 1e-12 * (1.0 + size)), "{errors:?} {size}");
+        }
+    }
+}

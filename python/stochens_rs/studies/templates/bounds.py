@@ -107,5 +107,5 @@ def _numbers(
     **how: Any,
 ) -> dict[str, float]:
     plan = steer(system, x0, xf, size, steps=steps, rng=key.child("plan"), **how)
-    bound = plan.bound(delta, rng=key.child("bound"))
+    bound = plan.bound(delta)
     return compared(getattr(bound, quantity), getattr(plan.error(system, x0, xf), quantity))

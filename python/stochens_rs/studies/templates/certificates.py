@@ -128,7 +128,7 @@ def coverage(
         delta=validation.probability("delta", delta),
         identify={"checks": False, **told},
         control=options("control", control, controlled, ("steps", "fusion")),
-        bound=options("bound", bound, Plan.bound, ("system", "x0", "xf", "rng")),
+        bound=options("bound", bound, Plan.bound, ("system", "x0", "xf")),
     )
 
 

@@ -4,14 +4,9 @@
 //! words and indices are the same on every processor; and the same products and sums, in the same order, as
 //! [`crate::control`]. Tests in these modules compare them.
 
-#![allow(unsafe_code, reason = "vector loads and stores take pointers; every one stays inside an array it borrows")]
-
-mod avx2;
-mod avx512;
-
 use std::arch::is_x86_feature_detected;
 
-use crate::lanes::LANES;
+use super::{LANES, avx2, avx512};
 
 /// Fills `steps` and returns true, or returns false where the processor has no AVX2.
 pub(crate) fn fill(state: &mut [[u64; LANES]; 4], steps: &mut [[u64; LANES]]) -> bool {

@@ -1,4 +1,4 @@
-"""Bounds on the error of a plan whose system is a model from data."""
+"""The certificate of a control of a model from data."""
 
 from __future__ import annotations
 
@@ -9,23 +9,22 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import html, validation
+from .._base import html
 from .._base.numbers import norm
 from .._base.records import trusted
 from ..exceptions import DataWarning, InputError
 from ..identification.identifying import identify
 from ..identification.model import Model
 from .certificate import Certificate
+from .radius import Radius
 from .region_errors import GaussianNoise, SizedNoise, ToCome, root_of
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from .._base.types import Floats
     from ..identification.assumptions import Assumptions
     from ..identification.identified import Identified
     from ..identification.region import Region
-    from .provenance import ModelBasis
+    from .model_basis import ModelBasis
 
     _Way: TypeAlias = tuple[Region, Floats, ToCome | None, bool]
 
@@ -43,111 +42,67 @@ class Asked(NamedTuple):
     x0_fixed: bool
 
 
-def declared(noise: object, open_loop: object, x0_fixed: object) -> Asked:
-    """Check the declarations of `Plan.bound`."""
-    names = zip(Asked._fields, (noise, open_loop, x0_fixed), strict=True)
-    return Asked(*(validation.flag(name, value) for name, value in names))
-
-
 def certificate(
-    basis: ModelBasis,
-    u: Floats,
-    predicted: Floats,
-    delta: float,
-    asked: Asked,
-    exact: Mapping[str, object],
-) -> Certificate:
-    """Bound where the true system ends under `u`; `predicted` are the states of the model."""
-    model, K = basis.model, len(u)
-    for name, value in exact.items():
-        if value is not None:
-            raise InputError(
-                f"`{name}` must be left out for a model from data: its region does not need exact "
-                "values; Plan.error compares with them"
-            )
-    _refuse(basis, K, asked)
-    if model.doubts:
-        return _nothing(basis, u, predicted, delta, asked)
-    share, regions, to_come = step_regions(basis, delta, K, asked)
-    steps = model.data.steps if isinstance(model, Model) else 1
-    name = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
-    methods = [name] * len(regions)
-    # a region, the inputs in its form, and whether it says how far the control is from the best
-    ways: list[_Way] = [(region, u, to_come, K == 1) for region in regions]
-    if asked.open_loop:
-        ways.append((_direct(basis, u, share, asked), u.reshape(1, -1), None, True))
-        methods.append(_direct_name(K))
-    apart: Region | None = None
-    if K == 1 and _sharper_by_rows(basis, ways[0][0], asked):
-        apart = model.region(delta, components=True)  # type: ignore[call-arg]
-    best, target, reach, model_error, start, components, tube, control, why = _core.certify(
-        basis.x0,
-        basis.x0_error,
-        basis.xf,
-        predicted,
-        [(region._core, inputs, noise, asks) for region, inputs, noise, asks in ways],
-        None if apart is None else (apart._core, u, None, False),
-    )
-    region = ways[best][0]
-    return trusted(
-        Certificate,
-        target=target,
-        state=float(tube[-1]),
-        reach=reach,
-        model_error=model_error,
-        start=start,
-        components=components,
-        tube=tube,
-        control=np.inf if control is None else control,
-        control_reason=_why(ways[-1][0], control, why),
-        control_method=None if control is None or np.isinf(control) else "the region",
-        delta=delta,
-        assumption=_said(basis, ways[0], asked),
-        method=methods[best],
-        noise=asked.noise,
-        missing=region.missing if np.isinf(target) else (),
-        warnings=model.warnings,
-    )
-
-
-def _why(region: Region, control: float | None, why: str | None) -> str | None:
-    """Why the control is not bounded, if it is not."""
-    if control is not None and np.isfinite(control):
-        return None
-    if control is not None:
-        text = "the data do not determine where the control leads"
-    elif why == "many":
-        text = f"{region.m} inputs act on {region.n} states, so that many controls are as good"
-    elif why == "no effect":
-        text = "within the error of the data some inputs may have no effect"
-    else:
-        text = "over several steps no bound of the control is known"
-    return f"only the state is certified: {text}"
-
-
-def _nothing(
     basis: ModelBasis, u: Floats, predicted: Floats, delta: float, asked: Asked
 ) -> Certificate:
-    """A certificate of nothing: the columns of the data are no states of a plant."""
-    everywhere = np.full(len(predicted), np.inf)
-    everywhere[0] = basis.x0_error
-    reason = "the columns of the data are no states of a plant, see `doubts`"
-    return Certificate(
-        target=np.inf,
-        state=np.inf,
-        reach=norm(predicted[-1] - basis.xf),
-        model_error=np.inf,
-        start=basis.x0_error,
-        components=np.full(len(basis.xf), np.inf),
-        tube=everywhere,
-        control=np.inf,
-        control_reason=f"nothing is certified: {reason}",
+    """Bound where the true system ends under `u`; `predicted` are the states of the model."""
+    model, K, own = basis.model, len(u), False
+    _refuse(basis, K, asked)
+    if model.doubts:
+        reason, said = model.doubts[0], "none that would do"
+        name = "several steps" if K > 1 else "one step"
+        tube, components = np.full(K + 1, np.inf), np.full(len(basis.xf), np.inf)
+        tube[0] = basis.x0_error
+        parts = [norm(predicted[-1] - basis.xf), np.inf, basis.x0_error]
+        target, control, why = np.inf, np.inf, None
+    else:
+        share, regions, to_come = step_regions(basis, delta, K, asked)
+        steps = model.data.steps if isinstance(model, Model) else 1
+        name = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
+        # a region, the inputs in its form, and whether it says how far the control is from the best
+        ways: list[_Way] = [(region, u, to_come, K == 1) for region in regions]
+        if asked.open_loop:
+            ways.append((_direct(basis, u, share, asked), u.reshape(1, -1), None, True))
+        apart: Region | None = None
+        if K == 1 and _sharper_by_rows(basis, ways[0][0], asked):
+            apart = model.region(delta, components=True)  # type: ignore[call-arg]
+        own = apart is not None or isinstance(to_come, GaussianNoise)
+        best, target, *parts, components, tube, control, why = _core.certify(
+            basis.x0,
+            basis.x0_error,
+            basis.xf,
+            predicted,
+            [(region._core, inputs, noise, asks) for region, inputs, noise, asks in ways],
+            None if apart is None else (apart._core, u, None, False),
+        )
+        if best == len(regions):
+            name = _direct_name(K)
+        said, missing = _said(basis, ways[0], asked), ways[best][0].missing
+        reason = "too few data, weak instruments, or too many steps"
+        if missing:
+            reason = f"the data do not determine the system along {', '.join(missing[:3])}"
+    method = f"{name} {'with' if asked.noise else 'without'} noise"
+
+    def radius(value: float | Floats, distance_from: str, reason: str = reason) -> Radius:
+        because = None if np.isfinite(value).all() else reason
+        return trusted(Radius, value, distance_from, 1.0 - delta, method, because)
+
+    alone = "; the components are a statement of their own" if own else ""
+    return trusted(
+        Certificate,
+        kind="guaranteed",
         delta=delta,
-        assumption="none that would do: see `doubts`",
-        method="several steps" if len(u) > 1 else "one step",
-        noise=asked.noise,
-        doubts=basis.model.doubts,
-        warnings=basis.model.warnings,
+        quantities={
+            "target": radius(target, "xf"),
+            "state": radius(float(tube[-1]), "the predicted state"),
+            "control": radius(control, "the exact best control", why or reason),
+            "components": radius(components, "xf, for each state"),
+            "tube": radius(tube, "the predicted states, for each step"),
+        },
+        covers=f"all together, over the noise of the data{alone}",
+        assumption=said,
+        parts=dict(zip(("reach", "model error", "start"), parts, strict=True)),
+        warnings=model.warnings,
     )
 
 

@@ -22,7 +22,7 @@ fn signed(value: f64, w: f64) -> f64 {
 }
 
 /// An entity drawn from its own law and fitted to its mean, in units of `scale`, a power of two.
-pub(super) struct Slot {
+pub(super) struct Estimator {
     pub(super) law: Arc<Law>,
     pub(super) scale: f64,
     pub(super) run: Run<Apart>,
@@ -43,7 +43,7 @@ pub(super) struct Move {
     pub(super) k: f64,
 }
 
-impl Slot {
+impl Estimator {
     /// A slot without realizations.
     pub(super) fn new(values: Vec<f64>, lines: usize, length: usize, key: Key, safeguard: bool) -> Result<Self> {
         let law = Arc::new(Law::new(values, lines, length)?);
@@ -235,7 +235,7 @@ mod tests {
         let small = |k: usize| 1e-3 * (k as f64 * 2.399).sin();
         let values: Vec<f64> = (0..n * n).map(|k| if k % (n + 1) == 0 { -1.3 } else { small(k) }).collect();
         for safeguard in [false, true] {
-            let mut slot = Slot::new(values.clone(), n, n, Key([1; 32]), safeguard).unwrap();
+            let mut slot = Estimator::new(values.clone(), n, n, Key([1; 32]), safeguard).unwrap();
             for step in 1..=1_000_000 {
                 slot.fuse_next();
                 if step % 256 == 0 {

@@ -2,7 +2,7 @@
 
 use std::arch::x86_64::*;
 
-use crate::lanes::LANES;
+use super::LANES;
 
 /// Largest table of [`lookup_in_registers`], in cells.
 pub(super) const IN_REGISTERS: usize = 32;

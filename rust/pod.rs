@@ -6,22 +6,22 @@
 ///
 /// # Safety
 /// Every bit pattern must be a value, and there must be no padding.
-pub unsafe trait Plain: Copy + Default + Send + Sync + 'static {}
+pub unsafe trait Pod: Copy + Default + Send + Sync + 'static {}
 // SAFETY: numbers.
-unsafe impl Plain for u8 {}
+unsafe impl Pod for u8 {}
 // SAFETY: as above.
-unsafe impl Plain for u16 {}
+unsafe impl Pod for u16 {}
 // SAFETY: as above.
-unsafe impl Plain for u32 {}
+unsafe impl Pod for u32 {}
 // SAFETY: as above.
-unsafe impl Plain for u64 {}
+unsafe impl Pod for u64 {}
 // SAFETY: as above.
-unsafe impl Plain for usize {}
+unsafe impl Pod for usize {}
 // SAFETY: as above.
-unsafe impl Plain for f64 {}
+unsafe impl Pod for f64 {}
 // SAFETY: as above.
-unsafe impl Plain for [f64; 2] {}
+unsafe impl Pod for [f64; 2] {}
 // SAFETY: as above.
-unsafe impl Plain for [f64; 3] {}
+unsafe impl Pod for [f64; 3] {}
 // SAFETY: as above.
-unsafe impl Plain for [f64; 8] {}
+unsafe impl Pod for [f64; 8] {}

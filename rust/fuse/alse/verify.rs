@@ -12,7 +12,7 @@ use crate::parallel::Stop;
 ///
 /// With `r = S w - E*` and `f' = 2 S^T r`, the gap is `<f', w> - min_i f'_i` on the simplex; on the sub-simplex the origin
 /// is a vertex too. By convexity `f(w) - min f <= gap`.
-pub(super) fn judge(
+pub(super) fn verify(
     realizations: &impl Realizations,
     proposal: Proposal,
     target: &[f64],

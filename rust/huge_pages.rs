@@ -9,18 +9,18 @@
 
 use crate::error::Result;
 use crate::memory::try_zeros;
-use crate::plain::Plain;
+use crate::pod::Pod;
 
 /// A fixed number of values, in a vector or in a mapping.
-pub struct Buffer<T: Plain>(Memory<T>);
+pub struct Buffer<T: Pod>(Memory<T>);
 
-enum Memory<T: Plain> {
+enum Memory<T: Pod> {
     Vector(Vec<T>),
     #[cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
     Pages(linux::Pages<T>),
 }
 
-impl<T: Plain> Buffer<T> {
+impl<T: Pod> Buffer<T> {
     /// `len` values, zeros or left over from an earlier use.
     ///
     /// # Errors
@@ -42,13 +42,13 @@ impl<T: Plain> Buffer<T> {
     }
 }
 
-impl<T: Plain> From<Vec<T>> for Buffer<T> {
+impl<T: Pod> From<Vec<T>> for Buffer<T> {
     fn from(values: Vec<T>) -> Self {
         Self(Memory::Vector(values))
     }
 }
 
-impl<T: Plain> std::ops::Deref for Buffer<T> {
+impl<T: Pod> std::ops::Deref for Buffer<T> {
     type Target = [T];
 
     fn deref(&self) -> &[T] {
@@ -60,7 +60,7 @@ impl<T: Plain> std::ops::Deref for Buffer<T> {
     }
 }
 
-impl<T: Plain> std::ops::DerefMut for Buffer<T> {
+impl<T: Pod> std::ops::DerefMut for Buffer<T> {
     fn deref_mut(&mut self) -> &mut [T] {
         match &mut self.0 {
             Memory::Vector(values) => values,
@@ -70,15 +70,15 @@ impl<T: Plain> std::ops::DerefMut for Buffer<T> {
     }
 }
 
-impl<T: Plain + PartialEq> PartialEq for Buffer<T> {
+impl<T: Pod + PartialEq> PartialEq for Buffer<T> {
     fn eq(&self, other: &Self) -> bool {
         **self == **other
     }
 }
 
-impl<T: Plain + Eq> Eq for Buffer<T> {}
+impl<T: Pod + Eq> Eq for Buffer<T> {}
 
-impl<T: Plain + std::fmt::Debug> std::fmt::Debug for Buffer<T> {
+impl<T: Pod + std::fmt::Debug> std::fmt::Debug for Buffer<T> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         (**self).fmt(f)
     }
@@ -91,7 +91,7 @@ mod linux {
     use std::ptr::NonNull;
     use std::sync::Mutex;
 
-    use super::Plain;
+    use super::Pod;
 
     /// Bytes of a large page (x86-64, and aarch64 with pages of 4 KiB), and of the smallest result that uses one.
     const LARGE: usize = 2 << 20;
@@ -171,11 +171,11 @@ mod linux {
     }
 
     // SAFETY: owned like a vector of plain `T`, which moves and is shared between threads.
-    unsafe impl<T: Plain> Send for Pages<T> {}
+    unsafe impl<T: Pod> Send for Pages<T> {}
     // SAFETY: as above; `&Pages` gives `&[T]` only.
-    unsafe impl<T: Plain> Sync for Pages<T> {}
+    unsafe impl<T: Pod> Sync for Pages<T> {}
 
-    impl<T: Plain> Pages<T> {
+    impl<T: Pod> Pages<T> {
         /// `len` values, or None if they are too few or the system has no such memory.
         pub(super) fn unset(len: usize) -> Option<Self> {
             let used =

@@ -2,11 +2,11 @@
 
 use super::budget::Budget;
 use super::certificate::{Certificate, certify};
-use super::climb::climb;
 use super::newton_system;
 use super::operator::Operator;
 use super::problem::Phase;
 use super::problem::SEARCH;
+use super::run_sequence::run_sequence;
 use super::semismooth::{self, Setting};
 use super::sifting::sift;
 use super::singletons::Singletons;
@@ -25,7 +25,7 @@ pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mu
     }
     Ok(match sift(task, budget)? {
         Some(found) => (found, true),
-        None => (climb(task, warm, budget)?, false),
+        None => (run_sequence(task, warm, budget)?, false),
     })
 }
 

@@ -1,0 +1,6 @@
+"""How wrong a control, a prediction or an estimate can be: one record for all of them."""
+
+from .certificate import Certificate
+from .radius import Radius
+
+__all__ = ["Certificate", "Radius"]

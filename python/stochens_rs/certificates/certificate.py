@@ -1,0 +1,196 @@
+"""`Certificate`: how wrong a control, a prediction or an estimate can be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from .._base import html, validation
+from .._base.records import SavedRecord, trusted
+from .._base.types import Floats
+from ..exceptions import InputError
+from ..plots.radii import draw_radii
+from .radius import Radius
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
+
+Kind: TypeAlias = Literal["guaranteed", "certain", "estimated"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+
+@dataclass(frozen=True, repr=False)
+class Certificate(SavedRecord):
+    """How far quantities can be from where they should be, one `Radius` each, by name.
+
+    Made by `Plan.bound`, `DataStream.confidence` and `ModelStream.look`. Radii of one certificate
+    are of one kind.
+
+    Attributes
+    ----------
+    kind : {"guaranteed", "certain", "estimated"}
+        "guaranteed": each radius holds with its probability at least, if `assumption` does.
+        "certain": nothing is random. "estimated": something that the radii need was estimated, so
+        that they can fail more often.
+    delta : float
+        The probability of failure that was asked for.
+    quantities : dict of str to Radius
+        The radii; the first one is the one to look at.
+    covers : str
+        Which radii hold together, and what the probability is over.
+    assumption : str
+        What they rest on, in words.
+    parts : dict of str to float
+        What `target` consists of, by name: it is at most their sum.
+    warnings : tuple of str
+        What to be careful about, one sentence each.
+    """
+
+    kind: Kind
+    delta: float
+    quantities: dict[str, Radius]
+    covers: str
+    assumption: str
+    parts: dict[str, float] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        validation.choice("kind", self.kind, KINDS)
+        validation.probability("delta", self.delta)
+        if not self.quantities:
+            raise InputError("`quantities` must have at least one radius, got none")
+        for name, part in self.parts.items():
+            if not part >= 0.0:
+                raise InputError(f"`parts['{name}']` must be >= 0, got {part:g}")
+
+    def __getitem__(self, name: str) -> Radius:
+        if name not in self.quantities:
+            known = html.listed(list(self.quantities))
+            raise InputError(f"this certificate has no {validation.show(name)}: it bounds {known}")
+        return self.quantities[name]
+
+    def _scalar(self, name: str) -> float:
+        return float(self.quantities[name].radius) if name in self.quantities else np.inf
+
+    @property
+    def target(self) -> float:
+        """Radius of "target", the last state, around xf; infinite if nothing is said of it."""
+        return self._scalar("target")
+
+    @property
+    def state(self) -> float:
+        """Radius of "state", the last state, around the predicted one or that of the best control.
+
+        Infinite if nothing is said of it.
+        """
+        return self._scalar("state")
+
+    @property
+    def control(self) -> float:
+        """Radius of "control" around the exact best one; infinite if nothing is said of it."""
+        return self._scalar("control")
+
+    @property
+    def components(self) -> Floats:
+        """Bounds of ``|x(K) - xf|_i``, (n,), for a model from data."""
+        return np.asarray(self["components"].radius)
+
+    @property
+    def tube(self) -> Floats:
+        """Bounds of ``||x(k) - xh(k)||``, (K + 1,), for a model from data."""
+        return np.asarray(self["tube"].radius)
+
+    @property
+    def excess(self) -> float | None:
+        """Bound of ``J(u)`` less the least J within the limits; None without limits."""
+        return self._scalar("excess") if "excess" in self.quantities else None
+
+    @property
+    def largest(self) -> str | None:
+        """The name of the largest of the `parts`: what to improve first."""
+        return max(self.parts, key=lambda name: self.parts[name]) if self.parts else None
+
+    @property
+    def holds(self) -> str:
+        """Kind, probability and what it is over, in words."""
+        share = f"with probability {_percent(self.delta)} at least"
+        how = {
+            "guaranteed": f"guaranteed {share}",
+            "certain": "certain",
+            "estimated": f"estimated, not guaranteed, to hold {share}",
+        }
+        return f"{how[self.kind]}; {self.covers}"
+
+    def _with(self, **radii: Radius) -> Certificate:
+        """The same with further radii, or others in place of those of these names."""
+        fields = {**vars(self), "quantities": {**self.quantities, **radii}}
+        return trusted(Certificate, **fields)
+
+    def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
+        """Draw the parts of the target, the tube over the steps, and the components.
+
+        Without parts the radii that are single numbers are drawn in their place.
+
+        Parameters
+        ----------
+        figure : matplotlib Figure or SubFigure, optional
+            Where to draw; the default is a new figure.
+
+        Returns
+        -------
+        matplotlib Figure
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> bound = se.steer(([[0.5]], [[1.0]]), [1.0], [0.0], 1000, rng=1).bound()
+        >>> len(bound.plot().axes)
+        1
+        """
+        single = [name for name, one in self.quantities.items() if not np.ndim(one.radius)]
+        bars = ("radius", {name: self._scalar(name) for name in single})
+        if self.parts:
+            bars = ("parts of the target", self.parts)
+        known = self.quantities
+        tube = self.tube if "tube" in known else None
+        components = self.components if "components" in known else None
+        return draw_radii(*bars, tube, components, self.share, figure)
+
+    @property
+    def share(self) -> str:
+        """Kind and probability, short: "95 % guaranteed"."""
+        return "certain" if self.kind == "certain" else f"{_percent(self.delta)} {self.kind}"
+
+    def __repr__(self) -> str:
+        name, first = next(iter(self.quantities.items()))
+        made = f", mostly {self.largest}" if self.parts and np.isfinite(first.radius).all() else ""
+        careful = html.warned(self.warnings)
+        return f"<Certificate: {name} {first.text}{made}, {self.share}{careful}>"
+
+    def _repr_html_(self) -> str:
+        made = " + ".join(f"{part:.3g} {name}" for name, part in self.parts.items())
+        rows = [
+            *((name, one.text) for name, one in self.quantities.items()),
+            ("target consists of", made or None),
+            ("holds", self.holds),
+            ("if", self.assumption),
+            *(("warning", text) for text in self.warnings),
+        ]
+        if "tube" not in self.quantities:
+            return html.card(self, rows)
+        drawn = html.states(
+            np.arange(len(self.tube)), self.tube[:, None], "radius around the predicted states"
+        )
+        return html.card(self, rows, drawn)
+
+
+def _percent(delta: float) -> str:
+    return f"{100 * (1 - delta):.6g} %"

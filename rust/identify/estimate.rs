@@ -1,0 +1,203 @@
+//! The estimate of a model `Theta = [A B c]` from the triangle of its data, in whatever way it is made.
+
+use std::sync::Arc;
+
+use crate::error::{Error, Result};
+use crate::memory::{checked_len, try_collect, try_copy, try_filled, try_room, try_zeros};
+use crate::parallel::Stop;
+
+use super::instruments::Projected;
+use super::least_squares::{Fitted, WHAT, add, backward, cholesky, fit, forward, reduced};
+use super::triangle::triangle;
+
+/// Measured pairs as one triangle, and what is known beforehand.
+#[derive(Debug, Clone, Copy)]
+pub struct Data<'a> {
+    /// `R` of `[zeta Z Y]`, row by row: instruments if there are any, states and inputs (and 1), states one step later.
+    pub triangle: &'a [f64],
+    /// The number of pairs N.
+    pub size: usize,
+    /// The number of states n.
+    pub n: usize,
+    /// The number of inputs m.
+    pub m: usize,
+    /// Whether there is a column of 1 behind them, for an offset c.
+    pub offset: bool,
+    /// The number of instruments, 0 for least squares.
+    pub instruments: usize,
+    /// The known entries (n, d) of Theta, NaN where an entry is to be estimated.
+    pub known: Option<&'a [f64]>,
+    /// The covariance (n, n) of the errors of measured states, for a consistent estimate without a region.
+    pub state_noise: Option<&'a [f64]>,
+}
+
+/// The model of [`Data`], and least squares of its rows.
+#[derive(Debug, Clone)]
+pub struct Estimate {
+    /// Theta (n, d): least squares, two-stage least squares with instruments, or corrected for the noise of the states.
+    pub model: Vec<f64>,
+    /// Least squares of all rows at once, or of each where their known columns differ.
+    pub blocks: Vec<Arc<Fitted>>,
+    pub(crate) n: usize,
+    pub(crate) m: usize,
+    pub(crate) d: usize,
+    pub(crate) projected: Option<Projected>,
+    own: Vec<f64>,
+    known: Option<Vec<f64>>,
+    size: usize,
+}
+
+impl Estimate {
+    /// # Errors
+    /// [`Error::Shape`]; [`Error::Value`] for a `state_noise` as large as the states; [`Error::NonFinite`],
+    /// [`Error::Overflow`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
+    pub fn new(of: Data<'_>, stop: &Stop) -> Result<Self> {
+        let Data { n, m, size, instruments: r, .. } = of;
+        let d = n + m + usize::from(of.offset);
+        let (width, entries) = (r + d + n, checked_len(WHAT, n, d)?);
+        let shaped = |name, values: &[f64], expected: usize| {
+            let found = values.len().to_string();
+            let wrong = || Error::Shape { name, expected: format!("{expected} entries"), found };
+            if values.len() == expected { Ok(()) } else { Err(wrong()) }
+        };
+        shaped("triangle", of.triangle, checked_len(WHAT, width, width)?)?;
+        of.known.map_or(Ok(()), |known| shaped("known", known, entries))?;
+        of.state_noise.map_or(Ok(()), |noise| shaped("state_noise", noise, n * n))?;
+        if n == 0 || m == 0 {
+            let (expected, found) = ("at least one state and one input".into(), format!("n={n}, m={m}"));
+            return Err(Error::Shape { name: "triangle", expected, found });
+        }
+        let all = of.triangle.chunks_exact(width).flat_map(|row| &row[r..]).copied();
+        let own = reduced(&try_collect(WHAT, all)?, d + n, 1, stop)?;
+        let projected = if r > 0 { Some(Projected::new(of.triangle, width, r, size)?) } else { None };
+        let known = of.known.map(|known| try_copy(WHAT, known)).transpose()?;
+        let mut made = Self { model: Vec::new(), blocks: Vec::new(), n, m, d, projected, own, known, size };
+        made.blocks = made.least_squares(false, stop)?;
+        made.model = match (&made.projected, of.state_noise) {
+            (Some(projected), _) => projected.two_stages(d, stop)?,
+            (None, Some(noise)) => made.corrected(noise)?,
+            (None, None) => made.assembled()?,
+        };
+        Ok(made)
+    }
+
+    /// At so many pairs, if V and S grow in proportion to their number: without known entries or instruments.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn after(&self, size: usize) -> Result<Self> {
+        let mut blocks = try_room(WHAT, self.blocks.len())?;
+        for block in &self.blocks {
+            blocks.push(Arc::new(block.after(size)?));
+        }
+        let grown = (size as f64 / self.size.max(1) as f64).sqrt();
+        let own = try_collect(WHAT, self.own.iter().map(|v| v * grown))?;
+        let (model, known) =
+            (try_copy(WHAT, &self.model)?, self.known.as_deref().map(|k| try_copy(WHAT, k)).transpose()?);
+        Ok(Self { model, blocks, own, known, size, projected: None, ..*self })
+    }
+
+    /// Least squares for all rows at once, or row by row.
+    ///
+    /// # Errors
+    /// As [`Estimate::new`].
+    pub fn least_squares(&self, by_rows: bool, stop: &Stop) -> Result<Vec<Arc<Fitted>>> {
+        let (n, d, width) = (self.n, self.d, self.d + self.n);
+        let free = |i: usize, j: usize| self.known.as_ref().is_none_or(|known| known[i * d + j].is_nan());
+        let alike = (1..n).all(|i| (0..d).all(|j| free(i, j) == free(0, j)));
+        if self.known.is_none() && !by_rows {
+            return Ok(Vec::from([Arc::new(fit(&self.own, width, d, self.size, 1, stop)?)]));
+        }
+        let together = alike && !by_rows;
+        let sets = if together { 1 } else { n };
+        let mut found = try_room(WHAT, sets)?;
+        for set in 0..sets {
+            let rows = try_collect(WHAT, if together { 0..n } else { set..set + 1 })?;
+            let columns = try_collect(WHAT, (0..d).filter(|j| free(set, *j)))?;
+            found.push(Arc::new(self.restricted(rows, columns, stop)?));
+        }
+        Ok(found)
+    }
+
+    /// Least squares of `[Z_columns, (Y - Z known')_rows]`, which is `[Z Y]` times a matrix: that of the triangle is enough.
+    fn restricted(&self, rows: Vec<usize>, columns: Vec<usize>, stop: &Stop) -> Result<Fitted> {
+        let (d, narrow) = (self.d, columns.len() + rows.len());
+        let mut some = try_room(WHAT, checked_len(WHAT, self.d + self.n, narrow)?)?;
+        for row in self.own.chunks_exact(self.d + self.n) {
+            some.extend(columns.iter().map(|&j| row[j]));
+            some.extend(rows.iter().map(|&i| {
+                let known = self.known.iter().flat_map(|known| &known[i * d..(i + 1) * d]);
+                let told = known.zip(row).filter(|(known, _)| !known.is_nan()).map(|(known, z)| known * z);
+                row[d + i] - told.sum::<f64>()
+            }));
+        }
+        let triangle = triangle(&some, narrow, 1, stop)?;
+        let found = fit(&triangle, narrow, columns.len(), self.size, 1, stop)?;
+        Ok(Fitted { rows, columns, ..found })
+    }
+
+    /// Theta from its blocks and the known entries.
+    fn assembled(&self) -> Result<Vec<f64>> {
+        let mut model = match &self.known {
+            Some(known) => try_copy(WHAT, known)?,
+            None => try_zeros(WHAT, self.n * self.d)?,
+        };
+        for block in &self.blocks {
+            for (i, row) in block.rows.iter().zip(block.model.chunks_exact(block.columns.len().max(1))) {
+                block.columns.iter().zip(row).for_each(|(j, v)| model[i * self.d + j] = *v);
+            }
+        }
+        Ok(model)
+    }
+
+    /// `Y' Z (Z' Z - N C)^-1`: consistent for states with errors of covariance C.
+    fn corrected(&self, covariance: &[f64]) -> Result<Vec<f64>> {
+        let (n, d) = (self.n, self.d);
+        let mut moments = try_zeros(WHAT, checked_len(WHAT, d, d)?)?;
+        let mut model = try_zeros(WHAT, checked_len(WHAT, n, d)?)?;
+        for row in self.own.chunks_exact(d + n).take(d) {
+            let (z, y) = row.split_at(d);
+            moments.chunks_exact_mut(d).zip(z).for_each(|(to, v)| add(to, *v, z));
+            model.chunks_exact_mut(d).zip(y).for_each(|(to, v)| add(to, *v, z));
+        }
+        for (row, noise) in moments.chunks_exact_mut(d).zip(covariance.chunks_exact(n)) {
+            add(&mut row[..n], -(self.size as f64), noise);
+        }
+        let lower = cholesky(&moments, d)?.ok_or_else(|| Error::Value {
+            name: "state_noise",
+            expected: "smaller than the states",
+            found: "one that is as large as the states themselves: no estimate".into(),
+        })?;
+        for row in model.chunks_exact_mut(d) {
+            forward(&lower, d, row);
+            backward(&lower, d, row);
+        }
+        Ok(model)
+    }
+
+    /// How many directions of `z` the data determine, the least over the rows.
+    #[must_use]
+    pub fn rank(&self) -> usize {
+        let missing = self.blocks.iter().map(|block| block.columns.len() - block.rank()).max();
+        self.d - missing.unwrap_or(0)
+    }
+
+    /// `S / nu` of the residuals (n, n), 0 between blocks; None if there are no more pairs than unknowns.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn covariance(&self) -> Result<Option<Vec<f64>>> {
+        let n = self.n;
+        let mut found = try_filled(WHAT, 0.0, n * n)?;
+        for block in &self.blocks {
+            if block.degrees() == 0 {
+                return Ok(None);
+            }
+            let (degrees, count) = (block.degrees() as f64, block.rows.len());
+            for (at, value) in block.residual.iter().enumerate() {
+                found[block.rows[at / count] * n + block.rows[at % count]] = value / degrees;
+            }
+        }
+        Ok(Some(found))
+    }
+}

@@ -1,0 +1,174 @@
+//! Models from triangles, and least squares of their rows.
+
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+use pyo3::pybacked::PyBackedBytes;
+
+use super::convert::{array1, array2, key, slice};
+use super::error::InputError;
+use super::fitted::{PyFitted, copied};
+use super::region::PyRegion;
+use super::run::{UNTIL_STOPPED, run};
+use crate::Key;
+use crate::identify::{self, Assumed, Covariance, Data, Design, Estimate, Method, Noise, SignTest, Wish};
+use crate::memory::{try_collect, try_room};
+use crate::region::Region;
+
+type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+type Vector<'py> = PyReadonlyArray1<'py, f64>;
+
+const WHAT: &str = "least squares";
+
+/// A model from the triangle of its data.
+#[pyclass(frozen, module = "stochens_rs._core", name = "Estimate")]
+pub(super) struct PyEstimate {
+    estimate: Estimate,
+    n: usize,
+    d: usize,
+}
+
+#[pymethods]
+impl PyEstimate {
+    #[new]
+    #[pyo3(signature = (triangle, size, n, m, offset, known=None, instruments=0, state_noise=None))]
+    #[expect(clippy::too_many_arguments, reason = "the fields of the data")]
+    fn new(
+        py: Python<'_>,
+        triangle: Matrix<'_>,
+        size: usize,
+        n: usize,
+        m: usize,
+        offset: bool,
+        known: Option<Matrix<'_>>,
+        instruments: usize,
+        state_noise: Option<Matrix<'_>>,
+    ) -> PyResult<Self> {
+        let known = known.as_ref().map(|known| slice("known", known)).transpose()?;
+        let state_noise = state_noise.as_ref().map(|noise| slice("state_noise", noise)).transpose()?;
+        let triangle = slice("triangle", &triangle)?;
+        let of = Data { triangle, size, n, m, offset, instruments, known, state_noise };
+        let cost = 30.0 * ((n + m + instruments) as f64).powi(3) * if known.is_some() { n as f64 } else { 1.0 };
+        let estimate = run(py, cost, |stop| Estimate::new(of, stop))?;
+        Ok(Self { estimate, n, d: n + m + usize::from(offset) })
+    }
+
+    #[getter(Theta)]
+    fn model<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        copied(py, &self.estimate.model, self.n, self.d)
+    }
+
+    #[getter]
+    fn rank(&self) -> usize {
+        self.estimate.rank()
+    }
+
+    #[getter]
+    fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
+        self.estimate.covariance()?.map(|found| array2(py, found, self.n, self.n)).transpose()
+    }
+
+    /// All rows at once, or each of them.
+    #[getter]
+    fn blocks(&self) -> PyResult<Vec<PyFitted>> {
+        let mut found = try_room(WHAT, self.estimate.blocks.len())?;
+        found.extend(self.estimate.blocks.iter().map(|block| PyFitted(Arc::clone(block))));
+        Ok(found)
+    }
+
+    /// At another number of pairs, if V and S grow in proportion.
+    fn after(&self, size: usize) -> PyResult<Self> {
+        Ok(Self { estimate: self.estimate.after(size)?, ..*self })
+    }
+
+    #[expect(clippy::too_many_arguments, reason = "what is assumed, and what is asked")]
+    fn region(
+        &self,
+        py: Python<'_>,
+        assumed: (&str, &str, &str, Option<Matrix<'_>>),
+        scale: Vector<'_>,
+        delta: f64,
+        components: bool,
+        directions: Option<Matrix<'_>>,
+        future: usize,
+        frobenius: bool,
+        method: &str,
+        anytime: bool,
+        threads: usize,
+    ) -> PyResult<PyRegion> {
+        let (design, noise, covariance, known) = &assumed;
+        let known = known.as_ref().map(|known| slice("covariance", known)).transpose()?;
+        let covariance = match (*covariance, known) {
+            ("full", None) => Covariance::Full,
+            ("diagonal", None) => Covariance::Diagonal,
+            ("scalar", None) => Covariance::Scalar,
+            ("known", Some(known)) => Covariance::Known(known),
+            (other, _) => {
+                return Err(InputError::new_err(format!("`covariance` must be of a known kind, got '{other}'")));
+            }
+        };
+        let design = if *design == "independent" { Design::Independent } else { Design::Adaptive };
+        let noise = if *noise == "gaussian" { Noise::Gaussian } else { Noise::SubGaussian };
+        let method = match method {
+            "mixture" => Method::Mixture,
+            "universal" => Method::Universal,
+            _ => Method::Auto,
+        };
+        let directions = directions.as_ref().map(|q| slice("directions", q)).transpose()?;
+        let wish = Wish { delta, components, directions, future, frobenius, method, anytime };
+        let (assumed, scale) = (Assumed { design, noise, covariance }, slice("scale", &scale)?);
+        let region =
+            run(py, UNTIL_STOPPED, |stop| Region::from_data(&self.estimate, assumed, wish, scale, threads, stop))?;
+        Ok(PyRegion(region))
+    }
+
+    /// The ball around the set of a test of signs.
+    fn sign_region(&self, py: Python<'_>, test: SignOf<'_>, threads: usize) -> PyResult<PyRegion> {
+        let key = key(&test.5)?;
+        let test = sign_test(&test, &key)?;
+        Ok(PyRegion(run(py, UNTIL_STOPPED, |stop| Region::of_signs(&self.estimate, &test, threads, stop))?))
+    }
+}
+
+/// Pairs, a basis of the regressors, m, q and the key.
+type SignOf<'py> = (Matrix<'py>, Matrix<'py>, Matrix<'py>, usize, usize, PyBackedBytes);
+
+fn sign_test<'a>(of: &'a SignOf<'_>, key: &'a Key) -> PyResult<SignTest<'a>> {
+    let (z, y, basis, m, q, _) = of;
+    let sizes = [z, y, basis].map(|one| one.as_array().dim().1);
+    let pairs = [slice("Z", z)?, slice("Y", y)?];
+    Ok(SignTest { pairs, basis: slice("basis", basis)?, sizes, of: (*m, *q), key })
+}
+
+/// Whether the exact set of a test of signs contains `theta` (n, d).
+#[pyfunction]
+pub(super) fn sign_contains(py: Python<'_>, test: SignOf<'_>, theta: Matrix<'_>, threads: usize) -> PyResult<bool> {
+    let (key, theta) = (key(&test.5)?, slice("Theta", &theta)?);
+    let test = sign_test(&test, &key)?;
+    run(py, UNTIL_STOPPED, |stop| test.contains(theta, threads, stop))
+}
+
+/// m and q with `q / m <= delta`.
+#[pyfunction]
+pub(super) fn sign_sizes(delta: f64) -> PyResult<(usize, usize)> {
+    Ok(identify::sign_sizes(delta)?)
+}
+
+/// P(one sign vector bounds nothing) for `d` columns in general position.
+#[pyfunction]
+pub(super) fn chance_of_infinity(size: usize, d: usize) -> f64 {
+    identify::chance_of_infinity(size, d)
+}
+
+/// What the event of a region of any design refers to: the mixtures, and the noise of the prior behind them.
+#[pyfunction]
+pub(super) fn mixtures(py: Python<'_>) -> PyResult<Bound<'_, PyArray1<f64>>> {
+    array1(py, try_collect(WHAT, identify::MIXTURES.into_iter().chain([identify::PRIOR_NOISE]))?)
+}
+
+/// How many quantiles are kept.
+#[pyfunction]
+pub(super) fn kept_quantiles() -> usize {
+    identify::kept_quantiles()
+}

@@ -1,0 +1,185 @@
+"""Regions that the core builds from data against the same in NumPy, for every kind of data."""
+
+from __future__ import annotations
+
+import pickle
+import warnings
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from core_regions import changed
+from stochens_rs import _core
+from stochens_rs.exceptions import DataWarning, InputError, NonFiniteError
+from twin import region_from_data as rd
+
+n, m = 3, 2
+A = np.array([[0.5, 0.1, 0.0], [0.0, 0.7, 0.2], [0.1, 0.0, 0.3]])
+B = np.array([[1.0, 0.0], [0.0, 1.0], [0.5, 0.5]])
+SIZES = np.array([1e-6, 1.0, 1e5])  # of states in mixed units
+
+
+def data(kind: str, N: int, seed: int = 3) -> se.Trajectories:
+    gen = np.random.default_rng(seed)
+    x, u, w = gen.standard_normal((N, n)), gen.standard_normal((N, m)), gen.standard_normal((N, n))
+    if kind == "deficient":
+        u[:, 1] = u[:, 0] - 2.0 * x[:, 0]
+    if kind == "zero column":
+        u[:, 0] = 0.0
+    y = x @ A.T + u @ B.T + 0.1 * w
+    if kind == "units":
+        x, y = x * SIZES, y * SIZES
+    return se.Trajectories.from_pairs(x, u, y)
+
+
+def entries(*given: tuple[int, int, float]) -> np.ndarray:
+    known = np.full((n, n), np.nan)
+    for i, j, value in given:
+        known[i, j] = value
+    return known
+
+
+KINDS = (("plain", 40), ("plain", 8), ("plain", 4), ("deficient", 40), ("zero column", 30))
+KINDS = (*KINDS, ("units", 50), ("plain", 3000))
+COLUMN = entries((0, 0, 0.5), (1, 0, 0.0), (2, 0, 0.1))
+SINGLE = entries((0, 0, 0.5), (1, 0, 0.0), (1, 1, 0.7), (1, 2, 0.2))
+DECLARED = {
+    "full": {},
+    "diagonal": {"covariance": "diagonal"},
+    "scalar": {"covariance": "scalar"},
+    "sigma": {"sigma": 0.1},
+    "known": {"covariance": np.diag([0.01, 0.02, 0.03]) + 0.001},
+    "sub-gaussian": {"noise": "sub-gaussian", "sigma": 0.1},
+    "bounded": {"noise": "bounded", "sigma": 0.5},
+    "intercept": {"intercept": True},
+    "known column": {"known_A": COLUMN},
+    "known entries": {"known_A": SINGLE},
+    "known entries, scalar": {"known_A": SINGLE, "covariance": "scalar"},
+}
+EXACT = (
+    {},
+    {"components": True},
+    {"directions": 2},
+    {"future": 3},
+    {"frobenius": True},
+    {"frobenius": True, "future": 2},
+)
+ANY = ({}, {"method": "mixture"}, {"method": "universal"}, {"anytime": True}, {"components": True})
+
+
+def close(found, expected, size, rtol: float = 1e-9) -> None:
+    """Equal but for rounding of what these sizes add up to."""
+    assert np.shape(found) == np.shape(expected)
+    assert (np.isfinite(found) == np.isfinite(expected)).all()
+    finite = np.isfinite(expected)
+    assert (
+        np.abs(found - expected)[finite] <= rtol * np.broadcast_to(size, finite.shape)[finite]
+    ).all()
+
+
+def check(found: se.Region, twin: rd.Region, least: float = 1e-7) -> None:
+    """Equal parts; what is below `least` is rounding of entries of size 1."""
+    assert len(found.parts) == len(twin.parts)
+    for part, own in zip(found.parts, twin.parts, strict=True):
+        assert part.rows.tolist() == own.rows.tolist()
+        assert part.columns.tolist() == own.columns.tolist()
+        close(part.factor, own.factor, abs(own.factor))
+        D = np.linalg.norm(own.root, axis=0) + least
+        close(part.root.T @ part.root, own.root.T @ own.root, np.outer(D, D))
+        D = np.linalg.norm(own.white, axis=0)
+        close(
+            part.white.T @ part.white,
+            own.white.T @ own.white,
+            np.outer(D, D) + 1e-25 * D.max() ** 2,
+        )
+        projector = [one.missing @ np.linalg.pinv(one.missing) for one in (part, own)]
+        close(*projector, 1.0)
+        close(part.ratio, own.ratio, own.ratio)
+        s = np.sqrt(np.diag(own.S)) + least
+        close(part.S, own.S, np.outer(s, s))
+    close(found.centre, twin.centre, np.abs(twin.centre).max(axis=1, keepdims=True))
+    bounded = twin.frobenius is not None and np.isfinite(twin.frobenius)
+    assert (found.frobenius is not None) == bounded
+    if bounded:
+        close(found.frobenius, twin.frobenius, twin.frobenius)
+    assert (found.noise is None) == (twin.noise is None)
+    if twin.noise is not None:
+        s = np.sqrt(np.diag(twin.noise))
+        close(found.noise, twin.noise, np.outer(s, s))
+
+
+@pytest.mark.parametrize(("kind", "N"), KINDS)
+@pytest.mark.parametrize("name", DECLARED)
+@pytest.mark.parametrize("design", ["adaptive", "independent"])
+def test_regions_are_those_of_the_twin(kind: str, N: int, name: str, design: str) -> None:
+    model = identify(data(kind, N), design=design, **DECLARED[name])
+    tried = 0
+    for wish in EXACT if design == "independent" else ANY:
+        asked = dict(wish)
+        if "directions" in wish:
+            asked["directions"] = np.eye(model._d)[:, : wish["directions"]]
+        try:
+            found = model.region(0.05, **asked)
+        except InputError:
+            continue  # no region is known
+        twin = rd.region(model, rd.Wish(0.05, **asked))
+        check(found, twin, least=0.0 if kind == "units" else 1e-7)
+        tried += 1
+    assert tried >= 1
+
+
+@pytest.mark.parametrize("N", [60, 5, 2])
+@pytest.mark.parametrize("delta", [0.05, 0.2])
+def test_instruments_are_those_of_the_twin(N: int, delta: float) -> None:
+    gen = np.random.default_rng(5)
+    x, u = gen.standard_normal((N, n)), gen.standard_normal((N, m))
+    zeta = np.hstack([x + 0.01, u, gen.standard_normal((N, 1))])
+    y = x @ A.T + u @ B.T + 0.1 * gen.standard_normal((N, n))
+    read = se.Trajectories.from_pairs(x + 0.1 * gen.standard_normal((N, n)), u, y)
+    model = identify(read, state_noise="white", instruments=zeta, intercept=N == 60)
+    found, twin = model.region(delta), rd.region(model, rd.Wish(delta))
+    check(found, twin)
+    stages = rd.two_stages(rd.projected(model.triangle, model.instruments.shape[1], N), model._d)
+    np.testing.assert_allclose(np.hstack([model.A, model.B]), stages[:, : n + m], atol=1e-11)
+    assert np.isfinite(found.radius) == (N == 60)
+
+
+def test_a_model_corrected_for_the_noise_of_its_states() -> None:
+    runs, C = data("plain", 500), 0.04 * np.eye(n)
+    model = identify(runs, state_noise=C)
+    Z, Y = model._pairs()
+    V = Z.T @ Z
+    V[:n, :n] -= 500 * C
+    np.testing.assert_allclose(
+        np.hstack([model.A, model.B]), np.linalg.solve(V, Z.T @ Y).T, rtol=1e-11
+    )
+
+
+def test_least_squares_from_rows_and_from_their_triangle() -> None:
+    Z, Y = identify(data("deficient", 40))._pairs()
+    both = np.hstack([Z, Y])
+    f, g = _core.fit(both, n + m, 40, 1), _core.fit(_core.triangle(both, 1), n + m, 40, 1)
+    assert (f.H == g.H).all()
+    assert (f.rank, f.nu, f.N) == (4, 36, 40)
+    E = Y - Z @ f.H.T
+    np.testing.assert_allclose(f.S, E.T @ E, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(f.root.T @ f.root, Z.T @ Z, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(f.combinations(), [[1.0, 0.0, 0.0, -0.5, 0.5]], atol=1e-12)
+
+
+def test_a_part_with_other_fields_and_a_pickled_one() -> None:
+    part = identify(data("deficient", 40), sigma=0.1).region().parts[0]
+    again = pickle.loads(pickle.dumps(part))
+    wider = changed(part, factor=4.0 * part.factor)
+    for name in ("rows", "columns", "white", "root", "missing", "S"):
+        assert (getattr(again, name) == getattr(part, name)).all()
+    assert (again.ratio, again.factor, wider.radius) == (part.ratio, part.factor, 2.0 * part.radius)
+    with pytest.raises(NonFiniteError, match="`S` has a non-finite"):
+        changed(part, S=np.full((n, n), np.nan))
+
+
+def identify(runs: se.Trajectories, **options) -> se.Model:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)
+        return se.identify(runs, checks=False, **options)

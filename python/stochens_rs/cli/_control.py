@@ -13,18 +13,19 @@ from .. import cases
 from .._base import state_file
 from .._base.numbers import ROUNDING
 from .._base.reading import number
-from .._base.types import DELTA
 from ..certificates import Certificate
 from ..controls import Plan, Uncertain, control
 from ..exceptions import DataWarning, InputError
 from ..identification import Model
 from ._command import Command
 from ._limits import LIMIT_NAMES, limit_facts, limit_lines, limit_options, limits_given
-from ._options import FILE, force_option, json_option, out_option, steps_option
+from ._options import FILE, delta_option, force_option, json_option, out_option, steps_option
 from ._output import Out, finite, grid, show_result
-from ._problem import share
 
 LISTED = 12  # states whose certificates are printed; JSON has all
+# Fields of a certificate in JSON.
+_NUMBERS = ("delta", "target", "state", "components", "tube", "control")
+_WORDS = ("kind", "covers", "assumption")
 
 
 @click.command(
@@ -47,12 +48,7 @@ LISTED = 12  # states whose certificates are printed; JSON has all
 @click.option("--from", "start", metavar="X,Y", help="Initial state; default: of the problem.")
 @click.option("--to", "goal", metavar="X,Y", help="Target; default: of the problem, or 0.")
 @steps_option
-@click.option(
-    "--delta",
-    metavar="P",
-    default=f"{DELTA:.0%}",
-    help="Probability that the certificate does not hold.",
-)
+@delta_option("Probability that the certificate does not hold.")
 @click.option(
     "--x0-error",
     metavar="E",
@@ -81,7 +77,7 @@ def control_command(
     start: str | None,
     goal: str | None,
     steps: int,
-    delta: str,
+    delta: float,
     noise: bool,
     x0_error: float,
     open_loop: bool,
@@ -98,7 +94,6 @@ def control_command(
     under the assumptions declared to `stochens identify`. With limits or weights, minimizes the
     weighted squares of the distances from the target (--Q, --Qf) and of the inputs (--R).
     """
-    probability = share(delta, "--delta")
     files = Out(context)
     known: Any
     if source.endswith(".safetensors") or state_file.is_state(source):
@@ -118,15 +113,15 @@ def control_command(
     xf = _state("--to", goal, n, np.zeros(n) if xf is None else xf)
     asked = limits_given(context.params, names)
     if robust:
-        asked["guarantee"] = probability
+        asked["guarantee"] = delta
     start_at = Uncertain(x0, x0_error) if x0_error else x0
     plan = control(known, start_at, xf, steps=steps, **asked)
     found: Any = None
     if isinstance(known, Model):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
-            found = _certified(plan, probability, noise, open_loop)
-    near = None if found is None else _typical(plan, probability, noise)
+            found = _certified(plan, delta, noise, open_loop)
+    near = None if found is None else _typical(plan, delta, noise)
     facts = {**_facts(plan, found, x0, xf, names), "typical": near}
     show_result(facts, _text(plan, found, near, xf, names), as_json)
     files.write(facts, lambda: plan.plot(found))
@@ -195,18 +190,11 @@ def _facts(
         "certificate": None
         if found is None
         else {
-            "delta": found.delta,
-            "target": finite(found.target),
-            "state": finite(found.state),
+            **{name: finite(getattr(found, name)) for name in _NUMBERS},
+            **{name: getattr(found, name) for name in _WORDS},
             "parts": {name: finite(part) for name, part in found.parts.items()},
-            "components": finite(found.components),
-            "tube": finite(found.tube),
-            "control": finite(found.control),
             "methods": {name: one.method for name, one in found.quantities.items()},
             "reasons": {name: one.reason for name, one in found.quantities.items() if one.reason},
-            "kind": found.kind,
-            "covers": found.covers,
-            "assumption": found.assumption,
         },
     }
 

@@ -8,9 +8,8 @@ from typing import Any
 import click
 import numpy as np
 
-from .._base import html
 from .._base.csv_file import csv_files, natural
-from .._base.types import DELTA
+from .._base.html import listed
 from ..exceptions import DataWarning
 from ..identification import Model, Trajectories, identify
 from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
@@ -19,9 +18,8 @@ from ..identification.region import Region
 from ..identification.tables import Table
 from ..rng import as_key
 from ._command import Command
-from ._options import FILE, Choice, force_option, json_option, out_option, seed_option
+from ._options import FILE, Choice, delta_option, force_option, json_option, out_option, seed_option
 from ._output import Out, finite, grid, note, show_result
-from ._problem import share
 
 
 @click.command(
@@ -96,12 +94,7 @@ from ._problem import share
     help="States have errors: the present and L past inputs, which do not react to the states, are "
     "the instruments.",
 )
-@click.option(
-    "--delta",
-    metavar="P",
-    default=f"{DELTA:.0%}",
-    help="Probability that the region misses the system.",
-)
+@delta_option("Probability that the region misses the system.")
 @seed_option
 @out_option("identify", "the model to a file .safetensors")
 @force_option
@@ -126,7 +119,7 @@ def identify_command(
     exact: str | None,
     intercept: bool,
     lags: int | None,
-    delta: str,
+    delta: float,
     seed: int,
     as_json: bool,
     **_: Any,
@@ -139,7 +132,6 @@ def identify_command(
     under the assumptions that you declare, and tests of the residuals: a small p speaks against an
     assumption, no p proves one.
     """
-    probability = share(delta, "--delta")
     paths = csv_files(sorted(source, key=natural))
     if states is None or inputs is None:
         known = ", ".join(map(str, Table.of_file(paths[0]).names))
@@ -173,7 +165,7 @@ def identify_command(
             instruments=None if lags is None else data.past_inputs(lags),
             rng=as_key(seed),
         )
-    region = model.region(probability)
+    region = model.region(delta)
     if files.file is not None:
         model.save(files.file)
     careful = [*model.warnings, *_useless(model, data, region)]
@@ -181,7 +173,7 @@ def identify_command(
     lines = [_text(model, data, region)]
     if unused:
         lines.append(
-            f"not used   {html.listed(unused)}: all rows are one run; --by COLUMN tells runs apart"
+            f"not used   {listed(unused)}: all rows are one run; --by COLUMN tells runs apart"
         )
     lines += [f"warning    {text}" for text in careful]
     if last_pairs and _exact_is_possible(model):
@@ -288,6 +280,6 @@ def _useless(model: Model, data: Trajectories, region: Region) -> list[str]:
     if model.assumptions.known is None:
         cures.append("give --sigma if the noise is known")
     return [
-        f"the bounds of {html.listed([f'{name}(k+1)' for name in rows])} are infinite or larger "
+        f"the bounds of {listed([f'{name}(k+1)' for name in rows])} are infinite or larger "
         f"than every coefficient: {', or '.join(cures)}"
     ]

@@ -8,8 +8,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from click.shell_completion import CompletionItem
 
+from .._base.types import DELTA
 from .._base.validation import nearest
 from ..cases import CASES
+from ._problem import share
 
 if TYPE_CHECKING:
     _ParamType = click.ParamType[str]
@@ -72,6 +74,17 @@ def out_option(name: str, more: str = "") -> Callable[[F], F]:
         multiple=bool(more),
         metavar="OUT" if more else "DIR",
         help=f"{text}; or {more}; or both." if more else f"{text}.",
+    )
+
+
+def delta_option(text: str) -> Callable[[F], F]:
+    """A probability of failure, as ``5%`` or ``0.05``."""
+    return click.option(
+        "--delta",
+        metavar="P",
+        default=f"{DELTA:.0%}",
+        callback=lambda _, __, value: share(value, "--delta"),
+        help=text,
     )
 
 

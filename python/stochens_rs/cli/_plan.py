@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import click
 
-from .._base.types import DELTA
 from ..controls.planning import required_samples
 from ..rng import as_key
 from ._command import Command
 from ._options import (
     Choice,
     case_option,
+    delta_option,
     file_option,
     json_option,
     seed_option,
@@ -35,12 +35,7 @@ from ._problem import problem, share
     "their units.",
 )
 @click.option("--absolute", is_flag=True, help="--error is absolute, not relative.")
-@click.option(
-    "--delta",
-    metavar="P",
-    default=f"{DELTA:.0%}",
-    help="Probability with which the error may be larger.",
-)
+@delta_option("Probability with which the error may be larger.")
 @click.option(
     "--quantity",
     type=Choice(["state", "control"]),
@@ -67,7 +62,7 @@ def plan(
     case: str | None,
     path: str | None,
     error: str,
-    delta: str,
+    delta: float,
     quantity: str,
     fusion: str,
     steps: int,
@@ -92,7 +87,7 @@ def plan(
         xf,
         share(error, "--error", relative=not absolute),
         steps=steps,
-        delta=share(delta, "--delta"),
+        delta=delta,
         relative=not absolute,
         quantity=quantity,  # type: ignore[arg-type]
         fusion=fusion,  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from contextlib import nullcontext
+from itertools import groupby
 from typing import Any
 
 import click
@@ -14,7 +15,7 @@ from ..paper.report.page import COLUMNS, require_report
 from ..rng import as_key
 from ._command import Command
 from ._options import DIRECTORY, force_option, json_option, seed_option
-from ._output import note, prepared, show_result
+from ._output import grid, note, prepared, show_result
 from ._unfinished import unfinished
 from ._workers import pool, workers_option
 
@@ -146,19 +147,18 @@ def reproduce(
 def _table(rows: list[dict[str, Any]]) -> str:
     """The final errors as text, one block per panel."""
     lines = []
-    before = None
-    head = (
-        " " * 20 + "".join(f"{name:>11}" for name in [*COLUMNS.values(), "exact rms"]) + f"{'z':>7}"
-    )
-    for row in rows:
-        if row["panel"] != before:
-            before = row["panel"]
-            lines += [
-                "",
-                f"{row['panel']}  relative error of the {row['quantity']}, N = {row['samples']}",
-                head,
-            ]
-        cells = "".join(f"{row[k]:>11.3g}" for k in COLUMNS)
-        exact = "" if row["z"] is None else f"{row['exact_rms']:>11.3g}{row['z']:>+7.2f}"
-        lines.append(f"{row['method']:<20}{row['zero'] or cells:>{len(cells)}}{exact}")
+    for panel, group in groupby(rows, key=lambda row: row["panel"]):
+        shown = list(group)
+        quantity, samples = shown[0]["quantity"], shown[0]["samples"]
+        lines += ["", f"{panel}  relative error of the {quantity}, N = {samples}"]
+        lines += grid([["", *COLUMNS.values(), "exact rms", "z"], *map(_cells, shown)])
     return "\n".join(lines[1:])
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    """The method, its errors or why they are zero, and the exact value with z."""
+    errors = [f"{row[k]:.3g}" for k in COLUMNS]
+    if row["zero"]:
+        errors = [*[""] * (len(COLUMNS) - 1), row["zero"]]
+    exact = ["", ""] if row["z"] is None else [f"{row['exact_rms']:.3g}", f"{row['z']:+.2f}"]
+    return [row["method"], *errors, *exact]

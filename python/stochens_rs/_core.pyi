@@ -47,6 +47,7 @@ __all__ = [
     "least_squares_level",
     "log_multigamma",
     "mean_difference",
+    "mean_radius",
     "mixtures",
     "noncentrality_limit",
     "normal_quantile",

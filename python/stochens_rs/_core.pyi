@@ -54,6 +54,7 @@ __all__ = [
     "log_multigamma",
     "loop_eigenvalues",
     "mean_difference",
+    "mean_radius",
     "mixtures",
     "next_runs",
     "normal_quantile",

@@ -321,17 +321,8 @@ impl PyRegion {
 /// A region, the inputs in its form, noise to come, and whether it compares with the best control.
 type GivenWay<'py> = (Bound<'py, PyRegion>, Matrix<'py>, Option<Noise<'py>>, bool);
 /// `(best, target, reach, model_error, start, components, tube, control, why)`; `why` no bound of the control is known.
-type Found<'py> = (
-    usize,
-    f64,
-    f64,
-    f64,
-    f64,
-    Bound<'py, PyArray1<f64>>,
-    Bound<'py, PyArray1<f64>>,
-    f64,
-    Option<&'static str>,
-);
+type Found<'py> =
+    (usize, f64, f64, f64, f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, f64, Option<&'static str>);
 
 /// The certificate of a plan from regions that hold in one event.
 #[pyfunction]
@@ -358,9 +349,7 @@ pub(super) fn certify<'py>(
         Some(Control::Many) => {
             (f64::INFINITY, Some("there are more inputs than states, so that many controls are as good"))
         }
-        Some(Control::NoEffect) => {
-            (f64::INFINITY, Some("within the error of the data some inputs may have no effect"))
-        }
+        Some(Control::NoEffect) => (f64::INFINITY, Some("within the error of the data some inputs may have no effect")),
     };
     Ok((
         found.best,

@@ -130,7 +130,7 @@ _HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
 def __getattr__(name: str) -> Any:
     if name in _HOME:
         value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
-    elif name in __all__:
+    elif name in __all__ or name in _ROOMS:
         value = importlib.import_module(f".{name}", __name__)
     else:
         raise AttributeError(f"{__name__} has no attribute {name!r}{_hint(name)}")

@@ -14,7 +14,6 @@ from ..rng import Key
 from .assumptions import COVARIANCES, DESIGNS, NOISES, Assumptions
 from .checks import NAMES, Checks
 from .pieces import Pieces
-from .pilot import Pilot
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -156,14 +155,14 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
     }
 
 
-def _arrays(pilot: Pilot) -> dict[str, Floats]:
+def _arrays(pilot: Any) -> dict[str, Floats]:
     """The arrays that a pilot has."""
     names = "model", "gain", "dither", "start", "inputs"
     return {name: found for name in names if (found := getattr(pilot, name)) is not None}
 
 
-def _pilot(sections: Sections, n: int, m: int, d: int) -> Pilot | None:
-    """The pilot of a model, taken from the arrays."""
+def _pilot(sections: Sections, n: int, m: int, d: int) -> dict[str, Any] | None:
+    """The fields of the pilot of a model, taken from the arrays."""
     if "pilot_source" not in sections:
         return None
     try:
@@ -178,7 +177,7 @@ def _pilot(sections: Sections, n: int, m: int, d: int) -> Pilot | None:
     }
     if "start" in arrays:
         arrays["start"] = arrays["start"][0]
-    return Pilot(arrays.pop("model"), source, **arrays)
+    return {"source": source, **arrays}
 
 
 def exact_states(sections: Sections, n: int) -> tuple[int, ...]:

@@ -618,6 +618,8 @@ class Model(Identified, Durable, Tabled):
     @classmethod
     def _from_sections(cls, sections: Sections) -> Model:
         (rows, *about), fields = to_model(sections)
+        if fields["pilot"] is not None:
+            fields["pilot"] = Pilot(**fields["pilot"])
         nothing_left(sections)
         model = cls(Trajectories._of(validation.matrix("rows", rows), *about), **fields)
         model._verify()

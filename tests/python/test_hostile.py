@@ -268,7 +268,6 @@ OWN = {
     "Experiment.panel": {"name": "3a"},
     "Plan.validate": {"runs": np.ones((3, 2, 2))},
     "Regulator.validate": {"runs": np.ones((3, 2, 2))},
-    "design": {"plan": to_improve(), "runs": 2, "limits": (-1.0, 1.0)},
     "Plan.plot_phase": {"across": 0, "up": 1},
     "Trajectory.plot_phase": {"across": 0, "up": 1},
     "EnsembleTrajectory.plot_phase": {"across": 0, "up": 1},
@@ -368,7 +367,7 @@ SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curv
 SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
 SEPARATE |= {"System.from_mujoco", "from_andes"}  # optional packages: in files of their own
 SEPARATE |= {"Bound", "Printed", "Simulated", "Results.select", "Results.plot"}
-SEPARATE |= {"Study.resume", "Study.merge", "Plan.typical"}
+SEPARATE |= {"Study.resume", "Study.merge", "Plan.typical", "design"}
 SEPARATE |= {
     f"{kind}.{name}"
     for kind in ("Stream", "DataStream", "ModelStream")

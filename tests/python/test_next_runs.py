@@ -11,7 +11,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.controls import NextRuns
-from stochens_rs.exceptions import InputError, ShapeError
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from test_typical import A, B, data
 
 KEY = bytes(range(32))
@@ -156,6 +156,7 @@ def test_what_cannot_be_designed() -> None:
     pairs = se.identify(data(20, 8).last_pairs(), design="independent", checks=False)
     independent = se.control(pairs, [1.0, 0.0], [0.0, 0.0], steps=3)
     for plan, options, text in (
+        ("plan", {}, "`plan`"),
         (exact, {}, "a model by `identify`"),
         (independent, {}, "not independent of their noise"),
         (planned(known_B=[[0.0], [np.nan]]), {}, "no V in common"),
@@ -164,6 +165,11 @@ def test_what_cannot_be_designed() -> None:
         (planned(), {"limits": se.Limits(u=(-1, 1), x=(-1, 1))}, "only here"),
         (planned(), {"x0": [[0.0, 0.0]] * 3}, "`x0`"),
         (planned(), {"runs": 0}, "`runs`"),
+        (planned(), {"runs": 2.5}, "`runs`"),
+        (planned(), {"steps": 0}, "`steps`"),
+        (planned(), {"delta": 1.0}, "`delta`"),
+        (planned(), {"x0": [np.nan, 0.0]}, "`x0"),
+        (planned(), {"limits": "wide"}, "`limits`"),
     ):
-        with pytest.raises(InputError, match=text):
+        with pytest.raises((InputError, InputTypeError), match=text):
             se.design(plan, **{"runs": 2, "limits": (-1.0, 1.0), **options})

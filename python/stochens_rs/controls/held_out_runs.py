@@ -159,8 +159,10 @@ def validated_loop(
     if isinstance(runs, Trajectories):
         K = int(runs.lengths.max())
     else:
-        given = [runs] if isinstance(runs, np.ndarray) and runs.ndim == 2 else runs
-        K = max((len(one) for one in validation.items("runs", given)), default=0) - 1
+        single = isinstance(runs, np.ndarray) and runs.ndim == 2
+        given = [runs] if single else validation.items("runs", runs)
+        read = [validation.read(f"runs[{r}]", one) for r, one in enumerate(given)]
+        K = max((len(one) for one in read if one.ndim), default=0) - 1
     if K < 1:
         raise ShapeError("`runs` must have one step at least")
     nothing = np.zeros((K, loop.m)), np.zeros((K + 1, loop.n))

@@ -130,7 +130,8 @@ def design(
     A^{K-1-k}') z_j z_k'``. Run after run, ``sum_k z_k' V^-1 Psi V^-1 z_k`` is maximised over its
     inputs, V with all runs before it: Frank and Wolfe's method for phi, which is convex. The model
     stands for the system. The forecast multiplies the part of the certificate that is the error of
-    the model by ``sqrt(phi / phi(0))``.
+    the model by ``sqrt(phi / phi(0))``. With few runs, where higher orders prevail, the certificate
+    falls faster.
 
     The inputs depend on the noise of the earlier runs: identify all runs together with
     ``design="adaptive"``, the default, whose regions allow that.

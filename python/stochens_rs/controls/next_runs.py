@@ -165,7 +165,8 @@ def design(
     low, high = sides("limits", as_limits(limits).only("u").u, length, model.labels)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise InputError("`limits` must be finite: the best inputs are at them")
-    first = model.data.pairs()[0][model.data._places() == 0].mean(axis=0)
+    lengths = model.data._pieces.lengths
+    first = model.data.pairs()[0][np.cumsum(lengths) - lengths].mean(axis=0)
     given = read_starts(first if x0 is None else x0, count, model.n)
     begin = np.ascontiguousarray(np.broadcast_to(given, (count, model.n)))
     white, covariance = model._white(), model.covariance

@@ -167,6 +167,7 @@ def refuse(assumed: Assumptions, data: Trajectories, others: bool) -> None:
         raise InputError("`pilot` goes without known entries and instruments")
     if data.steps > 1:
         raise InputError("`pilot` needs the runs themselves, not pairs over several steps")
+    data._require_whole("data", "a pilot simulates whole runs from their starts")
     if data.lengths.min() != data.lengths.max():
         raise InputError(
             "`pilot` needs runs of one length, fixed beforehand: was a run ended because of what "

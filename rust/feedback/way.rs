@@ -14,7 +14,7 @@ pub(super) struct Way<'a> {
 }
 
 impl Way<'_> {
-    fn input(&self) -> Matrix {
+    pub fn input(&self) -> Matrix {
         let m = self.of.data.m;
         match self.plan.chunks_exact(m).nth(self.k) {
             Some(row) => Mat::from_fn(m, 1, |j, _| row[j]),

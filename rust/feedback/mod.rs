@@ -25,6 +25,7 @@
 //! # Ok::<(), stochens::Error>(())
 //! ```
 
+mod along;
 mod certificate;
 mod data;
 mod gains;
@@ -35,6 +36,7 @@ mod norm;
 mod saturation;
 mod tube;
 mod verify;
+mod way;
 
 pub use certificate::{Certificate, Status};
 pub use gains::{Gain, eigenvalues, guaranteed, least_squares, widest};

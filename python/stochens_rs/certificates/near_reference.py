@@ -60,7 +60,7 @@ def near_reference(
             "target and state together, the components and the tube each on its own, over the "
             "noise of the data"
         ),
-        assumption=model.region(delta).assumption,
+        assumption=f"{model.assumptions.text}, {model.pilot.said}",
         parts=dict(zip(("reach", "quantile", "mismatch", "rest"), parts, strict=True)),
         warnings=model.warnings,
     )

@@ -484,7 +484,7 @@ fn call(name: &str) -> Option<Call> {
     })
 }
 
-const CALLS: [&str; 39] = [
+const CALLS: [&str; 40] = [
     "sample",
     "systematic",
     "counts",

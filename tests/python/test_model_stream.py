@@ -217,7 +217,7 @@ def test_nothing_is_certain_without_data():
         look = stream.look([1.0], [2.0], tol=1.0, u=[[0.0]])
     assert look.certificate.target == look.forecast == np.inf
     assert look.certificate["target"].reason == stream.model.doubts[0]
-    assert "1 warning" in repr(look)
+    assert "2 warnings" in repr(look)
     stream = se.ModelStream(1, 1, design="independent", first=5, exact=[0])
     stream.update(np.arange(5.0)[:, None], np.zeros((5, 1)), 2.0 * np.arange(5.0)[:, None])
     assert stream.look([1.0], [2.0], tol=1.0, u=[[0.0]]).certificate.target < 1e-9

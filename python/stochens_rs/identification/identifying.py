@@ -195,7 +195,7 @@ def identify(
     if pilot is not None:
         refuse_pilot(assumed, runs, known is not None or zeta is not None)
         guide, runs = made(runs, pilot, offset, reference, inputs, dither)
-    elif reference is not None or dither is not None or not isinstance(inputs, str):
+    elif not (reference is None and dither is None and _unsaid(inputs)):
         raise InputError("`reference`, `inputs` and `dither` must be left out without `pilot`")
     Z = _rows(runs, offset)
     with np.errstate(over="ignore"):
@@ -219,6 +219,11 @@ def identify(
         said += f"; {html.number_of(more, 'more warning')}: see model.warnings" if more else ""
         warnings.warn(DataWarning(said), stacklevel=2)
     return model
+
+
+def _unsaid(inputs: object) -> bool:
+    """Whether `inputs` has its default."""
+    return isinstance(inputs, str) and inputs == "open loop"
 
 
 def _rows(runs: Trajectories, offset: bool) -> Floats:

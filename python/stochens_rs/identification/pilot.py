@@ -111,6 +111,8 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
         source = f"runs 0 to {first - 1}, the model is of runs {first} to {len(data) - 1}"
         return np.ascontiguousarray(model), source, data[first:], runs.size
     if isinstance(pilot, (tuple, System)):
+        if isinstance(pilot, tuple) and len(pilot) != 2:
+            raise ShapeError(f"`pilot` must be (A, B), got {len(pilot)} items")
         system = pilot if isinstance(pilot, System) else System(*pilot)
         model, source = np.hstack([system.A, system.B]), "a system from elsewhere"
     elif hasattr(pilot, "_Theta"):

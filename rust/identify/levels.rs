@@ -67,19 +67,19 @@ pub fn least_squares_level(n: usize, ld: &[f64], wider: &[f64], delta: f64, frob
     if wider.contains(&f64::INFINITY) {
         return Ok(f64::INFINITY);
     }
-    let share = delta / ld.len() as f64;
+    let log_share = delta.ln() - (ld.len() as f64).ln(); // of delta / J, which may underflow
     let each = ld.iter().zip(wider);
     if frobenius {
-        let best = each.map(|(ld, wide)| (n as f64 * ld - 2.0 * share.ln()) * wide).fold(f64::INFINITY, f64::min);
+        let best = each.map(|(ld, wide)| (n as f64 * ld - 2.0 * log_share) * wide).fold(f64::INFINITY, f64::min);
         return Ok(best);
     }
     let left = |c: f64| {
         let term = |(ld, wide): (&f64, &f64)| log_hyp1f1(0.5, n as f64 / 2.0, c / wide) - ld / 2.0;
         let top = each.clone().map(term).fold(f64::NEG_INFINITY, f64::max);
-        top + each.clone().map(|pair| (term(pair) - top).exp()).sum::<f64>().ln() + share.ln()
+        top + each.clone().map(|pair| (term(pair) - top).exp()).sum::<f64>().ln() + log_share
     };
     // 1F1(1/2; n/2; c) <= exp(c): the root is at least the smallest wider_j times log(1 / delta), for one j exactly so at n = 1
-    let start = each.clone().map(|(ld, wide)| (ld / 2.0 - share.ln()) * wide).fold(f64::INFINITY, f64::min);
+    let start = each.clone().map(|(ld, wide)| (ld / 2.0 - log_share) * wide).fold(f64::INFINITY, f64::min);
     Ok(2.0 * positive_root(start, left)?)
 }
 
@@ -153,6 +153,8 @@ mod tests {
         check(least_squares_level(3, &[7.0], &[1.2], 0.05, true).unwrap(), (21.0 + 2.0 * 20f64.ln()) * 1.2);
         assert_eq!(least_squares_level(3, &[7.0], &[f64::INFINITY], 0.05, false), Ok(f64::INFINITY));
         assert!(least_squares_level(3, &[7.0], &[], 0.05, false).is_err());
+        // a share that underflows: log(1 / 5e-324) = 744.4
+        assert!((least_squares_level(1, &[0.0; 16], &[1.0; 16], 5e-324, false).unwrap() - 2.0 * 744.44).abs() < 0.01);
     }
 
     #[test]

@@ -10,7 +10,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
-use crate::certificate::{Aim, Gaussian, Goal, Runs, Task, ToCome, Way, certify, drawn_misses, next_runs};
+use crate::certificate::{Aim, Gaussian, Goal, NextRuns, Task, ToCome, Way, certify, drawn_misses, next_runs};
 use crate::control::{Entity, Factors, Motion, Realized, best_control, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::identify;
@@ -471,7 +471,7 @@ fn call(name: &str) -> Option<Call> {
                     x0: &x0[..9],
                     inputs,
                 };
-                let runs = Runs { starts: &model[..18], steps: 4, low: &[-1.0; 4], high: &[1.0; 4] };
+                let runs = NextRuns { starts: &model[..18], steps: 4, low: &[-1.0; 4], high: &[1.0; 4] };
                 next_runs(goal, runs, &key, &stop)?;
 
                 identify::sign_statistics(&pairs, identify::Weights::Signs(&key), 70, 2, &stop).map(drop)

@@ -321,4 +321,5 @@ def test_rig_script_compares_and_draws(tmp_path, monkeypatch, capsys):
         "limits-plan.png",
         "residuals.png",
         "tube.png",
+        "which-number.png",
     }

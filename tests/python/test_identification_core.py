@@ -11,7 +11,6 @@ from coverage_study import DELTA, exactly
 from identification_data import LAMS, POINT, Y, Z, check, independent
 from stochens_rs import _core as core
 from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
-from stochens_rs.identification import least_squares as ls
 from twin import anytime as at
 from twin import certified_control as cc
 from twin import quantiles as qu
@@ -233,8 +232,9 @@ def test_missing_directions_of_inputs_alone_leave_steps_finite(gen, inputs, unit
         y += 0.1 * gen.standard_normal(y.shape)
         fitted, few = fitted_to(np.hstack([x, u @ map_]), y), fitted_to(np.hstack([x, u]), y)
         assert fitted.missing.shape == (6, 1)
-        data = tr.triangle(np.hstack([x, u @ map_]), y)
-        for missing in (fitted.missing, ls.fit(data.R, data.d, data.N).missing):
+        rows = np.hstack([x, u @ map_, y])
+        estimate = core.fit(core.triangle(rows, 1), rows.shape[1] - n, len(rows), 1)
+        for missing in (fitted.missing, estimate.missing):
             assert not np.any(missing[:n])
         x0, plan = gen.standard_normal(n), units * gen.standard_normal((4, 2))
         options = {"spectral": 0.5, "frobenius": 0.8, "rho0": 0.1}

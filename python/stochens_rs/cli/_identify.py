@@ -50,15 +50,14 @@ from ._output import Out, finite, grid, note, show_result
     type=Choice(ON_GAP),
     metavar="WORD",
     default="split",
-    help="split a run where rows are lost or empty, or raise an error.",
+    help="At lost rows: split the run, or raise.",
 )
 @click.option(
     "--design",
     type=Choice(DESIGNS),
     metavar="D",
     default="adaptive",
-    help="adaptive, or independent: all states and inputs are independent of the noise of the next "
-    "state (several steps: --last-pairs).",
+    help="adaptive, or independent of the noise.",
 )
 @click.option("--last-pairs", is_flag=True, help="Use only the last step of each run.")
 @click.option(
@@ -66,7 +65,8 @@ from ._output import Out, finite, grid, note, show_result
     type=Choice(NOISES),
     metavar="LAW",
     default="gaussian",
-    help=f"{', '.join(NOISES[:-1])} or {NOISES[-1]}.",
+    help=f"{', '.join(NOISES)}.",
+    show_default=False,
 )
 @click.option(
     "--sigma",
@@ -84,7 +84,7 @@ from ._output import Out, finite, grid, note, show_result
 @click.option(
     "--exact",
     metavar="A,B",
-    help="States without noise of their own: it is 0, or follows from that of the other states.",
+    help="States whose noise is 0, or follows from the others.",
 )
 @click.option("--intercept", is_flag=True, help="Fit an offset c as well.")
 @click.option(
@@ -126,11 +126,10 @@ def identify_command(
 ) -> None:
     """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to runs in CSV files, with a region.
 
-    LOGS are files, folders of .csv files, or patterns. The first row of a file names the columns;
-    every other row is one time. Each file is a run, or several with --by. Cells may be empty and
-    rows lost, by chance. Prints A, B and c with bounds that hold for all entries at once,
-    under the assumptions that you declare, and tests of the residuals: a small p speaks against an
-    assumption, no p proves one.
+    LOGS are files, folders of .csv files, or patterns; the first row names the columns. Each file
+    is a run, or several with --by. Rows may be lost by chance. Prints A, B and c with bounds that
+    hold for all entries at once, under the assumptions that you declare, and tests of the
+    residuals: a small p speaks against an assumption, no p proves one.
     """
     paths = csv_files(sorted(source, key=natural))
     if states is None or inputs is None:

@@ -34,10 +34,10 @@ fn one_state() {
     let found = Loop::new(&region, &[-0.9], &Stop::new()).unwrap();
     let one = found.certificate();
     assert_eq!(one.status, Status::Certified);
-    near(one.least, 0.3 * 1.81f64.sqrt() / 0.7, 1e-9);
+    near(one.least, 0.3 * 1.81f64.sqrt() / 0.7, 1e-7); // rho is widened by 1e-8
     assert!(one.norm >= one.least && one.norm <= one.least * 1.002);
     let q = found.invariant(&[0.0], 1.0, 1.0, Some(0.0)).unwrap().unwrap();
-    near(q[0], 0.101142725470413, 1e-9);
+    near(q[0], 0.101142725470413, 1e-6);
     for (by, status) in [(0.999, Status::Certified), (1.001, Status::Refuted)] {
         let region = round(&[1.2, 1.0], 1, 1, by * 0.7 / 1.81f64.sqrt());
         assert_eq!(Loop::new(&region, &[-0.9], &Stop::new()).unwrap().certificate().status, status);
@@ -46,14 +46,13 @@ fn one_state() {
 
 #[test]
 fn widest_margins_of_one_state() {
-    for (centre, gain, most) in [
-        ([1.2, 1.0], -1.2, 0.640184399664),
-        ([0.5, 1.0], -0.5, 0.894427190999916),
-        ([0.9, 0.1], -1.0, 0.14142135623731),
-    ] {
+    for (centre, most) in
+        [([1.2, 1.0], 0.640184399664), ([0.5, 1.0], 0.894427190999916), ([0.9, 0.1], 0.14142135623731)]
+    {
         let found = widest(&round(&centre, 1, 1, 0.01), &Stop::new()).unwrap();
         near(0.01 * found.parameter, most, 1e-3);
-        near(found.gain[0], gain, 0.2);
+        let (margin, k) = (|k: f64| (1.0 - (centre[0] + centre[1] * k).abs()) / k.hypot(1.0), found.gain[0]);
+        assert!(margin(k) > 0.9 * most && margin(k) < most * (1.0 + 1e-9), "{k}");
     }
 }
 

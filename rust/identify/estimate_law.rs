@@ -239,13 +239,13 @@ mod tests {
         let (mut memory, mut model, mut noises) = (law.drawing(3).unwrap(), [0.0; 4], [0.0; 6]);
         law.draw(&key, 5, &mut memory, &mut model, &mut noises);
         for (one, other) in [(model[0] - 1.0, model[2] - 3.0), (noises[0], noises[1]), (noises[4], noises[5])] {
-            assert!(one != 0.0 && (other / one - 2.0).abs() < 1e-6);
+            assert!(one != 0.0 && (other - 2.0 * one).abs() < 1e-7, "{other} is not 2 {one}"); // rounding of a root
         }
     }
 
     #[test]
     fn wrong_arguments_are_errors() {
-        for s in [&S[..3], &S[..1], &[], &[1.0, f64::NAN, 0.0, 1.0]] {
+        for s in [&S[..3], &[], &[1.0, f64::NAN, 0.0, 1.0]] {
             assert!(EstimateLaw::new(centre(), s, NoiseLaw::Known).is_err());
         }
         assert!(EstimateLaw::new(centre(), &S, NoiseLaw::Full(1)).is_err());

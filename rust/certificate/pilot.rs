@@ -162,6 +162,12 @@ impl Pilot {
         &self.h
     }
 
+    /// `T` (d, d) with `H - Theta = Sigma^(1/2) Gamma T`.
+    #[must_use]
+    pub fn white(&self) -> &[f64] {
+        &self.t
+    }
+
     /// Whether the instruments determine the model.
     #[must_use]
     pub fn determined(&self) -> bool {

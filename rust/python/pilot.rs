@@ -61,6 +61,12 @@ impl PyPilot {
         array2(py, try_copy(WHAT, self.pilot.centre())?, self.n, self.d)
     }
 
+    /// T (d, d): `H - Theta = Sigma^(1/2) Gamma T`.
+    #[getter]
+    fn white<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
+        array2(py, try_copy(WHAT, self.pilot.white())?, self.d, self.d)
+    }
+
     #[getter]
     fn determined(&self) -> bool {
         self.pilot.determined()

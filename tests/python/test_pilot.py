@@ -10,6 +10,7 @@ import pytest
 import stochens_rs as se
 from pilot_sets import led, measured, rig
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from twin.pilot import estimate, simulated
 
 PLANT = rig()
 A, B = PLANT.A, PLANT.B
@@ -56,6 +57,28 @@ def test_a_plan_near_the_reference() -> None:
     assert plan.bound(0.05, noise=True).target > bound.target
     uncertain = se.control(model, se.Uncertain(PLANT.x0, 0.001), PLANT.xf, steps=10)
     assert "start" in uncertain.bound(0.05).parts
+
+
+def test_models_are_drawn_by_the_law_of_the_pilot() -> None:
+    """``H + sigma G T``: the covariance of a row over 4000 draws, within 5 standard errors."""
+    model = sharp()
+    rows = np.hstack(model.data.pairs())
+    start, size = rows[:, :5].reshape(-1, 10, 5)[:, 0, :4], model.data.size
+    zeta = simulated(model.pilot.model, start, np.full(size // 10, 10), rows[:, 4:5], None)
+    found = estimate(zeta, rows[:, :5], rows[:, 5:])
+    drawn = model.draw(4000, rng=1)
+    off = np.concatenate([drawn.A, drawn.B], axis=2) - np.hstack([model.A, model.B])
+    expected = PLANT.sigma**2 * found.T.T @ found.T
+    error = np.sqrt((np.outer(np.diag(expected), np.diag(expected)) + expected**2) / 4000)
+    for i in range(4):
+        assert np.all(np.abs(off[:, i].T @ off[:, i] / 4000 - expected) <= 5 * error)
+    plan = se.control(model, PLANT.x0, PLANT.xf, steps=10)
+    near = plan.typical(0.05)
+    miss = np.linalg.norm(led(np.hstack([A, B]), PLANT.x0, plan.u)[-1] - PLANT.xf)
+    assert miss < near.miss < near.certified == plan.bound(0.05).target
+    more = se.design(plan, 10, limits=(-1.0, 1.0))
+    assert more.forecast[0] == pytest.approx(near.certified)
+    assert more.forecast[-1] < near.certified
 
 
 def test_limits_keep_their_comparison() -> None:

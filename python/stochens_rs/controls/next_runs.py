@@ -177,7 +177,6 @@ def design(
     key = bytes(as_key(rng).child("design"))
     inputs, phi = _core.next_runs(*parts, begin, length, low, high, key)
     falls = np.sqrt(phi / phi[0]) if phi[0] else np.ones(count + 1)
-    error = now.parts["model error"]
-    fixed = sum(part for name, part in now.parts.items() if name != "model error")
-    forecast = fixed + error * falls
+    fixed = now.parts["reach"] + now.parts.get("start", 0.0)
+    forecast = fixed + (now.target - fixed) * falls
     return NextRuns(inputs.reshape(count, length, model.m), begin, forecast, now.delta)

@@ -485,6 +485,8 @@ class Model(Identified, Durable, Tabled):
         count = validation.size("size", size)
         kind = validation.choice("method", method, BOOTSTRAPS)
         self._refuse_resampling()
+        if self.pilot is not None:
+            raise InputError("a model by a pilot is not least squares: use draw()")
         found, key = self._blocks, as_key(rng).child("bootstrap")
         models = bootstrap_models(found, *self._pairs(), self._Theta, self.data, count, kind, key)
         return self._ensemble(models, f"bootstrap of {kind}", count)
@@ -503,7 +505,8 @@ class Model(Identified, Durable, Tabled):
         -------
         SystemEnsemble
             ``H + S^1/2 E^-1/2 G V^-1/2``, E ~ W_n(I, nu), G standard normal; for a known
-            covariance ``H + Sigma^1/2 G V^-1/2``. With mean H: ``centre`` is "estimate".
+            covariance ``H + Sigma^1/2 G V^-1/2``; with a pilot, T of its instruments in place of
+            ``V^-1/2``. With mean H: ``centre`` is "estimate".
 
         Raises
         ------
@@ -533,20 +536,20 @@ class Model(Identified, Durable, Tabled):
             raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
         if len(self._blocks) > 1:
             raise InputError("draw() knows no law with single known entries: use bootstrap()")
-        return law_of_estimate(self._blocks[0], self.assumptions, self._Theta)
+        return law_of_estimate(self._blocks[0], self.assumptions, self._Theta, self._white())
 
     def _white(self) -> Floats:
         """``white' white = V^-1`` of all columns, where the rows of Theta have one V."""
         self._refuse_resampling()
         if len(self._blocks) > 1:
             raise InputError("the rows of a model with single known entries have no V in common")
-        return whitened(self._blocks[0], self._d)
+        return whitened(self._blocks[0], self._d) if self.pilot is None else self._piloted.white
 
     def _refuse_resampling(self) -> None:
-        if self.pilot is not None:
-            raise InputError("a model by a pilot is not least squares: identify without `pilot`")
         if not self.identifiable:
             raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
+        if self.pilot is not None and not self._piloted.determined:
+            raise InputError("the runs that the pilot simulates do not determine the model")
         if self.assumptions.noisy_states:
             raise InputError(
                 "models of noisy states cannot be resampled: the scatter is not theirs"

@@ -68,13 +68,13 @@ def bootstrap_models(
     return models[solved]
 
 
-def law_of_estimate(f: _core.Fitted, noise: Assumptions, Theta: Floats) -> Law:
+def law_of_estimate(f: _core.Fitted, noise: Assumptions, Theta: Floats, white: Floats) -> Law:
     """What the core draws models from: Theta, white of all columns, S, its kind and nu."""
     least = len(Theta) if noise.covariance == "full" else 1
     if noise.known is None and f.nu < least:
         raise InputError(f"draw() needs at least {f.rank + least} pairs, got {f.N}")
     S = f.S if noise.known is None else noise.known
-    return Theta, whitened(f, Theta.shape[1]), S, noise.covariance, f.nu
+    return Theta, white, S, noise.covariance, f.nu
 
 
 def whitened(f: _core.Fitted, d: int) -> Floats:

@@ -155,6 +155,11 @@ def design(
     if not (isinstance(basis, ModelBasis) and isinstance(basis.model, Model)):
         raise InputError("`plan` must be for a model by `identify`")
     model = basis.model
+    if model.pilot is not None:
+        raise InputError(
+            "`plan` must be for a model without a pilot: inputs chosen from its runs are not "
+            "independent of their noise; plan by the pilot, and let it be that of the next runs"
+        )
     if model.design != "adaptive" or model.data.steps > 1:
         raise InputError(
             "`plan` must be for a model of single steps with design='adaptive': inputs that follow "
@@ -177,6 +182,7 @@ def design(
     key = bytes(as_key(rng).child("design"))
     inputs, phi = _core.next_runs(*parts, begin, length, low, high, key)
     falls = np.sqrt(phi / phi[0]) if phi[0] else np.ones(count + 1)
-    fixed = now.parts["reach"] + now.parts.get("start", 0.0)
-    forecast = fixed + (now.target - fixed) * falls
+    error = now.parts["model error"]
+    fixed = sum(part for name, part in now.parts.items() if name != "model error")
+    forecast = fixed + error * falls
     return NextRuns(inputs.reshape(count, length, model.m), begin, forecast, now.delta)

@@ -182,7 +182,7 @@ mod tests {
 
     fn draws(w: &[f64], indices: &[u8]) -> Singletons {
         let law = Arc::new(Law::new(w.to_vec(), 1, w.len()).unwrap());
-        Singletons::new(law, Indices::U8(indices.to_vec().into()), indices.len()).unwrap()
+        Singletons::new(law, Indices::U8(indices.to_vec()), indices.len()).unwrap()
     }
 
     #[test]
@@ -220,7 +220,7 @@ mod tests {
     fn every_line_of_a_matrix_is_solved_by_itself() {
         // columns (3, 4) and (1, 1): the first seen whole, the second in its first entry only
         let law = Arc::new(Law::new(vec![3.0, 4.0, 1.0, 1.0], 2, 2).unwrap());
-        let both = Singletons::new(law, Indices::U8(vec![0, 0, 1, 0].into()), 2).unwrap();
+        let both = Singletons::new(law, Indices::U8(vec![0, 0, 1, 0]), 2).unwrap();
         let target = [3.0, 4.0, 1.0, 1.0];
         let fit = closed_form(&both, &target, Weights::Simplex, &Stop::new()).unwrap();
         let first = closed_form(&draws(&[3.0, 4.0], &[0, 1]), &target[..2], Weights::Simplex, &Stop::new()).unwrap();

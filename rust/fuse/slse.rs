@@ -191,7 +191,7 @@ mod tests {
     fn run(w: &[f64], lines: usize, length: usize, indices: &[u8], safeguard: bool) -> Sequential {
         let law = Arc::new(Law::new(w.to_vec(), lines, length).unwrap());
         let size = indices.len() / lines;
-        let draws = Singletons::new(law, Indices::U8(indices.to_vec().into()), size).unwrap();
+        let draws = Singletons::new(law, Indices::U8(indices.to_vec()), size).unwrap();
         slse(&draws, w, safeguard, &[size], false, &Stop::new()).unwrap()
     }
 

@@ -56,10 +56,10 @@ fn bad_laws_and_indices_are_refused() {
     assert!(matches!(Law::new(vec![1.0, f64::NAN], 1, 2), Err(Error::NonFinite { index: 1, .. })));
     assert!(matches!(Law::new(vec![1e308; 3], 1, 3), Err(Error::NonFinite { what: "1-norm", .. })));
     let gappy = Arc::new(Law::new(vec![1.0, 0.0], 1, 2).unwrap());
-    assert!(matches!(Singletons::new(gappy, Indices::U8(vec![1].into()), 1), Err(Error::Value { .. })));
+    assert!(matches!(Singletons::new(gappy, Indices::U8(vec![1]), 1), Err(Error::Value { .. })));
     let law = Arc::new(Law::new(vec![1.0, 2.0], 1, 2).unwrap());
-    assert!(matches!(Singletons::new(Arc::clone(&law), Indices::U8(vec![2].into()), 1), Err(Error::Value { .. })));
-    assert!(matches!(Singletons::new(law, Indices::U8(vec![0, 1].into()), 3), Err(Error::Shape { .. })));
+    assert!(matches!(Singletons::new(Arc::clone(&law), Indices::U8(vec![2]), 1), Err(Error::Value { .. })));
+    assert!(matches!(Singletons::new(law, Indices::U8(vec![0, 1]), 3), Err(Error::Shape { .. })));
 }
 
 #[test]

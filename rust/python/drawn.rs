@@ -63,7 +63,10 @@ pub(super) fn drawn_misses<'py>(
     array1(py, run(py, UNTIL_STOPPED, |stop| certificate::drawn_misses(&given, aim, &key, size, threads, stop))?)
 }
 
-/// `(inputs (runs, steps m), phi (runs + 1))` of the next runs from `starts` (runs, n).
+/// `(inputs (runs, steps m), phi (runs + 1))`.
+type Found<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// The next runs from `starts` (runs, n).
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
 pub(super) fn next_runs<'py>(
@@ -78,7 +81,7 @@ pub(super) fn next_runs<'py>(
     low: Matrix<'py>,
     high: Matrix<'py>,
     key: &[u8],
-) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray1<f64>>)> {
+) -> PyResult<Found<'py>> {
     let (n, m, count, key) =
         (x0.as_array().len(), inputs.as_array().dim().1, starts.as_array().dim().0, self::key(key)?);
     let goal = Goal {

@@ -61,7 +61,6 @@ fn command<'a>(units: &Units<'_>, u: &'a Vector<'_>) -> PyResult<&'a [f64]> {
 
 /// `(u (d,), value, lower_bound, status)`: the least mean; `r` (m, m) is the weight of one input.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
 pub(super) fn fleet_mean<'py>(
     py: Python<'py>,
     units: UnitsArgument<'py>,

@@ -8,7 +8,7 @@
 //! [Q - rho^2 S, 0; 0, I] - F Q F' > 0,    F = [A0; E],
 //! ```
 //!
-//! which [`verify`] checks with all of its rounding counted.
+//! which `verify` checks with all of its rounding counted.
 //!
 //! ```
 //! use std::sync::Arc;

@@ -102,7 +102,7 @@ impl Part {
     /// The part around least squares, widened by its rounding.
     ///
     /// With rows wrong by r, in the data and in D, `||l' D V^(1/2)||` is at most `sqrt(factor) (||l' E|| + |l|' r) + |l|' r`,
-    /// and `(|l|' r)^2 <= n l' diag(r^2) l`. The factor [`WIDER`] takes the product of both terms, up to `2 / WIDER^2` of the
+    /// and `(|l|' r)^2 <= n l' diag(r^2) l`. The factor `WIDER` takes the product of both terms, up to `2 / WIDER^2` of the
     /// first one.
     ///
     /// # Errors

@@ -326,7 +326,7 @@ def test_from_data_to_a_tube():
     # the same from a file; one whose proof was changed is refused
     changed = proof.to_dict()
     changed["proof"][0][0] *= -1.0
-    with pytest.raises(InputError, match="does not prove"):
+    with pytest.raises(InputError, match="do not prove"):
         LoopCertificate.from_dict(changed)
     assert len(tube.plot().axes) == 3
     assert isinstance(tube, Tube)
@@ -470,3 +470,76 @@ def test_refusals_of_a_certificate():
             call()
     unknown = se.gain(model(sigma=0.1, design="independent"), 1.0, 1.0)
     assert unknown.certificate(0.05).status == "certified"
+
+
+def of_runs(count=20, error=0.0, sigma=0.05, seed=0, **options):
+    """A model of an oscillator, whose states are read with an error that is not declared."""
+    rng = np.random.default_rng(seed)
+    A, B = np.array([[1.0, 0.1], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
+    u = rng.standard_normal((count, 8, 1))
+    x = np.empty((count, 9, 2))
+    x[:, 0] = rng.standard_normal((count, 2))
+    for k in range(8):
+        noise = sigma * rng.standard_normal((count, 2))
+        x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + noise
+    x += error * rng.standard_normal(x.shape)
+    return se.identify(se.Trajectories(x, u), checks=False, **options)
+
+
+def test_nothing_holds_where_the_data_are_doubted():
+    """The core proves that the region is stable, but the true system is not in it."""
+    with pytest.warns(se.exceptions.DataWarning, match="read with error"):
+        doubted = of_runs(300, error=0.3)
+    proof = se.gain(doubted, 1.0, 1.0).certificate(0.05)
+    assert proof.status == "undetermined"
+    assert proof.reason
+    tube = proof.tube([1.0, 0.0], 15, noise=0.05)
+    for bound in (tube.radii, tube.later, tube.reach, tube.noise, tube.noise_radius):
+        assert np.isinf(bound).all()
+    assert repr(tube) == "<Tube: 15 steps, unbounded>"
+    assert proof.holds((-1.0, 1.0)) == 0.0
+
+
+def test_a_row_that_is_known():
+    nan = np.nan
+    model = of_runs(sigma=0.05, known_A=[[1.0, 0.1], [nan, nan]], known_B=[[0.0], [nan]])
+    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+    assert proof.status == "certified"
+    assert proof.check()
+    again = LoopCertificate.from_dict(proof.to_dict())
+    assert again.check()
+    assert again.norm == proof.norm
+
+
+def test_files_prove_what_they_say():
+    proof = se.gain(of_runs(), 1.0, 1.0).certificate(0.05)
+    fields = proof.to_dict()
+    for norm in (1e-6, -1.0, 0.0, 0.9 * proof.norm):
+        with pytest.raises(InputError, match="do not prove"):
+            LoopCertificate.from_dict({**fields, "norm": norm})
+    stable = fields | {"status": "refuted", "proof": None, "member": proof.region.centre.tolist()}
+    for forged in (stable, stable | {"member": None}):
+        with pytest.raises(InputError, match="an unstable system of the region"):
+            LoopCertificate.from_dict(forged)
+
+
+def test_bounds_are_rounded_outwards():
+    for seed in range(8):
+        proof = se.gain(of_runs(seed=seed), 1.0, 1.0).certificate(0.05)
+        said = float(re.search("margin at least ([^,>]*)", repr(proof))[1])
+        assert 0.99 * proof.margin < said <= proof.margin
+        tube = proof.tube([1.0, 0.0], 9)
+        within = float(re.search("within ([^ ]*)", repr(tube))[1])
+        assert tube.radii.max() <= within < 1.01 * tube.radii.max()
+    assert "(99.9999 %)" in repr(se.gain(of_runs(), 1.0, 1.0).certificate(1e-9))
+    with pytest.raises(InputError, match="`noise` must be below 1 - delta"):
+        se.gain(of_runs(), 1.0, 1.0).certificate(0.6).tube([1.0, 0.0], 5, noise=0.5)
+
+
+def test_regions_of_other_models_are_refused():
+    loop, other = se.gain(of_runs(), 1.0, 1.0), of_runs(seed=1)
+    with pytest.raises(InputError, match="another centre"):
+        loop.certificate(other.region(0.05))
+    for weights in ([1.0, -0.01], [[1.0, 2.0], [2.0, 1.0]]):
+        with pytest.raises(InputError, match="`Q` must be positive semidefinite"):
+            se.gain(of_runs(), weights, 1.0)

@@ -7,6 +7,7 @@ Okabe and Ito's palette. No scripts, no style sheets: nothing outside the fragme
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -106,6 +107,30 @@ def counts(seen: dict[str, int]) -> str:
 def grouped(count: int) -> str:
     """Thousands apart."""
     return f"{count:,}".replace(",", "\u2009")
+
+
+def at_most(value: float, digits: int = 3) -> str:
+    """An upper bound as text, rounded up."""
+    return _rounded(value, digits, ROUND_CEILING)
+
+
+def at_least(value: float, digits: int = 3) -> str:
+    """A lower bound as text, rounded down."""
+    return _rounded(value, digits, ROUND_FLOOR)
+
+
+def _rounded(value: float, digits: int, rounding: str) -> str:
+    if not np.isfinite(value):
+        return f"{value:.3g}"
+    # the shortest decimals of a double: 0.1 is 0.1
+    decimals = Context(prec=digits, rounding=rounding).create_decimal(repr(float(value)))
+    return f"{float(decimals):.{digits}g}"
+
+
+def percent(*deltas: float) -> str:
+    """``1 - sum(deltas)`` in percent, rounded down to six digits."""
+    left = 100 * (1 - sum(Decimal(repr(float(delta))) for delta in deltas))
+    return f"{at_least(float(left), 6)} %"
 
 
 def vector(values: Floats) -> str:

@@ -116,7 +116,7 @@ class Certificate(SavedRecord):
     @property
     def holds(self) -> str:
         """Kind, probability and what it is over, in words."""
-        share = f"with probability {_percent(self.delta)} at least"
+        share = f"with probability {html.percent(self.delta)} at least"
         how = {
             "guaranteed": f"guaranteed {share}",
             "certain": "certain",
@@ -189,7 +189,7 @@ class Certificate(SavedRecord):
     @property
     def share(self) -> str:
         """Kind and probability, short: "95 % guaranteed"."""
-        return "certain" if self.kind == "certain" else f"{_percent(self.delta)} {self.kind}"
+        return "certain" if self.kind == "certain" else f"{html.percent(self.delta)} {self.kind}"
 
     def __repr__(self) -> str:
         name, first = next(iter(self.quantities.items()))
@@ -212,7 +212,3 @@ class Certificate(SavedRecord):
             np.arange(len(self.tube)), self.tube[:, None], "radius around the predicted states"
         )
         return html.card(self, rows, drawn)
-
-
-def _percent(delta: float) -> str:
-    return f"{100 * (1 - delta):.6g} %"

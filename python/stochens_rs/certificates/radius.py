@@ -60,7 +60,7 @@ class Radius(Record):
         if np.ndim(self.radius) == 1:
             size = html.vector(np.asarray(self.radius))
         else:
-            size = f"{self.radius:.3g}"
+            size = html.at_most(float(self.radius))
         if np.isinf(self.radius).all():
             return f"not bounded: {self.reason}"
         because = f"; {self.reason}" if self.reason else ""

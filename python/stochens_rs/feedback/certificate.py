@@ -50,7 +50,7 @@ class LoopCertificate(SavedRecord):
     proof : ndarray, shape (n, n), or None
         Q with ``A_G Q A_G' < Q`` for all systems of the region.
     multipliers : ndarray, shape (parts,)
-        That of each part of the region in the proof; empty without one.
+        That of each part of the region with unknown columns, in the proof; empty without one.
     member : ndarray, shape (n, n + m) or (n, n + m + 1), or None
         ``[A B c]`` of an unstable system in the region.
     labels : Labels
@@ -85,8 +85,20 @@ class LoopCertificate(SavedRecord):
             raise InputError("`proof` must be given where `status` is 'certified', and only there")
 
     def _verify(self) -> None:
-        if not self.check() and self.status == "certified":
-            raise InputError("`proof` does not prove that all systems of the region are stable")
+        norm, _, _ = self._core.sizes
+        if self.status == "certified" and not (self.check() and self.norm >= norm * (1.0 - 1e-3)):
+            raise InputError("`proof` and `norm` do not prove that all systems are stable")
+        if self.status == "refuted" and not self._refuted():
+            raise InputError("`member` must be an unstable system of the region")
+
+    def _refuted(self) -> bool:
+        n, m = self.region.n, self.region.m
+        if self.member is None:
+            return False
+        A, B, c = np.split(np.asarray(self.member), [n, n + m], axis=1)
+        matrices = (np.ascontiguousarray(one) for one in (A, B, self.K))
+        unstable = np.abs(_core.loop_eigenvalues(*matrices)).max() > 1.0
+        return bool(unstable and self.region.contains(A, B, *c.T))
 
     @cached_property
     def _core(self) -> _core.Feedback:
@@ -113,7 +125,8 @@ class LoopCertificate(SavedRecord):
         >>> se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05).check()
         True
         """
-        if self.proof is None or len(self.multipliers) != len(self.region.parts):
+        unknown = [part for part in self.region.parts if len(part.columns)]
+        if self.proof is None or len(self.multipliers) != len(unknown):
             return False
         none = np.zeros_like(self.proof)
         given = np.ascontiguousarray(self.proof), none, 1.0, 1.0, self.multipliers
@@ -183,7 +196,7 @@ class LoopCertificate(SavedRecord):
         if inputs is not None:
             plan = validation.inputs("inputs", inputs, cols=m, labels=self.labels.inputs)
         radius = validation.nonnegative("start", start)
-        bound = None
+        noisy = None
         if noise is not None:
             covariance = self.region.noise
             if covariance is None:
@@ -191,9 +204,17 @@ class LoopCertificate(SavedRecord):
                     "`noise` must be None: this region has no bound of the covariance of the "
                     "noise; declare `sigma` or `covariance`, or design='adaptive'"
                 )
-            bound = np.ascontiguousarray(covariance), validation.probability("noise", noise)
-        found = self._core.tube(first, K, plan, radius, bound)
+            noisy = np.ascontiguousarray(covariance), validation.probability("noise", noise)
+            if noise + self.region.delta >= 1.0:
+                raise InputError(
+                    f"`noise` must be below 1 - delta = {1.0 - self.region.delta:g}, got {noise:g}"
+                )
+        found = self._core.tube(first, K, plan, radius, noisy)
         nominal, model, begun, radii, spread, size, later, reach = found
+        if self.status != "certified":  # the core knows nothing of doubts about the data
+            for bound in (model, begun, radii, spread, later, reach):
+                bound.fill(np.inf)
+            size = np.inf
         return trusted(
             Tube,
             states=validation.frozen(nominal[:, :n]),
@@ -270,23 +291,23 @@ class LoopCertificate(SavedRecord):
         return level if scale is None else scale
 
     def __repr__(self) -> str:
-        share = f"{100 * (1 - self.region.delta):.6g} %"
+        share = html.percent(self.region.delta)
         if self.status == "certified":
             what = f"certified for every system of the region ({share}): stable, "
-            what += f"margin at least {np.floor(100 * self.margin) / 100:.3g}"
+            what += f"margin at least {html.at_least(self.margin)}"
         elif self.status == "refuted":
             what = f"refuted: a system of the region ({share}) is unstable, see `member`"
         elif self.reason is not None:
             what = f"{self.status}: {self.reason}"
         elif self.status == "undecided":
-            what = f"undecided: {self.least:.6g} to {self.norm:.6g} of 1, beyond double precision"
+            what = f"undecided: {self.least:.6g} to {self.norm:.6g} of 1, too near for the proof"
         else:
             what = f"{self.status}: {self.least:.3g} of 1 allowed; try gain(model)"
         return f"<LoopCertificate: {what}>"
 
     def _repr_html_(self) -> str:
         rows = [
-            ("holds with", f"{100 * (1 - self.region.delta):.6g} % at least"),
+            ("holds with", f"{html.percent(self.region.delta)} at least"),
             ("for", self.region.assumption),
             ("spectral radius of the centre", self.spectral_radius),
             ("rho g", f"{self.least:.6g} to {self.norm:.6g}"),

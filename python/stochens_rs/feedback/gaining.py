@@ -121,8 +121,14 @@ def weight(name: str, value: ArrayLike, size: int) -> Floats:
     if given.ndim == 0:
         return validation.nonnegative(name, value) * np.eye(size)
     if given.ndim == 1:
-        return np.diag(validation.vector(name, value, length=size))
-    found = validation.matrix(name, value, rows=size, square=True)
+        found = np.diag(validation.vector(name, value, length=size))
+    else:
+        found = validation.matrix(name, value, rows=size, square=True)
     if not np.allclose(found, found.T, rtol=1e-12, atol=0.0):
         raise InputError(f"`{name}` must be symmetric")
+    values = np.linalg.eigvalsh(found)
+    if values[0] < -1e-12 * values[-1]:
+        raise InputError(
+            f"`{name}` must be positive semidefinite, its least eigenvalue is {values[0]:.3g}"
+        )
     return found

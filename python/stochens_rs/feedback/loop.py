@@ -143,4 +143,6 @@ def region_of(name: str, model: Identified, value: object) -> Region:
         return model.region(validation.probability(name, value))
     if value.centre.shape != model._Theta.shape:
         raise InputError(f"`{name}` must be a region of this model, got one of another size")
+    if not np.array_equal(value.centre, model.region(value.delta).centre):
+        raise InputError(f"`{name}` must be a region of this model, got one of another centre")
     return value

@@ -172,17 +172,18 @@ class Tube(SavedRecord):
 
     @property
     def _share(self) -> str:
-        return f"{100 * (1 - self.delta - (self.eps or 0.0)):.6g} %"
+        return html.percent(self.delta, self.eps or 0.0)
 
     def __repr__(self) -> str:
         noise = "without noise" if self.eps is None else "with noise"
         K = html.counted(len(self.inputs))
         if not np.isfinite(self.radii).all():
             return f"<Tube: {K}, unbounded>"
-        far = f"every system within {self.radii.max():.3g} of the centre"
+        far = f"every system within {html.at_most(float(self.radii.max()))} of the centre"
         n, m = self.states.shape[1], self.inputs.shape[1]
         if m == 1 and np.isfinite(self.reach[n]):
-            far += f", |{self.labels.inputs[0]}| at most {self.reach[n]:.3g} for ever without noise"
+            size = html.at_most(float(self.reach[n]))
+            far += f", |{self.labels.inputs[0]}| at most {size} for ever without noise"
         return f"<Tube: {K}, {far}, {self._share} {noise}>"
 
     def _repr_html_(self) -> str:

@@ -101,6 +101,8 @@ class Pilot(Record):
 def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, Trajectories, int]:
     """The model of a pilot, its source in words, the main runs, and how many pairs were before."""
     n, d = data.n, data.n + data.m + offset
+    if isinstance(pilot, np.number):
+        pilot = pilot.item()
     if isinstance(pilot, (int, float)) and not isinstance(pilot, bool):
         first = _first(data, pilot, d)
         runs = data[:first]
@@ -114,9 +116,9 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
         if isinstance(pilot, tuple) and len(pilot) != 2:
             raise ShapeError(f"`pilot` must be (A, B), got {len(pilot)} items")
         system = pilot if isinstance(pilot, System) else System(*pilot)
-        model, source = np.hstack([system.A, system.B]), "a system from elsewhere"
+        model, source = np.hstack([system.A, system.B]), "a system declared to be from elsewhere"
     elif hasattr(pilot, "_Theta"):
-        model, source = pilot._Theta, "a model from other data"
+        model, source = pilot._Theta, "a model declared to be of other data"
         own = getattr(pilot, "data", None)
         if own is not None and _shared(own, data):
             raise InputError(

@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import cases
 from .._base import state_file
+from .._base.html import at_most
 from .._base.numbers import ROUNDING
 from .._base.reading import number
 from ..certificates import Certificate
@@ -226,8 +227,8 @@ def _text(
         lines += [
             f"certified  nothing: {first.reason}"
             if first.reason
-            else f"certified  the true system ends within {found.target:.4g} of the target, with "
-            f"{100 * (1 - found.delta):g} %",
+            else "certified  the true system ends within "
+            f"{at_most(found.target, 4)} of the target, with {100 * (1 - found.delta):g} %",
             *_beside(found, near),
             f"of that    {_reach(plan, found)} {where}, {error:.4g} by its error{mostly}",
             f"each       {_components(found, names[0])}",
@@ -273,7 +274,7 @@ def _components(found: Certificate, names: Any) -> str:
     """How far each state can end from its target, in the unit of its data."""
     pairs = zip(names[:LISTED], found.components, strict=False)
     more = ", …" * (len(names) > LISTED)
-    return ", ".join(f"{name} within {value:.4g}" for name, value in pairs) + more
+    return ", ".join(f"{name} within {at_most(value, 4)}" for name, value in pairs) + more
 
 
 def _rounded(values: Any) -> Any:

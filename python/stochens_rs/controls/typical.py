@@ -64,15 +64,15 @@ class Typical(SavedRecord):
         """Both numbers, and what each is, in one sentence."""
         share = f"{100 * (1 - self.delta):g} %"
         return (
-            f"certified {self.certified:.3g}, typical {self.miss:.3g}: {share} of the models drawn "
-            "from the confidence distribution of the data miss by less than the second "
-            "(approximate)"
+            f"certified {html.at_most(self.certified)}, typical {self.miss:.3g}: {share} of the "
+            "models drawn from the confidence distribution of the data miss by less than the "
+            "second (approximate)"
         )
 
     def __repr__(self) -> str:
         run = "with noise" if self.noise else "without noise"
         return (
-            f"<Typical: certified {self.certified:.3g}, typical {self.miss:.3g}, "
+            f"<Typical: certified {html.at_most(self.certified)}, typical {self.miss:.3g}, "
             f"{100 * (1 - self.delta):g} %, {run}>"
         )
 

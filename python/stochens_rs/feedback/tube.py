@@ -162,7 +162,7 @@ class Tube(SavedRecord):
         inputs = Inputs(self.inputs, self.labels.input_axes, -free, free)
         return draw_tube(
             self.states,
-            self.radii,
+            np.minimum(self.components, self.radii[:, None]),
             self.labels.state_axes,
             inputs=inputs,
             dt=self.dt,

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .._base.numbers import ROUNDING
 from .panels import panel_grid
 from .style import SMALL, add_grid, add_labels, literal, look_of, number_text, root_of
 
@@ -59,9 +60,10 @@ def _bars(ax: Axes, values: dict[str, float], name: str) -> None:
     look, shown = look_of(ax), list(values.items())[:_BARS]
     at = np.arange(len(shown))
     sizes = np.array([size if np.isfinite(size) else 0.0 for _, size in shown])
+    sizes[sizes < ROUNDING * sizes.max(initial=0.0)] = 0.0  # beside the others
     ax.barh(at, sizes, height=0.6, color=look.color(0))
     for k, (_, size) in enumerate(shown):
-        text = f" {number_text(float(f'{size:.3g}'))}" if np.isfinite(size) else " infinite"
+        text = f" {number_text(float(f'{sizes[k]:.3g}'))}" if np.isfinite(size) else " infinite"
         ax.text(sizes[k], k, text, va="center", fontsize=SMALL, color=look.ink)
     ax.set_yticks(at, [literal(one) for one, _ in shown])
     ax.invert_yaxis()

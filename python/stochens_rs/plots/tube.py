@@ -41,10 +41,10 @@ def draw_tube(
 ) -> Figure:
     """Draw each state of `predicted` (K + 1, n) in its panel over time, and then each input.
 
-    With the `tube` (K + 1,) around it, of which the legend `says` what it is; with what was
-    `measured` (K + 1, n), or several of them (R, K + 1, n), the `target` (n,) at the end, a
-    `reference` (K, n) and `limits` (K, n) of x(1) .. x(K). The tube bounds the distance in the
-    2-norm, hence each state.
+    With the `tube` (K + 1,) or (K + 1, n) around it, of which the legend `says` what it is; with
+    what was `measured` (K + 1, n), or several of them (R, K + 1, n), the `target` (n,) at the end,
+    a `reference` (K, n) and `limits` (K, n) of x(1) .. x(K). A tube (K + 1,) bounds the distance in
+    the 2-norm, hence each state.
     """
     n = min(predicted.shape[1], PANELS)
     m = 0 if inputs is None else min(inputs.u.shape[1], PANELS)
@@ -64,7 +64,7 @@ def draw_tube(
             sides = limits[0][:, i], limits[1][:, i]
             floor, top = draw_limits(ax, times[1:], sides, (floor, top, reach))
         if tube is not None:  # a wider one leaves the panel
-            radius = np.minimum(tube, 10.0 * reach)
+            radius = np.minimum(tube if tube.ndim == 1 else tube[:, i], 10.0 * reach)
             low, high = predicted[:, i] - radius, predicted[:, i] + radius
             floor, top = max(floor - reach, low.min()), min(top + reach, high.max())
             ax.fill_between(

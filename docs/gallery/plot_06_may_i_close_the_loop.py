@@ -1,6 +1,6 @@
 """
 May I close the loop?
-=========================
+=====================
 
 A pendulum stands upright on a cart. All that is known are short runs with a random force. From N of
 them a model is identified and a control over ten steps computed, back to rest from 10 cm and

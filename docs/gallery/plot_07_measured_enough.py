@@ -34,7 +34,7 @@ while not looks or not looks[-1].stop:
     looks.append(stream.look(x0, xf, steps=20, tol=tol))
     errors.append(np.linalg.norm(se.simulate((A, B), x0, looks[-1].u).states[-1] - xf))
 print(looks[-1])
-print(looks[-1].assumption)
+print(looks[-1].certificate.assumption)
 
 # %%
 # The forecast assumes that the data go on like those so far. It is no bound.

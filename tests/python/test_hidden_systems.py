@@ -96,7 +96,7 @@ def plans(*, formula=False, count=10, steps=1, fusion="product", **options):
             plan = se.control((A, system.B), start, goal, steps=steps, fusion=fusion)
             if bound is None or bound["state"].method != "simulated":
                 bound = plan.bound(DELTA)
-            assert formula == (bound.reason is not None)
+            assert formula == any(one.reason for one in bound.quantities.values())
             error = plan.error(truth, x0, xf)
             yield (
                 share(error.state, bound.state, error.state_rounding),
@@ -157,7 +157,7 @@ def limited(*, steps, uncertain, formula=False, count=4, R=0.1):
             plan = se.control((matrix, system.B), start, goal, **within(**how))
             if bound is None or bound["state"].method != "simulated":
                 bound = plan.bound(DELTA)
-            assert formula == (bound.reason is not None)
+            assert formula == any(one.reason for one in bound.quantities.values())
             v = se.control((system.A, system.B), x0, xf, **within(**how)).limited
             wrong = (plan.u - v.u).astype(np.longdouble)
             reached = rolled(system, 0.0 * x0, wrong)[-1]
@@ -190,12 +190,12 @@ def streams(gen, system):
                 }
             )
             found = stream.confidence(DELTA)
-            assert found.finite_sample
+            assert found.kind == "guaranteed"
             error = exact.error(stream.u, x0)
             now = [share(error.state, found.state, error.state_rounding)]
             for name, w in means.items():
                 off = np.linalg.norm(stream.estimates[name] - w)
-                now.append(share(off, getattr(found, name)))
+                now.append(share(off, found[name].radius))
             worst = np.maximum(worst, now)
         yield worst
 
@@ -308,7 +308,7 @@ def looks(gen, system):
         found = stream.look(x0, xf, tol=0.1, steps=2)
         reached = rolled(system, x0, found.u)[-1]
         off = outside(stream.model, system, stream.model.region())
-        worst = np.maximum(worst, [share(lengths(reached - xf), found.certificate), off])
+        worst = np.maximum(worst, [share(lengths(reached - xf), found.certificate.target), off])
     yield worst
 
 

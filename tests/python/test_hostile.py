@@ -182,6 +182,17 @@ def loop():
     return made
 
 
+def proof():
+    x, u = np.random.default_rng(1).standard_normal((2, 60, 2))
+    y = (
+        x @ np.array(A).T
+        + u @ np.array(B).T
+        + 0.1 * np.random.default_rng(2).standard_normal((60, 2))
+    )
+    data = se.Trajectories.from_pairs(x, u, y)
+    return se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate()
+
+
 TASK = loop()._task
 LOG = Path(__file__).parents[2] / "docs" / "data" / "runs.csv"
 TABLE = {"t": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "u": [1.0, 0.0, 0.0]}
@@ -211,7 +222,7 @@ GOOD = {
     "path": "no/such/file.npz", "experiment": experiment, "data": runs, "x": X0, "lags": 1,
     "share": 0.5, "open_loop": True, "model": model, "beta": 0.1, "epsilon": 0.5, "dimension": 2,
     "support": 1, "discarded": 1, "violations": 1, "systems": [(A, B), (A, B)],
-    "new_units": [(A, B)],
+    "new_units": [(A, B)], "other": lambda: MADE["Certificate"](),
 }  # fmt: skip
 # The same where the name alone does not say it, and arguments that keep a call short.
 TWO_BUSES = {
@@ -266,6 +277,11 @@ OWN = {
     "Study": {"function": drawn, "grid": {"a": [1, 2]}, "replicates": 2},
     "panel": {"name": "3a"},
     "Experiment.panel": {"name": "3a"},
+    "gain": {"Q": 1.0, "R": 1.0},
+    "Loop.certificate": {"delta": 0.1},
+    "Tube.settles": {"r": 0.1},
+    "LoopCertificate.holds": {"inputs": (-1.0, 1.0)},
+    "LoopCertificate.tube": {"inputs": np.ones((2, 2))},
     "Plan.validate": {"runs": np.ones((3, 2, 2))},
     "Regulator.validate": {"runs": np.ones((3, 2, 2))},
     "Plan.plot_phase": {"across": 0, "up": 1},
@@ -320,6 +336,10 @@ MADE = {
     "FleetPlan": lambda: se.control_fleet([(A, B), (-A, B)], X0, XF, 2, risk="worst"),
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
     "Regulator": loop,
+    "Certificate": lambda: se.control(model(), X0, XF).bound(),
+    "Loop": lambda: se.gain(model(), 1.0, 1.0),
+    "LoopCertificate": proof,
+    "Tube": lambda: proof().tube(X0, 3),
     "Typical": lambda: se.control(model(), X0, XF).typical(),
     "NextRuns": lambda: se.design(to_improve(), 2, limits=(-1.0, 1.0)),
     "Validation": lambda: se.control((A, B), X0, XF).validate([se.System(A, B)] * 20),

@@ -136,6 +136,11 @@ class Certificate(SavedRecord):
         -------
         Certificate
 
+        Raises
+        ------
+        InputTypeError
+            If `other` is no Certificate.
+
         Examples
         --------
         >>> import stochens_rs as se
@@ -143,7 +148,8 @@ class Certificate(SavedRecord):
         >>> bound.over(bound).target == bound.target
         True
         """
-        fields = {**vars(self), "quantities": {**other.quantities, **self.quantities}}
+        further = validation.instance("other", other, Certificate).quantities
+        fields = {**vars(self), "quantities": {**further, **self.quantities}}
         return trusted(Certificate, **{**fields, "covers": f"{self.covers}; others on their own"})
 
     def _with(self, **radii: Radius) -> Certificate:

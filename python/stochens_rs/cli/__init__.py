@@ -24,7 +24,7 @@ from . import (
     _study,
 )
 from ._command import INTERNAL, INTERRUPTED, IO, OK, USAGE, Group, exit_codes
-from ._output import note, occupy_standard_descriptors, show
+from ._output import drop_unwritten, note, occupy_standard_descriptors, show
 
 __all__ = ["main"]
 
@@ -94,6 +94,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     with interruptions() as told:
         told.breakable = True
         code = _code(None if argv is None else list(argv))
+    drop_unwritten()
     return 128 + told.number if code == INTERRUPTED and told.number else code
 
 

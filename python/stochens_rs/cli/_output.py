@@ -47,6 +47,16 @@ def note(text: str) -> None:
         click.echo(text, err=True)
 
 
+def drop_unwritten() -> None:
+    """Drop what cannot be written: at its end Python would try again, and exit with 120."""
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except (OSError, ValueError):
+            with contextlib.suppress(OSError, ValueError):
+                os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
+
+
 def show(text: str) -> None:
     """Write to standard output and flush, so that a closed pipe is noticed here."""
     try:

@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.reading import read
 from .._base.records import SavedRecord, require_shapes, trusted
 from .._base.signal_names import Labels
 from ..exceptions import InputError
@@ -362,12 +363,11 @@ def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -
     """The smaller of both distances from 0, (size,); infinite without limits."""
     if limits is None:
         return np.full(size, np.inf)
-    try:
-        low, high = (np.broadcast_to(np.asarray(one, np.float64), (size,)) for one in limits)
-    except (TypeError, ValueError):
-        raise InputError(
-            f"`{name}` must be (low, high), each a number or of shape ({size},)"
-        ) from None
+    sides = [read(name, one) for one in validation.items(name, limits)]
+    shapes = {(), (size,)}
+    if len(sides) != 2 or any(s.dtype.kind not in "iuf" or s.shape not in shapes for s in sides):
+        raise InputError(f"`{name}` must be (low, high), each a number or of shape ({size},)")
+    low, high = (np.broadcast_to(side.astype(np.float64), (size,)) for side in sides)
     if not ((low < 0).all() and (high > 0).all()):
         raise InputError(f"`{name}` must have low < 0 < high, got {low} and {high}")
     return np.minimum(-low, high)

@@ -8,6 +8,7 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
+from .._base.reading import read
 from .._base.records import trusted
 from ..exceptions import InputError
 from ..identification.identified import Identified
@@ -117,7 +118,7 @@ def gain(
 
 def weight(name: str, value: ArrayLike, size: int) -> Floats:
     """Return a number, a diagonal or a matrix as a symmetric matrix (size, size)."""
-    given = np.asarray(value)
+    given = read(name, value)
     if given.ndim == 0:
         return validation.nonnegative(name, value) * np.eye(size)
     if given.ndim == 1:

@@ -101,10 +101,9 @@ class Pilot(Record):
 def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, Trajectories, int]:
     """The model of a pilot, its source in words, the main runs, and how many pairs were before."""
     n, d = data.n, data.n + data.m + offset
-    if isinstance(pilot, np.number):
-        pilot = pilot.item()
-    if isinstance(pilot, (int, float)) and not isinstance(pilot, bool):
-        first = _first(data, pilot, d)
+    if validation.is_real(pilot):
+        number: float = np.asarray(pilot).item()
+        first = _first(data, number, d)
         runs = data[:first]
         x, u, y = runs.pairs()
         rows = np.hstack([x, u, np.ones((runs.size, int(offset))), y])

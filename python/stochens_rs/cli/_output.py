@@ -49,7 +49,7 @@ def note(text: str) -> None:
 
 def drop_unwritten() -> None:
     """Drop what cannot be written: at its end Python would try again, and exit with 120."""
-    for stream in (sys.stdout, sys.stderr):
+    for stream in filter(None, (sys.stdout, sys.stderr)):  # None: closed from the start
         try:
             stream.flush()
         except (OSError, ValueError):

@@ -363,7 +363,7 @@ def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -
     """The smaller of both distances from 0, (size,); infinite without limits."""
     if limits is None:
         return np.full(size, np.inf)
-    sides = [read(name, one) for one in validation.items(name, limits)]
+    sides = [read(name, one) for one in limits] if isinstance(limits, (tuple, list)) else []
     shapes = {(), (size,)}
     if len(sides) != 2 or any(s.dtype.kind not in "iuf" or s.shape not in shapes for s in sides):
         raise InputError(f"`{name}` must be (low, high), each a number or of shape ({size},)")

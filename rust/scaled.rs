@@ -20,3 +20,8 @@ pub(crate) fn power_of_two_scale<'a>(values: impl IntoIterator<Item = &'a f64>) 
     let max = values.into_iter().fold(0.0f64, |m, v| m.max(v.abs()));
     if max == 0.0 { 1.0 } else { max.log2().floor().clamp(-1021.0, 1022.0).exp2() }
 }
+
+/// The power of two nearest to a size, of which dividing by it is exact; 1 where there is none.
+pub(crate) fn nearest_power_of_two(size: f64) -> f64 {
+    if size > 0.0 && size.is_finite() { 2f64.powi((size.log2().round() as i32).clamp(-1000, 1000)) } else { 1.0 }
+}

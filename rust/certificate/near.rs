@@ -22,12 +22,14 @@
 
 use crate::error::{Error, Result};
 use crate::fuse::{distance, norm};
-use crate::identify::{Symmetric, chi2_upper, coarse_normal_quantile, normal_quantile, smallest, spectral_norm};
+use crate::identify::{
+    Symmetric, chi2_upper, coarse_normal_quantile, covariance_root, normal_quantile, smallest, spectral_norm,
+};
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Region, times};
 
-use super::noise::{Gaussian, root_of};
+use super::noise::Gaussian;
 use super::nuclear::Effort;
 use super::pilot::{Event, Pilot, WHAT};
 use super::plan::Task;
@@ -288,7 +290,7 @@ impl Pilot {
         stop: &Stop,
     ) -> Result<Near> {
         let (n, d, count) = (self.n, self.d, inputs.len() / self.m);
-        let (noisy, root) = (shares.noise > 0.0, root_of(&event.covariance, n)?);
+        let (noisy, root) = (shares.noise > 0.0, covariance_root(&event.covariance, n)?);
         let half = shares.noise / 2.0;
         let future = Gaussian { root: &root, end: half, before: half / (count.max(2) as f64 - 1.0) };
         let radii = Radii {

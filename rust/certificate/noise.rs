@@ -1,10 +1,8 @@
 //! Noise of a run to come that is not in the region.
 
 use crate::error::{Error, Result};
-use crate::identify::{Symmetric, chi2_upper};
-use crate::memory::{checked_len, try_zeros};
+use crate::identify::chi2_upper;
 
-use super::nuclear::WHAT;
 use super::powers::product;
 
 /// Gaussian noise of the run to come, independent of the data.
@@ -66,40 +64,21 @@ impl ToCome<'_> {
     }
 }
 
-/// A root of a covariance (n, n): `root root' = S`, by the eigenvalues of `D^-1 S D^-1`, `D^2` the diagonal of S. So the
-/// rounding of each row is relative to its own size, whatever the units of the others are.
-pub(super) fn root_of(covariance: &[f64], n: usize) -> Result<Vec<f64>> {
-    let mut small = Symmetric::new(n)?;
-    let mut sizes = try_zeros::<f64>(WHAT, n)?;
-    sizes.iter_mut().enumerate().for_each(|(i, to)| *to = covariance[i * (n + 1)].max(0.0).sqrt());
-    let inverse = |i: usize| if sizes[i] > 0.0 { 1.0 / sizes[i] } else { 0.0 };
-    for (at, to) in small.matrix.iter_mut().enumerate() {
-        *to = covariance[at] * inverse(at / n) * inverse(at % n);
-    }
-    let square = checked_len(WHAT, n, n)?;
-    let [mut vectors, mut root] = [try_zeros(WHAT, square)?, try_zeros(WHAT, square)?];
-    let values = small.eigenpairs(&mut vectors)?;
-    for (q, (vector, value)) in vectors.chunks_exact(n).zip(values).enumerate() {
-        let size = value.max(0.0).sqrt();
-        vector.iter().zip(&sizes).enumerate().for_each(|(i, (v, own))| root[i * n + q] = v * size * own);
-    }
-    Ok(root)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::identify::covariance_root;
 
     #[test]
     fn roots_and_covariances() {
         let s = [4.0, 2.0, 2.0, 1.0]; // singular
-        let root = root_of(&s, 2).unwrap();
+        let root = covariance_root(&s, 2).unwrap();
         let square = |i: usize, j: usize| root[2 * i] * root[2 * j] + root[2 * i + 1] * root[2 * j + 1];
         (0..4).for_each(|at| assert!((square(at / 2, at % 2) - s[at]).abs() < 1e-14));
         // each row in its own units, also where they are far apart
-        let mixed = root_of(&[4e20, 1.0, 1.0, 1e-20], 2).unwrap();
+        let mixed = covariance_root(&[4e20, 1.0, 1.0, 1e-20], 2).unwrap();
         assert!((mixed[2].hypot(mixed[3]) / 1e-10 - 1.0).abs() < 1e-14);
-        let zero = root_of(&[0.0, 0.0, 0.0, 9.0], 2).unwrap();
+        let zero = covariance_root(&[0.0, 0.0, 0.0, 9.0], 2).unwrap();
         assert_eq!([zero[0].hypot(zero[1]), zero[2].hypot(zero[3])], [0.0, 3.0]);
         let noise = Gaussian { root: &root, end: 0.1, before: 0.01 };
         let mut covariance = [0.0; 4];

@@ -21,7 +21,7 @@ use std::sync::Arc;
 use crate::control::pseudoinverse;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::identify::{By, Covariance, chi2_quantile, chi2_upper, level, spectral_norm, triangle};
+use crate::identify::{By, Covariance, SLACK, chi2_quantile, chi2_upper, level, spectral_norm, triangle};
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region, times};
@@ -33,9 +33,6 @@ pub(super) const WHAT: &str = "a model by instruments";
 const SINGULAR: f64 = 1e-8;
 /// The share of delta for an unknown covariance: fixed, not tuned on data.
 pub(super) const COVARIANCE: f64 = 0.12;
-/// Rounding of the triangle and of H, in units of the lengths of the columns times their number times eps; see
-/// `SLACK` of `identification/least_squares.py`.
-const SLACK: f64 = 4.0;
 
 /// Measured runs: rows `(x, u, x_next)`, so many for each run, one run after another.
 #[derive(Debug, Clone, Copy)]

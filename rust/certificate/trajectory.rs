@@ -12,12 +12,12 @@
 use crate::control::singular_values;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::identify::{normal_quantile, spectral_norm};
+use crate::identify::{covariance_root, normal_quantile, spectral_norm};
 use crate::memory::{checked_len, room_for_products, try_collect, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Region, times};
 
-use super::noise::{Gaussian, ToCome, root_of};
+use super::noise::{Gaussian, ToCome};
 use super::nuclear::WHAT;
 use super::powers::product;
 use super::several_steps::{Radii, Steps, several_steps};
@@ -160,7 +160,7 @@ fn one_part(
                 Some(ToCome::Gaussian(noise)) => radii.to_come = Some(noise),
                 None => {}
             }
-            own = root_of(&part.shape, n)?;
+            own = covariance_root(&part.shape, n)?;
             &own
         }
     };

@@ -4,6 +4,7 @@ use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result};
 use crate::region::Region;
+use crate::scaled::nearest_power_of_two;
 
 pub(super) const WHAT: &str = "the certificate of a feedback";
 pub(super) type Matrix = Mat<f64>;
@@ -76,7 +77,7 @@ pub(super) fn largest(a: &Matrix) -> Result<f64> {
 
 /// The power of 2 next to the largest entry: decompositions of what is nearly 0 do not converge.
 pub(super) fn size_of(a: &Matrix) -> f64 {
-    power_of_two(a.norm_max())
+    nearest_power_of_two(a.norm_max())
 }
 
 /// `D` with `D D' = S`; negative eigenvalues are rounding.
@@ -115,11 +116,6 @@ pub(super) struct Uncertain {
     pub region: Region,
 }
 
-/// The power of 2 next to a size.
-pub(super) fn power_of_two(size: f64) -> f64 {
-    if size > 0.0 && size.is_finite() { 2f64.powi((size.log2().round() as i32).clamp(-900, 900)) } else { 1.0 }
-}
-
 impl Uncertain {
     pub fn new(region: &Region) -> Result<Self> {
         let (n, m, d) = (region.n, region.m, region.d);
@@ -127,7 +123,7 @@ impl Uncertain {
         let mut unit = Vec::new();
         unit.resize(n, 1.0);
         for part in &region.parts {
-            part.rows.iter().zip(part.deviations()).for_each(|(i, size)| unit[*i] = power_of_two(*size));
+            part.rows.iter().zip(part.deviations()).for_each(|(i, size)| unit[*i] = nearest_power_of_two(*size));
         }
         let back = |i: usize| 1.0 / unit[i];
         let mut pieces = Vec::new();

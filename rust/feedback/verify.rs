@@ -2,7 +2,9 @@
 
 use faer::Mat;
 
-use super::data::{Closed, Matrix, Uncertain, absolute, finite, power_of_two, stacked};
+use crate::scaled::nearest_power_of_two;
+
+use super::data::{Closed, Matrix, Uncertain, absolute, finite, stacked};
 
 /// Unit roundoff.
 const U: f64 = f64::EPSILON / 2.0;
@@ -43,7 +45,7 @@ fn proved(a: &Matrix, error: impl Fn(usize, usize) -> f64) -> bool {
         if !(a[(i, i)] > 0.0 && a[(i, i)].is_finite()) {
             return false;
         }
-        unit.push(1.0 / power_of_two(a[(i, i)].sqrt()));
+        unit.push(1.0 / nearest_power_of_two(a[(i, i)].sqrt()));
     }
     let own = Mat::from_fn(n, n, |i, j| unit[i] * a[(i, j)] * unit[j]);
     let row = |i: usize| (0..n).map(|j| unit[i] * error(i, j) * unit[j] + 1e-300).sum::<f64>();

@@ -9,6 +9,7 @@ use crate::error::{Error, Result};
 use crate::limits::Status;
 use crate::memory::{checked_len, try_collect, try_copy, try_extend, try_room, try_zeros};
 use crate::parallel::Stop;
+use crate::scaled::nearest_power_of_two;
 use crate::vector::{dot, norm};
 
 /// Units at the start, and units that are taken in at a time.
@@ -100,7 +101,7 @@ pub fn worst(
             limits,
             free: &free,
             gain: chosen.gain(d),
-            unit: power_of_two(size / chosen.gain(d)),
+            unit: nearest_power_of_two(size / chosen.gain(d)),
         };
         let mut proposal = problem.solve(left)?;
         best.solves += 1;
@@ -202,10 +203,6 @@ fn top(misses: &[f64], skip: &[bool], working: &[usize], least: f64) -> Result<V
     Ok(few)
 }
 
-fn power_of_two(x: f64) -> f64 {
-    if x > 0.0 && x.is_finite() { x.log2().round().clamp(-1000.0, 1000.0).exp2() } else { 1.0 }
-}
-
 /// The maps and targets of the units that are solved for.
 struct Chosen {
     room: Room,
@@ -235,6 +232,6 @@ impl Chosen {
     /// The size of the maps, as a power of two.
     fn gain(&self, d: usize) -> f64 {
         let largest = self.maps.chunks_exact(d).map(norm).fold(0.0, f64::max);
-        power_of_two(largest)
+        nearest_power_of_two(largest)
     }
 }

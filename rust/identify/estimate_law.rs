@@ -8,7 +8,7 @@ use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{Key, Purpose};
 
 use super::replicates::{Centre, write_model};
-use super::symmetric::Symmetric;
+use super::symmetric::covariance_root;
 use super::weighted_sums::BLOCK;
 
 const WHAT: &str = "the models of the law of the estimate";
@@ -180,25 +180,6 @@ fn root(s: &[f64], n: usize, noise: NoiseLaw) -> Result<Vec<f64>> {
             root.iter_mut().step_by(n + 1).enumerate().for_each(|(i, to)| *to = diagonal(i).sqrt());
         }
         NoiseLaw::Known | NoiseLaw::Full(_) => return covariance_root(s, n),
-    }
-    Ok(root)
-}
-
-/// `R` (n, n) with `R R' = s`, found in units in which the diagonal of `s` is 1.
-pub(crate) fn covariance_root(s: &[f64], n: usize) -> Result<Vec<f64>> {
-    let [mut root, mut unit] = [try_zeros(WHAT, s.len())?, try_zeros(WHAT, n)?];
-    unit.iter_mut().enumerate().for_each(|(i, to)| *to = s[i * n + i].max(0.0).sqrt());
-    let (mut symmetric, mut vectors) = (Symmetric::new(n)?, try_zeros(WHAT, n * n)?);
-    for (i, row) in symmetric.matrix.chunks_exact_mut(n).enumerate() {
-        for (j, to) in row.iter_mut().enumerate() {
-            let size = unit[i] * unit[j];
-            *to = if size > 0.0 { s[i * n + j] / size } else { 0.0 };
-        }
-    }
-    let values = symmetric.eigenpairs(&mut vectors)?;
-    for (j, (value, vector)) in values.iter().zip(vectors.chunks_exact(n)).enumerate() {
-        let length = value.max(0.0).sqrt();
-        vector.iter().enumerate().for_each(|(i, v)| root[i * n + j] = unit[i] * length * v);
     }
     Ok(root)
 }

@@ -1,7 +1,7 @@
 //! Levels of the anytime regions: the mixture over the sphere, `1F1(1/2; n/2; c)`, and one sub-Gaussian vector.
 //!
 //! With `ld = log det(I + V / lam)`, `||M (V + lam I)^(-1/2)||^2 <= 2 sigma^2 c`, `1F1(1/2; n/2; c) = exp(ld / 2) / delta`, for
-//! all N at once (Ville's inequality; `python/stochens_rs/reference/anytime.py`).
+//! all N at once (Ville's inequality; `tests/python/twin/anytime.py`).
 
 use crate::error::{Error, Result};
 

@@ -1,6 +1,6 @@
 //! Identification from measured pairs `y = Theta z + w`: what loops over data, draws or replicates.
 //!
-//! The same in plain NumPy is in `python/stochens_rs/reference/`.
+//! The same in plain NumPy is in `tests/python/twin/`.
 
 mod assumed;
 mod beta_model;
@@ -32,7 +32,6 @@ pub use confidence_radii::{MIXTURES, PRIOR_NOISE};
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
 pub(crate) use distributions::{level, positive_root, root};
 pub use estimate::{Data, Estimate};
-pub(crate) use estimate_law::covariance_root;
 pub use estimate_law::{EstimateLaw, NoiseLaw};
 pub(crate) use instruments::Projected;
 pub use kept::kept_quantiles;
@@ -50,6 +49,6 @@ pub use replicates::{Centre, residual_models, weighted_models};
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
 pub use robust_control::robust_control;
 pub use signs::{SignTest, chance_of_infinity, sign_radii, sign_sizes, sign_statistics};
-pub(crate) use symmetric::{Symmetric, spectral_norm};
+pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm};
 pub use triangle::{triangle, update};
 pub use weighted_sums::{Pairs, Weights};

@@ -211,6 +211,26 @@ pub(crate) fn spectral_norm(m: &[f64], rows: usize, cols: usize) -> Result<f64> 
     Ok(scale * gram.largest()?.max(0.0).sqrt())
 }
 
+/// A root of a covariance (n, n): `root root' = S`, by the eigenvalues of `D^-1 S D^-1`, `D^2` the diagonal of S. So the
+/// rounding of each row is relative to its own size, whatever the units of the others are.
+pub(crate) fn covariance_root(covariance: &[f64], n: usize) -> Result<Vec<f64>> {
+    let mut small = Symmetric::new(n)?;
+    let mut sizes = try_zeros::<f64>(WHAT, n)?;
+    sizes.iter_mut().enumerate().for_each(|(i, to)| *to = covariance[i * (n + 1)].max(0.0).sqrt());
+    let inverse = |i: usize| if sizes[i] > 0.0 { 1.0 / sizes[i] } else { 0.0 };
+    for (at, to) in small.matrix.iter_mut().enumerate() {
+        *to = covariance[at] * inverse(at / n) * inverse(at % n);
+    }
+    let square = checked_len(WHAT, n, n)?;
+    let [mut vectors, mut root] = [try_zeros(WHAT, square)?, try_zeros(WHAT, square)?];
+    let values = small.eigenpairs(&mut vectors)?;
+    for (q, (vector, value)) in vectors.chunks_exact(n).zip(values).enumerate() {
+        let size = value.max(0.0).sqrt();
+        vector.iter().zip(&sizes).enumerate().for_each(|(i, (v, own))| root[i * n + q] = v * size * own);
+    }
+    Ok(root)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

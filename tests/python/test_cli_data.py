@@ -304,6 +304,18 @@ def test_from_runs_to_a_certified_control(table, tmp_path, capsys):
     assert "--force" in failed(capsys, "control", file, *where, "--out", out)
 
 
+def test_control_by_a_model_with_a_pilot(table, tmp_path, capsys):
+    file, task = tmp_path / "model.safetensors", ([-1.0, 0.0], [0.0, 0.5], 4)
+    model = se.identify(in_python(table), sigma=0.01, pilot=0.1, reference=task, checks=False)
+    model.save(file)
+    where = ["--from", "-1,0", "--to", "0,0.5", "--steps", "4"]
+    bound = se.control(model, *task[:2], steps=4).bound()
+    assert ran(capsys, "control", file, *where)["certificate"]["parts"] == bound.parts
+    assert cli.main(["control", str(file), *where]) == 0
+    _, *own = bound.parts.values()
+    assert f"{sum(own):.4g} by its error: mostly {bound.largest}" in capsys.readouterr().out
+
+
 def test_control_prints_a_table(table, tmp_path, capsys):
     file = tmp_path / "model.safetensors"
     ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--out", file)

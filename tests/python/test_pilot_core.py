@@ -104,7 +104,8 @@ def test_against_the_twin(name: str, noise: bool) -> None:
         s, first = p.best(K, end)
         b = p.better_rest(K, 0.08 * delta / max(K - 1, 1), s)
         q = abs(s) * twin.wq(p.C0(K), end)
-    assert quantile == pytest.approx(q, rel=1e-8)
+    # s is where a convex function is flat: known to the root of eps
+    assert quantile == pytest.approx(q, rel=1e-7)
     # over the spectral ball both are smaller, here and there; never below a part that is attained
     assert 0.8 * first < quantile + mismatch < LARGER * first
     assert 0.8 * p.rest(b) <= rest <= 1.01 * p.rest(b)

@@ -43,8 +43,7 @@ def near_reference(
 
     def radius(value: float | Floats, distance_from: str) -> Radius:
         reason = "too few data, or a pilot that says too little"
-        because = None if np.isfinite(value).all() else reason
-        return trusted(Radius, value, distance_from, 1.0 - delta, method, because)
+        return Radius._at(value, distance_from, delta, method, reason)
 
     return trusted(
         Certificate,

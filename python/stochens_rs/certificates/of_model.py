@@ -92,8 +92,7 @@ def certificate(
     method = f"{name} {'with' if asked.noise else 'without'} noise"
 
     def radius(value: float | Floats, distance_from: str, reason: str = reason) -> Radius:
-        because = None if np.isfinite(value).all() else reason
-        return trusted(Radius, value, distance_from, 1.0 - delta, method, because)
+        return Radius._at(value, distance_from, delta, method, reason)
 
     alone = "; the components are a statement of their own" if own else ""
     return trusted(

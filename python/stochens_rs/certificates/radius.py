@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .._base import html, validation
-from .._base.records import Record
+from .._base.records import Record, trusted
 from .._base.types import Floats
 from ..exceptions import InputError, ShapeError
 
@@ -48,6 +48,19 @@ class Radius(Record):
             raise InputError(f"`probability` must be in (0, 1], got {self.probability:g}")
         if np.isinf(found).any() and not self.reason:
             raise InputError("`reason` must say why `radius` is infinite, got None")
+
+    @classmethod
+    def _at(
+        cls,
+        radius: float | Floats,
+        distance_from: str,
+        delta: float,
+        method: str,
+        reason: str | None,
+    ) -> Radius:
+        """One that holds with probability ``1 - delta``; its `reason` only where it is infinite."""
+        because = None if np.isfinite(radius).all() else reason
+        return trusted(Radius, radius, distance_from, 1.0 - delta, method, because)
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Radius) and self.to_dict() == other.to_dict()

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import cases
 from .._base import state_file
-from .._base.html import at_most
+from .._base.html import at_most, percent
 from .._base.numbers import ROUNDING
 from .._base.reading import number
 from ..certificates import Certificate
@@ -221,14 +221,15 @@ def _text(
         where = f"{off:.4g} from the target" if off > _rounding(plan) else "at the target"
         lines.append(f"ends       {where}; the system is taken as known")
     else:
-        first, error = found["target"], found.parts["model error"]
+        first, own = found["target"], ("reach", "start")
+        error = sum(part for name, part in found.parts.items() if name not in own)
         where = "out of reach of the model" if plan.limited is None else "where the model ends"
         mostly = "" if plan.limited else f": mostly {found.largest}"
         lines += [
             f"certified  nothing: {first.reason}"
             if first.reason
             else "certified  the true system ends within "
-            f"{at_most(found.target, 4)} of the target, with {100 * (1 - found.delta):g} %",
+            f"{at_most(found.target, 4)} of the target, with {percent(found.delta)}",
             *_beside(found, near),
             f"of that    {_reach(plan, found)} {where}, {error:.4g} by its error{mostly}",
             f"each       {_components(found, names[0])}",
@@ -242,7 +243,7 @@ def _text(
 def _beside(found: Certificate, near: float | None) -> list[str]:
     if near is None:
         return []
-    share = f"{100 * (1 - found.delta):g} %"
+    share = percent(found.delta)
     return [f"typical    {share} of the models drawn for these data miss by less than {near:.4g}"]
 
 

@@ -36,7 +36,7 @@ _LEAST = 1e-3
 _INPUTS = 1e-6
 
 
-class Loop(NamedTuple):
+class PredictedLoop(NamedTuple):
     """A loop: the states that its model predicts from a start, and its inputs along a run."""
 
     path: Callable[[Floats, int], Floats]
@@ -146,7 +146,7 @@ def validated(
 
 
 def validated_loop(
-    loop: Loop,
+    loop: PredictedLoop,
     runs: Runs,
     delta: float,
     beta: float | None,
@@ -279,7 +279,9 @@ def _states(plan: Predicted, runs: Runs) -> Floats:
     return states
 
 
-def _of_trajectories(plan: Predicted, runs: Trajectories, loop: Loop | None = None) -> Floats:
+def _of_trajectories(
+    plan: Predicted, runs: Trajectories, loop: PredictedLoop | None = None
+) -> Floats:
     (rows, n), (K, m) = plan.states.shape, plan.u.shape
     if (runs.n, runs.m) != (n, m):
         raise ShapeError(f"`runs` must have n={n} and m={m}, got n={runs.n} and m={runs.m}")

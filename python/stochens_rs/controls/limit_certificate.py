@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .._base.numbers import ROUNDING
-from .._base.records import trusted
 from ..certificates.of_model import certificate, step_regions
 from ..certificates.radius import Radius
 from ..certificates.region_errors import trajectory
@@ -61,8 +60,7 @@ def limited_certificate(
         control, excess, states, reason = by.control, by.excess, by.state, SMALL
 
     def radius(value: float, distance_from: str, method: str = MOVED) -> Radius:
-        because = None if np.isfinite(value) else reason
-        return trusted(Radius, value, distance_from, 1.0 - delta, method, because)
+        return Radius._at(value, distance_from, delta, method, reason)
 
     best = "the best control within the limits"
     alone = farthest < control

@@ -73,7 +73,7 @@ class NextRuns(SavedRecord):
     def _repr_html_(self) -> str:
         rows = [
             ("distance from the target", self._said),
-            ("a forecast", f"not a bound, of the {100 * (1 - self.delta):g} % certificate"),
+            ("a forecast", f"not a bound, of the {html.percent(self.delta)} certificate"),
             ("largest |u|", float(np.abs(self.inputs).max())),
         ]
         drawn = html.states(
@@ -170,8 +170,7 @@ def design(
     low, high = sides("limits", as_limits(limits).only("u").u, length, model.labels)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise InputError("`limits` must be finite: the best inputs are at them")
-    lengths = model.data._pieces.lengths
-    first = model.data.pairs()[0][np.cumsum(lengths) - lengths].mean(axis=0)
+    first = model.data.pairs()[0][model.data._pieces.starts()].mean(axis=0)
     given = read_starts(first if x0 is None else x0, count, model.n)
     begin = np.ascontiguousarray(np.broadcast_to(given, (count, model.n)))
     white, covariance = model._white(), model.covariance

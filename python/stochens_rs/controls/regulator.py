@@ -20,7 +20,7 @@ from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..system import System
 from .constraints import Task
-from .held_out_runs import Loop, Runs, validated_loop
+from .held_out_runs import PredictedLoop, Runs, validated_loop
 from .limited import loop_of
 from .plan_validation import Validation
 from .regulator_log import Call, counted, curves, drawn_calls, facts
@@ -343,7 +343,7 @@ class Regulator:
         unit = np.ones(self.n) if covariance is None else np.sqrt(np.diag(covariance))
         order = order_of("system", self._system.labels, self._labels)
         dt = self._system.dt if isinstance(self._system.dt, float) else None
-        mine = Loop(
+        mine = PredictedLoop(
             self._path,
             self._inputs,
             self.n,

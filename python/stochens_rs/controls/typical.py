@@ -62,7 +62,7 @@ class Typical(SavedRecord):
     @property
     def text(self) -> str:
         """Both numbers, and what each is, in one sentence."""
-        share = f"{100 * (1 - self.delta):g} %"
+        share = html.percent(self.delta)
         return (
             f"certified {html.at_most(self.certified)}, typical {self.miss:.3g}: {share} of the "
             "models drawn from the confidence distribution of the data miss by less than the "
@@ -73,7 +73,7 @@ class Typical(SavedRecord):
         run = "with noise" if self.noise else "without noise"
         return (
             f"<Typical: certified {html.at_most(self.certified)}, typical {self.miss:.3g}, "
-            f"{100 * (1 - self.delta):g} %, {run}>"
+            f"{html.percent(self.delta)}, {run}>"
         )
 
     def _repr_html_(self) -> str:

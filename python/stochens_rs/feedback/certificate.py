@@ -85,6 +85,52 @@ class LoopCertificate(SavedRecord):
         if (self.status == "certified") != (self.proof is not None):
             raise InputError("`proof` must be given where `status` is 'certified', and only there")
 
+    @classmethod
+    def _judged(
+        cls,
+        region: Region,
+        K: Floats,
+        labels: Labels,
+        dt: float | None,
+        doubt: str | None,
+        readings: bool,
+    ) -> LoopCertificate:
+        """The verdict about a gain; a `doubt` about the data leaves nothing to certify."""
+        found = _core.Feedback(region._core, np.ascontiguousarray(K))
+        status, member = found.status, found.member
+        n, m = region.n, region.m
+        if status == "refuted" and region.signs is not None and member is not None:
+            inside = region.contains(member[:, :n], member[:, n : n + m], *member[:, n + m :].T)
+            status, member = ("refuted", member) if inside else ("not provable", None)
+        reason = None
+        if doubt is not None:
+            status, reason, member = "undetermined", doubt, None
+        elif status == "undetermined":
+            reason = "the region is unbounded: too few data"
+            if np.isfinite(region.radius):
+                along = ", ".join(region.missing[:3]) or "what is outside the span it was made for"
+                reason = f"the data do not determine the system along {along}"
+        norm, least, radius = found.sizes
+        proof = found.proof if status == "certified" else None
+        made = trusted(
+            cls,
+            region=region,
+            K=K,
+            status=status,
+            norm=np.inf if doubt is not None else norm,
+            least=least,
+            spectral_radius=radius,
+            proof=None if proof is None else validation.frozen(proof),
+            multipliers=validation.frozen(found.multipliers),
+            member=None if member is None else validation.frozen(member),
+            labels=labels,
+            dt=dt,
+            reason=reason,
+            readings=readings,
+        )
+        vars(made)["_core"] = found  # so that it is not computed again
+        return made
+
     def _verify(self) -> None:
         norm, _, _ = self._core.sizes
         if self.status == "certified" and not (self.check() and self.norm >= norm * (1.0 - 1e-3)):
@@ -314,49 +360,6 @@ class LoopCertificate(SavedRecord):
             ("rho g", f"{self.least:.6g} to {self.norm:.6g}"),
         ]
         return html.card(self, rows)
-
-
-def judged(
-    region: Region,
-    K: Floats,
-    labels: Labels,
-    dt: float | None,
-    doubt: str | None,
-    readings: bool,
-) -> LoopCertificate:
-    """The verdict about a gain; a `doubt` about the data leaves nothing to certify."""
-    found = _core.Feedback(region._core, np.ascontiguousarray(K))
-    status, member = found.status, found.member
-    n, m = region.n, region.m
-    if status == "refuted" and region.signs is not None and member is not None:
-        inside = region.contains(member[:, :n], member[:, n : n + m], *member[:, n + m :].T)
-        status, member = ("refuted", member) if inside else ("not provable", None)
-    reason = None
-    if doubt is not None:
-        status, reason, member = "undetermined", doubt, None
-    elif status == "undetermined":
-        reason = "the region is unbounded: too few data"
-        if np.isfinite(region.radius):
-            along = ", ".join(region.missing[:3]) or "what is outside the span it was made for"
-            reason = f"the data do not determine the system along {along}"
-    norm, least, radius = found.sizes
-    proof = found.proof if status == "certified" else None
-    return trusted(
-        LoopCertificate,
-        region=region,
-        K=K,
-        status=status,
-        norm=np.inf if doubt is not None else norm,
-        least=least,
-        spectral_radius=radius,
-        proof=None if proof is None else validation.frozen(proof),
-        multipliers=validation.frozen(found.multipliers),
-        member=None if member is None else validation.frozen(member),
-        labels=labels,
-        dt=dt,
-        reason=reason,
-        readings=readings,
-    )
 
 
 def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -> Floats:

@@ -15,7 +15,7 @@ from ..exceptions import InputError
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.region import Region
-from .certificate import LoopCertificate, judged
+from .certificate import LoopCertificate
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -123,7 +123,8 @@ class Loop(SavedRecord):
         region = region_of("delta", self.model, delta)
         noisy = isinstance(self.model, Model) and self.model.assumptions.noisy_states
         doubts = self.model.doubts
-        return judged(region, self.K, self.labels, self.dt, doubts[0] if doubts else None, noisy)
+        doubt = doubts[0] if doubts else None
+        return LoopCertificate._judged(region, self.K, self.labels, self.dt, doubt, noisy)
 
     def __repr__(self) -> str:
         radius = np.abs(self.E).max()

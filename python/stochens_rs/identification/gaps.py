@@ -29,8 +29,6 @@ PAUSE = 2**30  # steps that a gap counts at most
 NEAR = 0.25  # of a step: how far a stamp may be off if `dt` is declared
 CLOSE = 0.05  # the same if it is not
 IRREGULAR = 0.1  # share of stamps further off from which on a log has no sampling time
-
-
 ENDS = 8  # readings at the end of a sensor's range, at the least
 CLUMP = 5  # times as many as at the next value; 2.4 for a sine that is read in whole units
 

@@ -76,6 +76,10 @@ class Pieces:
         """The number of pairs."""
         return int(self.lengths.sum())
 
+    def starts(self) -> NDArray[np.int64]:
+        """The first pair of each run."""
+        return np.cumsum(self.lengths) - self.lengths
+
     def runs(self) -> NDArray[np.int64]:
         """The run of each pair."""
         return np.repeat(np.arange(len(self.lengths)), self.lengths)
@@ -83,7 +87,7 @@ class Pieces:
     def places(self) -> NDArray[np.int64]:
         """The place of each pair in its piece: 0 if it does not follow on the one before."""
         first = np.zeros(self.size, dtype=np.int64)
-        starts = np.append(np.cumsum(self.lengths) - self.lengths, self.gaps[:, 0])
+        starts = np.append(self.starts(), self.gaps[:, 0])
         first[starts] = starts
         return np.arange(self.size) - np.maximum.accumulate(first)
 

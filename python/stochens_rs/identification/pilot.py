@@ -176,7 +176,7 @@ def refuse(assumed: Assumptions, data: Trajectories, others: bool) -> None:
             "`pilot` needs runs of one length, fixed beforehand: was a run ended because of what "
             "was measured?"
         )
-    n, first = data.n, np.cumsum(data.lengths) - data.lengths
+    n, first = data.n, data._pieces.starts()
     ends = {row[-n:].tobytes() for row in data._rows[first + data.lengths - 1]}
     if any(row[:n].tobytes() in ends for row in data._rows[first] if row[:n].any()):
         raise InputError(

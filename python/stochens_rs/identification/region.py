@@ -288,9 +288,7 @@ class Region(SavedRecord):
         if corners is None:
             raise InputError("the data do not determine these coefficients: there is no edge")
         centre = np.array([self.centre[one], self.centre[other]])
-        said = (
-            f"{100 * (1 - self.delta):.6g} %" if label is None else validation.text("label", label)
-        )
+        said = html.percent(self.delta) if label is None else validation.text("label", label)
         across_, up_ = (coefficient(entry, self.n, self.m) for entry in (one, other))
         return draw_region(centre, corners + centre, said, across_, up_, ax)
 
@@ -306,11 +304,11 @@ class Region(SavedRecord):
     def __repr__(self) -> str:
         what = f"radius {self.radius:.4g}" if np.isfinite(self.radius) else "unbounded"
         off = f", infinite along {', '.join(self.missing[:3])}" if self.missing else ""
-        return f"<Region: {100 * (1 - self.delta):.6g} %, {what}{off}>"
+        return f"<Region: {html.percent(self.delta)}, {what}{off}>"
 
     def _repr_html_(self) -> str:
         rows = [
-            ("holds with", f"{100 * (1 - self.delta):.6g} % at least"),
+            ("holds with", f"{html.percent(self.delta)} at least"),
             ("for", self.assumption),
             ("not determined", "; ".join(self.missing) or None),
         ]

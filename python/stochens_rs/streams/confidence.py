@@ -65,9 +65,7 @@ def radii_of_means(
         kind="guaranteed" if len(ranges) == len(ENTITIES) else "estimated",
         delta=delta,
         quantities={
-            name: trusted(
-                Radius, radius, mean, 1.0 - delta, method, None if radius < np.inf else reason
-            )
+            name: Radius._at(radius, mean, delta, method, reason)
             for name, radius, mean, method in said
         },
         covers="all together, at all numbers of realizations at once",

@@ -10,6 +10,7 @@ import numpy as np
 
 from .._base.csv_file import csv_files, natural
 from .._base.html import listed
+from .._base.reading import number
 from ..exceptions import DataWarning
 from ..identification import Model, Trajectories, identify
 from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
@@ -33,7 +34,10 @@ from ._output import Out, finite, grid, note, show_result
     ],
     sections={
         "Table": ["states", "inputs", "by", "time", "dt", "delay", "on_gap", "last_pairs"],
-        "Assumptions": ["design", "noise", "sigma", "covariance", "exact", "intercept", "lags"],
+        "Assumptions": [
+            *["design", "noise", "sigma", "covariance", "exact", "intercept", "lags"],
+            *["pilot", "reference"],
+        ],
     },
 )
 @click.argument("source", metavar="LOGS...", type=FILE, nargs=-1, required=True)
@@ -89,10 +93,19 @@ from ._output import Out, finite, grid, note, show_result
 @click.option("--intercept", is_flag=True, help="Fit an offset c as well.")
 @click.option(
     "--lags",
-    type=click.IntRange(min=0),
+    type=int,
     metavar="L",
-    help="States have errors: the present and L past inputs, which do not react to the states, are "
-    "the instruments.",
+    help="States have errors; L past open-loop inputs are instruments.",
+)
+@click.option(
+    "--pilot",
+    metavar="P",
+    help="Open loop: share or number of first runs, or an older model.",
+)
+@click.option(
+    "--reference",
+    metavar="T",
+    help="With --pilot: task of the plans to come, like 1,0:0,0:10.",
 )
 @delta_option("Probability that the region misses the system.")
 @seed_option
@@ -119,6 +132,8 @@ def identify_command(
     exact: str | None,
     intercept: bool,
     lags: int | None,
+    pilot: str | None,
+    reference: str | None,
     delta: float,
     seed: int,
     as_json: bool,
@@ -127,9 +142,9 @@ def identify_command(
     """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to runs in CSV files, with a region.
 
     LOGS are files, folders of .csv files, or patterns; the first row names the columns. Each file
-    is a run, or several with --by. Rows may be lost by chance. Prints A, B and c with bounds that
-    hold for all entries at once, under the assumptions that you declare, and tests of the
-    residuals: a small p speaks against an assumption, no p proves one.
+    is a run, or several with --by. Prints A, B and c with bounds that hold for all entries at
+    once, under the assumptions that you declare, and tests of the residuals: a small p speaks
+    against an assumption.
     """
     paths = csv_files(sorted(source, key=natural))
     if states is None or inputs is None:
@@ -162,6 +177,8 @@ def identify_command(
             intercept=intercept,
             state_noise="none" if lags is None else "white",
             instruments=None if lags is None else data.past_inputs(lags),
+            pilot=None if pilot is None else _pilot(pilot),
+            reference=None if reference is None else _task(reference),
             rng=as_key(seed),
         )
     region = model.region(delta)
@@ -191,6 +208,31 @@ def _names(option: str, text: str) -> list[str]:
     if not all(names):
         raise click.BadParameter(f"{text!r} has an empty name", param_hint=option)
     return names
+
+
+def _pilot(text: str) -> float | Model:
+    """A share or a number of runs, or a model from a file."""
+    try:
+        value = number(text)
+    except ValueError:
+        return Model.load(text)
+    return int(value) if value.is_integer() else value
+
+
+def _task(text: str) -> tuple[list[float], list[float], int]:
+    """Read ``1,0:0,0:10``."""
+    try:
+        start, goal, steps = text.split(":")
+        return _numbers(start), _numbers(goal), int(steps)
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} must be a start, a target and steps, like 1,0:0,0:10",
+            param_hint="--reference",
+        ) from None
+
+
+def _numbers(text: str) -> list[float]:
+    return [number(cell) for cell in text.split(",")]
 
 
 def _deviations(model: Model) -> list[float] | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,8 @@ project = "stochens_rs"
 author = "the stochens_rs contributors"
 copyright = author
 version = release = se.__version__
+# Where the files of the repository can be fetched, as for the packages: https://.../raw/HEAD
+ADDRESS = os.environ.get("ADDRESS", "")
 
 extensions = [
     "myst_parser",
@@ -68,6 +71,8 @@ html_theme = "pydata_sphinx_theme"
 html_title = project
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+html_js_files = ["copy.js"]
+html_search_scorer = str(Path(__file__).with_name("_site") / "scorer.js")
 html_show_sourcelink = False
 html_context = {"default_mode": "auto"}
 html_show_search_summary = False  # it would be fetched, which a browser refuses for files
@@ -76,10 +81,18 @@ html_theme_options: dict[str, Any] = {
     "footer_end": [],
     "footer_start": ["copyright"],
     "header_links_before_dropdown": 6,
+    "logo": {"text": f"{project} {release}"},
     "navigation_with_keys": False,
     "secondary_sidebar_items": ["page-toc"],
     "show_prev_next": False,
 }
+if ADDRESS:
+    repository = {
+        "name": "Repository",
+        "url": ADDRESS.partition("/raw/")[0],
+        "icon": "fa-solid fa-code",
+    }
+    html_theme_options["icon_links"] = [repository]
 html_sidebars: dict[str, list[str]] = {
     name: [] for name in ("index", "benchmarks", "changelog", "cite", "contributing")
 }

@@ -2,8 +2,9 @@
 
 Without a browser: every link between pages leads to a page and an anchor that exist, and no page,
 style or script loads anything from another host. With --browser (Chromium): every page loads
-without an error in the console or a request to elsewhere and is not wider than a phone, and the
-search finds `identify`. With --pictures it also writes pictures of pages, wide, narrow and dark.
+without an error in the console or a request to elsewhere, is not wider than a phone, and cuts no
+code on a desk; the search leads from usual words to the right pages. With --pictures it also
+writes pictures of pages, wide, narrow and dark.
 """
 
 from __future__ import annotations
@@ -238,7 +239,20 @@ WIDE = """(() => {
     e.getBoundingClientRect().right > edge && !boxed(e.parentElement)
   ).slice(0, 3).map(e => e.tagName.toLowerCase() + "." + e.className);
 })()"""
-RESULTS = '[...document.querySelectorAll("#search-results li a")].map(a => a.textContent)'
+CUT = """[...document.querySelectorAll("pre, div.formula")]
+  .filter(e => e.scrollWidth > e.clientWidth + 1).map(e => e.textContent.trim().slice(0, 40))"""
+RESULTS = """[...document.querySelectorAll("#search-results li a")]
+  .map(a => a.getAttribute("href").split(".html")[0])"""
+FIRST = {
+    "csv": "index",
+    "mpc": "limits",
+    "lqr": "close-the-loop",
+    "kalman": "messy-logs",
+    "arx": "messy-logs",
+    "identification": "measured-runs",
+    "feedback": "close-the-loop",
+    "identify": "api/generated/stochens_rs.identify",
+}
 
 
 def seen(browser: Browser, site: Path) -> Iterator[str]:
@@ -253,12 +267,19 @@ def seen(browser: Browser, site: Path) -> Iterator[str]:
             browser.widen(width)
             if wide := browser.value(WIDE):
                 yield f"{name} is wider than {width} px: {', '.join(wide)}"
-    browser.show((site / "search.html").as_uri() + "?q=identify")
-    end = time.monotonic() + 20.0
-    while not (results := browser.value(RESULTS)) and time.monotonic() < end:
-        time.sleep(0.1)
-    if not any("identify" in text for text in results):
-        yield f"the search for identify finds {results}"
+            if width == WIDTHS[0] and (cut := browser.value(CUT)):
+                yield f"{name} cuts at {width} px: {', '.join(cut)}"
+    for word, page in FIRST.items():
+        browser.show((site / "search.html").as_uri() + f"?q={word}")
+        end = time.monotonic() + 20.0
+        while not (results := browser.value(RESULTS)) and time.monotonic() < end:
+            time.sleep(0.1)
+        if (
+            not results
+            or results[0] != page
+            or not {"changelog", "contributing"}.isdisjoint(results)
+        ):
+            yield f"the search for {word} finds {(results or [])[:5]}"
 
 
 def take_pictures(browser: Browser, site: Path, folder: Path, names: list[str]) -> None:

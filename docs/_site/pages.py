@@ -16,6 +16,15 @@ DOCS = Path(__file__).resolve().parents[1]
 # Files outside this folder, and the pages that show them.
 SHOWN = {"README.md": "index", "CHANGELOG.md": "changelog", "CONTRIBUTING.md": "contributing"}
 INCLUDE = re.compile(r"^```\{include\} (\S+)\n((?::[\w-]+:.*\n)*)```$", re.MULTILINE)
+# Where the search leads those who know another word for what a page is about.
+WORDS = {
+    "index": "csv, installation",
+    "close-the-loop": "feedback, lqr, gain, stability, robust control",
+    "measured-runs": "identification, system identification, least squares",
+    "messy-logs": "kalman, kalman filter, observer, arx, outputs, delay, missing data",
+    "limits": "mpc, model predictive control, constraints, saturation",
+    "few-bits": "quantization, compression",
+}
 LINK = re.compile(r"(?<=\]\()([^)#\s:]+)(?=[)#])")
 
 
@@ -71,6 +80,10 @@ def read(app: Any, docname: str, source: list[str]) -> None:
         for match in INCLUDE.finditer(source[0]):
             app.env.note_dependency(str((page.parent / match[1]).resolve()))
         source[0] = expanded(source[0], page)
+        if docname in WORDS:
+            words = ", ".join(f"! {word}" for word in WORDS[docname].split(", "))
+            title, line, rest = source[0].partition("\n")
+            source[0] = f"{title}{line}\n```{{index}} {words}\n```\n{rest}"
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -12,7 +12,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 A = se.cases.ieee14(dt=0.1).A  # five generators: angles [rad] and speeds [rad/s]
 sizes = np.unique(np.geomspace(10, 3000, 25).astype(int))
@@ -44,6 +44,5 @@ for k, (label, errors) in enumerate(curves.items()):
     end = np.flatnonzero(seen)[-1]
     ax.text(1.1 * sizes[end], errors[end], label, color=f"C{k}", va="center")
 ax.set(xlabel="realizations N", ylabel="relative error (Frobenius norm)", xlim=(10, 9000))
-ax.set_ylim(1e-5, 1)
-ax.spines[["top", "right"]].set_visible(False)
+ax.set(ylim=(1e-5, 1), title="Error of a matrix that is put together from N realizations")
 plt.show()

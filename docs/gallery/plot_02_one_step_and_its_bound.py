@@ -12,7 +12,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 system = se.cases.ieee14(dt=0.1)  # five generators, inputs in pu of 100 MVA
 x0 = np.array([0.0, 0.02, -0.015, 0.01, -0.005, *[0.0] * 5])  # angles [rad], speeds [rad/s]
@@ -43,9 +43,8 @@ left.text(2.35, exact[1] - 0.008, "dots: 10 000 realizations", color="C0")
 left.set(xlabel="generator", ylabel="mechanical power [pu]", title="The control")
 right.hist(errors, bins=30, color="C0")
 right.axvline(bound.control, color="C2", lw=2)
-right.text(bound.control, 20, " bound\n for 5 %", color="C2")
+right.text(1.02 * bound.control, 20, " bound\n for 5 %", color="C2")
 right.set(xlabel=r"error of the control, $\|u - v\|_2$ [pu]", ylabel="of 500 repetitions")
+right.set_title("Its error in repetitions, and the bound")
 right.set_xlim(0, 1.3 * max(bound.control, errors.max()))
-for ax in (left, right):
-    ax.spines[["top", "right"]].set_visible(False)
 plt.show()

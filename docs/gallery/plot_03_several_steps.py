@@ -12,7 +12,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 system = se.cases.ieee14(dt=0.1)
 x0 = np.array([0.0, 0.02, -0.015, 0.01, -0.005, *[0.0] * 5])  # angles [rad], speeds [rad/s]
@@ -28,7 +28,7 @@ for K, plan in plans.items():
     print(f"  ends {away:.4f} from xf, certified {plan.bound(0.05).target:.4f}")
 
 # %%
-colors = ["C0", "C1", "C2", "C3", "0.25"]
+colors = ["C0", "C1", "C2", "C5", "C6"]
 fig, axes = plt.subplots(2, 2, figsize=(9, 5), sharex=True, sharey="row")
 for (K, plan), (top, bottom) in zip(plans.items(), axes.T, strict=True):
     run = se.simulate(system, x0, plan.u)
@@ -37,13 +37,11 @@ for (K, plan), (top, bottom) in zip(plans.items(), axes.T, strict=True):
         top.plot(times, 1000 * run.states[:, k], "o-", color=colors[k])
         bottom.stairs(plan.u[:, k], times, baseline=None, color=colors[k], lw=2)
     top.axhline(0.0, color="0.6", lw=0.8)
-    top.set_title("one step" if K == 1 else "four steps")
+    top.set_title("one step: out of reach" if K == 1 else "four steps")
     bottom.axhline(0.0, color="0.6", lw=0.8)
     bottom.set_xlabel("time [s]")
 for k, angle in enumerate(x0[:5]):
-    axes[0, 0].text(0.11, 1000 * angle, f"generator {k + 1}", color=colors[k], va="center")
+    axes[0, 0].text(0.11, 1000 * angle, f"generator {k + 1}", color=colors[k], va="bottom")
 axes[0, 0].set_ylabel("angle [mrad]")
 axes[1, 0].set_ylabel("mechanical power [pu]")
-for ax in axes.flat:
-    ax.spines[["top", "right"]].set_visible(False)
 plt.show()

@@ -11,7 +11,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 system = se.cases.ieee14(dt=0.1)
 x0 = np.array([0.0, 0.02, -0.015, 0.01, -0.005, *[0.0] * 5])  # angles [rad], speeds [rad/s]
@@ -33,10 +33,16 @@ radii = [simulated.radius(int(N), 0.01) / norm for N in grid]
 rms = [se.theory.moments.control_rms(system, x0, xf, int(N)) / norm for N in grid]
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6), width_ratios=(1.2, 1))
-left.barh(names, sizes, color=["C0"] * (len(names) - 1) + ["0.7"])
+left.plot(sizes[:-1], names[:-1], "o", ms=8)
+left.plot(sizes[-1:], names[-1:], "o", ms=8, color="0.6")
 for k, size in enumerate(sizes):
-    left.text(size * 1.1, k, f"{size:,}", va="center", color="0.25")
-left.set(xscale="log", xlim=(1000, 10 * max(sizes)), xlabel="realizations that are enough")
+    left.text(size * 1.25, k, f"{size:,}", va="center", color="0.25")
+left.set(
+    xscale="log",
+    xlim=(1000, 10 * max(sizes)),
+    xlabel="realizations that are enough",
+    title="How many do the bounds ask for?",
+)
 left.invert_yaxis()
 right.loglog(grid, radii, "o-", color="C0")
 right.loglog(grid, rms, color="0.5")
@@ -44,7 +50,9 @@ right.axhline(0.05, color="C2", lw=1)
 right.text(grid[0], 0.052, "5 %", color="C2", va="bottom")
 right.text(grid[3], 1.3 * radii[3], "bound for 1 %", color="C0")
 right.text(grid[3], 0.5 * rms[3], "rms, exact", color="0.35", ha="right")
-right.set(xlabel="realizations N", ylabel="relative error of the control")
-for ax in (left, right):
-    ax.spines[["top", "right"]].set_visible(False)
+right.set(
+    xlabel="realizations N",
+    ylabel="relative error of the control",
+    title="The error over their number",
+)
 plt.show()

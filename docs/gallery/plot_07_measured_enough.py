@@ -12,7 +12,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 A = np.array([[1.0, 0.1], [-0.2, 0.95]])  # position [m], speed [m/s]; only the runs see it
 B = np.array([[0.0], [0.1]])  # force [N]
@@ -49,12 +49,15 @@ top.axhline(tol, color="0.5", lw=0.8)
 top.text(10, 1.15 * tol, "tolerance", color="0.35")
 top.text(105, 0.5, "certificate", color="C0")
 top.text(105, 0.006, "where the system would really end", color="C2")
-top.set_ylabel("distance from xf (2-norm)")
+top.set(ylabel="distance from xf (2-norm)", title="After each run: enough?")
 known = np.isfinite(ends)
 bottom.plot(pairs[known], ends[known], "o-", color="C1", ms=4)
 bottom.axhline(pairs[-1], color="0.5", lw=0.8)
 bottom.text(pairs[-1], 330, f"stopped at {pairs[-1]} pairs", color="0.35", ha="right")
-bottom.set(xlabel="measured pairs", ylabel="forecast of the end [pairs]", ylim=(0, None))
-for ax in (top, bottom):
-    ax.spines[["top", "right"]].set_visible(False)
+bottom.set(
+    xlabel="measured pairs",
+    ylabel="forecast of the end [pairs]",
+    ylim=(0, None),
+    title="How many will it take?",
+)
 plt.show()

@@ -12,7 +12,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 # %%
 # Each set contains the true (a, b) with probability 95 %. An *independent* design means that states
@@ -54,7 +54,5 @@ right.barh(list(many), many.values(), color=colors)
 for k, width in enumerate(many.values()):
     right.text(width, k, f" {width:.2f}", va="center")
 right.invert_yaxis()
-right.set(xlabel="a is within", title="mean of 100 such sets")
-for ax in (left, right):
-    ax.spines[["top", "right"]].set_visible(False)
+right.set(xlabel="a is within ±", title="mean of 100 such sets")
 plt.show()

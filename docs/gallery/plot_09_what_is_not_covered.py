@@ -14,7 +14,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 DT, SIGMA = 0.05, 1e-4
 
@@ -72,6 +72,5 @@ for ax, (excursion, rows) in zip(axes, found.items(), strict=True):
     ax.set(xlabel="the task starts at [rad]", title=f"runs of about {excursion} rad")
     ax.set_xlim(angles[0], 15)
     ax.set_ylim(5e-5, 10)
-    ax.spines[["top", "right"]].set_visible(False)
 axes[0].set_ylabel("distance from upright (2-norm)")
 plt.show()

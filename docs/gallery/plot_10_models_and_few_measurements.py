@@ -15,7 +15,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 warnings.simplefilter("ignore", se.exceptions.DataWarning)  # few pairs: directions without data
 
 system = se.cases.ieee39(dt=0.05, method="euler")  # n = 20, m = 10
@@ -67,8 +67,7 @@ for ax, mixed in zip(axes, (True, False), strict=True):
     ax.axhline(1.0, color="0.6", lw=0.8)
     ax.set_xticks(sizes, [str(N) for N in sizes])
     ax.minorticks_off()
-    ax.spines[["top", "right"]].set_visible(False)
-axes[0].text(3, 0.95, "the noise of a step", color="0.35", va="top")
+axes[1].text(3, 0.95, "the noise of a step", color="0.35", va="top")
 axes[0].set(xlabel="measured steps N", ylabel="error of a prediction / noise (rms)")
 axes[0].set(xlim=(2.8, 5000), title="a mixture of the models is right")
 axes[1].set(xlabel="measured steps N", title="no mixture is right")

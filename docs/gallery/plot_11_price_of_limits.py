@@ -13,7 +13,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 # Position [m], angle [rad], speed [m/s], rate [rad/s]; force [N]. Only the runs see A and B.
 A = np.array([[1.0, -0.0099, 0.1, -0.0003], [0.0, 1.0594, 0.0, 0.102],
@@ -59,6 +59,4 @@ right.fill_between(
 right.text(1.3, 1.05 * plans[3].objective, "cost of the plan", color="C0")
 right.text(0.75, plans[-1].objective * 0.8, "shaded: the price of the limit", color="0.35")
 right.set(xlabel="limit of the force [N]", ylabel="cost J", ylim=(0, None))
-for ax in (left, middle, right):
-    ax.spines[["top", "right"]].set_visible(False)
 plt.show()

@@ -12,7 +12,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 # Positions of wagon and trailer [m], their speeds [m/s]; force [N]; steps of 0.1 s.
 A = np.array([[0.980, 0.020, 0.099, 0.001], [0.020, 0.980, 0.001, 0.099],
@@ -42,14 +42,14 @@ top.plot(times, states[:, 1], color="C1", lw=2)
 top.axhline(0.0, color="0.6", lw=0.8)
 top.text(1.1, -0.95, "trailer", color="C1")
 top.text(0.1, -0.55, "wagon", color="C0")
-top.annotate("push", (8.1, 0.05), (7.4, 0.22), color="0.3")
-top.set_ylabel("position [m]")
+top.annotate(
+    "push", (8.1, 0.0), (6.9, 0.17), color="0.3", arrowprops={"arrowstyle": "->", "color": "0.3"}
+)
+top.set(ylabel="position [m]", title="A wagon and its trailer, pushed at 8.1 s")
 bottom.axhspan(-1.0, 1.0, color="0.92")
 bottom.step(times, force, where="post", color="C2", lw=2)
 bottom.text(10, 0.85, "grey: within the limits", color="0.35", va="center")
-bottom.set(xlabel="time [s]", ylabel="force [N]")
-for ax in (top, bottom):
-    ax.spines[["top", "right"]].set_visible(False)
+bottom.set(xlabel="time [s]", ylabel="force [N]", title="The force of its motor")
 plt.show()
 
 # %%

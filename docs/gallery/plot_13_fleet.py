@@ -12,7 +12,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 
 def carts(count, rng, dt=0.1):
@@ -48,5 +48,4 @@ left.stairs(plan.u[:, 0], times, baseline=None, color="C2", lw=2)
 left.set(xlabel="time [s]", ylabel="force [N], grey: within the limits", title="the command")
 plan.plot(right, validated=held)
 right.set_title("misses of all carts")
-left.spines[["top", "right"]].set_visible(False)
 plt.show()

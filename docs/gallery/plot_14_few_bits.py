@@ -12,7 +12,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 n, rng = 100, np.random.default_rng(1)
 vectors = {"dense": rng.standard_normal(n), "5 of them not 0": np.zeros(n)}
@@ -47,7 +47,6 @@ for ax, (name, w) in zip(axes, vectors.items(), strict=True):
     ax.plot(8 * n, rounded, "s", color="C2", ms=8)
     ax.text(1.15 * 8 * n, rounded, "one node sends all, 8 bits each", color="C2", va="center")
     ax.set(xlabel="bits in all", title=f"a vector of {n} entries, {name}")
-    ax.spines[["top", "right"]].set_visible(False)
 axes[0].text(8e3, 1.6 * of_coordinates(vectors["dense"], 8e3), "uniform coordinates", color="C1")
 axes[0].text(3e3, 0.2 * of_singletons(vectors["dense"], 3e3), "singletons", color="C0", ha="right")
 axes[0].set_ylabel("relative mean square error")

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 system = se.cases.random_system(8, 4, rng=3)
 x0, xf = [1.0] * 8, [0.0] * 8
@@ -38,5 +38,7 @@ fig, (left, right) = plt.subplots(1, 2, figsize=(11, 4))
 results.plot("size", "A", "method", ax=left)
 results.plot("size", "control", "method", ax=right)
 left.set(xlabel="realizations N", ylabel="relative error of A", ylim=(1e-4, 2))
+left.set_title("The matrix that is fitted")
 right.set(xlabel="realizations N", ylabel="relative error of the control", ylim=(1e-4, 5))
+right.set_title("The control from it")
 plt.show()

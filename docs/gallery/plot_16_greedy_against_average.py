@@ -13,7 +13,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 # %%
 # Their average is the matrix itself, and SLSE ends at the squared error 1/5.
@@ -42,13 +42,16 @@ left.bar(sizes, 100 * worse["slse"], color="C2")
 left.plot(sizes, 100 * worse["slse-safeguarded"], "s", color="C0")
 left.text(6.2, 12, "SLSE", color="C2")
 left.text(6.2, 10.8, "with one more line search: never", color="C0")
-left.set(xlabel="realizations N", ylabel="runs that are worse than the average [%]")
+left.set(
+    xlabel="realizations N",
+    ylabel="of 2000 runs [%]",
+    title="How often is the fit worse than the average?",
+)
 names = ("average", "0.4"), ("", "C2"), ("SLSE, with and without\none more line search", "C0")
 for found, (name, color) in zip(squares.values(), names, strict=True):
     right.semilogy(sizes, found.mean(axis=0), "o-", color=color)
     right.text(12.3, found.mean(axis=0)[-1], name, color=color, va="center")
 right.set(xlabel="realizations N", ylabel="mean of the squared errors", xlim=(0.5, 21))
+right.set_title("And in the mean?")
 right.set_xticks(range(2, 13, 2))
-for ax in (left, right):
-    ax.spines[["top", "right"]].set_visible(False)
 plt.show()

@@ -13,7 +13,7 @@ import numpy as np
 
 import stochens_rs as se
 
-plt.style.use(["seaborn-v0_8-colorblind", {"figure.constrained_layout.use": True}])
+plt.style.use("stochens_rs.style")
 
 system = se.cases.ieee39(dt=0.1)  # 10 angles [rad], 10 speeds [rad/s]; powers [pu of 100 MVA]
 x0 = np.concatenate([0.02 * np.random.default_rng(5).standard_normal(10), np.zeros(10)])
@@ -33,16 +33,15 @@ for K, plan, end in zip(steps, exact, ends, strict=True):
 
 # %%
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 3.8))
-left.bar(range(len(steps)), [100 * abs(plan.u).max() for plan in exact], color="C0")
-left.set_xticks(range(len(steps)), [str(K) for K in steps])
-left.set(xlabel="steps of 0.1 s", ylabel="largest power of a generator [MW]", yscale="log")
+left.semilogy(steps, [100 * abs(plan.u).max() for plan in exact], "o-")
+left.set(xlabel="steps of 0.1 s", ylabel="largest power of a generator [MW]")
+left.set(xlim=(0, 9), title="The largest power")
 right.axhline(np.linalg.norm(x0), color="0.6", lw=0.8)
 right.semilogy(steps, bounds, "o-", color="C2")
 right.semilogy(steps, ends, "o-", color="C0")
 right.text(8.2, bounds[-1], "bound, 95 %", color="C2", va="center")
+right.set_title("The end, from a million realizations")
 right.text(8.2, ends[-1], "really", color="C0", va="center")
 right.text(8, np.linalg.norm(x0), "at the start", color="0.35", ha="right", va="bottom")
 right.set(xlabel="steps of 0.1 s", ylabel="distance from the target", xlim=(0.8, 10.5))
-for ax in (left, right):
-    ax.spines[["top", "right"]].set_visible(False)
 plt.show()

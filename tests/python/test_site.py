@@ -254,9 +254,11 @@ def test_a_browser_sees_what_is_wrong(tmp_path):
     view = '<meta name="viewport" content="width=device-width">'
     for k, html in enumerate(WRONG):
         (tmp_path / f"{k}.html").write_text(f"{view}<p>a</p>{html}")
+    (tmp_path / "cut.html").write_text(f'{view}<pre style="overflow-x: auto">{"a" * 400}</pre>')
     boxed = '<div style="overflow-x: auto"><p style="width: 2000px">a</p></div>'
     (tmp_path / "good.html").write_text(f'{view}{boxed}<a href="http://127.0.0.1:9/">b</a>')
-    (tmp_path / "search.html").write_text('<ul id="search-results"><li><a>sample</a></li></ul>')
+    listed = '<ul id="search-results"><li><a href="sample.html">b</a></li></ul>'
+    (tmp_path / "search.html").write_text(listed)
     browser = CHECK.Browser(program)
     try:
         found = list(CHECK.seen(browser, tmp_path))
@@ -266,5 +268,6 @@ def test_a_browser_sees_what_is_wrong(tmp_path):
     for k, text in enumerate(WRONG.values()):
         assert any(line.startswith(f"{k}.html {text}") for line in found), (text, found)
     assert found[-1] == "the search for identify finds ['sample']"
+    assert f"cut.html cuts at 1280 px: {'a' * 40}" in found
     assert not any(line.startswith(("good", "search.html")) for line in found)
     assert len(list((tmp_path / "pictures").glob("*.png"))) == 4

@@ -22,10 +22,10 @@ def draw_region(
     from matplotlib.patches import Polygon
 
     look = look_of(ax)
-    color = look.color(sum(one.get_gid() == _ID for one in ax.patches))
-    edge = Polygon(
-        corners, facecolor=(color, look.fill / 1.5), edgecolor=color, linewidth=1.6, gid=_ID
-    )
+    before = sum(one.get_gid() == _ID for one in ax.patches)
+    color = look.color(before)
+    face = "none" if before else (color, look.fill / 1.5)  # the colours of two would mix
+    edge = Polygon(corners, facecolor=face, edgecolor=color, linewidth=1.6, gid=_ID)
     edge.set_label(literal(label))
     ax.add_patch(edge)
     ax.plot(*centre, "+", color=color, markersize=8, markeredgewidth=1.6, linestyle="")

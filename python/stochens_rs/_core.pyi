@@ -578,6 +578,25 @@ class Region:
         self, x0: _Floats, inputs: _Floats, rho0: float, noise: _ToCome | None
     ) -> Errors: ...
 
+# [A B c], J, G of x+ = [A B c] (x, u, 1) + G w with z = J (x, u, 1), and the number of inputs
+_System: TypeAlias = tuple[_Floats, _Floats, _Floats, int]
+
+# the region of [A B c], and the bound of the covariance of its noise
+def entered_region(
+    region: Region, system: _System, covariance: _Floats | None
+) -> tuple[Region, _Floats | None]: ...
+
+# windows (K + 1, n), outputs (K, p), radii (K + 1,) and components (K + 1, p) of their mean, and
+# those of readings for noise of (covariance, probability)
+def output_tube(
+    region: Region,
+    system: _System,
+    x0: _Floats,
+    inputs: _Floats,
+    gain: _Floats | None,
+    noise: tuple[_Floats, float] | None,
+) -> tuple[_Floats, _Floats, tuple[_Floats, _Floats], tuple[_Floats, _Floats] | None]: ...
+
 @final
 class Errors:
     # (K + 1, n) of the centre; (K + 1,) of the norm; (n,) of the last state

@@ -35,8 +35,8 @@ use super::pilot::{Event, Pilot, WHAT};
 use super::plan::Task;
 use super::powers::{Powers, first_order, largest_difference, product};
 use super::reference::{Reference, Shares};
-use super::several_steps::{Radii, Steps, several_steps};
-use super::trajectory::{norms, states};
+use super::several_steps::{Radii, Seen, Steps, norms, several_steps};
+use super::trajectory::states;
 
 /// How long to look for a better bound over the spectral ball.
 const EFFORT: Effort = Effort { rounds: 10, tolerance: 1e-3 };
@@ -300,7 +300,7 @@ impl Pilot {
             noise: false,
             to_come: noisy.then_some(future),
         };
-        let steps = several_steps(region, &root, at, inputs, radii, stop)?;
+        let steps = several_steps(region, &root, at, inputs, radii, Seen { rows: n, gain: None }, stop)?;
         let mut c = try_room(WHAT, checked_len(WHAT, count, d)?)?;
         for (x, u) in at.chunks_exact(n).zip(inputs.chunks_exact(self.m)) {
             c.extend(product(&self.t, &region.regressor(x, u)?, d, d, 1)?);

@@ -6,24 +6,27 @@
 //! e(k+1) = A e(k) + D z(k) + D_x e(k) (+ w(k))
 //! ```
 //!
-//! with the model's `A`. With `c_k = V^(-1/2) z(k)`, `M_p = A^p S^(1/2)`, `W = (V^-1)_xx` and `wcs` the weighted inequality of
+//! with the model's `A`, or `A + B K` with feedback `u(k) + K (x(k) - xh(k))`, and `S^(1/2)` (n, q), 0 in rows that are known.
+//! Of `e(k)` the first p rows are looked at, `P e(k)`; z is `(x, u)` or, with feedback, `[I; K] e(k)` for an error. With `c_k = V^(-1/2) z(k)`, `M_p = A^p S^(1/2)`, `W = [I; K]' V^-1 [I; K]` and `wcs` the weighted inequality of
 //! `Powers::cauchy_schwarz`:
 //!
 //! ```text
 //! lin_k(M) >= ||sum_{j<k} M_{k-1-j} Gamma c_j||                                  see `Powers::linear`
 //! b_k = lin_k(W^(1/2) M) + ||W^(1/2) A^k|| rho0 + spectral wcs(W^(1/2) M_{k-1-j}, b_j) (+ nu_k)
-//! r_k = lin_k(M)         + ||A^k|| rho0         + spectral wcs(M_{k-1-j}, b_j)         (+ omega_k).
+//! r_k = lin_k(P M)       + ||P A^k|| rho0       + spectral wcs(P M_{k-1-j}, b_j)       (+ omega_k).
 //! ```
 //!
 //! First order plus rest: `rest(k+1) = A rest(k) + D_x e(k)` and `||V^(-1/2) (e_j, 0)|| = ||W^(1/2) e_j|| <= b_j` by induction.
 //!
 //! Gaussian noise to come of covariance `<= N` is independent of the data: given them, `n_k = sum_{i<k} A^(k-1-i) w(i)` is
-//! Gaussian of covariance `<= N_k = sum_{p<k} A^p N A^p'`, so that `||n_k|| <= omega_k` and `||W^(1/2) n_k|| <= nu_k` with
+//! Gaussian of covariance `<= N_k = sum_{p<k} A^p N A^p'`, so that `||P n_k|| <= omega_k` and `||W^(1/2) n_k|| <= nu_k` with
 //! quantiles of [`normal_quantile`], each with its own probability; `e_k` holds `n_k`, hence nu_k in b_k.
 
+use crate::control::singular_values;
 use crate::error::{Error, Result};
+use crate::fuse::norm;
 use crate::identify::{normal_quantile, spectral_norm};
-use crate::memory::{checked_len, room_for_products, try_room, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Part, Region, times};
 
@@ -31,6 +34,9 @@ use super::noise::Gaussian;
 use super::nuclear::Effort;
 use super::nuclear::WHAT;
 use super::powers::{Powers, Span, product};
+
+/// For the rounding of singular values, relative to their sum.
+const ROUNDING: f64 = 1e-12;
 
 /// How long to look for a better bound of the last state, and of all others.
 const LAST: Effort = Effort { rounds: 10, tolerance: 1e-3 };
@@ -51,6 +57,15 @@ pub(super) struct Radii<'a> {
     pub to_come: Option<Gaussian<'a>>,
 }
 
+/// Which rows of the error are looked at, and what acts on it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Seen<'a> {
+    /// The first p.
+    pub rows: usize,
+    /// K (m, n), row by row.
+    pub gain: Option<&'a [f64]>,
+}
+
 /// What several steps of a region of one part add up to, and what its components are made of.
 #[derive(Debug)]
 pub(super) struct Steps {
@@ -62,16 +77,66 @@ pub(super) struct Steps {
     pub rest: Vec<f64>,
     /// `nu_k` of noise to come besides, 0 for the last (K + 1).
     pub noise: Vec<f64>,
-    /// `M_p`, p < K.
+    /// `P M_p`, p < K.
     pub outside: Powers,
     /// `W^(1/2) M_p`, p < K.
     pub inside: Powers,
     /// Coordinates of the `c_k`.
     pub span: Span,
-    /// `A^K` (n, n).
-    pub power: Vec<f64>,
-    /// `N_K` (n, n).
-    pub covariance: Vec<f64>,
+    /// `P A^k` (p, n), k <= K.
+    pub powers: Vec<Vec<f64>>,
+    /// `P N_k P'` (p, p), k <= K; 0 without noise to come besides.
+    pub covariances: Vec<Vec<f64>>,
+}
+
+impl Steps {
+    /// Bounds of `|P e(k)|_i` (p) without noise to come: the expansion of `r_k` with a row `m_j` of `M_{k-1-j}`,
+    ///
+    /// ```text
+    /// min(frobenius ||N||_F, spectral ||N||_*) + ||(A^k)_i|| rho0 + spectral sum ||m_j|| b_j,    N = sum_j m_j' c_j'.
+    /// ```
+    pub fn components(&self, k: usize, radii: &Radii<'_>) -> Result<Vec<f64>> {
+        let power = &self.powers[k];
+        let p = self.covariances[k].len().isqrt();
+        let (n, mut components) = (power.len() / p, try_zeros(WHAT, p)?);
+        if !self.radii[k].is_finite() {
+            components.fill(f64::INFINITY);
+            return Ok(components);
+        }
+        let (c, width) = self.span.first(k)?;
+        let q = self.outside.matrices.first().map_or(0, Vec::len) / p;
+        let mut all = try_zeros(WHAT, checked_len(WHAT, width, q)?)?;
+        for (i, component) in components.iter_mut().enumerate() {
+            // N = sum_j c_j m_j, and sum_j ||m_j|| b_j
+            let (mut back, mut each) = (0.0, 0);
+            all.fill(0.0);
+            for (matrix, b) in self.outside.matrices[..k].iter().rev().zip(&self.rest) {
+                let m = &matrix[i * q..(i + 1) * q];
+                back += times(norm(m.iter().copied()), *b);
+                for (to, c) in all.chunks_exact_mut(q).zip(&c[each * width..(each + 1) * width]) {
+                    to.iter_mut().zip(m).for_each(|(to, m)| *to += c * m);
+                }
+                each += 1;
+            }
+            let (frobenius, nuclear) = norms(&all, q)?;
+            let first = times(radii.frobenius, frobenius).min(times(radii.spectral, nuclear));
+            let start = times(radii.rho0, norm(power[i * n..(i + 1) * n].iter().copied()));
+            *component = first + times(radii.spectral, back) + start;
+        }
+        Ok(components)
+    }
+}
+
+/// `||N||_F` and `||N||_*`, with room for its rounding.
+pub(super) fn norms(matrix: &[f64], cols: usize) -> Result<(f64, f64)> {
+    if matrix.is_empty() {
+        return Ok((0.0, 0.0));
+    }
+    if !matrix.iter().all(|v| v.is_finite()) {
+        return Err(Error::Overflow { what: "a component of the error" });
+    }
+    let values = singular_values(matrix, cols)?;
+    Ok((norm(values.iter().copied()), values.iter().sum::<f64>() * (1.0 + ROUNDING)))
 }
 
 /// `white` of a part for all entries of z (rank, d).
@@ -84,7 +149,7 @@ fn padded(part: &Part, d: usize) -> Result<Vec<f64>> {
 }
 
 /// How far the truth may be from the `states` (K + 1, n) of the centre under `inputs` (K, m), for a region of one part;
-/// `root` (n, n) is one of its shape.
+/// `root` (n, q) is one of its shape.
 ///
 /// # Errors
 /// [`Error::Overflow`] where a square leaves the range of doubles, [`Error::Memory`], [`Error::Interrupted`].
@@ -94,15 +159,15 @@ pub(super) fn several_steps(
     states: &[f64],
     inputs: &[f64],
     radii: Radii<'_>,
+    seen: Seen<'_>,
     stop: &Stop,
 ) -> Result<Steps> {
     room_for_products()?;
     let (part, n, d, steps) = (&region.parts[0], region.n, region.d, inputs.len() / region.m);
-    let (rank, white) = (part.rank(), padded(part, d)?);
-    let mut a = try_room(WHAT, n * n)?;
-    region.centre.chunks_exact(d).for_each(|row| a.extend_from_slice(&row[..n]));
-    let mut half = try_room(WHAT, rank * n)?; // half' half = W: as good as W^(1/2) in front of a vector
-    white.chunks_exact(d).for_each(|row| half.extend_from_slice(&row[..n]));
+    let (rank, white, p, q) = (part.rank(), padded(part, d)?, seen.rows, root.len() / n);
+    let joined = joined(region, seen.gain)?;
+    let a = product(&region.centre, &joined, n, d, n)?;
+    let half = product(&white, &joined, rank, d, n)?; // half' half = W: as good as W^(1/2) in front of a vector
 
     let (mut c, mut lengths) = (try_room(WHAT, checked_len(WHAT, steps, rank)?)?, try_room(WHAT, steps)?);
     for (x, u) in states.chunks_exact(n).zip(inputs.chunks_exact(region.m)) {
@@ -114,9 +179,15 @@ pub(super) fn several_steps(
     let span = Span::new(&c, steps, radii.noise, stop)?;
     let bounds = (radii.spectral, radii.frobenius);
 
-    let known = (0..part.columns.len()).all(|at| part.columns[at] >= n || part.unit_length(at).is_finite());
-    let mut outside = Powers::new(n, n, steps)?; // M_p
-    let mut inside = Powers::new(rank, n, steps)?; // W^(1/2) M_p
+    let known = match seen.gain {
+        None => (0..part.columns.len()).all(|at| part.columns[at] >= n || part.unit_length(at).is_finite()),
+        Some(_) => (0..n).all(|j| {
+            let column = try_collect(WHAT, joined.iter().skip(j).step_by(n).copied());
+            column.is_ok_and(|column| part.length(&column).is_finite())
+        }),
+    };
+    let mut outside = Powers::new(p, q, steps)?; // P M_p
+    let mut inside = Powers::new(rank, q, steps)?; // W^(1/2) M_p
     let mut power = try_zeros(WHAT, n * n)?;
     (0..n).for_each(|i| power[i * (n + 1)] = 1.0);
     let mut covariance = try_zeros(WHAT, n * n)?;
@@ -126,7 +197,10 @@ pub(super) fn several_steps(
         try_room(WHAT, steps + 1)?,
         try_room(WHAT, steps + 1)?,
     ];
+    let [mut powers, mut covariances] = [try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?];
     noise.push(0.0);
+    powers.push(try_copy(WHAT, &power[..p * n])?);
+    covariances.push(try_zeros(WHAT, p * p)?);
     let start = |matrix: &[f64], rows: usize| -> Result<f64> {
         Ok(if radii.rho0 == 0.0 { 0.0 } else { times(radii.rho0, spectral_norm(matrix, rows, n)?) })
     };
@@ -136,12 +210,13 @@ pub(super) fn several_steps(
     r.push(radii.rho0);
     for k in 1..=steps {
         stop.check()?;
-        outside.push(product(&power, root, n, n, n)?)?;
-        inside.push(product(&half, &outside.matrices[k - 1], rank, n, n)?)?;
+        let moved = product(&power, root, n, n, q)?; // M_{k-1}
+        outside.push(try_copy(WHAT, &moved[..p * q])?)?;
+        inside.push(product(&half, &moved, rank, n, q)?)?;
         let (mut omega, mut nu) = (0.0, 0.0);
         if let Some(noise) = radii.to_come {
             noise.add(&power, n, &mut covariance)?; // N_k
-            omega = normal_quantile(&covariance, n, if k < steps { noise.before } else { noise.end })?;
+            omega = normal_quantile(&leading(&covariance, n, p)?, p, if k < steps { noise.before } else { noise.end })?;
             if k < steps && known {
                 let moved = product(&half, &covariance, rank, n, n)?;
                 let mut seen = try_zeros(WHAT, checked_len(WHAT, rank, rank)?)?;
@@ -160,11 +235,31 @@ pub(super) fn several_steps(
         let efforts = if k < steps { OTHERS } else { LAST };
         linear.push(outside.linear(&span, &lengths[..k], bounds, efforts)?);
         let back = times(radii.spectral, outside.cauchy_schwarz(&rest[..k])?);
-        r.push(linear[k] + start(&power, n)? + back + omega);
+        r.push(linear[k] + start(&power[..p * n], p)? + back + omega);
         let back = times(radii.spectral, inside.cauchy_schwarz(&rest[..k])?);
         let first = inside.linear(&span, &lengths[..k], bounds, OTHERS)?;
         rest.push(seen(first + start(&product(&half, &power, rank, n, n)?, rank)? + back + nu));
         noise.push(nu);
+        powers.push(try_copy(WHAT, &power[..p * n])?);
+        covariances.push(leading(&covariance, n, p)?);
     }
-    Ok(Steps { radii: r, linear, rest, noise, outside, inside, span, power, covariance })
+    Ok(Steps { radii: r, linear, rest, noise, outside, inside, span, powers, covariances })
+}
+
+/// The first `p` rows and columns of (n, n).
+fn leading(square: &[f64], n: usize, p: usize) -> Result<Vec<f64>> {
+    let mut found = try_room(WHAT, p * p)?;
+    square.chunks_exact(n).take(p).for_each(|row| found.extend_from_slice(&row[..p]));
+    Ok(found)
+}
+
+/// `[I; K; 0]` (d, n).
+fn joined(region: &Region, gain: Option<&[f64]>) -> Result<Vec<f64>> {
+    let n = region.n;
+    let mut joined = try_zeros(WHAT, checked_len(WHAT, region.d, n)?)?;
+    (0..n).for_each(|i| joined[i * (n + 1)] = 1.0);
+    if let Some(gain) = gain {
+        joined[n * n..n * n + gain.len()].copy_from_slice(gain);
+    }
+    Ok(joined)
 }

@@ -9,7 +9,6 @@
 //! A the state matrix of C and `D_x` the first columns of D. What follows holds for all inputs at once, also for those chosen
 //! after the data, in the event that Theta is in the region.
 
-use crate::control::singular_values;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::identify::{covariance_root, normal_quantile, spectral_norm};
@@ -20,10 +19,7 @@ use crate::region::{Region, times};
 use super::noise::{Gaussian, ToCome};
 use super::nuclear::WHAT;
 use super::powers::product;
-use super::several_steps::{Radii, Steps, several_steps};
-
-/// For the rounding of singular values, relative to their sum.
-const ROUNDING: f64 = 1e-12;
+use super::several_steps::{Radii, Seen, Steps, several_steps};
 
 /// `||x(k) - states[k]|| <= radii[k]`, `|x(K) - states[K]|_i <= components[i]`.
 ///
@@ -114,12 +110,6 @@ pub fn trajectory(
 
 /// `D = S^(1/2) Gamma V^(-1/2)` with bounds of both norms of Gamma: see [`super::several_steps`]. Also the covariance of
 /// the Gaussian noise to come, which the components do not have yet.
-///
-/// Components, by the same expansion with a row m_j of `A^(K-1-j) S^(1/2)` in place of the matrix:
-///
-/// ```text
-/// min(frobenius ||N||_F, spectral ||N||_*) + ||(A^K)_i|| rho0 + spectral sum ||m_j|| b_j,    N = sum_j m_j' c_j'.
-/// ```
 fn one_part(
     region: &Region,
     at: &[f64],
@@ -164,30 +154,12 @@ fn one_part(
             &own
         }
     };
-    let Steps { radii: mut r, linear, rest, outside, span, power, covariance, .. } =
-        several_steps(region, root, at, inputs, radii, stop)?;
-    let mut components = try_filled(WHAT, f64::INFINITY, n)?;
+    let found = several_steps(region, root, at, inputs, radii, Seen { rows: n, gain: None }, stop)?;
+    let mut components = found.components(steps, &radii)?;
+    let Steps { radii: mut r, linear, rest, mut covariances, .. } = found;
+    let covariance = covariances.pop().unwrap_or_default();
     if !r[steps].is_finite() {
         return Ok((Errors { states: Vec::new(), radii: r, components, linear, rest }, covariance));
-    }
-    let (c, width) = span.first(steps)?;
-    let mut all = try_zeros(WHAT, checked_len(WHAT, width, n)?)?;
-    for (i, component) in components.iter_mut().enumerate() {
-        // N = sum_j c_j m_j, and sum_j ||m_j|| b_j
-        let (mut back, mut each) = (0.0, 0);
-        all.fill(0.0);
-        for (matrix, b) in outside.matrices.iter().rev().zip(&rest) {
-            let m = &matrix[i * n..(i + 1) * n];
-            back += times(norm(m.iter().copied()), *b);
-            for (to, c) in all.chunks_exact_mut(n).zip(&c[each * width..(each + 1) * width]) {
-                to.iter_mut().zip(m).for_each(|(to, m)| *to += c * m);
-            }
-            each += 1;
-        }
-        let (frobenius, nuclear) = norms(&all, n)?;
-        let first = times(radii.frobenius, frobenius).min(times(radii.spectral, nuclear));
-        let start = times(rho0, norm(power[i * n..(i + 1) * n].iter().copied()));
-        *component = first + times(radii.spectral, back) + start;
     }
     if let Some((radius, root)) = added {
         r[steps] += times(radius, spectral_norm(root, n, n)?);
@@ -195,18 +167,6 @@ fn one_part(
         components.iter_mut().zip(rows).for_each(|(to, row)| *to += row);
     }
     Ok((Errors { states: Vec::new(), radii: r, components, linear, rest }, covariance))
-}
-
-/// `||N||_F` and `||N||_*`, with room for its rounding.
-pub(super) fn norms(matrix: &[f64], cols: usize) -> Result<(f64, f64)> {
-    if matrix.is_empty() {
-        return Ok((0.0, 0.0));
-    }
-    if !matrix.iter().all(|v| v.is_finite()) {
-        return Err(Error::Overflow { what: "a component of the error" });
-    }
-    let values = singular_values(matrix, cols)?;
-    Ok((norm(values.iter().copied()), values.iter().sum::<f64>() * (1.0 + ROUNDING)))
 }
 
 /// `|D z|_i <= c_i(z)` and `|D_x e|_i <= s_i ||e||` for regions of several parts.

@@ -22,6 +22,7 @@ mod identify;
 mod laws;
 mod limited;
 mod limits;
+mod outputs;
 mod pilot;
 mod realizations;
 mod region;
@@ -76,6 +77,8 @@ mod _core {
     use super::limited::BoxControl;
     #[pymodule_export]
     use super::limits::{box_batch, box_control, weight_root};
+    #[pymodule_export]
+    use super::outputs::{entered_region, output_tube};
     #[pymodule_export]
     use super::pilot::{PyPilot, PyReference};
     #[pymodule_export]

@@ -6,6 +6,7 @@
 //!
 //! with C the centre. What several steps add is in [`crate::certificate`].
 
+mod entering;
 mod from_data;
 mod hull;
 mod instruments;
@@ -13,6 +14,7 @@ mod models;
 mod part;
 mod projection;
 
+pub use entering::Entering;
 pub use hull::{Noise, Place};
 pub use models::Region;
 pub use part::{Part, PartOf};

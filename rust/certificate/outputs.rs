@@ -1,0 +1,170 @@
+//! How far outputs may be from where a model of a window of them leads, in the event that it is in a region.
+//!
+//! The state x is such a window. In front of it we put the output of the step, on which nothing acts: `D = [I; G] S^(1/2)`
+//! and `P = [I 0]` in the recursion of [`several_steps`].
+//!
+//! Readings have the noise of the run, Gaussian and independent of the data, of covariance `<= Sbar`: at each of K steps it
+//! adds `nu_k` to the bound of the outputs and `mu_k` to that of the window which the error of the model sees. These are
+//! 2 K events, of equal shares.
+
+use crate::error::{Error, Result};
+use crate::identify::covariance_root;
+use crate::memory::{checked_len, try_collect, try_filled, try_room, try_zeros};
+use crate::parallel::Stop;
+use crate::region::{Entering, Region};
+
+use super::noise::Gaussian;
+use super::nuclear::WHAT;
+use super::powers::product;
+use super::several_steps::{Radii, Seen, several_steps};
+use super::trajectory::states;
+
+/// What is planned from a record that happened.
+#[derive(Debug, Clone, Copy)]
+pub struct Along<'a> {
+    /// The window at the end of the record (n).
+    pub x0: &'a [f64],
+    /// The inputs (K, m).
+    pub inputs: &'a [f64],
+    /// K (m, n) of the feedback `u(k) + K (x(k) - xh(k))`.
+    pub gain: Option<&'a [f64]>,
+}
+
+/// Bounds of the outputs along a run.
+#[derive(Debug, Clone)]
+pub struct Tube {
+    /// `||y(k) - yh(k)||` (K + 1), 0 for the reading that is known.
+    pub radii: Vec<f64>,
+    /// `|y(k) - yh(k)|_i` (K + 1, p); with noise a statement of its own.
+    pub components: Vec<f64>,
+}
+
+/// The window along the plan, and how far the outputs may be.
+#[derive(Debug, Clone)]
+pub struct Outputs {
+    /// The window along the centre, (K + 1, n).
+    pub states: Vec<f64>,
+    /// The outputs along the centre, of the steps from 1 on, (K, p).
+    pub predicted: Vec<f64>,
+    /// Of the mean of the outputs, given the record.
+    pub mean: Tube,
+    /// Of the readings.
+    pub readings: Option<Tube>,
+}
+
+/// The tubes for a `region` of the coefficients (p, d) of `y+ = Theta z` in this system, whose states are the window; those of
+/// readings for the probability given to their noise, of which the region must know the covariance.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::Overflow`] for states of the centre that leave the range of doubles, [`Error::Value`] for a
+/// probability outside (0, 1), [`Error::Memory`], [`Error::Interrupted`].
+pub fn outputs(
+    region: &Region,
+    system: Entering<'_>,
+    along: Along<'_>,
+    noise: Option<f64>,
+    stop: &Stop,
+) -> Result<Outputs> {
+    let (p, m) = (region.n, system.m);
+    let (n, k) = system.sizes(p, region.width())?;
+    if along.x0.len() != n || along.gain.is_some_and(|gain| gain.len() != m * n) {
+        let found = format!("{} entries", along.x0.len());
+        return Err(Error::Shape { name: "x0, gain", expected: format!("{n} and {m} x {n} entries"), found });
+    }
+    // (y; x), of which y acts on nothing
+    let behind = |of: &[f64]| -> Result<Vec<f64>> {
+        let mut wider = try_zeros(WHAT, checked_len(WHAT, of.len() / k.max(1), p + k)?)?;
+        wider.chunks_exact_mut(p + k).zip(of.chunks_exact(k)).for_each(|(to, row)| to[p..].copy_from_slice(row));
+        Ok(wider)
+    };
+    let above = |of: &[f64], below: &[f64]| try_collect(WHAT, of.iter().chain(below).copied());
+    let matrix = above(&product(region.centre(), system.entering, p, region.width(), k)?, system.matrix)?;
+    let mut ones = try_zeros(WHAT, p * p)?;
+    (0..p).for_each(|i| ones[i * (p + 1)] = 1.0);
+    let (both, whole) = (above(&ones, system.noise)?, p + n);
+    let wider = Entering { m, matrix: &behind(&matrix)?, entering: &behind(system.entering)?, noise: &both };
+    let rooted = |covariance: &[f64]| product(&both, &covariance_root(covariance, p)?, whole, p, p);
+    let wider = region.entered(wider)?; // which looks at the parts
+    let of = Of { p, root: rooted(region.parts[0].of().shape)?, region: wider };
+    let mut x0 = try_zeros(WHAT, whole)?;
+    x0[p..].copy_from_slice(along.x0);
+    let mut gain = try_zeros(WHAT, checked_len(WHAT, m, whole)?)?;
+    if let Some(given) = along.gain {
+        gain.chunks_exact_mut(whole).zip(given.chunks_exact(n)).for_each(|(to, row)| to[p..].copy_from_slice(row));
+    }
+    let at = states(&of.region, &x0, along.inputs)?;
+    let way = (at.as_slice(), along.inputs, along.gain.is_some().then_some(gain.as_slice()));
+    let mean = of.tube(way, None, stop)?;
+    let steps = along.inputs.len() / m;
+    let readings = match (noise, region.noise()) {
+        (None, _) => None,
+        (Some(level), Some(covariance)) if covariance.iter().all(|v| v.is_finite()) => {
+            let root = covariance_root(covariance, p)?;
+            let mut square = try_zeros(WHAT, checked_len(WHAT, whole, whole)?)?;
+            for (to, row) in square.chunks_exact_mut(whole).zip(product(&both, &root, whole, p, p)?.chunks_exact(p)) {
+                to[..p].copy_from_slice(row);
+            }
+            let share = level / (2 * steps) as f64;
+            Some(of.tube(way, Some(Gaussian { root: &square, end: share, before: share }), stop)?)
+        }
+        _ => Some(unbounded(steps, p)?),
+    };
+    let mut states = try_room(WHAT, (steps + 1) * n)?;
+    at.chunks_exact(whole).for_each(|row| states.extend_from_slice(&row[p..]));
+    let mut predicted = try_room(WHAT, steps * p)?;
+    at.chunks_exact(whole).skip(1).for_each(|row| predicted.extend_from_slice(&row[..p]));
+    Ok(Outputs { states, predicted, mean, readings })
+}
+
+fn unbounded(steps: usize, p: usize) -> Result<Tube> {
+    let filled = |width: usize| -> Result<Vec<f64>> {
+        let mut values = try_filled(WHAT, f64::INFINITY, (steps + 1) * width)?;
+        values[..width].fill(0.0);
+        Ok(values)
+    };
+    Ok(Tube { radii: filled(1)?, components: filled(p)? })
+}
+
+/// A region of the system (y; x), with a root (n, p) of its shape.
+struct Of {
+    region: Region,
+    root: Vec<f64>,
+    p: usize,
+}
+
+impl Of {
+    fn tube(
+        &self,
+        (at, inputs, gain): (&[f64], &[f64], Option<&[f64]>),
+        noise: Option<Gaussian<'_>>,
+        stop: &Stop,
+    ) -> Result<Tube> {
+        let (region, p, steps) = (&self.region, self.p, inputs.len() / self.region.m);
+        let radii = Radii {
+            spectral: region.parts[0].of().factor.sqrt(),
+            frobenius: region.frobenius(),
+            rho0: 0.0,
+            noise: false,
+            to_come: noise,
+        };
+        let seen = Seen { rows: p, gain };
+        let found = match several_steps(region, &self.root, at, inputs, radii, seen, stop) {
+            Err(Error::Overflow { .. }) => return unbounded(steps, p),
+            found => found?,
+        };
+        let mut components = try_room(WHAT, checked_len(WHAT, steps + 1, p)?)?;
+        for k in 0..=steps {
+            stop.check()?;
+            let mut own = found.components(k, &radii)?;
+            if let (Some(noise), true) = (noise, k > 0) {
+                noise.of_components(&found.covariances[k], p, &mut own)?;
+            }
+            components.extend(own);
+        }
+        let nan = |values: &[f64]| values.iter().any(|v| v.is_nan());
+        if nan(&found.radii) || nan(&components) {
+            return unbounded(steps, p);
+        }
+        Ok(Tube { radii: found.radii, components })
+    }
+}

@@ -39,6 +39,7 @@ __all__ = [
     "estimate_draws",
     "f_upper",
     "feedback_gain",
+    "first_pairs",
     "fit",
     "fleet_gains",
     "fleet_mean",
@@ -445,7 +446,7 @@ class Estimate:
     def region(
         self,
         assumed: tuple[str, str, str, _Floats | None],
-        scale: _Floats,
+        units: _Floats | Estimate,
         delta: float,
         components: bool,
         directions: _Floats | None,
@@ -457,6 +458,7 @@ class Estimate:
     ) -> Region: ...
     def sign_region(self, test: _Signs, threads: int) -> Region: ...
 
+def first_pairs(rows: _Floats, d: int, threads: int) -> int | None: ...
 def sign_contains(test: _Signs, theta: _Floats, threads: int) -> bool: ...
 def sign_sizes(delta: float) -> tuple[int, int]: ...
 def chance_of_infinity(size: int, d: int) -> float: ...

@@ -23,6 +23,7 @@ __all__ = [
     "RegionPart",
     "StateLock",
     "Stream",
+    "Window",
     "alse",
     "alse_path",
     "alse_prefixes",
@@ -33,6 +34,7 @@ __all__ = [
     "build",
     "certify",
     "chance_of_infinity",
+    "choose_window",
     "closed_form",
     "diagonal_quantile",
     "drawn_misses",
@@ -61,6 +63,7 @@ __all__ = [
     "one_noise",
     "pseudoinverse",
     "pushed",
+    "readings_over_noise",
     "realization_controls",
     "residual_p_values",
     "residuals",
@@ -105,6 +108,7 @@ __all__ = [
     "version",
     "weight_root",
     "widest_gain",
+    "window_burn",
     "wishart_quantile",
 ]
 
@@ -457,6 +461,47 @@ class Estimate:
     ) -> Region: ...
     def sign_region(self, test: _Signs, threads: int) -> Region: ...
 
+@final
+class Window:
+    def __new__(
+        cls,
+        outputs: int,
+        inputs: int,
+        count: int,
+        pole: float | None = None,
+        delay: int = 0,
+        intercept: bool = False,
+        burn: int = 0,
+    ) -> Window: ...
+    @property
+    def length(self) -> int: ...
+    @property
+    def states(self) -> int: ...
+    @property
+    def fill(self) -> int: ...
+    def rows(self, pairs: _Floats, first: list[bool]) -> tuple[_Floats, NDArray[np.int64]]: ...
+    def state_of(self, y: _Floats, u: _Floats) -> _Floats: ...
+    def advance(self, x: _Floats, y: _Floats, u: _Floats) -> _Floats: ...
+    # J, [A B c], G
+    def linear(self, theta: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
+
+def window_burn(pole: float, count: int, ratio: float, pieces: int) -> int: ...
+def readings_over_noise(
+    pairs: _Floats, first: list[bool], outputs: int, inputs: int, intercept: bool
+) -> float: ...
+
+# pole, count, delay, burn, count by the criterion, rows compared
+def choose_window(
+    pairs: _Floats,
+    first: list[bool],
+    outputs: int,
+    inputs: int,
+    intercept: bool,
+    poles: list[float],
+    most: tuple[int, int],
+    delays: tuple[int, int],
+    pieces: tuple[int, int],
+) -> tuple[float | None, int, int, int, int, int]: ...
 def sign_contains(test: _Signs, theta: _Floats, threads: int) -> bool: ...
 def sign_sizes(delta: float) -> tuple[int, int]: ...
 def chance_of_infinity(size: int, d: int) -> float: ...

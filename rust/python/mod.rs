@@ -32,6 +32,7 @@ mod simulate;
 mod storage;
 mod streaming;
 mod validation;
+mod window;
 
 use pyo3::prelude::*;
 
@@ -95,6 +96,8 @@ mod _core {
     use super::validation::{
         validation_mean, validation_rank, validation_runs, validation_systems, validation_weighted,
     };
+    #[pymodule_export]
+    use super::window::{PyWindow, choose_window, readings_over_noise, window_burn};
     #[pymodule_export]
     use super::{build, version};
 }

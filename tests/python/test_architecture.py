@@ -280,7 +280,7 @@ CORE = (
     ("fuse",),
     ("control",),
     ("identify", "storage", "streaming"),
-    ("simulate",),
+    ("simulate", "window"),
     ("region",),
     ("certificate",),
     ("feedback",),

@@ -6,5 +6,6 @@ from .identifying import identify
 from .model import Model
 from .region import Region
 from .trajectories import Trajectories
+from .window import Window
 
-__all__ = ["Assumptions", "Checks", "Model", "Region", "Trajectories", "identify"]
+__all__ = ["Assumptions", "Checks", "Model", "Region", "Trajectories", "Window", "identify"]

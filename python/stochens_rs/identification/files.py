@@ -38,6 +38,8 @@ def from_runs(runs: Any) -> Sections:
         "names": _bytes(b"".join(names)),
         "name_lengths": _counts(*(len(name) for name in names)),
     }
+    if runs.outputs:
+        found["outputs"] = _counts(1)
     if len(runs._pieces.gaps) or runs.lost:
         found["gaps"] = runs._pieces.gaps.astype(np.uint64).ravel()
         found["lost"] = runs._pieces.lost.astype(np.uint64)
@@ -66,7 +68,8 @@ def to_runs(sections: Sections) -> tuple[Any, ...]:
         raise InputError(f"`dt` must have at most one entry, got {len(dt)}")
     names = _names(sections, n + m)
     step = float(dt[0]) if len(dt) else None
-    return rows, pieces, n, step, names[:n], names[n:], steps
+    read = "outputs" in sections and _flag("outputs", *_whole(sections, "outputs", 1))
+    return rows, pieces, n, step, names[:n], names[n:], steps, read
 
 
 def from_model(model: Any) -> Sections:
@@ -101,6 +104,11 @@ def from_model(model: Any) -> Sections:
     if model.pilot is not None:
         found |= {f"pilot_{name}": array.ravel() for name, array in _arrays(model.pilot).items()}
         found["pilot_source"] = _bytes(model.pilot.source.encode())
+    if model.window is not None:
+        window = model.window
+        counts = window.count, window.delay, window.burn, window.found or 0, model.first
+        found["window"] = _counts(*counts)
+        found["pole"] = np.array([] if window.pole is None else [window.pole], dtype=np.float64)
     if model.key is not None:
         found["key"] = _bytes(bytes(model.key))
     return found
@@ -118,6 +126,7 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
     if side**2 != len(triangle) or not side:
         raise InputError(f"`triangle` must be square, got {len(triangle)} entries")
     zeta = side - (n + m + _flag("intercept", offset)) - n
+    window, first = _window(sections, data[4], data[5], bool(offset))
     known = _square(sections, "covariance", n)
     covariance = _square(sections, "state_noise", n)
     if (covariance is not None) != (error == "covariance"):
@@ -152,6 +161,8 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
         "checks": checks,
         "key": None if key is None else Key(key.tobytes()),
         "pilot": _pilot(sections, n, m, n + m + offset),
+        "window": window,
+        "first": first,
     }
 
 
@@ -178,6 +189,28 @@ def _pilot(sections: Sections, n: int, m: int, d: int) -> dict[str, Any] | None:
     if "start" in arrays:
         arrays["start"] = arrays["start"][0]
     return {"source": source, **arrays}
+
+
+def _window(
+    sections: Sections, outputs: list[str], inputs: list[str], offset: bool
+) -> tuple[dict[str, Any] | None, int]:
+    """The fields of the window of a model, taken from the arrays, and its first pair."""
+    if "window" not in sections:
+        return None, 0
+    count, delay, burn, found, first = _whole(sections, "window", 5)
+    pole = _taken(sections, "pole", np.float64)
+    if len(pole) > 1:
+        raise InputError(f"`pole` must have at most one entry, got {len(pole)}")
+    return {
+        "outputs": tuple(outputs),
+        "inputs": tuple(inputs),
+        "count": count,
+        "pole": float(pole[0]) if len(pole) else None,
+        "delay": delay,
+        "intercept": offset,
+        "burn": burn,
+        "found": found or None,
+    }, first
 
 
 def exact_states(sections: Sections, n: int) -> tuple[int, ...]:

@@ -23,6 +23,7 @@ from .assumptions import (
     checked_scale,
 )
 from .checks import DRAWS, WORK, checked_residuals
+from .choosing import Delay, Lags, Order, chosen_window
 from .consistency import refuse
 from .dependences import tested_rows
 from .model import Model
@@ -56,6 +57,10 @@ def identify(
     reference: Any = None,
     inputs: Literal["open loop"] | ArrayLike = "open loop",
     dither: ArrayLike | None = None,
+    lags: Lags = None,
+    filters: tuple[float, int] | None = None,
+    order: Order = None,
+    delay: Delay = 0,
     checks: bool = True,
     rng: RngLike = None,
 ) -> Model:
@@ -119,6 +124,13 @@ def identify(
         dither`` with this gain.
     dither : array_like, shape (N, m), optional
         What was added to the feedback, as it was recorded, not computed from u and x.
+    lags, filters, order : int or "auto", (pole, int), "auto", optional
+        For outputs, one of them: from which window of the past they are predicted. The last `lags`
+        readings and inputs; or so many filters in a row of one pole in (0, 1), which reach further
+        back with fewer unknowns; or what the first quarter of the pairs asks for by Akaike's
+        criterion, and half as much again: the default. That quarter then counts no more.
+    delay : int or (int, int), default 0
+        For outputs: after how many steps an input acts; a pair is a range to choose from.
     checks : bool, default True
         Whether to test the residuals; not done for more than about 320 000 / n pairs, of which a
         warning says so: `Model.check` does it. `Model.doubts` are looked for in any case.
@@ -180,13 +192,18 @@ def identify(
     """
     runs = pooled(data)
     n = runs.n
+    if runs.outputs:
+        _refuse_for_outputs(known_A, known_B, state_noise, instruments, pilot)
     assumed = checked_assumptions(
         n, design, noise, covariance, sigma, state_noise, exact, runs.state_names
     )
     offset = validation.flag("intercept", intercept)
-    d = n + runs.m + offset
+    window, first = chosen_window(runs, lags, filters, order, delay, offset)
+    d = n + runs.m + offset if window is None else window.length
     known = _known(n, runs.m, offset, known_A, known_B)
     sizes = checked_scale(scale, n + runs.m, offset)
+    if window is not None:
+        sizes = window._spread(sizes)
     source = as_key(rng)
     key = source.child("sign vectors") if assumed.noise == "symmetric" else None
     zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
@@ -197,12 +214,12 @@ def identify(
         guide, runs = made(runs, pilot, offset, reference, inputs, dither)
     elif not (reference is None and dither is None and _unsaid(inputs)):
         raise InputError("`reference`, `inputs` and `dither` must be left out without `pilot`")
-    Z = _rows(runs, offset)
+    Z = _rows(runs, offset) if window is None else window._rows(runs, first)
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(Z, Z)):
             raise NonFiniteError("the squares of the data overflow: scale the data down")
     tested = None
-    if validation.flag("checks", checks) and runs.size * n * DRAWS <= WORK:
+    if validation.flag("checks", checks) and len(Z) * n * DRAWS <= WORK:
         own, outcomes = np.ascontiguousarray(Z[:, :d]), np.ascontiguousarray(Z[:, d:])
         rows = tested_rows(assumed, known, n)
         tested = checked_residuals(own, outcomes, rows, exact=assumed.design == "independent")
@@ -213,12 +230,24 @@ def identify(
     triangle = _core.triangle(Z, get_num_threads())
     if not np.isfinite(triangle).all():
         raise NonFiniteError("the products of data and instruments overflow: scale them down")
-    model = Model(runs, triangle, assumed, sizes, offset, known, zeta, tested, key, guide)
+    found = runs, triangle, assumed, sizes, offset, known, zeta, tested, key, guide, window, first
+    model = Model(*found)
     if model.warnings:
         said, more = model.warnings[0], len(model.warnings) - 1
         said += f"; {html.number_of(more, 'more warning')}: see model.warnings" if more else ""
         warnings.warn(DataWarning(said), stacklevel=2)
     return model
+
+
+def _refuse_for_outputs(*given: Any) -> None:
+    """Refuse what is for states."""
+    names = "known_A", "known_B", "state_noise", "instruments", "pilot"
+    for name, one in zip(names, given, strict=True):
+        if one is not None and not (isinstance(one, str) and one == "none"):
+            raise InputError(
+                f"`{name}` must be left out for outputs: it is about states, and errors of reading "
+                "are part of the noise of a model of outputs"
+            )
 
 
 def _unsaid(inputs: object) -> bool:

@@ -33,6 +33,7 @@ from .pilot import refuse as refuse_pilot
 from .region import Region
 from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate, whitened
 from .trajectories import Trajectories
+from .window import Loop, Window
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -72,6 +73,11 @@ class Model(Identified, Durable, Tabled):
     pilot : Pilot or None
         What simulates the runs of `data` for a region that is exact, see `identify`; the model is
         then not least squares.
+    window : Window or None
+        For models of outputs, the past readings and inputs from which they are predicted; the
+        states are then the contents of the window. None for models of states.
+    first : int
+        How many of the first pairs of `data` the window was chosen from; they count no more.
     """
 
     _kind = "model"
@@ -86,12 +92,15 @@ class Model(Identified, Durable, Tabled):
     checks: Checks | None = None
     key: Key | None = None
     pilot: Pilot | None = None
+    window: Window | None = None
+    first: int = 0
 
     def __post_init__(self) -> None:
         validation.instance("data", self.data, Trajectories)
         validation.instance("assumptions", self.assumptions, Assumptions)
         validation.flag("intercept", self.intercept)
-        n, d = self.n, self._d
+        self._check_window()
+        n, d = self.data.n, self._d
         r = 0
         if self.instruments is not None:
             r = validation.kept("instruments", self.instruments, ndim=(2,)).shape[1]
@@ -124,7 +133,7 @@ class Model(Identified, Durable, Tabled):
     @property
     def n(self) -> int:
         """The number of states."""
-        return self.data.n
+        return len(self.state_names)
 
     @property
     def m(self) -> int:
@@ -138,13 +147,23 @@ class Model(Identified, Durable, Tabled):
 
     @property
     def size(self) -> int:
-        """The number of pairs N."""
-        return self.data.size
+        """The number of pairs N; of outputs, those with a complete window."""
+        return self.data.size if self.window is None else len(self._windows)
 
     @property
     def state_names(self) -> tuple[str, ...]:
-        """The names of the states."""
+        """The names of the states; of outputs, those of the contents of the window."""
+        return self.data.state_names if self.window is None else self.window.state_names
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of what is predicted: the outputs, or the states where all are measured."""
         return self.data.state_names
+
+    @property
+    def n_outputs(self) -> int:
+        """The number of outputs."""
+        return self.data.n
 
     @property
     def input_names(self) -> tuple[str, ...]:
@@ -163,7 +182,33 @@ class Model(Identified, Durable, Tabled):
 
     @property
     def _d(self) -> int:
-        return self.n + self.m + self.intercept
+        if self.window is not None:
+            return self.window.length
+        return self.data.n + self.m + self.intercept
+
+    @property
+    def _free(self) -> int:
+        """How many regressors there are behind the first n_outputs, without the 1."""
+        return self._d - self.n_outputs - self.intercept
+
+    @cached_property
+    def _windows(self) -> Floats:
+        """The rows (z, y one step later) of all complete windows behind the first part."""
+        assert self.window is not None
+        return self.window._rows(self.data, self.first)
+
+    def _check_window(self) -> None:
+        """Refuse a window that is not one of the data."""
+        validation.size("first", self.first, minimum=0, maximum=self.data.size)
+        if (self.window is not None) != bool(self.data.outputs):
+            raise InputError("`window` must be given for outputs, and only there")
+        if self.window is not None:
+            validation.instance("window", self.window, Window)
+            own = self.window.outputs, self.window.inputs, self.window.intercept
+            if own != (self.outputs, self.input_names, self.intercept):
+                raise InputError(
+                    "`window` must have the outputs, inputs and intercept of the model"
+                )
 
     @property
     def _own(self) -> Floats:
@@ -177,8 +222,8 @@ class Model(Identified, Durable, Tabled):
         return _core.Estimate(
             np.ascontiguousarray(self.triangle),
             self.size,
-            self.n,
-            self.m,
+            self.n_outputs,
+            self._free,
             self.intercept,
             None if self.known is None else np.ascontiguousarray(self.known),
             0 if self.instruments is None else self.instruments.shape[1],
@@ -192,6 +237,17 @@ class Model(Identified, Durable, Tabled):
     @cached_property
     def _Theta(self) -> Floats:
         """``[A B c]``, read-only."""
+        return self._H if self.window is None else validation.frozen(self._loop.ABc)
+
+    @cached_property
+    def _loop(self) -> Loop:
+        """The linear system of a model of outputs."""
+        assert self.window is not None
+        return self.window.loop(self._H)
+
+    @cached_property
+    def _H(self) -> Floats:
+        """The coefficients of z that were estimated, (n_outputs, d), read-only."""
         made = self._estimate.Theta if self.pilot is None else self._piloted.centre
         return validation.frozen(made)
 
@@ -232,17 +288,20 @@ class Model(Identified, Durable, Tabled):
         ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
         combination is 0.
         """
-        return missing_directions(self._blocks, [*self.state_names, *self.input_names, "1"])
+        names = [*self.outputs, *self.input_names, "1"]
+        if self.window is not None:
+            names = [*self.window.regressor_names]
+        return missing_directions(self._blocks, names)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; see also `checks`."""
         said, lag = list(self.doubts), self._lag
         if lag is not None and lag.significant and not lag.refuses:
-            said.append(lag.said(self.state_names))
+            said.append(lag.said(self.outputs))
         if self.checks is not None:
             said += self.checks.warnings
-        elif self.size * self.n * DRAWS > WORK:
+        elif self.size * self.n_outputs * DRAWS > WORK:
             said.append(
                 f"the residuals were not tested, as {self.size} pairs take long: see Model.check"
             )
@@ -261,9 +320,9 @@ class Model(Identified, Durable, Tabled):
         tenth of the variance or more, and that `identify` was not told to be so: they are no states
         of a plant. Empty where nothing of this is seen, which does not prove that they are.
         """
-        said = exact_relations(*self._residuals, self.state_names)
+        said = exact_relations(*self._residuals, self.outputs)
         lag = self._lag
-        return said if lag is None or not lag.refuses else (*said, lag.said(self.state_names))
+        return said if lag is None or not lag.refuses else (*said, lag.said(self.outputs))
 
     def check(self, draws: int = 499, *, rng: RngLike = None) -> Checks | None:
         """Test the residuals again, with another number of simulated data sets.
@@ -289,7 +348,7 @@ class Model(Identified, Durable, Tabled):
         99
         """
         count, key = validation.size("draws", draws), as_key(rng)
-        rows = tested_rows(self.assumptions, self.known, self.n)
+        rows = tested_rows(self.assumptions, self.known, self.n_outputs)
         exact = self.design == "independent"
         return checked_residuals(*self._pairs(), rows, exact=exact, draws=count, key=key)
 
@@ -320,12 +379,12 @@ class Model(Identified, Durable, Tabled):
         4
         """
         Z, Y = self._pairs()
-        residuals = Y - Z @ self._Theta.T
+        residuals = Y - Z @ self._H.T
         # h_t = ||z_t||^2 in the norm of V^-1, over the columns of all rows of Theta together
         white = _core.fit(self._own, self._d, self.size, 1).white
         leverages = np.sum((Z @ white.T) ** 2, axis=1)
         tested = None if self.checks is None else self.checks.p_values
-        return draw_residuals(residuals, leverages, self.state_names, tested, figure)
+        return draw_residuals(residuals, leverages, self.outputs, tested, figure)
 
     def region(
         self,
@@ -404,7 +463,7 @@ class Model(Identified, Durable, Tabled):
         wish = Wish(
             validation.probability("delta", delta),
             validation.flag("components", components),
-            spanned_by(self._d, self.n, self.m, x0, directions),
+            spanned_by(self._d, self.n_outputs, self._free, x0, directions),
             validation.size("future", future, minimum=0, maximum=10_000),
             validation.flag("frobenius", frobenius),
             validation.choice("method", method, METHODS),
@@ -428,9 +487,9 @@ class Model(Identified, Durable, Tabled):
         return trusted(
             Region,
             centre=validation.frozen(made.centre),
-            m=self.m,
+            m=self._free,
             delta=wish.delta,
-            assumption=assumption + text + self.data._assumed,
+            assumption=assumption + text + self._assumed,
             missing=self.missing if self.instruments is None else (),
             parts=made.parts,
             future=wish.future,
@@ -438,6 +497,12 @@ class Model(Identified, Durable, Tabled):
             signs=signs,
             noise=None if noise is None else validation.frozen(noise),
         )
+
+    @property
+    def _assumed(self) -> str:
+        """What is assumed beside the law of the noise."""
+        own = "" if self.window is None else self.window.assumed
+        return own + self.data._assumed
 
     def bootstrap(
         self, size: int, *, method: Bootstrap = "pairs", rng: RngLike = None
@@ -546,6 +611,8 @@ class Model(Identified, Durable, Tabled):
         return whitened(self._blocks[0], self._d) if self.pilot is None else self._piloted.white
 
     def _refuse_resampling(self) -> None:
+        if self.window is not None:
+            raise InputError("models of outputs are not resampled: see region()")
         if not self.identifiable:
             raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
         if self.pilot is not None and not self._piloted.determined:
@@ -576,25 +643,28 @@ class Model(Identified, Durable, Tabled):
         f = self._blocks[0]
         if self.known is not None:
             f = _core.fit(self._own, self._d, self.size, 1)
-        return f, spanned(f, tested_rows(self.assumptions, self.known, self.n))
+        return f, spanned(f, tested_rows(self.assumptions, self.known, self.n_outputs))
 
     @cached_property
     def _lag(self) -> Lag | None:
         """The test of one more lag; None where errors of reading are declared, or none is known."""
-        if self.assumptions.noisy_states:
+        if self.assumptions.noisy_states or self.window is not None:
             return None
         rows, later = self.data._rows, np.flatnonzero(self.data._pieces.places() > 0)
         return one_more_lag(rows, later, self.n, self.intercept, self._residuals[1])
 
     @cached_property
     def _largest(self) -> Floats | None:
-        if self.data.steps > 1:
+        if self.data.steps > 1 or self.window is not None:
             return None
         x, u, _ = self.data.pairs()
         return np.hstack([np.abs(x).max(axis=0), np.abs(u).max(axis=0)])
 
     def _pairs(self) -> tuple[Floats, Floats]:
         """Z and Y, the rows of all pairs."""
+        if self.window is not None:
+            Z, Y = np.hsplit(self._windows, [self._d])
+            return np.ascontiguousarray(Z), np.ascontiguousarray(Y)
         x, u, y = self.data.pairs()
         ones = np.ones((len(x), int(self.intercept)))
         return np.hstack([x, u, ones]), np.ascontiguousarray(y)
@@ -604,8 +674,9 @@ class Model(Identified, Durable, Tabled):
             "A": (("state", "from_state"), self.A, None),
             "B": (("state", "input"), self.B, None),
             "c": (("state",), self.c, "state"),
-            "covariance": (("state", "other_state"), self.covariance, None),
         }
+        if self.window is None:
+            variables["covariance"] = (("state", "other_state"), self.covariance, None)
         attrs = {
             "dt": self.dt,
             "size": self.size,
@@ -623,6 +694,8 @@ class Model(Identified, Durable, Tabled):
         (rows, *about), fields = to_model(sections)
         if fields["pilot"] is not None:
             fields["pilot"] = Pilot(**fields["pilot"])
+        if fields["window"] is not None:
+            fields["window"] = Window(**fields["window"])
         nothing_left(sections)
         model = cls(Trajectories._of(validation.matrix("rows", rows), *about), **fields)
         model._verify()
@@ -639,8 +712,11 @@ class Model(Identified, Durable, Tabled):
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         over = "" if self.data.steps == 1 else f" over {self.data.steps} steps"
         pairs = html.number_of(self.size, "pair")
+        sizes = f"n={self.n} m={self.m}"
+        if self.window is not None:
+            sizes = f"outputs={self.n_outputs} m={self.m}, {self.window.text}"
         return (
-            f"<Model: n={self.n} m={self.m}{dt}{over}, {pairs}, {self.design} design{rank}"
+            f"<Model: {sizes}{dt}{over}, {pairs}, {self.design} design{rank}"
             f"{html.warned(self.warnings)}>"
         )
 

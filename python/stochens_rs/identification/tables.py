@@ -182,12 +182,13 @@ class Table:
         return found
 
 
-def chosen_columns(states: Any, inputs: Any, by: Any, time: Any) -> Chosen:
+def chosen_columns(states: Any, outputs: Any, inputs: Any, by: Any, time: Any) -> Chosen:
     """Check the arguments that name columns."""
-    chosen = Chosen(
-        validation.items("states", states), validation.items("inputs", inputs), by, time
-    )
-    for argument, names in (("states", chosen.states), ("inputs", chosen.inputs)):
+    if (states is None) == (outputs is None):
+        raise InputError("exactly one of `states` and `outputs` must be given")
+    kind, names = ("outputs", outputs) if states is None else ("states", states)
+    chosen = Chosen(validation.items(kind, names), validation.items("inputs", inputs), by, time)
+    for argument, names in ((kind, chosen.states), ("inputs", chosen.inputs)):
         if not names:
             raise InputError(f"`{argument}` must name at least one column, got none")
     return chosen

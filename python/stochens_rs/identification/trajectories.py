@@ -39,6 +39,7 @@ def _rebuild(
     state_names: tuple[str, ...],
     input_names: tuple[str, ...],
     steps: int,
+    outputs: bool = False,
 ) -> Trajectories:
     """Make trajectories from their fields, which may come from anywhere."""
     checked, count = validation.matrix("rows", rows).copy(), validation.size("n", n)
@@ -49,7 +50,9 @@ def _rebuild(
         raise InputTypeError("the fields of these Trajectories do not fit together")
     size = validation.size("steps", steps)
     pieces = Pieces.checked(each, np.asarray(gaps), np.asarray(lost))
-    return Trajectories._of(checked, pieces, count, dt, state_names, input_names, size)
+    return Trajectories._of(
+        checked, pieces, count, dt, state_names, input_names, size, bool(outputs)
+    )
 
 
 class Trajectories(Durable, Record):
@@ -65,7 +68,11 @@ class Trajectories(Durable, Record):
     dt : float, optional
         The time between two steps [s], the same in all runs.
     state_names, input_names : sequence of str, optional
-        Names of the n states and m inputs, all different; the default is ``x[0]``, ``u[0]``, ....
+        Names of the n states and m inputs, all different; the default is ``x[0]``, ``u[0]``, ...,
+        of outputs ``y[0]``.
+    outputs : bool, default False
+        Whether `states` are readings that do not say all of the state, as of positions without
+        velocities, or that have errors: `identify` then predicts them from past ones.
 
     Raises
     ------
@@ -91,7 +98,16 @@ class Trajectories(Durable, Record):
     array([1. , 1.5, 0.5])
     """
 
-    __slots__ = ("_dt", "_input_names", "_n", "_pieces", "_rows", "_state_names", "_steps")
+    __slots__ = (
+        "_dt",
+        "_input_names",
+        "_n",
+        "_outputs",
+        "_pieces",
+        "_rows",
+        "_state_names",
+        "_steps",
+    )
 
     _rows: Floats
     _pieces: Pieces
@@ -100,6 +116,7 @@ class Trajectories(Durable, Record):
     _state_names: tuple[str, ...]
     _input_names: tuple[str, ...]
     _steps: int
+    _outputs: bool
 
     _kind = "trajectories"
     _made_by = staticmethod(_rebuild)
@@ -112,6 +129,7 @@ class Trajectories(Durable, Record):
         dt: float | None = None,
         state_names: Sequence[str] | None = None,
         input_names: Sequence[str] | None = None,
+        outputs: bool = False,
     ) -> None:
         x, u = _several("states", states), _several("inputs", inputs)
         if len(x) != len(u):
@@ -129,14 +147,16 @@ class Trajectories(Durable, Record):
             rows.append(np.hstack([run[:-1], control, run[1:]]))
         lengths = np.array([len(part) for part in rows], dtype=np.int64)
         assert n is not None
-        self._set(np.vstack(rows), Pieces.whole(lengths), n, dt, state_names, input_names, 1)
+        read = validation.flag("outputs", outputs)
+        self._set(np.vstack(rows), Pieces.whole(lengths), n, dt, state_names, input_names, 1, read)
 
     @classmethod
     def from_csv(
         cls,
         source: Any,
         *,
-        states: Sequence[str],
+        states: Sequence[str] | None = None,
+        outputs: Sequence[str] | None = None,
         inputs: Sequence[str],
         by: str | None = None,
         time: str | None = None,
@@ -154,9 +174,10 @@ class Trajectories(Durable, Record):
             file is a run, or several with `by`. The files of a folder or pattern are taken in the
             order of their names with numbers compared as numbers (``run_2`` before ``run_10``),
             those of a list in its order.
-        states, inputs : sequence of str
-            The columns of the states and of the inputs, as the first row of each file names them;
-            ``angle`` is also found as ``angle [rad]``, and the name then has the unit.
+        states, outputs, inputs : sequence of str
+            The columns of the states or the outputs, and of the inputs, as the first row of each
+            file names them; ``angle`` is also found as ``angle [rad]``, and the name then has the
+            unit.
         by, time, dt, tolerance, delay, on_gap
             As in `from_table`.
 
@@ -183,15 +204,17 @@ class Trajectories(Durable, Record):
         >>> data.state_names
         ('v [m/s]',)
         """
-        runs, titles = read_files(source, chosen_columns(states, inputs, by, time))
-        return cls._joined(runs, titles, dt, tolerance, delay, on_gap)
+        read = outputs is not None
+        runs, titles = read_files(source, chosen_columns(states, outputs, inputs, by, time))
+        return cls._joined(runs, titles, read, dt, tolerance, delay, on_gap)
 
     @classmethod
     def from_table(
         cls,
         table: Any,
         *,
-        states: Sequence[Any],
+        states: Sequence[Any] | None = None,
+        outputs: Sequence[Any] | None = None,
         inputs: Sequence[Any],
         by: Any = None,
         time: Any = None,
@@ -209,6 +232,10 @@ class Trajectories(Durable, Record):
         states, inputs : sequence of column names
             The columns of the states and of the inputs, in the order that the model is to have.
             They become `state_names` and `input_names`.
+        outputs : sequence of column names, optional
+            In place of `states`: columns that do not say all of the state, as positions without
+            velocities, or that are read with error; see `identify`. States must all be there,
+            without error.
         by : column name, optional
             The column that tells the runs apart; None: the table is one run.
         time : column name, optional
@@ -261,8 +288,9 @@ class Trajectories(Durable, Record):
         ... )
         <Trajectories: 2 runs, 3 pairs, n=1 m=1 dt=0.5>
         """
-        chosen = chosen_columns(states, inputs, by, time)
-        return cls._joined(read_table(Table(table), chosen), chosen, dt, tolerance, delay, on_gap)
+        chosen = chosen_columns(states, outputs, inputs, by, time)
+        runs, read = read_table(Table(table), chosen), outputs is not None
+        return cls._joined(runs, chosen, read, dt, tolerance, delay, on_gap)
 
     @classmethod
     def from_pairs(
@@ -357,6 +385,11 @@ class Trajectories(Durable, Record):
     def input_names(self) -> tuple[str, ...]:
         """The names of the inputs."""
         return self._input_names
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of what was read, where that is not all of the state; else empty."""
+        return self._state_names if self._outputs else ()
 
     @property
     def steps(self) -> int:
@@ -454,6 +487,8 @@ class Trajectories(Durable, Record):
         (array([[0.]]), array([[1., 1.]]), array([[1.5]]))
         """
         K = validation.size("steps", steps)
+        if self._outputs:
+            raise InputError("k_step() needs states: of outputs none is where a run starts")
         if not validation.flag("open_loop", open_loop):
             raise InputError(
                 "`open_loop` must be True: inputs that react to the noise inside a run break "
@@ -587,9 +622,12 @@ class Trajectories(Durable, Record):
         state_names: Sequence[str] | None,
         input_names: Sequence[str] | None,
         steps: int,
+        outputs: bool,
     ) -> None:
         m = rows.shape[1] - 2 * n
         rows.flags.writeable = False
+        if outputs and state_names is None:
+            state_names = [f"y[{i}]" for i in range(n)]
         of_states, of_inputs = checked_names(n, m, state_names, input_names)
         for slot, value in (
             ("_rows", rows),
@@ -599,16 +637,17 @@ class Trajectories(Durable, Record):
             ("_state_names", of_states),
             ("_input_names", of_inputs),
             ("_steps", steps),
+            ("_outputs", outputs),
         ):
             object.__setattr__(self, slot, value)
 
     @classmethod
-    def _joined(cls, runs: list[Run], chosen: Chosen, *about: Any) -> Self:
+    def _joined(cls, runs: list[Run], chosen: Chosen, outputs: bool, *about: Any) -> Self:
         """The runs of a log, their columns, and dt, tolerance, delay and on_gap."""
         states, inputs = map(str, chosen.states), map(str, chosen.inputs)
         names = tuple(states), tuple(inputs)
         rows, pieces, dt = joined(runs, [*names[0], *names[1]], *about)
-        return cls._of(rows, pieces, len(names[0]), dt, *names)
+        return cls._of(rows, pieces, len(names[0]), dt, *names, outputs=outputs)
 
     @classmethod
     def _of(
@@ -620,14 +659,14 @@ class Trajectories(Durable, Record):
         state_names: Sequence[str] | None,
         input_names: Sequence[str] | None,
         steps: int = 1,
+        outputs: bool = False,
     ) -> Self:
         self = object.__new__(cls)
-        self._set(rows, pieces, n, dt, state_names, input_names, steps)
+        self._set(rows, pieces, n, dt, state_names, input_names, steps, outputs)
         return self
 
     def _part(self, rows: Floats, pieces: Pieces) -> Self:
-        names = self._state_names, self._input_names
-        return type(self)._of(rows, pieces, self._n, self._dt, *names, self._steps)
+        return type(self)._of(rows, pieces, *self._about())
 
     def _to_sections(self) -> Sections:
         return from_runs(self)
@@ -673,8 +712,9 @@ class Trajectories(Durable, Record):
 
     __hash__ = None  # type: ignore[assignment]  # as for arrays
 
-    def _about(self) -> tuple[object, ...]:
-        return (self._n, self._dt, self._state_names, self._input_names, self._steps)
+    def _about(self) -> tuple[Any, ...]:
+        names = self._state_names, self._input_names
+        return (self._n, self._dt, *names, self._steps, self._outputs)
 
     @property
     def _counts(self) -> str:
@@ -689,7 +729,8 @@ class Trajectories(Durable, Record):
         dt = "" if self._dt is None else f" dt={self._dt:g}"
         over = "" if self._steps == 1 else f" over {self._steps} steps"
         shown = self._counts.partition(", ")[2] if self.single else self._counts
-        return f"<Trajectories: {shown}{over}, n={self.n} m={self.m}{dt}>"
+        read = f"outputs={self.n}" if self._outputs else f"n={self.n}"
+        return f"<Trajectories: {shown}{over}, {read} m={self.m}{dt}>"
 
     def _repr_html_(self) -> str:
         pieces, kind = self.pieces, "piece" if len(self._pieces.gaps) else "run"
@@ -699,7 +740,7 @@ class Trajectories(Durable, Record):
                 f"steps of a {kind}",
                 f"{shortest}" if shortest == longest else f"{shortest} to {longest}",
             ),
-            ("states", ", ".join(self._state_names)),
+            ("outputs" if self._outputs else "states", ", ".join(self._state_names)),
             ("inputs", ", ".join(self._input_names)),
         ]
         single = self.single and len(self) > 1

@@ -1,0 +1,85 @@
+"""Which window a model of outputs has: declared, or chosen by the first part of the data."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import validation
+from ..exceptions import InputError
+from .window import Window
+
+if TYPE_CHECKING:
+    from .trajectories import Trajectories
+
+Lags: TypeAlias = "int | Literal['auto'] | None"
+Order: TypeAlias = "Literal['auto'] | None"
+Delay: TypeAlias = "int | tuple[int, int]"
+
+POLES = (0.2, 0.4, 0.6, 0.8, 0.9)  # of filters that are tried
+FILTERS, LAGS = 6, 12  # how many at most
+SHARE = 4  # the first quarter of the pairs chooses
+
+
+def chosen_window(
+    runs: Trajectories, lags: Any, filters: Any, order: Any, delay: Any, offset: bool
+) -> tuple[Window | None, int]:
+    """The window of the arguments of `identify`, and how many pairs it was chosen from.
+
+    None and 0 for data of states.
+    """
+    given = [name for name, one in (("lags", lags), ("filters", filters), ("order", order)) if one]
+    if not runs.outputs:
+        if given or delay != 0:
+            raise InputError(
+                f"`{(given or ['delay'])[0]}` is for outputs, but `data` has states: read it with "
+                "outputs= in place of states="
+            )
+        return None, 0
+    if len(given) > 1:
+        raise InputError(f"only one of `lags`, `filters` and `order` must be given, got {given}")
+    least, most = _delays(delay)
+    first = -(-runs.size // SHARE)
+    names = runs.outputs, runs.input_names
+    if filters is None and lags != "auto" and lags is not None:
+        if least != most:
+            raise InputError("`delay` must be one number with `lags`: a range is for order='auto'")
+        return Window(*names, validation.size("lags", lags), None, least, offset), 0
+    begins = (runs._pieces.places()[:first] == 0).tolist()
+    start = runs._rows[:first], begins, runs.n, runs.m, offset
+    if filters is not None:
+        pole, count = _filters(filters)
+        if least != most:
+            raise InputError("`delay` must be one number with `filters`")
+        ratio = _core.readings_over_noise(*start)
+        burn = _core.window_burn(pole, count, ratio, len(runs.pieces))
+        return Window(*names, count, pole, least, offset, burn), first
+    poles = [] if lags == "auto" else list(POLES)
+    if lags is None:
+        validation.choice("order", order or "auto", ("auto",))
+    pieces = len(runs.pieces), int(np.median(runs.pieces))
+    found = _core.choose_window(*start, poles, (FILTERS, LAGS), (least, most), pieces)
+    one, count, back, burn, told, _ = found
+    return Window(*names, count, one, back, offset, burn, told), first
+
+
+def _delays(delay: Any) -> tuple[int, int]:
+    """The least and the largest delay."""
+    if isinstance(delay, tuple):
+        if len(delay) != 2:
+            raise InputError(f"`delay` must be a number or a pair of them, got {delay!r:.40}")
+        least = validation.size("delay[0]", delay[0], minimum=0)
+        return least, validation.size("delay[1]", delay[1], minimum=least)
+    one = validation.size("delay", delay, minimum=0)
+    return one, one
+
+
+def _filters(filters: Any) -> tuple[float, int]:
+    if not isinstance(filters, (tuple, list)) or len(filters) != 2:
+        raise InputError(
+            f"`filters` must be a pair (pole, number), as (0.8, 4), got {validation.show(filters)}"
+        )
+    pole = validation.probability("filters[0]", filters[0])
+    return pole, validation.size("filters[1]", filters[1])

@@ -1,0 +1,213 @@
+"""`Window`: what a model of readings takes as regressors, and the system that follows from it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from .. import _core
+from .._base import html, validation
+from .._base.records import Record
+from ..exceptions import InputError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from .._base.types import Floats
+    from .trajectories import Trajectories
+
+
+class Loop(NamedTuple):
+    """``z = J (x; u; 1)``, ``x+ = [A B c] (x; u; 1) + G w``; c only with an intercept."""
+
+    J: Floats
+    ABc: Floats
+    G: Floats
+
+
+@dataclass(frozen=True)
+class Window(Record):
+    """Past readings and inputs from which a model predicts the next readings.
+
+    Attributes
+    ----------
+    outputs, inputs : tuple of str
+        What is read, and what is put in.
+    count : int
+        The number of lags p, or of filters r.
+    pole : float or None
+        That of the filters; None for lags.
+    delay : int
+        After how many steps an input acts.
+    intercept : bool
+        Whether there is a 1 among the regressors.
+    burn : int
+        How many rows fill the filters at the start of each piece; lags are filled by count - 1.
+    found : int or None
+        The count that the first part of the data asked for, before it was made longer; None where
+        the window was declared.
+
+    Notes
+    -----
+    The regressors are ``z = (y_t, .., y_{t-p+1}, u_{t-D}, .., u_{t-D-p+1}, [1])``, or the filters
+    ``(xi^1, .., xi^r)`` of the outputs and then of the inputs, with ``xi^1_t = a xi^1_{t-1} +
+    (1 - a) s_t`` and ``xi^j_t = a xi^j_{t-1} + (1 - a) xi^{j-1}_{t-1}``, all begun at the first
+    reading of their piece.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> window = se.identification.Window(("pos",), ("force",), 3, 0.8)
+    >>> window, window.length
+    (<Window: 3 filters of pole 0.8 of 1 output and 1 input>, 6)
+    """
+
+    outputs: tuple[str, ...]
+    inputs: tuple[str, ...]
+    count: int
+    pole: float | None = None
+    delay: int = 0
+    intercept: bool = False
+    burn: int = 0
+    found: int | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self._core  # refuses sizes and poles
+
+    @cached_property
+    def _core(self) -> _core.Window:
+        sizes = len(self.outputs), len(self.inputs), self.count
+        return _core.Window(*sizes, self.pole, self.delay, self.intercept, self.burn)
+
+    @property
+    def length(self) -> int:
+        """The number d of regressors z, the unknowns of each output."""
+        return self._core.length
+
+    @property
+    def fill(self) -> int:
+        """How many pairs at the start of each piece only fill the window."""
+        return self._core.fill
+
+    @property
+    def state_names(self) -> tuple[str, ...]:
+        """The names of the states x of the model: what the window holds from step to step."""
+        lags = self.pole is None
+        acting = self._entries(self.inputs, 1, self.count + self.delay - 1 if lags else self.count)
+        queue = (
+            () if lags else (f"{u}(-{k})" for k in range(1, self.delay + 1) for u in self.inputs)
+        )
+        return (*self._entries(self.outputs, 0, self.count), *acting, *queue)
+
+    @property
+    def regressor_names(self) -> tuple[str, ...]:
+        """The names of the entries of z."""
+        acting = self._entries(self.inputs, self.delay, self.count)
+        one = ("1" for _ in range(self.intercept))
+        return (*self._entries(self.outputs, 0, self.count), *acting, *one)
+
+    def _entries(self, names: tuple[str, ...], back: int, count: int) -> tuple[str, ...]:
+        """The names of lags from this one on, or of filters."""
+        if self.pole is not None:
+            return tuple(f"{name}~{j}" for j in range(1, count + 1) for name in names)
+        lags = range(back, back + count)
+        return tuple(f"{name}(-{k})" if k else name for k in lags for name in names)
+
+    @property
+    def text(self) -> str:
+        """``6 filters of pole 0.8``."""
+        delay = f", delay {self.delay}" if self.delay else ""
+        if self.pole is None:
+            return html.number_of(self.count, "lag") + delay
+        return f"{html.number_of(self.count, 'filter')} of pole {self.pole:g}{delay}"
+
+    @property
+    def assumed(self) -> str:
+        """What the region of a model with this window assumes, behind the law of the noise."""
+        return (
+            "; white innovations; inputs from logged signals only; order of runs = order in time; "
+            f"the window of {self.text} taken as exact"
+        )
+
+    def loop(self, Theta: Floats) -> Loop:
+        """Return the linear system of the contents of the window.
+
+        Parameters
+        ----------
+        Theta : ndarray, shape (n_y, d)
+            The coefficients of the regressors.
+
+        Returns
+        -------
+        J, ABc, G : ndarray, shapes (d, n + m), (n, n + m), (n, n_y)
+            ``z = J (x; u)``, ``x+ = [A B] (x; u) + G w``; with intercept one more column each, for
+            1 behind u.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> window = se.identification.Window(("y",), ("u",), 1)
+        >>> window.loop(np.array([[0.5, 1.0]])).ABc
+        array([[0.5, 1. ]])
+        """
+        return Loop(*self._core.linear(np.ascontiguousarray(Theta)))
+
+    def _rows(self, data: Trajectories, first: int = 0) -> Floats:
+        """The rows (z, y one step later) of all complete windows, from pair `first` on."""
+        rows, at = self._core.rows(data._rows, (data._pieces.places() == 0).tolist())
+        if not len(at):
+            longest = int(data.pieces.max())
+            raise InputError(
+                f"a window of {self.text} needs pieces of more than {self.fill} pairs, but the "
+                f"longest has {longest}"
+            )
+        return np.ascontiguousarray(rows[np.searchsorted(at, first) :])
+
+    def _spread(self, sizes: Floats) -> Floats:
+        """The sizes of z from those of outputs and inputs, and 1."""
+        y, u, one = np.split(sizes, np.cumsum([len(self.outputs), len(self.inputs)]))
+        return np.concatenate([np.tile(y, self.count), np.tile(u, self.count), one])
+
+    def state_of(self, outputs: ArrayLike, inputs: ArrayLike) -> Floats:
+        """Return the state of the model at the last reading of a record that really happened.
+
+        Parameters
+        ----------
+        outputs : array_like, shape (T, n_y)
+            Readings in a row, without a gap.
+        inputs : array_like, shape (T - 1, m)
+            The inputs between them.
+
+        Returns
+        -------
+        ndarray, shape (n,)
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If they are too few to fill the window, or do not fit together.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> window = se.identification.Window(("y",), ("u",), 2)
+        >>> window.state_of([[1.0], [2.0]], [[0.5]])
+        array([2. , 1. , 0.5])
+        """
+        y = validation.matrix("outputs", outputs, cols=len(self.outputs))
+        u = np.asarray(inputs, dtype=np.float64).reshape(-1, len(self.inputs))
+        if len(y) <= self.fill or len(u) != len(y) - 1:
+            raise InputError(
+                f"`record` needs {self.fill + 1} rows of outputs and {self.fill} of inputs that "
+                f"were measured, got {len(y)} and {len(u)}; a single reading does not fix the "
+                "velocities"
+            )
+        return self._core.state_of(y, np.ascontiguousarray(u))
+
+    def __repr__(self) -> str:
+        of = html.number_of(len(self.outputs), "output"), html.number_of(len(self.inputs), "input")
+        return f"<Window: {self.text} of {of[0]} and {of[1]}>"

@@ -1,0 +1,177 @@
+"""Models of outputs: windows against their definition, oracles, the model, and what is refused."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import _core
+from stochens_rs.exceptions import InputError
+from stochens_rs.identification import Window
+from twin import windows as twin
+
+
+def one_run(**options):
+    return se.Trajectories(*twin.d1(), outputs=True, **options)
+
+
+def arx(gen, runs=12, steps=60, sensor=0.0):
+    """Runs of y+ = 1.2 y - .5 y_- + u + .4 u_- + w with feedback from what was read."""
+    outputs, inputs = [], []
+    for _ in range(runs):
+        y, u = [0.0, 0.0], [0.0]
+        for _ in range(steps):
+            u.append(gen.standard_normal() - 0.3 * y[-1])
+            y.append(1.2 * y[-1] - 0.5 * y[-2] + u[-1] + 0.4 * u[-2] + 0.1 * gen.standard_normal())
+        noisy = np.array(y)[:, None] + sensor * gen.standard_normal((steps + 2, 1))
+        outputs.append(noisy)
+        inputs.append(np.array(u)[:, None])
+    return se.Trajectories(outputs, inputs, outputs=True)
+
+
+KINDS = [
+    {"lags": 1},
+    {"lags": 3},
+    {"lags": 2, "delay": 2},
+    {"lags": 1, "delay": 1, "intercept": True},
+    {"filters": (0.5, 1)},
+    {"filters": (0.8, 3), "intercept": True},
+    {"filters": (0.3, 2), "delay": 2},
+]
+
+
+def window_of(kind, outputs, inputs):
+    pole, count = kind.get("filters", (None, kind.get("lags")))
+    names = tuple(f"y{i}" for i in range(outputs)), tuple(f"u{j}" for j in range(inputs))
+    burn = 4 if pole is not None else 0
+    return Window(*names, count, pole, kind.get("delay", 0), kind.get("intercept", False), burn)
+
+
+@pytest.mark.parametrize("sizes", [(1, 1), (2, 1), (1, 2), (3, 2)])
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+def test_windows_are_what_their_definition_says(kind, sizes):
+    gen = np.random.default_rng(1)
+    runs = [
+        (gen.standard_normal((T + 1, sizes[0])), gen.standard_normal((T, sizes[1])))
+        for T in (17, 3, 25)
+    ]
+    data = se.Trajectories(*map(list, zip(*runs, strict=True)), outputs=True)
+    window = window_of(kind, *sizes)
+    expected = [
+        np.concatenate([twin.rows(y, u, t, **kind), y[t + 1]])
+        for y, u in runs
+        for t in range(window.fill, len(u))
+    ]
+    np.testing.assert_allclose(window._rows(data), expected, atol=1e-13)
+    assert window.length == len(window.regressor_names) == len(expected[0]) - sizes[0]
+
+
+@pytest.mark.parametrize("sizes", [(1, 1), (2, 1), (3, 2)])
+@pytest.mark.parametrize("kind", KINDS, ids=str)
+def test_the_loop_predicts_as_the_window_does(kind, sizes):
+    gen = np.random.default_rng(2)
+    window = window_of(kind, *sizes)
+    Theta = 0.3 * gen.standard_normal((sizes[0], window.length))
+    J, ABc, G = window.loop(Theta)
+    T, one = window.fill + 9, np.ones(int(window.intercept))
+    y, u = gen.standard_normal((T + 1, sizes[0])), gen.standard_normal((T, sizes[1]))
+    x = window.state_of(y[: window.fill + 1], u[: window.fill])
+    assert len(x) == len(window.state_names) == len(ABc)
+    for t in range(window.fill, T):
+        v = np.concatenate([x, u[t], one])
+        np.testing.assert_allclose(J @ v, twin.rows(y, u, t, **kind), atol=1e-12)
+        after = window._core.advance(x, y[t + 1], u[t])
+        x = ABc @ v + G @ (y[t + 1] - Theta @ (J @ v))
+        np.testing.assert_allclose(x, after, atol=1e-12)
+    np.testing.assert_allclose(x, window.state_of(y, u), atol=1e-12)
+
+
+def test_oracle_of_lags():
+    model = se.identify(one_run(), lags=2, checks=False)
+    block = model._blocks[0]
+    H = [1.204062117397, -0.4862093371455, 1.018049204415, 0.4159845872933]
+    np.testing.assert_allclose(model._H[0], H, rtol=1e-10)
+    np.testing.assert_allclose(block.S, 1.150019091501, rtol=1e-10)
+    log_det = 2.0 * np.log(np.linalg.svd(block.root)[1]).sum()
+    np.testing.assert_allclose(log_det, 15.84459596928, rtol=1e-10)
+    assert model.size == 59
+
+
+def test_oracle_of_lost_rows():
+    y, u = twin.d1()
+    table = {"y": y[:, 0].copy(), "u": np.append(u[:, 0], np.nan), "t": 0.5 * np.arange(61)}
+    keep = np.setdiff1d(np.arange(61), [10, 11, 30])
+    table = {name: column[keep] for name, column in table.items()}
+    data = se.Trajectories.from_table(table, outputs=["y"], inputs=["u"], time="t")
+    model = se.identify(data, lags=2, checks=False)
+    H = [1.18569387532, -0.4779681122702, 1.034331191496, 0.4330868101888]
+    np.testing.assert_allclose(model._H[0], H, rtol=1e-10)
+    np.testing.assert_allclose(model._blocks[0].S, 0.957983156482, rtol=1e-10)
+    assert model.size == 52
+
+
+def test_oracle_of_filters():
+    window = Window(("y",), ("u",), 2, 0.5, 0, False, 5)
+    rows = window._rows(one_run())
+    first = [-0.1426266666667, 0.01380833333333, -0.53125, -0.25]
+    np.testing.assert_allclose(rows[0, :4], first, rtol=1e-11)
+    f = _core.fit(rows, 4, len(rows), 1)
+    H = [0.4968423224089, -0.5599124900268, 2.098924685118, 3.349543949936]
+    np.testing.assert_allclose(f.H[0], H, rtol=1e-9)
+    np.testing.assert_allclose(f.S, 2.913740359592, rtol=1e-10)
+    assert len(rows) == 55
+
+
+def test_model_of_outputs_has_the_matrices_of_its_window():
+    model = se.identify(arx(np.random.default_rng(1)), lags=2)
+    a, b, c, d = model._H[0]
+    np.testing.assert_array_equal(model.A, [[a, b, d], [1, 0, 0], [0, 0, 0]])
+    np.testing.assert_array_equal(model.B, [[c], [0], [1]])
+    assert (model.n, model.m, model.n_outputs, model.outputs) == (3, 1, 1, ("y[0]",))
+    assert model.state_names == ("y[0]", "y[0](-1)", "u[0](-1)")
+    region = model.region(0.05)
+    assert region.centre.shape == (1, 4)
+    assert region.contains([[1.2]], [[-0.5, 1.0, 0.4]])
+    assert "inputs from logged signals only" in region.assumption
+
+
+@pytest.mark.parametrize(
+    "how", [{"lags": 3}, {"filters": (0.3, 2)}, {"order": "auto"}, {}], ids=str
+)
+def test_models_of_outputs_are_kept(how, tmp_path):
+    model = se.identify(arx(np.random.default_rng(1)), checks=False, **how)
+    model.save(tmp_path / "m.safetensors")
+    for other in (pickle.loads(pickle.dumps(model)), se.Model.load(tmp_path / "m.safetensors")):
+        assert (other.window, other.first, other.data) == (model.window, model.first, model.data)
+        np.testing.assert_array_equal(other._Theta, model._Theta)
+
+
+def test_what_goes_with_outputs_only():
+    data = arx(np.random.default_rng(1))
+    states = se.Trajectories(*map(list, zip(*data.runs, strict=True)))
+    for how in ({"lags": 2}, {"filters": (0.5, 2)}, {"order": "auto"}, {"delay": 1}):
+        with pytest.raises(InputError, match="is for outputs"):
+            se.identify(states, **how)
+    with pytest.raises(InputError, match="only one of"):
+        se.identify(data, lags=2, order="auto")
+    with pytest.raises(InputError, match="must be left out for outputs"):
+        se.identify(data, lags=2, known_A=[[1.0]])
+    with pytest.raises(InputError, match="exactly one of `states` and `outputs`"):
+        se.Trajectories.from_table({}, inputs=["u"])
+    with pytest.raises(InputError, match="needs states"):
+        data.k_step(2, open_loop=True)
+
+
+def test_records_that_do_not_fill_the_window_are_refused():
+    window = Window(("a", "b"), ("u",), 12)
+    with pytest.raises(
+        InputError, match=r"needs 12 rows of outputs and 11 of inputs .* got 1 and 0"
+    ):
+        window.state_of([[0.0, 0.0]], np.zeros((0, 1)))
+    with pytest.raises(
+        InputError, match="needs pieces of more than 59 pairs, but the longest has 11"
+    ):
+        se.identify(arx(np.random.default_rng(1), steps=10), lags=60)

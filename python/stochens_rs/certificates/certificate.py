@@ -100,8 +100,18 @@ class Certificate(SavedRecord):
 
     @property
     def tube(self) -> Floats:
-        """Bounds of ``||x(k) - xh(k)||``, (K + 1,), for a model from data."""
+        """Bounds of ``||x(k) - xh(k)||``, (K + 1,), for a model from data; of outputs, of y."""
         return np.asarray(self["tube"].radius)
+
+    @property
+    def outputs(self) -> Floats:
+        """Bounds of ``|y(k) - r|_i``, k = 1, ..., K, (K, n_outputs), for a model of outputs."""
+        return np.asarray(self["outputs"].radius)
+
+    @property
+    def mean(self) -> Floats:
+        """Bounds of ``||E y(k) - yh(k)||``, (K + 1,): `tube` without noise to come, of outputs."""
+        return np.asarray(self["mean"].radius)
 
     @property
     def excess(self) -> float | None:

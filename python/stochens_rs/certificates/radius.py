@@ -19,8 +19,8 @@ class Radius(Record):
     Attributes
     ----------
     radius : float or ndarray
-        The bound, in the units of the quantity. Of several entries, for each step or component, all
-        hold together.
+        The bound, in the units of the quantity. Of several entries, for each step, component or
+        both, all hold together.
     distance_from : str
         What it is the distance from.
     probability : float
@@ -40,8 +40,8 @@ class Radius(Record):
     def __post_init__(self) -> None:
         super().__post_init__()
         found = np.asarray(self.radius)
-        if found.ndim > 1:
-            raise ShapeError(f"`radius` must have at most one dimension, got {found.ndim}")
+        if found.ndim > 2:
+            raise ShapeError(f"`radius` must have at most two dimensions, got {found.ndim}")
         if not (found >= 0.0).all():
             raise InputError(f"`radius` must be >= 0, got {validation.show(self.radius)}")
         if not 0.0 < self.probability <= 1.0:
@@ -70,8 +70,9 @@ class Radius(Record):
     @property
     def text(self) -> str:
         """The bound in words."""
-        if np.ndim(self.radius) == 1:
-            size = html.vector(np.asarray(self.radius))
+        if np.ndim(self.radius):
+            each = np.asarray(self.radius)  # of a table the largest of all steps
+            size = html.vector(each if each.ndim == 1 else each.max(axis=0, initial=0.0))
         else:
             size = html.at_most(float(self.radius))
         if np.isinf(self.radius).all():

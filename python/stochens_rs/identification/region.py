@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from .._base import html, serialize, types, validation
-from .._base.records import SavedRecord
+from .._base.records import SavedRecord, trusted
 from ..exceptions import InputError, ShapeError
 from ..plots.regions import draw_region
 from .entry import chosen_entry, coefficient
@@ -291,6 +291,21 @@ class Region(SavedRecord):
         said = html.percent(self.delta) if label is None else validation.text("label", label)
         across_, up_ = (coefficient(entry, self.n, self.m) for entry in (one, other))
         return draw_region(centre, corners + centre, said, across_, up_, ax)
+
+    def _entered(self, matrix: Floats, J: Floats, G: Floats, m: int) -> Region:
+        """The region of ``[A B c] = matrix + G (Theta - centre) J`` in the same event."""
+        covariance = None if self.noise is None else np.ascontiguousarray(self.noise)
+        found, noise = _core.entered_region(self._core, (matrix, J, G, m), covariance)
+        made = {
+            "centre": validation.frozen(found.centre),
+            "m": m,
+            "parts": found.parts,
+            "future": 0,
+            "signs": None,
+            "noise": None if noise is None else validation.frozen(noise),
+        }
+        kept = {name: value for name, value in vars(self).items() if name != "_core"}
+        return trusted(Region, **{**kept, **made})
 
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``z = (x, u)``, with 1 behind it for a model with intercept."""

@@ -1,0 +1,83 @@
+"""The certificate of a control of a model of outputs."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from .. import _core
+from .._base.numbers import norm
+from .._base.records import trusted
+from ..exceptions import InputError
+from ..identification.model import Model
+from .certificate import Certificate
+from .of_model import REGION
+from .radius import Radius
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+    from .model_basis import ModelBasis
+
+
+def output_certificate(basis: ModelBasis, u: Floats, delta: float, noise: bool) -> Certificate:
+    """Bound where the outputs of the true system are under `u`; `noise`: the readings."""
+    model = basis.model
+    assert isinstance(model, Model) and model.window is not None
+    rows, outputs, r = model.window.count, model.n_outputs, basis.xf[: model.n_outputs]
+    region = model.region(delta * REGION if noise else delta)
+    if noise and model.noise != "gaussian":
+        raise InputError(
+            "`noise` must be False: the noise of readings to come is bounded for Gaussian noise"
+        )
+    if noise and region.noise is None:
+        region = model.region(delta * REGION, method="mixture")
+    none = np.full((outputs, outputs), np.inf)
+    covariance = none if region.noise is None else np.ascontiguousarray(region.noise)
+    level = (covariance, delta * (1.0 - REGION)) if noise else None
+    system = model._loop.ABc, model._loop.J, model._loop.G, model.m
+    found = _core.output_tube(region._core, system, basis.x0, u, None, level)
+    _, predicted, mean, read = found
+    tube, components = mean if read is None else read
+    if model.doubts:
+        for radii in (mean[0], tube, components):
+            radii[1:] = np.inf
+    off = np.abs(predicted - r)
+    last = slice(-rows, None)
+    away = np.linalg.norm(off, axis=1)[last]
+    target = norm(away + tube[1:][last])
+    parts = {"reach": norm(away), "model error": norm(mean[0][1:][last])}
+    if noise:
+        parts["noise"] = norm((tube - mean[0])[1:][last]) if np.isfinite(target) else np.inf
+    what = "readings" if noise else "means of the readings"
+    method = f"window of {model.window.text}, {'with' if noise else 'without'} noise"
+    reason = "too few pairs, or too many steps for an unstable model (a feedback keeps it small)"
+    if model.doubts:
+        reason = model.doubts[0]
+    elif region.missing:
+        reason = f"the data do not determine the system along {', '.join(region.missing[:3])}"
+
+    def radius(value: float | Floats, distance_from: str) -> Radius:
+        return Radius._at(value, distance_from, delta, method, reason)
+
+    quantities = {
+        "target": radius(target, f"the target, the last {rows} {what} together"),
+        "tube": radius(tube, f"the predicted outputs, {what} of each step"),
+        "mean": radius(mean[0], "the predicted outputs, their mean given the record"),
+        "readings": radius(components, f"the predicted outputs, {what} of each output"),
+        "outputs": radius(off + components[1:], f"the target, {what} of each output"),
+    }
+    said = region.assumption
+    if noise:
+        said += "; noise to come independent of the data, at half of the probability of failure"
+    return trusted(
+        Certificate,
+        kind="guaranteed",
+        delta=delta,
+        quantities=quantities,
+        covers="target and tube together, and all radii of single outputs together, over the noise "
+        + ("of the data and of the run" if noise else "of the data"),
+        assumption=f"{said}; the record happened, the number of steps was fixed beforehand",
+        parts=parts,
+        warnings=model.warnings,
+    )

@@ -13,6 +13,7 @@ from .._base import html, validation
 from .._base.reading import read
 from .._base.records import SavedRecord, require_shapes, trusted
 from .._base.signal_names import Labels
+from .._base.threads import get_num_threads
 from ..exceptions import InputError
 from ..identification.region import Region
 from .tube import Tube
@@ -62,6 +63,11 @@ class LoopCertificate(SavedRecord):
         Why nothing is certified, where it is not the size of the region.
     readings : bool
         Whether the states are read with error: stability is then all that is certified.
+    residual : ndarray, shape (n, n), or None
+        The sum of squares of the residuals, which bounds the covariance of the noise where the
+        region does not.
+    degrees : int
+        Its degrees of freedom.
     """
 
     region: Region
@@ -77,11 +83,15 @@ class LoopCertificate(SavedRecord):
     dt: float | None = None
     reason: str | None = None
     readings: bool = False
+    residual: Floats | None = None
+    degrees: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         n, m = self.region.n, self.region.m
-        require_shapes(self, K=(m, n), proof=(n, n), member=self.region.centre.shape)
+        require_shapes(
+            self, K=(m, n), proof=(n, n), member=self.region.centre.shape, residual=(n, n)
+        )
         if (self.status == "certified") != (self.proof is not None):
             raise InputError("`proof` must be given where `status` is 'certified', and only there")
 
@@ -94,6 +104,7 @@ class LoopCertificate(SavedRecord):
         dt: float | None,
         doubt: str | None,
         readings: bool,
+        squares: tuple[Floats | None, int],
     ) -> LoopCertificate:
         """The verdict about a gain; a `doubt` about the data leaves nothing to certify."""
         found = _core.Feedback(region._core, np.ascontiguousarray(K))
@@ -127,6 +138,8 @@ class LoopCertificate(SavedRecord):
             dt=dt,
             reason=reason,
             readings=readings,
+            residual=squares[0],
+            degrees=squares[1],
         )
         vars(made)["_core"] = found  # so that it is not computed again
         return made
@@ -203,7 +216,8 @@ class LoopCertificate(SavedRecord):
             x(0) is within this distance of x0.
         noise : float, optional
             The probability that is given away for Gaussian noise of the run, which must be
-            independent of the data; default: the states without noise.
+            independent of the data; half of it for its covariance where that is bounded by the
+            residuals. Default: the states without noise.
 
         Returns
         -------
@@ -245,17 +259,7 @@ class LoopCertificate(SavedRecord):
         radius = validation.nonnegative("start", start)
         noisy = None
         if noise is not None:
-            covariance = self.region.noise
-            if covariance is None:
-                raise InputError(
-                    "`noise` must be None: this region has no bound of the covariance of the "
-                    "noise; declare `sigma` or `covariance`, or design='adaptive'"
-                )
-            noisy = np.ascontiguousarray(covariance), validation.probability("noise", noise)
-            if noise + self.region.delta >= 1.0:
-                raise InputError(
-                    f"`noise` must be below 1 - delta = {1.0 - self.region.delta:g}, got {noise:g}"
-                )
+            noisy = self._noise("noise", noise)
         found = self._core.tube(first, K, plan, radius, noisy)
         nominal, model, begun, radii, spread, size, later, reach = found
         if self.status != "certified":  # the core knows nothing of doubts about the data
@@ -278,6 +282,25 @@ class LoopCertificate(SavedRecord):
             labels=self.labels,
             dt=self.dt,
         )
+
+    def _noise(self, name: str, eps: float) -> tuple[Floats, float]:
+        """A bound of the covariance, and what is left of `eps` for the noise itself."""
+        left, region = validation.probability(name, eps), self.region
+        if left + region.delta >= 1.0:
+            raise InputError(
+                f"`{name}` must be below 1 - delta = {1.0 - region.delta:g}, got {eps:g}"
+            )
+        if region.noise is not None:
+            return np.ascontiguousarray(region.noise), left
+        if self.residual is None or self.degrees < len(self.residual):
+            raise InputError(
+                f"`{name}` must be None: this region has no bound of the covariance of Gaussian "
+                "noise; declare `sigma` or `covariance`, or give more pairs"
+            )
+        # S >= a Sigma but with eps / 2, a the quantile of the smallest root of W_n(nu, I)
+        sizes = region.n, self.degrees
+        a = _core.smallest_quantile(*sizes, left / 2.0, get_num_threads())
+        return np.ascontiguousarray(self.residual) / a, left / 2.0
 
     def holds(
         self,

@@ -88,7 +88,7 @@ class Kept:
 
     @property
     def model(self) -> Floats:
-        """What is kept back for the error of the model, (n + m,); 0 where the first plan had room."""
+        """What is kept back for the error of the model, (n + m,); 0 if the first plan had room."""
         return self._model.copy()
 
     @property

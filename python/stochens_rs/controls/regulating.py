@@ -11,11 +11,13 @@ from .._base import validation
 from ..exceptions import InputError
 from .constraints import checked_task
 from .cost import Cost, as_cost
+from .keeping import kept_of
 from .regulator import Regulator, checked_model
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from ..feedback import Loop, LoopCertificate
     from ..identification.identified import Identified
     from ..system import System
     from .limits import LimitsLike
@@ -29,6 +31,9 @@ def regulate(
     limits: LimitsLike = None,
     cost: Cost | None = None,
     time_limit: float | None = None,
+    gain: Loop | LoopCertificate | None = None,
+    keep: float = 0.95,
+    calls: int | None = None,
 ) -> Regulator:
     """Make a feedback that plans K steps ahead at every state and returns the first input.
 
@@ -61,6 +66,9 @@ def regulate(
         If an argument cannot be used; or a power of A overflows, named by its exponent.
     ResourceError
         If the problem does not fit into the memory this process may use.
+    SolverError
+        From a call, with a gain: no plan from the first state keeps the limits; it says which one,
+        by how much, and what is kept back for the model and for noise.
 
     Notes
     -----
@@ -76,6 +84,13 @@ def regulate(
 
     A feedback corrects errors of the model at the next state. That the loop is stable does not
     follow: it needs a K that is long enough, or a weight Qf that continues the cost.
+
+    With a gain a plan from x(j) is followed by ``u = v + K (x - xb)``. Its states and inputs are
+    off by at most ``sqrt(h'L h) ||c|| / (1 - theta)`` for the model (`LoopCertificate.tube`) and
+    ``zeta sqrt(h'Y h)`` for noise, with zeta for the union over all sides of limits and all pairs
+    ``j < k <= T``, as plans begin at states that noise has moved. `Kept` says which plans are
+    accepted; where the newest is not, the status is "kept". The noise must be Gaussian, white and
+    independent of the data, the states read exactly, and the system the linear one of the data.
 
     Examples
     --------
@@ -100,4 +115,7 @@ def regulate(
     goal = np.zeros(n) if goal is None else goal
     task = checked_task(n, m, K, goal, limits, weights, checked.labels)
     assert task is not None
-    return Regulator(checked, task, time_limit)
+    if gain is None and calls is not None:
+        raise InputError("`calls` must be left out without `gain`")
+    kept = None if gain is None else kept_of(checked, task, gain, keep, calls)
+    return Regulator(checked, task, time_limit, kept=kept)

@@ -101,12 +101,12 @@ from ._output import Out, finite, grid, note, show_result
     "--past-inputs",
     type=click.IntRange(min=0),
     metavar="L",
-    help="States have errors: the instruments are so many past inputs.",
+    help="States have errors: L past inputs as instruments.",
 )
 @click.option(
     "--window",
     metavar="W",
-    help="Of outputs: 8 lags, or 0.8,4 for 4 filters; else chosen.",
+    help="Of outputs: 8 lags, or 0.8,4: 4 filters of 0.8.",
 )
 @delta_option("Probability that the region misses the system.")
 @seed_option
@@ -145,7 +145,7 @@ def identify_command(
     LOGS are files, folders of .csv files, or patterns; the first row names the columns. Each file
     is a run, or several with --by. Rows may be lost by chance. Prints A, B and c with bounds that
     hold for all entries at once, under the assumptions that you declare, and tests of the
-    residuals: a small p speaks against an assumption, no p proves one.
+    residuals: a small p speaks against one of them.
     """
     paths = csv_files(sorted(source, key=natural))
     if (states is None) == (outputs is None) or inputs is None:

@@ -143,9 +143,8 @@ def identify_command(
     """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to runs in CSV files, with a region.
 
     LOGS are files, folders of .csv files, or patterns; the first row names the columns. Each file
-    is a run, or several with --by. Rows may be lost by chance. Prints A, B and c with bounds that
-    hold for all entries at once, under the assumptions that you declare, and tests of the
-    residuals: a small p speaks against one of them.
+    is a run, or several with --by. Prints A, B and c with bounds that hold for all entries at once,
+    under the assumptions that you declare, and tests of the residuals: a small p speaks against one.
     """
     paths = csv_files(sorted(source, key=natural))
     if (states is None) == (outputs is None) or inputs is None:

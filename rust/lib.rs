@@ -42,7 +42,7 @@
 //! let data = Data { triangle: &triangle, size: 40, n: 1, m: 1, offset: false, instruments: 0, known: None, state_noise: None };
 //! let estimate = Estimate::new(data, &stop)?;
 //! let covariance = Covariance::Known(&[1e-4]);
-//! let assumed = Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance };
+//! let assumed = Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance, tail: 0.0 };
 //! let region = Region::from_data(&estimate, assumed, Wish::new(0.05), Units::Expected(&[1.0, 1.0]), 1, &stop)?;
 //! assert!(region.contains(&[0.5, 1.0])? && !region.contains(&[0.6, 1.0])?);
 //! // the control by the model from x0 = 1 to xf = 2, and how far the true system ends from there

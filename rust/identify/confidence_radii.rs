@@ -152,16 +152,18 @@ pub(crate) fn adaptive(
     }
     let Some(units) = units()? else { return Radius::of(f64::INFINITY, &f.residual) };
     if let Covariance::Known(known) = assumed.covariance {
-        let (factor, frobenius) = mixture_levels(f, &units, wish.frobenius, delta)?;
+        let (factor, frobenius) = mixture_levels(f, &units, wish.frobenius, delta, assumed.tail)?;
         return Ok(Radius { frobenius, ..Radius::of(factor, known)? });
     }
-    let share = if wish.method == Method::Auto { delta / 2.0 } else { delta };
+    // with a tail there is no likelihood
+    let auto = wish.method == Method::Auto && assumed.tail == 0.0;
+    let share = if auto { delta / 2.0 } else { delta };
     let marginal = |share| Radius::of(universal(f, &units, share)?, &f.residual);
-    if wish.method == Method::Universal {
+    if wish.method == Method::Universal && assumed.tail == 0.0 {
         return marginal(share);
     }
-    let mixed = unknown_noise(f, assumed.covariance, &units, share, wish, by)?;
-    if wish.method == Method::Mixture {
+    let mixed = unknown_noise(f, assumed, &units, share, wish, by)?;
+    if !auto {
         return Ok(mixed);
     }
     let other = marginal(share)?;
@@ -171,14 +173,18 @@ pub(crate) fn adaptive(
 }
 
 /// `rho^2` with `||D V^(1/2)||^2 <= rho^2 sigma^2`, from `log det(I + V / lam)` over the mixtures, and that of the Frobenius
-/// norm, if it is asked for and known to be of use: at `delta / 2` each, decided by n and the rank of the units alone.
-fn mixture_levels(f: &Fitted, units: &Measured, frobenius: bool, delta: f64) -> Result<(f64, Option<f64>)> {
+/// norm, if it is asked for and known to be of use: at `delta / 2` each, decided by n and the rank of the units alone. A tail adds
+/// `tail sqrt N` to both radii.
+fn mixture_levels(f: &Fitted, units: &Measured, frobenius: bool, delta: f64, tail: f64) -> Result<(f64, Option<f64>)> {
     const BOTH: usize = 25; // n d below which the certificates of several steps were 1.15 to 1.3 times smaller with both
     let n = f.rows.len();
     let smallest = units.squares[f.rank() - 1];
     let ld = try_collect(WHAT, units.lams.iter().map(|lam| units.ld(*lam)))?;
     let wider = try_collect(WHAT, units.lams.iter().map(|lam| 1.0 + lam / smallest))?;
-    let level = |delta, frobenius| least_squares_level(n, &ld, &wider, delta, frobenius);
+    let more = tail * (f.size as f64).sqrt();
+    let level = |delta, frobenius| {
+        Ok::<_, crate::Error>((least_squares_level(n, &ld, &wider, delta, frobenius)?.sqrt() + more).powi(2))
+    };
     if frobenius && n > 1 && n * f.columns.len() < BOTH {
         let (spectral, whole) = (level(delta / 2.0, false)?, level(delta / 2.0, true)?);
         return Ok((spectral.min(whole), Some(whole)));
@@ -193,7 +199,7 @@ fn mixture_levels(f: &Fitted, units: &Measured, frobenius: bool, delta: f64) -> 
 /// `1 / (N (N + 1))`.
 fn unknown_noise(
     f: &Fitted,
-    covariance: Covariance<'_>,
+    assumed: Assumed<'_>,
     units: &Measured,
     delta: f64,
     wish: Wish<'_>,
@@ -201,13 +207,15 @@ fn unknown_noise(
 ) -> Result<Radius> {
     let (n, size) = (f.rows.len(), f.size as f64);
     let share = delta / 2.0 / if wish.anytime { size * (size + 1.0) } else { 1.0 };
-    let (rho2, whole) = mixture_levels(f, units, wish.frobenius, delta / 2.0)?;
-    let (left, mut found) = if matches!(covariance, Covariance::Scalar) {
+    let (rho2, whole) = mixture_levels(f, units, wish.frobenius, delta / 2.0, assumed.tail)?;
+    // ||W|| >= ||e|| - tail sqrt N
+    let less = |a: f64| (a.sqrt() - assumed.tail * size.sqrt()).max(0.0).powi(2);
+    let (left, mut found) = if matches!(assumed.covariance, Covariance::Scalar) {
         let crude = n.min(f.rank()) as f64 * rho2;
-        let left = chi2_quantile(share, n as f64 * size)? - whole.map_or(crude, |whole| whole.min(crude));
+        let left = less(chi2_quantile(share, n as f64 * size)?) - whole.map_or(crude, |whole| whole.min(crude));
         (left, Radius::of_trace(f64::INFINITY, &f.residual, n)?)
     } else {
-        let left = by.smallest(n, f.size, share)? - rho2;
+        let left = less(by.smallest(n, f.size, share)?) - rho2;
         (left, Radius::of(f64::INFINITY, &f.residual)?)
     };
     if left > 0.0 {

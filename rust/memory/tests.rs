@@ -409,6 +409,7 @@ fn call(name: &str) -> Option<Call> {
                 };
                 let estimate = identify::Estimate::new(of, &stop)?;
                 let assumed = |design| identify::Assumed {
+                    tail: 0.0,
                     design,
                     noise: identify::Noise::Gaussian,
                     covariance: identify::Covariance::Known(&known),

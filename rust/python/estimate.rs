@@ -86,7 +86,7 @@ impl PyEstimate {
     fn region(
         &self,
         py: Python<'_>,
-        assumed: (&str, &str, &str, Option<Matrix<'_>>),
+        assumed: (&str, &str, &str, Option<Matrix<'_>>, f64),
         units: UnitsOf<'_>,
         delta: f64,
         components: bool,
@@ -97,7 +97,7 @@ impl PyEstimate {
         anytime: bool,
         threads: usize,
     ) -> PyResult<PyRegion> {
-        let (design, noise, word, known) = &assumed;
+        let (design, noise, word, known, tail) = &assumed;
         let covariance = covariance(word, known.as_ref())?;
         let design = if *design == "independent" { Design::Independent } else { Design::Adaptive };
         let noise = if *noise == "gaussian" { Noise::Gaussian } else { Noise::SubGaussian };
@@ -108,7 +108,7 @@ impl PyEstimate {
         };
         let directions = directions.as_ref().map(|q| slice("directions", q)).transpose()?;
         let wish = Wish { delta, components, directions, future, frobenius, method, anytime };
-        let assumed = Assumed { design, noise, covariance };
+        let assumed = Assumed { design, noise, covariance, tail: *tail };
         let units = match &units {
             UnitsOf::First(first) => Units::First(&first.get().estimate),
             UnitsOf::Expected(scale) => Units::Expected(slice("scale", scale)?),

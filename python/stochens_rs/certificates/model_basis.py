@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from .._base import validation
 from .._base.records import Record
 from .._base.types import Floats
 from ..exceptions import InputTypeError, ShapeError
 from ..identification.identified import Identified
+from ..identification.model import Model
+
+if TYPE_CHECKING:
+    from ..identification.window import Window
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,3 +47,15 @@ class ModelBasis(Record):
             if validation.kept(name, value, ndim=(1,)).shape != (n,):
                 raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
         validation.nonnegative("x0_error", self.x0_error)
+
+    @property
+    def window(self) -> Window | None:
+        """That of a model of outputs."""
+        return self.model.window if isinstance(self.model, Model) else None
+
+    def outputs(self, states: Floats, u: Floats) -> Floats | None:
+        """What a model of outputs leads to in a step from each of the states under each input."""
+        if not isinstance(self.model, Model) or self.model.window is None:
+            return None
+        ones = np.ones((len(u), int(self.model.intercept)))
+        return np.hstack([states, u, ones]) @ (self.model._H @ self.model._loop.J).T

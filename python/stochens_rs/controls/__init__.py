@@ -12,6 +12,7 @@ from .plan import Plan
 from .plan_validation import Validation
 from .planning import required_samples
 from .predicting import predict
+from .reading_loop import Reading, ReadingLoop
 from .realization import realization_controls
 from .regulating import regulate
 from .regulator import Regulator
@@ -30,6 +31,8 @@ __all__ = [
     "Plan",
     "PlanError",
     "Reachability",
+    "Reading",
+    "ReadingLoop",
     "Regulator",
     "RiskBound",
     "SamplePlan",

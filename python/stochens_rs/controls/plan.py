@@ -17,6 +17,7 @@ from ..certificates.certificate import Certificate
 from ..certificates.model_basis import ModelBasis
 from ..certificates.near_reference import near_reference
 from ..certificates.of_model import Asked, certificate
+from ..certificates.of_outputs import output_certificate
 from ..exceptions import InputError, ShapeError
 from ..plots.panels import Inputs
 from ..plots.states import draw_phase
@@ -130,6 +131,13 @@ class Plan(SavedRecord, Timed):
         return len(self.u)
 
     @property
+    def predicted_outputs(self) -> Floats | None:
+        """Where a model of outputs leads them, y(1), ..., y(K), (K, n_outputs); else None."""
+        if not isinstance(self.basis, ModelBasis):
+            return None
+        return self.basis.outputs(self.predicted_states[:-1], self.u)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; those of a model from data among them."""
         return tuple(self.info.get("warnings", ()))
@@ -191,7 +199,7 @@ class Plan(SavedRecord, Timed):
         system: System | None = None,
         x0: ArrayLike | None = None,
         xf: ArrayLike | None = None,
-        noise: bool = False,
+        noise: bool | None = None,
         open_loop: bool = False,
         x0_fixed: bool = False,
     ) -> Certificate:
@@ -206,10 +214,11 @@ class Plan(SavedRecord, Timed):
             independent singletons of the A of this system, as `sample` draws them.
         x0, xf : array_like, shape (n,), optional
             The same for x0 and xf.
-        noise : bool, default False
+        noise : bool, optional
             For a model from data, as all that follows: whether the noise of the run to come is
-            included. With several steps, an independent design and noise of unknown covariance
-            their number must then have been fixed before the data.
+            included; by default for a model of outputs only, whose bound is then of the readings,
+            else of their mean. With several steps, an independent design and noise of unknown
+            covariance their number must then have been fixed before the data.
         open_loop : bool, default False
             For several steps, your declaration that the inputs of the measured runs were
             independent of all noise, and the runs of each other, with lengths fixed beforehand.
@@ -225,7 +234,8 @@ class Plan(SavedRecord, Timed):
             Radii of "target", the distance ``||x(K) - xf||``; of "state", that of x(K) from where
             the exact best control v leads, ``||C_K (u - v)||``, or for a model from the state that
             it predicts; and of "control", ``||u - v||``. For a model also of "components", ``|x(K)
-            - xf|_i``, and the "tube" around the predicted states, all together; else "control" and
+            - xf|_i``, and the "tube" around the predicted states, all together; for one of outputs
+            see `Certificate.outputs`; else "control" and
             "state" each for itself, and "target" with "state". Within limits v is the best control
             within them, and "excess" bounds ``J(u) - J(v)``; with a weight Q that is no multiple of
             the identity, or of several steps, "state" and "target" are ``(sum_k ||x(k) -
@@ -281,6 +291,8 @@ class Plan(SavedRecord, Timed):
         True
         """
         delta = validation.probability("delta", delta)
+        window = isinstance(self.basis, ModelBasis) and self.basis.window is not None
+        noise = window if noise is None else validation.flag("noise", noise)
         flags = {"noise": noise, "open_loop": open_loop, "x0_fixed": x0_fixed}
         asked = Asked(*(validation.flag(name, value) for name, value in flags.items()))
         predicted, model = self.predicted_states, isinstance(self.basis, ModelBasis)
@@ -288,6 +300,11 @@ class Plan(SavedRecord, Timed):
         for name, value in other.items():
             if value is not None and value is not False:
                 raise InputError(f"`{name}` must be left out {_NOT_FOR[model]}")
+        if isinstance(self.basis, ModelBasis) and window:
+            for name in ("open_loop", "x0_fixed"):
+                if flags[name]:
+                    raise InputError(f"`{name}` must be False for a model of outputs")
+            return output_certificate(self.basis, self.u, delta, noise)
         if isinstance(self.basis, ModelBasis):
             near = near_reference(self.basis, self.u, predicted, delta, asked)
             if self.limited is not None:

@@ -64,7 +64,7 @@ def rest_of(model: Model, target: Any, delta: float = DELTA) -> Rest:
     states = np.column_stack([x - start for x, _ in moved])
     per = np.column_stack([other - z for _, other in moved])
     outputs = H @ per
-    u: Floats = np.linalg.lstsq(outputs, r - H @ z, rcond=None)[0]
+    u = np.asarray(np.linalg.lstsq(outputs, r - H @ z, rcond=None)[0], dtype=np.float64)
     there = z + per @ u
     off = float(np.linalg.norm(H @ there - r))
     room = model.region(delta)._core.bound(there, False)

@@ -42,6 +42,7 @@ __all__ = [
     "estimate_draws",
     "f_upper",
     "feedback_gain",
+    "first_pairs",
     "fit",
     "fleet_gains",
     "fleet_mean",
@@ -447,11 +448,11 @@ class Estimate:
     @property
     def blocks(self) -> list[Fitted]: ...
     def after(self, size: int) -> Estimate: ...
-    # assumed: design, noise, covariance, the known one
+    # assumed: design, noise, covariance, the known one, tail
     def region(
         self,
-        assumed: tuple[str, str, str, _Floats | None],
-        scale: _Floats,
+        assumed: tuple[str, str, str, _Floats | None, float],
+        units: _Floats | Estimate,
         delta: float,
         components: bool,
         directions: _Floats | None,
@@ -504,6 +505,7 @@ def choose_window(
     delays: tuple[int, int],
     pieces: tuple[int, int],
 ) -> tuple[float | None, int, int, int, int, int]: ...
+def first_pairs(rows: _Floats, d: int, threads: int) -> int | None: ...
 def sign_contains(test: _Signs, theta: _Floats, threads: int) -> bool: ...
 def sign_sizes(delta: float) -> tuple[int, int]: ...
 def chance_of_infinity(size: int, d: int) -> float: ...

@@ -40,6 +40,8 @@ pub struct Assumed<'a> {
     pub noise: Noise,
     /// Its covariance.
     pub covariance: Covariance<'a>,
+    /// `(sum ||Sigma^(-1/2) r||^2 / N)^(1/2)` at most, of what the model leaves out beside the noise.
+    pub tail: f64,
 }
 
 impl Assumed<'_> {

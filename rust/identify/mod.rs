@@ -23,6 +23,7 @@ mod side_by_side;
 mod signs;
 mod symmetric;
 mod triangle;
+mod units;
 mod weighted_sums;
 
 pub use assumed::{Assumed, Covariance, Design, Method, Noise, Wish};
@@ -51,4 +52,6 @@ pub use robust_control::robust_control;
 pub use signs::{SignTest, chance_of_infinity, sign_radii, sign_sizes, sign_statistics};
 pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm};
 pub use triangle::{triangle, update};
+pub(crate) use units::Measured;
+pub use units::{Units, first_pairs};
 pub use weighted_sums::{Pairs, Weights};

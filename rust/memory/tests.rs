@@ -409,16 +409,18 @@ fn call(name: &str) -> Option<Call> {
                 };
                 let estimate = identify::Estimate::new(of, &stop)?;
                 let assumed = |design| identify::Assumed {
+                    tail: 0.0,
                     design,
                     noise: identify::Noise::Gaussian,
                     covariance: identify::Covariance::Known(&known),
                 };
                 let wish = identify::Wish::new(0.05);
+                let units = identify::Units::Expected(&[1.0; 12]);
                 let [any, exact] = [identify::Design::Adaptive, identify::Design::Independent].map(assumed);
-                Region::from_data(&estimate, any, wish, &[1.0; 12], 1, &stop)?;
-                Region::from_data(&estimate, any, identify::Wish { components: true, ..wish }, &[1.0; 12], 1, &stop)?;
+                Region::from_data(&estimate, any, wish, units, 1, &stop)?;
+                Region::from_data(&estimate, any, identify::Wish { components: true, ..wish }, units, 1, &stop)?;
                 let wish = identify::Wish { directions: Some(&directions), ..wish };
-                Region::from_data(&estimate, exact, wish, &[1.0; 12], 1, &stop)?;
+                Region::from_data(&estimate, exact, wish, units, 1, &stop)?;
                 let of = identify::Data { n: 2, m: 3, instruments: 9, ..of };
                 identify::Estimate::new(of, &stop).map(drop)
             })

@@ -12,7 +12,7 @@ use super::fitted::{PyFitted, copied};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use crate::Key;
-use crate::identify::{self, Assumed, Covariance, Data, Design, Estimate, Method, Noise, SignTest, Wish};
+use crate::identify::{self, Assumed, Covariance, Data, Design, Estimate, Method, Noise, SignTest, Units, Wish};
 use crate::memory::{try_collect, try_room};
 use crate::region::Region;
 
@@ -86,8 +86,8 @@ impl PyEstimate {
     fn region(
         &self,
         py: Python<'_>,
-        assumed: (&str, &str, &str, Option<Matrix<'_>>),
-        scale: Vector<'_>,
+        assumed: (&str, &str, &str, Option<Matrix<'_>>, f64),
+        units: UnitsOf<'_>,
         delta: f64,
         components: bool,
         directions: Option<Matrix<'_>>,
@@ -97,7 +97,7 @@ impl PyEstimate {
         anytime: bool,
         threads: usize,
     ) -> PyResult<PyRegion> {
-        let (design, noise, word, known) = &assumed;
+        let (design, noise, word, known, tail) = &assumed;
         let covariance = covariance(word, known.as_ref())?;
         let design = if *design == "independent" { Design::Independent } else { Design::Adaptive };
         let noise = if *noise == "gaussian" { Noise::Gaussian } else { Noise::SubGaussian };
@@ -108,9 +108,13 @@ impl PyEstimate {
         };
         let directions = directions.as_ref().map(|q| slice("directions", q)).transpose()?;
         let wish = Wish { delta, components, directions, future, frobenius, method, anytime };
-        let (assumed, scale) = (Assumed { design, noise, covariance }, slice("scale", &scale)?);
+        let assumed = Assumed { design, noise, covariance, tail: *tail };
+        let units = match &units {
+            UnitsOf::First(first) => Units::First(&first.get().estimate),
+            UnitsOf::Expected(scale) => Units::Expected(slice("scale", scale)?),
+        };
         let region =
-            run(py, UNTIL_STOPPED, |stop| Region::from_data(&self.estimate, assumed, wish, scale, threads, stop))?;
+            run(py, UNTIL_STOPPED, |stop| Region::from_data(&self.estimate, assumed, wish, units, threads, stop))?;
         Ok(PyRegion(region))
     }
 
@@ -120,6 +124,13 @@ impl PyEstimate {
         let test = sign_test(&test, &key)?;
         Ok(PyRegion(run(py, UNTIL_STOPPED, |stop| Region::of_signs(&self.estimate, &test, threads, stop))?))
     }
+}
+
+/// Sizes of states and inputs that were expected, or the estimate of the first part of the data.
+#[derive(FromPyObject)]
+enum UnitsOf<'py> {
+    First(Bound<'py, PyEstimate>),
+    Expected(Vector<'py>),
 }
 
 /// Pairs, a basis of the regressors, m, q and the key.
@@ -142,6 +153,13 @@ fn sign_test<'a>(of: &'a SignOf<'_>, key: &'a Key) -> PyResult<SignTest<'a>> {
     let sizes = [z, y, basis].map(|one| one.as_array().dim().1);
     let pairs = [slice("Z", z)?, slice("Y", y)?];
     Ok(SignTest { pairs, basis: slice("basis", basis)?, sizes, of: (*m, *q), key })
+}
+
+/// How many of the first pairs `rows` `= [Z Y]` are to say the size of the others, d columns in Z; None: too few.
+#[pyfunction]
+pub(super) fn first_pairs(py: Python<'_>, rows: Matrix<'_>, d: usize, threads: usize) -> PyResult<Option<usize>> {
+    let (width, values) = (rows.as_array().dim().1, slice("rows", &rows)?);
+    run(py, 0.3 * (values.len() * width) as f64, |stop| identify::first_pairs(values, width, d, threads, stop))
 }
 
 /// Whether the exact set of a test of signs contains `theta` (n, d).

@@ -46,7 +46,9 @@ mod _core {
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
-    use super::estimate::{PyEstimate, chance_of_infinity, kept_quantiles, mixtures, sign_contains, sign_sizes};
+    use super::estimate::{
+        PyEstimate, chance_of_infinity, first_pairs, kept_quantiles, mixtures, sign_contains, sign_sizes,
+    };
     #[pymodule_export]
     use super::feedback::{PyFeedback, feedback_gain, guaranteed_gain, loop_eigenvalues, widest_gain};
     #[pymodule_export]

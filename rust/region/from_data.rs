@@ -5,8 +5,8 @@ use std::sync::Arc;
 use crate::control::singular;
 use crate::error::{Error, Result};
 use crate::identify::{
-    Assumed, By, Covariance, Estimate, Fitted, Noise, Radius, SignTest, Wish, adaptive, independent, lengths, level,
-    null_space,
+    Assumed, By, Covariance, Estimate, Fitted, Measured, Noise, Radius, SignTest, Units, Wish, adaptive, independent,
+    lengths, level, null_space,
 };
 use crate::memory::{try_collect, try_copy, try_extend, try_push, try_room, try_zeros};
 use crate::parallel::Stop;
@@ -15,8 +15,8 @@ use super::models::Region;
 use super::part::{Part, WHAT};
 
 impl Region {
-    /// The models that contain the true one with probability `1 - wish.delta`, around the `estimate`; `scale` (d) are the
-    /// sizes of states and inputs (and 1) that were expected before the data. With instruments that of Anderson and Rubin.
+    /// The models that contain the true one with probability `1 - wish.delta`, around the `estimate`; the `units` of states,
+    /// inputs (and 1) count where no exact law holds. With instruments that of Anderson and Rubin.
     ///
     /// # Errors
     /// [`Error::Value`] for a `delta` outside (0, 1), directions or noise to come where no exact law holds, or data that no
@@ -26,7 +26,7 @@ impl Region {
         estimate: &Estimate,
         assumed: Assumed<'_>,
         wish: Wish<'_>,
-        scale: &[f64],
+        units: Units<'_>,
         threads: usize,
         stop: &Stop,
     ) -> Result<Self> {
@@ -35,12 +35,21 @@ impl Region {
         if let Some(projected) = &estimate.projected {
             return Self::by_instruments(projected, estimate, wish.delta, by);
         }
-        let rows;
-        let blocks = if wish.components && estimate.blocks.len() == 1 {
+        let by_rows = wish.components && estimate.blocks.len() == 1;
+        let (rows, first_rows);
+        let blocks = if by_rows {
             rows = estimate.least_squares(true, stop)?;
             &rows
         } else {
             &estimate.blocks
+        };
+        let firsts = match units {
+            Units::First(first) if by_rows && !assumed.exact() => {
+                first_rows = first.least_squares(true, stop)?;
+                &first_rows
+            }
+            Units::First(first) => &first.blocks,
+            Units::Expected(_) => blocks,
         };
         if assumed.noise != Noise::Gaussian && !matches!(assumed.covariance, Covariance::Known(_)) {
             let found = "an unknown one".into();
@@ -52,9 +61,14 @@ impl Region {
             let expected = "for one region of all rows, Gaussian noise and an independent design";
             return Err(Error::Value { name, expected, found });
         }
-        if scale.len() != d || wish.directions.is_some_and(|q| q.is_empty() || !q.len().is_multiple_of(d)) {
-            let found = scale.len().to_string();
-            return Err(Error::Shape { name: "scale", expected: format!("{d} entries, as rows of directions"), found });
+        let sized = match units {
+            Units::Expected(scale) => scale.len(),
+            Units::First(first) if first.n == n && firsts.len() == blocks.len() => first.d,
+            Units::First(_) => 0,
+        };
+        if sized != d || wish.directions.is_some_and(|q| q.is_empty() || !q.len().is_multiple_of(d)) {
+            let found = sized.to_string();
+            return Err(Error::Shape { name: "units", expected: format!("{d} entries, as rows of directions"), found });
         }
         if let Covariance::Known(known) = assumed.covariance
             && known.len() != n * n
@@ -64,7 +78,7 @@ impl Region {
         }
         let mut parts = try_room(WHAT, blocks.len())?;
         let (mut frobenius, mut noise) = (None, None);
-        for f in blocks {
+        for (f, first) in blocks.iter().zip(firsts) {
             let (delta, count) = (shared(f, assumed, wish, n), f.rows.len());
             let known = known_of(f, assumed.covariance, n)?;
             let covariance = known.as_deref().map_or(assumed.covariance, Covariance::Known);
@@ -79,17 +93,21 @@ impl Region {
                 }
                 (missing, independent(f, covariance, columns, delta, by)?)
             } else {
-                let of = |places: &[usize]| try_collect(WHAT, places.iter().map(|&j| scale[j]));
-                let scales = [of(&f.columns)?, of(&f.rows)?];
+                let measured = || {
+                    let Units::Expected(scale) = units else { return Measured::first(f, first) };
+                    let of = |places: &[usize]| try_collect(WHAT, places.iter().map(|&j| scale[j]));
+                    Measured::expected(f, &of(&f.columns)?, of(&f.rows)?).map(Some)
+                };
                 let assumed = Assumed { covariance, ..assumed };
-                (try_copy(WHAT, &f.missing)?, adaptive(f, assumed, wish, [&scales[0], &scales[1]], delta, by)?)
+                (try_copy(WHAT, &f.missing)?, adaptive(f, assumed, wish, measured, delta, by)?)
             };
-            let Radius { factor, shape, noise: own } = radius;
+            let Radius { factor, shape, noise: own, frobenius: whole } = radius;
             parts.push(Arc::new(Part::within(f, &missing, &shape, factor)?));
             if blocks.len() == 1 {
                 noise = own;
                 if wish.frobenius {
-                    frobenius = Some((factor * count.min(f.rank() + wish.future) as f64).sqrt());
+                    let crude = factor * count.min(f.rank() + wish.future) as f64;
+                    frobenius = Some(whole.map_or(crude, |whole| whole.min(crude)).sqrt());
                 }
             }
         }

@@ -127,8 +127,8 @@ fn estimate(known: Option<&[f64]>) -> Estimate {
 }
 
 fn made(known: Option<&[f64]>, design: Design, wish: Wish<'_>) -> crate::Result<Region> {
-    let assumed = Assumed { design, noise: Noise::Gaussian, covariance: Covariance::Full };
-    Region::from_data(&estimate(known), assumed, wish, &[1.0, 1.0], 1, &Stop::new())
+    let assumed = Assumed { design, noise: Noise::Gaussian, covariance: Covariance::Full, tail: 0.0 };
+    Region::from_data(&estimate(known), assumed, wish, Units::Expected(&[1.0, 1.0]), 1, &Stop::new())
 }
 
 #[test]
@@ -164,7 +164,9 @@ fn no_region_is_made_up() {
     assert!(refused(Design::Independent, Wish { components: true, ..future }));
     let one = Wish { directions: Some(&[1.0]), ..Wish::new(0.05) };
     assert!(refused(Design::Independent, one) && refused(Design::Adaptive, one));
-    let assumed = Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance: Covariance::Full };
-    let found = Region::from_data(&estimate(None), assumed, Wish::new(0.05), &[1.0, 1.0], 1, &Stop::new());
+    let assumed =
+        Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance: Covariance::Full, tail: 0.0 };
+    let found =
+        Region::from_data(&estimate(None), assumed, Wish::new(0.05), Units::Expected(&[1.0, 1.0]), 1, &Stop::new());
     assert!(found.is_err()); // a size that bounds the noise must be known
 }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
 from stochens_rs.identification import Window
+from stochens_rs.identification.dependences import one_more_lag, spanned
 from twin import windows as twin
 
 
@@ -100,6 +102,27 @@ def test_oracle_of_lags():
     assert model.size == 59
 
 
+def test_oracle_of_one_more_lag():
+    y, u = twin.d1()
+    rows = np.hstack([y[1:-1], u[1:], y[:-2], y[2:]])
+    f = _core.fit(np.ascontiguousarray(rows[:, [0, 1, 3]]), 2, len(rows), 1)
+    lag = one_more_lag(rows, 2, 1, spanned(f, np.array([0])))
+    np.testing.assert_allclose(lag.explained, 0.8674987158919, rtol=1e-10)
+    assert lag.refuses
+
+
+@pytest.mark.filterwarnings("ignore:the residuals of")
+def test_oracle_of_a_finite_difference():
+    y, u = twin.d1()
+    speed = np.diff(y, axis=0, prepend=y[:1]) / 0.1
+    data = se.Trajectories(np.hstack([y, speed])[1:], u[1:])
+    model = se.identify(data, checks=False)
+    S = model._blocks[0].S
+    scale = np.sqrt(np.diag(S))
+    assert np.linalg.eigvalsh(S / scale / scale[:, None])[0] < 1e-12
+    assert re.search("tied exactly.*outputs=", model.doubts[0])
+
+
 def test_oracle_of_lost_rows():
     y, u = twin.d1()
     table = {"y": y[:, 0].copy(), "u": np.append(u[:, 0], np.nan), "t": 0.5 * np.arange(61)}
@@ -141,6 +164,7 @@ def test_model_of_outputs_has_the_matrices_of_its_window():
 @pytest.mark.parametrize(
     "how", [{"lags": 3}, {"filters": (0.3, 2)}, {"order": "auto"}, {}], ids=str
 )
+@pytest.mark.filterwarnings("ignore:a window of")
 def test_models_of_outputs_are_kept(how, tmp_path):
     model = se.identify(arx(np.random.default_rng(1)), checks=False, **how)
     model.save(tmp_path / "m.safetensors")

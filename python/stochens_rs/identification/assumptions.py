@@ -48,6 +48,8 @@ class Assumptions(Record):
         The error of the measured states; an array is its covariance.
     exact : tuple of int
         The states without noise of their own: it is 0, or a combination of that of other states.
+    tail : float
+        What the model leaves out beside the noise, in root mean square and deviations of the noise.
     """
 
     design: Design
@@ -56,6 +58,7 @@ class Assumptions(Record):
     known: Floats | None = None
     state_noise: StateNoise | Floats = "none"
     exact: tuple[int, ...] = ()
+    tail: float = 0.0
 
     def __post_init__(self) -> None:
         validation.choice("design", self.design, DESIGNS)
@@ -75,6 +78,11 @@ class Assumptions(Record):
             _require_covariance("state_noise", self.state_noise)
         if list(self.exact) != sorted({validation.size("exact", i, minimum=0) for i in self.exact}):
             raise InputError("`exact` must be different states in their order")
+        exact = self.design != "adaptive" or self.noise == "symmetric" or self.noisy_states
+        if self.tail != 0.0 and (validation.positive("tail", self.tail, maximum=LARGEST) and exact):
+            raise InputError(
+                "`tail` must be 0 for an independent design, symmetric noise and noisy states"
+            )
 
     @property
     def noisy_states(self) -> bool:
@@ -104,6 +112,7 @@ def checked_assumptions(
     state_noise: Any,
     exact: object = (),
     names: Sequence[str] = (),
+    tail: float = 0.0,
 ) -> Assumptions:
     """Check the arguments of `identify` that are declarations; `names` are those of the states."""
     law = validation.choice("noise", noise, NOISES)
@@ -135,7 +144,7 @@ def checked_assumptions(
     else:
         validation.choice("state_noise", state_noise, ("none", "white"))
     without = checked_exact(exact, names)
-    return Assumptions(plan, law, word, known, error, without)  # type: ignore[arg-type]
+    return Assumptions(plan, law, word, known, error, without, tail)  # type: ignore[arg-type]
 
 
 def checked_exact(exact: object, names: Sequence[str]) -> tuple[int, ...]:

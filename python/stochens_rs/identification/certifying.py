@@ -40,7 +40,7 @@ def region_of(
 ) -> _core.Region:
     """The region of the core for these assumptions."""
     known = None if noise.known is None else np.ascontiguousarray(noise.known)
-    law = noise.design, noise.noise, noise.covariance, known
+    law = noise.design, noise.noise, noise.covariance, known, noise.tail
     return estimate.region(law, np.ascontiguousarray(scale), *wish, get_num_threads())
 
 
@@ -127,6 +127,8 @@ def said(noise: Assumptions, wish: Wish | None, instruments: bool) -> str:
         text += ", any design, valid for all N at once"
     else:
         text += ", any design, for a number of pairs fixed beforehand"
+    if noise.tail:
+        text += f", beside it a declared tail of {noise.tail:g} deviations"
     if noise.noisy_states:
         return text + "; states measured with error"
     if wish is not None and wish.directions is not None:

@@ -86,8 +86,9 @@ def exact_relations(f: _core.Fitted, found: Range, names: Sequence[str]) -> tupl
         some = [names[found.rows[i]] for i in sorted(last)]
         said.append(
             f"the residuals of {html.listed(involved)} are tied exactly: a column was computed "
-            "from others, as a finite difference; then leave it out. If all are exact states, and "
-            f"the noise has fewer sources than states, declare exact={_short(some)}"
+            "from others, as a finite difference or a filter; then leave it out, and pass the "
+            "others as outputs=. If all are exact states, and the noise has fewer sources than "
+            f"states, declare exact={_short(some)}"
         )
     return tuple(said)
 
@@ -132,8 +133,8 @@ class Lag(NamedTuple):
         """In words, with the columns of which most is explained."""
         some = [names[self.rows[i]] for i in np.flatnonzero(self.each >= 0.5 * self.each.max())]
         then = (
-            "they are no states of the plant, or read with error, smoothed or differenced, or the "
-            "plant is not linear"
+            "they are no states of the plant, or read with error, smoothed or differenced: pass "
+            "what was read as outputs=; or the plant is not linear"
             if self.refuses
             else "noise that lasts, a state that is missing, or errors of reading"
         )
@@ -144,28 +145,37 @@ class Lag(NamedTuple):
         )
 
 
-def one_more_lag(
-    rows: Floats, later: NDArray[np.int64], n: int, offset: bool, found: Range
-) -> Lag | None:
-    """Test whether the residuals of ``z = (x, u, 1)`` are explained by ``(x, u)`` one step earlier.
+def rows_with_a_lag(
+    rows: Floats, later: NDArray[np.int64], n: int, offset: bool
+) -> tuple[Floats, int]:
+    """The rows (z, x and u one step earlier, x_next), ``z = (x, u, 1)``, and the length of z.
 
     `rows` are (x, u, x_next); those with an index in `later` follow on the one before them.
+    """
+    extra = rows.shape[1] - n
+    memory.need("the pairs with those before", 16 * len(later) * (2 * extra + offset + n))
+    z, before = rows[later, :extra], rows[later - 1, :extra]
+    one = np.ones((len(later), int(offset)))
+    return np.hstack([z, one, before, rows[later][:, extra:]]), extra + offset
+
+
+def one_more_lag(rows: Floats, d: int, n: int, found: Range) -> Lag | None:
+    """Test whether residuals of the regressors z are explained by more of them.
+
+    `rows` are (z, more regressors, n outcomes), z being d of them.
 
     Wilks' Lambda ``det S_1 / det S_0`` by Rao's F, exact for one or two rows or columns and
     regressors independent of Gaussian noise (Rao 1951), else approximate. None where no test is
     possible: runs of one step, too few pairs, no residuals.
     """
-    extra, p = rows.shape[1] - n, found.basis.shape[1]  # n + m
-    d = extra + offset
-    if not p or len(later) <= d + extra + p:
+    size, every, p = len(rows), rows.shape[1] - n, found.basis.shape[1]
+    if not p or size <= every + p:
         return None
-    memory.need("the pairs with those before", 8 * len(later) * (2 * d + n))
-    z, before = rows[later, :extra], rows[later - 1, :extra]
-    ones, y = np.ones((len(later), int(offset))), rows[later][:, extra + found.rows]
-    R = _core.triangle(np.hstack([z, ones, before, y]), get_num_threads())
-    wide = _core.fit(R, d + extra, len(later), 1)
-    keep = np.r_[:d, d + extra : len(R)]
-    narrow = _core.fit(np.ascontiguousarray(R[:, keep]), d, len(later), 1)
+    own = np.r_[:every, every + found.rows]
+    R = _core.triangle(np.ascontiguousarray(rows[:, own]), get_num_threads())
+    wide = _core.fit(R, every, size, 1)
+    keep = np.r_[:d, every : len(R)]
+    narrow = _core.fit(np.ascontiguousarray(R[:, keep]), d, size, 1)
     q, nu = wide.rank - narrow.rank, wide.nu
     if q < 1 or nu <= p:
         return None

@@ -99,6 +99,8 @@ def from_model(model: Any) -> Sections:
         found["p_values"] = np.array([checks.p_values[name] for name in NAMES])
         found["distances"] = np.array([checks.distances[name] for name in NAMES])
         found["draws"] = _counts(checks.draws, int(checks.exact))
+    if assumed.tail:
+        found["tail"] = np.array([assumed.tail])
     if assumed.exact:
         found["exact"] = _counts(*assumed.exact)
     if model.pilot is not None:
@@ -153,6 +155,7 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
             known,
             state_noise,
             exact_states(sections, n),
+            _tail(sections),
         ),
         "scale": _taken(sections, "scale", np.float64),
         "intercept": bool(offset),
@@ -211,6 +214,15 @@ def _window(
         "burn": burn,
         "found": found or None,
     }, first
+
+
+def _tail(sections: Sections) -> float:
+    if "tail" not in sections:
+        return 0.0
+    found = _taken(sections, "tail", np.float64)
+    if len(found) != 1:
+        raise InputError(f"`tail` must have one entry, got {len(found)}")
+    return float(found[0])
 
 
 def exact_states(sections: Sections, n: int) -> tuple[int, ...]:

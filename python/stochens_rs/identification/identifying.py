@@ -61,6 +61,7 @@ def identify(
     filters: tuple[float, int] | None = None,
     order: Order = None,
     delay: Delay = 0,
+    tail: float = 0.0,
     checks: bool = True,
     rng: RngLike = None,
 ) -> Model:
@@ -131,6 +132,11 @@ def identify(
         criterion, and half as much again: the default. That quarter then counts no more.
     delay : int or (int, int), default 0
         For outputs: after how many steps an input acts; a pair is a range to choose from.
+    tail : float, default 0.0
+        What the model leaves out of the outcomes beside their noise, as the part of readings that
+        reaches further back than the window: at most this in root mean square over the pairs, in
+        deviations of the noise. Nothing in the data bounds it: 0 is your declaration that the
+        window is long enough.
     checks : bool, default True
         Whether to test the residuals; not done for more than about 320 000 / n pairs, of which a
         warning says so: `Model.check` does it. `Model.doubts` are looked for in any case.
@@ -195,7 +201,7 @@ def identify(
     if runs.outputs:
         _refuse_for_outputs(known_A, known_B, state_noise, instruments, pilot)
     assumed = checked_assumptions(
-        n, design, noise, covariance, sigma, state_noise, exact, runs.state_names
+        n, design, noise, covariance, sigma, state_noise, exact, runs.state_names, tail
     )
     offset = validation.flag("intercept", intercept)
     window, first = chosen_window(runs, lags, filters, order, delay, offset)

@@ -25,7 +25,15 @@ from .certifying import directions as spanned_by
 from .certifying import refuse as refuse_region
 from .checks import DRAWS, WORK, Checks, checked_residuals
 from .consistency import refuse, require_sound, require_triangle_of
-from .dependences import Lag, Range, exact_relations, one_more_lag, spanned, tested_rows
+from .dependences import (
+    Lag,
+    Range,
+    exact_relations,
+    one_more_lag,
+    rows_with_a_lag,
+    spanned,
+    tested_rows,
+)
 from .files import Sections, from_model, to_model
 from .identified import Identified
 from .pilot import Pilot
@@ -304,7 +312,7 @@ class Model(Identified, Durable, Tabled):
         """What to be careful about, one sentence each; see also `checks`."""
         said, lag = list(self.doubts), self._lag
         if lag is not None and lag.significant and not lag.refuses:
-            said.append(lag.said(self.outputs))
+            said.append(self._said(lag))
         if self.checks is not None:
             said += self.checks.warnings
         elif self.size * self.n_outputs * DRAWS > WORK:
@@ -328,7 +336,7 @@ class Model(Identified, Durable, Tabled):
         """
         said = exact_relations(*self._residuals, self.outputs)
         lag = self._lag
-        return said if lag is None or not lag.refuses else (*said, lag.said(self.outputs))
+        return said if lag is None or not lag.refuses else (*said, self._said(lag))
 
     def check(self, draws: int = 499, *, rng: RngLike = None) -> Checks | None:
         """Test the residuals again, with another number of simulated data sets.
@@ -654,10 +662,19 @@ class Model(Identified, Durable, Tabled):
     @cached_property
     def _lag(self) -> Lag | None:
         """The test of one more lag; None where errors of reading are declared, or none is known."""
-        if self.assumptions.noisy_states or self.window is not None:
+        n, span = self.n_outputs, self._residuals[1]
+        if self.window is not None:
+            return one_more_lag(*self.window._longer(self.data, self.first), n, span)
+        if self.assumptions.noisy_states:
             return None
-        rows, later = self.data._rows, np.flatnonzero(self.data._pieces.places() > 0)
-        return one_more_lag(rows, later, self.n, self.intercept, self._residuals[1])
+        later = np.flatnonzero(self.data._pieces.places() > 0)
+        return one_more_lag(*rows_with_a_lag(self.data._rows, later, n, self.intercept), n, span)
+
+    def _said(self, lag: Lag) -> str:
+        """What the test of one more lag found, in words."""
+        if self.window is None:
+            return lag.said(self.outputs)
+        return self.window._short(lag.explained)
 
     @cached_property
     def _largest(self) -> Floats | None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -166,6 +166,34 @@ class Window(Record):
                 f"longest has {longest}"
             )
         return np.ascontiguousarray(rows[np.searchsorted(at, first) :])
+
+    def _longer(self, data: Trajectories, first: int) -> tuple[Floats, int]:
+        """The rows (z, one lag or filter more of each signal, y one step later), and d."""
+        n, m = len(self.outputs), len(self.inputs)
+        wide = replace(self, count=self.count + 1, found=None)
+        if int(data.pieces.max()) <= wide.fill:
+            return np.zeros((0, wide.length + n)), self.length
+        read, acting = np.split(
+            np.arange(self.length + n + m - self.intercept), [self.count * n + n]
+        )
+        own = (
+            read[:-n],
+            acting[:-m],
+            [wide.length - 1][: int(self.intercept)],
+            read[-n:],
+            acting[-m:],
+        )
+        order = np.concatenate([*own, np.arange(wide.length, wide.length + n)]).astype(np.int64)
+        return wide._rows(data, first)[:, order], self.length
+
+    def _short(self, explained: float) -> str:
+        """What is said of a window to which one lag or filter more adds this share."""
+        what = "lags" if self.pole is None else "filters"
+        return (
+            f"a window of {self.count + 1} {what} explains {html.two(100 * explained)} % more "
+            f"(p < 1e-4): the certificate assumes that {self.count} suffice; take order='auto', "
+            f"more {what}, or declare tail="
+        )
 
     def _spread(self, sizes: Floats) -> Floats:
         """The sizes of z from those of outputs and inputs, and 1."""

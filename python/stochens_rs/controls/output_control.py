@@ -9,6 +9,7 @@ import numpy as np
 
 from .._base import validation
 from .._base.types import DELTA
+from ..certificates.model_basis import ModelBasis
 from ..exceptions import InputError
 from ..feedback.gaining import for_outputs
 from .model_control import model_control
@@ -113,4 +114,6 @@ def output_control(
         )
     goal = rest_of(model, target).x
     weights = cost_of_outputs(model, cost)
-    return model_control(model, start, goal, K, "product", limits, weights, None, time_limit)
+    plan = model_control(model, start, goal, K, "product", limits, weights, None, time_limit)
+    last = validation.frozen(np.asarray(record[0], dtype=np.float64)[-1])
+    return replace(plan, basis=ModelBasis(model, start, goal, 0.0, last))

@@ -132,10 +132,18 @@ class Plan(SavedRecord, Timed):
 
     @property
     def predicted_outputs(self) -> Floats | None:
-        """Where a model of outputs leads them, y(1), ..., y(K), (K, n_outputs); else None."""
+        """For a model of outputs, the last reading and where it leads, (K + 1, n_outputs)."""
         if not isinstance(self.basis, ModelBasis):
             return None
-        return self.basis.outputs(self.predicted_states[:-1], self.u)
+        return self.basis.outputs(self.predicted_states, self.u)
+
+    @property
+    def _drawn(self) -> tuple[Floats, tuple[str, ...]]:
+        """What is drawn over time, and its names: the states, or of a model of outputs these."""
+        outputs = self.predicted_outputs
+        if outputs is None or not isinstance(self.basis, ModelBasis):
+            return self.predicted_states, self._labels.state_axes
+        return outputs, self.basis.names
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -576,7 +584,7 @@ class Plan(SavedRecord, Timed):
         measured: ArrayLike | None = None,
         figure: Figure | SubFigure | None = None,
     ) -> Figure:
-        """Draw the predicted states, each in its panel; within limits the inputs too.
+        """Draw the predicted states or outputs, each in its panel; within limits the inputs too.
 
         An input is drawn as steps, its limits as a grey band, thick where it is at one of them,
         and in another colour where it changes by its rate.
@@ -587,7 +595,7 @@ class Plan(SavedRecord, Timed):
             From `bound`, of this plan: draws the tube that contains the true states. The default is
             that of ``bound()`` for a model from data, where one is known; False draws none.
         measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
-            The states of one run under this control, or of R runs.
+            The states of one run under this control, or of R runs; of a model of outputs these.
         figure : matplotlib Figure or SubFigure, optional
             Where to draw; the default is a new figure.
 
@@ -609,7 +617,7 @@ class Plan(SavedRecord, Timed):
         >>> len(se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3).plot().axes)
         1
         """
-        predicted = self.predicted_states
+        predicted, names = self._drawn
         tube, says, runs = self._certified(certificate, measured)
         target = self._target
         labels = self._labels
@@ -623,7 +631,7 @@ class Plan(SavedRecord, Timed):
             if task.state_low is not None and task.state_high is not None:
                 more["limits"] = task.state_low, task.state_high
         more |= {"measured": runs, "target": target, "dt": self.dt, "says": says, "figure": figure}
-        return draw_tube(predicted, tube, labels.state_axes, **more)
+        return draw_tube(predicted, tube, names, **more)
 
     def plot_phase(
         self,
@@ -666,6 +674,8 @@ class Plan(SavedRecord, Timed):
         >>> plan.plot_phase("p", "v").get_ylabel()
         'v'
         """
+        if self.predicted_outputs is not None:
+            raise InputError("`plot_phase` draws states: see plot() for a model of outputs")
         at = two_states(self._labels, across, up)
         names = self._labels.state_axes
         tube, says, runs = self._certified(certificate, measured)
@@ -690,6 +700,8 @@ class Plan(SavedRecord, Timed):
         predicted, target = self.predicted_states, None
         if self.limited is not None and self.limited.task.follows:
             return None
+        if isinstance(self.basis, ModelBasis) and self.basis.read is not None:
+            return self.basis.xf[: len(self.basis.read)]
         if isinstance(self.basis, ModelBasis):
             target = None if np.array_equal(self.basis.xf, predicted[-1]) else self.basis.xf
         if target is None and self.limited is not None:
@@ -702,7 +714,7 @@ class Plan(SavedRecord, Timed):
         self, certificate: Certificate | Literal[False] | None, measured: ArrayLike | None
     ) -> tuple[Floats | None, str, Floats | None]:
         """The tube, what it says, and the checked runs."""
-        predicted = self.predicted_states
+        predicted, _ = self._drawn
         if certificate is None and isinstance(self.basis, ModelBasis):
             with suppress(InputError):  # no region is known for what was assumed of the data
                 certificate = self.bound()
@@ -715,6 +727,8 @@ class Plan(SavedRecord, Timed):
                     f"got one over {html.counted(len(tube) - 1)}"
                 )
             says = certificate.share
+            if "readings" in certificate.quantities:
+                tube = np.asarray(certificate["readings"].radius)
         if measured is not None:
             runs = validation.array("measured", measured, ndim=(2, 3))
             if np.abs(runs).max() > _DRAWN:

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 def output_certificate(basis: ModelBasis, u: Floats, delta: float, noise: bool) -> Certificate:
     """Bound where the outputs of the true system are under `u`; `noise`: the readings."""
     model = basis.model
-    assert isinstance(model, Model) and model.window is not None
+    assert isinstance(model, Model)
+    assert model.window is not None
     rows, outputs, r = model.window.count, model.n_outputs, basis.xf[: model.n_outputs]
     region = model.region(delta * REGION if noise else delta)
     if noise and model.noise != "gaussian":

@@ -13,6 +13,7 @@ from .plan import Plan
 from .plan_validation import Validation
 from .planning import required_samples
 from .predicting import predict
+from .reading_loop import Reading, ReadingLoop
 from .realization import realization_controls
 from .regulating import regulate
 from .regulator import Regulator
@@ -32,6 +33,8 @@ __all__ = [
     "Plan",
     "PlanError",
     "Reachability",
+    "Reading",
+    "ReadingLoop",
     "Regulator",
     "RiskBound",
     "SamplePlan",

@@ -15,6 +15,7 @@ from .._base.records import trusted
 from .._base.types import Floats, Fusion, worst
 from ..exceptions import InputError
 from ..identification.identified import Identified
+from ..identification.model import Model
 from ..theory.dynamics import states
 from ..theory.exact import best, best_control
 from .arguments import fusion_over, problem, step_warnings
@@ -23,11 +24,14 @@ from .cost import Cost, as_cost
 from .limited import Horizon
 from .limits import Limits, as_limits
 from .model_control import model_control
+from .output_control import output_control
 from .plan import Plan
 from .provenance import Basis, known
 from .uncertain import Uncertain
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from ..theory.exact import Best
     from .arguments import Entity, EntityLike, SystemLike
     from .limited import Limited
@@ -36,7 +40,7 @@ if TYPE_CHECKING:
 
 def control(
     system: SystemLike | Identified,
-    x0: EntityLike | Uncertain,
+    x0: EntityLike | Uncertain | None = None,
     xf: EntityLike | None = None,
     *,
     steps: int = 1,
@@ -45,6 +49,8 @@ def control(
     fusion: Fusion = "product",
     guarantee: float | None = None,
     time_limit: float | None = None,
+    record: tuple[ArrayLike, ArrayLike] | None = None,
+    target: ArrayLike | None = None,
 ) -> Plan:
     """Compute the best control from x0 to xf in K steps, from estimates, also within limits.
 
@@ -77,6 +83,13 @@ def control(
         smallest u that comes nearest according to the model.
     time_limit : float, optional
         The time for the control within limits [s]; the best one so far has status "user_limit".
+    record : (outputs, inputs), optional
+        For a model of outputs, in place of x0: rows (T, n_outputs) that were read up to now, and
+        the inputs (T - 1, m) between them, enough to fill the window of the model; for example
+        `Trajectories.last_record`.
+    target : array_like, shape (n_outputs,), optional
+        For a model of outputs, in place of xf: where they are to be, and to stay with a constant
+        input; default 0. Weights of `cost` may be of the outputs alone, as in `gain`.
 
     Returns
     -------
@@ -142,6 +155,21 @@ def control(
     (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
     within, weights = as_limits(limits), as_cost(cost)
+    if isinstance(system, Model) and system.window is not None:
+        given: dict[str, Any] = {"x0": x0, "xf": xf, "guarantee": guarantee}
+        for name, value in given.items():
+            if value is not None:
+                raise InputError(
+                    f"`{name}` must be left out for a model of outputs: it starts from `record`, "
+                    "and goes to `target`"
+                )
+        return output_control(system, record, target, steps, within, weights, time_limit)
+    given = {"record": record, "target": target}
+    for name, value in given.items():
+        if value is not None:
+            raise InputError(f"`{name}` must be left out: it is for models of outputs")
+    if x0 is None:
+        raise InputError("`x0` must be the initial state, got None")
     if isinstance(system, Identified):
         return model_control(system, x0, xf, steps, fusion, within, weights, guarantee, time_limit)
     if guarantee is not None:

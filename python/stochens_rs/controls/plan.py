@@ -17,6 +17,7 @@ from ..certificates.certificate import Certificate
 from ..certificates.model_basis import ModelBasis
 from ..certificates.near_reference import near_reference
 from ..certificates.of_model import Asked, certificate
+from ..certificates.of_outputs import output_certificate
 from ..exceptions import InputError, ShapeError
 from ..plots.panels import Inputs
 from ..plots.states import draw_phase
@@ -130,6 +131,21 @@ class Plan(SavedRecord, Timed):
         return len(self.u)
 
     @property
+    def predicted_outputs(self) -> Floats | None:
+        """For a model of outputs, the last reading and where it leads, (K + 1, n_outputs)."""
+        if not isinstance(self.basis, ModelBasis):
+            return None
+        return self.basis.outputs(self.predicted_states, self.u)
+
+    @property
+    def _drawn(self) -> tuple[Floats, tuple[str, ...]]:
+        """What is drawn over time, and its names: the states, or of a model of outputs these."""
+        outputs = self.predicted_outputs
+        if outputs is None or not isinstance(self.basis, ModelBasis):
+            return self.predicted_states, self._labels.state_axes
+        return outputs, self.basis.names
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; those of a model from data among them."""
         return tuple(self.info.get("warnings", ()))
@@ -191,7 +207,7 @@ class Plan(SavedRecord, Timed):
         system: System | None = None,
         x0: ArrayLike | None = None,
         xf: ArrayLike | None = None,
-        noise: bool = False,
+        noise: bool | None = None,
         open_loop: bool = False,
         x0_fixed: bool = False,
     ) -> Certificate:
@@ -206,10 +222,11 @@ class Plan(SavedRecord, Timed):
             independent singletons of the A of this system, as `sample` draws them.
         x0, xf : array_like, shape (n,), optional
             The same for x0 and xf.
-        noise : bool, default False
+        noise : bool, optional
             For a model from data, as all that follows: whether the noise of the run to come is
-            included. With several steps, an independent design and noise of unknown covariance
-            their number must then have been fixed before the data.
+            included; by default for a model of outputs only, whose bound is then of the readings,
+            else of their mean. With several steps, an independent design and noise of unknown
+            covariance their number must then have been fixed before the data.
         open_loop : bool, default False
             For several steps, your declaration that the inputs of the measured runs were
             independent of all noise, and the runs of each other, with lengths fixed beforehand.
@@ -225,7 +242,8 @@ class Plan(SavedRecord, Timed):
             Radii of "target", the distance ``||x(K) - xf||``; of "state", that of x(K) from where
             the exact best control v leads, ``||C_K (u - v)||``, or for a model from the state that
             it predicts; and of "control", ``||u - v||``. For a model also of "components", ``|x(K)
-            - xf|_i``, and the "tube" around the predicted states, all together; else "control" and
+            - xf|_i``, and the "tube" around the predicted states, all together; for one of outputs
+            see `Certificate.outputs`; else "control" and
             "state" each for itself, and "target" with "state". Within limits v is the best control
             within them, and "excess" bounds ``J(u) - J(v)``; with a weight Q that is no multiple of
             the identity, or of several steps, "state" and "target" are ``(sum_k ||x(k) -
@@ -281,6 +299,8 @@ class Plan(SavedRecord, Timed):
         True
         """
         delta = validation.probability("delta", delta)
+        window = isinstance(self.basis, ModelBasis) and self.basis.window is not None
+        noise = window if noise is None else validation.flag("noise", noise)
         flags = {"noise": noise, "open_loop": open_loop, "x0_fixed": x0_fixed}
         asked = Asked(*(validation.flag(name, value) for name, value in flags.items()))
         predicted, model = self.predicted_states, isinstance(self.basis, ModelBasis)
@@ -288,6 +308,11 @@ class Plan(SavedRecord, Timed):
         for name, value in other.items():
             if value is not None and value is not False:
                 raise InputError(f"`{name}` must be left out {_NOT_FOR[model]}")
+        if isinstance(self.basis, ModelBasis) and window:
+            for name in ("open_loop", "x0_fixed"):
+                if flags[name]:
+                    raise InputError(f"`{name}` must be False for a model of outputs")
+            return output_certificate(self.basis, self.u, delta, noise)
         if isinstance(self.basis, ModelBasis):
             near = near_reference(self.basis, self.u, predicted, delta, asked)
             if self.limited is not None:
@@ -559,7 +584,7 @@ class Plan(SavedRecord, Timed):
         measured: ArrayLike | None = None,
         figure: Figure | SubFigure | None = None,
     ) -> Figure:
-        """Draw the predicted states, each in its panel; within limits the inputs too.
+        """Draw the predicted states or outputs, each in its panel; within limits the inputs too.
 
         An input is drawn as steps, its limits as a grey band, thick where it is at one of them,
         and in another colour where it changes by its rate.
@@ -570,7 +595,7 @@ class Plan(SavedRecord, Timed):
             From `bound`, of this plan: draws the tube that contains the true states. The default is
             that of ``bound()`` for a model from data, where one is known; False draws none.
         measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
-            The states of one run under this control, or of R runs.
+            The states of one run under this control, or of R runs; of a model of outputs these.
         figure : matplotlib Figure or SubFigure, optional
             Where to draw; the default is a new figure.
 
@@ -592,7 +617,7 @@ class Plan(SavedRecord, Timed):
         >>> len(se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3).plot().axes)
         1
         """
-        predicted = self.predicted_states
+        predicted, names = self._drawn
         tube, says, runs = self._certified(certificate, measured)
         target = self._target
         labels = self._labels
@@ -606,7 +631,7 @@ class Plan(SavedRecord, Timed):
             if task.state_low is not None and task.state_high is not None:
                 more["limits"] = task.state_low, task.state_high
         more |= {"measured": runs, "target": target, "dt": self.dt, "says": says, "figure": figure}
-        return draw_tube(predicted, tube, labels.state_axes, **more)
+        return draw_tube(predicted, tube, names, **more)
 
     def plot_phase(
         self,
@@ -649,6 +674,8 @@ class Plan(SavedRecord, Timed):
         >>> plan.plot_phase("p", "v").get_ylabel()
         'v'
         """
+        if self.predicted_outputs is not None:
+            raise InputError("`plot_phase` draws states: see plot() for a model of outputs")
         at = two_states(self._labels, across, up)
         names = self._labels.state_axes
         tube, says, runs = self._certified(certificate, measured)
@@ -673,6 +700,8 @@ class Plan(SavedRecord, Timed):
         predicted, target = self.predicted_states, None
         if self.limited is not None and self.limited.task.follows:
             return None
+        if isinstance(self.basis, ModelBasis) and self.basis.read is not None:
+            return self.basis.xf[: len(self.basis.read)]
         if isinstance(self.basis, ModelBasis):
             target = None if np.array_equal(self.basis.xf, predicted[-1]) else self.basis.xf
         if target is None and self.limited is not None:
@@ -685,7 +714,7 @@ class Plan(SavedRecord, Timed):
         self, certificate: Certificate | Literal[False] | None, measured: ArrayLike | None
     ) -> tuple[Floats | None, str, Floats | None]:
         """The tube, what it says, and the checked runs."""
-        predicted = self.predicted_states
+        predicted, _ = self._drawn
         if certificate is None and isinstance(self.basis, ModelBasis):
             with suppress(InputError):  # no region is known for what was assumed of the data
                 certificate = self.bound()
@@ -698,6 +727,8 @@ class Plan(SavedRecord, Timed):
                     f"got one over {html.counted(len(tube) - 1)}"
                 )
             says = certificate.share
+            if "readings" in certificate.quantities:
+                tube = np.asarray(certificate["readings"].radius)
         if measured is not None:
             runs = validation.array("measured", measured, ndim=(2, 3))
             if np.abs(runs).max() > _DRAWN:

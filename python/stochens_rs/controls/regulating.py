@@ -3,26 +3,32 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
 from .._base import validation
 from ..exceptions import InputError
-from .constraints import checked_task
+from ..feedback import Loop
+from ..identification.model import Model
+from .constraints import checked_task, sides
 from .cost import Cost, as_cost
 from .keeping import kept_of
+from .limits import as_limits
+from .output_control import cost_of_outputs, rest_of
+from .reading_loop import ReadingLoop
 from .regulator import Regulator, checked_model
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..feedback import Loop, LoopCertificate
+    from ..feedback import LoopCertificate
     from ..identification.identified import Identified
     from ..system import System
     from .limits import LimitsLike
 
 
+@overload
 def regulate(
     system: System | Identified | Any,
     steps: int,
@@ -34,15 +40,46 @@ def regulate(
     gain: Loop | LoopCertificate | None = None,
     keep: float = 0.95,
     calls: int | None = None,
-) -> Regulator:
+) -> Regulator: ...
+@overload
+def regulate(
+    system: Model | Loop,
+    steps: int | None = None,
+    *,
+    limits: LimitsLike = None,
+    cost: Cost | None = None,
+    offset_free: bool | float,
+    target: ArrayLike | None = None,
+    hold: ArrayLike | None = None,
+    max_missing: int = 3,
+) -> ReadingLoop: ...
+
+
+def regulate(
+    system: System | Identified | Any,
+    steps: int | None = None,
+    xf: ArrayLike | None = None,
+    *,
+    limits: LimitsLike = None,
+    cost: Cost | None = None,
+    time_limit: float | None = None,
+    gain: Loop | LoopCertificate | None = None,
+    keep: float = 0.95,
+    calls: int | None = None,
+    offset_free: bool | float | None = None,
+    target: ArrayLike | None = None,
+    hold: ArrayLike | None = None,
+    max_missing: int = 3,
+) -> Regulator | ReadingLoop:
     """Make a feedback that plans K steps ahead at every state and returns the first input.
 
     Parameters
     ----------
-    system : System or model
-        A System, anything `System.from_any` takes, or a model from data.
+    system : System, model or Loop
+        A System, anything `System.from_any` takes, or a model from data. Or the `Loop` of a model
+        of outputs, whose gain then takes the place of plans.
     steps : int
-        The number of steps K of each plan.
+        The number of steps K of each plan; left out for a Loop.
     xf : array_like, shape (n,), optional
         The target; default: the origin.
     limits : Limits, or tuple (low, high), optional
@@ -54,11 +91,29 @@ def regulate(
     time_limit : float, optional
         Seconds after which a call returns the best plan so far, with status "user_limit"; looked
         at within factorizations.
+    gain : Loop or LoopCertificate, optional
+        For a model from data: a gain that is certified for all systems its region allows. The
+        limits are then kept with probability `keep`.
+    keep : float, default 0.95
+        With `gain`: the probability, of the region and the noise together.
+    calls : int
+        With `gain`: for how many calls that holds, fixed beforehand.
+    offset_free : bool or float, optional
+        For a model of outputs, as all that follows, and to be given there: whether constant
+        disturbances at the inputs are estimated and taken off. True: as one that drifts by 1 % of
+        the rms of the input in the data in a step; a number: by this much.
+    target : array_like, shape (n_outputs,), optional
+        Where the outputs are to stay, in place of xf; default 0.
+    hold : array_like, shape (m,), optional
+        The input while the window fills; default 0.
+    max_missing : int, default 3
+        How many readings in a row may be nan: the prediction of the model counts in their place.
 
     Returns
     -------
-    Regulator
-        ``u = loop(x)``; ``loop(hold=True)`` where the state is not known.
+    Regulator or ReadingLoop
+        ``u = loop(x)``; ``loop(hold=True)`` where the state is not known. For a model of outputs
+        ``u = loop(y)``, see `ReadingLoop`.
 
     Raises
     ------
@@ -103,6 +158,12 @@ def regulate(
     >>> [float(call.u[0]) for call in loop.log]
     [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25]
     """
+    read = isinstance(system, Loop) or (isinstance(system, Model) and system.window is not None)
+    if read or offset_free is not None:
+        for name, value in (("xf", xf), ("time_limit", time_limit)):
+            if value is not None:
+                raise InputError(f"`{name}` must be left out for a model of outputs: see `target`")
+        return reading_loop(system, steps, limits, cost, offset_free, target, hold, max_missing)
     checked = checked_model(system)
     n, m = checked.B.shape
     K = validation.size("steps", steps)
@@ -119,3 +180,51 @@ def regulate(
         raise InputError("`calls` must be left out without `gain`")
     kept = None if gain is None else kept_of(checked, task, gain, keep, calls)
     return Regulator(checked, task, time_limit, kept=kept)
+
+
+def reading_loop(
+    system: Any,
+    steps: int | None,
+    limits: LimitsLike,
+    cost: Cost | None,
+    offset_free: bool | float | None,
+    target: ArrayLike | None,
+    hold: ArrayLike | None,
+    max_missing: int,
+) -> ReadingLoop:
+    """Make the feedback from readings; the arguments are those of `regulate`."""
+    model = system.model if isinstance(system, Loop) else system
+    if not isinstance(model, Model) or model.window is None:
+        raise InputError("`offset_free` is for models of outputs and loops of them")
+    if offset_free is None:
+        raise InputError(
+            "`offset_free` must be given for a model of outputs: True where a constant disturbance "
+            "may act at the inputs, else False"
+        )
+    m, labels, within = model.m, model.labels, as_limits(limits)
+    if within.x is not None or within.rate is not None:
+        raise InputError("`limits` must be of the inputs alone for a model of outputs")
+    policy: Any
+    if isinstance(system, Loop):
+        if steps is not None or cost is not None:
+            raise InputError("`steps` and `cost` must be left out for a Loop, which has its gain")
+        low, high = (side[0] for side in sides("limits", within.u, 1, labels))
+        policy = system.K
+    else:
+        weights = cost_of_outputs(model, as_cost(cost))
+        if weights.reference is not None:
+            raise InputError("`cost` must have no reference for a model of outputs: give `target`")
+        if weights.R is None:
+            weights = replace(weights, R="auto")
+        K = validation.size("steps", steps)
+        policy = checked_task(model.n, m, K, np.zeros(model.n), limits, weights, labels)
+        low, high = policy.low[0], policy.high[0]
+    drift = None
+    if isinstance(offset_free, bool | np.bool_):
+        if offset_free:
+            drift = 0.01 * np.sqrt(np.mean(model.data.pairs()[1] ** 2, axis=0))
+    else:
+        drift = np.full(m, validation.positive("offset_free", offset_free))
+    held = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
+    most = validation.size("max_missing", max_missing, minimum=0)
+    return ReadingLoop(model, rest_of(model, target), policy, low, high, drift, held, most)

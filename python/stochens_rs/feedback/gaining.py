@@ -37,6 +37,8 @@ def gain(
         A System, anything `System.from_any` takes, or a model from data.
     Q : float or array_like, shape (n,) or (n, n), optional
         Weight of the states, >= 0: a number, a diagonal or a matrix. Q and R together, or neither.
+        For a model of outputs also of these alone, of shape (n_outputs,) or (n_outputs,
+        n_outputs): of the readings now, or of the first filters; a number is that, too.
     R : float or array_like, shape (m,) or (m, m), optional
         Weight of the inputs, > 0.
     guarantee : float or Region, optional
@@ -95,7 +97,7 @@ def gain(
         K, S, parameter = _core.widest_gain(region._core)
         method = "widest margin"
     else:
-        weights = weight("Q", Q, n), weight("R", R, m)
+        weights = weight("Q", for_outputs(model, Q), n), weight("R", R, m)
         if region is None:
             K, S, parameter = _core.feedback_gain(A, B, *weights)
         else:
@@ -113,3 +115,16 @@ def gain(
         dt=known.dt,
         model=model,
     )
+
+
+def for_outputs(model: object, value: ArrayLike) -> ArrayLike:
+    """Return a weight of the outputs of a model as one of its states, others as they are."""
+    if not isinstance(model, Model) or model.window is None:
+        return value
+    n, p = model.n, model.n_outputs
+    given = validation.read("Q", value)
+    if given.ndim and given.shape[-1] != p:
+        return value
+    padded = np.zeros((n, n))
+    padded[:p, :p] = weight("Q", value, p)
+    return padded

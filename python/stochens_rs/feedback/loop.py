@@ -150,11 +150,12 @@ def _squares(model: Identified) -> tuple[Floats | None, int]:
 
 
 def region_of(name: str, model: Identified, value: object) -> Region:
-    """Return a region as given, or that of the model with this probability."""
+    """Return a region of ``[A B c]``: as given, or that of the model with this probability."""
     if not isinstance(value, Region):
-        return model.region(validation.probability(name, value))
-    if value.centre.shape != model._Theta.shape:
+        return model._in_states(model.region(validation.probability(name, value)))
+    own = model.region(value.delta).centre
+    if value.centre.shape != own.shape:
         raise InputError(f"`{name}` must be a region of this model, got one of another size")
-    if not np.array_equal(value.centre, model.region(value.delta).centre):
+    if not np.array_equal(value.centre, own):
         raise InputError(f"`{name}` must be a region of this model, got one of another centre")
-    return value
+    return model._in_states(value)

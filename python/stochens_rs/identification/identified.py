@@ -99,6 +99,10 @@ class Identified(Record, ABC, listed=False):
         """Regions that hold in one event, the smallest first; the options are those of `region`."""
         return (self.region(delta, **options),)
 
+    def _in_states(self, region: Region) -> Region:
+        """A region of this model as one of ``[A B c]``."""
+        return region
+
     def _table(self) -> str:
         """``[A B c]`` as HTML; empty if it is large."""
         n, d = self._Theta.shape

@@ -253,6 +253,12 @@ class Model(Identified, Durable, Tabled):
         assert self.window is not None
         return self.window.loop(self._H)
 
+    def _in_states(self, region: Region) -> Region:
+        if self.window is None:
+            return region
+        ABc, J, G = self._loop.ABc, self._loop.J, self._loop.G
+        return region._entered(ABc, J, G, self.m)
+
     @cached_property
     def _H(self) -> Floats:
         """The coefficients of z that were estimated, (n_outputs, d), read-only."""

@@ -454,6 +454,26 @@ class Trajectories(Durable, Record):
         last[np.cumsum(self.lengths) - 1] = True
         return self._with(last)
 
+    def last_record(self) -> tuple[Floats, Floats]:
+        """Return the readings and inputs of the last piece: where a plan may begin.
+
+        Returns
+        -------
+        outputs : ndarray, shape (T + 1, n)
+            What was read, the last row after the last input.
+        inputs : ndarray, shape (T, m)
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> data = se.Trajectories([[[1.0], [1.5], [2.0]]], [[[0.5], [0.5]]], outputs=True)
+        >>> data.last_record()[0].ravel()
+        array([1. , 1.5, 2. ])
+        """
+        x, u, after = self.pairs()
+        first = len(u) - int(self.pieces[-1])
+        return np.vstack([x[first:], after[-1:]]), u[first:].copy()
+
     def k_step(self, steps: int, *, open_loop: bool) -> Self:
         """Take the first K steps of each run as one step: ``(x(0), u(0), ..., u(K-1)) -> x(K)``.
 

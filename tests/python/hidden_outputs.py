@@ -1,0 +1,107 @@
+"""Hidden systems that are read through outputs, and runs of them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import stochens_rs as se
+
+
+class Arx:
+    """``y(t+1) = sum A_i y(t-i) + sum B_i u(t-i) + w(t+1)``, w of covariance L L'."""
+
+    def __init__(self, rng):
+        p, m, lags = rng.integers(1, 4), rng.integers(1, 3), rng.integers(1, 5)
+        self.p, self.m, self.lags = int(p), int(m), int(lags)
+        # A(q) of matrices with poles of radius up to 1.02
+        radius = rng.uniform(0.5, 1.02)
+        while True:
+            A = rng.standard_normal((lags, p, p)) / np.arange(1, lags + 1)[:, None, None]
+            C = np.eye(p * lags, k=-p)
+            C[:p] = np.hstack(A)
+            size = np.abs(np.linalg.eigvals(C)).max()
+            if size > 0.1:
+                break
+        self.A = A * (radius / size) ** np.arange(1, lags + 1)[:, None, None]
+        self.B = rng.standard_normal((lags, p, m)) / np.arange(1, lags + 1)[:, None, None]
+        self.L = 0.1 * np.tril(rng.uniform(0.3, 1.0, (p, p)))
+        self.K = 0.1 * rng.standard_normal((m, p))
+
+    def follow(self, y, u, inputs, rng, noise=1.0):
+        """Outputs (K, p) under these inputs after a record."""
+        y, u, K = list(y), list(u), len(inputs)
+        for v in inputs:
+            u.append(v)
+            past = range(self.lags)
+            mean = sum(self.A[i] @ y[-1 - i] + self.B[i] @ u[-1 - i] for i in past)
+            y.append(mean + noise * self.L @ rng.standard_normal(self.p))
+        return np.array(y[len(y) - K :])
+
+    def run(self, steps, rng):
+        """Readings (steps + 1, p) and inputs (steps, m), with a saturated feedback and dither."""
+        y = [rng.standard_normal(self.p) for _ in range(self.lags)]
+        u = [rng.standard_normal(self.m) for _ in range(self.lags - 1)]
+        while len(y) <= steps:
+            v = np.clip(self.K @ y[-1], -1.0, 1.0) + rng.standard_normal(self.m)
+            u.append(v)
+            y.append(
+                sum(self.A[i] @ y[-1 - i] + self.B[i] @ u[-1 - i] for i in range(self.lags))
+                + self.L @ rng.standard_normal(self.p)
+            )
+        return np.array(y), np.array(u)
+
+    def data(self, runs, steps, rng):
+        y, u = zip(*(self.run(steps, rng) for _ in range(runs)), strict=True)
+        return se.Trajectories(list(y), list(u), outputs=True)
+
+
+class Rig:
+    """A cart with a pole at 50 Hz: position (noise 0.3 mm) and angle (0.5 mrad) are read.
+
+    1 kg, 0.2 kg at 0.5 m, friction 0.5 N s / m, force noise 0.02 N.
+    """
+
+    def __init__(self):
+        M, m, arm, b, g, dt = 1.0, 0.2, 0.5, 0.5, 9.81, 0.02
+        A = np.zeros((5, 5))
+        A[0, 2] = A[1, 3] = 1.0
+        A[2, 1:3], A[2, 4] = [-m * g / M, -b / M], 1.0 / M
+        A[3, 1:3], A[3, 4] = [(M + m) * g / (M * arm), b / (M * arm)], -1.0 / (M * arm)
+        whole, term = np.eye(5), np.eye(5)
+        for k in range(1, 30):
+            term = term @ A * dt / k
+            whole = whole + term
+        self.A, self.B = whole[:4, :4], whole[:4, 4]
+        self.noise = np.array([3e-4, 5e-4])
+
+    def simulate(self, act, steps, rng, x0, force=0.0, noise=1.0):
+        """Readings (steps + 1, 2) and inputs (steps, 1) of a controller of readings."""
+        x, y, u = np.array(x0, dtype=float), [], []
+        for _ in range(steps):
+            y.append(x[:2] + noise * self.noise * rng.standard_normal(2))
+            u.append(float(act(y[-1])))
+            x = self.A @ x + self.B * (u[-1] + force + noise * 0.02 * rng.standard_normal())
+        y.append(x[:2] + noise * self.noise * rng.standard_normal(2))
+        return np.array(y), np.array(u)[:, None]
+
+    def logger(self, rng):
+        """A feedback from filtered differences, with a dither of 1 N."""
+        before, v = None, np.zeros(2)
+
+        def act(y):
+            nonlocal before, v
+            if before is not None:
+                v = 0.6 * v + 0.4 * (y - before) / 0.02
+            before = y
+            known = 1.5 * y[0] + 28.0 * y[1] + 2.6 * v[0] + 5.0 * v[1]
+            return np.clip(known + rng.standard_normal(), -10.0, 10.0)
+
+        return act
+
+    def data(self, runs, rng, steps=150):
+        """Logged runs."""
+        starts = rng.standard_normal((runs, 4)) * [0.05, 0.02, 0.05, 0.05]
+        made = [self.simulate(self.logger(rng), steps, rng, x0) for x0 in starts]
+        names = {"state_names": ["pos", "angle"], "input_names": ["force"]}
+        y, u = zip(*made, strict=True)
+        return se.Trajectories(list(y), list(u), dt=0.02, outputs=True, **names)

@@ -403,3 +403,11 @@ def test_progress_is_a_flag_or_a_function(run, progress):
 def errors_of(experiment):
     """Every error of every curve, in a form that can be compared."""
     return [c.errors.tolist() for p in experiment.panels for c in p.curves]
+
+
+def test_a_system_of_ones_own_takes_the_place_of_the_network(tmp_path):
+    own = se.System([[1.0, 0.1], [0.0, 0.9]], [[0.0], [0.1]], dt=0.1, name="cart")
+    found = se.paper.power(own, rng=1, replicates=2, samples=20)
+    assert found.settings["system"] == "cart"
+    assert (found.settings["n"], found.settings["x0_std"]) == (2, 0.1)
+    assert found.replicates == 2

@@ -205,3 +205,18 @@ def test_extremes_can_be_drawn():
     new = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
     ElementTree.fromstring(new._repr_html_())
     ElementTree.fromstring(se.DataStream([[1.0]])._repr_html_())
+
+
+@pytest.mark.parametrize(
+    ("value", "bound", "text"),
+    [
+        (1.05961, 0.0113, "1.060 ± 0.012"), (1.00028, 0.00209, "1.0003 ± 0.0022"),
+        (-3.0, 0.0, "-3 ± 0"), (2.0, np.inf, "2 ± inf"), (1e300, 1e299, "1e+300 ± 1e+299"),
+        (1234.5, 250.0, "1234 ± 2.6e+02"), (1e-300, 1e-301, "1e-300 ± 1e-301"),
+    ],
+)  # fmt: skip
+def test_what_is_shown_as_within_contains_what_is_known(value, bound, text):
+    assert html.within(value, bound) == text
+    centre, radius = map(float, text.split(" ± "))
+    assert centre - radius <= value - bound
+    assert value + bound <= centre + radius

@@ -309,8 +309,8 @@ def test_a_tube_contains_the_run_that_was_kept_apart():
     plan = se.predict(model, states[0], inputs)
     found = plan.bound(0.05, noise=True)
     figure = plan.plot(found, measured=states)
-    assert len(figure.axes) == 2
-    for i, ax in enumerate(figure.axes):
+    assert len(figure.axes) == 3
+    for i, ax in enumerate(figure.axes[:2]):
         assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", f"state {i}")
         predicted, measured = (line.get_ydata() for line in ax.lines)
         assert np.array_equal(predicted, plan.predicted_states[:, i])
@@ -321,7 +321,25 @@ def test_a_tube_contains_the_run_that_was_kept_apart():
             assert at.max() == pytest.approx(predicted[k] + found.tube[k])
             assert at.min() <= measured[k] <= at.max()
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["95 % guaranteed", "predicted", "measured"]
+    assert labels == ["95 % guaranteed", "predicted", "measured", "input"]
+    one = plan.plot(found, states="state 1", inputs=[], measured=np.stack([states] * 21))
+    labels = [text.get_text() for text in one.legends[0].get_texts()]
+    assert labels == ["95 % guaranteed", "predicted", "90 % of 21 runs", "their median"]
+    assert [ax.get_ylabel() for ax in one.axes] == ["state 1"]
+    with pytest.raises(InputError, match="`inputs` must be"):
+        plan.plot(inputs=2)
+
+
+def test_runs_are_drawn_with_their_gaps(tmp_path):
+    rows = [f"{k},{0.1 * k:.1f},{k * k},{(-1) ** k}" for k in range(8) if k != 3]
+    (tmp_path / "a.csv").write_text("\n".join(["k,t,x,u", *rows]))
+    data = se.Trajectories.from_csv(tmp_path, states=["k", "x"], inputs=["u"], time="t")
+    figure = data.plot(states="x")
+    assert [ax.get_ylabel() for ax in figure.axes] == ["x", "u"]
+    drawn = figure.axes[0].lines[0].get_ydata()
+    assert np.flatnonzero(np.isnan(drawn)).tolist() == [3]
+    assert drawn[5] == 25.0
+    assert len(data.plot(inputs=[]).axes) == 2
 
 
 def test_a_plan_is_drawn_with_its_target_and_its_tube_where_one_is_known():
@@ -333,7 +351,7 @@ def test_a_plan_is_drawn_with_its_target_and_its_tube_where_one_is_known():
         (plan.bound(0.1), ["90 % guaranteed"]),
     ):
         labels = [text.get_text() for text in plan.plot(given).legends[0].get_texts()]
-        assert labels == [*drawn, "predicted", "target"]
+        assert labels == [*drawn, "predicted", "target", "input"]
     figure = se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=2).plot()
     assert figure.axes[0].get_xlabel() == "step k"
     with pytest.raises(InputError, match="over 3 steps, got one over 2 steps"):
@@ -367,7 +385,7 @@ def test_an_infinite_tube_and_many_states_can_be_drawn():
     found = plan.bound()
     assert np.isinf(found.tube[-1])
     figure = plan.plot(found, measured=np.stack([states, states]))
-    assert len(figure.axes) == 12
+    assert len(figure.axes) == 13
     figure.canvas.draw()
     assert all(np.isfinite(ax.get_ylim()).all() for ax in figure.axes)
 
@@ -468,8 +486,8 @@ def test_a_reference_is_drawn_and_a_plan_without_limits_is_as_it_was():
     assert line.get_xdata().tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
     assert np.array_equal(line.get_ydata(), reference[1:, 0])
     plain = se.control(PUSHED, [3.0, 1.0], [0.0, 0.0], steps=5).plot()
-    assert labels_of(plain) == ["predicted"]
-    assert len(plain.axes) == 2
+    assert labels_of(plain) == ["predicted", "target", "input"]
+    assert len(plain.axes) == 4
 
 
 def test_limits_of_states_are_bands():
@@ -494,7 +512,7 @@ def test_panels_go_where_the_user_wants_them():
     plan = se.predict(model, states[0], inputs)
     loop = se.regulate(model, 3, limits=(-1.0, 1.0))
     loop([1.0, 0.0])
-    for result, count in ((plan, 2), (loop, 4), (model, 4)):
+    for result, count in ((plan, 3), (loop, 4), (model, 4)):
         own = Figure()
         assert result.plot(figure=own) is own
         assert own.get_layout_engine() is not None

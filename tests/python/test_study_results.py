@@ -133,9 +133,10 @@ def test_files_have_all_numbers(tmp_path: Path) -> None:
     assert written == json.loads(json.dumps(RESULTS.to_dict()))
     assert {one.name for one in tmp_path.iterdir()} == {"a.parquet", "a.nc", "a.json"}
     with pytest.raises(
-        InputError, match=r"must be one of '.parquet', '.nc', '.json', got str '.csv"
+        InputError,
+        match=r"must be one of '.parquet', '.csv', '.nc', '.json', '.tex', got str '.xls",
     ):
-        RESULTS.save(tmp_path / "a.csv")
+        RESULTS.save(tmp_path / "a.xls")
 
 
 @pytest.mark.parametrize(
@@ -211,3 +212,18 @@ def test_notebooks_show_a_table() -> None:
     assert RESULTS.about["key"] in shown
     assert shown.count("<tr>") >= 30
     assert "uniform" in RESULTS.summary()._repr_html_()
+
+
+def test_results_are_saved_as_text_and_for_latex(tmp_path):
+    study = se.Study(lambda key, size: {"error_a": 1.0 / size}, {"size": [10, 20]}, replicates=2)
+    found = study.run()
+    found.save(tmp_path / "r.csv")
+    assert (tmp_path / "r.csv").read_text().splitlines()[:2] == [
+        "size,replicate,error_a",
+        "10,0,0.1",
+    ]
+    found.save(tmp_path / "r.tex")
+    lines = (tmp_path / "r.tex").read_text().splitlines()
+    assert lines[0] == r"\begin{tabular}{llrrrrrrr}"
+    assert lines[4].startswith(r"10 & error\_a & 2 & 0 & 0.1 & ")
+    assert lines[-1] == r"\end{tabular}"

@@ -84,3 +84,20 @@ def test_an_ensemble_from_data_is_not_taken_for_the_system():
     with pytest.raises(InputError, match=r"pass its `mean\(\)` to take the estimate as exact"):
         se.control(models, [1.0], [0.0])
     assert se.control(models.mean(), [1.0], [0.0]).u.shape == (1, 1)
+
+
+def test_names_and_steps_survive_controls_and_fleets():
+    named = {"states": ["p", "v"], "inputs": ["f"], "units": {"p": "m"}, "dt": 0.1}
+    units = [se.System([[1, 0.1], [0, 0.9 + s]], [[0], [0.1]], **named) for s in (0.0, 0.01, 0.03)]
+    models = se.SystemEnsemble.from_systems(units)
+    plan = se.control((models, units[0].B), [1.0, 0.0], [0.0, 0.0], steps=3)
+    by_hand = se.control((models.realizations_of_A(), units[0].B), [1.0, 0.0], [0.0, 0.0], steps=3)
+    assert np.array_equal(plan.u, by_hand.u)
+    assert (plan.labels, plan.dt) == (models.labels, 0.1)
+    assert models.mean().labels == models.labels
+    fleet = se.control_fleet(models, [1.0, 0.0], [0.0, 0.0], 4)
+    assert (fleet.labels, fleet.dt) == (models.labels, 0.1)
+    assert "p [m], v" in fleet._repr_html_()
+    offset = se.SystemEnsemble(models.A, models.B, np.ones((3, 2)))
+    with pytest.raises(InputError, match="without offsets"):
+        se.control((offset, units[0].B), [1.0, 0.0], [0.0, 0.0])

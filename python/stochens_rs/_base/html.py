@@ -83,6 +83,12 @@ def warned(warnings: Sequence[str]) -> str:
     return f", {number_of(len(warnings), 'warning')}" if warnings else ""
 
 
+def careful(warnings: Sequence[str]) -> str:
+    """``; careful: ...``, the first warning, and how many more; nothing without."""
+    more = f" (and {len(warnings) - 1} more)" if len(warnings) > 1 else ""
+    return f"; careful: {warnings[0]}{more}" if warnings else ""
+
+
 def ends(states: Floats, what: str = "state") -> tuple[str, object]:
     """The row for where a trajectory begins and ends."""
     start, end = np.linalg.norm(states[[0, -1]], axis=1)
@@ -127,6 +133,13 @@ def _rounded(value: float, digits: int, rounding: str) -> str:
     return f"{float(decimals):.{digits}g}"
 
 
+def within(value: float, bound: float) -> str:
+    """``1.060 ± 0.013``: the value rounded to the second digit of the bound, which covers that."""
+    place = 1 - int(np.floor(np.log10(bound))) if 0.0 < bound < np.inf else -1
+    shown = f"{value:.{place}f}" if 0 <= place <= 10 else f"{value:.4g}"
+    return f"{shown} ± {at_most(bound + abs(value - float(shown)), 2)}"
+
+
 def percent(*deltas: float) -> str:
     """``1 - sum(deltas)`` in percent, rounded down to six digits."""
     left = 100 * (1 - sum(Decimal(repr(float(delta))) for delta in deltas))
@@ -146,6 +159,11 @@ def text(value: object) -> str:
     if isinstance(value, (bool, np.bool_)):
         return "yes" if value else "no"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
+def note(about: str) -> str:
+    """A small line below a table or a drawing."""
+    return f'<div style="opacity:.75;font-size:.9em">{escape(about)}</div>'
 
 
 def grid(head: Sequence[str], body: Sequence[Sequence[str]]) -> str:
@@ -205,10 +223,10 @@ def lines(
         + '"/>'
         for color, row in zip(_COLORS, down, strict=False)
     )
-    note = f"{about}, from {values[0]:.3g} to {values[1]:.3g}"
+    said = f"{about}, from {values[0]:.3g} to {values[1]:.3g}"
     return (
         f'<svg viewBox="-2 -2 {_WIDTH + 4} {_HEIGHT + 4}" width="{_WIDTH + 4}" '
         f'height="{_HEIGHT + 4}" role="img" style="display:block;max-width:100%">'
-        f"<title>{escape(note)}</title>{drawn}</svg>"
-        f'<div style="opacity:.75;font-size:.9em">{escape(note)}</div>'
+        f"<title>{escape(said)}</title>{drawn}</svg>"
+        f"{note(said)}"
     )

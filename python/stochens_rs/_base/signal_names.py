@@ -69,21 +69,22 @@ class Labels(Record):
         """What an error says: ``input 'T_m3'``, or ``input 2`` for a default name."""
         return _said("input", "u", j, self.inputs[j])
 
-    def place(self, argument: str, state: object) -> int:
-        """The place of a state, which is given by name or number."""
-        if isinstance(state, str):
-            return self.states.index(validation.choice(argument, state, self.states))
-        return validation.size(argument, state, minimum=0, maximum=len(self.states) - 1)
+    def place(self, argument: str, one: object, *, inputs: bool = False) -> int:
+        """The place of a state or input, which is given by name or number."""
+        names = self.inputs if inputs else self.states
+        if isinstance(one, str):
+            return names.index(validation.choice(argument, one, names))
+        return validation.size(argument, one, minimum=0, maximum=len(names) - 1)
 
-    def places(self, argument: str, chosen: object) -> list[int]:
-        """The places of one state or several; of all of them for None."""
+    def places(self, argument: str, chosen: object, *, inputs: bool = False) -> list[int]:
+        """The places of one state or several, of all of them for None; of inputs also of none."""
         if chosen is None:
-            return list(range(len(self.states)))
+            return list(range(len(self.inputs if inputs else self.states)))
         several = isinstance(chosen, Iterable) and not isinstance(chosen, (str, bytes))
         found = validation.items(argument, chosen) if several else [chosen]
-        if not found:
+        if not found and not inputs:
             raise InputError(f"`{argument}` must name a state, got none")
-        return [self.place(argument, one) for one in found]
+        return [self.place(argument, one, inputs=inputs) for one in found]
 
     def units_of(self, places: Sequence[int]) -> str | None:
         """The unit that these states have in common."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Literal, TypeAlias, get_args
 
 import numpy as np
@@ -15,6 +15,7 @@ Centre: TypeAlias = Literal["truth", "estimate"]
 Quantity: TypeAlias = Literal["state", "control"]
 Fusion: TypeAlias = Literal["product", "diagonal"]
 Averaging: TypeAlias = Literal["runs", "mean-field"]
+Places: TypeAlias = str | int | Sequence[str | int] | None  # by name or number; None: all
 
 AXES: tuple[Axis, ...] = get_args(Axis)
 SCHEMES: tuple[Scheme, ...] = get_args(Scheme)

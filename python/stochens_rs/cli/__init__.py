@@ -109,13 +109,20 @@ def _code(args: list[str] | None) -> int:
     except SystemExit as end:  # of click: a completion, or the reader of the output has closed it
         return OK if not end.code else IO
     except FileNotFoundError as error:
-        return _fail(f"{error}{_neighbour(error.filename)}", IO)
+        return _fail(f"{_said(error)}{_neighbour(error.filename)}", IO)
     except (OSError, StateError) as error:
-        return _fail(str(error), IO)
+        return _fail(_said(error), IO)
     except (InputError, InputTypeError, ResourceError, ImportError) as error:
         return _fail(str(error), USAGE)
     except Exception as error:
         return _fail(f"internal error: {type(error).__name__}: {error}", INTERNAL)
+
+
+def _said(error: Exception) -> str:
+    """What went wrong with which file, without the number of the error."""
+    if isinstance(error, OSError) and error.strerror and error.filename is not None:
+        return f"{error.filename}: {error.strerror.lower()}"
+    return str(error)
 
 
 def _neighbour(path: object) -> str:

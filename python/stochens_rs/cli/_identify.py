@@ -9,7 +9,7 @@ import click
 import numpy as np
 
 from .._base.csv_file import csv_files, natural
-from .._base.html import listed
+from .._base.html import listed, within
 from .._base.reading import number
 from ..exceptions import DataWarning
 from ..identification import Model, Trajectories, identify
@@ -302,15 +302,12 @@ def _facts(model: Model, data: Trajectories, region: Region, save: str | None) -
 def _text(model: Model, data: Trajectories, region: Region) -> str:
     dt = "" if model.dt is None else f", {model.dt:g} s apart"
     columns = [*model._regressors][: len(region.centre[0])]
-    bounds = region.entry_bounds
-    cells = [
-        [f"{value:.4g} ± {bound:.2g}" for value, bound in zip(*rows, strict=True)]
-        for rows in zip(region.centre, bounds, strict=True)
-    ]
     deviations = _deviations(model) or [np.nan] * model.n_outputs
     body = [
-        [f"{name}(k+1)", *row, f"{deviation:.3g}"]
-        for name, row, deviation in zip(model.outputs, cells, deviations, strict=True)
+        [f"{name}(k+1)", *map(within, centre, bound), f"{deviation:.3g}"]
+        for name, centre, bound, deviation in zip(
+            model.outputs, region.centre, region.entry_bounds, deviations, strict=True
+        )
     ]
     table = [["", *columns, "deviation"], *body]
     if model.window is not None:  # many columns: one row for each

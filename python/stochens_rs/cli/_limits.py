@@ -12,7 +12,7 @@ import numpy as np
 from .._base.reading import number
 from .._base.validation import nearest
 from ..controls import Cost, Limits
-from ..controls.plan_summary import at_limits
+from ..controls.plan_summary import at_limits, least
 from ._output import finite
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def limit_lines(plan: Plan) -> list[str]:
     lines = [
         f"limits     {at_limits(limited)} (*); {limited.missed:.4g} of the cost "
         f"{limited.objective:.4g} is for the limits",
-        f"solved     {limited.status}, the cost is within {limited.gap:.2g} of the least",
+        f"solved     {limited.status}, {least(limited)}",
     ]
     if limited.missing > 0.0:
         lines.append(f"infeasible the limits of the states are missed by {limited.missing:.4g}")

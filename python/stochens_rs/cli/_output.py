@@ -13,11 +13,13 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from hashlib import sha256
 from pathlib import Path
+from textwrap import wrap
 from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
 
+from .._base.columns import columns
 from .._base.files import write_listed
 from .._base.validation import nearest
 from ..exceptions import InputError
@@ -69,8 +71,15 @@ def show(text: str) -> None:
 
 
 def show_result(facts: dict[str, Any], text: str, as_json: bool) -> None:
-    """Print the result as JSON or as text."""
-    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else text)
+    """Print the result as JSON or as text, whose long lines go on below what they say."""
+    lines = "\n".join(map(_broken, text.split("\n")))
+    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else lines)
+
+
+def _broken(line: str) -> str:
+    """The line as wide as the terminal; it goes on below the text of ``certified  the ...``."""
+    how: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
+    return "\n".join(wrap(line, _room(), subsequent_indent=" " * 11, **how))
 
 
 def prepared(
@@ -146,24 +155,13 @@ def finite(values: Any) -> Any:
 
 
 def grid(rows: list[list[str]], keys: int = 1) -> list[str]:
-    """Lines of cells in columns: the first left-aligned, the others right-aligned.
+    """Lines of cells in columns, as wide as the terminal: see `columns`."""
+    return columns(rows, _room(), keys)
 
-    A terminal that is too narrow gets several tables, each with the first columns, `keys` of them.
-    """
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    room = shutil.get_terminal_size((_UNBROKEN, 0)).columns
-    tables = [list(range(keys))]
-    for k, width in enumerate(widths[keys:], start=keys):
-        if len(tables[-1]) > keys and sum(widths[j] + 2 for j in tables[-1]) + width > room:
-            tables.append(list(range(keys)))
-        tables[-1].append(k)
-    lines: list[str] = []
-    for table in tables:
-        lines += [""] * bool(lines)
-        for row in rows:
-            cells = [row[0].ljust(widths[0]), *(row[k].rjust(widths[k]) for k in table[1:])]
-            lines.append("  ".join(cells).rstrip())
-    return lines
+
+def _room() -> int:
+    """Characters of a line of the terminal."""
+    return shutil.get_terminal_size((_UNBROKEN, 0)).columns
 
 
 def _remove_empty(made: list[Path]) -> None:

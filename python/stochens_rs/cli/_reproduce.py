@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 from contextlib import nullcontext
+from functools import partial
 from itertools import groupby
 from typing import Any
 
 import click
 
-from .. import paper
+from .. import cases, paper
 from .._base.files import versions
 from ..paper.report.page import COLUMNS, require_report
 from ..rng import as_key
@@ -70,6 +71,13 @@ _NAMES = re.compile(r"results\.json|report\.html|(claims|(power|tracking)-figure
     default=True,
     help="Also check the paper's statements.",
 )
+@click.option(
+    "--case",
+    default="ieee14",
+    metavar="NAME_OR_FILE",
+    help="System of the first experiment: ieee14, ieee39, or a file as for `control`."
+    "  [default: ieee14]",
+)
 @workers_option
 @click.option("--resume", is_flag=True, help="Continue an unfinished run in DIR, if there is one.")
 @json_option
@@ -81,6 +89,7 @@ def reproduce(
     samples: int | None,
     quick: bool,
     with_claims: bool,
+    case: str,
     workers: int,
     resume: bool,
     as_json: bool,
@@ -103,7 +112,10 @@ def reproduce(
         "samples": samples,
         "quick": quick,
         "claims": with_claims,
+        "case": case,
     }
+    own = None if case in cases.CASES else cases.from_file(case).system
+    first = partial(paper.power, **{"case": case} if own is None else {"given": own})
     directory, earlier = prepared(out, "results.json", _NAMES, options, force)
     key = as_key(seed)
     given = {k: v for k, v in (("replicates", replicates), ("samples", samples)) if v is not None}
@@ -113,7 +125,7 @@ def reproduce(
         pool(workers) if workers > 1 else nullcontext() as executor,
     ):
         where: dict[str, Any] = {"executor": executor, "progress": True}
-        for name, run in (("power", paper.power), ("tracking", paper.tracking)):
+        for name, run in (("power", first), ("tracking", paper.tracking)):
             chosen = {**(QUICK[name] if quick else {}), **given}
             path = folder / f"{name}.study"
             done.append(run(rng=key.child(name), path=path, **where, **chosen))

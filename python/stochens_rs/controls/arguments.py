@@ -11,6 +11,7 @@ from .._base.signal_names import Labels, default_labels
 from .._base.types import FUSIONS, Floats, Fusion, Status
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
+from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..fusion.fits import Fit
 from ..system import System
@@ -94,12 +95,16 @@ def problem(
 ) -> tuple[Floats, tuple[Entity, Entity, Entity], Labels, float | None]:
     """Check all arguments of a control problem: B, the entities x0, xf and A, the names, and dt.
 
-    `system` is a system, or (A, B) or (A, B, dt) whose A may be a Fit, an Ensemble or Counts; in
-    place of B, a nominal System gives its B, names and dt. The last row of a `reference` takes the
-    place of `xf`.
+    `system` is a system, or (A, B) or (A, B, dt) whose A may be a Fit, an Ensemble, Counts or a
+    SystemEnsemble; in place of B, a nominal System gives its B, names and dt. The last row of a
+    `reference` takes the place of `xf`.
     """
     pair: tuple[Any, ...] = system if isinstance(system, tuple) else ()
-    A = pair[0] if pair else None
+    A, models = (pair[0] if pair else None), None
+    if isinstance(A, SystemEnsemble):  # realizations of A, with its names and step
+        models, A = A, A.realizations_of_A()
+        if models.c is not None:
+            raise InputError("`A` must be models without offsets here: see control_fleet")
     if _estimated(A):
         if len(pair) not in (2, 3):
             raise InputTypeError(
@@ -116,6 +121,8 @@ def problem(
         else:
             B, given = validation.matrix("B", pair[1], rows=n).copy(), None
             labels = default_labels(n, B.shape[1])
+        if models is not None and B.shape[1] == models.m:
+            labels, given = models.labels or labels, models.dt or given
         dt = validation.positive("dt", pair[2]) if len(pair) == 3 else given
         dt = dt if isinstance(dt, float) else None
     else:

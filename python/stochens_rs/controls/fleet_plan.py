@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 import numpy as np
 
 from .._base import html, validation
+from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, require_shapes
 from .._base.to_xarray import Cube, Tabled, named, over_time
 from .._base.types import STATUSES, Floats, Status
@@ -21,6 +22,8 @@ from .fleet_units import Systems, Units, read_starts, read_systems
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike, NDArray
+
+    from .._base.signal_names import Labels
 
 Risk: TypeAlias = Literal["mean", "worst"]
 RISKS: tuple[Risk, ...] = get_args(Risk)
@@ -98,6 +101,16 @@ class FleetPlan(SavedRecord, Tabled):
         if self.widest is not None:
             validation.size("widest", self.widest, minimum=0, maximum=units.size - 1)
         validation.size("discard", self.discard, minimum=len(self.removed), maximum=units.size - 1)
+
+    @property
+    def dt(self) -> float | None:
+        """The time between two steps [s]; None if the units state none."""
+        return self.units.systems.dt
+
+    @property
+    def labels(self) -> Labels | None:
+        """Names and units of states and inputs, those of the units."""
+        return self.units.systems.labels
 
     @property
     def gap(self) -> float:
@@ -307,17 +320,18 @@ class FleetPlan(SavedRecord, Tabled):
         return draw_misses(self.misses, line, *marks, named=named, fresh=fresh, ax=ax)
 
     def _cube(self) -> Cube:
-        _, steps = over_time(len(self.u) - 1, None)
+        systems = self.units.systems
+        clock, times = over_time(len(self.u) - 1, systems.dt)
         variables = {
-            "u": (("step", "input"), self.u, "input"),
-            "low": (("step", "input"), self.low, "input"),
-            "high": (("step", "input"), self.high, "input"),
+            "u": ((clock, "input"), self.u, "input"),
+            "low": ((clock, "input"), self.low, "input"),
+            "high": ((clock, "input"), self.high, "input"),
             "misses": (("unit",), self.misses, None),
         }
         names = ("risk", "status", "value", "lower_bound", "threshold")
         attrs = {name: getattr(self, name) for name in names}
-        systems = self.units.systems
-        return Cube(variables, steps, attrs, named(systems.labels, systems.n, systems.m))
+        attrs["dt"] = systems.dt
+        return Cube(variables, times, attrs, named(systems.labels, systems.n, systems.m))
 
     def __repr__(self) -> str:
         K, m = self.u.shape
@@ -326,7 +340,7 @@ class FleetPlan(SavedRecord, Tabled):
         less = f" without {len(self.removed)}" if self.removed else ""
         return (
             f"<FleetPlan {self.risk}: {N}, {html.counted(K)}, m={m}, {self.status}, {what} "
-            f"{self.value:.4g}{less}, gap {self.gap:.1g}>"
+            f"{self.value:.4g}{less}, gap {self.gap if self.gap > ROUNDING else 0.0:.1g}>"
         )
 
     def _repr_html_(self) -> str:
@@ -338,5 +352,6 @@ class FleetPlan(SavedRecord, Tabled):
             ("units that alone give the command", len(self.support) or None),
             ("units left out", len(self.removed) or None),
             ("largest miss", self.threshold),
+            *(() if self.labels is None else self.labels.rows()),
         ]
         return html.card(self, rows)

@@ -86,9 +86,9 @@ def model_control(
     info["singular_values"] = found.factors.singular_values
     predicted = trajectory(model._Theta, start, u)
     info["warnings"] = (
+        *beyond_data(model, predicted, u),
         *model.warnings,
         *step_warnings(n, m, K, reachability.rank, exact=False),
-        *_beyond(model, predicted, u),
     )
     return trusted(
         Plan,
@@ -105,7 +105,7 @@ def model_control(
     )
 
 
-def _beyond(model: Identified, states: Floats, u: Floats) -> tuple[str, ...]:
+def beyond_data(model: Identified, states: Floats, u: Floats) -> tuple[str, ...]:
     """A warning if the plan leaves what was measured, where a plant need not be linear."""
     seen = model._largest
     if seen is None:

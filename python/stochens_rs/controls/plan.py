@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike, NDArray
 
+    from .._base.types import Places
     from ..rng import RngLike
 
 _NOT_FOR = {
@@ -138,12 +139,12 @@ class Plan(SavedRecord, Timed):
         return self.basis.outputs(self.predicted_states, self.u)
 
     @property
-    def _drawn(self) -> tuple[Floats, tuple[str, ...]]:
+    def _drawn(self) -> tuple[Floats, Labels]:
         """What is drawn over time, and its names: the states, or of a model of outputs these."""
         outputs = self.predicted_outputs
         if outputs is None or not isinstance(self.basis, ModelBasis):
-            return self.predicted_states, self._labels.state_axes
-        return outputs, self.basis.names
+            return self.predicted_states, self._labels
+        return outputs, Labels(self.basis.names, self._labels.inputs)
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -581,10 +582,12 @@ class Plan(SavedRecord, Timed):
         self,
         certificate: Certificate | Literal[False] | None = None,
         *,
+        states: Places = None,
+        inputs: Places = None,
         measured: ArrayLike | None = None,
         figure: Figure | SubFigure | None = None,
     ) -> Figure:
-        """Draw the predicted states or outputs, each in its panel; within limits the inputs too.
+        """Draw the predicted states or outputs, their target and the inputs, each in its panel.
 
         An input is drawn as steps, its limits as a grey band, thick where it is at one of them,
         and in another colour where it changes by its rate.
@@ -594,8 +597,11 @@ class Plan(SavedRecord, Timed):
         certificate : Certificate or False, optional
             From `bound`, of this plan: draws the tube that contains the true states. The default is
             that of ``bound()`` for a model from data, where one is known; False draws none.
+        states, inputs : str, int or list of them, optional
+            Which ones, by name or number; the default is all, ``inputs=[]`` draws no input.
         measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
-            The states of one run under this control, or of R runs; of a model of outputs these.
+            The states of one run under this control, or of R runs, of a model of outputs these; of
+            more than 20 runs a band from the 5 % to the 95 % quantile and the median.
         figure : matplotlib Figure or SubFigure, optional
             Where to draw; the default is a new figure.
 
@@ -615,23 +621,31 @@ class Plan(SavedRecord, Timed):
         --------
         >>> import stochens_rs as se
         >>> len(se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3).plot().axes)
-        1
+        2
         """
-        predicted, names = self._drawn
+        predicted, labels = self._drawn
         tube, says, runs = self._certified(certificate, measured)
-        target = self._target
-        labels = self._labels
-        more: dict[str, Any] = {}
+        at = labels.places("states", states)
+        some = labels.places("inputs", inputs, inputs=True)
+        low, high = np.full((2, *self.u.shape), np.inf) * [[[-1.0]], [[1.0]]]
+        at_rate = None
+        more: dict[str, Any] = {"measured": runs, "target": self._target}
         if self.limited is not None:
             task = self.limited.task
-            at_rate = self.limited.rate_active != 0
-            more["inputs"] = Inputs(self.u, labels.input_axes, task.low, task.high, at_rate=at_rate)
+            low, high, at_rate = task.low, task.high, (self.limited.rate_active != 0)[:, some]
             if task.follows:
                 more["reference"] = task.reference
             if task.state_low is not None and task.state_high is not None:
-                more["limits"] = task.state_low, task.state_high
-        more |= {"measured": runs, "target": target, "dt": self.dt, "says": says, "figure": figure}
-        return draw_tube(predicted, tube, names, **more)
+                more["limits"] = np.stack([task.state_low, task.state_high])
+        more = {name: None if one is None else one[..., at] for name, one in more.items()}
+        if some:
+            names = [labels.input_axes[i] for i in some]
+            given = self.u[:, some], names, low[:, some], high[:, some]
+            more["inputs"] = Inputs(*given, at_rate=at_rate)
+        tube = tube if tube is None or tube.ndim == 1 else tube[:, at]
+        names = [labels.state_axes[i] for i in at]
+        more |= {"dt": self.dt, "says": says, "figure": figure}
+        return draw_tube(predicted[:, at], tube, names, **more)
 
     def plot_phase(
         self,
@@ -696,7 +710,7 @@ class Plan(SavedRecord, Timed):
 
     @property
     def _target(self) -> Floats | None:
-        """Where the states should end, if the plan leads elsewhere."""
+        """Where the states should end; None where that is what was predicted for given inputs."""
         predicted, target = self.predicted_states, None
         if self.limited is not None and self.limited.task.follows:
             return None
@@ -704,6 +718,8 @@ class Plan(SavedRecord, Timed):
             return self.basis.xf[: len(self.basis.read)]
         if isinstance(self.basis, ModelBasis):
             target = None if np.array_equal(self.basis.xf, predicted[-1]) else self.basis.xf
+        elif self.basis is not None and self.limited is None:
+            target = self.basis.xf.estimate
         if target is None and self.limited is not None:
             goal: Floats = self.limited.task.reference[-1]
             off = np.abs(goal - predicted[-1]).max()
@@ -805,5 +821,5 @@ class Plan(SavedRecord, Timed):
         if self.limited is not None:
             worst = worst_state(self.limited, self.predicted_states, self.labels)
             text = f"without limits {text}; {cost_text(self.limited, worst)}"
-        text += html.warned(self.warnings)
+        text += html.careful(self.warnings)
         return f"<Plan {self.fusion}: {html.counted(K)}, m={m}, {self.status}, {text}>"

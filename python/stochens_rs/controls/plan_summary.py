@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 # Multiplications that a repr may cost, about 20 ms: n^4 for the covariance of A (n matrices n x n),
 # K n^3 for the powers of A, K^2 n m for the factors of C_K.
 _CHEAP = 1e7
+ROUNDED = 1e-9  # shares up to here are said to be rounding
 
 
 def expectation(
@@ -41,17 +42,23 @@ def expectation(
     """
     text = reach.text
     if isinstance(basis, ModelBasis):
-        off = norm(basis.xf - end)
-        return f"{text}; the model ends {off:.2g} from xf; true system: see bound()"
+        there = _place(norm(basis.xf - end), "xf", basis.x0, basis.xf)
+        return f"{text}; the model ends {there}; true system: see bound()"
     if basis is None or basis.xf.estimate is None:
         return text
+    known = [one.estimate for one in (basis.x0, basis.xf) if one.estimate is not None]
+    goal = "xf" if basis.xf.kind == "exact" else "the estimated xf"
+    away = norm(basis.xf.estimate - end)
     exact = all(entity.kind == "exact" for entity in basis.entities)
-    text += (
-        f"; {'' if exact else 'with the estimates: '}ends {norm(basis.xf.estimate - end):.2g} from "
-        f"{'' if basis.xf.kind == 'exact' else 'the estimated '}xf"
-    )
+    text += f"; {'' if exact else 'with the estimates: '}ends {_place(away, goal, *known)}"
     rms = _expected(basis, steps, covariance)
     return text if rms is None else f"{text}; true system: about {rms:.2g} from xf (rms)"
+
+
+def _place(off: float, goal: str, *states: Floats) -> str:
+    """``at xf`` where the distance is rounding beside the states."""
+    at = off <= ROUNDED * max(map(norm, states))
+    return f"at {goal}" if at else f"{off:.2g} from {goal}"
 
 
 def _expected(basis: Basis, K: int, covariance: Callable[[], Floats]) -> float | None:
@@ -95,6 +102,13 @@ def at_limits(limited: Limited) -> str:
     return text
 
 
+def least(limited: Limited) -> str:
+    """How far the cost is from the least one, in a few words."""
+    if limited.gap <= ROUNDED * abs(limited.objective):
+        return "the least cost, to rounding"
+    return f"the cost is within {html.at_most(limited.gap, 2)} of the least"
+
+
 def cost_text(limited: Limited, worst: str = "") -> str:
     """What the limits cost and how many are active, in a few words.
 
@@ -123,7 +137,7 @@ def cost_rows(limited: Limited) -> Iterator[tuple[str, object]]:
     """The same as rows of a table."""
     yield "objective J(u)", limited.objective
     yield "of it for the limits", limited.missed
-    yield "off the least J by", f"{limited.gap:.2g} at most"
+    yield "solved", least(limited)
     low, high = (int(np.count_nonzero(limited.active == side)) for side in (-1, 1))
     yield "inputs at a limit", f"{low} at the lower, {high} at the upper, of {limited.active.size}"
     if limited.task.rate is not None:

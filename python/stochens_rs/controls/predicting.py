@@ -12,6 +12,7 @@ from ..certificates.region_errors import trajectory
 from ..exceptions import InputTypeError, NonFiniteError
 from ..identification.identified import Identified
 from ..theory.exact import best_control
+from .model_control import beyond_data
 from .plan import Plan
 from .uncertain import Uncertain
 
@@ -71,7 +72,7 @@ def predict(model: Identified, x0: ArrayLike | Uncertain, inputs: ArrayLike) -> 
         "x0": exact,
         "xf": exact,
         "A": {"method": "from data", "size": None},
-        "warnings": model.warnings,
+        "warnings": (*beyond_data(model, path, u), *model.warnings),
     }
     basis = ModelBasis(model, start, path[-1].copy(), off)
     reachability = best.reachability()

@@ -6,8 +6,10 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Literal
 
 from .._base import html
+from .._base.columns import columns
 from .._base.records import Record
 from .._base.signal_names import Labels
+from ..exceptions import StochensError
 from ..system import System
 
 if TYPE_CHECKING:
@@ -15,6 +17,7 @@ if TYPE_CHECKING:
     from .region import Region
 
 LISTED = 12  # most rows and columns of a table of coefficients
+WIDE = 100  # characters of a line
 
 
 class Identified(Record, ABC, listed=False):
@@ -103,11 +106,36 @@ class Identified(Record, ABC, listed=False):
         """A region of this model as one of ``[A B c]``."""
         return region
 
+    def __str__(self) -> str:
+        """The repr, and the coefficients with what all of them are within at once."""
+        cells, about = self._cells()
+        return "\n".join([repr(self), *(columns(cells, WIDE) if cells else ()), *about])
+
     def _table(self) -> str:
         """``[A B c]`` as HTML; empty if it is large."""
-        n, d = self._Theta.shape
+        cells, about = self._cells()
+        return html.grid(cells[0], cells[1:]) + "".join(map(html.note, about)) if cells else ""
+
+    @property
+    def _coefficients(self) -> tuple[tuple[str, ...], tuple[str, ...], Floats]:
+        """What is predicted, from what, and the coefficients."""
+        return self.state_names, (*self.state_names, *self.input_names, "1"), self._Theta
+
+    def _cells(self) -> tuple[list[list[str]], list[str]]:
+        """``[A B c]`` with its names, and what is known of its errors; empty if it is large."""
+        names, regressors, Theta = self._coefficients
+        n, d = Theta.shape
         if max(n, d) > LISTED:
-            return ""
-        head = ["", *self.state_names, *self.input_names, "1"][: d + 1]
-        rows = zip(self.state_names, self._Theta, strict=True)
-        return html.grid(head, [[name, *(f"{value:.4g}" for value in row)] for name, row in rows])
+            return [], []
+        head = ["", *regressors][: d + 1]
+        try:
+            region = self.region()
+        except StochensError:  # none is known
+            rows = [[f"{value:.4g}" for value in row] for row in Theta]
+            about = []
+        else:
+            pairs = zip(region.centre, region.entry_bounds, strict=True)
+            rows = [[*map(html.within, centre, bound)] for centre, bound in pairs]
+            about = [f"all within ± with {html.percent(region.delta)}, see region()"]
+        body = [[f"{name}(k+1)", *row] for name, row in zip(names, rows, strict=True)]
+        return [head, *body], about

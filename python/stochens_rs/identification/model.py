@@ -305,6 +305,10 @@ class Model(Identified, Durable, Tabled):
         return missing_directions(self._blocks, self._regressors)
 
     @property
+    def _coefficients(self) -> tuple[tuple[str, ...], tuple[str, ...], Floats]:
+        return self.outputs, self._regressors, self._H
+
+    @property
     def _regressors(self) -> tuple[str, ...]:
         """The names of the entries of z, and 1."""
         if self.window is not None:

@@ -14,8 +14,9 @@ import numpy as np
 from .._base import html, memory, validation
 from .._base.durable import Durable, nothing_left
 from .._base.records import Record
-from .._base.signal_names import checked_names
+from .._base.signal_names import Labels, checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
+from ..plots.runs import draw_runs
 from ..rng import RngLike, as_key
 from .files import Sections, from_runs, to_runs
 from .gaps import OnGap, joined
@@ -23,10 +24,11 @@ from .pieces import NO_GAPS, Pieces
 from .tables import Chosen, Run, Table, chosen_columns, read_files, read_table
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike, NDArray
     from typing_extensions import Self
 
-    from .._base.types import Floats
+    from .._base.types import Floats, Places
 
 
 def _rebuild(
@@ -632,6 +634,47 @@ class Trajectories(Durable, Record):
         if not chosen.any() or (runs.step or 1) < 0:
             raise InputError("the slice must name at least one run, in their order")
         return self._with(chosen[self._pieces.runs()])
+
+    def plot(
+        self,
+        states: Places = None,
+        inputs: Places = None,
+        *,
+        figure: Figure | SubFigure | None = None,
+    ) -> Figure:
+        """Draw all runs, one over another: each state and input in its panel.
+
+        Parameters
+        ----------
+        states, inputs : str, int or list of them, optional
+            Which ones, by name or number; the default is all, ``inputs=[]`` draws no input.
+        figure : matplotlib Figure or SubFigure, optional
+            Where to draw; the default is a new figure.
+
+        Returns
+        -------
+        matplotlib Figure
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        InputError, InputTypeError
+            If there is no such state or input.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> len(se.Trajectories([[0.0], [1.0], [1.5]], [[1.0], [1.0]]).plot().axes)
+        2
+        """
+        labels = Labels(self._state_names, self._input_names)
+        at = labels.places("states", states)
+        some = labels.places("inputs", inputs, inputs=True)
+        names = [self._state_names[i] for i in at], [self._input_names[i] for i in some]
+        x, u = zip(*self.runs, strict=True)
+        shown = [one[:, at] for one in x], [one[:, some] for one in u]
+        return draw_runs(*shown, names, self._dt, figure)
 
     def _set(
         self,

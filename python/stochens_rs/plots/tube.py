@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,6 +24,8 @@ from .style import look_of, root_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
 
+RUNS = 20  # most runs that are drawn one by one
+
 
 def draw_tube(
     predicted: Floats,
@@ -42,9 +44,9 @@ def draw_tube(
     """Draw each state of `predicted` (K + 1, n) in its panel over time, and then each input.
 
     With the `tube` (K + 1,) or (K + 1, n) around it, of which the legend `says` what it is; with
-    what was `measured` (K + 1, n), or several of them (R, K + 1, n), the `target` (n,) at the end,
-    a `reference` (K, n) and `limits` (K, n) of x(1) .. x(K). A tube (K + 1,) bounds the distance in
-    the 2-norm, hence each state.
+    what was `measured` (K + 1, n), or several of them (R, K + 1, n), many as a band, the `target`
+    (n,) at the end, a `reference` (K, n) and `limits` (K, n) of x(1) .. x(K). A tube (K + 1,)
+    bounds the distance in the 2-norm, hence each state.
     """
     n = min(predicted.shape[1], PANELS)
     m = 0 if inputs is None else min(inputs.u.shape[1], PANELS)
@@ -75,7 +77,12 @@ def draw_tube(
                 times[1:], reference[:, i], "--", color=look.ink, linewidth=1, label="reference"
             )
         ax.plot(times, predicted[:, i], color=look.color(0), linewidth=1.6, label="predicted")
-        for k, run in enumerate(runs):
+        if len(runs) > RUNS:
+            low, middle, high = np.quantile(runs[:, :, i], [0.05, 0.5, 0.95], axis=0)
+            band: Any = {"color": look.color(1), "alpha": look.fill, "linewidth": 0}
+            ax.fill_between(times, low, high, **band, label=f"90 % of {len(runs)} runs")
+            ax.plot(times, middle, "--", color=look.color(1), linewidth=1.2, label="their median")
+        for k, run in enumerate(runs if len(runs) <= RUNS else ()):
             ax.plot(
                 times, run[:, i], ".", color=look.color(1), markersize=5 if len(runs) == 1 else 4,
                 alpha=1.0 if len(runs) == 1 else 0.7, label="measured" if k == 0 else None,

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 SCHEMA = "stochens-results/1"
-SUFFIXES = (".parquet", ".nc", ".json")
+SUFFIXES = (".parquet", ".csv", ".nc", ".json", ".tex")
 BAND = (0.1, 0.9)  # quantiles: the middle 80 % of the replicates
 
 
@@ -307,8 +307,9 @@ class Results:
         Parameters
         ----------
         path : path
-            Ends in ``.parquet`` (as `to_pandas`), ``.nc`` (netCDF, as `to_xarray`) or ``.json`` (as
-            `to_dict`). An existing file is replaced in one piece.
+            Ends in ``.parquet`` or ``.csv`` (as `to_pandas`), ``.nc`` (netCDF, as `to_xarray`),
+            ``.json`` (as `to_dict`) or ``.tex`` (`summary` as a tabular of the package booktabs).
+            An existing file is replaced in one piece.
 
         Raises
         ------
@@ -322,6 +323,12 @@ class Results:
         part = checked.with_name(checked.name + ".part")
         if suffix == ".json":
             files.write_text(checked, json.dumps(self.to_dict(), allow_nan=False) + "\n")
+            return
+        if suffix == ".tex":
+            files.write_text(checked, self.summary().to_latex())
+            return
+        if suffix == ".csv":
+            files.write_text(checked, self.to_pandas().to_csv(index=False))
             return
         if suffix == ".parquet":
             table = self.to_pandas()

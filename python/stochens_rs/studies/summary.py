@@ -61,6 +61,22 @@ class Summary:
         rows = zip(*self.columns.values(), strict=True)
         return [list(self.columns), *([html.text(cell) for cell in row] for row in rows)]
 
+    def to_latex(self) -> str:
+        """The table for LaTeX, with the rules of the package booktabs.
+
+        Returns
+        -------
+        str
+        """
+        special = str.maketrans({mark: f"\\{mark}" for mark in "%&_#$"})
+        head, *body = [
+            " & ".join(cell.translate(special) for cell in row) + r" \\" for row in self.texts()
+        ]
+        numeric = list(self.columns).index("done")
+        sides = "l" * numeric + "r" * (len(self.columns) - numeric)
+        rules = rf"\begin{{tabular}}{{{sides}}}", r"\toprule", head, r"\midrule", *body
+        return "\n".join([*rules, r"\bottomrule", r"\end{tabular}", ""])
+
     def __repr__(self) -> str:
         texts = self.texts()
         widths = [max(map(len, column)) for column in zip(*texts, strict=True)]

@@ -33,6 +33,7 @@ _RULE_STEPS = 200  # samples of x0 to which the printed stopping rule is applied
 
 
 def power(
+    given: Any = None,
     *,
     rng: RngLike = None,
     replicates: int = 100,
@@ -61,6 +62,9 @@ def power(
 
     Parameters
     ----------
+    given : System, optional
+        A system of your own in place of the case, or anything `System.from_any` takes. All of its
+        states have the deviation `angle_std` in x0.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key
         Source of all randomness; None draws a fresh key, which is kept on the result.
     replicates : int, default 100
@@ -124,9 +128,10 @@ def power(
     angle_std = validation.positive("angle_std", angle_std, maximum=LARGEST)
     speed_std = validation.positive("speed_std", speed_std, maximum=LARGEST)
     options = {"data": data, "base": base, "dt": dt, "method": method}
-    system = _system(case, options)
+    system = _system(case, options) if given is None else System.from_any(given)
     A, B, n = system.A, system.B, system.n
-    scale = np.repeat([angle_std, speed_std], n // 2)
+    own = given is not None
+    scale = np.full(n, angle_std) if own else np.repeat([angle_std, speed_std], n // 2)
     x0, xf = record.key.child("x0").generator().standard_normal(n) * scale, np.zeros(n)
     step = Step(A, B, x0, xf)
     record.run("power network", PowerErrors(step, record.tol), progress, executor, path)
@@ -169,15 +174,11 @@ def power(
         },
         "stopping_rule": _stopping_rule(*(record.values[k][0] for k in ("stop", "stop_error"))),
     }
-    settings = {
-        "case": case,
-        **options,
-        "dt": float(dt),
-        "angle_std": angle_std,
-        "speed_std": speed_std,
-        "x0": x0.tolist(),
-    }
-    title = "Power network, one step to the origin"
+    settings: dict[str, Any] = {"x0": x0.tolist(), "x0_std": angle_std}
+    if not own:
+        stds = {"angle_std": angle_std, "speed_std": speed_std}
+        settings = {"case": case, **options, "dt": float(dt), **stds, "x0": x0.tolist()}
+    title = f"{'One step' if own else 'Power network, one step'} to the origin"
     solved = {"x0": "x0", "A": "A"}
     return record.experiment("power", title, system, panels, solved, facts, settings)
 

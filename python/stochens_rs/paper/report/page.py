@@ -273,6 +273,7 @@ def _code(experiments: Sequence[Experiment]) -> str:
         parameters = inspect.signature(getattr(_experiments, experiment.name)).parameters
         options = {k: v for k, v in experiment.settings.items() if k in parameters}
         lines = [f"rng=se.Key.from_hex({experiment.key!r})"]
+        lines[:0] = ["own_system"] if "given" in parameters and "case" not in options else []
         lines += [f"{name}={value!r}" for name, value in options.items()]
         body = "".join(f"    {line},\n" for line in lines)
         calls.append(f"se.paper.{experiment.name}(\n{body})")

@@ -105,7 +105,7 @@ class LoopCertificate(SavedRecord):
         dt: float | None,
         doubt: str | None,
         readings: bool,
-        squares: tuple[Floats | None, int],
+        squares: tuple[Floats | None, int] = (None, 0),
     ) -> LoopCertificate:
         """The verdict about a gain; a `doubt` about the data leaves nothing to certify."""
         found = _core.Feedback(region._core, np.ascontiguousarray(K))

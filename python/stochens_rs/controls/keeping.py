@@ -11,13 +11,14 @@ import numpy as np
 from .. import _core
 from .._base import html, validation
 from ..exceptions import InputError, SolverError
-from ..feedback import Loop, LoopCertificate
 from ..identification.identified import Identified
+from .followed import proof_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from .._base.types import Floats, Status
+    from ..feedback import Loop, LoopCertificate
     from ..system import System
     from .constraints import Task
 
@@ -174,11 +175,10 @@ def kept_of(
     if calls is None:
         raise InputError("`calls` must be given with `gain`: the number of calls it is about")
     T = validation.size("calls", calls, maximum=1_000_000)
-    proof = gain.certificate((1.0 - share) / 2.0) if isinstance(gain, Loop) else gain
-    validation.instance("gain", proof, LoopCertificate)
-    region = proof.region
-    if not isinstance(system, Identified) or not np.array_equal(system._Theta, region.centre):
+    if not isinstance(system, Identified):
         raise InputError("`system` must be the model that `gain` was made for")
+    proof = proof_of("system", system, gain, (1.0 - share) / 2.0)
+    region = proof.region
     if proof.readings:
         raise InputError("`gain` cannot keep limits where the states are read with error")
     if proof.status != "certified":

@@ -449,10 +449,10 @@ class Estimate:
     @property
     def blocks(self) -> list[Fitted]: ...
     def after(self, size: int) -> Estimate: ...
-    # assumed: design, noise, covariance, the known one, tail
+    # assumed: design, noise, covariance, the known one
     def region(
         self,
-        assumed: tuple[str, str, str, _Floats | None, float],
+        assumed: tuple[str, str, str, _Floats | None],
         units: _Floats | Estimate,
         delta: float,
         components: bool,
@@ -462,6 +462,7 @@ class Estimate:
         method: str,
         anytime: bool,
         threads: int,
+        tail: float = 0.0,
     ) -> Region: ...
     def sign_region(self, test: _Signs, threads: int) -> Region: ...
 
@@ -666,6 +667,9 @@ class Errors:
 # the control from the best one, and why that is not known; a way: whether it is asked for that
 _Way: TypeAlias = tuple[Region, _Floats, _ToCome | None, bool]
 
+def followed_inputs(
+    region: Region, x0: _Floats, inputs: _Floats, planned: _Floats, gain: _Floats
+) -> _Floats: ...
 def certify(
     x0: _Floats,
     rho0: float,

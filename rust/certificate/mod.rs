@@ -36,7 +36,7 @@ pub use outputs::{Along, Outputs, Tube, outputs};
 pub use pilot::{Event, MainRuns, Pilot, Simulation};
 pub use plan::{Control, Plan, Task, Way, certify};
 pub use reference::{Reference, Shares};
-pub use trajectory::{Errors, states, trajectory};
+pub use trajectory::{Errors, followed, states, trajectory};
 
 #[cfg(test)]
 mod tests;

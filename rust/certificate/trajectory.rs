@@ -12,7 +12,7 @@
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::identify::{covariance_root, normal_quantile, spectral_norm};
-use crate::memory::{checked_len, room_for_products, try_collect, try_filled, try_room, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Region, times};
 
@@ -69,6 +69,36 @@ pub fn states(region: &Region, x0: &[f64], inputs: &[f64]) -> Result<Vec<f64>> {
         return Err(Error::Overflow { what: "the model's trajectory" });
     }
     Ok(states)
+}
+
+/// The inputs (K, m) of the centre under `u(k) + K (x(k) - planned(k))` from x0, for a plan with other states (K + 1, n): about
+/// these inputs and the states they lead to, the feedback is the same.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::Overflow`], [`Error::Memory`].
+pub fn followed(region: &Region, x0: &[f64], inputs: &[f64], planned: &[f64], gain: &[f64]) -> Result<Vec<f64>> {
+    let (n, m, d) = (region.n, region.m, region.d);
+    let steps = inputs.len() / m;
+    if x0.len() != n || inputs.len() != steps * m || planned.len() != (steps + 1) * n || gain.len() != m * n {
+        let found = format!("{} and {} entries", x0.len(), planned.len());
+        return Err(Error::Shape {
+            name: "x0, planned",
+            expected: format!("{n} and {} entries", (steps + 1) * n),
+            found,
+        });
+    }
+    room_for_products()?;
+    let (mut at, mut made) = (try_copy(WHAT, x0)?, try_copy(WHAT, inputs)?);
+    for (u, xh) in made.chunks_exact_mut(m).zip(planned.chunks_exact(n)) {
+        for (to, row) in u.iter_mut().zip(gain.chunks_exact(n)) {
+            *to += row.iter().zip(at.iter().zip(xh)).map(|(k, (x, xh))| k * (x - xh)).sum::<f64>();
+        }
+        at = product(&region.centre, &region.regressor(&at, u)?, n, d, 1)?;
+    }
+    if !made.iter().chain(&at).all(|v| v.is_finite()) {
+        return Err(Error::Overflow { what: "the model's trajectory" });
+    }
+    Ok(made)
 }
 
 /// The errors under `inputs` (K, m) from an x0 known up to `rho0`. They include the noise that the region covers, or that of

@@ -140,8 +140,7 @@ pub(crate) fn adaptive(
     if let Covariance::Known(known) = assumed.covariance {
         return Radius::of(mixture_level(f, &units, delta, assumed.tail)?, known);
     }
-    // with a tail there is no likelihood
-    let auto = wish.method == Method::Auto && assumed.tail == 0.0;
+    let auto = wish.method == Method::Auto && assumed.tail == 0.0; // with a tail there is no likelihood
     let share = if auto { delta / 2.0 } else { delta };
     let marginal = |share| Radius::of(universal(f, &units, share)?, &f.residual);
     if wish.method == Method::Universal && assumed.tail == 0.0 {
@@ -157,14 +156,15 @@ pub(crate) fn adaptive(
     Ok(if smaller { Radius { noise: mixed.noise, ..other } } else { mixed })
 }
 
-/// `rho^2` with `||D V^(1/2)||^2 <= rho^2 sigma^2`, from `log det(I + V / lam)` over the mixtures; a tail adds `tail sqrt N` to
-/// rho.
+/// `rho^2` with `||D V^(1/2)||^2 <= rho^2 sigma^2`, from `log det(I + V / lam)` over the mixtures.
+///
+/// A tail of `sum ||Sigma^(-1/2) r||^2 <= tail^2 N` beside the noise adds `tail sqrt N` to rho.
 fn mixture_level(f: &Fitted, units: &Measured, delta: f64, tail: f64) -> Result<f64> {
     let smallest = units.squares[f.rank() - 1];
     let ld = try_collect(WHAT, units.lams.iter().map(|lam| units.ld(*lam)))?;
     let wider = try_collect(WHAT, units.lams.iter().map(|lam| 1.0 + lam / smallest))?;
-    let rho2 = least_squares_level(f.rows.len(), &ld, &wider, delta, false)?;
-    Ok(if tail == 0.0 { rho2 } else { (rho2.sqrt() + tail * (f.size as f64).sqrt()).powi(2) })
+    let level = least_squares_level(f.rows.len(), &ld, &wider, delta, false)?;
+    Ok(if tail > 0.0 { (level.sqrt() + tail * (f.size as f64).sqrt()).powi(2) } else { level })
 }
 
 /// Gaussian noise of one covariance: `rho^2` at `delta / 2`, and as much for the covariance.
@@ -182,8 +182,9 @@ fn unknown_noise(
     let (n, size) = (f.rows.len(), f.size as f64);
     let share = delta / 2.0 / if anytime { size * (size + 1.0) } else { 1.0 };
     let rho2 = mixture_level(f, units, delta / 2.0, assumed.tail)?;
-    // ||W|| >= ||e|| - tail sqrt N
+    // ||e + r|| >= ||e|| - tail sqrt N, in units of the noise
     let less = |a: f64| (a.sqrt() - assumed.tail * size.sqrt()).max(0.0).powi(2);
+    let less = |a: f64| if assumed.tail > 0.0 { less(a) } else { a };
     let (left, mut found) = if matches!(assumed.covariance, Covariance::Scalar) {
         let left = less(chi2_quantile(share, n as f64 * size)?) - n.min(f.rank()) as f64 * rho2;
         (left, Radius::of_trace(f64::INFINITY, &f.residual, n)?)

@@ -85,7 +85,7 @@ mod _core {
     #[pymodule_export]
     use super::pilot::{PyPilot, PyReference};
     #[pymodule_export]
-    use super::region::{PyErrors, PyPart, PyRegion, certify};
+    use super::region::{PyErrors, PyPart, PyRegion, certify, followed_inputs};
     #[pymodule_export]
     use super::simulate::{
         simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,

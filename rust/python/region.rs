@@ -324,6 +324,22 @@ type GivenWay<'py> = (Bound<'py, PyRegion>, Matrix<'py>, Option<Noise<'py>>, boo
 type Found<'py> =
     (usize, f64, f64, f64, f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, f64, Option<&'static str>);
 
+/// The inputs of the centre under a feedback about a plan with other states.
+#[pyfunction]
+pub(super) fn followed_inputs<'py>(
+    py: Python<'py>,
+    region: &Bound<'_, PyRegion>,
+    x0: Vector<'_>,
+    inputs: Matrix<'_>,
+    planned: Matrix<'_>,
+    gain: Matrix<'_>,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let (steps, m) = inputs.as_array().dim();
+    let (x0, inputs) = (slice("x0", &x0)?, slice("inputs", &inputs)?);
+    let made = certificate::followed(&region.get().0, x0, inputs, slice("planned", &planned)?, slice("gain", &gain)?)?;
+    array2(py, made, steps, m)
+}
+
 /// The certificate of a plan from regions that hold in one event.
 #[pyfunction]
 pub(super) fn certify<'py>(

@@ -20,24 +20,26 @@ if TYPE_CHECKING:
     from .model_basis import ModelBasis
 
 
-def output_certificate(basis: ModelBasis, u: Floats, delta: float, noise: bool) -> Certificate:
-    """Bound where the outputs of the true system are under `u`; `noise`: the readings."""
+def output_certificate(
+    basis: ModelBasis, u: Floats, K: Floats | None, delta: float, noise: bool
+) -> Certificate:
+    """Bound the outputs of the true system under `u`, or ``u + K (x - xh)``; `noise`: readings."""
     model = basis.model
     assert isinstance(model, Model)
     assert model.window is not None
     rows, outputs, r = model.window.count, model.n_outputs, basis.xf[: model.n_outputs]
-    region = model.region(delta * REGION if noise else delta)
     if noise and model.noise != "gaussian":
         raise InputError(
             "`noise` must be False: the noise of readings to come is bounded for Gaussian noise"
         )
-    if noise and region.noise is None:
-        region = model.region(delta * REGION, method="mixture")
+    # a covariance that is not known is bounded by the mixture alone, whatever the data
+    own = noise and model.assumptions.known is None and model.assumptions.tail == 0.0
+    region = model.region(delta * REGION if noise else delta, method="mixture" if own else "auto")
     none = np.full((outputs, outputs), np.inf)
     covariance = none if region.noise is None else np.ascontiguousarray(region.noise)
     level = (covariance, delta * (1.0 - REGION)) if noise else None
     system = model._loop.ABc, model._loop.J, model._loop.G, model.m
-    found = _core.output_tube(region._core, system, basis.x0, u, None, level)
+    found = _core.output_tube(region._core, system, basis.x0, u, K, level)
     _, predicted, mean, read = found
     tube, components = mean if read is None else read
     if model.doubts:
@@ -52,7 +54,7 @@ def output_certificate(basis: ModelBasis, u: Floats, delta: float, noise: bool) 
         parts["noise"] = norm((tube - mean[0])[1:][last]) if np.isfinite(target) else np.inf
     what = "readings" if noise else "means of the readings"
     method = f"window of {model.window.text}, {'with' if noise else 'without'} noise"
-    reason = "too few pairs, or too many steps for an unstable model (a feedback keeps it small)"
+    reason = "too few pairs, or too many steps for an unstable model (a gain keeps it small)"
     if model.doubts:
         reason = model.doubts[0]
     elif region.missing:
@@ -69,6 +71,9 @@ def output_certificate(basis: ModelBasis, u: Floats, delta: float, noise: bool) 
         "outputs": radius(off + components[1:], f"the target, {what} of each output"),
     }
     said = region.assumption
+    if K is not None:
+        said += "; inputs u(k) + K (x(k) - xh(k)), x the window of the readings"
+        method += ", with feedback"
     if noise:
         said += "; noise to come independent of the data, at half of the probability of failure"
     return trusted(

@@ -157,7 +157,7 @@ def identify_command(
 
     LOGS are files, folders of .csv files, or patterns; the first row names the columns. Each file
     is a run, or several with --by. Prints A, B and c with bounds that hold for all entries at once,
-    as you declare, and tests of the residuals: a small p speaks against an assumption.
+    under the assumptions that you declare, and tests of the residuals: a small p refutes one.
     """
     paths = csv_files(sorted(source, key=natural))
     if (states is None) == (outputs is None) or inputs is None:

@@ -323,8 +323,10 @@ class Plan(SavedRecord, Timed):
                     raise InputError(f"`{name}` must be False {of}")
             if not window:
                 assert gain is not None
-                return followed(self.basis, self.u, gain, delta, noise)
-            K = None if gain is None else gain_of("plan", self.basis.model, gain)
+                return followed(self.basis, self.u, predicted, gain, delta, noise)
+            K = None
+            if gain is not None:
+                K = validation.matrix("gain", gain.K, rows=self.u.shape[1], cols=predicted.shape[1])
             return output_certificate(self.basis, self.u, K, delta, noise)
         if isinstance(self.basis, ModelBasis):
             near = near_reference(self.basis, self.u, predicted, delta, asked)

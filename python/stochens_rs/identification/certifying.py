@@ -40,10 +40,10 @@ def region_of(
 ) -> _core.Region:
     """The region of the core; `units`: a scale, or the estimate of the first pairs."""
     known = None if noise.known is None else np.ascontiguousarray(noise.known)
-    law = noise.design, noise.noise, noise.covariance, known, noise.tail
+    law = noise.design, noise.noise, noise.covariance, known
     if isinstance(units, np.ndarray):
         units = np.ascontiguousarray(units)
-    return estimate.region(law, units, *wish, get_num_threads())
+    return estimate.region(law, units, *wish, get_num_threads(), noise.tail)
 
 
 def sign_test(

@@ -23,7 +23,7 @@ from .assumptions import (
     checked_scale,
 )
 from .checks import DRAWS, WORK, checked_residuals
-from .choosing import Delay, Lags, Order, chosen_window
+from .choosing import Delay, Lags, Order, chosen_window, sized
 from .consistency import refuse
 from .dependences import tested_rows
 from .model import Model
@@ -210,8 +210,8 @@ def identify(
     d = n + runs.m + offset if window is None else window.length
     known = _known(n, runs.m, offset, known_A, known_B)
     sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
-    if window is not None and sizes is not None:
-        sizes = window._spread(sizes)
+    if window is not None:
+        sizes, first = sized(runs, window, sizes, first)
     source = as_key(rng)
     key = source.child("sign vectors") if assumed.noise == "symmetric" else None
     zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
@@ -222,7 +222,7 @@ def identify(
         guide, runs = made(runs, pilot, offset, reference, inputs, dither)
     elif not (reference is None and dither is None and _unsaid(inputs)):
         raise InputError("`reference`, `inputs` and `dither` must be left out without `pilot`")
-    Z = _rows(runs, offset) if window is None else window._rows(runs, first)
+    Z = _rows(runs, offset) if window is None else window._rows(runs, first)[1]
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(Z, Z)):
             raise NonFiniteError("the squares of the data overflow: scale the data down")

@@ -86,7 +86,8 @@ class Model(Identified, Durable, Tabled):
         For models of outputs, the past readings and inputs from which they are predicted; the
         states are then the contents of the window. None for models of states.
     first : int
-        How many of the first pairs of `data` the window was chosen from; they count no more.
+        With a window: how many of the first pairs of `data` say its size, or were used to choose
+        it. They count no more: `triangle`, the model and its regions are of those after them.
     """
 
     _kind = "model"
@@ -205,7 +206,7 @@ class Model(Identified, Durable, Tabled):
     def _windows(self) -> Floats:
         """The rows (z, y one step later) of all complete windows behind the first part."""
         assert self.window is not None
-        return self.window._rows(self.data, self.first)
+        return self.window._rows(self.data, self.first)[1]
 
     def _check_window(self) -> None:
         """Refuse a window that is not one of the data."""
@@ -251,11 +252,16 @@ class Model(Identified, Durable, Tabled):
         others = self.scale, self.instruments, self.key, self.pilot
         if exact or self.assumptions.noisy_states or any(one is not None for one in others):
             return 0
+        if self.window is not None:
+            return len(self.window._rows(self.data, self.first)[0])
         return _core.first_pairs(np.hstack(self._pairs()), self._d, get_num_threads()) or 0
 
     @cached_property
     def _divided(self) -> tuple[_core.Estimate, _core.Estimate]:
         """The estimates from the first pairs and from those after them."""
+        if self.window is not None:  # its model is that of the pairs after the first part
+            rows = self.window._rows(self.data, self.first)[0]
+            return self._fitted(_core.triangle(rows, get_num_threads()), len(rows)), self._estimate
         rows, threads = np.hstack(self._pairs()), get_num_threads()
         first, later = (
             self._fitted(_core.triangle(part, threads), len(part))

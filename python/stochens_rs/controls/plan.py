@@ -572,6 +572,8 @@ class Plan(SavedRecord, Timed):
         >>> plan.validate(se.SystemEnsemble(A, np.ones((60, 1, 1))))
         <Validation: 60 fresh systems, x(K) within 0.0145 of xf, tube 0.0204 scales, 95 % each>
         """
+        if self.predicted_outputs is not None:
+            raise InputError("validate() is for plans of models of states")
         mine = Predicted(
             self.u, self.predicted_states, self.basis, self.limited, self._labels, self.dt
         )

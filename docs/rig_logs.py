@@ -1,8 +1,11 @@
-"""The logs of messy-logs.md: python docs/rig_logs.py writes docs/data/logs, always the same.
+"""The logs of messy-logs.md and outputs.md: python docs/rig_logs.py writes them, always the same.
 
 A pendulum on a cart, not linearized, is held upright at 50 Hz by a feedback with 1 N of dither, for
 16 runs of 3 s. The force acts one sample late. The logger loses rows and cells by chance, and its
 stamps jitter while the sampling does not.
+
+docs/data/readings are 24 runs of the same rig, of which only position and angle are read, with
+errors: speeds are not in these logs, and the feedback has none but filtered differences.
 """
 
 from __future__ import annotations
@@ -18,7 +21,9 @@ DT, FINE = 0.02, 20  # sampling [s], and parts of it in which the noise is drawn
 RUNS, ROWS = 16, 150
 FORCE, TORQUE = 0.02, 0.01  # noise of a sample: what it adds to speed [m/s] and rate [rad/s]
 LOST, EMPTY, JITTER = 0.012, 0.004, 0.1  # of the rows, of the angles, of a sample
+READ = np.array([3e-4, 5e-4])  # errors of reading [m], [rad]
 FOLDER = Path(__file__).parent / "data" / "logs"
+READINGS = FOLDER.parent / "readings"
 HEAD = "time [s],position [m],angle [rad],speed [m/s],rate [rad/s],force [N]"
 
 
@@ -80,5 +85,32 @@ def main() -> None:
         (FOLDER / f"run_{run + 1}.csv").write_text("\n".join(lines) + "\n")
 
 
+def readings() -> None:
+    """Write the files of readings."""
+    rng, K = np.random.default_rng(8), feedback()
+    READINGS.mkdir(parents=True, exist_ok=True)
+    size = np.array([FORCE, TORQUE]) / np.sqrt(FINE)
+    for run in range(24):
+        x, last, v, before = (
+            rng.standard_normal(4) * [0.1, 0.03, 0.05, 0.05],
+            0.0,
+            np.zeros(2),
+            None,
+        )
+        lines = ["time [s],position [m],angle [rad],force [N]"]
+        for k in range(ROWS):
+            y = np.round(x[:2] + READ * rng.standard_normal(2), 6)
+            v = v if before is None else 0.6 * v + 0.4 * (y - before) / DT
+            force = round(
+                float((-K @ np.concatenate([y, v, [last]]))[0]) + rng.standard_normal(), 5
+            )
+            if k == 0 or rng.random() >= LOST / 4:
+                lines.append(f"{100.0 * run + DT * k:.2f},{y[0]:.6f},{y[1]:.6f},{force:.5f}")
+            x = sample(x, last, size * rng.standard_normal((FINE, 2)))
+            last, before = force, y
+        (READINGS / f"run_{run + 1}.csv").write_text("\n".join(lines) + "\n")
+
+
 if __name__ == "__main__":
     main()
+    readings()

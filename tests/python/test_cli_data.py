@@ -104,7 +104,7 @@ def test_entry_bounds_are_attained_on_the_boundary(table):
         (["--design", "independent", "--last-pairs"], ["30 pairs", "independent of all"]),
         (["--design", "independent", "--last-pairs", "--noise", "symmetric"], ["sign vectors"]),
         (["--covariance", "diagonal", "--delta", "0.1"], ["holds with 90 %"]),
-        (["--lags", "4"], ["instruments independent of both"]),
+        (["--past-inputs", "4"], ["instruments independent of both"]),
     ],
 )
 def test_identify_prints_a_table(table, capsys, options, words):
@@ -167,7 +167,7 @@ def test_bad_tables_are_named(table, lines, capsys, change, words):
 @pytest.mark.parametrize(
     ("args", "words"),
     [
-        (COLUMNS[:2], ["give --states and --inputs, of the columns run, t, angle"]),
+        (COLUMNS[:2], ["give --states or --outputs, and --inputs, of the columns run, t, angle"]),
         ([*COLUMNS, "--by", "rig"], ["'rig'", "--by", "run, t, angle"]),
         ([*COLUMNS, "--time", "clock"], ["'clock'", "--time"]),
         (["--states", "angle,speed", "--inputs", "torque"], ["'speed'", "--states"]),

@@ -76,7 +76,16 @@ def filtered(y):
     return np.concatenate([y, np.array(v).swapaxes(0, 1)], axis=2), slice(0, None)
 
 
-DIFFERENCES = {f.__name__: f for f in (backward, forward, central, filtered)}
+def smoothed(y):
+    """Savitzky and Golay: value and slope of a parabola through seven readings."""
+    value, slope = np.array([-2, 3, 6, 7, 6, 3, -2]) / 21, np.arange(-3, 4) / 28 / DT
+    parts = [
+        sum(c * y[:, k : y.shape[1] - 6 + k] for k, c in enumerate(cs)) for cs in (value, slope)
+    ]
+    return np.concatenate(parts, axis=2), slice(3, -3)
+
+
+DIFFERENCES = {f.__name__: f for f in (backward, forward, central, filtered, smoothed)}
 
 
 def differenced(gen, runs, kind, **options):

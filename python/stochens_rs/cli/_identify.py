@@ -29,15 +29,25 @@ from ._output import Out, finite, grid, note, show_result
     examples=[
         "identify runs.csv --states x,v --inputs F --by run --time t",
         "identify logs/ --states x,v --inputs F --time t --dt 0.02",
-        "identify runs.csv --states x,v --inputs F --out model.safetensors",
+        "identify logs/ --outputs x --inputs F --time t --out m.safetensors",
     ],
     sections={
-        "Table": ["states", "inputs", "by", "time", "dt", "delay", "on_gap", "last_pairs"],
-        "Assumptions": ["design", "noise", "sigma", "covariance", "exact", "intercept", "lags"],
+        "Table": [
+            *("states", "outputs", "inputs", "by", "time", "dt", "delay", "on_gap", "last_pairs"),
+        ],
+        "Assumptions": [
+            *("design", "noise", "sigma", "covariance", "exact", "intercept", "past_inputs"),
+            "window",
+        ],
     },
 )
 @click.argument("source", metavar="LOGS...", type=FILE, nargs=-1, required=True)
 @click.option("--states", metavar="A,B", help="Columns of the states.")
+@click.option(
+    "--outputs",
+    metavar="A,B",
+    help="In place of --states: readings of a part of the state.",
+)
 @click.option("--inputs", metavar="U,V", help="Columns of the inputs.")
 @click.option("--by", metavar="COLUMN", help="The column that tells runs apart; else one run.")
 @click.option("--time", metavar="COLUMN", help="The column of times [s], or of dates.")
@@ -88,11 +98,15 @@ from ._output import Out, finite, grid, note, show_result
 )
 @click.option("--intercept", is_flag=True, help="Fit an offset c as well.")
 @click.option(
-    "--lags",
+    "--past-inputs",
     type=click.IntRange(min=0),
     metavar="L",
-    help="States have errors: the present and L past inputs, which do not react to the states, are "
-    "the instruments.",
+    help="States have errors: L past inputs as instruments.",
+)
+@click.option(
+    "--window",
+    metavar="W",
+    help="Of outputs: 8 lags, or 0.8,4: 4 filters of 0.8.",
 )
 @delta_option("Probability that the region misses the system.")
 @seed_option
@@ -105,6 +119,7 @@ def identify_command(
     /,
     source: tuple[str, ...],
     states: str | None,
+    outputs: str | None,
     inputs: str | None,
     by: str | None,
     time: str | None,
@@ -118,7 +133,8 @@ def identify_command(
     covariance: Any,
     exact: str | None,
     intercept: bool,
-    lags: int | None,
+    past_inputs: int | None,
+    window: str | None,
     delta: float,
     seed: int,
     as_json: bool,
@@ -127,19 +143,20 @@ def identify_command(
     """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to runs in CSV files, with a region.
 
     LOGS are files, folders of .csv files, or patterns; the first row names the columns. Each file
-    is a run, or several with --by. Rows may be lost by chance. Prints A, B and c with bounds that
-    hold for all entries at once, under the assumptions that you declare, and tests of the
-    residuals: a small p speaks against an assumption, no p proves one.
+    is a run, or several with --by. Prints A, B and c with bounds that hold for all entries at once,
+    under the assumptions that you declare, and tests of the residuals: a small p refutes one.
     """
     paths = csv_files(sorted(source, key=natural))
-    if states is None or inputs is None:
+    if (states is None) == (outputs is None) or inputs is None:
         known = ", ".join(map(str, Table.of_file(paths[0]).names))
-        raise click.UsageError(f"give --states and --inputs, of the columns {known}")
+        raise click.UsageError(f"give --states or --outputs, and --inputs, of the columns {known}")
     files = Out(context, [".safetensors", ".state"])
-    x, u = _names("--states", states), _names("--inputs", inputs)
-    data = Trajectories.from_csv(
-        paths, states=x, inputs=u, by=by, time=time, dt=dt, delay=delay, on_gap=on_gap
-    )
+    read = "states" if outputs is None else "outputs"
+    x, u = _names(f"--{read}", states or outputs or ""), _names("--inputs", inputs)
+    columns: dict[str, Any] = {read: x, "inputs": u, "by": by, "time": time, "on_gap": on_gap}
+    if outputs is None:
+        columns["delay"] = delay
+    data = Trajectories.from_csv(paths, **columns, dt=dt)
     unused: list[str] = []
     if len(paths) == 1 and by is None:
         unused = [one for one in Table.of_file(paths[0]).names if one not in {*x, *u, time}]
@@ -160,8 +177,10 @@ def identify_command(
             covariance=covariance,
             exact=() if exact is None else _names("--exact", exact),
             intercept=intercept,
-            state_noise="none" if lags is None else "white",
-            instruments=None if lags is None else data.past_inputs(lags),
+            state_noise="none" if past_inputs is None else "white",
+            instruments=None if past_inputs is None else data.past_inputs(past_inputs),
+            delay=0 if outputs is None else delay,
+            **_window(window),
             rng=as_key(seed),
         )
     region = model.region(delta)
@@ -193,6 +212,16 @@ def _names(option: str, text: str) -> list[str]:
     return names
 
 
+def _window(text: str | None) -> dict[str, Any]:
+    if text is None:
+        return {}
+    pole, comma, count = text.partition(",")
+    try:
+        return {"filters": (float(pole), int(count))} if comma else {"lags": int(pole)}
+    except ValueError:
+        raise click.BadParameter(f"{text!r} must be as 8 or 0.8,4", param_hint="--window") from None
+
+
 def _deviations(model: Model) -> list[float] | None:
     covariance = model.covariance
     return None if covariance is None else np.sqrt(np.diag(covariance)).tolist()
@@ -207,6 +236,8 @@ def _facts(model: Model, data: Trajectories, region: Region, save: str | None) -
         "lost_rows": data.lost,
         "pairs": model.size,
         "states": list(model.state_names),
+        "outputs": list(model.outputs),
+        "window": None if model.window is None else model.window.text,
         "inputs": list(model.input_names),
         "dt": model.dt,
         "A": model.A.tolist(),
@@ -230,21 +261,25 @@ def _facts(model: Model, data: Trajectories, region: Region, save: str | None) -
 
 def _text(model: Model, data: Trajectories, region: Region) -> str:
     dt = "" if model.dt is None else f", {model.dt:g} s apart"
-    columns = [*model.state_names, *model.input_names, "1"][: len(region.centre[0])]
+    columns = [*model._regressors][: len(region.centre[0])]
     bounds = region.entry_bounds
     cells = [
         [f"{value:.4g} ± {bound:.2g}" for value, bound in zip(*rows, strict=True)]
         for rows in zip(region.centre, bounds, strict=True)
     ]
-    deviations = _deviations(model) or [np.nan] * model.n
+    deviations = _deviations(model) or [np.nan] * model.n_outputs
     body = [
         [f"{name}(k+1)", *row, f"{deviation:.3g}"]
-        for name, row, deviation in zip(model.state_names, cells, deviations, strict=True)
+        for name, row, deviation in zip(model.outputs, cells, deviations, strict=True)
     ]
+    table = [["", *columns, "deviation"], *body]
+    if model.window is not None:  # many columns: one row for each
+        table = [list(row) for row in zip(*table, strict=True)]
+    window = "" if model.window is None else f"{model.window!r}"[1:-1] + "; "
     lines = [
-        f"{data._counts}{dt}; rank {model.rank} of {len(columns)}",
+        f"{data._counts}{dt}; {window}rank {model.rank} of {len(columns)}",
         "",
-        *grid([["", *columns, "deviation"], *body]),
+        *grid(table),
         "",
         f"region     holds with {100 * (1 - region.delta):g} %, radius {region.radius:.4g}",
         f"for        {region.assumption}",
@@ -258,7 +293,7 @@ def _text(model: Model, data: Trajectories, region: Region) -> str:
 
 def _exact_is_possible(model: Model) -> bool:
     """Whether an independent design would have a region by exact laws."""
-    noisy = model.instruments is not None or model.noise != "gaussian"
+    noisy = model.instruments is not None or model.noise != "gaussian" or model.window is not None
     return model.design == "adaptive" and not noisy
 
 
@@ -267,7 +302,7 @@ def _useless(model: Model, data: Trajectories, region: Region) -> list[str]:
     bounds, size = region.entry_bounds, np.abs(region.centre)
     rows = [
         name
-        for name, bound, value in zip(model.state_names, bounds, size, strict=True)
+        for name, bound, value in zip(model.outputs, bounds, size, strict=True)
         if np.isinf(bound).any() or (bound >= value).all()
     ]
     if not rows:

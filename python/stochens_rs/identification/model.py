@@ -302,10 +302,14 @@ class Model(Identified, Durable, Tabled):
         ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
         combination is 0.
         """
-        names = [*self.outputs, *self.input_names, "1"]
+        return missing_directions(self._blocks, self._regressors)
+
+    @property
+    def _regressors(self) -> tuple[str, ...]:
+        """The names of the entries of z, and 1."""
         if self.window is not None:
-            names = [*self.window.regressor_names]
-        return missing_directions(self._blocks, names)
+            return self.window.regressor_names
+        return (*self.state_names, *self.input_names, "1")
 
     @property
     def warnings(self) -> tuple[str, ...]:

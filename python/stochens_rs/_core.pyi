@@ -16,6 +16,7 @@ __all__ = [
     "Fitted",
     "Horizon",
     "HorizonControl",
+    "Keeper",
     "Loop",
     "Pilot",
     "Reference",
@@ -717,8 +718,32 @@ class Feedback:
         plan: _Floats,
         start: float,
         noise: tuple[_Floats, float] | None,
+        about_rest: bool = False,
     ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, float, _Floats, _Floats]: ...
+    # how far states and inputs are at rest from (xs, us), and the 2-norm of the states
+    def rest(self, xs: _Floats, us: _Floats) -> tuple[_Floats, float]: ...
     def holds(self, limits: _Floats, x0: _Floats | None) -> tuple[float, float | None]: ...
+
+@final
+class Keeper:
+    # limits (n + m,); None where nothing is proved
+    @staticmethod
+    def of(
+        feedback: Feedback,
+        low: _Floats,
+        high: _Floats,
+        covariance: _Floats,
+        eps: float,
+        calls: int,
+    ) -> Keeper | None: ...
+    @property
+    def noise(self) -> _Floats: ...
+    # what the plan lacks: row, step, amount, what is kept back for model and noise; and what the
+    # model adds to each row; `always` by the exact first order
+    def judge(
+        self, x0: _Floats, plan: _Floats, always: bool
+    ) -> tuple[tuple[int, int, float, float, float] | None, _Floats]: ...
+    def follow(self, x0: _Floats, plan: _Floats, k: int, x: _Floats) -> _Floats: ...
 
 # gain, cost, multiplier or margin
 _Gain: TypeAlias = tuple[_Floats, _Floats | None, float]

@@ -5,9 +5,9 @@ use faer::Mat;
 use crate::error::Result;
 use crate::parallel::Stop;
 
-use super::data::{Matrix, in_units, largest, lost, size_of, symmetric};
+use super::data::{Matrix, in_units, largest, symmetric};
+use super::first_order::FirstOrder;
 use super::loops::{Loop, squares};
-use super::member::clipped;
 use super::tube::{Level, ROUNDING, Run, Tube};
 use super::way::Way;
 
@@ -36,17 +36,14 @@ impl Loop {
         };
         tube.noise.resize(q, 0.0);
         tube.reach.resize(q, 0.0);
-        let mut way = Way { of: self, x: Mat::from_fn(n, 1, |i, _| run.x0[i] / data.unit[i]), plan: run.plan, k: 0 };
-        // sum_j (c_j)_i A0^(k-1-j) D, side by side for all i, of each part
-        let (mut sums, mut roots) = (Vec::new(), Vec::new());
-        for (piece, e) in data.pieces.iter().zip(&self.closed.e) {
-            let mut root = Mat::<f64>::zeros(n, piece.rows.len());
-            for (i, row) in piece.rows.iter().enumerate() {
-                (0..piece.rows.len()).for_each(|j| root[(*row, j)] = piece.root[(i, j)]);
-            }
-            sums.push(Mat::<f64>::zeros(n, if sharp { piece.rows.len() * e.nrows() } else { 0 }));
-            roots.push(root);
-        }
+        let mut way = Way {
+            of: self,
+            x: Mat::from_fn(n, 1, |i, _| run.x0[i] / data.unit[i]),
+            plan: run.plan,
+            k: 0,
+            about_rest: run.about_rest,
+        };
+        let mut order = sharp.then(|| FirstOrder::new(self));
         let d = self.closed.inputs(data);
         let (forcing, mut l) = (&d * d.transpose(), Mat::<f64>::zeros(n, n));
         for k in 0..=end {
@@ -67,19 +64,9 @@ impl Loop {
                 let plain = partial.map_or(f64::INFINITY, |level| own[h] * level.size);
                 let second = partial.map_or(f64::INFINITY, |level| own[h] * level.second);
                 let mut bound = plain.min(least(&|level| power(level) * level.rows[h] * level.size));
-                if sharp && !levels.is_empty() {
-                    let mut linear = 0.0;
-                    for ((piece, e), sum) in data.pieces.iter().zip(&self.closed.e).zip(&sums) {
-                        linear += first_order(
-                            &rows.subrows(h, 1).to_owned(),
-                            sum,
-                            (e.nrows(), piece.rows.len()),
-                            piece.rho,
-                            data.phi,
-                        )?;
-                    }
+                if let (Some(order), false) = (&order, levels.is_empty()) {
                     let second = second.min(least(&|level| power(level) * level.rows[h] * level.second));
-                    bound = bound.min(linear * (1.0 + ROUNDING) + second);
+                    bound = bound.min(order.along(&rows.subrows(h, 1).to_owned())? + second);
                 }
                 let bound = if k == 0 { 0.0 } else { bound };
                 let first = least(&|level| level.start.as_ref().map_or(0.0, |start| power(level) * start.0[h]));
@@ -104,11 +91,9 @@ impl Loop {
             model[0] = squared.sqrt();
             model[1] = partial.map_or(f64::INFINITY, |level| whole * level.size);
             model[1] = model[1].min(least(&|level| power(level) * level.norm * level.size));
-            if let ([piece], [sum], [e], true) =
-                (data.pieces.as_slice(), sums.as_slice(), self.closed.e.as_slice(), sharp && k > 0)
-            {
+            if let Some((piece, rank, sum)) = order.as_ref().and_then(FirstOrder::single).filter(|_| k > 0) {
                 // ||vec(G)|| <= phi
-                let phi = data.phi.min(piece.rho * (piece.rows.len().min(e.nrows()) as f64).sqrt());
+                let phi = data.phi.min(piece.rho * (piece.rows.len().min(rank) as f64).sqrt());
                 let square = symmetric(&in_units(&(sum * sum.transpose()), &data.unit, &data.unit));
                 let second = partial.map_or(f64::INFINITY, |level| whole * level.second);
                 let second = second.min(least(&|level| power(level) * level.norm * level.second));
@@ -122,35 +107,12 @@ impl Loop {
                 tube.start.extend_from_slice(&start);
             }
             tube.later.push(crate::fuse::norm((0..n).map(|i| way.x[(i, 0)] * data.unit[i])) + radius);
-            if sharp {
-                let mut at = 0;
-                let (c, _) = way.forcing();
-                for ((sum, root), (e, t)) in sums.iter_mut().zip(&roots).zip(self.closed.e.iter().zip(&self.closed.t)) {
-                    let rank = e.nrows();
-                    let mut next = &self.closed.a0 * &*sum;
-                    for i in 0..rank {
-                        for j in 0..root.ncols() {
-                            (0..n).for_each(|a| next[(a, i * root.ncols() + j)] += c[at + i] * t.sqrt() * root[(a, j)]);
-                        }
-                    }
-                    *sum = next;
-                    at += rank;
-                }
+            if let Some(order) = &mut order {
+                order.push(&way.forcing().0);
             }
             l = &self.closed.a0 * &l * self.closed.a0.transpose() + &forcing;
             way.step();
         }
         Ok(tube)
     }
-}
-
-/// `max <G, X>` of one part, `X = sum_j D' A0'^(k-1-j) h c_j'`, whose entries are those of `h sum`.
-fn first_order(h: &Matrix, sum: &Matrix, (rank, rows): (usize, usize), rho: f64, phi: f64) -> Result<f64> {
-    let line = h * sum;
-    if rank == 0 || rows == 0 {
-        return Ok(0.0);
-    }
-    let unit = size_of(&line);
-    let x = Mat::from_fn(rank, rows, |i, j| line[(0, i * rows + j)] / unit);
-    Ok(unit * clipped(&x.singular_values().map_err(lost)?, rho, phi).0)
 }

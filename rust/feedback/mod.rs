@@ -28,11 +28,14 @@
 mod along;
 mod certificate;
 mod data;
+mod first_order;
 mod gains;
+mod keeping;
 mod lemma;
 mod loops;
 mod member;
 mod norm;
+mod rest;
 mod saturation;
 mod tube;
 mod verify;
@@ -40,6 +43,7 @@ mod way;
 
 pub use certificate::{Certificate, Status};
 pub use gains::{Gain, eigenvalues, guaranteed, least_squares, widest};
+pub use keeping::{Judged, Keeper, Short};
 pub use loops::Loop;
 pub use tube::{Run, Tube};
 

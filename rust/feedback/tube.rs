@@ -36,6 +36,8 @@ pub struct Run<'a> {
     pub plan: &'a [f64],
     /// `||x(0) - x0||` is at most this.
     pub start: f64,
+    /// Whether all states and inputs are differences from those at rest, so that there is no intercept.
+    pub about_rest: bool,
     /// Bound of the covariance of Gaussian noise (n, n), and the probability that is given away for it.
     pub noise: Option<(&'a [f64], f64)>,
 }
@@ -77,7 +79,8 @@ pub(super) struct Level {
 }
 
 impl Loop {
-    fn gramian(&self, a: &Matrix, x: &Matrix, lambda: f64) -> Option<Matrix> {
+    /// `L` with `A L A' / lambda + X <= L`, proved.
+    pub(super) fn gramian(&self, a: &Matrix, x: &Matrix, lambda: f64) -> Option<Matrix> {
         let n = self.data.n;
         [1e-9, 1e-7, 1e-5, 1e-3].iter().find_map(|slack| {
             let mut h = scaled(x, 1.0 + slack);
@@ -121,10 +124,16 @@ impl Loop {
         let data = &self.data;
         let (n, m, rows) = (data.n, data.m, self.rows());
         let planned = run.plan.len() / m;
-        let forever = data.c.is_none();
+        let forever = data.c.is_none() || run.about_rest;
         // c of the steps of the plan, or of all steps if the loop does not come to rest at 0
         let summed = if forever { planned } else { run.steps };
-        let mut way = Way { of: self, x: Mat::from_fn(n, 1, |i, _| run.x0[i] / data.unit[i]), plan: run.plan, k: 0 };
+        let mut way = Way {
+            of: self,
+            x: Mat::from_fn(n, 1, |i, _| run.x0[i] / data.unit[i]),
+            plan: run.plan,
+            k: 0,
+            about_rest: run.about_rest,
+        };
         let (mut first, mut rested, mut known) = (Vec::new(), way.x.clone(), true);
         for k in 0..=run.steps.max(summed) {
             if k == summed {

@@ -11,6 +11,8 @@ pub(super) struct Way<'a> {
     pub x: Matrix,
     pub plan: &'a [f64],
     pub k: usize,
+    /// The loop about its rest point: without the intercept.
+    pub about_rest: bool,
 }
 
 impl Way<'_> {
@@ -28,7 +30,7 @@ impl Way<'_> {
         let z = Mat::from_fn(data.region.d, 1, |i, _| match i {
             i if i < data.n => self.x[(i, 0)],
             i if i < data.n + data.m => u[(i - data.n, 0)],
-            _ => 1.0,
+            _ => f64::from(u8::from(!self.about_rest)),
         });
         let (mut c, mut own) = (Vec::new(), Vec::new());
         for (piece, t) in data.pieces.iter().zip(&self.of.closed.t) {
@@ -42,7 +44,7 @@ impl Way<'_> {
     pub fn step(&mut self) {
         let data = &self.of.data;
         let mut next = &data.a * &self.x + &data.b * self.input();
-        if let Some(c) = &data.c {
+        if let Some(c) = data.c.as_ref().filter(|_| !self.about_rest) {
             next += c;
         }
         self.x = next;

@@ -1,13 +1,16 @@
 //! Loops that are proved for a region, and gains.
 
+use std::sync::Arc;
+
 use numpy::{Complex64, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
-use crate::feedback::{self, Gain, Loop, Run, Status};
+use crate::feedback::{self, Gain, Keeper, Loop, Run, Status};
 use crate::memory::{try_collect, try_copy};
+use crate::parallel::Stop;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -19,7 +22,7 @@ const WHAT: &str = "the certificate of a feedback";
 /// A gain and a region, with what is proved.
 #[pyclass(frozen, module = "stochens_rs._core", name = "Feedback")]
 pub(super) struct PyFeedback {
-    of: Loop,
+    of: Arc<Loop>,
     n: usize,
     m: usize,
 }
@@ -30,7 +33,7 @@ impl PyFeedback {
     fn new(py: Python<'_>, region: &Bound<'_, PyRegion>, gain: Matrix<'_>) -> PyResult<Self> {
         let (region, (m, n)) = (&region.get().0, gain.as_array().dim());
         let gain = slice("K", &gain)?;
-        Ok(Self { of: run(py, UNTIL_STOPPED, |stop| Loop::new(region, gain, stop))?, n, m })
+        Ok(Self { of: Arc::new(run(py, UNTIL_STOPPED, |stop| Loop::new(region, gain, stop))?), n, m })
     }
 
     #[getter]
@@ -95,7 +98,8 @@ impl PyFeedback {
     }
 
     /// `(nominal, model, start, radii, noise, noise_radius, later, reach)`.
-    #[expect(clippy::type_complexity, reason = "the fields of a tube")]
+    #[expect(clippy::type_complexity, clippy::too_many_arguments, reason = "the fields of a tube and of a run")]
+    #[pyo3(signature = (x0, steps, plan, start, noise, about_rest=false))]
     fn tube<'py>(
         &self,
         py: Python<'py>,
@@ -104,13 +108,14 @@ impl PyFeedback {
         plan: Matrix<'_>,
         start: f64,
         noise: Option<(Matrix<'_>, f64)>,
+        about_rest: bool,
     ) -> PyResult<(Array2<'py>, Array2<'py>, Array2<'py>, Array1<'py>, Array1<'py>, f64, Array1<'py>, Array1<'py>)>
     {
         let noise = match &noise {
             Some((covariance, eps)) => Some((slice("noise", covariance)?, *eps)),
             None => None,
         };
-        let asked = Run { x0: slice("x0", &x0)?, steps, plan: slice("inputs", &plan)?, start, noise };
+        let asked = Run { x0: slice("x0", &x0)?, steps, plan: slice("inputs", &plan)?, start, about_rest, noise };
         let found = run(py, UNTIL_STOPPED, |stop| self.of.tube(asked, stop))?;
         let table = |values: Vec<f64>| array2(py, values, steps + 1, self.n + self.m);
         Ok((
@@ -125,9 +130,76 @@ impl PyFeedback {
         ))
     }
 
+    /// How far states and inputs are at rest from `(xs, us)`, and the states in the 2-norm.
+    fn rest<'py>(&self, py: Python<'py>, xs: Vector<'_>, us: Vector<'_>) -> PyResult<(Array1<'py>, f64)> {
+        let (rows, radius) = self.of.rest(slice("xs", &xs)?, slice("us", &us)?)?;
+        Ok((array1(py, rows)?, radius))
+    }
+
     fn holds(&self, py: Python<'_>, limits: Vector<'_>, x0: Option<Vector<'_>>) -> PyResult<(f64, Option<f64>)> {
         let (limits, x0) = (slice("limits", &limits)?, x0.as_ref().map(|x0| slice("x0", x0)).transpose()?);
         run(py, UNTIL_STOPPED, |stop| self.of.holds(limits, x0, stop))
+    }
+}
+
+/// Limits that are kept with a stated probability.
+#[pyclass(frozen, module = "stochens_rs._core", name = "Keeper")]
+pub(super) struct PyKeeper(Keeper);
+
+/// `(row, step, amount, model, noise)`.
+type Short = (usize, usize, f64, f64, f64);
+
+#[pymethods]
+impl PyKeeper {
+    /// None where nothing is proved.
+    #[staticmethod]
+    fn of(
+        feedback: &Bound<'_, PyFeedback>,
+        low: Vector<'_>,
+        high: Vector<'_>,
+        covariance: Matrix<'_>,
+        eps: f64,
+        calls: usize,
+    ) -> PyResult<Option<Self>> {
+        let (limits, covariance) = ((slice("low", &low)?, slice("high", &high)?), slice("noise", &covariance)?);
+        Ok(Keeper::new(Arc::clone(&feedback.get().of), limits, covariance, eps, calls)?.map(Self))
+    }
+
+    #[getter]
+    fn noise<'py>(&self, py: Python<'py>) -> PyResult<Array1<'py>> {
+        array1(py, try_copy(WHAT, self.0.noise())?)
+    }
+
+    /// What the plan lacks, if it is not accepted, and what the error of the model adds to each row; by the exact first
+    /// order, which takes longer, only where that can matter or if `always`.
+    fn judge<'py>(
+        &self,
+        py: Python<'py>,
+        x0: Vector<'_>,
+        plan: Matrix<'_>,
+        always: bool,
+    ) -> PyResult<(Option<Short>, Array1<'py>)> {
+        let (x0, plan) = (slice("x0", &x0)?, slice("inputs", &plan)?);
+        let mut found = self.0.judge(x0, plan, false, &Stop::new())?;
+        if found.short.is_some() && (always || !found.surely) {
+            // n^2 (n + d) or so for each of some hundred steps
+            let cost = 1e3 * (x0.len() as f64).powi(3);
+            found = run(py, cost, |stop| self.0.judge(x0, plan, true, stop))?;
+        }
+        let short = found.short.map(|s| (s.row, s.step, s.amount, s.model, s.noise));
+        Ok((short, array1(py, found.model)?))
+    }
+
+    /// The input at `x`, `k` steps after the plan began.
+    fn follow<'py>(
+        &self,
+        py: Python<'py>,
+        x0: Vector<'_>,
+        plan: Matrix<'_>,
+        k: usize,
+        x: Vector<'_>,
+    ) -> PyResult<Array1<'py>> {
+        array1(py, self.0.follow(slice("x0", &x0)?, slice("inputs", &plan)?, k, slice("x", &x)?)?)
     }
 }
 

@@ -50,7 +50,7 @@ mod _core {
         PyEstimate, chance_of_infinity, first_pairs, kept_quantiles, mixtures, sign_contains, sign_sizes,
     };
     #[pymodule_export]
-    use super::feedback::{PyFeedback, feedback_gain, guaranteed_gain, loop_eigenvalues, widest_gain};
+    use super::feedback::{PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, widest_gain};
     #[pymodule_export]
     use super::fitted::{PyFitted, fit};
     #[pymodule_export]

@@ -37,6 +37,7 @@ Status: TypeAlias = Literal[
     "user_limit",  # the limit on the time or the passes of a solver was reached
     "workers_lost",  # the workers of an executor died
     "interrupted",  # Ctrl-C
+    "kept",  # an earlier plan goes on, corrected by its feedback
     "held",  # the next input of an earlier plan
     "infeasible",  # limits that cannot be kept are missed by as little as possible
 ]

@@ -20,8 +20,13 @@ if TYPE_CHECKING:
     from .model_basis import ModelBasis
 
 
-def output_certificate(basis: ModelBasis, u: Floats, delta: float, noise: bool) -> Certificate:
-    """Bound where the outputs of the true system are under `u`; `noise`: the readings."""
+def output_certificate(
+    basis: ModelBasis, u: Floats, delta: float, noise: bool, gain: Floats | None = None
+) -> Certificate:
+    """Bound where the outputs of the true system are under `u`; `noise`: the readings.
+
+    With a `gain` K (m, n) under ``u + K (x - xh)``, x the window, xh that of the plan.
+    """
     model = basis.model
     assert isinstance(model, Model)
     assert model.window is not None
@@ -37,7 +42,7 @@ def output_certificate(basis: ModelBasis, u: Floats, delta: float, noise: bool) 
     covariance = none if region.noise is None else np.ascontiguousarray(region.noise)
     level = (covariance, delta * (1.0 - REGION)) if noise else None
     system = model._loop.ABc, model._loop.J, model._loop.G, model.m
-    found = _core.output_tube(region._core, system, basis.x0, u, None, level)
+    found = _core.output_tube(region._core, system, basis.x0, u, gain, level)
     _, predicted, mean, read = found
     tube, components = mean if read is None else read
     if model.doubts:
@@ -52,6 +57,8 @@ def output_certificate(basis: ModelBasis, u: Floats, delta: float, noise: bool) 
         parts["noise"] = norm((tube - mean[0])[1:][last]) if np.isfinite(target) else np.inf
     what = "readings" if noise else "means of the readings"
     method = f"window of {model.window.text}, {'with' if noise else 'without'} noise"
+    if gain is not None:
+        method += ", followed with the gain"
     reason = "too few pairs, or too many steps for an unstable model (a feedback keeps it small)"
     if model.doubts:
         reason = model.doubts[0]

@@ -6,6 +6,7 @@ from .cost import Cost
 from .fleet import control_fleet
 from .fleet_plan import FleetPlan
 from .fleet_risk import RiskBound
+from .keeping import Kept
 from .limits import Limits
 from .next_runs import NextRuns, design
 from .plan import Plan
@@ -26,6 +27,7 @@ __all__ = [
     "Call",
     "Cost",
     "FleetPlan",
+    "Kept",
     "Limits",
     "NextRuns",
     "Plan",

@@ -13,6 +13,7 @@ from .._base.align_labels import aligned
 from .._base.records import Record, require_shapes, trusted
 from .._base.signal_names import Labels, default_labels
 from .._base.types import Floats
+from .._base.weights import weight
 from ..exceptions import InputError, InputTypeError, ShapeError
 from .cost import as_cost
 from .entries import pair_of
@@ -147,32 +148,6 @@ def seconds(time_limit: Any, task: Task | None) -> float | None:
             f"`time_limit` must be left out without limits, got {validation.show(time_limit)}"
         )
     return validation.positive("time_limit", time_limit)
-
-
-def weight(name: str, value: Any, n: int, *, auto: bool = False) -> Floats:
-    """A weight as a matrix: from a number, a diagonal (n,) or a matrix (n, n)."""
-    if isinstance(value, str):
-        other, found = '"auto", ' if auto else "", validation.show(value)
-        raise InputTypeError(f"`{name}` must be {other}a number, ({n},) or ({n}, {n}), got {found}")
-    given = validation.read(name, value)
-    if given.ndim == 0:
-        return validation.nonnegative(name, value) * np.eye(n)
-    if given.ndim == 1:
-        entries = validation.vector(name, value, length=n)
-        if (entries < 0.0).any():
-            raise InputError(f"`{name}` must have entries >= 0, got {entries.min():.3g}")
-        return np.diag(entries)
-    full = validation.matrix(name, value, rows=n, cols=n)
-    largest = float(np.abs(full).max())
-    if np.abs(full / 2.0 - full.T / 2.0).max() > 5e-10 * largest:
-        raise InputError(f"`{name}` must be symmetric")
-    half = full / 2.0 + full.T / 2.0
-    least = float(np.linalg.eigvalsh(half)[0])
-    if least < -n * float(np.finfo(np.float64).eps) * largest:
-        raise InputError(
-            f"`{name}` must be positive semidefinite, its least eigenvalue is {least:.3g}"
-        )
-    return half
 
 
 def sides(name: str, value: Any, K: int, labels: Labels) -> tuple[Floats, Floats]:

@@ -6,8 +6,9 @@ from typing import TYPE_CHECKING
 
 from .._base import validation
 from .._base.signal_names import default_labels
+from .._base.weights import weight
 from ..exceptions import InputError
-from .constraints import sides, weight
+from .constraints import sides
 from .cost import Cost, as_cost
 from .fleet_design import Box, Worst, least_mean, worst_of_few
 from .fleet_plan import RISKS, FleetPlan, Risk

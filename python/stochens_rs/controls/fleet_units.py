@@ -13,10 +13,10 @@ from .._base.records import Record
 from .._base.signal_names import order_of
 from .._base.threads import get_num_threads
 from .._base.types import Floats
+from .._base.weights import weight
 from ..ensembles import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..identification.identified import Identified
-from .constraints import weight
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -27,6 +27,7 @@ from ..system import System
 from ..theory.dynamics import checked_ends, states
 from ..theory.exact import best_control
 from ..theory.records import PlanError, Reachability
+from .followed import followed
 from .held_out_runs import Predicted, Runs, validated
 from .limit_bound import limited_bound
 from .limit_certificate import limited_certificate
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike, NDArray
 
+    from ..feedback import Loop, LoopCertificate
     from ..rng import RngLike
 
 _NOT_FOR = {
@@ -210,6 +212,7 @@ class Plan(SavedRecord, Timed):
         noise: bool | None = None,
         open_loop: bool = False,
         x0_fixed: bool = False,
+        gain: Loop | LoopCertificate | None = None,
     ) -> Certificate:
         """Bound how wrong the control is, from what the plan keeps about its arguments.
 
@@ -235,6 +238,10 @@ class Plan(SavedRecord, Timed):
         x0_fixed : bool, default False
             Your declaration that x0 was fixed before the data, which makes the bound smaller: for
             one step, or with `open_loop`, and Gaussian noise of independent design.
+        gain : Loop or LoopCertificate, optional
+            The plan is followed with this feedback of the model, ``u(k) + K (x(k) - xh(k))``: the
+            tube is that of `LoopCertificate.tube`, and "inputs" bounds how far those that are
+            applied are from the plan. With `noise` one half of `delta` is for the region.
 
         Returns
         -------
@@ -304,15 +311,19 @@ class Plan(SavedRecord, Timed):
         flags = {"noise": noise, "open_loop": open_loop, "x0_fixed": x0_fixed}
         asked = Asked(*(validation.flag(name, value) for name, value in flags.items()))
         predicted, model = self.predicted_states, isinstance(self.basis, ModelBasis)
-        other = {"system": system, "x0": x0, "xf": xf} if model else flags
+        other = {"system": system, "x0": x0, "xf": xf} if model else {**flags, "gain": gain}
         for name, value in other.items():
             if value is not None and value is not False:
                 raise InputError(f"`{name}` must be left out {_NOT_FOR[model]}")
-        if isinstance(self.basis, ModelBasis) and window:
+        if isinstance(self.basis, ModelBasis) and (window or gain is not None):
             for name in ("open_loop", "x0_fixed"):
                 if flags[name]:
-                    raise InputError(f"`{name}` must be False for a model of outputs")
-            return output_certificate(self.basis, self.u, delta, noise)
+                    other_than = "for a model of outputs" if window else "with `gain`"
+                    raise InputError(f"`{name}` must be False {other_than}")
+            K = None if gain is None else self._gain(gain)
+            if gain is None or window:
+                return output_certificate(self.basis, self.u, delta, noise, K)
+            return followed(self.basis, self.u, gain, delta, asked.noise)
         if isinstance(self.basis, ModelBasis):
             near = near_reference(self.basis, self.u, predicted, delta, asked)
             if self.limited is not None:
@@ -741,6 +752,13 @@ class Plan(SavedRecord, Timed):
                     f"{runs.shape}"
                 )
         return tube, says, runs
+
+    def _gain(self, gain: Loop | LoopCertificate) -> Floats:
+        """The matrix of a gain for this plan."""
+        K = np.ascontiguousarray(gain.K)
+        if K.shape != self._shape[::-1]:
+            raise ShapeError(f"`gain` must be one of this model, got one of shape {K.shape}")
+        return K
 
     def _in_order(self, system: object) -> System:
         """The system, its names in the order of this plan."""

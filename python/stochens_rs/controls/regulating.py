@@ -13,6 +13,7 @@ from ..feedback import Loop
 from ..identification.model import Model
 from .constraints import checked_task, sides
 from .cost import Cost, as_cost
+from .keeping import kept_of
 from .limits import as_limits
 from .output_control import cost_of_outputs, rest_of
 from .reading_loop import ReadingLoop
@@ -21,6 +22,7 @@ from .regulator import Regulator, checked_model
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from ..feedback import LoopCertificate
     from ..identification.identified import Identified
     from ..system import System
     from .limits import LimitsLike
@@ -35,6 +37,9 @@ def regulate(
     limits: LimitsLike = None,
     cost: Cost | None = None,
     time_limit: float | None = None,
+    gain: Loop | LoopCertificate | None = None,
+    keep: float = 0.95,
+    calls: int | None = None,
 ) -> Regulator: ...
 @overload
 def regulate(
@@ -62,6 +67,9 @@ def regulate(
     target: ArrayLike | None = None,
     hold: ArrayLike | None = None,
     max_missing: int = 3,
+    gain: Loop | LoopCertificate | None = None,
+    keep: float = 0.95,
+    calls: int | None = None,
 ) -> Regulator | ReadingLoop:
     """Make a feedback that plans K steps ahead at every state and returns the first input.
 
@@ -106,6 +114,9 @@ def regulate(
         If an argument cannot be used; or a power of A overflows, named by its exponent.
     ResourceError
         If the problem does not fit into the memory this process may use.
+    SolverError
+        From a call, with a gain: no plan from the first state keeps the limits; it says which one,
+        by how much, and what is kept back for the model and for noise.
 
     Notes
     -----
@@ -122,6 +133,13 @@ def regulate(
     A feedback corrects errors of the model at the next state. That the loop is stable does not
     follow: it needs a K that is long enough, or a weight Qf that continues the cost.
 
+    With a gain a plan from x(j) is followed by ``u = v + K (x - xb)``. Its states and inputs are
+    off by at most ``sqrt(h'L h) ||c|| / (1 - theta)`` for the model (`LoopCertificate.tube`) and
+    ``zeta sqrt(h'Y h)`` for noise, with zeta for the union over all sides of limits and all pairs
+    ``j < k <= T``, as plans begin at states that noise has moved. `Kept` says which plans are
+    accepted; where the newest is not, the status is "kept". The noise must be Gaussian, white and
+    independent of the data, the states read exactly, and the system the linear one of the data.
+
     Examples
     --------
     >>> import stochens_rs as se
@@ -135,9 +153,13 @@ def regulate(
     """
     read = isinstance(system, Loop) or (isinstance(system, Model) and system.window is not None)
     if read or offset_free is not None:
-        for name, value in (("xf", xf), ("time_limit", time_limit)):
+        given = {"xf": xf, "time_limit": time_limit, "gain": gain, "calls": calls}
+        for name, value in given.items():
             if value is not None:
-                raise InputError(f"`{name}` must be left out for a model of outputs: see `target`")
+                raise InputError(
+                    f"`{name}` must be left out for a model of outputs: see `target`, and regulate "
+                    "a Loop for a gain"
+                )
         return reading_loop(system, steps, limits, cost, offset_free, target, hold, max_missing)
     checked = checked_model(system)
     n, m = checked.B.shape
@@ -151,7 +173,10 @@ def regulate(
     goal = np.zeros(n) if goal is None else goal
     task = checked_task(n, m, K, goal, limits, weights, checked.labels)
     assert task is not None
-    return Regulator(checked, task, time_limit)
+    if gain is None and calls is not None:
+        raise InputError("`calls` must be left out without `gain`")
+    kept = None if gain is None else kept_of(checked, task, gain, keep, calls)
+    return Regulator(checked, task, time_limit, kept=kept)
 
 
 def reading_loop(

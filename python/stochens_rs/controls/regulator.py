@@ -16,11 +16,12 @@ from .._base import html, validation
 from .._base.signal_names import order_of
 from .._base.types import DELTA
 from ..certificates.region_errors import trajectory
-from ..exceptions import InputError, NonFiniteError, ShapeError
+from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
 from ..identification.identified import Identified
 from ..system import System
 from .constraints import Task
 from .held_out_runs import PredictedLoop, Runs, validated_loop
+from .keeping import Kept
 from .limited import loop_of
 from .plan_validation import Validation
 from .regulator_log import Call, counted, curves, drawn_calls, facts
@@ -54,6 +55,8 @@ class Regulator:
         Seconds after which a call returns the best plan so far.
     labels : Labels, optional
         The names in the order of `task`; the default is those of the system.
+    kept : Kept, optional
+        The limits that are kept with a stated probability.
     """
 
     def __init__(
@@ -62,12 +65,14 @@ class Regulator:
         task: Task,
         time_limit: float | None = None,
         labels: Labels | None = None,
+        kept: Kept | None = None,
     ) -> None:
         self._time_limit = (
             None if time_limit is None else validation.positive("time_limit", time_limit)
         )
         checked = checked_model(system)
         self._labels = checked.labels if labels is None else labels
+        self.kept = kept
         self._set(checked, validation.instance("task", task, Task))
         self._plan: Floats | None = None
         self._held = self._calls = 0
@@ -87,7 +92,8 @@ class Regulator:
         c = system.c if isinstance(system, Identified) else None
         c = None if c is None else order.of_states(c)
         A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
-        solver = loop_of(task, A, B, c)
+        within = task if self.kept is None else self.kept.tightened(task)
+        solver = loop_of(within, A, B, c)
         self._system, self._task, self._solver = system, task, solver
 
     def __call__(self, x: ArrayLike | None = None, *, hold: bool = False) -> Floats:
@@ -128,12 +134,32 @@ class Regulator:
             if x is None:
                 raise InputError("`x` must be the state, or hold=True if it is not known, got None")
             state = validation.vector("x", x, length=self.n, labels=self._labels.states).copy()
-            plan, status, gap = self._solve(state)
+            found = self._solve(state)
+            if self.kept is None:
+                plan, status, gap = found
+                u = plan[0].copy()
+            else:
+                plan, u, status, gap = self._kept(self.kept, state, found)
             # nothing above has changed the loop, so that an exception leaves it as it was
             self._plan, self._held = plan, 0
-            return self._noted(state, plan[0].copy(), status, gap, started)
+            return self._noted(state, u, status, gap, started)
+
+    def _kept(
+        self, kept: Kept, x: Floats, found: tuple[Floats, Status, float]
+    ) -> tuple[Floats, Floats, Status, float]:
+        def again() -> tuple[Floats, Status, float]:
+            self._set(self._system, self._task)
+            return self._solve(x)
+
+        try:
+            return kept.choose(x, found, again)
+        except SolverError:
+            self._set(self._system, self._task)  # without what was kept back for the model
+            raise
 
     def _hold(self, started: float) -> Floats:
+        if self.kept is not None:
+            raise InputError("`hold` must be False with a gain: the feedback needs the state")
         if self._plan is None:
             raise InputError("`hold` must be False before the first plan: call loop(x) first")
         if self._held + 1 >= self.steps:
@@ -177,6 +203,7 @@ class Regulator:
             return {
                 "system": self._system,
                 "labels": self._labels,
+                "kept": self.kept,
                 "task": self._task,
                 "time_limit": self._time_limit,
                 "plan": self._plan,
@@ -187,7 +214,7 @@ class Regulator:
             }
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        words = ("system", "task", "time_limit", "labels")
+        words = ("system", "task", "time_limit", "labels", "kept")
         Regulator.__init__(self, *(state[word] for word in words))
         self._plan, self._held, self._calls = state["plan"], state["held"], state["calls"]
         self._log.extend(state["log"])
@@ -259,6 +286,8 @@ class Regulator:
         >>> loop = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0))
         >>> loop.swap(([[0.9]], [[1.0]]))
         """
+        if self.kept is not None:
+            raise InputError("`system` cannot change with a gain: its proof is about one model")
         checked = checked_model(system)
         with self._turn():
             warm = self._solver.warm()
@@ -284,6 +313,9 @@ class Regulator:
         with self._turn():
             self._plan, self._held, self._calls = None, 0, 0
             self._log.clear()
+            if self.kept is not None:
+                self.kept.reset()
+                self._set(self._system, self._task)
             self._solver.resume(None)
 
     def validate(

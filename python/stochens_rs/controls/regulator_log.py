@@ -33,9 +33,9 @@ class Call:
     u : ndarray, shape (m,)
         The input returned.
     status : str
-        That of the plan, or "held".
+        That of the plan; "held", or "kept" where an earlier plan goes on.
     gap : float
-        ``J - min J`` of the plan is at most this; nan for a held input.
+        ``J - min J`` of the plan is at most this; nan for a held or kept input.
     seconds : float
         The time that the call took [s].
     """

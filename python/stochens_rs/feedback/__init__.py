@@ -3,6 +3,7 @@
 from .certificate import LoopCertificate
 from .gaining import gain
 from .loop import Loop
+from .rest import Rest
 from .tube import Tube
 
-__all__ = ["Loop", "LoopCertificate", "Tube", "gain"]
+__all__ = ["Loop", "LoopCertificate", "Rest", "Tube", "gain"]

@@ -13,8 +13,10 @@ from .._base import html, validation
 from .._base.reading import read
 from .._base.records import SavedRecord, require_shapes, trusted
 from .._base.signal_names import Labels
+from .._base.threads import get_num_threads
 from ..exceptions import InputError
 from ..identification.region import Region
+from .rest import Rest
 from .tube import Tube
 
 if TYPE_CHECKING:
@@ -62,6 +64,11 @@ class LoopCertificate(SavedRecord):
         Why nothing is certified, where it is not the size of the region.
     readings : bool
         Whether the states are read with error: stability is then all that is certified.
+    residual : ndarray, shape (n, n), or None
+        The sum of squares of the residuals, which bounds the covariance of the noise where the
+        region does not.
+    degrees : int
+        Its degrees of freedom.
     """
 
     region: Region
@@ -77,11 +84,15 @@ class LoopCertificate(SavedRecord):
     dt: float | None = None
     reason: str | None = None
     readings: bool = False
+    residual: Floats | None = None
+    degrees: int = 0
 
     def __post_init__(self) -> None:
         super().__post_init__()
         n, m = self.region.n, self.region.m
-        require_shapes(self, K=(m, n), proof=(n, n), member=self.region.centre.shape)
+        require_shapes(
+            self, K=(m, n), proof=(n, n), member=self.region.centre.shape, residual=(n, n)
+        )
         if (self.status == "certified") != (self.proof is not None):
             raise InputError("`proof` must be given where `status` is 'certified', and only there")
 
@@ -94,6 +105,7 @@ class LoopCertificate(SavedRecord):
         dt: float | None,
         doubt: str | None,
         readings: bool,
+        squares: tuple[Floats | None, int] = (None, 0),
     ) -> LoopCertificate:
         """The verdict about a gain; a `doubt` about the data leaves nothing to certify."""
         found = _core.Feedback(region._core, np.ascontiguousarray(K))
@@ -127,6 +139,8 @@ class LoopCertificate(SavedRecord):
             dt=dt,
             reason=reason,
             readings=readings,
+            residual=squares[0],
+            degrees=squares[1],
         )
         vars(made)["_core"] = found  # so that it is not computed again
         return made
@@ -187,6 +201,7 @@ class LoopCertificate(SavedRecord):
         inputs: ArrayLike | None = None,
         start: float = 0.0,
         noise: float | None = None,
+        rest: Rest | None = None,
     ) -> Tube:
         """Bound where every system of the region goes from x0.
 
@@ -203,7 +218,12 @@ class LoopCertificate(SavedRecord):
             x(0) is within this distance of x0.
         noise : float, optional
             The probability that is given away for Gaussian noise of the run, which must be
-            independent of the data; default: the states without noise.
+            independent of the data; half of it for its covariance where that is bounded by the
+            residuals. Default: the states without noise.
+        rest : Rest, optional
+            The feedback is ``u = us + K (x - xs)`` about this set point of `rest`: the tube then
+            holds for all time also with an intercept, around the centre that would rest there, and
+            `Tube.later` and `Tube.settles` are about the distance from the true point of rest.
 
         Returns
         -------
@@ -243,21 +263,25 @@ class LoopCertificate(SavedRecord):
         if inputs is not None:
             plan = validation.inputs("inputs", inputs, cols=m, labels=self.labels.inputs)
         radius = validation.nonnegative("start", start)
+        if rest is not None:
+            if inputs is not None:
+                raise InputError(
+                    "`inputs` must be left out with `rest`: a plan has an end of its own"
+                )
+            first, radius = (
+                first - validation.instance("rest", rest, Rest).states,
+                radius + rest.radius,
+            )
         noisy = None
         if noise is not None:
-            covariance = self.region.noise
-            if covariance is None:
-                raise InputError(
-                    "`noise` must be None: this region has no bound of the covariance of the "
-                    "noise; declare `sigma` or `covariance`, or design='adaptive'"
-                )
-            noisy = np.ascontiguousarray(covariance), validation.probability("noise", noise)
-            if noise + self.region.delta >= 1.0:
-                raise InputError(
-                    f"`noise` must be below 1 - delta = {1.0 - self.region.delta:g}, got {noise:g}"
-                )
-        found = self._core.tube(first, K, plan, radius, noisy)
+            noisy = self._noise("noise", noise)
+        found = self._core.tube(first, K, plan, radius, noisy, rest is not None)
         nominal, model, begun, radii, spread, size, later, reach = found
+        if rest is not None:  # x - xs = (x - x_rest) + (x_rest - xs)
+            point, off = np.hstack([rest.states, rest.inputs]), rest.radius
+            each = np.hstack([rest.components, rest.input_components])
+            nominal, begun, radii = nominal + point, begun + each, radii + off
+            reach = reach + np.abs(point) + each
         if self.status != "certified":  # the core knows nothing of doubts about the data
             for bound in (model, begun, radii, spread, later, reach):
                 bound.fill(np.inf)
@@ -278,6 +302,81 @@ class LoopCertificate(SavedRecord):
             labels=self.labels,
             dt=self.dt,
         )
+
+    def rest(self, xs: ArrayLike | None = None) -> Rest:
+        """Bound how far from a set point every system of the region comes to rest.
+
+        Parameters
+        ----------
+        xs : array_like, shape (n,), optional
+            The set point; default: the origin, for systems with an intercept. The inputs us are
+            those that hold it at the centre of the region, or come nearest to that.
+
+        Returns
+        -------
+        Rest
+            Infinite unless `status` is "certified".
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `xs` cannot be used, or the states are read with error.
+
+        Notes
+        -----
+        With ``r = C z_s - xs``, ``z_s = (xs, us, 1)`` and ``M = (I - A0)^-1``: ``|h'e| <= |h'M r| +
+        rho ||h'M D|| (||W z_s|| + ||E M r||) / (1 - rho ||E M D||)`` by the small gain at z = 1.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
+        >>> rest = proof.rest([1.0])
+        >>> rest, proof.tube([0.0], 10, rest=rest).settles(0.1)
+        (<Rest: every system rests within 0.145 of (1), 95 %>, 5)
+        """
+        if self.readings:
+            raise InputError("`rest` needs exact states: those of this model are read with error")
+        region = self.region
+        n, m = region.n, region.m
+        names = self.labels.states
+        point = np.zeros(n) if xs is None else validation.vector("xs", xs, length=n, labels=names)
+        A, B, c = np.split(region.centre, [n, n + m], axis=1)
+        us = np.linalg.lstsq(B, point - A @ point - c.sum(axis=1), rcond=None)[0]
+        rows, radius = self._core.rest(np.ascontiguousarray(point), us)
+        if self.status != "certified":
+            rows, radius = np.full(n + m, np.inf), np.inf
+        return trusted(
+            Rest,
+            states=validation.frozen(np.array(point)),
+            inputs=validation.frozen(us),
+            components=validation.frozen(rows[:n]),
+            input_components=validation.frozen(rows[n:]),
+            radius=radius,
+            delta=region.delta,
+            labels=self.labels,
+        )
+
+    def _noise(self, name: str, eps: float) -> tuple[Floats, float]:
+        """A bound of the covariance, and what is left of `eps` for the noise itself."""
+        left, region = validation.probability(name, eps), self.region
+        if left + region.delta >= 1.0:
+            raise InputError(
+                f"`{name}` must be below 1 - delta = {1.0 - region.delta:g}, got {eps:g}"
+            )
+        if region.noise is not None:
+            return np.ascontiguousarray(region.noise), left
+        if self.residual is None or self.degrees < len(self.residual):
+            raise InputError(
+                f"`{name}` must be None: this region has no bound of the covariance of Gaussian "
+                "noise; declare `sigma` or `covariance`, or give more pairs"
+            )
+        # S >= a Sigma but with eps / 2, a the quantile of the smallest root of W_n(nu, I)
+        sizes = region.n, self.degrees
+        a = _core.smallest_quantile(*sizes, left / 2.0, get_num_threads())
+        return np.ascontiguousarray(self.residual) / a, left / 2.0
 
     def holds(
         self,

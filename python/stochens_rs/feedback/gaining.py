@@ -10,6 +10,7 @@ from .. import _core
 from .._base import validation
 from .._base.reading import read
 from .._base.records import trusted
+from .._base.weights import weight
 from ..exceptions import InputError
 from ..identification.identified import Identified
 from ..identification.model import Model
@@ -19,7 +20,6 @@ from .loop import GainMethod, Loop, region_of
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from .._base.types import Floats
     from ..identification.region import Region
 
 
@@ -129,22 +129,3 @@ def for_outputs(model: object, value: ArrayLike) -> ArrayLike:
     padded = np.zeros((n, n))
     padded[:p, :p] = weight("Q", value, p)
     return padded
-
-
-def weight(name: str, value: ArrayLike, size: int) -> Floats:
-    """Return a number, a diagonal or a matrix as a symmetric matrix (size, size)."""
-    given = read(name, value)
-    if given.ndim == 0:
-        return validation.nonnegative(name, value) * np.eye(size)
-    if given.ndim == 1:
-        found = np.diag(validation.vector(name, value, length=size))
-    else:
-        found = validation.matrix(name, value, rows=size, square=True)
-    if not np.allclose(found, found.T, rtol=1e-12, atol=0.0):
-        raise InputError(f"`{name}` must be symmetric")
-    values = np.linalg.eigvalsh(found)
-    if values[0] < -1e-12 * values[-1]:
-        raise InputError(
-            f"`{name}` must be positive semidefinite, its least eigenvalue is {values[0]:.3g}"
-        )
-    return found

@@ -124,7 +124,8 @@ class Loop(SavedRecord):
         noisy = isinstance(self.model, Model) and self.model.assumptions.noisy_states
         doubts = self.model.doubts
         doubt = doubts[0] if doubts else None
-        return LoopCertificate._judged(region, self.K, self.labels, self.dt, doubt, noisy)
+        squares = _squares(self.model) if region.noise is None else (None, 0)
+        return LoopCertificate._judged(region, self.K, self.labels, self.dt, doubt, noisy, squares)
 
     def __repr__(self) -> str:
         radius = np.abs(self.E).max()
@@ -136,6 +137,16 @@ class Loop(SavedRecord):
         rows = zip(self.labels.inputs, self.K, strict=True)
         table = html.grid(head, [[name, *(f"{v:.4g}" for v in row)] for name, row in rows])
         return html.card(self, [("u = K x with", "K below")], table)
+
+
+def _squares(model: Identified) -> tuple[Floats | None, int]:
+    """``S ~ W_n(nu, Sigma)`` of the residuals and nu, where the regressors are no part of it."""
+    if not isinstance(model, Model) or model.pilot is not None or model.instruments is not None:
+        return None, 0
+    given = model.assumptions
+    if (given.noise, given.design) != ("gaussian", "independent") or len(model._blocks) > 1:
+        return None, 0
+    return validation.frozen(model._blocks[0].S.copy()), model._blocks[0].nu
 
 
 def region_of(name: str, model: Identified, value: object) -> Region:

@@ -501,7 +501,7 @@ class Model(Identified, Durable, Tabled):
         else:
             signs, text = sign_test(self._blocks[0], *self._pairs(), wish.delta, self.key)
             made = self._estimate.sign_region(signs._of, get_num_threads())
-        noise = made.noise
+        noise = made.noise if self.assumptions.noise == "gaussian" else None
         return trusted(
             Region,
             centre=validation.frozen(made.centre),

@@ -67,7 +67,7 @@ class Region(SavedRecord):
     signs : SignTest or None
         The exact set for noise of symmetric law, which `contains` asks.
     noise : ndarray, shape (n, n), or None
-        The covariance of the noise is at most this, in the same event; None where no bound is
+        The covariance of Gaussian noise is at most this, in the same event; None where no bound is
         known.
     """
 

@@ -2,6 +2,7 @@
 
 from .data_stream import DataStream
 from .looks import Look
+from .loop_look import LoopLook
 from .model_stream import ModelStream
 from .records import StreamRun, Trace
 from .snapshot import Snapshot
@@ -10,6 +11,7 @@ from .stream import Stream
 __all__ = [
     "DataStream",
     "Look",
+    "LoopLook",
     "ModelStream",
     "Snapshot",
     "Stream",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
@@ -25,6 +25,7 @@ from ..identification.assumptions import (
 )
 from ..theory.dynamics import checked_steps
 from .looks import Look, look
+from .loop_look import LoopLook, look_at_loop
 from .model_state import from_sections, refuse, to_sections
 from .pairs import pair_rows
 from .snapshot import Snapshot
@@ -32,6 +33,7 @@ from .snapshot import Snapshot
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from ..feedback import Loop
     from ..identification.trajectories import Trajectories
 
 
@@ -228,6 +230,7 @@ class ModelStream(Durable):
         triangle, size = self._state
         return replace(self._about, triangle=validation.frozen(triangle), size=size)
 
+    @overload
     def look(
         self,
         x0: ArrayLike,
@@ -236,8 +239,20 @@ class ModelStream(Durable):
         tol: float,
         steps: int = 1,
         u: ArrayLike | None = None,
-    ) -> Look:
-        """Ask whether the data are enough to steer from x0 to xf within a tolerance.
+    ) -> Look: ...
+    @overload
+    def look(self, *, gain: Loop | ArrayLike) -> LoopLook: ...
+    def look(
+        self,
+        x0: ArrayLike | None = None,
+        xf: ArrayLike | None = None,
+        *,
+        tol: float | None = None,
+        steps: int = 1,
+        u: ArrayLike | None = None,
+        gain: Loop | ArrayLike | None = None,
+    ) -> Look | LoopLook:
+        """Ask whether the data are enough for a control within a tolerance, or for a feedback.
 
         Parameters
         ----------
@@ -249,11 +264,14 @@ class ModelStream(Durable):
             The number of steps K.
         u : array_like, shape (K, m), optional
             A control of your own; None: the best one of the model.
+        gain : Loop or array_like, shape (m, n), optional
+            In place of all others: a feedback ``u = K x``, such as ``gain(stream.model, Q, R)``.
 
         Returns
         -------
-        Look
-            The control, its certificate for the run without noise, and a forecast.
+        Look or LoopLook
+            The control, its certificate for the run without noise, and a forecast. With a gain its
+            certificate for the region of this look, and a forecast.
 
         Raises
         ------
@@ -284,6 +302,14 @@ class ModelStream(Durable):
         <Look: within 0.04648 after 300 pairs, tol 0.1, enough>
         """
         model = self.model
+        if gain is not None:
+            for name, value in {"x0": x0, "xf": xf, "tol": tol, "u": u}.items():
+                if value is not None:
+                    raise InputError(f"`{name}` must be left out with `gain`")
+            return look_at_loop(model, gain)
+        for name, value in {"x0": x0, "xf": xf, "tol": tol}.items():
+            if value is None:
+                raise InputError(f"`{name}` must be given, or a `gain`")
         limit = validation.positive("tol", tol)
         n, m, names = self.n, self.m, model.labels
         start = validation.vector("x0", x0, length=n, labels=names.states)

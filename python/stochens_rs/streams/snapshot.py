@@ -201,7 +201,8 @@ class Snapshot(Identified):
         wish = Wish(delta, anytime=True)
         made = region_of(estimate, self.assumptions, wish, self.scale)
         # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
-        factor, noise = made.parts[0].factor, made.noise
+        factor = made.parts[0].factor
+        noise = made.noise if self.assumptions.noise == "gaussian" else None
         wider = float(np.sqrt(factor * min(self.n, self.rank))) if frobenius else None
         return Region(
             centre=self._Theta,

@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 from ..._base import validation
 from ..._base.signal_names import order_of
 from ..._base.types import Floats
-from ...controls.constraints import sides, weight
+from ..._base.weights import weight
+from ...controls.constraints import sides
 from ...controls.cost import Cost, as_cost
 from ...controls.limits import Limits, as_limits
 from ...controls.regulating import regulate

@@ -1,0 +1,69 @@
+//! Where the loops come to rest with an intercept or at a set point.
+
+use faer::Mat;
+use faer::linalg::solvers::Solve;
+
+use crate::error::{Error, Result};
+use crate::memory::covered;
+
+use super::certificate::Status;
+use super::data::{Matrix, WHAT, lost, scaled, size_of};
+use super::loops::{Loop, bytes};
+use super::tube::ROUNDING;
+
+/// The spectral norm.
+fn norm(a: &Matrix) -> Result<f64> {
+    let unit = size_of(a);
+    let values = scaled(a, 1.0 / unit).singular_values().map_err(lost)?;
+    Ok(unit * values.first().copied().unwrap_or(0.0))
+}
+
+impl Loop {
+    /// How far states and inputs (n + m) of any member are at rest from `xs` and `us`, under `u = us + K (x - xs)`, and the
+    /// 2-norm of the states; infinite unless the gain is certified and the data determine the point. With `r = C z_s - xs`,
+    /// `M = (I - A0)^-1` and `g1 = rho ||E M D||`:
+    ///
+    /// ```text
+    /// |h'e| <= |h'M r| + rho ||h'M D|| (||W z_s|| + ||E M r||) / (1 - g1)
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].
+    pub fn rest(&self, xs: &[f64], us: &[f64]) -> Result<(Vec<f64>, f64)> {
+        let data = &self.data;
+        let (n, m, d) = (data.n, data.m, data.region.d);
+        if xs.len() != n || us.len() != m {
+            let found = format!("{} and {}", xs.len(), us.len());
+            return Err(Error::Shape { name: "xs", expected: format!("{n} entries, and {m} of inputs"), found });
+        }
+        let (mut own, mut found) = (Vec::new(), Vec::new());
+        own.extend(xs.iter().chain(us).copied().chain(data.c.iter().map(|_| 1.0)));
+        found.resize(n + m, f64::INFINITY);
+        if self.certificate.status != Status::Certified || !data.determined(&own) {
+            return Ok((found, f64::INFINITY));
+        }
+        covered(WHAT, bytes(n, d), || {
+            let z = Mat::from_fn(d, 1, |i, _| own[i] / data.unit.get(i).copied().unwrap_or(1.0));
+            let x = z.subrows(0, n);
+            let mut r = &data.a * x + &data.b * z.subrows(n, m) - x;
+            if let Some(c) = &data.c {
+                r += c;
+            }
+            let lu = (Mat::<f64>::identity(n, n) - &self.closed.a0).partial_piv_lu();
+            let (off, forced, e) = (lu.solve(&r), lu.solve(self.closed.inputs(data)), self.closed.outputs());
+            let known = data.pieces.iter().zip(&self.closed.t).map(|(piece, t)| (&piece.w * &z).norm_l2() / t.sqrt());
+            let size = crate::fuse::norm(known) + (&e * &off).norm_l2();
+            let gain = (norm(&(&e * &forced))? * (1.0 + ROUNDING)).min(self.certificate.norm);
+            let size = size / (1.0 - gain) * (1.0 + ROUNDING);
+            let (rows, mut squared) = (self.rows(), 0.0);
+            let (at, each) = (&rows * &off, &rows * &forced);
+            for (h, to) in found.iter_mut().enumerate() {
+                *to = at[(h, 0)].abs() * (1.0 + ROUNDING) + each.row(h).norm_l2() * size;
+                squared += if h < n { to.powi(2) } else { 0.0 };
+            }
+            let whole = |a: &Matrix| norm(&Mat::from_fn(n, a.ncols(), |i, j| data.unit[i] * a[(i, j)]));
+            let radius = whole(&off)? * (1.0 + ROUNDING) + whole(&forced)? * size;
+            Ok((found, radius.min(squared.sqrt())))
+        })?
+    }
+}

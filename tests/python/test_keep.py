@@ -1,0 +1,243 @@
+"""`regulate` with a gain: limits that noisy runs keep, whatever system of the region is true."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import InputError, SolverError
+from test_feedback import RIG, WEIGHTS
+
+A, B = RIG[:, :4], RIG[:, 4:]
+START = np.array([0.1, 0.05, 0.0, 0.0])
+COST = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], R=0.01)
+
+
+def model_of_runs(N, *, seed=1, noise=0.0005, declared=0.0005):
+    """N runs of ten steps of the pendulum on a cart."""
+    gen, states, inputs = np.random.default_rng(seed), [], []
+    for _ in range(N):
+        force = gen.standard_normal((10, 1))
+        x = [[0.1, 0.01, 0.1, 0.03] * gen.standard_normal(4)]
+        for u in force:
+            x.append(A @ x[-1] + B @ u + noise * gen.standard_normal(4))
+        states.append(np.array(x))
+        inputs.append(force)
+    data = se.Trajectories(states, inputs, dt=0.1)
+    return se.identify(data, sigma=declared, scale=[0.1, 0.01, 0.1, 0.03, 1.0], checks=False)
+
+
+def kept_loop(N, *, calls=60, limits=(-1.0, 1.0), **options):
+    model = model_of_runs(N, **options)
+    proof = se.gain(model, *WEIGHTS).certificate(0.05)
+    return se.regulate(model, 20, limits=limits, cost=COST, gain=proof, keep=0.9, calls=calls)
+
+
+# three systems unlike the rig: A, B, limits of states, of inputs, start
+ANGLE = np.array([[np.cos(0.6), np.sin(0.6)], [-np.sin(0.6), np.cos(0.6)]])
+OSCILLATOR = np.block([[0.98 * ANGLE, np.zeros((2, 1))], [0.1, 0.0, 0.7]])
+UNSTABLE = [[1.15, 0.2, 0, 0], [0, 0.9, 0.3, 0], [0, 0, 1.02, 0.4], [0, 0, 0, 0.5]]
+PLANTS = {
+    "integrators": ([[1, 0.3], [0, 1]], [[0.045], [0.3]], [1.0, 1.5], 2.0, [0.9, 0]),
+    "oscillator": (OSCILLATOR, [[0, 0.2], [1, 0], [0.3, 0.5]], [1.0] * 3, 1.0, [0.8, 0, 0.5]),
+    "unstable": (
+        UNSTABLE,
+        [[0.5, 0], [0, 0.3], [0.2, 0.1], [0, 1]],
+        [1.0] * 4,
+        1.5,
+        [0.7, 0, 0, 0],
+    ),
+}
+
+
+def plant_loop(name, *, kept=True, N=100, calls=25):
+    """A loop that is asked to go beyond the limit of the first state."""
+    A, B, states, inputs, _ = (np.array(part, dtype=float) for part in PLANTS[name])
+    (n, m), gen = B.shape, np.random.default_rng(1)
+    x, u = gen.standard_normal((N, n)), gen.standard_normal((N, m))
+    y = x @ A.T + u @ B.T + 0.01 * gen.standard_normal((N, n))
+    model = se.identify(se.Trajectories.from_pairs(x, u, y), sigma=0.01, checks=False)
+    limits = se.Limits(u=(-inputs, inputs), x=(-states, states), soft=False)
+    given = {"limits": limits, "cost": se.Cost(Q=1.0, R=0.1)}
+    if kept:
+        given |= {"gain": se.gain(model, 1.0, 1.0), "keep": 0.9, "calls": calls}
+    return se.regulate(model, 12, 3.0 * np.eye(n)[0], **given)
+
+
+def ride(loop, plant, x0, steps, noise, gen):
+    """The states and inputs of a noisy run."""
+    A, B = plant
+    states, inputs = [np.array(x0, dtype=float)], []
+    for _ in range(steps):
+        inputs.append(loop(states[-1]))
+        w = noise * gen.standard_normal(len(A))
+        states.append(A @ states[-1] + B @ inputs[-1] + w)
+    return np.array(states), np.array(inputs)
+
+
+def violations(loop, limits, plant, x0, steps, noise, runs):
+    """How many runs violate a limit at some time."""
+    gen, count = np.random.default_rng(1), 0
+    for _ in range(runs):
+        loop.reset()
+        rows = np.hstack(
+            [part.reshape(steps, -1) for part in _after(loop, plant, x0, steps, noise, gen)]
+        )
+        count += bool((np.abs(rows) > limits).any())
+    return count
+
+
+def _after(loop, plant, x0, steps, noise, gen):
+    states, inputs = ride(loop, plant, x0, steps, noise, gen)
+    return states[1:], inputs
+
+
+def on_the_rig(loop, runs, noise=0.0005):
+    limits = np.array([np.inf] * 4 + [1.0])
+    return violations(loop, limits, (A, B), START, 60, noise, runs)
+
+
+def on_plant(loop, name, runs, noise=0.01):
+    A, B, states, inputs, x0 = PLANTS[name]
+    A, B = np.array(A, dtype=float), np.array(B, dtype=float)
+    limits = np.concatenate([states, np.full(B.shape[1], inputs)])
+    return violations(loop, limits, (A, B), x0, 25, noise, runs)
+
+
+@pytest.mark.parametrize("N", [30, 100])
+def test_the_rig_keeps_its_limit(N):
+    loop = kept_loop(N)
+    assert on_the_rig(loop, 100) <= 10
+    assert {call.status for call in loop.log} == {"optimal", "kept"}
+    kept = loop.kept
+    np.testing.assert_array_equal(kept.tightening, kept.model + kept.noise)
+    assert 0.0 < kept.model[-1] < kept.noise[-1]
+    assert kept.tightening[-1] < 0.25
+    assert kept.keep == pytest.approx(0.9)
+    assert repr(kept).startswith("<Kept: every limit in 60 steps together with 0.9,")
+
+
+@pytest.mark.slow
+def test_ten_thousand_runs_of_the_rig():
+    """10 % may violate the limit in one of 60 calls; with noise ten times as large more do."""
+    loop = kept_loop(30)
+    assert on_the_rig(loop, 10_000) <= 1000
+    assert on_the_rig(loop, 200, noise=0.005) > 20
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_limits_of_states_of_other_systems(name):
+    """40 runs, nominally 4 violations; without a gain, or with more noise, there are more."""
+    loop = plant_loop(name)
+    assert on_plant(loop, name, 40) <= 4
+    assert on_plant(plant_loop(name, kept=False), name, 10) == 10
+    assert on_plant(plant_loop(name), name, 10, noise=0.06) > 1
+
+
+@pytest.mark.parametrize("N", [5, 10])
+def test_few_runs_are_not_enough(N):
+    loop = kept_loop(N)
+    with pytest.raises(SolverError, match=r"u\[0\].* lacks .* for the error of the model"):
+        loop(START)
+    assert loop.calls == 0
+    assert loop.kept.missing > 0.0
+    loop([0.01, 0.001, 0.0, 0.0])  # from nearer it is
+    assert loop.kept.missing == 0.0
+
+
+def test_accepted_once_is_never_infeasible():
+    """Wherever the state is thrown, the plan before goes on."""
+    loop, gen = kept_loop(30), np.random.default_rng(2)
+    first = loop(START)
+    assert first == pytest.approx([1.0])  # nothing is off yet: the whole limit
+    for _ in range(100):
+        assert np.isfinite(loop(0.5 * gen.standard_normal(4))).all()
+    assert [call.status for call in loop.log].count("kept") > 90
+    assert loop.kept.missing > 0.0
+
+
+def test_plans_that_go_on_are_corrected_by_the_gain():
+    loop = kept_loop(30)
+    loop(START)
+    plan, K = loop.plan, loop.kept.proof.K
+    xb = START
+    for k in range(1, 40):
+        u = plan[k - 1] if k <= len(plan) else K @ xb
+        xb = loop.kept.proof.region.centre @ np.concatenate([xb, u])
+        off = np.array([0.0, 1.0, 0.0, 0.0])
+        v = plan[k] if k < len(plan) else K @ xb
+        np.testing.assert_allclose(loop(xb + off), v + K @ off, rtol=1e-9)
+        assert loop.log[-1].status == "kept"
+
+
+def test_what_the_model_adds_agrees_with_its_formula():
+    loop = kept_loop(30)
+    core, proof = loop.kept._core, loop.kept.proof
+    region, K = proof.region, proof.K
+    part, J = region.parts[0], np.vstack([np.eye(4), K])
+    A0, W, rho2 = region.centre @ J, part.white, part.factor
+    x, L, squares, most = START, np.zeros((4, 4)), 0.0, 0.0
+    plan = np.linspace(1.0, -0.5, 12)[:, None]
+    short, model = core.judge(START, plan, False)
+    for k in range(200):
+        most = max(most, np.sqrt(K @ L @ K.T * squares).item() / (1 - proof.norm))
+        z = np.concatenate([x, plan[k] if k < 12 else K @ x])
+        squares += np.sum((W @ z) ** 2)
+        L, x = A0 @ L @ A0.T + rho2 * 0.0005**2 * np.eye(4), region.centre @ z
+    assert model[-1] == pytest.approx(most, rel=1e-5)
+    assert short is not None
+    sharper = core.judge(START, plan, True)[1][-1]
+    assert 0.2 * most < sharper < most
+
+
+def test_copies_and_pickles_go_on():
+    loop, gen = kept_loop(30), np.random.default_rng(3)
+    x = START
+    for _ in range(8):
+        x = A @ x + B @ loop(x) + 0.0005 * gen.standard_normal(4)
+    others = copy.deepcopy(loop), pickle.loads(pickle.dumps(loop))
+    for _ in range(10):
+        u = loop(x)
+        for other in others:
+            np.testing.assert_allclose(other(x), u, rtol=1e-8)
+        x = A @ x + B @ u + 0.0005 * gen.standard_normal(4)
+
+
+def test_arguments_that_cannot_be_kept():
+    model = model_of_runs(30)
+    gain = se.gain(model, *WEIGHTS)
+    given = {"gain": gain, "calls": 60, "limits": (-1.0, 1.0)}
+
+    def refused(match, system=model, kind=InputError, **changed):
+        with pytest.raises(kind, match=match):
+            se.regulate(system, 20, **{**given, **changed})
+
+    refused("`calls` must be given", calls=None)
+    refused("`calls`", calls=0)
+    refused("`keep`", keep=1.0)
+    refused("`keep` must be below", gain=gain.certificate(0.05), keep=0.96)
+    refused("low < 0 < high", limits=(0.0, 1.0))
+    refused("finite", limits=(None, None))
+    refused("finite", limits=None)
+    refused("without `rate`", limits=se.Limits(u=(-1, 1), rate=0.5, previous=0.0))
+    refused("soft=False", limits=se.Limits(u=(-1, 1), x=(-1, 1)))
+    refused("same in all steps", limits=(-1.0, np.linspace(1, 2, 20)[:, None]))
+    refused("must be the model", system=model_of_runs(31))
+    refused("must be the model", system=se.System(A, B))
+    refused("`gain`", kind=se.exceptions.InputTypeError, gain=1.0)
+    with pytest.raises(InputError, match="`calls` must be left out"):
+        se.regulate(model, 20, calls=3)
+    loop = se.regulate(model, 20, **given)
+    with pytest.raises(InputError, match="`hold`"):
+        loop(hold=True)
+    with pytest.raises(InputError, match="`system` cannot change"):
+        loop.swap(model)
+    with pytest.raises(se.exceptions.NonFiniteError):
+        loop(1e300 * START)
+    with pytest.raises(SolverError, match="lacks"):
+        loop(1e100 * START)
+    assert np.isfinite(loop(1e-300 * START)).all()

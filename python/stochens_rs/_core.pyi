@@ -449,10 +449,10 @@ class Estimate:
     @property
     def blocks(self) -> list[Fitted]: ...
     def after(self, size: int) -> Estimate: ...
-    # assumed: design, noise, covariance, the known one, tail
+    # assumed: design, noise, covariance, the known one
     def region(
         self,
-        assumed: tuple[str, str, str, _Floats | None, float],
+        assumed: tuple[str, str, str, _Floats | None],
         units: _Floats | Estimate,
         delta: float,
         components: bool,
@@ -462,6 +462,7 @@ class Estimate:
         method: str,
         anytime: bool,
         threads: int,
+        tail: float = 0.0,
     ) -> Region: ...
     def sign_region(self, test: _Signs, threads: int) -> Region: ...
 

@@ -22,31 +22,17 @@ use super::symmetric::spectral_norm;
 use super::triangle::triangle;
 use super::units::Measured;
 
-/// `lam` of the mixtures in units of the squared scale of z: fixed before the data, as the event of a region refers to them.
-pub const MIXTURES: [f64; 16] = {
-    let (mut grid, mut j) = ([0.0625; 16], 1);
-    while j < 16 {
-        grid[j] = 2.0 * grid[j - 1];
-        j += 1;
-    }
-    grid
-};
-/// The noise in the prior of the universal region, in units of the squared scale: fixed before the data.
-pub const PRIOR_NOISE: f64 = 0.01;
-
 /// The factor and S; the covariance of the noise is at most `noise` in the same event.
 #[derive(Debug, Clone)]
 pub(crate) struct Radius {
     pub factor: f64,
     pub shape: Vec<f64>,
     pub noise: Option<Vec<f64>>,
-    /// The squared bound of the Frobenius norm of `S^(-1/2) D V^(1/2)`, where it was asked for.
-    pub frobenius: Option<f64>,
 }
 
 impl Radius {
     fn of(factor: f64, shape: &[f64]) -> Result<Self> {
-        Ok(Self { factor, shape: try_copy(WHAT, shape)?, noise: None, frobenius: None })
+        Ok(Self { factor, shape: try_copy(WHAT, shape)?, noise: None })
     }
 
     /// Around the trace of a matrix (n, n), times I.
@@ -54,7 +40,7 @@ impl Radius {
         let trace: f64 = matrix.iter().step_by(n + 1).sum();
         let mut shape = try_zeros(WHAT, matrix.len())?;
         shape.iter_mut().step_by(n + 1).for_each(|to| *to = trace);
-        Ok(Self { factor, shape, noise: None, frobenius: None })
+        Ok(Self { factor, shape, noise: None })
     }
 }
 
@@ -152,17 +138,15 @@ pub(crate) fn adaptive(
     }
     let Some(units) = units()? else { return Radius::of(f64::INFINITY, &f.residual) };
     if let Covariance::Known(known) = assumed.covariance {
-        let (factor, frobenius) = mixture_levels(f, &units, wish.frobenius, delta, assumed.tail)?;
-        return Ok(Radius { frobenius, ..Radius::of(factor, known)? });
+        return Radius::of(mixture_level(f, &units, delta, assumed.tail)?, known);
     }
-    // with a tail there is no likelihood
-    let auto = wish.method == Method::Auto && assumed.tail == 0.0;
+    let auto = wish.method == Method::Auto && assumed.tail == 0.0; // with a tail there is no likelihood
     let share = if auto { delta / 2.0 } else { delta };
     let marginal = |share| Radius::of(universal(f, &units, share)?, &f.residual);
     if wish.method == Method::Universal && assumed.tail == 0.0 {
         return marginal(share);
     }
-    let mixed = unknown_noise(f, assumed, &units, share, wish, by)?;
+    let mixed = unknown_noise(f, assumed, &units, share, wish.anytime, by)?;
     if !auto {
         return Ok(mixed);
     }
@@ -172,47 +156,37 @@ pub(crate) fn adaptive(
     Ok(if smaller { Radius { noise: mixed.noise, ..other } } else { mixed })
 }
 
-/// `rho^2` with `||D V^(1/2)||^2 <= rho^2 sigma^2`, from `log det(I + V / lam)` over the mixtures, and that of the Frobenius
-/// norm, if it is asked for and known to be of use: at `delta / 2` each, decided by n and the rank of the units alone. A tail adds
-/// `tail sqrt N` to both radii.
-fn mixture_levels(f: &Fitted, units: &Measured, frobenius: bool, delta: f64, tail: f64) -> Result<(f64, Option<f64>)> {
-    const BOTH: usize = 25; // n d below which the certificates of several steps were 1.15 to 1.3 times smaller with both
-    let n = f.rows.len();
+/// `rho^2` with `||D V^(1/2)||^2 <= rho^2 sigma^2`, from `log det(I + V / lam)` over the mixtures.
+///
+/// A tail of `sum ||Sigma^(-1/2) r||^2 <= tail^2 N` beside the noise adds `tail sqrt N` to rho.
+fn mixture_level(f: &Fitted, units: &Measured, delta: f64, tail: f64) -> Result<f64> {
     let smallest = units.squares[f.rank() - 1];
     let ld = try_collect(WHAT, units.lams.iter().map(|lam| units.ld(*lam)))?;
     let wider = try_collect(WHAT, units.lams.iter().map(|lam| 1.0 + lam / smallest))?;
-    let more = tail * (f.size as f64).sqrt();
-    let level = |delta, frobenius| {
-        Ok::<_, crate::Error>((least_squares_level(n, &ld, &wider, delta, frobenius)?.sqrt() + more).powi(2))
-    };
-    if frobenius && n > 1 && n * f.columns.len() < BOTH {
-        let (spectral, whole) = (level(delta / 2.0, false)?, level(delta / 2.0, true)?);
-        return Ok((spectral.min(whole), Some(whole)));
-    }
-    Ok((level(delta, false)?, None))
+    let level = least_squares_level(f.rows.len(), &ld, &wider, delta, false)?;
+    Ok(if tail > 0.0 { (level.sqrt() + tail * (f.size as f64).sqrt()).powi(2) } else { level })
 }
 
 /// Gaussian noise of one covariance: `rho^2` at `delta / 2`, and as much for the covariance.
 ///
 /// Full: `S >= (a - rho^2) Sigma`, a the quantile of the smallest root of `W_n(I, N)`; scalar: `tr S >= (chi^2_{nN} - min(n,
-/// rank) rho^2) sigma^2`, or with the Frobenius norm: the covariance is at most S over that. Anytime shares by
-/// `1 / (N (N + 1))`.
+/// rank) rho^2) sigma^2`: the covariance is at most S over that. `anytime` shares by `1 / (N (N + 1))`.
 fn unknown_noise(
     f: &Fitted,
     assumed: Assumed<'_>,
     units: &Measured,
     delta: f64,
-    wish: Wish<'_>,
+    anytime: bool,
     by: By<'_>,
 ) -> Result<Radius> {
     let (n, size) = (f.rows.len(), f.size as f64);
-    let share = delta / 2.0 / if wish.anytime { size * (size + 1.0) } else { 1.0 };
-    let (rho2, whole) = mixture_levels(f, units, wish.frobenius, delta / 2.0, assumed.tail)?;
-    // ||W|| >= ||e|| - tail sqrt N
+    let share = delta / 2.0 / if anytime { size * (size + 1.0) } else { 1.0 };
+    let rho2 = mixture_level(f, units, delta / 2.0, assumed.tail)?;
+    // ||e + r|| >= ||e|| - tail sqrt N, in units of the noise
     let less = |a: f64| (a.sqrt() - assumed.tail * size.sqrt()).max(0.0).powi(2);
+    let less = |a: f64| if assumed.tail > 0.0 { less(a) } else { a };
     let (left, mut found) = if matches!(assumed.covariance, Covariance::Scalar) {
-        let crude = n.min(f.rank()) as f64 * rho2;
-        let left = less(chi2_quantile(share, n as f64 * size)?) - whole.map_or(crude, |whole| whole.min(crude));
+        let left = less(chi2_quantile(share, n as f64 * size)?) - n.min(f.rank()) as f64 * rho2;
         (left, Radius::of_trace(f64::INFINITY, &f.residual, n)?)
     } else {
         let left = less(by.smallest(n, f.size, share)?) - rho2;
@@ -220,7 +194,6 @@ fn unknown_noise(
     };
     if left > 0.0 {
         found.factor = rho2 / left;
-        found.frobenius = whole.map(|whole| whole / left);
         found.noise = Some(try_collect(WHAT, found.shape.iter().map(|v| v / left))?);
     }
     Ok(found)
@@ -235,7 +208,7 @@ fn universal(f: &Fitted, units: &Measured, delta: f64) -> Result<f64> {
     if f.degrees() < n {
         return Ok(f64::INFINITY);
     }
-    let (prior, psi) = (n as f64 + 2.0, units.variance);
+    let (prior, psi) = (n as f64 + 2.0, units.psi);
     let mut s = try_copy(WHAT, &f.residual)?;
     s.iter_mut().enumerate().for_each(|(at, v)| *v = *v / units.sizes[at / n] / units.sizes[at % n]);
     let Some(log_s) = log_determinant(&s, n)? else { return Ok(f64::INFINITY) };

@@ -29,7 +29,6 @@ mod weighted_sums;
 pub use assumed::{Assumed, Covariance, Design, Method, Noise, Wish};
 pub use beta_model::DRAWS;
 pub(crate) use confidence_radii::{By, Radius, adaptive, independent};
-pub use confidence_radii::{MIXTURES, PRIOR_NOISE};
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
 pub(crate) use distributions::{level, positive_root, root};
 pub use estimate::{Data, Estimate};
@@ -53,5 +52,5 @@ pub use signs::{SignTest, chance_of_infinity, sign_radii, sign_sizes, sign_stati
 pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm};
 pub use triangle::{triangle, update};
 pub(crate) use units::Measured;
-pub use units::{Units, first_pairs};
+pub use units::{MIXTURES, PRIOR_NOISE, Units, first_pairs};
 pub use weighted_sums::{Pairs, Weights};

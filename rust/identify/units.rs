@@ -15,11 +15,21 @@ use crate::fuse::norm;
 use crate::memory::{checked_len, try_collect, try_extend, try_filled, try_zeros};
 use crate::parallel::Stop;
 
-use super::confidence_radii::{MIXTURES, PRIOR_NOISE};
 use super::estimate::Estimate;
 use super::least_squares::{Fitted, WHAT, fit};
 use super::triangle::triangle;
 
+/// `lam` of the mixtures in units of the squared scale of z: fixed before the data, as the event of a region refers to them.
+pub const MIXTURES: [f64; 16] = {
+    let (mut grid, mut j) = ([0.0625; 16], 1);
+    while j < 16 {
+        grid[j] = 2.0 * grid[j - 1];
+        j += 1;
+    }
+    grid
+};
+/// The noise in the prior of the universal region, in units of the squared scale: fixed before the data.
+pub const PRIOR_NOISE: f64 = 0.01;
 /// `kappa / N2` of the mixtures after a first part; between N/64 and N/4 first pairs, all of them do nearly as well.
 const SHARES: [f64; 3] = [1.0 / 6.0, 1.0 / 3.0, 2.0 / 3.0];
 
@@ -67,10 +77,10 @@ pub(crate) struct Measured {
     pub regressors: Vec<f64>,
     /// `lam` of the mixtures in the squared unit.
     pub lams: Vec<f64>,
-    /// The expected sizes (n) of the noise, and the variance of the noise in them.
+    /// The expected sizes (n) of the noise, and psi of the prior of its copsi in them.
     pub sizes: Vec<f64>,
     /// See `sizes`.
-    pub variance: f64,
+    pub psi: f64,
     /// `(H - C) Z` for the expected model C, in `sizes`, by the rows of the triangle (d, n).
     pub fitted: Vec<f64>,
     /// Squared singular values of `regressors`, the largest first.
@@ -111,7 +121,8 @@ impl Measured {
         let deviations = first.residual.iter().step_by(n + 1).map(|v| (v / degrees).sqrt());
         let sizes = try_collect(WHAT, deviations.map(|v| if v > 0.0 { v } else { 1.0 }))?;
         let lams = try_collect(WHAT, SHARES.map(|share| share * pairs))?;
-        Self::new(f, regressors, r, lams, sizes, 1.0, Some(&first.model)).map(Some)
+        // the mean of Sigma^-1 is I / sizes^2: with n + 2 degrees of freedom
+        Self::new(f, regressors, r, lams, sizes, n as f64 + 2.0, Some(&first.model)).map(Some)
     }
 
     fn new(
@@ -120,7 +131,7 @@ impl Measured {
         r: usize,
         lams: Vec<f64>,
         sizes: Vec<f64>,
-        variance: f64,
+        psi: f64,
         centre: Option<&[f64]>,
     ) -> Result<Self> {
         let (n, d) = (f.rows.len(), f.columns.len());
@@ -132,7 +143,7 @@ impl Measured {
             }
         }
         let squares = try_collect(WHAT, singular(&regressors, d, r)?.s.into_iter().map(|s| s * s))?;
-        Ok(Self { regressors, lams, sizes, variance, fitted, squares })
+        Ok(Self { regressors, lams, sizes, psi, fitted, squares })
     }
 
     /// `log det(I + V / lam)`.

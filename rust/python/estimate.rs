@@ -82,11 +82,12 @@ impl PyEstimate {
         Ok(Self { estimate: self.estimate.after(size)?, ..*self })
     }
 
+    #[pyo3(signature = (assumed, units, delta, components, directions, future, frobenius, method, anytime, threads, tail=0.0))]
     #[expect(clippy::too_many_arguments, reason = "what is assumed, and what is asked")]
     fn region(
         &self,
         py: Python<'_>,
-        assumed: (&str, &str, &str, Option<Matrix<'_>>, f64),
+        assumed: (&str, &str, &str, Option<Matrix<'_>>),
         units: UnitsOf<'_>,
         delta: f64,
         components: bool,
@@ -96,8 +97,9 @@ impl PyEstimate {
         method: &str,
         anytime: bool,
         threads: usize,
+        tail: f64,
     ) -> PyResult<PyRegion> {
-        let (design, noise, word, known, tail) = &assumed;
+        let (design, noise, word, known) = &assumed;
         let covariance = covariance(word, known.as_ref())?;
         let design = if *design == "independent" { Design::Independent } else { Design::Adaptive };
         let noise = if *noise == "gaussian" { Noise::Gaussian } else { Noise::SubGaussian };
@@ -108,7 +110,7 @@ impl PyEstimate {
         };
         let directions = directions.as_ref().map(|q| slice("directions", q)).transpose()?;
         let wish = Wish { delta, components, directions, future, frobenius, method, anytime };
-        let assumed = Assumed { design, noise, covariance, tail: *tail };
+        let assumed = Assumed { design, noise, covariance, tail };
         let units = match &units {
             UnitsOf::First(first) => Units::First(&first.get().estimate),
             UnitsOf::Expected(scale) => Units::Expected(slice("scale", scale)?),

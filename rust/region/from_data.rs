@@ -101,13 +101,12 @@ impl Region {
                 let assumed = Assumed { covariance, ..assumed };
                 (try_copy(WHAT, &f.missing)?, adaptive(f, assumed, wish, measured, delta, by)?)
             };
-            let Radius { factor, shape, noise: own, frobenius: whole } = radius;
+            let Radius { factor, shape, noise: own } = radius;
             parts.push(Arc::new(Part::within(f, &missing, &shape, factor)?));
             if blocks.len() == 1 {
                 noise = own;
                 if wish.frobenius {
-                    let crude = factor * count.min(f.rank() + wish.future) as f64;
-                    frobenius = Some(whole.map_or(crude, |whole| whole.min(crude)).sqrt());
+                    frobenius = Some((factor * count.min(f.rank() + wish.future) as f64).sqrt());
                 }
             }
         }

@@ -258,7 +258,7 @@ def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
 def test_noise_of_known_size_joins_the_radii(law, K):
     """||[D V^1/2, w]|| from both parts, each at half of delta; one step, or Gaussian: the sum."""
     gen, _, z, y = case(41)
-    model = model_of(z, y, noise=law, sigma=0.3, design="adaptive")
+    model = model_of(z, y, noise=law, sigma=0.3, design="adaptive", scale=1.0)
     plan = se.control(model, *gen.standard_normal((2, 4)), steps=K)
     rho = np.sqrt(model.region(DELTA / 2).parts[0].factor)
     q = {

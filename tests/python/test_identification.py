@@ -166,15 +166,15 @@ def test_regions_of_unknown_noise_for_any_design_are_those_of_the_twin():
     z, y, data = longer()
     twin, lams = tr.triangle(z, y), list(_core.mixtures()[:-1])
     for anytime in (False, True):
-        region = se.identify(data).region(DELTA, method="mixture", anytime=anytime)
+        region = se.identify(data, scale=1.0).region(DELTA, method="mixture", anytime=anytime)
         expected = at.gaussian_noise(twin, DELTA, lams, anytime=anytime)
         # 1 - delta / (N (N + 1)) has 7 digits less
         check(region.radius, rg.radius(expected), rtol=1e-7 if anytime else 1e-9)
         assert np.isfinite(region.radius)
-    region = se.identify(data, covariance="scalar").region(DELTA, method="mixture")
+    region = se.identify(data, covariance="scalar", scale=1.0).region(DELTA, method="mixture")
     check(region.radius, rg.radius(at.scalar_noise(twin, DELTA, lams)), rtol=1e-9)
     prior = {"l0": 1.0, "psi": _core.mixtures()[-1], "nu0": 4.0}
-    region = se.identify(data).region(DELTA, method="universal")
+    region = se.identify(data, scale=1.0).region(DELTA, method="universal")
     check(region.radius, rg.radius(at.universal(twin, DELTA, **prior)), rtol=1e-9)
 
 
@@ -185,7 +185,7 @@ def test_the_smaller_of_two_regions_costs_half_of_delta():
         at.gaussian_noise(twin, DELTA / 2, lams),
         at.universal(twin, DELTA / 2, l0=1.0, psi=_core.mixtures()[-1], nu0=4.0),
     ]
-    check(se.identify(data).region(DELTA).radius, min(map(rg.radius, both)), rtol=1e-9)
+    check(se.identify(data, scale=1.0).region(DELTA).radius, min(map(rg.radius, both)), rtol=1e-9)
     few = data[:12]
     assert se.identify(few).region(DELTA, method="mixture").radius == np.inf
     assert se.identify(few).region(DELTA).radius < np.inf
@@ -195,7 +195,7 @@ def test_the_universal_region_does_not_depend_on_units():
     z, y, data = longer()
     sizes = np.array([1e3, 1e-2, 30.0])
     other = se.Trajectories.from_pairs(z[:, :2] * sizes[:2], z[:, 2:] * sizes[2], y * sizes[:2])
-    mine = se.identify(data).region(DELTA, method="universal")
+    mine = se.identify(data, scale=1.0).region(DELTA, method="universal")
     scaled = se.identify(other, scale=sizes).region(DELTA, method="universal")
     check(scaled.parts[0].factor, mine.parts[0].factor, rtol=1e-9)
 
@@ -721,7 +721,7 @@ def test_what_is_shown():
     assert repr(model) == "<Model: n=2 m=1 dt=0.1, 50 pairs, adaptive design>"
     shown = model._repr_html_()
     assert "a&lt;b" in shown
-    assert "any design, valid for all N at once" in shown
+    assert "the first 6 tell the scale" in shown
     region = model.region(DELTA)
     assert repr(region) == f"<Region: 95 %, radius {region.radius:.4g}>"
     assert "known covariance" in region._repr_html_()
@@ -731,9 +731,12 @@ def test_what_is_shown():
 ASSUMPTIONS = {
     "Gaussian noise of one unknown covariance, independent of all states and inputs": fixed,
     "Gaussian noise of one unknown covariance, any design, for a number of pairs fixed beforehand":
+        lambda: se.identify(DATA, scale=1.0),
+    "Gaussian noise of one unknown covariance, any design, for a number of pairs fixed beforehand "
+    "and in the order of time, of which the first 6 tell the scale":
         lambda: se.identify(DATA),
     "bounded noise of a known bound, any design, valid for all N at once":
-        lambda: se.identify(DATA, noise="bounded", sigma=1.0),
+        lambda: se.identify(DATA, noise="bounded", sigma=1.0, scale=1.0),
 }  # fmt: skip
 
 

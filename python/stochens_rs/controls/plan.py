@@ -386,7 +386,7 @@ class Plan(SavedRecord, Timed):
         >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], x_next)
         >>> model = se.identify(data, sigma=0.01)
         >>> se.control(model, [1.0], [0.0], steps=2).typical()
-        <Typical: certified 0.00658, typical 0.00335, 95 %, without noise>
+        <Typical: certified 0.00677, typical 0.00335, 95 %, without noise>
         """
         share = validation.probability("delta", delta)
         known_model(self.basis, "typical")

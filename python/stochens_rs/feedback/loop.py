@@ -116,7 +116,7 @@ class Loop(SavedRecord):
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
         >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
         >>> proof.status, round(proof.margin, 2)
-        ('certified', 5.86)
+        ('certified', 6.07)
         """
         if self.model is None:
             raise InputError("`certificate` needs a loop for a model from data: gain(model, ...)")

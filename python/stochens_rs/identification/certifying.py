@@ -36,12 +36,14 @@ class Wish(NamedTuple):
 
 
 def region_of(
-    estimate: _core.Estimate, noise: Assumptions, wish: Wish, scale: Floats
+    estimate: _core.Estimate, noise: Assumptions, wish: Wish, units: Floats | _core.Estimate
 ) -> _core.Region:
-    """The region of the core for these assumptions."""
+    """The region of the core; `units`: a scale, or the estimate of the first pairs."""
     known = None if noise.known is None else np.ascontiguousarray(noise.known)
-    law = noise.design, noise.noise, noise.covariance, known, noise.tail
-    return estimate.region(law, np.ascontiguousarray(scale), *wish, get_num_threads())
+    law = noise.design, noise.noise, noise.covariance, known
+    if isinstance(units, np.ndarray):
+        units = np.ascontiguousarray(units)
+    return estimate.region(law, units, *wish, get_num_threads(), noise.tail)
 
 
 def sign_test(
@@ -113,8 +115,8 @@ def refuse(noise: Assumptions, wish: Wish, instruments: bool, by_rows: bool) -> 
         raise InputError("`frobenius` needs one region for all rows and directions")
 
 
-def said(noise: Assumptions, wish: Wish | None, instruments: bool) -> str:
-    """The assumptions in words."""
+def said(noise: Assumptions, wish: Wish | None, instruments: bool, first: int = 0) -> str:
+    """The assumptions in words; the `first` pairs tell the scale."""
     if instruments:
         return (
             "Gaussian noise of process and readings, white, of one covariance each; instruments "
@@ -123,6 +125,11 @@ def said(noise: Assumptions, wish: Wish | None, instruments: bool) -> str:
     text = noise.text
     if noise.noise == "symmetric" or (noise.noise == "gaussian" and noise.design == "independent"):
         text += ", independent of all states and inputs"
+    elif first:
+        text += (
+            ", any design, for a number of pairs fixed beforehand and in the order of time, of "
+            f"which the first {first} tell the scale"
+        )
     elif noise.known is not None or (wish is not None and wish.anytime):
         text += ", any design, valid for all N at once"
     else:

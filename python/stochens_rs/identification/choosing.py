@@ -8,10 +8,12 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
+from .._base.threads import get_num_threads
 from ..exceptions import InputError
 from .window import Window
 
 if TYPE_CHECKING:
+    from .._base.types import Floats
     from .trajectories import Trajectories
 
 Lags: TypeAlias = "int | Literal['auto'] | None"
@@ -50,6 +52,8 @@ def chosen_window(
     begins = (runs._pieces.places()[:first] == 0).tolist()
     start = runs._rows[:first], begins, runs.n, runs.m, offset
     if filters is not None:
+        first = -(-runs.size // (2 * SHARE))
+        start = runs._rows[:first], begins[:first], runs.n, runs.m, offset
         pole, count = _filters(filters)
         if least != most:
             raise InputError("`delay` must be one number with `filters`")
@@ -63,6 +67,25 @@ def chosen_window(
     found = _core.choose_window(*start, poles, (FILTERS, LAGS), (least, most), pieces)
     one, count, back, burn, told, _ = found
     return Window(*names, count, one, back, offset, burn, told), first
+
+
+def sized(
+    runs: Trajectories, window: Window, sizes: Floats | None, first: int
+) -> tuple[Floats | None, int]:
+    """The expected sizes of z, None for those of the first part, and how many pairs that has.
+
+    The first part holds the pairs that the window was chosen from, and the first rows that say the
+    size of the others; where all rows are too few for that, z is expected to be of size 1.
+    """
+    if sizes is not None:
+        return window._spread(sizes), first
+    before, after = window._rows(runs, first)
+    rows = np.concatenate([before, after])
+    asked = _core.first_pairs(rows, window.length, get_num_threads())
+    if asked is None:
+        return np.ones(window.length), first
+    count = max(asked, len(before))
+    return None, first if count == len(before) else window._place(runs, count)
 
 
 def _delays(delay: Any) -> tuple[int, int]:

@@ -42,9 +42,9 @@ def refuse(assumed: Assumptions, known: Floats | None, zeta: Floats | None, sing
         raise InputError("a covariance as `state_noise` goes with no known entries")
 
 
-def require_sound(scale: Floats, known: Floats | None) -> None:
+def require_sound(scale: Floats | None, known: Floats | None) -> None:
     """Refuse sizes and known entries that `identify` would not take."""
-    if scale.min() < SMALLEST or scale.max() > LARGEST:
+    if scale is not None and not SMALLEST <= scale.min() <= scale.max() <= LARGEST:
         raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}]")
     if known is None:
         return

@@ -86,9 +86,9 @@ def from_model(model: Any) -> Sections:
         ),
         "intercept": _counts(int(model.intercept)),
         "triangle": model.triangle.ravel(),
-        "scale": model.scale,
     }
     optional = {
+        "scale": model.scale,
         "covariance": assumed.known,
         "state_noise": None if isinstance(covariance, str) else covariance,
         "known": model.known,
@@ -157,7 +157,7 @@ def to_model(sections: Sections) -> tuple[tuple[Any, ...], dict[str, Any]]:
             exact_states(sections, n),
             _tail(sections),
         ),
-        "scale": _taken(sections, "scale", np.float64),
+        "scale": _taken(sections, "scale", np.float64) if "scale" in sections else None,
         "intercept": bool(offset),
         "known": _shaped(sections, "known", n + m + offset) if there[0] else None,
         "instruments": _shaped(sections, "instruments", zeta) if there[1] else None,

@@ -23,7 +23,7 @@ from .assumptions import (
     checked_scale,
 )
 from .checks import DRAWS, WORK, checked_residuals
-from .choosing import Delay, Lags, Order, chosen_window
+from .choosing import Delay, Lags, Order, chosen_window, sized
 from .consistency import refuse
 from .dependences import tested_rows
 from .model import Model
@@ -52,7 +52,7 @@ def identify(
     state_noise: StateNoise | ArrayLike = "none",
     exact: Sequence[str | int] = (),
     instruments: ArrayLike | None = None,
-    scale: ArrayLike = 1.0,
+    scale: ArrayLike | None = None,
     pilot: float | Identified | System | tuple[ArrayLike, ArrayLike] | None = None,
     reference: Any = None,
     inputs: Literal["open loop"] | ArrayLike = "open loop",
@@ -105,10 +105,12 @@ def identify(
         For noisy states: numbers that go with each pair and are independent of all noise, at least
         as many as unknowns of a row. In open loop ``data.past_inputs(lags)``; in closed loop an
         added dither, not the inputs. On runs every second pair is used.
-    scale : float or array_like, shape (n + m,), default 1.0
+    scale : float or array_like, shape (n + m,), optional
         The size of states and inputs that is expected before the data, in their units. Regions for
-        ``design="adaptive"`` hold for any scale, and are smallest if it is right within a factor of
-        ten or so.
+        ``design="adaptive"`` hold for any scale. Left out, it is that of the first eighth of the
+        pairs, which are then not used otherwise for a region: the number of pairs must be fixed
+        beforehand, and the runs be in the order of time. 1 for fewer than 4 pairs for each unknown
+        of a row, and for regions that hold for all N at once.
     pilot : float, int, model or system, optional
         Declares runs whose error has an exact law, whatever their length: Gaussian noise; number
         and lengths of runs fixed beforehand; starts measured without error and independent of the
@@ -207,9 +209,9 @@ def identify(
     window, first = chosen_window(runs, lags, filters, order, delay, offset)
     d = n + runs.m + offset if window is None else window.length
     known = _known(n, runs.m, offset, known_A, known_B)
-    sizes = checked_scale(scale, n + runs.m, offset)
+    sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
     if window is not None:
-        sizes = window._spread(sizes)
+        sizes, first = sized(runs, window, sizes, first)
     source = as_key(rng)
     key = source.child("sign vectors") if assumed.noise == "symmetric" else None
     zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
@@ -220,7 +222,7 @@ def identify(
         guide, runs = made(runs, pilot, offset, reference, inputs, dither)
     elif not (reference is None and dither is None and _unsaid(inputs)):
         raise InputError("`reference`, `inputs` and `dither` must be left out without `pilot`")
-    Z = _rows(runs, offset) if window is None else window._rows(runs, first)
+    Z = _rows(runs, offset) if window is None else window._rows(runs, first)[1]
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(Z, Z)):
             raise NonFiniteError("the squares of the data overflow: scale the data down")

@@ -65,8 +65,9 @@ class Model(Identified, Durable, Tabled):
         instruments before them if there are any: all that the estimate and most regions need.
     assumptions : Assumptions
         Design, noise, covariance, state noise and exact states, as declared.
-    scale : ndarray, shape (n + m,) or (n + m + 1,)
-        The sizes of states and inputs that were expected before the data.
+    scale : ndarray, shape (n + m,) or (n + m + 1,), or None
+        The sizes of states and inputs that were expected before the data; None: as in the first
+        pairs.
     intercept : bool
         Whether there is an offset c.
     known : ndarray, shape (n, n + m) or (n, n + m + 1), or None
@@ -85,7 +86,8 @@ class Model(Identified, Durable, Tabled):
         For models of outputs, the past readings and inputs from which they are predicted; the
         states are then the contents of the window. None for models of states.
     first : int
-        How many of the first pairs of `data` the window was chosen from; they count no more.
+        With a window: how many of the first pairs of `data` say its size, or were used to choose
+        it. They count no more: `triangle`, the model and its regions are of those after them.
     """
 
     _kind = "model"
@@ -93,7 +95,7 @@ class Model(Identified, Durable, Tabled):
     data: Trajectories
     triangle: Floats
     assumptions: Assumptions
-    scale: Floats
+    scale: Floats | None = None
     intercept: bool = False
     known: Floats | None = None
     instruments: Floats | None = None
@@ -114,7 +116,8 @@ class Model(Identified, Durable, Tabled):
             r = validation.kept("instruments", self.instruments, ndim=(2,)).shape[1]
             validation.kept("instruments", self.instruments, shape=(self.size, max(r, d)))
         validation.kept("triangle", self.triangle, shape=(r + d + n,) * 2)
-        validation.kept("scale", self.scale, shape=(d,))
+        if self.scale is not None:
+            validation.kept("scale", self.scale, shape=(d,))
         if self.known is not None and validation.instance(
             "known", self.known, np.ndarray
         ).shape != (
@@ -203,7 +206,7 @@ class Model(Identified, Durable, Tabled):
     def _windows(self) -> Floats:
         """The rows (z, y one step later) of all complete windows behind the first part."""
         assert self.window is not None
-        return self.window._rows(self.data, self.first)
+        return self.window._rows(self.data, self.first)[1]
 
     def _check_window(self) -> None:
         """Refuse a window that is not one of the data."""
@@ -226,10 +229,14 @@ class Model(Identified, Durable, Tabled):
 
     @cached_property
     def _estimate(self) -> _core.Estimate:
+        return self._fitted(self.triangle, self.size)
+
+    def _fitted(self, triangle: Floats, size: int) -> _core.Estimate:
+        """The estimate from the triangle of so many pairs."""
         noise = self.assumptions.state_noise
         return _core.Estimate(
-            np.ascontiguousarray(self.triangle),
-            self.size,
+            np.ascontiguousarray(triangle),
+            size,
             self.n_outputs,
             self._free,
             self.intercept,
@@ -237,6 +244,30 @@ class Model(Identified, Durable, Tabled):
             0 if self.instruments is None else self.instruments.shape[1],
             None if isinstance(noise, str) else np.ascontiguousarray(noise),
         )
+
+    @cached_property
+    def _first(self) -> int:
+        """How many of the first pairs say the size of the others; 0 where none is asked for."""
+        exact = self.design == "independent" and self.noise == "gaussian"
+        others = self.scale, self.instruments, self.key, self.pilot
+        if exact or self.assumptions.noisy_states or any(one is not None for one in others):
+            return 0
+        if self.window is not None:
+            return len(self.window._rows(self.data, self.first)[0])
+        return _core.first_pairs(np.hstack(self._pairs()), self._d, get_num_threads()) or 0
+
+    @cached_property
+    def _divided(self) -> tuple[_core.Estimate, _core.Estimate]:
+        """The estimates from the first pairs and from those after them."""
+        if self.window is not None:  # its model is that of the pairs after the first part
+            rows = self.window._rows(self.data, self.first)[0]
+            return self._fitted(_core.triangle(rows, get_num_threads()), len(rows)), self._estimate
+        rows, threads = np.hstack(self._pairs()), get_num_threads()
+        first, later = (
+            self._fitted(_core.triangle(part, threads), len(part))
+            for part in (rows[: self._first], rows[self._first :])
+        )
+        return first, later
 
     @cached_property
     def _blocks(self) -> list[_core.Fitted]:
@@ -302,7 +333,10 @@ class Model(Identified, Durable, Tabled):
         ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
         combination is 0.
         """
-        return missing_directions(self._blocks, self._regressors)
+        return self._missing_in(self._estimate)
+
+    def _missing_in(self, estimate: _core.Estimate) -> tuple[str, ...]:
+        return missing_directions(estimate.blocks, self._regressors)
 
     @property
     def _regressors(self) -> tuple[str, ...]:
@@ -324,6 +358,11 @@ class Model(Identified, Durable, Tabled):
                 f"the residuals were not tested, as {self.size} pairs take long: see Model.check"
             )
         said += cautions(self._blocks, self.missing)
+        if self._first and self._divided[0].rank < self.rank:
+            said.append(
+                f"the first {self._first} pairs do not determine what later ones do, so that "
+                "regions are infinite: pass `scale`"
+            )
         if self.pilot is not None and not self._piloted.determined:
             said.append("the runs that the pilot simulates do not determine the model")
         if self.assumptions.noisy_states and self.instruments is None:
@@ -440,8 +479,9 @@ class Model(Identified, Durable, Tabled):
             with few pairs. "universal": finite once there are n more pairs than unknowns, wide, and
             valid for all N at once. "auto": the smaller of both, each with delta / 2.
         anytime : bool, default False
-            For the same case: whether the region is to hold for all N at once, so that it may be
-            asked for again and again while data arrive. For known noise it does in any case.
+            For any design: whether the region is to hold for all N at once, so that it may be asked
+            for again and again while data arrive. It is then made with `scale`, or 1, and not with
+            the first pairs. For known noise it does so with a `scale` in any case.
 
         Returns
         -------
@@ -462,8 +502,10 @@ class Model(Identified, Durable, Tabled):
         for diagonal, scalar and known covariance. Any design: ``||W Z' V_lam^-1/2||^2 <= 2 sigma^2
         c`` for all N at once, with ``1F1(1/2; n/2; c) = det(I + V/lam)^(1/2) / delta``, a mixture
         over lines in the manner of Abbasi-Yadkori, Pal and Szepesvari (2011), without a bound on
-        Theta. Symmetric noise: sign-perturbed sums (Csaji, Campi and Weyer 2015). Instruments:
-        Anderson and Rubin (1949).
+        Theta. Without `scale`, ``kappa P`` takes the place of ``lam I``, with ``P = sum z z' / N1``
+        of the N1 first pairs and kappa 1/6, 1/3 and 2/3 of the number of those after them, of which
+        H, V and S are then; the `centre` is their H. Symmetric noise: sign-perturbed sums (Csaji,
+        Campi and Weyer 2015). Instruments: Anderson and Rubin (1949).
 
         Examples
         --------
@@ -489,7 +531,9 @@ class Model(Identified, Durable, Tabled):
         )
         refuse_region(self.assumptions, wish, self.instruments is not None, len(self._blocks) > 1)
         signs, text = None, ""
-        assumption = said(self.assumptions, wish, self.instruments is not None)
+        first = 0 if wish.anytime else self._first
+        assumption = said(self.assumptions, wish, self.instruments is not None, first)
+        missing = self.missing if self.instruments is None else ()
         if self.pilot is not None:
             if wish != Wish(wish.delta, frobenius=wish.frobenius):
                 raise InputError("a region by a pilot takes `delta` and `frobenius` only")
@@ -497,7 +541,12 @@ class Model(Identified, Durable, Tabled):
             made = self._piloted.region(law, wish.delta, wish.frobenius)
             assumption = f"{self.assumptions.text}, {self.pilot.said}"
         elif self.key is None:
-            made = region_of(self._estimate, self.assumptions, wish, self.scale)
+            scale = np.ones(self._d) if self.scale is None else self.scale
+            units, estimate = self._divided if first else (scale, self._estimate)
+            made, missing = (
+                region_of(estimate, self.assumptions, wish, units),
+                self._missing_in(estimate),
+            )
         else:
             signs, text = sign_test(self._blocks[0], *self._pairs(), wish.delta, self.key)
             made = self._estimate.sign_region(signs._of, get_num_threads())
@@ -508,7 +557,7 @@ class Model(Identified, Durable, Tabled):
             m=self._free,
             delta=wish.delta,
             assumption=assumption + text + self._assumed,
-            missing=self.missing if self.instruments is None else (),
+            missing=missing,
             parts=made.parts,
             future=wish.future,
             frobenius=made.frobenius,
@@ -750,7 +799,7 @@ class Model(Identified, Durable, Tabled):
     def _repr_html_(self) -> str:
         checks = "not tested" if self.checks is None else repr(self.checks)[1:-1]
         rows = [
-            ("assumed", said(self.assumptions, None, self.instruments is not None)),
+            ("assumed", said(self.assumptions, None, self.instruments is not None, self._first)),
             ("residuals", checks),
             *(("warning", text) for text in self.warnings),
         ]

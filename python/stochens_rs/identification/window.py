@@ -156,22 +156,28 @@ class Window(Record):
         """
         return Loop(*self._core.linear(np.ascontiguousarray(Theta)))
 
-    def _rows(self, data: Trajectories, first: int = 0) -> Floats:
-        """The rows (z, y one step later) of all complete windows, from pair `first` on."""
+    def _rows(self, data: Trajectories, first: int = 0) -> tuple[Floats, Floats]:
+        """The rows (z, y one step later) of complete windows: before pair `first`, and after."""
         rows, at = self._core.rows(data._rows, (data._pieces.places() == 0).tolist())
-        if not len(at):
+        if not len(at) or at[-1] < first:
             longest = int(data.pieces.max())
             raise InputError(
                 f"a window of {self.text} needs pieces of more than {self.fill} pairs, but the "
                 f"longest has {longest}"
+                + (f", and none is left behind the first {first} pairs" if len(at) else "")
             )
-        return np.ascontiguousarray(rows[np.searchsorted(at, first) :])
+        place = int(np.searchsorted(at, first))
+        return rows[:place], rows[place:]
+
+    def _place(self, data: Trajectories, count: int) -> int:
+        """The pair that the complete window behind the first `count` of them belongs to."""
+        return int(self._core.rows(data._rows, (data._pieces.places() == 0).tolist())[1][count])
 
     def _longer(self, data: Trajectories, first: int) -> tuple[Floats, int]:
         """The rows (z, one lag or filter more of each signal, y one step later), and d."""
         n, m = len(self.outputs), len(self.inputs)
         wide = replace(self, count=self.count + 1, found=None)
-        if int(data.pieces.max()) <= wide.fill:
+        if int(data.pieces.max()) <= wide.fill:  # no row for the test
             return np.zeros((0, wide.length + n)), self.length
         read, acting = np.split(
             np.arange(self.length + n + m - self.intercept), [self.count * n + n]
@@ -184,7 +190,7 @@ class Window(Record):
             acting[-m:],
         )
         order = np.concatenate([*own, np.arange(wide.length, wide.length + n)]).astype(np.int64)
-        return wide._rows(data, first)[:, order], self.length
+        return np.ascontiguousarray(wide._rows(data, first)[1][:, order]), self.length
 
     def _short(self, explained: float) -> str:
         """What is said of a window to which one lag or filter more adds this share."""

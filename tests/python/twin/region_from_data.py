@@ -65,14 +65,19 @@ def region(model: Any, wish: Wish) -> Region:
         found = projected(model.triangle, model.instruments.shape[1], N)
         centre, one = instrumented(found, d, wish.delta)
         return Region(centre, (one,), None, None)
-    all_rows = blocks(model.triangle, d, N, known, False)
+    triangle, units = model.triangle, model.scale
+    first = 0 if wish.anytime else model._first
+    if units is None:
+        units = np.ones(d)
+    if first:
+        rows = np.hstack(model._pairs())
+        triangle, N = np.linalg.qr(rows[first:], mode="r"), N - first
+    all_rows = blocks(triangle, d, N, known, False)
     by_rows = wish.components and len(all_rows) == 1
+    if first:
+        units = blocks(np.linalg.qr(rows[:first], mode="r"), d, first, known, by_rows)
     parts_, frobenius, bound = parts(
-        blocks(model.triangle, d, N, known, True) if by_rows else all_rows,
-        noise,
-        wish,
-        model.scale,
-        n,
+        blocks(triangle, d, N, known, True) if by_rows else all_rows, noise, wish, units, n
     )
     return Region(assembled(all_rows, known, n, d), parts_, frobenius, bound)
 
@@ -201,12 +206,12 @@ def assembled(found: list[Block], known: Floats | None, n: int, d: int) -> Float
 
 
 def parts(
-    found: list[Block], noise: Any, wish: Wish, scale: Floats, n: int
+    found: list[Block], noise: Any, wish: Wish, units: Floats | list[Block], n: int
 ) -> tuple[tuple[Part, ...], float | None, Floats | None]:
     """The parts of the region, and the Frobenius radius and the bound of the noise if there are."""
     made = []
     frobenius, bound = None, noise.known
-    for block in found:
+    for at, block in enumerate(found):
         rows, columns, f = block
         delta = wish.delta
         if len(rows) < n:  # one row each: together by the union, or independent of each other
@@ -224,8 +229,11 @@ def parts(
                 continue
             factor, S, _ = independent(f, noise, known, rank + wish.future, delta)
         else:
-            options = scale[columns], scale[rows], delta, wish.method, wish.anytime
-            factor, S, own = adaptive(f, noise, known, *options)
+            if isinstance(units, list):
+                unit = after(f, units[at].fitted)
+            else:
+                unit = expected(f, units[columns], units[rows])
+            factor, S, own = adaptive(f, noise, known, unit, delta, wish)
             bound = own if len(found) == 1 else bound
         made.append(part_of(f, rows, columns, S, float(factor)))
         if wish.frobenius and len(found) == 1:  # ||G||_F <= sqrt(min(n, d)) ||G||
@@ -286,56 +294,70 @@ def independent(f: Fitted, noise: Any, known: Floats | None, columns: int, delta
     return Shaped(_core.roy_quantile(n, columns, f.nu, delta, 1), f.S)
 
 
+class Units(NamedTuple):
+    """What z, the mixtures and the noise are measured in, fixed before the pairs of the fit."""
+
+    regressors: Floats  # R11 in these units
+    lams: Floats
+    sizes: Floats  # of the noise
+    psi: float  # of the prior of its covariance in them
+    centre: Floats  # of the prior of Theta
+
+
+def expected(f: Fitted, scale: Floats, sizes: Floats) -> Units:
+    """The units that were expected before the data."""
+    return Units(f.R11 / scale, GRID, sizes, PRIOR_NOISE, np.zeros_like(f.H))
+
+
+def after(f: Fitted, first: Fitted) -> Units:
+    """Those of N1 pairs before: ``kappa P``, kappa = N2 (1/6, 1/3, 2/3), P = Z1 Z1' / N1."""
+    lams = np.array([1.0, 2.0, 4.0]) / 6.0 * (f.N / first.N)
+    sizes = np.sqrt(np.diag(first.S) / first.nu)
+    sizes = np.where(sizes == 0.0, 1.0, sizes)
+    return Units(f.R11 @ first.white.T, lams, sizes, len(first.S) + 2.0, first.H)
+
+
 def adaptive(
-    f: Fitted,
-    noise: Any,
-    known: Floats | None,
-    scale: Floats,
-    state_scale: Floats,
-    delta: float,
-    method: str,
-    anytime: bool,
+    f: Fitted, noise: Any, known: Floats | None, units: Units, delta: float, wish: Wish
 ) -> Shaped:
-    """The factor for any design; `scale` (d,) and `state_scale` (n,) are fixed before the data.
+    """The factor for any design.
 
     Known noise: the sphere mixture. Unknown Gaussian noise: the same with a lower bound of the
     covariance ("mixture"), or the marginal likelihood over the largest ("universal"); "auto" takes
     the smaller of both at delta / 2 each.
     """
-    n = len(f.S)
     if f.rank == 0:
         return Shaped(0.0, f.S, known)
     if known is not None:
-        return Shaped(mixture_level(f, n, scale, delta), known, known)
-    share = delta / 2.0 if method == "auto" else delta
+        return Shaped(mixture_level(f, units, delta), known, known)
+    share = delta / 2.0 if wish.method == "auto" else delta
     found: list[Shaped] = []
-    if method != "universal":
-        found.append(_unknown_noise(f, noise, scale, share, anytime))
-    if method != "mixture":
-        found.append(Shaped(universal(f, scale, state_scale, share), f.S))
+    if wish.method != "universal":
+        found.append(_unknown_noise(f, noise, units, share, wish))
+    if wish.method != "mixture":
+        found.append(Shaped(universal(f, units, share), f.S))
     best = min(found, key=lambda one: one.factor * float(np.linalg.norm(one.S, 2)))
     return best._replace(noise=found[0].noise)
 
 
-def mixture_level(f: Fitted, n: int, scale: Floats, delta: float) -> float:
-    """rho^2 with ``||D V^1/2||^2 <= rho^2 sigma^2``, from ``log det(I + V / lam)`` over a grid."""
-    s = np.linalg.svd(f.R11 / scale, compute_uv=False)
-    smallest = float(s[f.rank - 1] ** 2)
-    ld = np.array([np.sum(np.log1p(s * s / lam)) for lam in GRID])
-    wider: Floats = 1.0 + GRID / smallest
-    return _core.least_squares_level(n, ld, wider, delta, False)
+def mixture_level(f: Fitted, units: Units, delta: float) -> float:
+    """rho^2 with ``||D V^1/2||^2 <= rho^2 sigma^2``, from ``log det(I + V / lam)`` over the lam."""
+    s = np.linalg.svd(units.regressors, compute_uv=False)
+    ld = np.array([np.sum(np.log1p(s * s / lam)) for lam in units.lams])
+    wider: Floats = 1.0 + units.lams / float(s[f.rank - 1] ** 2)
+    return _core.least_squares_level(len(f.S), ld, wider, delta, False)
 
 
-def _unknown_noise(f: Fitted, noise: Any, scale: Floats, delta: float, anytime: bool) -> Shaped:
+def _unknown_noise(f: Fitted, noise: Any, units: Units, delta: float, wish: Wish) -> Shaped:
     """Gaussian noise of one covariance: rho^2 at delta / 2, and as much for the covariance.
 
     full: ``S >= (a - rho^2) Sigma``, a the quantile of the smallest root of W_n(I, N); scalar:
     ``tr S >= (chi^2_{nN} - min(n, rank) rho^2) sigma^2``: the covariance is at most S over that.
-    `anytime` shares by 1 / (N (N + 1)).
+    Anytime shares by 1 / (N (N + 1)).
     """
     n = len(f.S)
-    share = delta / 2.0 / (f.N * (f.N + 1.0) if anytime else 1.0)
-    rho2 = mixture_level(f, n, scale, delta / 2.0)
+    share = delta / 2.0 / (f.N * (f.N + 1.0) if wish.anytime else 1.0)
+    rho2 = mixture_level(f, units, delta / 2.0)
     if noise.covariance == "scalar":
         left = chi2_quantile(share, n * f.N) - min(n, f.rank) * rho2
         S: Floats = np.trace(f.S) * np.eye(n)
@@ -345,24 +367,23 @@ def _unknown_noise(f: Fitted, noise: Any, scale: Floats, delta: float, anytime: 
     return Shaped(rho2 / left, S, S / left) if left > 0.0 else Shaped(np.inf, S)
 
 
-def universal(f: Fitted, scale: Floats, state_scale: Floats, delta: float) -> float:
+def universal(f: Fitted, units: Units, delta: float) -> float:
     """``det(I + S^-1 D V D') <= rho``: marginal over largest likelihood; rho - 1 is the factor.
 
-    Prior ``Theta ~ N(0, Sigma x I)`` and ``Sigma ~ IW(psi I, n + 2)`` in units of the scales
+    Prior ``Theta ~ N(C, Sigma x I)`` and ``Sigma ~ IW(psi I, n + 2)`` in the units
     (Wasserman, Ramdas and Balakrishnan 2020). The region is valid for any prior.
     """
     n, N = len(f.S), f.N
     if f.nu < n:
         return np.inf
-    nu0, psi = n + 2.0, PRIOR_NOISE
-    d = f.R11.shape[1]
-    # all in units of the scales: z / scale, y / state_scale
-    R11 = f.R11 / scale
-    fitted, S = f.R11 @ f.H.T / state_scale, f.S / np.outer(state_scale, state_scale)
+    nu0, psi = n + 2.0, units.psi
+    R11, r = units.regressors, units.regressors.shape[1]
+    fitted = f.R11 @ (f.H - units.centre).T / units.sizes
+    S = f.S / np.outer(units.sizes, units.sizes)
     ld = float(np.sum(np.log1p(np.linalg.svd(R11, compute_uv=False) ** 2)))
     # Psi = psi I + S + what ridge leaves of the fitted part
-    prior = np.hstack([np.eye(d), np.zeros((d, n))])
-    below = r_factor(np.vstack([np.hstack([R11, fitted]), prior]))[d:, d:]
+    prior = np.hstack([np.eye(r), np.zeros((r, n))])
+    below = r_factor(np.vstack([np.hstack([R11, fitted]), prior]))[r:, r:]
     Psi = psi * np.eye(n) + S + below.T @ below
     sign, log_S = np.linalg.slogdet(S)
     if sign <= 0:

@@ -171,7 +171,8 @@ def _declared(model: Model) -> dict[str, Any]:
     noise, n, d = model.assumptions, model.n, model.n + model.m
     told: dict[str, Any] = {"design": noise.design, "noise": noise.noise}
     told["covariance"] = noise.covariance if noise.known is None else noise.known
-    told |= {"intercept": model.intercept, "scale": model.scale[:d]}
+    told["intercept"] = model.intercept
+    told["scale"] = None if model.scale is None else model.scale[:d]
     if model.known is not None:
         told |= {"known_A": model.known[:, :n], "known_B": model.known[:, n:d]}
     return told

@@ -21,9 +21,12 @@ if TYPE_CHECKING:
 
 
 def output_certificate(
-    basis: ModelBasis, u: Floats, K: Floats | None, delta: float, noise: bool
+    basis: ModelBasis, u: Floats, delta: float, noise: bool, gain: Floats | None = None
 ) -> Certificate:
-    """Bound the outputs of the true system under `u`, or ``u + K (x - xh)``; `noise`: readings."""
+    """Bound where the outputs of the true system are under `u`; `noise`: the readings.
+
+    With a `gain` K (m, n) under ``u + K (x - xh)``, x the window, xh that of the plan.
+    """
     model = basis.model
     assert isinstance(model, Model)
     assert model.window is not None
@@ -39,7 +42,7 @@ def output_certificate(
     covariance = none if region.noise is None else np.ascontiguousarray(region.noise)
     level = (covariance, delta * (1.0 - REGION)) if noise else None
     system = model._loop.ABc, model._loop.J, model._loop.G, model.m
-    found = _core.output_tube(region._core, system, basis.x0, u, K, level)
+    found = _core.output_tube(region._core, system, basis.x0, u, gain, level)
     _, predicted, mean, read = found
     tube, components = mean if read is None else read
     if model.doubts:
@@ -54,7 +57,9 @@ def output_certificate(
         parts["noise"] = norm((tube - mean[0])[1:][last]) if np.isfinite(target) else np.inf
     what = "readings" if noise else "means of the readings"
     method = f"window of {model.window.text}, {'with' if noise else 'without'} noise"
-    reason = "too few pairs, or too many steps for an unstable model (a gain keeps it small)"
+    if gain is not None:
+        method += ", followed with the gain"
+    reason = "too few pairs, or too many steps for an unstable model (a feedback keeps it small)"
     if model.doubts:
         reason = model.doubts[0]
     elif region.missing:
@@ -71,9 +76,8 @@ def output_certificate(
         "outputs": radius(off + components[1:], f"the target, {what} of each output"),
     }
     said = region.assumption
-    if K is not None:
+    if gain is not None:
         said += "; inputs u(k) + K (x(k) - xh(k)), x the window of the readings"
-        method += ", with feedback"
     if noise:
         said += "; noise to come independent of the data, at half of the probability of failure"
     return trusted(

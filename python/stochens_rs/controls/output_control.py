@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._base import validation
+from .._base import html, validation
 from .._base.types import DELTA
 from ..certificates.model_basis import ModelBasis
 from ..exceptions import InputError
@@ -71,8 +71,8 @@ def rest_of(model: Model, target: Any, delta: float = DELTA) -> Rest:
     room = model.region(delta)._core.bound(there, False)
     if off > room + 1e-12 * float(np.abs(H * there).sum()):
         raise InputError(
-            f"`target` must be a point of rest: with no constant input do the outputs stay at "
-            f"{validation.show(r)}; with the best one they move by {off:.3g} in a step, of which "
+            "`target` must be a point of rest: with no constant input do the outputs stay at "
+            f"{html.vector(r)}; with the best one they move by {off:.3g} in a step, of which "
             f"the error of the model explains {room:.3g}"
         )
     return Rest(start + states @ u, u, states, outputs)

@@ -319,15 +319,12 @@ class Plan(SavedRecord, Timed):
         if isinstance(self.basis, ModelBasis) and (window or gain is not None):
             for name in ("open_loop", "x0_fixed"):
                 if flags[name]:
-                    of = "for a model of outputs" if window else "with `gain`"
-                    raise InputError(f"`{name}` must be False {of}")
-            if not window:
-                assert gain is not None
-                return followed(self.basis, self.u, predicted, gain, delta, noise)
-            K = None
-            if gain is not None:
-                K = validation.matrix("gain", gain.K, rows=self.u.shape[1], cols=predicted.shape[1])
-            return output_certificate(self.basis, self.u, K, delta, noise)
+                    other_than = "for a model of outputs" if window else "with `gain`"
+                    raise InputError(f"`{name}` must be False {other_than}")
+            K = None if gain is None else self._gain(gain)
+            if gain is None or window:
+                return output_certificate(self.basis, self.u, delta, noise, K)
+            return followed(self.basis, self.u, predicted, gain, delta, noise)
         if isinstance(self.basis, ModelBasis):
             near = near_reference(self.basis, self.u, predicted, delta, asked)
             if self.limited is not None:
@@ -587,6 +584,8 @@ class Plan(SavedRecord, Timed):
         >>> plan.validate(se.SystemEnsemble(A, np.ones((60, 1, 1))))
         <Validation: 60 fresh systems, x(K) within 0.0145 of xf, tube 0.0204 scales, 95 % each>
         """
+        if self.predicted_outputs is not None:
+            raise InputError("validate() is for plans of models of states")
         mine = Predicted(
             self.u, self.predicted_states, self.basis, self.limited, self._labels, self.dt
         )
@@ -769,6 +768,13 @@ class Plan(SavedRecord, Timed):
                     f"{runs.shape}"
                 )
         return tube, says, runs
+
+    def _gain(self, gain: Loop | LoopCertificate) -> Floats:
+        """The matrix of a gain for this plan."""
+        K = np.ascontiguousarray(gain.K)
+        if K.shape != self._shape[::-1]:
+            raise ShapeError(f"`gain` must be one of this model, got one of shape {K.shape}")
+        return K
 
     def _in_order(self, system: object) -> System:
         """The system, its names in the order of this plan."""

@@ -9,8 +9,9 @@ import numpy as np
 from .._base import validation
 from ..certificates.model_basis import ModelBasis
 from ..certificates.region_errors import trajectory
-from ..exceptions import InputTypeError, NonFiniteError
+from ..exceptions import InputError, InputTypeError, NonFiniteError
 from ..identification.identified import Identified
+from ..identification.model import Model
 from ..theory.exact import best_control
 from .model_control import beyond_data
 from .plan import Plan
@@ -59,6 +60,10 @@ def predict(model: Identified, x0: ArrayLike | Uncertain, inputs: ArrayLike) -> 
     if not isinstance(model, Identified):
         raise InputTypeError(f"`model` must be a model from data, got {validation.show(model)}")
     n, m = model.B.shape
+    if isinstance(model, Model) and model.window is not None:
+        raise InputError(
+            "`model` must be one of states: a model of outputs starts from a record, see control()"
+        )
     off, given = (x0.radius, x0.values) if isinstance(x0, Uncertain) else (0.0, x0)
     start = validation.vector("x0", given, length=n, labels=model.state_names).copy()
     u = validation.inputs("inputs", inputs, cols=m, empty=False, labels=model.input_names).copy()

@@ -14,7 +14,7 @@ from .._base import html, validation
 from .._base.reading import read
 from .._base.signal_names import Labels
 from .._base.types import Floats, Status
-from ..exceptions import InputError, NonFiniteError, ShapeError
+from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..feedback import LoopCertificate
 from .limited import loop_of
 from .output_control import record_of
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "gain"]
 LOGGED = 1000  # calls that the log keeps
+SEEN = 1e-10  # of the largest effect of a constant input: what is less is rounding
 MOVED = 0.01  # of the range of the limits: how far the disturbance may move without a new problem
 
 
@@ -99,9 +100,9 @@ class ReadingLoop:
         self._low, self._high, self._hold, self._most = low, high, hold, max_missing
         self._ahead = model._H @ model._loop.J
         self._tail = np.ones(int(model.intercept))
-        self._drift, self._gain = drift, np.zeros((model.m, model.n_outputs))
-        if drift is not None:
-            self._gain = disturbance_gain(model, rest, drift)
+        self._along, gain = disturbance_of(model, rest, drift)
+        self._gain = self._along @ gain
+        self._inner = gain, rest.outputs @ self._along
         self._solver: _core.Loop | None = None  # of plans, for a disturbance near this one
         self._solved = np.zeros(model.m)
         self._log: deque[Reading] = deque(maxlen=LOGGED)
@@ -206,7 +207,10 @@ class ReadingLoop:
         return self._noted(last, None, u, status, started)
 
     def _checked(self, y: ArrayLike) -> Floats:
-        found = np.array(read("y", y), dtype=float, ndmin=1)
+        try:
+            found = np.array(read("y", y), dtype=np.float64, ndmin=1)
+        except (TypeError, ValueError):
+            raise InputTypeError(f"`y` must be numbers, got {validation.show(y)}") from None
         if found.shape != (self.model.n_outputs,):
             wanted = ", ".join(self.model.outputs)
             raise ShapeError(f"`y` must have the readings {wanted}, got shape {found.shape}")
@@ -308,9 +312,10 @@ class ReadingLoop:
         Notes
         -----
         ``u = K x + (K E - I) d + constant``, E what one unit of a constant input adds to x, and
-        ``d+ = d + Kd (y - y^)``. With the target 0, no intercept and a disturbance at the inputs
-        the outputs come to rest at 0, for every system of the region; with as many inputs as
-        outputs at the target. Else they rest near it. The bias of a sensor is never removed.
+        ``d+ = d + Kd (y - y^)``, along the directions of d that the outputs show. With the target
+        0, no intercept and a disturbance at the inputs the outputs come to rest at 0, for every
+        system of the region; with as many inputs as outputs at the target. Else they rest near it.
+        The bias of a sensor is never removed.
         """
         if not isinstance(self._policy, np.ndarray):
             raise InputError(
@@ -319,16 +324,16 @@ class ReadingLoop:
         model, K, names = self.model, self._policy, self.model.labels
         region = model.region(validation.probability("delta", delta))
         ABc, J, G = model._loop.ABc, model._loop.J, model._loop.G
-        if self._drift is not None:
-            n, m = model.n, model.m
-            K = np.hstack([K, K @ self._rest.states - np.eye(m)])
-            none = np.zeros((len(J), m))
-            J = np.hstack([J[:, :n], none, J[:, n:]])
-            wide = np.hstack([ABc[:, :n], np.zeros((n, m)), ABc[:, n:]])
-            below = np.zeros((m, wide.shape[1]))
-            below[:, n : n + m] = np.eye(m) - self._gain @ self._rest.outputs
-            ABc, G = np.vstack([wide, below]), np.vstack([G, self._gain])
-            more = tuple(f"d of {name}" for name in names.inputs)
+        n, (gain, seen) = model.n, self._inner
+        r = len(gain)
+        if r:
+            K = np.hstack([K, (K @ self._rest.states - np.eye(model.m)) @ self._along])
+            J = np.hstack([J[:, :n], np.zeros((len(J), r)), J[:, n:]])
+            wide = np.hstack([ABc[:, :n], np.zeros((n, r)), ABc[:, n:]])
+            below = np.eye(r, wide.shape[1], n)
+            below[:, n : n + r] -= gain @ seen
+            ABc, G = np.vstack([wide, below]), np.vstack([G, gain])
+            more = tuple(f"disturbance[{i}]" for i in range(r))
             names = Labels((*names.states, *more), names.inputs)
         doubt = model.doubts[0] if model.doubts else None
         ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
@@ -337,7 +342,7 @@ class ReadingLoop:
 
     def __repr__(self) -> str:
         said = "" if self.full else ", the window is not full"
-        also = ", offset-free" if self._drift is not None else ""
+        also = ", offset-free" if len(self._inner[0]) else ""
         return (
             f"<ReadingLoop: {', '.join(self.model.outputs)} to "
             f"{', '.join(self.model.input_names)}{also}, {html.number_of(len(self._log), 'call')}"
@@ -345,12 +350,24 @@ class ReadingLoop:
         )
 
 
-def disturbance_gain(model: Model, rest: Rest, drift: Floats) -> Floats:
-    """The steady gain (m, p) of the estimate of a random walk that is seen through `rest.outputs`.
+def disturbance_of(model: Model, rest: Rest, drift: Floats | None) -> tuple[Floats, Floats]:
+    """The directions P (m, r) of the disturbances that the outputs show, and the gain (r, p).
 
-    That of a Kalman filter is the transpose of a regulator of the transposed system.
+    ``d = P xi``, xi a random walk of steps of covariance I that is seen through ``rest.outputs P``;
+    its steady gain is the transpose of that of a regulator of the transposed system.
     """
-    m, g = model.m, rest.outputs
-    given = np.eye(m), np.ascontiguousarray(g.T), np.diag(drift**2), np.asarray(model.covariance)
-    K, _, _ = _core.feedback_gain(*map(np.ascontiguousarray, given))
-    return -K.T
+    m, p = model.m, model.n_outputs
+    if drift is None:
+        return np.zeros((m, 0)), np.zeros((0, p))
+    U, sizes, Vt = np.linalg.svd(rest.outputs * drift, full_matrices=False)
+    r = int(np.count_nonzero(sizes > SEEN * sizes[0]))
+    covariance = model.covariance
+    if r == 0 or covariance is None:
+        raise InputError(
+            "`offset_free` must be False: the model does not say what constant inputs do to the "
+            "outputs"
+        )
+    seen = np.ascontiguousarray((U[:, :r] * sizes[:r]).T)
+    noise = np.ascontiguousarray(covariance)
+    K, _, _ = _core.feedback_gain(np.eye(r), seen, np.eye(r), noise)
+    return drift[:, None] * Vt[:r].T, -K.T

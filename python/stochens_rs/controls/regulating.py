@@ -160,9 +160,13 @@ def regulate(
     """
     read = isinstance(system, Loop) or (isinstance(system, Model) and system.window is not None)
     if read or offset_free is not None:
-        for name, value in (("xf", xf), ("time_limit", time_limit)):
+        given = {"xf": xf, "time_limit": time_limit, "gain": gain, "calls": calls}
+        for name, value in given.items():
             if value is not None:
-                raise InputError(f"`{name}` must be left out for a model of outputs: see `target`")
+                raise InputError(
+                    f"`{name}` must be left out for a model of outputs: see `target`, and regulate "
+                    "a Loop for a gain"
+                )
         return reading_loop(system, steps, limits, cost, offset_free, target, hold, max_missing)
     checked = checked_model(system)
     n, m = checked.B.shape

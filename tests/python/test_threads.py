@@ -53,8 +53,7 @@ def test_one_object_in_many_threads():
     def call(_):
         try:
             return loop([1.0, 0.0])
-        except InputError as error:
-            assert "in use by another thread" in str(error)
+        except InputError:  # in use by another thread
             return alone
 
     assert np.allclose(together(call), alone, atol=1e-7)

@@ -24,6 +24,7 @@ extensions = [
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx_gallery.gen_gallery",
+    "_site.llms",
     "_site.mathematics",
     "_site.notebooks",
     "_site.pages",

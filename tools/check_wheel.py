@@ -19,7 +19,13 @@ from zipfile import ZipFile
 LIMIT = 4_200_000  # bytes; 4.1 MB for x86_64, most of it the extension
 EXTENSION = re.compile(r"stochens_rs/_core(\.abi3\.so|\.pyd)")
 LICENSES = ["LICENSE", "THIRD-PARTY-LICENSES"]
-FILES = ["py.typed", "_core.pyi", "paper/report/report.html.j2", "paper/verdicts/statements.ini"]
+FILES = [
+    "py.typed",
+    "_core.pyi",
+    "style.mplstyle",
+    "paper/report/report.html.j2",
+    "paper/verdicts/statements.ini",
+]
 
 USE = """
 import shutil

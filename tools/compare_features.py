@@ -20,7 +20,7 @@ from importlib import metadata
 from importlib.util import find_spec
 from pathlib import Path
 
-from comparison import CELLS, GROUPS, PACKAGES, TITLES
+from comparison import CELLS, GROUPS, NEAR, NEAR_CELLS, NEAR_GROUPS, PACKAGES, TITLES, Cell
 from packaging.requirements import Requirement
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -40,9 +40,11 @@ that writes this page stops where a cell is wrong:
 ```sh
 python -m venv compare
 compare/bin/pip install control nutpie cvxpy packaging pandas xarray .
+compare/bin/pip install --no-deps lmpc ampyc ctrlsys direct-data-driven-mpc mapie
 compare/bin/python tools/compare_features.py --write docs/compare.md
 ```
 """
+TABLES = ((NEAR, NEAR_GROUPS, NEAR_CELLS), (TITLES, GROUPS, CELLS))
 
 
 def main() -> int:
@@ -51,7 +53,7 @@ def main() -> int:
     parser.add_argument("--write", type=Path, metavar="PAGE")
     page_path = parser.parse_args().write
     warnings.simplefilter("ignore")
-    wrong = [line for line in (fault(row, package) for row, package in CELLS) if line]
+    wrong = [line for line in map(fault, [*CELLS.values(), *NEAR_CELLS.values()]) if line]
     for line in wrong:
         print(line, file=sys.stderr)
     if wrong:
@@ -63,12 +65,12 @@ def main() -> int:
     return 0
 
 
-def fault(row: str, package: str) -> str:
+def fault(cell: Cell) -> str:
     """Return what is wrong with a cell, or nothing."""
     try:
-        CELLS[row, package].check()
+        cell.check()
     except Exception as error:  # whatever a package raises is a fault of the cell
-        return f"{package}, {row}: {type(error).__name__}: {error}"
+        return f"{cell.package}, {cell.row}: {type(error).__name__}: {error}"
     return ""
 
 
@@ -78,33 +80,40 @@ def fault(row: str, package: str) -> str:
 def text(head: str, numbers: list[str]) -> str:
     """Return the page: head, tables, measured numbers, notes."""
     notes = notes_in_order()
-    parts = ["# Features beside those of python-control, nutpie and CVXPY", head, WORDS.rstrip()]
-    for title, rows in GROUPS.items():
-        parts += [f"## {title}", "\n".join([*heading(), *(line(row, notes) for row in rows)])]
-    parts += ["## Size", "\n".join([*heading(), *numbers])]
+    parts = ["# Features side by side", head, WORDS.rstrip()]
+    for titles, groups, cells in TABLES:
+        for title, rows in groups.items():
+            body = [
+                line(label, [cells[row, one] for one in titles], notes)
+                for row, label in rows.items()
+            ]
+            parts += [f"## {title}", "\n".join([*heading(titles), *body])]
+    parts += ["## Size", "\n".join([*heading(TITLES), *numbers])]
     parts += ["## Notes", "\n".join(f"{n}. {note}" for n, note in enumerate(notes, 1))]
     return "\n\n".join(parts) + "\n"
 
 
-def heading() -> list[str]:
-    """Return the head of each table."""
-    return ["| | " + " | ".join(TITLES.values()) + " |", "|---|" + "---|" * len(TITLES)]
+def heading(titles: dict[str, str]) -> list[str]:
+    """Return the head of a table."""
+    return ["| | " + " | ".join(titles.values()) + " |", "|---|" + "---|" * len(titles)]
 
 
-def line(row: str, notes: list[str]) -> str:
+def line(label: str, cells: list[Cell], notes: list[str]) -> str:
     """Return a row of a table as declared."""
-    label = next(rows[row] for rows in GROUPS.values() if row in rows)
-    cells = []
-    for package in PACKAGES:
-        cell = CELLS[row, package]
-        cells.append(cell.verdict + (f" ({notes.index(cell.note) + 1})" if cell.note else ""))
-    return f"| {label} | " + " | ".join(cells) + " |"
+    said = [
+        f"{one.verdict} ({notes.index(one.note) + 1})" if one.note else one.verdict for one in cells
+    ]
+    return f"| {label} | " + " | ".join(said) + " |"
 
 
 def notes_in_order() -> list[str]:
     """Return all notes, each once, as they are met in the tables."""
     cells = (
-        CELLS[row, package] for rows in GROUPS.values() for row in rows for package in PACKAGES
+        cells[row, one]
+        for titles, groups, cells in TABLES
+        for rows in groups.values()
+        for row in rows
+        for one in titles
     )
     return list(dict.fromkeys(cell.note for cell in cells if cell.note))
 
@@ -112,6 +121,7 @@ def notes_in_order() -> list[str]:
 def versions() -> str:
     """Return the line with the versions that were run."""
     found = [f"{TITLES[package]} {version(package)}" for package in PACKAGES]
+    found += [f"{NEAR[one]} {metadata.version(one)}" for one in NEAR if one not in TITLES]
     python = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return f"{', '.join(found)}; {python}; {date.today().isoformat()}.\n"[:-1]
 

@@ -26,6 +26,10 @@ import numpy as np
 TITLES = {"stochens_rs": "stochens_rs", "control": "python-control", "nutpie": "nutpie"}
 TITLES |= {"cvxpy": "CVXPY"}
 PACKAGES = tuple(TITLES)  # names on the index and of the modules
+# Packages for one of the jobs: their modules, never imported, as one of them starts Julia.
+NEAR = {"stochens_rs": "stochens_rs", "lmpc": "lmpc (LinearMPC)", "ampyc": "AMPyC"}
+NEAR |= {"ctrlsys": "ctrlsys (SLICOT)", "direct_data_driven_mpc": "direct-data-driven-mpc"}
+NEAR |= {"mapie": "MAPIE"}
 VERDICTS = ("yes", "partly", "no", "-")
 
 
@@ -104,8 +108,8 @@ def names(module: str) -> set[str]:
         found.add(node.name)
         if isinstance(node, ast.FunctionDef):
             found |= {arg.arg for arg in arguments(node)}
-    for compiled in ("_core", "_lib"):
-        if find_spec(f"{module}.{compiled}"):
+    for compiled in ("_core", "_lib", "_slicot"):
+        if any(Path(str(find_spec(module).origin)).parent.glob(f"{compiled}.*")):
             found |= set(dir(importlib.import_module(f"{module}.{compiled}")))
     assert len(found) > 50, f"{module}: only {len(found)} names"
     return found
@@ -257,4 +261,7 @@ def _abi(package: str) -> None:
 RUN = {"sparse": _sparse, "draws": _draws, "pickle": _pickle, "matched": _matched}
 RUN |= {"types": _types, "shell": _shell, "wheels": _wheels, "abi": _abi}
 GROUPS, CELLS = read_cells((Path(__file__).with_suffix(".txt")).read_text(encoding="utf-8"))
+NEAR_GROUPS, NEAR_CELLS = read_cells(
+    Path(__file__).with_name("neighbours.txt").read_text(encoding="utf-8")
+)
 ROWS = {key: label for group in GROUPS.values() for key, label in group.items()}

@@ -29,6 +29,16 @@ def standalone(readme: str, address: str = "") -> str:
     return RELATIVE.sub(lambda link: "" if link[1] else link[2], readme)
 
 
+def with_urls(project: str, address: str = "") -> str:
+    """Return pyproject.toml with the address of the repository, if one is given."""
+    if not address:
+        return project
+    at = address.partition("/raw/")[0]
+    log = f"{address.rstrip('/')}/CHANGELOG.md"
+    urls = f'[project.urls]\nRepository = "{at}"\nChangelog = "{log}"\n'
+    return project.replace("[project.scripts]\n", f"{urls}\n[project.scripts]\n", 1)
+
+
 def stage(folder: Path, address: str = "") -> None:
     """Replace `folder` by the packed files and the standalone README."""
     shutil.rmtree(folder, ignore_errors=True)
@@ -38,6 +48,8 @@ def stage(folder: Path, address: str = "") -> None:
     for name in FILES:
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy(ROOT / name, folder / name)
+    project = (ROOT / "pyproject.toml").read_text("utf-8")
+    (folder / "pyproject.toml").write_text(with_urls(project, address), "utf-8")
     readme = (ROOT / "README.md").read_text("utf-8")
     (folder / "README.md").write_text(standalone(readme, address), "utf-8")
 

@@ -1,1 +1,1 @@
-"""Parts of the site that Sphinx does not bring: `mathematics`, `notebooks`, `pages`."""
+"""Parts of the site that Sphinx does not bring: `llms`, `mathematics`, `notebooks`, `pages`."""

@@ -1,10 +1,10 @@
 """
-Few bits from each of many sensors: what is sampling good for?
-==============================================================
+Few bits from each of many nodes: what is sampling good for?
+============================================================
 
-Many nodes see the same vector, and each may send an index and a sign, 8 bits. The mean of these
-singletons is unbiased; for a vector with few nonzero entries its error is smallest. Where one node
-may send 100 bytes, nobody needs this: rounding to 8 bits is better by orders of magnitude.
+Each node may send 8 bits. Where all nodes know the same vector, entries by node number are
+thousands of times better than drawn indices. Where each node has a sparse vector of its own and
+their mean is wanted, drawn indices are far better, and their error is known beforehand.
 """
 
 import matplotlib.pyplot as plt
@@ -15,39 +15,39 @@ import stochens_rs as se
 plt.style.use("stochens_rs.style")
 
 n, rng = 100, np.random.default_rng(1)
-vectors = {"dense": rng.standard_normal(n), "5 of them not 0": np.zeros(n)}
-vectors["5 of them not 0"][:5] = rng.standard_normal(5)
-BITS = int(np.ceil(np.log2(n))) + 1  # an index and a sign; the scale ||w||_1 is common knowledge
+sizes = [300, 1000, 3000, 10_000]
+
+
+def by_number(own, rng):
+    """Node k sends entry k mod n, rounded at random to 8 bits."""
+    k, step = np.arange(len(own)), abs(own).max() / 127
+    values = step * np.floor(own[k, k % n] / step + rng.random(len(own)))
+    return np.bincount(k % n, values) / np.bincount(k % n)
+
+
+def drawn(own, rng):
+    """Node k sends an index that it draws, and a sign: packed, read and averaged."""
+    messages = [se.sample(one, 1, rng=rng).to_bytes() for one in own]
+    pairs = zip(messages, abs(own).sum(axis=1), strict=True)
+    return se.fuse([se.Ensemble.from_bytes(data, n, norm) for data, norm in pairs]).estimate
+
 
 # %%
-# The other way to send one index is a coordinate that is chosen uniformly, with its value in 16
-# bits. Both are averaged. The lines are exact expected errors, the dots the means of 20 draws.
-budget = np.geomspace(1e3, 1e6, 7)
-
-
-def of_coordinates(w, bits):
-    """n w_i e_i for a uniform i: mean square error (n - 1) ||w||^2 for one."""
-    return (n - 1) / (bits / (BITS + 15))
-
-
-def of_singletons(w, bits):
-    """One nonzero entry for each index: mean square error ||w||_1^2 - ||w||^2 for one."""
-    return se.theory.moments.vector_mse(w, int(bits / BITS)) / (w @ w)
-
-
-fig, axes = plt.subplots(1, 2, figsize=(10, 3.8), sharey=True)
-for ax, (name, w) in zip(axes, vectors.items(), strict=True):
-    ax.loglog(budget, [of_coordinates(w, bits) for bits in budget], color="C1")
-    ax.loglog(budget, [of_singletons(w, bits) for bits in budget], color="C0", lw=2.5)
-    for bits in budget:
-        drawn = [se.fuse(se.sample(w, int(bits / BITS), rng=rng)).estimate for _ in range(20)]
-        ax.plot(bits, np.mean(np.sum((drawn - w) ** 2, axis=1)) / (w @ w), "o", color="C0")
-    step = abs(w).max() / 127.0
-    rounded = np.sum((np.round(w / step) * step - w) ** 2) / (w @ w)
-    ax.plot(8 * n, rounded, "s", color="C2", ms=8)
-    ax.text(1.15 * 8 * n, rounded, "one node sends all, 8 bits each", color="C2", va="center")
-    ax.set(xlabel="bits in all", title=f"a vector of {n} entries, {name}")
-axes[0].text(8e3, 1.6 * of_coordinates(vectors["dense"], 8e3), "uniform coordinates", color="C1")
-axes[0].text(3e3, 0.2 * of_singletons(vectors["dense"], 3e3), "singletons", color="C0", ha="right")
+# The dashes are the exact mean square error of drawn indices, the mean of
+# :math:`\|x_k\|_1^2 - \|x_k\|_2^2` over the nodes, divided by their number.
+fig, axes = plt.subplots(1, 2, figsize=(9.5, 3.8), sharey=True)
+x = rng.standard_normal(n)
+for ax, name in zip(axes, ("all know the same vector", "each has its own"), strict=True):
+    for N in sizes:
+        own = np.tile(x, (N, 1)) if ax is axes[0] else rng.dirichlet(np.full(n, 0.03), N)
+        mean = own.mean(axis=0)
+        for way, color in ((drawn, "C0"), (by_number, "C1")):
+            error = np.sum((way(own, rng) - mean) ** 2) / np.sum(mean**2)
+            ax.loglog(N, error, "o", color=color)
+        spread = np.mean(abs(own).sum(axis=1) ** 2 - np.sum(own**2, axis=1))
+        ax.loglog(N, spread / N / np.sum(mean**2), "_", color="C0", ms=22)
+    ax.set(xlabel="nodes, 8 bits each", title=name, xlim=(200, 15_000))
+axes[0].text(1000, 0.2, "an index that is drawn", color="C0")
+axes[0].text(1000, 2e-5, "an entry by node number", color="C1")
 axes[0].set_ylabel("relative mean square error")
 plt.show()

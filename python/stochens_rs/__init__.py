@@ -11,9 +11,17 @@ algorithms in plain NumPy.
 
 import importlib
 import logging
+import os
 from typing import TYPE_CHECKING, Any
 
-from ._core import version as _version
+try:
+    from ._core import version as _version
+except ImportError:
+    if not os.path.isfile(__file__):  # without this it is said to be a circular import
+        raise ImportError(
+            "stochens_rs has compiled code, which Python does not load from a zip file: install it"
+        ) from None
+    raise
 
 if TYPE_CHECKING:
     from . import cases, exceptions, paper, plots, studies, theory
@@ -151,7 +159,7 @@ def _hint(name: str) -> str:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__} - {"Any", "TYPE_CHECKING", "importlib", "logging"})
+    return sorted({*globals(), *__all__} - {"Any", "TYPE_CHECKING", "importlib", "logging", "os"})
 
 
 logging.getLogger("stochens").addHandler(logging.NullHandler())

@@ -37,14 +37,15 @@ mod window;
 use pyo3::prelude::*;
 
 /// The Rust core of `stochens_rs`: see the package for the documented interface.
-#[pymodule]
+// Without the GIL as well: every class is frozen, and what changes inside is behind a lock.
+#[pymodule(gil_used = false)]
 mod _core {
     #[pymodule_export]
     use super::control::{best_control, mean_difference, pseudoinverse, pushed, realization_controls};
     #[pymodule_export]
     use super::drawn::{drawn_misses, estimate_draws, next_runs};
     #[pymodule_export]
-    use super::draws::{Draws, sample_counts};
+    use super::draws::{Draws, message_bits, sample_counts};
     #[pymodule_export]
     use super::estimate::{
         PyEstimate, chance_of_infinity, first_pairs, kept_quantiles, mixtures, sign_contains, sign_sizes,

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import re
 import subprocess
 import sys
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -101,3 +103,23 @@ def test_staged_files_are_sources_only(stage, tmp_path):
     assert report / "report.html.j2" in templates
     assert not [path for path in staged if path.suffix in (".so", ".pyc")]
     assert "![" not in (tmp_path / "stage" / "README.md").read_text("utf-8")
+
+
+def test_the_packed_project_names_the_repository_where_it_is_known(stage):
+    text = (ROOT / "pyproject.toml").read_text("utf-8")
+    assert stage.with_urls(text) == text
+    known = stage.with_urls(text, "https://example.org/one/raw/HEAD/")
+    urls = '[project.urls]\nRepository = "https://example.org/one"\n'
+    assert urls + 'Changelog = "https://example.org/one/raw/HEAD/CHANGELOG.md"\n' in known
+
+
+def test_a_zip_file_is_refused_with_the_reason(tmp_path):
+    app = tmp_path / "app.zip"
+    with zipfile.ZipFile(app, "w") as packed:
+        for path in (ROOT / "python" / "stochens_rs").rglob("*.py"):
+            packed.write(path, path.relative_to(ROOT / "python"))
+    run = subprocess.run(
+        [sys.executable, "-c", "import stochens_rs"],
+        env={**os.environ, "PYTHONPATH": str(app)}, capture_output=True, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert "does not load from a zip file" in run.stderr

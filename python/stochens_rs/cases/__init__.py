@@ -34,3 +34,7 @@ __all__ = [
     "random_system",
     "swing",
 ]
+
+
+def __dir__() -> list[str]:
+    return __all__

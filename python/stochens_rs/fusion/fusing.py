@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
@@ -83,8 +84,9 @@ def fuse(
 
     Parameters
     ----------
-    ensemble : Ensemble, SystemEnsemble, or list of systems or models
-        N realizations of a vector or matrix; of a SystemEnsemble the matrices ``[A B c]``. With
+    ensemble : Ensemble, list of them, SystemEnsemble, or list of systems or models
+        N realizations of a vector or matrix; of a SystemEnsemble the matrices ``[A B c]``; of a
+        list of Ensembles the realizations of all, as those of several senders. With
         `data`: models that were fixed before the data or made of other data, as a SystemEnsemble
         or a list of systems, pairs ``(A, B)`` and Models; the names of the data in another order
         are brought into its order. For "pooled": a list of Models.
@@ -232,6 +234,8 @@ def fuse(
     if isinstance(ensemble, SystemEnsemble):
         matrices = stacked(ensemble, ensemble.c is not None)
         ensemble = Ensemble.from_samples(matrices, centre=ensemble.centre)
+    elif isinstance(ensemble, (list, tuple)):
+        ensemble = of_senders(ensemble)
     given, name = checked_ensemble(ensemble, method)
     options = alse.checked_options(given, name, weight_set, tol, time_limit, max_iter)
     goal = None if target is None and name == "uniform" else checked_goal(given, target, name)
@@ -268,6 +272,23 @@ def _refuse(where: str, **arguments: object) -> None:
     for name, value in arguments.items():
         if value is not None:
             raise InputError(f"`{name}` must be left out {where}")
+
+
+def of_senders(ensembles: Sequence[object]) -> Ensemble:
+    """The realizations of several senders, one after another."""
+    given = [validation.instance("ensemble", one, Ensemble) for one in ensembles]
+    if not given:
+        raise InputError("`ensemble` must have at least one Ensemble, got an empty list")
+    for k, one in enumerate(given):
+        if one.shape != given[0].shape:
+            raise ShapeError(
+                f"`ensemble[{k}]` must have shape {given[0].shape} as the first, got {one.shape}"
+            )
+    entries = sum(one.size for one in given) * math.prod(given[0].shape)
+    memory.need("the realizations of all senders", 3 * 8 * entries)
+    centres = {one.centre for one in given}
+    centre = centres.pop() if len(centres) == 1 else None
+    return Ensemble.from_samples(np.concatenate([one.dense() for one in given]), centre=centre)
 
 
 def checked_goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:

@@ -572,7 +572,7 @@ class Model(Identified, Durable, Tabled):
     @property
     def _assumed(self) -> str:
         """What is assumed beside the law of the noise."""
-        own = "" if self.window is None else self.window.assumed
+        own = "" if self.window is None else self.window._assumed(self.assumptions.tail)
         return own + self.data._assumed
 
     def bootstrap(

@@ -566,6 +566,6 @@ def test_a_loop_with_names_in_another_order_is_brought_into_that_of_the_system()
         for one in (system, turned)
     ]
     np.testing.assert_allclose(rides[0].states, rides[1].states, atol=1e-12)
+    small = se.gain(([[0.5]], [[1.0]]), 1.0, 1.0)
     with pytest.raises(InputError, match="`controller` must be for n=2"):
-        small = se.gain(([[0.5]], [[1.0]]), 1.0, 1.0)
         se.track(system, np.zeros((31, 2)), controller=small, x0=[1.0, -0.5])

@@ -244,7 +244,7 @@ impl Keeper {
                 let (off, value) = (model + noise, z[h] * if h < n { data.unit[h] } else { 1.0 });
                 largest[h] = largest[h].max(model);
                 let amount = (value + off - high).max(low - value + off);
-                surely |= (h >= n || k > 0) && amount > model;
+                surely |= (h >= n || k > 0) && amount > model + ROUNDING * high.min(-low);
                 // an x(0) that is beyond its limits is no matter of the plan
                 let counts = h >= n || k > 0;
                 let share = amount / high.min(-low);

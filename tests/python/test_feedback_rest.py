@@ -163,5 +163,5 @@ def test_noise_without_a_gaussian_law_has_no_tube():
     gen = np.random.default_rng(5)
     for law in ("sub-gaussian", "bounded"):
         proof = se.gain(of_data(gen, noise=law), 1.0, 0.1).certificate(0.1)
-        with pytest.raises(InputError, match="`noise` must be None"):
+        with pytest.raises(InputError, match="`noise` needs a bound"):
             proof.tube([1.0, 0.0], 5, noise=0.05)

@@ -370,8 +370,8 @@ class LoopCertificate(SavedRecord):
             return np.ascontiguousarray(region.noise), left
         if self.residual is None or self.degrees < len(self.residual):
             raise InputError(
-                f"`{name}` must be None: this region has no bound of the covariance of Gaussian "
-                "noise; declare `sigma` or `covariance`, or give more pairs"
+                f"`{name}` needs a bound of the covariance of Gaussian noise, which this region "
+                "does not have: declare `sigma` or `covariance`, or give more pairs"
             )
         # S >= a Sigma but with eps / 2, a the quantile of the smallest root of W_n(nu, I)
         sizes = region.n, self.degrees

@@ -6,7 +6,7 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyBytes;
 
-use super::arrays::{array, over};
+use super::arrays::{array, bytes, over};
 use super::convert::{array1, array2, key, law, slice};
 use super::error::{InputError, ShapeError};
 use super::run::run;
@@ -126,7 +126,7 @@ impl Draws {
     /// All realizations as messages of a few bits, see `sample::bits`.
     fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let cost = self.inner.size() as f64 * self.lines() as f64;
-        Ok(PyBytes::new(py, &run(py, cost, |_| self.inner.to_bytes())?))
+        bytes(py, &run(py, cost, |_| self.inner.to_bytes())?)
     }
 
     /// Reads `size` realizations from messages about lines with these 1-norms.

@@ -531,3 +531,20 @@ def test_an_underscore_is_no_part_of_a_number(tmp_path, capsys):
     path.write_text("x,u\n0,1\n1_5,1\n2,1\n")
     words = failed(capsys, "identify", path, "--states", "x", "--inputs", "u")
     assert "must have numbers in column 'x', got '1_5' in row 3" in words
+
+
+def test_lines_are_as_wide_as_the_terminal(table, tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "60")
+    model = str(tmp_path / "model.safetensors")
+    assert cli.main(["identify", str(table), *OPTIONS, "--out", model]) == 0
+    assert cli.main(["control", model, "--from", "1,0", "--steps", "3", "--limits=-1,1"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 60
+    certified = next(k for k, line in enumerate(lines) if line.startswith("certified  "))
+    assert lines[certified + 1].startswith(" " * 11)
+
+
+def test_a_file_that_is_missing_is_named_first(tmp_path, capsys):
+    missing = str(tmp_path / "none.csv")
+    assert cli.main(["identify", missing, *OPTIONS]) == 5
+    assert capsys.readouterr().err == f"stochens: {missing}: no such file or directory\n"

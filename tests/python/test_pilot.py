@@ -186,7 +186,7 @@ def test_a_pilot_that_says_nothing() -> None:
 
 
 def test_unequal_lengths_that_were_planned() -> None:
-    """The model is that of the plain formula; 200 sets at 20 %: more than 60 misses are below 1e-3."""
+    """The model is that of the formula; 200 sets at 20 %: more than 60 misses are below 1e-3."""
     gen, missed = np.random.default_rng(21), 0
     for number in range(200):
         each = [runs(1, 1000 * number + k, int(gen.integers(3, 15))).runs[0] for k in range(14)]

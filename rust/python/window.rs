@@ -131,7 +131,6 @@ pub(super) fn readings_over_noise(
 /// `(pole or None, count, delay, burn, count by the criterion, rows compared)` of the window that the first part asks for.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the windows to choose from")]
-#[expect(clippy::type_complexity, reason = "named in the stub")]
 pub(super) fn choose_window(
     py: Python<'_>,
     pairs: Matrix<'_>,

@@ -13,7 +13,7 @@ use super::shape::{Kind, WHAT, Window};
 /// # Errors
 /// [`Error::Value`] for a pole outside (0, 1), or a ratio that is negative or not finite.
 pub fn burn(pole: f64, count: usize, ratio: f64, pieces: usize) -> Result<usize> {
-    if !(pole > 0.0 && pole < 1.0) || !(ratio >= 0.0 && ratio.is_finite()) {
+    if !(pole > 0.0 && pole < 1.0 && ratio >= 0.0 && ratio.is_finite()) {
         let found = format!("{pole} and {ratio}");
         return Err(Error::Value { name: "pole", expected: "in (0, 1), with a finite ratio", found });
     }

@@ -1,15 +1,13 @@
 //! A window model as a linear system of its state.
 
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, try_copy, try_zeros};
+use crate::memory::{checked_len, try_zeros};
 
 use super::shape::{WHAT, Window};
 
 /// `z = J (x; u; 1)`, `x+ = [A B c] (x; u; 1) + G w`, `y+ = Theta z + w`, row by row; c only with an intercept.
 #[derive(Debug, Clone)]
 pub struct Linear {
-    /// The coefficients (n_y, d) that were identified.
-    pub theta: Vec<f64>,
     /// J (d, k), `k = states + inputs (+ 1)`.
     pub entering: Vec<f64>,
     /// `[A B c]` (states, k).
@@ -54,7 +52,7 @@ impl Window {
             self.advance(&mut unit[..n], &y, &none);
             noise.iter_mut().skip(j).step_by(self.outputs()).zip(&unit).for_each(|(to, v)| *to = *v);
         }
-        Ok(Linear { theta: try_copy(WHAT, theta)?, entering, matrix, noise })
+        Ok(Linear { entering, matrix, noise })
     }
 }
 

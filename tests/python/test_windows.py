@@ -322,3 +322,17 @@ def test_units_of_readings_make_no_difference(scale):
 def test_bad_windows_are_named(how):
     with pytest.raises(se.exceptions.StochensError, match="|".join(["window", *how])):
         se.identify(arx(np.random.default_rng(1), runs=4), checks=False, **how)
+
+
+def test_what_is_for_states_says_so():
+    gen = np.random.default_rng(1)
+    data = arx(gen)
+    model = se.identify(data, lags=2)
+    systems = se.SystemEnsemble(gen.standard_normal((5, 1, 1)), gen.standard_normal((5, 1, 1)))
+    with pytest.raises(InputError, match="`data` must be a model of states"):
+        se.fuse(systems, method="alse", data=model)
+    with pytest.raises(InputError, match="must be runs of states"):
+        se.ModelStream(1, 1, state_names=["y[0]"], sigma=0.1).update(data)
+    for method in (model.bootstrap, model.draw):
+        with pytest.raises(InputError, match="are not resampled"):
+            method(3)

@@ -202,6 +202,11 @@ class Model(Identified, Durable, Tabled):
         """How many regressors there are behind the first n_outputs, without the 1."""
         return self._d - self.n_outputs - self.intercept
 
+    def _require_states(self, name: str) -> None:
+        """Refuse a model of outputs where an argument must be one of states."""
+        if self.window is not None:
+            raise InputError(f"`{name}` must be a model of states, got one of outputs: {self!r}")
+
     @cached_property
     def _windows(self) -> Floats:
         """The rows (z, y one step later) of all complete windows behind the first part."""

@@ -125,6 +125,9 @@ def test_the_loop_without_its_rest_leaves_the_tube():
     assert np.linalg.norm(x) <= rest.radius
     with pytest.raises(InputError, match="`inputs` must be left out"):
         proof.tube([0.0, 0.0], 20, rest=rest, inputs=[[1.0]])
+    other = se.gain(of_data(gen, N=150, intercept=True), 1.0, 0.1).certificate(0.1)
+    with pytest.raises(InputError, match="`rest` must be of this certificate"):
+        proof.tube([0.0, 0.0], 20, rest=other.rest())
     with pytest.raises(InputError, match="`xs`"):
         proof.rest([1.0])
     assert "every system rests within" in repr(rest)

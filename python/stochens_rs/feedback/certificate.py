@@ -268,10 +268,10 @@ class LoopCertificate(SavedRecord):
                 raise InputError(
                     "`inputs` must be left out with `rest`: a plan has an end of its own"
                 )
-            first, radius = (
-                first - validation.instance("rest", rest, Rest).states,
-                radius + rest.radius,
-            )
+            xs = validation.instance("rest", rest, Rest).states
+            if self.rest(xs).to_dict() != rest.to_dict():
+                raise InputError("`rest` must be of this certificate: proof.rest(xs)")
+            first, radius = first - xs, radius + rest.radius
         noisy = None
         if noise is not None:
             noisy = self._noise("noise", noise)

@@ -161,6 +161,7 @@ PAGES = (
     "docs/which-number.md",
     "docs/messy-logs.md",
     "docs/networks.md",
+    "docs/readings.md",
     "docs/saving.md",
     "docs/several-models.md",
     "docs/studies.md",

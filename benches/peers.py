@@ -24,6 +24,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import alse
 import cost
+import feedback
 import identification
 import numpy as np
 import table
@@ -599,7 +600,7 @@ GROUPS = {
     f.__name__: f
     for f in (
         *(sampling, closed_form, alse_path, slse, slse_replicates, stream),
-        *(controls, simulate, reproduce, identification.identification),
+        *(controls, simulate, reproduce, identification.identification, feedback.feedback),
     )
 }
 

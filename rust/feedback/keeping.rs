@@ -18,7 +18,7 @@ use faer::{Mat, Side};
 
 use crate::error::{Error, Result};
 use crate::identify::normal_quantile;
-use crate::memory::covered;
+use crate::memory::{covered, try_copy};
 use crate::parallel::Stop;
 
 use super::certificate::Status;
@@ -132,8 +132,12 @@ impl Keeper {
             if theta >= 1.0 {
                 return Ok(None);
             }
-            let size = |v: f64| v.sqrt() * (1.0 + ROUNDING);
-            let forced_by = |l: &Matrix| squares(l, &rows).iter().map(|v| size(*v) / (1.0 - theta)).collect::<Vec<_>>();
+            let sizes = |y: &Matrix, by: f64| {
+                let mut found = squares(y, &rows);
+                found.iter_mut().for_each(|v| *v = by * v.sqrt() * (1.0 + ROUNDING));
+                found
+            };
+            let forced_by = |l: &Matrix| sizes(l, 1.0 / (1.0 - theta));
             let (mut forced, mut l) = (Vec::new(), Mat::<f64>::zeros(n, n));
             for _ in 0..STEPS {
                 forced.push(forced_by(&l));
@@ -144,10 +148,9 @@ impl Keeper {
             let pairs = calls as f64 * (calls as f64 + 1.0) / 2.0;
             // P(|N| > zeta) = 2 eps / (sides pairs): one side each
             let zeta = normal_quantile(&[1.0], 1, (2.0 * eps / (sides.max(1) as f64 * pairs)).min(0.999))?;
-            let noise = squares(&y, &rows).iter().map(|v| zeta * size(*v)).collect();
-            let level = squares(proof, &rows).iter().map(|v| size(*v)).collect();
+            let (noise, level) = (sizes(&y, zeta), sizes(proof, 1.0));
             let inverse = proof.llt(Side::Lower).map_err(lost)?.solve(Mat::<f64>::identity(n, n));
-            let (low, high) = (low.to_vec(), high.to_vec());
+            let (low, high) = (try_copy(WHAT, low)?, try_copy(WHAT, high)?);
             let (mut centre, mut white) = (Vec::new(), Vec::new());
             for i in 0..n {
                 centre.extend((0..n).map(|j| of.data.a[(i, j)]));
@@ -244,11 +247,11 @@ impl Keeper {
                 let (off, value) = (model + noise, z[h] * if h < n { data.unit[h] } else { 1.0 });
                 largest[h] = largest[h].max(model);
                 let amount = (value + off - high).max(low - value + off);
-                surely |= (h >= n || k > 0) && amount > model;
+                surely |= (h >= n || k > 0) && amount > model + ROUNDING * high.min(-low);
                 // an x(0) that is beyond its limits is no matter of the plan
                 let counts = h >= n || k > 0;
                 let share = amount / high.min(-low);
-                if counts && !(share <= worst) {
+                if counts && (share > worst || share.is_nan()) {
                     worst = share;
                     short = Some(Short { row: h, step: k, amount, model, noise });
                 }

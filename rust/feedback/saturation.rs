@@ -7,6 +7,7 @@ use faer::linalg::solvers::Solve;
 use crate::error::{Error, Result};
 use crate::memory::covered;
 use crate::parallel::Stop;
+use crate::scaled::nearest_power_of_two;
 
 use super::data::WHAT;
 use super::loops::{Loop, bytes, squares};
@@ -28,6 +29,12 @@ impl Loop {
         let Some(q) = self.proof.as_ref().filter(|_| self.data.c.is_none()) else {
             return Ok((0.0, x0.map(|_| 0.0)));
         };
+        // what holds of a direction holds of its multiples: of one near 1, so that squares neither overflow nor vanish
+        let size = x0.map_or(1.0, |x0| x0.iter().fold(0.0f64, |most, x| most.max(x.abs())));
+        let size = if size > 0.0 { nearest_power_of_two(size) } else { 1.0 };
+        let mut direction = Vec::new();
+        direction.extend(x0.unwrap_or(&[]).iter().map(|x| x / size));
+        let x0 = x0.map(|_| direction.as_slice());
         let rows = self.rows();
         // the largest multiple of sizes below the limits
         let within = |sizes: &[f64]| {
@@ -56,6 +63,6 @@ impl Loop {
             let along = within(&self.tube(run, stop)?.reach);
             scale = scale.map(|scale| scale.max(along));
         }
-        Ok((level, scale))
+        Ok((level, scale.map(|scale| if scale.is_finite() { (scale / size).min(f64::MAX) } else { scale })))
     }
 }

@@ -65,3 +65,31 @@ fn traps_are_refused() {
     assert!(found.parameter < 1.0);
     assert!(guaranteed(&round(&[1.5, 0.3], 1, 1, 0.45), &[1.0], &[1.0], None, &Stop::new()).is_err());
 }
+
+/// One state at the set point 1: `rho / .7 |(1, us)| / (1 - rho g)`, as `1.2 + us = 1`.
+#[test]
+fn rests_of_one_state() {
+    let found = Loop::new(&round(&[1.2, 1.0], 1, 1, 0.3), &[-0.9], &Stop::new()).unwrap();
+    let (rows, radius) = found.rest(&[1.0], &[-0.2]).unwrap();
+    let expected = 0.3 / 0.7 * 1.04f64.sqrt() / (1.0 - 0.3 * 1.81f64.sqrt() / 0.7);
+    near(rows[0], expected, 1e-5);
+    near(rows[1], 0.9 * expected, 1e-5);
+    assert!(radius >= expected && rows[0] >= expected);
+    assert!(found.rest(&[1.0, 0.0], &[-0.2]).is_err());
+}
+
+/// Limits so wide that nothing lacks, and so narrow that noise alone is too much.
+#[test]
+fn plans_are_accepted_within_limits_only() {
+    let found = Arc::new(Loop::new(&round(&[1.2, 1.0], 1, 1, 0.1), &[-0.9], &Stop::new()).unwrap());
+    for (limit, accepted) in [(10.0, true), (0.5, false)] {
+        let sides = ([f64::NEG_INFINITY, -limit], [f64::INFINITY, limit]);
+        let keeper = Keeper::new(Arc::clone(&found), (&sides.0, &sides.1), &[0.01], 0.05, 50).unwrap().unwrap();
+        let judged = keeper.judge(&[1.0], &[-0.4, -0.2], false, &Stop::new()).unwrap();
+        let sharp = keeper.judge(&[1.0], &[-0.4, -0.2], true, &Stop::new()).unwrap();
+        assert_eq!(judged.short.is_none(), accepted);
+        assert!(sharp.model[1] <= judged.model[1] * (1.0 + 1e-5));
+        // u(1) = -.2 + K (x - xb), xb = 1.2 - .4
+        near(keeper.follow(&[1.0], &[-0.4, -0.2], 1, &[1.0]).unwrap()[0], -0.2 - 0.9 * 0.2, 1e-9);
+    }
+}

@@ -37,6 +37,14 @@ def place(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture
+def model(place, capsys):
+    """A model of these runs."""
+    assert cli.main([*RUNS.split(), "--sigma", "0.01", "--out", "model.safetensors"]) == 0
+    capsys.readouterr()
+    return place
+
+
 def failed(capsys, *args, code=2):
     """The one line on standard error of a command that fails."""
     assert cli.main([*args]) == code
@@ -142,6 +150,7 @@ def test_an_entry_of_a_file_is_not_called_an_option(place, capsys):
 
 RUNS = "identify runs.csv --states x,v --inputs F --by run"
 AS_JSON = {
+    "certify": "certify model.safetensors --from 1,0 --within 0.1 --limits -9,9",
     "claims": "claims --quick",
     "control": "control system.json",
     "doctor": "doctor",
@@ -154,7 +163,7 @@ AS_JSON = {
 
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "completion"])
-def test_json_is_one_object_and_all_of_standard_output(name, place, capsys):
+def test_json_is_one_object_and_all_of_standard_output(name, model, capsys):
     if name == "reproduce":
         pytest.importorskip("matplotlib")
 
@@ -165,6 +174,53 @@ def test_json_is_one_object_and_all_of_standard_output(name, place, capsys):
     found = json.loads(capsys.readouterr().out, parse_constant=refuse)
     assert isinstance(found, dict)
     failed(capsys, name, "--json", "--no-such-option")
+
+
+# -- feedback --------------------------------------------------------------------------------------
+
+
+def said(capsys, line):
+    assert cli.main(line.split()) == 0
+    return capsys.readouterr().out
+
+
+def test_certify_says_what_is_proved(model, capsys):
+    text = said(capsys, "certify model.safetensors --from 1,0 --within 0.1 --noise 5%")
+    for part in (
+        "for all systems that the data allow (95 %), the loop is stable; the margin is at least",
+        "within 0.1 of 0 without noise: from step",
+        "for ever   without noise |x| <=",
+        "noise      adds in 60 steps at most (90 %): x",
+    ):
+        assert part in text
+    given = "certify model.safetensors --from 1,0 --within 0.1 --noise 5% --limits -9,9 --json"
+    found = json.loads(said(capsys, given))
+    one = se.Model.load("model.safetensors")
+    loop = se.gain(one, 1.0, 1.0)
+    proof = loop.certificate(0.05)
+    assert found["K"] == loop.K.tolist()
+    assert found["margin"] == proof.margin
+    tube = proof.tube([1.0, 0.0], 60, noise=0.05)
+    assert found["tube"]["radii"] == tube.radii.tolist()
+    assert found["tube"]["settles"] == tube.settles(0.1)
+    assert found["tube"]["limits_scale"] == proof.holds((-9.0, 9.0), [1.0, 0.0])
+    widest = json.loads(said(capsys, "certify model.safetensors --widest --json"))
+    assert widest["margin"] > found["margin"]
+    assert widest["tube"] is None
+    assert "--from" in failed(capsys, "certify", "model.safetensors", "--noise", "5%")
+
+
+def test_a_control_with_a_gain(model, capsys):
+    line = "control model.safetensors --from 1,0 --steps 20 --R 1 --gain"
+    found = json.loads(said(capsys, f"{line} --json"))
+    plan = se.control(
+        one := se.Model.load("model.safetensors"), [1, 0], [0, 0], steps=20, cost=se.Cost(R=1.0)
+    )
+    bound = plan.bound(0.05, gain=se.gain(one, 1.0, 1.0))
+    assert found["certificate"]["target"] == pytest.approx(bound.target)
+    assert found["K"] == se.gain(one, 1.0, 1.0).K.tolist()
+    assert "a certified feedback, without noise" in said(capsys, line)
+    assert "--gain" in failed(capsys, "control", "system.json", "--gain")
 
 
 # -- terminals and pipes ---------------------------------------------------------------------------

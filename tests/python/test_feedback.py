@@ -543,3 +543,29 @@ def test_regions_of_other_models_are_refused():
     for weights in ([1.0, -0.01], [[1.0, 2.0], [2.0, 1.0]]):
         with pytest.raises(InputError, match="`Q` must"):
             se.gain(of_runs(), weights, 1.0)
+
+
+def test_limits_from_starts_of_any_size():
+    proof = se.gain(of_runs(), 1.0, 1.0).certificate(0.05)
+    for direction in ([1.0, 0.5], [-0.2, 1.0]):
+        one = proof.holds((-1.0, 1.0), direction)
+        assert 0.0 < one < np.inf
+        for size in (1e-310, 1e-300, 1e-160, 1e-3, 1e160, 1e300):
+            scale = proof.holds((-1.0, 1.0), size * np.array(direction))
+            expected = min(one / size, np.finfo(float).max) if size > 1e-309 else scale
+            assert scale == pytest.approx(expected, rel=1e-3)
+            assert np.isfinite(scale)
+
+
+def test_a_loop_with_names_in_another_order_is_brought_into_that_of_the_system():
+    A, B, other = np.array([[1.1, 0.2], [0.0, 0.9]]), np.array([[0.0], [1.0]]), [1, 0]
+    system = se.System(A, B, states=("p", "v"))
+    turned = se.System(A[np.ix_(other, other)], B[other], states=("v", "p"))
+    rides = [
+        se.track(system, np.zeros((31, 2)), controller=se.gain(one, 1.0, 1.0), x0=[1.0, -0.5])
+        for one in (system, turned)
+    ]
+    np.testing.assert_allclose(rides[0].states, rides[1].states, atol=1e-12)
+    small = se.gain(([[0.5]], [[1.0]]), 1.0, 1.0)
+    with pytest.raises(InputError, match="`controller` must be for n=2"):
+        se.track(system, np.zeros((31, 2)), controller=small, x0=[1.0, -0.5])

@@ -125,6 +125,9 @@ def test_the_loop_without_its_rest_leaves_the_tube():
     assert np.linalg.norm(x) <= rest.radius
     with pytest.raises(InputError, match="`inputs` must be left out"):
         proof.tube([0.0, 0.0], 20, rest=rest, inputs=[[1.0]])
+    other = se.gain(of_data(gen, N=150, intercept=True), 1.0, 0.1).certificate(0.1)
+    with pytest.raises(InputError, match="`rest` must be of this certificate"):
+        proof.tube([0.0, 0.0], 20, rest=other.rest())
     with pytest.raises(InputError, match="`xs`"):
         proof.rest([1.0])
     assert "every system rests within" in repr(rest)
@@ -163,5 +166,5 @@ def test_noise_without_a_gaussian_law_has_no_tube():
     gen = np.random.default_rng(5)
     for law in ("sub-gaussian", "bounded"):
         proof = se.gain(of_data(gen, noise=law), 1.0, 0.1).certificate(0.1)
-        with pytest.raises(InputError, match="`noise` must be None"):
+        with pytest.raises(InputError, match="`noise` needs a bound"):
             proof.tube([1.0, 0.0], 5, noise=0.05)

@@ -160,6 +160,15 @@ def test_accepted_once_is_never_infeasible():
     assert loop.kept.missing > 0.0
 
 
+def test_more_is_kept_back_once_a_plan_needs_it():
+    loop = kept_loop(100)
+    loop(0.01 * START)
+    assert loop.kept.model[-1] == 0.0
+    loop(0.8 * START)  # pushed
+    assert loop.log[-1].status == "optimal"
+    assert loop.kept.model[-1] > 0.0
+
+
 def test_plans_that_go_on_are_corrected_by_the_gain():
     loop = kept_loop(30)
     loop(START)

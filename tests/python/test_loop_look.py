@@ -85,5 +85,5 @@ def test_arguments():
     bounded = se.ModelStream(2, 1, sigma=0.3, noise="bounded")
     bounded.update(*pairs(np.random.default_rng(3), 300))
     proof = bounded.look(gain=se.gain(bounded.model, 1.0, 1.0)).proof
-    with pytest.raises(InputError, match="`noise` must be None"):
+    with pytest.raises(InputError, match="`noise` needs a bound"):
         proof.tube([1.0, 0.0], 5, noise=0.05)

@@ -13,6 +13,7 @@ from .._base.validation import nearest
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
 from ..studies.signals import interruptions
 from . import (
+    _certify,
     _claims,
     _completion,
     _control,
@@ -63,6 +64,7 @@ for _command in (
     _study.study_command,
     _identify.identify_command,
     _control.control_command,
+    _certify.certify_command,
     _doctor.doctor,
     _completion.completion,
 ):

@@ -17,9 +17,17 @@ from .._base.reading import number
 from ..certificates import Certificate
 from ..controls import Plan, Uncertain, control
 from ..exceptions import DataWarning, InputError
+from ..feedback import Loop
 from ..identification import Model
 from ._command import Command
-from ._limits import LIMIT_NAMES, limit_facts, limit_lines, limit_options, limits_given
+from ._limits import (
+    LIMIT_NAMES,
+    feedback_for,
+    limit_facts,
+    limit_lines,
+    limit_options,
+    limits_given,
+)
 from ._options import FILE, delta_option, force_option, json_option, out_option, steps_option
 from ._output import Out, finite, grid, show_result
 
@@ -40,7 +48,7 @@ _WORDS = ("kind", "covers", "assumption")
     ],
     sections={
         "Options": [],  # the others, first
-        "Certificate of a model": ["delta", "x0_error", "noise", "open_loop", "robust"],
+        "Certificate of a model": ["delta", "x0_error", "noise", "gain", "open_loop", "robust"],
         "Limits and weights": LIMIT_NAMES,
     },
     arguments={"x0": "start", "xf": "goal", "radius": "x0_error"},
@@ -61,10 +69,14 @@ _WORDS = ("kind", "covers", "assumption")
 @click.option(
     "--noise",
     is_flag=True,
-    help="Include the noise of the run to come; several --steps must have been fixed before the "
-    "data were seen.",
+    help="Include noise to come, with --steps fixed before the data.",
 )
 @click.option("--open-loop", is_flag=True, help="The measured inputs did not react to the states.")
+@click.option(
+    "--gain",
+    is_flag=True,
+    help="Follow it with a certified feedback of --Q and --R (else 1).",
+)
 @click.option("--robust", is_flag=True, help="The control of least certificate; one step.")
 @limit_options
 @out_option("control")
@@ -82,6 +94,7 @@ def control_command(
     noise: bool,
     x0_error: float,
     open_loop: bool,
+    gain: bool,
     robust: bool,
     as_json: bool,
     **_: Any,
@@ -101,39 +114,41 @@ def control_command(
         known = Model.load(source)
         x0, xf, n = None, None, known.n
     else:
-        if noise or open_loop or robust or x0_error:
+        if noise or open_loop or gain or robust or x0_error:
             raise click.UsageError(
-                "--x0-error, --noise, --open-loop and --robust are for models of identify, "
+                "--x0-error, --noise, --gain, --open-loop and --robust are for models of identify, "
                 "not for a system that is known"
             )
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
         n = known.n
     names = known.state_names, known.input_names
-    x0 = _state("--from", start, n, x0)
-    xf = _state("--to", goal, n, np.zeros(n) if xf is None else xf)
+    x0 = state_of("--from", start, n, x0)
+    xf = state_of("--to", goal, n, np.zeros(n) if xf is None else xf)
     asked = limits_given(context.params, names)
     if robust:
         asked["guarantee"] = delta
     start_at = Uncertain(x0, x0_error) if x0_error else x0
     plan = control(known, start_at, xf, steps=steps, **asked)
     found: Any = None
+    loop: Loop | None = None
     if isinstance(known, Model):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
-            found = _certified(plan, delta, noise, open_loop)
-    near = None if found is None else _typical(plan, delta, noise)
-    facts = {**_facts(plan, found, x0, xf, names), "typical": near}
+            loop = feedback_for(known, context.params) if gain else None
+            found = _certified(plan, delta, noise, open_loop, loop)
+    near = None if found is None or gain else _typical(plan, delta, noise)
+    facts = {**_facts(plan, found, x0, xf, names, loop), "typical": near}
     show_result(facts, _text(plan, found, near, xf, names), as_json)
     files.write(facts, lambda: plan.plot(found))
 
 
-def _certified(plan: Plan, delta: float, noise: bool, open_loop: bool) -> Any:
+def _certified(plan: Plan, delta: float, noise: bool, open_loop: bool, gain: Loop | None) -> Any:
     """The certificate; that the noise to come has no bound is said in options."""
     try:
-        return plan.bound(delta, noise=noise, open_loop=open_loop)
+        return plan.bound(delta, noise=noise, open_loop=open_loop, gain=gain)
     except InputError as error:
-        if not noise or not str(error).startswith("`noise` must be False"):
+        if gain is not None or not noise or not str(error).startswith("`noise` must be False"):
             raise
         steps = (
             ""
@@ -155,7 +170,7 @@ def _typical(plan: Plan, delta: float, noise: bool) -> float | None:
     return miss
 
 
-def _state(option: str, text: str | None, n: int, default: Any) -> Any:
+def state_of(option: str, text: str | None, n: int, default: Any) -> Any:
     """Read ``1,0,-0.5``."""
     if text is None:
         if default is None:
@@ -173,7 +188,12 @@ def _state(option: str, text: str | None, n: int, default: Any) -> Any:
 
 
 def _facts(
-    plan: Plan, found: Certificate | None, x0: Any, xf: Any, names: tuple[Any, Any]
+    plan: Plan,
+    found: Certificate | None,
+    x0: Any,
+    xf: Any,
+    names: tuple[Any, Any],
+    gain: Loop | None,
 ) -> dict[str, Any]:
     return {
         "schema": "stochens-control/1",
@@ -188,6 +208,7 @@ def _facts(
         "out_of_reach": 0.0 if plan.reachability.reachable else plan.reachability.residual,
         "warnings": list(plan.warnings),
         "limits": limit_facts(plan),
+        "K": None if gain is None else gain.K.tolist(),
         "certificate": None
         if found is None
         else {

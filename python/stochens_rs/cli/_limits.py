@@ -13,11 +13,14 @@ from .._base.reading import number
 from .._base.validation import nearest
 from ..controls import Cost, Limits
 from ..controls.plan_summary import at_limits
+from ..exceptions import SolverError
+from ..feedback import Loop, gain
 from ._output import finite
 
 if TYPE_CHECKING:
     from .._base.types import Floats
     from ..controls import Plan
+    from ..identification import Model
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -57,20 +60,36 @@ def limits_given(options: dict[str, Any], names: tuple[Sequence[str], ...]) -> d
 
     def each(name: str, of: Sequence[str]) -> Any:
         text = options[name]
-        return None if text is None else _each(f"--{name}", text, len(of))
+        return None if text is None else entries_of(f"--{name}", text, len(of))
 
     u, x = options["limits"], options["state_limits"]
     if options["hard"] and not x:
         raise click.UsageError("--hard is for --state-limits")
     limits = Limits(
-        u=_sides("--limits", u, inputs) if u else None,
+        u=sides_of("--limits", u, inputs) if u else None,
         rate=each("rate", inputs),
         previous=each("previous", inputs),
-        x=_sides("--state-limits", x, states) if x else None,
+        x=sides_of("--state-limits", x, states) if x else None,
         soft=False if options["hard"] else None,
     )
     cost = Cost(Q=each("Q", states), Qf=each("Qf", states), R=each("R", inputs))
     return {"limits": limits, "cost": cost}
+
+
+def feedback_for(model: Model, options: dict[str, Any], widest: float | None = None) -> Loop:
+    """The gain of least squares with ``--Q`` and ``--R``, 1 where they are left out.
+
+    With `widest` that of the widest margin in the region of this probability.
+    """
+    try:
+        if widest is not None:
+            return gain(model, guarantee=widest)
+        sizes = {"Q": model.n, "R": model.m}
+        texts = {name: options[name] or "1" for name in sizes}
+        weights = (np.diag(entries_of(f"--{name}", texts[name], sizes[name])) for name in sizes)
+        return gain(model, *weights)
+    except SolverError as error:
+        raise click.UsageError(f"no gain: {error}") from error
 
 
 def limit_facts(plan: Plan) -> dict[str, Any] | None:
@@ -109,7 +128,7 @@ def limit_lines(plan: Plan) -> list[str]:
     return lines
 
 
-def _sides(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[Floats, Floats]:
+def sides_of(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[Floats, Floats]:
     """Read ``-1,1`` and ``force=-1,1``."""
     low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for text in sorted(texts, key=lambda text: "=" in text):  # those of all, then those of one
@@ -125,7 +144,7 @@ def _sides(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[Flo
     return low, high
 
 
-def _each(option: str, text: str, count: int) -> float | Floats:
+def entries_of(option: str, text: str, count: int) -> float | Floats:
     """Read ``1`` or ``1,0,2``, one number for each."""
     values = _numbers(option, text)
     if len(values) not in (1, count) or not all(map(math.isfinite, values)):

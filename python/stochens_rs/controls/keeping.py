@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.numbers import ROUNDING
 from ..exceptions import InputError, SolverError
 from ..identification.identified import Identified
 from .followed import proof_of
@@ -23,8 +24,9 @@ if TYPE_CHECKING:
     from .constraints import Task
 
     Found = tuple[Floats, Status, float]
+    Short = tuple[int, int, float, float, float]  # row, step, amount, model, noise
 
-ROUNDS = 8  # plans of the first call, each with limits that are tighter for the one before
+ROUNDS = 8  # plans of the first call, each with limits that are tighter by what the last needed
 ROOM = 1.02  # how much more than the last plan needed is kept back for the model
 
 
@@ -118,15 +120,14 @@ class Kept:
     ) -> tuple[Floats, Floats, Status, float]:
         """The plan to go on with, its input at x, status and gap; `again` plans anew."""
         plan, status, gap = found
-        short = self._judged(x, plan)
-        if self._plan is None:
-            for _ in range(ROUNDS):
-                if short is None:
-                    break
-                plan, status, gap = again()
-                short = self._judged(x, plan)
-            if short is not None:
-                self._refuse(*short)
+        short, first = self._judged(x, plan), self._plan is None
+        for _ in range(ROUNDS if first else 1):
+            if short is None or not self._widened(x, plan, short):
+                break
+            plan, status, gap = again()
+            short = self._judged(x, plan)
+        if first and short is not None:
+            self._refuse(*short)
         if short is None:
             self._start, self._plan, self._since, self.missing = x, plan, 0, 0.0
             return plan, plan[0].copy(), status, gap
@@ -136,12 +137,22 @@ class Kept:
         u = self._core.follow(self._start, self._plan, self._since, x)
         return self._plan, u, "kept", np.nan
 
-    def _judged(self, x: Floats, plan: Floats) -> tuple[int, int, float, float, float] | None:
-        first = self._plan is None
-        short, model = self._core.judge(x, plan, first)
-        if short is not None and first and np.isfinite(model).all():
-            self._model = np.maximum(self._model, ROOM * model)
-        return short
+    def _judged(self, x: Floats, plan: Floats) -> Short | None:
+        return self._core.judge(x, plan, self._plan is None)[0]
+
+    def _widened(self, x: Floats, plan: Floats, short: Short) -> bool:
+        """Keep back what this plan would have needed for the model, if that is more."""
+        _, _, amount, part, _ = short
+        later = self._plan is not None
+        if later and amount > part * (1.0 + ROUNDING):
+            return False  # noise alone is too much for it
+        model = np.maximum(self._model, ROOM * self._core.judge(x, plan, True)[1])
+        if not np.isfinite(model).all() or (model == self._model).all():
+            return False
+        if later and (self.high - self.low <= 2.0 * (model + self.noise)).any():
+            return False
+        self._model = model
+        return True
 
     def _refuse(
         self, row: int, step: int | None, amount: float, model: float, noise: float

@@ -150,6 +150,17 @@ def regulate(
     ...     x = x + u
     >>> [float(call.u[0]) for call in loop.log]
     [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25]
+
+    With a gain:
+
+    >>> import numpy as np
+    >>> x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
+    >>> data = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.05 * w)
+    >>> model = se.identify(data, sigma=0.05)
+    >>> gain = se.gain(model, 1.0, 1.0)
+    >>> loop = se.regulate(model, 5, limits=(-1.0, 1.0), gain=gain, calls=50)
+    >>> loop([2.0]).round(2), loop.kept.tightening.round(2)
+    (array([-0.23]), array([0.23, 0.12]))
     """
     read = isinstance(system, Loop) or (isinstance(system, Model) and system.window is not None)
     if read or offset_free is not None:

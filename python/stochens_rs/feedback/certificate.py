@@ -268,10 +268,10 @@ class LoopCertificate(SavedRecord):
                 raise InputError(
                     "`inputs` must be left out with `rest`: a plan has an end of its own"
                 )
-            first, radius = (
-                first - validation.instance("rest", rest, Rest).states,
-                radius + rest.radius,
-            )
+            xs = validation.instance("rest", rest, Rest).states
+            if self.rest(xs).to_dict() != rest.to_dict():
+                raise InputError("`rest` must be of this certificate: proof.rest(xs)")
+            first, radius = first - xs, radius + rest.radius
         noisy = None
         if noise is not None:
             noisy = self._noise("noise", noise)
@@ -370,8 +370,8 @@ class LoopCertificate(SavedRecord):
             return np.ascontiguousarray(region.noise), left
         if self.residual is None or self.degrees < len(self.residual):
             raise InputError(
-                f"`{name}` must be None: this region has no bound of the covariance of Gaussian "
-                "noise; declare `sigma` or `covariance`, or give more pairs"
+                f"`{name}` needs a bound of the covariance of Gaussian noise, which this region "
+                "does not have: declare `sigma` or `covariance`, or give more pairs"
             )
         # S >= a Sigma but with eps / 2, a the quantile of the smallest root of W_n(nu, I)
         sizes = region.n, self.degrees

@@ -13,6 +13,7 @@ from .._base.signal_names import order_of
 from .._base.types import worst
 from ..controls import Regulator
 from ..exceptions import InputError, InputTypeError, NonFiniteError
+from ..feedback import Loop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -47,12 +48,19 @@ def controlled(
         )
     n, m = system.n, system.m
     loop = controller if isinstance(controller, Regulator) else None
-    if loop is not None and (loop.n, loop.m) != (n, m):
+    sizes, labels = (n, m), None
+    if loop is not None:
+        sizes, labels = (loop.n, loop.m), loop._labels
+    elif isinstance(controller, Loop):
+        sizes, labels = controller.B.shape, controller.labels
+    if sizes != (n, m):
         raise InputError(
-            f"`controller` must be for n={n} and m={m} as `system`, got n={loop.n} and m={loop.m}"
+            "`controller` must be for n={} and m={} as `system`, got n={} and m={}".format(
+                n, m, *sizes
+            )
         )
     # what the controller calls by the same names stands where it has it
-    order = order_of("system", system.labels, None if loop is None else loop._labels)
+    order = order_of("system", system.labels, labels)
     back = order.back()
     sigma = validation.deviations("noise", 0.0 if noise is None else noise, n)
     states, inputs = np.empty((runs or 1, K + 1, n)), np.empty((runs or 1, K, m))

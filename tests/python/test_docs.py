@@ -160,6 +160,7 @@ PAGES = (
     "docs/measured-runs.md",
     "docs/which-number.md",
     "docs/messy-logs.md",
+    "docs/outputs.md",
     "docs/networks.md",
     "docs/readings.md",
     "docs/saving.md",

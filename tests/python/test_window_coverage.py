@@ -188,3 +188,32 @@ def test_a_controller_that_sees_what_is_not_logged_breaks_every_region():
         data = state_runs(gen, system, 15, 120, unlogged=gain)
         misses += missed(se.identify(data, lags=12, checks=False), unbiased(*system, 12)[0])
     assert misses / 12 > 0.4
+
+
+# -- windows that the data chose -----------------------------------------------------------------
+
+
+def share_broken(count, **how):
+    """In how many systems a noise-free run leaves the bounds of one step somewhere."""
+    broken = 0
+    for seed in range(count):
+        gen = np.random.default_rng([15, seed])
+        system = hidden_states(gen)
+        model = se.identify(state_runs(gen, system, 20, 140), checks=False, **how)
+        A, B, C, Q, R = system
+        silent = state_runs(gen, (A, B, C, 0.0 * Q, 0.0 * R), 1, 140)
+        rows = model.window._rows(silent)[1]
+        region, d, n = model.region(0.05), model.window.length, model.n_outputs
+        assert region.bounded
+        errors = np.linalg.norm(rows[:, d:] - rows[:, :d] @ model._H.T, axis=1)
+        bounds = [region.bound(z[:n], z[n:d]) for z in rows[:, :d]]
+        broken += bool((errors > bounds).any())
+    return broken / count
+
+
+def test_windows_that_the_first_part_chooses():
+    assert share_broken(60) <= 0.05
+
+
+def test_one_lag_is_no_window():
+    assert share_broken(30, lags=1) > 0.3

@@ -199,3 +199,140 @@ def test_records_that_do_not_fill_the_window_are_refused():
         InputError, match="needs pieces of more than 59 pairs, but the longest has 11"
     ):
         se.identify(arx(np.random.default_rng(1), steps=10), lags=60)
+
+
+def test_oracle_of_a_tail():
+    """rho^2 = 18.92955190225, a = 26.78537416554, N = 43, tail .05: 13.6045151291."""
+    rows = Window(("y",), ("u",), 2)._rows(one_run())[1]
+    first, later = (
+        _core.Estimate(_core.triangle(np.ascontiguousarray(part), 1), len(part), 1, 3, False)
+        for part in (rows[:16], rows[16:])
+    )
+    H = [1.179264636598, -0.4648315778423, 1.034497377411, 0.4284450902335]
+    np.testing.assert_allclose(later.Theta[0], H, rtol=1e-9)
+    a = _core.smallest_quantile(1, 43, 0.025, 1)
+    np.testing.assert_allclose(a, 26.78537416554, rtol=1e-9)
+
+    def widened(rho2, tail):
+        more = tail * np.sqrt(43)
+        rho, left = np.sqrt(rho2) + more, np.sqrt(a) - more
+        return rho**2 / (left**2 - rho**2)
+
+    np.testing.assert_allclose(widened(18.92955190225, 0.05), 13.6045151291, rtol=1e-9)
+    law, how = ("adaptive", "gaussian", "full", None), (False, None, 0, False, "mixture", False, 1)
+    plain, wide, lost = (
+        later.region(law, first, 0.05, *how, tail).parts[0].factor for tail in (0.0, 0.05, 0.5)
+    )
+    np.testing.assert_allclose(wide, widened(a * plain / (1.0 + plain), 0.05), rtol=1e-9)
+    assert lost == np.inf
+
+
+def test_a_declared_tail_widens_the_region_and_is_printed(tmp_path):
+    data = arx(np.random.default_rng(1))
+    regions = []
+    for tail in (0.0, 0.05):
+        model = se.identify(data, lags=2, tail=tail)
+        model.save(tmp_path / f"{tail}.safetensors")
+        assert se.Model.load(tmp_path / f"{tail}.safetensors").assumptions.tail == tail
+        regions.append(model.region(0.05))
+    assert regions[0].radius < regions[1].radius < np.inf
+    assert "tail of 0.05" in regions[1].assumption
+    assert "tail" not in regions[0].assumption
+    for bad in (-1.0, np.nan, np.inf, "much"):
+        with pytest.raises(se.exceptions.StochensError, match="tail"):
+            se.identify(data, lags=2, tail=bad)
+    pairs = se.Trajectories.from_pairs([[1.0], [2.0]], [[1.0], [0.0]], [[0.0], [1.0]])
+    with pytest.raises(InputError, match="`tail` must be 0"):
+        se.identify(pairs, design="independent", tail=0.1)
+
+
+# -- which window --------------------------------------------------------------------------------
+
+
+def test_the_first_part_alone_chooses():
+    """Other readings behind it change nothing but the model."""
+    gen = np.random.default_rng(3)
+    one, other = arx(gen, runs=12), arx(gen, runs=12)
+    runs = [*one.runs[:4], *other.runs[4:]]
+    mixed = se.Trajectories(*map(list, zip(*runs, strict=True)), outputs=True)
+    models = [se.identify(data, order="auto", checks=False) for data in (one, mixed)]
+    assert models[0].window == models[1].window
+    assert models[0].first == models[1].first == -(-one.size // 4)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_delays_are_found(delay):
+    gen = np.random.default_rng(delay)
+    outputs, inputs = [], []
+    for _ in range(10):
+        y, u = [0.0], gen.standard_normal(60)
+        for k in range(60):
+            acting = u[k - delay] if k >= delay else 0.0
+            y.append(0.8 * y[-1] + acting + 0.1 * gen.standard_normal())
+        outputs.append(np.array(y)[:, None])
+        inputs.append(u[:, None])
+    data = se.Trajectories(outputs, inputs, outputs=True)
+    model = se.identify(data, delay=(0, 4), checks=False)
+    assert model.window.delay == delay
+    assert model.window.count == np.ceil(1.5 * model.window.found) + 1
+
+
+def test_too_little_for_a_choice_is_said():
+    data = se.Trajectories(np.eye(3)[:, :1], np.ones((2, 1)), outputs=True)
+    with pytest.raises(InputError, match="lags= or filters="):
+        se.identify(data)
+
+
+@pytest.mark.parametrize("scale", [1e-100, 1e-30, 1e30, 1e100])
+def test_units_of_readings_make_no_difference(scale):
+    gen = np.random.default_rng(5)
+    data = arx(gen)
+    other = se.Trajectories(
+        *(
+            [f * one for one in some]
+            for f, some in zip((scale, 1.0), zip(*data.runs, strict=True), strict=True)
+        ),
+        outputs=True,
+    )
+    plain, scaled = (se.identify(one, lags=3, checks=False) for one in (data, other))
+    bounds = [one.region(0.05).entry_bounds[0] for one in (plain, scaled)]
+    units = np.array([1, 1, 1, scale, scale, scale])
+    np.testing.assert_allclose(bounds[1] / units, bounds[0], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"lags": 0},
+        {"lags": 1.5},
+        {"lags": "all"},
+        {"filters": (1.0, 2)},
+        {"filters": (0.5, 0)},
+        {"filters": 0.5},
+        {"order": "best"},
+        {"delay": -1},
+        {"delay": (2, 1)},
+        {"delay": (1, 2, 3)},
+        {"lags": 2, "delay": (0, 1)},
+        {"lags": 10**9},
+        {"filters": (float("nan"), 2)},
+    ],
+    ids=str,
+)
+def test_bad_windows_are_named(how):
+    with pytest.raises(se.exceptions.StochensError, match="|".join(["window", *how])):
+        se.identify(arx(np.random.default_rng(1), runs=4), checks=False, **how)
+
+
+def test_what_is_for_states_says_so():
+    gen = np.random.default_rng(1)
+    data = arx(gen)
+    model = se.identify(data, lags=2)
+    systems = se.SystemEnsemble(gen.standard_normal((5, 1, 1)), gen.standard_normal((5, 1, 1)))
+    with pytest.raises(InputError, match="`data` must be a model of states"):
+        se.fuse(systems, method="alse", data=model)
+    with pytest.raises(InputError, match="must be runs of states"):
+        se.ModelStream(1, 1, state_names=["y[0]"], sigma=0.1).update(data)
+    for method in (model.bootstrap, model.draw):
+        with pytest.raises(InputError, match="are not resampled"):
+            method(3)

@@ -155,6 +155,7 @@ def design(
     if not (isinstance(basis, ModelBasis) and isinstance(basis.model, Model)):
         raise InputError("`plan` must be for a model by `identify`")
     model = basis.model
+    model._require_states("plan.model")
     if model.pilot is not None:
         raise InputError(
             "`plan` must be for a model without a pilot: inputs chosen from its runs are not "

@@ -118,6 +118,7 @@ def _least_squares(
         if method == "alse" and sigma is None:
             words["covariance"] = "scalar"
         least = identify(data, **words)  # type: ignore[arg-type]
+    least._require_states("data")
     if (least.n, least.m) != (given.n, given.m):
         raise ShapeError(
             f"`data` must have n={given.n} m={given.m} as the models, got n={least.n} m={least.m}"

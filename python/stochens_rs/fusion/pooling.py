@@ -53,6 +53,7 @@ def pool(models: object) -> Model:
 
 def _refuse_others(k: int, one: Model, first: Model) -> None:
     """Refuse a model that is about another system, or assumes something else."""
+    first._require_states("ensemble[0]")
     if one.data._about() != first.data._about():
         raise InputError(
             f"`ensemble[{k}]` must have the states, inputs, steps and dt of `ensemble[0]`: "

@@ -22,6 +22,7 @@ Delay: TypeAlias = "int | tuple[int, int]"
 
 POLES = (0.2, 0.4, 0.6, 0.8, 0.9)  # of filters that are tried
 FILTERS, LAGS = 6, 12  # how many at most
+LARGEST = 2**16  # of lags, filters and delays
 SHARE = 4  # the first quarter of the pairs chooses
 
 
@@ -48,7 +49,9 @@ def chosen_window(
     if filters is None and lags != "auto" and lags is not None:
         if least != most:
             raise InputError("`delay` must be one number with `lags`: a range is for order='auto'")
-        return Window(*names, validation.size("lags", lags), None, least, offset), 0
+        return Window(
+            *names, validation.size("lags", lags, maximum=LARGEST), None, least, offset
+        ), 0
     begins = (runs._pieces.places()[:first] == 0).tolist()
     start = runs._rows[:first], begins, runs.n, runs.m, offset
     if filters is not None:
@@ -94,8 +97,8 @@ def _delays(delay: Any) -> tuple[int, int]:
         if len(delay) != 2:
             raise InputError(f"`delay` must be a number or a pair of them, got {delay!r:.40}")
         least = validation.size("delay[0]", delay[0], minimum=0)
-        return least, validation.size("delay[1]", delay[1], minimum=least)
-    one = validation.size("delay", delay, minimum=0)
+        return least, validation.size("delay[1]", delay[1], minimum=least, maximum=LARGEST)
+    one = validation.size("delay", delay, minimum=0, maximum=LARGEST)
     return one, one
 
 
@@ -105,4 +108,4 @@ def _filters(filters: Any) -> tuple[float, int]:
             f"`filters` must be a pair (pole, number), as (0.8, 4), got {validation.show(filters)}"
         )
     pole = validation.probability("filters[0]", filters[0])
-    return pole, validation.size("filters[1]", filters[1])
+    return pole, validation.size("filters[1]", filters[1], maximum=LARGEST)

@@ -202,6 +202,11 @@ class Model(Identified, Durable, Tabled):
         """How many regressors there are behind the first n_outputs, without the 1."""
         return self._d - self.n_outputs - self.intercept
 
+    def _require_states(self, name: str) -> None:
+        """Refuse a model of outputs where an argument must be one of states."""
+        if self.window is not None:
+            raise InputError(f"`{name}` must be a model of states, got one of outputs: {self!r}")
+
     @cached_property
     def _windows(self) -> Floats:
         """The rows (z, y one step later) of all complete windows behind the first part."""
@@ -568,7 +573,7 @@ class Model(Identified, Durable, Tabled):
     @property
     def _assumed(self) -> str:
         """What is assumed beside the law of the noise."""
-        own = "" if self.window is None else self.window.assumed
+        own = "" if self.window is None else self.window._assumed(self.assumptions.tail)
         return own + self.data._assumed
 
     def bootstrap(

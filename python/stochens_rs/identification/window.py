@@ -125,12 +125,13 @@ class Window(Record):
             return html.number_of(self.count, "lag") + delay
         return f"{html.number_of(self.count, 'filter')} of pole {self.pole:g}{delay}"
 
-    @property
-    def assumed(self) -> str:
+    def _assumed(self, tail: float) -> str:
         """What the region of a model with this window assumes, behind the law of the noise."""
+        chosen = "" if self.found is None else ", chosen by the first part,"
+        but = f" but for a tail of {tail:g}" if tail else ""
         return (
-            "; white innovations; inputs from logged signals only; order of runs = order in time; "
-            f"the window of {self.text} taken as exact"
+            "; white innovations; inputs from logged signals only; "
+            f"the window of {self.text}{chosen} taken as exact{but}, which no data prove"
         )
 
     def loop(self, Theta: Floats) -> Loop:

@@ -47,6 +47,8 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
 
 def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
     """Refuse runs of another system."""
+    if runs.outputs:
+        raise InputError("`x` must be runs of states, got outputs: see identify")
     if runs.steps != 1:
         raise InputError(f"`x` must be runs with one step a pair, got {runs.steps} steps a pair")
     if (runs.n, runs.m) != (about.n, about.m):

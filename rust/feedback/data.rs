@@ -100,6 +100,31 @@ pub(super) struct Piece {
     pub w: Matrix,
 }
 
+/// The units of states whose rows are known, so that `W` has columns of about the size of those of other states; of a state
+/// that is not in z those of the next one.
+fn known_units(region: &Region, unit: &mut [f64]) {
+    let (mut sizes, mut unknown) = (Vec::new(), Vec::new());
+    sizes.resize(region.n, 0.0f64);
+    unknown.resize(region.n, false);
+    for part in &region.parts {
+        for row in part.white.chunks_exact(part.columns.len().max(1)) {
+            let inside = part.columns.iter().zip(row).filter(|(j, _)| **j < region.n);
+            inside.for_each(|(j, value)| sizes[*j] = sizes[*j].hypot(*value));
+        }
+        part.rows.iter().for_each(|i| unknown[*i] = true);
+    }
+    let level = (0..region.n).filter(|i| unknown[*i]).map(|i| unit[i] * sizes[i]).fold(0.0, f64::max);
+    let mut last = None;
+    for i in (0..region.n).rev() {
+        if sizes[i] > 0.0 {
+            last = Some(level / sizes[i]).filter(|size| *size > 0.0 && size.is_finite());
+        }
+        if let (false, Some(size)) = (unknown[i], last) {
+            unit[i] = nearest_power_of_two(size);
+        }
+    }
+}
+
 /// A region in these units: `x = diag(unit) x_own`, powers of 2, so that nothing is rounded.
 #[derive(Debug)]
 pub(super) struct Uncertain {
@@ -125,6 +150,7 @@ impl Uncertain {
         for part in &region.parts {
             part.rows.iter().zip(part.deviations()).for_each(|(i, size)| unit[*i] = nearest_power_of_two(*size));
         }
+        known_units(region, &mut unit);
         let back = |i: usize| 1.0 / unit[i];
         let mut pieces = Vec::new();
         let phi = region.frobenius();

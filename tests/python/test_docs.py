@@ -162,6 +162,7 @@ PAGES = (
     "docs/messy-logs.md",
     "docs/outputs.md",
     "docs/networks.md",
+    "docs/readings.md",
     "docs/saving.md",
     "docs/several-models.md",
     "docs/studies.md",

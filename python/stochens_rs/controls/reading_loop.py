@@ -82,6 +82,21 @@ class ReadingLoop:
         The input while the window fills.
     max_missing : int
         How many readings in a row may be missing.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> rng = np.random.default_rng(3)
+    >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+    >>> for t in range(1, 199):
+    ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+    >>> model = se.identify(se.Trajectories([y], [u], outputs=True), lags=2)
+    >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+    >>> loop([0.0]), loop([1.0]).round(1), loop.full
+    (array([0.]), array([-0.7]), True)
+    >>> plan = se.control(model, record=(y, u), target=[1.0], steps=5)
+    >>> plan.predicted_outputs[-2:].ravel().round(3), plan.bound(0.05).tube.shape
+    (array([1., 1.]), (6,))
     """
 
     def __init__(

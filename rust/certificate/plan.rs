@@ -54,7 +54,7 @@ pub enum Control {
 pub struct Plan {
     /// The way of the smallest `target`.
     pub best: usize,
-    /// `||x(K) - xf|| <= target = reach + model_error + start`.
+    /// `||x(K) - xf|| <= target <= reach + model_error + start`.
     pub target: f64,
     /// `||xh(K) - xf||`.
     pub reach: f64,
@@ -142,12 +142,12 @@ fn one_way(task: Task<'_>, way: &Way<'_>, index: usize, stop: &Stop) -> Result<P
         let at = k * (all / steps);
         tube[at] = radius + distance(state, &task.predicted[at * n..(at + 1) * n]);
     }
-    let reach = distance(&errors.states[steps * n..], task.xf);
+    let (end, predicted) = (&errors.states[steps * n..], &task.predicted[all * n..]);
     Ok(Plan {
         best: index,
-        target: reach + whole,
-        reach,
-        model_error: alone,
+        target: distance(end, task.xf) + whole,
+        reach: distance(predicted, task.xf),
+        model_error: distance(end, predicted) + alone,
         start: if whole.is_finite() { whole - alone } else { 0.0 },
         components: components(&errors, task.xf)?,
         tube,

@@ -11,7 +11,7 @@ use crate::memory::{checked_len, try_collect, try_copy, try_zeros};
 use crate::parallel::Stop;
 
 use super::assumed::{Assumed, Covariance, Method, Wish};
-use super::distributions::chi2_quantile;
+use super::distributions::{chi2_quantile, chi2_upper};
 use super::kept::{Law, kept};
 use super::least_squares::{Fitted, WHAT, add, cholesky};
 use super::levels::least_squares_level;
@@ -63,9 +63,12 @@ impl By<'_> {
         kept(Law::Joint, [n, d, nu], delta, || joint_radii(n, d, nu, delta, self.threads, self.stop))
     }
 
-    /// The quantile of the largest root of `G G'`, kept.
+    /// The quantile of the largest root of `G G'`, kept; that of its trace where rounding leaves no other.
     pub fn wishart(self, n: usize, d: usize, delta: f64) -> Result<f64> {
-        let found = || wishart_quantile(n, d, delta, self.threads, self.stop);
+        let found = || {
+            let largest = wishart_quantile(n, d, delta, self.threads, self.stop)?;
+            if largest.is_finite() { Ok(largest) } else { chi2_upper(delta, (n * d) as f64) }
+        };
         self.one(Law::Wishart, [n, d, 0], delta, found)
     }
 

@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use super::*;
 use crate::Stop;
-use crate::identify::{Assumed, Covariance, Data, Design, Estimate, Noise, Wish, f_upper, triangle};
+use crate::identify::{Assumed, Covariance, Data, Design, Estimate, Noise, Units, Wish, f_upper, triangle};
 
 /// V = diag(4, 16), S = diag(1, 4): everything in closed form.
 fn region(factor: f64, by_rows: bool) -> Region {

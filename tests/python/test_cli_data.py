@@ -9,6 +9,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
+from stochens_rs._base.html import at_most
 
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
 COLUMNS = ["--states", "angle,rate", "--inputs", "torque"]
@@ -203,6 +204,8 @@ def test_a_forgotten_by_is_named(table, lines, capsys):
 
 def test_bounds_that_say_nothing_come_with_a_cure(table, lines, capsys):
     cure = "declare --design independent if it is, or give --sigma"
+    few = {"run", *(f"r{number}" for number in range(10))}
+    table.write_text("\n".join(line for line in lines if line.split(",")[0] in few))
     args = [str(table), *OPTIONS, "--last-pairs"]
     assert cli.main(["identify", *args]) == 0
     text = capsys.readouterr().out
@@ -439,7 +442,7 @@ def test_the_certificate_is_printed_for_each_state(table, tmp_path, capsys):
     text = capsys.readouterr().out
     found = ran(capsys, "control", file, "--from", "1,0", "--steps", 4)["certificate"]
     angle, rate = found["components"]
-    line = f"each       angle within {angle:.4g}, rate within {rate:.4g}\n"
+    line = f"each       angle within {at_most(angle, 4)}, rate within {at_most(rate, 4)}\n"
     assert line in text
 
 

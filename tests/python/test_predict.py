@@ -27,7 +27,7 @@ def runs(rng, count, offset=0.0, steps=6, sigma=0.05):
 @pytest.mark.parametrize("intercept", [False, True])
 def test_the_bounds_are_those_of_a_plan_with_these_inputs(intercept):
     x, u = runs(np.random.default_rng(1), 20, offset=intercept)
-    model = se.identify(se.Trajectories(x, u), sigma=0.05, intercept=intercept)
+    model = se.identify(se.Trajectories(x, u), sigma=0.05, intercept=intercept, scale=1.0)
     plan = se.control(model, [1.0, 0.0], [0.0, 0.5], steps=4)
     same = se.predict(model, [1.0, 0.0], plan.u)
     assert np.array_equal(same.predicted_states, plan.predicted_states)

@@ -42,7 +42,7 @@ def near_reference(
     method = f"near a reference, {'with' if asked.noise else 'without'} noise"
 
     def radius(value: float | Floats, distance_from: str) -> Radius:
-        reason = "too few data, or a pilot that says too little"
+        reason = "too few data for this probability, or a pilot that says too little"
         return Radius._at(value, distance_from, delta, method, reason)
 
     return trusted(

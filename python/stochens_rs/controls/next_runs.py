@@ -149,7 +149,7 @@ def design(
     >>> more.inputs.shape
     (10, 3, 1)
     >>> more
-    <NextRuns: 10 runs of 3 steps, certificate 0.16 now, 0.0969 after them (forecast, not a bound)>
+    <NextRuns: 10 runs of 3 steps, certificate 0.16 now, 0.0936 after them (forecast, not a bound)>
     """
     basis = validation.instance("plan", plan, Plan).basis
     if not (isinstance(basis, ModelBasis) and isinstance(basis.model, Model)):

@@ -112,9 +112,12 @@ def checked_assumptions(
     state_noise: Any,
     exact: object = (),
     names: Sequence[str] = (),
+    singular: bool = False,
     tail: float = 0.0,
 ) -> Assumptions:
-    """Check the arguments of `identify` that are declarations; `names` are those of the states."""
+    """Check the arguments of `identify` that are declarations; `names` are those of the states;
+    `singular`: whether the known covariance may be so.
+    """
     law = validation.choice("noise", noise, NOISES)
     plan = validation.choice("design", design, DESIGNS)
     known, word = None, "known"
@@ -128,7 +131,7 @@ def checked_assumptions(
     elif isinstance(covariance, str):
         word = validation.choice("covariance", covariance, COVARIANCES[:-1])
     else:
-        known = _positive_definite("covariance", covariance, n)
+        known = _positive_definite("covariance", covariance, n, semi=singular)
     if law in ("sub-gaussian", "bounded") and known is None:
         raise InputError(
             f"`sigma` must be given for noise='{law}'"

@@ -57,6 +57,7 @@ def identify(
     reference: Any = None,
     inputs: Literal["open loop"] | ArrayLike = "open loop",
     dither: ArrayLike | None = None,
+    lengths_fixed: bool = False,
     lags: Lags = None,
     filters: tuple[float, int] | None = None,
     order: Order = None,
@@ -82,7 +83,8 @@ def identify(
         other and as likely as -w(k), of any law; needs ``design="independent"``.
     covariance : {"full", "diagonal", "scalar"} or array_like of shape (n, n), default "full"
         Of Gaussian noise: one unknown matrix, an unknown diagonal one, an unknown multiple of I, or
-        the matrix itself. For "sub-gaussian" noise a matrix in place of ``sigma^2 I``.
+        the matrix itself, which may be singular with a `pilot`. For "sub-gaussian" noise a matrix
+        in place of ``sigma^2 I``.
     sigma : float, optional
         The known size of the noise, see `noise`: for Gaussian noise the covariance is
         ``sigma^2 I``.
@@ -127,6 +129,9 @@ def identify(
         dither`` with this gain.
     dither : array_like, shape (N, m), optional
         What was added to the feedback, as it was recorded, not computed from u and x.
+    lengths_fixed : bool, default False
+        With `pilot`, your declaration that runs of unequal length are so by plan: their lengths
+        were fixed beforehand, and no run was ended because of what was measured.
     lags, filters, order : int or "auto", (pole, int), "auto", optional
         For outputs, one of them: from which window of the past they are predicted. The last `lags`
         readings and inputs; or so many filters in a row of one pole in (0, 1), which reach further
@@ -203,8 +208,11 @@ def identify(
     if runs.outputs:
         _refuse_for_outputs(known_A, known_B, state_noise, instruments, pilot)
     assumed = checked_assumptions(
-        n, design, noise, covariance, sigma, state_noise, exact, runs.state_names, tail
+        *(n, design, noise, covariance, sigma, state_noise, exact, runs.state_names),
+        pilot is not None,
+        tail,
     )
+    planned = validation.flag("lengths_fixed", lengths_fixed)
     offset = validation.flag("intercept", intercept)
     window, first = chosen_window(runs, lags, filters, order, delay, offset)
     d = n + runs.m + offset if window is None else window.length
@@ -219,9 +227,11 @@ def identify(
     guide = None
     if pilot is not None:
         refuse_pilot(assumed, runs, known is not None or zeta is not None)
-        guide, runs = made(runs, pilot, offset, reference, inputs, dither)
-    elif not (reference is None and dither is None and _unsaid(inputs)):
-        raise InputError("`reference`, `inputs` and `dither` must be left out without `pilot`")
+        guide, runs = made(runs, pilot, offset, reference, inputs, dither, planned)
+    elif planned or not (reference is None and dither is None and _unsaid(inputs)):
+        raise InputError(
+            "`reference`, `inputs`, `dither` and `lengths_fixed` must be left out without `pilot`"
+        )
     Z = _rows(runs, offset) if window is None else window._rows(runs, first)[1]
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(Z, Z)):

@@ -171,11 +171,6 @@ def refuse(assumed: Assumptions, data: Trajectories, others: bool) -> None:
     if data.steps > 1:
         raise InputError("`pilot` needs the runs themselves, not pairs over several steps")
     data._require_whole("data", "a pilot simulates whole runs from their starts")
-    if data.lengths.min() != data.lengths.max():
-        raise InputError(
-            "`pilot` needs runs of one length, fixed beforehand: was a run ended because of what "
-            "was measured?"
-        )
     n, first = data.n, data._pieces.starts()
     ends = {row[-n:].tobytes() for row in data._rows[first + data.lengths - 1]}
     if any(row[:n].tobytes() in ends for row in data._rows[first] if row[:n].any()):
@@ -192,9 +187,15 @@ def made(
     reference: Any,
     inputs: Any,
     dither: Any,
+    lengths_fixed: bool,
 ) -> tuple[Pilot, Trajectories]:
     """The pilot and the main runs, from the arguments of `identify`."""
     n, m = data.n, data.m
+    if data.lengths.min() != data.lengths.max() and not lengths_fixed:
+        raise InputError(
+            "runs of unequal length need `lengths_fixed=True`: was any run ended because of what "
+            "was measured?"
+        )
     model, source, main, before = divided(data, pilot, offset)
     gain = None
     if isinstance(inputs, str):

@@ -112,8 +112,8 @@ def checked_assumptions(
     state_noise: Any,
     exact: object = (),
     names: Sequence[str] = (),
-    tail: float = 0.0,
     singular: bool = False,
+    tail: float = 0.0,
 ) -> Assumptions:
     """Check the arguments of `identify` that are declarations; `names` are those of the states;
     `singular`: whether the known covariance may be so.

@@ -208,16 +208,9 @@ def identify(
     if runs.outputs:
         _refuse_for_outputs(known_A, known_B, state_noise, instruments, pilot)
     assumed = checked_assumptions(
-        n,
-        design,
-        noise,
-        covariance,
-        sigma,
-        state_noise,
-        exact,
-        runs.state_names,
+        *(n, design, noise, covariance, sigma, state_noise, exact, runs.state_names),
+        pilot is not None,
         tail,
-        singular=pilot is not None,
     )
     planned = validation.flag("lengths_fixed", lengths_fixed)
     offset = validation.flag("intercept", intercept)

@@ -108,6 +108,13 @@ def regulate(
         The input while the window fills; default 0.
     max_missing : int, default 3
         How many readings in a row may be nan: the prediction of the model counts in their place.
+    gain : Loop or LoopCertificate, optional
+        For states: a certified gain by which the limits are kept with a stated probability; see
+        Notes.
+    keep : float, default 0.95
+        With a gain, this probability.
+    calls : int, optional
+        With a gain, the number T of calls that it is about, fixed before the run.
 
     Returns
     -------

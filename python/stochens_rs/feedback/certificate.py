@@ -335,7 +335,7 @@ class LoopCertificate(SavedRecord):
         >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
         >>> rest = proof.rest([1.0])
         >>> rest, proof.tube([0.0], 10, rest=rest).settles(0.1)
-        (<Rest: every system rests within 0.145 of (1), 95 %>, 5)
+        (<Rest: every system rests within 0.137 of (1), 95 %>, 5)
         """
         if self.readings:
             raise InputError("`rest` needs exact states: those of this model are read with error")

@@ -292,7 +292,7 @@ class Model(Identified, Durable, Tabled):
     def _in_states(self, region: Region) -> Region:
         if self.window is None:
             return region
-        ABc, J, G = self._loop.ABc, self._loop.J, self._loop.G
+        J, ABc, G = self.window.loop(region.centre)
         return region._entered(ABc, J, G, self.m)
 
     @cached_property

@@ -143,12 +143,15 @@ fn one_way(task: Task<'_>, way: &Way<'_>, index: usize, stop: &Stop) -> Result<P
         tube[at] = radius + distance(state, &task.predicted[at * n..(at + 1) * n]);
     }
     let (end, predicted) = (&errors.states[steps * n..], &task.predicted[all * n..]);
+    // the centre may lead elsewhere than what was predicted: the parts add up to the target all the same
+    let (target, start) = (distance(end, task.xf) + whole, if whole.is_finite() { whole - alone } else { 0.0 });
+    let reach = distance(predicted, task.xf).min(target - start);
     Ok(Plan {
         best: index,
-        target: distance(end, task.xf) + whole,
-        reach: distance(predicted, task.xf),
-        model_error: distance(end, predicted) + alone,
-        start: if whole.is_finite() { whole - alone } else { 0.0 },
+        target,
+        reach,
+        model_error: if target.is_finite() { target - start - reach } else { f64::INFINITY },
+        start,
         components: components(&errors, task.xf)?,
         tube,
         control: if way.compares { Some(control(task, way, &errors.states[n..])?) } else { None },

@@ -186,6 +186,7 @@ def said(capsys, line):
 
 def test_certify_says_what_is_proved(model, capsys):
     text = said(capsys, "certify model.safetensors --from 1,0 --within 0.1 --noise 5%")
+    text = text.replace("\n           ", " ")
     for part in (
         "for all systems that the data allow (95 %), the loop is stable; the margin is at least",
         "within 0.1 of 0 without noise: from step",

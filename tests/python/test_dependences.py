@@ -258,7 +258,7 @@ def test_warnings_travel_to_plan_certificate_and_pages():
     assert bound.warnings == model.warnings
     assert bound["target"].reason == model.doubts[0]
     assert "not bounded: the residuals of position" in repr(bound)
-    assert repr(plan).endswith(f", {len(plan.warnings)} warnings>")
+    assert repr(plan).endswith(f" (and {len(plan.warnings) - 1} more)>")
     for shown in (plan._repr_html_(), bound._repr_html_(), model._repr_html_()):
         assert "tied exactly" in shown
     assert pickle.loads(pickle.dumps(bound)).to_dict() == bound.to_dict()

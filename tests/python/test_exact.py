@@ -292,7 +292,7 @@ def test_a_plan_says_where_it_is_expected_to_end():
         se.control((np.eye(2), [[1.0], [0.0]]), [0.0, 0.0], [2.0, 1.5])
     )
     assert "; with the estimates: ends " in repr(plan)
-    assert " from the estimated xf; true system: about" in repr(plan)
+    assert " the estimated xf; true system: about" in repr(plan)
     exact = repr(se.control(system, x0, xf, steps=3))
     assert "; ends " in exact
     assert "estimate" not in exact  # all of it is exact

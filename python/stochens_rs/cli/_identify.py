@@ -29,7 +29,6 @@ from ._output import Out, finite, grid, note, show_result
     short_help="Fit a model to measured runs.",
     examples=[
         "identify runs.csv --states x,v --inputs F --by run --time t",
-        "identify logs/ --states x,v --inputs F --time t --dt 0.02",
         "identify logs/ --outputs x --inputs F --time t --out m.safetensors",
     ],
     sections={
@@ -156,8 +155,8 @@ def identify_command(
     """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to runs in CSV files, with a region.
 
     LOGS are files, folders of .csv files, or patterns; the first row names the columns. Each file
-    is a run, or several with --by. Prints A, B and c with bounds that hold for all entries at once,
-    under the assumptions that you declare, and tests of the residuals: a small p refutes one.
+    is a run, or several with --by. Prints A, B and c with bounds under what you declare, and tests
+    of the residuals.
     """
     paths = csv_files(sorted(source, key=natural))
     if (states is None) == (outputs is None) or inputs is None:

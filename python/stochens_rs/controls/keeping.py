@@ -99,7 +99,7 @@ class Kept:
         """Both together: the plans keep limits that are tighter by this, shape (n + m,)."""
         return self.model + self.noise
 
-    def tightened(self, task: Task) -> Task:
+    def _tightened(self, task: Task) -> Task:
         """The task with the tighter limits; nothing is off yet when the first input is applied."""
         model, noise, n = self.model, self.noise, task.reference.shape[1]
         off = model + noise
@@ -115,7 +115,7 @@ class Kept:
         states = {"state_low": task.state_low + off[:n], "state_high": task.state_high - off[:n]}
         return replace(made, **states)  # type: ignore[arg-type]
 
-    def choose(
+    def _choose(
         self, x: Floats, found: Found, again: Callable[[], Found]
     ) -> tuple[Floats, Floats, Status, float]:
         """The plan to go on with, its input at x, status and gap; `again` plans anew."""

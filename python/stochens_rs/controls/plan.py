@@ -18,7 +18,8 @@ from ..certificates.model_basis import ModelBasis
 from ..certificates.near_reference import near_reference
 from ..certificates.of_model import Asked, certificate
 from ..certificates.of_outputs import output_certificate
-from ..exceptions import InputError, ShapeError
+from ..exceptions import InputError, InputTypeError, ShapeError
+from ..feedback import Loop, LoopCertificate
 from ..plots.panels import Inputs
 from ..plots.states import draw_phase
 from ..plots.tube import draw_tube
@@ -46,7 +47,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from .._base.types import Places
-    from ..feedback import Loop, LoopCertificate
     from ..rng import RngLike
 
 _NOT_FOR = {
@@ -771,6 +771,10 @@ class Plan(SavedRecord, Timed):
 
     def _gain(self, gain: Loop | LoopCertificate) -> Floats:
         """The matrix of a gain for this plan."""
+        if not isinstance(gain, (Loop, LoopCertificate)):
+            raise InputTypeError(
+                f"`gain` must be a Loop or its certificate, got {validation.show(gain)}"
+            )
         K = np.ascontiguousarray(gain.K)
         if K.shape != self._shape[::-1]:
             raise ShapeError(f"`gain` must be one of this model, got one of shape {K.shape}")

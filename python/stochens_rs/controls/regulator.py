@@ -92,7 +92,7 @@ class Regulator:
         c = system.c if isinstance(system, Identified) else None
         c = None if c is None else order.of_states(c)
         A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
-        within = task if self.kept is None else self.kept.tightened(task)
+        within = task if self.kept is None else self.kept._tightened(task)
         solver = loop_of(within, A, B, c)
         self._system, self._task, self._solver = system, task, solver
 
@@ -152,7 +152,7 @@ class Regulator:
             return self._solve(x)
 
         try:
-            return kept.choose(x, found, again)
+            return kept._choose(x, found, again)
         except SolverError:
             self._set(self._system, self._task)  # without what was kept back for the model
             raise

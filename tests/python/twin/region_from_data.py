@@ -238,7 +238,7 @@ def parts(
         made.append(part_of(f, rows, columns, S, float(factor)))
         if wish.frobenius and len(found) == 1:  # ||G||_F <= sqrt(min(n, d)) ||G||
             frobenius = float(np.sqrt(factor * min(len(rows), f.rank + wish.future)))
-    return tuple(made), frobenius, bound
+    return tuple(made), frobenius, bound if noise.noise == "gaussian" else None
 
 
 def _directed(f: Fitted, Q: Floats | None) -> tuple[Fitted, int]:

@@ -182,6 +182,21 @@ def loop():
     return made
 
 
+@cache
+def read_model():
+    gen = np.random.default_rng(1)
+    u, x = gen.standard_normal((400, 2)), np.zeros((401, 2))
+    for k in range(400):
+        x[k + 1] = A @ x[k] + B @ u[k] + 0.01 * gen.standard_normal(2)
+    return se.identify(se.Trajectories(x, u, outputs=True), lags=1)
+
+
+def reading_loop():
+    made = se.regulate(se.gain(read_model(), 1.0, 1.0), offset_free=True)
+    made([1.0, 0.0])
+    return made
+
+
 def proof():
     x, u = np.random.default_rng(1).standard_normal((2, 60, 2))
     y = (
@@ -235,7 +250,17 @@ MACHINES = {"bus": [1, 2], "H": [4.0, 5.0], "D": [2.0, 0.0], "xd1": [0.3, 0.2]}
 OWN = {
     "best": {"size": 5, "data": [(A, B), X0, XF]},
     "candidates": {"data": [(A, B), X0, XF]},
-    "control": {"xf": XF},
+    "control": {"x0": X0, "xf": XF},
+    "regulate": {"steps": 3},
+    "Ensemble.from_bytes": {
+        "data": se.sample(A, 5, rng=1).to_bytes(),
+        "shape": (2, 2),
+        "norm": np.abs(A).sum(axis=0),
+        "size": 5,
+    },
+    "Window.loop": {"Theta": np.ones((2, 4))},
+    "Window.state_of": {"outputs": np.ones((3, 2)), "inputs": np.ones((2, 2))},
+    "ReadingLoop.start": {"record": (np.ones((3, 2)), np.ones((2, 2)))},
     "Plan.error": {"xf": XF},
     "Results.save": {"path": "results.json"},
     "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
@@ -248,7 +273,7 @@ OWN = {
     "DataStream.update": {"A": A},
     "ModelStream": {"m": 2},
     "ModelStream.update": {"x": X0, "u": X0, "x_next": X0},
-    "ModelStream.look": {"tol": 1.0, "steps": 1},
+    "ModelStream.look": {"tol": 1.0, "x0": X0, "xf": XF, "steps": 1},
     "Trajectories": {"states": np.ones((3, 2)), "inputs": np.ones((2, 2))},
     "from_pairs": {"x": np.ones((3, 2)), "u": np.ones((3, 1)), "x_next": np.ones((3, 2))},
     "from_table": {"table": TABLE, "states": ["x"], "inputs": ["u"]},
@@ -336,6 +361,8 @@ MADE = {
     "FleetPlan": lambda: se.control_fleet([(A, B), (-A, B)], X0, XF, 2, risk="worst"),
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
     "Regulator": loop,
+    "ReadingLoop": reading_loop,
+    "Window": lambda: read_model().window,
     "Certificate": lambda: se.control(model(), X0, XF).bound(),
     "Loop": lambda: se.gain(model(), 1.0, 1.0),
     "LoopCertificate": proof,
@@ -388,6 +415,7 @@ SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel
 SEPARATE |= {"System.from_mujoco", "from_andes"}  # optional packages: in files of their own
 SEPARATE |= {"Bound", "Printed", "Simulated", "Results.select", "Results.plot"}
 SEPARATE |= {"Study.resume", "Study.merge", "Plan.typical", "design"}
+SEPARATE |= {"Kept", "ReadingLoop"}  # made by `regulate`, which checks
 SEPARATE |= {
     f"{kind}.{name}"
     for kind in ("Stream", "DataStream", "ModelStream")

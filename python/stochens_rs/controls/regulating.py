@@ -186,6 +186,11 @@ def regulate(
                     "a Loop for a gain"
                 )
         return reading_loop(system, steps, limits, cost, offset_free, target, hold, max_missing)
+    for name, given_too in (("target", target), ("hold", hold)):
+        if given_too is not None:
+            raise InputError(f"`{name}` is for models of outputs: must be left out")
+    validation.size("max_missing", max_missing, minimum=0)
+    validation.probability("keep", keep)
     checked = checked_model(system)
     n, m = checked.B.shape
     K = validation.size("steps", steps)

@@ -14,7 +14,7 @@ from .._base.reading import read
 from .._base.records import SavedRecord, require_shapes, trusted
 from .._base.signal_names import Labels
 from .._base.threads import get_num_threads
-from ..exceptions import InputError
+from ..exceptions import InputError, NonFiniteError
 from ..identification.region import Region
 from .rest import Rest
 from .tube import Tube
@@ -344,7 +344,11 @@ class LoopCertificate(SavedRecord):
         names = self.labels.states
         point = np.zeros(n) if xs is None else validation.vector("xs", xs, length=n, labels=names)
         A, B, c = np.split(region.centre, [n, n + m], axis=1)
-        us = np.linalg.lstsq(B, point - A @ point - c.sum(axis=1), rcond=None)[0]
+        with np.errstate(over="ignore", invalid="ignore"):
+            away = point - A @ point - c.sum(axis=1)
+        if not np.isfinite(away).all():
+            raise NonFiniteError("`xs` is so large that A xs overflows")
+        us = np.linalg.lstsq(B, away, rcond=None)[0]
         rows, radius = self._core.rest(np.ascontiguousarray(point), us)
         if self.status != "certified":
             rows, radius = np.full(n + m, np.inf), np.inf

@@ -33,9 +33,11 @@ def chosen_window(
 
     None and 0 for data of states.
     """
-    given = [name for name, one in (("lags", lags), ("filters", filters), ("order", order)) if one]
+    asked = {"lags": lags, "filters": filters, "order": order}
+    given = [name for name, one in asked.items() if one is not None]
+    least, most = _delays(delay)
     if not runs.outputs:
-        if given or delay != 0:
+        if given or most > 0:
             raise InputError(
                 f"`{(given or ['delay'])[0]}` is for outputs, but `data` has states: read it with "
                 "outputs= in place of states="
@@ -43,10 +45,10 @@ def chosen_window(
         return None, 0
     if len(given) > 1:
         raise InputError(f"only one of `lags`, `filters` and `order` must be given, got {given}")
-    least, most = _delays(delay)
     first = -(-runs.size // SHARE)
     names = runs.outputs, runs.input_names
-    if filters is None and lags != "auto" and lags is not None:
+    auto = isinstance(lags, str) and lags == "auto"
+    if lags is not None and not auto:
         if least != most:
             raise InputError("`delay` must be one number with `lags`: a range is for order='auto'")
         return Window(
@@ -63,9 +65,9 @@ def chosen_window(
         ratio = _core.readings_over_noise(*start)
         burn = _core.window_burn(pole, count, ratio, len(runs.pieces))
         return Window(*names, count, pole, least, offset, burn), first
-    poles = [] if lags == "auto" else list(POLES)
-    if lags is None:
-        validation.choice("order", order or "auto", ("auto",))
+    poles = [] if auto else list(POLES)
+    if order is not None:
+        validation.choice("order", order, ("auto",))
     pieces = len(runs.pieces), int(np.median(runs.pieces))
     found = _core.choose_window(*start, poles, (FILTERS, LAGS), (least, most), pieces)
     one, count, back, burn, told, _ = found
@@ -95,7 +97,9 @@ def _delays(delay: Any) -> tuple[int, int]:
     """The least and the largest delay."""
     if isinstance(delay, tuple):
         if len(delay) != 2:
-            raise InputError(f"`delay` must be a number or a pair of them, got {delay!r:.40}")
+            raise InputError(
+                f"`delay` must be a number or a pair of them, got {validation.show(delay)}"
+            )
         least = validation.size("delay[0]", delay[0], minimum=0)
         return least, validation.size("delay[1]", delay[1], minimum=least, maximum=LARGEST)
     one = validation.size("delay", delay, minimum=0, maximum=LARGEST)

@@ -210,7 +210,7 @@ def identify(
     assumed = checked_assumptions(
         *(n, design, noise, covariance, sigma, state_noise, exact, runs.state_names),
         pilot is not None,
-        tail,
+        validation.nonnegative("tail", tail),
     )
     planned = validation.flag("lengths_fixed", lengths_fixed)
     offset = validation.flag("intercept", intercept)

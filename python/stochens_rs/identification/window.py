@@ -155,7 +155,10 @@ class Window(Record):
         >>> window.loop(np.array([[0.5, 1.0]])).ABc
         array([[0.5, 1. ]])
         """
-        return Loop(*self._core.linear(np.ascontiguousarray(Theta)))
+        rows = len(self.outputs)
+        return Loop(
+            *self._core.linear(validation.matrix("Theta", Theta, rows=rows, cols=self.length))
+        )
 
     def _rows(self, data: Trajectories, first: int = 0) -> tuple[Floats, Floats]:
         """The rows (z, y one step later) of complete windows: before pair `first`, and after."""
@@ -234,7 +237,8 @@ class Window(Record):
         array([2. , 1. , 0.5])
         """
         y = validation.matrix("outputs", outputs, cols=len(self.outputs))
-        u = np.asarray(inputs, dtype=np.float64).reshape(-1, len(self.inputs))
+        given, m = validation.read("inputs", inputs), len(self.inputs)
+        u = validation.matrix("inputs", given, cols=m) if given.size else np.zeros((0, m))
         if len(y) <= self.fill or len(u) != len(y) - 1:
             raise InputError(
                 f"`record` needs {self.fill + 1} rows of outputs and {self.fill} of inputs that "

@@ -15,6 +15,7 @@ from ..._base import validation
 from ..._base.files import PathLike
 from ..._base.progress import Progress, progress_bar
 from ..._base.types import STATUSES, Floats, Fusion
+from ...exceptions import InputError
 from ...fusion.fusing import Method
 from ...rng import RngLike, as_key
 from ...studies import Study
@@ -97,6 +98,8 @@ class Recording:
     def panel(self, shown: Quantity) -> Panel:
         """The relative errors of one quantity, with the exact ones of uniform weights."""
         norm = float(np.linalg.norm(shown.target))
+        if norm == 0.0:
+            raise InputError(f"`given` must not lead to a {shown.name} of 0: no error is relative")
         columns = (self.values[f"panel_{shown.values}"] / norm).transpose(2, 1, 0)
         looks: Iterable[tuple[Method, Fusion | None]] = (
             STYLES if len(columns) == len(STYLES) else ((method, None) for method in METHODS)

@@ -21,7 +21,9 @@ WORDS = {
     "index": "csv, installation",
     "close-the-loop": "feedback, lqr, gain, stability, robust control",
     "measured-runs": "identification, system identification, least squares",
-    "messy-logs": "kalman, kalman filter, observer, arx, outputs, delay, missing data",
+    "messy-logs": "delay, missing data",
+    "outputs": "arx, outputs, kalman, kalman filter, observer, n4sid",
+    "readings": "offset-free, integral action, output feedback",
     "limits": "mpc, model predictive control, constraints, saturation",
     "few-bits": "quantization, compression",
 }

@@ -42,7 +42,7 @@ class Regulator:
     """Feedback ``u = loop(x)``: the first input of the best plan over the next K steps.
 
     Made by `regulate`. It keeps the active limits of its last plan, at which the next call begins;
-    a copy or a pickle goes on with the same bits. One thread at a time: a call during a call of
+    a copy or a pickle goes on from there, and agrees to rounding. One thread at a time: a call during a call of
     another thread raises.
 
     Parameters

@@ -42,8 +42,8 @@ class Regulator:
     """Feedback ``u = loop(x)``: the first input of the best plan over the next K steps.
 
     Made by `regulate`. It keeps the active limits of its last plan, at which the next call begins;
-    a copy or a pickle goes on from there, and agrees to rounding. One thread at a time: a call during a call of
-    another thread raises.
+    a copy or a pickle goes on from there, and agrees to rounding. One thread at a time: a call
+    during a call of another thread raises.
 
     Parameters
     ----------

@@ -49,6 +49,7 @@ __all__ = [
     "fleet_mean",
     "fleet_misses",
     "fleet_worst",
+    "followed_inputs",
     "guaranteed_gain",
     "hull_explained",
     "hull_radius",

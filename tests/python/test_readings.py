@@ -412,3 +412,19 @@ def test_loops_of_the_rig_are_certified(rig_model):
             assert proof.status == "certified"
             assert proof.check()
             assert proof.norm < 0.8
+
+
+def test_what_is_not_bounded_is_infinite():
+    """Eight readings are too few: nothing is nan, for which no comparison would hold."""
+    gen = np.random.default_rng(1)
+    A, B, x = np.array([[0.9, 0.4], [-0.4, 0.9]]), np.array([[0.0], [1.0]]), np.zeros(2)
+    y, u = [], gen.standard_normal((7, 1))
+    for k in range(8):
+        y.append([x[0] + 0.01 * gen.standard_normal()])
+        x = A @ x + B[:, 0] * u[min(k, 6)]
+    model = se.identify(se.Trajectories(np.array(y), u, outputs=True), lags=2, checks=False)
+    plan = se.control(model, record=(y[-5:], u[-4:]), target=[0.3], steps=6)
+    bound = plan.bound(0.05)
+    assert bound.target == bound.parts["noise"] == np.inf
+    assert not any(np.isnan(part) for part in bound.parts.values())
+    assert "nan" not in repr(bound)

@@ -14,6 +14,7 @@ from ..certificates.certificate import Certificate
 from ..certificates.radius import Radius
 from ..exceptions import InputError
 from ..feedback import Loop, LoopCertificate
+from ..theory.exact import EPS
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -83,7 +84,7 @@ def followed(
             "components": radius(np.abs(end) + tube.components[-1], "xf, for each state"),
             "tube": radius(tubes, "the predicted states, for each step"),
             "inputs": radius(
-                (tube.input_components + np.abs(centred - u)).max(axis=0),
+                (tube.input_components + np.abs(centred - u) + EPS * np.abs(u)).max(axis=0),
                 "the planned ones, for each input in any step",
             ),
         },

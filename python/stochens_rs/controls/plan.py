@@ -250,10 +250,12 @@ class Plan(SavedRecord, Timed):
             Radii of "target", the distance ``||x(K) - xf||``; of "state", that of x(K) from where
             the exact best control v leads, ``||C_K (u - v)||``, or for a model from the state that
             it predicts; and of "control", ``||u - v||``. For a model also of "components", ``|x(K)
-            - xf|_i``, and the "tube" around the predicted states, all together; for one of outputs
-            see `Certificate.outputs`; else "control" and
-            "state" each for itself, and "target" with "state". Within limits v is the best control
-            within them, and "excess" bounds ``J(u) - J(v)``; with a weight Q that is no multiple of
+            - xf|_i``, and the "tube" around the predicted states, all together (for one step, and
+            with noise, the components are a statement of their own: see `Certificate.covers`); for
+            one of outputs see `Certificate.outputs`; else "control" and "state" each
+            for itself, and "target" with "state". Within limits v is the best control
+            within them, and "excess" bounds ``J(u) - J(v)``; with a weight Q that is
+            no multiple of
             the identity, or of several steps, "state" and "target" are ``(sum_k ||x(k) -
             y(k)||_{Q_k}^2)^(1/2)``, as their `distance_from` says, and so is "states" of a model.
 

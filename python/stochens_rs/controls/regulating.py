@@ -93,11 +93,11 @@ def regulate(
         at within factorizations.
     gain : Loop or LoopCertificate, optional
         For a model from data: a gain that is certified for all systems its region allows. The
-        limits are then kept with probability `keep`.
+        limits are then kept with probability `keep`; see Notes.
     keep : float, default 0.95
         With `gain`: the probability, of the region and the noise together.
-    calls : int
-        With `gain`: for how many calls that holds, fixed beforehand.
+    calls : int, optional
+        With `gain`: for how many calls T that holds, fixed before the run.
     offset_free : bool or float, optional
         For a model of outputs, as all that follows, and to be given there: whether constant
         disturbances at the inputs are estimated and taken off. True: as one that drifts by 1 % of
@@ -108,13 +108,6 @@ def regulate(
         The input while the window fills; default 0.
     max_missing : int, default 3
         How many readings in a row may be nan: the prediction of the model counts in their place.
-    gain : Loop or LoopCertificate, optional
-        For states: a certified gain by which the limits are kept with a stated probability; see
-        Notes.
-    keep : float, default 0.95
-        With a gain, this probability.
-    calls : int, optional
-        With a gain, the number T of calls that it is about, fixed before the run.
 
     Returns
     -------

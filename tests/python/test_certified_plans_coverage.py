@@ -165,7 +165,7 @@ def test_regression_over_all_steps_holds(noise):
     Theta = np.hstack(stable(np.random.default_rng(seed), 2, 1))
 
     def case(gen):
-        model = se.identify(measured(gen, Theta, 30, 4), checks=False)
+        model = se.identify(measured(gen, Theta, 30, 4), checks=False, scale=1.0)
         plan = se.control(model, *gen.standard_normal((2, 2)), steps=4)
         found = plan.bound(open_loop=True, noise=noise)
         x = plan.basis.x0

@@ -203,7 +203,7 @@ HOSTILE = [
     (
         "certificate",
         put("quantities", "tube", "radius", to=[[1.0]]),
-        "at most one dimension",
+        "at most one dimension|no array",
     ),
 ]
 

@@ -202,8 +202,8 @@ HOSTILE = [
     ("certificate", put("delta", to=1.5), "`delta` must be in"),
     (
         "certificate",
-        put("quantities", "tube", "radius", to=[[1.0]]),
-        "at most one dimension|no array",
+        put("quantities", "tube", "radius", to=[[[1.0]]]),
+        "at most two dimensions",
     ),
 ]
 

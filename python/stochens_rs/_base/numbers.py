@@ -22,6 +22,8 @@ TINY = 1e-300  # in place of 0 below a fraction or in a logarithm; its inverse i
 def norm(values: Floats) -> float:
     """Return the 2-norm of all entries, scaled so that no square overflows or underflows."""
     largest = float(np.abs(values).max())
+    if largest == np.inf:  # and not inf / inf
+        return largest
     return largest and largest * float(np.linalg.norm((values / largest).ravel()))
 
 

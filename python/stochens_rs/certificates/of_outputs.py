@@ -51,8 +51,8 @@ def output_certificate(
     off = np.abs(predicted - r)
     last = slice(-rows, None)
     away = np.linalg.norm(off, axis=1)[last]
-    target = _norm(away + tube[1:][last])
-    parts = {"reach": norm(away), "model error": _norm(mean[0][1:][last])}
+    target = norm(away + tube[1:][last])
+    parts = {"reach": norm(away), "model error": norm(mean[0][1:][last])}
     if noise:
         parts["noise"] = norm((tube - mean[0])[1:][last]) if np.isfinite(target) else np.inf
     what = "readings" if noise else "means of the readings"
@@ -91,8 +91,3 @@ def output_certificate(
         parts=parts,
         warnings=model.warnings,
     )
-
-
-def _norm(radii: Floats) -> float:
-    """The 2-norm, infinite where an entry is."""
-    return norm(radii) if np.isfinite(radii).all() else np.inf

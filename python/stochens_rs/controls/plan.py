@@ -252,12 +252,11 @@ class Plan(SavedRecord, Timed):
             it predicts; and of "control", ``||u - v||``. For a model also of "components", ``|x(K)
             - xf|_i``, and the "tube" around the predicted states, all together (for one step, and
             with noise, the components are a statement of their own: see `Certificate.covers`); for
-            one of outputs see `Certificate.outputs`; else "control" and "state" each
-            for itself, and "target" with "state". Within limits v is the best control
-            within them, and "excess" bounds ``J(u) - J(v)``; with a weight Q that is
-            no multiple of
-            the identity, or of several steps, "state" and "target" are ``(sum_k ||x(k) -
-            y(k)||_{Q_k}^2)^(1/2)``, as their `distance_from` says, and so is "states" of a model.
+            one of outputs see `Certificate.outputs`; else "control" and "state" each for itself,
+            and "target" with "state". Within limits v is the best control within them, and "excess"
+            bounds ``J(u) - J(v)``; with a weight Q that is no multiple of the identity, or of
+            several steps, "state" and "target" are ``(sum_k ||x(k) - y(k)||_{Q_k}^2)^(1/2)``, as
+            their `distance_from` says, and so is "states" of a model.
 
         Raises
         ------
@@ -324,7 +323,7 @@ class Plan(SavedRecord, Timed):
                     other_than = "for a model of outputs" if window else "with `gain`"
                     raise InputError(f"`{name}` must be False {other_than}")
             K = None if gain is None else self._gain(gain)
-            if gain is None or window:
+            if gain is None or window:  # without a gain it is a window
                 return output_certificate(self.basis, self.u, delta, noise, K)
             return followed(self.basis, self.u, predicted, gain, delta, noise)
         if isinstance(self.basis, ModelBasis):

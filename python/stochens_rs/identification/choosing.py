@@ -45,7 +45,8 @@ def chosen_window(
         return None, 0
     if len(given) > 1:
         raise InputError(f"only one of `lags`, `filters` and `order` must be given, got {given}")
-    first = -(-runs.size // SHARE)
+    # for filters that are declared the first part says only how long they fill
+    first = -(-runs.size // (SHARE if filters is None else 2 * SHARE))
     names = runs.outputs, runs.input_names
     auto = isinstance(lags, str) and lags == "auto"
     if lags is not None and not auto:
@@ -57,8 +58,6 @@ def chosen_window(
     begins = (runs._pieces.places()[:first] == 0).tolist()
     start = runs._rows[:first], begins, runs.n, runs.m, offset
     if filters is not None:
-        first = -(-runs.size // (2 * SHARE))
-        start = runs._rows[:first], begins[:first], runs.n, runs.m, offset
         pole, count = _filters(filters)
         if least != most:
             raise InputError("`delay` must be one number with `filters`")

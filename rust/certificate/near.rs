@@ -39,12 +39,15 @@ use super::several_steps::{Radii, Seen, Steps, norms, several_steps};
 use super::trajectory::states;
 
 /// How long to look for a better bound over the spectral ball.
-const EFFORT: Effort = Effort { rounds: 10, tolerance: 1e-3 };
+pub(super) const EFFORT: Effort = Effort { rounds: 10, tolerance: 1e-3 };
+
+/// Shares of noise and of a declared difference that are tried: see `Pilot::joined`.
+const SHARES: [f64; 5] = [1.0 / 16.0, 0.25, 1.0, 4.0, 16.0];
 
 /// What holds near a reference: `target`, `tube` and `components` are each a statement of its own.
 #[derive(Debug, Clone)]
 pub struct Near {
-    /// `||x(K) - xf|| <= target = reach + quantile + mismatch + rest`.
+    /// `||x(K) - xf|| <= target = reach + quantile + mismatch + rest + difference`.
     pub target: f64,
     /// `||xh(K) - xf||`.
     pub reach: f64,
@@ -54,6 +57,8 @@ pub struct Near {
     pub mismatch: f64,
     /// What is not of first order.
     pub rest: f64,
+    /// The declared difference of an older plant, of first order.
+    pub difference: f64,
     /// `||x(k) - predicted[k]|| <= tube[k]` for all k (K + 1).
     pub tube: Vec<f64>,
     /// `|x(K) - xf|_i <= components[i]` for all i (n).
@@ -76,6 +81,18 @@ fn add_products(to: &mut [f64], weight: f64, [x, y]: [&[f64]; 2], rows: usize, c
     }
 }
 
+/// `A^p root`, p < K.
+fn powers(a: &[f64], root: &[f64], n: usize, count: usize) -> Result<Powers> {
+    let mut found = Powers::new(n, n, count)?;
+    let mut power = try_copy(WHAT, root)?;
+    for _ in 0..count {
+        let next = product(a, &power, n, n, n)?;
+        found.push(power)?;
+        power = next;
+    }
+    Ok(found)
+}
+
 /// Everything of one plan and one reference.
 struct Work<'a> {
     n: usize,
@@ -84,6 +101,10 @@ struct Work<'a> {
     shares: Shares,
     /// Of the plan without a reference.
     steps: Steps,
+    /// The radius that `steps` are for.
+    spectral: f64,
+    /// `A^p S^(1/2)` where those of `steps` are others, and what the difference of an older plant does: see `Difference::linear`.
+    older: Option<(Powers, Vec<f64>, Vec<f64>)>,
     /// `A0^p S^(1/2)`.
     pilot: Powers,
     /// First-order parts of the plan and of the reference.
@@ -106,7 +127,8 @@ impl Work<'_> {
     fn add_noise(&mut self) -> Result<()> {
         let n = self.n;
         let [mut through, mut drift] = [try_zeros(WHAT, n * n)?, try_zeros(WHAT, n * n)?];
-        for (m, l) in self.steps.outside.matrices.iter().zip(&self.pilot.matrices) {
+        let outside = self.older.as_ref().map_or(&self.steps.outside, |(outside, ..)| outside);
+        for (m, l) in outside.matrices.iter().zip(&self.pilot.matrices) {
             let apart = try_collect(WHAT, m.iter().zip(l).map(|(m, l)| m - l))?;
             add_products(&mut through, 1.0, [l, l], n, n);
             add_products(&mut drift, 1.0, [&apart, &apart], n, n);
@@ -119,6 +141,10 @@ impl Work<'_> {
     /// Finds `b_j`: `T_x e(j)` split as the target is, or as it is without a reference; given `T_x` and `(R^-1)'_x` (d, n).
     fn between(&mut self, [tx, t0x]: [&[f64]; 2], stop: &Stop) -> Result<()> {
         let (n, d, s, count) = (self.n, self.d, self.s, self.plan.len());
+        if self.older.is_some() {
+            self.b = try_copy(WHAT, &self.steps.rest[..count])?;
+            return Ok(());
+        }
         let level = self.shares.between / (count.max(2) as f64 - 1.0);
         self.b.push(0.0);
         for j in 1..count {
@@ -141,19 +167,24 @@ impl Work<'_> {
 
     /// `mismatch(s)` of k steps, first order by the norm of Frobenius.
     fn mismatch(&self, k: usize) -> Result<f64> {
-        Ok(self.factor() * spectral_norm(&self.difference(k)?, self.n, self.d * self.n)?)
+        Ok(self.factor() * spectral_norm(&self.unlike(k)?, self.n, self.d * self.n)?)
     }
 
     /// `spectral wcs` of k steps.
     fn rest(&mut self, k: usize) -> Result<f64> {
-        Ok(self.event.spectral * self.steps.outside.cauchy_schwarz(&self.b[..k])?)
+        Ok(self.spectral * self.steps.outside.cauchy_schwarz(&self.b[..k])?)
+    }
+
+    /// What the difference of an older plant adds over k steps.
+    fn difference(&self, k: usize) -> f64 {
+        self.older.as_ref().map_or(0.0, |(_, sizes, _)| sizes[k])
     }
 
     /// A bound of `||e(k)||`, one of K that hold together.
     fn step(&mut self, k: usize) -> Result<f64> {
         let (n, count) = (self.n, self.plan.len() as f64);
         let quantile = self.s.abs() * coarse_normal_quantile(&self.covariance(k)?, n, self.shares.reference / count)?;
-        let mut first = quantile + self.mismatch(k)?;
+        let mut first = quantile + self.mismatch(k)? + self.difference(k);
         if self.noisy() {
             first += coarse_normal_quantile(&self.drift[k - 1], n, self.shares.noise / 2.0 / count)?;
         } else {
@@ -167,7 +198,7 @@ impl Work<'_> {
         let (n, width, count) = (self.n, self.d * self.n, self.plan.len());
         let quantile = |level: f64| Ok::<_, Error>(chi2_upper(level / n as f64, 1.0)?.sqrt());
         let times_deviation = self.s.abs() * quantile(self.shares.reference)?;
-        let (covariance, apart) = (self.covariance(count)?, self.difference(count)?);
+        let (covariance, apart) = (self.covariance(count)?, self.unlike(count)?);
         let row = |of: &[f64], i: usize| -> Result<f64> {
             let (frobenius, nuclear) = norms(&of[i * width..(i + 1) * width], n)?;
             Ok(times(self.event.frobenius, frobenius).min(times(self.event.spectral, nuclear)))
@@ -182,13 +213,14 @@ impl Work<'_> {
             }
             let each = self.steps.outside.matrices.iter().rev().zip(&self.b);
             let rest: f64 = each.map(|(m, b)| times(norm(m[i * n..(i + 1) * n].iter().copied()), *b)).sum();
-            *to = first + self.event.spectral * rest;
+            let difference = self.older.as_ref().map_or(0.0, |(.., rows)| rows[i]);
+            *to = first + difference + self.spectral * rest;
         }
         Ok(found)
     }
 
     /// `sum_j c_j' (x) M_j - s sum_j g_j' (x) L_j` (n, d n).
-    fn difference(&self, k: usize) -> Result<Vec<f64>> {
+    fn unlike(&self, k: usize) -> Result<Vec<f64>> {
         try_collect(WHAT, self.plan[k - 1].iter().zip(&self.reference[k - 1]).map(|(a, b)| a - self.s * b))
     }
 
@@ -211,7 +243,7 @@ impl Work<'_> {
     /// By `D = plan - reference`: `plan - s reference = D + (1 - s) reference`, without cancellation near s = 1.
     fn best(&self, q: f64) -> Result<f64> {
         let (n, k, factor) = (self.n, self.plan.len(), self.factor());
-        let (apart, first) = (self.difference(k)?, self.reference[k - 1].as_slice()); // here s = 1
+        let (apart, first) = (self.unlike(k)?, self.reference[k - 1].as_slice()); // here s = 1
         let mut grams = [try_zeros(WHAT, n * n)?, try_zeros(WHAT, n * n)?, try_zeros(WHAT, n * n)?];
         add_products(&mut grams[0], 1.0, [&apart, &apart], n, self.d * n);
         add_products(&mut grams[1], 2.0, [&apart, first], n, self.d * n);
@@ -267,6 +299,7 @@ impl Pilot {
                 quantile: infinite,
                 mismatch: infinite,
                 rest: infinite,
+                difference: infinite,
                 tube,
                 components,
             })
@@ -293,30 +326,39 @@ impl Pilot {
         let (noisy, root) = (shares.noise > 0.0, covariance_root(&event.covariance, n)?);
         let half = shares.noise / 2.0;
         let future = Gaussian { root: &root, end: half, before: half / (count.max(2) as f64 - 1.0) };
-        let radii = Radii {
-            spectral: event.spectral,
-            frobenius: event.frobenius,
-            rho0: 0.0,
-            noise: false,
-            to_come: noisy.then_some(future),
-        };
-        let steps = several_steps(region, &root, at, inputs, radii, Seen { rows: n, gain: None }, stop)?;
-        let mut c = try_room(WHAT, checked_len(WHAT, count, d)?)?;
-        for (x, u) in at.chunks_exact(n).zip(inputs.chunks_exact(self.m)) {
-            c.extend(product(&self.t, &region.regressor(x, u)?, d, d, 1)?);
-        }
         let columns = |from: &[f64]| -> Result<Vec<f64>> {
             let mut x = try_room(WHAT, checked_len(WHAT, from.len() / d, n)?)?;
             from.chunks_exact(d).for_each(|row| x.extend_from_slice(&row[..n]));
             Ok(x)
         };
         let (a, a0) = (columns(&self.h)?, columns(&self.model)?);
-        let mut pilot = Powers::new(n, n, count)?;
-        let mut power = try_copy(WHAT, &root)?;
-        for _ in 0..count {
-            let next = product(&a0, &power, n, n, n)?;
-            pilot.push(power)?;
-            power = next;
+        let to_come = noisy.then_some(future);
+        let along = |region: &Region, root: &[f64], spectral: f64, frobenius: f64| {
+            let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come };
+            several_steps(region, root, at, inputs, radii, Seen { rows: n, gain: None }, stop)
+        };
+        let (spectral, steps, older) = match &self.difference {
+            None => (event.spectral, along(region, &root, event.spectral, event.frobenius)?, None),
+            Some(difference) => {
+                let mut best = None;
+                let mut least = f64::INFINITY;
+                for factor in SHARES {
+                    let joined = self.joined(difference, event, factor)?;
+                    let root = covariance_root(&joined.parts[0].shape, n)?;
+                    let mut steps = along(&joined, &root, 1.0, joined.frobenius())?;
+                    let rest = steps.outside.cauchy_schwarz(&steps.rest[..count])?;
+                    if best.is_none() || rest < least {
+                        (best, least) = (Some(steps), rest);
+                    }
+                }
+                let Some(steps) = best else { return Err(Error::Overflow { what: "the rest of a plan" }) };
+                let (sizes, rows) = difference.linear(region, task.x0, inputs, stop)?;
+                (1.0, steps, Some((powers(&a, &root, n, count)?, sizes, rows)))
+            }
+        };
+        let mut c = try_room(WHAT, checked_len(WHAT, count, d)?)?;
+        for (x, u) in at.chunks_exact(n).zip(inputs.chunks_exact(self.m)) {
+            c.extend(product(&self.t, &region.regressor(x, u)?, d, d, 1)?);
         }
         let mut work = Work {
             n,
@@ -324,7 +366,9 @@ impl Pilot {
             event,
             shares,
             steps,
-            pilot,
+            spectral,
+            older,
+            pilot: powers(&a0, &root, n, count)?,
             plan: first_order(&a, &root, &c, n, d)?,
             reference: first_order(&a0, &root, &reference.g, n, d)?,
             through: try_room(WHAT, count)?,
@@ -344,13 +388,14 @@ impl Pilot {
         // the target: q at its whole level, and the first order over the spectral ball too
         let (mut quantile, mut mismatch) = (work.s.abs() * q, work.mismatch(count)?);
         let scaled = try_collect(WHAT, reference.g.iter().map(|g| work.s * g))?;
-        let powers = [&work.steps.outside, &work.pilot];
-        let spectral = largest_difference(powers, [&c, &scaled], EFFORT, mismatch / event.spectral)?;
+        let both = [work.older.as_ref().map_or(&work.steps.outside, |(outside, ..)| outside), &work.pilot];
+        let spectral = largest_difference(both, [&c, &scaled], EFFORT, mismatch / event.spectral)?;
         mismatch = mismatch.min(event.spectral * spectral);
+        let mut difference = work.difference(count);
         if noisy {
             mismatch += normal_quantile(&work.drift[count - 1], n, half)?;
-        } else if work.steps.linear[count] < quantile + mismatch {
-            (quantile, mismatch) = (0.0, work.steps.linear[count]); // s = 0
+        } else if work.steps.linear[count] < quantile + mismatch + difference {
+            (quantile, mismatch, difference) = (0.0, work.steps.linear[count], 0.0); // s = 0
         }
         let (reach, rest) = (distance(&at[count * n..], task.xf), work.rest(count)?);
         let mut tube = try_room(WHAT, count + 1)?;
@@ -361,6 +406,7 @@ impl Pilot {
         let mut components = work.components()?;
         let off = at[count * n..].iter().zip(task.xf).map(|(x, xf)| (x - xf).abs());
         components.iter_mut().zip(off).for_each(|(to, off)| *to += off);
-        Ok(Near { target: reach + quantile + mismatch + rest, reach, quantile, mismatch, rest, tube, components })
+        let target = reach + quantile + mismatch + rest + difference;
+        Ok(Near { target, reach, quantile, mismatch, rest, difference, tube, components })
     }
 }

@@ -26,6 +26,7 @@ use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_f
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region, times};
 
+use super::older::Difference;
 use super::powers::product;
 
 pub(super) const WHAT: &str = "a model by instruments";
@@ -54,6 +55,27 @@ pub struct Simulation<'a> {
     pub model: &'a [f64],
     /// (m, n), and the dither of each pair (N, m).
     pub feedback: Option<(&'a [f64], &'a [f64])>,
+}
+
+/// States, inputs, columns of a model, and pairs.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sizes {
+    pub n: usize,
+    pub m: usize,
+    pub d: usize,
+    pub pairs: usize,
+}
+
+impl Sizes {
+    pub fn new(runs: MainRuns<'_>, simulation: Simulation<'_>) -> Self {
+        let d = simulation.model.len().checked_div(runs.n).unwrap_or(0);
+        Self { n: runs.n, m: runs.m, d, pairs: 0 }
+    }
+
+    /// Columns of `(zeta, z, y)`.
+    pub const fn width(self) -> usize {
+        2 * self.d + self.n
+    }
 }
 
 /// What holds in one event: bounds of the norms of Gamma, and of the covariance.
@@ -90,6 +112,8 @@ pub struct Pilot {
     residual: Vec<f64>,
     /// Rounding of each row of `H (Z' Q)` (n).
     rounding: Vec<f64>,
+    /// What runs of an older plant bring beside noise.
+    pub(super) difference: Option<Difference>,
 }
 
 impl Pilot {
@@ -98,10 +122,15 @@ impl Pilot {
     /// the range of doubles, [`Error::Memory`], [`Error::Interrupted`].
     pub fn new(runs: MainRuns<'_>, simulation: Simulation<'_>, threads: usize, stop: &Stop) -> Result<Self> {
         room_for_products()?;
-        let (n, d) = (runs.n, simulation.model.len().checked_div(runs.n).unwrap_or(0));
-        let width = 2 * d + n;
-        let rows = simulated(runs, simulation, d, stop)?;
-        let r = triangle(&rows, width, threads, stop)?;
+        let of = Sizes::new(runs, simulation);
+        let rows = simulated(runs, simulation, of.d, stop)?;
+        let r = triangle(&rows, of.width(), threads, stop)?;
+        Self::from_triangle(&r, of.width(), Sizes { pairs: rows.len() / of.width(), ..of }, simulation.model)
+    }
+
+    /// From the triangle of rows `(zeta, z, y, ..)` of this width.
+    pub(super) fn from_triangle(r: &[f64], width: usize, of: Sizes, model: &[f64]) -> Result<Self> {
+        let Sizes { n, m, d, pairs } = of;
         let block = |from: usize, to: usize, left: usize, right: usize| -> Result<Vec<f64>> {
             let mut found = try_room(WHAT, checked_len(WHAT, to - from, right - left)?)?;
             (from..to).for_each(|i| found.extend_from_slice(&r[i * width + left..i * width + right]));
@@ -110,7 +139,7 @@ impl Pilot {
         let columns = try_collect(WHAT, (0..width).map(|j| norm(r.iter().skip(j).step_by(width).copied())))?;
         let units = try_collect(WHAT, columns.iter().map(|size| if *size > 0.0 { *size } else { 1.0 }))?;
         // root = Q' Z = M D with the lengths D of the columns of Z: T = (M^-1)' D^-1
-        let (root, outcomes) = (block(0, d, d, 2 * d)?, block(0, d, 2 * d, width)?);
+        let (root, outcomes) = (block(0, d, d, 2 * d)?, block(0, d, 2 * d, 2 * d + n)?);
         let (t, ratio) = transposed_inverse(&root, &units[d..2 * d], d)?;
         let (t0, _) = transposed_inverse(&block(0, d, 0, d)?, &units[..d], d)?;
         // H' = root^-1 Q' Y, with one step of refinement
@@ -149,8 +178,8 @@ impl Pilot {
             to.iter_mut().zip(along).for_each(|(to, value)| *to = value);
         }
         let tau = if ratio > SINGULAR { spectral_norm(&seen, d, d)? } else { f64::INFINITY };
-        let (m, pairs, model) = (runs.m, rows.len() / width, try_copy(WHAT, simulation.model)?);
-        Ok(Self { n, m, d, pairs, model, h, t, t0, root, ratio, tau, residual, rounding })
+        let (model, difference) = (try_copy(WHAT, model)?, None);
+        Ok(Self { n, m, d, pairs, model, h, t, t0, root, ratio, tau, residual, rounding, difference })
     }
 
     /// `H` (n, d).
@@ -269,6 +298,11 @@ impl Pilot {
 
     /// The models of an event.
     pub(super) fn within(&self, event: &Event) -> Result<Region> {
+        if let Some(difference) = &self.difference
+            && self.determined()
+        {
+            return self.joined(difference, event, 1.0);
+        }
         let (n, d) = (self.n, self.d);
         let [rows, columns] = [try_collect(WHAT, 0..n)?, try_collect(WHAT, 0..d)?];
         let known = event.covariance.iter().all(|v| v.is_finite());
@@ -289,7 +323,7 @@ impl Pilot {
 
 /// `(M^-1)'` (d, d) of a matrix with columns of these lengths, and the ratio of the singular values of it with columns of
 /// length 1.
-fn transposed_inverse(matrix: &[f64], units: &[f64], d: usize) -> Result<(Vec<f64>, f64)> {
+pub(super) fn transposed_inverse(matrix: &[f64], units: &[f64], d: usize) -> Result<(Vec<f64>, f64)> {
     let scaled = try_collect(WHAT, matrix.iter().zip(units.iter().cycle()).map(|(v, unit)| v / unit))?;
     let inverse = pseudoinverse(&scaled, d, d)?;
     let mut found = try_zeros(WHAT, checked_len(WHAT, d, d)?)?;
@@ -300,7 +334,7 @@ fn transposed_inverse(matrix: &[f64], units: &[f64], d: usize) -> Result<(Vec<f6
 }
 
 /// The rows `(zeta, z, y)` (N, 2 d + n) of all pairs.
-fn simulated(runs: MainRuns<'_>, simulation: Simulation<'_>, d: usize, stop: &Stop) -> Result<Vec<f64>> {
+pub(super) fn simulated(runs: MainRuns<'_>, simulation: Simulation<'_>, d: usize, stop: &Stop) -> Result<Vec<f64>> {
     let (n, m, model) = (runs.n, runs.m, simulation.model);
     let (taken, width) = (2 * n + m, 2 * d + n);
     let pairs = runs.lengths.iter().try_fold(0usize, |sum, length| sum.checked_add(*length)).unwrap_or(0);

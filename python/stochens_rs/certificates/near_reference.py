@@ -29,7 +29,7 @@ def near_reference(
         return None
     if len(u) != model.pilot.steps or basis.x0_error or asked.open_loop or asked.x0_fixed:
         return None
-    target, *parts, tube, components = model._piloted.near(
+    target, *parts, tube, components, difference = model._piloted.near(
         model._reference,
         basis.x0,
         basis.xf,
@@ -39,6 +39,9 @@ def near_reference(
         delta,
         asked.noise,
     )
+    named = dict(zip(("reach", "quantile", "mismatch", "rest"), parts, strict=True))
+    if model.pilot.older is not None:
+        named["difference"] = difference
     method = f"near a reference, {'with' if asked.noise else 'without'} noise"
 
     def radius(value: float | Floats, distance_from: str) -> Radius:
@@ -51,7 +54,7 @@ def near_reference(
         delta=delta,
         quantities={
             "target": radius(target, "xf"),
-            "state": radius(float(np.sum(parts[1:])), "the predicted state"),
+            "state": radius(float(np.sum([*parts[1:], difference])), "the predicted state"),
             "components": radius(components, "xf, for each state"),
             "tube": radius(tube, "the predicted states, for each step"),
         },
@@ -60,6 +63,6 @@ def near_reference(
             "noise of the data"
         ),
         assumption=f"{model.assumptions.text}, {model.pilot.said}",
-        parts=dict(zip(("reach", "quantile", "mismatch", "rest"), parts, strict=True)),
+        parts=named,
         warnings=model.warnings,
     )

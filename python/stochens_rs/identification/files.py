@@ -106,6 +106,12 @@ def from_model(model: Any) -> Sections:
     if model.pilot is not None:
         found |= {f"pilot_{name}": array.ravel() for name, array in _arrays(model.pilot).items()}
         found["pilot_source"] = _bytes(model.pilot.source.encode())
+        if (older := model.pilot.older) is not None:
+            arrays = {"rows": older.rows, "lengths": older.lengths, "scale": older.scale}
+            arrays["numbers"] = np.array([older.eta, older.weight])
+            if older.directions is not None:
+                arrays["directions"] = older.directions
+            found |= {f"older_{name}": array.ravel() for name, array in arrays.items()}
     if model.window is not None:
         window = model.window
         counts = window.count, window.delay, window.burn, window.found or 0, model.first
@@ -184,13 +190,25 @@ def _pilot(sections: Sections, n: int, m: int, d: int) -> dict[str, Any] | None:
     except UnicodeDecodeError:
         raise InputError("`pilot_source` must be UTF-8") from None
     widths = {"model": d, "gain": n, "dither": m, "start": n, "inputs": m}
-    arrays = {
+    arrays: dict[str, Any] = {
         name: _shaped(sections, f"pilot_{name}", width)
         for name, width in widths.items()
         if f"pilot_{name}" in sections
     }
     if "start" in arrays:
         arrays["start"] = arrays["start"][0]
+    if "older_rows" in sections:
+        widths = {"rows": 2 * n + m, "lengths": 1, "scale": 1, "numbers": 2, "directions": d}
+        older = {
+            name: _shaped(sections, f"older_{name}", width)
+            for name, width in widths.items()
+            if f"older_{name}" in sections
+        }
+        if not {"rows", "lengths", "scale", "numbers"} <= older.keys():
+            raise InputError("`older_rows` needs `older_lengths`, `older_scale`, `older_numbers`")
+        eta, weight = older.pop("numbers")[0].tolist()
+        older["lengths"], older["scale"] = older["lengths"][:, 0], older["scale"][:, 0]
+        arrays["older"] = {**older, "eta": eta, "weight": weight}
     return {"source": source, **arrays}
 
 

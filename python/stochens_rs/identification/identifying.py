@@ -28,7 +28,6 @@ from .consistency import refuse
 from .dependences import tested_rows
 from .model import Model
 from .pilot import made
-from .pilot import refuse as refuse_pilot
 from .trajectories import Trajectories, pooled
 
 if TYPE_CHECKING:
@@ -58,6 +57,8 @@ def identify(
     inputs: Literal["open loop"] | ArrayLike = "open loop",
     dither: ArrayLike | None = None,
     lengths_fixed: bool = False,
+    like: Trajectories | Sequence[Trajectories] | None = None,
+    apart: float | Sequence[ArrayLike] | None = None,
     lags: Lags = None,
     filters: tuple[float, int] | None = None,
     order: Order = None,
@@ -132,6 +133,16 @@ def identify(
     lengths_fixed : bool, default False
         With `pilot`, your declaration that runs of unequal length are so by plan: their lengths
         were fixed beforehand, and no run was ended because of what was measured.
+    like : Trajectories or list of them, optional
+        Runs of an older, similar plant with the same known covariance, fixed in the same way as
+        the new ones and in open loop. A share or number of them is the `pilot`, 0.1 unless it is
+        given. They count with the weight that promises the smallest certificate of `reference`, or
+        the smallest region without one, chosen without the noise of any run; not at all where the
+        new runs promise more without them.
+    apart : float or sequence of array_like of shape (n, n + m), optional
+        With `like`, your declaration of how far the plants are apart: at most this in the norm of
+        ``[A_old - A, B_old - B] diag(scale)`` (scale 1 where it is not given), or a combination
+        of these matrices with factors in [-1, 1]. No data can say it.
     lags, filters, order : int or "auto", (pole, int), "auto", optional
         For outputs, one of them: from which window of the past they are predicted. The last `lags`
         readings and inputs; or so many filters in a row of one pole in (0, 1), which reach further
@@ -204,12 +215,12 @@ def identify(
     True
     """
     runs = pooled(data)
-    n = runs.n
+    n, piloted = runs.n, pilot is not None or like is not None
     if runs.outputs:
-        _refuse_for_outputs(known_A, known_B, state_noise, instruments, pilot)
+        _refuse_for_outputs(known_A, known_B, state_noise, instruments, pilot, like)
     assumed = checked_assumptions(
         *(n, design, noise, covariance, sigma, state_noise, exact, runs.state_names),
-        pilot is not None,
+        piloted,
         validation.nonnegative("tail", tail),
     )
     planned = validation.flag("lengths_fixed", lengths_fixed)
@@ -225,13 +236,16 @@ def identify(
     zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
     refuse(assumed, known, zeta, runs.single)
     guide = None
-    if pilot is not None:
-        refuse_pilot(assumed, runs, known is not None or zeta is not None)
-        guide, runs = made(runs, pilot, offset, reference, inputs, dither, planned)
+    if piloted:
+        others = known is not None or zeta is not None
+        given = pilot, offset, reference, inputs, dither, planned, like, apart, sizes
+        guide, runs = made(runs, assumed, others, *given)
     elif planned or not (reference is None and dither is None and _unsaid(inputs)):
         raise InputError(
             "`reference`, `inputs`, `dither` and `lengths_fixed` must be left out without `pilot`"
         )
+    elif apart is not None:
+        raise InputError("`apart` must be left out without `like`")
     Z = _rows(runs, offset) if window is None else window._rows(runs, first)[1]
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(Z, Z)):
@@ -259,7 +273,7 @@ def identify(
 
 def _refuse_for_outputs(*given: Any) -> None:
     """Refuse what is for states."""
-    names = "known_A", "known_B", "state_noise", "instruments", "pilot"
+    names = "known_A", "known_B", "state_noise", "instruments", "pilot", "like"
     for name, one in zip(names, given, strict=True):
         if one is not None and not (isinstance(one, str) and one == "none"):
             raise InputError(

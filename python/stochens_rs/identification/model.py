@@ -36,7 +36,7 @@ from .dependences import (
 )
 from .files import Sections, from_model, to_model
 from .identified import Identified
-from .pilot import Pilot
+from .pilot import Pilot, pilot_of
 from .pilot import refuse as refuse_pilot
 from .region import Region
 from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate, whitened
@@ -140,6 +140,8 @@ class Model(Identified, Durable, Tabled):
             validation.kept("pilot.model", given.model, shape=(n, d))
             if given.dither is not None:
                 validation.kept("pilot.dither", given.dither, shape=(self.size, self.m))
+            if given.older is not None and self.assumptions.known is None:
+                raise InputError("`pilot.older` needs a known covariance")
 
     @property
     def n(self) -> int:
@@ -304,7 +306,7 @@ class Model(Identified, Durable, Tabled):
     @cached_property
     def _piloted(self) -> _core.Pilot:
         assert self.pilot is not None
-        return self.pilot._of(self.data)
+        return self.pilot._of(self.data, self.assumptions.known)
 
     @cached_property
     def _reference(self) -> _core.Reference:
@@ -693,6 +695,11 @@ class Model(Identified, Durable, Tabled):
             raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
         if self.pilot is not None and not self._piloted.determined:
             raise InputError("the runs that the pilot simulates do not determine the model")
+        if self.pilot is not None and self.pilot.older is not None and self.pilot.older.weight:
+            raise InputError(
+                "no law of the model is known: runs of an older plant count, and how far it is "
+                "apart was declared, not drawn"
+            )
         if self.assumptions.noisy_states:
             raise InputError(
                 "models of noisy states cannot be resampled: the scatter is not theirs"
@@ -778,7 +785,7 @@ class Model(Identified, Durable, Tabled):
     def _from_sections(cls, sections: Sections) -> Model:
         (rows, *about), fields = to_model(sections)
         if fields["pilot"] is not None:
-            fields["pilot"] = Pilot(**fields["pilot"])
+            fields["pilot"] = pilot_of(fields["pilot"])
         if fields["window"] is not None:
             fields["window"] = Window(**fields["window"])
         nothing_left(sections)

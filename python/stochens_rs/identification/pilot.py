@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,12 +16,14 @@ from ..exceptions import InputError, InputTypeError, ShapeError
 from ..system import System
 from ..theory.dynamics import states
 from ..theory.exact import best_control
+from .older import Older, older_of, older_runs
 
 if TYPE_CHECKING:
     from .assumptions import Assumptions
     from .trajectories import Trajectories
 
 MOST = 100_000  # steps of a reference
+PILOT = 0.1  # share of the older runs that is the pilot
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +44,8 @@ class Pilot(Record):
         The initial state of the reference task; None without one.
     inputs : ndarray, shape (K, m), or None
         What the pilot would do.
+    older : Older or None
+        Runs of an older plant that count beside those of the model.
     """
 
     model: Floats
@@ -50,6 +54,7 @@ class Pilot(Record):
     dither: Floats | None = None
     start: Floats | None = None
     inputs: Floats | None = None
+    older: Older | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -68,6 +73,12 @@ class Pilot(Record):
             return
         if d not in (n + m, n + m + 1):
             raise ShapeError(f"`model` must have {n + m} columns, or one more, got {d}")
+        if self.older is not None:
+            if self.gain is not None:
+                raise InputError("`older` goes with inputs in open loop")
+            m = self.older.rows.shape[1] - 2 * n
+            if d not in (n + m, n + m + 1) or len(self.older.scale) != d:
+                raise ShapeError(f"`older` must be runs of a model of {d} columns")
 
     @property
     def steps(self) -> int:
@@ -79,13 +90,17 @@ class Pilot(Record):
         """What is assumed of the runs, in words."""
         how = "in open loop" if self.gain is None else "by the declared gain and dither"
         task = "; reference fixed without the runs of the model" if self.steps else ""
+        older = "" if self.older is None else f"; {self.older.said}"
         return (
             "number and lengths of runs fixed beforehand, states exact, starts independent of the "
-            f"noise of all runs, inputs {how}; pilot: {self.source}{task}"
+            f"noise of all runs, inputs {how}; pilot: {self.source}{task}{older}"
         )
 
-    def _of(self, data: Trajectories) -> _core.Pilot:
-        """The model of these runs."""
+    def _of(self, data: Trajectories, known: Floats | None) -> _core.Pilot:
+        """The model of these runs; `known`: the covariance of the noise."""
+        if self.older is not None and known is not None:
+            found: _core.Pilot = self.older._with(self, data, known, self.older.weight)[0]
+            return found
         feedback = None
         if self.gain is not None and self.dither is not None:
             feedback = np.ascontiguousarray(self.gain), np.ascontiguousarray(self.dither)
@@ -119,7 +134,7 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
     elif hasattr(pilot, "_Theta"):
         model, source = pilot._Theta, "a model declared to be of other data"
         own = getattr(pilot, "data", None)
-        if own is not None and _shared(own, data):
+        if own is not None and data._shares(own):
             raise InputError(
                 "`pilot` shares runs with the data: it must be of other runs, or their number"
             )
@@ -151,14 +166,6 @@ def _first(data: Trajectories, pilot: float, d: int) -> int:
     return first
 
 
-def _shared(own: Trajectories, data: Trajectories) -> bool:
-    """Whether a pair is in both."""
-    if own._rows.shape[1] != data._rows.shape[1]:
-        return False
-    there = {row.tobytes() for row in own._rows}
-    return any(row.tobytes() in there for row in data._rows)
-
-
 def refuse(assumed: Assumptions, data: Trajectories, others: bool) -> None:
     """Refuse data and assumptions for which the error of the model has no exact law."""
     if assumed.design != "adaptive" or assumed.noise != "gaussian" or assumed.noisy_states:
@@ -182,21 +189,44 @@ def refuse(assumed: Assumptions, data: Trajectories, others: bool) -> None:
 
 def made(
     data: Trajectories,
+    assumed: Assumptions,
+    others: bool,
     pilot: Any,
     offset: bool,
     reference: Any,
     inputs: Any,
     dither: Any,
     lengths_fixed: bool,
+    like: Any,
+    apart: Any,
+    scale: Floats | None,
 ) -> tuple[Pilot, Trajectories]:
     """The pilot and the main runs, from the arguments of `identify`."""
     n, m = data.n, data.m
-    if data.lengths.min() != data.lengths.max() and not lengths_fixed:
-        raise InputError(
-            "runs of unequal length need `lengths_fixed=True`: was any run ended because of what "
-            "was measured?"
-        )
-    model, source, main, before = divided(data, pilot, offset)
+    older = None if like is None else older_runs(like, apart, data)
+    for runs in [data] if older is None else [data, older]:
+        refuse(assumed, runs, others)
+        if runs.lengths.min() != runs.lengths.max() and not lengths_fixed:
+            raise InputError(
+                "runs of unequal length need `lengths_fixed=True`: was any run ended because of "
+                "what was measured?"
+            )
+    if older is None:
+        model, source, main, before = divided(data, pilot, offset)
+    else:
+        if assumed.known is None:
+            raise InputError("`like` needs a known covariance or `sigma`, the same of both plants")
+        if not isinstance(inputs, str):
+            raise InputError("`like` needs inputs='open loop' of all runs")
+        pilot = PILOT if pilot is None else pilot
+        own = getattr(pilot, "data", None)
+        if own is not None and older._shares(own):
+            raise InputError("`like` runs were also the pilot: split them")
+        if validation.is_real(pilot):
+            model, source, older, _ = divided(older, pilot, offset)
+            source, main, before = f"of the older plant, {source.split(',')[0]}", data, 0
+        else:
+            model, source, main, before = divided(data, pilot, offset)
     gain = None
     if isinstance(inputs, str):
         validation.choice("inputs", inputs, ("open loop",))
@@ -212,7 +242,13 @@ def made(
     start, u = None, None
     if reference is not None:
         start, u = _task(reference, model, n, m, main)
-    return Pilot(model, source, gain, dither, start, u), main
+    guide = Pilot(model, source, gain, dither, start, u)
+    if older is not None and assumed.known is not None:
+        sizes = np.ones(n + m + offset) if scale is None else scale
+        record = older_of(older, apart, sizes)
+        weight = record._with(guide, main, assumed.known, None)[1]
+        guide = replace(guide, older=replace(record, weight=weight))
+    return guide, main
 
 
 def _task(
@@ -221,7 +257,7 @@ def _task(
     """Start and inputs of a reference: a plan, or what the pilot would do from x0 to xf."""
     if hasattr(reference, "predicted_states"):
         own = getattr(getattr(reference.basis, "model", None), "data", None)
-        if own is not None and _shared(own, main):
+        if own is not None and main._shares(own):
             raise InputError("`reference` must not come from the runs of the model")
         u = validation.matrix("reference.u", reference.u, cols=m)
         return validation.vector("reference.x0", reference.predicted_states[0], length=n), u
@@ -235,3 +271,9 @@ def _task(
     # x(K) - A^K x0 - C_K u of an offset
     drift = states(A, model[:, n + m :], 0.0 * x0, np.ones((K, model.shape[1] - n - m)))[-1]
     return x0, np.ascontiguousarray(best_control(A, B, x0, xf - drift, K).u.reshape(K, m))
+
+
+def pilot_of(fields: dict[str, Any]) -> Pilot:
+    """The pilot of these fields, as a file has them."""
+    older = fields.pop("older", None)
+    return Pilot(**fields, older=None if older is None else Older(**older))

@@ -775,6 +775,13 @@ class Trajectories(Durable, Record):
 
     __hash__ = None  # type: ignore[assignment]  # as for arrays
 
+    def _shares(self, other: Trajectories) -> bool:
+        """Whether a pair is in both."""
+        if other._rows.shape[1] != self._rows.shape[1]:
+            return False
+        there = {row.tobytes() for row in other._rows}
+        return any(row.tobytes() in there for row in self._rows)
+
     def _about(self) -> tuple[Any, ...]:
         names = self._state_names, self._input_names
         return (self._n, self._dt, *names, self._steps, self._outputs)
@@ -812,24 +819,22 @@ class Trajectories(Durable, Record):
         return html.card(self, rows, html.states(np.arange(len(states)), states, about))
 
 
-def pooled(data: object) -> Trajectories:
+def pooled(data: object, name: str = "data") -> Trajectories:
     """Check the data of `identify`: one set, or a list of sets of the same system."""
     if isinstance(data, Trajectories):
         return data
     if hasattr(data, "columns"):
         raise InputTypeError(
-            f"`data` must be a Trajectories, got {validation.show(data)}: see "
+            f"`{name}` must be a Trajectories, got {validation.show(data)}: see "
             "Trajectories.from_table"
         )
-    sets = [
-        validation.instance("data", one, Trajectories) for one in validation.items("data", data)
-    ]
+    sets = [validation.instance(name, one, Trajectories) for one in validation.items(name, data)]
     if not sets:
-        raise InputError("`data` must have at least one set of Trajectories, got an empty list")
+        raise InputError(f"`{name}` must have at least one set of Trajectories, got an empty list")
     for k, one in enumerate(sets[1:], start=1):
         if one._about() != sets[0]._about():
             raise InputError(
-                f"`data[{k}]` must have the states, inputs, steps and dt of `data[0]`: "
+                f"`{name}[{k}]` must have the states, inputs, steps and dt of `{name}[0]`: "
                 f"{sets[0]!r} and {one!r}, with the same names"
             )
     if len(sets) == 1:

@@ -328,6 +328,7 @@ TAKEN = {
     ("identify", "known_B"): {"nan matrix"},
     ("Key.child", "name"): {"text"},
     ("control", "limits"): {"object vector", "list of None"},
+    ("ModelStream.look", "limits"): {"object vector", "list of None"},
     ("realization_controls", "limits"): {"object vector", "list of None"},
     ("steer", "limits"): {"object vector", "list of None"},
     ("regulate", "limits"): {"object vector", "list of None"},

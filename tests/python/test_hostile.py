@@ -221,7 +221,7 @@ def model_stream():
 
 
 def data_stream():
-    stream = se.DataStream(B)
+    stream = se.DataStream(B, ranges=dict.fromkeys(("x0", "xf", "A"), 0.0))
     stream.update(x0=X0, xf=XF, A=A)
     return stream
 

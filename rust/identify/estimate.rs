@@ -81,22 +81,6 @@ impl Estimate {
         Ok(made)
     }
 
-    /// At so many pairs, if V and S grow in proportion to their number: without known entries or instruments.
-    ///
-    /// # Errors
-    /// [`Error::Memory`].
-    pub fn after(&self, size: usize) -> Result<Self> {
-        let mut blocks = try_room(WHAT, self.blocks.len())?;
-        for block in &self.blocks {
-            blocks.push(Arc::new(block.after(size)?));
-        }
-        let grown = (size as f64 / self.size.max(1) as f64).sqrt();
-        let own = try_collect(WHAT, self.own.iter().map(|v| v * grown))?;
-        let (model, known) =
-            (try_copy(WHAT, &self.model)?, self.known.as_deref().map(|k| try_copy(WHAT, k)).transpose()?);
-        Ok(Self { model, blocks, own, known, size, projected: None, ..*self })
-    }
-
     /// Least squares for all rows at once, or row by row.
     ///
     /// # Errors

@@ -57,28 +57,6 @@ impl Fitted {
         self.size.saturating_sub(self.rank())
     }
 
-    /// At so many pairs, if V and S grow in proportion to their number.
-    ///
-    /// # Errors
-    /// [`Error::Memory`].
-    pub fn after(&self, size: usize) -> Result<Self> {
-        let grown = (size as f64 / self.size.max(1) as f64).sqrt();
-        let times = |values: &[f64], by: f64| try_collect(WHAT, values.iter().map(|v| v * by));
-        Ok(Self {
-            rows: try_copy(WHAT, &self.rows)?,
-            columns: try_copy(WHAT, &self.columns)?,
-            size,
-            model: try_copy(WHAT, &self.model)?,
-            residual: times(&self.residual, grown * grown)?,
-            white: times(&self.white, 1.0 / grown)?,
-            root: times(&self.root, grown)?,
-            missing: try_copy(WHAT, &self.missing)?,
-            ratio: self.ratio,
-            regressors: times(&self.regressors, grown)?,
-            rounding: times(&self.rounding, grown)?,
-        })
-    }
-
     /// The lengths of the columns of Z, 1 for those of 0.
     pub(crate) fn lengths(&self) -> Result<Vec<f64>> {
         lengths(&self.regressors, self.columns.len(), self.columns.len())

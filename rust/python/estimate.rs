@@ -77,11 +77,6 @@ impl PyEstimate {
         Ok(found)
     }
 
-    /// At another number of pairs, if V and S grow in proportion.
-    fn after(&self, size: usize) -> PyResult<Self> {
-        Ok(Self { estimate: self.estimate.after(size)?, ..*self })
-    }
-
     #[pyo3(signature = (assumed, units, delta, components, directions, future, frobenius, method, anytime, threads, tail=0.0))]
     #[expect(clippy::too_many_arguments, reason = "what is assumed, and what is asked")]
     fn region(

@@ -274,6 +274,20 @@ impl PyDataStream {
         self.inner.with(py, square(self.n), |data, _| data.certificate())
     }
 
+    /// `||x(K) - xf||` under `inputs` (K, m) for resampled means.
+    fn misses<'py>(
+        &self,
+        py: Python<'py>,
+        inputs: PyReadonlyArray2<'_, f64>,
+        exact: [bool; 3],
+        size: usize,
+        key: &[u8],
+    ) -> PyResult<Array1<'py>> {
+        let (inputs, key) = (slice("inputs", &inputs)?, self::key(key)?);
+        let cost = 32.0 * square(self.n) * size as f64;
+        array1(py, self.inner.with(py, cost, |data, stop| data.misses(inputs, exact, &key, size, stop))?)
+    }
+
     /// The state as named arrays.
     fn to_sections<'py>(&self, py: Python<'py>) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
         let sections = self.inner.with(py, square(self.n), |data, _| data.to_sections())?;

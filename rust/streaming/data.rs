@@ -11,6 +11,8 @@ use crate::parallel::Stop;
 const WHAT: &str = "a stream";
 /// Largest relative error of one rounding.
 const U: f64 = 0.5 * f64::EPSILON;
+/// Realization i counts in group i mod this one as well, whose means say how the mean of all scatters.
+pub(super) const GROUPS: usize = 16;
 
 /// One entity: its estimate, and the spread of its realizations.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,6 +30,8 @@ pub(super) struct Feed {
     /// The smallest and the largest value of every entry; empty with a target.
     pub(super) low: Vec<f64>,
     pub(super) high: Vec<f64>,
+    /// The means of the groups (GROUPS, dim); empty with a target.
+    pub(super) groups: Vec<f64>,
 }
 
 impl Feed {
@@ -43,6 +47,7 @@ impl Feed {
             spread: 0.0,
             low: try_zeros(WHAT, dim - kept)?,
             high: try_zeros(WHAT, dim - kept)?,
+            groups: try_zeros(WHAT, checked_len(WHAT, GROUPS, dim - kept)?)?,
         })
     }
 
@@ -61,6 +66,7 @@ impl Feed {
             } else {
                 self.low.copy_from_slice(e);
                 self.high.copy_from_slice(e);
+                self.groups[..e.len()].copy_from_slice(e);
             }
             self.count = 1;
             return Ok(());
@@ -84,6 +90,10 @@ impl Feed {
         self.mean.iter_mut().zip(e).for_each(|(mean, e)| *mean += (e - *mean) / n);
         self.low.iter_mut().zip(e).for_each(|(low, e)| *low = low.min(*e));
         self.high.iter_mut().zip(e).for_each(|(high, e)| *high = high.max(*e));
+        let group = (self.count % GROUPS as u64) as usize;
+        let own = (self.count / GROUPS as u64 + 1) as f64;
+        let group = self.groups.iter_mut().skip(group * e.len());
+        group.zip(e).for_each(|(mean, e)| *mean += (e - *mean) / own);
         (self.spread, self.deviation, self.count) = (spread, deviation, self.count + 1);
         Ok(())
     }

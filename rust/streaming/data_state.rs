@@ -1,6 +1,6 @@
 //! Saves a data stream as sections and loads it, bit for bit; loaded numbers are checked as in [`super::state`].
 
-use super::data::{Data, Feed, size};
+use super::data::{Data, Feed, GROUPS, size};
 use super::estimator::damaged;
 use super::geometry::Geometry;
 use super::sections::{LARGEST, NAMES, Sections};
@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::fuse::distance;
 
 /// Version of the sections. Others are refused, because their steps may differ in the last bits.
-const FORMAT: u64 = 3;
+const FORMAT: u64 = 4;
 
 impl Data {
     /// Everything that the next update depends on.
@@ -29,6 +29,7 @@ impl Data {
             out.put_f64(format!("{name}.first"), &feed.first)?;
             out.put_f64(format!("{name}.low"), &feed.low)?;
             out.put_f64(format!("{name}.high"), &feed.high)?;
+            out.put_f64(format!("{name}.groups"), &feed.groups)?;
             out.put_f64(format!("{name}.fused"), &feed.estimate)?;
             out.put_f64(format!("{name}.aim"), feed.target.as_deref().unwrap_or_default())?;
         }
@@ -47,7 +48,7 @@ impl Data {
             {
                 (n as usize, m as usize, [x0, xf, a].map(|known| known == 1))
             }
-            _ => return Err(damaged("of format 3", format!("{format:?}"))),
+            _ => return Err(damaged("of format 4", format!("{format:?}"))),
         };
         let geometry = Geometry::new(from.take_f64("B", Some(n * m))?, n, m)?;
         let mut made = Self::new(geometry, [None, None, None])?;
@@ -61,6 +62,7 @@ impl Data {
             feed.first = from.take_f64(&format!("{name}.first"), Some(dim))?;
             feed.low = from.take_f64(&format!("{name}.low"), Some(dim - kept))?;
             feed.high = from.take_f64(&format!("{name}.high"), Some(dim - kept))?;
+            feed.groups = from.take_f64(&format!("{name}.groups"), Some(GROUPS * (dim - kept)))?;
             feed.estimate = from.take_f64(&format!("{name}.fused"), Some(kept))?;
             let target = from.take_f64(&format!("{name}.aim"), Some(kept))?;
             feed.target = known.then_some(target);
@@ -75,6 +77,7 @@ impl Data {
             let fits = near(&feed.mean)
                 && feed.low.iter().zip(&feed.high).zip(&feed.first).all(inside)
                 && (!known || near(&feed.estimate))
+                && feed.groups.chunks_exact(dim).take(feed.count.min(GROUPS as u64) as usize).all(near)
                 && (0.0..=slack * feed.spread * (feed.count as f64).sqrt()).contains(&feed.deviation)
                 && feed.count < 1 << 62
                 && (feed.count > 1 || feed.spread == 0.0);

@@ -25,6 +25,7 @@ mod sections;
 mod state;
 mod stream;
 mod trace;
+mod typical;
 mod variants;
 
 pub use advance::{End, Limits, Rule};

@@ -221,7 +221,7 @@ def model_stream():
 
 
 def data_stream():
-    stream = se.DataStream(B)
+    stream = se.DataStream(B, ranges=dict.fromkeys(("x0", "xf", "A"), 0.0))
     stream.update(x0=X0, xf=XF, A=A)
     return stream
 
@@ -328,6 +328,7 @@ TAKEN = {
     ("identify", "known_B"): {"nan matrix"},
     ("Key.child", "name"): {"text"},
     ("control", "limits"): {"object vector", "list of None"},
+    ("ModelStream.look", "limits"): {"object vector", "list of None"},
     ("realization_controls", "limits"): {"object vector", "list of None"},
     ("steer", "limits"): {"object vector", "list of None"},
     ("regulate", "limits"): {"object vector", "list of None"},

@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import pickle
 import random
+import re
 import signal
 import threading
 import time
@@ -182,7 +183,7 @@ def test_planned_looks():
     assert stream.next_look == 80
     assert stream.model.A.shape == (4, 4)  # the model itself is no look at a region
     assert stream.model._size_after(100.0) == 114
-    later = stream.model._region(0.05, size=114)
+    later = stream.model._after(114).region()
     assert later.delta == at.look_shares(8, 0.05)[7]
     check(later.parts[0].factor, _core.roy_quantile(4, 6, 108, later.delta, 1))
 
@@ -257,6 +258,94 @@ def test_too_few_pairs_have_a_forecast_all_the_same():
     look = stream.look(np.ones(4), np.zeros(4), tol=1e6)
     assert look.certificate.target == np.inf
     assert 1.0 <= look.forecast < 1e4
+
+
+def measured(gen, N, sigma=0.05):
+    """N runs of 10 steps of a system of two states, with inputs of [-1, 1]."""
+    A, B = np.array([[1.0, 0.2], [-0.1, 0.8]]), np.array([[0.0], [0.3]])
+    x, u = np.empty((N, 11, 2)), gen.uniform(-1.0, 1.0, (N, 10, 1))
+    x[:, 0] = gen.standard_normal((N, 2))
+    for k in range(10):
+        x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + sigma * gen.standard_normal((N, 2))
+    return (A, B), se.Trajectories(x, u)
+
+
+WITHIN = {
+    "free": {},
+    "inputs": {"limits": (-0.6, 0.6)},
+    "states": {"limits": se.Limits(u=(-1.0, 1.0), x=([-1.0, -0.33], [1.2, 0.3]), soft=False)},
+    "path": {"limits": (-1.0, 1.0), "cost": se.Cost(reference=np.tile([0.3, 0.1], (13, 1)))},
+}
+
+
+@pytest.mark.parametrize("sigma", [0.05, None])
+@pytest.mark.parametrize("kind", WITHIN)
+def test_the_forecast_of_runs_is_what_it_takes(kind, sigma):
+    """They bring the certificate to .75 to 1.25 of the tolerance, to 1.45 by limits of states."""
+    tol, found = 0.12, []
+    for seed in range(6):
+        gen = np.random.default_rng([seed, 71])
+        stream = se.ModelStream(2, 1, sigma=sigma, delta=0.04)
+
+        task = {"tol": tol, "steps": 12, "xf": None if kind == "path" else [0.3, 0.1]}
+        system, data = measured(gen, 20)
+        stream.update(data)
+        before = stream.look([1.0, 0.0], **task, **WITHIN[kind])
+        assert not before.stop
+        assert before.runs == before.forecast / 10.0 > 10.0
+        assert f"{before.runs:.3g} runs like those so far" in repr(before)
+        stream.update(measured(gen, int(np.ceil(before.runs)))[1])
+        after = stream.look([1.0, 0.0], **task, **WITHIN[kind])
+        assert (after.missing, after.certificate.delta) == (0.0, 0.04)
+        if kind == "states":
+            x = se.simulate(system, [1.0, 0.0], after.u).states[1:]
+            assert (x.min(axis=0) >= [-1.0, -0.33]).all()
+            assert (x.max(axis=0) <= [1.2, 0.3]).all()
+        found.append((before.missing, after.certificate.target / tol))
+    missing, ratios = np.array(found).T
+    assert (missing > 0.0).any() == (kind == "states" and sigma is None)  # a wide tube
+    assert 0.75 < ratios.min() < 1.1
+    assert 0.9 < ratios.max() < (1.45 if kind == "states" else 1.25)
+
+
+def test_runs_are_told_apart():
+    """Whole runs, single pairs of one run, and pairs that have nothing to do with each other."""
+    gen = np.random.default_rng(5)
+    _, data = measured(gen, 7)
+    whole, single = se.ModelStream(2, 1, sigma=0.1), se.ModelStream(2, 1, sigma=0.1)
+    whole.update(data)
+    for pair in zip(*data.pairs(), strict=True):
+        single.update(*pair)
+    assert whole.model.runs == single.model.runs == 7
+    again = pickle.loads(pickle.dumps(single))
+    x = data.pairs()[2][-1]
+    again.update(x, [0.0], x)
+    assert again.model.runs == 7
+    assert filled(40)[0].model.runs == 40
+    old = whole._to_sections()
+    del old["runs"], old["end"]  # of a file of an older version
+    look = se.ModelStream._from_sections(old).look([1.0, 0.0], [0.3, 0.1], tol=0.01, steps=12)
+    assert np.isnan(look.runs)
+    assert re.search(r"more pairs>$", repr(look))
+    with pytest.raises(InputError, match="no more runs than pairs"):
+        se.ModelStream._from_sections(old | {"runs": np.array([71], dtype=np.uint64)})
+
+
+def test_what_cannot_be_reached_within_limits_has_no_forecast():
+    _, data = measured(np.random.default_rng(6), 20)
+    stream = se.ModelStream(2, 1, sigma=0.05)
+    stream.update(data)
+    options = {"tol": 0.1, "steps": 12}
+    far = stream.look([1.0, 0.0], [0.3, 0.1], limits=(-0.01, 0.01), **options)
+    assert far.forecast == far.runs == np.inf
+    assert repr(far).endswith("forecast: never>")
+    above = se.Limits(u=(-1.0, 1.0), x=(0.5, 9.0), soft=False)  # the target is not within
+    lost = stream.look([1.0, 0.0], [0.3, 0.1], limits=above, **options)
+    assert lost.forecast == np.inf
+    with pytest.raises(InputError, match="`limits` must be left out with `u`"):
+        stream.look([1.0, 0.0], [0.3, 0.1], u=np.zeros((12, 1)), limits=(-1.0, 1.0), **options)
+    with pytest.raises(InputError, match="`cost` must be left out with `gain`"):
+        stream.look(gain=[[0.0, 0.0]], cost=se.Cost())
 
 
 # -- what is refused -------------------------------------------------------------------------------

@@ -24,7 +24,8 @@ class Limits(Asked):
     soft : float or bool, optional
         The weight of the squares of what is beyond `x`; default: 1000 times the largest entry of
         Q and Qf. False: hard limits, with status "infeasible" if they cannot be kept; with a model
-        from data the true system keeps them with probability 95 %, without noise to come.
+        from data the true system keeps them with probability 95 %, that of its looks for a
+        `ModelStream`, without noise to come.
 
     Raises
     ------

@@ -11,7 +11,6 @@ from .. import _core
 from .._base import validation
 from .._base.numbers import ROUNDING
 from .._base.records import trusted
-from .._base.types import DELTA
 from ..certificates.model_basis import ModelBasis
 from ..certificates.of_model import Asked
 from ..certificates.region_errors import trajectory
@@ -74,7 +73,7 @@ def model_control(
         if task.state_low is not None and task.soft is None:
             basis, plain = trusted(ModelBasis, model, start, goal, off), Asked(False, False, False)
             left = None if end is None else end - monotonic()
-            limited, _ = within_state_limits(basis, limited, DELTA, plain, left)
+            limited, _ = within_state_limits(basis, limited, model._delta, plain, left)
         u = limited.u
     else:
         # what acts by rounding alone is 0: the data may say nothing of such an input

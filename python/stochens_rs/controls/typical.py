@@ -17,6 +17,8 @@ from .plan_validation import needed, rank_of
 from .provenance import Basis
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from .._base.types import Floats
     from ..rng import RngLike
 
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 class Typical(SavedRecord):
     """An approximate error bar of a plan from data, beside its certificate; it is no bound.
 
-    Made by `Plan.typical`.
+    Made by `Plan.typical` and, of means, by `DataStream.typical`.
 
     Attributes
     ----------
@@ -91,11 +93,6 @@ def typical(
     noise: bool,
 ) -> Typical:
     """Check that a law of the estimate is known, and draw the misses from it."""
-    count = validation.size("draws", draws)
-    if rank_of(count, delta) > count:
-        raise SizeError(
-            f"`draws` must be at least {needed(delta)} for delta={delta:g}, got {count}"
-        )
     model = known_model(basis, "typical")
     assert isinstance(basis, ModelBasis)
     if basis.x0_error:
@@ -107,15 +104,34 @@ def typical(
             f"`typical` needs {2 * model.n} more pairs than unknowns of a row where the covariance "
             f"is unknown, this model has {nu}"
         )
-    misses = _core.drawn_misses(
-        law, basis.x0, u, basis.xf, noise, count, bytes(as_key(rng).child("typical")),
-        get_num_threads(),
-    )  # fmt: skip
+    key, xf, threads = bytes(as_key(rng).child("typical")), basis.xf, get_num_threads()
     said = (
         f"{assumed.text}; states without error; number and lengths of the runs fixed beforehand; "
         f"residuals {'not tested' if model.checks is None else 'without a warning'}"
     )
-    miss = _core.validation_rank(misses, rank_of(count, delta))
+
+    def misses(size: int) -> Floats:
+        return _core.drawn_misses(law, basis.x0, u, xf, noise, size, key, threads)
+
+    return ranked(misses, certified, delta, draws, noise, said)
+
+
+def ranked(
+    misses: Callable[[int], Floats],
+    certified: float,
+    delta: float,
+    draws: int,
+    noise: bool,
+    said: str,
+) -> Typical:
+    """The order statistic of so many misses."""
+    count = validation.size("draws", draws)
+    rank = rank_of(count, delta)
+    if rank > count:
+        raise SizeError(
+            f"`draws` must be at least {needed(delta)} for delta={delta:g}, got {count}"
+        )
+    miss = _core.validation_rank(misses(count), rank)
     return Typical(miss, certified, delta, count, noise, said)
 
 

@@ -9,6 +9,7 @@ from .._base import html
 from .._base.columns import columns
 from .._base.records import Record
 from .._base.signal_names import Labels
+from .._base.types import DELTA
 from ..exceptions import StochensError
 from ..system import System
 
@@ -83,6 +84,11 @@ class Identified(Record, ABC, listed=False):
     def _largest(self) -> Floats | None:
         """The largest absolute value of each state and input in the data, (n + m,), if known."""
         return None
+
+    @property
+    def _delta(self) -> float:
+        """The level at which a control keeps hard limits of states."""
+        return DELTA
 
     @property
     def labels(self) -> Labels:

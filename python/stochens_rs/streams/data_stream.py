@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from math import inf
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +12,9 @@ from .. import _core
 from .._base import html, memory, validation
 from .._base.durable import Durable
 from .._base.types import DELTA, Floats
+from ..controls.typical import Typical, ranked
 from ..exceptions import InputError, InputTypeError
+from ..rng import as_key
 from .batches import blocks
 from .confidence import radii_of_means
 from .state import ENTITIES
@@ -20,6 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..certificates.certificate import Certificate
+    from ..rng import RngLike
     from .batches import FeedLike
 
 
@@ -92,7 +96,7 @@ class DataStream(Durable):
         matrix = None if A is None else validation.matrix("A", A, rows=n, cols=n)
         self._ranges, self._sizes = _checked_ranges(ranges), _checked_sizes(sizes)
         # estimates, targets, sums, and the pseudoinverse
-        memory.need("a stream", 48 * n * n + 40 * n * m)
+        memory.need("a stream", 176 * n * n + 40 * n * m)
         self._shape = (n, m)
         self._targets = tuple(value is not None for value in (start, goal, matrix))
         self._core = _core.DataStream(inputs, start, goal, matrix)
@@ -246,13 +250,92 @@ class DataStream(Durable):
         ('guaranteed', True)
         """
         delta = float(validation.probability("delta", delta))
-        self._seen("confidence")
+        self._means("confidence")
+        return radii_of_means(self._core, self._ranges, self._sizes, delta)
+
+    def typical(
+        self,
+        u: ArrayLike | None = None,
+        delta: float = DELTA,
+        *,
+        draws: int = 1000,
+        rng: RngLike = 0,
+    ) -> Typical:
+        """Say how far a control of any number of steps may miss: approximate, no bound.
+
+        Parameters
+        ----------
+        u : array_like, shape (K, m), optional
+            The control, such as the `u` of a plan within limits from `estimates`; default: that of
+            the stream, of one step.
+        delta : float, default 0.05
+            The share of the drawn means that miss by more, in (0, 1).
+        draws : int, default 1000
+            Their number, at least ``1 / delta - 1``.
+        rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
+            Source of randomness; with the default the same number in every call.
+
+        Returns
+        -------
+        Typical
+            The number, ``miss``. Its ``certified`` is infinite: no bound over K steps is known for
+            realizations of an unknown law; for one step see `confidence`.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If an argument cannot be used; or if x0, xf or A has a target, no realization, or fewer
+            than 16 and a range that is not declared as 0.
+
+        Notes
+        -----
+        A stream keeps the means ``M_g`` of 16 groups, realization i in group ``i mod 16``. Of x0,
+        xf and A, each for itself, means ``F + r sum_g sqrt(n_g) xi_g (M_g - F) / sqrt(15 N)`` are
+        drawn with normal xi and ``r = sqrt(15 / chi^2_15)``, and of ``||x(K) - xf||`` under u the
+        order statistic of rank ``ceil((1 - delta) (draws + 1))`` is taken. In 56 cells of 7 laws
+        with 16 to 100 realizations it was exceeded in 0 to 6.8 % of 300 or 500 data sets for 5 %.
+        No inequality is known: realizations that depend on each other, or a number of them that was
+        chosen by what they showed, make it wrong.
+
+        Examples
+        --------
+        A plan of five steps within limits:
+
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(1)
+        >>> A, B = np.array([[1.0, 0.1], [0.0, 0.9]]), np.array([[0.0], [0.1]])
+        >>> stream = DataStream(B, ranges={"xf": 0.0})
+        >>> stream.update(x0=[1.0, 0.0] + 0.1 * rng.standard_normal((50, 2)), xf=[0.9, 0.0])
+        >>> stream.update(A=A + 0.02 * rng.standard_normal((200, 2, 2)))
+        >>> found = stream.estimates
+        >>> system = found["A"], B
+        >>> plan = se.control(system, found["x0"], found["xf"], steps=5, limits=(-1.0, 1.0))
+        >>> stream.typical(plan.u)
+        <Typical: certified inf, typical 0.0473, 95 %, without noise>
+        """
+        share = validation.probability("delta", delta)
+        self._means("typical")
+        inputs = self.u[None] if u is None else validation.matrix("u", u, cols=self._shape[1])
+        exact = [self._ranges.get(name) == 0.0 for name in ENTITIES]
+        key = bytes(as_key(rng).child("typical"))
+        said = (
+            "realizations of x0, xf and A independent, each of one law; their numbers fixed "
+            "beforehand"
+        )
+
+        def misses(size: int) -> Floats:
+            return self._core.misses(inputs, exact, size, key)
+
+        return ranked(misses, inf, share, draws, False, said)
+
+    def _means(self, what: str) -> None:
+        """Refuse a stream without realizations, or with a target."""
+        self._seen(what)
         if any(self._targets):
             named = [n for n, known in zip(ENTITIES, self._targets, strict=True) if known]
             raise InputError(
-                f"`confidence` needs the mean of {named[0]}, but this stream fits it to a target"
+                f"`{what}` needs the mean of {named[0]}, but this stream fits it to a target"
             )
-        return radii_of_means(self._core, self._ranges, self._sizes, delta)
 
     def _repr_html_(self) -> str:
         counts = self.counts

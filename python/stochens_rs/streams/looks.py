@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
-from math import ceil, floor, inf, isfinite, log2
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from math import ceil, floor, inf, isfinite, isnan, log2
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,11 +16,12 @@ from ..certificates.certificate import Certificate
 from ..certificates.model_basis import ModelBasis
 from ..certificates.of_model import Asked, certificate
 from ..certificates.region_errors import trajectory
+from ..controls.control import control
 from ..exceptions import DataWarning
-from ..theory.exact import best_control
+from .snapshot import Snapshot
 
 if TYPE_CHECKING:
-    from .snapshot import Snapshot
+    from collections.abc import Callable
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -40,15 +41,22 @@ class Look(Record):
         How many more pairs are expected until the target is within the tolerance, if data go on
         like those so far; inf: never, because the model itself ends too far from xf, or unknown,
         because the data so far do not determine what is needed. A forecast, not a bound.
+    runs : float
+        The same in runs of the mean length of those so far; nan in a stream from an older file.
     size : int
         The number of pairs so far.
+    missing : float
+        By how much hard limits of states may be left, in the region of this look; 0 if they are
+        kept. Else the data are not enough.
     """
 
     u: Floats
     certificate: Certificate
     tol: float
     forecast: float
+    runs: float
     size: int
+    missing: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -58,13 +66,13 @@ class Look(Record):
 
     @property
     def stop(self) -> bool:
-        """Whether the target is within the tolerance: the data are enough."""
-        return self.certificate.target <= self.tol
+        """Whether the target is within the tolerance, in all limits: the data are enough."""
+        return self.certificate.target <= self.tol and self.missing == 0.0
 
     def _more(self) -> str:
         """The forecast in words."""
         if isfinite(self.forecast):
-            return f"about {self.forecast:.4g} more pairs"
+            return more(self.forecast, self.runs)
         return "never" if isfinite(self.certificate.parts["model error"]) else "unknown"
 
     def __repr__(self) -> str:
@@ -82,27 +90,74 @@ class Look(Record):
         return html.card(self, rows, self.certificate._repr_html_())
 
 
+def more(pairs: float, runs: float) -> str:
+    """A forecast in words."""
+    also = "" if isnan(runs) or runs == pairs else f", {runs:.3g} runs like those so far"
+    return f"about {pairs:.4g} more pairs{also}"
+
+
 FAR = 30  # a power of 2; laws of more pairs are slow to compute
 SMALL = 1e-300
 
 
-def look(model: Snapshot, x0: Floats, xf: Floats, u: Floats | None, steps: int, tol: float) -> Look:
-    """Control by the model, or the given u; its certificate, and the forecast."""
+def look(model: Snapshot, tol: float, u: Floats | None, task: dict[str, Any]) -> Look:
+    """Control by the model, or the given u; its certificate, and the forecast.
+
+    `task` has the arguments of `control` after the model.
+    """
     for said in model.doubts:
         warnings.warn(DataWarning(f"the certificate is infinite: {said}"), stacklevel=3)
+    missing, again = 0.0, False
     if u is None:
-        # x(K) = A^K x0 + C_K u + sum_{k<K} A^k c
-        drift = trajectory(model._Theta, np.zeros(model.n), np.zeros((steps, model.m)))[-1]
-        u = best_control(model.A, model.B, x0, xf - drift, steps).u.reshape(steps, model.m)
-    basis, predicted = trusted(ModelBasis, model, x0, xf), trajectory(model._Theta, x0, u)
-    found = certificate(basis, u, predicted, model.delta, Asked(False, False, False))
-    forecast = inf if model.doubts else _forecast(model, x0, u, found.parts, tol)
-    return trusted(Look, validation.frozen(u), found, tol, forecast, model.size)
+        plan = control(model, **task)
+        u, basis, found = plan.u, plan.basis, plan.bound(model.delta)
+        if plan.limited is not None:
+            missing, hard = plan.limited.missing, plan.limited.task
+            again = hard.state_low is not None and hard.soft is None
+    else:
+        basis = trusted(ModelBasis, model, task["x0"], task["xf"])
+        found = _bound(basis, u)
+    assert isinstance(basis, ModelBasis)
+    if model.doubts or not model.size:
+        forecast = inf
+    elif again:
+        # the best control of the model itself, once its regions are small, is the end of the way
+        end = control(model._after(2.0**FAR), **task)
+        assert end.limited is not None
+        parts = end.bound(model.delta).parts
+
+        def error(later: Snapshot) -> float:
+            plan = control(later, **task)
+            lacks = plan.limited is None or plan.limited.missing > 0.0
+            return inf if lacks else plan.bound(model.delta).target - parts["reach"]
+
+        room = -inf if end.limited.missing else tol - parts["reach"]
+        now = inf if missing else found.target - parts["reach"]
+        forecast = _forecast(model, room, now, error)
+    else:
+        fixed, parts = u, found.parts
+
+        def error(later: Snapshot) -> float:
+            return _bound(replace(basis, model=later), fixed).parts["model error"]
+
+        forecast = _forecast(model, tol - parts["reach"], parts["model error"], error)
+    runs = model._in_runs(forecast)
+    return trusted(Look, validation.frozen(u), found, tol, forecast, runs, model.size, missing)
 
 
-def _forecast(model: Snapshot, x0: Floats, u: Floats, parts: dict[str, float], tol: float) -> float:
-    """How many more pairs until ``error(N) <= tol - reach``, with the same u and V, S ~ N."""
-    room, error = tol - parts["reach"], parts["model error"]
+def _bound(basis: ModelBasis, u: Floats) -> Certificate:
+    """The certificate of a control of the model."""
+    model = basis.model
+    assert isinstance(model, Snapshot)
+    predicted = trajectory(model._Theta, basis.x0, u)
+    return certificate(basis, u, predicted, model.delta, Asked(False, False, False))
+
+
+def _forecast(
+    model: Snapshot, room: float, now: float, error_of: Callable[[Snapshot], float]
+) -> float:
+    """How many more pairs until the error is at most `room`; `now` it is at this."""
+    error = now
     if error <= room:
         return 0.0
     if room <= 0.0 or (model.missing and not isfinite(error)):
@@ -115,9 +170,8 @@ def _forecast(model: Snapshot, x0: Floats, u: Floats, parts: dict[str, float], t
         # next to where ``error ~ N^(-1/2)`` would be `room`
         more = 2.0 * (log2(max(error, SMALL)) - log2(room)) if isfinite(error) else 0.0
         power = min(max(ceil(log2(size) + more), low + 1), high - 1)
-        later = model._size_after(2.0**power)
-        region = model._region(model.delta, frobenius=len(u) > 1, size=later)
-        size, error = float(later), float(region._core.errors(x0, u, 0.0, None).radii[-1])
+        later = model._after(2.0**power)
+        size, error = float(later.size), error_of(later)
         if error > room:
             low, above = power, (size, error)
         else:

@@ -12,6 +12,7 @@ from .._base import html, validation
 from .._base.records import Record, trusted
 from ..exceptions import InputError
 from ..feedback import Loop, LoopCertificate
+from .looks import more
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -31,12 +32,15 @@ class LoopLook(Record):
     forecast : float
         How many more pairs are expected until it is certified, if data go on like those so far;
         inf where the data do not determine the loop, or its centre is unstable. No bound.
+    runs : float
+        The same in runs, as in `Look`.
     size : int
         The number of pairs so far.
     """
 
     proof: LoopCertificate
     forecast: float
+    runs: float
     size: int
 
     def __post_init__(self) -> None:
@@ -53,8 +57,8 @@ class LoopLook(Record):
         if self.stop:
             margin = html.at_least(self.proof.margin)
             return f"<LoopLook: certified after {pairs}, margin at least {margin}>"
-        more = f"about {self.forecast:.4g} more pairs" if isfinite(self.forecast) else "unknown"
-        return f"<LoopLook: {self.proof.status} after {pairs}, forecast: {more}>"
+        then = more(self.forecast, self.runs) if isfinite(self.forecast) else "unknown"
+        return f"<LoopLook: {self.proof.status} after {pairs}, forecast: {then}>"
 
     def _repr_html_(self) -> str:
         return html.card(self, [], self.proof._repr_html_())
@@ -70,8 +74,9 @@ def look_at_loop(model: Snapshot, gain: Loop | ArrayLike) -> LoopLook:
     proof = LoopCertificate._judged(
         model.region(), validation.frozen(np.array(K)), model.labels, model.dt, doubt, False
     )
-    more = 0.0
+    needed = 0.0
     if proof.status != "certified":
         stable = doubt is None and isfinite(proof.least)
-        more = model._size_after(model.size * proof.least**2) - model.size if stable else inf
-    return trusted(LoopLook, proof, float(max(more, 0.0)), model.size)
+        needed = model._size_after(model.size * proof.least**2) - model.size if stable else inf
+    forecast = float(max(needed, 0.0))
+    return trusted(LoopLook, proof, forecast, model._in_runs(forecast), model.size)

@@ -44,8 +44,8 @@ def refuse(assumed: Assumptions) -> None:
         )
 
 
-def to_sections(model: Snapshot) -> dict[str, Any]:
-    """Return the state as named arrays."""
+def to_sections(model: Snapshot, end: Floats) -> dict[str, Any]:
+    """Return the state as named arrays; `end` is the last x_next."""
     assumed = model.assumptions
     numbers = (
         VERSION,
@@ -70,11 +70,13 @@ def to_sections(model: Snapshot) -> dict[str, Any]:
         "mixtures": MIXTURES,
         "names": np.frombuffer(names, dtype=np.uint8),
         "exact": np.array(assumed.exact, dtype=np.uint64),
+        "runs": np.array([model.runs], dtype=np.uint64),
+        "end": end,
     }
 
 
-def from_sections(sections: dict[str, Any]) -> Snapshot:
-    """Check the arrays of `to_sections`, which may be from anywhere, and make a model of them."""
+def from_sections(sections: dict[str, Any]) -> tuple[Snapshot, Floats]:
+    """Check the arrays of `to_sections`, which may be from anywhere, and return its arguments."""
     numbers = [int(v) for v in _part(sections, "format", np.uint64, 9)]
     version, n, m, offset, design, noise, covariance, first, size = numbers
     if version != VERSION:
@@ -93,7 +95,12 @@ def from_sections(sections: dict[str, Any]) -> Snapshot:
     delta, dt = (float(_part(sections, name, np.float64, 1)[0]) for name in ("delta", "dt"))
     names = _names(_part(sections, "names", np.uint8).tobytes())
     states, inputs = checked_names(n, m, *names)
-    return Snapshot(
+    # none in files of older versions
+    runs = int(_part(sections, "runs", np.uint64, 1)[0]) if "runs" in sections else 0
+    end = _part(sections, "end", np.float64, n) if "end" in sections else np.zeros(n)
+    if not (runs <= size and np.isfinite(end).all()):
+        raise InputError("`state` must have no more runs than pairs, and a finite end of the last")
+    model = Snapshot(
         triangle=validation.frozen(triangle),
         size=size,
         n=n,
@@ -108,7 +115,9 @@ def from_sections(sections: dict[str, Any]) -> Snapshot:
         dt=None if dt == 0.0 else dt,
         state_names=states,
         input_names=inputs,
+        runs=runs,
     )
+    return model, end
 
 
 def _part(

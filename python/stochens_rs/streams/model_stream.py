@@ -23,7 +23,6 @@ from ..identification.assumptions import (
     checked_assumptions,
     checked_scale,
 )
-from ..theory.dynamics import checked_steps
 from .looks import Look, look
 from .loop_look import LoopLook, look_at_loop
 from .model_state import from_sections, refuse, to_sections
@@ -33,6 +32,9 @@ from .snapshot import Snapshot
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from .._base.types import Floats
+    from ..controls import Cost
+    from ..controls.limits import LimitsLike
     from ..feedback import Loop
     from ..identification.trajectories import Trajectories
 
@@ -143,12 +145,12 @@ class ModelStream(Durable):
             state_names=names[0],
             input_names=names[1],
         )
-        self._set(about)
+        self._set(about, np.zeros(states))
 
-    def _set(self, model: Snapshot) -> None:
-        """Start or go on from a model."""
+    def _set(self, model: Snapshot, end: Floats) -> None:
+        """Start or go on from a model and the last x_next."""
         self._about = model
-        self._state = model.triangle, model.size  # replaced as one, never changed
+        self._state = model.triangle, model.size, model.runs, end  # replaced as one, never changed
         self._lock = threading.RLock()
 
     def update(
@@ -185,13 +187,17 @@ class ModelStream(Durable):
         3
         """
         rows = pair_rows(self._about, x, u, x_next)
+        begin, end = rows[:, : self.n], rows[:, -self.n :]
+        within = int((begin[1:] != end[:-1]).any(axis=1).sum())
         while True:  # again if another thread was faster: no pair is lost
             before = self._state
-            triangle = before[0].copy()
+            triangle, size, runs, last = before
+            triangle = triangle.copy()
             _core.triangle_update(triangle, rows)
+            runs += within + int(size == 0 or (begin[0] != last).any())
             with self._lock:
                 if self._state is before:
-                    self._state = triangle, before[1] + len(rows)
+                    self._state = triangle, size + len(rows), runs, end[-1].copy()
                     return
 
     @property
@@ -227,18 +233,23 @@ class ModelStream(Durable):
     @property
     def model(self) -> Snapshot:
         """The model after the pairs so far; later pairs do not change it."""
-        triangle, size = self._state
-        return replace(self._about, triangle=validation.frozen(triangle), size=size)
+        return self._after(self._state)
+
+    def _after(self, state: tuple[Floats, int, int, Floats]) -> Snapshot:
+        triangle, size, runs, _ = state
+        return replace(self._about, triangle=validation.frozen(triangle), size=size, runs=runs)
 
     @overload
     def look(
         self,
         x0: ArrayLike,
-        xf: ArrayLike,
+        xf: ArrayLike | None = None,
         *,
         tol: float,
         steps: int = 1,
         u: ArrayLike | None = None,
+        limits: LimitsLike = None,
+        cost: Cost | None = None,
     ) -> Look: ...
     @overload
     def look(self, *, gain: Loop | ArrayLike) -> LoopLook: ...
@@ -250,6 +261,8 @@ class ModelStream(Durable):
         tol: float | None = None,
         steps: int = 1,
         u: ArrayLike | None = None,
+        limits: LimitsLike = None,
+        cost: Cost | None = None,
         gain: Loop | ArrayLike | None = None,
     ) -> Look | LoopLook:
         """Ask whether the data are enough for a control within a tolerance, or for a feedback.
@@ -257,13 +270,16 @@ class ModelStream(Durable):
         Parameters
         ----------
         x0, xf : array_like, shape (n,)
-            The initial state and the target; may depend on the data.
+            The initial state and the target; may depend on the data. With a reference in `cost` xf
+            is left out.
         tol : float
             The tolerance, in the units of the state (2-norm).
         steps : int, default 1
             The number of steps K.
         u : array_like, shape (K, m), optional
             A control of your own; None: the best one of the model.
+        limits, cost : optional
+            Limits and weights of the best one, as in `control`.
         gain : Loop or array_like, shape (m, n), optional
             In place of all others: a feedback ``u = K x``, such as ``gain(stream.model, Q, R)``.
 
@@ -288,8 +304,12 @@ class ModelStream(Durable):
         -----
         The target is within ``||xh(K) - xf|| + r_K`` with the model's states xh; for one step
         ``r_1 = sqrt(factor ||S||) ||(x0, u)||`` in the norm of V^-1, see `Region`. Stopping at the
-        first one <= tol is valid. The forecast is the N with ``||xh(K) - xf|| + r_K(N) = tol`` for
-        the same u, if V and S grow in proportion to N.
+        first one <= tol is valid, also within limits: the regions are for any inputs. Hard limits
+        of states (``soft=False``) hold for every system of the region, without noise; ``missing``
+        says by how much not.
+
+        The forecast is the N with ``||xh(K) - xf|| + r_K(N) = tol`` for the same u, if V and S grow
+        in proportion to N; with hard limits of states for the u of each N.
 
         Examples
         --------
@@ -302,22 +322,26 @@ class ModelStream(Durable):
         <Look: within 0.04648 after 300 pairs, tol 0.1, enough>
         """
         model = self.model
+        own: dict[str, Any] = {"x0": x0, "xf": xf, "tol": tol, "u": u}
+        best = {"limits": limits, "cost": cost}
         if gain is not None:
-            for name, value in {"x0": x0, "xf": xf, "tol": tol, "u": u}.items():
+            for name, value in (own | best).items():
                 if value is not None:
                     raise InputError(f"`{name}` must be left out with `gain`")
             return look_at_loop(model, gain)
-        for name, value in {"x0": x0, "xf": xf, "tol": tol}.items():
-            if value is None:
+        for name in ("x0", "tol") if u is None and cost is not None else ("x0", "xf", "tol"):
+            if own[name] is None:
                 raise InputError(f"`{name}` must be given, or a `gain`")
         limit = validation.positive("tol", tol)
-        n, m, names = self.n, self.m, model.labels
-        start = validation.vector("x0", x0, length=n, labels=names.states)
-        goal = validation.vector("xf", xf, length=n, labels=names.states)
-        K = checked_steps(steps, n, m)
-        acting = names.inputs
-        given = None if u is None else validation.matrix("u", u, rows=K, cols=m, labels=acting)
-        return look(model, start, goal, given, K, limit)
+        x0 = validation.vector("x0", x0, length=self.n, labels=model.state_names)
+        if u is not None:
+            for name, value in best.items():
+                if value is not None:
+                    raise InputError(f"`{name}` must be left out with `u`")
+            K = validation.size("steps", steps)
+            u = validation.matrix("u", u, rows=K, cols=self.m, labels=model.input_names)
+            xf = validation.vector("xf", xf, length=self.n, labels=model.state_names)
+        return look(model, limit, u, {"x0": x0, "xf": xf, "steps": steps, **best})
 
     def __repr__(self) -> str:
         about = self._about
@@ -338,12 +362,13 @@ class ModelStream(Durable):
         return html.card(self, rows)
 
     def _to_sections(self) -> dict[str, Any]:
-        return to_sections(self.model)
+        state = self._state
+        return to_sections(self._after(state), state[3])
 
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> ModelStream:
         made = cls.__new__(cls)
-        made._set(from_sections(sections))
+        made._set(*from_sections(sections))
         return made
 
     def __reduce__(self) -> tuple[Any, ...]:

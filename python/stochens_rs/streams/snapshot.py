@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, isqrt
+from math import ceil, isqrt, nan
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -50,6 +50,8 @@ class Snapshot(Identified):
         The time between two steps [s].
     state_names, input_names : tuple of str
         The names.
+    runs : int
+        The number of runs that the pairs came in: one begins where x is not the x_next before.
     """
 
     triangle: Floats
@@ -64,6 +66,7 @@ class Snapshot(Identified):
     dt: float | None = None
     state_names: tuple[str, ...] = ()
     input_names: tuple[str, ...] = ()
+    runs: int = 0
 
     def __post_init__(self) -> None:
         d = (
@@ -74,12 +77,17 @@ class Snapshot(Identified):
         validation.kept("triangle", self.triangle, shape=(d + self.n,) * 2)
         validation.kept("scale", self.scale, shape=(d,))
         validation.size("size", self.size, minimum=0)
+        validation.size("runs", self.runs, minimum=0)
         validation.instance("assumptions", self.assumptions, Assumptions)
         validation.probability("delta", self.delta)
         validation.size("first", self.first)
         if self.dt is not None:
             validation.positive("dt", self.dt)
         checked_names(self.n, self.m, self.state_names, self.input_names)
+
+    @property
+    def _delta(self) -> float:
+        return self.delta
 
     @property
     def _d(self) -> int:
@@ -176,7 +184,26 @@ class Snapshot(Identified):
                 f"a region needs a planned number of pairs with design='independent': there are "
                 f"{self.size}, and the next look is at {self.next_look}"
             )
-        return self._region(level, frobenius=validation.flag("frobenius", frobenius))
+        text = f"{self.assumptions.text}, any design, valid for all N at once"
+        if self._planned:
+            text = f"{self.assumptions.text}, independent of all states and inputs, planned looks"
+            j = look_after(self.first, self.size)
+            level /= (j + 1.0) * (j + 2.0)
+        made = region_of(self._estimate, self.assumptions, Wish(level, anytime=True), self.scale)
+        # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
+        factor = made.parts[0].factor
+        wider = float(np.sqrt(factor * min(self.n, self.rank)))
+        noise = made.noise if self.assumptions.noise == "gaussian" else None
+        return Region(
+            centre=self._Theta,
+            m=self.m,
+            delta=level,
+            assumption=text,
+            missing=self.missing,
+            parts=made.parts,
+            frobenius=wider if validation.flag("frobenius", frobenius) else None,
+            noise=None if noise is None else validation.frozen(noise),
+        )
 
     @property
     def _planned(self) -> bool:
@@ -188,32 +215,17 @@ class Snapshot(Identified):
         """The number of pairs of the next possible look: `size` if it is possible now."""
         return self._size_after(self.size)
 
-    def _region(self, delta: float, *, frobenius: bool = False, size: int | None = None) -> Region:
-        """At a planned number of pairs; at more than there are, V and S grow in proportion."""
-        text = f"{self.assumptions.text}, any design, valid for all N at once"
-        at, estimate = self.size, self._estimate
-        if size is not None:
-            at, estimate = size, estimate.after(size)
-        if self._planned:
-            text = f"{self.assumptions.text}, independent of all states and inputs, planned looks"
-            j = look_after(self.first, at)
-            delta /= (j + 1.0) * (j + 2.0)
-        wish = Wish(delta, anytime=True)
-        made = region_of(estimate, self.assumptions, wish, self.scale)
-        # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
-        factor = made.parts[0].factor
-        noise = made.noise if self.assumptions.noise == "gaussian" else None
-        wider = float(np.sqrt(factor * min(self.n, self.rank))) if frobenius else None
-        return Region(
-            centre=self._Theta,
-            m=self.m,
-            delta=delta,
-            assumption=text,
-            missing=self.missing,
-            parts=made.parts,
-            frobenius=wider,
-            noise=None if noise is None else validation.frozen(noise),
-        )
+    def _after(self, size: float) -> Snapshot:
+        """The model at a possible look at `size` pairs or more, if data go on like those so far."""
+        later = self._size_after(size)
+        triangle = validation.frozen(self.triangle * np.sqrt(later / self.size))
+        made = replace(self, triangle=triangle, size=later)
+        made.__dict__["doubts"] = self.doubts  # too few pairs for a residual are no exact relation
+        return made
+
+    def _in_runs(self, pairs: float) -> float:
+        """So many pairs in runs of the mean length of those so far; nan if that is unknown."""
+        return pairs * self.runs / self.size if self.runs else nan
 
     def _size_after(self, size: float) -> int:
         """The first possible look at `size` pairs or more."""

@@ -15,6 +15,7 @@
 //! # Ok::<(), stochens::Error>(())
 //! ```
 
+mod difference;
 mod drawn_misses;
 mod near;
 mod next_runs;

@@ -30,7 +30,7 @@ use crate::parallel::Stop;
 use crate::region::{Region, times};
 
 use super::noise::Gaussian;
-use super::nuclear::Effort;
+use super::nuclear::EFFORT;
 use super::pilot::{Event, Pilot, WHAT};
 use super::plan::Task;
 use super::powers::{Powers, first_order, largest_difference, product};
@@ -38,10 +38,7 @@ use super::reference::{Reference, Shares};
 use super::several_steps::{Radii, Seen, Steps, norms, several_steps};
 use super::trajectory::states;
 
-/// How long to look for a better bound over the spectral ball.
-pub(super) const EFFORT: Effort = Effort { rounds: 10, tolerance: 1e-3 };
-
-/// Shares of noise and of a declared difference that are tried: see `Pilot::joined`.
+/// Shares of noise and of a declared difference that are tried: see `Difference::joined`.
 const SHARES: [f64; 5] = [1.0 / 16.0, 0.25, 1.0, 4.0, 16.0];
 
 /// What holds near a reference: `target`, `tube` and `components` are each a statement of its own.

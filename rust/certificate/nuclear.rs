@@ -33,6 +33,9 @@ pub(super) struct Effort {
     pub tolerance: f64,
 }
 
+/// How long to look for a better bound of the last state.
+pub(super) const EFFORT: Effort = Effort { rounds: 10, tolerance: 1e-3 };
+
 /// `M_0, .., M_{k-1}` (rows, n) in reverse order, their norms, and the coordinates of `c_0, .., c_{k-1}`, r of each.
 pub(super) struct Terms<'a> {
     pub matrices: &'a [Vec<f64>],

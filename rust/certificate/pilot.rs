@@ -18,7 +18,6 @@
 
 use std::sync::Arc;
 
-use crate::control::pseudoinverse;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::identify::{By, Covariance, SLACK, chi2_quantile, chi2_upper, level, spectral_norm, triangle};
@@ -26,8 +25,8 @@ use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_f
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region, times};
 
-use super::older::Difference;
-use super::powers::product;
+use super::difference::Difference;
+use super::powers::{product, transposed_inverse};
 
 pub(super) const WHAT: &str = "a model by instruments";
 /// `Z' Q` with columns of unit length counts as singular below this ratio of singular values: T would have half its digits.
@@ -296,6 +295,12 @@ impl Pilot {
         self.within(&self.event(covariance, (delta - noise, noise), both, stop)?)
     }
 
+    /// The models of an event with a declared difference: [`Difference::joined`].
+    pub(super) fn joined(&self, difference: &Difference, event: &Event, factor: f64) -> Result<Region> {
+        let sizes = (self.n, self.m, self.d);
+        difference.joined((&self.h, &self.t), sizes, (event.spectral, &event.covariance), factor)
+    }
+
     /// The models of an event.
     pub(super) fn within(&self, event: &Event) -> Result<Region> {
         if let Some(difference) = &self.difference
@@ -319,18 +324,6 @@ impl Pilot {
         let region = Region::new(&self.h, n, self.m, [Arc::new(Part::new(of)?)].into(), Some(event.frobenius), false)?;
         Ok(region.with_noise(if known { Some(try_copy(WHAT, &event.covariance)?) } else { None }))
     }
-}
-
-/// `(M^-1)'` (d, d) of a matrix with columns of these lengths, and the ratio of the singular values of it with columns of
-/// length 1.
-pub(super) fn transposed_inverse(matrix: &[f64], units: &[f64], d: usize) -> Result<(Vec<f64>, f64)> {
-    let scaled = try_collect(WHAT, matrix.iter().zip(units.iter().cycle()).map(|(v, unit)| v / unit))?;
-    let inverse = pseudoinverse(&scaled, d, d)?;
-    let mut found = try_zeros(WHAT, checked_len(WHAT, d, d)?)?;
-    for (q, to) in found.chunks_exact_mut(d).enumerate() {
-        to.iter_mut().zip(units).enumerate().for_each(|(j, (to, unit))| *to = inverse.matrix[j * d + q] / unit);
-    }
-    Ok((found, if inverse.rank == d { 1.0 / inverse.condition } else { 0.0 }))
 }
 
 /// The rows `(zeta, z, y)` (N, 2 d + n) of all pairs.

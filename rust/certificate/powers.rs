@@ -3,6 +3,7 @@
 use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
+use crate::control::pseudoinverse;
 use crate::error::Result;
 use crate::identify::{Symmetric, spectral_norm, triangle};
 use crate::memory::{checked_len, try_collect, try_copy, try_room, try_zeros};
@@ -18,6 +19,18 @@ pub(super) fn product(a: &[f64], b: &[f64], n: usize, k: usize, m: usize) -> Res
     let (a, b) = (MatRef::from_row_major_slice(a, n, k), MatRef::from_row_major_slice(b, k, m));
     matmul(MatMut::from_row_major_slice_mut(&mut out, n, m), Accum::Replace, a, b, 1.0, Par::Seq);
     Ok(out)
+}
+
+/// `(M^-1)'` (d, d) of a matrix with columns of these lengths, and the ratio of the singular values of it with columns of
+/// length 1.
+pub(super) fn transposed_inverse(matrix: &[f64], units: &[f64], d: usize) -> Result<(Vec<f64>, f64)> {
+    let scaled = try_collect(WHAT, matrix.iter().zip(units.iter().cycle()).map(|(v, unit)| v / unit))?;
+    let inverse = pseudoinverse(&scaled, d, d)?;
+    let mut found = try_zeros(WHAT, checked_len(WHAT, d, d)?)?;
+    for (q, to) in found.chunks_exact_mut(d).enumerate() {
+        to.iter_mut().zip(units).enumerate().for_each(|(j, (to, unit))| *to = inverse.matrix[j * d + q] / unit);
+    }
+    Ok((found, if inverse.rank == d { 1.0 / inverse.condition } else { 0.0 }))
 }
 
 /// The matrices `M_p`, `p < K`, with what is needed of each.

@@ -31,15 +31,13 @@ use crate::parallel::Stop;
 use crate::region::{Part, Region, times};
 
 use super::noise::Gaussian;
-use super::nuclear::Effort;
-use super::nuclear::WHAT;
+use super::nuclear::{EFFORT, Effort, WHAT};
 use super::powers::{Powers, Span, product};
 
 /// For the rounding of singular values, relative to their sum.
 const ROUNDING: f64 = 1e-12;
 
-/// How long to look for a better bound of the last state, and of all others.
-const LAST: Effort = Effort { rounds: 10, tolerance: 1e-3 };
+/// How long to look for a better bound of a state before the last.
 const OTHERS: Effort = Effort { rounds: 3, tolerance: 1e-2 };
 
 /// What is assumed of the error.
@@ -232,7 +230,7 @@ pub(super) fn several_steps(
         if !power.iter().all(|v| v.is_finite()) {
             return Err(Error::Overflow { what: "a power of the model's A" });
         }
-        let efforts = if k < steps { OTHERS } else { LAST };
+        let efforts = if k < steps { OTHERS } else { EFFORT };
         linear.push(outside.linear(&span, &lengths[..k], bounds, efforts)?);
         let back = times(radii.spectral, outside.cauchy_schwarz(&rest[..k])?);
         r.push(linear[k] + start(&power[..p * n], p)? + back + omega);

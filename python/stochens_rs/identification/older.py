@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +14,6 @@ from .._base.threads import get_num_threads
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 from .trajectories import Trajectories, pooled
-
-if TYPE_CHECKING:
-    from .pilot import Pilot
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,16 +71,20 @@ class Older(Record):
         told = f"counted {self.weight:g} each" if self.weight else "left out, as they promise less"
         return f"{count} of an older plant with the same noise, declared {apart}, {told}"
 
-    def _with(self, pilot: Pilot, data: Trajectories, known: Floats, weight: float | None) -> Any:
-        """The model of both, and the weight."""
-        fixed = None
-        if pilot.start is not None and pilot.inputs is not None:
-            fixed = pilot.start, np.ascontiguousarray(pilot.inputs)
+    def _with(
+        self,
+        data: Trajectories,
+        model: Floats,
+        fixed: tuple[Floats, Floats] | None,
+        known: Floats,
+        weight: float | None,
+    ) -> tuple[_core.Pilot, float]:
+        """The model of both and the weight; `fixed`: start and inputs of a task."""
         directions = None if self.directions is None else np.ascontiguousarray(self.directions)
         return _core.Pilot.with_older(
             (np.ascontiguousarray(data._rows), data.lengths),
             (np.ascontiguousarray(self.rows), self.lengths.astype(np.int64)),
-            np.ascontiguousarray(pilot.model),
+            np.ascontiguousarray(model),
             (np.ascontiguousarray(self.scale), self.eta, directions),
             np.ascontiguousarray(known),
             fixed,

@@ -99,18 +99,23 @@ class Pilot(Record):
     def _of(self, data: Trajectories, known: Floats | None) -> _core.Pilot:
         """The model of these runs; `known`: the covariance of the noise."""
         if self.older is not None and known is not None:
-            found: _core.Pilot = self.older._with(self, data, known, self.older.weight)[0]
-            return found
+            return self.older._with(data, self.model, self._fixed(), known, self.older.weight)[0]
         feedback = None
         if self.gain is not None and self.dither is not None:
             feedback = np.ascontiguousarray(self.gain), np.ascontiguousarray(self.dither)
         rows, model = np.ascontiguousarray(data._rows), np.ascontiguousarray(self.model)
         return _core.Pilot(rows, data.lengths, model, feedback, get_num_threads())
 
+    def _fixed(self) -> tuple[Floats, Floats] | None:
+        """Start and inputs of the reference task."""
+        if self.start is None or self.inputs is None:
+            return None
+        return self.start, np.ascontiguousarray(self.inputs)
+
     def _reference_of(self, model: _core.Pilot) -> _core.Reference:
-        assert self.start is not None
-        assert self.inputs is not None
-        return model.reference(self.start, np.ascontiguousarray(self.inputs))
+        fixed = self._fixed()
+        assert fixed is not None
+        return model.reference(*fixed)
 
 
 def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, Trajectories, int]:
@@ -246,7 +251,7 @@ def made(
     if older is not None and assumed.known is not None:
         sizes = np.ones(n + m + offset) if scale is None else scale
         record = older_of(older, apart, sizes)
-        weight = record._with(guide, main, assumed.known, None)[1]
+        weight = record._with(main, guide.model, guide._fixed(), assumed.known, None)[1]
         guide = replace(guide, older=replace(record, weight=weight))
     return guide, main
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from .._base.types import Floats
 
-VERSION = 1  # of the arrays
+VERSION = 2  # of the arrays
 # The event of a stream refers to these: a stream must not go on with others.
 MIXTURES = _core.mixtures()
 
@@ -95,11 +95,12 @@ def from_sections(sections: dict[str, Any]) -> tuple[Snapshot, Floats]:
     delta, dt = (float(_part(sections, name, np.float64, 1)[0]) for name in ("delta", "dt"))
     names = _names(_part(sections, "names", np.uint8).tobytes())
     states, inputs = checked_names(n, m, *names)
-    # none in files of older versions
-    runs = int(_part(sections, "runs", np.uint64, 1)[0]) if "runs" in sections else 0
-    end = _part(sections, "end", np.float64, n) if "end" in sections else np.zeros(n)
-    if not (runs <= size and np.isfinite(end).all()):
-        raise InputError("`state` must have no more runs than pairs, and a finite end of the last")
+    runs = int(_part(sections, "runs", np.uint64, 1)[0])
+    end = _part(sections, "end", np.float64, n)
+    if not (min(size, 1) <= runs <= size and np.isfinite(end).all()):
+        raise InputError(
+            "`state` must have 1 run to as many as pairs, with a finite end"
+        )
     model = Snapshot(
         triangle=validation.frozen(triangle),
         size=size,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, isqrt, nan
+from math import ceil, isqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -224,8 +224,8 @@ class Snapshot(Identified):
         return made
 
     def _in_runs(self, pairs: float) -> float:
-        """So many pairs in runs of the mean length of those so far; nan if that is unknown."""
-        return pairs * self.runs / self.size if self.runs else nan
+        """So many pairs in runs of the mean length of those so far."""
+        return pairs * self.runs / self.size if self.size else pairs
 
     def _size_after(self, size: float) -> int:
         """The first possible look at `size` pairs or more."""

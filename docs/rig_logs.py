@@ -4,8 +4,8 @@ A pendulum on a cart, not linearized, is held upright at 50 Hz by a feedback wit
 16 runs of 3 s. The force acts one sample late. The logger loses rows and cells by chance, and its
 stamps jitter while the sampling does not.
 
-docs/data/readings are 24 runs of the same rig, of which only position and angle are read, with
-errors: speeds are not in these logs, and the feedback has none but filtered differences.
+docs/data/readings are 40 runs of the same rig with less noise, of which only position and angle are
+read, with errors: speeds are not in these logs, and the feedback has none but filtered differences.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ DT, FINE = 0.02, 20  # sampling [s], and parts of it in which the noise is drawn
 RUNS, ROWS = 16, 150
 FORCE, TORQUE = 0.02, 0.01  # noise of a sample: what it adds to speed [m/s] and rate [rad/s]
 LOST, EMPTY, JITTER = 0.012, 0.004, 0.1  # of the rows, of the angles, of a sample
+CALM = 25  # how many times less noise the runs of READINGS have
 READ = np.array([3e-4, 5e-4])  # errors of reading [m], [rad]
 FOLDER = Path(__file__).parent / "data" / "logs"
 READINGS = FOLDER.parent / "readings"
@@ -89,8 +90,8 @@ def readings() -> None:
     """Write the files of readings."""
     rng, K = np.random.default_rng(8), feedback()
     READINGS.mkdir(parents=True, exist_ok=True)
-    size = np.array([FORCE, TORQUE]) / np.sqrt(FINE)
-    for run in range(24):
+    size = np.array([FORCE, TORQUE]) / np.sqrt(FINE) / CALM
+    for run in range(40):
         x, last, v, before = (
             rng.standard_normal(4) * [0.1, 0.03, 0.05, 0.05],
             0.0,

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from hidden_outputs import Rig
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
 from stochens_rs.identification import Window
@@ -258,6 +259,16 @@ def test_the_first_part_alone_chooses():
     models = [se.identify(data, order="auto", checks=False) for data in (one, mixed)]
     assert models[0].window == models[1].window
     assert models[0].first == models[1].first == -(-one.size // 4)
+
+
+@pytest.mark.parametrize(("runs", "steps", "filters"), [(10, 150, False), (8, 1000, True)])
+def test_filters_that_use_up_the_pieces_give_way_to_lags(runs, steps, filters):
+    """Of a rig with small errors of reading filters take 90 rows and more to fill."""
+    data = Rig().data(runs, np.random.default_rng(runs), steps)
+    model = se.identify(data, checks=False)
+    assert (model.window.pole is not None) == filters
+    assert 4 * model.window.burn <= steps
+    assert model.size > 0.5 * data.size
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])

@@ -106,7 +106,7 @@ from ._output import Out, finite, grid, note, show_result
 @click.option(
     "--window",
     metavar="W",
-    help="Of outputs: 8 lags, or 0.8,4: 4 filters of 0.8.",
+    help="Of outputs: 8 for 8 lags, 0.8,4 for 4 filters of pole 0.8.",
 )
 @click.option(
     "--pilot",

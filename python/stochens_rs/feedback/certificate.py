@@ -446,7 +446,10 @@ class LoopCertificate(SavedRecord):
             what = f"certified for every system of the region ({share}): stable, "
             what += f"margin at least {html.at_least(self.margin)}"
         elif self.status == "refuted":
-            what = f"refuted: a system of the region ({share}) is unstable, see `member`"
+            what = (
+                f"refuted: this gain leaves a system of the region ({share}) unstable, see "
+                "`member`; more data make the region smaller"
+            )
         elif self.reason is not None:
             what = f"{self.status}: {self.reason}"
         elif self.status == "undecided":

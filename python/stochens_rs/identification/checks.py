@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 NAMES = ("correlation in time", "correlation at lag 1", "tails", "heteroscedasticity", "change")
 HINTS = (
-    "noise that lasts, or states measured with error",
-    "states measured with error, or noise that lasts",
+    "noise that lasts, states measured with error, or a window of readings that is too short",
+    "states measured with error, noise that lasts, or a window of readings that is too short",
     "noise that is not Gaussian; alone it does little harm",
     "noise that grows with the states or inputs: regions are too small",
     "a system or a noise that changed between the halves of the data",

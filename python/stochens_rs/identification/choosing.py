@@ -24,6 +24,7 @@ POLES = (0.2, 0.4, 0.6, 0.8, 0.9)  # of filters that are tried
 FILTERS, LAGS = 6, 12  # how many at most
 LARGEST = 2**16  # of lags, filters and delays
 SHARE = 4  # the first quarter of the pairs chooses
+FILLED = 4  # filters that use up more than a quarter of the median piece give way to lags
 
 
 def chosen_window(
@@ -69,6 +70,8 @@ def chosen_window(
         validation.choice("order", order, ("auto",))
     pieces = len(runs.pieces), int(np.median(runs.pieces))
     found = _core.choose_window(*start, poles, (FILTERS, LAGS), (least, most), pieces)
+    if FILLED * found[3] > pieces[1]:
+        found = _core.choose_window(*start, [], (FILTERS, LAGS), (least, most), pieces)
     one, count, back, burn, told, _ = found
     return Window(*names, count, one, back, offset, burn, told), first
 

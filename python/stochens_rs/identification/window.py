@@ -199,9 +199,10 @@ class Window(Record):
     def _short(self, explained: float) -> str:
         """What is said of a window to which one lag or filter more adds this share."""
         what = "lags" if self.pole is None else "filters"
+        take = "take " if self.found is not None else "take order='auto', "
         return (
             f"a window of {self.count + 1} {what} explains {html.two(100 * explained)} % more "
-            f"(p < 1e-4): the certificate assumes that {self.count} suffice; take order='auto', "
+            f"(p < 1e-4): the certificate assumes that {self.count} suffice; {take}"
             f"more {what}, or declare tail="
         )
 

@@ -33,8 +33,7 @@ from stochens_rs.paper.verdicts import (
 )
 from stochens_rs.rng import as_key
 from stochens_rs.system import System
-from stochens_rs.theory import bounds, exact
-from stochens_rs.theory.bounds import inequalities
+from stochens_rs.theory import exact
 
 KEY = as_key(1)
 W = np.array([2.0, 1.0, 1.0])
@@ -190,7 +189,9 @@ def _scaled_best(honest: Any, *args: Any, **kwargs: Any) -> Any:
 
 HONEST_CONTROL: Any = exact.Best.u.fget  # type: ignore[attr-defined]
 # sqrt is in the radius only; the probability of an error is left as it is
-half_of_mcdiarmid = change(inequalities, "differences", lambda honest, *args: 0.5 * honest(*args))
+half_of_mcdiarmid = change(
+    printed_bounds, "corrected", lambda honest, of, V, W: honest(of, V / 4.0, W / 4.0)
+)
 
 
 class WrongStream(se.Stream):
@@ -304,12 +305,12 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.2", 0): {
         "a printed bound that holds": put(
-            printed_bounds, "OneVector", lambda w, C: bounds.bound("McDiarmid", "vector", w)
+            printed_bounds, "OneVector", lambda w, C: printed_bounds.corrected("vector", 0.5, 1.0)
         ),
         "a bound of ours that does not": put(
-            lemmas_on_tails.bounds,
-            "bound",
-            lambda *_, **__: printed_bounds.OneVector([0.5, 0.5], C=4.0),
+            printed_bounds,
+            "corrected",
+            lambda *_: printed_bounds.OneVector([0.5, 0.5], C=4.0),
         ),
     },
     ("Lemma 4.2", 1): {
@@ -338,7 +339,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "a bound that holds": put(
             printed_bounds,
             "Lemma43",
-            lambda system, x0, u, C: bounds.bound("McDiarmid", "trajectory", system, x0, u),
+            lambda system, x0, u, C: printed_bounds.corrected("state", 255.0, 512.0),  # n = 16
         ),
     },
     ("Lemma 4.3", 1): {

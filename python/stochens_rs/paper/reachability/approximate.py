@@ -15,10 +15,11 @@ from ..._base.types import Floats
 from ...rng import Key, RngLike, as_key
 from ...simulation.simulating import simulate_ensemble
 from ...system import System
-from ...theory.bounds import candidates
-from ...theory.bounds.base import level_of
+from ...theory.bounds.base import unit_of
+from ...theory.bounds.inequalities import supremum
 from ...theory.dynamics import checked_steps
 from ...theory.exact import best_control
+from ...theory.moments import trajectory_covariance
 from ...theory.records import Reachability
 
 # The verdicts on targets that are not known to be reachable.
@@ -110,9 +111,10 @@ def approximately(
     columns, and the smallest u that takes the exact system to (or nearest to) ``xf``. As printed,
     Definition 2.3 requires that controls "drive the realization through the trajectory", which any
     control does; the proof of Lemma 3.1 uses the control chosen here. The runs
-    are independent with mean ``A^K x0 + C_K u``, so that the bounds of `bounds.candidates` hold;
-    the smallest is used. An experiment can contradict a limit but not prove it. Whether a target
-    is out of reach is therefore decided by the exact residual, which the errors approach.
+    are independent with mean ``A^K x0 + C_K u``, and none is longer than R_K (see
+    `paper.bounds.corrected`), so that Bousquet's inequality holds for their average. An experiment
+    can contradict a limit but not prove it. Whether a target is out of reach is therefore decided
+    by the exact residual, which the errors approach.
 
     Examples
     --------
@@ -122,7 +124,7 @@ def approximately(
     >>> found.verdict, bool(found.errors[-1] < 0.2)
     ('approximately reachable', True)
     """
-    level_of(delta)  # raises unless delta is in (0, 1)
+    delta = validation.probability("delta", delta)
     checked = System.from_any(system)
     A, B = checked.A, checked.B
     start = validation.vector("x0", x0, length=checked.n)
@@ -132,11 +134,15 @@ def approximately(
     exact, u = best.reachability(), best.u.reshape(K, -1)
     grid = validation.sizes("sizes", sizes, maximum=2**31)
     key = as_key(rng)
-    found = candidates("trajectory", checked, start, u)
-    runs = found[0].setting
-    radii = np.array([min(b.radius(int(k), delta / len(grid)) for b in found) for k in grid])
-    deviations = [runs.unit * math.sqrt(runs.mean_square / int(k)) for k in grid]
-    unit = runs.unit  # squares of states in this unit do not overflow
+    unit = unit_of(start, u)  # squares of states in this unit do not overflow
+    covariance = trajectory_covariance(checked, start / unit, u / unit)[-1]
+    one_run = math.sqrt(max(0.0, float(np.trace(covariance))))
+    top = max(0.0, float(np.linalg.eigvalsh(covariance)[-1]))
+    farthest = _longest_run(A, B, start / unit, u / unit) + norm(best.reached / unit)
+    level = math.log(len(grid) / delta)
+    radii = np.array(
+        [unit * supremum(one_run / math.sqrt(k), top / k, farthest / k, level) for k in grid]
+    )
     # run s depends on (key, s) only: k runs are the first of more
     averages = [
         unit * simulate_ensemble((A, B), u=u / unit, x0=start / unit, size=int(k), rng=key).mean
@@ -150,7 +156,7 @@ def approximately(
     return ApproximateReachability(
         sizes=grid,
         errors=errors,
-        rms=np.array([math.hypot(rms, exact.residual) for rms in deviations]),
+        rms=np.hypot(unit * one_run / np.sqrt(grid), exact.residual),
         radii=radii,
         exact=exact,
         controls=u,
@@ -158,3 +164,12 @@ def approximately(
         verdict=_VERDICTS.get(exact.verdict, verdict),
         key=key,
     )
+
+
+def _longest_run(A: Floats, B: Floats, x0: Floats, u: Floats) -> float:
+    """``R_{k+1} = g(A) R_k + sum_j |u_j(k)| ||b_j||_1`` from ``R_0 = g(x0)``: no run is longer."""
+    gain, h = float(np.abs(A).sum(axis=0).max()), np.abs(B).sum(axis=0)
+    longest = float(np.abs(x0).sum())
+    for u_k in u:
+        longest = gain * longest + float(h @ np.abs(u_k))
+    return longest

@@ -104,7 +104,7 @@ class Bound:
     >>> from stochens_rs.theory import bounds
     >>> bound = bounds.bound("Weissman", "vector", [3.0, -1.0, 0.5])
     >>> round(bound.radius(10_000, 0.01), 4), bound.required_size(0.1, 0.01)
-    (0.1282, 16433)
+    (0.1138, 12954)
     """
 
     def __init__(

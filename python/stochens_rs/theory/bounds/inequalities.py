@@ -71,8 +71,8 @@ def mcdiarmid(at: Product, rates: Rates, level: float) -> float:
     """``E + sqrt(V L)``, E the root mean square, for ``x0_hat`` near ``x0`` or for any ``x0_hat``.
 
     C. McDiarmid, "On the method of bounded differences", Surveys in Combinatorics, 1989.
-    The smaller of two radii: in one ``||x0_hat - x0||`` exceeds its own radius with probability ``delta/10``,
-    and the rest of delta is for McDiarmid. For the state this implies the exponent
+    The smaller of two radii: in one ``||x0_hat - x0||`` exceeds its own radius with probability
+    ``delta/10``, and the rest of delta is for McDiarmid. For the state this implies the exponent
     ``N t^2 / (gf^2 + 3 g0^2 gA^2)``. The sizes of the entities may differ.
     """
     r0, _, rA = rates

@@ -1,27 +1,40 @@
-"""Means and second moments of the tracking error."""
+r"""Exact errors of tracking a reference with a new estimate of ``A`` in every step.
+
+With ``P = B B^+``, the reference ``r(k)``, ``e = x - r`` and ``D_k = A_hat_k - A``, where
+``A_hat_k`` averages N realizations drawn for step k alone:
+
+- feedback, ``u(k) = B^+ (r(k+1) - A_hat_k x(k))``:
+  ``e(k+1) = (I - P) A e(k) + d(k) - P D_k x(k)``;
+- no feedback, ``u(k) = B^+ (r(k+1) - A_hat_k r(k))``, section 5.2 of the paper:
+  ``e(k+1) = A e(k) + d(k) - P D_k r(k)``.
+
+``d(k) = (I - P)(A r(k) - r(k+1))`` is out of reach of any control; it is 0 for a *feasible*
+reference. With feedback each step removes the part of the error that the controls reach; without,
+errors accumulate by ``A``. Means and second moments of both follow exact recursions.
+"""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import memory, validation
-from ..._base.types import Floats
-from ...exceptions import InputError, NonFiniteError
-from ...system import System
-from ..formulas import (
+from .._base import memory, validation
+from .._base.types import Floats
+from ..exceptions import InputError, NonFiniteError
+from ..system import System
+from .formulas import (
     Size,
     column_excess,
     compact_svd,
     fused_product_covariance,
     inverse_size,
     realization_covariance,
-    sum_of_others,
 )
+
+__all__ = ["reference_residuals", "tracking_moments", "tracking_rms"]
 
 
 def reference_residuals(system: System | Any, reference: ArrayLike) -> Floats:
@@ -201,68 +214,6 @@ def tracking_rms(
         system, reference, size, feedback=feedback, sample_states=sample_states, x0=x0
     )
     return np.asarray(np.sqrt(np.maximum(np.trace(S, axis1=1, axis2=2), 0.0)), dtype=np.float64)
-
-
-def tracking_bound(
-    system: System | Any, reference: ArrayLike, size: Size = 1, *, sample_states: bool = False
-) -> float:
-    """Bound the mean square tracking error over all steps, with feedback and ``B`` of rank n.
-
-    Parameters
-    ----------
-    system : System
-        The system, or anything `System.from_any` takes, such as ``(A, B)``; ``B`` has rank n.
-    reference : (K + 1, n) array_like
-        The states to track, from ``x(0) = r(0)``.
-    size : int or None, default 1
-        Number of realizations in every step.
-    sample_states : bool, default False
-        Whether the measured ``x(k)`` and ``r(k+1)`` are sampled too, N realizations each.
-
-    Returns
-    -------
-    float
-        ``E||e(k)||^2 <= (q r^2 + c) / (1 - q)`` for all k, inf if ``q >= 1``; ``r`` is the largest
-        ``||r(k)||``. ``A`` sampled: ``q = max_j s_j^2 / N``, ``c = 0``, with ``s_j^2 = g_j^2 -
-        ||a_j||^2``. States sampled too: ``q = (n max_j ||a_j||^2 + s^2 + n s^2 / N) / N`` with
-        ``s = max_j s_j``, and ``c = max_k (||r(k)||_1^2 - ||r(k)||^2) / N``.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        A shape does not fit, an entry is not finite, ``B`` has a rank below n, or a square
-        overflows.
-
-    Notes
-    -----
-    The error does not accumulate: it is O(1 / N) for any number of steps.
-
-    Examples
-    --------
-    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0, 0.0], [0.0, 1.0]]
-    >>> tracking_bound(system, [[1.0, 0.0]] * 3, 400)
-    0.010101010101010102
-    """
-    A, B, r = _checked(system, reference)
-    reciprocal = inverse_size("size", size)
-    sampled = validation.flag("sample_states", sample_states)
-    n = A.shape[0]
-    rank = compact_svd(B)[1].size
-    if rank < n:
-        raise InputError(
-            f"`B` must have rank n={n} for this bound, got rank {rank}: use tracking_moments"
-        )
-    with np.errstate(over="ignore", invalid="ignore"):
-        variance = float((np.abs(A) * sum_of_others(A)).sum(axis=0).max())
-        q, c = variance * reciprocal, 0.0
-        if sampled:
-            column = float((A * A).sum(axis=0).max())
-            q = (n * column + variance + n * variance * reciprocal) * reciprocal
-            c = float((np.abs(r) * sum_of_others(r.T).T).sum(axis=1).max()) * reciprocal
-        bound = (q * float((r * r).sum(axis=1).max()) + c) / (1.0 - q) if q < 1.0 else math.inf
-    if math.isnan(bound) or not math.isfinite(q) or (q < 1.0 and bound == math.inf):
-        raise NonFiniteError("the squares of `A` or `reference` overflow: scale the problem down")
-    return bound
 
 
 def checked_reference(reference: object, names: Sequence[str]) -> Floats:

@@ -6,8 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.types import Floats
-from .style import add_grid, add_key, add_labels, axes_or_new, look_of, number_text, root_of
+from stochens_rs._base.types import Floats
+from stochens_rs.plots.style import (
+    add_grid,
+    add_key,
+    add_labels,
+    axes_or_new,
+    look_of,
+    number_text,
+    root_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

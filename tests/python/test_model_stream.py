@@ -527,6 +527,7 @@ DECLARED = [
     {"design": "independent", "noise": "sub-gaussian"},
     {"design": "any"},
     {"exact": [0, 0]},
+    {"exact": [1]},
 ]
 
 

@@ -17,6 +17,7 @@ from ..exceptions import InputError
 from ..identification.assumptions import Assumptions, checked_scale
 from ..identification.cautions import cautions, missing_directions
 from ..identification.certifying import Wish, region_of
+from ..identification.consistency import require_states
 from ..identification.dependences import exact_relations, spanned, tested_rows
 from ..identification.identified import Identified
 from ..identification.region import Region
@@ -84,6 +85,7 @@ class Snapshot(SavedRecord, Identified):
 
     def _verify(self) -> None:
         refuse(self.assumptions)
+        require_states(self.assumptions, self.n)
         d = self.n + self.m
         if not np.array_equal(checked_scale(self.scale[:d], d, self.intercept), self.scale):
             raise InputError("`scale` must be positive, and 1 for an offset")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import dataclass, replace
-from math import ceil, floor, inf, isfinite, isnan, log2
+from math import ceil, floor, inf, isfinite, log2
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -42,7 +42,7 @@ class Look(Record):
         like those so far; inf: never, because the model itself ends too far from xf, or unknown,
         because the data so far do not determine what is needed. A forecast, not a bound.
     runs : float
-        The same in runs of the mean length of those so far; nan in a stream from an older file.
+        The same in runs of the mean length of those so far.
     size : int
         The number of pairs so far.
     missing : float
@@ -92,7 +92,7 @@ class Look(Record):
 
 def more(pairs: float, runs: float) -> str:
     """A forecast in words."""
-    also = "" if isnan(runs) or runs == pairs else f", {runs:.3g} runs like those so far"
+    also = "" if runs == pairs else f", {runs:.3g} runs like those so far"
     return f"about {pairs:.4g} more pairs{also}"
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, isqrt, nan
+from math import ceil, isqrt
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -90,6 +90,7 @@ class Snapshot(SavedRecord, Identified):
         if not np.array_equal(checked_scale(self.scale[:d], d, self.intercept), self.scale):
             raise InputError("`scale` must be positive, and 1 for an offset")
         R, size = self.triangle, self.size
+        validation.size("runs", self.runs, minimum=min(size, 1), maximum=size)
         if np.tril(R, -1).any() or (np.diag(R) < 0.0).any():
             raise InputError("`triangle` must be upper triangular with a diagonal >= 0")
         ones = float(np.sum(R[:, len(self.scale) - 1] ** 2)) if self.intercept else float(size)
@@ -235,8 +236,8 @@ class Snapshot(SavedRecord, Identified):
         return made
 
     def _in_runs(self, pairs: float) -> float:
-        """So many pairs in runs of the mean length of those so far; nan if that is unknown."""
-        return pairs * self.runs / self.size if self.runs else nan
+        """So many pairs in runs of the mean length of those so far."""
+        return pairs * self.runs / self.size if self.size else pairs
 
     def _size_after(self, size: float) -> int:
         """The first possible look at `size` pairs or more."""

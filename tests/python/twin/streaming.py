@@ -11,8 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .fusing import line_search
-from .sampling import atoms, dense, sample_indices
+from stochens_rs.reference.fusing import line_search
+from stochens_rs.reference.sampling import atoms, dense, sample_indices
 
 Array = NDArray[np.float64]
 

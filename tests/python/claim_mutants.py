@@ -16,9 +16,8 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.paper import bounds as printed_bounds
-from stochens_rs.paper import power, rationals, tracking
+from stochens_rs.paper import power, rationals, reachability, tracking
 from stochens_rs.paper.experiments import replicate
-from stochens_rs.paper.reachability import approximate, counterexamples, samples
 from stochens_rs.paper.verdicts import (
     algorithm_1,
     comparison,
@@ -156,7 +155,7 @@ def exact_path(*methods: str) -> Patch:
     return change(replicate, "fuse_path", exact)
 
 
-aligned = put(counterexamples, "_GOOD", {"x0": 0, "A": 0, "B": 0, "xf": 0})
+aligned = put(reachability, "_GOOD", {"x0": 0, "A": 0, "B": 0, "xf": 0})
 deterministic = both(put(rationals, "atoms", certain), put(rationals, "matrix_atoms", certain))
 unsigned = change(
     rationals,
@@ -240,15 +239,17 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Definition 2.3", 1): {
         "biased realizations": change(
-            approximate,
+            definitions,
             "simulate_ensemble",
-            lambda honest, system, **kwargs: honest((1.5 * system[0], system[1]), **kwargs),
+            lambda honest, system, *args, **kwargs: honest(
+                System(1.5 * system.A, system.B), *args, **kwargs
+            ),
         ),
     },
     ("Definition 2.4", 0): {
         "no randomness": both(
-            put(samples, "_atoms_of_vector", lambda x: (x[None], np.ones(1))),
-            put(samples, "_atoms_of_product", lambda A, x0: ((A @ x0)[None], np.ones(1))),
+            put(definitions, "_atoms_of_vector", lambda x: (x[None], np.ones(1))),
+            put(definitions, "_atoms_of_product", lambda A, x0: ((A @ x0)[None], np.ones(1))),
         ),
     },
     ("Lemma 3.1", 0): {"good realizations in one run": aligned},

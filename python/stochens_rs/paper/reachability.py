@@ -1,5 +1,8 @@
 """Lemmas 3.1 and 3.2 and a remark are false as stated: counterexamples in rational numbers.
 
+All three, which connect the paper's notions of reachability, are true for unbiased realizations, as
+`sample` draws them.
+
 Definition 2.2 allows biased realizations, and different weights for every entity. Hence a sequence
 with one exact ("good") realization and zeros otherwise approximates its limit: all weight goes to
 the good one. If the good realizations of x0, A and B have different indices, no run has all three.
@@ -12,9 +15,11 @@ from fractions import Fraction
 
 import numpy as np
 
-from ..._base import validation
-from ...exceptions import InputError
-from ..rationals import ONE, ZERO, Array, array
+from .._base import validation
+from ..exceptions import InputError
+from .rationals import ONE, ZERO, Array, array
+
+__all__ = ["Counterexample", "lemma_3_1", "lemma_3_2", "remark_3_2"]
 
 # The index at which each entity has its one good realization.
 _GOOD = {"x0": 0, "A": 1, "B": 2, "xf": 0}

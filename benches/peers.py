@@ -33,6 +33,7 @@ from table import Row
 
 import stochens_rs as se
 from stochens_rs import reference
+from twin import streaming
 
 Work = Callable[[], object]
 # what, peer, ours and its share of the work, theirs and its share
@@ -224,7 +225,7 @@ def stream() -> Iterator[Line]:
                 "NumPy twin",
                 lambda s=ours, k=steps: s.step(k),
                 steps,
-                lambda a=(B, x0, xf, A), k=few, q=keys: reference.stream(*a, keys=q, steps=k),
+                lambda a=(B, x0, xf, A), k=few, q=keys: streaming.stream(*a, keys=q, steps=k),
                 few,
             )
         jitted = numba_stream()

@@ -20,10 +20,10 @@ import matplotlib
 matplotlib.use("Agg")
 
 import numpy as np
+from growing_data import draw_certificates
 from numpy.typing import NDArray
 
 import stochens_rs as se
-from stochens_rs.plots.certificates import draw_certificates
 
 Floats = NDArray[np.float64]
 STATES = ("position [m]", "angle [rad]", "speed [m/s]", "rate [rad/s]")

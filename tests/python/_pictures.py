@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import stochens_rs as se
-from stochens_rs.plots.certificates import draw_certificates
 from stochens_rs.plots.panels import Inputs
 from stochens_rs.plots.regulator_log import draw_calls
 from stochens_rs.plots.trace import draw_trace
@@ -119,14 +118,6 @@ def regions(ax: Any) -> Any:
     return model().region(0.05).plot((0, 2), (1, 2), label="8 runs", ax=few)
 
 
-def certificates(ax: Any) -> Any:
-    N = np.array([10, 100, 1000, 10000])
-    one = np.array([np.inf, 2.0, 0.6, 0.2]), np.array([0.9, 0.3, 0.1, 0.03])
-    return draw_certificates(
-        N, {"last pairs": one, "all pairs": (one[0] / 2, None)}, tol=0.5, ax=ax
-    )
-
-
 AXES: dict[str, Callable[[Any], Any]] = {
     "trajectory": lambda ax: se.simulate(CART, [-1.0, 0.0], WAY).plot(ax=ax),
     "mean": lambda ax: se.simulate_ensemble(CART, [-1.0, 0.0], WAY, 8, rng=1).plot(ax=ax),
@@ -139,7 +130,6 @@ AXES: dict[str, Callable[[Any], Any]] = {
     "study": lambda ax: results().plot("size", "error", "method", ax=ax),
     "fleet": lambda ax: fleet()[0].plot(ax, validated=fleet()[1]),
     "region": regions,
-    "certificates": certificates,
 }
 FIGURES: dict[str, Callable[[], Figure]] = {
     "plan": lambda: certified(lambda all_: all_[0].plot(all_[1], measured=all_[2])),

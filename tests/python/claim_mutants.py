@@ -16,9 +16,8 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.paper import bounds as printed_bounds
-from stochens_rs.paper import power, rationals, tracking
+from stochens_rs.paper import power, rationals, reachability, tracking
 from stochens_rs.paper.experiments import replicate
-from stochens_rs.paper.reachability import approximate, counterexamples, samples
 from stochens_rs.paper.verdicts import (
     algorithm_1,
     comparison,
@@ -33,8 +32,7 @@ from stochens_rs.paper.verdicts import (
 )
 from stochens_rs.rng import as_key
 from stochens_rs.system import System
-from stochens_rs.theory import bounds, exact
-from stochens_rs.theory.bounds import inequalities
+from stochens_rs.theory import exact
 
 KEY = as_key(1)
 W = np.array([2.0, 1.0, 1.0])
@@ -157,7 +155,7 @@ def exact_path(*methods: str) -> Patch:
     return change(replicate, "fuse_path", exact)
 
 
-aligned = put(counterexamples, "_GOOD", {"x0": 0, "A": 0, "B": 0, "xf": 0})
+aligned = put(reachability, "_GOOD", {"x0": 0, "A": 0, "B": 0, "xf": 0})
 deterministic = both(put(rationals, "atoms", certain), put(rationals, "matrix_atoms", certain))
 unsigned = change(
     rationals,
@@ -190,7 +188,9 @@ def _scaled_best(honest: Any, *args: Any, **kwargs: Any) -> Any:
 
 HONEST_CONTROL: Any = exact.Best.u.fget  # type: ignore[attr-defined]
 # sqrt is in the radius only; the probability of an error is left as it is
-half_of_mcdiarmid = change(inequalities, "differences", lambda honest, *args: 0.5 * honest(*args))
+half_of_mcdiarmid = change(
+    printed_bounds, "corrected", lambda honest, of, V, W: honest(of, V / 4.0, W / 4.0)
+)
 
 
 class WrongStream(se.Stream):
@@ -239,15 +239,17 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Definition 2.3", 1): {
         "biased realizations": change(
-            approximate,
+            definitions,
             "simulate_ensemble",
-            lambda honest, system, **kwargs: honest((1.5 * system[0], system[1]), **kwargs),
+            lambda honest, system, *args, **kwargs: honest(
+                System(1.5 * system.A, system.B), *args, **kwargs
+            ),
         ),
     },
     ("Definition 2.4", 0): {
         "no randomness": both(
-            put(samples, "_atoms_of_vector", lambda x: (x[None], np.ones(1))),
-            put(samples, "_atoms_of_product", lambda A, x0: ((A @ x0)[None], np.ones(1))),
+            put(definitions, "_atoms_of_vector", lambda x: (x[None], np.ones(1))),
+            put(definitions, "_atoms_of_product", lambda A, x0: ((A @ x0)[None], np.ones(1))),
         ),
     },
     ("Lemma 3.1", 0): {"good realizations in one run": aligned},
@@ -304,12 +306,12 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Lemma 4.2", 0): {
         "a printed bound that holds": put(
-            printed_bounds, "OneVector", lambda w, C: bounds.bound("McDiarmid", "vector", w)
+            printed_bounds, "OneVector", lambda w, C: printed_bounds.corrected("vector", 0.5, 1.0)
         ),
         "a bound of ours that does not": put(
-            lemmas_on_tails.bounds,
-            "bound",
-            lambda *_, **__: printed_bounds.OneVector([0.5, 0.5], C=4.0),
+            printed_bounds,
+            "corrected",
+            lambda *_: printed_bounds.OneVector([0.5, 0.5], C=4.0),
         ),
     },
     ("Lemma 4.2", 1): {
@@ -338,7 +340,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "a bound that holds": put(
             printed_bounds,
             "Lemma43",
-            lambda system, x0, u, C: bounds.bound("McDiarmid", "trajectory", system, x0, u),
+            lambda system, x0, u, C: printed_bounds.corrected("state", 255.0, 512.0),  # n = 16
         ),
     },
     ("Lemma 4.3", 1): {

@@ -11,6 +11,7 @@ import stochens_rs as se
 from stochens_rs import reference
 from stochens_rs._core import mean_radius
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
+from twin import streaming
 
 GEN = np.random.default_rng(11)
 N, INPUTS = 6, 4
@@ -110,7 +111,7 @@ def test_radii_equal_the_reference():
     assert found.kind == "guaranteed"
     assert {one.reason for one in found.quantities.values()} == {None}
     assert found["x0"].distance_from == "the mean of the law of x0"
-    radii = {n: reference.mean_radius(d, ranges[n], 0.02) for n, d in DATA.items()}
+    radii = {n: streaming.mean_radius(d, ranges[n], 0.02) for n, d in DATA.items()}
     for name, radius in radii.items():
         assert found[name].radius == pytest.approx(radius, rel=1e-9)
     state = (
@@ -133,7 +134,7 @@ def test_observed_ranges_are_named_as_such():
     assert found["A"].method == "none"
     assert "an estimate" in found["x0"].method
     spread = 2.0 * np.linalg.norm(DATA["x0"] - DATA["x0"][0], axis=1).max()
-    expected = reference.mean_radius(DATA["x0"], spread, 0.05 / 2)  # xf is exact
+    expected = streaming.mean_radius(DATA["x0"], spread, 0.05 / 2)  # xf is exact
     assert found["x0"].radius == pytest.approx(expected, rel=1e-9)
 
 
@@ -251,7 +252,7 @@ def test_declared_sizes():
         for stream in (plain, sized):
             stream.update(x0=data[stream.counts["x0"] : count], xf=[0.0], A=[[1.0]])
         radii[count] = sized.confidence()["x0"].radius / plain.confidence()["x0"].radius
-        expected = reference.mean_radius(data[:count], 2.0, 0.05, 2000)
+        expected = streaming.mean_radius(data[:count], 2.0, 0.05, 2000)
         assert sized.confidence()["x0"].radius == pytest.approx(expected, rel=1e-9)
     assert radii[2000] < 0.7
     assert min(radii, key=radii.__getitem__) == 2000

@@ -306,6 +306,7 @@ def test_rig_script_compares_and_draws(tmp_path, monkeypatch, capsys):
     spec = importlib.util.spec_from_file_location("rig", script)
     module = importlib.util.module_from_spec(spec)
     monkeypatch.setitem(sys.modules, "rig", module)
+    monkeypatch.syspath_prepend(script.parent)
     spec.loader.exec_module(module)
     monkeypatch.setattr(module, "SIZES", (20, 50))
     monkeypatch.setattr(sys, "argv", ["rig.py", "--seeds", "2", "--images", str(tmp_path / "a")])

@@ -369,7 +369,7 @@ GUARANTEES = {
     "every formula, control": Guarantee(every_formula("control"), 0.3),
     "every formula, diagonal": Guarantee(every_formula("state", fusion="diagonal"), 0.3),
     "every formula, rows": Guarantee(every_formula("state", axis="rows"), 0.2),
-    "formula": Guarantee(plans(formula=True, count=4), 0.2),
+    "formula": Guarantee(plans(formula=True, count=4), (0.2, 0.15, 0.2)),
     "formula, diagonal": Guarantee(plans(formula=True, count=4, fusion="diagonal"), 0.2),
     "formula, systematic": Guarantee(
         plans(formula=True, count=4, scheme="systematic"), (0.08, 0.07, 0.5)

@@ -123,8 +123,8 @@ RECORDS = {
         ["with probability", "0.95", "exact rms", "failures", "of 50"],
     ),
     "Bound": (
-        lambda: bounds.bound("McDiarmid", "vector", X0),
-        ["McDiarmid", "vector", "2 norm", "from"],
+        lambda: bounds.bound("Weissman", "vector", X0),
+        ["Weissman", "vector", "2 norm", "from"],
     ),
     "Best": (lambda: bounds.best("vector", X0, size=9, delta=0.1), ["radius", "0.1"]),
 }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import warnings
 from pathlib import Path
@@ -157,7 +158,7 @@ def test_any_safetensors_reader_reads_a_model(tmp_path: Path) -> None:
     with safetensors.safe_open(tmp_path / "model", framework="numpy") as file:
         assert file.metadata()["kind"] == "model"
         np.testing.assert_array_equal(file.get_tensor("known").reshape(2, 3), model.known)
-        rows = file.get_tensor("rows").reshape(-1, 5)
+        rows = file.get_tensor("data.rows").reshape(-1, 5)
     np.testing.assert_array_equal(rows, np.hstack(model.data.pairs()))
 
 
@@ -205,21 +206,29 @@ def test_the_previous_generation_is_kept_and_a_failed_save_changes_nothing(tmp_p
     assert sorted(os.listdir(tmp_path)) == ["model", "model.lock", "model.prev"]
 
 
-def sealed(tmp_path: Path, model: se.Model, **changes: object) -> Path:
-    """A file with a correct digest and other contents; None: without that array."""
+def sealed(tmp_path: Path, model: se.Model, changes: dict[str, object]) -> Path:
+    """A file with a correct digest and other contents: arrays by name, None for none, or fields."""
     sections = {name: np.array(array) for name, array in model._to_sections().items()}
+    tree = json.loads(sections["record"].tobytes())
     for name, value in changes.items():
+        *above, field = name.split("/")
+        within = tree
+        for one in above:
+            within = within[one]
         if value is None:
             del sections[name]
+        elif isinstance(value, np.ndarray) or callable(value):
+            sections[name] = value(sections[name]) if callable(value) else value
         else:
-            sections[name] = value(sections.get(name)) if callable(value) else value
+            within[field] = value
+    sections["record"] = np.frombuffer(json.dumps(tree).encode(), np.uint8)
     path = tmp_path / "model"
     state_file.save(path, "model", sections)
     return path
 
 
-def counts(*values: int) -> np.ndarray:
-    return np.array(values, dtype=np.uint64)
+def whole(*values: int) -> np.ndarray:
+    return np.array(values, dtype=np.int64).view(np.uint8)
 
 
 def put(at: int, value: float):
@@ -230,72 +239,68 @@ def put(at: int, value: float):
     return change
 
 
-BIG = 2**63
+BIG = 2**62
+PLACE = {"type": "array", "name": "more", "dtype": "float64"}
 HOSTILE = [
-    ("plain", {"rows": None}, "must have an array 'rows'"),
-    ("plain", {"key": np.zeros(32, np.uint8)}, "`key` must be given for noise='symmetric'"),
+    ("plain", {"data.rows": None}, "`data.rows` must be an array of float64 in this file"),
     ("plain", {"more": np.zeros(1)}, "no array 'more'"),
-    ("plain", {"format": counts(2, 2, 1, 1)}, "must be version 1, got 2"),
-    ("plain", {"format": counts(1, 2, 1)}, "`format` must have 4 entries"),
-    ("plain", {"format": np.ones(4)}, "`format` must be of uint64"),
-    ("plain", {"format": counts(1, 0, 1, 1)}, "`n` must be in"),
-    ("plain", {"format": counts(1, 2, BIG, 1)}, "`m` must be in"),
-    ("plain", {"format": counts(1, 2**52, 2**52, 1)}, "`rows` must have rows of"),
-    ("plain", {"format": counts(1, 2, 1, 0)}, "`steps` must be in"),
-    ("plain", {"rows": np.zeros(0)}, "`rows` must have rows of 5"),
-    ("plain", {"rows": put(7, NAN)}, r"`rows\[1, 2\]` is nan"),
-    ("plain", {"rows": put(7, 3.0)}, "`triangle` must be that of the data"),
-    ("plain", {"lengths": counts(3, 11, 1, 24)}, "`lengths` must have the sum 40"),
-    ("plain", {"lengths": counts(3, 11, 0, 26)}, "`lengths` must be numbers of steps from 1"),
-    ("plain", {"lengths": counts(3, 11, BIG, BIG, 26)}, "`lengths` must be numbers of steps"),
-    ("plain", {"lengths": counts()}, "`lengths` must be numbers of steps"),
-    ("plain", {"dt": np.array([0.0])}, "`dt` must be > 0"),
-    ("plain", {"dt": np.array([NAN])}, "`dt` is nan"),
-    ("plain", {"dt": np.ones(2)}, "`dt` must have at most one"),
-    ("plain", {"names": put(1, 255)}, "`names` must be UTF-8"),
-    ("plain", {"name_lengths": counts(1, 1)}, "`name_lengths` must be those of 3 names"),
-    ("plain", {"name_lengths": counts(BIG, BIG, 7)}, "`name_lengths` must be those of 3 names"),
-    ("plain", {"assumptions": counts(9, 0, 0, 0)}, "`assumptions` must be below 2, got 9"),
-    ("plain", {"assumptions": counts(0, 0, 0, 0)}, "`design` must be 'adaptive'"),
-    ("plain", {"assumptions": counts(1, 3, 0, 0)}, "must not be 'symmetric'"),
-    ("plain", {"assumptions": counts(1, 1, 0, 0)}, "`known` must be given for noise='sub-g"),
-    ("plain", {"assumptions": counts(1, 0, 3, 0)}, "`known` must be the covariance"),
-    ("plain", {"assumptions": counts(1, 0, 0, 2)}, "`state_noise` must be there if"),
-    ("plain", {"intercept": counts(2)}, "`intercept` must be 0 or 1"),
-    ("plain", {"intercept": counts(1)}, "`triangle` must have shape"),
-    ("plain", {"triangle": np.ones(24)}, "`triangle` must be square"),
+    ("plain", {"schema": "stochens-record/2"}, "`schema` must be"),
+    ("plain", {"type": "Region"}, "`type` must be 'Model'"),
+    ("plain", {"more": 1}, "more.* is no field of"),
+    ("plain", {"key": 64 * "0"}, "`key` must be given for noise='symmetric'"),
+    ("plain", {"data/n": 0}, "`n` must be in"),
+    ("plain", {"data/n": BIG}, "`n` must be in"),
+    ("plain", {"data/steps": 0}, "`steps` must be in"),
+    ("plain", {"data.rows": np.zeros(0)}, "`data.rows` must have 0 entries"),
+    ("plain", {"data/rows/shape": [50, 4]}, "do not fit together"),
+    ("plain", {"data.rows": put(7, NAN)}, r"`rows\[1, 2\]` is nan"),
+    ("plain", {"data.rows": put(7, 3.0)}, "`triangle` must be that of the data"),
+    ("plain", {"data.lengths": whole(3, 11, 1, 24)}, "do not fit together"),
+    ("plain", {"data.lengths": whole(3, 11, 0, 26)}, "`lengths` must be in"),
+    ("plain", {"data.lengths": whole(3, 11, BIG, 26)}, "`lengths` must be in"),
+    ("plain", {"data.lengths": whole()}, "`data.lengths` must have 0 entries"),
+    ("plain", {"data/dt": 0.0}, "`dt` must be > 0"),
+    ("plain", {"data/dt": "nan"}, "`dt` is nan"),
+    ("plain", {"data/state_names": ["a"]}, "`state_names` must have 2 names"),
+    ("plain", {"data/state_names": ["a", "\ud800"]}, "state_names"),
+    ("plain", {"assumptions/design": "any"}, "`assumptions.design` must be one of 'independent'"),
+    ("plain", {"assumptions/design": "independent"}, "`design` must be 'adaptive'"),
+    ("plain", {"assumptions/noise": "symmetric"}, "must not be 'symmetric'"),
+    ("plain", {"assumptions/noise": "sub-gaussian"}, "`known` must be given for noise='sub-g"),
+    ("plain", {"assumptions/covariance": "known"}, "`known` must be the covariance"),
+    ("plain", {"assumptions/state_noise": "red"}, "state_noise` must be one of"),
+    ("plain", {"assumptions/exact": [2]}, "`exact` must have numbers of states, below 2"),
+    ("plain", {"assumptions/exact": [1, 0]}, "`exact` must be different states"),
+    ("plain", {"intercept": 2}, "`intercept` must be"),
+    ("plain", {"intercept": True}, "`triangle` must have shape"),
+    ("plain", {"triangle": np.ones(24)}, "`triangle` must have 24 entries"),
     ("plain", {"triangle": put(5, 1.0)}, "`triangle` must be upper triangular"),
     ("plain", {"triangle": put(0, np.inf)}, "triangle"),
     ("plain", {"triangle": put(24, 1e-3)}, "`triangle` must be that of the data"),
-    ("plain", {"scale": np.ones(2)}, "`scale` must have shape"),
-    ("plain", {"scale": -np.ones(3)}, "`scale` must be in"),
-    ("plain", {"p_values": np.ones(4)}, "`p_values` must have 5 entries"),
-    ("plain", {"p_values": 2.0 * np.ones(5)}, "must be at most 1"),
-    ("plain", {"draws": counts(0, 0)}, "`draws` must be in"),
-    ("plain", {"draws": counts(99, 5)}, "`exact` must be 0 or 1"),
-    ("plain", {"draws": None}, "no array 'distances'"),
-    ("plain", {"distances": np.ones(6)}, "`distances` must have 5 entries"),
-    ("plain", {"distances": np.full(5, np.nan)}, "`distances` must have a number for"),
-    ("plain", {"exact": np.array([2], dtype=np.uint64)}, "`exact` must have numbers of states"),
-    ("plain", {"exact": np.array([1, 0], dtype=np.uint64)}, "`exact` must be different states"),
+    ("plain", {"scale": {**PLACE, "shape": [2]}, "more": np.ones(2)}, "`scale` must have shape"),
+    ("plain", {"scale": {**PLACE, "shape": [3]}, "more": -np.ones(3)}, "`scale` must be in"),
+    ("plain", {"checks/p_values": {}}, "must be"),
+    ("plain", {"checks/p_values/tails": 2.0}, "must be at most 1"),
+    ("plain", {"checks/draws": 0}, "`draws` must be in"),
+    ("plain", {"checks/exact": 5}, "exact` must be"),
+    ("plain", {"checks/distances": {}}, "`distances` must have a number for"),
+    ("plain", {"checks/distances/tails": "nan"}, "`distances` must have a number for"),
     ("known entries", {"known": np.full(6, NAN)}, "`known` must have numbers up to"),
     ("known entries", {"known": np.full(6, np.inf)}, "`known` must have numbers up to"),
     ("known entries", {"known": np.ones(6)}, "`known` must have numbers up to"),
-    ("known entries", {"known": np.full(9, NAN)}, "`known` must have shape"),
-    ("covariance", {"covariance": -np.ones(4)}, "`known` must be symmetric and positive"),
-    ("covariance", {"covariance": np.arange(4.0)}, "`known` must be symmetric and positive"),
-    ("covariance", {"covariance": np.ones(2)}, "`covariance` must have shape"),
-    ("signs", {"key": None}, "`key` must be given for noise='symmetric'"),
-    ("signs", {"key": np.zeros(31, np.uint8)}, "must have 32 bytes"),
-    ("instruments", {"instruments": np.ones(16)}, "`instruments` must have"),
-    ("instruments", {"instruments": None}, "`triangle` must have shape"),
-    ("noisy states", {"state_noise": -np.ones(4)}, "`state_noise` must be symmetric and pos"),
+    ("known entries", {"known/shape": [3, 2]}, "`known` must have shape"),
+    ("covariance", {"assumptions.known": -np.ones(4)}, "`known` must be symmetric and positive"),
+    ("covariance", {"assumptions.known": np.arange(4.0)}, "`known` must be symmetric and pos"),
+    ("covariance", {"assumptions.known": np.ones(2)}, "`assumptions.known` must have 2 entries"),
+    ("signs", {"key": "00"}, "must have 32 bytes"),
+    ("instruments", {"instruments/shape": [1, 200]}, "`instruments` must have"),
+    ("noisy states", {"assumptions.state_noise": -np.ones(4)}, "`state_noise` must be symm"),
 ]
 
 
 @pytest.mark.parametrize(("name", "changes", "said"), HOSTILE)
 def test_a_sealed_file_with_wrong_contents_is_refused(name, changes, said, tmp_path) -> None:
-    path = sealed(tmp_path, MODELS[name](), **changes)
+    path = sealed(tmp_path, MODELS[name](), changes)
     with pytest.raises(StateError, match=said) as caught:
         se.Model.load(path)
     assert str(path) in str(caught.value)

@@ -5,6 +5,7 @@ How often its regions hold is tested in `test_model_stream_coverage`.
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import random
@@ -321,10 +322,8 @@ def test_runs_are_told_apart():
     again.update(x, [0.0], x)
     assert again.model.runs == 7
     assert filled(40)[0].model.runs == 40
-    state = whole._to_sections()
-    for runs in (0, 71):
-        with pytest.raises(InputError, match="1 run to as many as pairs"):
-            se.ModelStream._from_sections(state | {"runs": np.array([runs], dtype=np.uint64)})
+    later = whole.look([1.0, 0.0], [0.3, 0.1], tol=0.01, steps=12)
+    assert repr(later).endswith("runs like those so far>")
 
 
 def test_what_cannot_be_reached_within_limits_has_no_forecast():
@@ -496,60 +495,67 @@ def test_flipped_bits_and_truncations_are_noticed(small: Path) -> None:
         assert se.ModelStream.load(small).size == 2
 
 
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("format", lambda a: a[:-1]),
-        ("format", lambda a: a.astype(float)),
-        ("format", lambda a: a + np.eye(9, dtype=np.uint64)[0]),  # a later version
-        *[
-            ("format", lambda a, k=k: a | (np.eye(9, dtype=np.uint64)[k] << 63))
-            for k in range(1, 9)
-        ],
-        ("format", lambda a: a * (1 - np.eye(9, dtype=np.uint64)[1])),  # no state
-        ("format", lambda a: a * (1 - np.eye(9, dtype=np.uint64)[7])),  # no first look
-        ("format", lambda a: a + 2 * np.eye(9, dtype=np.uint64)[5]),  # bounded without sigma
-        ("format", lambda a: a + 3 * np.eye(9, dtype=np.uint64)[5]),  # symmetric
-        ("format", lambda a: a + 3 * np.eye(9, dtype=np.uint64)[6]),  # known, but it is 0
-        (
-            "format",
-            lambda a: a + np.eye(9, dtype=np.uint64)[8],
-        ),  # one pair more than the column of 1
-        ("triangle", lambda a: a * np.nan),
-        ("triangle", lambda a: -a),
-        ("triangle", lambda a: a[::-1].copy()),
-        ("triangle", lambda a: a[:-1]),
-        ("known", lambda a: a[:0]),
-        ("scale", lambda a: 0.0 * a),
-        ("scale", lambda a: a * 1e200),
-        ("scale", lambda a: 2.0 * a),  # also for the offset
-        ("scale", lambda a: a[:2]),
-        ("delta", lambda a: a * 0.0),
-        ("delta", lambda a: a * np.nan),
-        ("delta", lambda a: a + 1.0),
-        ("dt", lambda a: a - 1.0),
-        ("dt", lambda a: a + np.inf),
-        ("mixtures", lambda a: a * 2.0),  # another event
-        ("mixtures", lambda a: a[1:]),
-        ("names", lambda a: a[:-1]),
-        ("names", lambda a: np.frombuffer(b"[" * 100_000, np.uint8)),
-        ("names", lambda a: np.frombuffer(b'[["x"],["x"]]', np.uint8)),
-        ("names", lambda a: np.frombuffer(b'[["x"],[3]]', np.uint8)),
-        ("names", lambda a: np.frombuffer(b'[["\\ud800"],["u"]]', np.uint8)),
-        ("names", lambda a: np.frombuffer(b"\xff\xfe", np.uint8)),
-    ],
-)
-def test_numbers_that_cannot_be_a_stream_are_refused(small: Path, name: str, change) -> None:
+ARRAYS = [
+    ("triangle", lambda a: a * np.nan),
+    ("triangle", lambda a: -a),
+    ("triangle", lambda a: a[::-1].copy()),
+    ("triangle", lambda a: a[:-1]),
+    ("triangle", lambda a: 1.1 * a),  # the column of 1 is that of more pairs
+    ("scale", lambda a: 0.0 * a),
+    ("scale", lambda a: a * 1e200),
+    ("scale", lambda a: 2.0 * a),  # also for the offset
+    ("scale", lambda a: a[:2]),
+    ("mixtures", lambda a: a * 2.0),  # another event
+    ("mixtures", lambda a: a[1:]),
+    ("end", lambda a: a * np.nan),
+    ("end", lambda a: np.append(a, 0.0)),
+    ("record", lambda a: a[:-1]),
+    ("record", lambda a: np.frombuffer(b"[" * 100_000, np.uint8)),
+]
+WRONG = [
+    {"size": 3}, {"size": 2**63}, {"size": -2}, {"size": 2.5}, {"runs": 0}, {"runs": 3},
+    {"n": 0}, {"m": 0}, {"m": 2}, {"intercept": False}, {"intercept": 1}, {"first": 0},
+    {"delta": 0.0}, {"delta": "nan"}, {"delta": 1.05}, {"dt": -1.0}, {"dt": "inf"},
+    {"schema": "stochens-record/2"}, {"type": "Region"}, {"state_names": ["u[0]"]},
+    {"state_names": [3]}, {"input_names": []}, {"input_names": ["\ud800"]}, {"more": 1},
+]  # fmt: skip
+DECLARED = [
+    {"noise": "bounded"},  # without sigma
+    {"noise": "symmetric"},
+    {"covariance": "known"},
+    {"design": "independent", "noise": "sub-gaussian"},
+    {"design": "any"},
+    {"exact": [0, 0]},
+    {"exact": [1]},
+]
+
+
+def refused(path: Path, sections: dict) -> None:
+    state_file.save(path, "pairs", sections)  # sealed with a correct digest
+    with pytest.raises(StateError, match=r"s\.state: ") as caught:
+        se.ModelStream.load(path)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(("name", "change"), ARRAYS)
+def test_arrays_that_cannot_be_a_stream_are_refused(small: Path, name: str, change) -> None:
     sections = se.ModelStream.load(small)._to_sections()
     sections[name] = np.ascontiguousarray(change(sections[name]))
-    state_file.save(small, "pairs", sections)  # sealed with a correct digest
-    with pytest.raises(StateError, match=r"s\.state: ") as caught:
-        se.ModelStream.load(small)
-    assert "\n" not in str(caught.value)
+    refused(small, sections)
     del sections[name]
     state_file.save(small, "pairs", sections)
     with pytest.raises(StateError, match=name):
         se.ModelStream.load(small)
+
+
+@pytest.mark.parametrize("change", [*WRONG, *({"assumptions": one} for one in DECLARED)])
+def test_declarations_that_cannot_be_a_stream_are_refused(small: Path, change: dict) -> None:
+    sections = se.ModelStream.load(small)._to_sections()
+    tree = json.loads(sections["record"].tobytes())
+    if isinstance(change.get("assumptions"), dict):
+        change = {"assumptions": tree["assumptions"] | change["assumptions"]}
+    text = json.dumps(tree | change).encode()
+    refused(small, sections | {"record": np.frombuffer(text, np.uint8)})
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")

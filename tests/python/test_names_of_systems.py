@@ -91,13 +91,6 @@ def streamed(given: Any) -> list[Any]:
     return [stream.model.A, stream.model.B]
 
 
-def studied(other: se.System) -> Any:
-    function = se.studies.closed_loop(
-        FIRST, X0, model=other, noise=0.01, limits=0.3, cost=se.Cost(R=0.1)
-    )
-    return se.Study(function, {}, replicates=2, rng=1).run().values["cost"]
-
-
 def held_out(other: se.System) -> list[Any]:
     found = fleet(system(1.1)).validate([other, FIRST], 0.1)
     return [found.misses]
@@ -118,7 +111,6 @@ ROUTES: dict[str, Callable[[se.System], Any]] = {
     "fuse an ensemble": lambda b: fused(
         se.SystemEnsemble.from_systems([b, system(0.9)]),  # type: ignore[arg-type]
     ),
-    "studies.closed_loop": lambda b: [studied(b)],
 }
 # what takes a model
 OF_MODELS: dict[str, Callable[[Any], Any]] = {

@@ -91,7 +91,7 @@ def test_relative_and_absolute_errors_agree() -> None:
 
 
 def test_what_no_bound_can_promise_is_said() -> None:
-    plan = se.required_samples(SYSTEM, X0, XF, 1e-7, runs=20, rng=1)
+    plan = se.required_samples(SYSTEM, X0, XF, 8e-8, runs=20, rng=1)
     assert plan.rows[-1].size is None
     assert "none up to 2^53" in str(plan)
     with pytest.raises(SizeError, match="more than 2"):

@@ -20,7 +20,6 @@ from matplotlib.figure import Figure
 import stochens_rs as se
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
 from stochens_rs.plots import files as plots
-from stochens_rs.plots.certificates import draw_certificates
 from stochens_rs.plots.residuals import draw_residuals
 from stochens_rs.plots.tube import draw_tube
 from stochens_rs.studies import Curve, Experiment, Panel
@@ -388,30 +387,6 @@ def test_an_infinite_tube_and_many_states_can_be_drawn():
     assert len(figure.axes) == 13
     figure.canvas.draw()
     assert all(np.isfinite(ax.get_ylim()).all() for ax in figure.axes)
-
-
-def test_infinite_certificates_are_marked_at_the_edge():
-    sizes = np.array([10, 20, 50])
-    curves = {
-        "one": (np.array([np.inf, 2.0, 1.0]), np.array([0.3, 0.2, 0.1])),
-        "two": (np.array([3.0, 2.5, 2.0]), None),
-    }
-    ax = draw_certificates(sizes, curves, tol=0.5)
-    assert ax.get_xscale() == ax.get_yscale() == "log"
-    assert ax.get_xlabel() == "experiments N"
-    drawn = [list(line.get_ydata()) for line in ax.lines]
-    for values in ([2.0, 1.0], [0.3, 0.2, 0.1], [3.0, 2.5, 2.0], [0.985]):
-        assert values in drawn
-    labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert labels == [
-        "one",
-        "two",
-        "certificate",
-        "true error",
-        "at the upper edge: infinite",
-        "tolerance 0.5",
-    ]
-    ax.figure.canvas.draw()
 
 
 # -- within limits ---------------------------------------------------------------------------------

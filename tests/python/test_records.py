@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 import pickle
@@ -21,7 +20,7 @@ from hypothesis.extra import numpy as arrays
 import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs._base import serialize
-from stochens_rs._base.records import Record, SavedRecord, trusted
+from stochens_rs._base.records import Record, trusted
 from stochens_rs.certificates import Radius
 from stochens_rs.exceptions import (
     InputTypeError,
@@ -272,17 +271,6 @@ def test_a_loaded_fit_goes_into_control_as_the_saved_one(tmp_path: Path) -> None
         ]
         assert same(*plans)
         assert outcome(plans[0].bound) == outcome(plans[1].bound)
-
-
-def test_the_files_of_models_and_trajectories_are_those_of_before(tmp_path: Path) -> None:
-    rows = np.arange(40.0).reshape(8, 5)
-    runs = se.Trajectories.from_pairs(
-        rows[:, :2], rows[:, 2:3], rows[:, 3:], dt=0.5, state_names=["a", "b"]
-    )
-    runs.save(tmp_path / "runs")
-    digest = hashlib.sha256((tmp_path / "runs").read_bytes()).hexdigest()
-    assert digest == "30f0e993a199f80e1f3af4360406a081a39fd599e6c502c01ca3c22e392f7209"
-    assert not issubclass(se.Model, SavedRecord)
 
 
 # -- any values ------------------------------------------------------------------------------------

@@ -426,8 +426,6 @@ def test_bad_input():
         bounds.bound("simulated", "state", B)
     with pytest.raises(InputError, match="`steps`"):
         bounds.bound("simulated", "state", (A, B), x0, xf, steps=0)
-    with pytest.raises(InputError, match=r"`name` must be one of .* got str 'simulated'"):
-        bounds.bound("simulated", "trajectory", (A, B), x0, [[1.0, 0.0]])
     with pytest.raises(InputError, match="`steps` must be 1 for the bound 'McDiarmid', got int 2"):
         bounds.bound("McDiarmid", "state", (A, B), x0, xf, steps=2)
     with pytest.raises(InputError, match="diagonal fusion pairs"):

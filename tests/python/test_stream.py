@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs import reference
 from stochens_rs.rng import as_key
 from stream_problems import OPTIONS, SLOTS, X0, XF, A, B, make
+from twin import streaming
 
 V_STAR = np.linalg.pinv(B) @ (XF - A @ X0)
 
 
 def twin(key, steps, **options):
     keys = [bytes(key.child(name)) for name in SLOTS]
-    return reference.stream(B, X0, XF, A, keys=keys, steps=steps, **options)
+    return streaming.stream(B, X0, XF, A, keys=keys, steps=steps, **options)
 
 
 def relative_error(stream):
@@ -301,7 +301,7 @@ def test_zeros(x0, xf, matrix, options):
     stream = se.Stream((matrix, B), x0, xf, rng=key, variant=variant, safeguard=safeguard)
     stream.step(500)
     keys = [bytes(key.child(name)) for name in SLOTS]
-    expected = reference.stream(
+    expected = streaming.stream(
         B, x0, xf, matrix, keys=keys, steps=500, variant=variant, safeguard=safeguard
     )
     np.testing.assert_allclose(stream.u, expected.controls[-1], rtol=0, atol=1e-9)

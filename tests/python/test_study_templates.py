@@ -14,18 +14,15 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import DELTA, at_most, exactly, failures
+from coverage_study import at_most, exactly, failures
 from identification_data import SKEWED
-from limit_plans import within
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
 from stochens_rs.studies.digest import digest
-from stochens_rs.studies.templates.fleets import drawn_units
 from stochens_rs.studies.templates.runs import RunDesign, Truth
 
 A = np.array([[0.9, 0.2], [-0.1, 0.8]])
 B = np.array([[0.0], [1.0]])
-CART = (np.array([[1.0, 0.1], [0.0, 0.95]]), np.array([[0.0], [0.1]]))
 KEY = as_key(7)
 
 
@@ -41,22 +38,11 @@ def uneven() -> se.Trajectories:
     return se.Trajectories(states, inputs)
 
 
-def scattered(count: int, seed: int) -> se.SystemEnsemble:
-    gen = np.random.default_rng(seed)
-    drawn = (M * (1.0 + 0.1 * gen.standard_normal((count, *M.shape))) for M in CART)
-    return se.SystemEnsemble(*drawn)
-
-
 def ready() -> dict[str, Any]:
-    units = scattered(9, 0)
     return {
         "error": se.studies.error((A, B), [1, 1], [0.5, 0]),
         "coverage": se.studies.coverage((A, B), [1, 0], [0, 0], noise=0.1, steps=2),
         "own runs": se.studies.coverage((A, B), [1, 0], [0, 0], noise=0.1, runs=uneven()),
-        "sampling": se.studies.sampling_coverage((A, B), [1, 1], [0.5, 0], size=50),
-        "loop": se.studies.closed_loop(CART, [1, 0], limits=(-1, 1), noise=0.01, length=5),
-        "fleet": se.studies.fleet(units, [0, 0], [1, 0], 3, size=5, limits=(-1, 1), held_out=9),
-        "nominal fleet": se.studies.fleet(CART, [0, 0], [1, 0], 3, spread=0.1, limits=(-1, 1)),
     }
 
 
@@ -78,10 +64,11 @@ def test_functions_are_pickled_and_depend_on_their_key_alone(name: str) -> None:
 
 
 def test_other_processes_find_the_same() -> None:
-    made = [se.Study(ready()[name], {}, replicates=4, rng=1) for name in ("coverage", "fleet")]
+    names = ("coverage", "own runs")
+    made = [se.Study(ready()[name], {}, replicates=4, rng=1) for name in names]
     with ProcessPoolExecutor(2, mp_context=get_context("spawn")) as processes:
         found = [study.run(processes).digest for study in made]
-    again = [se.Study(ready()[name], {}, replicates=4, rng=1) for name in ("coverage", "fleet")]
+    again = [se.Study(ready()[name], {}, replicates=4, rng=1) for name in names]
     assert found == [study.run().digest for study in again]
 
 
@@ -204,151 +191,6 @@ def test_runs_of_ones_own_are_repeated_in_turn() -> None:
     assert not np.array_equal(drawn.runs[0][0], drawn.runs[3][0])  # new noise in each
 
 
-# -- bounds from realizations ----------------------------------------------------------------------
-
-
-def test_bounds_from_realizations_are_those_of_the_plan_and_hold() -> None:
-    function = se.studies.sampling_coverage((A, B), [1, 1], [0.5, 0], size=40, delta=0.1)
-    plan = se.steer((A, B), [1, 1], [0.5, 0], 40, rng=KEY.child("plan"))
-    bound = plan.bound(0.1)
-    error = plan.error(se.System(A, B), [1, 1], [0.5, 0])
-    found = function(KEY)
-    assert (found["bound"], found["error"]) == (bound.state, error.state)
-    results = se.Study(function, {"size": [40, 400]}, replicates=150, rng=1).run()
-    for covered in results.values["covered"].sum(axis=1):
-        at_most(150 - covered, 150, 0.1)
-        assert covered < 150  # the bound is not just large
-    half = results.values["error"] > results.values["bound"] / 2
-    assert half.mean() > 0.2
-
-
-# -- feedback --------------------------------------------------------------------------------------
-
-
-def test_a_loop_is_that_of_regulate_and_track() -> None:
-    limits = {"state_limits": (None, [np.inf, 0.3]), "soft": 1.0}
-    function = se.studies.closed_loop(
-        CART,
-        [1, 0],
-        [0.2, 0],
-        noise=[0.0, 0.05],
-        **within(**limits, limits=(-0.5, 0.5), Q=[2.0, 1.0], R=0.1),
-    )
-    loop = se.regulate(
-        CART, 10, [0.2, 0], **within(**limits, limits=(-0.5, 0.5), Q=[2.0, 1.0], R=0.1)
-    )
-    reference = np.tile([0.2, 0.0], (51, 1))
-    options = {"controller": loop, "x0": [1, 0], "noise": [0.0, 0.05], "rng": KEY}
-    ride = se.track(CART, reference, **options)
-    found = function(KEY)
-    cost = sum(
-        2.0 * (x[0] - 0.2) ** 2 + x[1] ** 2 + 0.1 * u[0] ** 2
-        for x, u in zip(ride.states[1:], ride.inputs, strict=True)
-    )
-    assert found["cost"] == pytest.approx(cost, rel=1e-12)
-    assert found["limited"] == np.mean(np.abs(ride.inputs) == 0.5) > 0
-    assert found["violation"] == max(0.0, ride.states[1:, 1].max() - 0.3)
-    assert found["distance"] == ride.errors[-1]
-    # the feedback has the weights of the axes, the judge its own
-    for weights in ({"Q": [0.1, 3.0]}, {"R": 10.0}, {"Q": [0.1, 3.0], "R": 10.0}):
-        loop = se.regulate(
-            CART,
-            10,
-            [0.2, 0],
-            **within(**{"Q": [2.0, 1.0], "R": 0.1} | weights, limits=(-0.5, 0.5), **limits),
-        )
-        ride = se.track(CART, reference, **(options | {"controller": loop}))
-        off = ride.states[1:] - [0.2, 0.0]
-        cost = np.sum(off**2 * [2.0, 1.0]) + 0.1 * np.sum(ride.inputs**2)
-        other = function(KEY, **weights)
-        assert other["cost"] == pytest.approx(cost, rel=1e-12) != found["cost"]
-        assert other["distance"] == ride.errors[-1] != found["distance"]
-    assert function(KEY, limits=5.0)["limited"] == 0.0
-    assert function(KEY, noise=0.0)["distance"] < 0.1
-
-
-def test_a_loop_can_plan_with_another_model() -> None:
-    wrong = se.System(CART[0], 4.0 * CART[1])  # an input believed four times as strong
-    axes = {"model": {"right": se.System(*CART), "wrong": wrong}}
-    function = se.studies.closed_loop(CART, [1, 0], noise=0.01, cost=se.Cost(R=0.01))
-    found = se.Study(function, axes, replicates=5, rng=1, shared=["model"]).run()
-    right, worse = found.values["cost"]
-    assert (worse > right).all()
-
-
-# -- fleets ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("risk", ["worst", "mean"])
-def test_certificates_of_fleets_hold_for_the_exact_risk(risk: Any) -> None:
-    """The law is uniform on 2000 units; all of them tell its risk, which exceeds epsilon rarely."""
-    law = scattered(2000, 1)
-    function = se.studies.fleet(
-        law, [0, 0], [1, 0], 5, limits=(-2, 2), risk=risk, size=60, beta=DELTA
-    )
-    failed, runs = 0, 300
-    for r in range(runs):
-        key = KEY.child(f"replicate {r}")
-        plan = se.control_fleet(
-            drawn_units(law, None, key.child("design"), 60),
-            [0, 0],
-            [1, 0],
-            5,
-            limits=(-2, 2),
-            risk=risk,
-        )
-        found = function(key)
-        assert found["value"] == plan.value
-        misses = plan.validate(law, DELTA).misses
-        assert found["share"] == np.mean(misses > plan.threshold)
-        assert found["miss_most"] == misses.max()
-        failed += found["held"] == 0.0
-    at_most(failed, runs)
-    assert found["epsilon"] < 0.3
-
-
-def test_few_units_of_a_law_are_drawn_often_and_the_certificate_holds() -> None:
-    """Of 20 units 5 are drawn: ties, and the same unit twice."""
-    law = scattered(20, 4)
-    function = se.studies.fleet(law, [0, 0], [1, 0], 5, limits=(-2, 2), size=5, beta=DELTA)
-    found = se.Study(function, {"risk": ["worst", "mean"]}, replicates=300, rng=1).run().values
-    at_most(300 - found["held"].sum(axis=1), 300)
-    assert (found["share"].max(axis=1) > 0.3).all()
-
-
-def test_fresh_units_of_a_nominal_fleet_are_not_those_of_the_design() -> None:
-    """x(1) = B u with 20 gains: 2/21 of the law miss more than the threshold, in the mean.
-
-    With as many fresh units as units of the design, those of the design's key would all be below.
-    """
-    runs, N = 200, 20
-    function = se.studies.fleet(
-        ([[0.0]], [[1.0]]), [0.0], [1.0], 1, spread=0.1, size=N, held_out=N, beta=DELTA
-    )
-    values = se.Study(function, {}, replicates=runs, rng=31).run().values
-    # the share of one run varies by less than .2: five standard errors, an alarm of 1e-6
-    assert abs(values["share"].mean() - 2 / (N + 1)) <= 5 * 0.2 / np.sqrt(runs)
-    assert values["share"].std() > 0.0
-    # for the mean, the units of the design in place of the others are refused by `validate`
-    mean = se.Study(function, {"risk": ["mean"]}, replicates=20, rng=31).run()
-    assert not mean.failures
-
-
-def test_a_nominal_fleet_misses_as_units_drawn_by_hand() -> None:
-    function = se.studies.fleet(
-        CART, [0, 0], [1, 0], 5, spread=0.1, limits=(-2, 2), held_out=20_000
-    )
-    design = drawn_units(function.keywords["law"], 0.1, KEY.child("design"), 100)
-    assert np.allclose(design.B[:, 1].std() / CART[1][1], 0.1, rtol=0.3)
-    plan = se.control_fleet(design, [0, 0], [1, 0], 5, limits=(-2, 2), risk="worst")
-    misses, found = plan.validate(scattered(20_000, 2), 0.5).misses, function(KEY)
-    assert found["miss"] == pytest.approx(np.median(misses), rel=0.02)
-    assert found["miss90"] == pytest.approx(np.quantile(misses, 0.9), rel=0.02)
-    assert found["share"] == pytest.approx(np.mean(misses > plan.threshold), abs=0.006)
-    assert found["held"] == (found["share"] <= found["epsilon"])
-    assert found["epsilon"] == plan.certify(1e-3).epsilon
-
-
 # -- how coverage is counted -----------------------------------------------------------------------
 
 
@@ -434,17 +276,8 @@ WRONG = {
         ([[1.0]], [[1.0]]), [1], [0], noise=1, runs=uneven()
     ),
     r"`delta` must be in \(0, 1\)": lambda s: s.coverage((A, B), *START, noise=1, delta=2),
-    "`size` must be": lambda s: s.sampling_coverage((A, B), *START, size=0),
-    "`quantity` must be one of": lambda s: s.sampling_coverage((A, B), *START, quantity="x"),
-    r"`limits` must be >= 0": lambda s: s.closed_loop(CART, [1, 0], limits=-1),
-    "`length` must be": lambda s: s.closed_loop(CART, [1, 0], length=0),
-    r"`limits.x\[1\]` must be a number or have shape": lambda s: s.closed_loop(
-        CART, [1, 0], limits=se.Limits(x=(None, [1, 2, 3]))
-    ),
-    "`axis` must be one of": lambda s: s.closed_loop(CART, [1, 0])(KEY, length=3),
-    "`spread` must be given": lambda s: s.fleet(CART, *START, 3),
-    "and only there": lambda s: s.fleet([CART], *START, 3, spread=0.1),
-    "`risk` must be one of": lambda s: s.fleet([CART], *START, 3, risk="least"),
+    "`size` must be": lambda s: s.coverage((A, B), *START, noise=1, size=0),
+    "`axis` must be one of": lambda s: s.coverage((A, B), *START, noise=1)(KEY, length=3),
     "function.units": lambda s: s.Study(Unfit(), {}, replicates=1),
 }
 
@@ -476,8 +309,6 @@ def test_distances_have_the_unit_that_all_states_share():
         for unit in ("m", "m/s")
     }
     ends = [1.0, 0.0], [0.0, 0.0]
-    loop = se.studies.closed_loop(made["m"], *ends, noise=0.01)
     runs = se.studies.coverage(made["m"], *ends, noise=0.01)
-    assert [loop.units[name] for name in ("distance", "violation", "noise")] == ["m"] * 3
-    assert (runs.units["bound"], runs.units["error"], runs.units["ratio"]) == ("m", "m", "1")
-    assert "distance" not in se.studies.closed_loop(made["m/s"], *ends, noise=0.01).units
+    assert [runs.units[name] for name in ("bound", "error", "noise", "ratio")] == [*"mmm1"]
+    assert "bound" not in se.studies.coverage(made["m/s"], *ends, noise=0.01).units

@@ -163,57 +163,6 @@ def test_autonomous_closed_form(A, axis):
         close(second if axis == "columns" else np.diag(second), (
             np.diag(moment) if axis == "columns" else moment
         ))  # fmt: skip
-    rho = np.abs(np.linalg.eigvals(Q)).max()
-    assert moments.growth_factor(A, axis=axis) == pytest.approx(rho, rel=1e-12, abs=1e-300)
-
-
-def map_matrix(A, size, axis):
-    """M -> A M A^T + X_A(M) / N as a matrix on the n^2 entries of M (any M, also asymmetric)."""
-    n = len(A)
-    columns = []
-    for entry in np.eye(n * n):
-        M = entry.reshape(n, n)
-        M = (M + M.T) / 2.0
-        exact = A @ M @ A.T
-        columns.append((exact + (moments.second_moment(A, M, axis=axis) - exact) / size).ravel())
-    return np.array(columns).T
-
-
-@axes
-@pytest.mark.parametrize("size", [1, 2, 30, 10**6])
-def test_growth_factor_is_the_spectral_radius_of_the_map(axis, size):
-    gen = np.random.default_rng(20_260_101)
-    jordan = np.array([[0.5, 1.0, 0.0], [0.0, 0.5, 1.0], [0.0, 0.0, 0.5]])
-    for A in (A2, A3, jordan, gen.standard_normal((5, 5)), np.eye(2)[::-1], np.diag([1.0, 0.5])):
-        expected = np.abs(np.linalg.eigvals(map_matrix(A, size, axis))).max()
-        found = moments.growth_factor(A, size, axis=axis)
-        # An eigenvalue of a Jordan block of size k is found to eps^(1/k) by either method.
-        assert found == pytest.approx(expected, rel=1e-4 if A is jordan else 1e-9)
-
-
-def test_growth_factor_without_sampling_error_and_without_states():
-    assert moments.growth_factor(A3, None) == pytest.approx(
-        np.abs(np.linalg.eigvals(A3)).max() ** 2, rel=1e-12
-    )
-    assert moments.growth_factor(np.zeros((3, 3)), 5) == 0.0
-    assert moments.growth_factor([[0.0, 1.0], [0.0, 0.0]], 3) == 0.0
-    assert moments.growth_factor(1e-100 * A2) == pytest.approx(
-        1e-200 * moments.growth_factor(A2), rel=1e-12
-    )
-
-
-def test_the_growth_factor_is_what_variances_grow_by():
-    gen = np.random.default_rng(20_260_102)
-    A = gen.standard_normal((6, 6))
-    A /= np.abs(np.linalg.eigvals(A)).max()
-    system, u = (A, np.zeros((6, 1))), np.zeros((60, 1))
-    runs = moments.trajectory_rms(system, np.ones(6), u, 1000) ** 2
-    growth = moments.growth_factor(A)
-    assert growth > 3.0  # the signal itself does not grow
-    assert runs[-1] / runs[-2] == pytest.approx(growth, rel=1e-6)
-    field = moments.trajectory_rms(system, np.ones(6), u, 1000, averaging="mean-field") ** 2
-    assert 1.0 < field[-1] / field[-2] < 1.2
-    assert field[-1] < 1e-20 * runs[-1]
 
 
 def test_a_rotation_loses_its_signal_in_k_steps():
@@ -237,14 +186,10 @@ def test_wrong_input_is_refused():
         moments.trajectory_rms(system, x0, u, 0)
     with pytest.raises(InputTypeError, match="`sample_B`"):
         moments.trajectory_rms(system, x0, u, sample_B=1)
-    with pytest.raises(ShapeError, match="`A`"):
-        moments.growth_factor(B)
     with pytest.raises(NonFiniteError, match="state overflows at step 2"):
         moments.trajectory_mean((1e200 * A, B), x0, u)
     with pytest.raises(NonFiniteError, match="covariance overflows at step 1"):
         moments.trajectory_covariance((1e160 * A, B), x0, u[:1])
-    with pytest.raises(NonFiniteError, match="growth factor overflows"):
-        moments.growth_factor(1e200 * A)
 
 
 def test_no_steps_at_all():

@@ -2,7 +2,7 @@
 
 All but `from_file` return a :class:`stochens_rs.System` whose ``name`` states the data and the
 discretization: `ieee14` and `ieee39` from public data, `swing` from branches and machines,
-`from_matpower` from a solved case of MATPOWER, pypower or pandapower, `from_andes` from ANDES.
+`from_matpower` from a solved case of MATPOWER, pypower or pandapower.
 `CASES` has those that the command line and :func:`stochens_rs.paper.power` know by name.
 """
 
@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from ..system import System
-from .from_andes import from_andes
 from .from_file import Problem, from_file
 from .from_matpower import from_matpower
 from .ieee14 import ieee14
@@ -26,7 +25,6 @@ CASES: dict[str, Callable[..., System]] = {"ieee14": ieee14, "ieee39": ieee39}
 __all__ = [
     "CASES",
     "Problem",
-    "from_andes",
     "from_file",
     "from_matpower",
     "ieee14",

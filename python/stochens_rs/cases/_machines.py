@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._base import validation
+from .._base.csv_file import read_cells
 from .._base.files import checked_path
 from .._base.reading import number
 from .._base.types import Floats
@@ -96,7 +95,7 @@ def read_machines(machines: object) -> Machines:
 
 def _columns(machines: object) -> dict[str, Any]:
     if isinstance(machines, (str, os.PathLike)):
-        return _csv(Path(checked_path("machines", machines)))
+        return _csv(checked_path("machines", machines))
     if isinstance(machines, Mapping):
         if any(name in machines for name in _NEEDED):
             return {str(name): column for name, column in machines.items()}
@@ -134,27 +133,15 @@ def _of_rows(machines: Mapping[Any, Any]) -> dict[str, Any]:
     return columns
 
 
-def _csv(path: Path) -> dict[str, Any]:
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            rows = [row for row in csv.reader(file, strict=True) if any(row)]
-    except (csv.Error, UnicodeDecodeError) as error:
-        raise InputError(f"{path} must be a CSV file: {error}") from error
-    if len(rows) < 2:
-        raise InputError(f"{path} must have a row of names and a row per machine")
-    names = [name.strip() for name in rows[0]]
-    columns: dict[str, Any] = {name: [] for name in names}
-    if len(columns) < len(names):
-        raise InputError(f"{path}: a column appears twice among {', '.join(names)[:80]}")
-    for place, row in enumerate(rows[1:], start=2):
-        if len(row) != len(names):
-            raise InputError(f"{path}, row {place}: {len(names)} entries expected, got {len(row)}")
-        for name, text in zip(names, row, strict=True):
-            if name in (*_NEEDED, "x'd", "mva"):
-                try:
-                    columns[name].append(number(text))
-                except ValueError:
-                    raise InputError(
-                        f"{path}, row {place}: {name} must be a number, got {validation.show(text)}"
-                    ) from None
+def _csv(path: str) -> dict[str, Any]:
+    names, rows, _ = read_cells(path)
+    columns: dict[str, Any] = dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
+    for name in columns.keys() & {*_NEEDED, "x'd", "mva"}:
+        for row, text in enumerate(columns[name], start=2):
+            try:
+                columns[name][row - 2] = number(text)
+            except ValueError:
+                raise InputError(
+                    f"{path}, row {row}: {name} must be a number, got {validation.show(text)}"
+                ) from None
     return columns

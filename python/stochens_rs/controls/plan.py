@@ -12,7 +12,7 @@ from .._base import html, validation
 from .._base.records import SavedRecord, require_shapes
 from .._base.signal_names import Labels, default_labels, fitting, two_states
 from .._base.to_xarray import Cube, Timed, named, over_time, padded
-from .._base.types import DELTA, FUSIONS, STATUSES, Floats, Fusion, Quantity, Status
+from .._base.types import DELTA, Floats, Fusion, Quantity, Status
 from ..certificates.certificate import Certificate
 from ..certificates.model_basis import ModelBasis
 from ..certificates.near_reference import near_reference
@@ -113,17 +113,11 @@ class Plan(SavedRecord, Timed):
                 f"`predicted_states` must have {len(self.u) + 1} rows, one more than `u`, got "
                 f"{len(self.predicted_states)}"
             )
-        validation.instance("reachability", self.reachability, Reachability)
-        validation.choice("fusion", self.fusion, FUSIONS)
-        validation.choice("status", self.status, STATUSES)
-        if isinstance(self.basis, ModelBasis):
-            require_shapes(self.basis.model, B=self._shape)
-        elif self.basis is not None:
-            require_shapes(validation.instance("basis", self.basis, Basis), B=self._shape)
-        if self.limited is not None:
-            validation.instance("limited", self.limited, Limited)
-            if not np.array_equal(self.limited.u, self.u):
-                raise InputError("`limited` must be of the control `u` of this plan")
+        if self.basis is not None:
+            known = self.basis.model if isinstance(self.basis, ModelBasis) else self.basis
+            require_shapes(known, B=self._shape)
+        if self.limited is not None and not np.array_equal(self.limited.u, self.u):
+            raise InputError("`limited` must be of the control `u` of this plan")
         fitting(self.labels, *self._shape)
         if self.dt is not None:
             validation.positive("dt", self.dt)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from ..exceptions import InputError, ShapeError
 from ..theory import scenario
 
 Source: TypeAlias = Literal["runs", "runs of a loop", "fresh systems"]
-SOURCES: tuple[Source, ...] = get_args(Source)
 
 _SAME = {
     "runs": (
@@ -96,7 +95,6 @@ class Validation(SavedRecord):
         validation.probability("delta", self.delta)
         if self.beta is not None:
             validation.probability("beta", self.beta)
-        validation.choice("source", self.source, SOURCES)
         validation.kept("xf", self.xf, ndim=(1,))
         if self.tube.ndim != 2 or self.tube.shape[1] != len(self.xf):  # entries may be infinite
             raise ShapeError(f"`tube` must have shape (K + 1, {len(self.xf)})")

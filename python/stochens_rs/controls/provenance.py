@@ -8,13 +8,13 @@ hold arrays of the size of the problem, never the realizations.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from .._base import validation
 from .._base.records import Record, trusted
-from .._base.types import AXES, Floats
+from .._base.types import Floats
 from ..certificates.model_basis import ModelBasis
 from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 
 
 Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown", "estimate"]
-
-KINDS: tuple[Kind, ...] = get_args(Kind)
 
 # Up to this relative difference the 1-norms of an average of singletons and of its law count as
 # equal: far above the rounding of pairwise sums, far below what another law makes of them.
@@ -73,8 +71,7 @@ class Known(Record):
     key: Key | None = None
 
     def __post_init__(self) -> None:
-        validation.choice("kind", self.kind, KINDS)
-        validation.choice("axis", self.axis, AXES)
+        super().__post_init__()
         for what in ("estimate", "values"):
             if getattr(self, what) is not None:
                 validation.kept(f"{what} of {self.name}", getattr(self, what))
@@ -88,8 +85,6 @@ class Known(Record):
         ):
             if missing:
                 raise InputError(f"`{what} of {self.name}` must be known for kind '{self.kind}'")
-        if self.key is not None:
-            validation.instance("key", self.key, Key)
 
 
 @dataclass(frozen=True, eq=False)

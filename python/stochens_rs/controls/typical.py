@@ -56,7 +56,6 @@ class Typical(SavedRecord):
         super().__post_init__()
         validation.probability("delta", self.delta)
         validation.size("draws", self.draws)
-        validation.flag("noise", self.noise)
         for name in ("miss", "certified"):
             if not getattr(self, name) >= 0.0:
                 raise InputError(f"`{name}` must be at least 0, got {getattr(self, name)}")

@@ -12,7 +12,7 @@ from .._base import html, validation
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, require_shapes
 from .._base.to_xarray import Cube, Tabled
-from .._base.types import STATUSES, Floats, Status
+from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..theory.exact import EPS
@@ -86,9 +86,7 @@ class Fit(SavedRecord, Tabled):
             value = getattr(self, name)
             if value is not None:
                 _checked_finite(name, value)
-        validation.choice("status", self.status, STATUSES)
         validation.line("method", self.method)
-        validation.flag("exact", self.exact)
         low, high = self.weights.min() * len(self.weights), self.weights.max() * len(self.weights)
         if self.method == "uniform" and not 1.0 - ROUNDING <= low <= high <= 1.0 + ROUNDING:
             raise InputError(
@@ -97,10 +95,7 @@ class Fit(SavedRecord, Tabled):
             )
         if self.ensemble is None:
             return
-        N, shape = (
-            validation.instance("ensemble", self.ensemble, Ensemble).size,
-            self.ensemble.shape,
-        )
+        N, shape = self.ensemble.size, self.ensemble.shape
         if shape != self.shape:
             raise ShapeError(f"`ensemble` must have shape {self.shape}, got {shape}")
         if len(self.weights) != N:

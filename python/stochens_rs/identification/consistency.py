@@ -42,6 +42,12 @@ def refuse(assumed: Assumptions, known: Floats | None, zeta: Floats | None, sing
         raise InputError("a covariance as `state_noise` goes with no known entries")
 
 
+def require_states(assumed: Assumptions, n: int) -> None:
+    """Refuse exact states that a system of n states does not have."""
+    if any(state >= n for state in assumed.exact):
+        raise InputError(f"`exact` must have numbers of states, below {n}")
+
+
 def require_sound(scale: Floats | None, known: Floats | None) -> None:
     """Refuse sizes and known entries that `identify` would not take."""
     if scale is not None and not SMALLEST <= scale.min() <= scale.max() <= LARGEST:

@@ -10,8 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import html, memory, validation
-from .._base.durable import Durable, nothing_left
-from .._base.records import trusted
+from .._base.records import SavedRecord, trusted
 from .._base.threads import get_num_threads
 from .._base.to_xarray import Cube, Tabled
 from ..ensembles.systems import SystemEnsemble
@@ -24,7 +23,7 @@ from .certifying import METHODS, Method, Wish, region_of, said, sign_test
 from .certifying import directions as spanned_by
 from .certifying import refuse as refuse_region
 from .checks import DRAWS, WORK, Checks, checked_residuals
-from .consistency import refuse, require_sound, require_triangle_of
+from .consistency import refuse, require_sound, require_states, require_triangle_of
 from .dependences import (
     Lag,
     Range,
@@ -34,9 +33,8 @@ from .dependences import (
     spanned,
     tested_rows,
 )
-from .files import Sections, from_model, to_model
 from .identified import Identified
-from .pilot import Pilot, pilot_of
+from .pilot import Pilot
 from .pilot import refuse as refuse_pilot
 from .region import Region
 from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate, whitened
@@ -51,7 +49,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(Identified, Durable, Tabled):
+class Model(SavedRecord, Identified, Tabled):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
     Made by `identify`.
@@ -129,6 +127,7 @@ class Model(Identified, Durable, Tabled):
             validation.instance("checks", self.checks, Checks)
         refuse(self.assumptions, self.known, self.instruments, self.data.single)
         require_sound(self.scale, self.known)
+        require_states(self.assumptions, n)
         if (self.noise == "symmetric") != (self.key is not None):
             raise InputError("`key` must be given for noise='symmetric', and only there")
         if self.key is not None:
@@ -777,21 +776,6 @@ class Model(Identified, Durable, Tabled):
             "key": None if self.key is None else self.key.hex,
         }
         return Cube(variables, {}, attrs, self.labels)
-
-    def _to_sections(self) -> Sections:
-        return from_model(self)
-
-    @classmethod
-    def _from_sections(cls, sections: Sections) -> Model:
-        (rows, *about), fields = to_model(sections)
-        if fields["pilot"] is not None:
-            fields["pilot"] = pilot_of(fields["pilot"])
-        if fields["window"] is not None:
-            fields["window"] = Window(**fields["window"])
-        nothing_left(sections)
-        model = cls(Trajectories._of(validation.matrix("rows", rows), *about), **fields)
-        model._verify()
-        return model
 
     def _verify(self) -> None:
         """Refuse a triangle that is not that of the data."""

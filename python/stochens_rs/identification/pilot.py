@@ -276,9 +276,3 @@ def _task(
     # x(K) - A^K x0 - C_K u of an offset
     drift = states(A, model[:, n + m :], 0.0 * x0, np.ones((K, model.shape[1] - n - m)))[-1]
     return x0, np.ascontiguousarray(best_control(A, B, x0, xf - drift, K).u.reshape(K, m))
-
-
-def pilot_of(fields: dict[str, Any]) -> Pilot:
-    """The pilot of these fields, as a file has them."""
-    older = fields.pop("older", None)
-    return Pilot(**fields, older=None if older is None else Older(**older))

@@ -12,13 +12,11 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .._base import html, memory, validation
-from .._base.durable import Durable, nothing_left
-from .._base.records import Record
+from .._base.records import SavedRecord
 from .._base.signal_names import Labels, checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..plots.runs import draw_runs
 from ..rng import RngLike, as_key
-from .files import Sections, from_runs, to_runs
 from .gaps import OnGap, joined
 from .pieces import NO_GAPS, Pieces
 from .tables import Chosen, Run, Table, chosen_columns, read_files, read_table
@@ -57,7 +55,7 @@ def _rebuild(
     )
 
 
-class Trajectories(Durable, Record):
+class Trajectories(SavedRecord):
     """Measured runs: the states and inputs of each, one run after another; immutable.
 
     Parameters
@@ -120,7 +118,6 @@ class Trajectories(Durable, Record):
     _steps: int
     _outputs: bool
 
-    _kind = "trajectories"
     _made_by = staticmethod(_rebuild)
 
     def __init__(
@@ -730,15 +727,6 @@ class Trajectories(Durable, Record):
 
     def _part(self, rows: Floats, pieces: Pieces) -> Self:
         return type(self)._of(rows, pieces, *self._about())
-
-    def _to_sections(self) -> Sections:
-        return from_runs(self)
-
-    @classmethod
-    def _from_sections(cls, sections: Sections) -> Trajectories:
-        rows, *about = to_runs(sections)
-        nothing_left(sections)
-        return cls._of(validation.matrix("rows", rows), *about)
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = self._pieces

@@ -2,8 +2,8 @@
 
 `power` and `tracking` repeat its two experiments, `claims` checks its statements one by one,
 `write_report` makes a page of both. :mod:`~stochens_rs.paper.bounds` has its tail bounds as
-printed, :mod:`~stochens_rs.paper.reachability` its notions of reachability. Nothing else in the
-package needs any of this, but for the command line.
+printed, :mod:`~stochens_rs.paper.reachability` counterexamples to two of its lemmas. Nothing else
+in the package needs any of this, but for the command line.
 """
 
 from ..studies import Curve, Experiment, Panel

@@ -89,7 +89,7 @@ class OneVector(Printed):
 
     Notes
     -----
-    False for every C: see ``wrong``. What holds is "McDiarmid".
+    False for every C: see ``wrong``; `corrected` holds.
 
     Examples
     --------
@@ -204,7 +204,7 @@ class Lemma43(Printed):
     Notes
     -----
     ``c_i = -2 N eps^2 / (9 d_i^2)`` with ``d = (||u|| gB, ||A|| g0, ||x0|| gA)``, ``||u||`` the
-    2-norm of all controls. See ``wrong``; what holds is "McDiarmid" of a trajectory.
+    2-norm of all controls. See ``wrong``; `corrected` holds.
 
     Examples
     --------
@@ -248,6 +248,27 @@ class Lemma43(Printed):
                 float(np.linalg.norm(x0)) * gA,
             )
         super().__init__(2.0 * constant, *(3.0 * d for d in widths))
+
+
+def corrected(quantity: str, mean_square: float, ranges: float) -> Bound:
+    """``P(error >= sqrt(V / N) + t) <= exp(-N t^2 / W)`` for the average of N realizations.
+
+    McDiarmid's inequality. V is the mean square error of one realization and W as follows.
+
+    ==========================  ================================================================
+    a vector                    ``g^2``
+    a state, diagonal fusion    ``g(xf)^2 + 2 g(x0)^2 g(A)^2``
+    runs over K steps           ``2 R_K^2``, ``R_0 = g(x0)``, ``R_{k+1} = g(A) R_k +
+                                sum_j |u_j(k)| ||b_j||_1``
+    ==========================  ================================================================
+    """
+    V, W = mean_square, ranges
+    return Bound(
+        "McDiarmid",
+        "bounded differences; the mean is at most the rms",
+        Setting(quantity),
+        lambda _, rates, level: (math.sqrt(V) + math.sqrt(W * level)) * math.sqrt(rates[0]),
+    )
 
 
 def largest_realization(A: Floats) -> float:

@@ -8,8 +8,7 @@ random draws bit for bit and all other results to rounding.
 * `sampling` - realizations as indices, and what is built from indices;
 * `fusing`   - weights: uniform, ALSE, SLSE;
 * `controls` - pseudoinverse, controls and their errors;
-* `simulation` - trajectories: exact, random runs, mean fields, along a reference;
-* `streaming` - the sequential algorithm, and confidence radii of means.
+* `simulation` - trajectories: exact, random runs, mean fields, along a reference.
 
 Arguments and results are arrays: `indices` is (N, lines), `samples` is (N, n) or (N, n, m), `key`
 is 32 bytes. Input must be finite and of the right shape; it is not checked.
@@ -50,7 +49,6 @@ from .sampling import (
     to_lines,
 )
 from .simulation import average, simulate, simulate_mean_field, simulate_runs, track
-from .streaming import Streamed, mean_radius, stream
 from .streams import (
     AliasTable,
     alias_table,
@@ -72,7 +70,6 @@ __all__ = [
     "Greedy",
     "PlanError",
     "Reachability",
-    "Streamed",
     "alias_table",
     "alse_dense",
     "alse_singleton",
@@ -91,7 +88,6 @@ __all__ = [
     "fuse_path",
     "iid_words",
     "masses",
-    "mean_radius",
     "pinv",
     "plan_error",
     "project_simplex",
@@ -105,7 +101,6 @@ __all__ = [
     "simulate_runs",
     "slse",
     "slse_safeguarded",
-    "stream",
     "systematic_counts",
     "to_lines",
     "track",

@@ -19,8 +19,7 @@ from ..plots.states import draw_tracking
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory.exact import REACHABLE, factors
-from ..theory.tracking import reference_residuals
-from ..theory.tracking.errors import checked_reference
+from ..theory.tracking import checked_reference, reference_residuals
 from .controlled import Driven, check_info, controlled, made_by
 from .simulating import columns
 
@@ -231,8 +230,9 @@ def track(
     ``u(k) = B^+ (r(k+1) - A_hat_k x(k))``, ``x(k+1) = A x(k) + B u(k)``, hence
     ``e(k+1) = (I - P)(A x(k) - r(k+1)) - P (A_hat_k - A) x(k)`` for ``e = x - r``,
     ``P = B B^+``. `theory.tracking` has the exact mean squares for uniform weights (without
-    sampled states, or without feedback) and `stability_threshold`: the closed loop is stable in
-    the mean square if and only if N exceeds it. For a reference that is not feasible, each step
+    sampled states, or without feedback). The closed loop is stable in the mean square if and only
+    if N exceeds a threshold; for ``P = I`` that is the spectral radius of
+    ``|A_ij| (sum_k |A_kj| - |A_ij|)``. For a reference that is not feasible, each step
     leads as near to ``r(k+1)`` as the estimates allow; see ``residuals``.
 
     A controller is called in Python, step by step. It has a target of its own: errors are those
@@ -299,8 +299,7 @@ def track(
         errors = np.linalg.norm(found.states - r, axis=2)
     lost = np.argwhere(~np.isfinite(errors[:, 1:]))  # the first run comes first
     if lost.size:
-        what = "is `size` above the threshold of stability, theory.tracking.stability_threshold"
-        cure = "" if size is None else f": {what}(system)?"
+        cure = "" if size is None else ": is `size` above the threshold of stability (see track)?"
         raise NonFiniteError(f"the squared error overflows at step {lost[0, 1] + 1}{cure}")
     first = 0 if R is None else slice(None)  # without `runs`, there is no axis for them
     return Tracking(

@@ -25,9 +25,8 @@ from ..identification.assumptions import (
 )
 from .looks import Look, look
 from .loop_look import LoopLook, look_at_loop
-from .model_state import from_sections, refuse, to_sections
 from .pairs import pair_rows
-from .snapshot import Snapshot
+from .snapshot import Snapshot, refuse
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -37,6 +36,10 @@ if TYPE_CHECKING:
     from ..controls.limits import LimitsLike
     from ..feedback import Loop
     from ..identification.trajectories import Trajectories
+
+
+# The event of a stream refers to these: a stream must not go on with others.
+_MIXTURES = _core.mixtures()
 
 
 class ModelStream(Durable):
@@ -363,12 +366,17 @@ class ModelStream(Durable):
 
     def _to_sections(self) -> dict[str, Any]:
         state = self._state
-        return to_sections(self._after(state), state[3])
+        about = self._after(state)._to_sections()
+        return {**about, "mixtures": _MIXTURES, "end": state[3]}
 
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> ModelStream:
-        made = cls.__new__(cls)
-        made._set(*from_sections(sections))
+        about = dict(sections)
+        mixtures, end = about.pop("mixtures"), about.pop("end")
+        if not np.array_equal(mixtures, _MIXTURES):
+            raise InputError("`mixtures` must be those of this version: its event is another")
+        made, model = cls.__new__(cls), Snapshot._from_sections(about)
+        made._set(model, validation.vector("end", end, length=model.n))
         return made
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -11,11 +11,13 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.records import SavedRecord
 from .._base.signal_names import checked_names
 from ..exceptions import InputError
-from ..identification.assumptions import Assumptions
+from ..identification.assumptions import Assumptions, checked_scale
 from ..identification.cautions import cautions, missing_directions
 from ..identification.certifying import Wish, region_of
+from ..identification.consistency import require_states
 from ..identification.dependences import exact_relations, spanned, tested_rows
 from ..identification.identified import Identified
 from ..identification.region import Region
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Snapshot(Identified):
+class Snapshot(SavedRecord, Identified):
     """The model of a `ModelStream` at one time. Made by `ModelStream.model`.
 
     Attributes
@@ -69,21 +71,31 @@ class Snapshot(Identified):
     runs: int = 0
 
     def __post_init__(self) -> None:
-        d = (
-            validation.size("n", self.n)
-            + validation.size("m", self.m)
-            + validation.flag("intercept", self.intercept)
-        )
+        super().__post_init__()
+        d = validation.size("n", self.n) + validation.size("m", self.m) + self.intercept
         validation.kept("triangle", self.triangle, shape=(d + self.n,) * 2)
         validation.kept("scale", self.scale, shape=(d,))
         validation.size("size", self.size, minimum=0)
-        validation.size("runs", self.runs, minimum=0)
-        validation.instance("assumptions", self.assumptions, Assumptions)
+        validation.size("runs", self.runs, minimum=0, maximum=self.size)
         validation.probability("delta", self.delta)
         validation.size("first", self.first)
         if self.dt is not None:
             validation.positive("dt", self.dt)
         checked_names(self.n, self.m, self.state_names, self.input_names)
+
+    def _verify(self) -> None:
+        refuse(self.assumptions)
+        require_states(self.assumptions, self.n)
+        d = self.n + self.m
+        if not np.array_equal(checked_scale(self.scale[:d], d, self.intercept), self.scale):
+            raise InputError("`scale` must be positive, and 1 for an offset")
+        R, size = self.triangle, self.size
+        validation.size("runs", self.runs, minimum=min(size, 1), maximum=size)
+        if np.tril(R, -1).any() or (np.diag(R) < 0.0).any():
+            raise InputError("`triangle` must be upper triangular with a diagonal >= 0")
+        ones = float(np.sum(R[:, len(self.scale) - 1] ** 2)) if self.intercept else float(size)
+        if (size == 0 and R.any()) or abs(ones - size) > 1e-6 * size:
+            raise InputError(f"`triangle` must be that of {size} pairs")
 
     @property
     def _delta(self) -> float:
@@ -243,6 +255,17 @@ class Snapshot(Identified):
     def _repr_html_(self) -> str:
         rows = [("assumed", self.assumptions.text), *(("warning", text) for text in self.warnings)]
         return html.card(self, rows, self._table())
+
+
+def refuse(assumed: Assumptions) -> None:
+    """Refuse assumptions whose regions do not hold while data arrive."""
+    if assumed.noise == "symmetric":
+        raise InputError("`noise` must not be 'symmetric': its regions are for one set of pairs")
+    if assumed.design == "independent" and assumed.noise != "gaussian":
+        raise InputError(
+            f"`design` must be 'adaptive' for noise='{assumed.noise}': the region is the same, "
+            "and may be looked at any time"
+        )
 
 
 def planned(first: int, j: int) -> int:

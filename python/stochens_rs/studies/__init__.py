@@ -5,7 +5,7 @@ from .experiment import Experiment
 from .results import Failure, Results
 from .study import Study
 from .summary import Summary
-from .templates import closed_loop, coverage, error, fleet, sampling_coverage
+from .templates import coverage, error
 
 __all__ = [
     "Curve",
@@ -15,9 +15,6 @@ __all__ = [
     "Results",
     "Study",
     "Summary",
-    "closed_loop",
     "coverage",
     "error",
-    "fleet",
-    "sampling_coverage",
 ]

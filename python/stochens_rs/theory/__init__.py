@@ -9,7 +9,7 @@
 :mod:`~stochens_rs.theory.scenario`
     How often a fresh unit misses more than the units a design was made for.
 :mod:`~stochens_rs.theory.tracking`
-    Exact errors and stability of tracking a reference with new estimates in every step.
+    Exact errors of tracking a reference with new estimates in every step.
 """
 
 from __future__ import annotations

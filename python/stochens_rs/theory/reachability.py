@@ -1,7 +1,6 @@
 """Which states the exact system can reach in K steps.
 
-`stochens_rs.control` computes whether a target is within reach, and the control. The paper's
-notions of reachability are in :mod:`stochens_rs.paper.reachability`.
+`stochens_rs.control` computes whether a target is within reach, and the control.
 """
 
 from __future__ import annotations

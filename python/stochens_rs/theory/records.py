@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import Literal, TypeAlias, get_args
+from typing import Literal, TypeAlias
 
 import numpy as np
 
-from .._base import html, validation
+from .._base import html
 from .._base.records import Record
 
 EPS = float(np.finfo(np.float64).eps)
 
 Verdict: TypeAlias = Literal["reachable", "not reachable", "undecided"]
-VERDICTS: tuple[Verdict, ...] = get_args(Verdict)
 
 # The vectors that errors are relative to, by their names in `PlanError`.
 RELATIVE_TO = {
@@ -65,9 +64,6 @@ class Reachability(Record):
     size: float
     rank: int
     condition: float
-
-    def __post_init__(self) -> None:
-        validation.choice("verdict", self.verdict, VERDICTS)
 
     @property
     def reachable(self) -> bool | None:

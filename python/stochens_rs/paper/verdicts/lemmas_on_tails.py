@@ -5,7 +5,6 @@ from __future__ import annotations
 from fractions import Fraction
 from itertools import product
 from math import comb, exp, log, sqrt
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,15 +12,11 @@ from ..._base.types import Floats
 from ...rng import Key
 from ...simulation.simulating import simulate_ensemble
 from ...system import System
-from ...theory import bounds
 from ...theory.bounds import Bound
 from .. import bounds as printed_bounds
 from .. import rationals as exact
 from .records import Claim, Outcome, claim, outcome
 from .tails import Tails, hadamard, hard_system
-
-if TYPE_CHECKING:
-    pass
 
 
 def lemma_42(tails: Tails) -> Claim:
@@ -30,19 +25,19 @@ def lemma_42(tails: Tails) -> Claim:
     # n = 2, w = (1/2, 1/2): the error is sqrt(2) |k/N - 1/2|
     tail = _tail(N, eps)
     printed = printed_bounds.OneVector([0.5, 0.5], C=4.0).probability(N, float(eps))
-    held = bounds.bound("McDiarmid", "vector", [0.5, 0.5]).probability(N, float(eps))
+    # V = 1/2; g = 1, and W = 2 for pairs with A = B = I and xf = 0
+    vector, state = (
+        printed_bounds.corrected(of, 0.5, W) for of, W in (("vector", 1), ("state", 2))
+    )
+    held = vector.probability(N, float(eps))
     broken = tails.failures[:, 1] / tails.runs
     worst = int(np.argmax(broken))
     allowed = tails.delta + 4.0 * np.sqrt(tails.delta / tails.runs)
     ours = int(tails.failures[:, 0].max()) / tails.runs
     A, x0 = hard_system(tails.n)
-    corrected = printed_bounds.Lemma42((A, np.eye(tails.n)), x0, np.zeros(tails.n), C=2.0)
-    wide = np.array([corrected.radius(N, tails.delta) for N in tails.sizes.tolist()])
+    wider = printed_bounds.Lemma42((A, np.eye(tails.n)), x0, np.zeros(tails.n), C=2.0)
+    wide = np.array([wider.radius(N, tails.delta) for N in tails.sizes.tolist()])
     beyond_it = wide / tails.empirical
-    vector = bounds.bound("McDiarmid", "vector", _HALF)
-    # A = B = I and xf = 0: the pair (x0(s), A(s)) gives the atoms of x0
-    unit = np.eye(2), np.eye(2)
-    state = bounds.bound("McDiarmid", "state", unit, _HALF, np.zeros(2), fusion="diagonal")
     return claim(
         "Lemma 4.2",
         outcome(
@@ -63,14 +58,11 @@ def lemma_42(tails: Tails) -> Claim:
             low=np.min(tails.ours / tails.empirical),
             high=np.max(tails.ours / tails.empirical),
         ),
-        outcome(
-            beyond_it.min() >= 1.0, corrected=corrected, low=beyond_it.min(), high=beyond_it.max()
-        ),
+        outcome(beyond_it.min() >= 1.0, corrected=wider, low=beyond_it.min(), high=beyond_it.max()),
         _exact_tails({"a vector": vector, "the state": state}, N),
     )
 
 
-_HALF = np.array([0.5, 0.5])
 _DELTAS = (0.1, 0.01, 1e-3, 1e-6)
 
 
@@ -132,12 +124,9 @@ def lemma_43(key: Key) -> Claim:
     # tr S_k = 2^(k+1) - 1. As |xhat(k)|^2 = 2^(k+1) on every run, only the error of the mean
     # makes the sample value differ from it.
     close = np.all(np.abs(spread - expected) <= 0.05 * expected)
-    # every entry 1/2, no control: the state after each step is e_1 or e_2, as a coin decides
-    coin = System(np.full((2, 2), 0.5), np.zeros((2, 1)))
-    several = {
-        f"{K} steps": bounds.bound("McDiarmid", "trajectory", coin, [1.0, 0.0], np.zeros((K, 1)))
-        for K in (1, 2, 5)
-    }
+    # every entry of A 1/2, no control: after each step the state is e_1 or e_2, as a coin decides,
+    # so that tr S_K = 1/2 and R_K = 1 for every K
+    coin = printed_bounds.corrected("state", 0.5, 2.0)
     return claim(
         "Lemma 4.3",
         outcome(
@@ -149,7 +138,7 @@ def lemma_43(key: Key) -> Claim:
             rate=rate,
         ),
         outcome(close, runs=runs, spread=spread[[0, 1, 2, 4, 8]]),
-        _exact_tails(several, 200),
+        _exact_tails({"the state": coin}, 200),
     )
 
 

@@ -10,25 +10,21 @@ weights. For systematic samples there are "systematic" and "simulated", for othe
 ==================  ====================================================  =====================
 quantity            choice                                                names of the bounds
 ==================  ====================================================  =====================
-vector ``w``        ``norm="2"`` (default)                                McDiarmid, Bousquet,
-                                                                          Weissman, Chebyshev,
+vector ``w``        ``norm="2"`` (default)                                Bousquet, Weissman,
                                                                           systematic
 ..                  ``norm="1"``                                          Weissman
-matrix ``A``        ``norm="Frobenius"``                                  McDiarmid, Bousquet,
-                                                                          Chebyshev, systematic
+matrix ``A``        ``norm="Frobenius"``                                  Bousquet, systematic
 ..                  ``norm="spectral"`` (default)                         Bernstein, and those
                                                                           of the Frobenius norm
-state, control      ``fusion="product"`` (default) or "diagonal"          McDiarmid, Bousquet,
-                                                                          Chebyshev
-trajectory          average of runs over K steps                          McDiarmid, Bousquet,
-                                                                          Chebyshev
-all but trajectory  errors drawn from the law, delta >= `least_delta`     simulated
+state, control      ``fusion="product"`` (default)                        McDiarmid, Bousquet
+..                  ``fusion="diagonal"``                                 Bousquet
+all                 errors drawn from the law, delta >= `least_delta`     simulated
 ==================  ====================================================  =====================
 
 "simulated" is within a few percent of the quantile; the others are formulas, several times larger,
-but at most the largest possible error. Among them Weissman's is best for few
-entries, Bousquet's for many realizations, McDiarmid's for few, Bernstein's for large matrices,
-Chebyshev's for large delta. `candidates` leaves out "simulated" and "systematic".
+but at most the largest possible error. Among them Weissman's is best for few entries, Bousquet's
+for many realizations, Bernstein's for large matrices; McDiarmid's is for few realizations, or
+different numbers of them. `candidates` leaves out "simulated" and "systematic".
 
 The code is a table *setting x inequality*: `table` has a row for each bound, with the text of its
 source; `settings` the quantities, with the numbers that inequalities need; `inequalities` the

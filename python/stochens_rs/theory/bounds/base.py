@@ -59,10 +59,6 @@ class Moments(Setting, ABC):
         """Root mean square of the error."""
 
     @abstractmethod
-    def ranges(self, rates: Rates) -> tuple[float, float, float]:
-        """``c, E, V``: the error over c has mean at most E and squared ranges that sum to 2 V."""
-
-    @abstractmethod
     def variance(self, rates: Rates) -> float:
         """Largest variance of a projection of the error."""
 
@@ -90,7 +86,7 @@ class Bound:
     source : str
         The inequality and the numbers that it is used with.
     quantity : str
-        The quantity: "vector", "matrix", "state", "control" or "trajectory".
+        The quantity: "vector", "matrix", "state" or "control".
     norm : str
         The norm of the error: "2", "Frobenius", "spectral" or "1".
     setting
@@ -106,9 +102,9 @@ class Bound:
     Examples
     --------
     >>> from stochens_rs.theory import bounds
-    >>> bound = bounds.bound("McDiarmid", "vector", [3.0, -1.0, 0.5])
+    >>> bound = bounds.bound("Weissman", "vector", [3.0, -1.0, 0.5])
     >>> round(bound.radius(10_000, 0.01), 4), bound.required_size(0.1, 0.01)
-    (0.1282, 16433)
+    (0.1138, 12954)
     """
 
     def __init__(

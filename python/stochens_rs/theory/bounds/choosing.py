@@ -52,7 +52,6 @@ def bound(
     norm: str | None = None,
     fusion: Fusion = "product",
     axis: Axis = "columns",
-    sample_B: bool = True,
     scheme: Scheme = "iid",
     steps: int = 1,
     rng: RngLike = 0,
@@ -65,8 +64,6 @@ def bound(
         As in the table of :mod:`stochens_rs.theory.bounds`.
     quantity, *data, norm, fusion, axis
         As in :func:`candidates`.
-    sample_B : bool, default True
-        For a trajectory: whether ``B`` is sampled, too; else it is known exactly.
     scheme : {"iid", "systematic"}, default "iid"
         For "simulated": how the realizations are drawn.
     steps : int, default 1
@@ -94,12 +91,11 @@ def bound(
     >>> bounds.bound("Weissman", "vector", [3.0, -1.0], norm="1").required_size(0.1, 0.01)
     16955
     """
-    problem = BoundedQuantity(quantity, data, norm, fusion, axis, sample_B)
+    problem = BoundedQuantity(quantity, data, norm, fusion, axis)
     how = validation.choice("scheme", scheme, SCHEMES)
     K, key = validation.size("steps", steps), as_key(rng)
     found = problem.rows(TABLE + DEPENDENT)
-    simulated = () if problem.quantity == "trajectory" else ("simulated",)
-    if validation.choice("name", name, (*found, *simulated)) == "simulated":
+    if validation.choice("name", name, (*found, "simulated")) == "simulated":
         if problem.system is None:
             refuse_choices(f"for a {problem.quantity}", steps=(K, 1))
         return problem.simulated(how, K, key)
@@ -118,11 +114,11 @@ def candidates(
 
     Parameters
     ----------
-    quantity : {"vector", "matrix", "state", "control", "trajectory"}
+    quantity : {"vector", "matrix", "state", "control"}
         The quantity whose error is bounded.
     *data : System or array_like
-        ``w``; ``A``; ``system, x0, xf`` for a state or a control; ``system, x0, u`` with u (K, m).
-        `system` is a System or what `System.from_any` takes, such as ``(A, B)``.
+        ``w``; ``A``; ``system, x0, xf`` for a state or a control. `system` is a System
+        or what `System.from_any` takes, such as ``(A, B)``.
     norm : str, optional
         Vector: "2" (default) or "1". Matrix: "spectral" (default) or "Frobenius". The others
         are in the 2-norm.
@@ -145,7 +141,7 @@ def candidates(
     --------
     >>> from stochens_rs.theory import bounds
     >>> [bound.name for bound in bounds.candidates("vector", [3.0, -1.0, 0.5])]
-    ['McDiarmid', 'Bousquet', 'Weissman', 'Chebyshev']
+    ['Bousquet', 'Weissman']
     """
     return BoundedQuantity(quantity, data, norm, fusion, axis).formulas()
 
@@ -187,8 +183,8 @@ def best(
     Notes
     -----
     The choice depends on the arguments only, not on realizations: :class:`Simulated` if `delta` and
-    the size of the problem allow it (not for trajectories), as it is within a few percent of the
-    quantile; otherwise the smallest of :func:`candidates`.
+    the size of the problem allow it, as it is within a few percent of the quantile; otherwise the
+    smallest of :func:`candidates`.
 
     Examples
     --------
@@ -201,17 +197,16 @@ def best(
         raise InputError("`size` or `eps` must be given, and not both")
     problem = BoundedQuantity(quantity, data, norm, fusion, axis)
     found, delta = problem.formulas(), validation.probability("delta", delta)
-    drawn = None if problem.quantity == "trajectory" else problem.simulated()
-    if drawn and not drawn.possible(1 if size is None else size, delta):
-        drawn = None
+    drawn = problem.simulated()
+    simulated = drawn.possible(1 if size is None else size, delta)
     if eps is not None:
-        needed, chosen = _smallest_size([drawn] if drawn else found, eps, delta)
+        needed, chosen = _smallest_size([drawn] if simulated else found, eps, delta)
         return Best(chosen, chosen.radius(needed, delta), needed, delta)
     if differ(found[0].setting.rates(size)):
         found = [one for one in found if not one.equal]
     radii = [one.radius(size, delta) for one in found]
     k = radii.index(min(radii))
-    if drawn is None or radii[k] == 0.0:
+    if radii[k] == 0.0 or not simulated:
         return Best(found[k], radii[k], size, delta)
     return Best(drawn, drawn.radius(size, delta), size, delta)
 

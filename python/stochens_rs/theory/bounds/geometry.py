@@ -111,7 +111,7 @@ class Geometry:
         # ||M (atom - a_j)||^2 = g_j apart_ij - tau_j; the largest is at least tau_j
         farthest = np.sqrt(np.where(present, g * apart - self.tau, 0.0).max(axis=0, initial=0.0))
         self.reach_A = float(np.abs(x0) @ np.where(random, farthest, 0.0))
-        # atoms of z = A^s x0^s: at each i the ends, and 0 where x0 meets a zero column
+        # atoms of A^s x0^s: at each i the ends, and 0 where x0 meets a zero column
         moved = np.sign(A) * np.sign(x0) * self.g0 * g
         met = present & (x0 != 0.0)
         i = np.flatnonzero(met.any(axis=1))
@@ -119,7 +119,6 @@ class Geometry:
         high = np.where(met, moved, -math.inf).max(axis=1)[i]
         zero = np.zeros((len(M), int(((g == 0.0) & (x0 != 0.0)).any())))
         atoms = np.hstack([M[:, i] * low, M[:, i] * high, zero])
-        self.D_z = math.sqrt(float(squared_distances(atoms).max(initial=0.0)))
         self.reach_z = largest_norm(atoms - (self.MA @ x0)[:, None])
 
     def _rows_of_A(self) -> None:
@@ -144,10 +143,6 @@ class Geometry:
         away = np.maximum(hits, misses[:, None])[:, self.hit]
         far = np.minimum(self.m @ away, self.M_norm * np.linalg.norm(away, axis=0))
         self.reach_z = float(far.max(initial=0.0))
-        # ||A^s x0^s|| <= g0 max_j (sum of rho_i^2 over the rows with a_ij != 0)^(1/2)
-        hit = (A != 0.0)[:, self.hit]
-        ball = self.M_norm * self.g0 * math.sqrt(float((rho**2 @ hit).max(initial=0.0)))
-        self.D_z = 2.0 * min(ball, self.reach_z)
 
     # -- by size ------------------------------------------------------------------------------
 

@@ -1,7 +1,7 @@
 """The inequalities, as formulas of a setting, its rates and a level ``L = log(1/delta)``.
 
-`mcdiarmid`, `bousquet` and `chebyshev` hold for every setting with moments, `product_mcdiarmid` and
-`product_bousquet` for product fusion, the others for vectors and matrices.
+`bousquet` holds for every average of independent terms, `mcdiarmid` and `product_bousquet` for
+product fusion, the others for vectors and matrices.
 """
 
 from __future__ import annotations
@@ -14,21 +14,6 @@ from .settings import Lines, Product
 _SHARE = math.log(10.0)  # level of a tenth of delta, the share of an event that is not the main one
 
 
-# -- for every setting with moments ----------------------------------------------------------------
-
-
-def mcdiarmid(at: Moments, rates: Rates, level: float) -> float:
-    """``E + sqrt(V L)`` where the mean is at most E and the squared ranges add up to ``2 V``.
-
-    C. McDiarmid, "On the method of bounded differences", Surveys in Combinatorics, 1989; the mean
-    is at most the root mean square. The printed exponent of Lemma 4.2 for one vector,
-    ``2 N eps^2 / g^2``, is false; this gives ``N eps^2 / g^2``. Best for few realizations and tiny
-    delta.
-    """
-    scale, mean, spread = at.ranges(rates)
-    return scale * differences(mean, spread, level)
-
-
 def bousquet(at: Moments, rates: Rates, level: float) -> float:
     """``E + sqrt(2 L (lam + 2 U E)) + U L / 3``: Talagrand's inequality, for many realizations.
 
@@ -38,14 +23,6 @@ def bousquet(at: Moments, rates: Rates, level: float) -> float:
     to suprema of empirical processes", C. R. Acad. Sci. Paris 334, 2002.
     """
     return supremum(at.rms(rates), at.variance(rates), at.farthest(rates) * max(rates), level)
-
-
-def chebyshev(at: Moments, rates: Rates, level: float) -> float:
-    """``rms / sqrt(delta)``: ``P(error > eps) <= E error^2 / eps^2``. Best for delta above 0.3.
-
-    For the average of runs this proves Lemma 3.1 for unbiased realizations.
-    """
-    return at.rms(rates) * math.exp(level / 2.0)
 
 
 # -- for vectors and matrices ----------------------------------------------------------------------
@@ -90,16 +67,17 @@ def systematic(at: Lines, rates: Rates, level: float) -> float:
 # -- for product fusion ----------------------------------------------------------------------------
 
 
-def product_mcdiarmid(at: Product, rates: Rates, level: float) -> float:
-    """McDiarmid's inequality for ``x0_hat`` near ``x0``, or for any ``x0_hat`` if that is smaller.
+def mcdiarmid(at: Product, rates: Rates, level: float) -> float:
+    """``E + sqrt(V L)``, E the root mean square, for ``x0_hat`` near ``x0`` or for any ``x0_hat``.
 
-    ``||x0_hat - x0||`` exceeds its radius with probability ``delta/10``; the rest of delta is for
-    McDiarmid. For the state this implies the exponent ``N t^2 / (gf^2 + 3 g0^2 gA^2)``. The sizes
-    of the entities may differ.
+    C. McDiarmid, "On the method of bounded differences", Surveys in Combinatorics, 1989.
+    The smaller of two radii: in one ``||x0_hat - x0||`` exceeds its own radius with probability
+    ``delta/10``, and the rest of delta is for McDiarmid. For the state this implies the exponent
+    ``N t^2 / (gf^2 + 3 g0^2 gA^2)``. The sizes of the entities may differ.
     """
     r0, _, rA = rates
-    _, mean, spread = at.ranges(rates)
-    surely = differences(mean, spread, level)
+    mean = at.rms(rates)
+    surely = differences(mean, at.spread(rates), level)
     if r0 == 0.0 or rA == 0.0:
         return surely
     likely = at.range_A(at.x0) + at.slope_A * _distance(at, r0, level + _SHARE)
@@ -129,9 +107,9 @@ def product_bousquet(at: Product, rates: Rates, level: float) -> float:
 
 
 def _distance(at: Product, r0: float, level: float) -> float:
-    """Radius for ``||x0_hat - x0||_2``: the smaller one of McDiarmid and Weissman."""
+    """Radius for ``||x0_hat - x0||_2``: the smaller one of Bousquet and Weissman."""
     rates, start = (r0,), at.start
-    found = mcdiarmid(start, rates, level), weissman(start, rates, level)
+    found = bousquet(start, rates, level), weissman(start, rates, level)
     return start.unit * min(*found, start.cap(rates))
 
 

@@ -15,18 +15,17 @@ from ..dynamics import checked_ends
 from ..formulas import lines_of
 from .base import Bound, Setting
 from .drawn_errors import DrawnEntity, PlanErrors
-from .settings import Lines, Paired, Product, Runs
+from .settings import Lines, Paired, Product
 from .simulated import DrawnErrors, Simulated
 from .table import SETTINGS, TABLE, Row
 
-Of: TypeAlias = Literal["vector", "matrix", "state", "control", "trajectory"]
+Of: TypeAlias = Literal["vector", "matrix", "state", "control"]
 
 _DATA = {
     "vector": "w",
     "matrix": "A",
     "state": "system, x0, xf",
     "control": "system, x0, xf",
-    "trajectory": "system, x0, u",
 }
 
 
@@ -40,7 +39,6 @@ class BoundedQuantity:
         norm: object,
         fusion: object,
         axis: object,
-        sample_B: object = True,
     ) -> None:
         self.quantity = validation.choice("quantity", quantity, tuple(_DATA))
         expected = _DATA[self.quantity]
@@ -55,14 +53,11 @@ class BoundedQuantity:
         self.norm = norms[0] if norm is None else validation.choice("norm", norm, norms)
         self.fusion = validation.choice("fusion", fusion, FUSIONS)
         self.axis = validation.choice("axis", axis, AXES)
-        self.sample_B = validation.flag("sample_B", sample_B)
         what = f"for a {self.quantity}"
         if not control:
             refuse_choices(what, fusion=(self.fusion, "product"))
         if self.quantity == "vector":
             refuse_choices(what, axis=(self.axis, "columns"))
-        if self.quantity != "trajectory":
-            refuse_choices(what, sample_B=(self.sample_B, True))
         self.settings = settings[self.fusion if control else self.norm]
         self._made: dict[str, Setting] = {}
         self.system: System | None = None
@@ -70,14 +65,8 @@ class BoundedQuantity:
             self.lines = validation.vector("w", data[0])[:, None]
         elif self.quantity == "matrix":
             self.lines = lines_of(validation.matrix("A", data[0]), self.axis)
-        elif control:
-            self.system, self.x0, self.xf = checked_ends(*data)
         else:
-            system = self.system = System.from_any(data[0])
-            self.x0 = validation.vector("x0", data[1], length=system.n, labels=system.state_names)
-            self.u = validation.inputs(
-                "u", data[2], cols=system.m, empty=False, labels=system.input_names
-            )
+            self.system, self.x0, self.xf = checked_ends(*data)
 
     def rows(self, table: tuple[Row, ...]) -> dict[str, tuple[Row, str]]:
         """The rows of the table that apply, by name, each with its setting."""
@@ -93,8 +82,6 @@ class BoundedQuantity:
         if self.system is None:
             norm = "Frobenius" if setting == "matrix" else self.norm
             return Lines(self.lines, self.quantity, norm)
-        if self.quantity == "trajectory":
-            return Runs(self.system, self.x0, self.u, self.axis, self.sample_B)
         control = Paired if setting == "diagonal" else Product
         return control(self.system, self.x0, self.xf, self.axis, self.quantity)
 

@@ -10,14 +10,10 @@ from functools import cached_property
 
 import numpy as np
 
-from ..._base.types import Axis, Floats
-from ...system import System
-from ..formulas import checked_finite, column_excess, sum_of_others
-from ..moments import trajectory_covariance, trajectory_mean
+from ..._base.types import Floats
+from ..formulas import column_excess, sum_of_others
 from .base import Moments, Rates, unit_of
 from .geometry import Geometry, largest_norm
-
-MOMENT = "moment of the trajectory"  # in messages
 
 
 class Lines(Moments):
@@ -45,10 +41,6 @@ class Lines(Moments):
     def rms(self, rates: Rates) -> float:
         """``sqrt(sum_j (g_j^2 - ||a_j||^2) / N)``."""
         return self.sigma * math.sqrt(rates[0])
-
-    def ranges(self, rates: Rates) -> tuple[float, float, float]:
-        """Replacing a line of a realization moves the error by ``sqrt(2) g_j / N`` at most."""
-        return math.sqrt(rates[0]), self.sigma, float((self.g**2).sum())
 
     def variance(self, rates: Rates) -> float:
         """``max_j lambda_max(Cv(a_j)) / N``."""
@@ -130,8 +122,8 @@ class Product(Control):
         """``sqrt(tr Cov)``, exact (`moments.control_covariance`, `moments.state_covariance`)."""
         return math.sqrt(self.mean_square(*rates))
 
-    def ranges(self, rates: Rates) -> tuple[float, float, float]:
-        """``2 V = D_f^2 / Nf + D_0^2 / N0 + sum_j xhat_j^2 D_j^2 / NA``, for every ``xhat``.
+    def spread(self, rates: Rates) -> float:
+        """``V``: ``2 V = D_f^2 / Nf + D_0^2 / N0 + sum_j xhat_j^2 D_j^2 / NA``, for every ``xhat``.
 
         These are the squared ranges of the martingale differences, for realizations revealed in
         the order ``xf``, ``x0``, ``A``. ``D_f`` and ``D_j`` are the diameters of the atoms of
@@ -140,7 +132,7 @@ class Product(Control):
         """
         r0, _, rA = rates
         largest = self.range_A(self.x0) if r0 == 0.0 or rA == 0.0 else self.cap_A
-        return 1.0, self.rms(rates), self.spread_linear(rates) + largest**2 * rA / 2.0
+        return self.spread_linear(rates) + largest**2 * rA / 2.0
 
     def variance(self, rates: Rates) -> float:
         """Largest variance of the linear part."""
@@ -159,117 +151,9 @@ class Paired(Control):
         """``sqrt(tr Cov)``, exact (`moments.control_covariance`, `moments.state_covariance`)."""
         return math.sqrt(self.paired_mean_square(*rates))
 
-    def ranges(self, rates: Rates) -> tuple[float, float, float]:
-        """``2 V = (D_f^2 + D_z^2) / N``, diameters of the atoms of ``M xf^s`` and ``M z^s``.
-
-        For the state ``D_f^2 <= 2 gf^2`` and ``D_z^2 <= 4 g0^2 gA^2``: exponent
-        ``N t^2 / (gf^2 + 2 g0^2 gA^2)``. With it Lemma 4.2 is true for this fusion, for its
-        constant C = 2 and ``beta`` at least the largest norm of a realization of A. Rows of A:
-        ``D_z`` is twice the radius of a ball that contains all ``z^s``.
-        """
-        r0, rf, rA = rates
-        if r0 > 0.0 and rA > 0.0:
-            spread = (self.D_f**2 * rf + self.D_z**2 * r0) / 2.0
-        else:  # nothing is paired with A: as product fusion
-            spread = self.spread_linear(rates) + self.range_A(self.x0) ** 2 * rA / 2.0
-        return 1.0, self.rms(rates), spread
-
     def variance(self, rates: Rates) -> float:
         """``lambda_max(M (Cv(xf) + C_z) M^T) / N``, the covariance of one pair."""
         return self.top(rates, both=True) * max(rates)
-
-
-class Runs(Moments):
-    """The average of N runs of the sampled system over K steps, open loop, fresh draws each step.
-
-    ``xhat(s, k+1) = A^(s,k) xhat(s, k) + B^(s,k) u(k)``, ``xhat(s, 0) = x0^s``; the error is
-    ``||mean of the runs - x(K)||_2``. ``S_K`` is the exact covariance of one run, ``R_K`` a bound
-    on its norm. A realization that is used in two steps would make the mean of the runs biased, so
-    that no bound on the distance to ``x(K)`` can hold.
-    """
-
-    def __init__(self, system: System, x0: Floats, u: Floats, axis: Axis, sample_B: bool) -> None:
-        super().__init__("trajectory")
-        self.A, self.B, self.axis, self.sample_B = system.A, system.B, axis, sample_B
-        # linear in (x0, u), so that their unit is that of the result
-        self.unit = max(unit_of(x0) if x0.any() else 0.0, float(np.abs(u).max())) or 1.0
-        self.x0, self.u = x0 / self.unit, u / self.unit
-        self.mean = trajectory_mean((self.A, self.B), self.x0, self.u)[-1]
-        self.covariance = trajectory_covariance(
-            (self.A, self.B), self.x0, self.u, sample_B=sample_B, axis=axis
-        )[-1]
-        self.mean_square = checked_finite(max(0.0, float(np.trace(self.covariance))), MOMENT)
-        with np.errstate(over="ignore", invalid="ignore"):
-            largest = self._one_norm() if axis == "columns" else self._by_entries()
-            # an exact B shifts all runs by the same B u(K - 1), which is left out of both terms
-            shift = 0.0 if sample_B else self.B @ self.u[-1]
-            self._farthest = checked_finite(
-                largest + float(np.linalg.norm(self.mean - shift)), MOMENT
-            )
-            one_step = len(self.u) == 1 and axis == "columns"
-            spread = self._one_step() if one_step else 2.0 * largest * largest
-            self.spread = checked_finite(spread, MOMENT)
-
-    def rms(self, rates: Rates) -> float:
-        """``sqrt(tr S_K / N)``."""
-        return math.sqrt(self.mean_square * rates[0])
-
-    def ranges(self, rates: Rates) -> tuple[float, float, float]:
-        """Replacing one run moves the average by ``2 R_K / N`` at most; see also `_one_step`."""
-        return 1.0, self.rms(rates), self.spread * rates[0]
-
-    def variance(self, rates: Rates) -> float:
-        """``lambda_max(S_K) / N``."""
-        return self._top * rates[0]
-
-    def farthest(self, rates: Rates) -> float:
-        """``R_K + ||x(K)||``; for an exact B both without ``B u(K - 1)``."""
-        return self._farthest
-
-    @cached_property
-    def _top(self) -> float:
-        return max(0.0, float(np.linalg.eigvalsh(self.covariance)[-1]))
-
-    def _one_norm(self) -> float:
-        """``R_{k+1} = gA R_k + sum_j |u_j(k)| ||b_j||_1``, ``R_0 = g0``: columns, 1-norms."""
-        gain = float(np.abs(self.A).sum(axis=0).max())
-        h = np.abs(self.B).sum(axis=0)
-        radius = float(np.abs(self.x0).sum())
-        for k, u in enumerate(self.u):
-            exact = 0.0 if k == len(self.u) - 1 else float(np.abs(self.B @ u).sum())
-            radius = gain * radius + (float(h @ np.abs(u)) if self.sample_B else exact)
-        return radius
-
-    def _by_entries(self) -> float:
-        """``r_i(k+1) = rho_i max_j r_j(k) + h_i max_j |u_j(k)|``, ``R_K = ||r(K)||_2``: rows.
-
-        The maxima are over the j that row i of A, of B can hit.
-        """
-        r = np.where(self.x0 != 0.0, np.abs(self.x0).sum(), 0.0)
-        for k, u in enumerate(self.u):
-            r = _row_range(self.A, r)
-            if self.sample_B:
-                r = r + _row_range(self.B, np.abs(u))
-            elif k < len(self.u) - 1:
-                r = r + np.abs(self.B @ u)
-        return float(np.linalg.norm(r))
-
-    def _one_step(self) -> float:
-        """``V = 2 g0^2 gA^2 + sum_j u_j^2 h_j^2``, ``h_j = ||b_j||_1`` (0 for an exact B): columns.
-
-        A run of one step consists of ``A^s x0^s``, one entry of at most ``g0 gA``, and of the
-        columns of ``B^s``; ``gA`` is the maximum over the columns that ``x0`` reaches.
-        """
-        gA = float(np.abs(self.A[:, self.x0 != 0.0]).sum(axis=0).max(initial=0.0))
-        moved = float(np.abs(self.x0).sum()) * gA
-        pushed = np.abs(self.u[0]) * np.abs(self.B).sum(axis=0) * self.sample_B
-        return 2.0 * moved * moved + float((pushed**2).sum())
-
-
-def _row_range(A: Floats, r: Floats) -> Floats:
-    """``rho_i max_j r_j`` over the entries that row i can hit."""
-    largest = np.where(A != 0.0, r, 0.0).max(axis=1)
-    return np.asarray(np.abs(A).sum(axis=1) * largest, dtype=np.float64)
 
 
 def largest_eigenvalues(p: Floats) -> Floats:

@@ -14,7 +14,6 @@ SETTINGS: dict[str, dict[str, tuple[str, ...]]] = {
     "matrix": {"spectral": ("spectral norm", "matrix"), "Frobenius": ("matrix",)},
     "state": {"product": ("product",), "diagonal": ("diagonal",)},
     "control": {"product": ("product",), "diagonal": ("diagonal",)},
-    "trajectory": {"2": ("runs",)},
 }
 
 
@@ -33,14 +32,8 @@ class Row:
 TABLE = (
     Row("Bernstein", ("spectral norm",), of.bernstein,
         "N m independent matrices of rank one, matrix Bernstein"),
-    Row("McDiarmid", ("vector", "matrix"), of.mcdiarmid,
-        "bounded differences sqrt(2) g_j / N; mean at most sqrt(sum g_j^2 - ||a_j||^2) / N^.5"),
-    Row("McDiarmid", ("product",), of.product_mcdiarmid,
+    Row("McDiarmid", ("product",), of.mcdiarmid,
         "bounded martingale differences, xf then x0 then A; mean at most the exact rms"),
-    Row("McDiarmid", ("diagonal",), of.mcdiarmid,
-        "bounded differences in N pairs xf^s, A^s x0^s; mean at most the exact rms"),
-    Row("McDiarmid", ("runs",), of.mcdiarmid,
-        "bounded differences in N independent runs; mean at most the exact rms"),
     Row("Bousquet", ("vector", "matrix"), of.bousquet,
         "supremum of <v, average - mean> over unit vectors v, N independent terms"),
     Row("Bousquet", ("product",), of.product_bousquet,
@@ -48,12 +41,8 @@ TABLE = (
         "one linear term for each index"),
     Row("Bousquet", ("diagonal",), of.bousquet,
         "supremum of <v, M (average of pairs - mean)> over unit vectors v"),
-    Row("Bousquet", ("runs",), of.bousquet,
-        "supremum of <v, average of the runs - x(K)> over unit vectors v"),
     Row("Weissman", ("vector", "1-norm"), of.weissman,
         "union bound over all sets of atoms, Hoeffding for each"),
-    Row("Chebyshev", ("vector", "matrix", "product", "diagonal", "runs"), of.chebyshev,
-        "Markov's inequality for the squared error"),
 )  # fmt: skip
 # For systematic samples, to which no other row applies: their realizations are dependent.
 DEPENDENT = (

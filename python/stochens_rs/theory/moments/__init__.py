@@ -40,13 +40,12 @@ from .estimates import (
 )
 from .several_steps import final_state_covariance
 from .systematic import systematic_covariance, systematic_mse
-from .trajectories import growth_factor, trajectory_covariance, trajectory_mean, trajectory_rms
+from .trajectories import trajectory_covariance, trajectory_mean, trajectory_rms
 
 __all__ = [
     "control_covariance",
     "control_rms",
     "final_state_covariance",
-    "growth_factor",
     "matrix_covariance",
     "matrix_mse",
     "product_covariance",

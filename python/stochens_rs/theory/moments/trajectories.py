@@ -13,7 +13,6 @@ from ...exceptions import NonFiniteError
 from ...system import System
 from ..dynamics import checked_motion, states
 from ..formulas import Size, inverse_size, matrix_excess, realization_covariance, vector_excess
-from ..positive_maps import moment_radius, spectral_radius
 
 
 def trajectory_mean(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Floats:
@@ -191,62 +190,6 @@ def trajectory_rms(
     with np.errstate(over="ignore"):
         squares = _finite("mean squared error", np.trace(S, axis1=1, axis2=2))
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)), dtype=np.float64)
-
-
-def growth_factor(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
-    """Factor by which the mean square of a simulated state grows per step in the long run.
-
-    Parameters
-    ----------
-    A : (n, n) array_like
-        State matrix.
-    size : int or None, default 1
-        Realizations averaged in every step (mean-field); 1: single runs, and averages of runs,
-        whatever their number. None or inf: the exact system.
-    axis : {"columns", "rows"}, default "columns"
-        Which lines of ``A`` are sampled.
-
-    Returns
-    -------
-    float
-        Spectral radius of ``M -> A M A^T + X_A(M) / N``. For ``N = 1`` that of the nonnegative
-        matrix ``Q = |A| diag(g)`` (rows: ``diag(rho) |A|``); for the exact system ``rho(A)^2``.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        `A` is not a finite square matrix, `size` is not a count, `axis` is unknown.
-
-    Notes
-    -----
-    ``N = 1``, by columns, u = 0: every state of a run has one nonzero entry, and
-    ``E[x(K) x(K)^T] = diag(g0 Q^K |x0|)`` exactly. ``N > 1``: the root of an equation in the
-    spectral radius of an n x n matrix (as in :func:`~stochens_rs.theory.tracking.stability_radius`)
-    is found by power iteration, O(n^3) a step; where that does not converge (sparse or tiny
-    ``A``), from eigenvalues, O(n^4) a step.
-
-    Examples
-    --------
-    >>> import numpy as np
-    >>> H = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
-    >>> round(growth_factor(H), 9), round(growth_factor(H, 100), 9)
-    (2.0, 1.01)
-    """
-    A = validation.matrix("A", A, square=True)
-    # Sampling the rows of A is, in this respect, the same as sampling the columns of A^T.
-    A = A if validation.choice("axis", axis, AXES) == "columns" else A.T
-    reciprocal = inverse_size("size", size)
-    scale = float(np.abs(A).max())
-    if scale == 0.0:
-        return 0.0
-    A = A / scale
-    if reciprocal == 1.0:
-        radius = spectral_radius(np.abs(A) * np.abs(A).sum(axis=0))  # rho(Q)
-    else:
-        memory.need("the growth factor", 4 * 8 * len(A) ** 3)
-        radius = moment_radius(A, A, np.eye(len(A)), reciprocal)
-    with np.errstate(over="ignore"):
-        return float(_finite("growth factor", np.asarray(np.float64(radius) * scale * scale)))
 
 
 def _finite(what: str, values: Floats) -> Floats:

@@ -413,6 +413,7 @@ def swept():
 SEPARATE = {"cli", "plots", "paper.report", "paper.verdicts", "Ensemble"}
 SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curve.from_dict"}
 SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
+SEPARATE |= {"System.from_mujoco"}  # an optional package: in a file of its own
 SEPARATE |= {"Bound", "Printed", "Simulated", "Results.select", "Results.plot"}
 SEPARATE |= {"Study.resume", "Study.merge", "Plan.typical", "design"}
 SEPARATE |= {"Kept", "ReadingLoop"}  # made by `regulate`, which checks

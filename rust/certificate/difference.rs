@@ -120,12 +120,12 @@ impl Difference {
             let seen = product(&self.b, &z(j)?, d, d, 1)?;
             lengths.push(norm(seen.iter().copied()));
             c.extend(seen);
-            powers.push(try_copy(WHAT, &power)?)?;
+            powers.push(&power)?;
             power = product(&a, &power, n, n, n)?;
         }
         let span = Span::new(&c, count, false, stop)?;
         for k in 1..=count {
-            sizes[k] = powers.linear(&span, &lengths[..k], (self.eta, f64::INFINITY), EFFORT)?;
+            sizes[k] = powers.linear(&span, &lengths[..k], (self.eta, f64::INFINITY), EFFORT, f64::INFINITY)?;
         }
         if let Some(last) = first_order(&a, &unit, &c, n, d)?.last() {
             for (to, row) in rows.iter_mut().zip(last.chunks_exact(d * n)) {

@@ -16,9 +16,13 @@
 //! rest        = spectral wcs(A^p_j S^(1/2), b_j),    b_j >= ||T_x e(j)||.
 //! ```
 //!
-//! `b_j` is that of [`super::several_steps`], or what the same split of `T_x e(j)` gives with a quantile of its own. Noise of the
+//! `b_j` is that of [`super::several_steps`], of which the first order is that of the same split of `T_x e(j)`, with a quantile of
+//! its own, where that is smaller. Noise of the
 //! run to come adds `sum_p A0^p w` to F, which is independent of it, with s = 1; `drift`, the quantile of
 //! `sum_p (A^p - A0^p) w`, to the mismatch; and `nu_j` to `b_j`.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::error::{Error, Result};
 use crate::fuse::{distance, norm};
@@ -62,20 +66,14 @@ pub struct Near {
     pub components: Vec<f64>,
 }
 
-/// `to += weight (X Y' + Y X') / 2` of (rows, cols).
-fn add_products(to: &mut [f64], weight: f64, [x, y]: [&[f64]; 2], rows: usize, cols: usize) {
-    for i in 0..rows {
-        for j in 0..=i {
-            let along = |x: &[f64], y: &[f64], i: usize, j: usize| -> f64 {
-                x[i * cols..(i + 1) * cols].iter().zip(&y[j * cols..(j + 1) * cols]).map(|(a, b)| a * b).sum()
-            };
-            let value = weight * (along(x, y, i, j) + along(y, x, i, j)) / 2.0;
-            to[i * rows + j] += value;
-            if i != j {
-                to[j * rows + i] += value;
-            }
-        }
-    }
+/// `X Y'` of (rows, cols).
+fn products([x, y]: [&[f64]; 2], rows: usize) -> Result<Vec<f64>> {
+    let cols = x.len() / rows;
+    let (x, y) = (MatRef::from_row_major_slice(x, rows, cols), MatRef::from_row_major_slice(y, rows, cols));
+    let mut found = try_zeros(WHAT, rows * rows)?;
+    let to = MatMut::from_row_major_slice_mut(&mut found, rows, rows);
+    matmul(to, Accum::Replace, x, y.transpose(), 1.0, Par::Seq);
+    Ok(found)
 }
 
 /// `A^p root`, p < K.
@@ -84,25 +82,20 @@ fn powers(a: &[f64], root: &[f64], n: usize, count: usize) -> Result<Powers> {
     let mut power = try_copy(WHAT, root)?;
     for _ in 0..count {
         let next = product(a, &power, n, n, n)?;
-        found.push(power)?;
+        found.push(&power)?;
         power = next;
     }
     Ok(found)
 }
 
-/// Everything of one plan and one reference.
+/// Everything of first order of one plan and one reference.
 struct Work<'a> {
     n: usize,
     d: usize,
     event: &'a Event,
     shares: Shares,
-    /// Of the plan without a reference.
-    steps: Steps,
-    /// The radius that `steps` are for.
-    spectral: f64,
-    /// `A^p S^(1/2)` where those of `steps` are others, and what the difference of an older plant does: see `Difference::linear`.
-    older: Option<(Powers, Vec<f64>, Vec<f64>)>,
-    /// `A0^p S^(1/2)`.
+    /// `A^p S^(1/2)` and `A0^p S^(1/2)`.
+    own: Powers,
     pilot: Powers,
     /// First-order parts of the plan and of the reference.
     plan: Vec<Vec<f64>>,
@@ -110,9 +103,9 @@ struct Work<'a> {
     /// With noise to come: the covariances of `sum_{p<k} A0^p w` and of `sum_{p<k} (A^p - A0^p) w`, k = 1..K.
     through: Vec<Vec<f64>>,
     drift: Vec<Vec<f64>>,
+    /// What the difference of an older plant does: see `Difference::linear`.
+    difference: (Vec<f64>, Vec<f64>),
     s: f64,
-    /// `b_j`, j < K.
-    b: Vec<f64>,
 }
 
 impl Work<'_> {
@@ -124,42 +117,33 @@ impl Work<'_> {
     fn add_noise(&mut self) -> Result<()> {
         let n = self.n;
         let [mut through, mut drift] = [try_zeros(WHAT, n * n)?, try_zeros(WHAT, n * n)?];
-        let outside = self.older.as_ref().map_or(&self.steps.outside, |(outside, ..)| outside);
-        for (m, l) in outside.matrices.iter().zip(&self.pilot.matrices) {
-            let apart = try_collect(WHAT, m.iter().zip(l).map(|(m, l)| m - l))?;
-            add_products(&mut through, 1.0, [l, l], n, n);
-            add_products(&mut drift, 1.0, [&apart, &apart], n, n);
+        let add = |to: &mut [f64], m: &[f64]| -> Result<()> {
+            to.iter_mut().zip(products([m, m], n)?).for_each(|(to, v)| *to += v);
+            Ok(())
+        };
+        for (m, l) in self.own.all().zip(self.pilot.all()) {
+            add(&mut through, l)?;
+            add(&mut drift, &try_collect(WHAT, m.iter().zip(l).map(|(m, l)| m - l))?)?;
             self.through.push(try_copy(WHAT, &through)?);
             self.drift.push(try_copy(WHAT, &drift)?);
         }
         Ok(())
     }
 
-    /// Finds `b_j`: `T_x e(j)` split as the target is, or as it is without a reference; given `T_x` and `(R^-1)'_x` (d, n).
-    fn between(&mut self, [tx, t0x]: [&[f64]; 2], stop: &Stop) -> Result<()> {
+    /// Bounds of `||T_x e(j)||` of first order by the same split, j < K, given `T_x` and `(R^-1)'_x` (d, n); 0 for the last.
+    fn between(&self, [tx, t0x]: [&[f64]; 2], stop: &Stop) -> Result<Vec<f64>> {
         let (n, d, s, count) = (self.n, self.d, self.s, self.plan.len());
-        if self.older.is_some() {
-            self.b = try_copy(WHAT, &self.steps.rest[..count])?;
-            return Ok(());
-        }
         let level = self.shares.between / (count.max(2) as f64 - 1.0);
-        self.b.push(0.0);
-        for j in 1..count {
+        let mut found = try_zeros(WHAT, count + 1)?;
+        for (j, to) in found.iter_mut().enumerate().take(count).skip(1) {
             stop.check()?;
             let seen = product(t0x, &self.reference[j - 1], d, n, d * n)?;
             let plan = product(tx, &self.plan[j - 1], d, n, d * n)?;
             let apart = try_collect(WHAT, plan.iter().zip(&seen).map(|(a, b)| a - s * b))?;
-            let mut found = self.factor() * spectral_norm(&apart, d, d * n)? + self.steps.noise[j];
-            found += self.event.spectral * self.steps.inside.cauchy_schwarz(&self.b)?;
-            let crude = self.steps.rest[j];
-            if found < crude {
-                let mut covariance = try_zeros(WHAT, d * d)?;
-                add_products(&mut covariance, 1.0, [&seen, &seen], d, d * n);
-                found += s.abs() * coarse_normal_quantile(&covariance, d, level)?;
-            }
-            self.b.push(found.min(crude));
+            *to = self.factor() * spectral_norm(&apart, d, d * n)?;
+            *to += s.abs() * coarse_normal_quantile(&products([&seen, &seen], d)?, d, level)?;
         }
-        Ok(())
+        Ok(found)
     }
 
     /// `mismatch(s)` of k steps, first order by the norm of Frobenius.
@@ -167,51 +151,44 @@ impl Work<'_> {
         Ok(self.factor() * spectral_norm(&self.unlike(k)?, self.n, self.d * self.n)?)
     }
 
-    /// `spectral wcs` of k steps.
-    fn rest(&mut self, k: usize) -> Result<f64> {
-        Ok(self.spectral * self.steps.outside.cauchy_schwarz(&self.b[..k])?)
-    }
-
-    /// What the difference of an older plant adds over k steps.
-    fn difference(&self, k: usize) -> f64 {
-        self.older.as_ref().map_or(0.0, |(_, sizes, _)| sizes[k])
-    }
-
-    /// A bound of `||e(k)||`, one of K that hold together.
-    fn step(&mut self, k: usize) -> Result<f64> {
+    /// A bound of the first order of `||e(k)||`, one of K that hold together.
+    fn step(&self, k: usize) -> Result<f64> {
         let (n, count) = (self.n, self.plan.len() as f64);
         let quantile = self.s.abs() * coarse_normal_quantile(&self.covariance(k)?, n, self.shares.reference / count)?;
-        let mut first = quantile + self.mismatch(k)? + self.difference(k);
+        let mut first = quantile + self.mismatch(k)? + self.difference.0[k];
         if self.noisy() {
             first += coarse_normal_quantile(&self.drift[k - 1], n, self.shares.noise / 2.0 / count)?;
-        } else {
-            first = first.min(self.steps.linear[k]);
         }
-        Ok(first + self.rest(k)?)
+        Ok(first)
     }
 
-    /// Bounds of `|e(K)|_i`, which hold together: first order of a row exactly.
-    fn components(&self) -> Result<Vec<f64>> {
+    /// Bounds of `|e(K)|_i`, which hold together: first order of a row exactly; `spectral` is the radius that `steps` are for.
+    fn components(&self, steps: &Steps, spectral: f64) -> Result<Vec<f64>> {
         let (n, width, count) = (self.n, self.d * self.n, self.plan.len());
         let quantile = |level: f64| Ok::<_, Error>(chi2_upper(level / n as f64, 1.0)?.sqrt());
         let times_deviation = self.s.abs() * quantile(self.shares.reference)?;
+        let times_drift = if self.noisy() { quantile(self.shares.noise / 2.0)? } else { 0.0 };
         let (covariance, apart) = (self.covariance(count)?, self.unlike(count)?);
-        let row = |of: &[f64], i: usize| -> Result<f64> {
-            let (frobenius, nuclear) = norms(&of[i * width..(i + 1) * width], n)?;
-            Ok(times(self.event.frobenius, frobenius).min(times(self.event.spectral, nuclear)))
+        // or `enough`, if that is not above the norm of Frobenius
+        let row = |of: &[f64], i: usize, enough: f64| -> Result<f64> {
+            let of = &of[i * width..(i + 1) * width];
+            if times(self.event.spectral, norm(of.iter().copied())) >= enough {
+                return Ok(enough);
+            }
+            let (frobenius, nuclear) = norms(of, n)?;
+            Ok(times(self.event.frobenius, frobenius).min(times(self.event.spectral, nuclear)).min(enough))
         };
         let mut found = try_zeros(WHAT, n)?;
         for (i, to) in found.iter_mut().enumerate() {
-            let mut first = times_deviation * covariance[i * (n + 1)].sqrt() + row(&apart, i)?;
+            let mut first = times_deviation * covariance[i * (n + 1)].sqrt() + row(&apart, i, f64::INFINITY)?;
             if self.noisy() {
-                first += quantile(self.shares.noise / 2.0)? * self.drift[count - 1][i * (n + 1)].sqrt();
+                first += times_drift * self.drift[count - 1][i * (n + 1)].sqrt();
             } else {
-                first = first.min(row(&self.plan[count - 1], i)?);
+                first = row(&self.plan[count - 1], i, first)?;
             }
-            let each = self.steps.outside.matrices.iter().rev().zip(&self.b);
+            let each = steps.outside.all().zip(steps.rest[..count].iter().rev());
             let rest: f64 = each.map(|(m, b)| times(norm(m[i * n..(i + 1) * n].iter().copied()), *b)).sum();
-            let difference = self.older.as_ref().map_or(0.0, |(.., rows)| rows[i]);
-            *to = first + difference + self.spectral * rest;
+            *to = first + self.difference.1[i] + spectral * rest;
         }
         Ok(found)
     }
@@ -229,9 +206,10 @@ impl Work<'_> {
     /// The covariance of F, with noise to come of `sum A0^p w` too.
     fn covariance(&self, k: usize) -> Result<Vec<f64>> {
         let (n, first) = (self.n, self.reference[k - 1].as_slice());
-        let mut found =
-            if self.through.is_empty() { try_zeros(WHAT, n * n)? } else { try_copy(WHAT, &self.through[k - 1])? };
-        add_products(&mut found, 1.0, [first, first], n, self.d * n);
+        let mut found = products([first, first], n)?;
+        if let Some(through) = self.through.get(k - 1) {
+            found.iter_mut().zip(through).for_each(|(to, v)| *to += v);
+        }
         Ok(found)
     }
 
@@ -241,10 +219,13 @@ impl Work<'_> {
     fn best(&self, q: f64) -> Result<f64> {
         let (n, k, factor) = (self.n, self.plan.len(), self.factor());
         let (apart, first) = (self.unlike(k)?, self.reference[k - 1].as_slice()); // here s = 1
-        let mut grams = [try_zeros(WHAT, n * n)?, try_zeros(WHAT, n * n)?, try_zeros(WHAT, n * n)?];
-        add_products(&mut grams[0], 1.0, [&apart, &apart], n, self.d * n);
-        add_products(&mut grams[1], 2.0, [&apart, first], n, self.d * n);
-        add_products(&mut grams[2], 1.0, [first, first], n, self.d * n);
+        let mut grams = [products([&apart, &apart], n)?, products([&apart, first], n)?, products([first, first], n)?];
+        for i in 0..n {
+            for j in 0..=i {
+                let twice = grams[1][i * n + j] + grams[1][j * n + i];
+                grams[1][i * n + j] = twice; // the lower half is read
+            }
+        }
         let mut small = Symmetric::new(n)?;
         let (s, _) = smallest(-1.0, 2.0, |s| {
             let left = 1.0 - s;
@@ -330,48 +311,27 @@ impl Pilot {
         };
         let (a, a0) = (columns(&self.h)?, columns(&self.model)?);
         let to_come = noisy.then_some(future);
-        let along = |region: &Region, root: &[f64], spectral: f64, frobenius: f64| {
-            let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come };
-            several_steps(region, root, at, inputs, radii, Seen { rows: n, gain: None }, stop)
-        };
-        let (spectral, steps, older) = match &self.difference {
-            None => (event.spectral, along(region, &root, event.spectral, event.frobenius)?, None),
-            Some(difference) => {
-                let mut best = None;
-                let mut least = f64::INFINITY;
-                for factor in SHARES {
-                    let joined = self.joined(difference, event, factor)?;
-                    let root = covariance_root(&joined.parts[0].shape, n)?;
-                    let mut steps = along(&joined, &root, 1.0, joined.frobenius())?;
-                    let rest = steps.outside.cauchy_schwarz(&steps.rest[..count])?;
-                    if best.is_none() || rest < least {
-                        (best, least) = (Some(steps), rest);
-                    }
-                }
-                let Some(steps) = best else { return Err(Error::Overflow { what: "the rest of a plan" }) };
-                let (sizes, rows) = difference.linear(region, task.x0, inputs, stop)?;
-                (1.0, steps, Some((powers(&a, &root, n, count)?, sizes, rows)))
-            }
-        };
         let mut c = try_room(WHAT, checked_len(WHAT, count, d)?)?;
         for (x, u) in at.chunks_exact(n).zip(inputs.chunks_exact(self.m)) {
             c.extend(product(&self.t, &region.regressor(x, u)?, d, d, 1)?);
         }
+        let difference = match &self.difference {
+            None => (try_zeros(WHAT, count + 1)?, try_zeros(WHAT, n)?),
+            Some(difference) => difference.linear(region, task.x0, inputs, stop)?,
+        };
         let mut work = Work {
             n,
             d,
             event,
             shares,
-            steps,
-            spectral,
-            older,
+            own: powers(&a, &root, n, count)?,
             pilot: powers(&a0, &root, n, count)?,
             plan: first_order(&a, &root, &c, n, d)?,
             reference: first_order(&a0, &root, &reference.g, n, d)?,
             through: try_room(WHAT, count)?,
             drift: try_room(WHAT, count)?,
+            difference,
             s: 1.0,
-            b: try_room(WHAT, count)?,
         };
         if noisy {
             work.add_noise()?;
@@ -380,29 +340,59 @@ impl Pilot {
         if !noisy {
             work.s = work.best(q)?;
         }
-        work.between([&columns(&self.t)?, &columns(&self.t0)?], stop)?;
-
         // the target: q at its whole level, and the first order over the spectral ball too
         let (mut quantile, mut mismatch) = (work.s.abs() * q, work.mismatch(count)?);
         let scaled = try_collect(WHAT, reference.g.iter().map(|g| work.s * g))?;
-        let both = [work.older.as_ref().map_or(&work.steps.outside, |(outside, ..)| outside), &work.pilot];
-        let spectral = largest_difference(both, [&c, &scaled], EFFORT, mismatch / event.spectral)?;
-        mismatch = mismatch.min(event.spectral * spectral);
-        let mut difference = work.difference(count);
+        let largest = largest_difference([&work.own, &work.pilot], [&c, &scaled], EFFORT, mismatch / event.spectral)?;
+        mismatch = mismatch.min(event.spectral * largest);
+        let mut difference = work.difference.0[count];
+        let mut first = try_zeros(WHAT, count + 1)?;
+        for (k, to) in first.iter_mut().enumerate().skip(1) {
+            stop.check()?;
+            *to = work.step(k)?;
+        }
+
+        let along = |region: &Region, root: &[f64], spectral: f64, frobenius: f64, besides: [Option<&[f64]>; 2]| {
+            let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come, besides };
+            several_steps(region, root, at, inputs, radii, Seen { rows: n, gain: None }, stop)
+        };
+        let (spectral, steps) = if let Some(difference) = &self.difference {
+            let mut best = None;
+            let mut least = f64::INFINITY;
+            for factor in SHARES {
+                let joined = self.joined(difference, event, factor)?;
+                let root = covariance_root(&joined.parts[0].shape, n)?;
+                let steps = along(&joined, &root, 1.0, joined.frobenius(), [None; 2])?;
+                let rest = steps.back[count];
+                if best.is_none() || rest < least {
+                    (best, least) = (Some(steps), rest);
+                }
+            }
+            let Some(steps) = best else { return Err(Error::Overflow { what: "the rest of a plan" }) };
+            (1.0, steps)
+        } else {
+            let inner = work.between([&columns(&self.t)?, &columns(&self.t0)?], stop)?;
+            // with noise to come the first order of the plan alone does not count
+            let mut outer = if noisy { try_zeros(WHAT, count + 1)? } else { try_copy(WHAT, &first)? };
+            if !noisy {
+                outer[count] = outer[count].max(quantile + mismatch + difference);
+            }
+            (event.spectral, along(region, &root, event.spectral, event.frobenius, [Some(&outer), Some(&inner)])?)
+        };
         if noisy {
             mismatch += normal_quantile(&work.drift[count - 1], n, half)?;
-        } else if work.steps.linear[count] < quantile + mismatch + difference {
-            (quantile, mismatch, difference) = (0.0, work.steps.linear[count], 0.0); // s = 0
+        } else if steps.linear[count] < quantile + mismatch + difference {
+            (quantile, mismatch, difference) = (0.0, steps.linear[count], 0.0); // s = 0
         }
-        let (reach, rest) = (distance(&at[count * n..], task.xf), work.rest(count)?);
         let mut tube = try_room(WHAT, count + 1)?;
         for (k, (x, predicted)) in at.chunks_exact(n).zip(task.predicted.chunks_exact(n)).enumerate() {
-            stop.check()?;
-            tube.push(distance(x, predicted) + if k > 0 { work.step(k)? } else { 0.0 });
+            let first = if noisy { first[k] } else { first[k].min(steps.linear[k]) };
+            tube.push(distance(x, predicted) + first + steps.back[k]);
         }
-        let mut components = work.components()?;
+        let (rest, mut components) = (steps.back[count], work.components(&steps, spectral)?);
         let off = at[count * n..].iter().zip(task.xf).map(|(x, xf)| (x - xf).abs());
         components.iter_mut().zip(off).for_each(|(to, off)| *to += off);
+        let reach = distance(&at[count * n..], task.xf);
         let target = reach + quantile + mismatch + rest + difference;
         Ok(Near { target, reach, quantile, mismatch, rest, difference, tube, components })
     }

@@ -15,7 +15,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::error::Result;
-use crate::identify::Symmetric;
+use crate::identify::{Symmetric, squares};
 use crate::memory::{checked_len, try_copy, try_zeros};
 
 pub(super) const WHAT: &str = "a certificate of several steps";
@@ -36,9 +36,9 @@ pub(super) struct Effort {
 /// How long to look for a better bound of the last state.
 pub(super) const EFFORT: Effort = Effort { rounds: 10, tolerance: 1e-3 };
 
-/// `M_0, .., M_{k-1}` (rows, n) in reverse order, their norms, and the coordinates of `c_0, .., c_{k-1}`, r of each.
+/// `M_0, .., M_{k-1}` (k, rows n), their norms, and the coordinates of `c_{k-1}, .., c_0`, r of each.
 pub(super) struct Terms<'a> {
-    pub matrices: &'a [Vec<f64>],
+    pub matrices: &'a [f64],
     pub norms: &'a [f64],
     pub c: &'a [f64],
     pub rows: usize,
@@ -48,38 +48,37 @@ pub(super) struct Terms<'a> {
 
 impl Terms<'_> {
     fn each<'b>(&'b self, y: &'b [f64]) -> impl Iterator<Item = (&'b [f64], f64, &'b [f64])> {
-        let matrices = self.matrices.iter().zip(self.norms).rev();
-        y.chunks_exact(self.r).zip(matrices).map(|(y, (matrix, norm))| (matrix.as_slice(), *norm, y))
+        let matrices = self.matrices.chunks_exact(self.rows * self.n).zip(self.norms);
+        y.chunks_exact(self.r).zip(matrices).map(|(y, (matrix, norm))| (matrix, *norm, y))
+    }
+
+    /// Room for `sum_j y_j' (x) M_j`, row by row.
+    fn room(&self) -> Result<Vec<f64>> {
+        try_zeros(WHAT, checked_len(WHAT, self.rows, self.r * self.n)?)
     }
 
     /// The squares `Z Z'` of `Z = sum_j y_j' (x) M_j` for other coordinates `y`, divided by the square of what is returned.
-    pub fn squares(&self, y: &[f64], to: &mut [f64]) -> Result<f64> {
-        let (rows, n, cols) = (self.rows, self.n, self.r * self.n);
-        let mut total = try_zeros(WHAT, checked_len(WHAT, rows, cols)?)?;
-        for (matrix, _, y) in self.each(y) {
-            for (to, from) in total.chunks_exact_mut(cols).zip(matrix.chunks_exact(n)) {
-                for (to, y) in to.chunks_exact_mut(n).zip(y).filter(|(_, y)| **y != 0.0) {
-                    to.iter_mut().zip(from).for_each(|(to, from)| *to += y * from);
-                }
-            }
-        }
-        let scale = crate::fuse::power_of_two_scale(&total);
+    fn squares(&self, y: &[f64], total: &mut [f64], to: &mut [f64]) -> Result<f64> {
+        let (k, rows, r, each) = (self.norms.len(), self.rows, self.r, self.rows * self.n);
+        let whole = MatMut::from_row_major_slice_mut(total, each, r);
+        let matrices = MatRef::from_row_major_slice(self.matrices, k, each);
+        matmul(whole, Accum::Replace, matrices.transpose(), MatRef::from_row_major_slice(y, k, r), 1.0, Par::Seq);
+        let scale = crate::fuse::power_of_two_scale(&*total);
         total.iter_mut().for_each(|v| *v /= scale);
-        let total = MatRef::from_row_major_slice(&total, rows, cols);
-        let to = MatMut::from_row_major_slice_mut(to, rows, rows);
-        matmul(to, Accum::Replace, total, total.transpose(), 1.0, Par::Seq);
+        squares(MatRef::from_row_major_slice(total, rows, self.n * r), to)?;
         Ok(scale)
     }
 
     /// `||sum_j c_j' (x) M_j||`.
-    pub fn frobenius(&self, small: &mut Symmetric) -> Result<f64> {
-        let scale = self.squares(self.c, &mut small.matrix)?;
+    pub fn frobenius(&self) -> Result<f64> {
+        let mut small = Symmetric::new(self.rows)?;
+        let scale = self.squares(self.c, &mut self.room()?, &mut small.matrix)?;
         Ok(scale * small.largest()?.max(0.0).sqrt())
     }
 
     /// Flops of one round, roughly.
     fn cost(&self) -> f64 {
-        let [rows, n, r, k] = [self.rows, self.n, self.r, self.matrices.len()].map(|size| size as f64);
+        let [rows, n, r, k] = [self.rows, self.n, self.r, self.norms.len()].map(|size| size as f64);
         rows * n * r * (k + rows) + 20.0 * (rows.powi(3) + r.powi(3))
     }
 
@@ -107,7 +106,7 @@ impl Terms<'_> {
         }
         let [mut y, mut line] = [try_zeros(WHAT, c.len())?, try_zeros(WHAT, checked_len(WHAT, n, r)?)?];
         let [mut directions, mut row] = [try_zeros(WHAT, checked_len(WHAT, rows, rows)?)?, try_zeros(WHAT, n)?];
-        let mut roots = try_zeros(WHAT, r)?;
+        let (mut roots, mut total) = (try_zeros(WHAT, r)?, self.room()?);
         let mut best = f64::INFINITY;
         for round in 0..rounds {
             if round > 0 {
@@ -126,13 +125,17 @@ impl Terms<'_> {
             let (ridge, trace) = (trace * RIDGE / r as f64, trace * (1.0 + RIDGE));
             // y_j = T^(-1/2) c_j, but for a rotation
             let mut rough = 0.0;
-            for (y, (_, norm, c)) in y.chunks_exact_mut(r).zip(self.each(&c)) {
-                for (y, (v, root)) in y.iter_mut().zip(turned.chunks_exact(r).zip(&roots)) {
-                    *y = c.iter().zip(v).map(|(c, v)| c * v).sum::<f64>() / (root + ridge).sqrt();
-                }
+            turned.chunks_exact_mut(r).zip(&roots).for_each(|(v, root)| {
+                let size = (root + ridge).sqrt();
+                v.iter_mut().for_each(|v| *v /= size);
+            });
+            let (all, k) = (MatRef::from_row_major_slice(&turned, r, r), self.norms.len());
+            let to = MatMut::from_row_major_slice_mut(&mut y, k, r);
+            matmul(to, Accum::Replace, MatRef::from_row_major_slice(&c, k, r), all.transpose(), 1.0, Par::Seq);
+            for (y, norm) in y.chunks_exact(r).zip(self.norms) {
                 rough += crate::fuse::norm(y.iter().copied()) * norm / unit;
             }
-            let size = self.squares(&y, &mut gram.matrix)? / unit;
+            let size = self.squares(&y, &mut total, &mut gram.matrix)? / unit;
             let values = gram.eigenpairs(&mut directions)?.iter().copied().enumerate();
             let (at, top) = values.fold((0, 0.0), |best, one| if one.1 > best.1 { one } else { best });
             let l = &directions[at * rows..(at + 1) * rows];
@@ -177,18 +180,17 @@ mod tests {
     /// Two rotations: `I` and a quarter turn, `c` the unit vectors. The largest nuclear norm is 2.
     #[test]
     fn a_known_largest_value() {
-        let matrices = [vec![0.0, -1.0, 1.0, 0.0], vec![1.0, 0.0, 0.0, 1.0]];
-        let c = [1.0, 0.0, 0.0, 1.0];
+        let (matrices, c) = ([0.0, -1.0, 1.0, 0.0, 1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 1.0, 0.0]);
         let terms = Terms { matrices: &matrices, norms: &[1.0, 1.0], c: &c, rows: 2, n: 2, r: 2 };
         let found = terms.largest(FULL, f64::INFINITY).unwrap();
         assert!((2.0..2.0 * (1.0 + 2e-9)).contains(&found), "{found}");
-        assert!((terms.frobenius(&mut Symmetric::new(2).unwrap()).unwrap() - 2f64.sqrt()).abs() < 1e-15);
+        assert!((terms.frobenius().unwrap() - 2f64.sqrt()).abs() < 1e-15);
     }
 
     /// One term: `||M|| ||c||`; nothing: 0 is not below it.
     #[test]
     fn one_term_and_none() {
-        let (matrices, c) = ([vec![3.0, 0.0, 0.0, 1.0]], [2.0]);
+        let (matrices, c) = ([3.0, 0.0, 0.0, 1.0], [2.0]);
         let terms = Terms { matrices: &matrices, norms: &[3.0], c: &c, rows: 2, n: 2, r: 1 };
         let found = terms.largest(FULL, f64::INFINITY).unwrap();
         assert!((6.0..6.0 * (1.0 + 2e-8)).contains(&found), "{found}");

@@ -146,12 +146,16 @@ impl Of {
             rho0: 0.0,
             noise: false,
             to_come: noise,
+            besides: [None; 2],
         };
         let seen = Seen { rows: p, gain };
-        let found = match several_steps(region, &self.root, at, inputs, radii, seen, stop) {
+        let mut found = match several_steps(region, &self.root, at, inputs, radii, seen, stop) {
             Err(Error::Overflow { .. }) => return unbounded(steps, p),
             found => found?,
         };
+        if let Some(noise) = noise {
+            found.add(noise)?;
+        }
         let mut components = try_room(WHAT, checked_len(WHAT, steps + 1, p)?)?;
         for k in 0..=steps {
             stop.check()?;

@@ -5,7 +5,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::control::pseudoinverse;
 use crate::error::Result;
-use crate::identify::{Symmetric, spectral_norm, triangle};
+use crate::identify::{Symmetric, spectral_norm, squares, triangle};
 use crate::memory::{checked_len, try_collect, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::times;
@@ -38,28 +38,32 @@ pub(super) fn transposed_inverse(matrix: &[f64], units: &[f64], d: usize) -> Res
 pub(super) struct Powers {
     rows: usize,
     n: usize,
-    pub matrices: Vec<Vec<f64>>,
+    matrices: Vec<f64>,
     norms: Vec<f64>,
     /// `M_p M_p'`.
-    squares: Vec<Vec<f64>>,
+    squares: Vec<f64>,
     small: Symmetric,
 }
 
 impl Powers {
     pub fn new(rows: usize, n: usize, steps: usize) -> Result<Self> {
-        let [matrices, squares] = [try_room(WHAT, steps)?, try_room(WHAT, steps)?];
-        Ok(Self { rows, n, matrices, norms: try_room(WHAT, steps)?, squares, small: Symmetric::new(rows)? })
+        let matrices = try_room(WHAT, checked_len(WHAT, checked_len(WHAT, rows, n)?, steps)?)?;
+        let [norms, squares] = [try_room(WHAT, steps)?, try_room(WHAT, checked_len(WHAT, rows * rows, steps)?)?];
+        Ok(Self { rows, n, matrices, norms, squares, small: Symmetric::new(rows)? })
     }
 
-    pub fn push(&mut self, matrix: Vec<f64>) -> Result<()> {
-        self.norms.push(spectral_norm(&matrix, self.rows, self.n)?);
-        let mut square = try_zeros(WHAT, self.rows * self.rows)?;
-        let m = MatRef::from_row_major_slice(&matrix, self.rows, self.n);
-        let to = MatMut::from_row_major_slice_mut(&mut square, self.rows, self.rows);
-        matmul(to, Accum::Replace, m, m.transpose(), 1.0, Par::Seq);
-        self.squares.push(square);
-        self.matrices.push(matrix);
+    /// The next one; no more than were announced.
+    pub fn push(&mut self, matrix: &[f64]) -> Result<()> {
+        self.norms.push(spectral_norm(matrix, self.rows, self.n)?);
+        squares(MatRef::from_row_major_slice(matrix, self.rows, self.n), &mut self.small.matrix)?;
+        self.squares.extend_from_slice(&self.small.matrix);
+        self.matrices.extend_from_slice(matrix);
         Ok(())
+    }
+
+    /// `M_0, M_1, ..` (rows, n).
+    pub fn all(&self) -> impl DoubleEndedIterator<Item = &[f64]> {
+        self.matrices.chunks_exact((self.rows * self.n).max(1))
     }
 
     /// Above `||sum_j M_{k-1-j} y_j||` for all `||y_j|| <= sizes_j`, and at most `sum_j sizes_j ||M_{k-1-j}||`:
@@ -73,7 +77,7 @@ impl Powers {
             let norm = self.norms[k - 1 - j];
             let term = times(*size, norm);
             if term > 0.0 {
-                let square = &self.squares[k - 1 - j];
+                let square = &self.squares[(k - 1 - j) * self.small.matrix.len()..];
                 self.small.matrix.iter_mut().zip(square).for_each(|(g, s)| *g += size / norm * s);
                 sum += term;
             }
@@ -85,40 +89,53 @@ impl Powers {
         }
     }
 
-    /// `lin_k` of `c_0, .., c_{k-1}`, which have these `lengths`; a bound of the largest value over `||Gamma||_2 <= spectral`,
-    /// `||Gamma||_F <= frobenius`, the smallest of
+    /// `lin_k` of `c_0, .., c_{k-1}`, which have these `lengths`, or `enough`; a bound of the largest value over
+    /// `||Gamma||_2 <= spectral`, `||Gamma||_F <= frobenius`, the smallest of
     ///
     /// ```text
     /// min(frobenius, spectral sqrt(min(n, r))) || sum_j c_j' (x) M_{k-1-j} ||,    r coordinates of the c_j
     /// spectral wcs(M, ||c_j||)
-    /// spectral nuc(T)                                                            see `nuclear`.
+    /// spectral nuc(T)                                                            see `nuclear`
+    /// enough                                                                     known otherwise.
     /// ```
+    ///
+    /// The first three are not below `spectral || sum_j c_j' (x) M_{k-1-j} ||`.
     pub fn linear(
         &mut self,
         c: &Span,
         lengths: &[f64],
         (spectral, frobenius): (f64, f64),
         effort: Effort,
+        enough: f64,
     ) -> Result<f64> {
         let k = lengths.len();
-        if !lengths.iter().all(|length| length.is_finite()) {
-            return Ok(f64::INFINITY);
+        if enough == 0.0 || !lengths.iter().all(|length| length.is_finite()) {
+            return Ok(enough);
         }
-        let crude = times(spectral, self.cauchy_schwarz(lengths)?);
         let (c, r) = c.first(k)?;
-        if r == 0 || self.rows == 0 || crude == 0.0 {
+        let least = self.n.min(r);
+        let mut size = 0.0;
+        if least > 0 && self.rows > 0 {
+            size = self.terms(k, &c, r).frobenius()?;
+            if times(spectral, size) >= enough {
+                return Ok(enough);
+            }
+        }
+        let crude = enough.min(times(spectral, self.cauchy_schwarz(lengths)?));
+        if least == 0 || self.rows == 0 || crude == 0.0 {
             return Ok(crude);
         }
-        let (matrices, norms) = (&self.matrices[..k], &self.norms[..k]);
-        let terms = Terms { matrices, norms, c: &c, rows: self.rows, n: self.n, r };
-        let size = terms.frobenius(&mut self.small)?;
-        let least = self.n.min(r);
         let found = crude.min(times(frobenius.min(spectral * (least as f64).sqrt()), size));
         // rank one: that is exact already
         if least == 1 || !(spectral.is_finite() && found > spectral * size) {
             return Ok(found);
         }
-        Ok(found.min(times(spectral, terms.largest(effort, found / spectral)?)))
+        Ok(found.min(times(spectral, self.terms(k, &c, r).largest(effort, found / spectral)?)))
+    }
+
+    fn terms<'a>(&'a self, k: usize, c: &'a [f64], r: usize) -> Terms<'a> {
+        let (rows, n) = (self.rows, self.n);
+        Terms { matrices: &self.matrices[..k * rows * n], norms: &self.norms[..k], c, rows, n, r }
     }
 }
 
@@ -147,14 +164,12 @@ pub(super) fn largest_difference(
     effort: Effort,
     enough: f64,
 ) -> Result<f64> {
-    let count = m.matrices.len();
-    let mut matrices = try_room(WHAT, 2 * count)?; // in reverse order: those of c last
-    for matrix in l.matrices.iter().chain(&m.matrices) {
-        matrices.push(try_copy(WHAT, matrix)?);
-    }
+    let matrices = try_collect(WHAT, l.matrices.iter().chain(&m.matrices).copied())?;
     let norms = try_collect(WHAT, l.norms.iter().chain(&m.norms).copied())?;
-    let all = try_collect(WHAT, c.iter().copied().chain(g.iter().map(|g| -g)))?;
-    let (rows, n, r) = (m.rows, m.n, c.len() / count.max(1));
+    let (rows, n, r) = (m.rows, m.n, c.len() / m.norms.len().max(1));
+    let mut all = try_room(WHAT, c.len() + g.len())?;
+    g.chunks_exact(r.max(1)).rev().for_each(|g| all.extend(g.iter().map(|g| -g)));
+    c.chunks_exact(r.max(1)).rev().for_each(|c| all.extend_from_slice(c));
     Terms { matrices: &matrices, norms: &norms, c: &all, rows, n, r }.largest(effort, enough)
 }
 
@@ -192,12 +207,12 @@ impl Span {
         Ok(Self { own, size, rotated, steps })
     }
 
-    /// Those of the first `k`, and how many there are of each.
+    /// Those of the first `k`, the last one first, and how many there are of each.
     pub fn first(&self, k: usize) -> Result<(Vec<f64>, usize)> {
         let (values, stride, r) =
             if k < self.size { (&self.rotated, self.steps, k) } else { (&self.own, self.size, self.size) };
         let mut found = try_room(WHAT, checked_len(WHAT, k, r)?)?;
-        values.chunks_exact(stride.max(1)).take(k).for_each(|row| found.extend_from_slice(&row[..r]));
+        values[..k * stride].chunks_exact(stride.max(1)).rev().for_each(|row| found.extend_from_slice(&row[..r]));
         Ok((found, r))
     }
 }

@@ -16,6 +16,8 @@
 //! r_k = lin_k(P M)       + ||P A^k|| rho0       + spectral wcs(P M_{k-1-j}, b_j)       (+ omega_k).
 //! ```
 //!
+//! What else bounds the first order, such as a reference, takes part in the minima; `b_k` of a step may then be smaller.
+//!
 //! First order plus rest: `rest(k+1) = A rest(k) + D_x e(k)` and `||V^(-1/2) (e_j, 0)|| = ||W^(1/2) e_j|| <= b_j` by induction.
 //!
 //! Gaussian noise to come of covariance `<= N` is independent of the data: given them, `n_k = sum_{i<k} A^(k-1-i) w(i)` is
@@ -53,6 +55,9 @@ pub(super) struct Radii<'a> {
     pub noise: bool,
     /// Noise of the run besides.
     pub to_come: Option<Gaussian<'a>>,
+    /// Other bounds of `||sum_{j<k} P M_{k-1-j} Gamma c_j||` and of `||sum_{j<k} W^(1/2) M_{k-1-j} Gamma c_j||` (K + 1) that hold in
+    /// the event; infinite where there is none.
+    pub besides: [Option<&'a [f64]>; 2],
 }
 
 /// Which rows of the error are looked at, and what acts on it.
@@ -67,18 +72,16 @@ pub(super) struct Seen<'a> {
 /// What several steps of a region of one part add up to, and what its components are made of.
 #[derive(Debug)]
 pub(super) struct Steps {
-    /// `r_k` (K + 1).
+    /// `r_k` (K + 1), without `omega_k`: see [`Steps::add`].
     pub radii: Vec<f64>,
-    /// The first-order part (K + 1).
+    /// The first-order part, or what bounds it besides (K + 1).
     pub linear: Vec<f64>,
+    /// `spectral wcs(P M_{k-1-j}, b_j)` (K + 1).
+    pub back: Vec<f64>,
     /// `b_k >= ||W^(1/2) e(k)||` (K + 1).
     pub rest: Vec<f64>,
-    /// `nu_k` of noise to come besides, 0 for the last (K + 1).
-    pub noise: Vec<f64>,
     /// `P M_p`, p < K.
     pub outside: Powers,
-    /// `W^(1/2) M_p`, p < K.
-    pub inside: Powers,
     /// Coordinates of the `c_k`.
     pub span: Span,
     /// `P A^k` (p, n), k <= K.
@@ -88,6 +91,16 @@ pub(super) struct Steps {
 }
 
 impl Steps {
+    /// Adds the quantiles `omega_k` of noise to come.
+    pub fn add(&mut self, noise: Gaussian<'_>) -> Result<()> {
+        let steps = self.radii.len() - 1;
+        for (k, (to, covariance)) in self.radii.iter_mut().zip(&self.covariances).enumerate().skip(1) {
+            let level = if k < steps { noise.before } else { noise.end };
+            *to += normal_quantile(covariance, covariance.len().isqrt(), level)?;
+        }
+        Ok(())
+    }
+
     /// Bounds of `|P e(k)|_i` (p) without noise to come: the expansion of `r_k` with a row `m_j` of `M_{k-1-j}`,
     ///
     /// ```text
@@ -102,19 +115,18 @@ impl Steps {
             return Ok(components);
         }
         let (c, width) = self.span.first(k)?;
-        let q = self.outside.matrices.first().map_or(0, Vec::len) / p;
+        let q = self.outside.all().next().map_or(0, <[f64]>::len) / p;
         let mut all = try_zeros(WHAT, checked_len(WHAT, width, q)?)?;
         for (i, component) in components.iter_mut().enumerate() {
             // N = sum_j c_j m_j, and sum_j ||m_j|| b_j
-            let (mut back, mut each) = (0.0, 0);
+            let mut back = 0.0;
             all.fill(0.0);
-            for (matrix, b) in self.outside.matrices[..k].iter().rev().zip(&self.rest) {
-                let m = &matrix[i * q..(i + 1) * q];
+            for (p, (matrix, b)) in self.outside.all().zip(self.rest[..k].iter().rev()).enumerate() {
+                let (m, c) = (&matrix[i * q..(i + 1) * q], &c[p * width..(p + 1) * width]);
                 back += times(norm(m.iter().copied()), *b);
-                for (to, c) in all.chunks_exact_mut(q).zip(&c[each * width..(each + 1) * width]) {
+                for (to, c) in all.chunks_exact_mut(q).zip(c) {
                     to.iter_mut().zip(m).for_each(|(to, m)| *to += c * m);
                 }
-                each += 1;
             }
             let (frobenius, nuclear) = norms(&all, q)?;
             let first = times(radii.frobenius, frobenius).min(times(radii.spectral, nuclear));
@@ -189,32 +201,29 @@ pub(super) fn several_steps(
     let mut power = try_zeros(WHAT, n * n)?;
     (0..n).for_each(|i| power[i * (n + 1)] = 1.0);
     let mut covariance = try_zeros(WHAT, n * n)?;
-    let [mut linear, mut rest, mut r, mut noise] = [
-        try_room(WHAT, steps + 1)?,
-        try_room(WHAT, steps + 1)?,
-        try_room(WHAT, steps + 1)?,
-        try_room(WHAT, steps + 1)?,
-    ];
+    let [mut linear, mut rest, mut r] =
+        [try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?];
+    let mut backs = try_zeros(WHAT, steps + 1)?;
     let [mut powers, mut covariances] = [try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?];
-    noise.push(0.0);
     powers.push(try_copy(WHAT, &power[..p * n])?);
     covariances.push(try_zeros(WHAT, p * p)?);
     let start = |matrix: &[f64], rows: usize| -> Result<f64> {
         Ok(if radii.rho0 == 0.0 { 0.0 } else { times(radii.rho0, spectral_norm(matrix, rows, n)?) })
     };
     let seen = |value: f64| if known { value } else { f64::INFINITY };
+    let [outer, inner] = radii.besides;
+    let besides = |of: Option<&[f64]>, k: usize| of.map_or(f64::INFINITY, |of| of[k]);
     linear.push(0.0);
     rest.push(if radii.rho0 == 0.0 { 0.0 } else { seen(start(&half, rank)?) });
     r.push(radii.rho0);
     for k in 1..=steps {
         stop.check()?;
         let moved = product(&power, root, n, n, q)?; // M_{k-1}
-        outside.push(try_copy(WHAT, &moved[..p * q])?)?;
-        inside.push(product(&half, &moved, rank, n, q)?)?;
-        let (mut omega, mut nu) = (0.0, 0.0);
+        outside.push(&moved[..p * q])?;
+        inside.push(&product(&half, &moved, rank, n, q)?)?;
+        let mut nu = 0.0;
         if let Some(noise) = radii.to_come {
             noise.add(&power, n, &mut covariance)?; // N_k
-            omega = normal_quantile(&leading(&covariance, n, p)?, p, if k < steps { noise.before } else { noise.end })?;
             if k < steps && known {
                 let moved = product(&half, &covariance, rank, n, n)?;
                 let mut seen = try_zeros(WHAT, checked_len(WHAT, rank, rank)?)?;
@@ -231,17 +240,16 @@ pub(super) fn several_steps(
             return Err(Error::Overflow { what: "a power of the model's A" });
         }
         let efforts = if k < steps { OTHERS } else { EFFORT };
-        linear.push(outside.linear(&span, &lengths[..k], bounds, efforts)?);
-        let back = times(radii.spectral, outside.cauchy_schwarz(&rest[..k])?);
-        r.push(linear[k] + start(&power[..p * n], p)? + back + omega);
+        linear.push(outside.linear(&span, &lengths[..k], bounds, efforts, besides(outer, k))?);
+        backs[k] = times(radii.spectral, outside.cauchy_schwarz(&rest[..k])?);
+        r.push(linear[k] + start(&power[..p * n], p)? + backs[k]);
         let back = times(radii.spectral, inside.cauchy_schwarz(&rest[..k])?);
-        let first = inside.linear(&span, &lengths[..k], bounds, OTHERS)?;
+        let first = inside.linear(&span, &lengths[..k], bounds, OTHERS, besides(inner, k))?;
         rest.push(seen(first + start(&product(&half, &power, rank, n, n)?, rank)? + back + nu));
-        noise.push(nu);
         powers.push(try_copy(WHAT, &power[..p * n])?);
         covariances.push(leading(&covariance, n, p)?);
     }
-    Ok(Steps { radii: r, linear, rest, noise, outside, inside, span, powers, covariances })
+    Ok(Steps { radii: r, linear, back: backs, rest, outside, span, powers, covariances })
 }
 
 /// The first `p` rows and columns of (n, n).

@@ -163,6 +163,7 @@ fn one_part(
         rho0,
         noise: region.future,
         to_come: None,
+        besides: [None; 2],
     };
     let own;
     let mut added = None;
@@ -184,7 +185,10 @@ fn one_part(
             &own
         }
     };
-    let found = several_steps(region, root, at, inputs, radii, Seen { rows: n, gain: None }, stop)?;
+    let mut found = several_steps(region, root, at, inputs, radii, Seen { rows: n, gain: None }, stop)?;
+    if let Some(noise) = radii.to_come {
+        found.add(noise)?;
+    }
     let mut components = found.components(steps, &radii)?;
     let Steps { radii: mut r, linear, rest, mut covariances, .. } = found;
     let covariance = covariances.pop().unwrap_or_default();

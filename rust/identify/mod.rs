@@ -49,7 +49,7 @@ pub use replicates::{Centre, residual_models, weighted_models};
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
 pub use robust_control::robust_control;
 pub use signs::{SignTest, chance_of_infinity, sign_radii, sign_sizes, sign_statistics};
-pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm};
+pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm, squares};
 pub use triangle::{triangle, update};
 pub(crate) use units::Measured;
 pub use units::{MIXTURES, PRIOR_NOISE, Units, first_pairs};

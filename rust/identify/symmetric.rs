@@ -1,7 +1,10 @@
 //! Eigenvalues of small symmetric matrices, without memory of their own: they are needed for every draw.
 
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, try_copy, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_copy, try_zeros};
 
 const WHAT: &str = "the eigenvalues of a symmetric matrix";
 
@@ -189,6 +192,14 @@ fn tridiagonal(a: &mut [f64], n: usize, diagonal: &mut [f64], below: &mut [f64])
     }
 }
 
+/// `M M'`.
+pub(crate) fn squares(m: MatRef<'_, f64>, to: &mut [f64]) -> Result<()> {
+    room_for_products()?;
+    let to = MatMut::from_row_major_slice_mut(to, m.nrows(), m.nrows());
+    matmul(to, Accum::Replace, m, m.transpose(), 1.0, Par::Seq);
+    Ok(())
+}
+
 /// `||M||_2` of a `rows x cols` matrix, from the largest eigenvalue of `M M'` or `M' M`.
 pub(crate) fn spectral_norm(m: &[f64], rows: usize, cols: usize) -> Result<f64> {
     if rows == 0 || cols == 0 {
@@ -197,17 +208,9 @@ pub(crate) fn spectral_norm(m: &[f64], rows: usize, cols: usize) -> Result<f64> 
     let scale = crate::fuse::power_of_two_scale(m);
     let mut scaled = try_copy(WHAT, m)?;
     scaled.iter_mut().for_each(|v| *v /= scale);
-    let n = rows.min(cols);
-    let mut gram = Symmetric::new(n)?;
-    for i in 0..n {
-        for j in 0..=i {
-            gram.matrix[i * n + j] = if rows <= cols {
-                scaled[i * cols..(i + 1) * cols].iter().zip(&scaled[j * cols..(j + 1) * cols]).map(|(a, b)| a * b).sum()
-            } else {
-                scaled.chunks_exact(cols).map(|row| row[i] * row[j]).sum()
-            };
-        }
-    }
+    let mut gram = Symmetric::new(rows.min(cols))?;
+    let whole = MatRef::from_row_major_slice(&scaled, rows, cols);
+    squares(if rows <= cols { whole } else { whole.transpose() }, &mut gram.matrix)?;
     Ok(scale * gram.largest()?.max(0.0).sqrt())
 }
 

@@ -184,8 +184,9 @@ def refuse(assumed: Assumptions, data: Trajectories, others: bool) -> None:
         raise InputError("`pilot` needs the runs themselves, not pairs over several steps")
     data._require_whole("data", "a pilot simulates whole runs from their starts")
     n, first = data.n, data._pieces.starts()
-    ends = {row[-n:].tobytes() for row in data._rows[first + data.lengths - 1]}
-    if any(row[:n].tobytes() in ends for row in data._rows[first] if row[:n].any()):
+    starts, ends = data._rows[first, :n], data._rows[first + data.lengths - 1, -n:]
+    known = {end.tobytes() for end in ends}
+    if any(start.tobytes() in known for start in starts[starts.any(axis=1)]):
         raise InputError(
             "`pilot` needs runs that start independently: one starts where another one ended, "
             "and so holds its noise"

@@ -10,6 +10,7 @@ import stochens_rs as se
 from hidden_outputs import Arx, Rig
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, ShapeError
+from twin import feedback as exact
 from twin import windows as twin
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -235,5 +236,12 @@ def test_loops_of_long_windows_are_certified(filters):
         assert proof.status == "certified"
         assert proof.check()
         assert proof.norm < 1.2 * proof.least
+        if filters == (0.7, 7):  # in rational numbers
+            part, (n, d) = proof.region.parts[0], proof.region.centre.shape
+            W, S = np.zeros((len(part.white), d)), np.zeros((n, n))
+            W[:, part.columns], S[np.ix_(part.rows, part.rows)] = part.white, part.S
+            given = proof.region.centre, W, S, proof.K
+            assert exact.true(*given, np.sqrt(part.factor), proof.proof)
+            assert not exact.true(*given, 20.0 * np.sqrt(part.factor), proof.proof)
     tube = gain.certificate(0.05).tube(np.zeros(model.n), 20, start=1e-3)
     assert np.isfinite(tube.radii).all()

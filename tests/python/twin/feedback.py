@@ -67,14 +67,16 @@ def times(a, b):
 
 
 def positive_definite(M):
-    """By elimination without rounding."""
-    M = [row[:] for row in M]
+    """By elimination in whole numbers (Bareiss 1968): the entries are multiples of a power of 2."""
+    unit = max(value.denominator for row in M for value in row)
+    M, before = [[int(value * unit) for value in row] for row in M], 1
     for k in range(len(M)):
         if M[k][k] <= 0:
             return False
         for i in range(k + 1, len(M)):
-            by = M[i][k] / M[k][k]
-            M[i] = [a - by * b for a, b in zip(M[i], M[k], strict=True)]
+            pairs = zip(M[i], M[k], strict=True)
+            M[i] = [(a * M[k][k] - M[i][k] * b) // before for a, b in pairs]
+        before = M[k][k]
     return True
 
 

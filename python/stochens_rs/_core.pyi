@@ -495,6 +495,10 @@ class Window:
     def rows(self, pairs: _Floats, first: list[bool]) -> tuple[_Floats, NDArray[np.int64]]: ...
     def state_of(self, y: _Floats, u: _Floats) -> _Floats: ...
     def advance(self, x: _Floats, y: _Floats, u: _Floats) -> _Floats: ...
+    # x, z, u, states (n, m), outputs (n_y, m), off, rounding
+    def rest(
+        self, theta: _Floats, target: _Floats, inputs: _Floats | None = None
+    ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, float, float]: ...
     # J, [A B c], G
     def linear(self, theta: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
 
@@ -730,7 +734,7 @@ class Feedback:
         self, x: _Floats, alpha: float, lambda_: float, slack: float | None = None
     ) -> _Floats | None: ...
     def verified(
-        self, y: _Floats, x: _Floats, alpha: float, lambda_: float, multipliers: _Floats
+        self, root: _Floats, x: _Floats, alpha: float, lambda_: float, multipliers: _Floats
     ) -> bool: ...
     # of the centre, of the model, of the start, each (K + 1, n + m); radii (K + 1,), of noise
     # (n + m,) and its radius; sup of the later norms, and of all rows
@@ -803,6 +807,7 @@ def drawn_misses(
     size: int,
     key: bytes,
     threads: int,
+    window: Window | None = None,
 ) -> _Floats: ...
 
 # inputs (runs, steps m); phi before the first run and after each

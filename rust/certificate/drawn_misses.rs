@@ -6,6 +6,7 @@ use crate::memory::{checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::scaled::distance;
 use crate::stream::Key;
+use crate::window::Window;
 
 const WHAT: &str = "the misses of drawn models";
 /// Draws of one piece of work.
@@ -24,9 +25,12 @@ pub struct Aim<'a> {
     pub target: &'a [f64],
     /// Whether the noise of the run acts, of the same draw as the model.
     pub noise: bool,
+    /// For models of n outputs, what they see: `x0` is the contents of this window.
+    pub window: Option<Window>,
 }
 
-/// `||x(K) - target||` of `size` drawn models, each of its own run; infinite where a run overflows.
+/// `||x(K) - target||` of `size` drawn models, each of its own run; infinite where a run overflows. Of models of outputs it is
+/// that of the last outputs together, as many as the window has lags or filters.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Memory`], [`Error::Interrupted`].
@@ -38,9 +42,12 @@ pub fn drawn_misses(
     threads: usize,
     stop: &Stop,
 ) -> Result<Vec<f64>> {
-    let (n, d, Aim { x0, inputs, m, target, noise }) = (law.n(), law.d(), aim);
-    let offset = d.wrapping_sub(n + m);
-    if m == 0 || offset > 1 || x0.len() != n || target.len() != n || !inputs.len().is_multiple_of(m) {
+    let (n, d, Aim { x0, inputs, m, target, noise, window }) = (law.n(), law.d(), aim);
+    let (fits, held) = match &window {
+        None => (d.wrapping_sub(n + m) <= 1, n),
+        Some(window) => ((window.outputs(), window.inputs(), window.length()) == (n, m, d), window.states()),
+    };
+    if m == 0 || !fits || x0.len() != held || target.len() != n || !inputs.len().is_multiple_of(m) {
         let expected = format!("inputs of {m}, states of {n} entries in a model with rows of {d}");
         let found = format!("{}, {} and {} entries", inputs.len(), x0.len(), target.len());
         return Err(Error::Shape { name: "inputs, x0, xf", expected, found });
@@ -48,25 +55,35 @@ pub fn drawn_misses(
     for (name, values) in [("x0", x0), ("inputs", inputs), ("xf", target)] {
         require_finite(name, values)?;
     }
-    let noises = if noise { inputs.len() / m } else { 0 };
+    let steps = inputs.len() / m;
+    let (noises, last) = (if noise { steps } else { 0 }, steps.saturating_sub(window.map_or(1, |one| one.count())));
     let mut misses = try_zeros(WHAT, size)?;
     for_each_chunk(misses.chunks_mut(CHUNK).enumerate(), threads, stop, |(chunk, misses)| {
         let (mut drawing, mut model) = (law.drawing(noises)?, try_zeros(WHAT, checked_len(WHAT, n, d)?)?);
         let mut w = try_zeros(WHAT, checked_len(WHAT, noises, n)?)?;
-        let (mut x, mut next) = (try_zeros(WHAT, n)?, try_zeros(WHAT, n)?);
+        let (mut x, mut next, mut z) = (try_zeros(WHAT, held)?, try_zeros(WHAT, n)?, try_zeros(WHAT, d)?);
         for (b, miss) in misses.iter_mut().enumerate() {
             stop.check()?;
             law.draw(key, chunk * CHUNK + b, &mut drawing, &mut model, &mut w);
             x.copy_from_slice(x0);
+            *miss = if steps == 0 && window.is_none() { distance(&x, target) } else { 0.0 };
             for (k, u) in inputs.chunks_exact(m).enumerate() {
-                for (i, (to, row)) in next.iter_mut().zip(model.chunks_exact(d)).enumerate() {
-                    let z = x.iter().chain(u).chain(&[1.0]);
-                    let noise = w.get(k * n + i).copied().unwrap_or(0.0);
-                    *to = row.iter().zip(z).map(|(a, z)| a * z).sum::<f64>() + noise;
+                match &window {
+                    Some(window) => window.regressors(&x, u, 1.0, &mut z),
+                    None => z.iter_mut().zip(x.iter().chain(u).chain(&[1.0])).for_each(|(to, v)| *to = *v),
                 }
-                std::mem::swap(&mut x, &mut next);
+                for (i, (to, row)) in next.iter_mut().zip(model.chunks_exact(d)).enumerate() {
+                    let noise = w.get(k * n + i).copied().unwrap_or(0.0);
+                    *to = row.iter().zip(&z).map(|(a, z)| a * z).sum::<f64>() + noise;
+                }
+                match &window {
+                    Some(window) => window.advance(&mut x, &next, u),
+                    None => x.copy_from_slice(&next),
+                }
+                if k >= last {
+                    *miss = if miss.is_nan() { *miss } else { miss.hypot(distance(&next, target)) };
+                }
             }
-            *miss = distance(&x, target);
             if miss.is_nan() {
                 *miss = f64::INFINITY;
             }
@@ -87,7 +104,7 @@ mod tests {
         let centre = Centre { model: &[0.5, 1.0, 2.0], white: &[0.1, 0.0, 0.0] };
         let law = EstimateLaw::new(centre, &[4.0], NoiseLaw::Known).unwrap();
         let (key, stop) = (Key([3; 32]), Stop::new());
-        let aim = Aim { x0: &[1.0], inputs: &[3.0, -1.0], m: 1, target: &[0.25], noise: false };
+        let aim = Aim { x0: &[1.0], inputs: &[3.0, -1.0], m: 1, target: &[0.25], noise: false, window: None };
         let found = drawn_misses(&law, aim, &key, 130, 2, &stop).unwrap();
         let models = law.models(&key, 130, 1, &stop).unwrap();
         for (miss, model) in found.iter().zip(models.chunks_exact(3)) {
@@ -107,7 +124,7 @@ mod tests {
         let centre = Centre { model: &[1e200, 1.0], white: &[1.0, 0.0] };
         let law = EstimateLaw::new(centre, &[1.0], NoiseLaw::Known).unwrap();
         let (key, stop) = (Key([3; 32]), Stop::new());
-        let aim = Aim { x0: &[1.0], inputs: &[0.0; 4], m: 1, target: &[0.0], noise: true };
+        let aim = Aim { x0: &[1.0], inputs: &[0.0; 4], m: 1, target: &[0.0], noise: true, window: None };
         assert_eq!(drawn_misses(&law, aim, &key, 2, 1, &stop).unwrap(), [f64::INFINITY; 2]);
         for wrong in [
             Aim { x0: &[], ..aim },

@@ -7,7 +7,7 @@ use crate::parallel::Stop;
 
 use super::data::{Matrix, in_units, largest, symmetric};
 use super::first_order::FirstOrder;
-use super::loops::{Loop, squares};
+use super::loops::{Loop, forms};
 use super::tube::{Level, ROUNDING, Run, Tube};
 use super::way::Way;
 
@@ -53,7 +53,7 @@ impl Loop {
             let least = |f: &dyn Fn(&Level) -> f64| levels.iter().map(f).fold(f64::INFINITY, f64::min);
             // causal sums at t = 1, where `L_k` is that of k steps
             let partial = levels.iter().find(|level| level.t == 1.0);
-            let (mut own, mut whole) = (squares(&l, rows), 0.0);
+            let (mut own, mut whole) = (forms(&l, rows), 0.0);
             own.iter_mut().for_each(|v| *v = v.sqrt() * (1.0 + ROUNDING));
             if partial.is_some() {
                 whole = largest(&symmetric(&in_units(&l, &data.unit, &data.unit)))?.sqrt() * (1.0 + ROUNDING);

@@ -33,7 +33,7 @@ pub struct Certificate {
     pub least: f64,
     /// The spectral radius of the loop around the centre.
     pub radius: f64,
-    /// `Q` (n, n) in the units of the data, where `status` is certified.
+    /// R (n, n) with `Q = R R'`, in the units of the data, where `status` is certified.
     pub proof: Option<Vec<f64>>,
     /// The multiplier of each part.
     pub multipliers: Vec<f64>,
@@ -41,7 +41,7 @@ pub struct Certificate {
     pub member: Option<Vec<f64>>,
 }
 
-/// The verdict about a gain, `Q` in the units of `data`, and the loop with its multipliers.
+/// The verdict about a gain, the root of `Q` in the units of `data`, and the loop with its multipliers.
 pub(super) fn judged(data: &Uncertain, closed: Closed, stop: &Stop) -> Result<(Certificate, Option<Matrix>, Closed)> {
     let own = radius(&closed.a0)?;
     let (mut closed, mut found) = (

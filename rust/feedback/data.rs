@@ -188,9 +188,9 @@ impl Uncertain {
         back
     }
 
-    pub fn ones(&self) -> Vec<f64> {
+    pub fn ones(&self, count: usize) -> Vec<f64> {
         let mut ones = Vec::new();
-        ones.resize(self.m, 1.0);
+        ones.resize(count, 1.0);
         ones
     }
 

@@ -13,8 +13,8 @@
 
 use std::sync::Arc;
 
-use faer::linalg::solvers::Solve;
-use faer::{Mat, Side};
+use faer::Mat;
+use faer::linalg::solvers::DenseSolveCore;
 
 use crate::error::{Error, Result};
 use crate::identify::normal_quantile;
@@ -22,9 +22,9 @@ use crate::memory::{covered, try_copy};
 use crate::parallel::Stop;
 
 use super::certificate::Status;
-use super::data::{Matrix, WHAT, entries, in_units, lost, matrix, symmetric};
+use super::data::{Matrix, WHAT, entries, in_units, matrix, symmetric};
 use super::first_order::FirstOrder;
-use super::loops::{Loop, bytes, squares};
+use super::loops::{Loop, bytes, forms, squares};
 use super::tube::ROUNDING;
 
 /// Steps with a bound of their own; later ones share the limit of all.
@@ -70,7 +70,8 @@ pub struct Keeper {
     forced: Vec<Vec<f64>>,
     /// `sqrt(h'Q h)`.
     level: Vec<f64>,
-    /// Row by row, as calls are short: `[A B]`, K, W of all parts, `sum_j A0'^j E'E A0^j` and `Q^-1`.
+    /// Row by row, as calls are short: `[A B]`, K, W of all parts, and matrices g whose `g'g` is `sum_j A0'^j E'E A0^j` and
+    /// `Q^-1`.
     centre: Vec<f64>,
     gain: Vec<f64>,
     white: Vec<f64>,
@@ -85,10 +86,9 @@ fn times(m: &[f64], z: &[f64], to: &mut [f64]) {
     }
 }
 
-/// `x'Gx`.
-fn form(g: &[f64], x: &[f64]) -> f64 {
-    let row = |row: &[f64]| row.iter().zip(x).map(|(a, b)| a * b).sum::<f64>();
-    g.chunks_exact(x.len()).zip(x).map(|(one, x)| x * row(one)).sum::<f64>().max(0.0)
+/// `||g x||^2`.
+fn square(g: &[f64], x: &[f64]) -> f64 {
+    g.chunks_exact(x.len()).map(|row| row.iter().zip(x).map(|(a, b)| a * b).sum::<f64>().powi(2)).sum()
 }
 
 impl Keeper {
@@ -132,24 +132,23 @@ impl Keeper {
             if theta >= 1.0 {
                 return Ok(None);
             }
-            let sizes = |y: &Matrix, by: f64| {
-                let mut found = squares(y, &rows);
-                found.iter_mut().for_each(|v| *v = by * v.sqrt() * (1.0 + ROUNDING));
-                found
+            let sizes = |mut squares: Vec<f64>, by: f64| {
+                squares.iter_mut().for_each(|v| *v = by * v.sqrt() * (1.0 + ROUNDING));
+                squares
             };
-            let forced_by = |l: &Matrix| sizes(l, 1.0 / (1.0 - theta));
+            let by = 1.0 / (1.0 - theta);
             let (mut forced, mut l) = (Vec::new(), Mat::<f64>::zeros(n, n));
             for _ in 0..STEPS {
-                forced.push(forced_by(&l));
+                forced.push(sizes(forms(&l, &rows), by));
                 l = a * &l * a.transpose() + &forcing;
             }
-            forced.push(forced_by(&all));
+            forced.push(sizes(squares(&all, &rows), by));
             let sides = low.iter().chain(high).filter(|v| v.is_finite()).count();
             let pairs = calls as f64 * (calls as f64 + 1.0) / 2.0;
             // P(|N| > zeta) = 2 eps / (sides pairs): one side each
             let zeta = normal_quantile(&[1.0], 1, (2.0 * eps / (sides.max(1) as f64 * pairs)).min(0.999))?;
-            let (noise, level) = (sizes(&y, zeta), sizes(proof, 1.0));
-            let inverse = proof.llt(Side::Lower).map_err(lost)?.solve(Mat::<f64>::identity(n, n));
+            let (noise, level) = (sizes(squares(&y, &rows), zeta), sizes(squares(proof, &rows), 1.0));
+            let inverse = proof.partial_piv_lu().inverse();
             let (low, high) = (try_copy(WHAT, low)?, try_copy(WHAT, high)?);
             let (mut centre, mut white) = (Vec::new(), Vec::new());
             for i in 0..n {
@@ -160,7 +159,8 @@ impl Keeper {
                 let part = &piece.w;
                 (0..part.nrows()).for_each(|i| white.extend((0..q).map(|j| part[(i, j)] / t.sqrt())));
             }
-            let (gain, inverse, rest) = (entries(&of.closed.k), entries(&symmetric(&inverse)), entries(&rest));
+            let (gain, inverse, rest) =
+                (entries(&of.closed.k), entries(&inverse), entries(&rest.transpose().to_owned()));
             let of = Arc::clone(&of);
             Ok(Some(Self { rows, low, high, noise, forced, level, centre, gain, white, rest, inverse, of }))
         })?
@@ -227,8 +227,8 @@ impl Keeper {
         largest.resize(q, 0.0f64);
         for k in 0.. {
             let later = k >= planned;
-            let whole = (squared + if later { form(&self.rest, &z[..n]) } else { 0.0 }).sqrt();
-            let inside = if later { (form(&self.inverse, &z[..n]) * (1.0 + ROUNDING)).sqrt() } else { f64::INFINITY };
+            let whole = (squared + if later { square(&self.rest, &z[..n]) } else { 0.0 }).sqrt();
+            let inside = if later { (square(&self.inverse, &z[..n]) * (1.0 + ROUNDING)).sqrt() } else { f64::INFINITY };
             let (table, end, mut resting) = (&self.forced[k.min(STEPS)], &self.forced[STEPS], later);
             for h in 0..q {
                 let (low, high) = (self.low[h], self.high[h]);

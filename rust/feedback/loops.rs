@@ -8,7 +8,7 @@ use crate::parallel::Stop;
 use crate::region::Region;
 
 use super::certificate::{Certificate, judged};
-use super::data::{Closed, Matrix, Uncertain, WHAT, entries, in_units, matrix, scaled, trace};
+use super::data::{Closed, Matrix, Uncertain, WHAT, entries, in_units, matrix, scaled};
 use super::lemma::least;
 use super::verify::{Claim, verify};
 
@@ -21,7 +21,7 @@ pub struct Loop {
     pub(super) data: Uncertain,
     pub(super) closed: Closed,
     pub(super) certificate: Certificate,
-    /// `Q` in the units of `data`.
+    /// R with `Q = R R'`, in the units of `data`.
     pub(super) proof: Option<Matrix>,
 }
 
@@ -77,7 +77,7 @@ impl Loop {
             let k = Mat::from_fn(m, n, |i, j| gain[i * n + j] * data.unit[j]);
             let closed = Closed::new(&data, k);
             let (mut certificate, proof, closed) = judged(&data, closed, stop)?;
-            certificate.proof = proof.as_ref().map(|q| entries(&in_units(q, &data.unit, &data.unit)));
+            certificate.proof = proof.as_ref().map(|root| entries(&in_units(root, &data.unit, &data.ones(data.n))));
             Ok(Self { data, closed, certificate, proof })
         })?
     }
@@ -88,8 +88,8 @@ impl Loop {
         &self.certificate
     }
 
-    /// `Y` (n, n) with `A_G Y A_G' / lambda + X <= Y` for all members, proved; `X` (n, n) in the units of the data. None
-    /// where there is none. With `slack` 0 it is the least one, not proved.
+    /// R (n, n), for `Y = R R'` with `A_G Y A_G' / lambda + X <= Y` for all members, proved; `X` (n, n) in the units of the data.
+    /// None where there is none. With `slack` 0 it is that of the least Y, not proved.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
@@ -106,69 +106,68 @@ impl Loop {
                 Some(slack) => self.solved(&x, alpha, lambda, slack),
                 None => self.proved(&x, alpha, lambda),
             };
-            found.map(|y| entries(&in_units(&y, &self.data.unit, &self.data.unit)))
+            found.map(|root| entries(&in_units(&root, &self.data.unit, &self.data.ones(n))))
         })
     }
 
-    /// Whether `Y` is proved to be such a matrix, and positive definite, with these `multipliers` of the parts.
+    /// Whether `Y = R R'` is proved to be such a matrix, and positive definite, with these `multipliers` of the parts.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn verified(&self, y: &[f64], x: &[f64], alpha: f64, lambda: f64, multipliers: &[f64]) -> Result<bool> {
+    pub fn verified(&self, root: &[f64], x: &[f64], alpha: f64, lambda: f64, multipliers: &[f64]) -> Result<bool> {
         let (n, parts) = (self.data.n, self.data.pieces.len());
-        if y.len() != n * n || x.len() != n * n || multipliers.len() != parts {
-            let found = format!("{}, {} and {}", y.len(), x.len(), multipliers.len());
+        if root.len() != n * n || x.len() != n * n || multipliers.len() != parts {
+            let found = format!("{}, {} and {}", root.len(), x.len(), multipliers.len());
             return Err(Error::Shape {
-                name: "Y",
+                name: "R",
                 expected: format!("{n} x {n} entries, as X, and {parts} multipliers"),
                 found,
             });
         }
         covered(WHAT, bytes(n, self.data.region.d), || {
-            let back = self.data.back();
-            let own = |values: &[f64]| in_units(&matrix(values, n, n), &back, &back);
+            let (back, ones) = (self.data.back(), self.data.ones(n));
+            let own = |values: &[f64], right: &[f64]| in_units(&matrix(values, n, n), &back, right);
             let mut closed = Closed::new(&self.data, self.closed.k.clone());
             closed.t.copy_from_slice(multipliers);
-            let claim = Claim { y: &own(y), x: Some(&own(x)), alpha, lambda, by: 1.0 };
+            let claim = Claim { root: &own(root, &ones), x: Some(&own(x, &back)), alpha, lambda, by: 1.0 };
             self.data.determines(&closed.k) && verify(&self.data, &closed, &claim)
         })
     }
 
-    /// The least `Y` for right-hand sides that are larger by `slack`.
+    /// The root of the least `Y` for right-hand sides that are larger by `slack`.
     fn solved(&self, x: &Matrix, alpha: f64, lambda: f64, slack: f64) -> Option<Matrix> {
         let (e, d) = (self.closed.outputs(), self.closed.inputs(&self.data));
-        let mut h = scaled(&(x + scaled(&(&d * d.transpose()), alpha)), 1.0 + slack);
-        let more = slack.max(1e-14) * 1e-2 * trace(&h) / self.data.n as f64;
-        (0..self.data.n).for_each(|i| h[(i, i)] += more);
-        least(&self.closed.a0, &scaled(&(e.transpose() * &e), 1.0 / alpha), &h, lambda).found()
+        let h = scaled(&(x + scaled(&(&d * d.transpose()), alpha)), 1.0 + slack);
+        least(&self.closed.a0, Some(&scaled(&e, alpha.sqrt().recip())), &h, lambda, 1e-2 * slack).found()
     }
 
     /// The same, verified; in the units of the loop, as `x`.
     pub(super) fn proved(&self, x: &Matrix, alpha: f64, lambda: f64) -> Option<Matrix> {
         SLACKS.iter().find_map(|slack| {
-            let y = self.solved(x, alpha, lambda, *slack)?;
-            let claim = Claim { y: &y, x: Some(x), alpha, lambda, by: 1.0 };
-            verify(&self.data, &self.closed, &claim).then_some(y)
+            let root = self.solved(x, alpha, lambda, *slack)?;
+            let claim = Claim { root: &root, x: Some(x), alpha, lambda, by: 1.0 };
+            verify(&self.data, &self.closed, &claim).then_some(root)
         })
     }
 
-    /// A verified `Y` with small `h'Yh` for all rows h of `rows` (q, n) at once, each relative to that of the centre.
+    /// The root of a verified `Y` with small `h'Yh` for all rows h of `rows` (q, n) at once, each relative to that of the centre.
     pub(super) fn smallest(&self, x: &Matrix, lambda: f64, rows: &Matrix) -> Option<Matrix> {
-        let n = self.data.n;
-        let mut alone = x.clone();
-        let more = 1e-12 * trace(x).max(f64::MIN_POSITIVE);
-        (0..n).for_each(|i| alone[(i, i)] += more);
-        let own = least(&self.closed.a0, &Mat::zeros(n, n), &alone, lambda).found()?;
+        let own = least(&self.closed.a0, None, x, lambda, 0.0).found()?;
         let e = self.closed.outputs();
-        let start = trace(&(&e * &own * e.transpose())) / lambda;
+        let start = (&e * &own).squared_norm_l2() / lambda;
         if start <= 0.0 {
             return self.proved(x, 1.0, lambda);
         }
-        let sizes = |y: &Matrix| squares(y, rows);
-        let nominal = sizes(&own);
+        let nominal = squares(&own, rows);
         let cost = |log: f64| {
-            let y = self.solved(x, start * 10f64.powf(log), lambda, 1e-5)?;
-            Some(sizes(&y).iter().zip(&nominal).map(|(one, own)| if *own > 0.0 { one / own } else { 0.0 }).sum())
+            let root = self.solved(x, start * 10f64.powf(log), lambda, 1e-5)?;
+            Some(
+                squares(&root, rows)
+                    .iter()
+                    .zip(&nominal)
+                    .map(|(one, own)| if *own > 0.0 { one / own } else { 0.0 })
+                    .sum(),
+            )
         };
         let log = best_of(-2.0, 6.0, 24, cost)?;
         // at the edge of what can be solved a larger one may be verified
@@ -176,8 +175,15 @@ impl Loop {
     }
 }
 
-/// `h'Yh` for each row h.
-pub(super) fn squares(y: &Matrix, rows: &Matrix) -> Vec<f64> {
+/// `h'Yh` for each row h, from the root of Y.
+pub(super) fn squares(root: &Matrix, rows: &Matrix) -> Vec<f64> {
+    let (product, mut found) = (rows * root, Vec::new());
+    (0..rows.nrows()).for_each(|i| found.push(product.row(i).squared_norm_l2()));
+    found
+}
+
+/// `h'Yh` for each row h, from Y.
+pub(super) fn forms(y: &Matrix, rows: &Matrix) -> Vec<f64> {
     let (product, mut found) = (rows * y, Vec::new());
     for i in 0..rows.nrows() {
         found.push((0..rows.ncols()).map(|j| product[(i, j)] * rows[(i, j)]).sum::<f64>().max(0.0));

@@ -110,7 +110,7 @@ fn climb(data: &Uncertain, closed: &Closed, mut direction: Vec<Matrix>, stop: &S
             let own = in_region(data, &theta);
             // as the user will see it
             let mut loops = Mat::zeros(data.n, data.n);
-            let (d, k) = (data.region.d, in_units(&closed.k, &data.ones(), &data.back()));
+            let (d, k) = (data.region.d, in_units(&closed.k, &data.ones(data.m), &data.back()));
             for i in 0..data.n {
                 for j in 0..data.n {
                     let input: f64 = (0..data.m).map(|q| own[i * d + data.n + q] * k[(q, j)]).sum();

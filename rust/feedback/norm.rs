@@ -6,7 +6,7 @@ use faer::{Mat, c64};
 use crate::error::Result;
 use crate::parallel::Stop;
 
-use super::data::{Closed, Matrix, Uncertain, lost, scaled, trace};
+use super::data::{Closed, Matrix, Uncertain, lost, scaled};
 use super::lemma::{Solved, least};
 use super::verify::{Claim, verify};
 
@@ -141,19 +141,14 @@ pub(super) fn balanced(data: &Uncertain, mut closed: Closed, stop: &Stop) -> Res
     Ok((closed, best))
 }
 
-/// `Q` for the uncertainty `by` times as large and the loop `A0 / t`, `D / t`, solved with `slack` times that and verified;
-/// and whether the recursion broke down.
+/// The root of `Q` for the uncertainty `by` times as large and the loop `A0 / t`, `D / t`, solved with `slack` times that and
+/// verified; and whether the recursion broke down.
 pub(super) fn proof(data: &Uncertain, closed: &Closed, t: f64, by: f64, slack: f64) -> (Option<Matrix>, bool) {
     let (e, d) = (closed.outputs(), scaled(&closed.inputs(data), by * slack));
-    let mut h = &d * d.transpose();
-    let size = trace(&h) / data.n as f64;
-    // room for rounding; without any uncertainty all of Q
-    let more = if size > 0.0 { 1e-3 * (slack - 1.0).max(1e-11) * size } else { 1.0 };
-    (0..data.n).for_each(|i| h[(i, i)] += more);
-    match least(&closed.a0, &(e.transpose() * &e), &h, t * t) {
-        Solved::Found(y) => {
-            let claim = Claim { y: &y, x: None, alpha: 1.0, lambda: t * t, by };
-            (verify(data, closed, &claim).then_some(y), false)
+    match least(&closed.a0, Some(&e), &(&d * d.transpose()), t * t, 1e-3 * (slack - 1.0)) {
+        Solved::Found(root) => {
+            let claim = Claim { root: &root, x: None, alpha: 1.0, lambda: t * t, by };
+            (verify(data, closed, &claim).then_some(root), false)
         }
         Solved::Broken => (None, true),
         Solved::Slow => (None, false),

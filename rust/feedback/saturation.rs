@@ -1,7 +1,6 @@
 //! Where a linear feedback keeps limits for all time, without noise.
 
 use faer::Mat;
-use faer::Side;
 use faer::linalg::solvers::Solve;
 
 use crate::error::{Error, Result};
@@ -26,7 +25,7 @@ impl Loop {
             let found = limits.len().to_string();
             return Err(Error::Shape { name: "limits", expected: format!("{} entries", n + m), found });
         }
-        let Some(q) = self.proof.as_ref().filter(|_| self.data.c.is_none()) else {
+        let Some(root) = self.proof.as_ref().filter(|_| self.data.c.is_none()) else {
             return Ok((0.0, x0.map(|_| 0.0)));
         };
         // what holds of a direction holds of its multiples: of one near 1, so that squares neither overflow nor vanish
@@ -47,14 +46,14 @@ impl Loop {
             squares
         };
         let (level, mut scale) = covered(WHAT, bytes(n, self.data.region.d), || {
-            let level = within(&rooted(squares(q, &rows))).powi(2);
+            let level = within(&rooted(squares(root, &rows))).powi(2);
             let Some(x0) = x0 else { return (level, None) };
             let x = Mat::from_fn(n, 1, |i, _| x0[i] / self.data.unit[i]);
-            let inside = q.llt(Side::Lower).map_or(f64::INFINITY, |factor| (x.transpose() * factor.solve(&x))[(0, 0)]);
+            let inside = root.partial_piv_lu().solve(&x).squared_norm_l2();
             let mut scale = (level / inside).sqrt() * (1.0 - 1e-6);
             let around = &x * x.transpose() * faer::Scale(1.0 + 1e-6);
-            if let Some(y) = self.smallest(&super::data::symmetric(&around), 1.0, &rows) {
-                scale = scale.max(within(&rooted(squares(&y, &rows))));
+            if let Some(root) = self.smallest(&super::data::symmetric(&around), 1.0, &rows) {
+                scale = scale.max(within(&rooted(squares(&root, &rows))));
             }
             (level, Some(scale))
         })?;

@@ -9,7 +9,7 @@ use crate::memory::{checked_len, covered};
 use crate::parallel::Stop;
 
 use super::certificate::{Status, weighted};
-use super::data::{Matrix, WHAT, in_units, largest, matrix, scaled, stacked, symmetric, trace};
+use super::data::{Matrix, WHAT, in_units, largest, matrix, scaled, stacked, symmetric};
 use super::lemma::least;
 use super::loops::{Loop, bytes, squares};
 use super::verify::{Claim, verify_alone};
@@ -79,15 +79,11 @@ pub(super) struct Level {
 }
 
 impl Loop {
-    /// `L` with `A L A' / lambda + X <= L`, proved.
+    /// The root of `L` with `A L A' / lambda + X <= L`, proved.
     pub(super) fn gramian(&self, a: &Matrix, x: &Matrix, lambda: f64) -> Option<Matrix> {
-        let n = self.data.n;
         [1e-9, 1e-7, 1e-5, 1e-3].iter().find_map(|slack| {
-            let mut h = scaled(x, 1.0 + slack);
-            let more = slack * (trace(x) / n as f64).max(f64::MIN_POSITIVE);
-            (0..n).for_each(|i| h[(i, i)] += more);
-            let y = least(a, &Mat::zeros(n, n), &h, lambda).found()?;
-            verify_alone(a, &Claim { y: &y, x: Some(x), alpha: 1.0, lambda, by: 1.0 }).then_some(y)
+            let root = least(a, None, &scaled(x, 1.0 + slack), lambda, *slack).found()?;
+            verify_alone(a, &Claim { root: &root, x: Some(x), alpha: 1.0, lambda, by: 1.0 }).then_some(root)
         })
     }
 
@@ -184,14 +180,15 @@ impl Loop {
         }
         if let Some((covariance, eps)) = run.noise {
             let back = data.back();
-            let y = self.smallest(&in_units(&matrix(covariance, n, n), &back, &back), 1.0, &rows);
+            let root = self.smallest(&in_units(&matrix(covariance, n, n), &back, &back), 1.0, &rows);
             let quantile = normal_quantile(&[1.0], 1, eps / ((n + m) * run.steps.max(1)) as f64)? * (1.0 + ROUNDING);
-            let y = y.filter(|_| self.certificate.status == Status::Certified);
+            let root = root.filter(|_| self.certificate.status == Status::Certified);
             found.noise.fill(f64::INFINITY);
             found.noise_radius = f64::INFINITY;
-            if let Some(y) = y {
-                found.noise.iter_mut().zip(squares(&y, &rows)).for_each(|(to, square)| *to = quantile * square.sqrt());
-                found.noise_radius = quantile * trace(&in_units(&y, &data.unit, &data.unit)).sqrt();
+            if let Some(root) = root {
+                let sizes = squares(&root, &rows);
+                found.noise.iter_mut().zip(sizes).for_each(|(to, square)| *to = quantile * square.sqrt());
+                found.noise_radius = quantile * in_units(&root, &data.unit, &data.ones(n)).norm_l2();
             }
         }
         Ok(found)
@@ -216,10 +213,8 @@ impl Loop {
         let (e, d) = (self.closed.outputs(), scaled(&self.closed.inputs(data), 1.0 / t));
         let (a, back) = (&self.closed.a0, self.closed.a0.transpose().to_owned());
         let Some(l) = self.gramian(a, &symmetric(&(&d * d.transpose())), lambda) else { return Ok(None) };
-        let along = |x: &Matrix| {
-            let gramian = self.gramian(&back, &symmetric(x), lambda)?;
-            Some((rested.transpose() * gramian * rested)[(0, 0)].max(0.0))
-        };
+        let along =
+            |x: &Matrix| Some((self.gramian(&back, &symmetric(x), lambda)?.transpose() * rested).squared_norm_l2());
         let own = Mat::from_fn(data.n, data.n, |i, j| if i == j { data.unit[i].powi(2) } else { 0.0 });
         let (rest, centre) =
             if forever { (along(&(e.transpose() * &e)), along(&own)) } else { (Some(0.0), Some(f64::INFINITY)) };
@@ -230,8 +225,8 @@ impl Loop {
         let size = (squared + rest * weight(first.len()).powi(2)).sqrt() * (1.0 + ROUNDING) / (1.0 - theta);
         let start = if start > 0.0 {
             let x = Mat::from_fn(data.n, data.n, |i, j| if i == j { (start / data.unit[i]).powi(2) } else { 0.0 });
-            let Some(y) = self.smallest(&x, lambda, rows) else { return Ok(None) };
-            Some(self.sizes(&y, rows)?)
+            let Some(root) = self.smallest(&x, lambda, rows) else { return Ok(None) };
+            Some(self.sizes(&root, rows)?)
         } else {
             None
         };
@@ -239,11 +234,12 @@ impl Loop {
         Ok(Some(Level { t, size, second: theta * size, rows, norm, start, centre: centre.sqrt() * (1.0 + ROUNDING) }))
     }
 
-    /// `sqrt(h'Yh)` for each row, and `sqrt(lam_max(Y))` in the units of the data.
-    fn sizes(&self, y: &Matrix, rows: &Matrix) -> Result<(Vec<f64>, f64)> {
-        let mut found = squares(y, rows);
+    /// `sqrt(h'Yh)` for each row, and `sqrt(lam_max(Y))` in the units of the data, from the root of Y.
+    fn sizes(&self, root: &Matrix, rows: &Matrix) -> Result<(Vec<f64>, f64)> {
+        let mut found = squares(root, rows);
         found.iter_mut().for_each(|v| *v = v.sqrt() * (1.0 + ROUNDING));
-        let norm = largest(&symmetric(&in_units(y, &self.data.unit, &self.data.unit)))?;
+        let own = in_units(root, &self.data.unit, &self.data.ones(self.data.n));
+        let norm = largest(&symmetric(&(&own * own.transpose())))?;
         Ok((found, norm.sqrt() * (1.0 + ROUNDING)))
     }
 }

@@ -1,10 +1,11 @@
 //! The proof of an inequality between matrices in floating point.
 
 use faer::Mat;
+use faer::linalg::solvers::DenseSolveCore;
 
 use crate::scaled::nearest_power_of_two;
 
-use super::data::{Closed, Matrix, Uncertain, absolute, finite, stacked};
+use super::data::{Closed, Matrix, Uncertain, absolute, finite, scaled, stacked, symmetric};
 
 /// Unit roundoff.
 const U: f64 = f64::EPSILON / 2.0;
@@ -55,10 +56,11 @@ fn proved(a: &Matrix, error: impl Fn(usize, usize) -> f64) -> bool {
     (formed + factored).is_finite() && positive(&own, formed + factored)
 }
 
-/// What is claimed: `diag(Y - X - alpha sum_p t_p rho_p^2 S_p, alpha t_p I) - F Y F' / lambda > 0`, `F = [A0; E_1; ..]`, and
-/// `Y > 0`, for the uncertainty `by` times as large. It implies `A_G Y A_G' / lambda + X < Y` for all members.
+/// What is claimed of `Y = R R'`: `diag(Y - X - alpha sum_p t_p rho_p^2 S_p, alpha t_p I) - F Y F' / lambda > 0`, `F = [A0;
+/// E_1; ..]`, and `Y > 0`, for the uncertainty `by` times as large. It implies `A_G Y A_G' / lambda + X < Y` for all members.
 pub(super) struct Claim<'a> {
-    pub y: &'a Matrix,
+    /// R (n, n).
+    pub root: &'a Matrix,
     pub x: Option<&'a Matrix>,
     pub alpha: f64,
     pub lambda: f64,
@@ -92,12 +94,40 @@ pub(super) fn verify_alone(a: &Matrix, claim: &Claim<'_>) -> bool {
     holds(a, &absolute(a), (&Mat::zeros(a.nrows(), a.nrows()), &[]), 1, claim)
 }
 
+/// A product with its rounding: `|found - exact| <= off`, entry by entry.
+struct Rounded {
+    found: Matrix,
+    off: Matrix,
+}
+
+impl Rounded {
+    /// `a b` of so many `terms`, where `sizes` bounds the sums of absolute values of all terms.
+    fn new(found: Matrix, sizes: &Matrix, terms: usize) -> Self {
+        let off = scaled(sizes, 1.01 * gamma(terms));
+        Self { found, off }
+    }
+
+    /// `a a'`, and the bound of its error: that of a, and that of sums of so many terms.
+    fn squared(&self) -> Self {
+        let size = absolute(&self.found);
+        let wide = &size + scaled(&self.off, 0.5);
+        let one = &self.off * wide.transpose();
+        let own = scaled(&(&size * size.transpose()), gamma(self.found.ncols() + 2));
+        let off = scaled(&(&one + one.transpose() + own), 1.01);
+        Self { found: symmetric(&(&self.found * self.found.transpose())), off }
+    }
+}
+
 /// `sizes` bounds the sums of absolute values, of so many `terms`, that made each entry of F.
+///
+/// The matrix is judged as `diag(L, I) (..) diag(L', I)` with L near the inverse of R, which is positive definite only if the
+/// matrix is: in it all is of size 1 however near to each other the states are, and rounding counts for `|L| |R|` times as
+/// much, not for the square of that.
 fn holds(f: &Matrix, sizes: &Matrix, (forcing, levels): (&Matrix, &[f64]), terms: usize, claim: &Claim<'_>) -> bool {
-    let Claim { y, x, alpha, lambda, .. } = *claim;
-    let n = y.nrows();
+    let Claim { root, x, alpha, lambda, .. } = *claim;
+    let n = root.nrows();
     let same = |a: &Matrix| finite(a) && (0..n).all(|i| (0..i).all(|j| a[(i, j)] == a[(j, i)]));
-    let sound = same(y) && x.is_none_or(same) && same(forcing) && finite(f) && finite(sizes);
+    let sound = finite(root) && x.is_none_or(same) && same(forcing) && finite(f) && finite(sizes);
     if !(sound
         && levels.iter().all(|v| *v > 0.0 && v.is_finite())
         && alpha > 0.0
@@ -107,16 +137,34 @@ fn holds(f: &Matrix, sizes: &Matrix, (forcing, levels): (&Matrix, &[f64]), terms
     {
         return false;
     }
-    let (big, at) = (f.nrows(), |i: usize, j: usize| x.map_or(0.0, |x| x[(i, j)]));
-    let (product, product_sizes) = (f * y * f.transpose(), sizes * absolute(y) * sizes.transpose());
-    let top = |i: usize, j: usize, whole: bool| match (i < n && j < n, i == j) {
-        (true, _) if whole => y[(i, j)].abs() + at(i, j).abs() + forcing[(i, j)].abs(),
-        (true, _) => y[(i, j)] - at(i, j) - forcing[(i, j)],
-        (false, true) => levels[i - n],
-        (false, false) => 0.0,
+    let back = root.partial_piv_lu().inverse();
+    // no product underflows that counts
+    if !(finite(&back) && root.norm_max() < 1e150 && back.norm_max() < 1e150) {
+        return false;
+    }
+    let (around, away) = (absolute(root), absolute(&back));
+    // L R, and F R with L in front of its first rows
+    let unit = Rounded::new(&back * root, &(&away * &around), n + 2).squared();
+    let (moved, moved_sizes) = (f * root, sizes * &around);
+    let rows =
+        |a: &Matrix, own: &Matrix| stacked([&(own * a.subrows(0, n)), &a.subrows(n, a.nrows() - n).to_owned()], n);
+    let whole = Rounded::new(rows(&moved, &back), &rows(&moved_sizes, &away), 2 * terms + 2 * n + 16).squared();
+    let given = x.map_or_else(|| forcing.clone(), |x| x + forcing);
+    let given_sizes = x.map_or_else(|| absolute(forcing), |x| absolute(x) + absolute(forcing));
+    let given = Rounded::new(
+        symmetric(&(&back * given * back.transpose())),
+        &(&away * given_sizes * away.transpose()),
+        2 * n + 16,
+    );
+    let entry = |i: usize, j: usize| {
+        let (top, off) = match (i < n && j < n, i == j) {
+            (true, _) => (unit.found[(i, j)] - given.found[(i, j)], unit.off[(i, j)] + given.off[(i, j)]),
+            (false, true) => (levels[i - n], 0.0),
+            (false, false) => (0.0, 0.0),
+        };
+        let (product, rest) = (whole.found[(i, j)] / lambda, whole.off[(i, j)] / lambda);
+        (top - product, off + rest + gamma(8) * (top.abs() + product.abs()))
     };
-    let m = Mat::from_fn(big, big, |i, j| top(i, j, false) - 0.5 * (product[(i, j)] + product[(j, i)]) / lambda);
-    // two entries of F, and two sums of n
-    let (near, far) = (gamma(8), gamma(2 * terms + 2 * n + 16) / lambda);
-    proved(&m, |i, j| near * top(i, j, true) + far * product_sizes[(i, j)]) && proved(y, |_, _| 0.0)
+    let m = Mat::from_fn(f.nrows(), f.nrows(), |i, j| entry(i, j).0);
+    proved(&m, |i, j| entry(i, j).1) && proved(&unit.found, |i, j| unit.off[(i, j)])
 }

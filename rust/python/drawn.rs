@@ -6,6 +6,7 @@ use pyo3::prelude::*;
 
 use super::convert::{array1, array2, key, slice};
 use super::run::{UNTIL_STOPPED, run};
+use super::window::PyWindow;
 use crate::certificate::{self, Aim, Goal, NextRuns};
 use crate::identify::{Centre, EstimateLaw, NoiseLaw};
 
@@ -43,8 +44,9 @@ pub(super) fn estimate_draws<'py>(
     array2(py, run(py, UNTIL_STOPPED, |stop| given.models(&key, size, threads, stop))?, size, width)
 }
 
-/// `||x(K) - xf||` of drawn models under `inputs` (K, m).
+/// `||x(K) - xf||` of drawn models under `inputs` (K, m); of models of outputs, with a `window`, of the last outputs together.
 #[pyfunction]
+#[pyo3(signature = (law, x0, inputs, xf, noise, size, key, threads, window=None))]
 #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
 pub(super) fn drawn_misses<'py>(
     py: Python<'py>,
@@ -56,10 +58,12 @@ pub(super) fn drawn_misses<'py>(
     size: usize,
     key: &[u8],
     threads: usize,
+    window: Option<&Bound<'py, PyWindow>>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
+    let window = window.map(|one| one.get().0);
     let (given, key, m) = (law.get()?, self::key(key)?, inputs.as_array().dim().1);
     let (x0, inputs, target) = (slice("x0", &x0)?, slice("inputs", &inputs)?, slice("xf", &xf)?);
-    let aim = Aim { x0, inputs, m, target, noise };
+    let aim = Aim { x0, inputs, m, target, noise, window };
     array1(py, run(py, UNTIL_STOPPED, |stop| certificate::drawn_misses(&given, aim, &key, size, threads, stop))?)
 }
 

@@ -71,7 +71,8 @@ impl PyFeedback {
         member.map(|theta| array2(py, try_copy(WHAT, theta)?, self.n, theta.len() / self.n)).transpose()
     }
 
-    /// `Y` with `A_G Y A_G' / lambda + X <= Y` for all members, proved; the least one for larger sides with a `slack`.
+    /// R, for `Y = R R'` with `A_G Y A_G' / lambda + X <= Y` for all members, proved; with a `slack` that of the least one for
+    /// larger sides.
     #[pyo3(signature = (x, alpha, lambda_, slack=None))]
     fn invariant<'py>(
         &self,
@@ -87,14 +88,14 @@ impl PyFeedback {
 
     fn verified(
         &self,
-        y: Matrix<'_>,
+        root: Matrix<'_>,
         x: Matrix<'_>,
         alpha: f64,
         lambda_: f64,
         multipliers: Vector<'_>,
     ) -> PyResult<bool> {
-        let (y, x, multipliers) = (slice("Y", &y)?, slice("X", &x)?, slice("multipliers", &multipliers)?);
-        Ok(self.of.verified(y, x, alpha, lambda_, multipliers)?)
+        let (root, x, multipliers) = (slice("R", &root)?, slice("X", &x)?, slice("multipliers", &multipliers)?);
+        Ok(self.of.verified(root, x, alpha, lambda_, multipliers)?)
     }
 
     /// `(nominal, model, start, radii, noise, noise_radius, later, reach)`.

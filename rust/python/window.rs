@@ -13,12 +13,14 @@ use crate::window::{self, Kind, Search, Window};
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Made<'py> = Bound<'py, PyArray2<f64>>;
+type Row<'py> = Bound<'py, PyArray1<f64>>;
+type Rested<'py> = (Row<'py>, Row<'py>, Row<'py>, Made<'py>, Made<'py>, f64, f64);
 
 const WHAT: &str = "a window";
 
 /// A window: so many lags, or filters of one pole.
 #[pyclass(frozen, module = "stochens_rs._core", name = "Window")]
-pub(super) struct PyWindow(Window);
+pub(super) struct PyWindow(pub(super) Window);
 
 #[pymethods]
 impl PyWindow {
@@ -87,6 +89,30 @@ impl PyWindow {
         let mut next = try_copy(WHAT, slice("x", &x)?)?;
         self.0.advance(&mut next, slice("y", &y)?, slice("u", &u)?);
         array1(py, next)
+    }
+
+    /// `(x, z, u, states (n, m), outputs (n_y, m), off, rounding)` where the model stays at `target`, with these inputs or the
+    /// best ones.
+    #[pyo3(signature = (theta, target, inputs=None))]
+    fn rest<'py>(
+        &self,
+        py: Python<'py>,
+        theta: Matrix<'py>,
+        target: Vector<'py>,
+        inputs: Option<Vector<'py>>,
+    ) -> PyResult<Rested<'py>> {
+        let inputs = inputs.as_ref().map(|u| slice("inputs", u)).transpose()?;
+        let found = self.0.rest(slice("theta", &theta)?, slice("target", &target)?, inputs)?;
+        let (n, y, m) = (self.0.states(), self.0.outputs(), self.0.inputs());
+        Ok((
+            array1(py, found.x)?,
+            array1(py, found.z)?,
+            array1(py, found.u)?,
+            array2(py, found.states, n, m)?,
+            array2(py, found.outputs, y, m)?,
+            found.off,
+            found.rounding,
+        ))
     }
 
     /// J, `[A B c]` and G for these coefficients.

@@ -12,9 +12,11 @@
 mod burn;
 mod linear;
 mod order;
+mod rest;
 mod shape;
 
 pub use burn::{burn, readings_over_noise};
 pub use linear::Linear;
 pub use order::{Choice, Search, choose};
+pub use rest::Rest;
 pub use shape::{Kind, Window};

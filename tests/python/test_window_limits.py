@@ -62,19 +62,21 @@ def test_runs_cut_before_a_bad_reading():
 
 
 def test_the_smallest_tube_over_all_lags_is_no_choice():
-    """The order with the smallest bounds on the same data that certify it."""
+    """The order with the smallest tube of 10 steps, on the same data that certify it."""
     misses = 0
     for seed in range(60):
         gen = np.random.default_rng([13, seed])
         system = hidden_arx(gen)
-        data = se.Trajectories(*arx_runs(gen, system, 20, 60), outputs=True)
+        data = se.Trajectories(*arx_runs(gen, system, 24, 30), outputs=True)
+        y, u = data.last_record()
         found = []
-        for lags in range(1, 7):
+        for lags in range(1, 9):
             model = se.identify(data, lags=lags, checks=False)
-            region = model.region(0.05)
-            n = model.n_outputs
-            sizes = [region.bound(z[:n], z[n:]) for z in model._pairs()[0][::40]]
-            found.append((np.mean(sizes), model))
+            x0 = model.window.state_of(y[:-10], u[:-10])
+            around = model._loop.ABc, model._loop.J, model._loop.G, model.m
+            core = model.region(0.05)._core
+            tube = _core.output_tube(core, around, x0, u[-10:].copy(), None, None)[2][0]
+            found.append((tube[-1], model))
         model = min(found, key=lambda one: one[0])[1]
         lags = max(model.window.count, system[2])
         Theta = padded(system, lags)
@@ -82,7 +84,7 @@ def test_the_smallest_tube_over_all_lags_is_no_choice():
             misses += 1  # too short to contain the system
         else:
             misses += missed(model, Theta)
-    assert misses > 0.3 * 60
+    assert misses > 0.4 * 60
 
 
 def test_filters_need_a_burn_in_units_of_the_noise():

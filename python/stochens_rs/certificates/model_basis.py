@@ -32,6 +32,8 @@ class ModelBasis(Record):
         How far the true initial state may be from `x0`, in the 2-norm.
     read : ndarray, shape (n_outputs,), or None
         For a model of outputs, the last readings of the record that led to `x0`.
+    at_rest : bool
+        Whether that record was not measured: the plant was declared to be at rest.
     """
 
     model: Identified
@@ -39,6 +41,7 @@ class ModelBasis(Record):
     xf: Floats
     x0_error: float = 0.0
     read: Floats | None = None
+    at_rest: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, Identified):
@@ -50,6 +53,7 @@ class ModelBasis(Record):
             if validation.kept(name, value, ndim=(1,)).shape != (n,):
                 raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
         validation.nonnegative("x0_error", self.x0_error)
+        validation.flag("at_rest", self.at_rest)
         outputs = (self.model.n_outputs,) if isinstance(self.model, Model) and self.window else ()
         if (() if self.read is None else self.read.shape) != outputs:
             raise ShapeError("`read` must have the last readings of a model of outputs, else None")

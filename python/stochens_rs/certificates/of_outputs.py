@@ -80,6 +80,7 @@ def output_certificate(
         said += "; inputs u(k) + K (x(k) - xh(k)), x the window of the readings"
     if noise:
         said += "; noise to come independent of the data, at half of the probability of failure"
+    said += "; declared: the plant was at rest" if basis.at_rest else "; the record happened"
     return trusted(
         Certificate,
         kind="guaranteed",
@@ -87,7 +88,7 @@ def output_certificate(
         quantities=quantities,
         covers="target and tube together, and all radii of single outputs together, over the noise "
         + ("of the data and of the run" if noise else "of the data"),
-        assumption=f"{said}; the record happened, the number of steps was fixed beforehand",
+        assumption=f"{said}; the number of steps was fixed beforehand",
         parts=parts,
         warnings=model.warnings,
     )

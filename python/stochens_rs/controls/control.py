@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .arguments import Entity, EntityLike, SystemLike
     from .limited import Limited
     from .limits import LimitsLike
+    from .output_control import Record
 
 
 def control(
@@ -49,7 +50,7 @@ def control(
     fusion: Fusion = "product",
     guarantee: float | None = None,
     time_limit: float | None = None,
-    record: tuple[ArrayLike, ArrayLike] | None = None,
+    record: Record | None = None,
     target: ArrayLike | None = None,
 ) -> Plan:
     """Compute the best control from x0 to xf in K steps, from estimates, also within limits.
@@ -86,7 +87,8 @@ def control(
     record : (outputs, inputs), optional
         For a model of outputs, in place of x0: rows (T, n_outputs) that were read up to now, and
         the inputs (T - 1, m) between them, enough to fill the window of the model; for example
-        `Trajectories.last_record`.
+        `Trajectories.last_record`. "rest" declares that outputs and inputs were 0 for so long, and
+        ("rest", y, u) that they were these: refused where the data say that they do not stay there.
     target : array_like, shape (n_outputs,), optional
         For a model of outputs, in place of xf: where they are to be, and to stay with a constant
         input; default 0. Weights of `cost` may be of the outputs alone, as in `gain`.

@@ -60,10 +60,17 @@ class Predicted(NamedTuple):
     dt: float | None
 
     @property
+    def read(self) -> bool:
+        """Whether these are outputs, whose start says nothing of how they move on."""
+        return isinstance(self.basis, ModelBasis) and self.basis.window is not None
+
+    @property
     def A(self) -> Floats:
         """How a deviation of the start moves on; 0 where the plan does not know."""
         n = self.states.shape[1]
         known = self.basis
+        if self.read:
+            return np.zeros((n, n))
         found = known.model.A if isinstance(known, ModelBasis) else known and known.A.estimate
         return np.zeros((n, n)) if found is None else np.ascontiguousarray(found)
 
@@ -71,10 +78,10 @@ class Predicted(NamedTuple):
     def xf(self) -> Floats:
         """The target; the last predicted state where the plan has none."""
         found: Floats | None = None
-        if self.limited is not None and self.limited.task.follows:
+        if self.limited is not None and self.limited.task.follows and not self.read:
             found = self.limited.task.reference[-1]
         elif isinstance(self.basis, ModelBasis):
-            found = self.basis.xf
+            found = self.basis.xf[: self.states.shape[1]]
         elif self.basis is not None:
             goal = self.basis.xf
             found = goal.estimate if goal.values is None else goal.values
@@ -104,11 +111,12 @@ class Predicted(NamedTuple):
         covariance = self.basis.model.covariance
         if covariance is None:
             return units
-        A, total = self.basis.model.A, np.zeros((n, n))
+        A, added = self.basis.model._with_outputs(covariance)
+        total = np.zeros_like(A)
         with np.errstate(all="ignore"):
             for k in range(K):
-                total = A @ total @ A.T + covariance
-                units[k] = np.sqrt(np.maximum(np.diag(total), 0.0))
+                total = A @ total @ A.T + added
+                units[k] = np.sqrt(np.maximum(np.diag(total)[:n], 0.0))
         floor = np.maximum(_LEAST * size, np.finfo(float).tiny)
         return np.where(np.isfinite(units), np.maximum(units, floor), size)
 
@@ -131,6 +139,8 @@ def validated(
     source: Source = "runs"
     systems = _systems(runs)
     if systems is not None:
+        if plan.read:
+            raise InputError("`runs` must be runs for a plan of outputs: systems have no record")
         source = "fresh systems"
         deviations, misses = _of_systems(plan, told, systems, x0)
     else:
@@ -139,7 +149,12 @@ def validated(
         states = _states(plan, runs)
         deviations, misses = _core.validation_runs(told, states, get_num_threads())
     free = None
-    if source == "runs" and (states[:, 0] == states[0, 0]).all() and np.isfinite(states).all():
+    if (
+        source == "runs"
+        and not plan.read
+        and (states[:, 0] == states[0, 0]).all()
+        and np.isfinite(states).all()
+    ):
         ends = np.ascontiguousarray(states[:, -1])
         free = _core.validation_mean(ends, target, delta)
     return _judged((deviations, misses), units, target, delta, sure, weights, source, free)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -12,14 +12,22 @@ from .._base.types import DELTA
 from ..certificates.model_basis import ModelBasis
 from ..exceptions import InputError
 from ..feedback.gaining import for_outputs
+from .limits import as_limits
 from .model_control import model_control
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from .._base.types import Floats
     from ..identification.model import Model
     from .cost import Cost
-    from .limits import Limits
+    from .limits import Limits, LimitsLike
     from .plan import Plan
+
+
+Record: TypeAlias = (
+    "tuple[ArrayLike, ArrayLike] | Literal['rest'] | tuple[Literal['rest'], ArrayLike, ArrayLike]"
+)
 
 
 class Rest(NamedTuple):
@@ -32,15 +40,45 @@ class Rest(NamedTuple):
     outputs: Floats
 
 
-def record_of(model: Model, record: Any) -> Floats:
-    """Return the state of the model at the end of a record ``(outputs, inputs)``."""
-    assert model.window is not None
-    if not isinstance(record, tuple | list) or len(record) != 2:
+class Start(NamedTuple):
+    """Where a record ends: the state, the last readings, and whether rest was declared."""
+
+    x: Floats
+    read: Floats
+    at_rest: bool
+
+
+def start_of(model: Model, record: Any) -> Start:
+    """Return where a record of the arguments of `control` ends.
+
+    Rest is refused where the data say that the model does not stay there.
+    """
+    window, p, m = model.window, model.n_outputs, model.m
+    assert window is not None
+    if isinstance(record, str):
+        record = (record, np.zeros(p), np.zeros(m))
+    if not isinstance(record, tuple | list) or len(record) not in (2, 3):
         raise InputError(
             "`record` must be a pair (outputs, inputs) of rows that were measured, see "
-            f"Trajectories.last_record(), got {validation.show(record)}"
+            'Trajectories.last_record(), or "rest" or ("rest", outputs, inputs), got '
+            f"{validation.show(record)}"
         )
-    return model.window.state_of(*record)
+    if len(record) == 2:
+        x = window.state_of(*record)
+        read = np.asarray(record[0], dtype=np.float64)[-1]
+        return Start(x, validation.frozen(read), False)
+    validation.choice("record", record[0], ("rest",))
+    y = validation.vector("record", record[1], length=p, labels=model.outputs).copy()
+    u = validation.vector("record", record[2], length=m, labels=model.input_names).copy()
+    x, z, _, _, _, off, rounding = window._core.rest(model._H, y, u)
+    room = model.region(DELTA)._core.bound(z, False)
+    if off > room + rounding:
+        raise InputError(
+            f"`record` must be of a plant at rest: at the outputs {html.vector(y)} under the "
+            f"inputs {html.vector(u)} the model moves by {off:.3g} in a step, of which its error "
+            f"explains {room:.3g}"
+        )
+    return Start(x, validation.frozen(y), True)
 
 
 def rest_of(model: Model, target: Any, delta: float = DELTA) -> Rest:
@@ -48,34 +86,20 @@ def rest_of(model: Model, target: Any, delta: float = DELTA) -> Rest:
 
     Refused where the data say that no input holds it there.
     """
-    window, p, m = model.window, model.n_outputs, model.m
+    window, p = model.window, model.n_outputs
     assert window is not None
     r = np.zeros(p)
     if target is not None:
         r = validation.vector("target", target, length=p, labels=model.outputs).copy()
-    J, H, one = model._loop.J, model._H, np.ones(int(model.intercept))
-
-    def after(y: Floats, u: Floats) -> tuple[Floats, Floats]:
-        """The state and z where outputs and inputs were always these."""
-        x = window.state_of(np.tile(y, (window.fill + 1, 1)), np.tile(u, (window.fill, 1)))
-        return x, J @ np.concatenate([x, u, one])
-
-    start, z = after(r, np.zeros(m))
-    moved = [after(r, unit) for unit in np.eye(m)]
-    states = np.column_stack([x - start for x, _ in moved])
-    per = np.column_stack([other - z for _, other in moved])
-    outputs = H @ per
-    u = np.asarray(np.linalg.lstsq(outputs, r - H @ z, rcond=None)[0], dtype=np.float64)
-    there = z + per @ u
-    off = float(np.linalg.norm(H @ there - r))
-    room = model.region(delta)._core.bound(there, False)
-    if off > room + 1e-12 * float(np.abs(H * there).sum()):
+    x, z, u, states, outputs, off, rounding = window._core.rest(model._H, r)
+    room = model.region(delta)._core.bound(z, False)
+    if off > room + rounding:
         raise InputError(
             "`target` must be a point of rest: with no constant input do the outputs stay at "
             f"{html.vector(r)}; with the best one they move by {off:.3g} in a step, of which "
             f"the error of the model explains {room:.3g}"
         )
-    return Rest(start + states @ u, u, states, outputs)
+    return Rest(x, u, states, outputs)
 
 
 def cost_of_outputs(model: Model, cost: Cost) -> Cost:
@@ -106,14 +130,26 @@ def output_control(
         )
     if limits.x is not None:
         raise InputError("`limits` of states are for models of states: give those of inputs")
-    start, K = record_of(model, record), validation.size("steps", steps)
+    start, K = start_of(model, record), validation.size("steps", steps)
     if model.window.count > K:
         raise InputError(
             f"`steps` must be {model.window.count} at least, so that the window can be at rest in "
             f"the end, got {K}"
         )
-    goal = rest_of(model, target).x
-    weights = cost_of_outputs(model, cost)
-    plan = model_control(model, start, goal, K, "product", limits, weights, None, time_limit)
-    last = validation.frozen(np.asarray(record[0], dtype=np.float64)[-1])
-    return replace(plan, basis=ModelBasis(model, start, goal, 0.0, last))
+    goal, weights = rest_of(model, target).x, cost_of_outputs(model, cost)
+    return plan_from(model, start, goal, K, limits, weights, time_limit)
+
+
+def plan_from(
+    model: Model,
+    start: Start,
+    goal: Floats,
+    K: int,
+    limits: LimitsLike,
+    cost: Cost,
+    time_limit: float | None = None,
+) -> Plan:
+    """The plan from a window to another one; the weights are of states."""
+    given = as_limits(limits), cost, None, time_limit
+    plan = model_control(model, start.x, goal, K, "product", *given)
+    return replace(plan, basis=ModelBasis(model, start.x, goal, 0.0, start.read, start.at_rest))

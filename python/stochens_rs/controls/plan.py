@@ -337,7 +337,7 @@ class Plan(SavedRecord, Timed):
         *,
         draws: int = 1000,
         rng: RngLike = 0,
-        noise: bool = False,
+        noise: bool | None = None,
     ) -> Typical:
         """Say how far models that may be the true one miss the target: approximate, no bound.
 
@@ -349,8 +349,9 @@ class Plan(SavedRecord, Timed):
             The number of models, at least ``1 / delta - 1``.
         rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
             Source of randomness; with the default the same number in every call.
-        noise : bool, default False
-            Whether the noise of the run to come is included, in the certificate too.
+        noise : bool, optional
+            Whether the noise of the run to come is included, in the certificate too; default: for
+            models of outputs, as in `bound`.
 
         Returns
         -------
@@ -369,10 +370,10 @@ class Plan(SavedRecord, Timed):
         -----
         The models are those of `Model.draw`: ``H + Sigma^1/2 G V^-1/2``, or with an unknown
         covariance ``H + S^1/2 E^-1/2 G V^-1/2``. This control is applied to each, and of the
-        ``||x(K) - xf||`` the order statistic of rank ``ceil((1 - delta) (draws + 1))`` is taken. In
-        84 cells of 14 systems with 3 to 40 runs of 10 steps in open loop it was exceeded in 0.2 to
-        7.6 % of 1000 data sets for 5 %. No inequality is known: runs whose number was chosen by
-        what they showed make it wrong.
+        ``||x(K) - xf||``, of models of outputs those of the last readings together, the order
+        statistic of rank ``ceil((1 - delta) (draws + 1))`` is taken. In 84 cells of 14 systems with
+        3 to 40 runs of 10 steps in open loop it was exceeded in 0.2 to 7.6 % of 1000 data sets for
+        5 %. No inequality is known: runs whose number was chosen by what they showed make it wrong.
 
         Examples
         --------
@@ -386,8 +387,10 @@ class Plan(SavedRecord, Timed):
         """
         share = validation.probability("delta", delta)
         known_model(self.basis, "typical")
-        certified = self.bound(share, noise=noise)
-        return typical(self.basis, self.u, certified.target, share, draws, rng, noise)
+        read = self.predicted_outputs is not None
+        noisy = read if noise is None else validation.flag("noise", noise)
+        certified = self.bound(share, noise=noisy)
+        return typical(self.basis, self.u, certified.target, share, draws, rng, noisy)
 
     def covariance(
         self,
@@ -531,8 +534,10 @@ class Plan(SavedRecord, Timed):
         ----------
         runs : Trajectories, array_like of shape (M, K + 1, n), SystemEnsemble or list of System
             Runs of this plan that had no part in it, all of them: a run that diverged or was
-            aborted has fewer rows, or nan. Or systems that had no part in it, which are run here,
-            without noise. Trajectories must have the inputs of this plan in their first K steps.
+            aborted has fewer rows, or nan. For a model of outputs these are readings, the first row
+            the last one of the record, each run behind a record like that of the plan. Or systems
+            that had no part in it, which are run here, without noise. Trajectories must have the
+            inputs of this plan in their first K steps.
         delta : float, default 0.05
             Probability that the next run leaves the tube, and that it ends further from the
             target: each for itself. 0.05 takes 19 runs.
@@ -579,11 +584,8 @@ class Plan(SavedRecord, Timed):
         >>> plan.validate(se.SystemEnsemble(A, np.ones((60, 1, 1))))
         <Validation: 60 fresh systems, x(K) within 0.0145 of xf, tube 0.0204 scales, 95 % each>
         """
-        if self.predicted_outputs is not None:
-            raise InputError("validate() is for plans of models of states")
-        mine = Predicted(
-            self.u, self.predicted_states, self.basis, self.limited, self._labels, self.dt
-        )
+        states, labels = self._drawn
+        mine = Predicted(self.u, states, self.basis, self.limited, labels, self.dt)
         return validated(mine, runs, delta, beta, x0, scale, weights)
 
     def plot(

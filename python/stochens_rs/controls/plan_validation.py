@@ -51,7 +51,8 @@ class Validation(SavedRecord):
     tube : ndarray, shape (K + 1, n)
         ``|x(k) - p(k)|_i`` is at most this for all k and i at once: ``factor * scale``. p is the
         prediction from the run's own start, ``xh(k) + A_hat^k (x(0) - xh(0))``, so ``tube[0]`` is
-        0. A plan that keeps no A_hat (diagonal fusion, made by hand) has ``p(k) = xh(k)``, k >= 1.
+        0. A plan that keeps no A_hat (diagonal fusion, made by hand) has ``p(k) = xh(k)``, k >= 1,
+        and so has one of outputs: x are then the readings, and one of them is no start.
         Of a loop p is the loop around its own model.
     target : float
         ``||x(K) - xf||`` is at most this: an order statistic of `misses`.

@@ -17,14 +17,17 @@ from .._base.types import Floats, Status
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..feedback import LoopCertificate
 from .limited import loop_of
-from .output_control import record_of
+from .output_control import Start, plan_from, start_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..identification.model import Model
     from .constraints import Task
-    from .output_control import Rest
+    from .cost import Cost
+    from .limits import LimitsLike
+    from .output_control import Record, Rest
+    from .plan import Plan
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "gain"]
 LOGGED = 1000  # calls that the log keeps
@@ -82,6 +85,8 @@ class ReadingLoop:
         The input while the window fills.
     max_missing : int
         How many readings in a row may be missing.
+    asked : tuple (steps, limits, cost), optional
+        Of a loop that plans, as they were given.
 
     Examples
     --------
@@ -109,10 +114,12 @@ class ReadingLoop:
         drift: Floats | None,
         hold: Floats,
         max_missing: int,
+        asked: tuple[int, LimitsLike, Cost] | None = None,
     ) -> None:
         assert model.window is not None
         self.model, self._rest, self._policy = model, rest, policy
         self._low, self._high, self._hold, self._most = low, high, hold, max_missing
+        self._asked = asked
         self._ahead = model._H @ model._loop.J
         self._tail = np.ones(int(model.intercept))
         self._along, gain = disturbance_of(model, rest, drift)
@@ -130,6 +137,7 @@ class ReadingLoop:
         self._y: list[Floats] = []
         self._u: list[Floats] = []
         self._acted, self._missed, self._d = self._hold.copy(), 0, np.zeros(m)
+        self._at_rest = False
         self._log.clear()
         if not isinstance(self._policy, np.ndarray):
             self._at(self._d)
@@ -195,7 +203,7 @@ class ReadingLoop:
         self._x, self._d, self._missed = x, d, missed
         return self._noted(read_now, predicted, u, status, started)
 
-    def start(self, record: tuple[ArrayLike, ArrayLike]) -> Floats:
+    def start(self, record: Record) -> Floats:
         """Fill the window from a record that just happened.
 
         Parameters
@@ -214,12 +222,11 @@ class ReadingLoop:
             If the record does not fill the window.
         """
         started = perf_counter()
-        x = record_of(self.model, record)
-        u, status = self._input(x, np.zeros(self.model.m))
+        found = start_of(self.model, record)
+        u, status = self._input(found.x, np.zeros(self.model.m))
         self.reset()
-        self._x = x
-        last = np.array(read("record", record[0]))[-1].astype(float)
-        return self._noted(last, None, u, status, started)
+        self._x, self._at_rest = found.x, found.at_rest
+        return self._noted(found.read, None, u, status, started)
 
     def _checked(self, y: ArrayLike) -> Floats:
         try:
@@ -305,6 +312,29 @@ class ReadingLoop:
         """The limits (low, high) of the input that is returned, each (m,)."""
         return self._low.copy(), self._high.copy()
 
+    @property
+    def plan(self) -> Plan:
+        """What a loop that plans would do from the last reading on, without any new one.
+
+        ``loop.plan.bound(delta)`` bounds the readings along this plan, followed to its end; the
+        loop replaces it at the next reading, so that nothing follows for all time. For loops that
+        estimate no disturbance, behind a window of which no reading was missing.
+        """
+        if self._asked is None:
+            raise InputError("`plan` needs a loop that plans: regulate(model, steps, ...)")
+        if len(self._inner[0]):
+            raise InputError(
+                "`plan` needs offset_free=False: its bound knows no estimated disturbance"
+            )
+        window = self.model.window
+        assert window is not None
+        recent = [call.y for call in self._log][-window.fill - 1 :]
+        if self._x is None or np.isnan(recent).any():
+            raise InputError("`plan` needs a full window, of which no reading was missing")
+        steps, limits, cost = self._asked
+        start = Start(self._x, validation.frozen(recent[-1].copy()), self._at_rest)
+        return plan_from(self.model, start, self._rest.x, steps, limits, cost)
+
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
         """Say whether all systems of a region are stable in this loop, its estimate included.
 
@@ -334,7 +364,8 @@ class ReadingLoop:
         """
         if not isinstance(self._policy, np.ndarray):
             raise InputError(
-                "`certificate` needs a loop with a gain: regulate(gain(model, Q, R), ...)"
+                "`certificate` needs a loop with a gain: regulate(gain(model, Q, R), ...). Of one "
+                "that plans anew nothing is proved for all time; plan.bound(delta) bounds each plan"
             )
         model, K, names = self.model, self._policy, self.model.labels
         region = model.region(validation.probability("delta", delta))

@@ -247,4 +247,5 @@ def reading_loop(
         drift = np.full(m, validation.positive("offset_free", offset_free))
     held = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
     most = validation.size("max_missing", max_missing, minimum=0)
-    return ReadingLoop(model, rest_of(model, target), policy, low, high, drift, held, most)
+    asked = None if isinstance(system, Loop) else (K, limits, weights)
+    return ReadingLoop(model, rest_of(model, target), policy, low, high, drift, held, most, asked)

@@ -96,21 +96,26 @@ def typical(
     assert isinstance(basis, ModelBasis)
     if basis.x0_error:
         raise InputError("`typical` needs an exact x0, not an Uncertain one")
-    law = model._law()
-    nu, assumed = law[-1], model.assumptions
-    if assumed.known is None and nu < 2 * model.n:
+    window, assumed, rows = model.window, model.assumptions, model.n_outputs
+    if assumed.tail:
+        raise InputError("`typical` is not for models with a tail: its law is not known")
+    law = model._law(windows=True)
+    nu = law[-1]
+    if assumed.known is None and nu < 2 * rows:
         raise InputError(
-            f"`typical` needs {2 * model.n} more pairs than unknowns of a row where the covariance "
+            f"`typical` needs {2 * rows} more pairs than unknowns of a row where the covariance "
             f"is unknown, this model has {nu}"
         )
-    key, xf, threads = bytes(as_key(rng).child("typical")), basis.xf, get_num_threads()
+    key, xf, threads = bytes(as_key(rng).child("typical")), basis.xf[:rows], get_num_threads()
+    exact = "states without error" if window is None else f"the window of {window.text} exact"
     said = (
-        f"{assumed.text}; states without error; number and lengths of the runs fixed beforehand; "
+        f"{assumed.text}; {exact}; number and lengths of the runs fixed beforehand; "
         f"residuals {'not tested' if model.checks is None else 'without a warning'}"
     )
+    of = None if window is None else window._core
 
     def misses(size: int) -> Floats:
-        return _core.drawn_misses(law, basis.x0, u, xf, noise, size, key, threads)
+        return _core.drawn_misses(law, basis.x0, u, xf, noise, size, key, threads, of)
 
     return ranked(misses, certified, delta, draws, noise, said)
 

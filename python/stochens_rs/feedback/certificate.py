@@ -51,7 +51,7 @@ class LoopCertificate(SavedRecord):
     spectral_radius : float
         That of the loop around the centre of the region.
     proof : ndarray, shape (n, n), or None
-        Q with ``A_G Q A_G' < Q`` for all systems of the region.
+        R with ``A_G Q A_G' < Q``, ``Q = R R'``, for all systems of the region.
     multipliers : ndarray, shape (parts,)
         That of each part of the region with unknown columns, in the proof; empty without one.
     member : ndarray, shape (n, n + m) or (n, n + m + 1), or None
@@ -176,7 +176,7 @@ class LoopCertificate(SavedRecord):
         Returns
         -------
         bool
-            By two Cholesky factorizations, their rounding included.
+            By two Cholesky factorizations in coordinates in which Q is near I, with all rounding.
 
         Examples
         --------
@@ -404,8 +404,8 @@ class LoopCertificate(SavedRecord):
         -------
         float
             From ``scale x0`` with any ``|scale|`` up to this the limits are kept for all time.
-            Without `x0` the level s: from all x with ``x'Q^-1 x <= s``, Q the `proof`. 0 where
-            nothing is certified.
+            Without `x0` the level s: from all x with ``x'Q^-1 x <= s``, ``Q = R R'`` of the
+            `proof` R. 0 where nothing is certified.
 
         Raises
         ------

@@ -290,6 +290,15 @@ class Model(SavedRecord, Identified, Tabled):
         assert self.window is not None
         return self.window.loop(self._H)
 
+    def _with_outputs(self, covariance: Floats) -> tuple[Floats, Floats]:
+        """A and the covariance of the noise, of outputs in front of the window if there is one."""
+        if self.window is None:
+            return self.A, covariance
+        (J, _, G), n, p = self._loop, self.n, self.n_outputs
+        A = np.block([[np.zeros((p, p)), (self._H @ J)[:, :n]], [np.zeros((n, p)), self.A]])
+        both = np.vstack([np.eye(p), G])
+        return A, both @ covariance @ both.T
+
     def _in_states(self, region: Region) -> Region:
         if self.window is None:
             return region
@@ -671,24 +680,24 @@ class Model(SavedRecord, Identified, Tabled):
         models = found.reshape(count, *self._Theta.shape)
         return self._ensemble(models, "draws of the law of the estimate", count)
 
-    def _law(self) -> Law:
-        """The law of the estimate, for the core."""
-        self._refuse_resampling()
+    def _law(self, windows: bool = False) -> Law:
+        """The law of the estimate, for the core; only with `windows` also of models of outputs."""
+        self._refuse_resampling(windows)
         if self.noise != "gaussian":
             raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
         if len(self._blocks) > 1:
             raise InputError("draw() knows no law with single known entries: use bootstrap()")
-        return law_of_estimate(self._blocks[0], self.assumptions, self._Theta, self._white())
+        return law_of_estimate(self._blocks[0], self.assumptions, self._H, self._white(windows))
 
-    def _white(self) -> Floats:
+    def _white(self, windows: bool = False) -> Floats:
         """``white' white = V^-1`` of all columns, where the rows of Theta have one V."""
-        self._refuse_resampling()
+        self._refuse_resampling(windows)
         if len(self._blocks) > 1:
             raise InputError("the rows of a model with single known entries have no V in common")
         return whitened(self._blocks[0], self._d) if self.pilot is None else self._piloted.white
 
-    def _refuse_resampling(self) -> None:
-        if self.window is not None:
+    def _refuse_resampling(self, windows: bool = False) -> None:
+        if self.window is not None and not windows:
             raise InputError("models of outputs are not resampled: see region()")
         if not self.identifiable:
             raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")

@@ -15,44 +15,43 @@ def joined(K, d):
     return np.vstack([np.eye(n), K, np.zeros((d - n - m, n))])
 
 
-def claimed(C, W, S, K, rho, Q, X=None, alpha=1.0, lam=1.0):
-    """``[Q - X - alpha rho^2 S, 0; 0, alpha I] - F Q F' / lambda``, F = [A0; E], and its sizes."""
-    n, d = C.shape
-    J = joined(K, d)
-    X = np.zeros((n, n)) if X is None else X
-    F, aF = np.vstack([C @ J, W @ J]), np.vstack([abs(C) @ abs(J), abs(W) @ abs(J)])
-    top = Q - X - alpha * rho**2 * S
-    sizes = abs(Q) + abs(X) + alpha * rho**2 * abs(S)
-    r = len(W)
-    whole = np.block([[top, np.zeros((n, r))], [np.zeros((r, n)), alpha * np.eye(r)]])
-    around = np.block([[sizes, np.zeros((n, r))], [np.zeros((r, n)), alpha * np.eye(r)]])
-    M = whole - F @ Q @ F.T / lam
-    return (M + M.T) / 2, around, aF @ abs(Q) @ aF.T / lam
+def gamma(j):
+    return j * U / (1 - j * U)
 
 
-def verified(C, W, S, K, rho, Q, X=None, alpha=1.0, lam=1.0):
-    """Whether both shifted Cholesky factorizations run through (Rump 2006)."""
-    arrays = [C, W, S, K, Q] + ([] if X is None else [X])
-    if not all(np.isfinite(one).all() for one in arrays) or not np.isfinite(rho):
-        return False
-    if not (alpha > 0 and 0 < lam <= 1 and (Q == Q.T).all() and (S == S.T).all()):
-        return False
-    n, d = C.shape
-    M, around, products = claimed(C, W, S, K, rho, Q, X, alpha, lam)
+def squared(a, off):
+    """``a a'`` for an a that is off by at most `off`, and by how much the product is."""
+    one = off @ (abs(a) + off / 2).T
+    return a @ a.T, 1.01 * (one + one.T + gamma(a.shape[1] + 2) * abs(a) @ abs(a).T)
+
+
+def positive(M, off):
+    """Whether a shifted Cholesky factorization runs through (Rump 2006)."""
     N = len(M)
-
-    def gamma(j):
-        return j * U / (1 - j * U)
-
-    formed = 1.01 * (gamma(8) * around + gamma(2 * (n + d) + 2 * n + 16) * products).sum(1).max()
     factored = 1.01 * gamma(N + 3) / (1 - gamma(N + 3)) * np.trace(abs(M))
-    own = 1.01 * gamma(n + 3) / (1 - gamma(n + 3)) * np.trace(Q)
     try:
-        np.linalg.cholesky(M - (formed + factored) * np.eye(N))
-        np.linalg.cholesky(Q - own * np.eye(n))
+        np.linalg.cholesky((M + M.T) / 2 - (1.01 * off.sum(1).max() + factored) * np.eye(N))
     except np.linalg.LinAlgError:
         return False
     return True
+
+
+def verified(C, W, S, K, rho, R):
+    """``[Q - rho^2 S, 0; 0, I] - F Q F' > 0`` , Q = R R', F = [A0; E], in the coordinates of R."""
+    if not all(np.isfinite(one).all() for one in (C, W, S, K, R)) or not np.isfinite(rho):
+        return False
+    n, d = C.shape
+    J, L, r = joined(K, d), np.linalg.inv(R), len(W)
+    moved, sizes = C @ J @ R, abs(C) @ abs(J) @ abs(R)
+    below, below_sizes = W @ J @ R, abs(W) @ abs(J) @ abs(R)
+    unit, unit_off = squared(L @ R, gamma(n + 2) * abs(L) @ abs(R))
+    whole = np.vstack([L @ moved, below]), np.vstack([abs(L) @ sizes, below_sizes])
+    product, off = squared(whole[0], gamma(2 * d + 2 * n + 16) * whole[1])
+    given = rho**2 * L @ S @ L.T
+    M, around = np.eye(n + r) - product, off
+    M[:n, :n] += unit - given - np.eye(n)
+    around[:n, :n] += unit_off + gamma(2 * n + 16) * rho**2 * abs(L) @ abs(S) @ abs(L).T
+    return positive(M, around + gamma(8) * abs(M)) and positive(unit, unit_off)
 
 
 def rational(array):
@@ -68,23 +67,30 @@ def times(a, b):
 
 
 def positive_definite(M):
-    """By elimination without rounding."""
-    M = [row[:] for row in M]
+    """By elimination in whole numbers (Bareiss 1968): the entries are multiples of a power of 2."""
+    unit = max(value.denominator for row in M for value in row)
+    M, before = [[int(value * unit) for value in row] for row in M], 1
     for k in range(len(M)):
         if M[k][k] <= 0:
             return False
         for i in range(k + 1, len(M)):
-            by = M[i][k] / M[k][k]
-            M[i] = [a - by * b for a, b in zip(M[i], M[k], strict=True)]
+            pairs = zip(M[i], M[k], strict=True)
+            M[i] = [(a * M[k][k] - M[i][k] * b) // before for a, b in pairs]
+        before = M[k][k]
     return True
 
 
-def true(C, W, S, K, rho, Q):
-    """Whether the claim is true for these numbers, without any rounding."""
+def true(C, W, S, K, rho, R):
+    """Whether the claim is true for these numbers and Q = R R', without any rounding."""
     n, d = C.shape
     J = rational(joined(K, d))
     F = times(rational(C), J) + times(rational(W), J)
-    Qr, Sr, size = rational(Q), rational(S), Fraction(float(rho)) ** 2
+    root = rational(R)
+    Qr, Sr, size = (
+        times(root, [list(col) for col in zip(*root, strict=True)]),
+        rational(S),
+        Fraction(float(rho)) ** 2,
+    )
     FQF = times(times(F, Qr), [list(col) for col in zip(*F, strict=True)])
     N = len(F)
 

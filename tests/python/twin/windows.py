@@ -35,3 +35,18 @@ def d1():
         w = ((k + 3) ** 2 % 11 - 5) / 20
         y.append(1.2 * y[k] - 0.5 * y[k - 1] + u[k] + 0.4 * u[k - 1] + w)
     return np.array(y)[:, None], u[:, None]
+
+
+def rest(H, r, m, *, lags=None, filters=None, delay=0, intercept=False):
+    """(z, u, what constant inputs do to the next outputs) where ``H z`` is nearest to ``y = r``."""
+    T = (lags or filters[1]) + delay + 1
+
+    def always(u):
+        y, v = np.tile(r, (T + 1, 1)), np.tile(u, (T, 1))
+        of = {"lags": lags, "filters": filters, "delay": delay, "intercept": intercept}
+        return rows(y, v, T - 1, **of)
+
+    start = always(np.zeros(m))
+    per = np.column_stack([always(unit) - start for unit in np.eye(m)])
+    u = np.linalg.lstsq(H @ per, r - H @ start, rcond=None)[0]
+    return start + per @ u, u, H @ per

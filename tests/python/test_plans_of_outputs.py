@@ -1,0 +1,247 @@
+"""Plans of models of outputs: drawn models, held-out runs, declared rest, loops that plan."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+import stochens_rs as se
+from hidden_outputs import Arx, Rig
+from stochens_rs import _core
+from stochens_rs.exceptions import InputError, ShapeError
+from twin import feedback as exact
+from twin import windows as twin
+
+pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+
+
+def planned(seed, runs=14, steps=50, **options):
+    """A system, a plan for a model of it, its record, and the source of its noise."""
+    rng = np.random.default_rng([17, seed])
+    system = Arx(rng)
+    model = se.identify(system.data(runs, steps, rng), lags=system.lags, **options)
+    record = system.run(20, rng)
+    return system, se.control(model, record=record, steps=8), record, rng
+
+
+def last(y, window):
+    return np.linalg.norm(y[-window.count :])
+
+
+def test_drawn_models_miss_as_fresh_runs_do():
+    """80 systems, 5 runs each: one in five misses by more than what 80 % of the models do."""
+    beyond = {True: 0, False: 0}
+    counted = 0
+    for seed in range(80):
+        system, plan, record, rng = planned(seed)
+        if plan.basis.model.warnings:
+            continue
+        counted += 1
+        window = plan.basis.model.window
+        for noise in (True, False):
+            found = plan.typical(0.2, noise=noise, draws=200)
+            assert found.miss < found.certified
+            runs = [system.follow(*record, plan.u, rng, noise=float(noise)) for _ in range(5)]
+            beyond[noise] += np.mean([last(y, window) > found.miss for y in runs])
+    assert counted > 70
+    for share in beyond.values():  # between the quantiles of 12 and 28 %
+        assert stats.binom.ppf(1e-4, counted, 0.12) <= share <= stats.binom.isf(1e-4, counted, 0.28)
+
+
+def test_the_misses_are_those_of_the_drawn_models():
+    _, plan, _, _ = planned(3)
+    model, window = plan.basis.model, plan.basis.model.window
+    law, key = model._law(windows=True), bytes(range(32))
+    models = _core.estimate_draws(law, 30, key, 1).reshape(30, *model._H.shape)
+    target = np.arange(1.0, model.n_outputs + 1.0)
+    given = plan.basis.x0, plan.u, target, False, 30, key, 1, window._core
+    found = _core.drawn_misses(law, *given)
+    for miss, Theta in zip(found, models, strict=True):
+        loop, x, y = window.loop(Theta), plan.basis.x0, []
+        for u in plan.u:
+            both = np.concatenate([x, u])
+            y.append(Theta @ loop.J @ both)
+            x = loop.ABc @ both
+        np.testing.assert_allclose(miss, last(np.array(y) - target, window), rtol=1e-9)
+    with pytest.raises(ShapeError):
+        _core.drawn_misses(law, plan.basis.x0[1:], *given[1:])
+    with pytest.raises(InputError, match="not resampled"):
+        model.draw(3)
+
+
+@pytest.mark.parametrize("noise", [True, False])
+def test_typical_refuses_a_model_with_a_tail(noise):
+    _, plan, _, _ = planned(3, tail=0.01)
+    with pytest.raises(InputError, match="tail"):
+        plan.typical(noise=noise)
+
+
+def test_held_out_runs_say_where_the_next_one_is():
+    """150 systems, 9 runs of each at 10 %: the next one is outside in about one of ten."""
+    outside = missed = 0
+    for seed in range(150):
+        system, plan, record, rng = planned(seed, runs=6, steps=40, checks=False)
+        begun, p = record[0][-1:], system.p
+        held = [np.vstack([begun, system.follow(*record, plan.u, rng)]) for _ in range(10)]
+        found = plan.validate(np.array(held[:-1]), 0.1)
+        assert found.tube.shape == (9, p)
+        assert found.noise_free is None
+        assert found.rank == 9
+        outside += (np.abs(held[-1] - plan.predicted_outputs) > found.tube).any()
+        missed += np.linalg.norm(held[-1][-1]) > found.target
+    least, most = stats.binom.ppf(1e-4, 150, 0.1), stats.binom.isf(1e-4, 150, 0.1)
+    assert least <= outside <= most
+    assert least <= missed <= most
+
+
+def test_what_held_out_runs_must_be():
+    system, plan, record, rng = planned(3)
+    made = [np.vstack([record[0][-1:], system.follow(*record, plan.u, rng)]) for _ in range(19)]
+    names = {"state_names": plan.basis.model.outputs, "input_names": plan.labels.inputs}
+    inputs = [plan.u] * 19
+    data = se.Trajectories(made, inputs, outputs=True, **names)
+    assert plan.validate(data).factor == plan.validate(made).factor
+    with pytest.raises(InputError, match="inputs of this plan"):
+        plan.validate(se.Trajectories(made, [0.5 * plan.u] * 19, outputs=True, **names))
+    with pytest.raises(InputError, match="systems have no record"):
+        plan.validate(se.SystemEnsemble(np.ones((20, 2, 2)), np.ones((20, 2, 1))))
+    with pytest.raises(ShapeError):
+        plan.validate(np.zeros((20, 9, system.p + 1)))
+
+
+# -- rest ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("how", [{"lags": 3}, {"filters": (0.4, 3)}])
+@pytest.mark.parametrize(("delay", "intercept"), [(0, False), (2, True)])
+def test_rest_is_that_of_the_twin(how, delay, intercept):
+    gen = np.random.default_rng(1)
+    for p, m in ((1, 1), (2, 1), (1, 2), (3, 2)):
+        pole, count = how.get("filters", (None, 3))
+        names = tuple(f"y{i}" for i in range(p)), tuple(f"u{j}" for j in range(m))
+        window = se.identification.Window(*names, count, pole, delay, intercept)
+        H, r = gen.standard_normal((p, window.length)), gen.standard_normal(p)
+        x, z, u, states, outputs, off, rounding = window._core.rest(H, r)
+        expected = twin.rest(H, r, m, delay=delay, intercept=intercept, **how)
+        np.testing.assert_allclose(z, expected[0], rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(u, expected[1], rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(outputs, expected[2], rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(off, np.linalg.norm(H @ z - r), atol=1e-12)
+        assert 0.0 < rounding < 1e-9
+        still = window.state_of(np.tile(r, (30, 1)), np.tile(u, (29, 1)))
+        np.testing.assert_allclose(x, still, atol=1e-12)
+        np.testing.assert_allclose(states @ (1.0 + 0 * u), window._core.rest(H, r, u + 1)[0] - x)
+        # where the inputs are given
+        v = gen.standard_normal(m)
+        given = window._core.rest(H, r, v)
+        np.testing.assert_array_equal(given[2], v)
+        np.testing.assert_allclose(given[5], np.linalg.norm(H @ given[1] - r), atol=1e-12)
+    with pytest.raises(se.StochensError):
+        window._core.rest(H, r[1:])
+    with pytest.raises(se.StochensError):
+        window._core.rest(H, np.nan * r)
+
+
+def test_a_plant_that_is_declared_to_be_at_rest():
+    rng = np.random.default_rng(2)
+    model = se.identify(Rig().data(40, rng), lags=8, checks=False)
+    cost = se.Cost(Q=[1.0, 1.0], R=0.01)
+    plan = se.control(model, record="rest", target=[0.1, 0.0], steps=60, cost=cost)
+    assert "declared: the plant was at rest" in plan.bound(0.05).assumption
+    np.testing.assert_array_equal(plan.predicted_outputs[0], [0.0, 0.0])
+    np.testing.assert_array_equal(plan.basis.x0, np.zeros(model.n))
+    again = se.Plan.from_dict(plan.to_dict())
+    assert again.basis.at_rest
+    # beside its place the cart stands too, but a pendulum that is tilted does not
+    beside = se.control(model, record=("rest", [0.2, 0.0], [0.0]), steps=60, cost=cost)
+    assert beside.predicted_outputs[0, 0] == 0.2
+    measured = se.control(model, record=(np.zeros((9, 2)), np.zeros((8, 1))), steps=60, cost=cost)
+    assert "the record happened" in measured.bound(0.05).assumption
+    for record, said in (
+        (("rest", [0.0, 0.05], [0.0]), "at rest: at the outputs"),
+        (("rest", [0.0, 0.0], [5.0]), "at rest: at the outputs"),
+        ("still", "'rest'"),
+        (("rest",), "a pair"),
+    ):
+        with pytest.raises(InputError, match=said):
+            se.control(model, record=record, steps=60)
+    loop = se.regulate(model, 60, offset_free=False, cost=cost)
+    loop.start("rest")
+    assert loop.plan.basis.at_rest
+
+
+# -- loops that plan -----------------------------------------------------------------------------
+
+
+def test_the_plan_of_a_loop_is_what_it_does_and_has_a_bound():
+    system, plan, record, rng = planned(3)
+    model = plan.basis.model
+    loop = se.regulate(model, 8, offset_free=False, limits=(-0.5, 0.5))
+    with pytest.raises(InputError, match="a full window"):
+        _ = loop.plan
+    acted, (y, u) = loop.start(record), [list(one) for one in record]
+    for _ in range(20):
+        np.testing.assert_allclose(loop.plan.u[0], acted, atol=1e-9)
+        own = se.control(model, record=(np.array(y), np.array(u)), steps=8, limits=(-0.5, 0.5))
+        np.testing.assert_allclose(loop.plan.bound().tube, own.bound().tube, rtol=1e-4)
+        y.append(system.follow(y, u, acted[None], rng)[0])
+        u.append(acted)
+        acted = loop(y[-1])
+    loop([np.nan, *y[-1][1:]])
+    with pytest.raises(InputError, match="no reading was missing"):
+        _ = loop.plan
+    for other, said in (
+        (se.regulate(model, 8, offset_free=True), "offset_free=False"),
+        (se.regulate(se.gain(model, 1.0, 1.0), offset_free=False), "a loop that plans"),
+    ):
+        other.start(record)
+        with pytest.raises(InputError, match=said):
+            _ = other.plan
+    with pytest.raises(InputError, match="nothing is proved for all time"):
+        loop.certificate()
+
+
+def test_readings_are_in_the_tubes_of_the_plans_of_a_loop():
+    """40 systems: the plan of the third call is followed to its end, twice."""
+    outside = 0
+    for seed in range(40):
+        system, plan, record, rng = planned(seed, checks=False)
+        loop = se.regulate(plan.basis.model, 8, offset_free=False)
+        acted, (y, u) = loop.start(record), [list(one) for one in record]
+        for _ in range(3):
+            y.append(system.follow(y, u, acted[None], rng)[0])
+            u.append(acted)
+            acted = loop(y[-1])
+        own, bound = loop.plan, loop.plan.bound(0.3)
+        for _ in range(2):
+            off = system.follow(y, u, own.u, rng) - own.predicted_outputs[1:]
+            outside += (np.linalg.norm(off, axis=1) > bound.tube[1:]).any()
+    assert outside <= 24
+
+
+# -- long windows --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("filters", [(0.7, 7), (0.7, 10), (0.8, 7)])
+def test_loops_of_long_windows_are_certified(filters):
+    """Up to 30 states that nearly depend on each other: .35, .62 and .74 of 1 by frequencies."""
+    data = Rig().data(200, np.random.default_rng(1))
+    model = se.identify(data, filters=filters, checks=False)
+    gain = se.gain(model, [1.0, 1.0], 0.01)
+    for proof in (
+        gain.certificate(0.05),
+        se.regulate(gain, offset_free=True).certificate(0.05),
+    ):
+        assert proof.status == "certified"
+        assert proof.check()
+        assert proof.norm < 1.2 * proof.least
+        if filters == (0.7, 7):  # in rational numbers
+            part, (n, d) = proof.region.parts[0], proof.region.centre.shape
+            W, S = np.zeros((len(part.white), d)), np.zeros((n, n))
+            W[:, part.columns], S[np.ix_(part.rows, part.rows)] = part.white, part.S
+            given = proof.region.centre, W, S, proof.K
+            assert exact.true(*given, np.sqrt(part.factor), proof.proof)
+            assert not exact.true(*given, 20.0 * np.sqrt(part.factor), proof.proof)
+    tube = gain.certificate(0.05).tube(np.zeros(model.n), 20, start=1e-3)
+    assert np.isfinite(tube.radii).all()

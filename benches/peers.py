@@ -25,8 +25,11 @@ from concurrent.futures import ThreadPoolExecutor
 import alse
 import cost
 import feedback
+import fleet
 import identification
+import limits
 import numpy as np
+import study
 import table
 import tightness
 from table import Row
@@ -600,7 +603,8 @@ GROUPS = {
     f.__name__: f
     for f in (
         *(sampling, closed_form, alse_path, slse, slse_replicates, stream),
-        *(controls, simulate, reproduce, identification.identification, feedback.feedback),
+        *(controls, simulate, reproduce, limits.limits, identification.identification),
+        *(identification.certificates, feedback.feedback, fleet.fleets, study.studies),
     )
 }
 

@@ -6,7 +6,8 @@ ratio. Ratios can be compared between machines, times cannot.
     python benches/peers.py [name ...] [--write]
 
 Ours is given in seconds per unit of work (a draw, a step, a control, a run, a problem). With
---write the table goes to docs/benchmarks.md and docs/data/benchmarks.json. Ratios more than 1.5
+--write the table goes to docs/benchmarks.md and docs/data/benchmarks.json, where groups that were
+not measured stay. Ratios more than 1.5
 times below the committed ones are always reported.
 
 The group "alse" has its own table (`alse.py`), because the gap of each solver matters as well; the
@@ -624,6 +625,7 @@ def measure(group: str) -> list[Row]:
             low=min(ratios),
             high=max(ratios),
             pairs=len(ratios),
+            processor=table.machine()["processor"],
         )
         rows.append(row)
         print(

@@ -292,7 +292,7 @@ def test_completion_scripts_are_understood_by_their_shells(shell, capsys, tmp_pa
     ("line", "offered"),
     [
         ("co", ["plain,completion", "plain,control"]),
-        ("plan --case ", ["plain,ieee14", "plain,ieee39"]),
+        ("plan --case ", [f"plain,{name}" for name in se.cases.CASES]),
         ("plan --quantity s", ["plain,state"]),
         ("study ie", ["plain,ieee14", "plain,ieee39"]),
         ("study sys", ["file,sys"]),

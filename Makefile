@@ -68,6 +68,7 @@ lint: $(VENV)/.dev ## format, clippy, rustdoc, ruff, mypy --strict, stubs agains
 	"$(BIN)/ruff" check .
 	"$(BIN)/ruff" format --check .
 	"$(PY)" -m mypy
+	"$(PY)" -m mypy tests/python/typed_calls.py
 	"$(PY)" -m mypy.stubtest stochens_rs._core
 
 bench: $(VENV)/.bench ## time the core and the package, compare with peers, write docs/benchmarks.md
@@ -88,11 +89,11 @@ wheel: stage $(VENV)/.maturin ## build a wheel into dist/, then test it in an en
 	$(call build,$(if $(MANYLINUX),--zig --compatibility $(MANYLINUX)))
 	"$(PY)" tools/check_wheel.py dist $(MANYLINUX)
 
-wheels: stage $(VENV)/.maturin ## cross-build the wheels for Linux (two processors, two C libraries) into dist/
+wheels: stage $(VENV)/.maturin ## cross-build the wheels for Linux (two processors, two C libraries, with and without GIL)
 	rm -rf dist/*.whl
 	"$(PY)" -m pip install --quiet --disable-pip-version-check "maturin[zig]"
 	rustup target add $(LINUX)
-	$(foreach target,$(LINUX),$(call build,--zig --target $(target) \
+	$(foreach target,$(LINUX),$(call build,$(FREE) --zig --target $(target) \
 	    --compatibility $(if $(findstring musl,$(target)),musllinux_1_2,manylinux2014)) && ) true
 	"$(PY)" tools/check_wheel.py dist manylinux2014
 
@@ -178,13 +179,17 @@ MANYLINUX = $(if $(findstring linux-gnu,$(shell PATH="$(PATH)" rustc -vV)),manyl
 
 LINUX := $(foreach libc,gnu musl,x86_64-unknown-linux-$(libc) aarch64-unknown-linux-$(libc))
 
+# Free-threaded Python, which abi3 does not cover; maturin knows it without an interpreter.
+FREE := 3.14t
+
 # All crates optimized together: the extension is 7 % smaller, and takes minutes longer to build.
 wheel wheels sdist: export CARGO_PROFILE_RELEASE_LTO := fat
 wheel wheels sdist: export CARGO_PROFILE_RELEASE_CODEGEN_UNITS := 1
+wheel wheels sdist: export CARGO_PROFILE_RELEASE_STRIP := symbols
 
 # Not in target/, where cargo would confuse the copies with the sources.
 wheel wheels sdist: export CARGO_TARGET_DIR := $(CURDIR)/build/target
 
-# $(call build,OPTIONS): from the packed sources into dist/.
+# $(call build,INTERPRETERS OPTIONS): from the packed sources into dist/.
 build = (cd build/stage && PATH="$(BIN):$$PATH" "$(BIN)/maturin" build --release --locked \
-    --compression-level 9 --interpreter "$(PY)" --out ../../dist $(1))
+    --compression-level 9 --out ../../dist --interpreter "$(PY)" $(1))

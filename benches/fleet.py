@@ -10,14 +10,18 @@ gap of ours is that of the dual, recomputed in the core from all units.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import clarabel
 import numpy as np
 from scipy import sparse
 
 import stochens_rs as se
+from stochens_rs.controls.fleet_plan import FleetPlan
 from stochens_rs.theory import scenario
+
+Work = Callable[[], object]
+Line = tuple[str, str, Work, float, Work, float]
 
 
 def median(work: Callable[[], object], count: int = 7) -> float:
@@ -72,29 +76,38 @@ def monolithic(G: np.ndarray, b: np.ndarray, limit: float) -> Callable[[], np.nd
     return solve
 
 
-def main() -> None:
-    se.set_num_threads(1)
-    gen = np.random.default_rng(1)
-    n, m, K = 4, 2, 10
-    print("largest miss, n = 4, m K = 20 [ms]")
+def problems(limits: tuple[float, ...]) -> Iterator[tuple[int, float, Work, Work, float]]:
+    """Units, limit, ours, Clarabel's, and its largest miss."""
+    gen, n, m, K = np.random.default_rng(1), 4, 2, 10
     for N in (300, 3000):
         units, x0 = population(gen, N, n, m), 3.0 * gen.standard_normal(n)
         G, b = maps(units, x0, K)
-        for limit in (10.0, 0.5, 0.2):
-            plan = se.control_fleet(units, x0, np.zeros(n), K, limits=(-limit, limit), risk="worst")
-            ours = median(
-                lambda u=units, x=x0, L=limit: se.control_fleet(
-                    u, x, np.zeros(n), K, limits=(-L, L), risk="worst"
-                )
-            )
+        for limit in limits:
             solve = monolithic(G, b, limit)
-            peer = median(solve, 3)
-            value = np.linalg.norm(G @ solve() - b, axis=1).max()
-            print(
-                f"  N={N:5d} limit {limit:4}: {ours:7.2f}, Clarabel {peer:7.1f}, "
-                f"{peer / ours:5.1f}x, gap {plan.gap:.0e}, "
-                f"value / Clarabel's - 1 = {plan.value / value - 1:+.0e}"
-            )
+
+            def ours(units=units, x0=x0, limit=limit) -> FleetPlan:
+                ends = x0, np.zeros(n)
+                return se.control_fleet(units, *ends, K, limits=(-limit, limit), risk="worst")
+
+            yield N, limit, ours, solve, float(np.linalg.norm(G @ solve() - b, axis=1).max())
+
+
+def fleets() -> Iterator[Line]:
+    for N, _, ours, theirs, value in problems((0.5,)):
+        assert ours().value < value * (1.0 + 1e-6)
+        yield f"least largest miss of {N} units", "Clarabel, one problem", ours, 1, theirs, 1
+
+
+def main() -> None:
+    se.set_num_threads(1)
+    print("largest miss, n = 4, m K = 20 [ms]")
+    for N, limit, work, solve, value in problems((10.0, 0.5, 0.2)):
+        plan, ours, peer = work(), median(work), median(solve, 3)
+        print(
+            f"  N={N:5d} limit {limit:4}: {ours:7.2f}, Clarabel {peer:7.1f}, "
+            f"{peer / ours:5.1f}x, gap {plan.gap:.0e}, "
+            f"value / Clarabel's - 1 = {plan.value / value - 1:+.0e}"
+        )
     print("risk numbers [us]")
     for name, call in (
         ("a_priori", lambda: scenario.a_priori(3000, 21, 1e-6)),

@@ -73,11 +73,17 @@ def identification() -> Iterator[Line]:
     yield from models(gen)
 
 
-def models(gen: np.random.Generator) -> Iterator[Line]:
-    n, d, N, size = 10, 15, 1000, 10_000
+def fitted_pairs(gen: np.random.Generator, N: int) -> tuple[np.ndarray, np.ndarray, twin.Fitted]:
+    n, d = 10, 15
     Z = gen.standard_normal((N, d))
     Y = Z @ gen.standard_normal((d, n)) + gen.standard_normal((N, n))
-    fitted = twin.fit(twin.triangle(Z, Y))
+    return Z, Y, twin.fit(twin.triangle(Z, Y))
+
+
+def models(gen: np.random.Generator) -> Iterator[Line]:
+    N, size = 1000, 10_000
+    Z, Y, fitted = fitted_pairs(gen, N)
+    (_, d), n = Z.shape, Y.shape[1]
     H, white = (np.ascontiguousarray(part) for part in (fitted.H, fitted.white))
     q, e, _ = core.residuals(Z, Y, white)
     pairs, key = np.hstack([q, e]), bytes(32)
@@ -114,6 +120,12 @@ def models(gen: np.random.Generator) -> Iterator[Line]:
     yield what, "loop of numpy.linalg.lstsq", ours, size, by_lstsq, 100
     yield what, "vectorised NumPy", ours, size, vectorised, size
 
+
+def certificates() -> Iterator[Line]:
+    gen = np.random.default_rng(0)
+    Z, Y, fitted = fitted_pairs(gen, 1000)
+    (_, d), n = Z.shape, Y.shape[1]
+    H, white = (np.ascontiguousarray(part) for part in (fitted.H, fitted.white))
     x0, u = gen.standard_normal(n), gen.standard_normal((6, d - n))
     wide, missing = np.ascontiguousarray(fitted.root), np.ascontiguousarray(fitted.missing)
     shape = np.ascontiguousarray(fitted.S)

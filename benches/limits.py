@@ -10,13 +10,15 @@ peers inside the timed part.
   (1e-6, polished); Clarabel; SciPy's ``lsq_linear`` (bvls).
 
     python benches/limits.py [single] [ill] [batch] [regulator] [horizon]
+
+`limits` is the short form for `peers.py`.
 """
 
 from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +27,9 @@ from stochens_rs import _core as core
 from stochens_rs.controls.constraints import Task
 
 Floats = NDArray[np.float64]
+WEIGHT = 0.1  # of the inputs, where the states have 1
 Solve = Callable[[], Floats]
+Line = tuple[str, str, Callable[[], object], float, Callable[[], object], float]
 
 
 def problem(gen: np.random.Generator, d: int, condition: float) -> tuple[Floats, Floats]:
@@ -174,34 +178,79 @@ def ill() -> None:
             )
 
 
-def batch() -> None:
+def limits() -> Iterator[Line]:
+    """Single problems, batches, a loop and long horizons against the fastest peers of each kind."""
+    gen = np.random.default_rng(0)
+    for d in (5, 20, 100):
+        M, y = problem(gen, d, 1e2)
+        limit = limit_of(M, y, "half")
+        low, high = np.full(d, -limit), np.full(d, limit)
+        found = solvers(M, y, np.zeros(d), low, high)
+        for name in ("DAQP", "PIQP", "OSQP", "Clarabel"):
+            assert gap(M, y, np.zeros(d), low, high, found["ours"]()) < 1e-9
+            work = (repeated(found[one], 2000 // d) for one in ("ours", name))
+            yield f"least squares within limits, d={d}", name, *both(work, 2000 // d)
+    for m, size in ((2, 1_000_000), (5, 1_000_000), (20, 50_000)):
+        ours, _, theirs = batches(gen, m, size)
+        assert np.allclose(ours()[:2000], theirs(), atol=1e-6)
+        yield f"a batch within limits, m={m}", "DAQP, one by one", ours, size, theirs, 2000
+    loops, A, B = receding(0.3)
+    noise = 0.3 * np.random.default_rng(3).standard_normal((300, len(A)))
+
+    def ride(name: str) -> None:
+        x = 2 * np.ones(len(A))
+        for w in noise:
+            x = A @ x + B @ loops[name](x)[: B.shape[1]] + w
+
+    for name in ("DAQP warm", "PIQP"):
+        work = (lambda name=name: ride(name) for name in ("ours", name))
+        yield "a call of a loop, n=10 m=5 K=20", name, *both(work, 300)
+    for K in (50, 200):
+        every = long(K)[0]
+        ours, theirs = every.pop(next(iter(every))), every["PIQP sparse"]
+        yield f"a horizon of {K} steps, n=10 m=5", "PIQP sparse", ours, 1, theirs, 1
+
+
+def repeated(work: Solve, times: int) -> Callable[[], None]:
+    def run() -> None:
+        for _ in range(times):
+            work()
+
+    return run
+
+
+def both(work: Iterator[Callable[[], object]], share: float) -> tuple[object, float, object, float]:
+    ours, theirs = work
+    return ours, share, theirs, share
+
+
+def batches(gen: np.random.Generator, m: int, size: int) -> tuple[Solve, Solve, Solve]:
+    """Ours, ours with gaps, and DAQP for the first 2000; half of the limits are reached."""
     import daqp
 
+    M = gen.standard_normal((m, m)) / np.sqrt(m) + np.eye(m)
+    y, r = gen.standard_normal((size, m)), np.zeros(m)
+    limit = np.median(np.abs(np.linalg.solve(M, y[:2000].T)))
+    low, high = np.full(m, -limit), np.full(m, limit)
+    H, F = M.T @ M, -(y[:2000] @ M)
+    none, sense = np.zeros((0, m)), np.zeros(m, dtype=np.int32)
+    return (
+        lambda: core.box_batch(M, y, r, low, high, False, 1)[0],
+        lambda: core.box_batch(M, y, r, low, high, True, 1)[0],
+        lambda: np.array([daqp.solve(H, f, none, high, low, sense)[0] for f in F]),
+    )
+
+
+def batch() -> None:
     print("batches: ns per problem, one thread, half of the limits reached")
     gen = np.random.default_rng(2)
     for m in (1, 2, 3, 4, 5, 8, 20):
-        M = gen.standard_normal((m, m)) / np.sqrt(m) + np.eye(m)
         size = 1_000_000 if m <= 5 else 50_000
-        y, r = gen.standard_normal((size, m)), np.zeros(m)
-        limit = np.median(np.abs(np.linalg.solve(M, y[:2000].T)))
-        low, high = np.full(m, -limit), np.full(m, limit)
-
-        def ours(M=M, y=y, r=r, low=low, high=high) -> Floats:
-            return core.box_batch(M, y, r, low, high, False, 1)[0]
-
-        H, F = M.T @ M, -(y[:2000] @ M)
-        none, sense = np.zeros((0, m)), np.zeros(m, dtype=np.int32)
-
-        def theirs(H=H, F=F, none=none, high=high, low=low, sense=sense) -> list[Floats]:
-            return [daqp.solve(H, f, none, high, low, sense)[0] for f in F]
-
-        def certified(M=M, y=y, r=r, low=low, high=high) -> object:
-            return core.box_batch(M, y, r, low, high, True, 1)
-
+        ours, certified, theirs = batches(gen, m, size)
         own = median(ours, 0.5, 3) / size
         gaps = median(certified, 0.3, 3) / size
         peer = median(theirs, 0.3, 3) / 2000
-        worst = np.abs(ours()[:2000] - np.array(theirs())).max()
+        worst = np.abs(ours()[:2000] - theirs()).max()
         print(
             f"m={m}: {1e9 * own:.0f} ({1e-6 / own:.1f} M/s), with gaps {1e9 * gaps:.0f}, "
             f"DAQP {1e9 * peer:.0f}, "
@@ -215,7 +264,7 @@ def plant(gen: np.random.Generator, n: int, m: int, radius: float) -> tuple[Floa
     return A * (radius / np.abs(np.linalg.eigvals(A)).max()), gen.standard_normal((n, m))
 
 
-def condense(A: Floats, B: Floats, K: int, r: float) -> tuple[Floats, Floats]:
+def condense(A: Floats, B: Floats, K: int) -> tuple[Floats, Floats]:
     """``G`` (nK, mK) and the powers of ``A`` (nK, n)."""
     n, m = B.shape
     powers = [np.eye(n)]
@@ -228,61 +277,56 @@ def condense(A: Floats, B: Floats, K: int, r: float) -> tuple[Floats, Floats]:
     return G, np.vstack(powers[1:])
 
 
-def regulator() -> None:
+Loops = dict[str, Callable[[Floats], Floats]]
+
+
+def receding(limit: float, n: int = 10, m: int = 5, K: int = 20) -> tuple[Loops, Floats, Floats]:
+    """Plans from a state by solver, warm where it can be; A and B of the plant."""
     import daqp
     import osqp
     import piqp
     from scipy import sparse
 
-    n, m, K, r, steps = 10, 5, 20, 0.1, 300
-    gen = np.random.default_rng(3)
-    A, B = plant(gen, n, m, 1.02)
-    G, powers = condense(A, B, K, r)
+    A, B = plant(np.random.default_rng(3), n, m, 1.02)
+    G, powers = condense(A, B, K)
     d = m * K
-    noise = 0.3 * gen.standard_normal((steps, n))
-    R = np.full(d, r)
-    H = G.T @ G + r * np.eye(d)
-    print(
-        f"receding horizon, n={n} m={m} K={K}, {steps} steps, disturbed: us median, p99, worst gap"
-    )
+    H, F = G.T @ G + WEIGHT * np.eye(d), G.T @ powers
+    low, high = np.full(d, -limit), np.full(d, limit)
+    solver = core.Loop(A, B, None, task(A, B, K, WEIGHT, limit))
+    model = daqp.Model()
+    model.setup(H, np.zeros(d), np.zeros((0, d)), high, low, np.zeros(d, dtype=np.int32))
+    warm, dense = osqp.OSQP(), piqp.DenseSolver()
+    upper, eye = sparse.csc_matrix(np.triu(H)), sparse.eye(d, format="csc")
+    warm.setup(upper, np.zeros(d), eye, low, high, verbose=False, eps_abs=1e-4, eps_rel=1e-4)
+    dense.setup(H, np.zeros(d), x_l=low, x_u=high)
+
+    def by_daqp(x: Floats) -> Floats:
+        model.update(f=F @ x)
+        return model.solve()[0]
+
+    def by_osqp(x: Floats) -> Floats:
+        warm.update(q=F @ x)
+        return warm.solve().x
+
+    def by_piqp(x: Floats) -> Floats:
+        dense.update(c=F @ x)
+        dense.solve()
+        return dense.result.x
+
+    def ours(x: Floats) -> Floats:
+        return solver.solve(x, None).control
+
+    return {"ours": ours, "DAQP warm": by_daqp, "OSQP 1e-4": by_osqp, "PIQP": by_piqp}, A, B
+
+
+def regulator() -> None:
+    steps = 300
+    print(f"receding horizon, n=10 m=5 K=20, {steps} steps, disturbed: us median, p99, worst gap")
     for limit in (0.3, 100.0):
-        low, high = np.full(d, -limit), np.full(d, limit)
-        solver = core.Loop(A, B, None, task(A, B, K, r, limit))
-        sense = np.zeros(d, dtype=np.int32)
-        model = daqp.Model()
-        model.setup(H, np.zeros(d), np.zeros((0, d)), high, low, sense)
-        F = G.T @ powers
-        by_osqp = osqp.OSQP()
-        by_osqp.setup(
-            sparse.csc_matrix(np.triu(H)),
-            np.zeros(d),
-            sparse.eye(d, format="csc"),
-            low,
-            high,
-            verbose=False,
-            eps_abs=1e-4,
-            eps_rel=1e-4,
-        )
-        dense = piqp.DenseSolver()
-        dense.setup(H, np.zeros(d), x_l=low, x_u=high)
-
-        def by_daqp(x: Floats, model=model, F=F) -> Floats:
-            model.update(f=F @ x)
-            return model.solve()[0]
-
-        def osqp_warm(x: Floats, by_osqp=by_osqp, F=F) -> Floats:
-            by_osqp.update(q=F @ x)
-            return by_osqp.solve().x
-
-        def by_piqp(x: Floats, dense=dense, F=F) -> Floats:
-            dense.update(c=F @ x)
-            dense.solve()
-            return dense.result.x
-
-        def ours(x: Floats, solver=solver) -> Floats:
-            return solver.solve(x, None).control
-
-        loops = {"ours": ours, "DAQP warm": by_daqp, "OSQP 1e-4": osqp_warm, "PIQP": by_piqp}
+        loops, A, B = receding(limit)
+        (n, m), (G, powers) = B.shape, condense(A, B, 20)
+        R, high = np.full(m * 20, WEIGHT), np.full(m * 20, limit)
+        noise = 0.3 * np.random.default_rng(4).standard_normal((steps, n))
         times: dict[str, list[float]] = {name: [] for name in loops}
         worst = dict.fromkeys(loops, 0.0)
         for repeat in range(3):
@@ -294,7 +338,7 @@ def regulator() -> None:
                     plans[name] = solve(x)
                     times[name].append(time.perf_counter() - start)
                     if repeat == 0:
-                        found = gap(G, -powers @ x, R, low, high, plans[name])
+                        found = gap(G, -powers @ x, R, -high, high, plans[name])
                         worst[name] = max(worst[name], found)
                 x = A @ x + B @ plans["ours"][:m] + w
         for name, seconds in times.items():
@@ -316,67 +360,59 @@ def task(A: Floats, B: Floats, K: int, r: float, limit: float) -> Task:
     )
 
 
-def horizon() -> None:
+def long(K: int, n: int = 10, m: int = 5) -> tuple[dict[str, Solve], Callable[[Floats], float]]:
+    """Solvers of one long horizon, ours first, and the gap of an answer."""
     import daqp
     import piqp
     from scipy import sparse
 
-    n, m, r = 10, 5, 0.1
     gen = np.random.default_rng(4)
     A, B = plant(gen, n, m, 0.98)
-    x0 = 3 * gen.standard_normal(n)
+    x0, d = 3 * gen.standard_normal(n), m * K
+    low, high = np.full(d, -0.3), np.full(d, 0.3)
+    G, powers = condense(A, B, K)
+    y, R = -powers @ x0, np.full(d, WEIGHT)
+    H, f = hessian(G, y, R)
+    none, sense = np.zeros((0, d)), np.zeros(d, dtype=np.int32)
+    loop = core.Loop(A, B, None, task(A, B, K, WEIGHT, 0.3))
+
+    def cold() -> Floats:
+        loop.resume(None)
+        return loop.solve(x0, None).control
+
+    # states as variables: x(k+1) - A x(k) - B u(k) = 0
+    P = sparse.block_diag([WEIGHT * sparse.eye(d), sparse.eye(n * K)], format="csc")
+    shift = sparse.kron(sparse.eye(K, k=-1), A)
+    equal = sparse.hstack([-sparse.kron(sparse.eye(K), B), sparse.eye(n * K) - shift], format="csc")
+    right = np.concatenate([A @ x0, np.zeros(n * (K - 1))])
+    xl = np.concatenate([low, np.full(n * K, -1e30)])
+
+    def by_piqp() -> Floats:
+        solver = piqp.SparseSolver()
+        solver.setup(P, np.zeros(P.shape[0]), equal, right, x_l=xl, x_u=-xl)
+        solver.solve()
+        return solver.result.x[:d]
+
+    solvers: dict[str, Solve] = {
+        "condensed" if loop.condensed else "Riccati": cold,
+        "dense": lambda: core.box_control(G, y, R, low, high, None, None).control,
+        "PIQP sparse": by_piqp,
+        "DAQP": lambda: daqp.solve(H, f, none, high, low, sense)[0],
+    }
+    return solvers, lambda u: gap(G, y, R, low, high, u)
+
+
+def horizon() -> None:
     print("long horizons, n=10 m=5, |u| <= 0.3: ms; peers without condensing")
     for K in (20, 50, 100, 200):
-        d = m * K
-        low, high = np.full(d, -0.3), np.full(d, 0.3)
-        G, powers = condense(A, B, K, r)
-        y, R = -powers @ x0, np.full(d, r)
-        H, f = G.T @ G + r * np.eye(d), -(G.T @ y)
-        none, sense = np.zeros((0, d)), np.zeros(d, dtype=np.int32)
-
-        loop = core.Loop(A, B, None, task(A, B, K, r, 0.3))
-
-        def cold(loop=loop) -> core.BoxControl:
-            loop.resume(None)
-            return loop.solve(x0, None)
-
-        # states as variables: x(k+1) - A x(k) - B u(k) = 0
-        P = sparse.block_diag([r * sparse.eye(d), sparse.eye(n * K)], format="csc")
-        shift = sparse.kron(sparse.eye(K, k=-1), A)
-        equal = sparse.hstack(
-            [-sparse.kron(sparse.eye(K), B), sparse.eye(n * K) - shift], format="csc"
-        )
-        right = np.concatenate([A @ x0, np.zeros(n * (K - 1))])
-        xl = np.concatenate([low, np.full(n * K, -1e30)])
-        xu = -xl
-
-        def by_piqp(P=P, equal=equal, right=right, xl=xl, xu=xu, d=d) -> Floats:
-            solver = piqp.SparseSolver()
-            solver.setup(P, np.zeros(P.shape[0]), equal, right, x_l=xl, x_u=xu)
-            solver.solve()
-            return solver.result.x[:d]
-
-        def by_daqp(H=H, f=f, none=none, high=high, low=low, sense=sense) -> Floats:
-            return daqp.solve(H, f, none, high, low, sense)[0]
-
-        def dense(G=G, y=y, R=R, low=low, high=high) -> Floats:
-            return core.box_control(G, y, R, low, high, None, None).control
-
-        solvers = {
-            "Riccati" if not loop.condensed else "condensed": lambda: cold().control,
-            "dense": dense,
-            "PIQP sparse": by_piqp,
-            "DAQP": by_daqp,
-        }
-        own = 0.0
-        parts = []
+        solvers, gap_of = long(K)
+        own, parts = 0.0, []
         for name, work in solvers.items():
             seconds = median(work, 0.3, 3)
             own = own or seconds
-            found = gap(G, y, R, low, high, work()) if K <= 100 else float("nan")
+            found = gap_of(work()) if K <= 100 else float("nan")
             parts.append(f"{name} {1e3 * seconds:.2f} ({found:.0e}) {seconds / own:.1f}x")
-        found = cold()
-        print(f"K={K}:", "; ".join(parts), f"; {found.iterations} factorizations", flush=True)
+        print(f"K={K}:", "; ".join(parts), flush=True)
 
 
 GROUPS = {f.__name__: f for f in (single, ill, batch, regulator, horizon)}

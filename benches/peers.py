@@ -6,7 +6,8 @@ ratio. Ratios can be compared between machines, times cannot.
     python benches/peers.py [name ...] [--write]
 
 Ours is given in seconds per unit of work (a draw, a step, a control, a run, a problem). With
---write the table goes to docs/benchmarks.md and docs/data/benchmarks.json. Ratios more than 1.5
+--write the table goes to docs/benchmarks.md and docs/data/benchmarks.json, where groups that were
+not measured stay. Ratios more than 1.5
 times below the committed ones are always reported.
 
 The group "alse" has its own table (`alse.py`), because the gap of each solver matters as well; the
@@ -25,8 +26,11 @@ from concurrent.futures import ThreadPoolExecutor
 import alse
 import cost
 import feedback
+import fleet
 import identification
+import limits
 import numpy as np
+import study
 import table
 import tightness
 from table import Row
@@ -601,7 +605,8 @@ GROUPS = {
     f.__name__: f
     for f in (
         *(sampling, closed_form, alse_path, slse, slse_replicates, stream),
-        *(controls, simulate, reproduce, identification.identification, feedback.feedback),
+        *(controls, simulate, reproduce, limits.limits, identification.identification),
+        *(identification.certificates, feedback.feedback, fleet.fleets, study.studies),
     )
 }
 
@@ -621,6 +626,7 @@ def measure(group: str) -> list[Row]:
             low=min(ratios),
             high=max(ratios),
             pairs=len(ratios),
+            processor=table.machine()["processor"],
         )
         rows.append(row)
         print(

@@ -14,10 +14,13 @@ import resource
 import statistics
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 
 import stochens_rs as se
+
+Line = tuple[str, str, Callable[[], object], float, Callable[[], object], float]
+TASKS = 3000  # of `studies`
 
 
 def busy(key: se.Key, milliseconds: float) -> dict[str, float]:
@@ -80,6 +83,17 @@ def ways(tasks: int, milliseconds: float, workers: int) -> dict[str, Callable[[]
     except ImportError:
         pass
     return found
+
+
+def studies() -> Iterator[Line]:
+    """What is added to a task of 0.1 ms; the ratio is below one where a study costs more."""
+    found = ways(TASKS, 0.1, 2)
+    for name, peer in (
+        ("study", "bare loop"),
+        ("study with a file", "bare loop"),
+        ("study, 2 processes", "pool.map, 2 processes"),
+    ):
+        yield f"{name}, a task of 0.1 ms", peer, found[name], TASKS, found[peer], TASKS
 
 
 def main() -> None:

@@ -142,12 +142,21 @@ where
             return;
         }
     };
+    on_threads(threads, stop, &drain);
+    match failed.into_inner() {
+        Ok(Some(error)) => Err(error),
+        _ => Ok(()),
+    }
+}
+
+/// Calls `work` on this thread and on up to `threads - 1` others; compiled once for all kinds of chunks.
+fn on_threads(threads: usize, stop: &Stop, work: &(dyn Fn() + Sync)) {
     std::thread::scope(|scope| {
         let (working, done) = channel::<()>();
         for _ in 1..threads {
             let working = working.clone();
             let theirs = move || {
-                drain();
+                work();
                 drop(working);
             };
             // EAGAIN under a process limit is no failure: this thread takes all chunks.
@@ -155,17 +164,13 @@ where
                 break;
             }
         }
-        drain();
+        work();
         drop(working);
         // the others may take long, and perhaps only this thread can see a reason to stop
         while done.recv_timeout(WAIT) == Err(RecvTimeoutError::Timeout) {
             stop.requested_after_a_wait();
         }
     });
-    match failed.into_inner() {
-        Ok(Some(error)) => Err(error),
-        _ => Ok(()),
-    }
 }
 
 /// Takes the work, which either the new thread runs or, if none could be started, the caller.

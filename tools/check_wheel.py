@@ -17,7 +17,11 @@ from pathlib import Path
 from zipfile import ZipFile
 
 LIMIT = 4_300_000  # bytes; 4.25 MB for x86_64, most of it the extension
-EXTENSION = re.compile(r"stochens_rs/_core(\.abi3\.so|\.pyd)")
+# For all versions of Python, or for one that is free-threaded.
+TAGS = ("abi3", "cp314t")
+EXTENSION = re.compile(
+    r"stochens_rs/_core(\.abi3\.so|\.cpython-314t-[\w-]+\.so|(\.cp314t-\w+)?\.pyd)"
+)
 LICENSES = ["LICENSE", "THIRD-PARTY-LICENSES"]
 FILES = [
     "py.typed",
@@ -29,8 +33,12 @@ FILES = [
 
 USE = """
 import shutil
+import sys
+import sysconfig
 import stochens_rs as se
 
+if sysconfig.get_config_var("Py_GIL_DISABLED"):
+    assert not sys._is_gil_enabled(), "the extension asks for the lock"
 assert shutil.which("cargo") is None
 A = [[0.9, 0.2], [-0.1, 0.8]]
 fit = se.fuse(se.sample(A, 1000, rng=1), "alse", target=A)
@@ -42,7 +50,7 @@ print(f"it works: fused 1000 realizations, error {fit.error:.1e}")
 
 def look(wheel: Path) -> None:
     """Fail at the first fault of the file."""
-    assert wheel.stem.split("-")[-2] == "abi3", f"{wheel}: not for all versions of Python"
+    assert wheel.stem.split("-")[-2] in TAGS, f"{wheel}: not for all versions of Python"
     size = wheel.stat().st_size
     assert size <= LIMIT, f"{wheel}: {size} bytes, allowed are {LIMIT}"
     with ZipFile(wheel) as packed:

@@ -44,6 +44,14 @@ compare/bin/pip install --no-deps lmpc ampyc ctrlsys direct-data-driven-mpc mapi
 compare/bin/python tools/compare_features.py --write docs/compare.md
 ```
 """
+BETTER = """\
+Take the neighbour where its job is yours:
+
+- **lmpc**: the feedback must run as C code on a small processor, or has inputs that are on or off.
+- **AMPyC**: schemes of robust, stochastic and nonlinear MPC are studied side by side.
+- **ctrlsys**: the routines of SLICOT are what you build on: matrix equations, H-infinity design.
+- **direct-data-driven-mpc**: no model is wanted, or the plant is not linear.
+- **MAPIE**: a regression or classifier of your own needs intervals for its predictions."""
 TABLES = ((NEAR, NEAR_GROUPS, NEAR_CELLS), (TITLES, GROUPS, CELLS))
 
 
@@ -88,6 +96,7 @@ def text(head: str, numbers: list[str]) -> str:
                 for row, label in rows.items()
             ]
             parts += [f"## {title}", "\n".join([*heading(titles), *body])]
+            parts += [BETTER] if titles is NEAR else []
     parts += ["## Size", "\n".join([*heading(TITLES), *numbers])]
     parts += ["## Notes", "\n".join(f"{n}. {note}" for n, note in enumerate(notes, 1))]
     return "\n\n".join(parts) + "\n"

@@ -97,7 +97,11 @@ impl PyEstimate {
         let (design, noise, word, known) = &assumed;
         let covariance = covariance(word, known.as_ref())?;
         let design = if *design == "independent" { Design::Independent } else { Design::Adaptive };
-        let noise = if *noise == "gaussian" { Noise::Gaussian } else { Noise::SubGaussian };
+        let noise = match *noise {
+            "gaussian" => Noise::Gaussian,
+            "sub-gaussian" | "bounded" => Noise::SubGaussian,
+            other => return Err(InputError::new_err(format!("`noise` has no region of this kind, got '{other}'"))),
+        };
         let method = match method {
             "mixture" => Method::Mixture,
             "universal" => Method::Universal,

@@ -9,7 +9,7 @@ use pyo3::prelude::*;
 
 use super::error::from_panic;
 use crate::parallel::detached;
-use crate::{Result, Stop};
+use crate::{Error, Result, Stop};
 
 /// Elementary operations (about a nanosecond each, so 10 ms) up to which a call does not check for signals.
 const SHORT: f64 = 1e7;
@@ -32,11 +32,42 @@ where
     T: Send,
     F: FnOnce(&Stop) -> Result<T> + Send,
 {
+    let mut kept = Kept::Work(work);
+    let done = run_kept(py, cost, &mut |stop| kept.finish(stop));
+    done.and_then(|()| kept.result())
+}
+
+fn run_kept(py: Python<'_>, cost: f64, work: Work<'_>) -> PyResult<()> {
     if cost < SHORT {
         return py.detach(|| guarded(&Stop::new(), work));
     }
     let (result, signals) = watched(py, work);
     signals.into_iter().next().map_or(result, Err)
+}
+
+/// Work of any type, which keeps its result: what surrounds it is then compiled once, not for each of a hundred types.
+type Work<'a> = &'a mut (dyn FnMut(&Stop) -> Result<()> + Send);
+
+enum Kept<F, T> {
+    Work(F),
+    Result(T),
+    Neither,
+}
+
+impl<T, F: FnOnce(&Stop) -> Result<T>> Kept<F, T> {
+    fn finish(&mut self, stop: &Stop) -> Result<()> {
+        if let Self::Work(work) = std::mem::replace(self, Self::Neither) {
+            *self = Self::Result(work(stop)?);
+        }
+        Ok(())
+    }
+
+    fn result(self) -> PyResult<T> {
+        match self {
+            Self::Result(result) => Ok(result),
+            _ => Err(Error::Numerical("a call ended without a result".into()).into()),
+        }
+    }
 }
 
 /// [`run`] for work that cannot be stopped: if it is long, it runs on a thread that Ctrl-C leaves behind.
@@ -55,15 +86,16 @@ where
     T: Send,
     F: FnOnce(&Stop) -> Result<T> + Send,
 {
-    let (result, mut signals) = watched(py, work);
+    let mut kept = Kept::Work(work);
+    let (result, mut signals) = watched(py, &mut |stop| kept.finish(stop));
     let last = signals.pop();
     match last {
         Some(signal) if !signals.is_empty() || !signal.is_instance_of::<PyKeyboardInterrupt>(py) => Err(signal),
-        last => result.map(|best| (best, last)),
+        last => result.and_then(|()| Ok((kept.result()?, last))),
     }
 }
 
-fn guarded<T>(stop: &Stop, work: impl FnOnce(&Stop) -> Result<T>) -> PyResult<T> {
+fn guarded(stop: &Stop, work: Work<'_>) -> PyResult<()> {
     match catch_unwind(AssertUnwindSafe(|| work(stop))) {
         Ok(result) => result.map_err(PyErr::from),
         Err(payload) => Err(from_panic(&*payload)),
@@ -74,7 +106,7 @@ fn guarded<T>(stop: &Stop, work: impl FnOnce(&Stop) -> Result<T>) -> PyResult<T>
 ///
 /// The work stays on this thread: on another, it took up to twice as long. Each look for signals takes the interpreter
 /// lock, which other threads may hold for some milliseconds. It finds signals on Python's main thread only.
-fn watched<T: Send>(py: Python<'_>, work: impl FnOnce(&Stop) -> Result<T> + Send) -> (PyResult<T>, Vec<PyErr>) {
+fn watched(py: Python<'_>, work: Work<'_>) -> (PyResult<()>, Vec<PyErr>) {
     let raised = Arc::new(Mutex::new(Vec::new()));
     let to = Arc::clone(&raised);
     let stop = Stop::watching(POLL, move || {

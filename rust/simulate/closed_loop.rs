@@ -180,29 +180,26 @@ impl ClosedLoop<'_> {
 
     /// The estimate from fresh realizations of `target`, line by line, and whether its weights are optimal.
     fn estimate(&self, target: &Arc<Law>, key: &Key, threads: usize, stop: &Stop) -> Result<(Vec<f64>, bool)> {
-        if self.method == Method::Uniform {
-            let counts = multinomial_counts(target, self.size, key, stop)?;
-            return Ok((uniform(target, &counts, self.size)?, true));
-        }
         let size = usize::try_from(self.size).unwrap_or(usize::MAX);
-        let (draws, goal) = (sample(target, size, Scheme::Iid, key, threads, stop)?, target.values());
+        let (draws, goal) = (|| sample(target, size, Scheme::Iid, key, threads, stop), target.values());
         let settings = Settings { threads, ..Settings::new(Weights::Simplex, 1e-9) };
         Ok(match self.method {
+            Method::Uniform => {
+                let counts = multinomial_counts(target, self.size, key, stop)?;
+                (uniform(target, &counts, self.size)?, true)
+            }
             Method::Alse if target.lines() == 1 => {
-                let fit = closed_form(&draws, goal, settings.set, stop)?;
+                let fit = closed_form(&draws()?, goal, settings.set, stop)?;
                 (fit.estimate, fit.gap.relative <= settings.tol)
             }
             Method::Alse => {
-                let fit = alse(&draws, goal, &settings, stop)?;
+                let fit = alse(&draws()?, goal, &settings, stop)?;
                 if fit.status == Status::Interrupted {
                     return Err(Error::Interrupted); // half a trajectory is of no use
                 }
                 (fit.estimate, fit.status == Status::Optimal)
             }
-            _ => {
-                let safeguard = self.method == Method::Slse { safeguard: true };
-                (slse(&draws, goal, safeguard, &[], false, stop)?.estimate, true)
-            }
+            Method::Slse { safeguard } => (slse(&draws()?, goal, safeguard, &[], false, stop)?.estimate, true),
         })
     }
 }

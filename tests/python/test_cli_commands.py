@@ -11,6 +11,7 @@ import struct
 import subprocess
 import sys
 
+import click
 import numpy as np
 import pytest
 
@@ -71,6 +72,17 @@ def test_help_is_one_screen_with_examples_and_exit_codes(name, capsys, monkeypat
         assert code in words
     assert ("3 a verdict" in words) == (name in ("", "claims"))
     assert name == "" or f"Examples:\n  stochens {name}" in text
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_says_what_every_option_does(name, capsys):
+    assert cli.main([name, "--help"]) == 0
+    text = "".join(capsys.readouterr().out.split())
+    for one in cli.cli.commands[name].params:
+        if isinstance(one, click.Option):
+            assert one.opts[0] in text, f"{one.opts[0]} is hidden"
+            assert one.help, f"{one.opts[0]} has no help"
+            assert "".join(one.help.split()) in text, f"the help of {one.opts[0]} is cut"
 
 
 @pytest.mark.parametrize("name", COMMANDS)
@@ -280,7 +292,7 @@ def test_completion_scripts_are_understood_by_their_shells(shell, capsys, tmp_pa
     ("line", "offered"),
     [
         ("co", ["plain,completion", "plain,control"]),
-        ("plan --case ", ["plain,ieee14", "plain,ieee39"]),
+        ("plan --case ", [f"plain,{name}" for name in se.cases.CASES]),
         ("plan --quantity s", ["plain,state"]),
         ("study ie", ["plain,ieee14", "plain,ieee39"]),
         ("study sys", ["file,sys"]),

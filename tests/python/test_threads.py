@@ -77,3 +77,55 @@ def test_pairs_from_many_threads_are_all_counted_or_refused():
 
     together(work)
     assert stream.size == 400 - len(refused)
+
+
+def test_steps_of_one_stream_from_many_threads_are_the_steps_of_one_thread():
+    def stream():
+        return se.Stream((A, B), [1.0, -0.5], [0.2, 0.4], rng=1)
+
+    shared, alone = stream(), stream()
+    together(lambda _: [shared.step(25) for _ in range(20)])
+    alone.step(8 * 20 * 25)
+    assert shared.steps == 4000
+    assert shared.u.tobytes() == alone.u.tobytes()
+    assert shared.digest == alone.digest
+
+
+def test_objects_of_their_own_do_not_meet():
+    def work(k):
+        stream = se.Stream((A, B), [1.0, -0.5], [0.2, 0.4], rng=k)
+        means = se.DataStream(B)
+        loop, x = se.regulate((A, B), 10, limits=(-1.0, 1.0)), np.array([1.0, 0.1 * k])
+        found = []
+        for i in range(20):
+            stream.step(50)
+            means.update(x0=[1.0, 0.0], xf=np.full(2, 1.0 * i + k), A=A + 0.01 * k)
+            x = A @ x + B @ loop(x)
+            found += [stream.u, means.u, x]
+        return np.concatenate(found).tobytes()
+
+    assert together(work) == [work(k) for k in range(8)]
+    assert len(set(together(work))) == 8
+
+
+def test_means_from_many_threads_are_all_counted():
+    stream = se.DataStream(B)
+    together(lambda k: [stream.update(xf=np.full(2, 1.0 * k), A=A) for _ in range(50)])
+    assert stream.counts["xf"] == stream.counts["A"] == 400
+    assert np.allclose(stream.estimates["xf"], 3.5)
+
+
+def test_one_plan_and_one_model_are_asked_by_many_threads():
+    x, u, w = np.split(np.random.default_rng(1).standard_normal((60, 5)), [2, 3], axis=1)
+    data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.01 * w)
+
+    def asked(model, plan):
+        found = model.region(0.05).bound([1.0, 0.0], [1.0]), plan.bound(0.05).state
+        return np.array([*found, *model.A.flat, *model.covariance.flat]).tobytes()
+
+    def fresh():
+        model = se.identify(data, sigma=0.01)
+        return model, se.control(model, [1.0, 0.0], [0.0, 0.0], steps=5)
+
+    shared = fresh()
+    assert set(together(lambda _: asked(*shared))) == {asked(*fresh())}

@@ -36,7 +36,7 @@ METHODS: tuple[Method, ...] = get_args(Method)
 
 @overload
 def fuse(
-    ensemble: Ensemble | SystemEnsemble,
+    ensemble: Ensemble | SystemEnsemble | Sequence[Ensemble],
     method: Method = "uniform",
     *,
     target: ArrayLike | None = None,

@@ -22,8 +22,8 @@ use crate::vector::{axpy, dot, min, norm, sum};
 const STEPS: usize = 20_000;
 
 /// Walks from `start` (on the simplex) until the gap is below `tol` or no step helps.
-pub(crate) fn solve<O: Operator>(
-    op: &O,
+pub(crate) fn solve(
+    op: &dyn Operator,
     q: &[f64],
     start: &[f64],
     tol: f64,
@@ -41,7 +41,7 @@ pub(crate) fn solve<O: Operator>(
     let mut free: Vec<bool> = try_collect(SEARCH, w.iter().map(|w| *w > 0.0))?;
     let mut best = Iterate { weights: try_copy(SEARCH, &w)?, gap: f64::INFINITY };
     let (mut r, mut a, mut p) = (try_zeros(SEARCH, d)?, try_zeros(SEARCH, n)?, try_zeros(SEARCH, n)?);
-    let mut face: Option<Face<O>> = None;
+    let mut face: Option<Face> = None;
     let mut barred: Option<usize> = None;
     for _ in 0..STEPS {
         let s = sum(&w);

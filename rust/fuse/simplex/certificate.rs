@@ -28,7 +28,7 @@ pub(crate) struct Certificate {
 }
 
 /// Certifies `w` against `target`.
-pub(crate) fn certify<O: Operator>(op: &O, target: &[f64], w: &[f64]) -> Result<Certificate> {
+pub(crate) fn certify(op: &dyn Operator, target: &[f64], w: &[f64]) -> Result<Certificate> {
     let Residual { residual, image } = op.residual_compensated(w, target)?;
     let mut values = try_zeros(SEARCH, op.size())?;
     op.apply_transpose(&residual, &mut values)?;

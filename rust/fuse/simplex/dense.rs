@@ -36,8 +36,6 @@ impl<'a> Dense<'a> {
 }
 
 impl Operator for Dense<'_> {
-    type Block = Jacobi;
-
     fn size(&self) -> usize {
         self.stored + usize::from(self.zero)
     }
@@ -85,7 +83,7 @@ impl Operator for Dense<'_> {
         })
     }
 
-    fn subset(&self, keep: &[usize]) -> Result<Self> {
+    fn subset(&self, keep: &[usize]) -> Result<Box<dyn Operator + '_>> {
         let mut rows = try_room(SEARCH, checked_len(SEARCH, keep.len(), self.dim)?)?;
         let mut zero = false;
         for &i in keep {
@@ -96,7 +94,7 @@ impl Operator for Dense<'_> {
             }
         }
         let stored = rows.len() / self.dim;
-        Ok(Self { rows: Cow::Owned(rows), stored, dim: self.dim, zero, threads: self.threads })
+        Ok(Box::new(Self { rows: Cow::Owned(rows), stored, dim: self.dim, zero, threads: self.threads }))
     }
 
     fn covering(&self, first: usize, _copies: f64, _counts: &[f64]) -> Result<Vec<usize>> {
@@ -123,7 +121,7 @@ impl Operator for Dense<'_> {
         if i < self.stored { dot(self.row(i), self.row(i)) } else { 0.0 }
     }
 
-    fn block(&self, mu: f64) -> Result<Jacobi> {
+    fn block(&self, mu: f64) -> Result<Box<dyn Precondition>> {
         // D_k = sum_i (E_ik - mean_k)^2 + mu
         let size = self.size() as f64;
         let (mut squares, mut sums): (Vec<f64>, Vec<f64>) =
@@ -138,7 +136,7 @@ impl Operator for Dense<'_> {
         for (s, m) in squares.iter_mut().zip(&sums) {
             *s = 1.0 / ((*s - m * m / size).max(1e-12 * largest) + mu);
         }
-        Ok(Jacobi { inverse: squares })
+        Ok(Box::new(Jacobi { inverse: squares }))
     }
 
     fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Result<Residual> {

@@ -37,8 +37,8 @@ enum Kind {
 }
 
 /// A face with its bordered factor.
-pub(crate) struct Face<'a, O: Operator> {
-    op: &'a O,
+pub(crate) struct Face<'a> {
+    op: &'a dyn Operator,
     q: &'a [f64],
     kappa: f64,
     factor: Factor,
@@ -48,10 +48,10 @@ pub(crate) struct Face<'a, O: Operator> {
     plain: Option<(Vec<f64>, usize)>,
 }
 
-impl<'a, O: Operator> Face<'a, O> {
+impl<'a> Face<'a> {
     /// The face of the samples `free`; `None` if it is too large or cannot be factored, or a limit is reached.
     pub fn new(
-        op: &'a O,
+        op: &'a dyn Operator,
         q: &'a [f64],
         kappa: f64,
         images: &[f64],
@@ -64,7 +64,7 @@ impl<'a, O: Operator> Face<'a, O> {
         }
         let sub = op.subset(&members)?;
         let images: Vec<f64> = try_collect(SEARCH, members.iter().map(|&i| images[i]))?;
-        let factor = Hessian { sub: &sub, q, kappa }.factor(&images, dot(q, q), budget)?;
+        let factor = Hessian { sub: &*sub, q, kappa }.factor(&images, dot(q, q), budget)?;
         Ok(factor.map(|factor| Self { op, q, kappa, factor, members, borders: Vec::new(), plain: None }))
     }
 

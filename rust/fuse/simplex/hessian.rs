@@ -15,13 +15,13 @@ pub(crate) fn factor_cost(k: usize, entries: usize) -> f64 {
 }
 
 /// `H = (S - q 1^T)^T (S - q 1^T) + kappa 11^T` on the free samples.
-pub(crate) struct Hessian<'a, O: Operator> {
-    pub sub: &'a O,
+pub(crate) struct Hessian<'a> {
+    pub sub: &'a dyn Operator,
     pub q: &'a [f64],
     pub kappa: f64,
 }
 
-impl<O: Operator> Hessian<'_, O> {
+impl Hessian<'_> {
     /// `out = H v`; `image` is scratch space.
     pub fn apply(&self, v: &[f64], image: &mut [f64], out: &mut [f64]) -> Result<()> {
         // H v = S^T x - <q, x> 1 + kappa (1^T v) 1,   x = S v - (1^T v) q

@@ -114,8 +114,8 @@ struct Start<'a> {
 }
 
 /// Solves the scaled problem, certifies the result, and scales back.
-fn finish<O: Operator>(
-    op: &O,
+fn finish(
+    op: &dyn Operator,
     target: &[f64],
     relaxed: Relaxed,
     scale: Scale,

@@ -33,8 +33,8 @@ pub(crate) enum Effort {
 }
 
 /// Minimises from `start` (uniform if `None`) until the gap is below `tol` or the limit is reached.
-pub(crate) fn solve<O: Operator>(
-    op: &O,
+pub(crate) fn solve(
+    op: &dyn Operator,
     q: &[f64],
     start: Option<&[f64]>,
     tol: f64,
@@ -111,7 +111,7 @@ pub(crate) fn solve<O: Operator>(
         };
         let gradient: Vec<f64> = try_collect(SEARCH, free.iter().map(|&i| a[i] + shift))?;
         let inverse: Vec<f64> = try_collect(SEARCH, free.iter().map(|&i| diagonal[i]))?;
-        let hessian = Hessian { sub: &sub, q, kappa };
+        let hessian = Hessian { sub: &*sub, q, kappa };
         let most = match effort {
             Effort::Finish(_) => ((stop_at - budget.passes()) * n as f64 / free.len().max(1) as f64) as usize,
             _ => MAX_CG,
@@ -158,8 +158,8 @@ pub(crate) fn solve<O: Operator>(
 }
 
 /// `H p = -g` to `||residual|| <= eta ||g||`; `inverse` is that of the diagonal of `H`.
-fn conjugate_gradients<O: Operator>(
-    hessian: &Hessian<O>,
+fn conjugate_gradients(
+    hessian: &Hessian,
     gradient: &[f64],
     inverse: &[f64],
     eta: f64,

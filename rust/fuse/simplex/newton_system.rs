@@ -5,7 +5,7 @@
 
 use super::budget::Budget;
 use super::factor::{Factor, LARGEST_FACTOR, factor_cost, solve_cost};
-use super::operator::{Operator, Precondition};
+use super::operator::Operator;
 use super::problem::SEARCH;
 use super::task::Work;
 use super::threshold::normalise;
@@ -53,7 +53,7 @@ impl Memory {
         factor_cost(d) + k as f64 * (entries as f64).powi(2)
     }
 
-    fn update<O: Operator>(&mut self, sub: &O, mu: f64, u: &[f64], budget: &mut Budget, work: &mut Work) -> Result<()> {
+    fn update(&mut self, sub: &dyn Operator, mu: f64, u: &[f64], budget: &mut Budget, work: &mut Work) -> Result<()> {
         let (d, k) = (sub.dim(), sub.size());
         if !self.crawling || self.debt < self.patience || k <= self.spare || d > LARGEST_FACTOR || k == 0 {
             return Ok(());
@@ -79,7 +79,7 @@ impl Memory {
         Ok(())
     }
 
-    fn spent<O: Operator>(&mut self, sub: &O, iterations: usize) {
+    fn spent(&mut self, sub: &dyn Operator, iterations: usize) {
         let solve = if self.factor.is_some() { solve_cost(sub.dim()) } else { 0.0 };
         let pass = 2.0 * (sub.size() * sub.entries()) as f64;
         let each = pass + solve;
@@ -89,15 +89,15 @@ impl Memory {
 }
 
 /// `(S_J (I - 11^T/K) S_J^T + mu I) dz = F` by preconditioned conjugate gradients.
-pub(crate) struct NewtonSystem<'a, O: Operator> {
-    sub: &'a O,
+pub(crate) struct NewtonSystem<'a> {
+    sub: &'a dyn Operator,
     mu: f64,
     /// `S_J 1`
     u: Vec<f64>,
 }
 
-impl<'a, O: Operator> NewtonSystem<'a, O> {
-    pub fn new(sub: &'a O, mu: f64) -> Result<Self> {
+impl<'a> NewtonSystem<'a> {
+    pub fn new(sub: &'a dyn Operator, mu: f64) -> Result<Self> {
         let mut u = try_zeros(SEARCH, sub.dim())?;
         sub.apply(&try_filled(SEARCH, 1.0, sub.size())?, &mut u)?;
         Ok(Self { sub, mu, u })
@@ -163,8 +163,8 @@ impl<'a, O: Operator> NewtonSystem<'a, O> {
 }
 
 /// `w + dw`, `dw` the least-norm change on `support` with sum zero and `S dw = force`; clipped to `w >= 0`.
-pub(crate) fn corrected<O: Operator>(
-    op: &O,
+pub(crate) fn corrected(
+    op: &dyn Operator,
     w: &[f64],
     support: &[usize],
     force: &[f64],
@@ -173,7 +173,7 @@ pub(crate) fn corrected<O: Operator>(
     let sub = op.subset(support)?;
     let mu = 1e-14 * op.squared_norm(0).max(f64::MIN_POSITIVE) * support.len() as f64 / op.dim() as f64;
     let accuracy = 1e-2 * norm(force);
-    let system = NewtonSystem::new(&sub, mu)?;
+    let system = NewtonSystem::new(&*sub, mu)?;
     let dz = system.solve(force, accuracy, 500, &mut Memory::new(f64::INFINITY, 0), budget, &mut Work::default())?;
     let mut dw = try_zeros(SEARCH, sub.size())?;
     sub.apply_transpose(&dz, &mut dw)?;

@@ -1,4 +1,6 @@
 //! The interface of an ensemble for the algorithms: products, subsets, a preconditioner.
+//!
+//! They take it as `dyn`: its methods are passes over realizations, and one copy of each algorithm serves all kinds.
 
 use std::ops::Range;
 
@@ -9,10 +11,7 @@ use crate::error::Result;
 ///
 /// The last realization may be the zero matrix (`weights = "subsimplex"`: `sum w <= 1` is the simplex with one more, empty,
 /// realization); the implementations carry it without storing it.
-pub(crate) trait Operator: Sized + Sync {
-    /// Preconditioner of `S (I - 11^T/K) S^T + mu I`.
-    type Block: Precondition;
-
+pub(crate) trait Operator: Sync {
     /// Number of realizations, the zero realization included.
     fn size(&self) -> usize;
 
@@ -32,7 +31,7 @@ pub(crate) trait Operator: Sized + Sync {
     fn normal(&self, y: &[f64], out: &mut [f64]) -> Result<f64>;
 
     /// The ensemble of the realizations `keep` (increasing), copied so that it is contiguous.
-    fn subset(&self, keep: &[usize]) -> Result<Self>;
+    fn subset(&self, keep: &[usize]) -> Result<Box<dyn Operator + '_>>;
 
     /// The first `first` realizations, and enough others that every entry is hit `min(copies, counts)` times;
     /// increasing, with the zero realization.
@@ -47,8 +46,8 @@ pub(crate) trait Operator: Sized + Sync {
     /// `||E_i||^2`
     fn squared_norm(&self, i: usize) -> f64;
 
-    /// The preconditioner built from all realizations of this ensemble (`K = size`).
-    fn block(&self, mu: f64) -> Result<Self::Block>;
+    /// The preconditioner of `S (I - 11^T/K) S^T + mu I` built from all realizations of this ensemble (`K = size`).
+    fn block(&self, mu: f64) -> Result<Box<dyn Precondition>>;
 
     /// `S w - target` in compensated arithmetic, and `S w` rounded.
     fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Result<Residual>;

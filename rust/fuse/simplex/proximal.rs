@@ -10,7 +10,6 @@ use super::factor::{LARGEST_FACTOR, solve_cost};
 use super::hessian::factor_cost;
 use super::newton_cg::{self, Effort};
 use super::newton_system::Memory;
-use super::operator::Operator;
 use super::problem::SEARCH;
 use super::semismooth::{Ended, Inner, Point, Rules, Setting, distance, measure};
 use super::task::{Iterate, Work};
@@ -34,7 +33,7 @@ const AGAIN: f64 = 1.3;
 ///
 /// At the solution `gap <= 2 mu max_i (w_i - c_i) + 2 reach ||F||`, which determines `mu`. `None` if the target turns
 /// out to be out of reach (support below the dimension) or the steps become short.
-pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &mut Work) -> Result<Option<Iterate>> {
+pub(crate) fn direct(set: &Setting, budget: &mut Budget, work: &mut Work) -> Result<Option<Iterate>> {
     let n = set.op.size();
     let center = try_filled(SEARCH, 1.0 / n as f64, n)?;
     let mut point = Point::origin(n, set.op.dim())?;
@@ -81,11 +80,7 @@ pub(crate) fn direct<O: Operator>(set: &Setting<O>, budget: &mut Budget, work: &
 /// when the support has not changed, with a share of the cost so far. The method ends before convergence, as soon as the
 /// active set method is expected to finish for `EAGER` times the cost so far. Returns the best weights, and the last ones
 /// as its start.
-pub(crate) fn augmented<O: Operator>(
-    set: &Setting<O>,
-    budget: &mut Budget,
-    work: &mut Work,
-) -> Result<(Iterate, Vec<f64>)> {
+pub(crate) fn augmented(set: &Setting, budget: &mut Budget, work: &mut Work) -> Result<(Iterate, Vec<f64>)> {
     let n = set.op.size();
     let mut center = try_filled(SEARCH, 1.0 / n as f64, n)?;
     let mut best = measure(set, try_copy(SEARCH, &center)?, budget)?;
@@ -160,7 +155,7 @@ pub(crate) fn augmented<O: Operator>(
 }
 
 /// Expected passes of the active set method: a factor, and one step per change of the support.
-fn rest<O: Operator>(set: &Setting<O>, support: usize, changed: usize) -> f64 {
+fn rest(set: &Setting, support: usize, changed: usize) -> f64 {
     let pass = 2.0 * (set.op.size() * set.op.entries()) as f64;
     let step = solve_cost(support) + pass;
     (factor_cost(support, set.op.entries()) + STEPS * changed as f64 * step) / pass

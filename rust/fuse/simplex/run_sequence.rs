@@ -3,7 +3,6 @@
 use super::active_set;
 use super::budget::Budget;
 use super::newton_cg::{self, Effort};
-use super::operator::Operator;
 use super::problem::Phase;
 use super::proximal;
 use super::semismooth::{self, Setting};
@@ -34,7 +33,7 @@ const NEWTON_CG_PASSES: f64 = 700.0;
 /// | Newton-CG within SSNAL | S, n = 100, N = 13 000 | 850 | 1210 |
 /// | sifting ([`super::sifting`]) | S, n = 10, N = 1 000 000 | 54 | 839 |
 /// | closed form ([`super::select`]) | one vector, n = 1000, N = 1000 | 0.05 | 1.4 |
-pub(crate) fn run_sequence<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Result<Found> {
+pub(crate) fn run_sequence(task: &Task, warm: Option<&[f64]>, budget: &mut Budget) -> Result<Found> {
     let (op, q, tol) = (task.op, &task.relaxed.q[..], task.tol);
     let n = op.size();
     let set = Setting::of(task);

@@ -16,7 +16,7 @@ use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_extend, try_zeros};
 
 /// The warm weights if they are good enough; else a subset first if it is much smaller, then all realizations.
-pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mut Budget) -> Result<(Found, bool)> {
+pub(crate) fn run(task: &Task, warm: Option<&[f64]>, budget: &mut Budget) -> Result<(Found, bool)> {
     if let Some(weights) = warm {
         let iterate = semismooth::measure(&Setting::of(task), try_copy(SEARCH, weights)?, budget)?;
         if iterate.gap <= task.tol {
@@ -34,8 +34,8 @@ pub(crate) fn run<O: Operator>(task: &Task<O>, warm: Option<&[f64]>, budget: &mu
 /// The least-norm correction on the support, `dw = (I - 11^T/K) S_J^T (S_J (I - 11^T/K) S_J^T)^+ (q - S w)`, keeps the
 /// sum. Weights that would become negative leave the support, and the correction is repeated. The result is used only
 /// if it is exact.
-pub(crate) fn polish<O: Operator>(
-    task: &Task<O>,
+pub(crate) fn polish(
+    task: &Task,
     target: &[f64],
     weights: &mut Vec<f64>,
     certificate: Certificate,

@@ -23,8 +23,8 @@ use crate::memory::{try_collect, try_copy, try_filled, try_zeros};
 use crate::vector::{dot, min, norm};
 
 /// The problem and its scales, shared by both methods.
-pub(crate) struct Setting<'a, O: Operator> {
-    pub op: &'a O,
+pub(crate) struct Setting<'a> {
+    pub op: &'a dyn Operator,
     pub q: &'a [f64],
     /// Absolute tolerance on the gap.
     pub tol: f64,
@@ -34,7 +34,7 @@ pub(crate) struct Setting<'a, O: Operator> {
     pub gamma: f64,
 }
 
-impl<O: Operator> Setting<'_, O> {
+impl Setting<'_> {
     /// Upper bound on `max ||E_i - q||`, the factor from `||F||` to the gap.
     pub fn reach(&self) -> f64 {
         self.gamma.sqrt() + norm(self.q)
@@ -51,15 +51,15 @@ impl<O: Operator> Setting<'_, O> {
     }
 }
 
-impl<'a, O: Operator> Setting<'a, O> {
-    pub fn of(task: &Task<'a, O>) -> Self {
+impl<'a> Setting<'a> {
+    pub fn of(task: &Task<'a>) -> Self {
         let gamma = task.gamma.max(f64::MIN_POSITIVE);
         Self { op: task.op, q: &task.relaxed.q, tol: task.tol, dimension: task.relaxed.dimension, gamma }
     }
 }
 
 /// The gap of `w` on the simplex, and `<r, E_i>` for all `i`, in plain arithmetic.
-pub(crate) fn gap_and_values<O: Operator>(set: &Setting<O>, w: &[f64], budget: &mut Budget) -> Result<(f64, Vec<f64>)> {
+pub(crate) fn gap_and_values(set: &Setting, w: &[f64], budget: &mut Budget) -> Result<(f64, Vec<f64>)> {
     let n = set.op.size();
     let mut image = try_zeros(SEARCH, set.op.dim())?;
     set.op.apply(w, &mut image)?;
@@ -72,7 +72,7 @@ pub(crate) fn gap_and_values<O: Operator>(set: &Setting<O>, w: &[f64], budget: &
 }
 
 /// Normalises `w`, and computes its gap from the data.
-pub(crate) fn measure<O: Operator>(set: &Setting<O>, mut w: Vec<f64>, budget: &mut Budget) -> Result<Iterate> {
+pub(crate) fn measure(set: &Setting, mut w: Vec<f64>, budget: &mut Budget) -> Result<Iterate> {
     if !normalise(&mut w) {
         return Ok(Iterate { weights: try_filled(SEARCH, 1.0 / w.len() as f64, w.len())?, gap: f64::INFINITY });
     }
@@ -127,8 +127,8 @@ pub(crate) struct Rules<'r> {
 }
 
 /// A proximal step in progress.
-pub(crate) struct Inner<'a, 'b, O: Operator> {
-    pub set: &'a Setting<'a, O>,
+pub(crate) struct Inner<'a, 'b> {
+    pub set: &'a Setting<'a>,
     pub center: &'b [f64],
     pub mu: f64,
     pub memory: &'b mut Memory,
@@ -136,7 +136,7 @@ pub(crate) struct Inner<'a, 'b, O: Operator> {
     pub scratch: Vec<f64>,
 }
 
-impl<O: Operator> Inner<'_, '_, O> {
+impl Inner<'_, '_> {
     /// Updates the rest of `point` from its `z` and `pull`.
     fn evaluate(&mut self, point: &mut Point, budget: &mut Budget) -> Result<()> {
         let op = self.set.op;
@@ -188,7 +188,7 @@ impl<O: Operator> Inner<'_, '_, O> {
             // ||residual|| <= min(0.1, ||F|| / ||r||) ||F||, not below 0.3 of what is asked for
             let r = point.image.iter().zip(self.set.q).map(|(x, q)| (x - q) * (x - q)).sum::<f64>().sqrt();
             let accuracy = (force * (force / r.max(f64::MIN_POSITIVE)).min(0.1)).max(0.3 * goal);
-            let system = NewtonSystem::new(&sub, self.mu)?;
+            let system = NewtonSystem::new(&*sub, self.mu)?;
             let dz = system.solve(&point.force, accuracy, rules.cg, self.memory, budget, work)?;
             work.newton += 1;
             let mut push = try_zeros(SEARCH, op.size())?;

@@ -5,7 +5,6 @@
 //! again. After a few rounds, or if the subset grows to half of all, the caller solves without sifting.
 
 use super::budget::Budget;
-use super::operator::Operator;
 use super::problem::SEARCH;
 use super::run_sequence::run_sequence;
 use super::semismooth::{Setting, gap_and_values};
@@ -22,7 +21,7 @@ const COPIES: f64 = 4.0;
 const ROUNDS: usize = 8;
 
 /// Weights of all realizations, found on a subset; `None` if sifting does not apply or does not succeed.
-pub(crate) fn sift<O: Operator>(task: &Task<O>, budget: &mut Budget) -> Result<Option<Found>> {
+pub(crate) fn sift(task: &Task, budget: &mut Budget) -> Result<Option<Found>> {
     let n = task.op.size();
     let dimension = task.relaxed.dimension;
     if n <= WORTH * dimension || n < 100 {
@@ -36,7 +35,7 @@ pub(crate) fn sift<O: Operator>(task: &Task<O>, budget: &mut Budget) -> Result<O
             return Ok(None);
         }
         let sub = task.op.subset(&keep)?;
-        let small = Task { op: &sub, ..*task };
+        let small = Task { op: &*sub, ..*task };
         let mut found = run_sequence(&small, warm.as_deref(), budget)?;
         let mut weights = try_zeros(SEARCH, n)?;
         for (&i, w) in keep.iter().zip(&found.weights) {

@@ -92,8 +92,6 @@ impl<'a, I: Index> Singletons<'a, I> {
 }
 
 impl<I: Index> Operator for Singletons<'_, I> {
-    type Block = CountBlock;
-
     fn size(&self) -> usize {
         self.stored + usize::from(self.zero)
     }
@@ -143,7 +141,7 @@ impl<I: Index> Operator for Singletons<'_, I> {
         Ok(total)
     }
 
-    fn subset(&self, keep: &[usize]) -> Result<Self> {
+    fn subset(&self, keep: &[usize]) -> Result<Box<dyn Operator + '_>> {
         let m = self.g.len();
         let mut rows = try_room(SEARCH, checked_len(SEARCH, keep.len(), m)?)?;
         let mut zero = false;
@@ -155,7 +153,7 @@ impl<I: Index> Operator for Singletons<'_, I> {
             }
         }
         let stored = rows.len() / m;
-        Ok(Self { rows: Cow::Owned(rows), stored, zero, ..*self })
+        Ok(Box::new(Self { rows: Cow::Owned(rows), stored, zero, ..*self }))
     }
 
     fn covering(&self, first: usize, copies: f64, counts: &[f64]) -> Result<Vec<usize>> {
@@ -221,8 +219,9 @@ impl<I: Index> Operator for Singletons<'_, I> {
         if i < self.stored { self.square } else { 0.0 }
     }
 
-    fn block(&self, mu: f64) -> Result<CountBlock> {
-        CountBlock::new(self.counts()?, self.g, self.length, self.size(), self.stored, mu)
+    fn block(&self, mu: f64) -> Result<Box<dyn Precondition>> {
+        let made = CountBlock::new(self.counts()?, self.g, self.length, self.size(), self.stored, mu)?;
+        Ok(Box::new(made))
     }
 
     fn residual_compensated(&self, w: &[f64], target: &[f64]) -> Result<Residual> {

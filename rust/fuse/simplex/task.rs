@@ -8,8 +8,8 @@ use crate::error::Result;
 use crate::memory::{try_copy, try_filled};
 
 /// The scaled problem with its relaxed target and absolute tolerance.
-pub(crate) struct Task<'a, O: Operator> {
-    pub op: &'a O,
+pub(crate) struct Task<'a> {
+    pub op: &'a dyn Operator,
     pub relaxed: &'a Relaxed,
     pub tol: f64,
     /// `max_i ||E_i||^2`

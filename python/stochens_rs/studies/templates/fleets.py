@@ -9,10 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._base import validation
-from ..._base.signal_names import default_labels
 from ..._base.types import Floats
-from ..._base.weights import weight
-from ...controls.constraints import sides
 from ...controls.cost import Cost, as_cost
 from ...controls.fleet import control_fleet
 from ...controls.fleet_plan import RISKS, Risk
@@ -93,12 +90,8 @@ def fleet(
     if nominal != (spread is not None):
         raise InputError("`spread` must be given for one nominal system, and only there")
     law = SystemEnsemble.from_systems([units]) if nominal else read_systems(units)
-    within, weights = as_limits(limits).only("u"), as_cost(cost).only("Qf", "R")
-    read_units(law, validation.vector("x0", x0), xf, steps, weights.Qf)
-    K, labels = validation.size("steps", steps), law.labels or default_labels(law.n, law.m)
-    sides("limits", within.u, K, labels)
-    if weights.R is not None:
-        weight("R", weights.R, law.m)
+    within, weights = as_limits(limits), as_cost(cost)
+    read_units(law, validation.vector("x0", x0), xf, steps, within, weights)
     return template(
         _numbers,
         ("size", "steps", "risk", "beta"),
@@ -107,7 +100,7 @@ def fleet(
         law=law,
         x0=validation.vector("x0", x0, length=law.n),
         xf=validation.vector("xf", xf, length=law.n),
-        steps=K,
+        steps=validation.size("steps", steps),
         spread=None if spread is None else validation.nonnegative("spread", spread),
         size=validation.size("size", size),
         held_out=validation.size("held_out", held_out),
@@ -141,8 +134,8 @@ def _numbers(
         certified = plan.validate(drawn_units(law, spread, key.child("more"), count), beta)
     if spread is not None:
         law = drawn_units(law, spread, key.child("fresh"), held_out)
-    misses = Units(law, plan.units.x0, plan.units.xf, plan.units.Q, steps).misses(plan.u)
-    share = float(np.mean(misses > certified.threshold))
+    misses, excess = Units(law, plan.units.x0, plan.units.task).misses(plan.u)
+    share = float(np.mean((misses > certified.threshold) | (excess > 0.0)))
     return {
         "value": plan.value,
         "miss": float(np.median(misses)),

@@ -45,7 +45,7 @@ __all__ = [
     "feedback_gain",
     "first_pairs",
     "fit",
-    "fleet_gains",
+    "fleet_alone",
     "fleet_mean",
     "fleet_misses",
     "fleet_worst",
@@ -1043,41 +1043,34 @@ def weight_root(q: _Floats) -> _Floats: ...
 
 # -- fleets: x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s, d = steps m; u is (d,) --
 
-# A (N, n, n), B (N, n, m), c (N, n) or None, x0 (N, n) or (1, n), xf (n,), F (rows, n) with
-# F'F = Q, steps
-_Units: TypeAlias = tuple[_Floats, _Floats, _Floats | None, _Floats, _Floats, _Floats, int]
+# A (N, n, n), B (N, n, m), c (N, n) or None, x0 (N, n) or (1, n)
+_Units: TypeAlias = tuple[_Floats, _Floats, _Floats | None, _Floats]
+# u (K, m), its value, a lower bound of the least, by how much limits of states cannot be kept
+_Command: TypeAlias = tuple[_Floats, float, float, float, _Status]
 
-# u, J(u)^1/2 and a lower bound of the least, for J(u) = mean_s ||G_s u - b_s||_Q^2 + ||u||_R^2 with
-# R (m, m) of each step. After Ctrl-C the best so far.
-def fleet_mean(
-    units: _Units,
-    low: _Floats,
-    high: _Floats,
-    r: _Floats | None,
-    time_limit: float | None,
-    threads: int,
-) -> tuple[_Floats, float, float, _Status]: ...
+# For J(u) = mean_s ||G_s u - b_s||_Q^2 + ||u||_R^2. After Ctrl-C the best so far.
+def fleet_mean(units: _Units, task: object, time_limit: float | None, threads: int) -> _Command: ...
 
-# (N,): (||G_s u - b_s||_Q^2 + beside)^1/2
-def fleet_misses(units: _Units, u: _Floats, beside: float, threads: int) -> _Floats: ...
+# (N,): ||G_s u - b_s||_Q, and by how much the states leave their limits
+def fleet_misses(
+    units: _Units, task: object, u: _Floats, threads: int
+) -> tuple[_Floats, _Floats]: ...
 
-# (N,): ||Q^1/2 G_s||_F^2
-def fleet_gains(units: _Units, threads: int) -> _Floats: ...
-
-# u, value, lower_bound, the units solved for last, their shares of the dual, status, calls of the
-# solver; `cost` is r (d,) and F (rows, d) with R = diag(r) + F'F; `skip` units are left out;
-# `start` are those to begin with. After Ctrl-C the best so far.
+# and support, removed, R (m, m), widest; `tiny`: R is 1e-8 of the largest map's. After Ctrl-C the
+# best so far.
 def fleet_worst(
     units: _Units,
-    low: _Floats,
-    high: _Floats,
-    cost: tuple[_Floats, _Floats],
-    skip: list[int],
-    start: list[int],
-    tolerance: float,
+    task: object,
+    tiny: bool,
+    discard: int,
     time_limit: float | None,
     threads: int,
-) -> tuple[_Floats, float, float, list[int], _Floats, _Status, int]: ...
+) -> tuple[_Command, list[int], list[int], _Floats | None, int | None]: ...
+
+# u (K, m) of a few units alone, as the support gives it
+def fleet_alone(
+    units: _Units, task: object, tiny: bool, few: list[int], threads: int
+) -> _Floats: ...
 def scenario_at_most(size: int, most: int, beta: float) -> float: ...
 def scenario_compression(size: int, support: int, violations: int, beta: float) -> float: ...
 def scenario_discarding(size: int, discarded: int, dimension: int, beta: float) -> float: ...

@@ -1,9 +1,9 @@
 //! A lower bound of the least largest miss, from any vectors: no solver is believed.
 
-use super::cones::Limits;
+use super::held::{Forces, Held};
 use super::units::WHAT;
-
-use crate::control::pseudoinverse;
+use super::within::Within;
+use crate::control::{Pseudoinverse, pseudoinverse};
 use crate::error::Result;
 use crate::memory::{try_filled, try_room, try_zeros};
 use crate::vector::{axpy, dot, norm};
@@ -11,29 +11,33 @@ use crate::vector::{axpy, dot, norm};
 /// Where the projection leaves a smaller share of the vectors, what is left is rounding, and no bound follows. Rounding
 /// of the projected vectors is about `eps` of the whole, so that 1e-6 leaves ten digits.
 const LEFT: f64 = 1e-6;
+/// What no vector balances of a force, relative, is rounding up to this.
+const BALANCED: f64 = 1e-12;
 /// Halvings of the scale of the vectors.
 const HALVINGS: usize = 100;
 
-/// The units that were solved for, and the limits and weights of the inputs.
+/// The units and limits that were solved for.
 pub(super) struct Dual<'a> {
     /// `M_w`, `(count * rows, d)`
     pub(super) maps: &'a [f64],
     /// `t_w`, `count * rows`
     pub(super) targets: &'a [f64],
     pub(super) rows: usize,
-    pub(super) limits: Limits<'a>,
+    pub(super) within: &'a Within<'a>,
+    pub(super) held: &'a [Held],
 }
 
 impl Dual<'_> {
     /// A lower bound of `max_w (||M_w u - t_w||^2 + ||u||_R^2)^{1/2}` over the limits, `R = diag(r) + F'F`, from vectors
-    /// `v_w` and, behind them, `c` with an entry for each row of F; and the shares `||v_w|| / sum ||v_w||`.
+    /// `v_w` and, behind them, `c` with an entry for each row of F, and from forces `l >= 0` of the limits `C u <= k` of states
+    /// and changes; and the shares `||v_w|| / sum ||v_w||`.
     ///
-    /// With `a = sum ||v_w||` the square is at least `2 a max ||M_w u - t_w|| - a^2 + 2 c'F u - |c|^2 + sum_i r_i u_i^2`,
-    /// so at least `-a^2 - |c|^2 - 2 sum v_w't_w + sum_i min (r_i u_i^2 + 2 g_i u_i)` with `g = sum M_w'v_w + F'c` and the
-    /// minima over the limits. Where `r_i` is 0 and g points to an infinite limit it must be 0: the vectors are projected
-    /// there first. Then they are scaled to the largest bound.
-    pub(super) fn lower_bound(&self, vectors: &mut [f64]) -> Result<(f64, Vec<f64>)> {
-        let Limits { low, high, diagonal, cost } = self.limits;
+    /// With `a = sum ||v_w||` the square is at least `2 a max ||M_w u - t_w|| - a^2 + 2 c'F u - |c|^2 + sum_i r_i u_i^2 +
+    /// 2 l'(C u - k)`, so at least `-a^2 - |c|^2 - 2 sum v_w't_w - 2 l'k + sum_i min (r_i u_i^2 + 2 g_i u_i)` with
+    /// `g = sum M_w'v_w + F'c + C'l` and the minima over the limits of single inputs. Where `r_i` is 0 and g points to an
+    /// infinite limit it must be 0: the vectors are corrected there first. Then all are scaled to the largest bound.
+    pub(super) fn lower_bound(&self, vectors: &mut [f64], forces: &Forces) -> Result<(f64, Vec<f64>)> {
+        let Within { low, high, diagonal, cost, .. } = self.within;
         let (d, units) = (low.len(), self.targets.len());
         let size = |vectors: &[f64]| -> f64 {
             let (own, others) = vectors.split_at(units);
@@ -42,11 +46,16 @@ impl Dual<'_> {
         let whole = size(vectors);
         let mut open = try_filled(WHAT, false, d)?;
         let mut g = try_zeros(WHAT, d)?;
-        loop {
+        let mut pushed;
+        let pull = |vectors: &[f64], g: &mut [f64]| {
             g.fill(0.0);
             for (v, row) in vectors.iter().zip(self.maps.chunks_exact(d).chain(cost.chunks_exact(d))) {
-                axpy(*v, row, &mut g);
+                axpy(*v, row, g);
             }
+            forces.pull(self.held, self.within, g)
+        };
+        loop {
+            pushed = pull(vectors, &mut g);
             let mut more = false;
             for i in 0..d {
                 let out = (g[i] >= 0.0 && low[i] == f64::NEG_INFINITY) || (g[i] <= 0.0 && high[i] == f64::INFINITY);
@@ -61,13 +70,29 @@ impl Dual<'_> {
             for row in self.maps.chunks_exact(d).chain(cost.chunks_exact(d)) {
                 columns.extend(row.iter().zip(&open).filter(|(_, open)| **open).map(|(v, _)| v));
             }
-            let basis = pseudoinverse(&columns, vectors.len(), count)?.basis;
+            let Pseudoinverse { rank, singular_values, basis, right, .. } =
+                pseudoinverse(&columns, vectors.len(), count)?;
             // twice: what rounding left the first time
             for _ in 0..2 {
                 for direction in basis.chunks_exact(vectors.len()) {
                     axpy(-dot(direction, vectors), direction, vectors);
                 }
             }
+            // and what balances the forces
+            g.fill(0.0);
+            forces.pull(self.held, self.within, &mut g);
+            let along = basis.chunks_exact(vectors.len()).zip(right.chunks_exact(count)).zip(&singular_values);
+            for ((direction, right), sigma) in along.take(rank) {
+                let pushed = right.iter().zip(g.iter().zip(&open).filter(|(_, open)| **open));
+                let pushed: f64 = pushed.map(|(right, (g, _))| right * g).sum();
+                axpy(-pushed / sigma, direction, vectors);
+            }
+        }
+        // where no vector can balance them there is no bound
+        let forced = forces.held.iter().any(|force| *force > 0.0);
+        let scale = (0..d).filter(|&i| !open[i]).fold(norm(vectors), |most, i| most.max(g[i].abs()));
+        if forced && (0..d).any(|i| open[i] && g[i].abs() > BALANCED * scale) {
+            return Ok((0.0, try_zeros(WHAT, units / self.rows)?));
         }
         let mut shares = try_room(WHAT, units / self.rows)?;
         shares.extend(vectors[..units].chunks_exact(self.rows).map(norm));
@@ -77,7 +102,7 @@ impl Dual<'_> {
         if !(left > LEFT * whole && left.is_finite()) {
             return Ok((0.0, shares));
         }
-        let (square, aim) = (left * left, dot(&vectors[..units], self.targets));
+        let (square, aim) = (left * left, dot(&vectors[..units], self.targets) + pushed);
         // where r_i u^2 + 2 s g_i u is least
         let least = |i: usize, s: f64| match (diagonal[i] > 0.0, g[i]) {
             (true, g) => (-s * g / diagonal[i]).clamp(low[i], high[i]),

@@ -180,7 +180,7 @@ pub fn slope(units: &Units<'_>, u: &[f64], threads: usize, stop: &Stop) -> Resul
         let mut residual = try_zeros(WHAT, units.rows())?;
         let (gradient, square) = sums.split_at_mut(d);
         for s in block * chunk..units.size.min((block + 1) * chunk) {
-            units.residual(s, u, &mut room, &mut residual);
+            units.residual(s, u, None, &mut room, &mut residual);
             square[0] += dot(&residual, &residual);
             units.pull(s, &residual, &mut room, gradient);
         }

@@ -7,20 +7,28 @@
 //! fresh unit of the same law misses more.
 
 mod binomial;
-mod cones;
+mod chosen;
 mod dual;
+mod few;
+mod held;
 mod least_mean;
+mod look;
 mod mean;
+mod missing;
+mod program;
+mod scaling;
 mod scenario;
 mod units;
+mod within;
 mod worst;
 
 #[cfg(test)]
 mod tests;
 
-pub use cones::Limits;
+pub use few::{Few, alone, of_few};
 pub use least_mean::{LeastMean, least_mean};
-pub use mean::{Moments, gains, moments, slope, triangle};
+pub use mean::{Moments, moments, slope, triangle};
 pub use scenario::{at_most, compression, discarding, judged, relaxed, required};
 pub use units::Units;
+pub use within::{Limits, misses};
 pub use worst::{Worst, worst};

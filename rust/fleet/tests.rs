@@ -1,5 +1,6 @@
 use super::binomial::{Odds, log_choose, log_tails};
 use super::*;
+use crate::limits::Until;
 use crate::parallel::Stop;
 
 fn check(found: f64, expected: f64) {
@@ -48,7 +49,19 @@ fn tails_are_sums_of_probabilities() {
 /// `x(1) = a_s u`, target 1.
 fn scalar<'a>(a: &'a [f64], zeros: &'a [f64]) -> Units<'a> {
     let size = a.len();
-    Units { a: &zeros[..size], b: a, c: &[], x0: &[0.0], xf: &[1.0], root: &[1.0], n: 1, m: 1, steps: 1, size }
+    Units {
+        a: &zeros[..size],
+        b: a,
+        c: &[],
+        x0: &[0.0],
+        reference: &[1.0],
+        stage: &[],
+        terminal: &[1.0],
+        n: 1,
+        m: 1,
+        steps: 1,
+        size,
+    }
 }
 
 #[test]
@@ -61,9 +74,37 @@ fn two_units_have_their_commands() {
     let (square, gradient) = slope(&two, &[0.6], 1, &stop).unwrap();
     assert!((square - 0.1).abs() < 1e-15 && gradient[0].abs() < 1e-15);
     for (end, u, value) in [(f64::INFINITY, 2.0 / 3.0, 1.0 / 3.0), (0.5, 0.5, 0.5)] {
-        let limits = Limits { low: &[-end], high: &[end], diagonal: &[0.0], cost: &[] };
-        let best = worst(&two, limits, (&[false; 2], &[]), 1e-7, None, 1, &stop).unwrap();
+        let limits = Limits { low: &[-end], high: &[end], ..Limits::default() };
+        let best = worst(&two, limits, (&[false; 2], &[]), (1, Until::new(&stop, None))).unwrap();
         assert!((best.control[0] - u).abs() < 1e-8 && (best.value - value).abs() < 1e-8);
         assert!(best.value - best.lower_bound <= 1e-7 * best.value && best.lower_bound <= value + 1e-15);
+    }
+}
+
+#[test]
+fn limits_of_states_are_kept_or_lack_what_they_lack() {
+    // x(1) = 3 + u, target 2.5: u = -2 keeps x(1) <= 1, and with |u| <= 1 at least 1 is missing
+    let one = Units {
+        a: &[1.0],
+        b: &[1.0],
+        c: &[],
+        x0: &[3.0],
+        reference: &[2.5],
+        stage: &[],
+        terminal: &[1.0],
+        n: 1,
+        m: 1,
+        steps: 1,
+        size: 1,
+    };
+    let (one, stop) = (one.checked().unwrap(), Stop::new());
+    let states = Some((&[f64::NEG_INFINITY][..], &[1.0][..]));
+    for (end, u, missing) in [(3.0, -2.0, 0.0), (1.0, -1.0, 1.0)] {
+        let limits = Limits { low: &[-end], high: &[end], states, ..Limits::default() };
+        let mean = least_mean(&one, limits, None, 1, &stop).unwrap();
+        let few = of_few(&one, limits, (true, 0), None, 1, &stop).unwrap();
+        for (control, lacks) in [(mean.control, mean.missing), (few.control, few.missing)] {
+            assert!((control[0] - u).abs() < 1e-5 && (lacks - missing).abs() < 1e-9, "{control:?} {lacks}");
+        }
     }
 }

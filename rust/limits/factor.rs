@@ -21,7 +21,7 @@ const PANEL: usize = 128;
 const COLUMNS: usize = 512;
 
 #[derive(Default)]
-pub(super) struct Factor {
+pub(crate) struct Factor {
     lower: Vec<f64>,
     inverse: Vec<f64>,
     block: Vec<f64>,
@@ -31,7 +31,7 @@ pub(super) struct Factor {
 
 impl Factor {
     /// Memory for up to `most` rows.
-    pub(super) fn new(most: usize) -> Result<Self> {
+    pub(crate) fn new(most: usize) -> Result<Self> {
         let ld = padded(most);
         let block = if most > PANEL { PANEL * PANEL } else { 0 };
         let lower = try_zeros(WHAT, checked_len(WHAT, most, ld)?)?;
@@ -40,7 +40,7 @@ impl Factor {
 
     /// Factors the matrix of `n` rows whose column `j` from the diagonal on is written by `column(j, into)`. False if it
     /// is not positive definite to rounding.
-    pub(super) fn set(
+    pub(crate) fn set(
         &mut self,
         n: usize,
         mut column: impl FnMut(usize, &mut [f64]),
@@ -100,7 +100,7 @@ impl Factor {
     }
 
     /// `x <- A^{-1} x`; `x` has whole groups.
-    pub(super) fn solve(&self, x: &mut [f64]) {
+    pub(crate) fn solve(&self, x: &mut [f64]) {
         solved(&self.lower, self.ld, &self.inverse[..self.n], x);
     }
 
@@ -133,7 +133,7 @@ impl Factor {
 }
 
 /// `h = rows' rows`, `d` lines of the length `ld` of a row.
-pub(super) fn squared(rows: &[f64], d: usize, ld: usize, h: &mut [f64], until: Until<'_>) -> Result<()> {
+pub(crate) fn squared(rows: &[f64], d: usize, ld: usize, h: &mut [f64], until: Until<'_>) -> Result<()> {
     if d <= PANEL {
         gram(rows, d, ld, h);
         return Ok(());

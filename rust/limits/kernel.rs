@@ -26,7 +26,7 @@ macro_rules! kernel {
 pub(super) use kernel;
 
 /// The length of a line of `n` entries.
-pub(super) fn padded(n: usize) -> usize {
+pub(crate) fn padded(n: usize) -> usize {
     n.next_multiple_of(LANES)
 }
 

@@ -30,6 +30,8 @@ mod tests;
 
 pub use batch::{Batch, box_batch};
 pub use bounds::Bounds;
+pub(crate) use factor::{Factor, squared};
+pub(crate) use kernel::padded;
 pub use linear::root;
 pub(crate) use linear::{Decomposition, decomposition, eigen};
 pub use quadratic::{Method, Status, Until};

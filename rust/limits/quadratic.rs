@@ -106,7 +106,7 @@ impl Method {
 /// What ends a computation before its tolerance.
 #[derive(Clone, Copy)]
 pub struct Until<'a> {
-    pub(super) stop: &'a Stop,
+    pub(crate) stop: &'a Stop,
     deadline: Option<Instant>,
 }
 
@@ -117,11 +117,11 @@ impl<'a> Until<'a> {
     }
 
     /// The time left.
-    pub(super) fn left(&self) -> Option<Duration> {
+    pub(crate) fn left(&self) -> Option<Duration> {
         self.deadline.map(|deadline| deadline.saturating_duration_since(Instant::now()))
     }
 
-    pub(super) fn reached(&self) -> Option<Status> {
+    pub(crate) fn reached(&self) -> Option<Status> {
         if self.stop.requested() {
             Some(Status::Interrupted)
         } else if self.deadline.is_some_and(|deadline| Instant::now() >= deadline) {
@@ -132,7 +132,7 @@ impl<'a> Until<'a> {
     }
 
     /// [`Error::Interrupted`] once there is a reason to end; loops call this every few milliseconds of work.
-    pub(super) fn check(&self) -> Result<()> {
+    pub(crate) fn check(&self) -> Result<()> {
         if self.reached().is_some() { Err(Error::Interrupted) } else { Ok(()) }
     }
 
@@ -142,7 +142,7 @@ impl<'a> Until<'a> {
     }
 
     /// What the status is after [`Error::Interrupted`].
-    pub(super) fn ended(&self) -> Status {
+    pub(crate) fn ended(&self) -> Status {
         self.reached().unwrap_or(Status::Interrupted)
     }
 }

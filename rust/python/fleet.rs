@@ -1,146 +1,148 @@
 //! One command for many units, and its risk.
 
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
-use super::convert::{array1, slice};
-use super::error::{InputError, ShapeError};
+use super::convert::{array1, array2, slice};
+use super::error::ShapeError;
+use super::horizon_arguments::TaskArgument;
 use super::limits::{seconds, to_best};
 use super::run::run;
 use crate::fleet::{self, Limits, Units};
-use crate::limits::Bounds;
-use crate::memory::{try_collect, try_copy, try_filled};
+use crate::limits;
+use crate::limits::horizon::Task;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
-type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Cube<'py> = PyReadonlyArray3<'py, f64>;
 
-/// Units `x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s`; the arrays are borrowed for every call.
+/// Units `x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s` and where they begin; the arrays are borrowed for every call.
 #[derive(FromPyObject)]
-pub(super) struct UnitsArgument<'py>(
-    Cube<'py>,
-    Cube<'py>,
-    Option<Matrix<'py>>,
-    Matrix<'py>,
-    Vector<'py>,
-    Matrix<'py>,
-    usize,
-);
+pub(super) struct UnitsArgument<'py>(Cube<'py>, Cube<'py>, Option<Matrix<'py>>, Matrix<'py>);
 
-impl UnitsArgument<'_> {
-    fn get(&self) -> PyResult<Units<'_>> {
-        let (size, n, m) = self.1.as_array().dim();
+/// What is asked of them.
+struct Asked {
+    task: Task,
+    stage: Vec<f64>,
+    terminal: Vec<f64>,
+}
+
+fn pair(given: &Option<(Vec<f64>, Vec<f64>)>) -> Option<(&[f64], &[f64])> {
+    given.as_ref().map(|(first, second)| (&first[..], &second[..]))
+}
+
+impl Asked {
+    fn new(task: &TaskArgument<'_>, n: usize) -> PyResult<Self> {
+        let task = task.task(None, None)?;
+        let (stage, terminal) = (limits::root(&task.stage, n)?, limits::root(&task.terminal, n)?);
+        Ok(Self { task, stage, terminal })
+    }
+
+    fn units<'a>(&'a self, given: &'a UnitsArgument<'_>) -> PyResult<Units<'a>> {
+        let (size, n, m) = given.1.as_array().dim();
         let units = Units {
-            a: slice("A", &self.0)?,
-            b: slice("B", &self.1)?,
-            c: self.2.as_ref().map_or(Ok(&[][..]), |c| slice("c", c))?,
-            x0: slice("x0", &self.3)?,
-            xf: slice("xf", &self.4)?,
-            root: slice("root", &self.5)?,
+            a: slice("A", &given.0)?,
+            b: slice("B", &given.1)?,
+            c: given.2.as_ref().map_or(Ok(&[][..]), |c| slice("c", c))?,
+            x0: slice("x0", &given.3)?,
+            reference: &self.task.reference,
+            stage: &self.stage,
+            terminal: &self.terminal,
             n,
             m,
-            steps: self.6,
+            steps: self.task.reference.len() / n.max(1),
             size,
         };
         Ok(units.checked()?)
     }
 
-    fn cost(&self) -> f64 {
-        let (size, n, m) = self.1.as_array().dim();
-        (size * self.6) as f64 * (n * (n + m)) as f64
+    fn limits(&self) -> Limits<'_> {
+        let Task { low, high, rate, states, r, .. } = &self.task;
+        Limits { low, high, rate: pair(rate), states: pair(states), r: r.as_deref().unwrap_or(&[]) }
     }
 }
 
-fn command<'a>(units: &Units<'_>, u: &'a Vector<'_>) -> PyResult<&'a [f64]> {
-    let u = slice("u", u)?;
-    if u.len() != units.steps * units.m {
-        return Err(ShapeError::new_err(format!("`u` must have {} entries, got {}", units.steps * units.m, u.len())));
-    }
-    Ok(u)
+fn work(units: &Units<'_>) -> f64 {
+    (units.size * units.steps) as f64 * (units.n * (units.n + units.m)) as f64
 }
 
-/// `(u (d,), value, lower_bound, status)`: the least mean; `r` (m, m) is the weight of one input.
+type Found<'py> = (Bound<'py, PyArray2<f64>>, f64, f64, f64, &'static str);
+
+/// `(u (K, m), value, lower_bound, missing, status)`: the least mean.
 #[pyfunction]
 pub(super) fn fleet_mean<'py>(
     py: Python<'py>,
     units: UnitsArgument<'py>,
-    low: Vector<'py>,
-    high: Vector<'py>,
-    r: Option<Matrix<'py>>,
+    task: TaskArgument<'py>,
     time_limit: Option<f64>,
     threads: usize,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, f64, f64, &'static str)> {
-    let given = units.get()?;
-    let bounds = Bounds::new(slice("low", &low)?, slice("high", &high)?, given.steps * given.m)?;
-    let r = r.as_ref().map_or(Ok(&[][..]), |r| slice("R", r))?;
+) -> PyResult<Found<'py>> {
+    let asked = Asked::new(&task, units.1.as_array().dim().1)?;
+    let given = asked.units(&units)?;
     let time = seconds(time_limit);
-    let work = |stop: &crate::Stop| fleet::least_mean(&given, bounds, r, time, threads, stop);
+    let work = |stop: &crate::Stop| fleet::least_mean(&given, asked.limits(), time, threads, stop);
     let found = to_best(py, f64::INFINITY, |found: &fleet::LeastMean| found.status, work)?;
-    Ok((array1(py, found.control)?, found.value, found.lower_bound, found.status.as_str()))
+    let u = array2(py, found.control, given.steps, given.m)?;
+    Ok((u, found.value, found.lower_bound, found.missing, found.status.as_str()))
 }
 
-/// The miss of every unit at `u` (N,); `beside` is the square that the inputs cost.
+type Looked<'py> = (Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
+
+/// The miss of every unit at `u` (N,), and by how much its states leave their limits.
 #[pyfunction]
 pub(super) fn fleet_misses<'py>(
     py: Python<'py>,
     units: UnitsArgument<'py>,
-    u: Vector<'py>,
-    beside: f64,
+    task: TaskArgument<'py>,
+    u: Matrix<'py>,
     threads: usize,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    let (given, cost) = (units.get()?, units.cost());
-    let u = command(&given, &u)?;
-    array1(py, run(py, cost, |stop| given.misses(u, beside, threads, stop))?)
+) -> PyResult<Looked<'py>> {
+    let asked = Asked::new(&task, units.1.as_array().dim().1)?;
+    let (given, u) = (asked.units(&units)?, slice("u", &u)?);
+    if u.len() != given.steps * given.m {
+        return Err(ShapeError::new_err(format!("`u` must have {} entries, got {}", given.steps * given.m, u.len())));
+    }
+    let (misses, excess) = run(py, work(&given), |stop| fleet::misses(&given, asked.limits(), u, threads, stop))?;
+    Ok((array1(py, misses)?, array1(py, excess)?))
 }
 
-/// `||Q^1/2 G_s||_F^2` of every unit (N,).
-#[pyfunction]
-pub(super) fn fleet_gains<'py>(
-    py: Python<'py>,
-    units: UnitsArgument<'py>,
-    threads: usize,
-) -> PyResult<Bound<'py, PyArray1<f64>>> {
-    let (given, cost) = (units.get()?, units.cost());
-    let d = given.steps * given.m;
-    array1(py, run(py, cost * d as f64, |stop| fleet::gains(&given, threads, stop))?)
-}
+type Few<'py> = (Found<'py>, Vec<usize>, Vec<usize>, Option<Bound<'py, PyArray2<f64>>>, Option<usize>);
 
-type Found<'py> = (Bound<'py, PyArray1<f64>>, f64, f64, Vec<usize>, Bound<'py, PyArray1<f64>>, &'static str, usize);
-
-/// `(u (d,), value, lower_bound, working, shares, status, solves)`: the least largest miss without the units in `skip`.
+/// `((u, value, lower_bound, missing, status), support, removed, R, widest)`: the least largest miss.
 #[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
 pub(super) fn fleet_worst<'py>(
     py: Python<'py>,
     units: UnitsArgument<'py>,
-    low: Vector<'py>,
-    high: Vector<'py>,
-    cost: (Vector<'py>, Matrix<'py>),
-    skip: Vec<usize>,
-    start: Vec<usize>,
-    tolerance: f64,
+    task: TaskArgument<'py>,
+    tiny: bool,
+    discard: usize,
     time_limit: Option<f64>,
     threads: usize,
-) -> PyResult<Found<'py>> {
-    let given = units.get()?;
-    let limits = Limits {
-        low: slice("low", &low)?,
-        high: slice("high", &high)?,
-        diagonal: slice("R", &cost.0)?,
-        cost: slice("R", &cost.1)?,
-    };
-    let mut left_out = try_filled("a command for a fleet", false, given.size)?;
-    for s in skip {
-        let of = left_out.get_mut(s).ok_or_else(|| InputError::new_err(format!("there is no unit {s}")))?;
-        *of = true;
-    }
+) -> PyResult<Few<'py>> {
+    let asked = Asked::new(&task, units.1.as_array().dim().1)?;
+    let given = asked.units(&units)?;
     let time = seconds(time_limit);
-    let work = |stop: &crate::Stop| fleet::worst(&given, limits, (&left_out, &start), tolerance, time, threads, stop);
-    let found = to_best(py, f64::INFINITY, |found: &fleet::Worst| found.status, work)?;
-    let working = try_collect("a command for a fleet", found.working.iter().copied())?;
-    let control = array1(py, try_copy("a command for a fleet", &found.control)?)?;
-    let shares = array1(py, found.shares)?;
-    Ok((control, found.value, found.lower_bound, working, shares, found.status.as_str(), found.solves))
+    let work = |stop: &crate::Stop| fleet::of_few(&given, asked.limits(), (tiny, discard), time, threads, stop);
+    let found = to_best(py, f64::INFINITY, |found: &fleet::Few| found.status, work)?;
+    let u = array2(py, found.control, given.steps, given.m)?;
+    let r = if found.r.is_empty() { None } else { Some(array2(py, found.r, given.m, given.m)?) };
+    let all = (u, found.value, found.lower_bound, found.missing, found.status.as_str());
+    Ok((all, found.support, found.removed, r, found.widest))
+}
+
+/// The command (K, m) of some units alone, as `fleet_worst` computes it.
+#[pyfunction]
+pub(super) fn fleet_alone<'py>(
+    py: Python<'py>,
+    units: UnitsArgument<'py>,
+    task: TaskArgument<'py>,
+    tiny: bool,
+    few: Vec<usize>,
+    threads: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let asked = Asked::new(&task, units.1.as_array().dim().1)?;
+    let given = asked.units(&units)?;
+    let u = run(py, f64::INFINITY, |stop| fleet::alone(&given, asked.limits(), tiny, &few, threads, stop))?;
+    array2(py, u, given.steps, given.m)
 }
 
 /// `e` with `P(Bin(size, e) <= most) = beta`.

@@ -56,7 +56,7 @@ mod _core {
     use super::fitted::{PyFitted, fit};
     #[pymodule_export]
     use super::fleet::{
-        fleet_gains, fleet_mean, fleet_misses, fleet_worst, scenario_at_most, scenario_compression,
+        fleet_alone, fleet_mean, fleet_misses, fleet_worst, scenario_at_most, scenario_compression,
         scenario_discarding, scenario_judged, scenario_relaxed, scenario_required,
     };
     #[pymodule_export]

@@ -9,7 +9,7 @@ import pytest
 from scipy.optimize import linprog
 
 import stochens_rs as se
-from stochens_rs.controls.fleet_design import Box, least_worst, tiny_weight
+from stochens_rs import _core
 from stochens_rs.controls.fleet_units import Units
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, SizeError
 from twin import populations as twin
@@ -35,12 +35,12 @@ def drawn(
 
 def maps(units: Units) -> list[tuple[np.ndarray, np.ndarray]]:
     """G_s and b_s of every unit, by powers."""
-    s, K = units.systems, units.steps
+    s, K = units.systems, units.task.steps
     found = []
     for i in range(units.size):
         powers = [np.linalg.matrix_power(s.A[i], k) for k in range(K + 1)]
         G = np.hstack([powers[K - 1 - k] @ s.B[i] for k in range(K)])
-        b = units.xf - powers[K] @ units.x0[i % len(units.x0)]
+        b = units.task.reference[-1] - powers[K] @ units.x0[i % len(units.x0)]
         if s.c is not None:
             b = b - sum(powers[k] @ s.c[i] for k in range(K))
         found.append((G, b))
@@ -272,14 +272,13 @@ def test_a_time_limit_gives_a_command_that_is_certified(gen: np.random.Generator
 
 def alone(plan: se.FleetPlan) -> np.ndarray:
     """The command of a plan from its support alone: of the other units nothing is known."""
-    few = list(plan.support)
+    few, task = list(plan.support), plan.units.task
+    s, rows = plan.units.systems, slice(None) if len(plan.units.x0) == 1 else few
+    c = None if s.c is None else s.c[few]
+    part = s.A[few], s.B[few], c, plan.units.x0[rows]
     if not few:
         return np.clip(np.zeros(plan.u.size), plan.low.ravel(), plan.high.ravel())
-    units = plan.units.part(few)
-    box = Box(plan.low.ravel(), plan.high.ravel(), plan.R)
-    if plan.widest is not None:
-        box = Box(box.low, box.high, tiny_weight(units)[0])
-    return least_worst(units, box, [], list(range(len(few)))).u
+    return _core.fleet_alone(part, task, task.R is None, list(range(len(few))), 1).ravel()
 
 
 def test_plans_are_pickled_and_shown() -> None:

@@ -23,7 +23,7 @@ def near_one(gen: np.random.Generator, N: int) -> tuple[se.SystemEnsemble, np.nd
 
 
 def at_zero(plan: se.FleetPlan) -> float:
-    return float(plan.units.misses(np.zeros_like(plan.u)).max())
+    return float(plan.units.misses(np.zeros_like(plan.u))[0].max())
 
 
 @pytest.mark.parametrize("N", [3, 5, 10, 40])

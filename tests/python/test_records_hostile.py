@@ -197,7 +197,7 @@ HOSTILE = [
     ("runs", put("size", to=-3), "`size` must be in"),
     ("runs", put("sampled", to=[1]), r"`sampled\[0\]` must be str, got int 1"),
     ("fleet", put("support", to=[9]), "`support` must be in"),
-    ("fleet", put("low", to=[[0.0]]), "`low` must have shape|no array"),
+    ("fleet", put("excess", to=[[0.0]]), "`excess` must have shape|no array"),
     ("counts", put("counts", to=[[1.5, 0], [0, 0]]), "`counts` must be nested lists of int64"),
     ("certificate", put("delta", to=1.5), "`delta` must be in"),
     (

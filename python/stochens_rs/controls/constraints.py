@@ -15,7 +15,7 @@ from .._base.signal_names import Labels, default_labels
 from .._base.types import Floats
 from .._base.weights import weight
 from ..exceptions import InputError, InputTypeError, ShapeError
-from .cost import as_cost
+from .cost import Cost, as_cost
 from .entries import pair_of
 from .limits import Limits, as_limits
 
@@ -112,6 +112,20 @@ def checked_task(
                 f"{validation.show(getattr(within, name))}"
             )
         return None
+    return read_task(n, m, K, xf, within, weights, named)
+
+
+def read_task(
+    n: int,
+    m: int,
+    K: int,
+    xf: Floats | None,
+    within: Limits,
+    weights: Cost,
+    labels: Labels | None = None,
+) -> Task:
+    """The same, also where nothing is asked for."""
+    named = labels or default_labels(n, m)
     low, high = sides("limits", within.u, K, named)
     speed, before = _rates(within.rate, within.previous, low, high, named)
     Q, Qf, R = weights.Q, weights.Qf, weights.R

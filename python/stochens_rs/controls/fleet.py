@@ -4,21 +4,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from .._base import validation
-from .._base.signal_names import default_labels
-from .._base.weights import weight
+from .. import _core
+from .._base import memory, validation
+from .._base.threads import get_num_threads
 from ..exceptions import InputError
-from .constraints import sides
-from .cost import Cost, as_cost
-from .fleet_design import Box, Worst, least_mean, worst_of_few
 from .fleet_plan import RISKS, FleetPlan, Risk
 from .fleet_units import Systems, read_units
-from .limits import as_limits
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from .cost import Cost
     from .limits import LimitsLike
+
+MATRICES = 72  # of (K m + 1)^2 numbers, at most: moments in parts, factors, a program
 
 
 def control_fleet(
@@ -49,13 +48,14 @@ def control_fleet(
     steps : int
         Number of steps K.
     limits : Limits, or tuple (low, high), optional
-        Of the inputs, each a number, (m,), (K, m) or None.
+        Of the inputs, of their changes, and of the states of every unit. Limits of states are hard
+        and need ``soft=False``: with status "infeasible" no command keeps them for all units.
     cost : Cost, optional
-        The weights Qf and R. The miss of a unit is ``||x_s(K) - xf||_Qf``; the default of Qf is 1.
-        ``||u||_R^2 = sum_k u(k)'R u(k)``; the default of R is 0 for the mean. For the largest miss
-        it is ``1e-8 max_s tr(G_s'Qf G_s) / (K m)`` times I, with G_s the map from the inputs to
-        ``x_s(K)``: of commands that miss about as much, the smallest. With ``R=0`` the miss alone
-        counts, however large the inputs.
+        The miss of a unit is ``(sum_k ||x_s(k) - r(k)||_Q^2)^(1/2)`` with Qf at K; without weights
+        ``||x_s(K) - xf||``. ``||u||_R^2 = sum_k u(k)'R u(k)``; the default of R is 0 for the mean.
+        For the largest miss it is ``1e-8 max_s tr(G_s'Q G_s) / (K m)`` times I, with G_s the map
+        from the inputs to the weighed states: of commands that miss about as much, the smallest.
+        With ``R=0`` the miss alone counts, however large the inputs.
     risk : {"mean", "worst"}, default "mean"
         Minimise ``mean_s miss_s^2 + ||u||_R^2``, or the largest ``miss_s^2 + ||u||_R^2``.
     discard : int, default 0
@@ -82,12 +82,13 @@ def control_fleet(
 
     Notes
     -----
-    The mean needs ``H = mean_s G_s'Qf G_s + R``: the spread of the units is in it, so that it needs
+    The mean needs ``H = mean_s G_s'Q G_s + R``: the spread of the units is in it, so that it needs
     no R to be regular.
 
     The largest miss is found by active units: a second-order cone problem for a few of them, then
-    the misses of all, then those that miss most are taken in. The lower bound is a value of the
-    dual, recomputed. In the end the command is solved once more for `FleetPlan.support` alone.
+    the misses and states of all, then those that miss most and the limits that are exceeded most
+    are taken in. The lower bound is a value of the dual, recomputed. In the end the command is
+    solved once more for `FleetPlan.support` alone.
 
     Examples
     --------
@@ -98,36 +99,37 @@ def control_fleet(
     >>> se.control_fleet(units, [0.0], [1.0], 1, risk="worst").u.round(6)
     array([[0.666667]])
     """
-    weights = as_cost(cost).only("Qf", "R")
-    units = read_units(systems, x0, xf, steps, weights.Qf)
-    m = units.systems.m
-    labels = units.systems.labels or default_labels(units.systems.n, m)
-    low, high = sides("limits", as_limits(limits).only("u").u, units.steps, labels)
-    R = None if weights.R is None else weight("R", weights.R, m)
-    box = Box(low.ravel(), high.ravel(), R)
+    units = read_units(systems, x0, xf, steps, limits, cost)
+    task = units.task
     validation.choice("risk", risk, RISKS)
-    count = validation.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
+    out = validation.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
     limit = None if time_limit is None else validation.positive("time_limit", time_limit)
+    memory.need("a command for a fleet", 8 * MATRICES * (task.low.size + 1) ** 2)
+    threads = get_num_threads()
+    support: list[int] = []
+    removed: list[int] = []
+    R, widest = task.R, None
     if risk == "mean":
-        if count:
+        if out:
             raise InputError("`discard` needs risk='worst', got risk='mean'")
-        found = Worst(least_mean(units, box, limit), box, (), None)
+        found = _core.fleet_mean(units.arrays, task, limit, threads)
     else:
-        found = worst_of_few(units, box, R is None, count, limit)
-    design, u = found.design, found.design.u.reshape(low.shape)
+        found, support, removed, R, widest = _core.fleet_worst(
+            units.arrays, task, R is None, out, limit, threads
+        )
+    u, value, lower_bound, missing, status = found
     return FleetPlan(
         u,
         risk,
-        units.misses(u),
-        design.value,
-        design.lower_bound,
-        design.status,
-        design.support,
-        found.removed,
+        *units.misses(u),
+        value,
+        lower_bound,
+        status,
+        tuple(support),
+        tuple(removed),
         units,
-        low,
-        high,
-        found.box.R,
-        found.widest,
-        count,
+        R,
+        widest,
+        out,
+        missing,
     )

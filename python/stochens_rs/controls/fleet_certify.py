@@ -25,7 +25,10 @@ def threshold_of(misses: Floats, removed: Sequence[int]) -> float:
 
 
 class Made(NamedTuple):
-    """What a bound of the risk takes of a plan; `variables` of the convex problem."""
+    """What a bound of the risk takes of a plan; `variables` of the convex problem.
+
+    `misses` are infinite where limits of states were left.
+    """
 
     misses: Floats
     removed: Sequence[int]
@@ -39,6 +42,11 @@ def design_risk(method: Method, beta: float, plan: Made, radii: Radii) -> RiskBo
     """Bound the risk of a fresh unit, from the units of the design."""
     N, (radius, failing) = len(plan.misses), radii
     threshold = threshold_of(plan.misses, plan.removed)
+    if threshold == np.inf:
+        raise InputError(
+            "units of the design leave the limits of states, so that no bound follows from them: "
+            "use validate(new_units)"
+        )
     if method == "compression":
         if radius is not None:
             threshold = threshold_of(plan.misses + radius, plan.removed)

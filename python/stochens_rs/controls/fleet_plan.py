@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.fleet import draw_misses
 from ..theory import scenario
-from .fleet_certify import Made, checked_radii, design_risk, threshold_of
+from .fleet_certify import Made, Radii, checked_radii, design_risk
 from .fleet_risk import METHODS, RiskBound
 from .fleet_units import Systems, Units, read_starts, read_systems
 
@@ -40,7 +40,10 @@ class FleetPlan(SavedRecord, Tabled):
     risk : {"mean", "worst"}
         What was minimised.
     misses : ndarray, shape (N,)
-        ``||x_s(K) - xf||_Q`` of every unit, also of those that were left out.
+        ``(sum_k ||x_s(k) - r(k)||_Q^2)^(1/2)`` of every unit, also of those that were left out.
+    excess : ndarray, shape (N,)
+        By how much a state of the unit is beyond its limit, at most; 0 up to 1e-8 of the largest
+        number among the limits and the target.
     value : float
         "mean": ``(mean_s miss_s^2 + ||u||_R^2)^(1/2)``. "worst": the largest
         ``(miss_s^2 + ||u||_R^2)^(1/2)`` of the units that were not left out.
@@ -50,7 +53,8 @@ class FleetPlan(SavedRecord, Tabled):
         ``value - lower_bound``, relative to the value at 0 (clipped into the limits).
     status : str
         "optimal", or why it is not. "worst": `gap` is at most 1e-6, or ``value^2 - lower_bound^2``
-        at most 1e-9 of the sum of the squares of the values at u and at 0.
+        at most 1e-9 of the sum of the squares of the values at u and at 0. "infeasible": limits of
+        states cannot be kept; the command is the best one within limits wider by `missing`.
     active : ndarray of int8, shape (K, m)
         -1 at the lower limit, 1 at the upper one.
     support : tuple of int
@@ -59,31 +63,32 @@ class FleetPlan(SavedRecord, Tabled):
     removed : tuple of int
         The units that were left out, in their order.
     units : Units
-        The units, their starts, target, Q and steps.
-    low, high : ndarray, shape (K, m)
-        The limits.
+        The units, their starts, and the task: what is wanted of all, and the limits.
     R : ndarray, shape (m, m), or None
         The weight of the inputs in one step; of "worst" also where none was given.
     widest : int or None
         The unit that R was taken from, where none was given; it is one of `support`.
     discard : int
-        How many units were allowed to miss more.
+        How many units were allowed to miss more, and to leave the limits of states.
+    missing : float
+        By how much the limits of states cannot be kept, at least by one unit; `lower_bound` is then
+        for limits that are wider by this.
     """
 
     u: Floats
     risk: Risk
     misses: Floats
+    excess: Floats
     value: float
     lower_bound: float
     status: Status
     support: tuple[int, ...]
     removed: tuple[int, ...]
     units: Units
-    low: Floats
-    high: Floats
     R: Floats | None = None
     widest: int | None = None
     discard: int = 0
+    missing: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -91,10 +96,11 @@ class FleetPlan(SavedRecord, Tabled):
         validation.choice("risk", self.risk, RISKS)
         validation.choice("status", self.status, STATUSES)
         units = validation.instance("units", self.units, Units)
-        validation.kept("misses", self.misses, shape=(units.size,))
-        if shape != (units.steps, units.systems.m):
-            raise ShapeError(f"`u` must have shape {(units.steps, units.systems.m)}, got {shape}")
-        require_shapes(self, low=shape, high=shape, R=(shape[1],) * 2)
+        for name in ("misses", "excess"):
+            validation.kept(name, getattr(self, name), shape=(units.size,))
+        if shape != units.task.low.shape:
+            raise ShapeError(f"`u` must have shape {units.task.low.shape}, got {shape}")
+        require_shapes(self, R=(shape[1],) * 2)
         for name in ("support", "removed"):
             for unit in getattr(self, name):
                 validation.size(name, unit, minimum=0, maximum=units.size - 1)
@@ -113,13 +119,23 @@ class FleetPlan(SavedRecord, Tabled):
         return self.units.systems.labels
 
     @property
+    def low(self) -> Floats:
+        """Lower limits of the inputs, (K, m)."""
+        return self.units.task.low
+
+    @property
+    def high(self) -> Floats:
+        """Upper limits of the inputs, (K, m)."""
+        return self.units.task.high
+
+    @property
     def gap(self) -> float:
         """How far the value can be from the least one, relative to the value at 0.
 
         0 is clipped into the limits. A value that can be 0 has no other scale.
         """
         zero = np.clip(0.0, self.low, self.high)
-        misses = np.delete(self.units.misses(zero), self.removed)
+        misses = np.delete(self.units.misses(zero)[0], self.removed)
         beside = 0.0 if self.R is None else float(np.sum(zero @ self.R * zero))
         square = np.mean(misses**2) if self.risk == "mean" else misses.max() ** 2
         scale = float(np.sqrt(square + beside))
@@ -135,7 +151,12 @@ class FleetPlan(SavedRecord, Tabled):
     @property
     def threshold(self) -> float:
         """The largest miss of the units that were not left out."""
-        return threshold_of(self.misses, self.removed)
+        return float(np.delete(self.misses, self.removed).max())
+
+    @property
+    def scores(self) -> Floats:
+        """The misses (N,), infinite for a unit that leaves its limits of states."""
+        return np.where(self.excess > 0.0, np.inf, self.misses)
 
     def certify(
         self,
@@ -145,7 +166,7 @@ class FleetPlan(SavedRecord, Tabled):
         radius: ArrayLike | None = None,
         delta: float | None = None,
     ) -> RiskBound:
-        """Bound how often a fresh unit misses more than the units of the design.
+        """Bound how often a fresh unit misses more than the units of the design, or leaves limits.
 
         Parameters
         ----------
@@ -181,6 +202,9 @@ class FleetPlan(SavedRecord, Tabled):
         more than the threshold; every choice of k units is counted, see
         `theory.scenario.compression`. So the optimum, its uniqueness and the status do not matter.
 
+        A unit that leaves its limits of states counts as one that misses infinitely: the number is
+        about both. The units whose limits the command rests on are in the support.
+
         Where R was not given it is that of one unit, `widest`, which is in the support. For the
         other methods it counts as one more variable: given that unit, the others are independent
         draws with smaller maps, and a fresh unit with a larger map is one of at most N + 1 that has
@@ -199,11 +223,12 @@ class FleetPlan(SavedRecord, Tabled):
         if self.risk == "mean":
             raise InputError("`certify` needs risk='worst'; for a mean use validate(new_units)")
         validation.choice("method", method, METHODS[:3])
-        radii = checked_radii(radius, delta, self.units.size)
+        radii = self._radii(radius, delta, self.units.size)
         # the inputs that are not fixed, the value, and R
         free = int(np.count_nonzero(self.low < self.high)) + 1 + (self.widest is not None)
-        made = Made(self.misses, self.removed, self.discard, len(self.support), free, self.status)
-        return design_risk(method, beta, made, radii)
+        made = Made(self.scores, self.removed, self.discard, len(self.support), free, self.status)
+        found = design_risk(method, beta, made, radii)
+        return replace(found, keeps=self.units.task.state_low is not None)
 
     def validate(
         self,
@@ -269,16 +294,24 @@ class FleetPlan(SavedRecord, Tabled):
                 "`x0` must be given: the units of the design began at different states"
             )
         starts = self.units.x0 if x0 is None else read_starts(x0, fresh.size, fresh.n)
-        units = Units(fresh, starts, self.units.xf, self.units.Q, self.units.steps)
+        units = Units(fresh, starts, self.units.task)
         if units.same(self.units):
             raise InputError("`new_units` must be fresh, they are those of the design")
-        misses = units.misses(self.u)
-        radii, failing = checked_radii(radius, delta, fresh.size)
+        misses, excess = units.misses(self.u)
+        radii, failing = self._radii(radius, delta, fresh.size)
         if radii is not None:
             misses = misses + radii
-        above = int(np.count_nonzero(misses > limit))
+        above = int(np.count_nonzero((misses > limit) | (excess > 0.0)))
         found = scenario.hold_out(fresh.size, above, beta)
-        return RiskBound(found, beta, "hold-out", fresh.size, above, limit, failing, misses)
+        kept = self.units.task.state_low is not None
+        return RiskBound(found, beta, "hold-out", fresh.size, above, limit, failing, misses, kept)
+
+    def _radii(self, radius: Any, delta: Any, size: int) -> Radii:
+        if radius is not None and self.units.task.state_low is not None:
+            raise InputError(
+                "`radius` must be left out with limits of states: it is about misses alone"
+            )
+        return checked_radii(radius, delta, size)
 
     def plot(self, ax: Axes | None = None, *, validated: RiskBound | None = None) -> Axes:
         """Draw the misses of all units, from the least to the largest.
@@ -327,6 +360,7 @@ class FleetPlan(SavedRecord, Tabled):
             "low": ((clock, "input"), self.low, "input"),
             "high": ((clock, "input"), self.high, "input"),
             "misses": (("unit",), self.misses, None),
+            "excess": (("unit",), self.excess, None),
         }
         names = ("risk", "status", "value", "lower_bound", "threshold")
         attrs = {name: getattr(self, name) for name in names}
@@ -352,6 +386,7 @@ class FleetPlan(SavedRecord, Tabled):
             ("units that alone give the command", len(self.support) or None),
             ("units left out", len(self.removed) or None),
             ("largest miss", self.threshold),
+            ("largest excess of a state", float(self.excess.max()) or None),
             *(() if self.labels is None else self.labels.rows()),
         ]
         return html.card(self, rows)

@@ -39,12 +39,13 @@ class RiskBound(SavedRecord):
         What `method` counts: the units that alone give the command (compression), the variables
         (a priori, discarding), the units above the threshold (hold-out).
     threshold : float
-        The miss ``||x_s(K) - xf||_Q`` that is spoken of; with regions, of the plants behind the
-        models.
+        The miss that is spoken of; with regions, of the plants behind the models.
     delta : float
         With regions of models, the probability that the region of a fresh unit fails; else 0.
     misses : ndarray, shape (size,), or None
         The misses of the fresh units of a hold-out.
+    keeps : bool
+        Whether a unit that leaves its limits of states counts as one that misses more.
     """
 
     epsilon: float
@@ -55,6 +56,7 @@ class RiskBound(SavedRecord):
     threshold: float
     delta: float = 0.0
     misses: Floats | None = None
+    keeps: bool = False
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -77,9 +79,10 @@ class RiskBound(SavedRecord):
         how = f"{100 * self.epsilon:.4g} %"
         if self.delta:
             how += f" + {100 * self.delta:.4g} %"
+        leaves = " or leaves its limits" if self.keeps else ""
         return (
-            f"<RiskBound {self.method}: a fresh unit misses more than {self.threshold:.4g} with at "
-            f"most {how}, {self.count} of {self.size}>"
+            f"<RiskBound {self.method}: a fresh unit misses more than {self.threshold:.4g}{leaves} "
+            f"with at most {how}, {self.count} of {self.size}>"
         )
 
     def _repr_html_(self) -> str:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import validation
-from .._base.records import Record
+from .._base.records import Record, require_shapes
 from .._base.signal_names import order_of
 from .._base.threads import get_num_threads
 from .._base.types import Floats
@@ -17,6 +17,9 @@ from .._base.weights import weight
 from ..ensembles import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..identification.identified import Identified
+from .constraints import Task, read_task
+from .cost import as_cost
+from .limits import as_limits
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,27 +41,20 @@ class Units(Record):
         The units.
     x0 : ndarray, shape (N, n) or (1, n)
         Where they begin; one row: all at the same place.
-    xf : ndarray, shape (n,)
-        The target of all.
-    Q : ndarray, shape (n, n)
-        The miss is ``||x_s(K) - xf||_Q``.
-    steps : int
-        The number of steps K.
+    task : Task
+        What is wanted of all, and the limits.
     """
 
     systems: SystemEnsemble
     x0: Floats
-    xf: Floats
-    Q: Floats
-    steps: int
+    task: Task
 
     def __post_init__(self) -> None:
         N, n = validation.instance("systems", self.systems, SystemEnsemble).size, self.systems.n
         if validation.kept("x0", self.x0, ndim=(2,)).shape not in ((1, n), (N, n)):
             raise ShapeError(f"`x0` must have shape ({n},) or ({N}, {n}), got {self.x0.shape}")
-        validation.kept("xf", self.xf, shape=(n,))
-        validation.kept("Q", self.Q, shape=(n, n))
-        validation.size("steps", self.steps)
+        task = validation.instance("task", self.task, Task)
+        require_shapes(task, low=(task.steps, self.systems.m), reference=(task.steps, n))
 
     @property
     def size(self) -> int:
@@ -66,23 +62,10 @@ class Units(Record):
         return self.systems.size
 
     @property
-    def inputs(self) -> int:
-        """The number of inputs of a command, K m."""
-        return self.steps * self.systems.m
-
-    @property
-    def arrays(self) -> tuple[Floats, Floats, Floats | None, Floats, Floats, Floats, int]:
+    def arrays(self) -> tuple[Floats, Floats, Floats | None, Floats]:
         """What the core takes."""
         s = self.systems
-        return s.A, s.B, s.c, self.x0, self.xf, _core.weight_root(self.Q), self.steps
-
-    def part(self, chosen: list[int]) -> Units:
-        """Some of the units."""
-        s = self.systems
-        c = None if s.c is None else s.c[chosen]
-        few = replace(s, A=s.A[chosen], B=s.B[chosen], c=c)
-        x0 = self.x0 if len(self.x0) == 1 else self.x0[chosen]
-        return Units(few, x0, self.xf, self.Q, self.steps)
+        return s.A, s.B, s.c, self.x0
 
     def rows(self) -> Floats:
         """All numbers of each unit, with where it begins, in one row."""
@@ -98,22 +81,28 @@ class Units(Record):
             return False
         return sorted(self.rows().tolist()) == sorted(other.rows().tolist())
 
-    def misses(self, u: Floats) -> Floats:
-        """``||x_s(K) - xf||_Q`` of every unit, shape (N,)."""
-        return _core.fleet_misses(self.arrays, u.ravel(), 0.0, get_num_threads())
+    def misses(self, u: Floats) -> tuple[Floats, Floats]:
+        """The miss of every unit (N,), and by how much it leaves limits of states, else 0."""
+        return _core.fleet_misses(self.arrays, self.task, u, get_num_threads())
 
 
-def read_units(systems: Systems, x0: ArrayLike, xf: ArrayLike, steps: int, Q: Any) -> Units:
+def read_units(
+    systems: Systems, x0: ArrayLike, xf: Any, steps: int, limits: Any, cost: Any
+) -> Units:
     """Check the arguments of `control_fleet` that are about its units."""
-    fleet = read_systems(systems)
-    N, n = fleet.size, fleet.n
-    K = validation.size("steps", steps, maximum=2**31 // fleet.m)
-    goal = validation.vector("xf", xf, length=n)
-    # without Q the states count as they are
-    weighed = np.eye(n) if Q is None else weight("Qf", Q, n)
-    if not weighed.any():
-        raise InputError("`Qf` must not be 0: every command would be the best")
-    return Units(fleet, read_starts(x0, N, n), goal, weighed, K)
+    fleet, within, weights = read_systems(systems), as_limits(limits), as_cost(cost)
+    n, m = fleet.n, fleet.m
+    if within.x is not None and within.soft is not False:
+        raise InputError(
+            "`soft` must be False: the limits of states of a fleet are hard, got "
+            f"{validation.show(within.soft)}"
+        )
+    if weights.R is not None:
+        weight("R", weights.R, m)
+    goal = None if weights.reference is not None else validation.vector("xf", xf, length=n)
+    K = validation.size("steps", steps, maximum=2**31 // m)
+    task = read_task(n, m, K, goal, within, weights, fleet.labels)
+    return Units(fleet, read_starts(x0, fleet.size, n), task)
 
 
 def read_systems(systems: Systems) -> SystemEnsemble:

@@ -25,7 +25,7 @@ class Limits(Asked):
         The weight of the squares of what is beyond `x`; default: 1000 times the largest entry of
         Q and Qf. False: hard limits, with status "infeasible" if they cannot be kept; with a model
         from data the true system keeps them with probability 95 %, that of its looks for a
-        `ModelStream`, without noise to come.
+        `ModelStream`, without noise to come. For a fleet they are hard, and False must be given.
 
     Raises
     ------

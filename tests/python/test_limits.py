@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
+import pytest
 
 import stochens_rs as se
 from limit_plans import WAYS, check, draw_case, exactly, within
@@ -276,3 +279,18 @@ def test_one_number_is_the_previous_input_of_all():
         np.testing.assert_allclose(plan.u[0], 0.6, atol=1e-9)
         loop = se.regulate(INPUTS, 1, xf=[3.0, 3.0], **within(**more, previous=given))
         np.testing.assert_allclose(loop([1.0, 0.0]), 0.6, atol=1e-9)
+
+
+EVERY = {
+    "u": (se.Limits(u=(-1.0, 1.0)), se.Limits(u=(-0.2, 0.2))),
+    "rate": (se.Limits(rate=1.0, previous=0.0), se.Limits(rate=0.1, previous=0.0)),
+    "previous": (se.Limits(rate=0.1, previous=0.0), se.Limits(rate=0.1, previous=0.5)),
+    "x": (se.Limits(u=(-1.0, 1.0)), se.Limits(u=(-1.0, 1.0), x=(0.6, 2.0))),
+    "soft": (se.Limits(x=(0.6, 2.0), soft=1e-3), se.Limits(x=(0.6, 2.0), soft=1e3)),
+}
+
+
+@pytest.mark.parametrize("name", [one.name for one in fields(se.Limits)])
+def test_every_field_of_limits_changes_a_plan(name):
+    plans = [se.control(ONE, [1.0], [0.0], steps=3, limits=one) for one in EVERY[name]]
+    assert np.abs(plans[0].u - plans[1].u).max() > 0.01

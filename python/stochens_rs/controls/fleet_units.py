@@ -9,8 +9,9 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
+from .._base.align_labels import aligned
 from .._base.records import Record
-from .._base.signal_names import order_of
+from .._base.signal_names import default_labels, order_of
 from .._base.threads import get_num_threads
 from .._base.types import Floats
 from .._base.weights import weight
@@ -108,12 +109,13 @@ def read_units(systems: Systems, x0: ArrayLike, xf: ArrayLike, steps: int, Q: An
     fleet = read_systems(systems)
     N, n = fleet.size, fleet.n
     K = validation.size("steps", steps, maximum=2**31 // fleet.m)
-    goal = validation.vector("xf", xf, length=n)
+    names = (fleet.labels or default_labels(n, fleet.m)).states
+    goal = validation.vector("xf", xf, length=n, labels=names)
     # without Q the states count as they are
     weighed = np.eye(n) if Q is None else weight("Qf", Q, n)
     if not weighed.any():
         raise InputError("`Qf` must not be 0: every command would be the best")
-    return Units(fleet, read_starts(x0, N, n), goal, weighed, K)
+    return Units(fleet, read_starts(x0, N, n, names), goal, weighed, K)
 
 
 def read_systems(systems: Systems) -> SystemEnsemble:
@@ -157,9 +159,9 @@ def _of_models(models: list[Any]) -> SystemEnsemble:
     )
 
 
-def read_starts(x0: ArrayLike, N: int, n: int) -> Floats:
-    """Where the units begin, as (1, n) or (N, n)."""
-    given = validation.read("x0", x0)
+def read_starts(x0: ArrayLike, N: int, n: int, names: Sequence[str] = ()) -> Floats:
+    """Where the units begin, as (1, n) or (N, n); a series or table by the names of the states."""
+    given = validation.read("x0", aligned("x0", x0, names) if names else x0)
     if given.ndim == 2:
-        return validation.frozen(validation.matrix("x0", x0, rows=N, cols=n))
-    return validation.frozen(validation.vector("x0", x0, length=n)[None, :])
+        return validation.frozen(validation.matrix("x0", given, rows=N, cols=n))
+    return validation.frozen(validation.vector("x0", given, length=n)[None, :])

@@ -94,8 +94,13 @@ def fleet(
         raise InputError("`spread` must be given for one nominal system, and only there")
     law = SystemEnsemble.from_systems([units]) if nominal else read_systems(units)
     within, weights = as_limits(limits).only("u"), as_cost(cost).only("Qf", "R")
-    read_units(law, validation.vector("x0", x0), xf, steps, weights.Qf)
     K, labels = validation.size("steps", steps), law.labels or default_labels(law.n, law.m)
+    ends = {"x0": x0, "xf": xf}
+    start, goal = (
+        validation.vector(name, end, length=law.n, labels=labels.states)
+        for name, end in ends.items()
+    )
+    read_units(law, start, goal, K, weights.Qf)
     sides("limits", within.u, K, labels)
     if weights.R is not None:
         weight("R", weights.R, law.m)
@@ -105,8 +110,8 @@ def fleet(
         ("epsilon", "share", "held", "size", "steps", "beta"),
         {},
         law=law,
-        x0=validation.vector("x0", x0, length=law.n),
-        xf=validation.vector("xf", xf, length=law.n),
+        x0=start,
+        xf=goal,
         steps=K,
         spread=None if spread is None else validation.nonnegative("spread", spread),
         size=validation.size("size", size),

@@ -210,7 +210,7 @@ class Certificate(SavedRecord):
     def __repr__(self) -> str:
         name, first = next(iter(self.quantities.items()))
         made = f", mostly {self.largest}" if self.parts and np.isfinite(first.radius).all() else ""
-        careful = html.warned(self.warnings)
+        careful = html.careful(self.warnings)
         return f"<Certificate: {name} {first.text}{made}, {self.share}{careful}>"
 
     def _repr_html_(self) -> str:

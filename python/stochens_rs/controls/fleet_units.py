@@ -9,8 +9,9 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
+from .._base.align_labels import aligned
 from .._base.records import Record, require_shapes
-from .._base.signal_names import order_of
+from .._base.signal_names import default_labels, order_of
 from .._base.threads import get_num_threads
 from .._base.types import Floats
 from .._base.weights import weight
@@ -99,10 +100,13 @@ def read_units(
         )
     if weights.R is not None:
         weight("R", weights.R, m)
-    goal = None if weights.reference is not None else validation.vector("xf", xf, length=n)
+    names = (fleet.labels or default_labels(n, m)).states
+    goal = None
+    if weights.reference is None:
+        goal = validation.vector("xf", xf, length=n, labels=names)
     K = validation.size("steps", steps, maximum=2**31 // m)
     task = read_task(n, m, K, goal, within, weights, fleet.labels)
-    return Units(fleet, read_starts(x0, fleet.size, n), task)
+    return Units(fleet, read_starts(x0, fleet.size, n, names), task)
 
 
 def read_systems(systems: Systems) -> SystemEnsemble:
@@ -146,9 +150,9 @@ def _of_models(models: list[Any]) -> SystemEnsemble:
     )
 
 
-def read_starts(x0: ArrayLike, N: int, n: int) -> Floats:
-    """Where the units begin, as (1, n) or (N, n)."""
-    given = validation.read("x0", x0)
+def read_starts(x0: ArrayLike, N: int, n: int, names: Sequence[str] = ()) -> Floats:
+    """Where the units begin, as (1, n) or (N, n); a series or table by the names of the states."""
+    given = validation.read("x0", aligned("x0", x0, names) if names else x0)
     if given.ndim == 2:
-        return validation.frozen(validation.matrix("x0", x0, rows=N, cols=n))
-    return validation.frozen(validation.vector("x0", x0, length=n)[None, :])
+        return validation.frozen(validation.matrix("x0", given, rows=N, cols=n))
+    return validation.frozen(validation.vector("x0", given, length=n)[None, :])

@@ -262,7 +262,7 @@ def _of_systems(
         raise InputError("`x0` must be given: this plan begins at an estimate of it")
     memory.need("the fresh systems", fresh.A.nbytes + fresh.B.nbytes)
     A, B = (np.ascontiguousarray(M.transpose(0, 2, 1)) for M in (fresh.A, fresh.B))
-    starts = read_starts(start, N, n)
+    starts = read_starts(start, N, n, plan.labels.states)
     matrices = A.reshape(N, n * n), B.reshape(N, m * n), fresh.c
     return _core.validation_systems(told, *matrices, starts, plan.u, get_num_threads())
 

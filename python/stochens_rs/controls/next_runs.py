@@ -172,7 +172,7 @@ def design(
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise InputError("`limits` must be finite: the best inputs are at them")
     first = model.data.pairs()[0][model.data._pieces.starts()].mean(axis=0)
-    given = read_starts(first if x0 is None else x0, count, model.n)
+    given = read_starts(first if x0 is None else x0, count, model.n, model.labels.states)
     begin = np.ascontiguousarray(np.broadcast_to(given, (count, model.n)))
     white, covariance = model._white(), model.covariance
     if covariance is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -306,30 +306,40 @@ class Plan(SavedRecord, Timed):
         noise = window if noise is None else validation.flag("noise", noise)
         flags = {"noise": noise, "open_loop": open_loop, "x0_fixed": x0_fixed}
         asked = Asked(*(validation.flag(name, value) for name, value in flags.items()))
-        predicted, model = self.predicted_states, isinstance(self.basis, ModelBasis)
+        model = isinstance(self.basis, ModelBasis)
         other = {"system": system, "x0": x0, "xf": xf} if model else {**flags, "gain": gain}
         for name, value in other.items():
             if value is not None and value is not False:
                 raise InputError(f"`{name}` must be left out {_NOT_FOR[model]}")
-        if isinstance(self.basis, ModelBasis) and (window or gain is not None):
+        if isinstance(self.basis, ModelBasis):
+            found = self._of_model(self.basis, delta, asked, gain)
+        else:
+            basis = completed(self.basis, system, x0, xf, "bound", self.labels)
+            if self.limited is None:
+                found = plan_bound(basis, self.u, self.predicted_states, self.fusion, delta)
+            else:
+                limited, predicted = self.limited, self.predicted_states
+                found = limited_bound(basis, limited, predicted, delta, self.fusion)
+        return replace(found, warnings=self.warnings)
+
+    def _of_model(
+        self, basis: ModelBasis, delta: float, asked: Asked, gain: Loop | LoopCertificate | None
+    ) -> Certificate:
+        predicted, window = self.predicted_states, basis.window is not None
+        if window or gain is not None:
             for name in ("open_loop", "x0_fixed"):
-                if flags[name]:
+                if getattr(asked, name):
                     other_than = "for a model of outputs" if window else "with `gain`"
                     raise InputError(f"`{name}` must be False {other_than}")
             K = None if gain is None else self._gain(gain)
             if gain is None or window:  # without a gain it is a window
-                return output_certificate(self.basis, self.u, delta, noise, K)
-            return followed(self.basis, self.u, predicted, gain, delta, noise)
-        if isinstance(self.basis, ModelBasis):
-            near = near_reference(self.basis, self.u, predicted, delta, asked)
-            if self.limited is not None:
-                found = limited_certificate(self.basis, self.limited, predicted, delta, asked)
-                return found if near is None else near.over(found)
-            return near or certificate(self.basis, self.u, predicted, delta, asked)
-        basis = completed(self.basis, system, x0, xf, "bound", self.labels)
+                return output_certificate(basis, self.u, delta, asked.noise, K)
+            return followed(basis, self.u, predicted, gain, delta, asked.noise)
+        near = near_reference(basis, self.u, predicted, delta, asked)
         if self.limited is not None:
-            return limited_bound(basis, self.limited, predicted, delta, self.fusion)
-        return plan_bound(basis, self.u, predicted, self.fusion, delta)
+            found = limited_certificate(basis, self.limited, predicted, delta, asked)
+            return found if near is None else near.over(found)
+        return near or certificate(basis, self.u, predicted, delta, asked)
 
     def typical(
         self,

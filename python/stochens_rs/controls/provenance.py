@@ -194,11 +194,12 @@ def completed(
             "the models of model.bootstrap()"
         )
     n = len(basis.B)
-    declared: dict[str, Floats] = {}
-    if x0 is not None:
-        declared["x0"] = validation.vector("x0", x0, length=n)
-    if xf is not None:
-        declared["xf"] = validation.vector("xf", xf, length=n)
+    names = None if labels is None else labels.states
+    declared: dict[str, Floats] = {
+        name: validation.vector(name, value, length=n, labels=names)
+        for name, value in (("x0", x0), ("xf", xf))
+        if value is not None
+    }
     if system is not None:
         checked = System.from_any(system)
         if checked.B.shape == basis.B.shape:

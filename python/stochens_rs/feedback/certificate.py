@@ -434,7 +434,9 @@ class LoopCertificate(SavedRecord):
         if not np.isfinite(limits).any():
             raise InputError("`inputs` or `states` must have a finite limit")
         n = self.region.n
-        first = None if x0 is None else validation.vector("x0", x0, length=n)
+        first = (
+            None if x0 is None else validation.vector("x0", x0, length=n, labels=self.labels.states)
+        )
         if self.status != "certified":
             return 0.0
         level, scale = self._core.holds(limits, first)

@@ -96,7 +96,7 @@ def certify_command(
         "tube": None if tube is None else _tube_facts(tube, x0, within, settles, level),
     }
     lines = [
-        *grid([["K", *names[0]], *_rows(names[1], loop.K)]),
+        *grid([["K transposed", *names[1]], *_rows(names[0], loop.K.T)]),
         "",
         _verdict(proof),
     ]

@@ -122,7 +122,7 @@ impl Chosen {
         let program =
             Program { columns, squares: &squares, linear, pairs: within.pairs(free, unit)?, rows, right, cones };
         let point = program.solve(tolerance, until)?;
-        if !(point.merit <= UNMET) && !held.is_empty() {
+        if (point.merit > UNMET || point.merit.is_nan()) && !held.is_empty() {
             return Ok(None);
         }
         let mut control = try_copy(WHAT, &within.low)?;

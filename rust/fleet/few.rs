@@ -39,6 +39,9 @@ pub struct Few {
     pub missing: f64,
 }
 
+/// R `(m, m)`, or empty, and the unit that it was taken from.
+type Weight = (Vec<f64>, Option<usize>);
+
 /// A part of the units.
 struct Part {
     a: Vec<f64>,
@@ -150,7 +153,7 @@ fn carrying(found: &Worst) -> Result<Vec<usize>> {
 impl Fleet<'_> {
     /// `R = 1e-8 max_s tr(G_s'Q G_s) / (K m) I`, and the unit whose map is that large; the given one without `tiny`, none if no
     /// input moves a unit. By the largest, not by the mean: then R is that of one unit.
-    fn weight(&self, units: &Units<'_>, skip: &[bool]) -> Result<(Vec<f64>, Option<usize>)> {
+    fn weight(&self, units: &Units<'_>, skip: &[bool]) -> Result<Weight> {
         if !self.tiny {
             return Ok((try_copy(WHAT, self.limits.r)?, None));
         }
@@ -177,7 +180,7 @@ impl Fleet<'_> {
         skip: &mut [bool],
         (r, widest): (&[f64], Option<usize>),
         until: Until<'_>,
-    ) -> Result<(usize, (Vec<f64>, Option<usize>), Worst)> {
+    ) -> Result<(usize, Weight, Worst)> {
         let (mut out, mut start, mut least) = (now.working[0], Vec::new(), f64::INFINITY);
         for i in carrying(now)? {
             // the value among those solved for, without one of them: below that of all the others

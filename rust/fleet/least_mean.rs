@@ -225,7 +225,7 @@ impl<'a> Mean<'a> {
                 Err(Error::Interrupted) => continue,
                 point => point?,
             };
-            if !(point.merit <= UNMET) {
+            if point.merit > UNMET || point.merit.is_nan() {
                 best.status = if held.is_empty() { Status::Inaccurate } else { Status::Infeasible };
                 return Ok((best, held));
             }

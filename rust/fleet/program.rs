@@ -215,7 +215,7 @@ impl Program<'_> {
             self.back(&y, 1.0, &mut product);
             axpy(-1.0, &product, &mut rest);
             let size = norm(&rest);
-            if !(size < least) {
+            if size >= least || size.is_nan() {
                 return Ok(kept);
             }
             kept.copy_from_slice(&x);
@@ -322,7 +322,7 @@ impl Program<'_> {
                 axpy(way, &ds, &mut s);
                 axpy(way, &dz, &mut z);
             }
-            if !(way > 1e-10) {
+            if way <= 1e-10 || way.is_nan() {
                 break;
             }
         }

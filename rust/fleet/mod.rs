@@ -2,7 +2,7 @@
 //!
 //! The miss of a unit is `||x_s(K) - xf||_Q`, with the weighed inputs beside it: `(||.||_Q^2 + ||u||_R^2)^{1/2}`. With
 //! `G_s` the map of the inputs and `b_s = xf - A_s^K x0 - ...` it is `||G_s u - b_s||_Q`. [`least_mean`] minimises
-//! the mean of the squared misses, [`gains`] is the size of every map, [`worst`] finds the least largest miss, with a lower bound from its dual that
+//! the mean of the squared misses, [`worst`] finds the least largest miss, with a lower bound from its dual that
 //! believes no solver. The other functions bound, from the number of units and the size of a support alone, how often a
 //! fresh unit of the same law misses more.
 

@@ -266,9 +266,10 @@ def first_control(images: Path) -> None:
     path = Path(__file__).parent / "data" / "runs.csv"
     states, inputs = ["position", "angle", "speed", "rate"], ["force"]
     data = se.Trajectories.from_csv(path, states=states, inputs=inputs, by="run", time="time")
-    model = se.identify(data, scale=SCALE)
-    plan = se.control(model, [0.1, 0.0, 0.0, 0.0], np.zeros(4), steps=10, limits=(-4.0, 4.0))
-    plan.plot().savefig(images / "first-control.png", dpi=110)
+    plan = se.control(
+        se.identify(data), [0.1, 0.0, 0.0, 0.0], np.zeros(4), steps=10, limits=(-4.0, 4.0)
+    )
+    plan.plot(states=["position", "angle"]).savefig(images / "first-control.png", dpi=110)
 
 
 def within_limits(images: Path) -> None:

@@ -1,4 +1,4 @@
-//! Control of a linear system that is known only through random realizations.
+//! Control of a linear system that you know only in part.
 //!
 //! The system is `x(k+1) = A x(k) + B u(k)`; `x0`, `xf` and `A` are known through realizations whose average approaches
 //! them. This crate

@@ -37,7 +37,7 @@ for (K, plan), (top, bottom) in zip(plans.items(), axes.T, strict=True):
         top.plot(times, 1000 * run.states[:, k], "o-", color=colors[k])
         bottom.stairs(plan.u[:, k], times, baseline=None, color=colors[k], lw=2)
     top.axhline(0.0, color="0.6", lw=0.8)
-    top.set_title("one step: out of reach" if K == 1 else "four steps")
+    top.set_title("One step: out of reach" if K == 1 else "Four steps")
     bottom.axhline(0.0, color="0.6", lw=0.8)
     bottom.set_xlabel("time [s]")
 for k, angle in enumerate(x0[:5]):

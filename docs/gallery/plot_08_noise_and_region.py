@@ -48,11 +48,11 @@ for name, region in one.items():
     region.plot(label=name, ax=left)
 left.plot(a, b, "P", color="k", ms=9)
 left.text(a + 0.015, b, "true", va="center")
-left.set(xlabel="a", ylabel="b", title="one set of 20 pairs")
+left.set(xlabel="a", ylabel="b", title="One set of 20 pairs")
 colors = [edge.get_edgecolor() for edge in left.patches]
 right.barh(list(many), many.values(), color=colors)
 for k, width in enumerate(many.values()):
     right.text(width, k, f" {width:.2f}", va="center")
 right.invert_yaxis()
-right.set(xlabel="a is within ±", title="mean of 100 such sets")
+right.set(xlabel="a is within ±", title="Mean of 100 such sets")
 plt.show()

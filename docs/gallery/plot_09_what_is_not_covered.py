@@ -69,7 +69,7 @@ for ax, (excursion, rows) in zip(axes, found.items(), strict=True):
             continue
         ax.loglog(angles, rows[:, column], "o-", color=color, ms=4)
         ax.text(1.7, rows[-1, column], label, color=color, va="center")
-    ax.set(xlabel="the task starts at [rad]", title=f"runs of about {excursion} rad")
+    ax.set(xlabel="the task starts at [rad]", title=f"Runs of about {excursion} rad")
     ax.set_xlim(angles[0], 15)
     ax.set_ylim(5e-5, 10)
 axes[0].set_ylabel("distance from upright (2-norm)")

@@ -69,6 +69,6 @@ for ax, mixed in zip(axes, (True, False), strict=True):
     ax.minorticks_off()
 axes[1].text(3, 0.95, "the noise of a step", color="0.35", va="top")
 axes[0].set(xlabel="measured steps N", ylabel="error of a prediction / noise (rms)")
-axes[0].set(xlim=(2.8, 5000), title="a mixture of the models is right")
-axes[1].set(xlabel="measured steps N", title="no mixture is right")
+axes[0].set(xlim=(2.8, 5000), title="A mixture of the models is right")
+axes[1].set(xlabel="measured steps N", title="No mixture is right")
 plt.show()

@@ -47,10 +47,10 @@ for plan, limit, color in ((plans[3], limits[3], "C0"), (plans[-1], limits[-1], 
     left.stairs(at, times, baseline=None, color=color, lw=5)
     middle.plot(times, 1000 * plan.states((A, B), x0)[:, 1], color=color, lw=2)
     left.text(0.6, limit * 0.6 + 0.2, f"limit {limit:.2g} N", color=color)
-left.set(xlabel="time [s]", ylabel="force [N]", title="thick: at the limit")
+left.set(xlabel="time [s]", ylabel="force [N]", title="The force; thick: at its limit")
 middle.axhline(0.0, color="0.6", lw=0.8)
 middle.set(
-    xlabel="time [s]", ylabel="angle of the rig [mrad]", title="what the rig does, uncorrected"
+    xlabel="time [s]", ylabel="angle of the rig [mrad]", title="What the rig does, uncorrected"
 )
 right.plot(limits, [plan.objective for plan in plans], color="C0")
 right.fill_between(

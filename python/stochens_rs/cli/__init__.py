@@ -45,7 +45,7 @@ __all__ = ["main"]
 )
 @click.pass_context
 def cli(context: click.Context) -> None:
-    """Control of a linear system that is known only through random realizations.
+    """Control of a linear system that you know only in part.
 
     Results go to standard output, with --json as one JSON object; progress, names of written files
     and errors to standard error, an error as one line with an exit code.

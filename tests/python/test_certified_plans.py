@@ -468,3 +468,5 @@ def test_a_plan_beyond_the_data_says_so():
     far = se.control(model, [100.0] * 4, [0.0] * 4, steps=4)
     assert not any("times the largest" in text for text in near.info["warnings"])
     assert any("times the largest in the data" in text for text in far.info["warnings"])
+    assert not any("times the largest" in text for text in near.bound(0.05).warnings)
+    assert any("times the largest in the data" in text for text in far.bound(0.05).warnings)

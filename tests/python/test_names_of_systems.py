@@ -215,3 +215,17 @@ def test_the_names_of_an_ensemble_stay_with_it(tmp_path) -> None:
     assert model(1.0).bootstrap(20, rng=1).mean().state_names == STATES
     with pytest.raises(se.exceptions.ShapeError, match="`labels`"):
         se.SystemEnsemble(A[None, :2, :2], B[None, :2], labels=FIRST.labels)
+
+
+def test_a_fleet_takes_its_start_and_target_by_name():
+    pandas = pytest.importorskip("pandas")
+    order = [2, 0, 1]
+    x0, xf = (
+        pandas.Series([v[i] for i in order], index=[STATES[i] for i in order]) for v in (X0, XF)
+    )
+    named = se.control_fleet([FIRST, system(1.1)], x0, xf, 3, limits=LIMITS)
+    assert np.array_equal(
+        named.u, se.control_fleet([FIRST, system(1.1)], X0, XF, 3, limits=LIMITS).u
+    )
+    with pytest.raises(InputError, match="x0"):
+        se.control_fleet([FIRST, system(1.1)], x0.rename({STATES[0]: "other"}), xf, 3)

@@ -255,7 +255,7 @@ def test_warnings_travel_to_plan_certificate_and_pages():
     plan = se.control(model, X0, XF, steps=10)
     bound = plan.bound(0.05)
     assert set(model.doubts) <= set(model.warnings) <= set(plan.warnings)
-    assert bound.warnings == model.warnings
+    assert bound.warnings == plan.warnings
     assert bound["target"].reason == model.doubts[0]
     assert "not bounded: the residuals of position" in repr(bound)
     assert repr(plan).endswith(f" (and {len(plan.warnings) - 1} more)>")

@@ -429,3 +429,11 @@ def test_what_is_not_of_the_package_is_refused(tmp_path: Path) -> None:
             with pytest.raises(InputTypeError, match=r"`info.0` "):
                 call()
     assert not (tmp_path / "wrong").exists()
+
+
+@pytest.mark.parametrize("ending", [".csv", ".JSON", ".png"])
+def test_a_state_file_has_no_ending_of_a_table_or_figure(ending, tmp_path):
+    plan = se.control(([[0.5]], [[1.0]]), [1.0], [0.0])
+    with pytest.raises(se.exceptions.InputError, match=rf"`path` must not end in {ending}"):
+        plan.save(tmp_path / f"plan{ending}")
+    assert list(tmp_path.iterdir()) == []

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .. import _core
-from ..exceptions import InputTypeError, StateRecoveredWarning
+from ..exceptions import InputError, InputTypeError, StateRecoveredWarning
 from . import memory
 from .files import PathLike, checked_path
 from .types import Floats
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     Section: TypeAlias = NDArray[np.uint8] | NDArray[np.uint64] | Floats
 
 
+# Endings of tables, text and figures, which a state file is not.
+_FOREIGN = (".csv", ".json", ".nc", ".parquet", ".pdf", ".png", ".tex", ".txt", ".xlsx")
 _ELEMENTS = (np.dtype(np.uint8), np.dtype(np.uint64), np.dtype(np.float64))
 
 
@@ -57,6 +59,11 @@ def save(
     fails.
     """
     checked = checked_path("path", path)
+    if checked.lower().endswith(_FOREIGN):
+        raise InputError(
+            f"`path` must not end in {Path(checked).suffix}: `save` writes a file for `load`; "
+            "`to_pandas`, `to_xarray` and `to_dict` give tables and plain data"
+        )
     arrays = [(name, _section(name, array)) for name, array in sections.items()]
     memory.need("a state to be saved", sum(array.nbytes for _, array in arrays))
     return _core.storage_save(checked, kind, arrays, held)

@@ -209,7 +209,8 @@ class Certificate(SavedRecord):
 
     def __repr__(self) -> str:
         name, first = next(iter(self.quantities.items()))
-        made = f", mostly {self.largest}" if self.parts and np.isfinite(first.radius).all() else ""
+        shown = self.kind != "certain" and np.isfinite(first.radius).all()
+        made = f", mostly {self.largest}" if self.parts and shown else ""
         careful = html.careful(self.warnings)
         return f"<Certificate: {name} {first.text}{made}, {self.share}{careful}>"
 

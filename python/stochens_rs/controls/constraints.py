@@ -124,7 +124,7 @@ def read_task(
     weights: Cost,
     labels: Labels | None = None,
 ) -> Task:
-    """The same, also where nothing is asked for."""
+    """Check limits and weights of K steps to `xf`; without any, ``||x(K) - xf||`` alone counts."""
     named = labels or default_labels(n, m)
     low, high = sides("limits", within.u, K, named)
     speed, before = _rates(within.rate, within.previous, low, high, named)

@@ -718,7 +718,7 @@ def test_estimates_cannot_be_changed():
 def test_what_is_shown():
     _, run = tuned(np.random.default_rng(18), 50)
     model = se.identify(se.Trajectories(*run, dt=0.1, state_names=["a<b", "c"]), sigma=1.0)
-    assert repr(model) == "<Model: n=2 m=1 dt=0.1, 50 pairs, adaptive design>"
+    assert repr(model) == "<Model: n=2 m=1 dt=0.1, 50 pairs>"
     shown = model._repr_html_()
     assert "a&lt;b" in shown
     assert "the first 6 tell the scale" in shown

@@ -598,8 +598,8 @@ def test_forty_kills(tmp_path: Path) -> None:
 
 def test_shown() -> None:
     stream, _, _ = filled(dt=0.5)
-    assert repr(stream) == "<ModelStream: n=4 m=2 dt=0.5, 40 pairs, adaptive design>"
-    assert repr(stream.model) == "<Snapshot: n=4 m=2 dt=0.5, 40 pairs, adaptive design>"
+    assert repr(stream) == "<ModelStream: n=4 m=2 dt=0.5, 40 pairs>"
+    assert repr(stream.model) == "<Snapshot: n=4 m=2 dt=0.5, 40 pairs>"
     look = stream.look(np.ones(4), np.zeros(4), tol=0.5)
     assert repr(look).startswith("<Look: within ")
     for one in (stream, stream.model, look):

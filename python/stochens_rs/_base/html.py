@@ -136,8 +136,11 @@ def _rounded(value: float, digits: int, rounding: str) -> str:
 def within(value: float, bound: float) -> str:
     """``1.060 ± 0.013``: the value rounded to the second digit of the bound, which covers that."""
     place = 1 - int(np.floor(np.log10(bound))) if 0.0 < bound < np.inf else -1
-    shown = f"{value:.{place}f}" if 0 <= place <= 10 else f"{value:.4g}"
-    return f"{shown} ± {at_most(bound + abs(value - float(shown)), 2)}"
+    if not 0 <= place <= 10:
+        shown = f"{value:.4g}"
+        return f"{shown} ± {at_most(bound + abs(value - float(shown)), 2)}"
+    shown = f"{round(value, place) + 0.0:.{place}f}"  # + 0.0: without the sign of -0
+    return f"{shown} ± {float(at_most(bound + abs(value - float(shown)), 2)):.{place}f}"
 
 
 def percent(*deltas: float) -> str:

@@ -90,6 +90,11 @@ class Assumptions(Record):
         return not (isinstance(self.state_noise, str) and self.state_noise == "none")
 
     @property
+    def design_text(self) -> str:
+        """The assumption on the inputs behind the sizes of a model; "" if there is none."""
+        return "" if self.design == "adaptive" else ", independent design"
+
+    @property
     def text(self) -> str:
         """The assumption on the noise in words."""
         if self.noise == "symmetric":

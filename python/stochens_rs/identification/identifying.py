@@ -200,7 +200,7 @@ def identify(
     ...     inputs.append(u)
     >>> model = se.identify(se.Trajectories(states, inputs), sigma=0.01)
     >>> model
-    <Model: n=2 m=1, 600 pairs, adaptive design>
+    <Model: n=2 m=1, 600 pairs>
     >>> region = model.region(0.05)
     >>> region.contains(A, B), region.bound([1.0, 0.0], [0.0]) < 0.01
     (True, True)

@@ -801,7 +801,7 @@ class Model(SavedRecord, Identified, Tabled):
         if self.window is not None:
             sizes = f"outputs={self.n_outputs} m={self.m}, {self.window.text}"
         return (
-            f"<Model: {sizes}{dt}{over}, {pairs}, {self.design} design{rank}"
+            f"<Model: {sizes}{dt}{over}, {pairs}{self.assumptions.design_text}{rank}"
             f"{html.warned(self.warnings)}>"
         )
 

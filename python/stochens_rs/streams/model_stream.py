@@ -350,9 +350,7 @@ class ModelStream(Durable):
         about = self._about
         dt = "" if about.dt is None else f" dt={about.dt:g}"
         pairs = html.number_of(self.size, "pair")
-        return (
-            f"<ModelStream: n={self.n} m={self.m}{dt}, {pairs}, {self.assumptions.design} design>"
-        )
+        return f"<ModelStream: n={self.n} m={self.m}{dt}, {pairs}{self.assumptions.design_text}>"
 
     def _repr_html_(self) -> str:
         model = self.model

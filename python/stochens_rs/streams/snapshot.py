@@ -248,9 +248,9 @@ class Snapshot(SavedRecord, Identified):
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         pairs = html.number_of(self.size, "pair")
-        design = self.assumptions.design
+        design = self.assumptions.design_text
         warned = html.warned(self.warnings)
-        return f"<Snapshot: n={self.n} m={self.m}{dt}, {pairs}, {design} design{rank}{warned}>"
+        return f"<Snapshot: n={self.n} m={self.m}{dt}, {pairs}{design}{rank}{warned}>"
 
     def _repr_html_(self) -> str:
         rows = [("assumed", self.assumptions.text), *(("warning", text) for text in self.warnings)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from configparser import ConfigParser
 from dataclasses import asdict, dataclass
 from fractions import Fraction
@@ -194,7 +195,7 @@ class Claims:
 
 _ORDER: tuple[Verdict, ...] = ("holds", "holds with a correction", "false")
 
-WIDTH = 96
+_WIDTH = 96  # at most, where the terminal is wider
 _HANG = 11
 
 
@@ -210,5 +211,6 @@ def _block(row: Claim) -> str:
 
 
 def _part(name: str, text: str) -> list[str]:
-    first, *rest = wrap(text, WIDTH - _HANG) or [""]
+    width = min(_WIDTH, shutil.get_terminal_size((_WIDTH, 0)).columns)
+    first, *rest = wrap(text, width - _HANG) or [""]
     return [f"  {name:<9}{first}", *(" " * _HANG + line for line in rest)]

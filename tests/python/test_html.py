@@ -60,7 +60,7 @@ RECORDS = {
         lambda: se.fuse_path(se.sample([3, 2, 1], 64, rng=1), [4, 64], "slse", target=[3, 2, 1]),
         ["slse", "to 64", "error", "<polyline"],
     ),
-    "Plan": (plan, ["product", "largest |u|", "12 345 realizations", "control u(0)", "<polyline"]),
+    "Plan": (plan, ["largest |u|", "12 345 realizations", "control u(0)", "<polyline"]),
     "Plan of steps": (lambda: plan(steps=5), ["5 steps", "largest |u|", "<polyline"]),
     "PlanError": (
         lambda: plan().error(SYSTEM, X0, XF),

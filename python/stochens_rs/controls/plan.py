@@ -853,4 +853,5 @@ class Plan(SavedRecord, Timed):
             worst = worst_state(self.limited, self.predicted_states, self.labels)
             text = f"without limits {text}; {cost_text(self.limited, worst)}"
         text += html.careful(self.warnings)
-        return f"<Plan {self.fusion}: {html.counted(K)}, m={m}, {self.status}, {text}>"
+        fusion = "" if self.fusion == "product" else f" {self.fusion}"
+        return f"<Plan{fusion}: {html.counted(K)}, m={m}, {self.status}, {text}>"

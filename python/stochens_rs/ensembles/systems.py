@@ -242,7 +242,8 @@ class SystemEnsemble(SavedRecord, Tabled):
     def __repr__(self) -> str:
         about = "" if self.centre is None else f", about the {self.centre}"
         count = html.number_of(self.size, "model")
-        return f"<SystemEnsemble: {count}, n={self.n} m={self.m}{about}>"
+        dt = "" if self.dt is None else f" dt={self.dt:g}"
+        return f"<SystemEnsemble: {count}, n={self.n} m={self.m}{dt}{about}>"
 
     def _repr_html_(self) -> str:
         dt = None if self.dt is None else f"{self.dt:g} s"

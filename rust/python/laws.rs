@@ -79,11 +79,16 @@ pub(super) struct NoiseArgument {
     variance: Option<f64>,
     rss: f64,
     degrees: usize,
+    rows: usize,
 }
 
 impl NoiseArgument {
     fn get(&self) -> Noise {
-        self.variance.map_or(Noise::Estimated { rss: self.rss, degrees: self.degrees }, Noise::Known)
+        match (self.variance, self.rows) {
+            (Some(variance), _) => Noise::Known(variance),
+            (None, 1) => Noise::Estimated { rss: self.rss, degrees: self.degrees },
+            (None, count) => Noise::Rows { count, degrees: self.degrees },
+        }
     }
 }
 

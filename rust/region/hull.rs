@@ -27,6 +27,20 @@ pub enum Noise {
         /// Degrees of freedom.
         degrees: usize,
     },
+    /// One for each row of the outcomes, in any dependence; the rows are in units of their estimated deviations.
+    Rows {
+        /// How many.
+        count: usize,
+        /// Degrees of freedom of each estimate.
+        degrees: usize,
+    },
+}
+
+impl Noise {
+    /// Whether there are no residuals to estimate it from.
+    fn is_unknown(self) -> bool {
+        matches!(self, Self::Estimated { degrees: 0, .. } | Self::Rows { degrees: 0, .. })
+    }
 }
 
 /// Where t, least squares in `p` coordinates, lies: at distances `off^(1/2)` of the affine hull and `distance^(1/2)` of the
@@ -57,24 +71,27 @@ impl Place {
     /// `c (c - 2 sigma^2 (q - 2)) / distance` beyond, both <= 0 (James and Stein 1961; Bock 1982). So no Theta has a larger
     /// mean-square error than with least squares. The quantile lets the data in only where they contradict the models; 1.5
     /// keeps three quarters of what the best constant, 1, gains far from the hull. sigma unknown: `1.5 (q - 2) / (degrees + 2)`
-    /// and the quantile of F, times tr S (Baranchik 1970); without degrees nothing is known of the noise, and 0.
+    /// and the quantile of F, times tr S (Baranchik 1970); without degrees nothing is known of the noise, and 0. For a
+    /// variance of each row the same in units of the estimates, as a rule without that property.
     ///
     /// # Errors
     /// As [`chi2_upper`].
     pub fn share(&self, noise: Noise) -> Result<f64> {
         let q = (self.p - self.face) as f64;
-        if self.distance == 0.0 || matches!(noise, Noise::Estimated { degrees: 0, .. }) {
+        if self.distance == 0.0 || noise.is_unknown() {
             return Ok(0.0);
         }
         if q <= 2.0 {
             return Ok(1.0);
         }
+        let (rss, free) = match noise {
+            Noise::Known(_) => (0.0, 0.0),
+            Noise::Estimated { rss, degrees } => (rss, degrees as f64),
+            Noise::Rows { count, degrees } => ((count * degrees) as f64, (count * degrees) as f64),
+        };
         let c = match noise {
             Noise::Known(variance) => variance * (MOST * (q - 2.0)).min(chi2_upper(DOUBT, q)?),
-            Noise::Estimated { rss, degrees } => {
-                let free = degrees as f64;
-                rss * (MOST * (q - 2.0) / (free + 2.0)).min(q / free * f_upper(DOUBT, q, free)?)
-            }
+            _ => rss * (MOST * (q - 2.0) / (free + 2.0)).min(q / free * f_upper(DOUBT, q, free)?),
         };
         Ok((1.0 - c / self.distance).max(0.0))
     }
@@ -82,19 +99,25 @@ impl Place {
     /// Whether an affine mixture is compatible with the data: test of `off` at level 0.01. None where there is no direction
     /// off the hull, or nothing is known of the noise.
     ///
+    /// Of a mixture the error of row i, squared, over its estimated variance is `rank F_{rank, degrees}` whatever the covariance
+    /// of the rows is, and `off` is at most the sum: none of the rows is beyond the quantile of `DOUBT / count`.
+    ///
     /// # Errors
     /// As [`chi2_upper`].
     pub fn explained(&self, noise: Noise) -> Result<Option<bool>> {
         let off = (self.p - self.k) as f64;
-        if off == 0.0 {
+        if off == 0.0 || noise.is_unknown() {
             return Ok(None);
         }
         Ok(match noise {
             Noise::Known(variance) => Some(self.off <= variance * chi2_upper(DOUBT, off)?),
-            Noise::Estimated { degrees: 0, .. } => None,
             Noise::Estimated { rss, degrees } => {
                 let free = degrees as f64;
                 Some(self.off <= rss * (off / free * f_upper(DOUBT, off, free)?))
+            }
+            Noise::Rows { count, degrees } => {
+                let rank = (self.p / count) as f64;
+                Some(self.off <= self.p as f64 * f_upper(DOUBT / count as f64, rank, degrees as f64)?)
             }
         })
     }
@@ -105,7 +128,7 @@ impl Place {
     /// part along it: `sigma^2 L + (along + sigma chi_k)^2`, L the upper limit of the noncentrality (after Baraud 2004). sigma
     /// unknown: the largest value over its interval from tr S, by cells that are bounded by both their ends and halved where
     /// it matters. `extra`: independent variates of the same noise that are to be covered too;
-    /// `(a + x)^2 + y^2 <= (a + (x^2 + y^2)^(1/2))^2`.
+    /// `(a + x)^2 + y^2 <= (a + (x^2 + y^2)^(1/2))^2`. Infinite where the rows have variances of their own.
     ///
     /// # Errors
     /// As [`chi2_upper`] and [`noncentrality_limit`].
@@ -118,7 +141,7 @@ impl Place {
                 let chi = chi2_upper(share, inside)?.sqrt();
                 return Ok(squared(variance, limit(self.off / variance, off, share)?, chi));
             }
-            Noise::Estimated { degrees: 0, .. } => return Ok(f64::INFINITY),
+            Noise::Estimated { degrees: 0, .. } | Noise::Rows { .. } => return Ok(f64::INFINITY),
             Noise::Estimated { rss, degrees } => (rss, degrees as f64),
         };
         let (low, high) = (rss / chi2_upper(delta / 6.0, degrees)?, rss / chi2_quantile(delta / 6.0, degrees)?);

@@ -115,8 +115,6 @@ def _least_squares(
     else:
         words: dict[str, Any] = {} if design is None else {"design": design}
         words |= {"sigma": sigma, "intercept": given.c is not None}
-        if method == "alse" and sigma is None:
-            words["covariance"] = "scalar"
         least = identify(data, **words)  # type: ignore[arg-type]
     least._require_states("data")
     if (least.n, least.m) != (given.n, given.m):
@@ -132,11 +130,6 @@ def _least_squares(
     if least.known is not None or least.instruments is not None or noise.noisy_states:
         raise InputError(
             "`data` must be identified without known entries, instruments and noise of the states"
-        )
-    if method == "alse" and least.n > 1 and noise.covariance not in ("known", "scalar"):
-        raise InputError(
-            "`data` must be identified with covariance='scalar', a known covariance or sigma for "
-            f"method 'alse', got covariance='{noise.covariance}'; 'leave-one-out' takes any"
         )
     if method == "alse" and noise.noise != "gaussian":
         raise InputError(

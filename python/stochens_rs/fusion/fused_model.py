@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord
 from .._base.types import STATUSES, Status
 from ..ensembles.systems import SystemEnsemble
@@ -134,10 +135,10 @@ class FusedModel(SavedRecord, Identified):
 
     @property
     def distance(self) -> float:
-        """``||(F - H) V^1/2||_F``, how far the mixture of the models is from the data.
+        """``||Sigma^-1/2 (F - H) V^1/2||_F``, how far the mixture of the models is from the data.
 
-        Where the covariance of the noise is known, in units of the noise:
-        ``||Sigma^-1/2 (F - H) V^1/2||_F``.
+        Sigma is the covariance of the noise where that is known, I where it is declared a multiple
+        of I, else the diagonal matrix of the estimated variances.
         """
         return float(np.sqrt(self._hull.distance2))
 
@@ -145,8 +146,9 @@ class FusedModel(SavedRecord, Identified):
     def explained(self) -> bool | None:
         """Whether the data are compatible with some weights, of any sign, with sum 1.
 
-        A test of level 0.01, exact for a design that is independent of the noise. None where there
-        is nothing to test, and for "leave-one-out".
+        A test of level 0.01 for a design that is independent of the noise, exact where its
+        covariance is known but for a factor. None where there is nothing to test, and for
+        "leave-one-out".
         """
         return None if self.method != "alse" else _core.hull_explained(self._hull, self._noise)
 
@@ -198,16 +200,17 @@ class FusedModel(SavedRecord, Identified):
 
         Notes
         -----
-        For "alse" with a design that is independent of the noise, two balls hold at once, with
-        delta / 2 each. One is around the mixture F, from the data alone: its part off the affine
-        hull of the models is bounded by the upper limit of the noncentrality of chi^2_{p-k}, the
-        part in it by chi_k (after Baraud 2004); it is small if some mixture is near the truth. The
-        other is the region of least squares (`Model.region`). For points between,
-        ``||X_s||^2 = (1 - s) ||X_0||^2 + s ||X_1||^2 - s (1 - s) ||F - H||^2`` gives the smaller
-        of both and less. The result is the smaller of that ball and the region of least squares,
-        which `Plan.bound` uses both. Where the ball cannot be expected to be smaller, which the
-        numbers of pairs and models decide, not the outcomes, and for all other methods and designs,
-        it is the region of least squares with the whole delta.
+        For "alse", a design that is independent of the noise, and a covariance that is known or
+        declared a multiple of I, two balls hold at once, with delta / 2 each. One is around the
+        mixture F, from the data alone: its part off the affine hull of the models is bounded by the
+        upper limit of the noncentrality of chi^2_{p-k}, the part in it by chi_k (after Baraud
+        2004); it is small if some mixture is near the truth. The other is the region of least
+        squares (`Model.region`). For points between, ``||X_s||^2 = (1 - s) ||X_0||^2 + s ||X_1||^2
+        - s (1 - s) ||F - H||^2`` gives the smaller of both and less. The result is the smaller of
+        that ball and the region of least squares, which `Plan.bound` uses both. Where the ball
+        cannot be expected to be smaller, which the numbers of pairs and models decide, not the
+        outcomes, and for all other methods and designs, it is the region of least squares with the
+        whole delta.
 
         Examples
         --------
@@ -231,7 +234,8 @@ class FusedModel(SavedRecord, Identified):
     @property
     def _exact(self) -> bool:
         """Whether there is a ball around the mixture from the data alone."""
-        return self.method == "alse" and self.least_squares.design == "independent"
+        data = self.least_squares
+        return self.method == "alse" and data.design == "independent" and one_variance(data)
 
     def _own(self, delta: float, level: float, **options: Any) -> Region:
         """The region of least squares at this level, as one of those that hold with `delta`."""
@@ -314,14 +318,33 @@ def _radius(own: Region, known: bool) -> float:
     return float(factor * np.sqrt(np.linalg.norm(part.S, 2)))
 
 
+def one_variance(data: Model) -> bool:
+    """Whether the covariance of the noise is known, or known but for a factor."""
+    return data.n == 1 or data.assumptions.covariance in ("known", "scalar")
+
+
 def units(data: Model) -> Floats:
-    """L with ``L L' = Sigma`` where the covariance is known, else I."""
-    known = data.assumptions.known
-    return np.asarray(np.eye(data.n) if known is None else np.linalg.cholesky(known))
+    """L with ``L L' = Sigma`` where that is known, I where it is a multiple of I.
+
+    Else the estimated deviations of the rows; the sizes of the outcomes where there are no
+    residuals, or where they are rounding beside these.
+    """
+    fitted, known = data._blocks[0], data.assumptions.known
+    if known is not None:
+        return np.asarray(np.linalg.cholesky(known))
+    if one_variance(data):
+        return np.eye(data.n)
+    sizes = np.linalg.norm(fitted.H @ fitted.root.T, axis=1) / np.sqrt(fitted.N)
+    if fitted.nu:
+        sizes = np.maximum(np.sqrt(np.diag(fitted.S) / fitted.nu), ROUNDING * sizes)
+    return np.diag(np.where(sizes > 0.0, sizes, 1.0))
 
 
 def noise_of(data: Model) -> hull.Noise:
-    """sigma^2 in the `units`: 1 where the covariance is known, else from the residuals."""
+    """The noise in the `units`: 1 where the covariance is known, else from the residuals."""
     fitted = data._blocks[0]
     known = data.assumptions.known is not None
-    return hull.Noise(1.0 if known else None, float(np.trace(fitted.S)), data.n * fitted.nu)
+    if known or one_variance(data):
+        found = 1.0 if known else None
+        return hull.Noise(found, float(np.trace(fitted.S)), data.n * fitted.nu)
+    return hull.Noise(None, float(data.n * fitted.nu), fitted.nu, data.n)

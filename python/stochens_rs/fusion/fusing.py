@@ -115,7 +115,8 @@ def fuse(
     design : {"adaptive", "independent"}, optional
         As in `identify`, for `data`. "independent", for pairs only, gives the sharper region.
     sigma : float, optional
-        The known size of the noise in `data`; the default is to estimate it.
+        The known size of the noise in `data`. The default is noise of one unknown covariance, as in
+        `identify`; for another one give ``data=identify(..., covariance=)``.
     shrink : bool, default True
         With `data`: whether least squares takes part, with the share that the data call for.
         False: a mixture of the models alone.
@@ -175,14 +176,14 @@ def fuse(
     unlike the paper states; with the safeguard it cannot.
 
     *By data*: with H least squares and ``V = sum z z'`` over the data, the weights minimise
-    ``||(sum_s w_s Theta_s - H) V^1/2||_F``, which is least squares of the data over mixtures. The
-    share of H is ``max(0, 1 - c / ||(F - H) V^1/2||_F^2)``, with
-    ``c = sigma^2 min(1.5 (q - 2), chi^2_{q; 0.01})`` for q directions of the data beside the face
-    that the mixture F is in: the data come in where they contradict the models, and for an
-    independent design the mean-square error is below that of least squares for every system with
-    q > 2 (after James and Stein 1961; Bock 1982). See also `FusedModel.region`.
-    With hardly more pairs than unknowns, an error in this norm says little of fresh states and
-    inputs, and ``shrink=False`` may be better.
+    ``||(sum_s w_s Theta_s - H) V^1/2||_F``, which is least squares of the data over mixtures; each
+    row in units of its noise, see `FusedModel.distance`. The share of H is ``max(0, 1 - c / ||(F -
+    H) V^1/2||_F^2)``, with ``c = sigma^2 min(1.5 (q - 2), chi^2_{q; 0.01})`` for q directions of
+    the data beside the face that the mixture F is in: the data come in where they contradict the
+    models, and for an independent design and a covariance that is known but for a factor the
+    mean-square error is below that of least squares for every system with q > 2 (after James and
+    Stein 1961; Bock 1982). See also `FusedModel.region`. With hardly more pairs than unknowns, an
+    error in this norm says little of fresh states and inputs, and ``shrink=False`` may be better.
 
     *Weights*: for independent realizations with the truth as mean and these variances, the error
     of the average has the mean square ``sum_s w_s^2 variances[s] = rms^2``, least for "precision".

@@ -5,7 +5,8 @@ Models Theta_i (n, d) that are independent of the data; ``V = R' R`` with R = `r
 ``||Y - Theta_w Z||^2 = ||sum w_i S_i - t||^2 + tr S``. For z independent of Gaussian noise of
 covariance sigma^2 I the noise of t is sigma times a standard normal in p = n rank dimensions, of
 which k belong to the affine hull of the S_i.
-Known covariances become I by a change of units.
+Known covariances become I by a change of units; of unknown ones the units are the estimated
+deviations of the rows.
 """
 
 from __future__ import annotations
@@ -22,11 +23,15 @@ _SPAN = 1e-10  # singular values of the differences of the models below this sha
 
 
 class Noise(NamedTuple):
-    """``sigma^2``, or None and what estimates it: the residual sum of squares and its degrees."""
+    """``sigma^2``, or None and what estimates it: the residual sum of squares and its degrees.
+
+    `rows` above 1: so many rows have variances of their own, estimated with `degrees` each.
+    """
 
     variance: float | None
     rss: float
     degrees: int
+    rows: int = 1
 
 
 class Hull(NamedTuple):

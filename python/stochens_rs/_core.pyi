@@ -700,14 +700,13 @@ def certify(
     predicted: _Floats,
     ways: list[_Way],
     apart: _Way | None,
+    every: bool,
 ) -> tuple[
     int,
-    float,
-    float,
-    float,
-    float,
+    tuple[float, float, float, float],
     _Floats,
     _Floats,
+    _Floats | None,
     float,
     str | None,
 ]: ...

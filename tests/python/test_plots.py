@@ -307,7 +307,7 @@ def test_a_tube_contains_the_run_that_was_kept_apart():
     model, (states, inputs) = identified()
     plan = se.predict(model, states[0], inputs)
     found = plan.bound(0.05, noise=True)
-    figure = plan.plot(found, measured=states)
+    bands, figure = found["bands"].radius, plan.plot(found, measured=states)
     assert len(figure.axes) == 3
     for i, ax in enumerate(figure.axes[:2]):
         assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", f"state {i}")
@@ -317,7 +317,7 @@ def test_a_tube_contains_the_run_that_was_kept_apart():
         edge = ax.collections[0].get_paths()[0].vertices
         for k, time in enumerate(0.1 * np.arange(13)):
             at = edge[np.isclose(edge[:, 0], time), 1]
-            assert at.max() == pytest.approx(predicted[k] + found.tube[k])
+            assert at.max() == pytest.approx(predicted[k] + bands[k, i])
             assert at.min() <= measured[k] <= at.max()
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels == ["95 % guaranteed", "predicted", "measured", "input"]

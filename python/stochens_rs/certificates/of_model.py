@@ -40,6 +40,7 @@ class Asked(NamedTuple):
     noise: bool
     open_loop: bool
     x0_fixed: bool
+    bands: bool = False
 
 
 def certificate(
@@ -55,12 +56,14 @@ def certificate(
     `known` is what `step_regions` returns for these arguments.
     """
     model, K, own = basis.model, len(u), False
+    bands: Floats | None
     if model.doubts:
         _refuse(basis, K, asked)
         reason, said = model.doubts[0], "none that would do"
         name = "several steps" if K > 1 else "one step"
-        tube, components = np.full(K + 1, np.inf), np.full(len(basis.xf), np.inf)
-        tube[0] = basis.x0_error
+        tube, bands = np.full(K + 1, np.inf), np.full(predicted.shape, np.inf)
+        tube[0], bands[0] = basis.x0_error, basis.x0_error
+        components = bands[-1]
         parts = [norm(predicted[-1] - basis.xf), np.inf, basis.x0_error]
         target, control, why = np.inf, np.inf, None
     else:
@@ -75,13 +78,14 @@ def certificate(
         if K == 1 and _sharper_by_rows(basis, ways[0][0], asked):
             apart = model.region(delta, components=True)  # type: ignore[call-arg]
         own = apart is not None or isinstance(to_come, GaussianNoise)
-        best, target, *parts, components, tube, control, why = _core.certify(
+        best, (target, *parts), components, tube, bands, control, why = _core.certify(
             basis.x0,
             basis.x0_error,
             basis.xf,
             predicted,
             [(region._core, inputs, noise, asks) for region, inputs, noise, asks in ways],
             None if apart is None else (apart._core, u, None, False),
+            asked.bands,
         )
         if best == len(regions):
             name = _direct_name(K)
@@ -94,7 +98,10 @@ def certificate(
     def radius(value: float | Floats, distance_from: str, reason: str = reason) -> Radius:
         return Radius._at(value, distance_from, delta, method, reason)
 
-    alone = "; the components are a statement of their own" if own else ""
+    alone = "; components and bands are a statement of their own" if own else ""
+    each = {}
+    if asked.bands and bands is not None:
+        each["bands"] = radius(bands, "the predicted states, for each step and state")
     return trusted(
         Certificate,
         kind="guaranteed",
@@ -105,6 +112,7 @@ def certificate(
             "control": radius(control, "the exact best control", why or reason),
             "components": radius(components, "xf, for each state"),
             "tube": radius(tube, "the predicted states, for each step"),
+            **each,
         },
         covers=f"all together, over the noise of the data{alone}",
         assumption=said,

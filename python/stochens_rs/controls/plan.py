@@ -217,7 +217,8 @@ class Plan(SavedRecord, Timed):
             Probability of failure of each radius, in (0, 1).
         system : System, optional
             For realizations brought by you, as `x0` and `xf`: declares that those of A are
-            independent singletons of the A of this system, as `sample` draws them.
+            independent singletons of the A of this system, as `sample` draws them: one nonzero
+            entry in every column. For others there is `validate`, with fresh ones.
         x0, xf : array_like, shape (n,), optional
             The same for x0 and xf.
         noise : bool, optional

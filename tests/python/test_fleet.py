@@ -357,3 +357,22 @@ def test_a_working_set_that_can_be_reached_gives_no_bound(limits):
         ).fun
         assert plan.lower_bound <= best + 1e-7
         assert plan.value <= best + 1e-6
+
+
+def test_fresh_units_of_another_step_or_of_other_names_are_refused() -> None:
+    A, B = np.array([[[0.5]], [[0.4]]]), np.ones((2, 1, 1))
+    names = se.System([[1.0]], [[1.0]], states=["v"], inputs=["F"]).labels
+    units = se.SystemEnsemble(A, B, dt=0.05, labels=names)
+    fleet = se.control_fleet(units, [1.0], [0.0], 2, risk="worst")
+    plan = se.control(units[0], [1.0], [0.0], steps=2)
+    other = se.System([[1.0]], [[1.0]], states=["w"], inputs=["F"]).labels
+    for check in (lambda fresh: fleet.validate(fresh, 0.1), plan.validate):
+        check(se.SystemEnsemble(A + 0.1, B))  # without names and dt: by position
+        check(se.SystemEnsemble(A + 0.1, B, dt=0.05 * (1.0 + 1e-12), labels=names))
+        with pytest.raises(ShapeError, match=r"must have dt=0\.05 as this plan, got dt=0\.1"):
+            check(se.SystemEnsemble(A + 0.1, B, dt=0.1))
+        with pytest.raises(InputError, match="'w'"):
+            check(se.SystemEnsemble(A + 0.1, B, labels=other))
+    for compare in (plan.states, lambda system, x0: plan.error(system, x0, [0.0])):
+        with pytest.raises(ShapeError, match="`system` must have dt"):
+            compare(([[0.5]], [[1.0]], 0.1), [1.0])

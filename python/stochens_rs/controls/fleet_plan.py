@@ -288,6 +288,7 @@ class FleetPlan(SavedRecord, Tabled):
             raise ShapeError(
                 f"`new_units` must have n={mine.n} and m={mine.m}, got n={fresh.n} and m={fresh.m}"
             )
+        validation.same_dt("new_units", fresh.dt, mine.dt, "this plan")
         fresh = fresh._in_order("new_units", mine.labels)
         if x0 is None and len(self.units.x0) > 1:
             raise InputError(

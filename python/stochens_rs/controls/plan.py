@@ -797,6 +797,7 @@ class Plan(SavedRecord, Timed):
                 f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
                 f"m={checked.m}"
             )
+        validation.same_dt("system", checked.dt, self.dt, "this plan")
         return checked._in_order("system", self.labels)
 
     def _cube(self) -> Cube:

@@ -376,3 +376,48 @@ def test_fresh_units_of_another_step_or_of_other_names_are_refused() -> None:
     for compare in (plan.states, lambda system, x0: plan.error(system, x0, [0.0])):
         with pytest.raises(ShapeError, match="`system` must have dt"):
             compare(([[0.5]], [[1.0]], 0.1), [1.0])
+
+
+def test_the_miss_that_is_shown_is_without_the_weight_of_the_inputs() -> None:
+    units, cost = gains(0.5, 2.0), se.Cost(R=0.3)
+    worst = se.control_fleet(units, [0.0], [1.0], 1, cost=cost, risk="worst")
+    assert f"largest miss {worst.misses.max():.4g}," in repr(worst)
+    mean = se.control_fleet(units, [0.0], [1.0], 1, cost=cost)
+    assert f"rms miss {np.sqrt(np.mean(mean.misses**2)):.4g}," in repr(mean)
+    assert worst.value > 1.01 * worst.threshold
+
+
+@pytest.mark.parametrize("risk", ["mean", "worst"])
+def test_a_risk_gives_its_threshold(risk) -> None:
+    """Of 300 samples of fresh units 0.1 may mislead: 30 expected, 52 = 4 standard errors more."""
+    gen = np.random.default_rng(4)
+    plan = se.control_fleet(gains(*gen.uniform(0.5, 1.5, 20)), [0.0], [1.0], 1, risk=risk)
+    u, failed, sharp = plan.u[0, 0], 0, 0
+    for _ in range(300):
+        fresh = gains(*gen.uniform(0.5, 1.5, 80))
+        found = plan.validate(fresh, 0.1, epsilon=0.2)
+        assert found.epsilon <= 0.2
+        assert found.count == np.sum(found.misses > found.threshold)
+        low, high = (1.0 + side * found.threshold for side in (-1.0, 1.0))
+        inside = np.clip((low / u, high / u), 0.5, 1.5)
+        failed += inside[1] - inside[0] < 0.8
+        again = plan.validate(fresh, 0.1, threshold=found.threshold)
+        assert again.epsilon == found.epsilon
+        sharp += inside[1] - inside[0] < 0.85
+    assert failed <= 52 < sharp
+    for words, text in (
+        ({"epsilon": 0.01}, "needs 230 fresh units at least, got 80"),
+        ({"epsilon": 0.2, "threshold": 1.0}, "`threshold` must be left out"),
+        ({"epsilon": 0.0}, "`epsilon`"),
+    ):
+        with pytest.raises(InputError, match=text):
+            plan.validate(fresh, 0.1, **words)
+
+
+def test_units_that_leave_their_limits_have_no_threshold() -> None:
+    limits = se.Limits(x=(None, 1.1), soft=False)
+    plan = se.control_fleet(gains(0.9, 1.0), [0.0], [1.0], 1, limits=limits, risk="worst")
+    fresh = gains(*([1.0] * 15 + [5.0] * 5))
+    with pytest.raises(InputError, match="more of them leave their limits"):
+        plan.validate(fresh, 0.1, epsilon=0.3)
+    assert plan.validate(fresh, 0.1, epsilon=0.5).threshold < 1.0

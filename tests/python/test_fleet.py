@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -268,6 +269,33 @@ def test_a_time_limit_gives_a_command_that_is_certified(gen: np.random.Generator
             assert (plan.status, count) == ("user_limit", 0)
             with pytest.raises(InputError, match="needs an optimal plan"):
                 plan.certify(0.1, method="a priori")
+
+
+def test_a_time_limit_while_units_are_left_out_keeps_what_was_found() -> None:
+    gen = np.random.default_rng(1)
+    fleet, x0 = drawn(gen, 150, 14, 4, spread=0.1), gen.standard_normal(14)
+
+    def plan(discard: int, limit: float | None = None) -> se.FleetPlan:
+        words = {"limits": (-1, 1), "risk": "worst", "discard": discard, "time_limit": limit}
+        return se.control_fleet(fleet, x0, np.zeros(14), 10, **words)
+
+    began, whole = perf_counter(), [plan(0)]
+    least, seen = perf_counter() - began, set()
+    for k in range(12):
+        found = plan(40, least * 1.5**k)
+        assert found.status == "user_limit" or len(found.removed) == 40
+        out = len(found.removed)
+        seen.add(out)
+        while len(whole) <= min(out, 5):
+            whole.append(plan(len(whole)))
+        if 0 < out <= 5:
+            assert found.removed == whole[out].removed
+            assert found.threshold == pytest.approx(whole[out].threshold, rel=1e-6)
+            assert np.all(np.delete(found.misses, found.removed) <= found.threshold)
+        if out > 5:
+            assert found.threshold < whole[5].threshold
+            break
+    assert len(seen) > 1
 
 
 def alone(plan: se.FleetPlan) -> np.ndarray:

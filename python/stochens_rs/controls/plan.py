@@ -619,7 +619,8 @@ class Plan(SavedRecord, Timed):
             From `bound`, of this plan: draws the tube that contains the true states. The default is
             that of ``bound()`` for a model from data, where one is known; False draws none.
         states, inputs : str, int or list of them, optional
-            Which ones, by name or number; the default is all, ``inputs=[]`` draws no input.
+            Which ones, by name or number; the default is all, of more than 12 those that change
+            most; ``inputs=[]`` draws no input.
         measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
             The states of one run under this control, or of R runs, of a model of outputs these; of
             more than 20 runs a band from the 5 % to the 95 % quantile and the median.

@@ -172,7 +172,7 @@ PAGES = (
 # Packages of the extras `dev` that a page needs.
 NEEDED = {
     "README.md": ("matplotlib", "pandas"),
-    "docs/networks.md": ("pypower",),
+    "docs/networks.md": ("matpowercaseframes", "pypower"),
     "docs/saving.md": ("h5netcdf", "pandas", "xarray"),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
     "docs/systems.md": ("control", "matplotlib", "pandas", "scipy", "xarray"),

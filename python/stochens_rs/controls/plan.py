@@ -218,7 +218,8 @@ class Plan(SavedRecord, Timed):
             Probability of failure of each radius, in (0, 1).
         system : System, optional
             For realizations brought by you, as `x0` and `xf`: declares that those of A are
-            independent singletons of the A of this system, as `sample` draws them.
+            independent singletons of the A of this system, as `sample` draws them: one nonzero
+            entry in every column. For others there is `validate`, with fresh ones.
         x0, xf : array_like, shape (n,), optional
             The same for x0 and xf.
         noise : bool, optional
@@ -625,7 +626,8 @@ class Plan(SavedRecord, Timed):
             From `bound`, of this plan: draws the tube that contains the true states. The default is
             that of ``bound()`` for a model from data, where one is known; False draws none.
         states, inputs : str, int or list of them, optional
-            Which ones, by name or number; the default is all, ``inputs=[]`` draws no input.
+            Which ones, by name or number; the default is all, of more than 12 those that change
+            most; ``inputs=[]`` draws no input.
         measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
             The states of one run under this control, or of R runs, of a model of outputs these; of
             more than 20 runs a band from the 5 % to the 95 % quantile and the median.
@@ -808,6 +810,7 @@ class Plan(SavedRecord, Timed):
                 f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
                 f"m={checked.m}"
             )
+        validation.same_dt("system", checked.dt, self.dt, "this plan")
         return checked._in_order("system", self.labels)
 
     def _cube(self) -> Cube:

@@ -761,7 +761,7 @@ class Trajectories(SavedRecord):
             and np.array_equal(self._rows, other._rows)
         )
 
-    __hash__ = None  # type: ignore[assignment]  # as for arrays
+    __hash__ = None  # as for arrays
 
     def _shares(self, other: Trajectories) -> bool:
         """Whether a pair is in both."""

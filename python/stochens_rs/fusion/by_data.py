@@ -129,10 +129,8 @@ def _least_squares(
     if dt is not None and own is not None and not np.isclose(dt, own, rtol=1e-9, atol=0.0):
         raise InputError(f"`data` must have dt={dt:g} as the models, got {own:g}")
     noise = least.assumptions
-    if least.known is not None or least.instruments is not None or noise.noisy_states:
-        raise InputError(
-            "`data` must be identified without known entries, instruments and noise of the states"
-        )
+    if least.known is not None:
+        raise InputError("`data` must be identified without known entries")
     if method == "alse" and least.n > 1 and noise.covariance not in ("known", "scalar"):
         raise InputError(
             "`data` must be identified with covariance='scalar', a known covariance or sigma for "

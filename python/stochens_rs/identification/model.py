@@ -438,7 +438,7 @@ class Model(SavedRecord, Identified, Tabled):
         Z, Y = self._pairs()
         residuals = Y - Z @ self._H.T
         # h_t = ||z_t||^2 in the norm of V^-1, over the columns of all rows of Theta together
-        white = _core.fit(self.triangle, self._d, self.size, 1).white
+        white = _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1).white
         leverages = np.sum((Z @ white.T) ** 2, axis=1)
         tested = None if self.checks is None else self.checks.p_values
         return draw_residuals(residuals, leverages, self.outputs, tested, figure)
@@ -707,7 +707,7 @@ class Model(SavedRecord, Identified, Tabled):
         """Least squares without regard to known entries, and what its residuals span."""
         f = self._blocks[0]
         if self.known is not None:
-            f = _core.fit(self.triangle, self._d, self.size, 1)
+            f = _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1)
         return f, spanned(f, tested_rows(self.assumptions, self.known, self.n_outputs))
 
     @cached_property

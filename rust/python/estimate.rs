@@ -33,7 +33,6 @@ pub(super) struct PyEstimate {
 impl PyEstimate {
     #[new]
     #[pyo3(signature = (triangle, size, n, m, offset, known=None))]
-    #[expect(clippy::too_many_arguments, reason = "the fields of the data")]
     fn new(
         py: Python<'_>,
         triangle: Matrix<'_>,

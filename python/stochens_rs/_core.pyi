@@ -446,8 +446,6 @@ class Estimate:
         m: int,
         offset: bool,
         known: _Floats | None = None,
-        instruments: int = 0,
-        state_noise: _Floats | None = None,
     ) -> Estimate: ...
     @property
     def Theta(self) -> _Floats: ...

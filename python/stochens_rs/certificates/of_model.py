@@ -90,7 +90,7 @@ def certificate(
         if best == len(regions):
             name = _direct_name(K)
         said, missing = _said(basis, ways[0], asked), ways[best][0].missing
-        reason = "too few data, weak instruments, or too many steps"
+        reason = "too few data, or too many steps"
         if missing:
             reason = f"the data do not determine the system along {', '.join(missing[:3])}"
     method = f"{name} {'with' if asked.noise else 'without'} noise"
@@ -188,8 +188,6 @@ def _noise_to_come(model: Identified) -> Literal["Gaussian", "sized", "region", 
     assumed: Assumptions | None = getattr(source, "assumptions", None)
     if assumed is None:
         return "region"
-    if getattr(source, "instruments", None) is not None:
-        return "unknown"
     if assumed.known is not None:
         return "Gaussian" if assumed.noise == "gaussian" else "sized"
     if not isinstance(model, Model):
@@ -210,8 +208,7 @@ def _regions(
         options["x0"] = basis.x0
         named.append("`x0_fixed`")
     if K > 1 and not (
-        isinstance(model, Model)
-        and (model.instruments is not None or model.noise == "symmetric" or len(model._blocks) > 1)
+        isinstance(model, Model) and (model.noise == "symmetric" or len(model._blocks) > 1)
     ):
         options["frobenius"] = True
     whole = delta
@@ -259,7 +256,6 @@ def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:
         and not asked.x0_fixed
         and len(region.parts) == 1
         and model.n > 1
-        and model.instruments is None
         and model.pilot is None
         and model.noise != "symmetric"
         and model.assumptions.covariance != "scalar"
@@ -274,11 +270,10 @@ def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
     """
     model, K = basis.model, len(u)
     assert isinstance(model, Model)
-    if model.instruments is not None or model.noise != "gaussian":
+    if model.noise != "gaussian":
         raise InputError(
-            "`open_loop` must be False: regression over several steps needs Gaussian noise and "
-            f"states without error, this model has noise='{model.noise}'"
-            + (" and instruments" if model.instruments is not None else "")
+            "`open_loop` must be False: regression over several steps needs Gaussian noise, this "
+            f"model has noise='{model.noise}'"
         )
     data = model.data.k_step(K, open_loop=True)
     needed = K * model.m + model.intercept + 2 * model.n

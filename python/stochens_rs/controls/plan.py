@@ -380,9 +380,9 @@ class Plan(SavedRecord, Timed):
         ------
         InputError, InputTypeError
             If the plan is not for a `Model` of Gaussian noise that the data determine, without
-            instruments and single known entries, or its x0 is uncertain; if the model has a
-            warning; if the covariance is unknown and fewer than 2 n pairs more than unknowns of a
-            row are there; or if an argument cannot be used.
+            single known entries, or its x0 is uncertain; if the model has a warning; if the
+            covariance is unknown and fewer than 2 n pairs more than unknowns of a row are there; or
+            if an argument cannot be used.
 
         Notes
         -----

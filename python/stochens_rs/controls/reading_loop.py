@@ -384,7 +384,7 @@ class ReadingLoop:
         doubt = model.doubts[0] if model.doubts else None
         ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
         entered = region._entered(ABc, J, G, model.m)
-        return LoopCertificate._judged(entered, K, names, model.dt, doubt, False)
+        return LoopCertificate._judged(entered, K, names, model.dt, doubt)
 
     def __repr__(self) -> str:
         said = "" if self.full else ", the window is not full"

@@ -62,8 +62,6 @@ class LoopCertificate(SavedRecord):
         The time between two steps [s].
     reason : str or None
         Why nothing is certified, where it is not the size of the region.
-    readings : bool
-        Whether the states are read with error: stability is then all that is certified.
     residual : ndarray, shape (n, n), or None
         The sum of squares of the residuals, which bounds the covariance of the noise where the
         region does not.
@@ -83,7 +81,6 @@ class LoopCertificate(SavedRecord):
     labels: Labels
     dt: float | None = None
     reason: str | None = None
-    readings: bool = False
     residual: Floats | None = None
     degrees: int = 0
 
@@ -104,7 +101,6 @@ class LoopCertificate(SavedRecord):
         labels: Labels,
         dt: float | None,
         doubt: str | None,
-        readings: bool,
         squares: tuple[Floats | None, int] = (None, 0),
     ) -> LoopCertificate:
         """The verdict about a gain; a `doubt` about the data leaves nothing to certify."""
@@ -138,7 +134,6 @@ class LoopCertificate(SavedRecord):
             labels=labels,
             dt=dt,
             reason=reason,
-            readings=readings,
             residual=squares[0],
             degrees=squares[1],
         )
@@ -254,8 +249,6 @@ class LoopCertificate(SavedRecord):
         >>> tube.radii[:2].round(2), tube.settles(0.01)
         (array([0.  , 0.12]), 8)
         """
-        if self.readings:
-            raise InputError("`tube` needs exact states: those of this model are read with error")
         n, m = self.region.n, self.region.m
         first = validation.vector("x0", x0, length=n, labels=self.labels.states)
         K = validation.size("steps", steps, maximum=100_000)
@@ -337,8 +330,6 @@ class LoopCertificate(SavedRecord):
         >>> rest, proof.tube([0.0], 10, rest=rest).settles(0.1)
         (<Rest: every system rests within 0.137 of (1), 95 %>, 5)
         """
-        if self.readings:
-            raise InputError("`rest` needs exact states: those of this model are read with error")
         region = self.region
         n, m = region.n, region.m
         names = self.labels.states
@@ -426,8 +417,6 @@ class LoopCertificate(SavedRecord):
         >>> round(proof.holds((-1.0, 1.0), [1.0]), 2)
         1.26
         """
-        if self.readings:
-            raise InputError("`holds` needs exact states: those of this model are read with error")
         limits = np.concatenate(
             [_smaller("states", states, self.region.n), _smaller("inputs", inputs, self.region.m)]
         )

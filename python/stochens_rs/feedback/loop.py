@@ -121,11 +121,10 @@ class Loop(SavedRecord):
         if self.model is None:
             raise InputError("`certificate` needs a loop for a model from data: gain(model, ...)")
         region = region_of("delta", self.model, delta)
-        noisy = isinstance(self.model, Model) and self.model.assumptions.noisy_states
         doubts = self.model.doubts
         doubt = doubts[0] if doubts else None
         squares = _squares(self.model) if region.noise is None else (None, 0)
-        return LoopCertificate._judged(region, self.K, self.labels, self.dt, doubt, noisy, squares)
+        return LoopCertificate._judged(region, self.K, self.labels, self.dt, doubt, squares)
 
     def __repr__(self) -> str:
         radius = np.abs(self.E).max()
@@ -141,7 +140,7 @@ class Loop(SavedRecord):
 
 def _squares(model: Identified) -> tuple[Floats | None, int]:
     """``S ~ W_n(nu, Sigma)`` of the residuals and nu, where the regressors are no part of it."""
-    if not isinstance(model, Model) or model.pilot is not None or model.instruments is not None:
+    if not isinstance(model, Model) or model.pilot is not None:
         return None, 0
     given = model.assumptions
     if (given.noise, given.design) != ("gaussian", "independent") or len(model._blocks) > 1:

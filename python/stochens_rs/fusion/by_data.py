@@ -125,10 +125,8 @@ def _least_squares(
         raise InputError("`data` must be a model with intercept, as the models have offsets")
     validation.same_dt("data", least.dt, given.dt, "the models")
     noise = least.assumptions
-    if least.known is not None or least.instruments is not None or noise.noisy_states:
-        raise InputError(
-            "`data` must be identified without known entries, instruments and noise of the states"
-        )
+    if least.known is not None:
+        raise InputError("`data` must be identified without known entries")
     if method == "alse" and noise.noise != "gaussian":
         raise InputError(
             f"`data` must be identified with noise='gaussian' for method 'alse', got "

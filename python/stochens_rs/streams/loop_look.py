@@ -72,7 +72,7 @@ def look_at_loop(model: Snapshot, gain: Loop | ArrayLike) -> LoopLook:
         raise InputError(f"`gain` must be of shape ({m}, {n}), got {K.shape}")
     doubt = model.doubts[0] if model.doubts else None
     proof = LoopCertificate._judged(
-        model.region(), validation.frozen(np.array(K)), model.labels, model.dt, doubt, False
+        model.region(), validation.frozen(np.array(K)), model.labels, model.dt, doubt
     )
     needed = 0.0
     if proof.status != "certified":

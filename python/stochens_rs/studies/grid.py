@@ -21,7 +21,8 @@ Label: TypeAlias = bool | int | float | str | None
 _RESERVED = (
     *("key", "self", "replicate", "replicates", "name", "status", "schema", "grid", "values"),
     *("units", "failures", "seconds", "done", "failed", "infinite", "mean", "standard_error"),
-    *("median", "q10", "q90", "function", "stochens_rs", "python", "numpy", "platform", "processor"),
+    *("median", "q10", "q90", "function", "stochens_rs", "python", "numpy", "platform"),
+    "processor",
 )
 
 

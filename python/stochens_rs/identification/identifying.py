@@ -129,12 +129,14 @@ def identify(
         Runs of an older, similar plant with the same known covariance, fixed in the same way as
         the new ones and in open loop. A share or number of them is the `pilot`, 0.1 unless it is
         given. They count with the weight that promises the smallest certificate of `reference`, or
-        the smallest region without one, chosen without the noise of any run; not at all where the
-        new runs promise more without them.
+        without one the smallest bound of one step over the pairs, with states in deviations of
+        their noise, chosen without the noise of any run; not at all where the new runs promise
+        more without them.
     apart : float or sequence of array_like of shape (n, n + m), optional
         With `like`, your declaration of how far the plants are apart: at most this in the norm of
-        ``[A_old - A, B_old - B] diag(scale)`` (scale 1 where it is not given), or a combination
-        of these matrices with factors in [-1, 1]. No data can say it.
+        ``diag(scale_x)^-1 [A_old - A, B_old - B] diag(scale)``, scale_x that of the states, so that
+        0.02 is 2 % of the sizes in any units; without `scale` in that of the matrix itself. Or a
+        combination of these matrices with factors in [-1, 1]. No data can say it.
     lags, filters, order : int or "auto", (pole, int), "auto", optional
         For outputs, one of them: from which window of the past they are predicted. The last `lags`
         readings and inputs; or so many filters in a row of one pole in (0, 1), which reach further

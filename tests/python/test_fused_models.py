@@ -262,6 +262,22 @@ def test_regions_of_noise_that_nothing_is_declared_of_hold(alike, off):
     assert alarms <= 7  # P(Binomial(150, 0.01) > 7) < 1e-3
 
 
+def test_a_state_without_noise_is_explained():
+    """60 runs, of which the mixtures of 9 models of 10 entries contain the truth."""
+    alarms = 0
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)
+        for seed in range(60):
+            gen = np.random.default_rng([77, seed])
+            Theta, z, _ = independent(gen, n=2, d=5, N=60)
+            z[:, 4] = 1.0
+            y = z @ Theta.T + 0.01 * gen.standard_normal((60, 2)) * [0.0, 1.0]
+            models = hull(gen, Theta, 0.5, 0.0, M=9)
+            data = declared(z, y, offset=True, covariance="full")
+            alarms += se.fuse(ensemble(models, offset=True), "alse", data=data).explained is False
+    assert alarms <= 4  # P(Binomial(60, 0.01) > 4) < 4e-4
+
+
 def test_noise_that_is_wrongly_declared_a_multiple_of_one_matrix_breaks_the_region():
     """States in units 1 to 100, 100 runs: the declaration is the user's, and it is named."""
     failed = 0

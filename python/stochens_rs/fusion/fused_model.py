@@ -10,7 +10,6 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
-from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord
 from .._base.types import STATUSES, Status
 from ..ensembles.systems import SystemEnsemble
@@ -26,6 +25,9 @@ if TYPE_CHECKING:
 
 DataMethod: TypeAlias = Literal["alse", "leave-one-out"]
 DATA_METHODS: tuple[DataMethod, ...] = get_args(DataMethod)
+# Least unit of a row, of the size of its outcomes: the weights of rows are then at most 1e6 apart,
+# and directions of the hull are seen in all of them (`hull.position` drops those below 1e-10).
+_LEAST = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -326,8 +328,8 @@ def one_variance(data: Model) -> bool:
 def units(data: Model) -> Floats:
     """L with ``L L' = Sigma`` where that is known, I where it is a multiple of I.
 
-    Else the estimated deviations of the rows; the sizes of the outcomes where there are no
-    residuals, or where they are rounding beside these.
+    Else the estimated deviations of the rows, at least `_LEAST` of the sizes of their outcomes;
+    these sizes where there are no residuals.
     """
     fitted, known = data._blocks[0], data.assumptions.known
     if known is not None:
@@ -336,7 +338,7 @@ def units(data: Model) -> Floats:
         return np.eye(data.n)
     sizes = np.linalg.norm(fitted.H @ fitted.root.T, axis=1) / np.sqrt(fitted.N)
     if fitted.nu:
-        sizes = np.maximum(np.sqrt(np.diag(fitted.S) / fitted.nu), ROUNDING * sizes)
+        sizes = np.maximum(np.sqrt(np.diag(fitted.S) / fitted.nu), _LEAST * sizes)
     return np.diag(np.where(sizes > 0.0, sizes, 1.0))
 
 

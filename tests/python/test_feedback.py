@@ -171,6 +171,16 @@ def test_the_widest_margin_of_one_state(centre, rho, widest):
             _core.guaranteed_gain(one, *weights)
 
 
+def test_the_widest_margin_where_nothing_is_proved_and_where_nothing_stabilises():
+    """A mode that no input moves, next to the unit circle and beyond it."""
+    near, beyond = (
+        region(np.array([[size, 0.0]]), np.eye(2), np.eye(1), 0.1) for size in (1.0 - 1e-14, 1.1)
+    )
+    assert _core.widest_gain(near)[2] == 0.0
+    with pytest.raises(SolverError, match="the iteration found no stabilising gain"):
+        _core.widest_gain(beyond)
+
+
 def test_a_recursion_that_ends_at_an_indefinite_matrix_is_refused():
     centre = np.array([[1.5, 0.6, -0.4], [0.9, -1.5, 1.0]])
     one = region(centre, np.eye(3), np.eye(2), 0.4)

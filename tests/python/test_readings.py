@@ -336,6 +336,19 @@ def test_gains_of_outputs():
     assert se.gain(model, 1.0, 1.0, guarantee=0.05).certificate(0.05).status == "certified"
 
 
+@pytest.mark.parametrize("lags", [12, 16])
+@pytest.mark.parametrize("intercept", [False, True])
+def test_the_widest_margin_of_long_windows(lags, intercept):
+    """Their states nearly depend on each other: the proof needs more room for its rounding."""
+    data = Rig().data(40, np.random.default_rng(2))
+    model = se.identify(data, lags=lags, intercept=intercept, checks=False)
+    loop = se.gain(model)
+    proof = loop.certificate(0.05)
+    assert proof.status == "certified"
+    assert 0.95 * loop.parameter < proof.margin < 1.001 * loop.parameter
+    assert proof.margin > 0.98 * se.gain(model, [1.0, 10.0], 0.01).certificate(0.05).margin
+
+
 def test_a_plan_that_is_followed_with_a_gain():
     """The feedback holds an unstable plant in a small tube; 5 runs each of 20 systems."""
     outside = smaller = 0

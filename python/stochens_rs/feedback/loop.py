@@ -46,7 +46,7 @@ class Loop(SavedRecord):
         What K minimises.
     parameter : float or None
         With a guarantee the multiplier of the proof; for the widest margin how many times larger
-        the region may be at most. Else None.
+        the region may be at most, 0 where nothing was proved. Else None.
     labels : Labels
         The names of states and inputs.
     dt : float or None

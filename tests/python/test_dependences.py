@@ -348,7 +348,9 @@ def test_a_constant_that_is_left_out_is_said(options):
     gen = np.random.default_rng(8)
     data = pushed(0.5, bool(options), gen)
     said = se.identify(data, checks=False, **options).warnings
-    assert any(re.match(r"a constant explains \d+(\.\d)? % more .*intercept=True", one) for one in said)
+    assert any(
+        re.match(r"a constant explains \d+(\.\d)? % more .*intercept=True", one) for one in said
+    )
     said = se.identify(data, checks=False, intercept=True, **options).warnings
     assert not any("a constant" in one for one in said)
     quiet = [pushed(0.0, bool(options), gen) for _ in range(40)]  # 40 false alarms in 1e4 at most

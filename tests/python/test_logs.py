@@ -285,7 +285,9 @@ def jittering(runs=12):
 
 def test_rows_lost_for_their_stamps_are_said():
     columns = jittering()
-    with pytest.warns(DataWarning, match=r"^\d+ rows dropped because the stamps jitter; .* dt=0.02$"):
+    with pytest.warns(
+        DataWarning, match=r"^\d+ rows dropped because the stamps jitter; .* dt=0.02$"
+    ):
         data = read(columns)
     assert data.lost > 0.03 * len(columns["t"])
     assert read(columns, dt=0.02).lost == 0  # warnings are errors here
@@ -424,7 +426,7 @@ def test_a_file_is_read_as_a_table_is(folder):
 
 
 def test_columns_that_are_no_outputs_are_named(folder):
-    with pytest.raises(InputError, match="^`outputs` names str 'y'"):
+    with pytest.raises(InputError, match=r"^`outputs` names str 'y'"):
         se.Trajectories.from_csv(folder, outputs=["y"], inputs=["u"])
 
 

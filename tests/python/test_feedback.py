@@ -454,7 +454,9 @@ def test_an_offset_leaves_no_statement_for_all_time():
     assert np.isinf(tube.later).all()
     assert np.isinf(tube.reach).all()
     assert tube.settles(10.0) is None
-    assert proof.holds((-9.0, 9.0), [0.1]) == 0.0
+    with pytest.raises(InputError, match="a model without intercept, with which 0 is no point"):
+        proof.holds((-9.0, 9.0), [0.1])
+    assert np.isfinite(proof.tube([1.0], 20, rest=proof.rest()).reach).all()
 
 
 def test_a_changed_plant_is_not_covered():

@@ -121,11 +121,8 @@ class Loop(SavedRecord):
         if self.model is None:
             raise InputError("`certificate` needs a loop for a model from data: gain(model, ...)")
         region = region_of("delta", self.model, delta)
-        noisy = isinstance(self.model, Model) and self.model.assumptions.noisy_states
-        doubts = self.model.doubts
-        doubt = doubts[0] if doubts else None
         squares = _squares(self.model) if region.noise is None else (None, 0)
-        return LoopCertificate._judged(region, self.K, self.labels, self.dt, doubt, noisy, squares)
+        return LoopCertificate._judged(region, self.K, self.labels, self.model, squares)
 
     def __repr__(self) -> str:
         radius = np.abs(self.E).max()

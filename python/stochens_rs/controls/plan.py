@@ -750,7 +750,7 @@ class Plan(SavedRecord, Timed):
         self, certificate: Certificate | Literal[False] | None, measured: ArrayLike | None
     ) -> tuple[Floats | None, str, Floats | None]:
         """The tube, what it says, and the checked runs."""
-        predicted, _ = self._drawn
+        (predicted, _), asked = self._drawn, certificate
         if certificate is None and isinstance(self.basis, ModelBasis):
             with suppress(InputError):  # no region is known for what was assumed of the data
                 certificate = self.bound()
@@ -765,6 +765,11 @@ class Plan(SavedRecord, Timed):
             says = certificate.share
             if "readings" in certificate.quantities:
                 tube = np.asarray(certificate["readings"].radius)
+                # in open loop that of an unstable plant soon leaves every panel
+                wide = tube > 10.0 * np.ptp(predicted, axis=0)
+                if asked is None and wide[1:].any():
+                    tube = np.where(wide, np.nan, tube)
+                    says += ", left out where wider than 10 times the range"
         if measured is not None:
             runs = validation.array("measured", measured, ndim=(2, 3))
             if np.abs(runs).max() > _DRAWN:

@@ -39,7 +39,7 @@
 //! let pairs = (0..40).map(|k| row(f64::from(k))).flat_map(|(x, u, w)| [x, u, x / 2.0 + u + w]);
 //! let stop = Stop::new();
 //! let triangle = triangle(&pairs.collect::<Vec<_>>(), 3, 1, &stop)?;
-//! let data = Data { triangle: &triangle, size: 40, n: 1, m: 1, offset: false, instruments: 0, known: None, state_noise: None };
+//! let data = Data { triangle: &triangle, size: 40, n: 1, m: 1, offset: false, known: None };
 //! let estimate = Estimate::new(data, &stop)?;
 //! let covariance = Covariance::Known(&[1e-4]);
 //! let assumed = Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance, tail: 0.0 };

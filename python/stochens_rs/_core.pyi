@@ -446,8 +446,6 @@ class Estimate:
         m: int,
         offset: bool,
         known: _Floats | None = None,
-        instruments: int = 0,
-        state_noise: _Floats | None = None,
     ) -> Estimate: ...
     @property
     def Theta(self) -> _Floats: ...
@@ -700,14 +698,13 @@ def certify(
     predicted: _Floats,
     ways: list[_Way],
     apart: _Way | None,
+    every: bool,
 ) -> tuple[
     int,
-    float,
-    float,
-    float,
-    float,
+    tuple[float, float, float, float],
     _Floats,
     _Floats,
+    _Floats | None,
     float,
     str | None,
 ]: ...

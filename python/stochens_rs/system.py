@@ -5,7 +5,7 @@ x(k+1) = A x(k) + B u(k),    x(k) in R^n,  u(k) in R^m
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -81,13 +81,14 @@ class System(Exported, FromSimulator):
     (('p', 'v'), ('F',), {'p': 'm'})
     """
 
-    __slots__ = ("_A", "_B", "_dt", "_labels", "_name")
+    __slots__ = ("_A", "_B", "_dt", "_labels", "_mean_of", "_name")
 
     _A: NDArray[np.float64]
     _B: NDArray[np.float64]
     _dt: float | bool | None
     _name: str | None
     _labels: Labels
+    _mean_of: int | None  # the number of models, if it is their mean
 
     def __init__(
         self,
@@ -114,6 +115,7 @@ class System(Exported, FromSimulator):
             ("_B", validation.frozen(checked_B)),
             ("_dt", foreign.checked_dt(dt)),
             ("_name", label or None),
+            ("_mean_of", None),
         ):
             object.__setattr__(self, slot, value)
 
@@ -220,8 +222,14 @@ class System(Exported, FromSimulator):
         order = order_of(argument, self._labels, labels)
         if order == (None, None):
             return self
-        matrices = order.matrices(self._A, self._B)
-        return _rebuild(*matrices, self._dt, self._name, order.labels(self._labels))
+        A, B = order.matrices(self._A, self._B)
+        labels = order.labels(self._labels)
+        return _rebuild(A, B, self._dt, self._name, labels, self._mean_of)
+
+    def _as_mean(self, count: int | None) -> System:
+        """The mean of so many models: this system, before it is handed out."""
+        object.__setattr__(self, "_mean_of", count)
+        return self
 
     def __setattr__(self, attribute: str, value: object) -> None:
         raise AttributeError(f"a System is immutable: `{attribute}` cannot be set")
@@ -249,7 +257,7 @@ class System(Exported, FromSimulator):
 
     def __reduce__(self) -> tuple[object, ...]:
         named = self._labels if self._labels.given else None
-        return (_rebuild, (self._A, self._B, self._dt, self._name, named))
+        return (_rebuild, (self._A, self._B, self._dt, self._name, named, self._mean_of))
 
     def __copy__(self) -> System:
         return self
@@ -275,8 +283,9 @@ def _rebuild(
     dt: float | bool | None,
     name: str | None,
     labels: Labels | None = None,
+    mean_of: int | None = None,
 ) -> System:
-    if labels is None:
-        return System(A, B, dt=dt, name=name)
-    states, inputs, units = labels.states, labels.inputs, dict(labels.units)
-    return System(A, B, dt=dt, name=name, states=states, inputs=inputs, units=units)
+    words: Any = {}
+    if labels is not None:
+        words = {"states": labels.states, "inputs": labels.inputs, "units": dict(labels.units)}
+    return System(A, B, dt=dt, name=name, **words)._as_mean(mean_of)

@@ -5,24 +5,24 @@
 //!
 //! ```text
 //! H - Theta = Sigma'^(1/2) U T',    ||U||_2 <= 1
-//! Sigma' = rho^2 Sigma / a + eta^2 I / (1 - a),    T'' T' = a T' T + (1 - a) (S^-1 B)' (S^-1 B),
+//! Sigma' = rho^2 Sigma / a + M / (1 - a),    T'' T' = a T' T + (1 - a) (S^-1 B)' (S^-1 B),
 //! ```
 //!
-//! by the inequality of Cauchy and Schwarz. For what is linear in the difference its largest value is known:
+//! by the inequality of Cauchy and Schwarz, with `(Theta_old - Theta) S = M^(1/2) U`, `||U|| <= 1`: `M = eta^2 S_x^2` or, along
+//! directions, `sum_i c_i sum_i (E_i S) (E_i S)' / c_i` for any c > 0. For what is linear in the difference its largest value is known:
 //! [`Difference::linear`].
 
 use std::sync::Arc;
 
-use crate::control::pseudoinverse;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::identify::{spectral_norm, triangle};
-use crate::memory::{checked_len, try_collect, try_copy, try_filled, try_room, try_zeros};
+use crate::identify::triangle;
+use crate::memory::{checked_len, try_collect, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region};
 
 use super::nuclear::EFFORT;
-use super::powers::{Powers, Span, first_order, product, transposed_inverse};
+use super::powers::{Powers, Span, first_order, lengths, product, products, transposed_inverse};
 use super::several_steps::norms;
 use super::trajectory::states;
 
@@ -35,19 +35,24 @@ const ROUNDING: f64 = 1e-6;
 pub(super) struct Difference {
     /// `S^-1 B` (d, d).
     b: Vec<f64>,
-    eta: f64,
-    /// `E_i B` (n, d); without them anything within eta.
+    /// `pairs' pairs = Z Z'` of all pairs (d, d).
+    pairs: Vec<f64>,
+    /// `M` (n, n), diagonal without directions.
+    spread: Vec<f64>,
+    /// `E_i B` (n, d); without them anything within M.
     along: Vec<Vec<f64>>,
 }
 
 impl Difference {
-    /// `eta`: without room for rounding.
-    pub fn new(b: Vec<f64>, eta: f64, along: Vec<Vec<f64>>) -> Self {
-        Self { b, eta: eta * (1.0 + ROUNDING), along }
+    /// `spread`: without room for rounding.
+    pub fn new(b: Vec<f64>, pairs: Vec<f64>, mut spread: Vec<f64>, along: Vec<Vec<f64>>) -> Self {
+        spread.iter_mut().for_each(|v| *v *= (1.0 + ROUNDING).powi(2));
+        Self { b, pairs, spread, along }
     }
 
     /// The models `h` (n, d) with `T = t` in the event that Gamma is at most `spectral`, as one part, with a share a that is best
-    /// for directions in which noise and difference are as large as on the whole, (1 - a) / a multiplied by `factor`.
+    /// for components of one step in units of the noise, in root mean square over the pairs, (1 - a) / a multiplied by
+    /// `factor`.
     pub fn joined(
         &self,
         (h, t): (&[f64], &[f64]),
@@ -55,25 +60,22 @@ impl Difference {
         (spectral, covariance): (f64, &[f64]),
         factor: f64,
     ) -> Result<Region> {
-        let whole = |of: &[f64]| norm(of.iter().copied());
-        let deviation = spectral_norm(covariance, n, n)?.sqrt();
-        let (apart, noise) = (self.eta * whole(t), spectral * deviation * whole(&self.b));
-        let ratio = factor * apart / noise; // (1 - a) / a
-        let (share, rest) = if self.eta == 0.0 || !(ratio > 0.0 && ratio.is_finite()) {
-            (1.0, 0.0)
-        } else {
-            (1.0 / (1.0 + ratio), ratio / (1.0 + ratio))
-        };
+        let whole = |of: &[f64]| Ok::<_, Error>(norm(products([of, &self.pairs], d)?.into_iter()));
+        let each = covariance.iter().step_by(n + 1).zip(self.spread.iter().step_by(n + 1));
+        let apart = norm(each.filter(|(noise, _)| **noise > 0.0).map(|(noise, apart)| (apart / noise).sqrt()));
+        let noise = spectral * (n as f64).sqrt();
+        let ratio = factor * apart * whole(t)? / (noise * whole(&self.b)?); // (1 - a) / a
+        let (share, rest) =
+            if ratio > 0.0 && ratio.is_finite() { (1.0 / (1.0 + ratio), ratio / (1.0 + ratio)) } else { (1.0, 0.0) };
         let mut shape = try_collect(WHAT, covariance.iter().map(|v| spectral.powi(2) / share * v))?;
         if rest > 0.0 {
-            shape.iter_mut().step_by(n + 1).for_each(|v| *v += self.eta.powi(2) / rest);
-        } else if apart > 0.0 && self.b.iter().any(|v| *v != 0.0) {
+            shape.iter_mut().zip(&self.spread).for_each(|(v, apart)| *v += apart / rest);
+        } else if [&self.spread, &self.b].iter().all(|of| of.iter().any(|v| *v != 0.0)) {
             return Err(Error::Overflow { what: "the share of the difference of two plants" });
         }
         let rows = t.iter().map(|v| share.sqrt() * v).chain(self.b.iter().map(|v| rest.sqrt() * v));
         let white = triangle(&try_collect(WHAT, rows)?, d, 1, &Stop::new())?;
-        let units = try_filled(WHAT, 1.0, d)?;
-        let root = transposed_inverse(&white, &units, d)?.0;
+        let (root, ratio) = transposed_inverse(&white, &lengths(&white, d)?, d)?;
         let (all, columns) = (try_collect(WHAT, 0..n)?, try_collect(WHAT, 0..d)?);
         let of = PartOf {
             rows: &all,
@@ -81,7 +83,7 @@ impl Difference {
             white: &white,
             root: &root,
             missing: &[],
-            ratio: 1.0 / pseudoinverse(&white, d, d)?.condition,
+            ratio,
             shape: &shape,
             factor: 1.0,
         };
@@ -111,9 +113,8 @@ impl Difference {
             }
             return Ok((sizes, rows));
         }
-        let mut power = try_zeros(WHAT, n * n)?;
-        (0..n).for_each(|i| power[i * (n + 1)] = 1.0);
-        let unit = try_copy(WHAT, &power)?;
+        let root = try_collect(WHAT, self.spread.iter().map(|v| v.sqrt()))?; // M is diagonal
+        let mut power = try_copy(WHAT, &root)?;
         let [mut c, mut lengths] = [try_room(WHAT, checked_len(WHAT, count, d)?)?, try_room(WHAT, count)?];
         let mut powers = Powers::new(n, n, count)?;
         for j in 0..count {
@@ -125,11 +126,11 @@ impl Difference {
         }
         let span = Span::new(&c, count, false, stop)?;
         for k in 1..=count {
-            sizes[k] = powers.linear(&span, &lengths[..k], (self.eta, f64::INFINITY), EFFORT, f64::INFINITY)?;
+            sizes[k] = powers.linear(&span, &lengths[..k], (1.0, f64::INFINITY), EFFORT, f64::INFINITY)?;
         }
-        if let Some(last) = first_order(&a, &unit, &c, n, d)?.last() {
+        if let Some(last) = first_order(&a, &root, &c, n, d)?.last() {
             for (to, row) in rows.iter_mut().zip(last.chunks_exact(d * n)) {
-                *to = self.eta * norms(row, n)?.1;
+                *to = norms(row, n)?.1;
             }
         }
         Ok((sizes, rows))

@@ -9,7 +9,7 @@
 //!     rows: &[0], columns: &[0, 1], white: &white, root: &root, missing: &[], ratio: 1.0, shape: &[1.0], factor: 0.04,
 //! };
 //! let region = Region::new(&[0.5, 1.0], 1, 1, vec![Arc::new(Part::new(part)?)], None, false)?;
-//! let errors = certificate::trajectory(&region, &[3.0], &[0.0, 0.0], 0.0, None, &Stop::new())?;
+//! let errors = certificate::trajectory(&region, &[3.0], &[0.0, 0.0], 0.0, None, (false, &Stop::new()))?;
 //! assert_eq!(errors.states, [3.0, 1.5, 0.75]);
 //! assert!((errors.radii[1] - 0.3).abs() < 1e-14); // sqrt(.04) ||(3, 0)||, in the norm of V^-1
 //! # Ok::<(), stochens::Error>(())

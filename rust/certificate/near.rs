@@ -21,9 +21,6 @@
 //! run to come adds `sum_p A0^p w` to F, which is independent of it, with s = 1; `drift`, the quantile of
 //! `sum_p (A^p - A0^p) w`, to the mismatch; and `nu_j` to `b_j`.
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
-
 use crate::error::{Error, Result};
 use crate::fuse::{distance, norm};
 use crate::identify::{
@@ -37,7 +34,7 @@ use super::noise::Gaussian;
 use super::nuclear::EFFORT;
 use super::pilot::{Event, Pilot, WHAT};
 use super::plan::Task;
-use super::powers::{Powers, first_order, largest_difference, product};
+use super::powers::{Powers, deviations, first_order, in_units, largest_difference, product, products};
 use super::reference::{Reference, Shares};
 use super::several_steps::{Radii, Seen, Steps, norms, several_steps};
 use super::trajectory::states;
@@ -66,16 +63,6 @@ pub struct Near {
     pub components: Vec<f64>,
 }
 
-/// `X Y'` of (rows, cols).
-fn products([x, y]: [&[f64]; 2], rows: usize) -> Result<Vec<f64>> {
-    let cols = x.len() / rows;
-    let (x, y) = (MatRef::from_row_major_slice(x, rows, cols), MatRef::from_row_major_slice(y, rows, cols));
-    let mut found = try_zeros(WHAT, rows * rows)?;
-    let to = MatMut::from_row_major_slice_mut(&mut found, rows, rows);
-    matmul(to, Accum::Replace, x, y.transpose(), 1.0, Par::Seq);
-    Ok(found)
-}
-
 /// `A^p root`, p < K.
 fn powers(a: &[f64], root: &[f64], n: usize, count: usize) -> Result<Powers> {
     let mut found = Powers::new(n, n, count)?;
@@ -86,6 +73,36 @@ fn powers(a: &[f64], root: &[f64], n: usize, count: usize) -> Result<Powers> {
         power = next;
     }
     Ok(found)
+}
+
+/// The smallest of what several regions of one event say.
+struct Rest {
+    /// First order, in norm (K + 1).
+    linear: Vec<f64>,
+    /// What is not of first order, in norm (K + 1).
+    back: Vec<f64>,
+    /// The same of each row of the last state (n).
+    components: Vec<f64>,
+}
+
+impl Rest {
+    fn new(n: usize, count: usize) -> Result<Self> {
+        let [linear, back, components] = [count + 1, count + 1, n].map(|len| try_filled(WHAT, f64::INFINITY, len));
+        Ok(Self { linear: linear?, back: back?, components: components? })
+    }
+
+    /// `spectral` is the radius that the steps are for.
+    fn also(&mut self, steps: &Steps, spectral: f64) {
+        let (n, count) = (self.components.len(), self.back.len() - 1);
+        let least = |to: &mut [f64], other: &[f64]| to.iter_mut().zip(other).for_each(|(to, v)| *to = to.min(*v));
+        least(&mut self.linear, &steps.linear);
+        least(&mut self.back, &steps.back);
+        for (i, to) in self.components.iter_mut().enumerate() {
+            let each = steps.outside.all().zip(steps.rest[..count].iter().rev());
+            let rest: f64 = each.map(|(m, b)| times(norm(m[i * n..(i + 1) * n].iter().copied()), *b)).sum();
+            *to = to.min(spectral * rest);
+        }
+    }
 }
 
 /// Everything of first order of one plan and one reference.
@@ -106,6 +123,8 @@ struct Work<'a> {
     /// What the difference of an older plant does: see `Difference::linear`.
     difference: (Vec<f64>, Vec<f64>),
     s: f64,
+    /// The s for what depends on no unit of the states: components, and `T_x e(j)`.
+    even: f64,
 }
 
 impl Work<'_> {
@@ -132,7 +151,7 @@ impl Work<'_> {
 
     /// Bounds of `||T_x e(j)||` of first order by the same split, j < K, given `T_x` and `(R^-1)'_x` (d, n); 0 for the last.
     fn between(&self, [tx, t0x]: [&[f64]; 2], stop: &Stop) -> Result<Vec<f64>> {
-        let (n, d, s, count) = (self.n, self.d, self.s, self.plan.len());
+        let (n, d, s, count) = (self.n, self.d, self.even, self.plan.len());
         let level = self.shares.between / (count.max(2) as f64 - 1.0);
         let mut found = try_zeros(WHAT, count + 1)?;
         for (j, to) in found.iter_mut().enumerate().take(count).skip(1) {
@@ -148,7 +167,7 @@ impl Work<'_> {
 
     /// `mismatch(s)` of k steps, first order by the norm of Frobenius.
     fn mismatch(&self, k: usize) -> Result<f64> {
-        Ok(self.factor() * spectral_norm(&self.unlike(k)?, self.n, self.d * self.n)?)
+        Ok(self.factor() * spectral_norm(&self.unlike(k, self.s)?, self.n, self.d * self.n)?)
     }
 
     /// A bound of the first order of `||e(k)||`, one of K that hold together.
@@ -162,13 +181,13 @@ impl Work<'_> {
         Ok(first)
     }
 
-    /// Bounds of `|e(K)|_i`, which hold together: first order of a row exactly; `spectral` is the radius that `steps` are for.
-    fn components(&self, steps: &Steps, spectral: f64) -> Result<Vec<f64>> {
+    /// Bounds of `|e(K)|_i`, which hold together, from those of what is not of first order: first order of a row exactly.
+    fn components(&self, rest: &[f64]) -> Result<Vec<f64>> {
         let (n, width, count) = (self.n, self.d * self.n, self.plan.len());
         let quantile = |level: f64| Ok::<_, Error>(chi2_upper(level / n as f64, 1.0)?.sqrt());
-        let times_deviation = self.s.abs() * quantile(self.shares.reference)?;
+        let times_deviation = self.even.abs() * quantile(self.shares.reference)?;
         let times_drift = if self.noisy() { quantile(self.shares.noise / 2.0)? } else { 0.0 };
-        let (covariance, apart) = (self.covariance(count)?, self.unlike(count)?);
+        let (covariance, apart) = (self.covariance(count)?, self.unlike(count, self.even)?);
         // or `enough`, if that is not above the norm of Frobenius
         let row = |of: &[f64], i: usize, enough: f64| -> Result<f64> {
             let of = &of[i * width..(i + 1) * width];
@@ -179,23 +198,21 @@ impl Work<'_> {
             Ok(times(self.event.frobenius, frobenius).min(times(self.event.spectral, nuclear)).min(enough))
         };
         let mut found = try_zeros(WHAT, n)?;
-        for (i, to) in found.iter_mut().enumerate() {
+        for (i, (to, rest)) in found.iter_mut().zip(rest).enumerate() {
             let mut first = times_deviation * covariance[i * (n + 1)].sqrt() + row(&apart, i, f64::INFINITY)?;
             if self.noisy() {
                 first += times_drift * self.drift[count - 1][i * (n + 1)].sqrt();
             } else {
                 first = row(&self.plan[count - 1], i, first)?;
             }
-            let each = steps.outside.all().zip(steps.rest[..count].iter().rev());
-            let rest: f64 = each.map(|(m, b)| times(norm(m[i * n..(i + 1) * n].iter().copied()), *b)).sum();
-            *to = first + self.difference.1[i] + spectral * rest;
+            *to = first + self.difference.1[i] + rest;
         }
         Ok(found)
     }
 
     /// `sum_j c_j' (x) M_j - s sum_j g_j' (x) L_j` (n, d n).
-    fn unlike(&self, k: usize) -> Result<Vec<f64>> {
-        try_collect(WHAT, self.plan[k - 1].iter().zip(&self.reference[k - 1]).map(|(a, b)| a - self.s * b))
+    fn unlike(&self, k: usize, s: f64) -> Result<Vec<f64>> {
+        try_collect(WHAT, self.plan[k - 1].iter().zip(&self.reference[k - 1]).map(|(a, b)| a - s * b))
     }
 
     /// `min(frobenius, spectral sqrt(min(n, d)))`: the bound of `||sum M Gamma c||` over that of a Kronecker sum.
@@ -213,13 +230,17 @@ impl Work<'_> {
         Ok(found)
     }
 
-    /// The s in [-1, 2] of the smallest `|s| q + mismatch(s)`, first order by the norm of Frobenius.
+    /// The s in [-1, 2] of the smallest `|s| q + mismatch(s)`, first order by the norm of Frobenius, in these units of the states.
     ///
     /// By `D = plan - reference`: `plan - s reference = D + (1 - s) reference`, without cancellation near s = 1.
-    fn best(&self, q: f64) -> Result<f64> {
+    fn best(&self, q: f64, units: &[f64]) -> Result<f64> {
         let (n, k, factor) = (self.n, self.plan.len(), self.factor());
-        let (apart, first) = (self.unlike(k)?, self.reference[k - 1].as_slice()); // here s = 1
-        let mut grams = [products([&apart, &apart], n)?, products([&apart, first], n)?, products([first, first], n)?];
+        let [mut apart, mut first] = [self.unlike(k, 1.0)?, try_copy(WHAT, &self.reference[k - 1])?];
+        for of in [&mut apart, &mut first] {
+            of.chunks_exact_mut(self.d * n).zip(units).for_each(|(row, unit)| row.iter_mut().for_each(|v| *v /= unit));
+        }
+        let mut grams =
+            [products([&apart, &apart], n)?, products([&apart, &first], n)?, products([&first, &first], n)?];
         for i in 0..n {
             for j in 0..=i {
                 let twice = grams[1][i * n + j] + grams[1][j * n + i];
@@ -332,13 +353,18 @@ impl Pilot {
             drift: try_room(WHAT, count)?,
             difference,
             s: 1.0,
+            even: 1.0,
         };
         if noisy {
             work.add_noise()?;
         }
-        let q = normal_quantile(&work.covariance(count)?, n, shares.reference)?;
+        let mut covariance = work.covariance(count)?;
+        let q = normal_quantile(&covariance, n, shares.reference)?;
         if !noisy {
-            work.s = work.best(q)?;
+            let units = deviations(&event.covariance, n)?;
+            in_units(&mut covariance, &units);
+            work.s = work.best(q, &try_filled(WHAT, 1.0, n)?)?;
+            work.even = work.best(normal_quantile(&covariance, n, shares.reference)?, &units)?;
         }
         // the target: q at its whole level, and the first order over the spectral ball too
         let (mut quantile, mut mismatch) = (work.s.abs() * q, work.mismatch(count)?);
@@ -356,20 +382,13 @@ impl Pilot {
             let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come, besides };
             several_steps(region, root, at, inputs, radii, Seen { rows: n, gain: None }, stop)
         };
-        let (spectral, steps) = if let Some(difference) = &self.difference {
-            let mut best = None;
-            let mut least = f64::INFINITY;
+        let mut least = Rest::new(n, count)?;
+        if let Some(difference) = &self.difference {
             for factor in SHARES {
                 let joined = self.joined(difference, event, factor)?;
                 let root = covariance_root(&joined.parts[0].shape, n)?;
-                let steps = along(&joined, &root, 1.0, joined.frobenius(), [None; 2])?;
-                let rest = steps.back[count];
-                if best.is_none() || rest < least {
-                    (best, least) = (Some(steps), rest);
-                }
+                least.also(&along(&joined, &root, 1.0, joined.frobenius(), [None; 2])?, 1.0);
             }
-            let Some(steps) = best else { return Err(Error::Overflow { what: "the rest of a plan" }) };
-            (1.0, steps)
         } else {
             let inner = work.between([&columns(&self.t)?, &columns(&self.t0)?], stop)?;
             // with noise to come the first order of the plan alone does not count
@@ -377,19 +396,20 @@ impl Pilot {
             if !noisy {
                 outer[count] = outer[count].max(quantile + mismatch + difference);
             }
-            (event.spectral, along(region, &root, event.spectral, event.frobenius, [Some(&outer), Some(&inner)])?)
-        };
+            let steps = along(region, &root, event.spectral, event.frobenius, [Some(&outer), Some(&inner)])?;
+            least.also(&steps, event.spectral);
+        }
         if noisy {
             mismatch += normal_quantile(&work.drift[count - 1], n, half)?;
-        } else if steps.linear[count] < quantile + mismatch + difference {
-            (quantile, mismatch, difference) = (0.0, steps.linear[count], 0.0); // s = 0
+        } else if least.linear[count] < quantile + mismatch + difference {
+            (quantile, mismatch, difference) = (0.0, least.linear[count], 0.0); // s = 0
         }
         let mut tube = try_room(WHAT, count + 1)?;
         for (k, (x, predicted)) in at.chunks_exact(n).zip(task.predicted.chunks_exact(n)).enumerate() {
-            let first = if noisy { first[k] } else { first[k].min(steps.linear[k]) };
-            tube.push(distance(x, predicted) + first + steps.back[k]);
+            let first = if noisy { first[k] } else { first[k].min(least.linear[k]) };
+            tube.push(distance(x, predicted) + first + least.back[k]);
         }
-        let (rest, mut components) = (steps.back[count], work.components(&steps, spectral)?);
+        let (rest, mut components) = (least.back[count], work.components(&least.components)?);
         let off = at[count * n..].iter().zip(task.xf).map(|(x, xf)| (x - xf).abs());
         components.iter_mut().zip(off).for_each(|(to, off)| *to += off);
         let reach = distance(&at[count * n..], task.xf);

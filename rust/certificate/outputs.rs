@@ -156,15 +156,7 @@ impl Of {
         if let Some(noise) = noise {
             found.add(noise)?;
         }
-        let mut components = try_room(WHAT, checked_len(WHAT, steps + 1, p)?)?;
-        for k in 0..=steps {
-            stop.check()?;
-            let mut own = found.components(k, &radii)?;
-            if let (Some(noise), true) = (noise, k > 0) {
-                noise.of_components(&found.covariances[k], p, &mut own)?;
-            }
-            components.extend(own);
-        }
+        let components = found.bands(&radii, 0, stop)?;
         let nan = |values: &[f64]| values.iter().any(|v| v.is_nan());
         if nan(&found.radii) || nan(&components) {
             return unbounded(steps, p);

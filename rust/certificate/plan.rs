@@ -66,16 +66,18 @@ pub struct Plan {
     pub components: Vec<f64>,
     /// `||x(k) - predicted[k]|| <= tube[k]` (K + 1).
     pub tube: Vec<f64>,
+    /// `|x(k) - predicted[k]|_i <= bands[k, i]` (K + 1, n); empty where they were not asked for.
+    pub bands: Vec<f64>,
     /// Of the ways that compare, the smallest; `None` if there are none.
     pub control: Option<Control>,
 }
 
 /// The certificate from all `ways`, of which each holds: the smallest target, and the smallest radius and component of any.
-/// Components of a region by rows, `apart`, are a statement of their own and replace the others.
+/// Components of a region by rows, `apart`, are a statement of their own and replace the others. With `every`, bands too.
 ///
 /// # Errors
 /// As [`trajectory`].
-pub fn certify(task: Task<'_>, ways: &[Way<'_>], apart: Option<Way<'_>>, stop: &Stop) -> Result<Plan> {
+pub fn certify(task: Task<'_>, ways: &[Way<'_>], apart: Option<Way<'_>>, (every, stop): (bool, &Stop)) -> Result<Plan> {
     let n = task.xf.len();
     if n == 0 || task.x0.len() != n || !task.predicted.len().is_multiple_of(n) || task.predicted.len() < 2 * n {
         let found = format!("{}, {} and {} entries", task.x0.len(), n, task.predicted.len());
@@ -83,7 +85,7 @@ pub fn certify(task: Task<'_>, ways: &[Way<'_>], apart: Option<Way<'_>>, stop: &
     }
     let mut all: Option<Plan> = None;
     for (index, way) in ways.iter().enumerate() {
-        let found = one_way(task, way, index, stop)?;
+        let found = one_way(task, way, index, (every, stop))?;
         all = Some(match all {
             None => found,
             Some(before) => smaller(before, found),
@@ -93,8 +95,11 @@ pub fn certify(task: Task<'_>, ways: &[Way<'_>], apart: Option<Way<'_>>, stop: &
         return Err(Error::Shape { name: "ways", expected: "at least one region".into(), found: "none".into() });
     };
     if let Some(way) = apart {
-        let errors = trajectory(way.region, task.x0, way.inputs, task.rho0, way.to_come, stop)?;
+        let errors = trajectory(way.region, task.x0, way.inputs, task.rho0, way.to_come, (false, stop))?;
         all.components = components(&errors, task.xf)?;
+        if every {
+            all.bands = around(&errors, task)?;
+        }
     }
     Ok(all)
 }
@@ -102,7 +107,23 @@ pub fn certify(task: Task<'_>, ways: &[Way<'_>], apart: Option<Way<'_>>, stop: &
 /// `|xh(K) - xf|_i` and the error of the component.
 fn components(errors: &Errors, xf: &[f64]) -> Result<Vec<f64>> {
     let end = &errors.states[errors.states.len() - xf.len()..];
-    try_collect(WHAT, end.iter().zip(xf).zip(&errors.components).map(|((x, xf), error)| (x - xf).abs() + error))
+    try_collect(WHAT, end.iter().zip(xf).zip(errors.components()).map(|((x, xf), error)| (x - xf).abs() + error))
+}
+
+/// The bands around the predicted states; a region of all steps at once says nothing between.
+fn around(errors: &Errors, task: Task<'_>) -> Result<Vec<f64>> {
+    let n = task.xf.len();
+    let each = (task.predicted.len() / n - 1) / (errors.radii.len() - 1);
+    let mut bands = try_filled(WHAT, f64::INFINITY, task.predicted.len())?;
+    for (k, (state, own)) in errors.states.chunks_exact(n).zip(errors.bands.chunks_exact(n)).enumerate() {
+        let at = k * each * n..(k * each + 1) * n;
+        for ((to, x), (centre, error)) in
+            bands[at.clone()].iter_mut().zip(&task.predicted[at]).zip(state.iter().zip(own))
+        {
+            *to = error + (centre - x).abs();
+        }
+    }
+    Ok(bands)
 }
 
 /// What both say, which hold at once.
@@ -110,6 +131,7 @@ fn smaller(before: Plan, mut found: Plan) -> Plan {
     let least = |to: &mut [f64], other: &[f64]| to.iter_mut().zip(other).for_each(|(to, other)| *to = to.min(*other));
     least(&mut found.components, &before.components);
     least(&mut found.tube, &before.tube);
+    least(&mut found.bands, &before.bands);
     found.control = match (before.control, found.control) {
         (Some(Control::Within(a)), Some(Control::Within(b))) => Some(Control::Within(a.min(b))),
         (Some(Control::Within(a)), Some(_)) if a.is_finite() => Some(Control::Within(a)),
@@ -119,12 +141,12 @@ fn smaller(before: Plan, mut found: Plan) -> Plan {
     if found.target < before.target {
         return found;
     }
-    Plan { components: found.components, tube: found.tube, control: found.control, ..before }
+    Plan { components: found.components, tube: found.tube, bands: found.bands, control: found.control, ..before }
 }
 
-fn one_way(task: Task<'_>, way: &Way<'_>, index: usize, stop: &Stop) -> Result<Plan> {
+fn one_way(task: Task<'_>, way: &Way<'_>, index: usize, (every, stop): (bool, &Stop)) -> Result<Plan> {
     let (n, region) = (task.xf.len(), way.region);
-    let errors = trajectory(region, task.x0, way.inputs, task.rho0, way.to_come, stop)?;
+    let errors = trajectory(region, task.x0, way.inputs, task.rho0, way.to_come, (every, stop))?;
     let (steps, all) = (errors.radii.len() - 1, task.predicted.len() / n - 1);
     if !all.is_multiple_of(steps) {
         let (expected, found) = (format!("a number of steps that divides {all}"), steps.to_string());
@@ -133,7 +155,7 @@ fn one_way(task: Task<'_>, way: &Way<'_>, index: usize, stop: &Stop) -> Result<P
     let whole = errors.radii[steps];
     let mut alone = whole;
     if task.rho0 > 0.0 && whole.is_finite() {
-        alone = trajectory(region, task.x0, way.inputs, 0.0, way.to_come, stop)?.radii[steps];
+        alone = trajectory(region, task.x0, way.inputs, 0.0, way.to_come, (false, stop))?.radii[steps];
     }
     // a region of all steps at once says nothing between
     let mut tube = try_filled(WHAT, f64::INFINITY, all + 1)?;
@@ -154,6 +176,7 @@ fn one_way(task: Task<'_>, way: &Way<'_>, index: usize, stop: &Stop) -> Result<P
         start,
         components: components(&errors, task.xf)?,
         tube,
+        bands: if every { around(&errors, task)? } else { Vec::new() },
         control: if way.compares { Some(control(task, way, &errors.states[n..])?) } else { None },
     })
 }

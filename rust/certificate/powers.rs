@@ -5,6 +5,7 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::control::pseudoinverse;
 use crate::error::Result;
+use crate::fuse::norm;
 use crate::identify::{Symmetric, spectral_norm, squares, triangle};
 use crate::memory::{checked_len, try_collect, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;
@@ -19,6 +20,34 @@ pub(super) fn product(a: &[f64], b: &[f64], n: usize, k: usize, m: usize) -> Res
     let (a, b) = (MatRef::from_row_major_slice(a, n, k), MatRef::from_row_major_slice(b, k, m));
     matmul(MatMut::from_row_major_slice_mut(&mut out, n, m), Accum::Replace, a, b, 1.0, Par::Seq);
     Ok(out)
+}
+
+/// `X Y'` of (rows, cols).
+pub(super) fn products([x, y]: [&[f64]; 2], rows: usize) -> Result<Vec<f64>> {
+    let cols = x.len() / rows;
+    let (x, y) = (MatRef::from_row_major_slice(x, rows, cols), MatRef::from_row_major_slice(y, rows, cols));
+    let mut found = try_zeros(WHAT, rows * rows)?;
+    let to = MatMut::from_row_major_slice_mut(&mut found, rows, rows);
+    matmul(to, Accum::Replace, x, y.transpose(), 1.0, Par::Seq);
+    Ok(found)
+}
+
+/// The deviations of the n rows of a covariance, 1 for those without noise.
+pub(super) fn deviations(covariance: &[f64], n: usize) -> Result<Vec<f64>> {
+    try_collect(WHAT, covariance.iter().step_by(n + 1).map(|v| if *v > 0.0 { v.sqrt() } else { 1.0 }))
+}
+
+/// Divides rows and columns of a covariance by these units.
+pub(super) fn in_units(covariance: &mut [f64], units: &[f64]) {
+    for (row, own) in covariance.chunks_exact_mut(units.len()).zip(units) {
+        row.iter_mut().zip(units).for_each(|(v, other)| *v /= own * other);
+    }
+}
+
+/// The lengths of the d columns, 1 for those that are 0.
+pub(super) fn lengths(matrix: &[f64], d: usize) -> Result<Vec<f64>> {
+    let size = |j: usize| norm(matrix.iter().skip(j).step_by(d).copied());
+    try_collect(WHAT, (0..d).map(|j| Some(size(j)).filter(|size| *size > 0.0).unwrap_or(1.0)))
 }
 
 /// `(M^-1)'` (d, d) of a matrix with columns of these lengths, and the ratio of the singular values of it with columns of

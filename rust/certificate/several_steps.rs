@@ -101,12 +101,28 @@ impl Steps {
         Ok(())
     }
 
+    /// Bounds of `|P e(k)|_i` (K + 1, p) with Gaussian noise to come; infinite before the `first` step.
+    pub fn bands(&self, radii: &Radii<'_>, first: usize, stop: &Stop) -> Result<Vec<f64>> {
+        let (steps, p) = (self.radii.len() - 1, self.covariances[0].len().isqrt());
+        let mut bands = try_room(WHAT, checked_len(WHAT, steps + 1, p)?)?;
+        bands.resize(first * p, f64::INFINITY);
+        for k in first..=steps {
+            stop.check()?;
+            let mut own = self.components(k, radii)?;
+            if let (Some(noise), true) = (radii.to_come, k > 0) {
+                noise.of_components(k == steps, &self.covariances[k], p, &mut own)?;
+            }
+            bands.extend(own);
+        }
+        Ok(bands)
+    }
+
     /// Bounds of `|P e(k)|_i` (p) without noise to come: the expansion of `r_k` with a row `m_j` of `M_{k-1-j}`,
     ///
     /// ```text
     /// min(frobenius ||N||_F, spectral ||N||_*) + ||(A^k)_i|| rho0 + spectral sum ||m_j|| b_j,    N = sum_j m_j' c_j'.
     /// ```
-    pub fn components(&self, k: usize, radii: &Radii<'_>) -> Result<Vec<f64>> {
+    fn components(&self, k: usize, radii: &Radii<'_>) -> Result<Vec<f64>> {
         let power = &self.powers[k];
         let p = self.covariances[k].len().isqrt();
         let (n, mut components) = (power.len() / p, try_zeros(WHAT, p)?);

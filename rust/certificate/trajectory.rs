@@ -21,17 +21,17 @@ use super::nuclear::WHAT;
 use super::powers::product;
 use super::several_steps::{Radii, Seen, Steps, several_steps};
 
-/// `||x(k) - states[k]|| <= radii[k]`, `|x(K) - states[K]|_i <= components[i]`.
+/// `||x(k) - states[k]|| <= radii[k]`, `|x(k) - states[k]|_i <= bands[k, i]`.
 ///
-/// With Gaussian noise to come the components are a statement of their own.
+/// With Gaussian noise to come the bands are a statement of their own.
 #[derive(Debug, Clone)]
 pub struct Errors {
     /// Of the centre, (K + 1, n).
     pub states: Vec<f64>,
     /// (K + 1).
     pub radii: Vec<f64>,
-    /// (n).
-    pub components: Vec<f64>,
+    /// (K + 1, n); infinite but for the last where no others were asked for.
+    pub bands: Vec<f64>,
     /// For a region of one part: the part of `radii` that is of first order, and `b_k >= ||e(k)||` in the norm of `V^-1`
     /// (K + 1); empty for others, or where a square overflows.
     pub linear: Vec<f64>,
@@ -43,8 +43,14 @@ impl Errors {
     fn unbounded(states: Vec<f64>, n: usize, rho0: f64) -> Result<Self> {
         let mut radii = try_filled(WHAT, f64::INFINITY, states.len() / n)?;
         radii[0] = rho0;
-        let components = try_filled(WHAT, f64::INFINITY, n)?;
-        Ok(Self { states, radii, components, linear: Vec::new(), rest: Vec::new() })
+        let mut bands = try_filled(WHAT, f64::INFINITY, states.len())?;
+        bands[..n].fill(rho0);
+        Ok(Self { states, radii, bands, linear: Vec::new(), rest: Vec::new() })
+    }
+
+    /// The band of the last state (n).
+    pub fn components(&self) -> &[f64] {
+        &self.bands[self.bands.len() - self.bands.len() / self.radii.len()..]
     }
 }
 
@@ -102,7 +108,7 @@ pub fn followed(region: &Region, x0: &[f64], inputs: &[f64], planned: &[f64], ga
 }
 
 /// The errors under `inputs` (K, m) from an x0 known up to `rho0`. They include the noise that the region covers, or that of
-/// `to_come`; where a square overflows they are infinite.
+/// `to_come`; where a square overflows they are infinite. With `every`, bands of every step.
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::Overflow`] for states of the centre that leave the range of doubles, [`Error::Value`] for
@@ -113,41 +119,32 @@ pub fn trajectory(
     inputs: &[f64],
     rho0: f64,
     to_come: Option<ToCome<'_>>,
-    stop: &Stop,
+    (every, stop): (bool, &Stop),
 ) -> Result<Errors> {
     let n = region.n;
     let to_come = to_come.map(|noise| noise.checked(n)).transpose()?;
     let at = states(region, x0, inputs)?;
     let found = if region.parts.len() == 1 && region.parts[0].rows.len() == n {
-        one_part(region, &at, inputs, rho0, to_come, stop)
+        one_part(region, &at, inputs, rho0, to_come, (every, stop))
     } else {
         by_rows(region, &at, inputs, rho0, to_come, stop)
     };
-    let found = found.and_then(|(mut found, covariance)| {
-        if let Some(ToCome::Gaussian(noise)) = to_come {
-            noise.of_components(&covariance, n, &mut found.components)?;
-        }
-        Ok(found)
-    });
     match found {
-        Ok(found) if !found.radii.iter().chain(&found.components).any(|r| r.is_nan()) => {
-            Ok(Errors { states: at, ..found })
-        }
+        Ok(found) if !found.radii.iter().chain(&found.bands).any(|r| r.is_nan()) => Ok(Errors { states: at, ..found }),
         Ok(_) | Err(Error::Overflow { .. }) => Errors::unbounded(at, n, rho0),
         Err(error) => Err(error),
     }
 }
 
-/// `D = S^(1/2) Gamma V^(-1/2)` with bounds of both norms of Gamma: see [`super::several_steps`]. Also the covariance of
-/// the Gaussian noise to come, which the components do not have yet.
+/// `D = S^(1/2) Gamma V^(-1/2)` with bounds of both norms of Gamma: see [`super::several_steps`].
 fn one_part(
     region: &Region,
     at: &[f64],
     inputs: &[f64],
     rho0: f64,
     to_come: Option<ToCome<'_>>,
-    stop: &Stop,
-) -> Result<(Errors, Vec<f64>)> {
+    (every, stop): (bool, &Stop),
+) -> Result<Errors> {
     let (part, n, steps) = (&region.parts[0], region.n, inputs.len() / region.m);
     let order = part.rows.iter().enumerate().all(|(at, row)| at == *row);
     if !order {
@@ -189,18 +186,14 @@ fn one_part(
     if let Some(noise) = radii.to_come {
         found.add(noise)?;
     }
-    let mut components = found.components(steps, &radii)?;
-    let Steps { radii: mut r, linear, rest, mut covariances, .. } = found;
-    let covariance = covariances.pop().unwrap_or_default();
-    if !r[steps].is_finite() {
-        return Ok((Errors { states: Vec::new(), radii: r, components, linear, rest }, covariance));
-    }
-    if let Some((radius, root)) = added {
+    let mut bands = found.bands(&radii, if every { 0 } else { steps }, stop)?;
+    let Steps { radii: mut r, linear, rest, .. } = found;
+    if let (Some((radius, root)), true) = (added, r[steps].is_finite()) {
         r[steps] += times(radius, spectral_norm(root, n, n)?);
         let rows = root.chunks_exact(n).map(|row| times(radius, norm(row.iter().copied())));
-        components.iter_mut().zip(rows).for_each(|(to, row)| *to += row);
+        bands[steps * n..].iter_mut().zip(rows).for_each(|(to, row)| *to += row);
     }
-    Ok((Errors { states: Vec::new(), radii: r, components, linear, rest }, covariance))
+    Ok(Errors { states: Vec::new(), radii: r, bands, linear, rest })
 }
 
 /// `|D z|_i <= c_i(z)` and `|D_x e|_i <= s_i ||e||` for regions of several parts.
@@ -221,7 +214,7 @@ fn by_rows(
     rho0: f64,
     to_come: Option<ToCome<'_>>,
     stop: &Stop,
-) -> Result<(Errors, Vec<f64>)> {
+) -> Result<Errors> {
     let (n, d, steps) = (region.n, region.d, inputs.len() / region.m);
     let mut pushes = try_room(WHAT, checked_len(WHAT, steps, n)?)?; // c(z(j)), later with s r_j + omega
     for (x, u) in at.chunks_exact(n).zip(inputs.chunks_exact(region.m)) {
@@ -250,6 +243,8 @@ fn by_rows(
     powers.push(power);
     let (mut r, mut components) = (try_room(WHAT, steps + 1)?, try_zeros::<f64>(WHAT, n)?);
     r.push(rho0);
+    let mut bands = try_room(WHAT, checked_len(WHAT, steps + 1, n)?)?;
+    bands.extend((0..n).map(|_| rho0));
     for k in 1..=steps {
         stop.check()?;
         let before = r[k - 1];
@@ -274,12 +269,16 @@ fn by_rows(
         let whole = times(norms[k], rho0) + sizes[..k].iter().enumerate().map(along).sum::<f64>();
         let bound = norm(components.iter().copied()).min(whole);
         components.iter_mut().for_each(|component| *component = component.min(bound));
+        bands.extend_from_slice(&components);
         let quantile = match noise {
-            Some(noise) => normal_quantile(&covariance, n, if k == steps { noise.end } else { noise.before })?,
+            Some(noise) => {
+                noise.of_components(k == steps, &covariance, n, &mut bands[k * n..])?;
+                normal_quantile(&covariance, n, if k == steps { noise.end } else { noise.before })?
+            }
             None => 0.0,
         };
         r.push(bound + quantile);
         powers.push(next);
     }
-    Ok((Errors { states: Vec::new(), radii: r, components, linear: Vec::new(), rest: Vec::new() }, covariance))
+    Ok(Errors { states: Vec::new(), radii: r, bands, linear: Vec::new(), rest: Vec::new() })
 }

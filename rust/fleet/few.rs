@@ -85,7 +85,8 @@ struct Fleet<'a> {
 }
 
 /// Leaves out `discard` units and finds the command, solved for a few units alone; with `tiny` the weight R is that of the
-/// largest map. The units left out go one by one, each time the one without which the value falls most.
+/// largest map. The units left out go one by one, each time the one without which the value falls most; a stop leaves the
+/// command that was last found, and the units that it was found without.
 ///
 /// # Errors
 /// As [`worst`].
@@ -142,6 +143,12 @@ pub fn alone(
     Ok(fleet.own(few, Until::new(stop, None))?.control)
 }
 
+/// A command that no stop cut short.
+fn whole(found: Worst) -> Result<Worst> {
+    let stopped = matches!(found.status, Status::Limit | Status::Interrupted);
+    if stopped { Err(Error::Interrupted) } else { Ok(found) }
+}
+
 /// The units that carry a command, in their order.
 fn carrying(found: &Worst) -> Result<Vec<usize>> {
     let weighing = found.working.iter().zip(&found.shares).filter(|(_, share)| **share > CARRIES);
@@ -188,7 +195,7 @@ impl Fleet<'_> {
             if few.is_empty() {
                 continue;
             }
-            let value = self.alone(&few, r, until)?.value;
+            let value = whole(self.alone(&few, r, until)?)?.value;
             if value < least {
                 (out, start, least) = (i, few, value);
             }
@@ -198,7 +205,7 @@ impl Fleet<'_> {
             let weight =
                 if widest == Some(out) { self.weight(self.units, skip)? } else { (try_copy(WHAT, r)?, widest) };
             let limits = Limits { r: &weight.0, ..self.limits };
-            let next = worst(self.units, limits, (skip, &start), (self.threads, until))?;
+            let next = whole(worst(self.units, limits, (skip, &start), (self.threads, until))?)?;
             Ok((out, weight, next))
         })();
         skip[out] = found.is_ok();

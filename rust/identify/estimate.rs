@@ -6,14 +6,13 @@ use crate::error::{Error, Result};
 use crate::memory::{checked_len, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 
-use super::instruments::Projected;
-use super::least_squares::{Fitted, WHAT, add, backward, cholesky, fit, forward, reduced};
+use super::least_squares::{Fitted, WHAT, fit, reduced};
 use super::triangle::triangle;
 
 /// Measured pairs as one triangle, and what is known beforehand.
 #[derive(Debug, Clone, Copy)]
 pub struct Data<'a> {
-    /// `R` of `[zeta Z Y]`, row by row: instruments if there are any, states and inputs (and 1), states one step later.
+    /// `R` of `[Z Y]`, row by row: states and inputs (and 1), states one step later.
     pub triangle: &'a [f64],
     /// The number of pairs N.
     pub size: usize,
@@ -23,25 +22,20 @@ pub struct Data<'a> {
     pub m: usize,
     /// Whether there is a column of 1 behind them, for an offset c.
     pub offset: bool,
-    /// The number of instruments, 0 for least squares.
-    pub instruments: usize,
     /// The known entries (n, d) of Theta, NaN where an entry is to be estimated.
     pub known: Option<&'a [f64]>,
-    /// The covariance (n, n) of the errors of measured states, for a consistent estimate without a region.
-    pub state_noise: Option<&'a [f64]>,
 }
 
 /// The model of [`Data`], and least squares of its rows.
 #[derive(Debug, Clone)]
 pub struct Estimate {
-    /// Theta (n, d): least squares, two-stage least squares with instruments, or corrected for the noise of the states.
+    /// Theta (n, d), least squares.
     pub model: Vec<f64>,
     /// Least squares of all rows at once, or of each where their known columns differ.
     pub blocks: Vec<Arc<Fitted>>,
     pub(crate) n: usize,
     pub(crate) m: usize,
     pub(crate) d: usize,
-    pub(crate) projected: Option<Projected>,
     own: Vec<f64>,
     known: Option<Vec<f64>>,
     size: usize,
@@ -49,12 +43,12 @@ pub struct Estimate {
 
 impl Estimate {
     /// # Errors
-    /// [`Error::Shape`]; [`Error::Value`] for a `state_noise` as large as the states; [`Error::NonFinite`],
-    /// [`Error::Overflow`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
+    /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`], [`Error::Numerical`], [`Error::Memory`],
+    /// [`Error::Interrupted`].
     pub fn new(of: Data<'_>, stop: &Stop) -> Result<Self> {
-        let Data { n, m, size, instruments: r, .. } = of;
+        let Data { n, m, size, .. } = of;
         let d = n + m + usize::from(of.offset);
-        let (width, entries) = (r + d + n, checked_len(WHAT, n, d)?);
+        let (width, entries) = (d + n, checked_len(WHAT, n, d)?);
         let shaped = |name, values: &[f64], expected: usize| {
             let found = values.len().to_string();
             let wrong = || Error::Shape { name, expected: format!("{expected} entries"), found };
@@ -62,22 +56,15 @@ impl Estimate {
         };
         shaped("triangle", of.triangle, checked_len(WHAT, width, width)?)?;
         of.known.map_or(Ok(()), |known| shaped("known", known, entries))?;
-        of.state_noise.map_or(Ok(()), |noise| shaped("state_noise", noise, n * n))?;
         if n == 0 || m == 0 {
             let (expected, found) = ("at least one state and one input".into(), format!("n={n}, m={m}"));
             return Err(Error::Shape { name: "triangle", expected, found });
         }
-        let all = of.triangle.chunks_exact(width).flat_map(|row| &row[r..]).copied();
-        let own = reduced(&try_collect(WHAT, all)?, d + n, 1, stop)?;
-        let projected = if r > 0 { Some(Projected::new(of.triangle, width, r, size)?) } else { None };
+        let own = reduced(of.triangle, width, 1, stop)?;
         let known = of.known.map(|known| try_copy(WHAT, known)).transpose()?;
-        let mut made = Self { model: Vec::new(), blocks: Vec::new(), n, m, d, projected, own, known, size };
+        let mut made = Self { model: Vec::new(), blocks: Vec::new(), n, m, d, own, known, size };
         made.blocks = made.least_squares(false, stop)?;
-        made.model = match (&made.projected, of.state_noise) {
-            (Some(projected), _) => projected.two_stages(d, stop)?,
-            (None, Some(noise)) => made.corrected(noise)?,
-            (None, None) => made.assembled()?,
-        };
+        made.model = made.assembled()?;
         Ok(made)
     }
 
@@ -130,31 +117,6 @@ impl Estimate {
             for (i, row) in block.rows.iter().zip(block.model.chunks_exact(block.columns.len().max(1))) {
                 block.columns.iter().zip(row).for_each(|(j, v)| model[i * self.d + j] = *v);
             }
-        }
-        Ok(model)
-    }
-
-    /// `Y' Z (Z' Z - N C)^-1`: consistent for states with errors of covariance C.
-    fn corrected(&self, covariance: &[f64]) -> Result<Vec<f64>> {
-        let (n, d) = (self.n, self.d);
-        let mut moments = try_zeros(WHAT, checked_len(WHAT, d, d)?)?;
-        let mut model = try_zeros(WHAT, checked_len(WHAT, n, d)?)?;
-        for row in self.own.chunks_exact(d + n).take(d) {
-            let (z, y) = row.split_at(d);
-            moments.chunks_exact_mut(d).zip(z).for_each(|(to, v)| add(to, *v, z));
-            model.chunks_exact_mut(d).zip(y).for_each(|(to, v)| add(to, *v, z));
-        }
-        for (row, noise) in moments.chunks_exact_mut(d).zip(covariance.chunks_exact(n)) {
-            add(&mut row[..n], -(self.size as f64), noise);
-        }
-        let lower = cholesky(&moments, d)?.ok_or_else(|| Error::Value {
-            name: "state_noise",
-            expected: "smaller than the states",
-            found: "one that is as large as the states themselves: no estimate".into(),
-        })?;
-        for row in model.chunks_exact_mut(d) {
-            forward(&lower, d, row);
-            backward(&lower, d, row);
         }
         Ok(model)
     }

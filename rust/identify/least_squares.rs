@@ -177,7 +177,7 @@ pub fn fit(rows: &[f64], width: usize, d: usize, size: usize, threads: usize, st
 }
 
 /// `to += factor values`.
-pub(crate) fn add(to: &mut [f64], factor: f64, values: &[f64]) {
+pub(super) fn add(to: &mut [f64], factor: f64, values: &[f64]) {
     to.iter_mut().zip(values).for_each(|(to, v)| *to += factor * v);
 }
 
@@ -222,20 +222,4 @@ pub(crate) fn cholesky(matrix: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
         }
     }
     Ok(Some(l))
-}
-
-/// `x <- L^-1 x`.
-pub(crate) fn forward(l: &[f64], n: usize, x: &mut [f64]) {
-    for i in 0..n {
-        let sum: f64 = l[i * n..i * n + i].iter().zip(&*x).map(|(a, b)| a * b).sum();
-        x[i] = (x[i] - sum) / l[i * (n + 1)];
-    }
-}
-
-/// `x <- L'^-1 x`.
-pub(crate) fn backward(l: &[f64], n: usize, x: &mut [f64]) {
-    for i in (0..n).rev() {
-        let sum: f64 = (i + 1..n).map(|k| l[k * n + i] * x[k]).sum();
-        x[i] = (x[i] - sum) / l[i * (n + 1)];
-    }
 }

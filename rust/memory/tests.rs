@@ -397,16 +397,7 @@ fn call(name: &str) -> Option<Call> {
             let (known, directions) = (entries(n * n), entries(d * 3));
             Box::new(move || {
                 let triangle = identify::triangle(&rows, n + d, 1, &stop)?;
-                let of = identify::Data {
-                    triangle: &triangle,
-                    size: 200,
-                    n,
-                    m: d - n,
-                    offset: false,
-                    instruments: 0,
-                    known: None,
-                    state_noise: None,
-                };
+                let of = identify::Data { triangle: &triangle, size: 200, n, m: d - n, offset: false, known: None };
                 let estimate = identify::Estimate::new(of, &stop)?;
                 let assumed = |design| identify::Assumed {
                     tail: 0.0,
@@ -420,9 +411,7 @@ fn call(name: &str) -> Option<Call> {
                 Region::from_data(&estimate, any, wish, units, 1, &stop)?;
                 Region::from_data(&estimate, any, identify::Wish { components: true, ..wish }, units, 1, &stop)?;
                 let wish = identify::Wish { directions: Some(&directions), ..wish };
-                Region::from_data(&estimate, exact, wish, units, 1, &stop)?;
-                let of = identify::Data { n: 2, m: 3, instruments: 9, ..of };
-                identify::Estimate::new(of, &stop).map(drop)
+                Region::from_data(&estimate, exact, wish, units, 1, &stop).map(drop)
             })
         }
         "several steps" => {

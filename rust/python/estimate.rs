@@ -32,8 +32,7 @@ pub(super) struct PyEstimate {
 #[pymethods]
 impl PyEstimate {
     #[new]
-    #[pyo3(signature = (triangle, size, n, m, offset, known=None, instruments=0, state_noise=None))]
-    #[expect(clippy::too_many_arguments, reason = "the fields of the data")]
+    #[pyo3(signature = (triangle, size, n, m, offset, known=None))]
     fn new(
         py: Python<'_>,
         triangle: Matrix<'_>,
@@ -42,14 +41,11 @@ impl PyEstimate {
         m: usize,
         offset: bool,
         known: Option<Matrix<'_>>,
-        instruments: usize,
-        state_noise: Option<Matrix<'_>>,
     ) -> PyResult<Self> {
         let known = known.as_ref().map(|known| slice("known", known)).transpose()?;
-        let state_noise = state_noise.as_ref().map(|noise| slice("state_noise", noise)).transpose()?;
         let triangle = slice("triangle", &triangle)?;
-        let of = Data { triangle, size, n, m, offset, instruments, known, state_noise };
-        let cost = 30.0 * ((n + m + instruments) as f64).powi(3) * if known.is_some() { n as f64 } else { 1.0 };
+        let of = Data { triangle, size, n, m, offset, known };
+        let cost = 30.0 * ((n + m) as f64).powi(3) * if known.is_some() { n as f64 } else { 1.0 };
         let estimate = run(py, cost, |stop| Estimate::new(of, stop))?;
         Ok(Self { estimate, n, d: n + m + usize::from(offset) })
     }

@@ -176,7 +176,7 @@ impl PyErrors {
 
     #[getter]
     fn components<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        array1(py, try_copy(WHAT, &self.errors.components)?)
+        array1(py, try_copy(WHAT, self.errors.components())?)
     }
 
     #[getter]
@@ -313,16 +313,23 @@ impl PyRegion {
     ) -> PyResult<PyErrors> {
         let (x0, given, noise) = (slice("x0", &x0)?, slice("inputs", &inputs)?, to_come(&noise)?);
         let cost = self.cost(inputs.as_array().dim().0);
-        let errors = run(py, cost, |stop| certificate::trajectory(&self.0, x0, given, rho0, noise, stop))?;
+        let errors = run(py, cost, |stop| certificate::trajectory(&self.0, x0, given, rho0, noise, (false, stop)))?;
         Ok(PyErrors { errors, n: x0.len() })
     }
 }
 
 /// A region, the inputs in its form, noise to come, and whether it compares with the best control.
 type GivenWay<'py> = (Bound<'py, PyRegion>, Matrix<'py>, Option<Noise<'py>>, bool);
-/// `(best, target, reach, model_error, start, components, tube, control, why)`; `why` no bound of the control is known.
-type Found<'py> =
-    (usize, f64, f64, f64, f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, f64, Option<&'static str>);
+/// `(best, (target, reach, model_error, start), components, tube, bands, control, why)`; `why` no bound of the control is known.
+type Found<'py> = (
+    usize,
+    (f64, f64, f64, f64),
+    Bound<'py, PyArray1<f64>>,
+    Bound<'py, PyArray1<f64>>,
+    Option<Bound<'py, PyArray2<f64>>>,
+    f64,
+    Option<&'static str>,
+);
 
 /// The inputs of the centre under a feedback about a plan with other states.
 #[pyfunction]
@@ -350,6 +357,7 @@ pub(super) fn certify<'py>(
     predicted: Matrix<'_>,
     ways: Vec<GivenWay<'_>>,
     apart: Option<GivenWay<'_>>,
+    every: bool,
 ) -> PyResult<Found<'py>> {
     let task = Task { x0: slice("x0", &x0)?, rho0, xf: slice("xf", &xf)?, predicted: slice("predicted", &predicted)? };
     let (mut given, mut cost) = (try_room(WHAT, ways.len())?, 0.0);
@@ -358,7 +366,8 @@ pub(super) fn certify<'py>(
         given.push(as_way(way)?);
     }
     let apart = apart.as_ref().map(as_way).transpose()?;
-    let found = run(py, 2.0 * cost, |stop| certificate::certify(task, &given, apart, stop))?;
+    let found = run(py, 2.0 * cost, |stop| certificate::certify(task, &given, apart, (every, stop)))?;
+    let (steps, n) = predicted.as_array().dim();
     let (control, reason) = match found.control {
         None => (f64::INFINITY, Some("over several steps no bound of the control is known")),
         Some(Control::Within(value)) => (value, None),
@@ -369,12 +378,10 @@ pub(super) fn certify<'py>(
     };
     Ok((
         found.best,
-        found.target,
-        found.reach,
-        found.model_error,
-        found.start,
+        (found.target, found.reach, found.model_error, found.start),
         array1(py, found.components)?,
         array1(py, found.tube)?,
+        if every { Some(array2(py, found.bands, steps, n)?) } else { None },
         control,
         reason,
     ))

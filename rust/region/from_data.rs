@@ -16,12 +16,11 @@ use super::part::{Part, WHAT};
 
 impl Region {
     /// The models that contain the true one with probability `1 - wish.delta`, around the `estimate`; the `units` of states,
-    /// inputs (and 1) count where no exact law holds. With instruments that of Anderson and Rubin.
+    /// inputs (and 1) count where no exact law holds.
     ///
     /// # Errors
-    /// [`Error::Value`] for a `delta` outside (0, 1), directions or noise to come where no exact law holds, or data that no
-    /// model explains with their instruments; [`Error::Shape`], [`Error::Overflow`], [`Error::Numerical`],
-    /// [`Error::Memory`], [`Error::Interrupted`].
+    /// [`Error::Value`] for a `delta` outside (0, 1), or directions or noise to come where no exact law holds;
+    /// [`Error::Shape`], [`Error::Overflow`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
     pub fn from_data(
         estimate: &Estimate,
         assumed: Assumed<'_>,
@@ -32,9 +31,6 @@ impl Region {
     ) -> Result<Self> {
         let (n, d, by) = (estimate.n, estimate.d, By { threads, stop });
         level("delta", wish.delta)?;
-        if let Some(projected) = &estimate.projected {
-            return Self::by_instruments(projected, estimate, wish.delta, by);
-        }
         let by_rows = wish.components && estimate.blocks.len() == 1;
         let (rows, first_rows);
         let blocks = if by_rows {

@@ -9,7 +9,6 @@
 mod entering;
 mod from_data;
 mod hull;
-mod instruments;
 mod models;
 mod part;
 mod projection;

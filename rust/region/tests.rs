@@ -121,8 +121,7 @@ fn estimate(known: Option<&[f64]>) -> Estimate {
     let row = |k: f64| (k.cos(), (1.7 * k).sin(), 0.01 * (2.9 * k).sin());
     let rows: Vec<f64> = (0..40).map(|k| row(f64::from(k))).flat_map(|(x, u, w)| [x, u, x / 2.0 + u + w]).collect();
     let triangle = triangle(&rows, 3, 1, &Stop::new()).unwrap();
-    let (instruments, state_noise) = (0, None);
-    let of = Data { triangle: &triangle, size: 40, n: 1, m: 1, offset: false, instruments, known, state_noise };
+    let of = Data { triangle: &triangle, size: 40, n: 1, m: 1, offset: false, known };
     Estimate::new(of, &Stop::new()).unwrap()
 }
 

@@ -17,9 +17,6 @@ W = (((((np.arange(2)[:, None] + 3) * (_t + 2) ** 2) % 13) - 6) / 20.0).T
 THETA = np.array([[0.9, 0.2, 0.0], [-0.1, 0.8, 1.0]])
 Y = Z @ THETA.T + W
 POINT = np.array([1.0, -1.0, 0.5])
-Z_READ = Z.copy()
-Z_READ[:, 0] += ((5 * _t + 2) % 7 - 3) / 5.0
-INSTRUMENTS = np.column_stack([Z, _t**2 % 5])
 
 SKEWED = np.array(  # a root of a noise covariance that is far from I
     [[1.0, 0.0, 0.0, 0.0], [0.7, 0.3, 0.0, 0.0], [-0.5, 0.2, 0.1, 0.0], [2.0, -1.0, 0.5, 1.5]]

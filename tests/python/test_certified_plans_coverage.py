@@ -58,6 +58,9 @@ def violated(found, plan, path, exact=None):
     wrong = (away > found.tube * (1 + 1e-9) + 1e-12).any()
     wrong |= np.linalg.norm(apart) > found.target or away[-1] > found.state + 1e-12
     wrong_components = (np.abs(apart) > found.components).any()
+    if "bands" in found.quantities:
+        away = np.abs(path - plan.predicted_states)
+        wrong_components |= (away > found["bands"].radius * (1 + 1e-9) + 1e-12).any()
     if exact is not None:
         wrong |= exact.control > found.control
     return bool(wrong), bool(wrong_components)
@@ -87,7 +90,7 @@ def test_certificates_hold(kind, noise):
         start = x0 + rho0 * off / np.linalg.norm(off)
         for i, K in enumerate((1, 4, 6)):
             plan = se.control(model, se.Uncertain(x0, rho0), xf, steps=K)
-            found = plan.bound(noise=noise)
+            found = plan.bound(noise=noise, bands=True)
             finite += np.isfinite(found.target)
             path = [start]
             for u in plan.u:

@@ -105,7 +105,6 @@ def test_entry_bounds_are_attained_on_the_boundary(table):
         (["--design", "independent", "--last-pairs"], ["30 pairs", "independent of all"]),
         (["--design", "independent", "--last-pairs", "--noise", "symmetric"], ["sign vectors"]),
         (["--covariance", "diagonal", "--delta", "0.1"], ["holds with 90 %"]),
-        (["--past-inputs", "4"], ["instruments independent of both"]),
     ],
 )
 def test_identify_prints_a_table(table, capsys, options, words):

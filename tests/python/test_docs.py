@@ -172,7 +172,7 @@ PAGES = (
 # Packages of the extras `dev` that a page needs.
 NEEDED = {
     "README.md": ("matplotlib", "pandas"),
-    "docs/networks.md": ("pypower",),
+    "docs/networks.md": ("matpowercaseframes", "pypower"),
     "docs/saving.md": ("h5netcdf", "pandas", "xarray"),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
     "docs/systems.md": ("control", "matplotlib", "pandas", "scipy", "xarray"),
@@ -312,7 +312,7 @@ def test_rig_script_compares_and_draws(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["rig.py", "--seeds", "2", "--images", str(tmp_path / "a")])
     module.main()
     printed = capsys.readouterr().out
-    assert printed.count("N = 20 | N = 50 | region failed") == 6  # three laws, with and without v
+    assert printed.count("N = 20 | N = 50 | region failed") == 6  # three laws, exact and read
     rows = [line for line in printed.splitlines() if line.startswith("| last pairs, Gaussian")]
     assert [" * |" in row for row in rows] == [False, True, True]
     certificate, error = rows[0].split(" | ")[2].split(" / ")

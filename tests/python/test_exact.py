@@ -308,3 +308,16 @@ def test_a_target_that_rounding_makes_is_no_relative_measure():
     assert (xf != A @ x0).any() or (xf == A @ x0).all()
     plan = se.required_samples(se.System(A, B), x0, xf, 0.1, quantity="control", runs=20, rng=1)
     assert (plan.relative_to, plan.reference) == ("B^+ A x0", pytest.approx(np.linalg.norm(xf)))
+
+
+def test_an_error_beside_almost_nothing_is_not_printed_as_a_share():
+    system, x0, xf = se.System([[1.0]], [[1.0]]), [1.0], [1e-7]
+    far = se.control(([[1.5]], [[1.0]]), x0, xf).error(system, x0, xf)
+    assert far.state_relative == pytest.approx(5e6, rel=1e-3)
+    near = se.control(([[1.5]], [[1.0]]), x0, [0.5]).error(system, x0, [0.5])
+    for text in (repr(far), far._repr_html_()):
+        assert "% of the norm of the state" not in text
+        assert "state_relative" not in text
+    assert "state_relative=1.0, " in repr(near)
+    assert "100 % of the norm of the state" in near._repr_html_()
+    assert "control_relative=" in repr(far)

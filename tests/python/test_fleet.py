@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from time import perf_counter
 
 import numpy as np
 import pytest
@@ -270,6 +271,33 @@ def test_a_time_limit_gives_a_command_that_is_certified(gen: np.random.Generator
                 plan.certify(0.1, method="a priori")
 
 
+def test_a_time_limit_while_units_are_left_out_keeps_what_was_found() -> None:
+    gen = np.random.default_rng(1)
+    fleet, x0 = drawn(gen, 150, 14, 4, spread=0.1), gen.standard_normal(14)
+
+    def plan(discard: int, limit: float | None = None) -> se.FleetPlan:
+        words = {"limits": (-1, 1), "risk": "worst", "discard": discard, "time_limit": limit}
+        return se.control_fleet(fleet, x0, np.zeros(14), 10, **words)
+
+    began, whole = perf_counter(), [plan(0)]
+    least, seen = perf_counter() - began, set()
+    for k in range(12):
+        found = plan(40, least * 1.5**k)
+        assert found.status == "user_limit" or len(found.removed) == 40
+        out = len(found.removed)
+        seen.add(out)
+        while len(whole) <= min(out, 5):
+            whole.append(plan(len(whole)))
+        if 0 < out <= 5:
+            assert found.removed == whole[out].removed
+            assert found.threshold == pytest.approx(whole[out].threshold, rel=1e-6)
+            assert np.all(np.delete(found.misses, found.removed) <= found.threshold)
+        if out > 5:
+            assert found.threshold < whole[5].threshold
+            break
+    assert len(seen) > 1
+
+
 def alone(plan: se.FleetPlan) -> np.ndarray:
     """The command of a plan from its support alone: of the other units nothing is known."""
     few, task = list(plan.support), plan.units.task
@@ -357,3 +385,67 @@ def test_a_working_set_that_can_be_reached_gives_no_bound(limits):
         ).fun
         assert plan.lower_bound <= best + 1e-7
         assert plan.value <= best + 1e-6
+
+
+def test_fresh_units_of_another_step_or_of_other_names_are_refused() -> None:
+    A, B = np.array([[[0.5]], [[0.4]]]), np.ones((2, 1, 1))
+    names = se.System([[1.0]], [[1.0]], states=["v"], inputs=["F"]).labels
+    units = se.SystemEnsemble(A, B, dt=0.05, labels=names)
+    fleet = se.control_fleet(units, [1.0], [0.0], 2, risk="worst")
+    plan = se.control(units[0], [1.0], [0.0], steps=2)
+    other = se.System([[1.0]], [[1.0]], states=["w"], inputs=["F"]).labels
+    for check in (lambda fresh: fleet.validate(fresh, 0.1), plan.validate):
+        check(se.SystemEnsemble(A + 0.1, B))  # without names and dt: by position
+        check(se.SystemEnsemble(A + 0.1, B, dt=0.05 * (1.0 + 1e-12), labels=names))
+        with pytest.raises(ShapeError, match=r"must have dt=0\.05 as this plan, got dt=0\.1"):
+            check(se.SystemEnsemble(A + 0.1, B, dt=0.1))
+        with pytest.raises(InputError, match="'w'"):
+            check(se.SystemEnsemble(A + 0.1, B, labels=other))
+    for compare in (plan.states, lambda system, x0: plan.error(system, x0, [0.0])):
+        with pytest.raises(ShapeError, match="`system` must have dt"):
+            compare(([[0.5]], [[1.0]], 0.1), [1.0])
+
+
+def test_the_miss_that_is_shown_is_without_the_weight_of_the_inputs() -> None:
+    units, cost = gains(0.5, 2.0), se.Cost(R=0.3)
+    worst = se.control_fleet(units, [0.0], [1.0], 1, cost=cost, risk="worst")
+    assert f"largest miss {worst.misses.max():.4g}," in repr(worst)
+    mean = se.control_fleet(units, [0.0], [1.0], 1, cost=cost)
+    assert f"rms miss {np.sqrt(np.mean(mean.misses**2)):.4g}," in repr(mean)
+    assert worst.value > 1.01 * worst.threshold
+
+
+@pytest.mark.parametrize("risk", ["mean", "worst"])
+def test_a_risk_gives_its_threshold(risk) -> None:
+    """Of 300 samples of fresh units 0.1 may mislead: 30 expected, 52 = 4 standard errors more."""
+    gen = np.random.default_rng(4)
+    plan = se.control_fleet(gains(*gen.uniform(0.5, 1.5, 20)), [0.0], [1.0], 1, risk=risk)
+    u, failed, sharp = plan.u[0, 0], 0, 0
+    for _ in range(300):
+        fresh = gains(*gen.uniform(0.5, 1.5, 80))
+        found = plan.validate(fresh, 0.1, epsilon=0.2)
+        assert found.epsilon <= 0.2
+        assert found.count == np.sum(found.misses > found.threshold)
+        low, high = (1.0 + side * found.threshold for side in (-1.0, 1.0))
+        inside = np.clip((low / u, high / u), 0.5, 1.5)
+        failed += inside[1] - inside[0] < 0.8
+        again = plan.validate(fresh, 0.1, threshold=found.threshold)
+        assert again.epsilon == found.epsilon
+        sharp += inside[1] - inside[0] < 0.85
+    assert failed <= 52 < sharp
+    for words, text in (
+        ({"epsilon": 0.01}, "needs 230 fresh units at least, got 80"),
+        ({"epsilon": 0.2, "threshold": 1.0}, "`threshold` must be left out"),
+        ({"epsilon": 0.0}, "`epsilon`"),
+    ):
+        with pytest.raises(InputError, match=text):
+            plan.validate(fresh, 0.1, **words)
+
+
+def test_units_that_leave_their_limits_have_no_threshold() -> None:
+    limits = se.Limits(x=(None, 1.1), soft=False)
+    plan = se.control_fleet(gains(0.9, 1.0), [0.0], [1.0], 1, limits=limits, risk="worst")
+    fresh = gains(*([1.0] * 15 + [5.0] * 5))
+    with pytest.raises(InputError, match="more of them leave their limits"):
+        plan.validate(fresh, 0.1, epsilon=0.3)
+    assert plan.validate(fresh, 0.1, epsilon=0.5).threshold < 1.0

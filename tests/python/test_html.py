@@ -177,8 +177,8 @@ def test_a_bound_says_what_it_covers_in_short():
         "guaranteed with probability 95 % at least; control and state each"
     )
     exact = se.control(SYSTEM, X0, XF).bound()
-    assert repr(exact).endswith(", certain>")
-    assert exact.holds == "certain; nothing was drawn"
+    assert repr(exact).endswith(", if what was given is exact>")
+    assert exact.holds == "if what was given is exact; nothing was drawn"
     fit = se.fuse(se.sample(SYSTEM.A, 9, rng=1), "slse", target=SYSTEM.A)
     assert "targets of the fits" in se.control((fit, SYSTEM.B), X0, XF).bound().assumption
 

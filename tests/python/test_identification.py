@@ -14,7 +14,6 @@ from identification_data import POINT, THETA, Y, Z, check, independent, noisy_st
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
 from twin import anytime as at
-from twin import instruments as iv
 from twin import laws, signs
 from twin import quantiles as qu
 from twin import regions as rg
@@ -258,53 +257,6 @@ def test_pooled_data_are_the_data():
     check(fixed(halves).region(DELTA).radius, fixed().region(DELTA).radius, rtol=1e-12)
 
 
-# -- instruments -----------------------------------------------------------------------------------
-
-
-def instrumented(data, zeta, **options):
-    return se.identify(data, state_noise="white", instruments=zeta, **options)
-
-
-def test_instruments_are_those_of_the_twin():
-    gen = np.random.default_rng(4)
-    _, run = noisy_states(gen, 400, 0.3)
-    data = se.Trajectories(*run)
-    zeta = data.past_inputs(5)
-    model = instrumented(data, zeta, checks=False)
-    z, y = tr.pairs([run])
-    twin = iv.instrumented(zeta[::2], z[::2], y[::2], DELTA)
-    region = model.region(DELTA)
-    check(region.centre, twin.centre, rtol=1e-8)
-    check(region.bound(X0, U0), rg.bound(iv.region(twin), POINT), rtol=1e-8)
-    P = zeta[::2] @ np.linalg.pinv(zeta[::2])
-    two = np.linalg.lstsq(P @ z[::2], y[::2], rcond=None)[0].T
-    check(theta(model), two, rtol=1e-8, atol=1e-10)
-    assert model.size == 200
-    assert pickle.loads(pickle.dumps(model)).region(DELTA).radius == region.radius
-
-
-def test_instruments_may_say_too_little_or_refute_the_model():
-    gen = np.random.default_rng(5)
-    _, run = noisy_states(gen, 40, 0.3)
-    data = se.Trajectories(*run)
-    weak = instrumented(data, gen.standard_normal((40, 4)), checks=False).region(DELTA)
-    assert weak.radius == np.inf
-    assert weak.contains(np.eye(2), np.ones((2, 1)))
-    z = gen.standard_normal((300, 3))
-    wrong = np.column_stack([z, np.sum(z**2, axis=1)])  # in the noise as well
-    y = z @ THETA.T + wrong[:, 3:] + 0.01 * gen.standard_normal((300, 2))
-    model = instrumented(se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y), wrong, checks=False)
-    with pytest.raises(InputError, match="no model explains these data"):
-        model.region(DELTA)
-
-
-def test_the_instruments_of_the_data_set():
-    """With itself as instruments, least squares and its exact region."""
-    model = instrumented(DATA, Z)
-    check(theta(model), FIT.H, atol=1e-12)
-    check(model.region(DELTA).bound(X0, U0), 0.185505135251, rtol=1e-10)
-
-
 # -- signs -----------------------------------------------------------------------------------------
 
 
@@ -492,20 +444,6 @@ REFUSED = {
     "scale": (lambda: se.identify(DATA, scale=[1.0, 0.0, 1.0]), "in [1e-100, 1e+100], got 0"),
     "scale shape": (lambda: se.identify(DATA, scale=[1.0]), "`scale` must have shape (3,)"),
     "data": (lambda: se.identify(Z), "`data` must be a Trajectories"),
-    "few instruments": (
-        lambda: instrumented(DATA, Z[:, :2]), "`instruments` must have at least 3 columns"
-    ),
-    "instruments of exact states": (
-        lambda: se.identify(DATA, instruments=Z), "declare state_noise='white'"
-    ),
-    "instruments and rows": (
-        lambda: instrumented(DATA, Z, known_B=[[0.0], [np.nan]]), "no known entries"
-    ),
-    "instrument rows": (lambda: instrumented(DATA, Z[:5]), "`instruments` must have shape (12, m)"),
-    "state noise": (lambda: se.identify(DATA, state_noise="grey"), "`state_noise` must be one of"),
-    "large state noise": (
-        lambda: se.identify(DATA, state_noise=1e3 * np.eye(2)).A, "as large as the states"
-    ),
 }  # fmt: skip
 
 
@@ -522,8 +460,6 @@ def test_contradictions_are_refused_with_a_reason(what):
 
 
 NO_REGION = {
-    "noisy states": ({"state_noise": "white"}, {}, "no region is known: `state_noise` says"),
-    "known state noise": ({"state_noise": 0.01 * np.eye(2)}, {}, "no region is known: `state_no"),
     "directions": ({}, {"x0": [1.0, 1.0]}, "`directions` needs a region of all rows at once"),
     "future": ({"sigma": 1.0}, {"future": 1}, "`future` needs a region"),
     "future rows": (
@@ -557,21 +493,6 @@ def test_regions_that_are_not_known_are_refused(what):
         model.region(**{"delta": DELTA, **wish})
     assert said in str(caught.value)
     assert len(str(caught.value)) <= 300
-
-
-def test_a_known_error_of_the_states_gives_an_estimate_without_a_region():
-    gen, N = np.random.default_rng(14), 4000
-    z = gen.standard_normal((N, 3))
-    y = z @ THETA.T + 0.1 * gen.standard_normal((N, 2))
-    read = z + np.column_stack([0.7 * gen.standard_normal((N, 2)), np.zeros(N)])
-    data = se.Trajectories.from_pairs(read[:, :2], read[:, 2:], y)
-    with pytest.warns(DataWarning, match="measured with error, so that no region"):
-        corrected = se.identify(data, state_noise=0.49 * np.eye(2), checks=False)
-    with pytest.warns(DataWarning, match="measured with error, so that no region"):
-        plain = se.identify(data, state_noise="white", checks=False)
-    check(theta(corrected), iv.corrected(read, y, np.diag([0.49, 0.49, 0.0])), rtol=1e-8)
-    assert np.linalg.norm(theta(corrected) - THETA) < 0.1
-    assert np.linalg.norm(theta(plain) - THETA) > 0.2  # and this one is why
 
 
 # -- ensembles -------------------------------------------------------------------------------------
@@ -669,8 +590,6 @@ def test_ensembles_repeat_with_their_key_and_keep_offset_and_known_columns():
 def test_ensembles_that_would_mislead_are_refused():
     with pytest.raises(InputError, match="single known entries"):
         fixed(known_B=[[0.0], [np.nan]]).draw(3)
-    with pytest.raises(InputError, match="noisy states cannot be resampled"):
-        instrumented(DATA, Z).bootstrap(3)
     with pytest.raises(InputError, match="needs noise='gaussian'"):
         fixed(noise="symmetric").draw(3)
 

@@ -15,7 +15,6 @@ from identification_data import (
     independent,
     k_step_case,
     misses,
-    noisy_states,
     rolled,
     stable,
     tuned,
@@ -24,7 +23,6 @@ from twin import anytime as at
 from twin import certified_control as cc
 from twin import fusing_by_data as fd
 from twin import input_error as ie
-from twin import instruments as iv
 from twin import laws, signs
 from twin import quantiles as qu
 from twin import regions as rg
@@ -218,29 +216,6 @@ def test_regions_for_any_design_hold_at_all_looks():
     found = repeated(failed, runs, 38)
     assert found["finite"].all()
     at_most(found["failed"].sum(axis=0), runs)
-
-
-def past_inputs(run, lags=5):
-    """Every second pair of a run and its present and past inputs."""
-    z, y = tr.pairs([run])
-    u = z[:, 2]
-    keep = np.arange(lags, len(u), 2)
-    zeta = np.column_stack([u[keep - j] for j in range(lags + 1)])
-    return zeta, z[keep], y[keep]
-
-
-@pytest.mark.parametrize(("sv", "sw"), [(0.3, 0.1), (0.1, 0.0), (0.0, 0.1)])
-def test_coverage_of_instruments(sv, sw):
-    runs = 250
-
-    def failed(gen):
-        Theta, run = noisy_states(gen, 200, sv, sw)
-        found = iv.instrumented(*past_inputs(run), DELTA)
-        return not iv.contains(found, Theta), found.status == "unbounded"
-
-    outside, unbounded = failures(failed, runs, 39)
-    exactly(outside, runs)
-    assert unbounded < runs / 2
 
 
 @pytest.mark.parametrize("noise", [False, True])

@@ -8,14 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import identification_data as d0
 from coverage_study import ALARM, DELTA, exactly
 from identification_data import LAMS, POINT, THETA, Y, Z, check, independent
 from twin import anytime as at
 from twin import certified_control as cc
 from twin import fusing_by_data as fd
 from twin import input_error as ie
-from twin import instruments as iv
 from twin import laws, signs
 from twin import polynomial_roots as pr
 from twin import quantiles as qu
@@ -161,22 +159,6 @@ def test_a_region_for_directions_knows_no_other():
     step = cc.one_step(region, POINT[:2], POINT[2:], np.zeros(2))
     assert step.certificate == step.reach + step.model < np.inf
     assert cc.one_step(region, POINT[:2], POINT[2:], np.zeros(2), rho0=0.1).start == np.inf
-
-
-def test_instruments():
-    q = qu.roy_quantile(2, 3, 9, DELTA)
-    same = iv.instrumented(Z, Z, Y, DELTA)
-    check(same.V, FIT.root.T @ FIT.root, atol=1e-12)
-    check(same.centre, FIT.H, atol=1e-13)
-    check(same.S, q * FIT.S, atol=1e-13)
-    check(rg.bound(iv.region(same), POINT), rg.bound(rg.full(DATA, DELTA), POINT))
-    found = iv.instrumented(d0.INSTRUMENTS, d0.Z_READ, Y, DELTA, q=0.5)
-    check(found.centre[0], [0.9159556976, 0.1537706312, 0.0231910600], rtol=0, atol=6e-11)
-    check(found.S, [[0.2938039719, -0.0529729158], [-0.0529729158, 0.0047987039]], 0, 6e-11)
-    check(found.V[0, 0], 120.02000177, rtol=0, atol=6e-9)
-    assert found.status == "empty"
-    with pytest.raises(ValueError, match="empty"):
-        iv.region(found)
 
 
 def test_sphere_mixture():
@@ -405,9 +387,6 @@ def test_error_in_the_states_biases_least_squares():
     x = gen.standard_normal((200_000, 1))
     read, y = x + 0.5 * gen.standard_normal(x.shape), 0.9 * x
     assert abs(tr.fit(tr.triangle(read, y)).H[0, 0] - 0.72) < 0.01
-    assert abs(iv.corrected(read, y, [[0.25]])[0, 0] - 0.9) < 0.01
-    with pytest.raises(ValueError, match="error covariance"):
-        iv.corrected(read, y, [[1.3]])
     check(rs.autoregression_bias(0.8, 50), -0.032)
 
 

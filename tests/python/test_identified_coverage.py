@@ -168,25 +168,6 @@ def test_regions_for_any_design_hold_at_all_looks():
     assert coverage(failed[3], runs) < 0.9
 
 
-@pytest.mark.parametrize(("sv", "sw"), [(0.3, 0.1), (0.1, 0.0)])
-def test_coverage_of_instruments(sv, sw):
-    runs = 400
-
-    def case(gen):
-        Theta, run = noisy_states(gen, 200, sv, sw)
-        data = se.Trajectories(*run)
-        options = {"state_noise": "white", "instruments": data.past_inputs(5), "checks": False}
-        try:
-            region = se.identify(data, **options).region(DELTA)
-        except se.exceptions.InputError:  # empty
-            return True, False
-        return misses(region, Theta), np.isinf(region.radius)
-
-    failed, unbounded = failures(case, runs, 92)
-    at_most(failed, runs)  # unbounded ones hold everything
-    assert unbounded < runs / 2
-
-
 def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
     runs = 800
 

@@ -163,26 +163,6 @@ def test_several_steps_are_the_first_without_a_gap_of_each_run(K):
         data.k_step(40, open_loop=True)
 
 
-def test_instruments_take_every_second_pair_of_a_piece_and_no_input_over_a_gap():
-    columns = several(np.random.default_rng(10), runs=3, lost=0.2)
-    data, expected = read(columns), by_hand(columns)
-    past = data.past_inputs(1)
-    rows, follows = (
-        [row for run in expected for _, row in run],
-        [one for run in expected for one in one_step(run)],
-    )
-    before = [rows[k - 1][2] if after else 0.0 for k, after in enumerate(follows)]
-    np.testing.assert_array_equal(past, np.column_stack([[row[2] for row in rows], before]))
-    model = se.identify(data, state_noise="white", instruments=data.past_inputs(3), checks=False)
-    kept, place = [], 0
-    for row, after in zip(rows, follows, strict=True):
-        place = place + 1 if after else 0
-        kept += [row] if place % 2 == 0 else []
-    np.testing.assert_array_equal(model.data._rows, kept)
-    assert len(model.data) == 3  # runs, not pairs
-    assert model.data.pieces.tolist() == [1] * len(kept)
-
-
 def test_runs_are_resampled_whole():
     """Two runs, one in many pieces: a resample of runs has one, the other, or both."""
     columns = several(np.random.default_rng(11), runs=2, lost=0.2)

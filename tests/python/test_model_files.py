@@ -62,10 +62,6 @@ MODELS = {
     "bounded": lambda: identify(runs(), noise="bounded", sigma=1e-60),
     "scalar": lambda: identify(pairs(), design="independent", covariance="scalar"),
     "signs": lambda: identify(pairs(), design="independent", noise="symmetric", rng=5),
-    "instruments": lambda: identify(
-        runs(), state_noise="white", instruments=runs().past_inputs(4), intercept=True
-    ),
-    "noisy states": lambda: identify(runs(), state_noise=0.001 * np.eye(2)),
     "rank deficient": lambda: identify(pairs(2)),
     "two steps": lambda: identify(runs().k_step(2, open_loop=True), design="independent"),
 }
@@ -85,9 +81,9 @@ def test_a_loaded_model_is_the_saved_one_bit_for_bit(name: str, tmp_path: Path) 
     assert loaded.data == model.data
     assert same_bits(loaded.data._rows, model.data._rows)
     assert loaded.data.state_names == model.data.state_names
-    for field in ("triangle", "scale", "intercept", "known", "instruments", "key"):
+    for field in ("triangle", "scale", "intercept", "known", "key"):
         assert same_bits(getattr(loaded, field), getattr(model, field)), field
-    for field in ("design", "noise", "covariance", "known", "state_noise"):
+    for field in ("design", "noise", "covariance", "known"):
         mine, its = getattr(model.assumptions, field), getattr(loaded.assumptions, field)
         assert same_bits(its, mine), field
     for field in ("A", "B", "c", "covariance", "missing", "warnings", "rank"):
@@ -99,8 +95,6 @@ def test_a_loaded_model_is_the_saved_one_bit_for_bit(name: str, tmp_path: Path) 
         assert (its.p_values, its.draws, its.exact) == (mine.p_values, mine.draws, mine.exact)
         assert its.distances == mine.distances
     assert repr(loaded) == repr(model)
-    if name == "noisy states":
-        return
     mine, its = model.region(0.1), loaded.region(0.1)
     assert same_bits(its.centre, mine.centre)
     assert (its.assumption, its.missing) == (mine.assumption, mine.missing)
@@ -147,7 +141,7 @@ def test_a_file_says_what_it_is(tmp_path: Path) -> None:
 
 def test_the_same_model_gives_the_same_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
-        MODELS["instruments"]().save(tmp_path / name)
+        MODELS["intercept"]().save(tmp_path / name)
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
@@ -268,7 +262,6 @@ HOSTILE = [
     ("plain", {"assumptions/noise": "symmetric"}, "must not be 'symmetric'"),
     ("plain", {"assumptions/noise": "sub-gaussian"}, "`known` must be given for noise='sub-g"),
     ("plain", {"assumptions/covariance": "known"}, "`known` must be the covariance"),
-    ("plain", {"assumptions/state_noise": "red"}, "state_noise` must be one of"),
     ("plain", {"assumptions/exact": [2]}, "`exact` must have numbers of states, below 2"),
     ("plain", {"assumptions/exact": [1, 0]}, "`exact` must be different states"),
     ("plain", {"intercept": 2}, "`intercept` must be"),
@@ -293,8 +286,6 @@ HOSTILE = [
     ("covariance", {"assumptions.known": np.arange(4.0)}, "`known` must be symmetric and pos"),
     ("covariance", {"assumptions.known": np.ones(2)}, "`assumptions.known` must have 2 entries"),
     ("signs", {"key": "00"}, "must have 32 bytes"),
-    ("instruments", {"instruments/shape": [1, 200]}, "`instruments` must have"),
-    ("noisy states", {"assumptions.state_noise": -np.ones(4)}, "`state_noise` must be symm"),
 ]
 
 

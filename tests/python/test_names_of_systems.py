@@ -229,3 +229,67 @@ def test_a_fleet_takes_its_start_and_target_by_name():
     )
     with pytest.raises(InputError, match="x0"):
         se.control_fleet([FIRST, system(1.1)], x0.rename({STATES[0]: "other"}), xf, 3)
+
+
+def test_weights_are_tables_in_any_order(tmp_path):
+    pandas = pytest.importorskip("pandas")
+    A, names = np.array([[0.9, 0.2, 0.0], [-0.1, 0.8, 0.1], [0.0, 0.1, 0.7]]), ["a", "b", "c"]
+    B, full = np.array([[1.0, 0.0], [0.5, 1.0], [0.2, 0.1]]), np.diag([3.0, 2.0, 1.0])
+    full[0, 1] = full[1, 0] = 0.5
+    system = se.System(A, B, states=names, inputs=["F", "G"])
+    units = se.SystemEnsemble.from_systems([system, se.System(1.1 * A, B)])
+    table = pandas.DataFrame(full, names, names)
+    x0, xf, other = [1.0, -1.0, 2.0], np.zeros(3), ["b", "c", "a"]
+    R = pandas.Series({"G": 0.2, "F": 0.1})
+    for given, plain in (
+        (pandas.Series({"c": 1.0, "a": 3.0, "b": 2.0}), [3.0, 2.0, 1.0]),
+        (table, full),
+        (table.loc[other], full),
+        (table.loc[other, ["c", "b", "a"]], full),
+        (table.rename_axis(index="i", columns="j").loc[other].stack().to_xarray(), full),
+    ):
+        for part in ("Q", "Qf"):
+            cost, same = se.Cost(**{part: given}, R=R), se.Cost(**{part: plain}, R=[0.1, 0.2])
+            cost.save(tmp_path / "cost")
+            for one in (cost, pickle.loads(pickle.dumps(cost)), se.Cost.load(tmp_path / "cost")):
+                for control in (
+                    lambda cost: se.control(system, x0, xf, steps=3, cost=cost),
+                    lambda cost: se.control_fleet(units, x0, xf, 3, cost=cost),
+                ):
+                    np.testing.assert_array_equal(control(one).u, control(same).u)
+        gains = se.gain(system, given, R).K, se.gain(system, plain, [0.1, 0.2]).K
+        np.testing.assert_array_equal(*gains)
+    for wrong in (table.rename(index={"a": "z"}), table.iloc[:2]):
+        with pytest.raises(InputError, match="`Q` must have the labels"):
+            se.Cost(Q=wrong)
+    wrong = (
+        table.rename(index={"a": "z"}, columns={"a": "z"}),
+        pandas.Series([1.0] * 3, list("abz")),
+    )
+    for Q in wrong:
+        for call in (
+            lambda Q: se.control(system, x0, xf, cost=se.Cost(Q=Q)),
+            lambda Q: se.control_fleet(units, x0, xf, 3, cost=se.Cost(Q=Q)),
+            lambda Q: se.control((A, B), x0, xf, cost=se.Cost(Q=Q)),
+            lambda Q: se.gain(system, Q, 1.0),
+        ):
+            with pytest.raises(InputError, match=r"`Q` .*labels"):
+                call(Q)
+
+
+def test_an_ensemble_is_simulated_with_its_names():
+    pandas = pytest.importorskip("pandas")
+    units = se.SystemEnsemble.from_systems(
+        [se.System([[a, 0.2], [-0.1, 0.8]], np.eye(2), states=["p", "v"]) for a in (0.9, 0.8)]
+    )
+    x0 = pandas.Series({"v": 2.0, "p": 1.0})
+    found = se.simulate_ensemble(units, x0, np.ones((3, 2)))
+    np.testing.assert_array_equal(found.mean[0], [1.0, 2.0])
+    each = se.simulate_ensemble(units, pandas.DataFrame([x0, 2.0 * x0], [0, 1]), np.ones((3, 2)))
+    np.testing.assert_array_equal(each.mean[0], [1.5, 3.0])
+    assert found.labels == units.labels
+    assert found.to_xarray()["mean"].sel(state="v")[0] == 2.0
+    u = pandas.DataFrame(np.ones((3, 2)), columns=["u[1]", "u[0]"])
+    np.testing.assert_array_equal(se.simulate_ensemble(units, x0, u).mean, found.mean)
+    with pytest.raises(InputError, match="`x0` has the labels"):
+        se.simulate_ensemble(units, x0.rename({"v": "w"}), np.ones((3, 2)))

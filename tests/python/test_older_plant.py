@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -67,7 +68,7 @@ def test_the_oracles() -> None:
     assert np.abs(model.centre - found.H).max() < 1e-13
     assert np.abs(model.white.T @ model.white - found.T.T @ found.T).max() < 1e-13
     z, _ = along(found.H, np.array([1.0, -1.0]), np.array([0.5, 0.0, -0.5]))
-    bias, _ = twin.ball(found.H[:, :2], z @ found.B.T, 0.02)
+    bias, _ = twin.ball(found.H[:, :2], np.ones(2), z @ found.B.T, 0.02)
     near(bias / np.sqrt(2.0), 0.004881350601)
     # what the split of a level costs at most for one dimension, where nothing is split
     z = stats.norm.isf
@@ -123,8 +124,8 @@ def test_the_parts_against_the_twin(declared: str, seed: int) -> None:
     # the difference: exact for directions, between the largest one found and two formulas
     seen = z @ found.B.T / S
     if declared == "ball":
-        largest, _ = twin.worst(A, seen, gen)
-        assert eta * largest <= difference <= (1.0 + 1e-5) * min(twin.ball(A, seen, eta))
+        largest, _ = twin.worst(A, S[:n], seen, gen)
+        assert eta * largest <= difference <= (1.0 + 1e-5) * min(twin.ball(A, S[:n], seen, eta))
         assert difference <= 1.2 * eta * largest
     else:
         each = [twin.moved(A, [one @ (found.B @ x) for x in z]) for one in (E[:n], E[n:])]
@@ -137,7 +138,7 @@ def test_the_parts_against_the_twin(declared: str, seed: int) -> None:
         G = gen.standard_normal((n, d))
         D = gen.standard_normal((n, d))
         D *= eta / np.linalg.norm(D, 2)
-        moved = D / S if declared == "ball" else gen.choice([-1, 1]) * E[:n] + E[n:]
+        moved = S[:n, None] * D / S if declared == "ball" else gen.choice([-1, 1]) * E[:n] + E[n:]
         off = rho / np.linalg.norm(G, 2) * plant.sigma * G @ found.T + moved @ found.B
         assert whole.contains(np.ascontiguousarray(found.H - off))
 
@@ -185,8 +186,8 @@ def outcomes(
     Theta, S = np.hstack([plant.A, plant.B]), scale_of(plant)
     u = steered(Theta, plant.x0, plant.xf, K)
     z = np.hstack([led(Theta, plant.x0, u)[:-1], u])
-    _, D = twin.worst(plant.A, z / S, gen)
-    shifted = Theta + times * eta * D / S
+    _, D = twin.worst(plant.A, S[:n], z / S, gen)
+    shifted = Theta + times * eta * S[:n, None] * D / S
     older = plant._replace(A=shifted[:, :n], B=shifted[:, n:])
     (rows, _), (old, _) = measured(plant, runs, gen), measured(older, 120, gen)
     first, old = old[: 12 * L], np.ascontiguousarray(old[12 * L :])
@@ -382,3 +383,110 @@ def test_refusals() -> None:
     refused("lengths_fixed", like=[LIKE, uneven])
     # a pilot of other old runs
     assert older(like=LIKE[10:], pilot=own).pilot is not None
+
+
+# -- units -----------------------------------------------------------------------------------------
+
+
+def in_units(plant: Plant, units: Array) -> Plant:
+    """The same plant with states multiplied by `units`; `sigma` is then that of each."""
+    A, B = units[:, None] * plant.A / units, units[:, None] * plant.B
+    sizes = [units * v for v in (plant.starts, plant.x0, plant.xf)]
+    return Plant(A, B, units * plant.sigma, sizes[0], plant.length, *sizes[1:], plant.steps)
+
+
+def spread(n: int, share: float = 1.0) -> Array:
+    """Units that differ by 3e5, not in order; with a `share` by that power of it."""
+    order = np.random.default_rng(n).permutation(n)
+    return 10.0 ** (share * np.linspace(-2.5, 3.0, n)[order])
+
+
+class Promised(NamedTuple):
+    """What a model with older runs promises, and what came of it, in units of the states."""
+
+    weight: float
+    components: Array
+    off: Array
+    missed: bool  # the target
+    inside: bool  # the region
+
+
+def promised(
+    plant: Plant, units: Array, kind: str, seed: int, delta: float, *, reference: bool,
+    size: float = 0.005, times: float = 1.0, scale: bool = True,
+) -> Promised:  # fmt: skip
+    """For a difference `times` what is declared, along 2 directions or in norm."""
+    gen, (n, m) = np.random.default_rng([seed, 43]), plant.B.shape
+    E = size * gen.standard_normal((2, n, n + m)) * (gen.random((2, n, 1)) < 0.5)
+    moved = times * (gen.choice([-1.0, 1.0]) * E[0] + E[1])
+    old = plant._replace(A=plant.A + moved[:, :n], B=plant.B + moved[:, n:])
+    own, sizes = in_units(plant, units), np.concatenate([units, np.ones(m)])
+    apart = list(units[:, None] * E / sizes)
+    model = se.identify(
+        runs(6, 2 * seed + 1, own), covariance=np.diag(own.sigma**2), checks=False,
+        like=runs(80, 2 * seed + 2, in_units(old, units)), scale=sizes if scale else None,
+        apart=apart if kind == "directions" else np.linalg.norm(moved / times, 2),
+        reference=(own.x0, own.xf, own.steps) if reference else None,
+    )  # fmt: skip
+    plan = se.control(model, own.x0, own.xf, steps=own.steps)
+    bound = plan.bound(delta)
+    end = led(np.hstack([own.A, own.B]), own.x0, plan.u)[-1] - own.xf
+    assert model.pilot is not None
+    assert model.pilot.older is not None
+    return Promised(
+        model.pilot.older.weight, bound.components / units, end / units,
+        bool(np.linalg.norm(end) > bound.target), model.region(delta).contains(own.A, own.B),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("reference", [True, False])
+@pytest.mark.parametrize("kind", ["directions", "norm"])
+@pytest.mark.parametrize("name", ["n2 stable", "n6", "n8"])
+def test_units_change_nothing(name: str, kind: str, reference: bool) -> None:
+    plant = FAMILIES[name]
+    n = len(plant.A)
+    for seed in range(3):
+        one = promised(plant, np.ones(n), kind, seed, 0.05, reference=reference)
+        assert name == "n8" or one.weight > 0.0  # there new runs alone promise more
+        for units in (spread(n), spread(n, 0.5)[::-1]):
+            for scale in {True, kind == "norm"}:  # directions need none
+                other = promised(plant, units, kind, seed, 0.05, reference=reference, scale=scale)
+                assert other.weight == one.weight
+                assert np.abs(other.components / one.components - 1.0).max() < 1e-6
+    # a difference that is left out in one system of units is left out in all
+    for units in (np.ones(n), spread(n)):
+        far = promised(plant, units, kind, 0, 0.05, reference=reference, size=30.0)
+        assert far.weight == 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["directions", "norm"])
+@pytest.mark.parametrize("name", ["n2 stable", "n6"])
+def test_coverage_in_raw_units(name: str, kind: str) -> None:
+    """100 sets; false alarm 1e-4 for each of 2 levels, with and without a task, 3 statements."""
+    plant, sets = FAMILIES[name], 100
+    units = spread(len(plant.A))
+    for reference in (True, False):
+        for delta in (0.05, 0.5):
+            found = [
+                promised(plant, units, kind, seed, delta, reference=reference)
+                for seed in range(sets)
+            ]
+            assert np.mean([one.weight > 0.0 for one in found]) > 0.9
+            for failed in (
+                sum((np.abs(one.off) > one.components).any() for one in found),
+                sum(one.missed for one in found),
+                sum(not one.inside for one in found),
+            ):
+                assert failed <= most(sets, delta)
+
+
+def test_more_than_declared_breaks_it_in_raw_units() -> None:
+    """Twenty times the directions."""
+    plant = FAMILIES["n2 stable"]
+    units = spread(len(plant.A))
+    found = [
+        promised(plant, units, "directions", seed, 0.05, reference=True, times=20.0)
+        for seed in range(20)
+    ]
+    assert sum((np.abs(one.off) > one.components).any() for one in found) > 10

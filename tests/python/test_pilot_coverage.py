@@ -174,8 +174,11 @@ def test_hidden_systems(delta: float) -> None:
                 found = model.near(reference, *task, law, delta, False)
                 _count(failed, (kind, way), true[0], xs, (found[0], found[5], found[6]))
                 region = model.region(law, delta, True)
-                got = _core.certify(plant.x0, 0.0, plant.xf, xs, [(region, u, None, False)], None)
-                _count(failed, (kind, f"{way}, no task"), true[0], xs, (got[1], got[6], got[5]))
+                got = _core.certify(
+                    plant.x0, 0.0, plant.xf, xs, [(region, u, None, False)], None, False
+                )
+                target, components, tube = got[1][0], got[2], got[3]
+                _count(failed, (kind, f"{way}, no task"), true[0], xs, (target, tube, components))
                 found = model.near(reference, *task, law, delta, True)
                 _count(failed, (kind, f"{way}, noise"), true[1], xs, (found[0], found[5], found[6]))
     assert {kind for kind, _ in failed} == HIDDEN

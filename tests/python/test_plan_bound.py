@@ -235,6 +235,31 @@ def test_fits_beside_samples():
 # -- unknown laws ----------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("size", [1, 7, 150, 10**4])
+@pytest.mark.parametrize("steps", [1, 4])
+def test_dense_realizations_cannot_be_declared_singletons(size, steps):
+    """Their own mean has the signs and norms of a law; but no counts of single entries."""
+    rng = np.random.default_rng(size)
+    dense = A + 0.01 * np.abs(A) * rng.standard_normal((size, *A.shape))
+    mean = dense.mean(axis=0)
+    plan = se.control((se.Ensemble.from_samples(dense), B), X0, XF, steps=steps)
+    with pytest.raises(
+        InputError, match=r"no singletons, with one nonzero.*plan\.validate\(fresh\)"
+    ):
+        plan.bound(0.05, system=(mean, B))
+    vector = se.Ensemble.from_samples(X0 + 0.01 * rng.standard_normal((size, 3)))
+    with pytest.raises(InputError, match="`x0` are no singletons"):
+        se.control((A, B), vector, XF, steps=steps).bound(x0=vector.mean())
+    drawn = se.sample(A, size, rng=rng).dense()
+    plan = se.control((se.Ensemble.from_samples(drawn), B), X0, XF, steps=steps)
+    assert plan.bound(0.05, system=(A, B)).kind == "guaranteed"
+
+
+def test_who_is_asked_for_a_law_learns_what_a_singleton_is():
+    with pytest.raises(InputError, match=r"one nonzero entry.*plan\.validate\(fresh\)"):
+        se.control((se.Ensemble.from_samples([A]), B), X0, XF).bound()
+
+
 def test_realizations_brought_by_the_user_need_a_declared_law():
     x0, xf, matrix = ensembles()
     known = se.control((matrix, B), x0, xf)

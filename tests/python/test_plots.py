@@ -21,6 +21,7 @@ import stochens_rs as se
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
 from stochens_rs.plots import files as plots
 from stochens_rs.plots.residuals import draw_residuals
+from stochens_rs.plots.style import look_of
 from stochens_rs.plots.tube import draw_tube
 from stochens_rs.studies import Curve, Experiment, Panel
 from stochens_rs.studies.figures import _number, _ticks
@@ -320,7 +321,7 @@ def test_a_tube_contains_the_run_that_was_kept_apart():
     model, (states, inputs) = identified()
     plan = se.predict(model, states[0], inputs)
     found = plan.bound(0.05, noise=True)
-    figure = plan.plot(found, measured=states)
+    bands, figure = found["bands"].radius, plan.plot(found, measured=states)
     assert len(figure.axes) == 3
     for i, ax in enumerate(figure.axes[:2]):
         assert (ax.get_xlabel(), ax.get_ylabel()) == ("time [s]", f"state {i}")
@@ -330,7 +331,7 @@ def test_a_tube_contains_the_run_that_was_kept_apart():
         edge = ax.collections[0].get_paths()[0].vertices
         for k, time in enumerate(0.1 * np.arange(13)):
             at = edge[np.isclose(edge[:, 0], time), 1]
-            assert at.max() == pytest.approx(predicted[k] + found.tube[k])
+            assert at.max() == pytest.approx(predicted[k] + bands[k, i])
             assert at.min() <= measured[k] <= at.max()
     labels = [text.get_text() for text in figure.legends[0].get_texts()]
     assert labels == ["95 % guaranteed", "predicted", "measured", "input"]
@@ -675,3 +676,47 @@ def test_regions_that_cannot_be_drawn_say_why():
         few, _ = identified(n=14, runs=1)
     with pytest.raises(InputError, match="do not determine"):
         few.region().plot()
+
+
+def many() -> tuple[se.System, np.ndarray, list[int]]:
+    """14 states that do not interact, of which 2 and 5 stay where they are; 13 inputs."""
+    fade = np.full(14, 0.5)
+    fade[[2, 5]] = 1.0
+    B = np.eye(14)[:, 1:]
+    names = {"states": [f"s{i}" for i in range(14)], "inputs": [f"F{i}" for i in range(13)]}
+    return se.System(np.diag(fade), B, **names), 1.0 + np.arange(14), [2, 5]
+
+
+def test_of_many_states_those_that_change_most_are_drawn():
+    system, x0, still = many()
+    task = se.Limits(x=(np.full(14, -50.0), np.full(14, 50.0)))
+    u_none = {"cost": se.Cost(Q=0.0, Qf=np.eye(14), R=1e9), "limits": task}
+    for figure in (
+        se.control(system, x0, np.zeros(14), steps=3, **u_none).plot(measured=np.ones((4, 14))),
+        se.control(system, x0, np.zeros(14), steps=3, **u_none).plot(certificate=False),
+    ):
+        drawn = [ax.get_ylabel() for ax in figure.axes]
+        assert drawn[:12] == [f"s{i}" for i in range(14) if i not in still]
+        assert len(drawn) == 24
+        assert figure._supxlabel.get_text() == (
+            "the 12 of 14 states and the 12 of 13 inputs that change most"
+        )
+        for ax, i in zip(figure.axes, (i for i in range(14) if i not in still), strict=False):
+            (curve,) = (line for line in ax.lines if line.get_label() == "predicted")
+            assert curve.get_ydata()[0] == x0[i]
+
+
+def test_of_many_curves_those_that_change_most_have_names_and_colours():
+    system, x0, _ = many()
+    units = se.SystemEnsemble.from_systems([system, system])
+    for path in (
+        se.simulate(system, x0, np.zeros((3, 13))),
+        se.simulate_ensemble(units, x0, np.zeros((3, 13))),
+    ):
+        ax = path.plot()
+        assert [text.get_text() for text in ax.texts] == [f"s{i}" for i in range(8, 14)]
+        named = [line for line in ax.lines if str(line.get_label()).startswith("s")]
+        assert len({line.get_color() for line in named}) == 6
+        assert {line.get_color() for line in ax.lines if line not in named} == {look_of(ax).pale}
+        said = [text.get_text() for text in ax.get_legend().get_texts()]
+        assert said[0] == "8 that change less"

@@ -58,24 +58,6 @@ def test_pooled_is_identified_together(case):
     assert np.array_equal(pickle.loads(pickle.dumps(pooled)).A, pooled.A)
 
 
-def test_pooled_with_instruments_and_checks():
-    gen = np.random.default_rng(2)
-    runs = []
-    for _ in range(2):
-        x, u = [np.zeros(1)], gen.standard_normal((80, 1))
-        for k in range(80):
-            x.append(0.8 * x[-1] + u[k] + 0.1 * gen.standard_normal(1))
-        runs.append(se.Trajectories([np.array(x)], [u]))
-    models = [se.identify(one, state_noise="white", instruments=one.past_inputs(3)) for one in runs]
-    together = se.identify(
-        runs, state_noise="white", instruments=np.vstack([one.past_inputs(3) for one in runs])
-    )
-    pooled = se.fuse(models, "pooled")
-    np.testing.assert_allclose(pooled.A, together.A, rtol=1e-10)
-    assert pooled.region().radius == pytest.approx(together.region().radius, rel=1e-9)
-    assert pooled.checks is not None
-
-
 def test_pooled_regions_hold():
     """600 runs, exact level."""
     gen, failed = np.random.default_rng(3), 0

@@ -225,6 +225,13 @@ def test_nothing_in_the_region_is_worse(kind):
         ratios.append(found.radii[K] / worst)
         for i in range(n):
             assert largest(region, x0, u, units[i], gen, 2) <= found.components[i] * (1 + 1e-9)
+        at = trajectory(region.centre, x0, u)
+        ways = [(region._core, u, None, False)]
+        bands = _core.certify(x0, 0.0, at[-1], at, ways, None, True)[4]
+        np.testing.assert_allclose(bands[-1], found.components)
+        for i in range(n):
+            worst = largest(region, x0, u[: K // 2], units[i], gen, 2)
+            assert worst <= bands[K // 2, i] * (1 + 1e-9)
         part = region.parts[0]
         half = part.white[:, :n]
         b = region_errors(replace(region, frobenius=None), x0, u).rest

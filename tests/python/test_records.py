@@ -191,9 +191,29 @@ def test_every_record_comes_back_bit_for_bit(name: str, tmp_path: Path) -> None:
     assert made.save(tmp_path / "a") == 1
     loaded = kind.load(tmp_path / "a")
     assert same(loaded, made)
+    assert loaded == kind.load(tmp_path / "a") == made
+    with pytest.raises(TypeError):
+        hash(loaded)
     assert repr(loaded) == repr(made)
     assert loaded.save(tmp_path / "b") == 1
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
+
+
+def test_records_are_compared_by_what_a_file_holds() -> None:
+    plan = se.control(SYSTEM, X0, XF, steps=3)
+    again = se.control(SYSTEM, X0, XF, steps=3)
+    assert plan == again
+    assert plan != replace(plan, info={**plan.info, "note": "another"})
+    assert plan != se.control(SYSTEM, X0, XF, steps=2)
+    assert plan != se.control(SYSTEM, np.nextafter(X0, 9.0), XF, steps=3)
+    assert plan != plan.bound()
+    assert plan != "a plan"
+    units = se.SystemEnsemble([SYSTEM.A, 1.1 * SYSTEM.A], [SYSTEM.B] * 2)
+    fleet = se.control_fleet(units, X0, XF, 3, risk="worst")
+    assert fleet == se.control_fleet(units, X0, XF, 3, risk="worst")
+    assert fleet != se.control_fleet(units, X0, XF, 3)
+    path = se.simulate(SYSTEM, X0, plan.u)
+    assert path != replace(path, times=2.0 * path.times)
 
 
 def outcome(call: Any) -> Any:

@@ -128,33 +128,6 @@ def test_regions_are_those_of_the_twin(kind: str, N: int, name: str, design: str
     assert tried >= 1
 
 
-@pytest.mark.parametrize("N", [60, 5, 2])
-@pytest.mark.parametrize("delta", [0.05, 0.2])
-def test_instruments_are_those_of_the_twin(N: int, delta: float) -> None:
-    gen = np.random.default_rng(5)
-    x, u = gen.standard_normal((N, n)), gen.standard_normal((N, m))
-    zeta = np.hstack([x + 0.01, u, gen.standard_normal((N, 1))])
-    y = x @ A.T + u @ B.T + 0.1 * gen.standard_normal((N, n))
-    read = se.Trajectories.from_pairs(x + 0.1 * gen.standard_normal((N, n)), u, y)
-    model = identify(read, state_noise="white", instruments=zeta, intercept=N == 60)
-    found, twin = model.region(delta), rd.region(model, rd.Wish(delta))
-    check(found, twin)
-    stages = rd.two_stages(rd.projected(model.triangle, model.instruments.shape[1], N), model._d)
-    np.testing.assert_allclose(np.hstack([model.A, model.B]), stages[:, : n + m], atol=1e-11)
-    assert np.isfinite(found.radius) == (N == 60)
-
-
-def test_a_model_corrected_for_the_noise_of_its_states() -> None:
-    runs, C = data("plain", 500), 0.04 * np.eye(n)
-    model = identify(runs, state_noise=C)
-    Z, Y = model._pairs()
-    V = Z.T @ Z
-    V[:n, :n] -= 500 * C
-    np.testing.assert_allclose(
-        np.hstack([model.A, model.B]), np.linalg.solve(V, Z.T @ Y).T, rtol=1e-11
-    )
-
-
 def test_least_squares_from_rows_and_from_their_triangle() -> None:
     Z, Y = identify(data("deficient", 40))._pairs()
     both = np.hstack([Z, Y])

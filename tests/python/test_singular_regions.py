@@ -147,16 +147,3 @@ def test_a_declared_row_of_the_state_matrix_gives_no_warning():
         assert not se.identify(data, known_A=known, checks=False).doubts
         assert "x[0] has no residual" in se.identify(data, checks=False).doubts[0]
     at_most(warned, 60, 0.02)
-
-
-def test_instruments_with_noise_of_one_source_are_not_refused():
-    def failed(gen):
-        A, B, root = np.array([[0.8, 0.2], [-0.1, 0.7]]), np.array([[0.0], [1.0]]), [0.3, 0.1]
-        u = gen.standard_normal((200, 3))
-        x = u @ [[1.0, 0.2], [-0.3, 0.5], [0.1, 0.4]]
-        w = gen.standard_normal((200, 1)) * root
-        data = se.Trajectories.from_pairs(x, u[:, :1], x @ A.T + u[:, :1] @ B.T + w)
-        model = se.identify(data, state_noise="white", instruments=u, checks=False)
-        return not model.region(DELTA).contains(A, B)
-
-    at_most(failures(failed, 60, 97), 60)

@@ -38,6 +38,19 @@ def test_the_summary_is_that_of_the_numbers() -> None:
     assert len(text) == 31
 
 
+def test_infinite_numbers_are_counted() -> None:
+    def bound(key):
+        return {"x": math.inf if key.generator().random() < 0.2 else 1.0}
+
+    found = se.Study(bound, {}, replicates=50, rng=1).run()
+    columns = found.summary().columns
+    infinite = int(np.isinf(found.values["x"]).sum())
+    assert 0 < infinite < 50
+    assert columns["infinite"] == [infinite]
+    assert columns["mean"] == columns["standard_error"] == [math.inf]
+    assert columns["median"] == [1.0]
+
+
 def test_failures_are_left_out_and_counted() -> None:
     table = FAILING.summary().to_pandas()
     assert table["failed"].sum() == len(FAILING.failures)
@@ -224,6 +237,6 @@ def test_results_are_saved_as_text_and_for_latex(tmp_path):
     ]
     found.save(tmp_path / "r.tex")
     lines = (tmp_path / "r.tex").read_text().splitlines()
-    assert lines[0] == r"\begin{tabular}{llrrrrrrr}"
-    assert lines[4].startswith(r"10 & error\_a & 2 & 0 & 0.1 & ")
+    assert lines[0] == r"\begin{tabular}{llrrrrrrrr}"
+    assert lines[4].startswith(r"10 & error\_a & 2 & 0 & 0 & 0.1 & ")
     assert lines[-1] == r"\end{tabular}"

@@ -266,7 +266,7 @@ WRONG = {
     r"`starts` must have shape \(2,\)": lambda s: s.coverage((A, B), *START, noise=1, starts=[1]),
     "did you mean 'sigma'": lambda s: s.coverage((A, B), *START, noise=1, identify={"sigm": 1}),
     "`identify argument` must be": lambda s: s.coverage(
-        (A, B), *START, noise=1, identify={"instruments": 1}
+        (A, B), *START, noise=1, identify={"rng": 1}
     ),
     "must not have noise='bounded'": lambda s: s.coverage(
         (A, B), *START, noise=1, identify={"noise": "bounded", "sigma": 1}
@@ -293,13 +293,6 @@ class Unfit:
 def test_bad_input_is_named(text: str) -> None:
     with pytest.raises((InputError, InputTypeError), match=text):
         WRONG[text](se.studies)
-
-
-def test_models_of_noisy_states_are_refused() -> None:
-    data = uneven()
-    model = se.identify(data, state_noise="white", instruments=data.past_inputs(2), checks=False)
-    with pytest.raises(InputError, match="states have no error"):
-        se.studies.coverage(model, *START)
 
 
 def test_distances_have_the_unit_that_all_states_share():

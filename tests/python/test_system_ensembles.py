@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import pickle
 
 import numpy as np
@@ -101,3 +102,26 @@ def test_names_and_steps_survive_controls_and_fleets():
     offset = se.SystemEnsemble(models.A, models.B, np.ones((3, 2)))
     with pytest.raises(InputError, match="without offsets"):
         se.control((offset, units[0].B), [1.0, 0.0], [0.0, 0.0])
+
+
+def test_a_plan_for_a_mean_says_so_without_being_asked():
+    units = se.SystemEnsemble(A, B, labels=se.System([[1.0]], [[1.0]], states=["v"]).labels)
+    mean = units.mean()
+    for system in (mean, copy.deepcopy(mean), pickle.loads(pickle.dumps(mean))):
+        for limits in (None, (-2.0, 2.0)):
+            plan = se.control(system, [1.0], [0.0], limits=limits)
+            assert "the mean of 2 models" in repr(plan)
+            bound = plan.bound(0.05)
+            assert "the mean of 2 models" in repr(bound)
+            assert "plan.validate(fresh)" in bound.warnings[0]
+            assert "certain" not in repr(bound)
+    assert "the mean of 2 models" in repr(se.steer(mean, [1.0], [0.0], 100, rng=1).bound())
+    alone = units[0], units[:1].mean(), se.System(mean.A, mean.B), (mean.A + 0.0, mean.B)
+    for system in alone:
+        assert not se.control(system, [1.0], [0.0]).bound().warnings
+
+
+def test_a_plan_for_a_mean_says_so_after_a_file(tmp_path):
+    plan = se.control(se.SystemEnsemble(A, B).mean(), [1.0], [0.0])
+    plan.save(tmp_path / "plan")
+    assert se.Plan.load(tmp_path / "plan").bound().warnings == plan.warnings != ()

@@ -169,20 +169,6 @@ def test_pooled_sets_are_one_after_the_other(gen):
         pooled([])
 
 
-def test_past_inputs_and_every_second_pair(gen):
-    runs = some_runs(gen, (4, 3))
-    data = made(runs)
-    u = np.concatenate([acting for _, acting in runs])[:, 0]
-    zero = 0.0
-    expected = [
-        [u[0], zero, zero], [u[1], u[0], zero], [u[2], u[1], u[0]], [u[3], u[2], u[1]],
-        [u[4], zero, zero], [u[5], u[4], zero], [u[6], u[5], u[4]],
-    ]  # fmt: skip
-    np.testing.assert_array_equal(data.past_inputs(2), expected)
-    _, acting, _ = data._thinned().pairs()
-    np.testing.assert_array_equal(acting[:, 0], u[[0, 2, 4, 6]])
-
-
 # -- tables ----------------------------------------------------------------------------------------
 
 

@@ -121,9 +121,25 @@ class Record:
 
 
 class SavedRecord(Record, Durable, listed=False):
-    """Base of the records that have files of their own."""
+    """Base of the records that have files of their own.
+
+    Two are equal if their files have the same bits; a class may declare that it compares less.
+    """
 
     __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        if type(self) is not type(other) or not isinstance(other, SavedRecord):
+            return NotImplemented
+        if self is other:
+            return True
+        mine, its = self._to_sections(), other._to_sections()
+        return mine.keys() == its.keys() and all(
+            np.array_equal(array.view(np.uint8), its[name].view(np.uint8))
+            for name, array in mine.items()
+        )
+
+    __hash__ = None  # type: ignore[assignment]  # as for arrays
 
     def _to_sections(self) -> dict[str, Any]:
         sections: dict[str, Any] = {}

@@ -287,6 +287,14 @@ def instance(name: str, value: object, kind: type[T]) -> T:
     return value
 
 
+def same_dt(name: str, dt: object, wanted: object, like: str) -> None:
+    """Refuse another time between two steps; one that is not stated goes with all."""
+    if not (isinstance(dt, float) and isinstance(wanted, float)):
+        return
+    if not math.isclose(dt, wanted, rel_tol=1e-9):
+        raise ShapeError(f"`{name}` must have dt={wanted:g} as {like}, got dt={dt:g}")
+
+
 def text(name: str, value: object) -> str:
     """Return a string that can be encoded as UTF-8 (without lone surrogates)."""
     if not isinstance(value, str):

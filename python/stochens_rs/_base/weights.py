@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError
 from . import validation
+from .align_labels import aligned_weight
 from .types import Floats
 
 
-def weight(name: str, value: Any, n: int, *, auto: bool = False) -> Floats:
-    """A weight as a matrix: from a number, a diagonal (n,) or a matrix (n, n)."""
+def weight(
+    name: str, value: Any, n: int, *, auto: bool = False, labels: Sequence[str] | None = None
+) -> Floats:
+    """A weight as a matrix: from a number, a diagonal (n,) or a matrix (n, n).
+
+    A table whose labels are `labels`, the names of its entries, is brought into their order.
+    """
     if isinstance(value, str):
         other, found = '"auto", ' if auto else "", validation.show(value)
         raise InputTypeError(f"`{name}` must be {other}a number, ({n},) or ({n}, {n}), got {found}")
+    value = value if labels is None else aligned_weight(name, value, labels)
     given = validation.read(name, value)
     if given.ndim == 0:
         return validation.nonnegative(name, value) * np.eye(n)

@@ -33,8 +33,8 @@ class Certificate(SavedRecord):
     ----------
     kind : {"guaranteed", "certain", "estimated"}
         "guaranteed": each radius holds with its probability at least, if `assumption` does.
-        "certain": nothing is random. "estimated": something that the radii need was estimated, so
-        that they can fail more often.
+        "certain": nothing is random, each radius holds if `assumption` does. "estimated": something
+        that the radii need was estimated, so that they can fail more often.
     delta : float
         The probability of failure that was asked for.
     quantities : dict of str to Radius
@@ -133,7 +133,7 @@ class Certificate(SavedRecord):
         share = f"with probability {html.percent(self.delta)} at least"
         how = {
             "guaranteed": f"guaranteed {share}",
-            "certain": "certain",
+            "certain": f"if {self.assumption}",
             "estimated": f"estimated, not guaranteed, to hold {share}",
         }
         return f"{how[self.kind]}; {self.covers}"
@@ -208,8 +208,10 @@ class Certificate(SavedRecord):
 
     @property
     def share(self) -> str:
-        """Kind and probability, short: "95 % guaranteed"."""
-        return "certain" if self.kind == "certain" else f"{html.percent(self.delta)} {self.kind}"
+        """Kind and probability, short: "95 % guaranteed"; what it rests on if nothing is random."""
+        if self.kind == "certain":
+            return f"if {self.assumption}"
+        return f"{html.percent(self.delta)} {self.kind}"
 
     def __repr__(self) -> str:
         name, first = next(iter(self.quantities.items()))

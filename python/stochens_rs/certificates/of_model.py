@@ -40,6 +40,7 @@ class Asked(NamedTuple):
     noise: bool
     open_loop: bool
     x0_fixed: bool
+    bands: bool = False
 
 
 def certificate(
@@ -55,12 +56,14 @@ def certificate(
     `known` is what `step_regions` returns for these arguments.
     """
     model, K, own = basis.model, len(u), False
+    bands: Floats | None
     if model.doubts:
         _refuse(basis, K, asked)
         reason, said = model.doubts[0], "none that would do"
         name = "several steps" if K > 1 else "one step"
-        tube, components = np.full(K + 1, np.inf), np.full(len(basis.xf), np.inf)
-        tube[0] = basis.x0_error
+        tube, bands = np.full(K + 1, np.inf), np.full(predicted.shape, np.inf)
+        tube[0], bands[0] = basis.x0_error, basis.x0_error
+        components = bands[-1]
         parts = [norm(predicted[-1] - basis.xf), np.inf, basis.x0_error]
         target, control, why = np.inf, np.inf, None
     else:
@@ -75,18 +78,19 @@ def certificate(
         if K == 1 and _sharper_by_rows(basis, ways[0][0], asked):
             apart = model.region(delta, components=True)  # type: ignore[call-arg]
         own = apart is not None or isinstance(to_come, GaussianNoise)
-        best, target, *parts, components, tube, control, why = _core.certify(
+        best, (target, *parts), components, tube, bands, control, why = _core.certify(
             basis.x0,
             basis.x0_error,
             basis.xf,
             predicted,
             [(region._core, inputs, noise, asks) for region, inputs, noise, asks in ways],
             None if apart is None else (apart._core, u, None, False),
+            asked.bands,
         )
         if best == len(regions):
             name = _direct_name(K)
         said, missing = _said(basis, ways[0], asked), ways[best][0].missing
-        reason = "too few data, weak instruments, or too many steps"
+        reason = "too few data, or too many steps"
         if missing:
             reason = f"the data do not determine the system along {', '.join(missing[:3])}"
     method = f"{name} {'with' if asked.noise else 'without'} noise"
@@ -94,7 +98,10 @@ def certificate(
     def radius(value: float | Floats, distance_from: str, reason: str = reason) -> Radius:
         return Radius._at(value, distance_from, delta, method, reason)
 
-    alone = "; the components are a statement of their own" if own else ""
+    alone = "; components and bands are a statement of their own" if own else ""
+    each = {}
+    if asked.bands and bands is not None:
+        each["bands"] = radius(bands, "the predicted states, for each step and state")
     return trusted(
         Certificate,
         kind="guaranteed",
@@ -105,6 +112,7 @@ def certificate(
             "control": radius(control, "the exact best control", why or reason),
             "components": radius(components, "xf, for each state"),
             "tube": radius(tube, "the predicted states, for each step"),
+            **each,
         },
         covers=f"all together, over the noise of the data{alone}",
         assumption=said,
@@ -180,8 +188,6 @@ def _noise_to_come(model: Identified) -> Literal["Gaussian", "sized", "region", 
     assumed: Assumptions | None = getattr(source, "assumptions", None)
     if assumed is None:
         return "region"
-    if getattr(source, "instruments", None) is not None:
-        return "unknown"
     if assumed.known is not None:
         return "Gaussian" if assumed.noise == "gaussian" else "sized"
     if not isinstance(model, Model):
@@ -202,8 +208,7 @@ def _regions(
         options["x0"] = basis.x0
         named.append("`x0_fixed`")
     if K > 1 and not (
-        isinstance(model, Model)
-        and (model.instruments is not None or model.noise == "symmetric" or len(model._blocks) > 1)
+        isinstance(model, Model) and (model.noise == "symmetric" or len(model._blocks) > 1)
     ):
         options["frobenius"] = True
     whole = delta
@@ -251,7 +256,6 @@ def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:
         and not asked.x0_fixed
         and len(region.parts) == 1
         and model.n > 1
-        and model.instruments is None
         and model.pilot is None
         and model.noise != "symmetric"
         and model.assumptions.covariance != "scalar"
@@ -266,11 +270,10 @@ def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
     """
     model, K = basis.model, len(u)
     assert isinstance(model, Model)
-    if model.instruments is not None or model.noise != "gaussian":
+    if model.noise != "gaussian":
         raise InputError(
-            "`open_loop` must be False: regression over several steps needs Gaussian noise and "
-            f"states without error, this model has noise='{model.noise}'"
-            + (" and instruments" if model.instruments is not None else "")
+            "`open_loop` must be False: regression over several steps needs Gaussian noise, this "
+            f"model has noise='{model.noise}'"
         )
     data = model.data.k_step(K, open_loop=True)
     needed = K * model.m + model.intercept + 2 * model.n

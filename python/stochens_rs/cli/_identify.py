@@ -36,7 +36,7 @@ from ._output import Out, finite, grid, note, show_result
             *("states", "outputs", "inputs", "by", "time", "dt", "delay", "on_gap", "last_pairs"),
         ],
         "Assumptions": [
-            *("design", "noise", "sigma", "covariance", "exact", "intercept", "past_inputs"),
+            *("design", "noise", "sigma", "covariance", "exact", "intercept"),
             *("window", "pilot", "reference"),
         ],
     },
@@ -98,12 +98,6 @@ from ._output import Out, finite, grid, note, show_result
 )
 @click.option("--intercept", is_flag=True, help="Fit an offset c as well.")
 @click.option(
-    "--past-inputs",
-    type=int,
-    metavar="L",
-    help="States have errors: L past inputs as instruments.",
-)
-@click.option(
     "--window",
     metavar="W",
     help="Of outputs: 8 for 8 lags, 0.8,4 for 4 filters of pole 0.8.",
@@ -143,7 +137,6 @@ def identify_command(
     covariance: Any,
     exact: str | None,
     intercept: bool,
-    past_inputs: int | None,
     window: str | None,
     pilot: str | None,
     reference: str | None,
@@ -191,8 +184,6 @@ def identify_command(
             covariance=covariance,
             exact=() if exact is None else _names("--exact", exact),
             intercept=intercept,
-            state_noise="none" if past_inputs is None else "white",
-            instruments=None if past_inputs is None else data.past_inputs(past_inputs),
             delay=0 if outputs is None else delay,
             **_window(window),
             pilot=None if pilot is None else _pilot(pilot),
@@ -332,8 +323,7 @@ def _text(model: Model, data: Trajectories, region: Region) -> str:
 
 def _exact_is_possible(model: Model) -> bool:
     """Whether an independent design would have a region by exact laws."""
-    noisy = model.instruments is not None or model.noise != "gaussian" or model.window is not None
-    return model.design == "adaptive" and not noisy
+    return model.design == "adaptive" and model.noise == "gaussian" and model.window is None
 
 
 def _useless(model: Model, data: Trajectories, region: Region) -> list[str]:

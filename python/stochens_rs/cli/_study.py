@@ -35,6 +35,7 @@ _CODES = {"interrupted": INTERRUPTED, "time_limit": TIME_LIMIT, "workers_lost": 
     examples=[
         "study ieee14 --sizes 10:1e4:log5 --methods uniform,alse",
         "study system.json --checkpoint run.study --out errors.parquet",
+        "study run.study --out errors.csv",
     ],
     codes={TIME_LIMIT: "time limit reached", WORKERS_LOST: "workers lost"},
 )
@@ -83,9 +84,13 @@ def study_command(
 
     PROBLEM is the name of an example system, or a file: .npz, .mat, .csv or JSON with A, B and
     optionally x0, xf. With --checkpoint, the same command continues after Ctrl-C or a crash; the
-    numbers are the same bits as without, with any number of workers.
+    numbers are the same bits as without, with any number of workers. A file that ends in .study, of
+    any study, is shown as it is, and written to --out.
     """
     files, key = Out(context, SUFFIXES), as_key(seed)
+    if Path(source).suffix == ".study":
+        _show(Study.resume(source).results, files, source, as_json)
+        return
     known = source in CASES
     if not known and not Path(source).suffix and not Path(source).exists():
         names = f"{' or '.join(CASES)}, or a file"
@@ -104,17 +109,22 @@ def study_command(
     )
     with executor(workers, dask) as run_by:
         results = made.run(run_by, checkpoint, progress=True, time_limit=time_limit)
-    facts = _facts(results, checkpoint)
-    if files.file is not None:
-        results.save(files.file)
-    show_result(facts, _text(results), as_json)
-    if results.values:
-        number = "state" if "state" in results.values else next(iter(results.values))
-        files.write(facts, lambda: _figure(results, number))
+    _show(results, files, checkpoint, as_json)
     if results.status in _CODES:
         if checkpoint is not None:
             note("the same command continues")
         context.exit(_CODES[results.status])
+
+
+def _show(results: Results, files: Out, checkpoint: str | None, as_json: bool) -> None:
+    """Print the summary; write the numbers, or the figure where the study is one over sizes."""
+    facts = _facts(results, checkpoint)
+    if files.file is not None:
+        results.save(files.file)
+    show_result(facts, _text(results), as_json)
+    if results.values and {"size", "method"} <= results.grid.keys():
+        number = "state" if "state" in results.values else next(iter(results.values))
+        files.write(facts, lambda: _figure(results, number))
 
 
 def _sizes(text: str) -> list[int]:

@@ -188,3 +188,14 @@ def step_warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[st
             f"{K} steps, or regularise",
         )
     return ()
+
+
+def mean_warnings(system: SystemLike) -> tuple[str, ...]:
+    """A warning where A or B are those of the mean of several models."""
+    nominal = system[1] if isinstance(system, tuple) and len(system) > 1 else system
+    if not isinstance(nominal, System) or (nominal._mean_of or 1) == 1:
+        return ()
+    return (
+        f"the system is the mean of {nominal._mean_of} models, and all numbers are about this "
+        "mean; how far a fresh model misses: plan.validate(fresh)",
+    )

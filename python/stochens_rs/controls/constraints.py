@@ -129,8 +129,11 @@ def read_task(
     low, high = sides("limits", within.u, K, named)
     speed, before = _rates(within.rate, within.previous, low, high, named)
     Q, Qf, R = weights.Q, weights.Qf, weights.R
-    stage = np.zeros((n, n)) if Q is None else weight("Q", Q, n)
-    terminal = weight("Qf", Qf, n) if Qf is not None else stage if Q is not None else np.eye(n)
+    stage = np.zeros((n, n)) if Q is None else weight("Q", Q, n, labels=named.states)
+    terminal = stage if Q is not None else np.eye(n)
+    if Qf is not None:
+        terminal = weight("Qf", Qf, n, labels=named.states)
+    auto = R is None or (isinstance(R, str) and R == "auto")
     if not stage.any() and not terminal.any():
         raise InputError("`Q` and `Qf` must not both be 0: every control would be the best")
     below, above = None, None
@@ -143,7 +146,7 @@ def read_task(
         stage,
         terminal,
         _reference(weights.reference, xf, K, named.states),
-        None if R is None or (isinstance(R, str) and R == "auto") else weight("R", R, m, auto=True),
+        None if auto else weight("R", R, m, auto=True, labels=named.inputs),
         speed,
         before,
         below,

@@ -18,7 +18,7 @@ from ..identification.identified import Identified
 from ..identification.model import Model
 from ..theory.dynamics import states
 from ..theory.exact import best, best_control
-from .arguments import fusion_over, problem, step_warnings
+from .arguments import fusion_over, mean_warnings, problem, step_warnings
 from .constraints import checked_task, seconds
 from .cost import Cost, as_cost
 from .limited import Horizon
@@ -228,7 +228,8 @@ def _estimates_control(
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = found.factors.singular_values
     sure = matrix.size is None or task is not None
-    info["warnings"] = step_warnings(n, m, K, reachability.rank, exact=sure)
+    of_steps = step_warnings(n, m, K, reachability.rank, exact=sure)
+    info["warnings"] = mean_warnings(system) + of_steps
     x0_known, xf_known, A_known = (
         known(entity.name, entity.value, estimate)
         for entity, estimate in zip(entities, (start, goal, A), strict=True)

@@ -20,7 +20,8 @@ class Cost(Asked):
     ----------
     Q, Qf : float or array_like, shape (n,) or (n, n), optional
         Weights of the states x(1), ..., x(K-1), and of x(K): numbers, diagonals or matrices, >= 0.
-        Default: Q is 0, and Qf is Q, or I without Q.
+        Default: Q is 0, and Qf is Q, or I without Q. Tables with the names of the states, of a
+        matrix along both axes, may be in any order; so may R with the names of the inputs.
     R : "auto", float or array_like, shape (m,) or (m, m), optional
         Weight of each input. "auto", the default with limits or other weights:
         ``1e-8 tr(G'QG) / (m K)``, G from inputs to states.
@@ -46,7 +47,8 @@ class Cost(Asked):
     reference: Floats | Named | None = None
 
     def __post_init__(self) -> None:
-        self._keep(Q=entries("Q", self.Q), Qf=entries("Qf", self.Qf), R=entries("R", self.R))
+        for name in ("Q", "Qf", "R"):
+            self._keep(**{name: entries(name, getattr(self, name), square=True)})
         self._keep(reference=entries("reference", self.reference))
         super().__post_init__()
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .._base import validation
-from .._base.align_labels import aligned
+from .._base.align_labels import aligned, aligned_weight
 from .._base.reading import labels_along, shown_labels
 from .._base.records import Record, SavedRecord
 from .._base.types import Floats
@@ -86,11 +86,15 @@ def pair_of(name: str, value: Any) -> Any:
     return tuple(entries(f"{name}[{k}]", side) for k, side in enumerate(pair))
 
 
-def entries(name: str, value: Any) -> Any:
-    """A number as it is, numbers as an array, and with the labels of a table."""
+def entries(name: str, value: Any, *, square: bool = False) -> Any:
+    """A number as it is, numbers as an array, and with the labels of a table.
+
+    A `square` table has the same names along both axes, and is kept in the order of its columns.
+    """
     if value is None or isinstance(value, (str, Named)):
         return value
-    given = validation.read(name, value) if (found := _named(name, value)) is None else found.values
+    found = _named(name, value, square)
+    given = validation.read(name, value) if found is None else found.values
     if given.dtype.kind not in "iuf":
         raise InputTypeError(
             f"`{name}` must be a number or an array of numbers, got {validation.show(value)}"
@@ -100,7 +104,7 @@ def entries(name: str, value: Any) -> Any:
     return float(given) if given.ndim == 0 else given.astype(np.float64)
 
 
-def _named(name: str, value: Any) -> Named | None:
+def _named(name: str, value: Any, square: bool) -> Named | None:
     """A table with names along its last axis, or None for anything else."""
     if isinstance(value, (np.ndarray, list, tuple, int, float)):
         return None
@@ -108,7 +112,7 @@ def _named(name: str, value: Any) -> Named | None:
     if not along or not along[-1] or not all(isinstance(label, str) for label in along[-1]):
         return None
     names = tuple(map(str, along[-1]))
-    found = aligned(name, value, names)
+    found = (aligned_weight if square else aligned)(name, value, names)
     if found is value:  # rows that are no times: `read` says what is wrong
         return None
     return Named(np.asarray(found, dtype=np.float64), names)

@@ -60,11 +60,13 @@ def control_fleet(
         Minimise ``mean_s miss_s^2 + ||u||_R^2``, or the largest ``miss_s^2 + ||u||_R^2``.
     discard : int, default 0
         With "worst": how many units may miss more. They are chosen one by one, each time the unit
-        without which the value falls most. For a certificate fix the number before the units are
-        seen.
+        without which the value falls most: that takes a new optimum for every unit that carries
+        the command, so that a few units out can take a hundred times as long as none. For a
+        certificate fix the number before the units are seen.
     time_limit : float, optional
         Seconds after which the search ends, with status "user_limit". With "worst" the command is
-        then solved for the units found so far, which takes at most as long again.
+        then solved for the units found so far, which takes at most as long again. While units are
+        left out it is the last command that was found, without those in `FleetPlan.removed`.
 
     Returns
     -------

@@ -11,6 +11,7 @@ from .._base import validation
 from ..exceptions import InputError
 from ..theory import scenario
 from .fleet_risk import Method, RiskBound
+from .plan_validation import needed, rank_of
 
 if TYPE_CHECKING:
     from .._base.types import Floats, Status
@@ -75,6 +76,23 @@ def design_risk(method: Method, beta: float, plan: Made, radii: Radii) -> RiskBo
             "'discarding' or validate(new_units)"
         )
     return RiskBound(scenario.a_priori(N, count, beta), beta, method, N, count, threshold)
+
+
+def quantile(scores: Floats, epsilon: float, beta: float) -> tuple[float, int]:
+    """The miss that at most the share `epsilon` of all units exceeds, and how many of these do."""
+    size, rank = len(scores), rank_of(len(scores), epsilon, beta)
+    if rank > size:
+        raise InputError(
+            f"`epsilon` {epsilon:g} with `beta` {beta:g} needs {needed(epsilon, beta)} fresh units "
+            f"at least, got {size}"
+        )
+    limit = float(np.partition(scores, rank - 1)[rank - 1])
+    if limit == np.inf:
+        raise InputError(
+            f"`epsilon` {epsilon:g} allows for {size - rank} of these units: more of them leave "
+            "their limits of states"
+        )
+    return limit, size - rank
 
 
 def checked_radii(radius: Any, delta: Any, size: int) -> Radii:

@@ -15,7 +15,7 @@ from .._base.types import STATUSES, Floats, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.fleet import draw_misses
 from ..theory import scenario
-from .fleet_certify import Made, Radii, checked_radii, design_risk
+from .fleet_certify import Made, Radii, checked_radii, design_risk, quantile
 from .fleet_risk import METHODS, RiskBound
 from .fleet_units import Systems, Units, read_starts, read_systems
 
@@ -45,8 +45,10 @@ class FleetPlan(SavedRecord, Tabled):
         By how much a state of the unit is beyond its limit, at most; 0 up to 1e-8 of the largest
         number among the limits and the target.
     value : float
-        "mean": ``(mean_s miss_s^2 + ||u||_R^2)^(1/2)``. "worst": the largest
-        ``(miss_s^2 + ||u||_R^2)^(1/2)`` of the units that were not left out.
+        What was minimised, with the weight of the inputs in it. "mean":
+        ``(mean_s miss_s^2 + ||u||_R^2)^(1/2)``. "worst": the largest
+        ``(miss_s^2 + ||u||_R^2)^(1/2)`` of the units that were not left out; their largest miss
+        alone is `threshold`.
     lower_bound : float
         No command within the limits has a smaller value; recomputed from all units.
     gap : float
@@ -154,6 +156,10 @@ class FleetPlan(SavedRecord, Tabled):
         return float(np.delete(self.misses, self.removed).max())
 
     @property
+    def _rms(self) -> float:
+        return float(np.sqrt(np.mean(self.misses**2)))
+
+    @property
     def scores(self) -> Floats:
         """The misses (N,), infinite for a unit that leaves its limits of states."""
         return np.where(self.excess > 0.0, np.inf, self.misses)
@@ -236,6 +242,7 @@ class FleetPlan(SavedRecord, Tabled):
         beta: float,
         *,
         threshold: float | None = None,
+        epsilon: float | None = None,
         x0: ArrayLike | None = None,
         radius: ArrayLike | None = None,
         delta: float | None = None,
@@ -251,6 +258,9 @@ class FleetPlan(SavedRecord, Tabled):
             Probability that the bound fails, in (0, 1).
         threshold : float, optional
             Fixed before the fresh units were seen. The default is `threshold` of this plan.
+        epsilon : float, optional
+            In place of a threshold the risk, in (0, 1): the `RiskBound.threshold` is then the least
+            miss that is shown to be exceeded by at most this share of all units.
         x0 : array_like, shape (n,) or (N', n), optional
             Where they begin; the default is that of the plan, if it is the same for all units.
         radius : array_like, shape (N',), optional
@@ -267,7 +277,8 @@ class FleetPlan(SavedRecord, Tabled):
         Raises
         ------
         InputError, InputTypeError
-            If the units do not fit the plan or are those of the design.
+            If the units do not fit the plan or are those of the design, or if they are too few for
+            `epsilon`.
 
         Examples
         --------
@@ -278,8 +289,13 @@ class FleetPlan(SavedRecord, Tabled):
         >>> risk = plan.validate(se.SystemEnsemble(0 * fresh, fresh), 1e-6)
         >>> risk.size, bool(risk.epsilon < 0.05)
         (1000, True)
+        >>> plan.validate(se.SystemEnsemble(0 * fresh, fresh), 0.05, epsilon=0.05)
+        <RiskBound hold-out: a fresh unit misses more than 0.4191 with at most 4.951 %, 38 of 1000>
         """
         beta = validation.probability("beta", beta)
+        if epsilon is not None and threshold is not None:
+            raise InputError("`threshold` must be left out with `epsilon`, which gives one")
+        share = None if epsilon is None else validation.probability("epsilon", epsilon)
         limit = (
             self.threshold if threshold is None else validation.nonnegative("threshold", threshold)
         )
@@ -288,6 +304,7 @@ class FleetPlan(SavedRecord, Tabled):
             raise ShapeError(
                 f"`new_units` must have n={mine.n} and m={mine.m}, got n={fresh.n} and m={fresh.m}"
             )
+        validation.same_dt("new_units", fresh.dt, mine.dt, "this plan")
         fresh = fresh._in_order("new_units", mine.labels)
         if x0 is None and len(self.units.x0) > 1:
             raise InputError(
@@ -301,7 +318,11 @@ class FleetPlan(SavedRecord, Tabled):
         radii, failing = self._radii(radius, delta, fresh.size)
         if radii is not None:
             misses = misses + radii
-        above = int(np.count_nonzero((misses > limit) | (excess > 0.0)))
+        scores = np.where(excess > 0.0, np.inf, misses)
+        if share is None:
+            above = int(np.count_nonzero(scores > limit))
+        else:
+            limit, above = quantile(scores, share, beta)
         found = scenario.hold_out(fresh.size, above, beta)
         kept = self.units.task.state_low is not None
         return RiskBound(found, beta, "hold-out", fresh.size, above, limit, failing, misses, kept)
@@ -348,7 +369,7 @@ class FleetPlan(SavedRecord, Tabled):
         marks[0, list(self.support)] = True
         marks[1, list(self.removed)] = True
         worst = self.risk == "worst"
-        line = self.threshold if worst else float(np.sqrt(np.mean(self.misses**2)))
+        line = self.threshold if worst else self._rms
         named = "threshold" if worst else "rms of the units"
         return draw_misses(self.misses, line, *marks, named=named, fresh=fresh, ax=ax)
 
@@ -370,11 +391,13 @@ class FleetPlan(SavedRecord, Tabled):
     def __repr__(self) -> str:
         K, m = self.u.shape
         N = html.number_of(self.units.size, "unit")
-        what = "rms miss" if self.risk == "mean" else "largest miss"
+        what, miss = "largest miss", self.threshold
+        if self.risk == "mean":
+            what, miss = "rms miss", self._rms
         less = f" without {len(self.removed)}" if self.removed else ""
         return (
             f"<FleetPlan {self.risk}: {N}, {html.counted(K)}, m={m}, {self.status}, {what} "
-            f"{self.value:.4g}{less}, gap {self.gap if self.gap > ROUNDING else 0.0:.1g}>"
+            f"{miss:.4g}{less}, gap {self.gap if self.gap > ROUNDING else 0.0:.1g}>"
         )
 
     def _repr_html_(self) -> str:

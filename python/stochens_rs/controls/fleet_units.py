@@ -98,14 +98,15 @@ def read_units(
             "`soft` must be False: the limits of states of a fleet are hard, got "
             f"{validation.show(within.soft)}"
         )
+    labels = fleet.labels or default_labels(n, m)
     if weights.R is not None:
-        weight("R", weights.R, m)
-    names = (fleet.labels or default_labels(n, m)).states
+        weight("R", weights.R, m, labels=labels.inputs)
+    names = labels.states
     goal = None
     if weights.reference is None:
         goal = validation.vector("xf", xf, length=n, labels=names)
     K = validation.size("steps", steps, maximum=2**31 // m)
-    task = read_task(n, m, K, goal, within, weights, fleet.labels)
+    task = read_task(n, m, K, goal, within, weights, labels)
     return Units(fleet, read_starts(x0, fleet.size, n, names), task)
 
 

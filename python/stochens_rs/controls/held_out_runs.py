@@ -256,6 +256,7 @@ def _of_systems(
         raise ShapeError(
             f"`runs` must have n={n} and m={m}, got systems with n={systems.n} and m={systems.m}"
         )
+    validation.same_dt("runs", systems.dt, plan.dt, "this plan")
     fresh, N = systems._in_order("runs", plan.labels), systems.size
     start = plan.x0 if x0 is None else x0
     if start is None:
@@ -302,8 +303,7 @@ def _of_trajectories(
         raise ShapeError(f"`runs` must have n={n} and m={m}, got n={runs.n} and m={runs.m}")
     if runs.steps != 1:
         raise InputError("`runs` must have every step, not the pairs of `k_step`")
-    if plan.dt is not None and runs.dt is not None and not np.isclose(plan.dt, runs.dt, rtol=1e-9):
-        raise InputError(f"`runs` must have dt={plan.dt:g} as this plan, got dt={runs.dt:g}")
+    validation.same_dt("runs", runs.dt, plan.dt, "this plan" if loop is None else "this loop")
     runs._require_whole("runs", "whether a run stayed inside is not known where rows are lost")
     order = order_of("runs", Labels(runs.state_names, runs.input_names), plan.labels)
     memory.need("the runs", 8 * len(runs) * rows * n)

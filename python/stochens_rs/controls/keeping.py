@@ -190,8 +190,6 @@ def kept_of(
         raise InputError("`system` must be the model that `gain` was made for")
     proof = proof_of("system", system, gain, (1.0 - share) / 2.0)
     region = proof.region
-    if proof.readings:
-        raise InputError("`gain` cannot keep limits where the states are read with error")
     if proof.status != "certified":
         raise InputError(f"`gain` must be certified, got {proof!r}")
     if region.centre.shape[1] > n + m:

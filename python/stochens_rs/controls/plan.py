@@ -207,6 +207,7 @@ class Plan(SavedRecord, Timed):
         noise: bool | None = None,
         open_loop: bool = False,
         x0_fixed: bool = False,
+        bands: bool | None = None,
         gain: Loop | LoopCertificate | None = None,
     ) -> Certificate:
         """Bound how wrong the control is, from what the plan keeps about its arguments.
@@ -217,7 +218,8 @@ class Plan(SavedRecord, Timed):
             Probability of failure of each radius, in (0, 1).
         system : System, optional
             For realizations brought by you, as `x0` and `xf`: declares that those of A are
-            independent singletons of the A of this system, as `sample` draws them.
+            independent singletons of the A of this system, as `sample` draws them: one nonzero
+            entry in every column. For others there is `validate`, with fresh ones.
         x0, xf : array_like, shape (n,), optional
             The same for x0 and xf.
         noise : bool, optional
@@ -233,6 +235,10 @@ class Plan(SavedRecord, Timed):
         x0_fixed : bool, default False
             Your declaration that x0 was fixed before the data, which makes the bound smaller: for
             one step, or with `open_loop`, and Gaussian noise of independent design.
+        bands : bool, optional
+            Whether to bound each state at each step too, as `plot` draws them: ``|x(k) - xh(k)|_i``
+            is at most ``certificate["bands"].radius[k, i]``. The default is yes, but for outputs,
+            with `gain` and near a reference; False saves about a quarter of the time.
         gain : Loop or LoopCertificate, optional
             The plan is followed with this feedback of the model, ``u(k) + K (x(k) - xh(k))``: the
             tube is that of `LoopCertificate.tube`, and "inputs" bounds how far those that are
@@ -244,8 +250,8 @@ class Plan(SavedRecord, Timed):
             Radii of "target", the distance ``||x(K) - xf||``; of "state", that of x(K) from where
             the exact best control v leads, ``||C_K (u - v)||``, or for a model from the state that
             it predicts; and of "control", ``||u - v||``. For a model also of "components", ``|x(K)
-            - xf|_i``, and the "tube" around the predicted states, all together (for one step, and
-            with noise, the components are a statement of their own: see `Certificate.covers`); for
+            - xf|_i``, the "tube" around the predicted states, all together (for one step, and with
+            noise, components and bands are a statement of their own: see `Certificate.covers`); for
             one of outputs see `Certificate.outputs`; else "control" and "state" each for itself,
             and "target" with "state". Within limits v is the best control within them, and "excess"
             bounds ``J(u) - J(v)``; with a weight Q that is no multiple of the identity, or of
@@ -304,9 +310,11 @@ class Plan(SavedRecord, Timed):
         delta = validation.probability("delta", delta)
         window = isinstance(self.basis, ModelBasis) and self.basis.window is not None
         noise = window if noise is None else validation.flag("noise", noise)
-        flags = {"noise": noise, "open_loop": open_loop, "x0_fixed": x0_fixed}
-        asked = Asked(*(validation.flag(name, value) for name, value in flags.items()))
         model = isinstance(self.basis, ModelBasis)
+        if bands is None:
+            bands = model and not window and gain is None
+        flags = {"noise": noise, "open_loop": open_loop, "x0_fixed": x0_fixed, "bands": bands}
+        asked = Asked(*(validation.flag(name, value) for name, value in flags.items()))
         other = {"system": system, "x0": x0, "xf": xf} if model else {**flags, "gain": gain}
         for name, value in other.items():
             if value is not None and value is not False:
@@ -327,7 +335,7 @@ class Plan(SavedRecord, Timed):
     ) -> Certificate:
         predicted, window = self.predicted_states, basis.window is not None
         if window or gain is not None:
-            for name in ("open_loop", "x0_fixed"):
+            for name in ("open_loop", "x0_fixed", "bands"):
                 if getattr(asked, name):
                     other_than = "for a model of outputs" if window else "with `gain`"
                     raise InputError(f"`{name}` must be False {other_than}")
@@ -372,9 +380,9 @@ class Plan(SavedRecord, Timed):
         ------
         InputError, InputTypeError
             If the plan is not for a `Model` of Gaussian noise that the data determine, without
-            instruments and single known entries, or its x0 is uncertain; if the model has a
-            warning; if the covariance is unknown and fewer than 2 n pairs more than unknowns of a
-            row are there; or if an argument cannot be used.
+            single known entries, or its x0 is uncertain; if the model has a warning; if the
+            covariance is unknown and fewer than 2 n pairs more than unknowns of a row are there; or
+            if an argument cannot be used.
 
         Notes
         -----
@@ -618,7 +626,8 @@ class Plan(SavedRecord, Timed):
             From `bound`, of this plan: draws the tube that contains the true states. The default is
             that of ``bound()`` for a model from data, where one is known; False draws none.
         states, inputs : str, int or list of them, optional
-            Which ones, by name or number; the default is all, ``inputs=[]`` draws no input.
+            Which ones, by name or number; the default is all, of more than 12 those that change
+            most; ``inputs=[]`` draws no input.
         measured : array_like, shape (K + 1, n) or (R, K + 1, n), optional
             The states of one run under this control, or of R runs, of a model of outputs these; of
             more than 20 runs a band from the 5 % to the 95 % quantile and the median.
@@ -644,7 +653,7 @@ class Plan(SavedRecord, Timed):
         2
         """
         predicted, labels = self._drawn
-        tube, says, runs = self._certified(certificate, measured)
+        tube, says, runs = self._certified(certificate, measured, each=True)
         at = labels.places("states", states)
         some = labels.places("inputs", inputs, inputs=True)
         low, high = np.full((2, *self.u.shape), np.inf) * [[[-1.0]], [[1.0]]]
@@ -747,9 +756,12 @@ class Plan(SavedRecord, Timed):
         return target
 
     def _certified(
-        self, certificate: Certificate | Literal[False] | None, measured: ArrayLike | None
+        self,
+        certificate: Certificate | Literal[False] | None,
+        measured: ArrayLike | None,
+        each: bool = False,
     ) -> tuple[Floats | None, str, Floats | None]:
-        """The tube, what it says, and the checked runs."""
+        """The tube, of `each` state where there is one, what it says, and the checked runs."""
         (predicted, _), asked = self._drawn, certificate
         if certificate is None and isinstance(self.basis, ModelBasis):
             with suppress(InputError):  # no region is known for what was assumed of the data
@@ -762,14 +774,16 @@ class Plan(SavedRecord, Timed):
                     f"`certificate` must be of this plan, over {html.counted(len(predicted) - 1)}, "
                     f"got one over {html.counted(len(tube) - 1)}"
                 )
-            says = certificate.share
-            if "readings" in certificate.quantities:
-                tube = np.asarray(certificate["readings"].radius)
+            says, known = certificate.share, certificate.quantities
+            if "readings" in known:
+                tube = np.asarray(known["readings"].radius)
                 # in open loop that of an unstable plant soon leaves every panel
-                wide = tube > 10.0 * np.ptp(predicted, axis=0)
-                if asked is None and wide[1:].any():
+                wide = tube > 10.0 * np.maximum(np.ptp(predicted, axis=0), tube[1])
+                if asked is None and wide.any():
                     tube = np.where(wide, np.nan, tube)
                     says += ", left out where wider than 10 times the range"
+            elif each and "bands" in known and known["bands"].method == known["tube"].method:
+                tube = np.asarray(known["bands"].radius)
         if measured is not None:
             runs = validation.array("measured", measured, ndim=(2, 3))
             if np.abs(runs).max() > _DRAWN:
@@ -801,6 +815,7 @@ class Plan(SavedRecord, Timed):
                 f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
                 f"m={checked.m}"
             )
+        validation.same_dt("system", checked.dt, self.dt, "this plan")
         return checked._in_order("system", self.labels)
 
     def _cube(self) -> Cube:

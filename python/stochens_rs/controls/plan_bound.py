@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 KEY = as_key(0).child("simulated bound")  # of the draws, which are the same in every call
 LAWS = "the exact values are those that the realizations were drawn from, independently"
-TARGETS = "in place of exact values that were fitted stand the targets of the fits"
+TARGETS = "the targets of the fits are the exact values that were fitted"
 
 
 def plan_bound(

@@ -237,8 +237,9 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
         if values is None:
             raise InputError(
                 f"the law of `{entity.name}` is unknown (realizations brought by the user), and "
-                f"the {what} depends on it: pass `{argument}=` if they are independent singletons "
-                "of a known mean; for other realizations see DataStream.confidence"
+                f"the {what} depends on it. Are they independent singletons of a known mean, with "
+                f"one nonzero entry in every line? Then pass `{argument}=`. How far fresh ones of "
+                "any other law miss: plan.validate(fresh)"
             )
         if entity.size is None:
             raise InputError(
@@ -248,6 +249,12 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
             raise InputError(
                 f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from: "
                 "their average has other signs, zeros or 1-norms"
+            )
+        if not _counted(entity.estimate, values, entity.axis, entity.size):
+            raise InputError(
+                f"the realizations of `{entity.name}` are no singletons, with one nonzero entry in "
+                f"every line, so that no {what} follows from `{argument}`: their average is none "
+                "of such entries; how far fresh ones miss: plan.validate(fresh)"
             )
         return replace(entity, kind="iid", values=values)
     if values is None:
@@ -263,7 +270,22 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
 
 def _possible(estimate: Floats, values: Floats, axis: Axis) -> bool:
     """Whether `estimate` can be an average of singletons drawn from `values`."""
-    along = 0 if values.ndim == 1 or axis == "columns" else 1
-    found, wanted = np.abs(estimate).sum(axis=along), np.abs(values).sum(axis=along)
+    found, wanted = _norms(estimate, axis), _norms(values, axis)
     signs = (estimate == 0.0) | (np.sign(estimate) == np.sign(values))
     return bool(signs.all() and (np.abs(found - wanted) <= _SAME_NORM * wanted).all())
+
+
+def _counted(estimate: Floats, values: Floats, axis: Axis, size: int) -> bool:
+    """Whether ``size |estimate_ij| / ||values_j||_1`` is how often an entry was drawn, an integer.
+
+    Up to rounding, which leaves nothing to see of a billion realizations.
+    """
+    norms = np.broadcast_to(_norms(values, axis), values.shape)
+    counts = size * np.divide(np.abs(estimate), norms, out=np.zeros(values.shape), where=norms > 0)
+    return bool((np.abs(counts - np.rint(counts)) <= _SAME_NORM * size).all())
+
+
+def _norms(values: Floats, axis: Axis) -> Floats:
+    """The 1-norms of the lines that are drawn on their own, along an axis that is kept."""
+    along = 0 if values.ndim == 1 or axis == "columns" else 1
+    return np.asarray(np.abs(values).sum(axis=along, keepdims=True))

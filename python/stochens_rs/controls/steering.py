@@ -102,10 +102,6 @@ def steer(
         for name, target in (("x0", start), ("xf", goal), ("A", checked.A))
     )
     plan = control(
-        (A_fit, checked.B), x0_fit, xf_fit, steps=steps, limits=limits, cost=cost, fusion=how
+        (A_fit, checked), x0_fit, xf_fit, steps=steps, limits=limits, cost=cost, fusion=how
     )
-    known: Any = {
-        "labels": checked.labels,
-        "dt": checked.dt if isinstance(checked.dt, float) else None,
-    }
-    return replace(plan, info={**plan.info, "key": key}, **known)
+    return replace(plan, info={**plan.info, "key": key})

@@ -486,7 +486,7 @@ class Ensemble(SavedRecord):
             and np.array_equal(self._draws.indices(), other._draws.indices())
         )
 
-    __hash__ = None  # type: ignore[assignment]  # as for arrays
+    __hash__ = None  # as for arrays
 
     def _dense_blocks(self, rows: int) -> Iterator[Floats]:
         """Return the dense realizations, `rows` at a time."""

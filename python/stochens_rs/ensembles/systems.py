@@ -14,7 +14,7 @@ from .._base.signal_names import Labels, fitting, order_of
 from .._base.to_xarray import Cube, Tabled, named
 from .._base.types import CENTRES, Centre
 from ..exceptions import InputError, ShapeError
-from ..system import System
+from ..system import System, _rebuild
 from .ensemble import Ensemble
 
 if TYPE_CHECKING:
@@ -154,7 +154,8 @@ class SystemEnsemble(SavedRecord, Tabled):
         Returns
         -------
         System
-            The mean of A and B. What it is an estimate of: see `centre`.
+            The mean of A and B. What it is an estimate of: see `centre`. A plan for it
+            warns that its numbers are about the mean.
 
         Examples
         --------
@@ -163,14 +164,8 @@ class SystemEnsemble(SavedRecord, Tabled):
         array([[0.75]])
         """
         with np.errstate(over="ignore"):  # `System` refuses what is not finite
-            return self._system(self.A.mean(axis=0), self.B.mean(axis=0))
-
-    def _system(self, A: NDArray[np.float64], B: NDArray[np.float64]) -> System:
-        known = self.labels
-        if known is None:
-            return System(A, B, dt=self.dt)
-        words: Any = {"states": known.states, "inputs": known.inputs, "units": dict(known.units)}
-        return System(A, B, dt=self.dt, **words)
+            mean = self.A.mean(axis=0), self.B.mean(axis=0)
+            return _rebuild(*mean, self.dt, None, self.labels, self.size)
 
     def _in_order(self, argument: str, labels: Labels | None) -> SystemEnsemble:
         """The same models, with states and inputs in the order of these names, see `order_of`."""
@@ -222,7 +217,7 @@ class SystemEnsemble(SavedRecord, Tabled):
                 raise InputError("the slice must name at least one model")
             return replace(self, A=A, B=B, c=c)
         index = validation.size("model", s, minimum=-self.size, maximum=self.size - 1)
-        return self._system(self.A[index], self.B[index])
+        return _rebuild(self.A[index], self.B[index], self.dt, None, self.labels)
 
     def __iter__(self) -> Iterator[System]:
         return (self[s] for s in range(self.size))

@@ -64,8 +64,6 @@ class LoopCertificate(SavedRecord):
         The time between two steps [s].
     reason : str or None
         Why nothing is certified, where it is not the size of the region.
-    readings : bool
-        Whether the states are read with error: stability is then all that is certified.
     residual : ndarray, shape (n, n), or None
         The sum of squares of the residuals, which bounds the covariance of the noise where the
         region does not.
@@ -89,7 +87,6 @@ class LoopCertificate(SavedRecord):
     labels: Labels
     dt: float | None = None
     reason: str | None = None
-    readings: bool = False
     residual: Floats | None = None
     degrees: int = 0
     warnings: tuple[str, ...] = ()
@@ -148,7 +145,6 @@ class LoopCertificate(SavedRecord):
             labels=labels,
             dt=model.dt,
             reason=reason,
-            readings=isinstance(model, Model) and model.assumptions.noisy_states,
             residual=squares[0],
             degrees=squares[1],
             warnings=warnings,
@@ -246,8 +242,7 @@ class LoopCertificate(SavedRecord):
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used, the states are read with error, or no bound of the
-            covariance of the noise is known.
+            If an argument cannot be used, or no bound of the covariance of the noise is known.
 
         Notes
         -----
@@ -267,8 +262,6 @@ class LoopCertificate(SavedRecord):
         >>> tube.radii[:2].round(2), tube.settles(0.01)
         (array([0.  , 0.12]), 8)
         """
-        if self.readings:
-            raise InputError("`tube` needs exact states: those of this model are read with error")
         n, m = self.region.n, self.region.m
         if isinstance(x0, tuple) and [np.ndim(one) for one in x0] == [2, 2]:
             raise InputError(
@@ -337,7 +330,7 @@ class LoopCertificate(SavedRecord):
         Raises
         ------
         InputError, InputTypeError
-            If `xs` cannot be used, or the states are read with error.
+            If `xs` cannot be used.
 
         Notes
         -----
@@ -354,8 +347,6 @@ class LoopCertificate(SavedRecord):
         >>> rest, proof.tube([0.0], 10, rest=rest).settles(0.1)
         (<Rest: every system rests within 0.137 of (1), 95 %>, 5)
         """
-        if self.readings:
-            raise InputError("`rest` needs exact states: those of this model are read with error")
         region = self.region
         n, m = region.n, region.m
         names = self.labels.states
@@ -427,8 +418,7 @@ class LoopCertificate(SavedRecord):
         Raises
         ------
         InputError, InputTypeError
-            If a limit cannot be used, the states are read with error, or there is an intercept, so
-            that 0 is no point of rest.
+            If a limit cannot be used, or there is an intercept, so that 0 is no point of rest.
 
         Notes
         -----
@@ -444,8 +434,6 @@ class LoopCertificate(SavedRecord):
         >>> round(proof.holds((-1.0, 1.0), [1.0]), 2)
         1.26
         """
-        if self.readings:
-            raise InputError("`holds` needs exact states: those of this model are read with error")
         if self.region.centre.shape[1] > self.region.n + self.region.m:
             raise InputError(
                 "`holds` needs a model without intercept, with which 0 is no point of rest: "

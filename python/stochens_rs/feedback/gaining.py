@@ -97,7 +97,11 @@ def gain(
         K, S, parameter = _core.widest_gain(region._core)
         method = "widest margin"
     else:
-        weights = weight("Q", for_outputs(model, Q), n), weight("R", R, m)
+        names = known.labels
+        weights = (
+            weight("Q", for_outputs(model, Q), n, labels=names.states),
+            weight("R", R, m, labels=names.inputs),
+        )
         if region is None:
             K, S, parameter = _core.feedback_gain(A, B, *weights)
         else:

@@ -138,7 +138,7 @@ class Loop(SavedRecord):
 
 def _squares(model: Identified) -> tuple[Floats | None, int]:
     """``S ~ W_n(nu, Sigma)`` of the residuals and nu, where the regressors are no part of it."""
-    if not isinstance(model, Model) or model.pilot is not None or model.instruments is not None:
+    if not isinstance(model, Model) or model.pilot is not None:
         return None, 0
     given = model.assumptions
     if (given.noise, given.design) != ("gaussian", "independent") or len(model._blocks) > 1:

@@ -123,14 +123,10 @@ def _least_squares(
         )
     if given.c is not None and not least.intercept:
         raise InputError("`data` must be a model with intercept, as the models have offsets")
-    dt, own = given.dt, least.dt
-    if dt is not None and own is not None and not np.isclose(dt, own, rtol=1e-9, atol=0.0):
-        raise InputError(f"`data` must have dt={dt:g} as the models, got {own:g}")
+    validation.same_dt("data", least.dt, given.dt, "the models")
     noise = least.assumptions
-    if least.known is not None or least.instruments is not None or noise.noisy_states:
-        raise InputError(
-            "`data` must be identified without known entries, instruments and noise of the states"
-        )
+    if least.known is not None:
+        raise InputError("`data` must be identified without known entries")
     if method == "alse" and noise.noise != "gaussian":
         raise InputError(
             f"`data` must be identified with noise='gaussian' for method 'alse', got "

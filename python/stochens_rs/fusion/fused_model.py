@@ -73,8 +73,8 @@ class FusedModel(SavedRecord, Identified):
             )
         if models.c is not None and not data.intercept:
             raise InputError("`least_squares` must have an intercept, as `models` have offsets")
-        if len(data._blocks) != 1 or data.known is not None or data.instruments is not None:
-            raise InputError("`least_squares` must have no known entries and no instruments")
+        if data.known is not None:
+            raise InputError("`least_squares` must have no known entries")
         validation.choice("method", self.method, DATA_METHODS)
         weights = validation.kept("weights", self.weights, shape=(models.size,))
         if weights.min() < 0.0 or abs(float(weights.sum()) - 1.0) > 1e-6:

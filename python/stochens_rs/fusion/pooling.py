@@ -42,10 +42,7 @@ def pool(models: object) -> Model:
     triangle = first.triangle.copy()
     for one in given[1:]:
         _core.triangle_update(triangle, np.ascontiguousarray(one.triangle))
-    instruments = None
-    if first.instruments is not None:
-        instruments = np.vstack([one.instruments for one in given if one.instruments is not None])
-    made = replace(first, data=data, triangle=triangle, instruments=instruments, checks=None)
+    made = replace(first, data=data, triangle=triangle, checks=None)
     if any(one.checks is not None for one in given) and data.size * data.n * DRAWS <= WORK:
         made = replace(made, checks=made.check())
     return made
@@ -71,8 +68,6 @@ def _refuse_others(k: int, one: Model, first: Model) -> None:
         if not _same(getattr(one, name), getattr(first, name)):
             word = "known entries" if name == "known" else name
             raise InputError(f"`ensemble[{k}]` must have the {word} of `ensemble[0]`")
-    if one.triangle.shape != first.triangle.shape:
-        raise InputError(f"`ensemble[{k}]` must have as many instruments as `ensemble[0]`")
 
 
 def _same(a: Any, b: Any) -> bool:

@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 Design: TypeAlias = Literal["independent", "adaptive"]
 Noise: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded", "symmetric"]
 Covariance: TypeAlias = Literal["full", "diagonal", "scalar", "known"]
-StateNoise: TypeAlias = Literal["none", "white"]
 
 DESIGNS: tuple[Design, ...] = get_args(Design)
 NOISES: tuple[Noise, ...] = get_args(Noise)
@@ -44,8 +43,6 @@ class Assumptions(Record):
         What is known of its covariance.
     known : ndarray, shape (n, n), or None
         The covariance, if it is known; for other noise than Gaussian an upper bound.
-    state_noise : "none", "white" or ndarray of shape (n, n)
-        The error of the measured states; an array is its covariance.
     exact : tuple of int
         The states without noise of their own: it is 0, or a combination of that of other states.
     tail : float
@@ -56,7 +53,6 @@ class Assumptions(Record):
     noise: Noise
     covariance: Covariance
     known: Floats | None = None
-    state_noise: StateNoise | Floats = "none"
     exact: tuple[int, ...] = ()
     tail: float = 0.0
 
@@ -72,22 +68,11 @@ class Assumptions(Record):
             raise InputError(f"`known` must be given for noise='{self.noise}'")
         if self.noise == "symmetric" and self.covariance != "full":
             raise InputError("noise='symmetric' uses no `known` and no `covariance`")
-        if isinstance(self.state_noise, str):
-            validation.choice("state_noise", self.state_noise, ("none", "white"))
-        else:
-            _require_covariance("state_noise", self.state_noise)
         if list(self.exact) != sorted({validation.size("exact", i, minimum=0) for i in self.exact}):
             raise InputError("`exact` must be different states in their order")
-        exact = self.design != "adaptive" or self.noise == "symmetric" or self.noisy_states
+        exact = self.design != "adaptive" or self.noise == "symmetric"
         if self.tail != 0.0 and (validation.positive("tail", self.tail, maximum=LARGEST) and exact):
-            raise InputError(
-                "`tail` must be 0 for an independent design, symmetric noise and noisy states"
-            )
-
-    @property
-    def noisy_states(self) -> bool:
-        """Whether the states are measured with error."""
-        return not (isinstance(self.state_noise, str) and self.state_noise == "none")
+            raise InputError("`tail` must be 0 for an independent design and symmetric noise")
 
     @property
     def design_text(self) -> str:
@@ -114,7 +99,6 @@ def checked_assumptions(
     noise: object,
     covariance: Any,
     sigma: object,
-    state_noise: Any,
     exact: object = (),
     names: Sequence[str] = (),
     singular: bool = False,
@@ -146,13 +130,8 @@ def checked_assumptions(
         raise InputError("`sigma` must be the largest norm of the noise for noise='bounded'")
     if law == "symmetric" and (known is not None or word != "full"):
         raise InputError("noise='symmetric' uses no `covariance` and no `sigma`: leave them out")
-    error = state_noise
-    if not isinstance(state_noise, str):
-        error = _positive_definite("state_noise", state_noise, n, semi=True)
-    else:
-        validation.choice("state_noise", state_noise, ("none", "white"))
     without = checked_exact(exact, names)
-    return Assumptions(plan, law, word, known, error, without, tail)  # type: ignore[arg-type]
+    return Assumptions(plan, law, word, known, without, tail)  # type: ignore[arg-type]
 
 
 def checked_exact(exact: object, names: Sequence[str]) -> tuple[int, ...]:

@@ -83,15 +83,9 @@ def directions(
     return Q / np.where(sizes == 0.0, 1.0, sizes)
 
 
-def refuse(noise: Assumptions, wish: Wish, instruments: bool, by_rows: bool) -> None:
+def refuse(noise: Assumptions, wish: Wish, by_rows: bool) -> None:
     """Refuse a region that the assumptions do not have."""
-    if noise.noisy_states and not instruments:
-        raise InputError(
-            "no region is known: `state_noise` says that the states are measured with error, which "
-            "biases the model; pass `instruments` to identify, or use set points as states and "
-            "declare state_noise='none'"
-        )
-    plain = noise.design == "independent" and noise.noise == "gaussian" and not instruments
+    plain = noise.design == "independent" and noise.noise == "gaussian"
     for name, asked in (
         ("directions", wish.directions is not None),
         ("future", wish.future > 0),
@@ -99,29 +93,22 @@ def refuse(noise: Assumptions, wish: Wish, instruments: bool, by_rows: bool) -> 
         if asked and (not plain or by_rows or wish.components):
             raise InputError(
                 f"`{name}` needs a region of all rows at once for design='independent', "
-                "noise='gaussian', without instruments and without `components`"
+                "noise='gaussian', without `components`"
             )
-    one_level = plain or instruments or noise.noise == "symmetric" or noise.known is not None
+    one_level = plain or noise.noise == "symmetric" or noise.known is not None
     if one_level and (wish.method != "auto" or (wish.anytime and noise.design == "independent")):
         raise InputError(
             "`method` and `anytime` are for Gaussian noise of unknown covariance with "
             "design='adaptive'"
         )
-    if (instruments or noise.noise == "symmetric") and (wish.components or wish.frobenius):
-        raise InputError(
-            "`components` and `frobenius` must be False with instruments and for noise='symmetric'"
-        )
+    if noise.noise == "symmetric" and (wish.components or wish.frobenius):
+        raise InputError("`components` and `frobenius` must be False for noise='symmetric'")
     if wish.frobenius and (by_rows or wish.components or wish.directions is not None):
         raise InputError("`frobenius` needs one region for all rows and directions")
 
 
-def said(noise: Assumptions, wish: Wish | None, instruments: bool, first: int = 0) -> str:
+def said(noise: Assumptions, wish: Wish | None, first: int = 0) -> str:
     """The assumptions in words; the `first` pairs tell the scale."""
-    if instruments:
-        return (
-            "Gaussian noise of process and readings, white, of one covariance each; instruments "
-            "independent of both"
-        )
     text = noise.text
     if noise.noise == "symmetric" or (noise.noise == "gaussian" and noise.design == "independent"):
         text += ", independent of all states and inputs"
@@ -136,8 +123,6 @@ def said(noise: Assumptions, wish: Wish | None, instruments: bool, first: int = 
         text += ", any design, for a number of pairs fixed beforehand"
     if noise.tail:
         text += f", beside it a declared tail of {noise.tail:g} deviations"
-    if noise.noisy_states:
-        return text + "; states measured with error"
     if wish is not None and wish.directions is not None:
         text += "; states and inputs in a span fixed before the outcomes"
     return text

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from .._base.types import Floats
 
 
-def refuse(assumed: Assumptions, known: Floats | None, zeta: Floats | None, single: bool) -> None:
+def refuse(assumed: Assumptions, known: Floats | None, single: bool) -> None:
     """Refuse assumptions that do not go together; `single`: every run is one pair."""
     if assumed.design == "independent" and not single:
         raise InputError(
@@ -28,18 +28,9 @@ def refuse(assumed: Assumptions, known: Floats | None, zeta: Floats | None, sing
             "`noise` must not be 'symmetric' with design='adaptive': where states follow from "
             "earlier noise, the test of signs fails; declare sigma, or use data.last_pairs()"
         )
-    if zeta is not None:
-        if isinstance(assumed.state_noise, str) and assumed.state_noise != "white":
-            raise InputError("`instruments` are for noisy states: declare state_noise='white'")
-        if not isinstance(assumed.state_noise, str) or assumed.covariance != "full":
-            raise InputError("`instruments` need no covariances: leave them out")
-        if assumed.noise != "gaussian" or known is not None:
-            raise InputError("`instruments` need noise='gaussian' and no known entries")
     rows = known is not None and not (np.isnan(known) == np.isnan(known[0])).all()
     if rows and assumed.noise == "symmetric":
         raise InputError("noise='symmetric' needs whole columns in `known_A` and `known_B`")
-    if known is not None and not isinstance(assumed.state_noise, str):
-        raise InputError("a covariance as `state_noise` goes with no known entries")
 
 
 def require_states(assumed: Assumptions, n: int) -> None:

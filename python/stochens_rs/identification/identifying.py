@@ -18,7 +18,6 @@ from .assumptions import (
     Covariance,
     Design,
     Noise,
-    StateNoise,
     checked_assumptions,
     checked_scale,
 )
@@ -48,9 +47,7 @@ def identify(
     intercept: bool = False,
     known_A: ArrayLike | None = None,
     known_B: ArrayLike | None = None,
-    state_noise: StateNoise | ArrayLike = "none",
     exact: Sequence[str | int] = (),
-    instruments: ArrayLike | None = None,
     scale: ArrayLike | None = None,
     pilot: float | Identified | System | tuple[ArrayLike, ArrayLike] | None = None,
     reference: Any = None,
@@ -68,6 +65,10 @@ def identify(
     rng: RngLike = None,
 ) -> Model:
     """Fit ``x(k+1) = A x(k) + B u(k) + c + w(k)`` to measured runs.
+
+    States are measured without error, or are set points: your declaration. Errors of `x_next` alone
+    count as noise. States that are read with error are passed as outputs, ``Trajectories(...,
+    outputs=True)``: the model is then one of the readings, and their errors are part of its noise.
 
     Parameters
     ----------
@@ -93,21 +94,12 @@ def identify(
         Whether there is an offset c. Do not centre the data by hand instead.
     known_A, known_B : array_like, shapes (n, n), (n, m), optional
         Entries that are known beforehand; nan where an entry is to be estimated.
-    state_noise : {"none", "white"} or array_like of shape (n, n), default "none"
-        Whether the states are measured with error. "none": your declaration that they are not, or
-        that they are set points; errors of `x_next` alone count as noise. "white": errors
-        independent in time, which bias least squares; a region then needs `instruments`. An array:
-        the covariance of the errors, for a consistent estimate without a region.
     exact : sequence of str or int, default ()
         States, by name or number, without noise of their own: your declaration that it is 0, or a
         combination of that of the other states, as where one force disturbs position and velocity,
         or for the states of a Kalman filter in its steady state. Not for columns that were computed
         from others, as velocities by finite differences: they are no states. Rows of which the
         whole state matrix is in `known_A` count as declared.
-    instruments : array_like, shape (N, r), optional
-        For noisy states: numbers that go with each pair and are independent of all noise, at least
-        as many as unknowns of a row. In open loop ``data.past_inputs(lags)``; in closed loop an
-        added dither, not the inputs. On runs every second pair is used.
     scale : float or array_like, shape (n + m,), optional
         The size of states and inputs that is expected before the data, in their units. Regions for
         ``design="adaptive"`` hold for any scale. Left out, it is that of the first eighth of the
@@ -137,12 +129,14 @@ def identify(
         Runs of an older, similar plant with the same known covariance, fixed in the same way as
         the new ones and in open loop. A share or number of them is the `pilot`, 0.1 unless it is
         given. They count with the weight that promises the smallest certificate of `reference`, or
-        the smallest region without one, chosen without the noise of any run; not at all where the
-        new runs promise more without them.
+        without one the smallest bound of one step over the pairs, with states in deviations of
+        their noise, chosen without the noise of any run; not at all where the new runs promise
+        more without them.
     apart : float or sequence of array_like of shape (n, n + m), optional
         With `like`, your declaration of how far the plants are apart: at most this in the norm of
-        ``[A_old - A, B_old - B] diag(scale)`` (scale 1 where it is not given), or a combination
-        of these matrices with factors in [-1, 1]. No data can say it.
+        ``diag(scale_x)^-1 [A_old - A, B_old - B] diag(scale)``, scale_x that of the states, so that
+        0.02 is 2 % of the sizes in any units; without `scale` in that of the matrix itself. Or a
+        combination of these matrices with factors in [-1, 1]. No data can say it.
     lags, filters, order : int or "auto", (pole, int), "auto", optional
         For outputs, one of them: from which window of the past they are predicted. The last `lags`
         readings and inputs; or so many filters in a row of one pole in (0, 1), which reach further
@@ -165,7 +159,7 @@ def identify(
     Returns
     -------
     Model
-        Least squares (two-stage least squares with instruments).
+        Least squares; with `pilot` an estimate of its own, see there.
 
     Raises
     ------
@@ -217,9 +211,9 @@ def identify(
     runs = pooled(data)
     n, piloted = runs.n, pilot is not None or like is not None
     if runs.outputs:
-        _refuse_for_outputs(known_A, known_B, state_noise, instruments, pilot, like)
+        _refuse_for_outputs(known_A, known_B, pilot, like)
     assumed = checked_assumptions(
-        *(n, design, noise, covariance, sigma, state_noise, exact, runs.state_names),
+        *(n, design, noise, covariance, sigma, exact, runs.state_names),
         piloted,
         validation.nonnegative("tail", tail),
     )
@@ -233,13 +227,11 @@ def identify(
         sizes, first = sized(runs, window, sizes, first)
     source = as_key(rng)
     key = source.child("sign vectors") if assumed.noise == "symmetric" else None
-    zeta = None if instruments is None else _instruments(instruments, runs, d, offset)
-    refuse(assumed, known, zeta, runs.single)
+    refuse(assumed, known, runs.single)
     guide = None
     if piloted:
-        others = known is not None or zeta is not None
         given = pilot, offset, reference, inputs, dither, planned, like, apart, sizes
-        guide, runs = made(runs, assumed, others, *given)
+        guide, runs = made(runs, assumed, known is not None, *given)
     elif planned or not (reference is None and dither is None and _unsaid(inputs)):
         raise InputError(
             "`reference`, `inputs`, `dither` and `lengths_fixed` must be left out without `pilot`"
@@ -255,14 +247,10 @@ def identify(
         own, outcomes = np.ascontiguousarray(Z[:, :d]), np.ascontiguousarray(Z[:, d:])
         rows = tested_rows(assumed, known, n)
         tested = checked_residuals(own, outcomes, rows, exact=assumed.design == "independent")
-    if zeta is not None:
-        keep = runs._pieces.places() % 2 == 0
-        runs, zeta = runs._thinned(), zeta[keep]
-        Z = np.hstack([zeta, Z[keep]])
     triangle = _core.triangle(Z, get_num_threads())
     if not np.isfinite(triangle).all():
-        raise NonFiniteError("the products of data and instruments overflow: scale them down")
-    found = runs, triangle, assumed, sizes, offset, known, zeta, tested, key, guide, window, first
+        raise NonFiniteError("the products of the data overflow: scale them down")
+    found = runs, triangle, assumed, sizes, offset, known, tested, key, guide, window, first
     model = Model(*found)
     if model.warnings:
         said, more = model.warnings[0], len(model.warnings) - 1
@@ -273,9 +261,9 @@ def identify(
 
 def _refuse_for_outputs(*given: Any) -> None:
     """Refuse what is for states."""
-    names = "known_A", "known_B", "state_noise", "instruments", "pilot", "like"
+    names = "known_A", "known_B", "pilot", "like"
     for name, one in zip(names, given, strict=True):
-        if one is not None and not (isinstance(one, str) and one == "none"):
+        if one is not None:
             raise InputError(
                 f"`{name}` must be left out for outputs: it is about states, and errors of reading "
                 "are part of the noise of a model of outputs"
@@ -320,15 +308,3 @@ def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | Non
     if not np.isnan(known).any():
         raise InputError("`known_A` and `known_B` leave nothing to estimate")
     return known if not np.isnan(known).all() else None
-
-
-def _instruments(value: ArrayLike, runs: Trajectories, d: int, offset: bool) -> Floats:
-    """The instruments of all pairs, with 1 behind them for an offset."""
-    zeta = validation.matrix("instruments", value, rows=runs.size)
-    zeta = np.hstack([zeta, np.ones((len(zeta), int(offset)))])
-    if zeta.shape[1] < d:
-        raise ShapeError(
-            f"`instruments` must have at least {d - offset} columns, one for each unknown of "
-            f"a row, got {zeta.shape[1] - offset}"
-        )
-    return zeta

@@ -57,12 +57,12 @@ class Model(SavedRecord, Identified, Tabled):
     Attributes
     ----------
     data : Trajectories
-        The pairs it was fitted to: with instruments, every second pair of each run.
+        The pairs it was fitted to.
     triangle : ndarray
-        R with ``R' R = W' W`` for the rows ``W = (x, u, 1, x_next)`` of all pairs, with the
-        instruments before them if there are any: all that the estimate and most regions need.
+        R with ``R' R = W' W`` for the rows ``W = (x, u, 1, x_next)`` of all pairs: all that the
+        estimate and most regions need.
     assumptions : Assumptions
-        Design, noise, covariance, state noise and exact states, as declared.
+        Design, noise, covariance and exact states, as declared.
     scale : ndarray, shape (n + m,) or (n + m + 1,), or None
         The sizes of states and inputs that were expected before the data; None: as in the first
         pairs.
@@ -70,8 +70,6 @@ class Model(SavedRecord, Identified, Tabled):
         Whether there is an offset c.
     known : ndarray, shape (n, n + m) or (n, n + m + 1), or None
         The entries that were declared as known; nan where an entry was estimated.
-    instruments : ndarray, shape (N, r), or None
-        The instruments of the pairs of `data`.
     checks : Checks or None
         The tests of the residuals; None if there were too few pairs, too many to test them
         without being asked, or `identify` was told not to: see `check`.
@@ -96,7 +94,6 @@ class Model(SavedRecord, Identified, Tabled):
     scale: Floats | None = None
     intercept: bool = False
     known: Floats | None = None
-    instruments: Floats | None = None
     checks: Checks | None = None
     key: Key | None = None
     pilot: Pilot | None = None
@@ -109,11 +106,7 @@ class Model(SavedRecord, Identified, Tabled):
         validation.flag("intercept", self.intercept)
         self._check_window()
         n, d = self.data.n, self._d
-        r = 0
-        if self.instruments is not None:
-            r = validation.kept("instruments", self.instruments, ndim=(2,)).shape[1]
-            validation.kept("instruments", self.instruments, shape=(self.size, max(r, d)))
-        validation.kept("triangle", self.triangle, shape=(r + d + n,) * 2)
+        validation.kept("triangle", self.triangle, shape=(d + n,) * 2)
         if self.scale is not None:
             validation.kept("scale", self.scale, shape=(d,))
         if self.known is not None and validation.instance(
@@ -125,7 +118,7 @@ class Model(SavedRecord, Identified, Tabled):
             raise ShapeError(f"`known` must have shape ({n}, {d}), got {self.known.shape}")
         if self.checks is not None:
             validation.instance("checks", self.checks, Checks)
-        refuse(self.assumptions, self.known, self.instruments, self.data.single)
+        refuse(self.assumptions, self.known, self.data.single)
         require_sound(self.scale, self.known)
         require_states(self.assumptions, n)
         if (self.noise == "symmetric") != (self.key is not None):
@@ -134,8 +127,7 @@ class Model(SavedRecord, Identified, Tabled):
             validation.instance("key", self.key, Key)
         if self.pilot is not None:
             given = validation.instance("pilot", self.pilot, Pilot)
-            others = self.known is not None or self.instruments is not None
-            refuse_pilot(self.assumptions, self.data, others)
+            refuse_pilot(self.assumptions, self.data, self.known is not None)
             validation.kept("pilot.model", given.model, shape=(n, d))
             if given.dither is not None:
                 validation.kept("pilot.dither", given.dither, shape=(self.size, self.m))
@@ -227,19 +219,12 @@ class Model(SavedRecord, Identified, Tabled):
                     "`window` must have the outputs, inputs and intercept of the model"
                 )
 
-    @property
-    def _own(self) -> Floats:
-        """The triangle of [Z Y] alone, with more rows where there are instruments."""
-        r = 0 if self.instruments is None else self.instruments.shape[1]
-        return np.ascontiguousarray(self.triangle[:, r:])
-
     @cached_property
     def _estimate(self) -> _core.Estimate:
         return self._fitted(self.triangle, self.size)
 
     def _fitted(self, triangle: Floats, size: int) -> _core.Estimate:
         """The estimate from the triangle of so many pairs."""
-        noise = self.assumptions.state_noise
         return _core.Estimate(
             np.ascontiguousarray(triangle),
             size,
@@ -247,16 +232,14 @@ class Model(SavedRecord, Identified, Tabled):
             self._free,
             self.intercept,
             None if self.known is None else np.ascontiguousarray(self.known),
-            0 if self.instruments is None else self.instruments.shape[1],
-            None if isinstance(noise, str) else np.ascontiguousarray(noise),
         )
 
     @cached_property
     def _first(self) -> int:
         """How many of the first pairs say the size of the others; 0 where none is asked for."""
         exact = self.design == "independent" and self.noise == "gaussian"
-        others = self.scale, self.instruments, self.key, self.pilot
-        if exact or self.assumptions.noisy_states or any(one is not None for one in others):
+        others = self.scale, self.key, self.pilot
+        if exact or any(one is not None for one in others):
             return 0
         if self.window is not None:
             return len(self.window._rows(self.data, self.first)[0])
@@ -325,7 +308,7 @@ class Model(SavedRecord, Identified, Tabled):
     def covariance(self) -> Floats | None:
         """The covariance of the noise, shape (n, n): the known one, or ``S / nu`` of the residuals.
 
-        None if there are no more pairs than unknowns. With noisy states it includes their noise.
+        None if there are no more pairs than unknowns.
         """
         if self.assumptions.known is not None:
             return self.assumptions.known
@@ -386,8 +369,6 @@ class Model(SavedRecord, Identified, Tabled):
             )
         if self.pilot is not None and not self._piloted.determined:
             said.append("the runs that the pilot simulates do not determine the model")
-        if self.assumptions.noisy_states and self.instruments is None:
-            said.append("the states are measured with error, so that no region is known")
         return tuple(said)
 
     @cached_property
@@ -459,7 +440,7 @@ class Model(SavedRecord, Identified, Tabled):
         Z, Y = self._pairs()
         residuals = Y - Z @ self._H.T
         # h_t = ||z_t||^2 in the norm of V^-1, over the columns of all rows of Theta together
-        white = _core.fit(self._own, self._d, self.size, 1).white
+        white = _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1).white
         leverages = np.sum((Z @ white.T) ** 2, axis=1)
         tested = None if self.checks is None else self.checks.p_values
         return draw_residuals(residuals, leverages, self.outputs, tested, figure)
@@ -512,8 +493,7 @@ class Model(SavedRecord, Identified, Tabled):
         Raises
         ------
         InputError, InputTypeError
-            If no region is known for what was assumed; no model explains the data (instruments);
-            or an argument cannot be used.
+            If no region is known for what was assumed, or an argument cannot be used.
 
         Notes
         -----
@@ -526,7 +506,7 @@ class Model(SavedRecord, Identified, Tabled):
         Theta. Without `scale`, ``kappa P`` takes the place of ``lam I``, with ``P = sum z z' / N1``
         of the N1 first pairs and kappa 1/6, 1/3 and 2/3 of the number of those after them, of which
         H, V and S are then; the `centre` is their H. Symmetric noise: sign-perturbed sums (Csaji,
-        Campi and Weyer 2015). Instruments: Anderson and Rubin (1949).
+        Campi and Weyer 2015).
 
         Examples
         --------
@@ -550,11 +530,10 @@ class Model(SavedRecord, Identified, Tabled):
             validation.choice("method", method, METHODS),
             validation.flag("anytime", anytime),
         )
-        refuse_region(self.assumptions, wish, self.instruments is not None, len(self._blocks) > 1)
+        refuse_region(self.assumptions, wish, len(self._blocks) > 1)
         signs, text = None, ""
         first = 0 if wish.anytime else self._first
-        assumption = said(self.assumptions, wish, self.instruments is not None, first)
-        missing = self.missing if self.instruments is None else ()
+        assumption, missing = said(self.assumptions, wish, first), self.missing
         if self.pilot is not None:
             if wish != Wish(wish.delta, frobenius=wish.frobenius):
                 raise InputError("a region by a pilot takes `delta` and `frobenius` only")
@@ -619,8 +598,7 @@ class Model(SavedRecord, Identified, Tabled):
         Raises
         ------
         InputError, InputTypeError
-            If the data do not determine the model, there are instruments, or an argument cannot be
-            used.
+            If the data do not determine the model, or an argument cannot be used.
 
         Notes
         -----
@@ -710,10 +688,6 @@ class Model(SavedRecord, Identified, Tabled):
                 "no law of the model is known: runs of an older plant count, and how far it is "
                 "apart was declared, not drawn"
             )
-        if self.assumptions.noisy_states:
-            raise InputError(
-                "models of noisy states cannot be resampled: the scatter is not theirs"
-            )
 
     def _ensemble(self, models: Floats, about: str, asked: int) -> SystemEnsemble:
         n, m = self.n, self.m
@@ -735,24 +709,22 @@ class Model(SavedRecord, Identified, Tabled):
         """Least squares without regard to known entries, and what its residuals span."""
         f = self._blocks[0]
         if self.known is not None:
-            f = _core.fit(self._own, self._d, self.size, 1)
+            f = _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1)
         return f, spanned(f, tested_rows(self.assumptions, self.known, self.n_outputs))
 
     @cached_property
     def _lag(self) -> Lag | None:
-        """The test of one more lag; None where errors of reading are declared, or none is known."""
+        """The test of one more lag; None where none is known."""
         n, span = self.n_outputs, self._residuals[1]
         if self.window is not None:
             return one_more_lag(*self.window._longer(self.data, self.first), n, span)
-        if self.assumptions.noisy_states:
-            return None
         later = np.flatnonzero(self.data._pieces.places() > 0)
         return one_more_lag(*rows_with_a_lag(self.data._rows, later, n, self.intercept), n, span)
 
     @cached_property
     def _constant(self) -> Lag | None:
-        """The test of an intercept; None where there is one, or errors of reading are declared."""
-        if self.intercept or self.assumptions.noisy_states:
+        """The test of an intercept; None where there is one."""
+        if self.intercept:
             return None
         Z, Y = self._pairs()
         rows = np.hstack([Z, np.ones((len(Z), 1)), Y])
@@ -800,8 +772,7 @@ class Model(SavedRecord, Identified, Tabled):
     def _verify(self) -> None:
         """Refuse a triangle that is not that of the data."""
         memory.need("the pairs", 3 * self.data._rows.nbytes)
-        zeta = () if self.instruments is None else (self.instruments,)
-        require_triangle_of(np.hstack([*zeta, *self._pairs()]), self.triangle)
+        require_triangle_of(np.hstack(self._pairs()), self.triangle)
 
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
@@ -819,7 +790,7 @@ class Model(SavedRecord, Identified, Tabled):
     def _repr_html_(self) -> str:
         checks = "not tested" if self.checks is None else repr(self.checks)[1:-1]
         rows = [
-            ("assumed", said(self.assumptions, None, self.instruments is not None, self._first)),
+            ("assumed", said(self.assumptions, None, self._first)),
             ("residuals", checks),
             *(("warning", text) for text in self.warnings),
         ]

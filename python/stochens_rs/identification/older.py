@@ -27,9 +27,10 @@ class Older(Record):
     lengths : ndarray, shape (runs,)
         The steps of each run.
     scale : ndarray, shape (d,)
-        The diagonal of S.
+        The diagonal of S; of no meaning where there are directions.
     eta : float
-        Declared: ``||(Theta_old - Theta) S||_2`` is at most this; 0 where there are directions.
+        Declared: ``||S_x^-1 (Theta_old - Theta) S||_2`` is at most this, S_x that of the states; 0
+        where there are directions.
     directions : ndarray, shape (k n, d), or None
         Declared: ``Theta_old - Theta = sum_i t_i E_i`` with ``|t_i| <= 1``, the E_i below each
         other.
@@ -65,7 +66,7 @@ class Older(Record):
         """What is declared, in words."""
         count = html.number_of(len(self.rows), "pair")
         if self.directions is None:
-            apart = f"at most {self.eta:g} apart in the norm of (Theta_old - Theta) S"
+            apart = f"at most {self.eta:g} apart in the norm of S_x^-1 (Theta_old - Theta) S"
         else:
             apart = "apart by the declared directions at most"
         told = f"counted {self.weight:g} each" if self.weight else "left out, as they promise less"

@@ -171,15 +171,12 @@ def _first(data: Trajectories, pilot: float, d: int) -> int:
     return first
 
 
-def refuse(assumed: Assumptions, data: Trajectories, others: bool) -> None:
-    """Refuse data and assumptions for which the error of the model has no exact law."""
-    if assumed.design != "adaptive" or assumed.noise != "gaussian" or assumed.noisy_states:
-        raise InputError(
-            "`pilot` needs Gaussian noise, states without error, and design='adaptive', which "
-            "is then exact"
-        )
-    if others:
-        raise InputError("`pilot` goes without known entries and instruments")
+def refuse(assumed: Assumptions, data: Trajectories, entries: bool) -> None:
+    """Refuse what has no exact law of the error of the model; `entries`: whether some are known."""
+    if assumed.design != "adaptive" or assumed.noise != "gaussian":
+        raise InputError("`pilot` needs Gaussian noise, and design='adaptive', which is then exact")
+    if entries:
+        raise InputError("`pilot` goes without known entries")
     if data.steps > 1:
         raise InputError("`pilot` needs the runs themselves, not pairs over several steps")
     data._require_whole("data", "a pilot simulates whole runs from their starts")
@@ -196,7 +193,7 @@ def refuse(assumed: Assumptions, data: Trajectories, others: bool) -> None:
 def made(
     data: Trajectories,
     assumed: Assumptions,
-    others: bool,
+    entries: bool,
     pilot: Any,
     offset: bool,
     reference: Any,
@@ -211,7 +208,7 @@ def made(
     n, m = data.n, data.m
     older = None if like is None else older_runs(like, apart, data)
     for runs in [data] if older is None else [data, older]:
-        refuse(assumed, runs, others)
+        refuse(assumed, runs, entries)
         if runs.lengths.min() != runs.lengths.max() and not lengths_fixed:
             raise InputError(
                 "runs of unequal length need `lengths_fixed=True`: was any run ended because of "

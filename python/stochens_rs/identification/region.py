@@ -44,8 +44,7 @@ class Region(SavedRecord):
     ----------
     centre : ndarray, shape (n, n + m) or (n, n + m + 1)
         ``[A B]`` or ``[A B c]`` in the middle of the region, which `bound` refers to. That of the
-        model; but for any design without `scale` least squares of the pairs after the first ones,
-        and with instruments one that depends on `delta`.
+        model; but for any design without `scale` least squares of the pairs after the first ones.
     m : int
         The number of inputs.
     delta : float

@@ -580,41 +580,6 @@ class Trajectories(SavedRecord):
         """Some of the pairs; their runs stay."""
         return self._part(self._rows[pairs], self._pieces.chosen(pairs))
 
-    def _thinned(self) -> Self:
-        """Every second pair of each piece."""
-        return self._with(self._pieces.places() % 2 == 0)
-
-    def past_inputs(self, lags: int) -> Floats:
-        """Return the present and past inputs of every pair, as instruments for `identify`.
-
-        Parameters
-        ----------
-        lags : int
-            How many steps back, at least 0.
-
-        Returns
-        -------
-        ndarray, shape (N, (lags + 1) m)
-            ``u(k), u(k - 1), ..., u(k - lags)``, 0 before the start of a run or piece. They are
-            instruments only if the inputs are independent of the noise of states and readings: open
-            loop.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> se.Trajectories([[0.0], [1.0], [1.5]], [[1.0], [2.0]]).past_inputs(1)
-        array([[1., 0.],
-               [2., 1.]])
-        """
-        lags = validation.size("lags", lags, minimum=0, maximum=int(self.lengths.max()))
-        memory.need("the past inputs", 2 * 8 * (lags + 1) * self.size * self.m)
-        u, places = self._rows[:, self._n : -self._n], self._pieces.places()
-        back = [
-            np.where((places >= lag)[:, None], np.roll(u, lag, axis=0), 0.0)
-            for lag in range(lags + 1)
-        ]
-        return np.hstack(back)
-
     @overload
     def __getitem__(self, runs: int) -> tuple[Floats, Floats]: ...
     @overload
@@ -761,7 +726,7 @@ class Trajectories(SavedRecord):
             and np.array_equal(self._rows, other._rows)
         )
 
-    __hash__ = None  # type: ignore[assignment]  # as for arrays
+    __hash__ = None  # as for arrays
 
     def _shares(self, other: Trajectories) -> bool:
         """Whether a pair is in both."""

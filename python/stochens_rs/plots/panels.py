@@ -49,6 +49,12 @@ class Inputs(NamedTuple):
     held: NDArray[np.bool_] | None = None
     at_rate: NDArray[np.bool_] | None = None
 
+    def some(self, places: list[int]) -> Inputs:
+        """These of the inputs."""
+        u, low, high = self.u[:, places], self.low[:, places], self.high[:, places]
+        at_rate = None if self.at_rate is None else self.at_rate[:, places]
+        return Inputs(u, [self.names[i] for i in places], low, high, self.held, at_rate)
+
 
 def panel_grid(
     count: int, figure: Figure | SubFigure | None, columns: int | None = None
@@ -67,11 +73,22 @@ def panel_grid(
     return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
 
 
-def tell_omitted(figure: Figure | SubFigure, counts: dict[str, int]) -> None:
-    """Say below the panels that some states or inputs have none."""
+def most_changing(curves: Floats, most: int = PANELS) -> list[int]:
+    """The places of the columns that change most, at most so many, in their order."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        order = np.argsort(-np.ptp(curves, axis=0), kind="stable")
+    return sorted(order[:most].tolist())
+
+
+def tell_omitted(
+    figure: Figure | SubFigure, counts: dict[str, int], *, changing: bool = False
+) -> None:
+    """Say below the panels that some states or inputs have none; which ones have."""
     more = [f"{PANELS} of {count} {what}" for what, count in counts.items() if count > PANELS]
     if more:
         words = f"the first {' and the first '.join(more)}"
+        if changing:
+            words = f"the {' and the '.join(more)} that change most"
         ink = look_of(figure.axes[0]).ink
         figure.supxlabel(words, fontsize=SMALL, color=ink, x=0.01, ha="left")
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base.types import Floats
 from .ends import MOST, label_ends
-from .panels import extent
+from .panels import extent, most_changing
 from .style import add_grid, add_key, add_labels, axes_or_new, blend, literal, look_of
 
 if TYPE_CHECKING:
@@ -37,7 +37,8 @@ def draw_states(
 ) -> Axes:
     """Draw `states` (K + 1, n) over `times`, and twice `error` around them, named `band`.
 
-    `names` of the states, with units, stand at the curves; x_0, x_1, ... without them.
+    `names` of the states, with units, stand at the curves; x_0, x_1, ... without them. Of many
+    states those that change most have names, colours and bands, the others are thin.
     """
     ax = axes_or_new(ax)
     from matplotlib.patches import Patch
@@ -45,9 +46,17 @@ def draw_states(
     look = look_of(ax)
     lines: list[Line2D] = []
     handles: list[Artist] = []
-    for i in range(states.shape[1]):
-        color = look.color(i)
-        dash = DASHES[i // len(look.colors) % len(DASHES)]
+    n = states.shape[1]
+    named = list(range(n)) if n <= LISTED else most_changing(states, MOST)
+    others: list[Line2D] = []
+    for i in sorted(set(range(n)) - set(named)):
+        others += ax.plot(times, states[:, i], color=look.pale, linewidth=0.8)
+    if others:
+        others[0].set_label(f"{len(others)} that change less")
+        handles.append(others[0])
+    for k, i in enumerate(named):
+        color = look.color(k)
+        dash = DASHES[k // len(look.colors) % len(DASHES)]
         label = f"$x_{{{i}}}$" if names is None or names[i] == f"x[{i}]" else literal(names[i])
         lines += ax.plot(
             times, states[:, i], color=color, linestyle=dash, linewidth=1.6, label=label
@@ -56,9 +65,6 @@ def draw_states(
             low, high = states[:, i] - 2 * error[:, i], states[:, i] + 2 * error[:, i]
             ax.fill_between(times, low, high, color=color, alpha=look.fill, linewidth=0)
     finish(ax, "time [s]" if timed else "step k", up)
-    if len(lines) > LISTED:  # only those that move most have names
-        most = np.argsort(-np.ptp(states, axis=0), kind="stable")[:MOST]
-        lines = [lines[i] for i in sorted(most.tolist())]
     if not (len(times) > 1 and label_ends(ax, lines)):
         handles += lines
     if error is not None:

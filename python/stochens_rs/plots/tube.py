@@ -16,6 +16,7 @@ from .panels import (
     draw_limits,
     extent,
     frame,
+    most_changing,
     panel_grid,
     tell_omitted,
 )
@@ -43,20 +44,22 @@ def draw_tube(
 ) -> Figure:
     """Draw each state of `predicted` (K + 1, n) in its panel over time, and then each input.
 
+    Of many those that change most.
+
     With the `tube` (K + 1,) or (K + 1, n) around it, of which the legend `says` what it is; with
     what was `measured` (K + 1, n), or several of them (R, K + 1, n), many as a band, the `target`
     (n,) at the end, a `reference` (K, n) and `limits` (K, n) of x(1) .. x(K). A tube (K + 1,)
     bounds the distance in the 2-norm, hence each state.
     """
-    n = min(predicted.shape[1], PANELS)
-    m = 0 if inputs is None else min(inputs.u.shape[1], PANELS)
+    counts = {"states": predicted.shape[1], "inputs": 0 if inputs is None else inputs.u.shape[1]}
+    at = most_changing(predicted)
+    n, m = len(at), min(counts["inputs"], PANELS)
     runs = np.zeros((0, *predicted.shape)) if measured is None else measured
     runs = runs[None] if runs.ndim == 2 else runs
     times = np.arange(len(predicted)) * (1.0 if dt is None else dt)
     figure, panels = panel_grid(n + m, figure)
-    found = 0 if inputs is None else inputs.u.shape[1]
-    tell_omitted(figure, {"states": predicted.shape[1], "inputs": found})
-    for i, ax in enumerate(panels[:n]):
+    tell_omitted(figure, counts, changing=True)
+    for i, ax in zip(at, panels[:n], strict=True):
         shown = np.concatenate([predicted[:, i], runs[:, :, i].ravel()])
         shown = shown if target is None else np.append(shown, target[i])
         shown = shown if reference is None else np.append(shown, reference[:, i])
@@ -100,6 +103,6 @@ def draw_tube(
             )
         frame(ax, floor, top, reach, dt, names[i])
     if inputs is not None:
-        draw_inputs(panels[n:], inputs, dt)
+        draw_inputs(panels[n:], inputs.some(most_changing(inputs.u)), dt)
     add_legend(figure, panels)
     return root_of(figure)

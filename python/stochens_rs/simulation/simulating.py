@@ -8,6 +8,8 @@ import numpy as np
 
 from .. import _core
 from .._base import memory, validation
+from .._base.align_labels import aligned
+from .._base.signal_names import default_labels
 from .._base.threads import get_num_threads
 from .._base.types import AVERAGINGS, Averaging, Floats
 from ..ensembles.systems import SystemEnsemble
@@ -237,12 +239,13 @@ def _each(
                 f"are, got {validation.show(given)}"
             )
     N, n, m = models.size, models.n, models.m
-    start = validation.array("x0", x0, ndim=(1, 2))
+    names = models.labels or default_labels(n, m)
+    start = validation.array("x0", aligned("x0", x0, names.states), ndim=(1, 2))
     if start.shape not in ((n,), (N, n)):
         raise ShapeError(
             f"`x0` must have shape ({n},), or ({N}, {n}) with one for each model, got {start.shape}"
         )
-    inputs = validation.inputs("u", u, cols=m)
+    inputs = validation.inputs("u", u, cols=m, labels=names.inputs)
     keep = validation.flag("return_runs", return_runs)
     full = validation.choice("covariance", covariance, _MOMENTS) == "full"
     threads, steps = get_num_threads(), len(inputs)
@@ -273,6 +276,7 @@ def _each(
         dt=models.dt,
         key=None,
         centre=models.centre,
+        labels=names,
     )
 
 

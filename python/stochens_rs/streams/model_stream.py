@@ -128,7 +128,7 @@ class ModelStream(Durable):
         d = states + inputs + offset
         memory.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
         names = checked_names(states, inputs, state_names, input_names)
-        declared = design, noise, covariance, sigma, "none", exact, names[0]
+        declared = design, noise, covariance, sigma, exact, names[0]
         assumed = checked_assumptions(states, *declared)
         refuse(assumed)
         if first is not None and assumed.design == "adaptive":

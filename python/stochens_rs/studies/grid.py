@@ -20,8 +20,9 @@ Label: TypeAlias = bool | int | float | str | None
 # arguments of functions, and what results, their `about` and their summaries have themselves
 _RESERVED = (
     *("key", "self", "replicate", "replicates", "name", "status", "schema", "grid", "values"),
-    *("units", "failures", "seconds", "done", "failed", "mean", "standard_error", "median"),
-    *("q10", "q90", "function", "stochens_rs", "python", "numpy", "platform", "processor"),
+    *("units", "failures", "seconds", "done", "failed", "infinite", "mean", "standard_error"),
+    *("median", "q10", "q90", "function", "stochens_rs", "python", "numpy", "platform"),
+    "processor",
 )
 
 

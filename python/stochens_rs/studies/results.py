@@ -162,8 +162,8 @@ class Results:
         >>> import stochens_rs as se
         >>> study = se.Study(lambda key: {"x": key.generator().normal()}, {}, replicates=99, rng=1)
         >>> print(study.run().summary())
-        name  done  failed     mean  standard_error     q10  median   q90
-        x       99       0  ...
+        name  done  failed  infinite     mean  standard_error     q10   median     q90
+        x       99       0         0  ...
         """
         return summarized(self.grid, self.entries(), self.done, self.failed)
 

@@ -29,8 +29,9 @@ class Summary:
     Attributes
     ----------
     columns : dict of str to list
-        The axes, "name" of the number, "done" and "failed" replicates, "mean", "standard_error" of
-        the mean, and the quantiles "q10", "median", "q90"; nan without replicates.
+        The axes, "name" of the number, "done" and "failed" replicates, how many numbers of these
+        are "infinite", "mean", "standard_error" of the mean, both infinite where a number is, and
+        the quantiles "q10", "median", "q90"; nan without replicates.
     """
 
     columns: dict[str, list[Any]]
@@ -100,7 +101,7 @@ def summarized(
     failed: NDArray[np.bool_],
 ) -> Summary:
     """The summary of numbers over the axes of a grid and the replicates."""
-    names = ["name", "done", "failed", "mean", "standard_error", *_QUANTILES]
+    names = ["name", "done", "failed", "infinite", "mean", "standard_error", *_QUANTILES]
     columns: dict[str, list[Any]] = {name: [] for name in (*grid, *names)}
     for name, rows in entries:
         for where in itertools.product(*(range(len(labels)) for labels in grid.values())):
@@ -109,10 +110,13 @@ def summarized(
             row: dict[str, Any] = {
                 axis: labels[at] for (axis, labels), at in zip(grid.items(), where, strict=True)
             }
+            infinite = int(np.isinf(kept).sum())
             row |= {"name": name, "done": count, "failed": int(failed[where].sum())}
+            row["infinite"] = infinite
             with np.errstate(invalid="ignore"):  # infinite numbers
                 row["mean"] = float(kept.mean()) if count else np.nan
                 spread = float(kept.std(ddof=1)) if count > 1 else np.nan
+                spread = math.inf if infinite else spread
                 row["standard_error"] = spread / math.sqrt(count) if count else np.nan
                 for key, q in _QUANTILES.items():
                     row[key] = float(np.quantile(kept, q)) if count else np.nan

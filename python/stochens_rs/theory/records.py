@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from math import inf
 from typing import Literal, TypeAlias
 
@@ -22,6 +22,7 @@ RELATIVE_TO = {
     "v": "the exact control",
     "B^+ A x0": "the control that takes x0 to the origin, as the exact one is zero",
 }
+_FAR = 1e3  # errors so many times as large as what they are relative to are not printed as shares
 
 
 @dataclass(frozen=True)
@@ -144,6 +145,13 @@ class PlanError(Record):
     state_relative_to: str
     objective: float | None = None
 
+    def __repr__(self) -> str:
+        shown = {one.name: getattr(self, one.name) for one in fields(self)}
+        for name in ("control_relative", "state_relative"):
+            if shown[name] > _FAR:
+                del shown[name], shown[f"{name}_to"]
+        return f"PlanError({', '.join(f'{name}={value!r}' for name, value in shown.items())})"
+
     def _repr_html_(self) -> str:
         control = _share(self.control, self.control_relative, self.control_relative_to)
         rounding = (
@@ -162,5 +170,6 @@ class PlanError(Record):
 
 def _share(value: float, relative: float, relative_to: str) -> str:
     words = RELATIVE_TO.get(relative_to)
-    share = "" if words is None else f" ({100 * relative:.3g} % of the norm of {words})"
-    return f"{value:.4g}{share}"
+    if words is None or relative > _FAR:
+        return f"{value:.4g}"
+    return f"{value:.4g} ({100 * relative:.3g} % of the norm of {words})"

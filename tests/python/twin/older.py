@@ -42,19 +42,20 @@ def moved(A: Array, first: list[Array]) -> Array:
     return sum(P @ v for P, v in zip(powers(A, len(first))[::-1], first, strict=True))
 
 
-def ball(A: Array, seen: Array, eta: float) -> tuple[float, float]:
-    """Bounds over ``||D||_2 <= eta`` of ``||sum_j A^(K-1-j) D b_j||``: two formulas."""
+def ball(A: Array, left: Array, seen: Array, eta: float) -> tuple[float, float]:
+    """Bounds over ``||D||_2 <= eta`` of ``||sum_j A^(K-1-j) diag(left) D b_j||``: two formulas."""
     n, d, K = len(A), seen.shape[1], len(seen)
-    terms = [np.kron(b[None, :], P) for b, P in zip(seen, powers(A, K)[::-1], strict=True)]
+    Ps = [P * left for P in powers(A, K)[::-1]]
+    terms = [np.kron(b[None, :], P) for b, P in zip(seen, Ps, strict=True)]
     size = float(np.linalg.norm(sum(terms), 2))
     lengths = [float(np.linalg.norm(b)) for b in seen]
-    return eta * np.sqrt(min(n, d)) * size, eta * wcs(powers(A, K)[::-1], lengths)
+    return eta * np.sqrt(min(n, d)) * size, eta * wcs(Ps, lengths)
 
 
-def worst(A: Array, seen: Array, gen: np.random.Generator) -> tuple[float, Array]:
-    """The largest ``||sum_j A^(K-1-j) D b_j||`` over ``||D||_2 <= 1`` by ascent, and its D."""
+def worst(A: Array, left: Array, seen: Array, gen: np.random.Generator) -> tuple[float, Array]:
+    """The largest ``||sum_j A^(K-1-j) diag(left) D b_j||`` over ``||D||_2 <= 1``, and its D."""
     best, found = -1.0, np.zeros((len(A), seen.shape[1]))
-    Ps = powers(A, len(seen))[::-1]
+    Ps = [P * left for P in powers(A, len(seen))[::-1]]
     for _ in range(5):
         side = gen.standard_normal(len(A))
         for _ in range(60):
@@ -64,7 +65,7 @@ def worst(A: Array, seen: Array, gen: np.random.Generator) -> tuple[float, Array
                 full_matrices=False,
             )
             D = U @ Vt
-            side = moved(A, [D @ b for b in seen])
+            side = moved(A, [left * (D @ b) for b in seen])
         if (size := float(np.linalg.norm(side))) > best:
             best, found = size, D
     return best, found

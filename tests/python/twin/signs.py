@@ -36,8 +36,7 @@ def contains(
 ) -> bool:
     """Whether the exact set contains the Theta of these `errors` y_t - Theta z_t.
 
-    `basis`: orthonormal columns spanning those of z, or of instruments that are independent of the
-    noise (also valid in closed loop). Ties are broken at random.
+    `basis`: orthonormal columns spanning those of z. Ties are broken at random.
     """
     e, b = np.asarray(errors, dtype=np.float64), np.asarray(basis, dtype=np.float64)
     own = np.linalg.norm(e.T @ b)

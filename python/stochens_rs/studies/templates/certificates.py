@@ -94,10 +94,10 @@ def coverage(
     >>> results.values["covered"].mean(axis=1)
     array([1., 1.])
     """
-    c, told = None, options("identify", identify, identified, _OF_STUDY)
+    c, told = None, options("identify", identify, identified, ("rng",))
     if isinstance(system, Model):
-        if system.assumptions.noisy_states or system.data.steps > 1:
-            raise InputError("`system` must be a model of one step whose states have no error")
+        if system.data.steps > 1:
+            raise InputError("`system` must be a model of one step")
         told, runs = {**_declared(system), **told}, system.data if runs is None else runs
         known, c, covariance = system.system, system.c, system.covariance
         if noise is None and covariance is None:
@@ -161,9 +161,6 @@ def _numbers(
     inside = model.region(delta).contains(truth.system.A, truth.system.B, truth.c)
     found = compared(plan.bound(delta, **bound).target, float(np.linalg.norm(x - xf)))
     return {"inside": float(inside), **found}
-
-
-_OF_STUDY = ("state_noise", "instruments", "rng")
 
 
 def _declared(model: Model) -> dict[str, Any]:

@@ -223,6 +223,41 @@ def test_certify_says_what_is_proved(model, capsys):
     assert "--from" in failed(capsys, "certify", "model.safetensors", "--noise", "5%")
 
 
+def test_a_model_of_outputs(place, capsys):
+    """One weight for each output; warnings of the model; a plan needs a record, hence Python."""
+    line = "identify runs.csv --outputs x,v --inputs F --by run --window 1 --out read.safetensors"
+    said(capsys, line)
+    model = se.Model.load("read.safetensors")
+    found = json.loads(said(capsys, "certify read.safetensors --Q 10,1 --R 0.1 --json"))
+    loop = se.gain(model, [10.0, 1.0], 0.1)
+    assert found["K"] == loop.K.tolist()
+    assert found["warnings"] == list(loop.certificate(0.05).warnings)
+    said(capsys, line.replace("--window 1", "--window 2"))
+    model = se.Model.load("read.safetensors")
+    assert model.n != model.n_outputs
+    found = json.loads(said(capsys, "certify read.safetensors --Q 10,1 --R 0.1 --json"))
+    np.testing.assert_allclose(found["K"], se.gain(model, [10.0, 1.0], 0.1).K, rtol=1e-12)
+    assert "must be 1 or 2 finite" in failed(capsys, "certify", "read.safetensors", "--Q", "1,2,3")
+    wanted = "needs Python: se.control(model, record="
+    assert wanted in failed(capsys, "control", "read.safetensors", "--from", "1,0")
+
+
+def test_certify_prints_the_warnings_of_the_model(place, capsys):
+    rng = np.random.default_rng(1)
+    lines = ["run,x,F"]
+    for run in range(30):
+        x = rng.standard_normal()
+        for _ in range(10):
+            u = rng.standard_normal()
+            lines.append(f"{run},{x},{u}")
+            x = 0.8 * x + u + 0.2 + 0.1 * rng.standard_normal()
+    (place / "pushed.csv").write_text("\n".join(lines) + "\n")
+    said(capsys, "identify pushed.csv --states x --inputs F --by run --out pushed.safetensors")
+    text = said(capsys, "certify pushed.safetensors")
+    assert "\nwarning    a constant explains" in text
+    assert "pass intercept=True" in " ".join(text.split())
+
+
 def test_a_control_with_a_gain(model, capsys):
     line = "control model.safetensors --from 1,0 --steps 20 --R 1 --gain"
     found = json.loads(said(capsys, f"{line} --json"))

@@ -171,6 +171,16 @@ def test_the_widest_margin_of_one_state(centre, rho, widest):
             _core.guaranteed_gain(one, *weights)
 
 
+def test_the_widest_margin_where_nothing_is_proved_and_where_nothing_stabilises():
+    """A mode that no input moves, next to the unit circle and beyond it."""
+    near, beyond = (
+        region(np.array([[size, 0.0]]), np.eye(2), np.eye(1), 0.1) for size in (1.0 - 1e-14, 1.1)
+    )
+    assert _core.widest_gain(near)[2] == 0.0
+    with pytest.raises(SolverError, match="the iteration found no stabilising gain"):
+        _core.widest_gain(beyond)
+
+
 def test_a_recursion_that_ends_at_an_indefinite_matrix_is_refused():
     centre = np.array([[1.5, 0.6, -0.4], [0.9, -1.5, 1.0]])
     one = region(centre, np.eye(3), np.eye(2), 0.4)
@@ -444,7 +454,9 @@ def test_an_offset_leaves_no_statement_for_all_time():
     assert np.isinf(tube.later).all()
     assert np.isinf(tube.reach).all()
     assert tube.settles(10.0) is None
-    assert proof.holds((-9.0, 9.0), [0.1]) == 0.0
+    with pytest.raises(InputError, match="a model without intercept, with which 0 is no point"):
+        proof.holds((-9.0, 9.0), [0.1])
+    assert np.isfinite(proof.tube([1.0], 20, rest=proof.rest()).reach).all()
 
 
 def test_a_changed_plant_is_not_covered():

@@ -11,7 +11,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
-from stochens_rs.exceptions import InputError
+from stochens_rs.exceptions import DataWarning, InputError
 
 LOGS = Path(__file__).parents[2] / "docs" / "data" / "logs"
 RIG = {"states": ["position", "angle", "speed", "rate"], "inputs": ["force"], "time": "time"}
@@ -255,6 +255,25 @@ def test_jitter_needs_a_declared_step_and_drift_does_not_matter():
     assert stamped(drifting).pieces.tolist() == [399]
 
 
+def jittering(runs=12):
+    """Runs of 150 rows at 50 Hz whose stamps are off by 2 %: just below what is refused."""
+    gen = np.random.default_rng(16)
+    t = np.tile(0.02 * np.arange(150), (runs, 1)) + 4e-4 * gen.standard_normal((runs, 150))
+    columns = {name: gen.standard_normal(t.size) for name in "xvu"}
+    return columns | {"t": t.ravel(), "run": np.repeat(np.arange(runs), 150)}
+
+
+def test_rows_lost_for_their_stamps_are_said():
+    columns = jittering()
+    with pytest.warns(
+        DataWarning, match=r"^\d+ rows dropped because the stamps jitter; .* dt=0.02$"
+    ):
+        data = read(columns)
+    assert data.lost > 0.03 * len(columns["t"])
+    assert read(columns, dt=0.02).lost == 0  # warnings are errors here
+    assert read(columns, tolerance=0.05).lost == data.lost
+
+
 def test_stamps_off_the_grid_divide_and_no_input_reaches_over_them():
     times = np.r_[np.arange(20), np.arange(20) + 21.4] * 0.1
     assert stamped(times, dt=0.1).pieces.tolist() == [19, 19]
@@ -386,6 +405,11 @@ def test_a_file_is_read_as_a_table_is(folder):
     assert files(folder / "run_2.csv") == read(table, by=None)
 
 
+def test_columns_that_are_no_outputs_are_named(folder):
+    with pytest.raises(InputError, match=r"^`outputs` names str 'y'"):
+        se.Trajectories.from_csv(folder, outputs=["y"], inputs=["u"])
+
+
 def test_units_of_columns_must_agree(folder):
     for number in (1, 2, 10):
         path = folder / f"run_{number}.csv"
@@ -471,3 +495,15 @@ def test_a_folder_on_the_command_line(capsys):
     )
     assert cli.main(["identify", str(LOGS), *shifted, "--on-gap", "raise"]) == 2
     assert "gap of 2 steps" in capsys.readouterr().err
+
+
+def test_jittering_stamps_on_the_command_line(tmp_path, capsys):
+    columns = jittering()
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(columns), *(",".join(f"{v:.6g}" for v in row) for row in rows)]
+    (tmp_path / "log.csv").write_text("\n".join(lines))
+    options = ["--states", "x,v", "--inputs", "u", "--time", "t", "--by", "run"]
+    assert cli.main(["identify", str(tmp_path), *options]) == 0
+    assert "rows dropped because the stamps jitter; declare --dt 0.02" in capsys.readouterr().out
+    assert cli.main(["identify", str(tmp_path), *options, "--dt", "0.02"]) == 0
+    assert "dropped" not in capsys.readouterr().out

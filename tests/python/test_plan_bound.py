@@ -444,7 +444,7 @@ def test_a_radius_says_why_it_is_infinite_and_is_no_negative_number():
         with pytest.raises(InputError, match=message):
             se.certificates.Radius(radius, "xf", probability, "by hand")
     found = planned().bound()
-    with pytest.raises(InputError, match="no 'tube': it bounds target, state and control"):
+    with pytest.raises(InputError, match="no 'tube': it bounds target, state, control"):
         found["tube"]
     assert found["state"] != planned().bound(0.5)["state"]
     with pytest.raises(InputError, match=r"`parts\['x'\]` must be >= 0"):

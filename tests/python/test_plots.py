@@ -295,6 +295,19 @@ def test_residuals_are_drawn_with_their_p_values():
     figure.canvas.draw()
 
 
+def test_labels_of_leverages_are_apart():
+    """Long numbers, as of thousands of pairs of a long window."""
+    residuals = np.random.default_rng(1).standard_normal((500, 2))
+    figure = draw_residuals(residuals, np.linspace(0.005, 0.025, 500), ["a", "b"], None)
+    figure.canvas.draw()
+    ax = figure.axes[3]
+    low, high = ax.get_xlim()
+    shown = [t for t in ax.get_xticklabels() if low <= t.get_position()[0] <= high]
+    boxes = [label.get_window_extent() for label in shown]
+    assert len(boxes) > 1
+    assert all(one.x1 < other.x0 for one, other in itertools.pairwise(boxes))
+
+
 def test_residuals_of_many_states_and_pairs_and_of_none():
     rng = np.random.default_rng(1)
     figure = draw_residuals(rng.standard_normal((5000, 9)), np.ones(5000), list("abcdefghi"), None)
@@ -359,7 +372,7 @@ def test_a_plan_is_drawn_with_its_target_and_its_tube_where_one_is_known():
     with pytest.raises(InputError, match=r"`measured` must have shape \(4, 2\)"):
         plan.plot(measured=np.zeros((3, 2)))
     with pytest.raises(
-        InputError, match="this certificate has no 'tube': it bounds target, state and control"
+        InputError, match="this certificate has no 'tube': it bounds target, state, control"
     ):
         plan.plot(se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3).bound())
 

@@ -11,7 +11,9 @@ import pytest
 
 import stochens_rs as se
 from hidden_outputs import Arx, Rig
+from stochens_rs._base import html
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.feedback import LoopCertificate
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 
@@ -279,6 +281,11 @@ def test_refusals_of_loops():
         se.regulate(([[1.0]], [[1.0]]), 10, offset_free=True)
     with pytest.raises(InputError, match="which has its gain"):
         se.regulate(se.gain(model, 1.0, 1.0), 10, offset_free=True)
+    for name, value in {"calls": 10, "gain": se.gain(model, 1.0, 1.0)}.items():
+        with pytest.raises(InputError, match=f"`{name}` must be left out for a Loop: "):
+            se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, **{name: value})
+    with pytest.raises(InputError, match=r"out for a model of outputs: regulate gain\(model, Q, R"):
+        se.regulate(model, 10, offset_free=True, gain=se.gain(model, 1.0, 1.0))
     with pytest.raises(InputError, match="needs a loop with a gain"):
         se.regulate(model, 10, offset_free=True).certificate()
 
@@ -334,6 +341,92 @@ def test_gains_of_outputs():
         found.certificate(found.certificate(0.05).region)
     assert se.gain(model).certificate(0.05).status == "certified"
     assert se.gain(model, 1.0, 1.0, guarantee=0.05).certificate(0.05).status == "certified"
+
+
+@pytest.mark.parametrize("lags", [12, 16])
+@pytest.mark.parametrize("intercept", [False, True])
+def test_the_widest_margin_of_long_windows(lags, intercept):
+    """Their states nearly depend on each other: the proof needs more room for its rounding."""
+    data = Rig().data(40, np.random.default_rng(2))
+    model = se.identify(data, lags=lags, intercept=intercept, checks=False)
+    loop = se.gain(model)
+    proof = loop.certificate(0.05)
+    assert proof.status == "certified"
+    assert 0.95 * loop.parameter < proof.margin < 1.001 * loop.parameter
+    assert proof.margin > 0.98 * se.gain(model, [1.0, 10.0], 0.01).certificate(0.05).margin
+
+
+def test_a_chosen_window_that_is_refuted_points_to_a_shorter_one():
+    data = Rig().data(20, np.random.default_rng(4))
+    model = se.identify(data, checks=False)
+    assert model.window.found is not None
+    proof = se.gain(model, [1.0, 10.0], 0.01).certificate(0.05)
+    assert proof.status == "refuted"
+    few = f"lags={model.window.found}"
+    assert f"; careful: the data chose the window of {model.window.text}: a shorter" in repr(proof)
+    assert f"declared beforehand (as {few}), has a smaller region" in proof.warnings[0]
+    assert proof.warnings[1:] == model.warnings
+    declared = se.identify(data, lags=model.window.count, checks=False)
+    proof = se.gain(declared, [1.0, 10.0], 0.01).certificate(0.05)
+    assert proof.status == "refuted"
+    assert proof.warnings == declared.warnings
+
+
+def test_certificates_of_loops_show_the_warnings_of_the_model():
+    """Residuals of two lags where the plant needs more are correlated far beyond chance."""
+    data = Rig().data(40, np.random.default_rng(2))
+    model = se.identify(data, lags=8, tail=0.05)
+    loop = se.gain(model, [1.0, 10.0], 0.01)
+    for proof in (loop.certificate(0.05), se.regulate(loop, offset_free=True).certificate(0.05)):
+        assert proof.warnings[-len(model.warnings) :] == model.warnings
+        assert f"; careful: {proof.warnings[0]}" in repr(proof)
+        assert "standard deviations off" in proof._repr_html_()
+        assert LoopCertificate.from_dict(proof.to_dict()).warnings == proof.warnings
+
+
+def test_windows_in_statements_about_states():
+    """A window is known exactly; the tube is that of the mean of the readings."""
+    data = Rig().data(40, np.random.default_rng(2))
+    model = se.identify(data, lags=8, checks=False)
+    proof = se.gain(model, [1.0, 10.0], 0.01).certificate(0.05)
+    record = data.last_record()
+    with pytest.raises(InputError, match=r"got a record: pass the window, model.window.state_of"):
+        proof.tube(record, 10)
+    x = model.window.state_of(*record)
+    assert np.isfinite(proof.tube(x, 10).reach).all()
+    assert proof.holds((-10.0, 10.0), x) > 0.0
+    offset = se.identify(data, lags=8, intercept=True, checks=False)
+    with pytest.raises(InputError, match="`holds` needs a model without intercept"):
+        se.gain(offset, [1.0, 10.0], 0.01).certificate(0.05).holds((-10.0, 10.0), x)
+
+
+def test_a_certificate_says_first_where_the_outputs_are_in_the_end(rig_model):
+    data = Rig().data(2, np.random.default_rng(5))
+    plan = se.control(rig_model, record=data.last_record(), target=[0.0, 0.0], steps=20)
+    bound = plan.bound(0.05, gain=se.gain(rig_model, [1.0, 1.0], 0.1))
+    np.testing.assert_array_equal(bound["last"].radius, bound.outputs[-1])
+    assert bound.outputs.shape == (20, 2)
+    text = html.vector(bound.outputs[-1])
+    said = f"within {text} of the target, readings of pos and angle at step 20"
+    assert repr(bound).startswith(f"<Certificate: last {said}")
+    assert list(bound) == ["last", "target", "tube", "mean", "readings", "outputs"]
+    with pytest.raises(InputError, match="it bounds last, target, tube, mean, readings, outputs"):
+        bound["components"]
+
+
+def test_a_tube_that_leaves_every_panel_is_not_drawn(rig_model):
+    """In open loop the unstable rig does; a certificate that is passed is drawn as it is."""
+    data = Rig().data(2, np.random.default_rng(5))
+    plan = se.control(rig_model, record=data.last_record(), target=[0.0, 0.0], steps=60)
+    tube, says, _ = plan._certified(None, None)
+    near = tube <= 10.0 * np.maximum(np.ptp(plan.predicted_outputs, axis=0), tube[1])
+    assert near[~np.isnan(tube)].all()
+    assert np.isnan(tube[-1, 1])
+    assert says.endswith("left out where wider than 10 times the range")
+    assert len(plan.plot().axes) == 3
+    tube, says, _ = plan._certified(plan.bound(0.05), None)
+    assert not np.isnan(tube).any()
+    assert "left out" not in says
 
 
 def test_a_plan_that_is_followed_with_a_gain():

@@ -125,6 +125,11 @@ def at_least(value: float, digits: int = 3) -> str:
     return _rounded(value, digits, ROUND_FLOOR)
 
 
+def margin(value: float) -> str:
+    """A lower bound with all of its three digits: 1.00 says more than 1."""
+    return f"{float(at_least(value)):#.3g}".rstrip(".")
+
+
 def _rounded(value: float, digits: int, rounding: str) -> str:
     if not np.isfinite(value):
         return f"{value:.3g}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
 
@@ -68,9 +69,12 @@ class Certificate(SavedRecord):
 
     def __getitem__(self, name: str) -> Radius:
         if name not in self.quantities:
-            known = html.listed(list(self.quantities))
+            known = ", ".join(self.quantities)
             raise InputError(f"this certificate has no {name!r:.40}: it bounds {known}")
         return self.quantities[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.quantities)
 
     def _scalar(self, name: str) -> float:
         return float(self.quantities[name].radius) if name in self.quantities else np.inf
@@ -211,7 +215,7 @@ class Certificate(SavedRecord):
 
     def __repr__(self) -> str:
         name, first = next(iter(self.quantities.items()))
-        shown = self.kind != "certain" and np.isfinite(first.radius).all()
+        shown = name != "last" and self.kind != "certain" and np.isfinite(first.radius).all()
         made = f", mostly {self.largest}" if self.parts and shown else ""
         careful = html.careful(self.warnings)
         return f"<Certificate: {name} {first.text}{made}, {self.share}{careful}>"

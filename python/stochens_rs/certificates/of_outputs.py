@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
+from .._base import html
 from .._base.numbers import norm
 from .._base.records import trusted
 from ..exceptions import InputError
@@ -68,7 +69,9 @@ def output_certificate(
     def radius(value: float | Floats, distance_from: str) -> Radius:
         return Radius._at(value, distance_from, delta, method, reason)
 
+    of = f"{what} of {html.listed(model.outputs)} at step {len(u)}"
     quantities = {
+        "last": radius((off + components[1:])[-1], f"the target, {of}"),
         "target": radius(target, f"the target, the last {rows} {what} together"),
         "tube": radius(tube, f"the predicted outputs, {what} of each step"),
         "mean": radius(mean[0], "the predicted outputs, their mean given the record"),

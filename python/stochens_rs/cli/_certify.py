@@ -7,7 +7,7 @@ from typing import Any
 import click
 import numpy as np
 
-from .._base.html import at_least, at_most, percent
+from .._base.html import at_most, margin, percent
 from ..feedback import LoopCertificate, Tube
 from ..identification import Model
 from ._command import Command
@@ -30,7 +30,7 @@ from ._problem import share
     arguments={"x0": "start"},
 )
 @click.argument("source", metavar="MODEL", type=FILE)
-@click.option("--Q", "Q", metavar="W", default="1", help="Weight of the states, one or each.")
+@click.option("--Q", "Q", metavar="W", default="1", help="Weight of the states or outputs.")
 @click.option("--R", "R", metavar="W", default="1", help="Weight of the inputs, one or each.")
 @click.option("--widest", is_flag=True, help="The gain of widest margin, in place of the weights.")
 @delta_option("Probability that the true system is not among those of the certificate.")
@@ -92,6 +92,7 @@ def certify_command(
         "spectral_radius": proof.spectral_radius,
         "delta": delta,
         "assumption": proof.region.assumption,
+        "warnings": list(proof.warnings),
         "member": None if proof.member is None else proof.member.tolist(),
         "tube": None if tube is None else _tube_facts(tube, x0, within, settles, level),
     }
@@ -103,6 +104,7 @@ def certify_command(
     if tube is not None and proof.status == "certified":
         lines += _tube_lines(tube, within, settles, level, names)
     lines.append(f"for        {proof.region.assumption}")
+    lines += [f"warning    {text}" for text in proof.warnings]
     show_result(facts, "\n".join(lines), as_json)
 
 
@@ -115,7 +117,7 @@ def _verdict(proof: LoopCertificate) -> str:
     if proof.status == "certified":
         return (
             f"certified  for all systems that the data allow ({share}), the loop is stable; the "
-            f"margin is at least {at_least(proof.margin)}"
+            f"margin is at least {margin(proof.margin)}"
         )
     if proof.status == "refuted":
         return f"refuted    a system that the data allow ({share}) is unstable"

@@ -112,6 +112,11 @@ def control_command(
     known: Any
     if source.endswith(".safetensors") or state_file.is_state(source):
         known = Model.load(source)
+        if known.window is not None:
+            raise click.UsageError(
+                "a plan for a model of outputs starts from readings, and needs Python: "
+                "se.control(model, record=data.last_record(), target=..., steps=K)"
+            )
         x0, xf, n = None, None, known.n
     else:
         if noise or open_loop or gain or robust or x0_error:

@@ -161,7 +161,9 @@ def identify_command(
     columns: dict[str, Any] = {read: x, "inputs": u, "by": by, "time": time, "on_gap": on_gap}
     if outputs is None:
         columns["delay"] = delay
-    data = Trajectories.from_csv(paths, **columns, dt=dt)
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always", DataWarning)
+        data = Trajectories.from_csv(paths, **columns, dt=dt)
     unused: list[str] = []
     if len(paths) == 1 and by is None:
         unused = [one for one in Table.of_file(paths[0]).names if one not in {*x, *u, time}]
@@ -191,7 +193,8 @@ def identify_command(
     region = model.region(delta)
     if files.file is not None:
         model.save(files.file)
-    careful = [*model.warnings, *_useless(model, data, region)]
+    lost = [str(one.message).replace("dt=", "--dt ") for one in seen]
+    careful = [*lost, *model.warnings, *_useless(model, data, region)]
     facts = {**_facts(model, data, region, files.file), "unused": unused, "warnings": careful}
     lines = [_text(model, data, region)]
     if unused:

@@ -84,8 +84,9 @@ def feedback_for(model: Model, options: dict[str, Any], widest: float | None = N
     try:
         if widest is not None:
             return gain(model, guarantee=widest)
-        sizes = {"Q": model.n, "R": model.m}
-        texts = {name: options[name] or "1" for name in sizes}
+        texts = {name: options[name] or "1" for name in ("Q", "R")}
+        states = texts["Q"].count(",") + 1 == model.n
+        sizes = {"Q": model.n if states else model.n_outputs, "R": model.m}
         weights = (np.diag(entries_of(f"--{name}", texts[name], sizes[name])) for name in sizes)
         return gain(model, *weights)
     except SolverError as error:

@@ -762,7 +762,7 @@ class Plan(SavedRecord, Timed):
         each: bool = False,
     ) -> tuple[Floats | None, str, Floats | None]:
         """The tube, of `each` state where there is one, what it says, and the checked runs."""
-        predicted, _ = self._drawn
+        (predicted, _), asked = self._drawn, certificate
         if certificate is None and isinstance(self.basis, ModelBasis):
             with suppress(InputError):  # no region is known for what was assumed of the data
                 certificate = self.bound()
@@ -777,6 +777,11 @@ class Plan(SavedRecord, Timed):
             says, known = certificate.share, certificate.quantities
             if "readings" in known:
                 tube = np.asarray(known["readings"].radius)
+                # in open loop that of an unstable plant soon leaves every panel
+                wide = tube > 10.0 * np.maximum(np.ptp(predicted, axis=0), tube[1])
+                if asked is None and wide.any():
+                    tube = np.where(wide, np.nan, tube)
+                    says += ", left out where wider than 10 times the range"
             elif each and "bands" in known and known["bands"].method == known["tube"].method:
                 tube = np.asarray(known["bands"].radius)
         if measured is not None:

@@ -381,10 +381,9 @@ class ReadingLoop:
             ABc, G = np.vstack([wide, below]), np.vstack([G, gain])
             more = tuple(f"disturbance[{i}]" for i in range(r))
             names = Labels((*names.states, *more), names.inputs)
-        doubt = model.doubts[0] if model.doubts else None
         ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
         entered = region._entered(ABc, J, G, model.m)
-        return LoopCertificate._judged(entered, K, names, model.dt, doubt)
+        return LoopCertificate._judged(entered, K, names, model)
 
     def __repr__(self) -> str:
         said = "" if self.full else ", the window is not full"

@@ -171,13 +171,17 @@ def regulate(
     """
     read = isinstance(system, Loop) or (isinstance(system, Model) and system.window is not None)
     if read or offset_free is not None:
-        given = {"xf": xf, "time_limit": time_limit, "gain": gain, "calls": calls}
-        for name, value in given.items():
+        none = "no limit is promised for so many calls from readings"
+        own = "it has its own" if isinstance(system, Loop) else "regulate gain(model, Q, R) itself"
+        for name, value, why in (
+            ("xf", xf, "`target` says where the outputs are to stay"),
+            ("time_limit", time_limit, "the work of a call is bounded as it is"),
+            ("gain", gain, own),
+            ("calls", calls, none),
+        ):
             if value is not None:
-                raise InputError(
-                    f"`{name}` must be left out for a model of outputs: see `target`, and regulate "
-                    "a Loop for a gain"
-                )
+                what = "a Loop" if isinstance(system, Loop) else "a model of outputs"
+                raise InputError(f"`{name}` must be left out for {what}: {why}")
         return reading_loop(system, steps, limits, cost, offset_free, target, hold, max_missing)
     for name, given_too in (("target", target), ("hold", hold)):
         if given_too is not None:

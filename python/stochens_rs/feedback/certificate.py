@@ -15,6 +15,8 @@ from .._base.records import SavedRecord, require_shapes, trusted
 from .._base.signal_names import Labels
 from .._base.threads import get_num_threads
 from ..exceptions import InputError, NonFiniteError
+from ..identification.identified import Identified
+from ..identification.model import Model
 from ..identification.region import Region
 from .rest import Rest
 from .tube import Tube
@@ -67,6 +69,10 @@ class LoopCertificate(SavedRecord):
         region does not.
     degrees : int
         Its degrees of freedom.
+    warnings : tuple of str
+        What to be careful about, one sentence each: those of the model, and before them that a
+        shorter window has a smaller region, where the window was chosen by the data and nothing is
+        certified.
     """
 
     region: Region
@@ -83,6 +89,7 @@ class LoopCertificate(SavedRecord):
     reason: str | None = None
     residual: Floats | None = None
     degrees: int = 0
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -99,11 +106,11 @@ class LoopCertificate(SavedRecord):
         region: Region,
         K: Floats,
         labels: Labels,
-        dt: float | None,
-        doubt: str | None,
+        model: Identified,
         squares: tuple[Floats | None, int] = (None, 0),
     ) -> LoopCertificate:
-        """The verdict about a gain; a `doubt` about the data leaves nothing to certify."""
+        """The verdict about a gain; doubts about the data of the model leave nothing to certify."""
+        doubt = model.doubts[0] if model.doubts else None
         found = _core.Feedback(region._core, np.ascontiguousarray(K))
         status, member = found.status, found.member
         n, m = region.n, region.m
@@ -118,6 +125,10 @@ class LoopCertificate(SavedRecord):
             if np.isfinite(region.radius):
                 along = ", ".join(region.missing[:3]) or "what is outside the span it was made for"
                 reason = f"the data do not determine the system along {along}"
+        warnings = tuple(one for one in model.warnings if one != doubt)
+        window = model.window if isinstance(model, Model) else None
+        if window is not None and status in ("refuted", "not provable", "undecided"):
+            warnings = (*window._long, *warnings)
         norm, least, radius = found.sizes
         proof = found.proof if status == "certified" else None
         made = trusted(
@@ -132,10 +143,11 @@ class LoopCertificate(SavedRecord):
             multipliers=validation.frozen(found.multipliers),
             member=None if member is None else validation.frozen(member),
             labels=labels,
-            dt=dt,
+            dt=model.dt,
             reason=reason,
             residual=squares[0],
             degrees=squares[1],
+            warnings=warnings,
         )
         vars(made)["_core"] = found  # so that it is not computed again
         return made
@@ -203,7 +215,9 @@ class LoopCertificate(SavedRecord):
         Parameters
         ----------
         x0 : array_like, shape (n,)
-            The first state.
+            The first state; of a model of outputs a window, ``model.window.state_of(y, u)``, which
+            is known exactly: the tube is then that of the mean of the readings to come, and errors
+            of reading are noise.
         steps : int
             The number of steps K of the tables; what holds for all time is in the tube too.
         inputs : array_like, shape (P, m), optional
@@ -228,8 +242,7 @@ class LoopCertificate(SavedRecord):
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used, the states are read with error, or no bound of the
-            covariance of the noise is known.
+            If an argument cannot be used, or no bound of the covariance of the noise is known.
 
         Notes
         -----
@@ -250,6 +263,10 @@ class LoopCertificate(SavedRecord):
         (array([0.  , 0.12]), 8)
         """
         n, m = self.region.n, self.region.m
+        if isinstance(x0, tuple) and [np.ndim(one) for one in x0] == [2, 2]:
+            raise InputError(
+                "`x0` must be one state, got a record: pass the window, model.window.state_of(y, u)"
+            )
         first = validation.vector("x0", x0, length=n, labels=self.labels.states)
         K = validation.size("steps", steps, maximum=100_000)
         plan = np.zeros((0, m))
@@ -313,7 +330,7 @@ class LoopCertificate(SavedRecord):
         Raises
         ------
         InputError, InputTypeError
-            If `xs` cannot be used, or the states are read with error.
+            If `xs` cannot be used.
 
         Notes
         -----
@@ -401,7 +418,7 @@ class LoopCertificate(SavedRecord):
         Raises
         ------
         InputError, InputTypeError
-            If a limit cannot be used, or the states are read with error.
+            If a limit cannot be used, or there is an intercept, so that 0 is no point of rest.
 
         Notes
         -----
@@ -417,6 +434,11 @@ class LoopCertificate(SavedRecord):
         >>> round(proof.holds((-1.0, 1.0), [1.0]), 2)
         1.26
         """
+        if self.region.centre.shape[1] > self.region.n + self.region.m:
+            raise InputError(
+                "`holds` needs a model without intercept, with which 0 is no point of rest: "
+                "tube(x0, steps, rest=rest(xs)).reach bounds states and inputs for all time"
+            )
         limits = np.concatenate(
             [_smaller("states", states, self.region.n), _smaller("inputs", inputs, self.region.m)]
         )
@@ -435,7 +457,7 @@ class LoopCertificate(SavedRecord):
         share = html.percent(self.region.delta)
         if self.status == "certified":
             what = f"certified for every system of the region ({share}): stable, "
-            what += f"margin at least {html.at_least(self.margin)}"
+            what += f"margin at least {html.margin(self.margin)}"
         elif self.status == "refuted":
             what = (
                 f"refuted: this gain leaves a system of the region ({share}) unstable, see "
@@ -447,7 +469,7 @@ class LoopCertificate(SavedRecord):
             what = f"undecided: {self.least:.6g} to {self.norm:.6g} of 1, too near for the proof"
         else:
             what = f"{self.status}: {self.least:.3g} of 1 allowed; try gain(model)"
-        return f"<LoopCertificate: {what}>"
+        return f"<LoopCertificate: {what}{html.careful(self.warnings)}>"
 
     def _repr_html_(self) -> str:
         rows = [
@@ -455,6 +477,7 @@ class LoopCertificate(SavedRecord):
             ("for", self.region.assumption),
             ("spectral radius of the centre", self.spectral_radius),
             ("rho g", f"{self.least:.6g} to {self.norm:.6g}"),
+            *(("warning", text) for text in self.warnings),
         ]
         return html.card(self, rows)
 

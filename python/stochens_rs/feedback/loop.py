@@ -46,7 +46,7 @@ class Loop(SavedRecord):
         What K minimises.
     parameter : float or None
         With a guarantee the multiplier of the proof; for the widest margin how many times larger
-        the region may be at most. Else None.
+        the region may be at most, 0 where nothing was proved. Else None.
     labels : Labels
         The names of states and inputs.
     dt : float or None
@@ -121,10 +121,8 @@ class Loop(SavedRecord):
         if self.model is None:
             raise InputError("`certificate` needs a loop for a model from data: gain(model, ...)")
         region = region_of("delta", self.model, delta)
-        doubts = self.model.doubts
-        doubt = doubts[0] if doubts else None
         squares = _squares(self.model) if region.noise is None else (None, 0)
-        return LoopCertificate._judged(region, self.K, self.labels, self.dt, doubt, squares)
+        return LoopCertificate._judged(region, self.K, self.labels, self.model, squares)
 
     def __repr__(self) -> str:
         radius = np.abs(self.E).max()

@@ -144,6 +144,14 @@ class Lag(NamedTuple):
             f"(p < {LEVEL:g}): {then}"
         )
 
+    @property
+    def said_of_constant(self) -> str:
+        """The same of a constant in place of a lag."""
+        return (
+            f"a constant explains {html.two(100 * self.explained)} % more of the variance "
+            f"(p < {LEVEL:g}), as of a force that always acts: pass intercept=True"
+        )
+
 
 def rows_with_a_lag(
     rows: Floats, later: NDArray[np.int64], n: int, offset: bool

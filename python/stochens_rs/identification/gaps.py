@@ -7,12 +7,13 @@ stamps, never at what was read, so that rows may be lost by chance.
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
 from .._base import memory, validation
-from ..exceptions import InputError
+from ..exceptions import DataWarning, InputError
 from .pieces import Pieces
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ ON_GAP: tuple[OnGap, ...] = get_args(OnGap)
 PAUSE = 2**30  # steps that a gap counts at most
 NEAR = 0.25  # of a step: how far a stamp may be off if `dt` is declared
 CLOSE = 0.05  # the same if it is not
+MANY = 0.01  # share of rows lost for their stamps of which a warning speaks
 IRREGULAR = 0.1  # share of stamps further off from which on a log has no sampling time
 ENDS = 8  # readings at the end of a sensor's range, at the least
 CLUMP = 5  # times as many as at the next value; 2.4 for a sine that is read in whole units
@@ -61,15 +63,22 @@ def joined(
     split = validation.choice("on_gap", on_gap, ON_GAP) == "split"
     stamps = _stamps(runs, dt, tolerance)
     rows, pieces = [], []
-    wide = len(names) + runs[0].x.shape[1]  # entries of (x, u, x_next)
-    memory.need("the pairs", 2 * 8 * wide * sum(len(run.x) for run in runs))
+    entries = len(names) + runs[0].x.shape[1]  # of (x, u, x_next)
+    memory.need("the pairs", 2 * 8 * entries * sum(len(run.x) for run in runs))
     for run in runs:
         own, acting, lost = _kept(run, names, stamps, back, split)
         rows.append(np.hstack([run.x[own], run.u[acting], run.x[own + 1]]))
         pieces.append(lost)
+    if dt is None and tolerance is None and stamps.dt is not None:
+        wide = Stamps(float(f"{stamps.dt:.3g}"), NEAR)
+        less = sum(int(_kept(run, names, wide, back, split)[2].lost.sum()) for run in runs)
+        saved = sum(int(lost.lost.sum()) for lost in pieces) - less
+        if saved > MANY * sum(len(run.x) for run in runs):
+            said = f"{saved} rows dropped because the stamps jitter; declare dt={wide.dt:g}"
+            warnings.warn(DataWarning(said), stacklevel=4)
     every = np.vstack(rows)
     _refuse_useless(every[:, : len(names)], names)
-    _refuse_clipped(runs, every, names[: wide - len(names)])
+    _refuse_clipped(runs, every, names[: entries - len(names)])
     return Pairs(every, Pieces.joined(pieces), stamps.dt)
 
 

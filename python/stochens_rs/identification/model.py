@@ -350,7 +350,9 @@ class Model(SavedRecord, Identified, Tabled):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; see also `checks`."""
-        said, lag = list(self.doubts), self._lag
+        said, lag, constant = list(self.doubts), self._lag, self._constant
+        if constant is not None and constant.significant:
+            said.append(constant.said_of_constant)
         if lag is not None and lag.significant and not lag.refuses:
             said.append(self._said(lag))
         if self.checks is not None:
@@ -718,6 +720,15 @@ class Model(SavedRecord, Identified, Tabled):
             return one_more_lag(*self.window._longer(self.data, self.first), n, span)
         later = np.flatnonzero(self.data._pieces.places() > 0)
         return one_more_lag(*rows_with_a_lag(self.data._rows, later, n, self.intercept), n, span)
+
+    @cached_property
+    def _constant(self) -> Lag | None:
+        """The test of an intercept; None where there is one."""
+        if self.intercept:
+            return None
+        Z, Y = self._pairs()
+        rows = np.hstack([Z, np.ones((len(Z), 1)), Y])
+        return one_more_lag(rows, self._d, self.n_outputs, self._residuals[1])
 
     def _said(self, lag: Lag) -> str:
         """What the test of one more lag found, in words."""

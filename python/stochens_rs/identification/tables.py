@@ -29,6 +29,7 @@ class Chosen(NamedTuple):
     inputs: list[Any]
     by: Any
     time: Any
+    kind: str = "states"
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +188,9 @@ def chosen_columns(states: Any, outputs: Any, inputs: Any, by: Any, time: Any) -
     if (states is None) == (outputs is None):
         raise InputError("exactly one of `states` and `outputs` must be given")
     kind, names = ("outputs", outputs) if states is None else ("states", states)
-    chosen = Chosen(validation.items(kind, names), validation.items("inputs", inputs), by, time)
+    chosen = Chosen(
+        validation.items(kind, names), validation.items("inputs", inputs), by, time, kind
+    )
     for argument, names in ((kind, chosen.states), ("inputs", chosen.inputs)):
         if not names:
             raise InputError(f"`{argument}` must name at least one column, got none")
@@ -200,8 +203,9 @@ def read_files(source: Any, chosen: Chosen) -> tuple[list[Run], Chosen]:
     titles = None
     for path in csv_files(source):
         table = Table.of_file(path)
-        names = [[table.title(name) for name in some] for some in chosen[:2]]
-        own = Chosen(*names, *(table.title(name) for name in chosen[2:]))
+        states, inputs = ([table.title(name) for name in some] for some in chosen[:2])
+        by, time = (table.title(name) for name in chosen[2:4])
+        own = Chosen(states, inputs, by, time, chosen.kind)
         runs += read_table(table, own)
         titles = titles or own
         if own != titles:
@@ -217,7 +221,7 @@ def read_files(source: Any, chosen: Chosen) -> tuple[list[Run], Chosen]:
 
 def read_table(table: Table, chosen: Chosen) -> list[Run]:
     """The runs of a table, in the order of their first rows."""
-    x = np.column_stack([table.numbers("states", name) for name in chosen.states])
+    x = np.column_stack([table.numbers(chosen.kind, name) for name in chosen.states])
     u = np.column_stack([table.numbers("inputs", name) for name in chosen.inputs])
     if len(x) != len(u):
         raise ShapeError(f"`table` must have columns of one length, got {len(x)} and {len(u)} rows")

@@ -206,6 +206,17 @@ class Window(Record):
             f"more {what}, or declare tail="
         )
 
+    @property
+    def _long(self) -> tuple[str, ...]:
+        """What is said where the region of a window that the data chose is too large."""
+        if self.found is None:
+            return ()
+        few = f"lags={self.found}" if self.pole is None else f"filters={(self.pole, self.found)}"
+        return (
+            f"the data chose the window of {self.text}: a shorter one, declared beforehand (as "
+            f"{few}), has a smaller region",
+        )
+
     def _spread(self, sizes: Floats) -> Floats:
         """The sizes of z from those of outputs and inputs, and 1."""
         y, u, one = np.split(sizes, np.cumsum([len(self.outputs), len(self.inputs)]))

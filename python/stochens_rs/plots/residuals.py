@@ -117,6 +117,7 @@ def _leverages(
         )  # fmt: skip
         add_key(ax, loc="upper right")
     ax.set_ylim(0.0, 1.2 * ax.get_ylim()[1])  # the legend stands above the dots
+    ax.locator_params(axis="x", nbins=5)  # its numbers are long
     add_labels(ax, "leverage of x and u", "size / deviation")
 
 

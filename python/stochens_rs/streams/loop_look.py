@@ -55,7 +55,7 @@ class LoopLook(Record):
     def __repr__(self) -> str:
         pairs = html.number_of(self.size, "pair")
         if self.stop:
-            margin = html.at_least(self.proof.margin)
+            margin = html.margin(self.proof.margin)
             return f"<LoopLook: certified after {pairs}, margin at least {margin}>"
         then = more(self.forecast, self.runs) if isfinite(self.forecast) else "unknown"
         return f"<LoopLook: {self.proof.status} after {pairs}, forecast: {then}>"
@@ -70,13 +70,11 @@ def look_at_loop(model: Snapshot, gain: Loop | ArrayLike) -> LoopLook:
     K = gain.K if isinstance(gain, Loop) else validation.matrix("gain", gain, rows=m, cols=n)
     if K.shape != (m, n):
         raise InputError(f"`gain` must be of shape ({m}, {n}), got {K.shape}")
-    doubt = model.doubts[0] if model.doubts else None
-    proof = LoopCertificate._judged(
-        model.region(), validation.frozen(np.array(K)), model.labels, model.dt, doubt
-    )
+    own = validation.frozen(np.array(K))
+    proof = LoopCertificate._judged(model.region(), own, model.labels, model)
     needed = 0.0
     if proof.status != "certified":
-        stable = doubt is None and isfinite(proof.least)
+        stable = not model.doubts and isfinite(proof.least)
         needed = model._size_after(model.size * proof.least**2) - model.size if stable else inf
     forecast = float(max(needed, 0.0))
     return trusted(LoopLook, proof, forecast, model._in_runs(forecast), model.size)

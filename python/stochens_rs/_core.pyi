@@ -692,8 +692,7 @@ def followed_inputs(
     region: Region, x0: _Floats, inputs: _Floats, planned: _Floats, gain: _Floats
 ) -> _Floats: ...
 def certify(
-    x0: _Floats,
-    rho0: float,
+    start: tuple[_Floats, float],
     xf: _Floats,
     predicted: _Floats,
     ways: list[_Way],

@@ -364,7 +364,7 @@ impl Pilot {
             let units = deviations(&event.covariance, n)?;
             in_units(&mut covariance, &units);
             work.s = work.best(q, &try_filled(WHAT, 1.0, n)?)?;
-            work.even = work.best(normal_quantile(&covariance, n, shares.reference)?, &units)?;
+            work.even = work.best(coarse_normal_quantile(&covariance, n, shares.reference)?, &units)?;
         }
         // the target: q at its whole level, and the first order over the spectral ball too
         let (mut quantile, mut mismatch) = (work.s.abs() * q, work.mismatch(count)?);

@@ -432,10 +432,10 @@ fn call(name: &str) -> Option<Call> {
                 let task = Task { x0: &model[..n], rho0: 0.1, xf: &model[..n], predicted: &model[..4 * n] };
                 let to_come = Some(ToCome::Gaussian(noise));
                 let way = |region, to_come| Way { region, inputs: &model[..6], to_come, compares: false };
-                certify(task, &[way(&whole, to_come), way(&rows, None)], Some(way(&rows, to_come)), &stop)?;
+                certify(task, &[way(&whole, to_come), way(&rows, None)], Some(way(&rows, to_come)), (true, &stop))?;
                 let task = Task { predicted: &model[..2 * n], ..task };
                 let one = Way { region: &whole, inputs: &model[..2], to_come: None, compares: true };
-                certify(task, &[one], None, &stop)?;
+                certify(task, &[one], None, (true, &stop))?;
                 whole.projection((0, 0), (1, 1))?;
                 whole.entry_bounds()?;
                 whole.contains(&model).map(drop)

@@ -351,14 +351,14 @@ pub(super) fn followed_inputs<'py>(
 #[pyfunction]
 pub(super) fn certify<'py>(
     py: Python<'py>,
-    x0: Vector<'_>,
-    rho0: f64,
+    start: (Vector<'_>, f64),
     xf: Vector<'_>,
     predicted: Matrix<'_>,
     ways: Vec<GivenWay<'_>>,
     apart: Option<GivenWay<'_>>,
     every: bool,
 ) -> PyResult<Found<'py>> {
+    let (x0, rho0) = start;
     let task = Task { x0: slice("x0", &x0)?, rho0, xf: slice("xf", &xf)?, predicted: slice("predicted", &predicted)? };
     let (mut given, mut cost) = (try_room(WHAT, ways.len())?, 0.0);
     for way in &ways {

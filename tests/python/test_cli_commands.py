@@ -252,7 +252,10 @@ def test_certify_prints_the_warnings_of_the_model(place, capsys):
             lines.append(f"{run},{x},{u}")
             x = 0.8 * x + u + 0.2 + 0.1 * rng.standard_normal()
     (place / "pushed.csv").write_text("\n".join(lines) + "\n")
-    said(capsys, "identify pushed.csv --states x --inputs F --by run --out pushed.safetensors")
+    said(
+        capsys,
+        "identify pushed.csv --outputs x --window 1 --inputs F --by run --out pushed.safetensors",
+    )
     text = said(capsys, "certify pushed.safetensors")
     assert "\nwarning    a constant explains" in text
     assert "pass intercept=True" in " ".join(text.split())

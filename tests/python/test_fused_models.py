@@ -278,6 +278,20 @@ def test_a_state_without_noise_is_explained():
     assert alarms <= 4  # P(Binomial(60, 0.01) > 4) < 4e-4
 
 
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+def test_a_single_state_without_noise_is_explained():
+    """200 exact mixtures in fractions of 8 and 32: what is off the hull is rounding."""
+    for seed in range(200):
+        gen = np.random.default_rng([78, seed])
+        models = gen.integers(-8, 9, (2, 1, 2)) / 8.0
+        share = gen.integers(0, 5) / 4.0
+        Theta = share * models[0] + (1.0 - share) * models[1]
+        z = gen.integers(-16, 17, (20, 2)) / 8.0
+        data = pairs(z, z @ Theta.T)
+        fused = se.fuse(ensemble(models), "alse", data=data, design="independent")
+        assert fused.explained is not False
+
+
 def test_noise_that_is_wrongly_declared_a_multiple_of_one_matrix_breaks_the_region():
     """States in units 1 to 100, 100 runs: the declaration is the user's, and it is named."""
     failed = 0

@@ -175,7 +175,7 @@ def test_hidden_systems(delta: float) -> None:
                 _count(failed, (kind, way), true[0], xs, (found[0], found[5], found[6]))
                 region = model.region(law, delta, True)
                 got = _core.certify(
-                    plant.x0, 0.0, plant.xf, xs, [(region, u, None, False)], None, False
+                    (plant.x0, 0.0), plant.xf, xs, [(region, u, None, False)], None, False
                 )
                 target, components, tube = got[1][0], got[2], got[3]
                 _count(failed, (kind, f"{way}, no task"), true[0], xs, (target, tube, components))

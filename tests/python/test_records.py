@@ -92,7 +92,9 @@ PLANS = {
         steps=2,
     ),
     "brought": lambda: control(se.Ensemble.from_samples(drawn("A", A).dense()), steps=2),
-    "estimate": lambda: control(model().bootstrap(20, rng=1).realizations_of_A(), steps=2),
+    "estimate": lambda: control(
+        se.Ensemble.from_samples(model().bootstrap(20, rng=1).A, centre="estimate"), steps=2
+    ),
     "limits": lambda: control(drawn("A", A), drawn("x0", X0), steps=4, limits=(-2.0, 2.0)),
     "rows of limits": lambda: control(
         A,

@@ -58,7 +58,7 @@ def test_bad_ensembles_are_refused(call, said):
 def test_what_an_ensemble_scatters_about_is_kept():
     drawn = se.sample([[1.0]], 3, rng=1)
     assert drawn.centre == "truth"
-    models = se.SystemEnsemble(A, B, centre="estimate").realizations_of_A()
+    models = se.Ensemble.from_samples(A, centre="estimate")
     assert models.centre == models.prefix(1).centre == "estimate"
     assert pickle.loads(pickle.dumps(models)).centre == "estimate"
     assert se.Ensemble.from_samples(A).centre is None
@@ -92,7 +92,8 @@ def test_names_and_steps_survive_controls_and_fleets():
     units = [se.System([[1, 0.1], [0, 0.9 + s]], [[0], [0.1]], **named) for s in (0.0, 0.01, 0.03)]
     models = se.SystemEnsemble.from_systems(units)
     plan = se.control((models, units[0].B), [1.0, 0.0], [0.0, 0.0], steps=3)
-    by_hand = se.control((models.realizations_of_A(), units[0].B), [1.0, 0.0], [0.0, 0.0], steps=3)
+    pair = se.Ensemble.from_samples(models.A), units[0].B
+    by_hand = se.control(pair, [1.0, 0.0], [0.0, 0.0], steps=3)
     assert np.array_equal(plan.u, by_hand.u)
     assert (plan.labels, plan.dt) == (models.labels, 0.1)
     assert models.mean().labels == models.labels

@@ -48,8 +48,10 @@ def aligned(name: str, value: Any, names: Sequence[str]) -> Any:
 
 def aligned_weight(name: str, value: Any, names: Sequence[str]) -> Any:
     """The same for a diagonal, or for a square table with the same names along rows and columns."""
-    along = [] if isinstance(value, np.ndarray) else labels_along(value)
-    if np.ndim(value) != 2 or not along or not along[-1]:
+    if isinstance(value, (np.ndarray, list, tuple, int, float)):
+        return value
+    along = labels_along(value)
+    if not along or not along[-1] or np.ndim(value) != 2:
         return aligned(name, value, names)
     rows, cols = (along * 2)[:2]  # names along columns alone: those of the rows are the same
     return _placed(name, (np.asarray(value), rows, cols), names, names)

@@ -79,8 +79,7 @@ def certificate(
             apart = model.region(delta, components=True)  # type: ignore[call-arg]
         own = apart is not None or isinstance(to_come, GaussianNoise)
         best, (target, *parts), components, tube, bands, control, why = _core.certify(
-            basis.x0,
-            basis.x0_error,
+            (basis.x0, basis.x0_error),
             basis.xf,
             predicted,
             [(region._core, inputs, noise, asks) for region, inputs, noise, asks in ways],

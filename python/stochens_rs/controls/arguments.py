@@ -102,7 +102,7 @@ def problem(
     pair: tuple[Any, ...] = system if isinstance(system, tuple) else ()
     A, models = (pair[0] if pair else None), None
     if isinstance(A, SystemEnsemble):  # realizations of A, with its names and step
-        models, A = A, A.realizations_of_A()
+        models, A = A, Ensemble.from_samples(A.A, centre=A.centre)
         if models.c is not None:
             raise InputError("`A` must be models without offsets here: see control_fleet")
     if _estimated(A):

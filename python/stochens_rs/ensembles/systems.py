@@ -15,7 +15,6 @@ from .._base.to_xarray import Cube, Tabled, named
 from .._base.types import CENTRES, Centre
 from ..exceptions import InputError, ShapeError
 from ..system import System, _rebuild
-from .ensemble import Ensemble
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -175,23 +174,6 @@ class SystemEnsemble(SavedRecord, Tabled):
         A, B = order.matrices(self.A, self.B)
         c = None if self.c is None else order.of_states(self.c)
         return replace(self, A=A, B=B, c=c, labels=order.labels(self.labels))
-
-    def realizations_of_A(self) -> Ensemble:
-        """Return the state matrices as realizations of A, for `fuse` and `control`.
-
-        Returns
-        -------
-        Ensemble
-            Dense, with the `centre` of these models.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> models = se.SystemEnsemble([[[1.0]], [[0.5]]], [[[1.0]], [[1.0]]])
-        >>> se.fuse(models.realizations_of_A()).estimate
-        array([[0.75]])
-        """
-        return Ensemble.from_samples(self.A, centre=self.centre)
 
     def _cube(self) -> Cube:
         variables = {

@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.numbers import ROUNDING, norm
 from .._base.records import SavedRecord
 from .._base.types import STATUSES, Status
 from ..ensembles.systems import SystemEnsemble
@@ -152,7 +153,13 @@ class FusedModel(SavedRecord, Identified):
         covariance is known but for a factor. None where there is nothing to test, and for
         "leave-one-out".
         """
-        return None if self.method != "alse" else _core.hull_explained(self._hull, self._noise)
+        if self.method != "alse":
+            return None
+        noise = self._noise  # that of states without any is rounding
+        rounding = ROUNDING * norm(self._hull.t)
+        return _core.hull_explained(
+            self._hull, noise._replace(rss=max(noise.rss, rounding * rounding))
+        )
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -723,8 +723,8 @@ class Model(SavedRecord, Identified, Tabled):
 
     @cached_property
     def _constant(self) -> Lag | None:
-        """The test of an intercept; None where there is one."""
-        if self.intercept:
+        """For outputs the test of an intercept; None where there is one."""
+        if self.intercept or self.window is None:
             return None
         Z, Y = self._pairs()
         rows = np.hstack([Z, np.ones((len(Z), 1)), Y])

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
-from .._base.numbers import ROUNDING, norm
+from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord
 from .._base.types import STATUSES, Status
 from ..ensembles.systems import SystemEnsemble
@@ -156,7 +156,7 @@ class FusedModel(SavedRecord, Identified):
         if self.method != "alse":
             return None
         noise = self._noise  # that of states without any is rounding
-        rounding = ROUNDING * norm(self._hull.t)
+        rounding = ROUNDING * self._hull.largest
         return _core.hull_explained(
             self._hull, noise._replace(rss=max(noise.rss, rounding * rounding))
         )

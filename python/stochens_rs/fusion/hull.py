@@ -39,7 +39,7 @@ class Hull(NamedTuple):
 
     `distance2` is ``||t - point||^2``, `off2` is ``||t - P t||^2``, `along` is ``||P t - point||``;
     k and `face` are the dimensions of the affine hull and of the face that `point` lies in, p is
-    that of the space.
+    that of the space; `largest` is the largest norm of t and the S_i.
     """
 
     point: Floats
@@ -50,6 +50,7 @@ class Hull(NamedTuple):
     k: int
     face: int
     p: int
+    largest: float
 
     @property
     def away(self) -> Floats:
@@ -79,6 +80,7 @@ def position(S: Floats, t: Floats, weights: Floats) -> Hull:
         k=len(basis),
         face=len(_span(S[weights > 0.0], largest)),
         p=t.size,
+        largest=max(largest, float(np.linalg.norm(t))),
     )
 
 

@@ -50,7 +50,7 @@
 //! let u = (xf - a * x0) / b;
 //! let task = certificate::Task { x0: &[x0], rho0: 0.0, xf: &[xf], predicted: &[x0, a * x0 + b * u] };
 //! let way = certificate::Way { region: &region, inputs: &[u], to_come: None, compares: false };
-//! let plan = certificate::certify(task, &[way], None, &stop)?;
+//! let plan = certificate::certify(task, &[way], None, (false, &stop))?;
 //! assert!((x0 / 2.0 + u - xf).abs() <= plan.target && plan.target < 0.03);
 //! # Ok::<(), stochens::Error>(())
 //! ```

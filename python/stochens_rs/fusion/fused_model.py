@@ -352,8 +352,7 @@ def units(data: Model) -> Floats:
 def noise_of(data: Model) -> hull.Noise:
     """The noise in the `units`: 1 where the covariance is known, else from the residuals."""
     fitted = data._blocks[0]
-    known = data.assumptions.known is not None
-    if known or one_variance(data):
-        found = 1.0 if known else None
-        return hull.Noise(found, float(np.trace(fitted.S)), data.n * fitted.nu)
+    if one_variance(data):
+        variance = None if data.assumptions.known is None else 1.0
+        return hull.Noise(variance, float(np.trace(fitted.S)), data.n * fitted.nu)
     return hull.Noise(None, float(data.n * fitted.nu), fitted.nu, data.n)

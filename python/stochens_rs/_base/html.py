@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from .numbers import most_changing
 from .types import Floats
 
 if TYPE_CHECKING:
@@ -195,9 +196,7 @@ def states(times: Floats | NDArray[np.int64], values: Floats, about: str) -> str
     """A curve for each of the states (K + 1, n), at most six: those that change most."""
     if values.shape[1] <= len(_COLORS):
         return lines(times, list(values.T), about)
-    with np.errstate(over="ignore", invalid="ignore"):
-        order = np.argsort(-np.ptp(values, axis=0), kind="stable")[: len(_COLORS)]
-    most = list(values.T[np.sort(order)])
+    most = list(values.T[most_changing(values, len(_COLORS))])
     return lines(times, most, f"{about}, the {len(most)} that change most")
 
 

@@ -27,6 +27,13 @@ def norm(values: Floats) -> float:
     return largest and largest * float(np.linalg.norm((values / largest).ravel()))
 
 
+def most_changing(curves: Floats, most: int) -> list[int]:
+    """The places of the columns that change most, at most so many, in their order."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        order = np.argsort(-np.ptp(curves, axis=0), kind="stable")
+    return sorted(order[:most].tolist())
+
+
 def smallest_size(enough: Callable[[int], bool]) -> int | None:
     """The smallest size in 1 .. 2^53 that is enough, as all larger ones must be; None: none is.
 

@@ -73,13 +73,6 @@ def panel_grid(
     return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
 
 
-def most_changing(curves: Floats, most: int = PANELS) -> list[int]:
-    """The places of the columns that change most, at most so many, in their order."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        order = np.argsort(-np.ptp(curves, axis=0), kind="stable")
-    return sorted(order[:most].tolist())
-
-
 def tell_omitted(
     figure: Figure | SubFigure, counts: dict[str, int], *, changing: bool = False
 ) -> None:

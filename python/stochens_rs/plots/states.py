@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.numbers import most_changing
 from .._base.types import Floats
 from .ends import MOST, label_ends
-from .panels import extent, most_changing
+from .panels import extent
 from .style import add_grid, add_key, add_labels, axes_or_new, blend, literal, look_of
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.numbers import most_changing
 from .._base.types import Floats
 from .panels import (
     PANELS,
@@ -16,7 +17,6 @@ from .panels import (
     draw_limits,
     extent,
     frame,
-    most_changing,
     panel_grid,
     tell_omitted,
 )
@@ -52,7 +52,7 @@ def draw_tube(
     bounds the distance in the 2-norm, hence each state.
     """
     counts = {"states": predicted.shape[1], "inputs": 0 if inputs is None else inputs.u.shape[1]}
-    at = most_changing(predicted)
+    at = most_changing(predicted, PANELS)
     n, m = len(at), min(counts["inputs"], PANELS)
     runs = np.zeros((0, *predicted.shape)) if measured is None else measured
     runs = runs[None] if runs.ndim == 2 else runs
@@ -103,6 +103,6 @@ def draw_tube(
             )
         frame(ax, floor, top, reach, dt, names[i])
     if inputs is not None:
-        draw_inputs(panels[n:], inputs.some(most_changing(inputs.u)), dt)
+        draw_inputs(panels[n:], inputs.some(most_changing(inputs.u, PANELS)), dt)
     add_legend(figure, panels)
     return root_of(figure)

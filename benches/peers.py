@@ -498,7 +498,7 @@ def track() -> Iterator[Line]:
     """A closed loop, 50 runs of 100 steps; the peer does one run, with NumPy's multinomial."""
     system, gen = se.cases.ieee39(), np.random.default_rng(0)
     u, x0 = 0.1 * gen.standard_normal((100, system.m)), 0.1 * gen.standard_normal(system.n)
-    r = reference.simulate(system.A, system.B, u, x0)
+    r = reference.simulate(system.A, system.B, x0, u)
 
     def estimate(target: np.ndarray, key: bytes) -> np.ndarray:
         return reference.average(target, 10_000, gen)
@@ -649,19 +649,19 @@ def main() -> None:
     if unknown:
         sys.exit(f"unknown group {unknown[0]!r}: choose from {', '.join(names)}")
     se.set_num_threads(1)
-    rows: list[Row] = []
+    before = table.committed()
+    slower: list[str] = []
     print(f"{'work':<48} {'peer':<28} {'ours':>10} {'ratio':>9}   (min .. max)")
     for group in chosen:
-        if group in GROUPS:
-            rows += measure(group)
-    costs = cost.run() if "cost" in chosen else None
-    if "alse" in chosen:
-        alse.run(arguments.full)
-    if "tightness" in chosen:
-        tightness.run()
-    slower = table.regressions(rows)
-    if arguments.write:
-        table.write(rows, costs)
+        rows = measure(group) if group in GROUPS else []
+        costs = cost.run() if group == "cost" else None
+        if group == "alse":
+            alse.run(arguments.full)
+        if group == "tightness":
+            tightness.run()
+        slower += table.regressions(rows, before)
+        if arguments.write:  # after each, so that a failure loses nothing that was measured
+            table.write(rows, costs)
     for line in slower:
         print(f"SLOWER THAN THE COMMITTED TABLE: {line}")
 

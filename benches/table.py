@@ -98,11 +98,15 @@ TITLES = {
 }
 
 
-def regressions(rows: list[Row]) -> list[str]:
-    """Describe the ratios far below the committed ones."""
+def committed() -> dict[tuple[str, str], float]:
+    """Ratio of each comparison that the committed table has."""
     if not DATA.exists():
-        return []
-    before = {(r["what"], r["peer"]): r["ratio"] for r in json.loads(DATA.read_text())["rows"]}
+        return {}
+    return {(r["what"], r["peer"]): r["ratio"] for r in json.loads(DATA.read_text())["rows"]}
+
+
+def regressions(rows: list[Row], before: dict[tuple[str, str], float]) -> list[str]:
+    """Describe the ratios far below those before."""
     found = []
     for row in rows:
         old = before.get((row.what, row.peer))

@@ -38,7 +38,7 @@ DEVELOP := env -u CONDA_PREFIX VIRTUAL_ENV="$(abspath $(VENV))" \
 
 .DEFAULT_GOAL := help
 .DELETE_ON_ERROR:
-.PHONY: help setup reproduce test quick lint bench docs wheel wheels sdist licenses fuzz unsafe stage clean
+.PHONY: help setup reproduce test soak quick lint bench docs wheel wheels sdist licenses fuzz unsafe stage clean
 
 help: ## show this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1|\2/p' $(MAKEFILE_LIST) | \
@@ -52,6 +52,9 @@ reproduce: $(VENV)/.run ## build, then run both experiments: figures and report 
 test: $(VENV)/.dev ## all tests: the Rust core without Python, then the Python package
 	cargo test --release --locked
 	"$(PY)" -m pytest $(PARALLEL)
+
+soak: $(VENV)/.dev ## the slow tests of Python with all their data sets, which `make test` has fewer of
+	SOAK=1 "$(PY)" -m pytest $(PARALLEL) -m slow
 
 quick: $(VENV)/.dev ## what a change needs at once: a fast build of the extension, the tests not marked slow
 	cargo rustc --quiet --profile quick --locked --lib --features python --crate-type cdylib

@@ -7,6 +7,7 @@ alarm of 1e-5 for each of the about 150 counts, once and for all, as keys are fi
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -17,6 +18,16 @@ import stochens_rs as se
 
 DELTA = 0.05
 ALARM = 1e-5
+
+
+def sets(soak: int, test: int) -> int:
+    """How many data sets a study takes: in `make soak`, and in `make test`."""
+    return soak if os.environ.get("SOAK") else test
+
+
+def most(sets: int, delta: float) -> int:
+    """Failures of so many sets that a correct level exceeds with probability 1e-4."""
+    return int(stats.binom.isf(1e-4, sets, delta))
 
 
 def repeated(case: Callable[[np.random.Generator], Any], runs: int, seed: Any) -> dict[str, Any]:

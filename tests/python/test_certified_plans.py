@@ -226,7 +226,7 @@ ENDS = [
 )
 @pytest.mark.parametrize("ends", ENDS)
 def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
-    """4 000 models, noises and starts: none beyond the radii, and some beyond 0.4 of them."""
+    """1 500 models, noises and starts: none beyond the radii, and some beyond 0.4 of them."""
     gen, Theta, z, y = case(11, N=15, n=2, m=1)
     known, K = None, 3
     if kind == "by rows":
@@ -237,7 +237,7 @@ def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
     wish = {} if known is not None else {"frobenius": True, "future": K if noise else 0}
     region = model.region(**wish)
     assert len(region.parts) == (1 if known is None else 2)
-    error = np.zeros((4000, K + 1, 2))
+    error = np.zeros((1500, K + 1, 2))
     for one in error:
         T, w = sampled(gen, region, K)
         off = gen.standard_normal(2)

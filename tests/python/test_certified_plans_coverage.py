@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import DELTA, at_most, coverage, failures, repeated
+from coverage_study import DELTA, at_most, coverage, failures, repeated, sets
 from identification_data import SKEWED, stable
 from stochens_rs.certificates.region_errors import trajectory
 from test_certified_plans import measured, model_of, under
@@ -78,8 +78,8 @@ REFUSED = ("known entries", True)
 )
 @pytest.mark.filterwarnings("ignore:the data do not determine")
 def test_certificates_hold(kind, noise):
-    """100 data sets for each of K = 1, 4, 6, with x0 off by as much as it may be."""
-    runs = 100
+    """100 data sets, in `make test` 60, for K = 1, 4, 6 each, with x0 off as far as it may be."""
+    runs = sets(100, 60)
 
     def case(gen):
         failed, finite = np.zeros((3, 2)), 0

@@ -16,7 +16,7 @@ import pytest
 
 import stochens_rs as se
 from core_regions import region_errors
-from coverage_study import DELTA, at_most, coverage
+from coverage_study import DELTA, at_most, coverage, sets
 from identification_data import SKEWED, THETA, Y, Z, check, hull, independent, tuned
 from stochens_rs import _core
 from stochens_rs.exceptions import (
@@ -205,8 +205,8 @@ SYSTEMS = {
 @pytest.mark.parametrize("off", [0.0, 0.3, 30.0])
 @pytest.mark.parametrize("system", SYSTEMS)
 def test_regions_hold(system, off):
-    """80 runs each: hulls with the truth and beside it; sigma known and unknown; both norms."""
-    gen, runs = np.random.default_rng(71), 80
+    """80 runs each, in `make test` 30: hulls with the truth and beside it; sigma known or not."""
+    gen, runs = np.random.default_rng(71), sets(80, 30)
     failed, sizes = np.zeros(4, dtype=int), []
     for _ in range(runs):
         Theta, z, y = SYSTEMS[system](gen)

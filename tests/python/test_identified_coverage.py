@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import DELTA, at_most, coverage, exactly, failures
+from coverage_study import DELTA, at_most, coverage, exactly, failures, sets
 from identification_data import SKEWED, independent, noisy_states, rolled, stable, tuned
 from twin import regions as rg
 from twin import triangle as tr
 
-RUNS = 4000
+RUNS = sets(4000, 1000)
 
 
 def model_of(z, y, **options):
@@ -35,11 +35,12 @@ def count(seed, runs, failed, **options):
 
 
 def test_coverage_of_the_full_region():
-    """877 to 1123 failures of 20 000 are within four standard deviations."""
+    """20 000 data sets, in `make test` 4000."""
+    runs = sets(20_000, 4000)
     failed = count(
-        80, 20_000, lambda gen, T, z, y: misses(model_of(z, y).region(DELTA), T), root=SKEWED
+        80, runs, lambda gen, T, z, y: misses(model_of(z, y).region(DELTA), T), root=SKEWED
     )
-    assert 877 <= failed <= 1123
+    exactly(failed, runs)
 
 
 KINDS = {

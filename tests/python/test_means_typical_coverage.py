@@ -7,9 +7,10 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs.exceptions import InputError, SizeError
 
-SETS = 300
+SETS = sets(300, 120)
 LAWS = {
     "normal": lambda gen, shape: gen.standard_normal(shape),
     "uniform": lambda gen, shape: gen.uniform(-1.7, 1.7, shape),

@@ -11,6 +11,7 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
+from coverage_study import most, sets
 from pilot_sets import FAMILIES, Plant, covariance, led, measured, rig, steered
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
@@ -21,11 +22,6 @@ from twin.laws import normal_quantile
 
 Array = np.ndarray
 APART = np.array([[0.01, 0.0, 0.0], [0.0, 0.0, -0.02]])
-
-
-def most(sets: int, delta: float) -> int:
-    """Failures of so many sets that a correct level exceeds with probability 1e-4."""
-    return int(stats.binom.isf(1e-4, sets, delta))
 
 
 # -- the oracles of the statements -----------------------------------------------------------------
@@ -223,10 +219,10 @@ ETAS = {"rig": 1e-5, "unit root": 1e-5, "mixed units": 1e-3}
 @pytest.mark.parametrize("name", unlike())
 @pytest.mark.parametrize("noise", [False, True])
 def test_coverage(name: str, noise: bool) -> None:
-    """150 sets; false alarm 1e-4 for each of 3 levels and 3 statements."""
-    plant, sets = unlike()[name], 150
+    """150 sets, in `make test` 30; false alarm 1e-4 for each of 3 levels and 3 statements."""
+    plant, runs = unlike()[name], sets(150, 30)
     eta = ETAS.get(name, 0.01)
-    found = [outcomes(plant, eta, seed, LEVELS, noise=noise) for seed in range(sets)]
+    found = [outcomes(plant, eta, seed, LEVELS, noise=noise) for seed in range(runs)]
     assert np.mean([one[0][0] > 0.0 for one in found]) > 0.5  # older runs did count
     for at, delta in enumerate(LEVELS):
         for failed in (
@@ -234,7 +230,7 @@ def test_coverage(name: str, noise: bool) -> None:
             sum(one[at][2] for one in found),
             sum(one[at][3] for one in found),
         ):
-            assert failed <= most(sets, delta)
+            assert failed <= most(runs, delta)
 
 
 def test_a_larger_difference_than_declared_breaks_it() -> None:
@@ -463,14 +459,14 @@ def test_units_change_nothing(name: str, kind: str, reference: bool) -> None:
 @pytest.mark.parametrize("kind", ["directions", "norm"])
 @pytest.mark.parametrize("name", ["n2 stable", "n6"])
 def test_coverage_in_raw_units(name: str, kind: str) -> None:
-    """100 sets; false alarm 1e-4 for each of 2 levels, with and without a task, 3 statements."""
-    plant, sets = FAMILIES[name], 100
+    """100 sets, in `make test` 20; false alarm 1e-4 for each of 2 levels and 3 statements."""
+    plant, runs = FAMILIES[name], sets(100, 20)
     units = spread(len(plant.A))
     for reference in (True, False):
         for delta in (0.05, 0.5):
             found = [
                 promised(plant, units, kind, seed, delta, reference=reference)
-                for seed in range(sets)
+                for seed in range(runs)
             ]
             assert np.mean([one.weight > 0.0 for one in found]) > 0.9
             for failed in (
@@ -478,7 +474,7 @@ def test_coverage_in_raw_units(name: str, kind: str) -> None:
                 sum(one.missed for one in found),
                 sum(not one.inside for one in found),
             ):
-                assert failed <= most(sets, delta)
+                assert failed <= most(runs, delta)
 
 
 def test_more_than_declared_breaks_it_in_raw_units() -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from coverage_study import exactly, most, sets
 from hidden_systems import covariance as noise_covariance
 from hidden_systems import of_each_kind
 from pilot_sets import (
@@ -29,11 +30,6 @@ from stochens_rs import _core
 Array = np.ndarray
 
 
-def most(sets: int, delta: float) -> int:
-    """Failures of so many sets that a correct level exceeds with probability 1e-4."""
-    return int(stats.binom.isf(1e-4, sets, delta))
-
-
 def failures(plant: Plant, runs: int, sets: int, delta: float, **options: object) -> list[int]:
     """Of target, tube and components."""
     found = [
@@ -48,20 +44,20 @@ def failures(plant: Plant, runs: int, sets: int, delta: float, **options: object
 
 
 def test_the_law_of_the_error_is_exact() -> None:
-    """``||Gamma||_F^2`` is chi^2, two-sided: a unit root, 6 runs, a pilot of 2; 20 000 sets."""
+    """``||Gamma||_F^2`` is chi^2, two-sided: a unit root, 6 runs, a pilot of 2."""
     A, B, sigma = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[0.0], [1.0]]), 0.3
     plant = Plant(A, B, sigma, np.ones(2), 5, np.zeros(2), np.zeros(2), 1)
-    Theta, inside, sets = np.hstack([A, B]), 0, 20_000
+    Theta, outside, runs = np.hstack([A, B]), 0, sets(20_000, 4000)
     bound = stats.chi2.isf(0.05, 6)
     law = covariance(plant)
-    for seed in range(sets):
+    for seed in range(runs):
         rows, _ = measured(plant, 8, np.random.default_rng(seed))
         H0, main = split(rows, plant, 0.25)
         model = piloted(H0, main, plant)
         root = model.region(law, 0.05, True).parts[0].root  # T^-1 is its transpose
         size = np.sum(((model.centre - Theta) @ root.T) ** 2) / sigma**2
-        inside += size <= bound
-    assert 18_877 <= inside <= 19_123  # .95 of 20 000, four deviations
+        outside += size > bound
+    exactly(outside, runs)
 
 
 @pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
@@ -93,13 +89,14 @@ def test_certificates(name: str, delta: float) -> None:
 @pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
 @pytest.mark.parametrize("name", ["rig", *FAMILIES])
 def test_certificates_of_all_families(name: str, delta: float) -> None:
-    plant, sets = {**FAMILIES, "rig": rig()}[name], 1000 if name == "rig" else 400
+    plant = {**FAMILIES, "rig": rig()}[name]
+    many, some, few = sets(400, 80), sets(200, 50), sets(100, 30)
     for runs in (10, 60):
-        assert max(failures(plant, runs, sets, delta)) <= most(sets, delta)
-    assert max(failures(plant, 20, 200, delta, noise=True)) <= most(200, delta)
+        assert max(failures(plant, runs, many, delta)) <= most(many, delta)
+    assert max(failures(plant, 20, some, delta, noise=True)) <= most(some, delta)
     for unknown in ("scalar", "diagonal", "full"):
-        found = failures(plant, 30, 100, delta, unknown=unknown)
-        assert max(found) <= most(100, delta)
+        found = failures(plant, 30, few, delta, unknown=unknown)
+        assert max(found) <= most(few, delta)
 
 
 def test_it_is_close_to_the_error() -> None:

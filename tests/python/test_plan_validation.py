@@ -135,8 +135,8 @@ def failures(kind: str, repeats: int, fresh: bool, delta: float = 0.05, M: int =
 
 @pytest.mark.parametrize("fresh", [False, True], ids=["runs", "fresh systems"])
 def test_coverage_is_exact_on_every_kind(fresh: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    """100 draws of 19 runs and a next one for each kind; two-sided, false alarms 1e-6 each."""
-    repeats = 100
+    """50 draws of 19 runs and a next one for each kind; two-sided, false alarms 1e-6 each."""
+    repeats = 50
     total = np.sum([failures(kind, repeats, fresh) for kind in KINDS], axis=0)
     low, high = binomial_range(repeats * len(KINDS), 0.05)
     assert ((low <= total) & (total <= high)).all(), (total, low, high)
@@ -156,8 +156,8 @@ def noise(w: np.ndarray) -> np.ndarray:
 
 
 def test_the_confidence_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
-    """2000 draws of 59 runs: the law Beta(59, 1) of the coverage, .0485 below .95."""
-    plan, gen, repeats = scalar(), np.random.default_rng(5), 2000
+    """1000 draws of 59 runs: the law Beta(59, 1) of the coverage, .0485 below .95."""
+    plan, gen, repeats = scalar(), np.random.default_rng(5), 1000
     draws = noise(gen.standard_normal((repeats, 59)))
 
     def below() -> tuple[int, int]:
@@ -178,8 +178,8 @@ def test_the_confidence_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_weights_are_needed_where_the_starts_differ() -> None:
-    """4000 draws of 60 runs from N(0, 1), the next from N(1, 1); the size of w grows with x0."""
-    plan, gen, repeats, M = scalar(), np.random.default_rng(6), 4000, 60
+    """1500 draws of 60 runs from N(0, 1), the next from N(1, 1); the size of w grows with x0."""
+    plan, gen, repeats, M = scalar(), np.random.default_rng(6), 1500, 60
     starts = gen.standard_normal((repeats, M + 1)) + (np.arange(M + 1) == M)
     runs = np.stack([starts, np.exp(starts) * gen.standard_normal(starts.shape)], axis=-1)[
         ..., None

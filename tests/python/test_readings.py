@@ -160,10 +160,10 @@ def plant(system, loop, steps, rng=None, force=0.0, noise=0.0, missing=()):
 
 
 def test_mismatched_plants_rest_at_the_target():
-    """200 plants, off by 3 % from what was identified; a constant of .3 at the inputs."""
+    """50 plants, off by 3 % from what was identified; a constant of .3 at the inputs."""
     rested = 0
-    for seed in range(200):
-        system, model, _, rng = arx(seed % 50, runs=6)
+    for seed in range(50):
+        system, model, _, rng = arx(seed, runs=6)
         system.A = system.A * (1.0 + 0.03 * rng.standard_normal(system.A.shape))
         system.B = system.B * (1.0 + 0.03 * rng.standard_normal(system.B.shape))
         loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=0.05)
@@ -174,7 +174,7 @@ def test_mismatched_plants_rest_at_the_target():
         assert np.abs(y[-1]).max() < 1e-6
         if system.m <= system.p:
             np.testing.assert_allclose(loop.disturbance, 0.3, atol=1e-5)
-    assert rested > 180
+    assert rested > 45
 
 
 def rig_loop(model, policy, offset_free, seed=2, **options):

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from coverage_study import sets
 from twin import populations as pop
 from twin import scenario as sc
 
@@ -166,9 +167,10 @@ def test_fleets_in_the_plane():
     """2000 fleets of 40 units ||u - b||, b normal, |u| <= 0.3: d = 3, the risk by a chi-square.
 
     P(||b - u|| > t) is the tail of a noncentral chi-square of 2 degrees. Supports of 1, 2 and 3.
+    `make test` has 600 fleets.
     """
     pytest.importorskip("clarabel")
-    gen, N, fleets = np.random.default_rng(13), 40, 2000
+    gen, N, fleets = np.random.default_rng(13), 40, sets(2000, 600)
     box = np.array([0.3, 0.1])
     risks, sizes = np.empty(fleets), np.empty(fleets, dtype=int)
 

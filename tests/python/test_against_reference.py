@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 import stochens_rs as se
 from stochens_rs import reference as twin
+from stochens_rs.fusion.fusing import METHODS
 
 Array = NDArray[np.float64]
 TOL = 1e-9  # the default of `fuse`
-METHODS = list(twin.fusing.METHODS)
 
 
 class Problem(NamedTuple):

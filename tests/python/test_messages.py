@@ -10,6 +10,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from stochens_rs.fusion.fusing import METHODS
 from stochens_rs.paper.bounds import Lemma43
 from stochens_rs.theory import bounds, moments
 
@@ -98,7 +99,7 @@ def test_a_tuple_of_rows_is_a_matrix():
 
 def test_the_core_refuses_unknown_words():
     lines, draws = np.ascontiguousarray(A.T), ENSEMBLE._core_realizations()
-    words = "'uniform', 'alse', 'slse', 'slse-safeguarded'"
+    words = str(METHODS).strip("()")
     factors, key = (B, B, np.ones(3)), bytes(32)
     for word in ("", "SLSE", "slse-", "greedy"):
         message = f"`method` must be one of {words}, got '{word}'"

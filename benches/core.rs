@@ -8,9 +8,9 @@ use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use stochens::control::{Entity, Memory, Realized, pseudoinverse};
-use stochens::fuse::{Settings, Status, Weights, alse, closed_form, slse, slse_each};
+use stochens::fuse::{Method, Settings, Status, Weights, alse, closed_form, slse, slse_each};
 use stochens::sample::multinomial_counts;
-use stochens::simulate::{ClosedLoop, Drawn, Method, Model, Second, mean_field, runs};
+use stochens::simulate::{ClosedLoop, Drawn, Model, Second, mean_field, runs};
 use stochens::streaming::{Config, Geometry, Laws, Limits, Order, Stream, Variant};
 use stochens::{Key, Law, Scheme, Singletons, Stop, sample};
 

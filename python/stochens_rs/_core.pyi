@@ -50,6 +50,7 @@ __all__ = [
     "fleet_misses",
     "fleet_worst",
     "followed_inputs",
+    "fuse_path",
     "guaranteed_gain",
     "hull_explained",
     "hull_radius",
@@ -93,7 +94,6 @@ __all__ = [
     "simulate_plans",
     "simulate_runs",
     "simulate_systems",
-    "slse",
     "smallest_quantile",
     "sphere_level",
     "storage_decode",
@@ -105,7 +105,6 @@ __all__ = [
     "trajectory",
     "triangle",
     "triangle_update",
-    "uniform_path",
     "validation_mean",
     "validation_rank",
     "validation_runs",
@@ -233,16 +232,13 @@ class Alse:
     def iterations(self) -> int: ...
 
 def alse(realizations: Draws | _Floats, target: _Floats, limits: _Limits) -> Alse: ...
-def slse(
+def fuse_path(
     realizations: Draws | _Floats,
     target: _Floats,
     method: str,
     sizes: list[int],
     keep_estimates: bool,
 ) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...
-def uniform_path(
-    draws: Draws, target: _Floats, sizes: list[int], keep_estimates: bool
-) -> tuple[_Floats, _Floats]: ...
 def alse_path(
     draws: Draws, target: _Floats, subsimplex: bool, sizes: list[int], keep_estimates: bool
 ) -> tuple[_Floats, _Floats, _Floats, _Floats]: ...

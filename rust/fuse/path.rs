@@ -1,20 +1,20 @@
 //! The errors after the first `k` realizations, for several `k`, in one pass over the indices.
 
 use super::closed_form::{Gap, estimate, gap, totals};
-use super::{Weights, distance, uniform};
+use super::{Dense, Sequential, Weights, distance, power_of_two_scale, uniform};
 use crate::error::Result;
-use crate::memory::{try_extend, try_push, try_zeros};
+use crate::memory::{try_collect, try_extend, try_push, try_zeros};
 use crate::parallel::Stop;
 use crate::sample::Singletons;
 
 const WHAT: &str = "a path";
 
-/// Results of a fusion after the first `k` realizations, for increasing `k`.
+/// Results of accumulated least squares after the first `k` realizations, for increasing `k`.
 #[derive(Debug, Clone, Default)]
 pub struct Path {
     /// `||estimate - target||`.
     pub errors: Vec<f64>,
-    /// The gap of the squared error, where the method has one.
+    /// The gap of the squared error.
     pub gaps: Vec<Gap>,
     /// The estimates, one after the other, when asked for.
     pub estimates: Vec<f64>,
@@ -42,16 +42,42 @@ fn with_counts(
 ///
 /// # Errors
 /// [`crate::Error::Interrupted`] after a stop.
-pub fn uniform_path(draws: &Singletons, target: &[f64], sizes: &[usize], keep: bool, stop: &Stop) -> Result<Path> {
-    let mut path = Path::default();
+pub fn uniform_path(
+    draws: &Singletons,
+    target: &[f64],
+    sizes: &[usize],
+    keep: bool,
+    stop: &Stop,
+) -> Result<Sequential> {
+    let mut path = Sequential::default();
     with_counts(draws, sizes, stop, |size, counts| {
-        let mean = uniform(draws.law(), counts, size as u64)?;
-        try_push(WHAT, &mut path.errors, distance(&mean, target))?;
-        if keep {
-            try_extend(WHAT, &mut path.estimates, mean)?;
-        }
-        Ok(())
+        path.record(uniform(draws.law(), counts, size as u64)?, target, keep)
     })?;
+    Ok(path)
+}
+
+/// The same for realizations without structure.
+///
+/// # Errors
+/// [`crate::Error::Interrupted`] after a stop.
+pub fn uniform_dense(
+    samples: &Dense<'_>,
+    target: &[f64],
+    sizes: &[usize],
+    keep: bool,
+    stop: &Stop,
+) -> Result<Sequential> {
+    let (mut path, mut done) = (Sequential::default(), 0);
+    let scale = power_of_two_scale(samples.values()); // no sum overflows
+    let mut sum: Vec<f64> = try_zeros(WHAT, target.len())?;
+    for &size in sizes {
+        for i in done..size {
+            stop.check()?;
+            sum.iter_mut().zip(samples.row(i)).for_each(|(sum, e)| *sum += e / scale);
+        }
+        done = size;
+        path.record(try_collect(WHAT, sum.iter().map(|sum| sum / size as f64 * scale))?, target, keep)?;
+    }
     Ok(path)
 }
 

@@ -9,7 +9,7 @@
 
 use super::slse_run::Run;
 use super::slse_tables::{Apart, Beside, Tables, WHAT};
-use super::{norm, power_of_two_scale};
+use super::{distance, norm, power_of_two_scale};
 use crate::error::Result;
 use crate::memory::{try_collect, try_extend, try_push, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
@@ -21,7 +21,7 @@ const CACHE: usize = 32 << 10;
 /// The result of a sequential fusion.
 #[derive(Debug, Clone, Default)]
 pub struct Sequential {
-    /// One weight per realization; they add up to one.
+    /// One weight per realization, which add up to one; none for an average, where they are equal.
     pub weights: Vec<f64>,
     /// `F = sum_i w_i E_i` after the last realization.
     pub estimate: Vec<f64>,
@@ -29,6 +29,18 @@ pub struct Sequential {
     pub errors: Vec<f64>,
     /// The estimates at the same `k`, one after the other, if requested.
     pub estimates: Vec<f64>,
+}
+
+impl Sequential {
+    /// Keeps the estimate of a prefix, and its error.
+    pub(super) fn record(&mut self, estimate: Vec<f64>, target: &[f64], keep: bool) -> Result<()> {
+        try_push(WHAT, &mut self.errors, distance(&estimate, target))?;
+        if keep {
+            try_extend(WHAT, &mut self.estimates, estimate.iter().copied())?;
+        }
+        self.estimate = estimate;
+        Ok(())
+    }
 }
 
 /// Fuses the realizations one after the other towards `target`, recording the error after the first `k` for each `k` in

@@ -242,6 +242,7 @@ fn call(name: &str) -> Option<Call> {
             let samples = entries(200 * 150);
             Box::new(move || {
                 let dense = Dense::new(&samples, 200, 150)?;
+                fuse::uniform_dense(&dense, &samples[..150], &[5, 200], true, &stop)?;
                 fuse::slse_dense(&dense, &samples[..150], true, &[5, 200], true, &stop).map(drop)
             })
         }

@@ -7,8 +7,8 @@ use pyo3::types::PyList;
 use super::arrays::{Values, array};
 use super::error::{InputError, ShapeError};
 use crate::Key;
+use crate::fuse::Method;
 use crate::memory::{try_copy, try_room};
-use crate::simulate::Method;
 
 /// A read-only view of a contiguous array of doubles.
 pub(super) fn slice<'a, D: ndarray::Dimension>(
@@ -43,15 +43,11 @@ where
 
 /// A fusing method by its name.
 pub(super) fn method(name: &str) -> PyResult<Method> {
-    match name {
-        "uniform" => Ok(Method::Uniform),
-        "alse" => Ok(Method::Alse),
-        "slse" => Ok(Method::Slse { safeguard: false }),
-        "slse-safeguarded" => Ok(Method::Slse { safeguard: true }),
-        other => Err(InputError::new_err(format!(
-            "`method` must be one of 'uniform', 'alse', 'slse', 'slse-safeguarded', got '{other}'"
-        ))),
-    }
+    let found = Method::NAMED.into_iter().find(|(known, _)| *known == name);
+    found.map(|(_, method)| method).ok_or_else(|| {
+        let known = Method::NAMED.map(|(known, _)| format!("'{known}'")).join(", ");
+        InputError::new_err(format!("`method` must be one of {known}, got '{name}'"))
+    })
 }
 
 /// A target's entries, checked against the number of entries of a realization.

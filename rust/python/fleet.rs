@@ -56,7 +56,7 @@ impl Asked {
     }
 
     fn limits(&self) -> Limits<'_> {
-        let Task { low, high, rate, states, r, .. } = &self.task;
+        let Task { low, high, rate, states, r, stage: _, terminal: _, reference: _, soft: _ } = &self.task;
         Limits { low, high, rate: pair(rate), states: pair(states), r: r.as_deref().unwrap_or(&[]) }
     }
 }

@@ -8,12 +8,10 @@ use pyo3::types::PyList;
 
 use super::convert::{array1, array2, method, sizes, target};
 use super::draws::Draws;
-use super::error::InputError;
 use super::realizations::{Realizations, dense};
 use super::run::{run, run_to_best};
-use crate::fuse::{self, Settings, Weights};
+use crate::fuse::{self, Samples, Settings, Weights};
 use crate::memory::{try_collect, try_extend, try_room};
-use crate::simulate::Method;
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
@@ -107,9 +105,9 @@ pub(super) fn alse<'py>(
     })
 }
 
-/// SLSE: `(weights, estimate, errors, estimates)`, the last two at `sizes`.
+/// Prefixes by a method without a solver: `(weights, estimate, errors, estimates)`, the last two at `sizes`.
 #[pyfunction]
-pub(super) fn slse<'py>(
+pub(super) fn fuse_path<'py>(
     py: Python<'py>,
     realizations: Realizations<'py>,
     target: PyReadonlyArray2<'py, f64>,
@@ -117,26 +115,22 @@ pub(super) fn slse<'py>(
     sizes: &Bound<'py, PyList>,
     keep_estimates: bool,
 ) -> PyResult<(Array1<'py>, Array2<'py>, Array1<'py>, Array2<'py>)> {
-    let Method::Slse { safeguard } = self::method(method)? else {
-        return Err(InputError::new_err(format!("`method` must be 'slse' or 'slse-safeguarded', got '{method}'")));
-    };
-    let (lines, length) = target.as_array().dim();
-    let fit = match &realizations {
+    let (method, (lines, length)) = (self::method(method)?, target.as_array().dim());
+    let (inner, rows);
+    let (samples, size, dim, entries) = match &realizations {
         Realizations::Draws(draws) => {
-            let inner = draws.inner.clone();
-            let sizes = self::sizes(sizes, inner.size())?;
-            let values = self::target(&target, inner.law().values().len())?;
-            let cost = 5.0 * inner.size() as f64 * inner.law().lines() as f64 + (sizes.len() * values.len()) as f64;
-            run(py, cost, |stop| fuse::slse(&inner, values, safeguard, &sizes, keep_estimates, stop))?
+            inner = draws.inner.clone();
+            let (size, law) = (inner.size(), inner.law());
+            (Samples::Drawn(&inner), size, law.values().len(), size * law.lines())
         }
         Realizations::Dense(samples) => {
-            let samples = dense(samples)?;
-            let sizes = self::sizes(sizes, samples.size())?;
-            let values = self::target(&target, samples.dim())?;
-            let cost = 5.0 * samples.values().len() as f64 + (sizes.len() * values.len()) as f64;
-            run(py, cost, |stop| fuse::slse_dense(&samples, values, safeguard, &sizes, keep_estimates, stop))?
+            rows = dense(samples)?;
+            (Samples::Dense(&rows), rows.size(), rows.dim(), rows.values().len())
         }
     };
+    let (sizes, values) = (self::sizes(sizes, size)?, self::target(&target, dim)?);
+    let cost = 5.0 * (entries + sizes.len() * dim) as f64;
+    let fit = run(py, cost, |stop| method.fuse(samples, values, &sizes, keep_estimates, stop))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
     Ok((
         array1(py, fit.weights)?,
@@ -144,24 +138,6 @@ pub(super) fn slse<'py>(
         array1(py, fit.errors)?,
         array2(py, fit.estimates, kept, lines * length)?,
     ))
-}
-
-/// Uniform averages of prefixes: `(errors, estimates)`.
-#[pyfunction]
-pub(super) fn uniform_path<'py>(
-    py: Python<'py>,
-    draws: PyRef<'py, Draws>,
-    target: PyReadonlyArray2<'py, f64>,
-    sizes: &Bound<'py, PyList>,
-    keep_estimates: bool,
-) -> PyResult<(Array1<'py>, Array2<'py>)> {
-    let inner = draws.inner.clone();
-    let sizes = self::sizes(sizes, inner.size())?;
-    let values = self::target(&target, inner.law().values().len())?;
-    let cost = (inner.size() * inner.law().lines()) as f64 + 5.0 * (sizes.len() * values.len()) as f64;
-    let path = run(py, cost, |stop| fuse::uniform_path(&inner, values, &sizes, keep_estimates, stop))?;
-    let kept = if keep_estimates { sizes.len() } else { 0 };
-    Ok((array1(py, path.errors)?, array2(py, path.estimates, kept, values.len())?))
 }
 
 /// The closed form of prefixes: `(errors, gaps, relative_gaps, estimates)`.

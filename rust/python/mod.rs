@@ -60,7 +60,7 @@ mod _core {
         scenario_discarding, scenario_judged, scenario_relaxed, scenario_required,
     };
     #[pymodule_export]
-    use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, slse, uniform_path};
+    use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, fuse_path};
     #[pymodule_export]
     use super::horizon::PyHorizon;
     #[pymodule_export]

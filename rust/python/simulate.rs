@@ -7,9 +7,10 @@ use super::convert::{array1, array2, key, law, method, slice};
 use super::draws::scheme;
 use super::error::InputError;
 use super::run::run;
+use crate::fuse::Method;
 use crate::memory::try_copy;
 use crate::simulate::{
-    self, Average, ClosedLoop, Drawn, Ensemble, Estimate, Exact, Method, Model, Norm, Plans, Second, Systems,
+    self, Average, ClosedLoop, Drawn, Ensemble, Estimate, Exact, Model, Norm, Plans, Second, Systems,
 };
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;

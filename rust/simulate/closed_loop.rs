@@ -13,27 +13,13 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use super::model::add_product;
 use crate::Scheme;
 use crate::error::{Error, Result};
-use crate::fuse::{Settings, Status, Weights, alse, closed_form, slse, uniform};
+use crate::fuse::{Method, Samples, Settings, Status, Weights, alse, closed_form, uniform};
 use crate::memory::{checked_len, try_collect, try_copy, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::{Law, multinomial_counts, sample};
 use crate::stream::Key;
 
 const WHAT: &str = "the trajectories";
-
-/// Fusion of the realizations of one step into an estimate.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
-    /// Their average, from counts: the cost of a step does not depend on their number.
-    Uniform,
-    /// Accumulated least squares, fitted to the exact entity.
-    Alse,
-    /// Sequential least squares, fitted to the exact entity.
-    Slse {
-        /// Whether every step is followed by one towards the running average.
-        safeguard: bool,
-    },
-}
 
 /// A system that follows a reference.
 #[derive(Debug, Clone)]
@@ -199,7 +185,7 @@ impl ClosedLoop<'_> {
                 }
                 (fit.estimate, fit.status == Status::Optimal)
             }
-            Method::Slse { safeguard } => (slse(&draws()?, goal, safeguard, &[], false, stop)?.estimate, true),
+            other => (other.fuse(Samples::Drawn(&draws()?), goal, &[size], false, stop)?.estimate, true),
         })
     }
 }

@@ -22,7 +22,7 @@ mod systems;
 mod validation;
 mod words;
 
-pub use closed_loop::{ClosedLoop, Followed, Method};
+pub use closed_loop::{ClosedLoop, Followed};
 pub use mean_field::mean_field;
 pub use model::{Drawn, Model};
 pub use moments::{Ensemble, Second};

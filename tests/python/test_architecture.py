@@ -389,3 +389,13 @@ def test_a_sound_core_has_no_faults() -> None:
         "python/mod.rs": "use crate::fuse::{self, x};",
     }
     assert list(core_faults(Core(sound))) == []
+
+
+def test_the_files_that_the_page_for_contributors_names_are_there() -> None:
+    root = Path(__file__).parents[2]
+    text = (root / "CONTRIBUTING.md").read_text("utf-8")
+    named = set(re.findall(r"`([\w/]+/\w+\.(?:py|rs|rst|md|toml|ini))`", text))
+    rooms = (root, root / "python" / "stochens_rs", root / "rust")
+    assert len(named) > 50
+    missing = {name for name in named if not any((room / name).exists() for room in rooms)}
+    assert missing == {"docs/gallery/plot_NN_name.py"}

@@ -23,7 +23,6 @@ from stochens_rs import reference as twin
 
 Array = NDArray[np.float64]
 Exact = list[Fraction]
-SLSE = {"slse": twin.slse, "slse-safeguarded": twin.slse_safeguarded}
 
 
 class Result(NamedTuple):
@@ -37,11 +36,8 @@ class Twin:
 
     def dense(self, samples: Any, method: str, target: Any, weight_set: str = "simplex") -> Result:
         E = np.asarray(samples, dtype=float)
-        if method in SLSE:
-            path = SLSE[method](E, target)
-            return Result(path.estimate, path.weights, float(path.errors[-1]))
-        fused = twin.uniform(E, target) if method == "uniform" else None
-        fused = fused or twin.alse_dense(E, target, weight_set)
+        more = {"weight_set": weight_set} if method == "alse" else {}
+        fused = twin.fusing.METHODS[method](E, target, **more)
         return Result(fused.estimate, fused.weights, fused.error)
 
     def singleton(

@@ -425,7 +425,7 @@ REFUSED = {
     "sub-Gaussian": (lambda: se.identify(DATA, noise="sub-gaussian"), "`sigma` must be given for"),
     "bounded": (
         lambda: se.identify(DATA, noise="bounded", covariance=np.eye(2)),
-        "`sigma` must be the largest norm",
+        "`sigma` must be given for noise",
     ),
     "both": (
         lambda: fixed(sigma=1.0, covariance=np.eye(2)), "`sigma` and `covariance` must not be"

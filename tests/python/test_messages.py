@@ -10,6 +10,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from stochens_rs.fusion.fusing import METHODS
 from stochens_rs.paper.bounds import Lemma43
 from stochens_rs.theory import bounds, moments
 
@@ -98,15 +99,15 @@ def test_a_tuple_of_rows_is_a_matrix():
 
 def test_the_core_refuses_unknown_words():
     lines, draws = np.ascontiguousarray(A.T), ENSEMBLE._core_realizations()
-    words = "'uniform', 'alse', 'slse', 'slse-safeguarded'"
+    words = str(METHODS).strip("()")
     factors, key = (B, B, np.ones(3)), bytes(32)
     for word in ("", "SLSE", "slse-", "greedy"):
         message = f"`method` must be one of {words}, got '{word}'"
         with pytest.raises(InputError, match=message):
-            _core.slse(draws, lines, word, [20], False)
+            _core.fuse_path(draws, lines, word, [20], False)
         with pytest.raises(InputError, match=message):
             _core.track(lines, B, X0, U, factors, 5, word, True, False, 1, key, 1)
-    with pytest.raises(InputError, match="`method` must be 'slse' or 'slse-safeguarded', got 'al"):
-        _core.slse(draws, lines, "alse", [20], False)
+    with pytest.raises(InputError, match="`method` must be one without a solver, got 'alse'"):
+        _core.fuse_path(draws, lines, "alse", [20], False)
     with pytest.raises(InputError, match="`norm` must be '1', '2' or 'spectral', got 'F'"):
         _core.simulate_estimates(lines, 5, "iid", "F", 1, 1.0, key, 1)

@@ -31,15 +31,8 @@ from stochens_rs.studies.methods import STYLES
 def made(*, zeros=False, name="power"):
     """A small finished experiment with known curves; with `zeros`, ALSE ends at 0 exactly."""
     sizes = np.array([1, 10, 100, 1000])
-    rates = {
-        ("uniform", "diagonal"): 0.4,
-        ("uniform", "product"): 0.5,
-        ("slse", "product"): 0.8,
-        ("slse-safeguarded", "product"): 0.9,
-        ("alse", "product"): 1.2,
-    }
     curves = []
-    for (method, fusion), rate in rates.items():
+    for (method, fusion), rate in zip(STYLES, np.linspace(0.4, 1.2, len(STYLES)), strict=True):
         errors = np.array([0.8, 1.0, 1.3])[:, None] * sizes**-rate
         if zeros and method == "alse":
             errors[:, 2] = [0.0, 1e-16, 0.2]

@@ -20,7 +20,7 @@ from .swing import swing
 
 #: The examples that the command line knows by name. Each can be called without arguments. States:
 #: angles in rad, then as many speeds in rad/s.
-CASES: dict[str, Callable[..., System]] = {"ieee14": ieee14, "ieee39": ieee39}
+CASES: dict[str, Callable[..., System]] = {case.__name__: case for case in (ieee14, ieee39)}
 
 __all__ = [
     "CASES",

@@ -24,33 +24,31 @@ if TYPE_CHECKING:
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_OPTIONS = (
-    click.option(
-        "--limits",
-        metavar="LOW,HIGH",
-        multiple=True,
-        help="Of all inputs, or INPUT=LOW,HIGH; repeatable.",
-    ),
-    click.option("--rate", metavar="R", help="Largest change of an input in a step; one or each."),
-    click.option("--previous", metavar="U", help="The inputs applied now; required with --rate."),
-    click.option("--Q", "Q", metavar="W", help="Weight of the states, one or each; default: 0."),
-    click.option("--Qf", "Qf", metavar="W", help="Weight of the last state; default: --Q, or 1."),
-    click.option("--R", "R", metavar="W", help="Weight of the inputs; default: almost 0."),
-    click.option(
-        "--state-limits",
-        metavar="LOW,HIGH",
-        multiple=True,
-        help="As --limits, of the states; soft unless --hard.",
-    ),
-    click.option("--hard", is_flag=True, help="The limits of the states must hold."),
-)
-LIMIT_NAMES = ("limits", "rate", "previous", "Q", "Qf", "R", "state_limits", "hard")
+_OPTIONS: dict[str, dict[str, Any]] = {
+    "limits": {
+        "metavar": "LOW,HIGH",
+        "multiple": True,
+        "help": "Of all inputs, or INPUT=LOW,HIGH; repeatable.",
+    },
+    "rate": {"metavar": "R", "help": "Largest change of an input in a step; one or each."},
+    "previous": {"metavar": "U", "help": "The inputs applied now; required with --rate."},
+    "Q": {"metavar": "W", "help": "Weight of the states, one or each; default: 0."},
+    "Qf": {"metavar": "W", "help": "Weight of the last state; default: --Q, or 1."},
+    "R": {"metavar": "W", "help": "Weight of the inputs; default: almost 0."},
+    "state_limits": {
+        "metavar": "LOW,HIGH",
+        "multiple": True,
+        "help": "As --limits, of the states; soft unless --hard.",
+    },
+    "hard": {"is_flag": True, "help": "The limits of the states must hold."},
+}
+LIMIT_NAMES = tuple(_OPTIONS)
 
 
 def limit_options(command: F) -> F:
     """Add the options to a command."""
-    for option in reversed(_OPTIONS):
-        command = option(command)
+    for name, how in reversed(_OPTIONS.items()):
+        command = click.option(f"--{name.replace('_', '-')}", name, **how)(command)
     return command
 
 

@@ -75,7 +75,7 @@ _NAMES = re.compile(r"results\.json|report\.html|(claims|(power|tracking)-figure
     "--case",
     default="ieee14",
     metavar="NAME_OR_FILE",
-    help="System of the first experiment: ieee14, ieee39, or a file as for `control`.",
+    help=f"System of the first experiment: {', '.join(cases.CASES)}, or a file as for `control`.",
 )
 @workers_option
 @click.option("--resume", is_flag=True, help="Continue an unfinished run in DIR, if there is one.")

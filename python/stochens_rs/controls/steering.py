@@ -50,8 +50,8 @@ def steer(
         Number of realizations of each entity.
     steps : int, default 1
         Number of steps K.
-    method : {"uniform", "alse", "slse", "slse-safeguarded"}, default "uniform"
-        How to fuse; the least-squares methods fit to the exact entity, as in the paper's analysis.
+    method : str, default "uniform"
+        As in `fuse`; the least-squares methods fit to the exact entity, as in the paper's analysis.
     fusion : {"product", "diagonal"}, default "product"
         As in `control`; "diagonal" goes with one step and method "uniform" only.
     limits, cost

@@ -246,16 +246,15 @@ def fuse(
         if name != "uniform":
             raise InputError(f"`weights` and `variances` must be left out for method '{name}'")
         return weighted(given, goal, weights, variances)
-    if name == "uniform":
+    if goal is None or name == "uniform":
         estimate = given.mean()
         error = None if goal is None else numbers.norm(estimate - goal)
         w = np.full(given.size, 1.0 / given.size)
+    elif name == "alse":
+        return alse.solve(given, goal, options)
     else:
-        assert goal is not None
-        if name == "alse":
-            return alse.solve(given, goal, options)
-        lines, sizes = given._lines_of(goal), [given.size]
-        w, sums, errors, _ = _core.slse(given._core_realizations(), lines, name, sizes, False)
+        of_core = given._core_realizations(), given._lines_of(goal)
+        w, sums, errors, _ = _core.fuse_path(*of_core, name, [given.size], False)
         estimate, error = given._from_core(sums), float(errors[0])
     return Fit(
         estimate=estimate,

@@ -14,7 +14,7 @@ from ..ensembles.ensemble import Ensemble
 from . import alse
 from .alse import WeightSet
 from .fits import Path
-from .fusing import Method, checked_ensemble, checked_goal, fuse
+from .fusing import Method, checked_ensemble, checked_goal
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -66,9 +66,9 @@ def fuse_path(
 
     Notes
     -----
-    "uniform", "slse" and the closed form take one pass over the realizations. ALSE of matrices is
-    solved for every size, starting from the last solution where that is faster. "uniform" and
-    "alse" of dense ensembles are computed for every size separately.
+    All but ALSE of matrices and of dense ensembles take one pass over the realizations. ALSE of
+    matrices is solved for every size, starting from the last solution where that is faster; that of
+    dense ensembles is solved for every size separately.
 
     Examples
     --------
@@ -87,43 +87,35 @@ def fuse_path(
         # as the core returns them, transposed, and in the shape of the target
         memory.need("the estimates of a path", 3 * grid.size * goal.nbytes)
     counts: list[int] = grid.tolist()
-    draws, lines = ensemble._draws, ensemble._lines_of(goal)
-    gaps: Floats | None = None
+    draws, gaps = ensemble._draws, None
     completed: Status = "completed"
     statuses = (completed,) * grid.size
-    if name in ("slse", "slse-safeguarded"):
-        _, _, errors, stack = _core.slse(
-            ensemble._core_realizations(), lines, name, counts, estimates
+    if name != "alse":
+        _, _, errors, stack = _core.fuse_path(
+            ensemble._core_realizations(), ensemble._lines_of(goal), name, counts, estimates
         )
-    elif name == "uniform" and draws is not None:
-        errors, stack = _core.uniform_path(draws, lines, counts, estimates)
-    elif name == "alse" and draws is not None:
+    elif draws is not None:
         errors, gaps, statuses, stack = alse.path(ensemble, draws, goal, options, counts, estimates)
     else:
-        errors, gaps, statuses, stack = _one_by_one(ensemble, goal, name, options, counts)
+        errors, gaps, statuses, stack = _one_by_one(ensemble, goal, options, counts)
     kept = ensemble._stack_from_core(stack) if estimates else None
     return Path(grid, errors, name, statuses, gaps, kept)
 
 
 def _one_by_one(
-    ensemble: Ensemble, goal: Floats, method: Method, options: alse.AlseOptions, sizes: list[int]
-) -> tuple[Floats, Floats | None, tuple[Status, ...], Floats]:
-    """Fuse every prefix separately, all within one time limit."""
+    ensemble: Ensemble, goal: Floats, options: alse.AlseOptions, sizes: list[int]
+) -> tuple[Floats, Floats, tuple[Status, ...], Floats]:
+    """ALSE of every prefix separately, all within one time limit."""
     clock, interrupted = alse.Clock(options), False
     fits = []
     for k in sizes:
-        prefix = ensemble.prefix(k)
-        if method == "alse":
-            fit = alse.solve(prefix, goal, clock.left())
-            if interrupted and fit.status == "user_limit":
-                fit = replace(fit, status="interrupted")
-            elif fit.status == "interrupted":
-                interrupted = True
-                clock.end()
-            fits.append(fit)
-        else:
-            fits.append(fuse(prefix, method, target=goal))
-    errors = np.array([fit.error for fit in fits], dtype=np.float64)
-    gaps = np.array([fit.gap for fit in fits], dtype=np.float64) if method == "alse" else None
+        fit = alse.solve(ensemble.prefix(k), goal, clock.left())
+        if interrupted and fit.status == "user_limit":
+            fit = replace(fit, status="interrupted")
+        elif fit.status == "interrupted":
+            interrupted = True
+            clock.end()
+        fits.append(fit)
+    errors, gaps = (np.array([getattr(fit, name) for fit in fits]) for name in ("error", "gap"))
     stack = np.stack([fit.estimate.ravel() for fit in fits])
     return errors, gaps, tuple(fit.status for fit in fits), stack

@@ -25,6 +25,8 @@ Covariance: TypeAlias = Literal["full", "diagonal", "scalar", "known"]
 
 DESIGNS: tuple[Design, ...] = get_args(Design)
 NOISES: tuple[Noise, ...] = get_args(Noise)
+#: What `sigma` is for the laws that need it.
+SIZES: dict[Noise, str] = {"sub-gaussian": "", "bounded": ", the largest norm of the noise"}
 SMALLEST, LARGEST = 1e-100, 1e100  # of sizes that are squared
 COVARIANCES: tuple[Covariance, ...] = get_args(Covariance)
 
@@ -64,7 +66,7 @@ class Assumptions(Record):
             raise InputError("`known` must be the covariance where it is known, and only there")
         if self.known is not None:
             _require_covariance("known", self.known)
-        if self.known is None and self.noise in ("sub-gaussian", "bounded"):
+        if self.known is None and self.noise in SIZES:
             raise InputError(f"`known` must be given for noise='{self.noise}'")
         if self.noise == "symmetric" and self.covariance != "full":
             raise InputError("noise='symmetric' uses no `known` and no `covariance`")
@@ -121,13 +123,8 @@ def checked_assumptions(
         word = validation.choice("covariance", covariance, COVARIANCES[:-1])
     else:
         known = _positive_definite("covariance", covariance, n, semi=singular)
-    if law in ("sub-gaussian", "bounded") and known is None:
-        raise InputError(
-            f"`sigma` must be given for noise='{law}'"
-            + (", the largest norm of the noise" if law == "bounded" else "")
-        )
-    if law == "bounded" and sigma is None:
-        raise InputError("`sigma` must be the largest norm of the noise for noise='bounded'")
+    if law in SIZES and (known is None or (SIZES[law] and sigma is None)):
+        raise InputError(f"`sigma` must be given for noise='{law}'{SIZES[law]}")
     if law == "symmetric" and (known is not None or word != "full"):
         raise InputError("noise='symmetric' uses no `covariance` and no `sigma`: leave them out")
     without = checked_exact(exact, names)

@@ -7,6 +7,7 @@ Samples are dense here, (N, n) or (N, n, m); `alse_singleton` alone takes indice
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +31,11 @@ class Greedy(NamedTuple):
     estimate: Array
     weights: Array
     errors: Array
+
+    @property
+    def error(self) -> float:
+        """The last error."""
+        return float(self.errors[-1])
 
 
 def _norm(x: Array) -> float:
@@ -215,6 +221,15 @@ def slse_safeguarded(samples: ArrayLike, target: ArrayLike) -> Greedy:
     return _greedy(samples, target, safeguard=True)
 
 
+#: All methods by their names in the package, each a function of samples and target.
+METHODS: dict[str, Callable[..., Fused | Greedy]] = {
+    "uniform": uniform,
+    "alse": alse_dense,
+    "slse": slse,
+    "slse-safeguarded": slse_safeguarded,
+}
+
+
 def fuse_path(
     samples: ArrayLike,
     sizes: ArrayLike,
@@ -224,10 +239,5 @@ def fuse_path(
     weight_set: str = "simplex",
 ) -> Array:
     """The error after the first k samples, for each k in `sizes`."""
-    E, ks = np.asarray(samples, dtype=np.float64), np.asarray(sizes, dtype=np.int64)
-    if method == "uniform":
-        return np.array([uniform(E[:k], target).error for k in ks])
-    if method == "alse":
-        return np.array([alse_dense(E[:k], target, weight_set).error for k in ks])
-    greedy = {"slse": slse, "slse-safeguarded": slse_safeguarded}[method]
-    return greedy(E[: ks.max()], target).errors[ks - 1]
+    E, more = np.asarray(samples), {"weight_set": weight_set} if method == "alse" else {}
+    return np.array([METHODS[method](E[:k], target, **more).error for k in np.asarray(sizes)])

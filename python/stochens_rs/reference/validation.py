@@ -120,16 +120,12 @@ def _problem(se: Any, gen: np.random.Generator, case: int) -> list[Compared]:
 def _weights(se: Any, drawn: Any, dense: NDArray[Any], target: NDArray[Any]) -> list[Compared]:
     """The estimates of each method; for ALSE the squared error, whose minimiser need not be one."""
     unit = float(np.sum(target**2))
-    uniform = fusing.uniform(dense, target)
-    least = fusing.alse_dense(dense, target)
-    alse = se.fuse(drawn, "alse", target=target).error ** 2 / unit
-    compared: list[Compared] = [
-        ("uniform average", se.fuse(drawn).estimate, uniform.estimate, _ROUNDING),
-        # + 1: differences relative to ||E*||^2, not to an error that may be 0
-        ("ALSE, squared error", alse + 1.0, least.error**2 / unit + 1.0, _TOLERANCE),
-    ]
-    for method, own in (("slse", fusing.slse), ("slse-safeguarded", fusing.slse_safeguarded)):
-        estimate = se.fuse(drawn, method, target=target).estimate
-        expected = own(dense, target).estimate
-        compared.append((f"{method} estimate", estimate, expected, _ROUNDING))
+    compared: list[Compared] = []
+    for method, own in fusing.METHODS.items():
+        fit, expected = se.fuse(drawn, method, target=target), own(dense, target)
+        if method == "alse":  # + 1: differences relative to ||E*||^2, not to an error that may be 0
+            got, wanted = (one.error**2 / unit + 1.0 for one in (fit, expected))
+            compared.append(("alse, squared error", got, wanted, _TOLERANCE))
+        else:
+            compared.append((f"{method} estimate", fit.estimate, expected.estimate, _ROUNDING))
     return compared

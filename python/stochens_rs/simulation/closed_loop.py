@@ -202,8 +202,8 @@ def track(
         realizations each and product fusion.
     x0 : array_like, shape (n,), optional
         The initial state; ``r(0)`` by default.
-    method : {"uniform", "alse", "slse", "slse-safeguarded"}, default "uniform"
-        How to fuse; the least-squares methods fit to the exact entity, as in the paper's analysis.
+    method : str, default "uniform"
+        As in `fuse`; the least-squares methods fit to the exact entity, as in the paper's analysis.
         "uniform" draws counts instead of realizations: O(n^2) a step for every `size`.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness. Run i draws from the child "replicate-i" (i = 0 without `runs`), its

@@ -6,10 +6,10 @@ use crate::limits::bounds::Bounds;
 use crate::limits::linear::{form, least_eigenvalue, norm, product, singular_values};
 use crate::limits::quadratic::{Status, Until};
 use crate::limits::riccati::{Steps, horizon_control};
-use crate::limits::rows::{Rows, RowsSolution, rows_control};
+use crate::limits::rows::{KINDS, Rows, RowsSolution, rows_control};
 use crate::limits::solve::{Solution, box_control};
 use crate::limits::solver::Solver;
-use crate::memory::{checked_len, try_copy, try_extend, try_filled, try_zeros};
+use crate::memory::{try_copy, try_extend, try_filled, try_zeros};
 use crate::parallel::Stop;
 
 /// Relative rounding of a value beside its limit.
@@ -47,6 +47,12 @@ impl Horizon {
         Ok(value)
     }
 
+    /// How many limits there are of each kind, and in each step.
+    fn kinds(&self) -> [(usize, usize); KINDS] {
+        let count = |there, width| (if there { self.steps * width } else { 0 }, width);
+        [count(true, self.m), count(self.task.rate.is_some(), self.m), count(self.task.states.is_some(), self.n)]
+    }
+
     /// The best inputs from `x0` within the limits, or with `free` without them, begun at the limits that `warm` names.
     ///
     /// # Errors
@@ -57,7 +63,7 @@ impl Horizon {
         let none = if free { Some((try_filled(WHAT, sides[0], d)?, try_filled(WHAT, sides[1], d)?)) } else { None };
         let (low, high) = none.as_ref().map_or((&self.task.low, &self.task.high), |(low, high)| (low, high));
         let bounds = Bounds::new(low, high, d)?;
-        let boxed = |found| RowsSolution { found, rates: Vec::new(), states: Vec::new(), missing: 0.0, excess: 0.0 };
+        let boxed = |found| RowsSolution { found, rows: Default::default(), missing: 0.0, excess: 0.0 };
         if !self.long() && (free || self.boxed()) {
             let (y, cost) = (self.aim(x0)?, self.cost()?);
             return box_control(self.map()?, &y, Self::penalty(&cost), bounds, warm, until).map(boxed);
@@ -197,10 +203,8 @@ impl Loop {
         }
         let found = self.horizon.best(x, false, self.later()?.as_deref(), until)?;
         let mut warm = try_copy(WHAT, &found.found.active)?;
-        for signs in [&found.rates, &found.states] {
-            let sign = |v: &f64| if *v == 0.0 { 0 } else { v.signum() as i8 };
-            try_extend(WHAT, &mut warm, signs.iter().map(sign))?;
-        }
+        let sign = |v: &f64| if *v == 0.0 { 0 } else { v.signum() as i8 };
+        try_extend(WHAT, &mut warm, found.rows.iter().flatten().map(sign))?;
         self.warm = Some(warm);
         Ok(found.found)
     }
@@ -209,12 +213,11 @@ impl Loop {
     fn later(&self) -> Result<Option<Vec<i8>>> {
         let Some(warm) = &self.warm else { return Ok(None) };
         let mut warm = try_copy(WHAT, warm)?;
-        let (inputs, task) = (self.horizon.steps * self.horizon.m, &self.horizon.task);
-        let rates = inputs * (1 + usize::from(task.rate.is_some()));
-        let (of_inputs, others) = warm.split_at_mut(inputs);
-        let (of_rates, of_states) = others.split_at_mut(rates - inputs);
-        for (kind, width) in [(of_inputs, self.horizon.m), (of_rates, self.horizon.m), (of_states, self.horizon.n)] {
-            kind.copy_within(width.min(kind.len()).., 0);
+        let mut rest = &mut warm[..];
+        for (len, width) in self.horizon.kinds() {
+            let (kind, others) = rest.split_at_mut(len);
+            kind.copy_within(width.min(len).., 0);
+            rest = others;
         }
         Ok(Some(warm))
     }
@@ -232,9 +235,7 @@ impl Loop {
         if let Some(solver) = &mut self.solver {
             return solver.resume(warm);
         }
-        let (task, inputs) = (&self.horizon.task, checked_len(WHAT, self.horizon.steps, self.horizon.m)?);
-        let states = task.states.as_ref().map_or(0, |(low, _)| low.len());
-        let len = inputs * (1 + usize::from(task.rate.is_some())) + states;
+        let len = self.horizon.kinds().iter().map(|(len, _)| len).sum::<usize>();
         match warm {
             Some(warm) if warm.len() != len => {
                 let found = format!("{} entries", warm.len());

@@ -11,6 +11,7 @@ use crate::memory::{try_copy, try_filled, try_push, try_zeros};
 /// among them ends early; beyond the second number to the certificate.
 pub(super) const FAR: [f64; 2] = [1e3, 1e12];
 
+/// What a limit is for, in the order of all lists of limits.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(super) enum Kind {
     Input,
@@ -18,55 +19,16 @@ pub(super) enum Kind {
     State,
 }
 
+pub const KINDS: usize = 3;
+
 /// A row of a program: the kind and entry of its limit, 1 at the upper and -1 at the lower side, 0 where both are equal.
 pub(super) type Row = (Kind, usize, i8);
 
-/// Multipliers, `>= 0` at the upper side and `<= 0` at the lower; `J' + inputs + D' rates + G' states = 0` at the minimum.
-pub(super) struct Multipliers {
-    pub(super) inputs: Vec<f64>,
-    pub(super) rates: Vec<f64>,
-    pub(super) states: Vec<f64>,
-}
+/// By kind, `>= 0` at the upper side and `<= 0` at the lower; `J' + inputs + D' rates + G' states = 0` at the minimum.
+pub(super) type Multipliers = [Vec<f64>; KINDS];
 
-/// The limits that hold with equality; soft ones: that are exceeded.
-pub(super) struct Held {
-    pub(super) inputs: Vec<i8>,
-    pub(super) rates: Vec<i8>,
-    pub(super) states: Vec<i8>,
-}
-
-impl Multipliers {
-    pub(super) fn zeros(task: &Task<'_>) -> Result<Self> {
-        let of_inputs = || try_zeros(WHAT, task.steps * task.m);
-        let rates = if task.rate.is_some() { of_inputs()? } else { Vec::new() };
-        Ok(Self { inputs: of_inputs()?, rates, states: try_zeros(WHAT, task.low.len())? })
-    }
-
-    pub(super) fn of(&mut self, kind: Kind) -> &mut [f64] {
-        match kind {
-            Kind::Input => &mut self.inputs,
-            Kind::Rate => &mut self.rates,
-            Kind::State => &mut self.states,
-        }
-    }
-}
-
-impl Held {
-    pub(super) fn none(task: &Task<'_>) -> Result<Self> {
-        let of_inputs = |len| try_filled(WHAT, 0, len);
-        let d = task.steps * task.m;
-        let rates = of_inputs(if task.rate.is_some() { d } else { 0 })?;
-        Ok(Self { inputs: of_inputs(d)?, rates, states: of_inputs(task.low.len())? })
-    }
-
-    pub(super) fn of(&mut self, kind: Kind) -> &mut [i8] {
-        match kind {
-            Kind::Input => &mut self.inputs,
-            Kind::Rate => &mut self.rates,
-            Kind::State => &mut self.states,
-        }
-    }
-}
+/// By kind, 1 and -1 for limits that hold with equality at the upper and lower side; soft ones: that are exceeded.
+pub(super) type Held = [Vec<i8>; KINDS];
 
 /// What a program looks for.
 #[derive(Clone, Copy, PartialEq, Eq)]
@@ -77,6 +39,15 @@ pub(super) enum Aim {
 }
 
 impl Task<'_> {
+    /// A number for each limit, by kind.
+    pub(super) fn zeros<T: Copy + Default>(&self) -> Result<[Vec<T>; KINDS]> {
+        let mut all: [Vec<T>; KINDS] = Default::default();
+        for (kind, len) in self.kinds() {
+            all[kind as usize] = try_filled(WHAT, T::default(), len)?;
+        }
+        Ok(all)
+    }
+
     pub(super) fn limits(&self, kind: Kind, i: usize) -> (f64, f64) {
         match (kind, self.rate) {
             (Kind::Input, _) => (self.bounds().low[i], self.bounds().high[i]),
@@ -86,20 +57,40 @@ impl Task<'_> {
         }
     }
 
-    /// What the limits of a kind are for.
+    /// The row of a limit: places among inputs and states, and their factors.
+    pub(super) fn row(&self, kind: Kind, i: usize) -> impl Iterator<Item = (usize, f64)> + use<> {
+        let at = if kind == Kind::State { self.steps * self.m + i } else { i };
+        let before = (kind == Kind::Rate && i >= self.m).then(|| (i - self.m, -1.0));
+        std::iter::once((at, 1.0)).chain(before)
+    }
+
+    /// What a row is compared with besides its limits: `u(-1)`.
+    fn start(&self, kind: Kind, i: usize) -> f64 {
+        if kind == Kind::Rate && i < self.m { self.before(&[], i) } else { 0.0 }
+    }
+
+    /// What a limit is for.
     pub(super) fn value(&self, kind: Kind, i: usize, u: &[f64], x: &[f64]) -> f64 {
-        match kind {
-            Kind::Input => u[i],
-            Kind::State => x[i],
-            Kind::Rate => u[i] - self.before(u, i),
+        let entry = |(at, factor)| factor * u.get(at).unwrap_or_else(|| &x[at - u.len()]);
+        self.row(kind, i).map(entry).sum::<f64>() - self.start(kind, i)
+    }
+
+    /// `g += C' v` of the rows `C` of inputs.
+    pub(super) fn pull_rows(&self, v: &Multipliers, g: &mut [f64]) {
+        for (kind, _) in self.kinds().into_iter().filter(|(kind, _)| !matches!(kind, Kind::Input | Kind::State)) {
+            for (i, v) in v[kind as usize].iter().enumerate() {
+                self.row(kind, i).for_each(|(at, factor)| g[at] += factor * v);
+            }
         }
     }
 
+    /// The size of what a limit is for.
     pub(super) fn unit(&self, kind: Kind, i: usize) -> f64 {
         if kind == Kind::State { self.size.0 } else { self.size.1[i % self.m] }
     }
 
-    pub(super) fn kinds(&self) -> [(Kind, usize); 3] {
+    /// All kinds, and how many limits each has.
+    pub(super) fn kinds(&self) -> [(Kind, usize); KINDS] {
         let d = self.steps * self.m;
         let changes = if self.rate.is_some() { d } else { 0 };
         [(Kind::Input, d), (Kind::Rate, changes), (Kind::State, self.low.len())]
@@ -171,16 +162,15 @@ impl Task<'_> {
         amount: Option<usize>,
         equal: bool,
     ) -> Result<()> {
-        let sign = if side < 0 { -1.0 } else { 1.0 };
-        let at = if kind == Kind::State { self.steps * self.m + i } else { i };
-        let row = to.right.len();
-        if kind == Kind::Rate && i >= self.m {
-            to.entry(row, i - self.m, -sign)?;
+        let (sign, row, d) = (if side < 0 { -1.0 } else { 1.0 }, to.right.len(), self.steps * self.m);
+        for (at, factor) in self.row(kind, i) {
+            let unit = if at < d { self.size.1[at % self.m] } else { self.size.0 };
+            to.entry(row, at, sign * factor * unit / self.unit(kind, i))?;
         }
         if let Some(amount) = amount {
             to.entry(row, amount, -1.0)?;
         }
-        to.row(&[(at, sign)], right / self.unit(kind, i), equal)
+        to.row(&[], right / self.unit(kind, i), equal)
     }
 
     /// The whole problem but for limits beyond `far`, and the rows after those of the steps.
@@ -215,10 +205,7 @@ impl Task<'_> {
         let mut amount = variables;
         for (number, &(kind, i, side)) in rows.iter().enumerate() {
             let (low, high) = self.limits(kind, i);
-            let mut right = if side < 0 { -low } else { high };
-            if kind == Kind::Rate && i < self.m {
-                right += f64::from(side) * self.before(&[], i);
-            }
+            let right = if side < 0 { -low } else { high } + f64::from(side) * self.start(kind, i);
             let exceeded = (kind == Kind::State && more > 0).then_some(amount);
             self.limit(&mut program, (kind, i, side), right, exceeded, number < equal)?;
             if let (Some(soft), Some(at)) = (soft, exceeded) {
@@ -253,14 +240,14 @@ impl Task<'_> {
     pub(super) fn read(&self, point: &Point, rows: &[Row], aim: Aim) -> Result<(Vec<f64>, Multipliers, Held)> {
         let mut u = try_zeros(WHAT, self.steps * self.m)?;
         u.iter_mut().zip(&point.z).enumerate().for_each(|(i, (u, z))| *u = z * self.unit(Kind::Input, i));
-        let (mut found, mut held) = (Multipliers::zeros(self)?, Held::none(self)?);
+        let (mut found, mut held) = (self.zeros()?, self.zeros()?);
         let scale = if aim == Aim::Least { self.size.0 } else { self.scale() };
         let skipped = self.steps * self.n;
         for (&(kind, i, side), (z, s)) in rows.iter().zip(point.multipliers.iter().zip(&point.slacks).skip(skipped)) {
             let sign = if side < 0 { -1.0 } else { 1.0 };
-            found.of(kind)[i] += sign * z * scale / self.unit(kind, i);
+            found[kind as usize][i] += sign * z * scale / self.unit(kind, i);
             if side == 0 || z > s {
-                held.of(kind)[i] = if side == 0 { 1 } else { side };
+                held[kind as usize][i] = if side == 0 { 1 } else { side };
             }
         }
         Ok((u, found, held))
@@ -270,15 +257,14 @@ impl Task<'_> {
     /// multipliers. The rows after those of the steps, and the unit of the solution; none if nothing is left to do.
     pub(super) fn face(
         &self,
-        held: &mut Held,
+        held: &Held,
         (u, x): (&[f64], &[f64]),
         g: &[f64],
     ) -> Result<Option<(Program, Vec<Row>, f64)>> {
         let mut program = self.program(0, true, false)?;
         let (mut rows, d): (Vec<Row>, _) = (Vec::new(), self.steps * self.m);
-        for (kind, len) in self.kinds() {
-            for i in 0..len {
-                let side = held.of(kind)[i];
+        for (kind, _) in self.kinds() {
+            for (i, &side) in held[kind as usize].iter().enumerate() {
                 if side == 0 {
                     continue;
                 }

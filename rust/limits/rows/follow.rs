@@ -32,7 +32,7 @@ struct Face {
 impl Task<'_> {
     /// The held limits that `signs` names: inputs, then rates, then states, each step by step.
     pub(super) fn held(&self, signs: &[i8]) -> Result<Held> {
-        let mut held = Held::none(self)?;
+        let mut held = self.zeros()?;
         let mut rest = signs;
         for (kind, len) in self.kinds() {
             let (own, others) = rest.split_at(len.min(rest.len()));
@@ -40,54 +40,51 @@ impl Task<'_> {
             for (i, side) in own.iter().enumerate() {
                 let (low, high) = self.limits(kind, i);
                 let there = if *side < 0 { low } else { high };
-                held.of(kind)[i] = if *side != 0 && there.is_finite() { side.signum() } else { 0 };
+                held[kind as usize][i] = if *side != 0 && there.is_finite() { side.signum() } else { 0 };
             }
-            (0..len).filter(|&i| self.fixed(kind, i)).for_each(|i| held.of(kind)[i] = 1);
+            (0..len).filter(|&i| self.fixed(kind, i)).for_each(|i| held[kind as usize][i] = 1);
         }
         Ok(held)
     }
 
     /// Inputs at the limits that are held.
     fn hold(&self, held: &Held, u: &mut [f64]) {
-        for (i, u) in u.iter_mut().enumerate().filter(|(i, _)| held.inputs[*i] != 0) {
-            *u = if held.inputs[i] < 0 { self.bounds().low[i] } else { self.bounds().high[i] };
+        for (i, u) in u.iter_mut().enumerate().filter(|(i, _)| held[Kind::Input as usize][*i] != 0) {
+            *u = if held[Kind::Input as usize][i] < 0 { self.bounds().low[i] } else { self.bounds().high[i] };
         }
     }
 
-    /// `c` with `c'u = u(k) - u(k-1)`, or the state, of entry `i`.
-    fn row(&self, kind: Kind, i: usize, c: &mut [f64]) -> Result<()> {
+    /// The row of a limit as one of the inputs alone.
+    fn of_inputs(&self, kind: Kind, i: usize, c: &mut [f64]) -> Result<()> {
         if kind == Kind::State {
             let mut w = try_zeros(WHAT, self.steps * self.n)?;
             w[i] = 1.0;
             return self.pull(&w, c);
         }
-        c[i] = 1.0;
-        if i >= self.m {
-            c[i - self.m] = -1.0;
-        }
+        self.row(kind, i).for_each(|(at, factor)| c[at] = factor);
         Ok(())
     }
 }
 
 impl Face {
     /// None where there are too many rows or `H_FF` is singular to rounding.
-    fn new(search: &mut Search<'_, '_>, held: &mut Held, until: Until<'_>) -> Result<Option<Self>> {
+    fn new(search: &mut Search<'_, '_>, held: &Held, until: Until<'_>) -> Result<Option<Self>> {
         let (task, d) = (search.task, search.fixed.len());
         let mut rows = Vec::new();
         for (kind, len) in task.kinds().into_iter().skip(1) {
-            for i in (0..len).filter(|&i| held.of(kind)[i] != 0) {
+            for i in (0..len).filter(|&i| held[kind as usize][i] != 0) {
                 try_push(WHAT, &mut rows, (kind, i))?;
             }
         }
         search.iterations += 1;
-        if rows.len() > MOST || !search.q.face(&held.inputs, &mut try_zeros(WHAT, d)?, until)? {
+        if rows.len() > MOST || !search.q.face(&held[Kind::Input as usize], &mut try_zeros(WHAT, d)?, until)? {
             return Ok(None);
         }
         let p = rows.len();
         let mut c = try_zeros(WHAT, checked_len(WHAT, p, d)?)?;
         let mut matrix = try_zeros(WHAT, checked_len(WHAT, p, p)?)?;
         for (&(kind, i), c) in rows.iter().zip(c.chunks_exact_mut(d)) {
-            task.row(kind, i, c)?;
+            task.of_inputs(kind, i, c)?;
         }
         let mut solved = try_copy(WHAT, &c)?;
         for (r, solved) in solved.chunks_exact_mut(d).enumerate() {
@@ -159,7 +156,7 @@ impl Face {
     fn step(
         &self,
         search: &mut Search<'_, '_>,
-        held: &mut Held,
+        held: &Held,
         (u, x, g): (&mut [f64], &[f64], &mut [f64]),
         multipliers: &mut Multipliers,
     ) -> Result<()> {
@@ -172,7 +169,7 @@ impl Face {
                 0.0
             } else {
                 let (low, high) = task.limits(kind, i);
-                (if held.of(kind)[i] < 0 { low } else { high }) - task.value(kind, i, u, x)
+                (if held[kind as usize][i] < 0 { low } else { high }) - task.value(kind, i, u, x)
             };
             *to = -missing - 0.5 * dot(c, g);
         }
@@ -181,7 +178,7 @@ impl Face {
         for ((solved, change), &(kind, i)) in self.solved.chunks_exact(d).zip(&change).zip(&self.rows) {
             u.iter_mut().zip(solved).for_each(|(u, v)| *u -= 0.5 * change * v);
             if kind != Kind::State || task.soft.is_none() {
-                multipliers.of(kind)[i] += change;
+                multipliers[kind as usize][i] += change;
             }
         }
         Ok(())
@@ -192,7 +189,7 @@ impl Search<'_, '_> {
     /// Exchanges limits from those that are held on, until the control is judged good, or there is no hope of it.
     pub(super) fn follow(&mut self, held: &mut Held, until: Until<'_>) -> Result<Option<Status>> {
         let task = self.task;
-        let (mut u, mut multipliers) = (try_zeros(WHAT, self.fixed.len())?, Multipliers::zeros(task)?);
+        let (mut u, mut multipliers) = (try_zeros(WHAT, self.fixed.len())?, task.zeros()?);
         let mut x = try_zeros(WHAT, task.steps * task.n)?;
         for _ in 0..SETS {
             if let Some(early) = until.reached() {
@@ -210,10 +207,10 @@ impl Search<'_, '_> {
                 }
                 task.roll(&u, &mut x);
                 // the multipliers of held inputs: what is left of the gradient there
-                multipliers.inputs.fill(0.0);
+                multipliers[Kind::Input as usize].fill(0.0);
                 let left = task.residual(&u, &x, &multipliers, held)?;
-                for (i, v) in left.iter().enumerate().filter(|(i, _)| held.inputs[*i] != 0) {
-                    multipliers.inputs[i] = -v;
+                for (i, v) in left.iter().enumerate().filter(|(i, _)| held[Kind::Input as usize][*i] != 0) {
+                    multipliers[Kind::Input as usize][i] = -v;
                 }
                 changed = task.exchange(&u, &x, &mut multipliers, held);
                 if changed {

@@ -19,17 +19,17 @@ impl Search<'_, '_> {
         let point = program.solve(until)?;
         self.iterations += point.iterations;
         let (mut u, mut found, _) = task.read(&point, &rows, Aim::Least)?;
-        if u.iter().chain(&found.states).chain(&found.rates).any(|v| !v.is_finite()) {
+        if u.iter().chain(found[1..].iter().flatten()).any(|v| !v.is_finite()) {
             return Err(Error::Numerical("no control with the least excess".into()));
         }
         task.clip(&mut u);
         let (mut x, mut g) = (try_zeros(WHAT, task.steps * task.n)?, try_zeros(WHAT, u.len())?);
         task.roll(&u, &mut x);
-        let sum: f64 = found.states.iter().map(|v| v.abs()).sum();
+        let sum: f64 = found[Kind::State as usize].iter().map(|v| v.abs()).sum();
         let mut least = 0.0;
-        for (kind, len) in task.kinds().into_iter().skip(1) {
-            for i in 0..len {
-                let ((low, high), v) = (task.limits(kind, i), &mut found.of(kind)[i]);
+        for (kind, _) in task.kinds().into_iter().skip(1) {
+            for (i, v) in found[kind as usize].iter_mut().enumerate() {
+                let (low, high) = task.limits(kind, i);
                 *v /= sum.max(f64::MIN_POSITIVE);
                 let limit = if *v > 0.0 { high } else { low };
                 if limit.is_finite() {
@@ -39,8 +39,8 @@ impl Search<'_, '_> {
                 }
             }
         }
-        task.pull(&found.states, &mut g)?;
-        task.pull_changes(&found.rates, &mut g);
+        task.pull(&found[Kind::State as usize], &mut g)?;
+        task.pull_rows(&found, &mut g);
         let most = u.iter().enumerate().fold(1.0f64, |most, (i, u)| most.max(u.abs() / task.unit(Kind::Input, i)));
         for (i, (u, g)) in u.iter().zip(&g).enumerate() {
             let large = LARGE * most * task.unit(Kind::Input, i);

@@ -18,9 +18,10 @@ mod task;
 #[cfg(test)]
 mod tests;
 
+pub use assembly::KINDS;
 pub use task::Rows;
 
-use assembly::{Aim, FAR, Multipliers, Row};
+use assembly::{Aim, FAR, Kind, Row};
 use program::Program;
 use search::{GOOD, KEPT, Search};
 use task::{Task, WHAT};
@@ -40,10 +41,9 @@ const ROOM: f64 = 1e-7;
 pub struct RowsSolution {
     /// The control, and its certificate; of limits that cannot be met: with these wider by `missing`.
     pub found: Solution,
-    /// Multipliers (K m) of `u(k) - u(k-1)`: above 0 at `rate`, below at `-rate`. Empty without rates.
-    pub rates: Vec<f64>,
-    /// Multipliers (K, n) of the states: above 0 at the upper limit, below at the lower. Empty without limits on states.
-    pub states: Vec<f64>,
+    /// Nothing, and multipliers of `u(k) - u(k-1)` (K m) and of the states (K, n), above 0 at the upper limit, below at the
+    /// lower; empty without such limits.
+    pub rows: [Vec<f64>; KINDS],
     /// The least largest excess of limits on states that cannot be met; 0 if they can.
     pub missing: f64,
     /// The largest excess of a limit on states by the control.
@@ -81,7 +81,7 @@ impl Search<'_, '_> {
         if point.timed_out {
             return Ok(Some(Status::Limit));
         }
-        if u.iter().chain(&multipliers.inputs).any(|v| !v.is_finite()) {
+        if u.iter().chain(&multipliers[Kind::Input as usize]).any(|v| !v.is_finite()) {
             return Ok(None);
         }
         self.polish(u, multipliers, held, until)
@@ -110,7 +110,7 @@ pub fn rows_control(
 ) -> Result<RowsSolution> {
     let mut q = Riccati::new(horizon)?;
     let task = Task::new(*horizon, bounds, rows)?;
-    let none = Multipliers::zeros(&task)?;
+    let none = task.zeros()?;
     let mut search = Search::new(&task, &mut q)?;
     let mut early = None;
     if let Some(warm) = warm {
@@ -119,7 +119,7 @@ pub fn rows_control(
         early = or_ended(search.follow(&mut held, until), until)?;
     }
     if search.best.as_ref().is_none_or(|best| best.merit > GOOD) {
-        search.verify(&none.inputs, &none, Method::Interior, until)?;
+        search.verify(&none[Kind::Input as usize], &none, Method::Interior, until)?;
         if early.is_none() {
             early = search.try_run(until)?;
         }
@@ -164,5 +164,5 @@ pub fn rows_control(
     if widened.is_some() {
         found.status = early.unwrap_or(Status::Infeasible);
     }
-    Ok(RowsSolution { found, rates: best.rows.rates, states: best.rows.states, missing, excess })
+    Ok(RowsSolution { found, rows: best.rows, missing, excess })
 }

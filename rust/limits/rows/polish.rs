@@ -52,17 +52,17 @@ impl Task<'_> {
         self.weigh(&e, &mut w);
         for (i, w) in w.iter_mut().enumerate() {
             *w *= 2.0;
-            match (self.soft, held.states.get(i)) {
-                (None, Some(_)) => *w += multipliers.states[i],
+            match (self.soft, held[Kind::State as usize].get(i)) {
+                (None, Some(_)) => *w += multipliers[Kind::State as usize][i],
                 (Some(soft), Some(side @ (1 | -1))) => {
                     *w += 2.0 * soft * (x[i] - if *side < 0 { self.low[i] } else { self.high[i] });
                 }
                 _ => {}
             }
         }
-        let mut g = crate::memory::try_copy(WHAT, &multipliers.inputs)?;
+        let mut g = crate::memory::try_copy(WHAT, &multipliers[Kind::Input as usize])?;
         self.pull(&w, &mut g)?;
-        self.pull_changes(&multipliers.rates, &mut g);
+        self.pull_rows(multipliers, &mut g);
         self.add_of_inputs(u, 2.0, &mut g);
         Ok(g)
     }
@@ -72,25 +72,25 @@ impl Task<'_> {
         let mut changed = false;
         for (kind, len) in self.kinds() {
             let soft = kind == Kind::State && self.soft.is_some();
-            let found = multipliers.of(kind);
+            let found = &multipliers[kind as usize];
             let most = found.iter().enumerate().fold(0.0f64, |most, (i, v)| most.max(v.abs() * self.unit(kind, i)));
             for i in (0..len).filter(|&i| !self.fixed(kind, i)) {
                 let ((low, high), value) = (self.limits(kind, i), self.value(kind, i, u, x));
                 let rounding = ROUNDING * self.unit(kind, i).max(value.abs());
-                let side = held.of(kind)[i];
+                let side = held[kind as usize][i];
                 let broken = i8::from(value > high + rounding) - i8::from(value < low - rounding);
                 let now = if soft || side == 0 {
                     broken
-                } else if multipliers.of(kind)[i] * f64::from(side) * self.unit(kind, i) < -ROUNDING * most {
+                } else if multipliers[kind as usize][i] * f64::from(side) * self.unit(kind, i) < -ROUNDING * most {
                     0
                 } else {
                     side
                 };
                 if now == 0 {
-                    multipliers.of(kind)[i] = 0.0;
+                    multipliers[kind as usize][i] = 0.0;
                 }
                 changed |= now != side;
-                held.of(kind)[i] = now;
+                held[kind as usize][i] = now;
             }
         }
         changed
@@ -108,7 +108,7 @@ impl Search<'_, '_> {
         let task = self.task;
         let mut x = try_zeros(WHAT, task.steps * task.n)?;
         for (kind, len) in task.kinds() {
-            (0..len).filter(|&i| held.of(kind)[i] == 0).for_each(|i| multipliers.of(kind)[i] = 0.0);
+            (0..len).filter(|&i| held[kind as usize][i] == 0).for_each(|i| multipliers[kind as usize][i] = 0.0);
         }
         let mut waits = 0;
         for _ in 0..ROUNDS {
@@ -117,7 +117,7 @@ impl Search<'_, '_> {
             }
             task.roll(&u, &mut x);
             let g = task.residual(&u, &x, &multipliers, &held)?;
-            let Some((program, rows, unit)) = task.face(&mut held, (&u, &x), &g)? else { break };
+            let Some((program, rows, unit)) = task.face(&held, (&u, &x), &g)? else { break };
             let point = program.solve(until)?;
             self.iterations += point.iterations;
             if point.timed_out {
@@ -129,7 +129,7 @@ impl Search<'_, '_> {
             let of_inputs = u.iter_mut().zip(&point.z).enumerate();
             of_inputs.for_each(|(i, (u, z))| *u += unit * task.unit(Kind::Input, i) * z);
             for (&(kind, i, _), z) in rows.iter().zip(&point.multipliers[task.steps * task.n..]) {
-                multipliers.of(kind)[i] += unit * task.scale() / task.unit(kind, i) * z;
+                multipliers[kind as usize][i] += unit * task.scale() / task.unit(kind, i) * z;
             }
             task.roll(&u, &mut x);
             let before = self.best.as_ref().map_or(f64::INFINITY, |best| best.merit);
@@ -153,13 +153,13 @@ impl Search<'_, '_> {
         until: Until<'_>,
     ) -> Result<()> {
         let task = self.task;
-        let mut signed = Multipliers::zeros(task)?;
-        for (to, (v, side)) in signed.rates.iter_mut().zip(multipliers.rates.iter().zip(&held.rates)) {
-            *to = if v * f64::from(*side) > 0.0 { *v } else { 0.0 };
-        }
-        for (i, to) in signed.states.iter_mut().enumerate() {
-            let v = multipliers.states[i];
-            *to = if task.fixed(Kind::State, i) || v * f64::from(held.states[i]) > 0.0 { v } else { 0.0 };
+        let mut signed = task.zeros()?;
+        for (kind, len) in task.kinds().into_iter().skip(1) {
+            for i in 0..len {
+                let v = multipliers[kind as usize][i];
+                signed[kind as usize][i] =
+                    if task.fixed(kind, i) || v * f64::from(held[kind as usize][i]) > 0.0 { v } else { 0.0 };
+            }
         }
         self.verify(u, &signed, Method::Refinement, until)
     }

@@ -51,7 +51,7 @@ impl<'a, 'b> Search<'a, 'b> {
     /// Takes `u`, clipped, and the signs that its multipliers must have; keeps it if it is the best so far.
     pub(super) fn verify(&mut self, u: &[f64], rows: &Multipliers, method: Method, until: Until<'_>) -> Result<()> {
         let task = self.task;
-        if u.iter().chain(&rows.rates).chain(&rows.states).any(|v| !v.is_finite()) {
+        if u.iter().chain(rows[1..].iter().flatten()).any(|v| !v.is_finite()) {
             return Ok(());
         }
         let d = u.len();
@@ -59,18 +59,13 @@ impl<'a, 'b> Search<'a, 'b> {
         task.clip(&mut u);
         task.roll(&u, &mut x);
         let mut objective = self.q.slope(&u, &mut g);
-        let (mut rows, mut slack) = (
-            Multipliers {
-                inputs: Vec::new(),
-                rates: try_copy(WHAT, &rows.rates)?,
-                states: try_copy(WHAT, &rows.states)?,
-            },
-            0.0,
-        );
-        for (kind, len) in task.kinds().into_iter().skip(1) {
-            for i in 0..len {
-                let (low, high) = task.limits(kind, i);
-                let (value, multiplier) = (task.value(kind, i, &u, &x), &mut rows.of(kind)[i]);
+        let (given, mut rows, mut slack) = (rows, Multipliers::default(), 0.0);
+        for (to, from) in rows.iter_mut().zip(given).skip(1) {
+            *to = try_copy(WHAT, from)?;
+        }
+        for (kind, _) in task.kinds().into_iter().skip(1) {
+            for (i, multiplier) in rows[kind as usize].iter_mut().enumerate() {
+                let ((low, high), value) = (task.limits(kind, i), task.value(kind, i, &u, &x));
                 if let (Kind::State, Some(soft)) = (kind, task.soft) {
                     let over = (value - high).max(0.0) - (low - value).max(0.0);
                     objective += soft * over * over;
@@ -90,10 +85,8 @@ impl<'a, 'b> Search<'a, 'b> {
             return Ok(());
         }
         let mut pulled = try_zeros(WHAT, d)?;
-        if !task.low.is_empty() {
-            task.pull(&rows.states, &mut pulled)?;
-        }
-        task.pull_changes(&rows.rates, &mut pulled);
+        task.pull(&rows[Kind::State as usize], &mut pulled)?;
+        task.pull_rows(&rows, &mut pulled);
         g.iter_mut().zip(&pulled).for_each(|(g, v)| *g += 0.5 * v);
         slack += g.iter().zip(&task.width).map(|(g, width)| 2.0 * g.abs() * width).sum::<f64>();
         let frank_wolfe = frank_wolfe(task.reachable(), &u, &g) + slack;

@@ -222,6 +222,9 @@ impl<'a> Task<'a> {
     /// `g += G' w`: what weights of the states are for the inputs, by costates `p(k) = A' p(k+1) + w(k)`.
     pub(super) fn pull(&self, w: &[f64], g: &mut [f64]) -> Result<()> {
         let (n, m) = (self.n, self.m);
+        if w.is_empty() {
+            return Ok(());
+        }
         let (mut p, mut next) = (try_zeros(WHAT, n)?, try_zeros(WHAT, n)?);
         for t in (0..self.steps).rev() {
             next.copy_from_slice(&w[t * n..(t + 1) * n]);
@@ -234,15 +237,6 @@ impl<'a> Task<'a> {
             }
         }
         Ok(())
-    }
-
-    /// `g += D' v`, `D u` being the changes of the inputs.
-    pub(super) fn pull_changes(&self, v: &[f64], g: &mut [f64]) {
-        if self.rate.is_some() {
-            for i in 0..v.len() {
-                g[i] += v[i] - v.get(i + self.m).unwrap_or(&0.0);
-            }
-        }
     }
 
     /// The largest excess of a limit of a state, and the largest relative to the size of the states.

@@ -105,14 +105,14 @@ fn two_steps_with_a_limit_on_changes() {
     let case = double_integrator(0.5);
     let free = case.solve(Rows::default());
     assert!((free.found.control[0] + 0.5).abs() < 1e-14 && (free.found.control[1] - 0.5).abs() < 1e-14);
-    assert!((free.found.objective - 0.25).abs() < 1e-14 && free.rates.is_empty() && free.states.is_empty());
+    assert!((free.found.objective - 0.25).abs() < 1e-14 && free.rows[1].is_empty() && free.rows[2].is_empty());
     let found = case.solve(Rows { rate: Some((&[0.5], &[0.0])), ..Rows::default() });
     assert!((found.found.control[0] + 0.4).abs() < 1e-14 && (found.found.control[1] - 0.1).abs() < 1e-14);
     assert!((found.found.objective - 0.45).abs() < 1e-14);
     assert_eq!(found.found.status, Status::Optimal);
     assert!(found.found.gap < 1e-14 && found.found.distance < 1e-7, "{:?}", found.found);
     // J = (1 + u0)^2 + (u0 + u1)^2: J' = (2 (1 + u0) + 2 (u0 + u1), 2 (u0 + u1)) = (3/5, -3/5) = -D' (0, 3/5)
-    assert!(found.rates[0].abs() < 1e-12 && (found.rates[1] - 0.6).abs() < 1e-12, "{:?}", found.rates);
+    assert!(found.rows[1][0].abs() < 1e-12 && (found.rows[1][1] - 0.6).abs() < 1e-12, "{:?}", found.rows[1]);
     assert_eq!(found.found.active, [0, 0]);
 }
 
@@ -143,7 +143,7 @@ fn a_limit_that_cannot_be_met() {
         let best = ((2.0 - 2.0 * rho) / (1.1 + rho)).clamp(-1.0, 1.0);
         assert_eq!((found.found.status, found.missing), (Status::Optimal, 0.0));
         assert!((found.found.control[0] - best).abs() < 1e-12, "{rho} {found:?}");
-        assert!((found.states[0] - 2.0 * rho * (2.0 + best)).abs() < 1e-9 * (1.0 + rho));
+        assert!((found.rows[2][0] - 2.0 * rho * (2.0 + best)).abs() < 1e-9 * (1.0 + rho));
     }
 }
 
@@ -199,22 +199,22 @@ fn random_problems_satisfy_the_conditions_of_a_minimum() {
         assert!(found.gap <= 1e-12 * (found.objective + found.at_zero), "{seed} {all:?}");
         let (u, x) = (&found.control, case.states(&found.control));
         let mut g = case.slope(u);
-        let size = 1.0 + g.iter().chain(&all.states).fold(0.0f64, |s, v| s.max(v.abs()));
+        let size = 1.0 + g.iter().chain(&all.rows[2]).fold(0.0f64, |s, v| s.max(v.abs()));
         let mut pulled = vec![0.0; u.len()];
-        Task::new(case.horizon(), bounds, rows).unwrap().pull(&all.states, &mut pulled).unwrap();
+        Task::new(case.horizon(), bounds, rows).unwrap().pull(&all.rows[2], &mut pulled).unwrap();
         for i in 0..u.len() {
             assert!(case.low[i] <= u[i] && u[i] <= case.high[i]);
             let step = u[i] - if i < m { previous[i] } else { u[i - m] };
             assert!(step.abs() <= 0.4 + 1e-12);
-            let v = all.rates[i];
+            let v = all.rows[1][i];
             assert!(v.abs() * (0.4 - v.signum() * step) <= 1e-9 * size);
             of_rates += usize::from(v.abs() > 1e-6);
-            g[i] += v - if i + m < u.len() { all.rates[i + m] } else { 0.0 };
+            g[i] += v - if i + m < u.len() { all.rows[1][i + m] } else { 0.0 };
             g[i] += f64::from(found.active[i]) * found.multipliers[i] + pulled[i];
             assert!(found.multipliers[i] >= 0.0 && (found.active[i] != 0 || found.multipliers[i] == 0.0));
         }
         for i in 0..x.len() {
-            let (v, over) = (all.states[i], (x[i] - high[i]).max(0.0) - (low[i] - x[i]).max(0.0));
+            let (v, over) = (all.rows[2][i], (x[i] - high[i]).max(0.0) - (low[i] - x[i]).max(0.0));
             match soft {
                 Some(rho) => assert!((v - 2.0 * rho * over).abs() <= 1e-9 * size),
                 None => {

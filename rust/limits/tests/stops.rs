@@ -59,7 +59,7 @@ fn horizons() {
     let rows = Rows { rate, ..Rows::default() };
     stopped_at_any_look(|until| rows_control(&horizon, bounds, rows, None, until).unwrap().found);
     let best = rows_control(&horizon, bounds, rows, None, Until::new(&Stop::new(), None)).unwrap();
-    let signs = best.rates.iter().map(|v| if *v == 0.0 { 0 } else { v.signum() as i8 });
+    let signs = best.rows[1].iter().map(|v| if *v == 0.0 { 0 } else { v.signum() as i8 });
     let warm: Vec<i8> = best.found.active.iter().copied().chain(signs).collect();
     stopped_at_any_look(|until| rows_control(&horizon, bounds, rows, Some(&warm), until).unwrap().found);
 }

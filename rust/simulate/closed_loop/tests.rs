@@ -26,12 +26,10 @@ fn with_loop<T>(a: &[f64], b: &[f64], reference: &[f64], work: impl FnOnce(Close
 const A: [f64; 4] = [0.5, -0.25, 0.75, 0.5];
 const B: [f64; 4] = [1.0, 0.5, 0.0, 1.0];
 const R: [f64; 8] = [1.0, -1.0, 0.5, 2.0, 0.0, 1.0, -1.0, 0.5];
-const METHODS: [Method; 4] =
-    [Method::Uniform, Method::Alse, Method::Slse { safeguard: false }, Method::Slse { safeguard: true }];
 
 #[test]
 fn threads_change_nothing_and_more_runs_start_with_the_fewer() {
-    for (method, sample_states) in METHODS.into_iter().zip([false, true, true, false]) {
+    for ((_, method), sample_states) in Method::NAMED.into_iter().zip([false, true, true, false]) {
         with_loop(&A, &B, &R, |given| {
             let given = ClosedLoop { method, sample_states, ..given };
             let run = |runs, threads| given.run(runs, &Key([1; 32]), threads, &Stop::new()).unwrap();

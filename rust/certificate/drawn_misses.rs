@@ -21,7 +21,7 @@ pub struct Aim<'a> {
     pub inputs: &'a [f64],
     /// The number of inputs.
     pub m: usize,
-    /// The target (n).
+    /// The target (n); or of each of the last outputs one.
     pub target: &'a [f64],
     /// Whether the noise of the run acts, of the same draw as the model.
     pub noise: bool,
@@ -47,7 +47,10 @@ pub fn drawn_misses(
         None => (d.wrapping_sub(n + m) <= 1, n),
         Some(window) => ((window.outputs(), window.inputs(), window.length()) == (n, m, d), window.states()),
     };
-    if m == 0 || !fits || x0.len() != held || target.len() != n || !inputs.len().is_multiple_of(m) {
+    let steps = inputs.len() / m.max(1);
+    let last = steps.saturating_sub(window.map_or(1, |one| one.count()));
+    let aimed = target.len() == n || target.len() == (steps - last) * n;
+    if m == 0 || !fits || x0.len() != held || !aimed || !inputs.len().is_multiple_of(m) {
         let expected = format!("inputs of {m}, states of {n} entries in a model with rows of {d}");
         let found = format!("{}, {} and {} entries", inputs.len(), x0.len(), target.len());
         return Err(Error::Shape { name: "inputs, x0, xf", expected, found });
@@ -55,8 +58,7 @@ pub fn drawn_misses(
     for (name, values) in [("x0", x0), ("inputs", inputs), ("xf", target)] {
         require_finite(name, values)?;
     }
-    let steps = inputs.len() / m;
-    let (noises, last) = (if noise { steps } else { 0 }, steps.saturating_sub(window.map_or(1, |one| one.count())));
+    let noises = if noise { steps } else { 0 };
     let mut misses = try_zeros(WHAT, size)?;
     for_each_chunk(misses.chunks_mut(CHUNK).enumerate(), threads, stop, |(chunk, misses)| {
         let (mut drawing, mut model) = (law.drawing(noises)?, try_zeros(WHAT, checked_len(WHAT, n, d)?)?);
@@ -81,7 +83,9 @@ pub fn drawn_misses(
                     None => x.copy_from_slice(&next),
                 }
                 if k >= last {
-                    *miss = if miss.is_nan() { *miss } else { miss.hypot(distance(&next, target)) };
+                    let at = (k - last) * n % target.len();
+                    let off = distance(&next, &target[at..at + n]);
+                    *miss = if miss.is_nan() { *miss } else { miss.hypot(off) };
                 }
             }
             if miss.is_nan() {

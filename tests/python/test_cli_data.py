@@ -306,6 +306,67 @@ def test_from_runs_to_a_certified_control(table, tmp_path, capsys):
     assert "--force" in failed(capsys, "control", file, *where, "--out", out)
 
 
+@pytest.fixture
+def read(table, tmp_path, capsys):
+    """A model of the angle alone, and a log of what just happened, its last input not known yet."""
+    file, now = tmp_path / "read.safetensors", tmp_path / "now.csv"
+    columns = ["--outputs", "angle", "--inputs", "torque", *OPTIONS[4:], "--window", 5]
+    ran(capsys, "identify", table, *columns, "--out", file)
+    now.write_text("\n".join(rows(1, 11, seed=5)) + "\n")
+    return file, now
+
+
+def test_control_from_readings(read, tmp_path, capsys):
+    file, now = read
+    where = ["--record", now, "--steps", 6, "--to", 0.1]
+    found = ran(capsys, "control", file, *where, "--limits", "torque=-1,1", "--delta", "10%")
+    cells = np.genfromtxt(now, delimiter=",", skip_header=1)
+    record = cells[:, 2:3], cells[:-1, 4:]
+    model = se.Model.load(file)
+    plan = se.control(model, record=record, target=[0.1], steps=6, limits={"torque": (-1, 1)})
+    bound = plan.bound(0.1)
+    assert np.array_equal(found["u"], plan.u)
+    assert np.array_equal(found["predicted_outputs"], plan.predicted_outputs)
+    assert (found["outputs"], found["target"]) == (["angle"], [0.1])
+    certificate = found["certificate"]
+    assert certificate["target"] == bound.target
+    assert certificate["tube"] == bound.tube.tolist()
+    assert certificate["last"] == bound["last"].radius.tolist()
+    assert certificate["methods"]["tube"].endswith("with noise")
+    with_gain = ran(capsys, "control", file, *where, "--gain", "--R", 0.1)["certificate"]
+    assert with_gain["methods"]["tube"].endswith("followed with the gain")
+    assert cli.main([*map(str, ["control", file, *where, "--limits", "-1,1"])]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "step torque angle tube" in text
+    assert "certified the last 5 readings together are within" in text
+    assert "each angle within" in text
+    assert "the record happened" in text
+
+
+def test_the_record_is_what_follows_on_each_other(read, tmp_path, capsys):
+    file, now = read
+    where = ["control", file, "--steps", 6, "--record"]
+    whole = ran(capsys, *where, now, "--time", "t")["u"]
+    lines = now.read_text().splitlines()
+    cut = tmp_path / "cut.csv"
+
+    def given(lines, *more):
+        cut.write_text("\n".join(lines) + "\n")
+        return [*where, cut, *more]
+
+    # a gap that leaves five rows, or four
+    assert np.allclose(ran(capsys, *given([*lines[:7], *lines[8:]], "--time", "t"))["u"], whole)
+    short = given([*lines[:8], *lines[9:]], "--time", "t")
+    assert "--record needs 5 rows of outputs and 4 of inputs" in failed(capsys, *short)
+    missing = changed(lines, 7, 4, "")  # an input
+    assert np.allclose(ran(capsys, *given(missing))["u"], whole)
+    last = given(changed(lines, len(lines) - 1, 2, ""))
+    assert "all outputs in its last row" in failed(capsys, *last)
+    assert "'angle'" in failed(capsys, *given([lines[0].replace("angle", "a"), *lines[1:]]))
+    assert "--from" in failed(capsys, *given(lines, "--from", "1"))
+    assert "--steps must be 5 at least" in failed(capsys, *where[:2], "--record", now)
+
+
 def test_control_by_a_model_with_a_pilot(table, tmp_path, capsys):
     file, task = tmp_path / "model.safetensors", ([-1.0, 0.0], [0.0, 0.5], 4)
     model = se.identify(in_python(table), sigma=0.01, pilot=0.1, reference=task, checks=False)
@@ -384,6 +445,8 @@ def test_control_of_a_known_system(tmp_path, capsys):
         (["--from", "1,0", "--steps", "0"], ["--steps"]),
         (["--from", "1,0", "--steps", "3", "--robust"], ["guarantee"]),
         (["--from", "1,0", "--open-loop"], ["--open-loop"]),
+        (["--from", "1,0", "--record", "now.csv"], ["--record and --time are for models of out"]),
+        (["--from", "1,0", "--limits", "force=-1,1"], ["--limits", "'force'", "torque"]),
     ],
 )
 def test_bad_controls_are_named(table, tmp_path, capsys, args, words):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import signal
 import subprocess
 import sys
+import time
 from concurrent.futures import BrokenExecutor, ThreadPoolExecutor
 from pathlib import Path
 
@@ -176,6 +178,46 @@ def test_ctrl_c_loses_nothing(
     _, resumed, _ = run(capsys, *args)
     _, whole, _ = run(capsys, *args[:-2])
     assert resumed["digest"] == whole["digest"]
+
+
+# A pool whose workers are busy, or wait for work; it prints who they are.
+POOL = """
+import os, sys, time
+from stochens_rs.cli._workers import pool
+
+if __name__ == "__main__":
+    made = pool(2)
+    print(made.submit(os.getpid).result(), *made._processes, flush=True)
+    made.submit(time.sleep, 60.0)
+    time.sleep(60.0)
+"""
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="looks at processes of Linux")
+def test_no_worker_outlives_the_command(tmp_path: Path) -> None:
+    script = tmp_path / "pool.py"
+    script.write_text(POOL)
+    with subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True) as made:
+        assert made.stdout is not None
+        workers = {int(pid) for pid in made.stdout.readline().split()}
+        assert len(workers) == 2
+        assert all(map(lives, workers))
+        made.kill()
+    end = time.monotonic() + 20.0
+    while any(map(lives, workers)) and time.monotonic() < end:
+        time.sleep(0.05)
+    left = [pid for pid in workers if lives(pid)]
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert not left
+
+
+def lives(pid: int) -> bool:
+    """Whether it runs; one that has ended may wait for its parent to notice."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
 
 
 def test_what_did_not_get_to_its_end_has_an_exit_code_of_its_own(

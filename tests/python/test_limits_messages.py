@@ -22,6 +22,12 @@ BAD = [
     ({"limits": (np.zeros(3), None)}, ShapeError, r"`limits\[0\]` must be a number or have shape"),
     ({"limits": (np.nan, 1.0)}, InputError, r"`limits\[0\]` must not be nan"),
     ({"limits": (np.inf, None)}, InputError, "`limits` must leave room"),
+    ({"limits": {}}, InputTypeError, "`limits` must name what has limits by texts"),
+    ({"limits": {0: (-1.0, 1.0)}}, InputTypeError, r"`limits` must name .* by texts, got \(0,\)"),
+    ({"limits": {"u": (-1, 1)}}, InputError, r"`limits\[0\]` names 'u', but there are 'u\[0\]'"),
+    ({"limits": {"u[0]": 1.0}}, InputTypeError, r"`limits\['u\[0\]'\]` must be a pair"),
+    ({"limits": {"u[0]": ([0.0], 1.0)}}, InputTypeError, "must be a pair of numbers, got ndarray"),
+    ({"limits": {"u[0]": (np.nan, 1.0)}}, InputError, r"`limits\[0\]` must not be nan"),
     ({"Q": -1.0}, InputError, "`Q` must be >= 0"),
     ({"Q": np.diag([1.0, -2.0])}, InputError, "`Q` must be positive semidefinite, its least eige"),
     ({"Q": [[1.0, 1.0], [0.0, 1.0]]}, InputError, "`Q` must be symmetric"),
@@ -49,6 +55,33 @@ BAD = [
 def test_messages_name_what_is_wrong(more, kind, message):
     with pytest.raises(kind, match=message):
         se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, **within(**more))
+
+
+def test_limits_by_name_leave_the_others_free():
+    names = {"states": ["pos [m]", "speed"], "inputs": ["force [N]", "brake"]}
+    cart = se.System(TWO[0], [[0.0, 0.1], [1.0, -0.5]], **names)
+    start = [3.0, 0.0], [0.0, 0.0]
+    whole = (np.array([-np.inf, -0.2]), np.array([np.inf, 0.3]))
+    plan = se.control(cart, *start, steps=4, limits=whole)
+    named = se.control(cart, *start, steps=4, limits={"brake": (-0.2, 0.3)})
+    np.testing.assert_array_equal(named.u, plan.u)
+    assert plan.active.any()
+    # without the unit, on one side, beside limits of states
+    sides = {"force": (None, 0.1), "brake": None}, (-0.5, 0.5)
+    both = se.Limits(u=sides[0], x={"speed": sides[1]})
+    given = se.Limits(u=(None, [0.1, np.inf]), x=([-np.inf, -0.5], [np.inf, 0.5]))
+    plans = [se.control(cart, *start, steps=4, limits=one) for one in (both, given)]
+    np.testing.assert_array_equal(plans[0].u, plans[1].u)
+    assert se.Limits.from_dict(both.to_dict()) == both
+    loops = [se.regulate(cart, 4, limits=one) for one in ({"brake": (-0.2, 0.3)}, whole)]
+    np.testing.assert_array_equal(*(loop(start[0]) for loop in loops))
+    said = (
+        r"`limits\[0\]` names 'brakes', but there are 'force \[N\]', 'brake'; did you mean 'brake'"
+    )
+    with pytest.raises(InputError, match=said):
+        se.control(cart, *start, limits={"brakes": (-1.0, 1.0)})
+    with pytest.raises(InputError, match=r"`limits.x\[0\]` names 'force', but there are 'pos"):
+        se.control(cart, *start, limits=se.Limits(x={"force": (-1.0, 1.0)}))
 
 
 def test_messages_about_references_and_targets():

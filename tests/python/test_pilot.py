@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 import stochens_rs as se
 from pilot_sets import led, measured, rig
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from stochens_rs.identification.assumptions import _least_correlation, checked_assumptions
 from twin.pilot import estimate, simulated
 
 PLANT = rig()
@@ -226,8 +228,26 @@ def test_a_singular_known_covariance() -> None:
     assert miss <= bound.target < np.inf
     assert model.region(0.05).contains(A, B)
     assert plan.bound(0.05, noise=True).target < np.inf
-    with pytest.raises(InputError, match="positive definite"):
+    with pytest.raises(InputError, match="positive semidefinite"):
         se.identify(data, covariance=known - 1e-8 * np.eye(4), pilot=0.1, checks=False)
+
+
+@pytest.mark.parametrize("units", [1.0, np.array([1e-9, 1.0, 1e7, 3.0])])
+def test_covariances_that_are_singular_up_to_rounding(units: Any) -> None:
+    """Of rank 2 with least eigenvalues around 0: for no rounding and in no unit one is refused."""
+    least = []
+    for seed in range(20):
+        root = np.random.default_rng(seed).standard_normal((4, 2)) * np.reshape(units, (-1, 1))
+        known = root @ root.T
+        least.append(_least_correlation(known))
+        found = checked_assumptions(4, "adaptive", "gaussian", known, None, singular=True)
+        np.testing.assert_allclose(found.known, known, rtol=1e-15)
+        with pytest.raises(InputError, match="`covariance` must be positive definite"):
+            checked_assumptions(4, "adaptive", "gaussian", known, None)
+    assert min(least) < 0.0 < max(least)
+    wrong = (np.eye(4) - (1.0 + 1e-14) / 4.0) * (np.reshape(units, (-1, 1)) * units)
+    with pytest.raises(InputError, match=r"positive semidefinite, .* is -1.3"):
+        checked_assumptions(4, "adaptive", "gaussian", wrong, None, singular=True)
 
 
 @pytest.mark.parametrize("delta", [1e-12, 1e-14, 1e-100])

@@ -130,7 +130,7 @@ def test_refusals():
         se.control(model, record=(y, u), steps=10, target=[1.0])
     with pytest.raises(InputError, match="for models of outputs"):
         se.control(([[1.0]], [[1.0]]), [1.0], [0.0], target=[0.0])
-    with pytest.raises(InputError, match="starts from a record"):
+    with pytest.raises(InputError, match="starts from `record`"):
         se.predict(model, np.zeros(model.n), np.zeros((3, model.m)))
     plan = se.control(model, record=(y, u), steps=10)
     for act in (lambda: plan.plot_phase(0, 1), lambda: plan.bound(open_loop=True)):

@@ -220,6 +220,33 @@ def test_changed_globals_and_objects_are_noticed(
         study(function=with_system, grid=grid).run(path=path)
 
 
+def fall(key: se.Key, scale: float) -> dict[str, float]:
+    return {"height": scale}
+
+
+def test_units_are_read_without_the_function(tmp_path: Path) -> None:
+    path, parts = tmp_path / "a.study", [tmp_path / "b.study", tmp_path / "c.study"]
+    fall.units = {"height": "m", "scale": "kg"}  # type: ignore[attr-defined]
+    whole = study(function=fall).run(path=path)
+    found = se.Study.resume(path).results
+    assert found.units == whole.units == {"height": "m", "scale": "kg"}
+    assert found.about == whole.about
+    for part, span in zip(parts, (range(5), range(5, 20)), strict=True):
+        study(span, function=fall).run(path=part)
+    assert se.Study.merge(parts, tmp_path / "d.study").results.units == whole.units
+    assert se.Study.resume(tmp_path / "d.study").results.units == whole.units
+    # other texts make no other study
+    fall.units = {"height": "km"}  # type: ignore[attr-defined]
+    assert se.Study.resume(path, fall).run(path=path).units == {"height": "km"}
+    hurt = tmp_path / "hurt.study"
+    manifest = {**study(function=fall)._described(), "units": {"height": 5}}
+    file = study_file.StudyFile(str(hurt))
+    file.create(manifest)
+    file.close()
+    with pytest.raises(StateError, match=r"not the file of a study.*units"):
+        se.Study.resume(hurt)
+
+
 def made(source: str, name: str = "function") -> object:
     """What a module with this source has under a name."""
     module = sys.modules["users_module"] = types.ModuleType("users_module")  # for dataclasses

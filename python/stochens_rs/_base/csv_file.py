@@ -7,6 +7,7 @@ import glob
 import os
 import re
 from collections import Counter
+from collections.abc import Collection
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -110,6 +111,12 @@ def name_and_unit(title: str) -> tuple[str, str]:
     """``delta_1 [rad]``: the name, and the unit or ""."""
     split = _WITH_UNIT.fullmatch(title)
     return (title, "") if split is None else (split[1], split[2])
+
+
+def titled(name: str, titles: Collection[str]) -> str:
+    """The one of `titles` that is this name with a unit behind it; else the name."""
+    fits = [title for title in titles if name_and_unit(title)[0] == name]
+    return fits[0] if len(fits) == 1 and name not in titles else name
 
 
 def natural(path: str) -> tuple[list[Any], str]:

@@ -34,6 +34,8 @@ class ModelBasis(Record):
         For a model of outputs, the last readings of the record that led to `x0`.
     at_rest : bool
         Whether that record was not measured: the plant was declared to be at rest.
+    given : bool
+        Whether the inputs were given, and `xf` is where the model ends: there is no target then.
     """
 
     model: Identified
@@ -42,6 +44,7 @@ class ModelBasis(Record):
     x0_error: float = 0.0
     read: Floats | None = None
     at_rest: bool = False
+    given: bool = False
 
     def __post_init__(self) -> None:
         if not isinstance(self.model, Identified):
@@ -53,7 +56,8 @@ class ModelBasis(Record):
             if validation.kept(name, value, ndim=(1,)).shape != (n,):
                 raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
         validation.nonnegative("x0_error", self.x0_error)
-        validation.flag("at_rest", self.at_rest)
+        for name, flag in (("at_rest", self.at_rest), ("given", self.given)):
+            validation.flag(name, flag)
         outputs = (self.model.n_outputs,) if isinstance(self.model, Model) and self.window else ()
         if (() if self.read is None else self.read.shape) != outputs:
             raise ShapeError("`read` must have the last readings of a model of outputs, else None")
@@ -62,6 +66,13 @@ class ModelBasis(Record):
     def window(self) -> Window | None:
         """That of a model of outputs."""
         return self.model.window if isinstance(self.model, Model) else None
+
+    @property
+    def target(self) -> Floats | None:
+        """Where the states, or the outputs, are to end; None where the inputs were given."""
+        if self.given:
+            return None
+        return self.xf if self.read is None else self.xf[: len(self.read)]
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -31,7 +31,7 @@ def output_certificate(
     model = basis.model
     assert isinstance(model, Model)
     assert model.window is not None
-    rows, outputs, r = model.window.count, model.n_outputs, basis.xf[: model.n_outputs]
+    rows, outputs, r = model.window.count, model.n_outputs, basis.target
     if noise and model.noise != "gaussian":
         raise InputError(
             "`noise` must be False: the noise of readings to come is bounded for Gaussian noise"
@@ -49,7 +49,7 @@ def output_certificate(
     if model.doubts:
         for radii in (mean[0], tube, components):
             radii[1:] = np.inf
-    off = np.abs(predicted - r)
+    off = np.zeros_like(predicted) if r is None else np.abs(predicted - r)
     last = slice(-rows, None)
     away = np.linalg.norm(off, axis=1)[last]
     target = norm(away + tube[1:][last])
@@ -70,13 +70,14 @@ def output_certificate(
         return Radius._at(value, distance_from, delta, method, reason)
 
     of = f"{what} of {html.listed(model.outputs)} at step {len(u)}"
+    goal = "the predicted outputs" if r is None else "the target"
     quantities = {
-        "last": radius((off + components[1:])[-1], f"the target, {of}"),
-        "target": radius(target, f"the target, the last {rows} {what} together"),
+        "last": radius((off + components[1:])[-1], f"{goal}, {of}"),
+        "target": radius(target, f"{goal}, the last {len(away)} {what} together"),
         "tube": radius(tube, f"the predicted outputs, {what} of each step"),
         "mean": radius(mean[0], "the predicted outputs, their mean given the record"),
         "readings": radius(components, f"the predicted outputs, {what} of each output"),
-        "outputs": radius(off + components[1:], f"the target, {what} of each output"),
+        "outputs": radius(off + components[1:], f"{goal}, {what} of each output"),
     }
     said = region.assumption
     if gain is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from .. import cases
 from .._base import state_file
-from .._base.html import at_most, percent
+from .._base.html import at_most, listed, percent
 from .._base.numbers import ROUNDING
 from .._base.reading import number
 from ..certificates import Certificate
@@ -19,6 +19,7 @@ from ..controls import Plan, Uncertain, control
 from ..exceptions import DataWarning, InputError
 from ..feedback import Loop
 from ..identification import Model
+from ..identification.last_rows import last_rows
 from ._command import Command
 from ._limits import (
     LIMIT_NAMES,
@@ -33,7 +34,7 @@ from ._output import Out, finite, grid, show_result
 
 LISTED = 12  # states whose certificates are printed; JSON has all
 # Fields of a certificate in JSON.
-_NUMBERS = ("delta", "target", "state", "components", "tube", "control")
+_RADII = ("target", "state", "components", "tube", "control")
 _WORDS = ("kind", "covers", "assumption")
 
 
@@ -43,18 +44,19 @@ _WORDS = ("kind", "covers", "assumption")
     short_help="Compute a control and certify where it leads.",
     examples=[
         "control model.safetensors --from 1,0 --to 0,0 --steps 20",
-        "control model.safetensors --from 1,0 --limits -1,1 --x0-error 0.1",
-        "control system.json --steps 10 --Q 1 --R 0.1 --json",
+        "control read.safetensors --record now.csv --steps 20 --limits F=-8,8",
     ],
     sections={
         "Options": [],  # the others, first
         "Certificate of a model": ["delta", "x0_error", "noise", "gain", "open_loop", "robust"],
         "Limits and weights": LIMIT_NAMES,
     },
-    arguments={"x0": "start", "xf": "goal", "radius": "x0_error"},
+    arguments={"x0": "start", "xf": "goal", "target": "goal", "radius": "x0_error"},
 )
 @click.argument("source", metavar="MODEL_OR_PROBLEM", type=FILE)
 @click.option("--from", "start", metavar="X,Y", help="Initial state; default: of the problem.")
+@click.option("--record", metavar="CSV", type=FILE, help="Of outputs: a log that ends now.")
+@click.option("--time", metavar="COLUMN", help="Its times: rows that were lost are noticed.")
 @click.option("--to", "goal", metavar="X,Y", help="Target; default: of the problem, or 0.")
 @steps_option
 @delta_option("Probability that the certificate does not hold.")
@@ -88,6 +90,8 @@ def control_command(
     /,
     source: str,
     start: str | None,
+    record: str | None,
+    time: str | None,
     goal: str | None,
     steps: int,
     delta: float,
@@ -99,25 +103,20 @@ def control_command(
     as_json: bool,
     **_: Any,
 ) -> None:
-    """Compute the control from one state to another, also within limits.
+    """Compute the control to a target, also within limits.
 
     MODEL_OR_PROBLEM is a model of `identify --out`, or a known system: .npz, .mat, .csv or JSON
     with A, B and optionally x0, xf, names and units.
 
-    For a model, prints how far the true system can end from the target, with probability 1 - P,
-    under the assumptions declared to `stochens identify`. With limits or weights, minimizes the
-    weighted squares of the distances from the target (--Q, --Qf) and of the inputs (--R).
+    For a model, prints how far from the target the true system, or its readings, can end with
+    probability 1 - P. With limits or weights, minimizes weighted squares of distances from the
+    target (--Q, --Qf) and inputs (--R).
     """
     files = Out(context)
     known: Any
     if source.endswith(".safetensors") or state_file.is_state(source):
         known = Model.load(source)
-        if known.window is not None:
-            raise click.UsageError(
-                "a plan for a model of outputs starts from readings, and needs Python: "
-                "se.control(model, record=data.last_record(), target=..., steps=K)"
-            )
-        x0, xf, n = None, None, known.n
+        x0, xf, n = None, None, known.n_outputs
     else:
         if noise or open_loop or gain or robust or x0_error:
             raise click.UsageError(
@@ -127,28 +126,42 @@ def control_command(
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
         n = known.n
-    names = known.state_names, known.input_names
-    x0 = state_of("--from", start, n, x0)
-    xf = state_of("--to", goal, n, np.zeros(n) if xf is None else xf)
+    read = isinstance(known, Model) and known.window is not None
+    names = known.outputs if read else known.state_names, known.input_names
     asked = limits_given(context.params, names)
     if robust:
         asked["guarantee"] = delta
-    start_at = Uncertain(x0, x0_error) if x0_error else x0
-    plan = control(known, start_at, xf, steps=steps, **asked)
+    xf = state_of("--to", goal, n, np.zeros(n) if xf is None else xf)
+    if read:
+        if record is None or start is not None or x0_error or robust:
+            raise click.UsageError(
+                "give --record, without --from, --x0-error and --robust: a model of outputs starts "
+                f"from readings of {listed(known.outputs)}, and the inputs between them"
+            )
+        asked |= {"record": last_rows(record, known, time), "target": xf}
+    else:
+        if record is not None or time is not None:
+            raise click.UsageError("--record and --time are for models of outputs: give --from")
+        x0 = state_of("--from", start, n, x0)
+        asked |= {"x0": Uncertain(x0, x0_error) if x0_error else x0, "xf": xf}
+    plan = control(known, steps=steps, **asked)
     found: Any = None
     loop: Loop | None = None
+    counted = noise or (None if read else False)
     if isinstance(known, Model):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
             loop = feedback_for(known, context.params) if gain else None
-            found = _certified(plan, delta, noise, open_loop, loop)
-    near = None if found is None or gain else _typical(plan, delta, noise)
+            found = _certified(plan, delta, counted, open_loop, loop)
+    near = None if found is None or gain else _typical(plan, delta, counted)
     facts = {**_facts(plan, found, x0, xf, names, loop), "typical": near}
     show_result(facts, _text(plan, found, near, xf, names), as_json)
     files.write(facts, lambda: plan.plot(found))
 
 
-def _certified(plan: Plan, delta: float, noise: bool, open_loop: bool, gain: Loop | None) -> Any:
+def _certified(
+    plan: Plan, delta: float, noise: bool | None, open_loop: bool, gain: Loop | None
+) -> Any:
     """The certificate; that the noise to come has no bound is said in options."""
     try:
         return plan.bound(delta, noise=noise, open_loop=open_loop, gain=gain)
@@ -166,7 +179,7 @@ def _certified(plan: Plan, delta: float, noise: bool, open_loop: bool, gain: Loo
         ) from error
 
 
-def _typical(plan: Plan, delta: float, noise: bool) -> float | None:
+def _typical(plan: Plan, delta: float, noise: bool | None) -> float | None:
     """The typical miss; None where its conditions do not hold."""
     try:
         miss: float | None = finite(plan.typical(delta, noise=noise).miss)
@@ -200,15 +213,19 @@ def _facts(
     names: tuple[Any, Any],
     gain: Loop | None,
 ) -> dict[str, Any]:
+    outputs = plan.predicted_outputs
+    if outputs is None:
+        path = {"states": list(names[0]), "x0": x0.tolist(), "xf": xf.tolist()}
+        path["predicted_states"] = plan.predicted_states.tolist()
+    else:
+        path = {"outputs": list(names[0]), "target": xf.tolist()}
+        path["predicted_outputs"] = outputs.tolist()
     return {
         "schema": "stochens-control/1",
-        "states": list(names[0]),
+        **path,
         "inputs": list(names[1]),
-        "x0": x0.tolist(),
-        "xf": xf.tolist(),
         "steps": plan.steps,
         "u": plan.u.tolist(),
-        "predicted_states": plan.predicted_states.tolist(),
         "reach": plan.reachability.verdict,
         "out_of_reach": 0.0 if plan.reachability.reachable else plan.reachability.residual,
         "warnings": list(plan.warnings),
@@ -217,13 +234,21 @@ def _facts(
         "certificate": None
         if found is None
         else {
-            **{name: finite(getattr(found, name)) for name in _NUMBERS},
+            "delta": found.delta,
+            **{name: finite(radius) for name, radius in _radii(found).items()},
             **{name: getattr(found, name) for name in _WORDS},
             "parts": {name: finite(part) for name, part in found.parts.items()},
             "methods": {name: one.method for name, one in found.quantities.items()},
             "reasons": {name: one.reason for name, one in found.quantities.items() if one.reason},
         },
     }
+
+
+def _radii(found: Certificate) -> dict[str, Any]:
+    """The radii by name: those of all states, or all of a model of outputs."""
+    if "readings" not in found.quantities:
+        return {name: getattr(found, name) for name in _RADII}
+    return {name: one.radius for name, one in found.quantities.items()}
 
 
 def _text(
@@ -235,7 +260,9 @@ def _text(
 ) -> str:
     tube = [] if found is None else ["tube"]
     rows = [["step", *names[1], *names[0], *tube]]
-    inputs, path = _rounded(plan.u), _rounded(plan.predicted_states)
+    outputs = plan.predicted_outputs
+    path = _rounded(plan.predicted_states if outputs is None else outputs)
+    inputs = _rounded(plan.u)
     at = None if plan.state_active is None else np.pad(plan.state_active, ((1, 0), (0, 0)))
     for k in range(len(path)):
         u = _inputs(plan, inputs, k) if k < plan.steps else [""] * plan.u.shape[1]
@@ -249,12 +276,15 @@ def _text(
     else:
         first, own = found["target"], ("reach", "start")
         error = sum(part for name, part in found.parts.items() if name not in own)
+        ends = "the true system ends"
+        if outputs is not None:
+            ends = f"{first.distance_from.removeprefix('the target, ')} are"
         where = "out of reach of the model" if plan.limited is None else "where the model ends"
         mostly = "" if plan.limited else f": mostly {found.largest}"
         lines += [
             f"certified  nothing: {first.reason}"
             if first.reason
-            else "certified  the true system ends within "
+            else f"certified  {ends} within "
             f"{at_most(found.target, 4)} of the target, with {percent(found.delta)}",
             *_beside(found, near),
             f"of that    {_reach(plan, found)} {where}, {error:.4g} by its error{mostly}",
@@ -299,7 +329,9 @@ def _rounding(plan: Plan) -> float:
 
 def _components(found: Certificate, names: Any) -> str:
     """How far each state can end from its target, in the unit of its data."""
-    pairs = zip(names[:LISTED], found.components, strict=False)
+    each = found.quantities.get("last", found.quantities.get("components"))
+    assert each is not None
+    pairs = zip(names[:LISTED], np.asarray(each.radius), strict=False)
     more = ", …" * (len(names) > LISTED)
     return ", ".join(f"{name} within {at_most(value, 4)}" for name, value in pairs) + more
 

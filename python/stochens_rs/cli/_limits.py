@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 import numpy as np
 
+from .._base.csv_file import titled
 from .._base.reading import number
 from .._base.validation import nearest
 from ..controls import Cost, Limits
@@ -132,6 +133,7 @@ def sides_of(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[F
     low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
     for text in sorted(texts, key=lambda text: "=" in text):  # those of all, then those of one
         name, equals, pair = text.rpartition("=")
+        name = titled(name, names)
         if equals and name not in names:
             known = f"{', '.join(names)}{nearest(name, names)}"
             raise click.BadParameter(f"{name!r} must be one of {known}", param_hint=option)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -33,8 +34,12 @@ def executor(workers: int, dask: str | None = None) -> Iterator[Any]:
 
 
 def pool(workers: int) -> Executor:
-    """Processes that ignore Ctrl-C, which reaches all of a terminal: only this one answers it."""
-    made = ProcessPoolExecutor(workers, multiprocessing.get_context("spawn"))
+    """Processes that ignore Ctrl-C, which reaches all of a terminal: only this one answers it.
+
+    They end with this process, however it ends.
+    """
+    context = multiprocessing.get_context("spawn")
+    made = ProcessPoolExecutor(workers, context, initializer=_end_with_parent)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # they start so, and keep it
     try:
         for _ in range(workers):
@@ -42,3 +47,15 @@ def pool(workers: int) -> Executor:
     finally:
         signal.signal(signal.SIGINT, before)
     return made
+
+
+def _end_with_parent() -> None:
+    """End this worker when the process that started it is gone: a SIGKILL lets it tell nobody."""
+    threading.Thread(target=_wait_for_parent, daemon=True).start()
+
+
+def _wait_for_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

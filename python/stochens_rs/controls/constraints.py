@@ -10,13 +10,15 @@ import numpy as np
 from .. import _core
 from .._base import validation
 from .._base.align_labels import aligned
+from .._base.csv_file import titled
+from .._base.reading import shown_labels
 from .._base.records import Record, require_shapes, trusted
 from .._base.signal_names import Labels, default_labels
 from .._base.types import Floats
 from .._base.weights import weight
 from ..exceptions import InputError, InputTypeError, ShapeError
 from .cost import Cost, as_cost
-from .entries import pair_of
+from .entries import Named, pair_of
 from .limits import Limits, as_limits
 
 REGULAR = 1e-8  # R="auto": this share of the mean eigenvalue of G'QG, printed with the plan
@@ -192,7 +194,7 @@ def _side(name: str, value: Any, K: int, names: tuple[str, ...], none: float) ->
     m = len(names)
     if value is None:
         return np.full((K, m), none)
-    given = validation.read(name, aligned(name, value, names))
+    given = validation.read(name, _named_side(name, value, names, none))
     if given.dtype.kind not in "iuf":
         raise InputTypeError(f"`{name}` must be a number or an array of numbers")
     if given.shape not in ((), (m,), (K, m)):
@@ -203,6 +205,23 @@ def _side(name: str, value: Any, K: int, names: tuple[str, ...], none: float) ->
         raise InputError(f"`{name}` must not be nan; use None or inf where there is no limit")
     # -0.0 + 0.0 is 0.0: one zero only
     return np.ascontiguousarray(np.broadcast_to(given.astype(np.float64), (K, m)) + 0.0)
+
+
+def _named_side(name: str, value: Any, names: tuple[str, ...], none: float) -> Any:
+    """A side in the order of `names`; `none` for those that are not named."""
+    if not isinstance(value, Named):
+        return aligned(name, value, names)
+    named = [titled(one, names) for one in value.names]
+    for one in named:
+        if one not in names:
+            raise InputError(
+                f"`{name}` names {one!r:.40}, but there are {shown_labels(names)}"
+                f"{validation.nearest(one, names)}"
+            )
+    at = [names.index(one) for one in named]
+    full = np.full((*value.values.shape[:-1], len(names)), none)
+    full[..., at] = value.values
+    return full
 
 
 def _rates(

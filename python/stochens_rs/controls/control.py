@@ -69,9 +69,9 @@ def control(
         estimate of your own pass a Fit; for a model from data x0 may be `Uncertain`.
     steps : int, default 1
         Number of steps K.
-    limits : Limits, or tuple (low, high), optional
+    limits : Limits, tuple (low, high) or mapping, optional
         Limits of inputs, of their changes and of states; a pair is for the inputs: each a number,
-        (m,) or (K, m), infinite or None where there is none.
+        (m,) or (K, m), infinite or None where there is none; or ``{"force": (-8, 8)}``.
     cost : Cost, optional
         Weights of states and inputs, and a reference in place of `xf`.
     fusion : {"product", "diagonal"}, default "product"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -72,9 +73,11 @@ class Asked(SavedRecord, listed=False):
 
 
 def pair_of(name: str, value: Any) -> Any:
-    """A pair (low, high) of `entries`, or None."""
+    """A pair (low, high) of `entries`, or None; from pairs by name two arrays with these names."""
     if value is None:
         return None
+    if isinstance(value, Mapping):
+        return _sides_by_name(name, value)
     try:
         pair = validation.items(name, value)
     except InputTypeError:
@@ -84,6 +87,23 @@ def pair_of(name: str, value: Any) -> Any:
     if len(pair) != 2:
         raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
     return tuple(entries(f"{name}[{k}]", side) for k, side in enumerate(pair))
+
+
+def _sides_by_name(name: str, value: Mapping[Any, Any]) -> tuple[Named, Named]:
+    """``{"force": (-8, 8)}`` as (low, high), each of these names."""
+    names = tuple(value)
+    if not names or not all(isinstance(one, str) for one in names):
+        raise InputTypeError(f"`{name}` must name what has limits by texts, got {names!s:.60}")
+    sides = np.array([[-np.inf], [np.inf]]) * np.ones(len(names))
+    for k, one in enumerate(names):
+        of = f"{name}[{one!r:.30}]"
+        for side, end in zip(sides, pair_of(of, value[one]) or (), strict=False):
+            if end is not None and not isinstance(end, float):
+                raise InputTypeError(
+                    f"`{of}` must be a pair of numbers, got {validation.show(end)}"
+                )
+            side[k] = side[k] if end is None else end
+    return Named(sides[0], names), Named(sides[1], names)
 
 
 def entries(name: str, value: Any, *, square: bool = False) -> Any:

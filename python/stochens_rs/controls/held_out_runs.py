@@ -81,7 +81,7 @@ class Predicted(NamedTuple):
         if self.limited is not None and self.limited.task.follows and not self.read:
             found = self.limited.task.reference[-1]
         elif isinstance(self.basis, ModelBasis):
-            found = self.basis.xf[: self.states.shape[1]]
+            found = self.basis.target
         elif self.basis is not None:
             goal = self.basis.xf
             found = goal.estimate if goal.values is None else goal.values

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .entries import Asked, Entries, entries, pair_of
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -14,13 +17,14 @@ class Limits(Asked):
 
     Parameters
     ----------
-    u : tuple (low, high), optional
+    u : tuple (low, high) or mapping, optional
         Limits of the inputs, each a number, (m,) or (K, m), infinite or None where there is none;
-        equal ones fix an input.
+        equal ones fix an input. Or ``{"force": (-8, 8)}``, numbers for some of the names: the
+        others have none.
     rate, previous : float or array_like, shape (m,), optional
         ``|u(k) - u(k-1)| <= rate`` with ``u(-1) = previous``, the input that is applied now.
-    x : tuple (low, high), optional
-        Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None.
+    x : tuple (low, high) or mapping, optional
+        Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None; or by name.
     soft : float or bool, optional
         The weight of the squares of what is beyond `x`; default: 1000 times the largest entry of
         Q and Qf. False: hard limits, with status "infeasible" if they cannot be kept; with a model
@@ -57,9 +61,9 @@ class Limits(Asked):
         super().__post_init__()
 
 
-LimitsLike: TypeAlias = "Limits | tuple[Any, Any] | None"
+LimitsLike: TypeAlias = "Limits | tuple[Any, Any] | Mapping[str, tuple[Any, Any]] | None"
 
 
 def as_limits(value: Any) -> Limits:
-    """`value` itself, or the limits of inputs for a pair (low, high), or none for None."""
+    """`value` itself, or the limits of inputs for a pair or pairs by name, or none for None."""
     return value if isinstance(value, Limits) else Limits(u=value)

@@ -55,6 +55,12 @@ def start_of(model: Model, record: Any) -> Start:
     """
     window, p, m = model.window, model.n_outputs, model.m
     assert window is not None
+    if record is None:
+        raise InputError(
+            f"`record` needs {window.fill + 1} rows of outputs and {window.fill} of inputs that "
+            "were measured, got none: a model of outputs starts from what happened, see "
+            "Trajectories.last_record()"
+        )
     if isinstance(record, str):
         record = (record, np.zeros(p), np.zeros(m))
     if not isinstance(record, tuple | list) or len(record) not in (2, 3):
@@ -122,12 +128,6 @@ def output_control(
 ) -> Plan:
     """Compute the control for a model of outputs; the arguments are those of `control`."""
     assert model.window is not None
-    if record is None:
-        raise InputError(
-            f"`record` needs {model.window.fill + 1} rows of outputs and {model.window.fill} of "
-            "inputs that were measured, got none: a model of outputs starts from what happened, "
-            "see Trajectories.last_record()"
-        )
     if limits.x is not None:
         raise InputError("`limits` of states are for models of states: give those of inputs")
     start, K = start_of(model, record), validation.size("steps", steps)

@@ -408,7 +408,8 @@ class Plan(SavedRecord, Timed):
         read = self.predicted_outputs is not None
         noisy = read if noise is None else validation.flag("noise", noise)
         certified = self.bound(share, noise=noisy)
-        return typical(self.basis, self.u, certified.target, share, draws, rng, noisy)
+        predicted, _ = self._drawn
+        return typical(self.basis, self.u, predicted, certified.target, share, draws, rng, noisy)
 
     def covariance(
         self,
@@ -743,11 +744,9 @@ class Plan(SavedRecord, Timed):
         predicted, target = self.predicted_states, None
         if self.limited is not None and self.limited.task.follows:
             return None
-        if isinstance(self.basis, ModelBasis) and self.basis.read is not None:
-            return self.basis.xf[: len(self.basis.read)]
         if isinstance(self.basis, ModelBasis):
-            target = None if np.array_equal(self.basis.xf, predicted[-1]) else self.basis.xf
-        elif self.basis is not None and self.limited is None:
+            return self.basis.target
+        if self.basis is not None and self.limited is None:
             target = self.basis.xf.estimate
         if target is None and self.limited is not None:
             goal: Floats = self.limited.task.reference[-1]

@@ -41,6 +41,8 @@ def expectation(
     The model ends at `end`; `covariance` computes that of the true system's last state.
     """
     text = reach.text
+    if isinstance(basis, ModelBasis) and basis.given:
+        return "inputs given; true system: see bound()"
     if isinstance(basis, ModelBasis):
         there = _place(norm(basis.xf - end), "xf", basis.x0, basis.xf)
         return f"{text}; the model ends {there}; true system: see bound()"

@@ -82,7 +82,7 @@ def regulate(
         The number of steps K of each plan; left out for a Loop.
     xf : array_like, shape (n,), optional
         The target; default: the origin.
-    limits : Limits, or tuple (low, high), optional
+    limits : Limits, tuple (low, high) or mapping, optional
         As in `control`. What differs from step to step belongs to the steps of each plan: the
         input that is returned is always that of the first one. With a rate, `previous` is the input
         applied before the first call; later it is the one returned last.

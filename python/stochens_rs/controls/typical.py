@@ -85,13 +85,17 @@ class Typical(SavedRecord):
 def typical(
     basis: Basis | ModelBasis | None,
     u: Floats,
+    predicted: Floats,
     certified: float,
     delta: float,
     draws: int,
     rng: RngLike,
     noise: bool,
 ) -> Typical:
-    """Check that a law of the estimate is known, and draw the misses from it."""
+    """Check that a law of the estimate is known, and draw the misses from it.
+
+    Without a target they are those of the last of the states or outputs that were `predicted`.
+    """
     model = known_model(basis, "typical")
     assert isinstance(basis, ModelBasis)
     if basis.x0_error:
@@ -106,7 +110,9 @@ def typical(
             f"`typical` needs {2 * rows} more pairs than unknowns of a row where the covariance "
             f"is unknown, this model has {nu}"
         )
-    key, xf, threads = bytes(as_key(rng).child("typical")), basis.xf[:rows], get_num_threads()
+    key, threads, goal = bytes(as_key(rng).child("typical")), get_num_threads(), basis.target
+    if goal is None:
+        goal = predicted[1:][-(1 if window is None else window.count) :].ravel()
     exact = "states without error" if window is None else f"the window of {window.text} exact"
     said = (
         f"{assumed.text}; {exact}; number and lengths of the runs fixed beforehand; "
@@ -115,7 +121,7 @@ def typical(
     of = None if window is None else window._core
 
     def misses(size: int) -> Floats:
-        return _core.drawn_misses(law, basis.x0, u, xf, noise, size, key, threads, of)
+        return _core.drawn_misses(law, basis.x0, u, goal, noise, size, key, threads, of)
 
     return ranked(misses, certified, delta, draws, noise, said)
 

@@ -29,6 +29,7 @@ NOISES: tuple[Noise, ...] = get_args(Noise)
 SIZES: dict[Noise, str] = {"sub-gaussian": "", "bounded": ", the largest norm of the noise"}
 SMALLEST, LARGEST = 1e-100, 1e100  # of sizes that are squared
 COVARIANCES: tuple[Covariance, ...] = get_args(Covariance)
+_ROUNDING = EPS  # times n^2: least eigenvalues of correlation matrices up to here may be 0
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,10 +162,10 @@ def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = Fals
     if not np.allclose(given, given.T, rtol=1e-9, atol=0.0):
         raise InputError(f"`{name}` must be symmetric")
     least = _least_correlation(given)
-    if least < 0.0 or (least == 0.0 and not semi):
+    if least < (-_ROUNDING if semi else _ROUNDING) * n * n:
         raise InputError(
-            f"`{name}` must be positive definite, the least eigenvalue of its correlation matrix "
-            f"is {least:.3g}"
+            f"`{name}` must be positive {'semi' * semi}definite, the least eigenvalue of its "
+            f"correlation matrix is {least:.3g}"
         )
     return (given + given.T) / 2.0
 
@@ -180,5 +181,5 @@ def _require_covariance(name: str, stored: Floats) -> None:
     """Refuse a field that is no covariance, up to the rounding of its eigenvalues."""
     n = len(validation.kept(name, stored, ndim=(2,)))
     validation.kept(name, stored, shape=(n, n))
-    if (stored != stored.T).any() or _least_correlation(stored) < -n * EPS:
+    if (stored != stored.T).any() or _least_correlation(stored) < -_ROUNDING * n * n:
         raise InputError(f"`{name}` must be symmetric and positive definite")

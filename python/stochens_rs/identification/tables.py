@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._base import validation
-from .._base.csv_file import csv_files, name_and_unit, read_cells
+from .._base.csv_file import csv_files, name_and_unit, read_cells, titled
 from .._base.reading import number, printable
 from ..exceptions import InputError, InputTypeError, ShapeError
 
@@ -82,10 +82,9 @@ class Table:
 
     def title(self, name: Any) -> Any:
         """The column of this name, with the unit that a file may say behind it."""
-        if not isinstance(name, str) or self.path is None or name in self.columns:
+        if not isinstance(name, str) or self.path is None:
             return name
-        fits = [title for title in self.columns if name_and_unit(title)[0] == name]
-        return fits[0] if len(fits) == 1 else name
+        return titled(name, self.columns)
 
     def said(self, name: Any) -> str:
         """A column in words."""

@@ -11,13 +11,22 @@ import numpy as np
 from .. import _core
 from .._base import html, validation
 from .._base.records import Record
+from .._base.signal_names import Labels, order_of
 from ..exceptions import InputError
+from .trajectories import Trajectories
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
-    from .trajectories import Trajectories
+
+
+class Stretch(NamedTuple):
+    """A record that fills a window, the inputs behind it, and the readings from its end on."""
+
+    record: tuple[Floats, Floats]
+    inputs: Floats
+    readings: Floats
 
 
 class Loop(NamedTuple):
@@ -159,6 +168,54 @@ class Window(Record):
         return Loop(
             *self._core.linear(validation.matrix("Theta", Theta, rows=rows, cols=self.length))
         )
+
+    def stretches(self, data: Trajectories, steps: int) -> list[Stretch]:
+        """Cut runs that were kept apart into what `predict` takes, and what was then read.
+
+        Parameters
+        ----------
+        data : Trajectories
+            Runs of the same outputs and inputs, in any order of their names.
+        steps : int
+            How many steps ahead are to be predicted.
+
+        Returns
+        -------
+        list of (record, inputs, readings)
+            In each piece one stretch after another, the first as soon as its record fills the
+            window. The record has all rows of the piece up to then, `inputs` (K, m) are those that
+            followed, and `readings` (K + 1, n_y) begin with the last row of the record.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the names differ, or no piece is long enough.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> data = se.Trajectories([np.zeros((9, 1))], [np.ones((8, 1))], outputs=True)
+        >>> window = se.identification.Window(data.outputs, data.input_names, 2)
+        >>> [len(record[0]) for record, inputs, readings in window.stretches(data, 3)]
+        [2, 5]
+        """
+        K, names = validation.size("steps", steps), Labels(self.outputs, self.inputs)
+        read = validation.instance("data", data, Trajectories)
+        order = order_of("data", Labels(read.state_names, read.input_names), names)
+        found, begun = [], 0
+        for length in read.pieces:
+            x, u, after = (one[begun : begun + length] for one in read.pairs())
+            begun += length
+            y, u = order.of_states(np.vstack([x, after[-1:]])), order.of_inputs(u)
+            for t in range(self.fill, length - K + 1, K):
+                record = y[: t + 1], u[:t]
+                found.append(Stretch(record, u[t : t + K], y[t : t + K + 1]))
+        if not found:
+            raise InputError(
+                f"`data` must have a piece of {self.fill + K} pairs, {self.fill} to fill the "
+                f"window and {K} to predict, the longest has {int(read.pieces.max())}"
+            )
+        return found
 
     def _rows(self, data: Trajectories, first: int = 0) -> tuple[Floats, Floats]:
         """The rows (z, y one step later) of complete windows: before pair `first`, and after."""

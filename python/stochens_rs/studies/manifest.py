@@ -11,6 +11,7 @@ from ..exceptions import InputError, StateError
 from ..rng import Key
 from .digest import digest, full_name, home_of
 from .grid import Grid
+from .units import units_of
 from .worker import Block, Function
 
 SCHEMA = "stochens-study/2"
@@ -30,12 +31,16 @@ def described(function: Function, grid: Grid, key: Key, replicates: range) -> Ma
         "replicates": [replicates.start, replicates.stop],
         "function": full_name(function),
         "function_digest": digest("function", function, home),
+        "units": units_of(function),
     }
 
 
 def require_same(path: str, found: Manifest, ours: Manifest) -> None:
-    """Raise if a manifest is not that of this study, which may have more replicates."""
-    theirs, span = dict(found), replicates_in(path, found)
+    """Raise if a manifest is not that of this study, which may have more replicates.
+
+    It may also have other texts for its units.
+    """
+    theirs, span = {**found, "units": ours["units"]}, replicates_in(path, found)
     first, stop = ours["replicates"]
     if first <= span.start and span.stop <= stop:
         theirs["replicates"] = ours["replicates"]

@@ -32,7 +32,7 @@ from .signals import interruptions
 from .store import Table
 from .store_io import enter, open_table, write_parts
 from .study_file import StudyFile, read_blocks, read_manifest
-from .units import units_of
+from .units import checked_units, units_of
 from .worker import FAILED, WAITING, Block, Function, Layout, Work, fingerprint
 
 if TYPE_CHECKING:
@@ -191,7 +191,9 @@ class Study:
         about = {"key": self.key.hex, "function": self._named()}
         status, seconds = self._status, self._seconds
         found = (self._table, self._grid, self.replicates, status, about, seconds)
-        return collected(*found, units_of(self._function))
+        known = self._function is not None
+        units = units_of(self._function) if known else self._found["units"]
+        return collected(*found, units)
 
     @classmethod
     def resume(
@@ -302,7 +304,8 @@ class Study:
                 nested=found["nested"],
                 shared=found["shared"],
             )
-            study._found = {**found, "function": validation.text("function", found["function"])}
+            name, units = validation.text("function", found["function"]), found.get("units", {})
+            study._found = {**found, "function": name, "units": checked_units(units)}
         except (KeyError, InputError, InputTypeError) as error:
             raise StateError(f"{path} is not the file of a study: {error}") from error
         if function is None:

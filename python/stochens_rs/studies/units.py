@@ -16,7 +16,11 @@ def units_of(function: object) -> dict[str, str]:
     """The attribute ``units`` of a function, checked; empty if it has none."""
     while isinstance(function, functools.partial) and not hasattr(function, "units"):
         function = function.func
-    given = getattr(function, "units", {})
+    return checked_units(getattr(function, "units", {}))
+
+
+def checked_units(given: object) -> dict[str, str]:
+    """A mapping of names to texts."""
     if not isinstance(given, Mapping):
         raise InputTypeError(
             f"`function.units` must be a mapping of names to texts, got {validation.show(given)}"

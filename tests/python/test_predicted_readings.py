@@ -1,0 +1,223 @@
+"""`predict` for models of outputs: runs that were kept apart against the tube of their readings."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from coverage_study import at_most
+from hidden_outputs import Arx
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+
+pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+STEPS = 10
+
+
+class Plant:
+    """``x+ = A x + B u(t - delay) + w``, ``y = C x + v``, of 2 to 4 states and 1 or 2 outputs.
+
+    The errors of reading have deviations from 0.02 to 1, unlike each other.
+    """
+
+    def __init__(self, gen, delay=0):
+        n, p = int(gen.integers(2, 5)), int(gen.integers(1, 3))
+        A = gen.standard_normal((n, n))
+        self.A = A * gen.uniform(0.6, 0.95) / np.abs(np.linalg.eigvals(A)).max()
+        self.B, self.C = gen.standard_normal((n, 1)), gen.standard_normal((p, n))
+        self.process, self.sensor = np.exp(gen.uniform(*np.log([0.02, 0.2]))), np.ones(p)
+        self.sensor *= np.exp(gen.uniform(*np.log([0.02, 1.0]), p))
+        self.K, self.delay = 0.2 * gen.standard_normal((p, 1)), delay
+
+    def runs(self, gen, count, steps, size, hold=1):
+        """So many runs at once, with feedback; the rest of the inputs is new after `hold` steps."""
+        n, p = len(self.A), len(self.C)
+        x, y, u = gen.standard_normal((count, n)), [], [np.zeros((count, 1))] * self.delay
+        for t in range(steps + 1):
+            y.append(x @ self.C.T + self.sensor * gen.standard_normal((count, p)))
+            own = size * gen.standard_normal((count, 1)) if t % hold == 0 else own  # noqa: F821
+            u.append(np.clip(y[-1] @ self.K, -2.0, 2.0) + own)
+            noise = self.process * gen.standard_normal((count, n))
+            x = x @ self.A.T + u[t] @ self.B.T + noise
+        acted = np.stack(u[self.delay : -1], axis=1)
+        return se.Trajectories(list(np.stack(y, axis=1)), list(acted), outputs=True)
+
+
+def left(seed, deltas, **window):
+    """Whether readings of a run that was kept apart leave the tubes; its inputs last longer."""
+    gen = np.random.default_rng([21, seed])
+    plant = Plant(gen, delay=3)
+    model = se.identify(plant.runs(gen, 15, 80, 1.0), checks=False, **window)
+    apart = plant.runs(gen, 1, model.window.fill + STEPS, 30.0, hold=8)
+    ((record, inputs, readings),) = model.window.stretches(apart, STEPS)
+    plan = se.predict(model, record=record, inputs=inputs)
+    off = np.linalg.norm(readings - plan.predicted_outputs, axis=1)
+    return [bool((off > plan.bound(delta).tube).any()) for delta in deltas]
+
+
+def test_readings_that_were_kept_apart_are_in_the_tube():
+    """50 plants, one run of each under inputs of another kind; false alarms 1e-5 for each level."""
+    levels = (0.05, 0.5)
+    count = np.sum([left(seed, levels, lags=8, delay=3) for seed in range(50)], axis=0)
+    for outside, delta in zip(count, levels, strict=True):
+        at_most(outside, 50, delta)
+
+
+def test_windows_that_do_not_reach_back_to_the_input_leave_the_tube():
+    """The same plants, and two lags without the delay of 3 steps; 5 % are allowed."""
+    assert sum(left(seed, (0.05,), lags=2)[0] for seed in range(30)) > 10
+
+
+def kept(lags=None, seed=3, **how):
+    """A system, a model of it, and a run that was kept apart, as `stretches` cuts it."""
+    gen = np.random.default_rng([22, seed])
+    system = Arx(gen)
+    data = system.data(14, 50, gen)
+    how = how or {"lags": system.lags if lags is None else lags}
+    model = se.identify(data, checks=False, **how)
+    return system, model, model.window.stretches(system.data(1, 60, gen), 8)
+
+
+@pytest.mark.parametrize("how", [{}, {"filters": (0.4, 3)}])
+def test_the_bounds_are_those_of_a_plan_with_these_inputs(how):
+    _, model, ((record, inputs, readings), *_) = kept(**how)
+    plan = se.control(model, record=record, steps=8)
+    same = se.predict(model, record=record, inputs=plan.u)
+    np.testing.assert_array_equal(same.predicted_outputs, plan.predicted_outputs)
+    for options in ({}, {"noise": False}):
+        one, other = plan.bound(0.1, **options), same.bound(0.1, **options)
+        for name in ("tube", "mean", "readings"):
+            np.testing.assert_array_equal(other[name].radius, one[name].radius)
+        # without a target all distances are from what is predicted
+        np.testing.assert_array_equal(other.outputs, other["readings"].radius[1:])
+        assert other.parts["reach"] == 0.0
+        count = model.window.count
+        assert other.target == pytest.approx(np.linalg.norm(other.tube[-count:]), rel=1e-12)
+        assert "the predicted outputs" in other["last"].distance_from
+    given = se.predict(model, record=record, inputs=inputs)
+    assert given.basis.target is None
+    assert "inputs given; true system: see bound()" in repr(given)
+    np.testing.assert_array_equal(given.predicted_outputs[0], readings[0])
+    again = pickle.loads(pickle.dumps(given))
+    np.testing.assert_array_equal(again.bound().tube, given.bound().tube)
+    assert se.Plan.from_dict(given.to_dict()).basis.given
+
+
+def test_what_a_plan_can_a_prediction_can():
+    _, model, ((record, inputs, readings), *_) = kept()
+    plan = se.predict(model, record=record, inputs=inputs)
+    found = plan.typical(0.2, draws=100, rng=1)
+    assert 0.0 < found.miss < found.certified == plan.bound(0.2).target
+    assert found.miss < plan.typical(0.2, draws=100, rng=1, noise=True).certified
+    held = plan.validate(np.tile(readings, (19, 1, 1)))
+    np.testing.assert_array_equal(held.xf, plan.predicted_outputs[-1])
+    # one step is enough, fewer than a plan needs to come to rest
+    short = se.predict(model, record=record, inputs=inputs[:1])
+    np.testing.assert_allclose(short.predicted_outputs, plan.predicted_outputs[:2], atol=1e-12)
+    np.testing.assert_allclose(short.bound().outputs, plan.bound().outputs[:1], rtol=1.0)
+    still = se.predict(model, record="rest", inputs=inputs)
+    assert "declared: the plant was at rest" in still.bound().assumption
+
+
+def test_predictions_are_drawn_with_what_was_read():
+    pytest.importorskip("matplotlib")
+    system, model, ((record, inputs, readings), *_) = kept()
+    figure = se.predict(model, record=record, inputs=inputs).plot(measured=readings)
+    assert len(figure.axes) == system.p + system.m
+    with pytest.raises(ShapeError, match="measured"):
+        se.predict(model, record=record, inputs=inputs).plot(measured=readings[1:])
+
+
+def test_the_misses_of_drawn_models_are_from_what_is_predicted():
+    """A target for each of the last rows: the same runs as with a target of 0, and its distance."""
+    _, model, ((record, inputs, _), *_) = kept()
+    plan = se.predict(model, record=record, inputs=inputs)
+    rows = min(model.window.count, len(inputs))
+    law, key = model._law(windows=True), bytes(range(32))
+    begin, end = (plan.basis.x0, plan.u), (False, 20, key, 1, model.window._core)
+    goal = plan.predicted_outputs[-rows:]
+    misses = se._core.drawn_misses(law, *begin, goal.ravel(), *end)
+    models = se._core.estimate_draws(law, 20, key, 1).reshape(20, *model._H.shape)
+    for miss, Theta in zip(misses, models, strict=True):
+        loop, x, y = model.window.loop(Theta), plan.basis.x0, []
+        for u in plan.u:
+            both = np.concatenate([x, u])
+            y.append(Theta @ loop.J @ both)
+            x = loop.ABc @ both
+        assert miss == pytest.approx(np.linalg.norm(np.array(y[-rows:]) - goal), rel=1e-9)
+    with pytest.raises(ShapeError):
+        se._core.drawn_misses(law, *begin, goal.ravel()[1:], *end)
+
+
+@pytest.mark.parametrize(
+    ("change", "error", "text"),
+    [
+        ({"x0": [0.0]}, InputError, "`x0` must be left out for a model of outputs"),
+        ({"record": None}, InputError, r"`record` needs \d+ rows of outputs and \d+ of inputs"),
+        ({"record": "still"}, InputError, "'rest'"),
+        ({"record": ([[0.0]], [])}, InputError, "`record`|`outputs`"),
+        ({"inputs": None}, ShapeError, r"`inputs` must have shape \(K, 1\).* got None"),
+        ({"inputs": np.zeros((0, 1))}, InputError, "`inputs`"),
+        ({"inputs": np.full((3, 1), np.nan)}, NonFiniteError, "`inputs"),
+    ],
+)
+def test_bad_input(change, error, text):
+    model = two_lags()
+    record = np.zeros((4, 1)), np.zeros((3, 1))
+    arguments = {"record": record, "inputs": np.ones((3, 1)), **change}
+    with pytest.raises(error, match=text) as caught:
+        se.predict(model, **arguments)
+    assert "\n" not in str(caught.value)
+
+
+def two_lags():
+    gen = np.random.default_rng(1)
+    y, u = gen.standard_normal((30, 9, 1)), gen.standard_normal((30, 8, 1))
+    return se.identify(se.Trajectories(list(y), list(u), outputs=True), lags=2, checks=False)
+
+
+def test_a_model_of_states_takes_no_record():
+    z = np.random.default_rng(1).standard_normal((40, 3))
+    data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], 0.5 * z[:, :1] + 0.1 * z[:, 2:])
+    model = se.identify(data, sigma=0.1, checks=False)
+    with pytest.raises(InputError, match="`record` must be left out: it is for models of outputs"):
+        se.predict(model, [1.0], [[0.0]], record="rest")
+    with pytest.raises(InputError, match="`x0` must be the initial state, got None"):
+        se.predict(model, inputs=[[0.0]])
+
+
+# -- stretches -----------------------------------------------------------------------------------
+
+
+def test_stretches_follow_on_each_other_within_pieces():
+    k = np.concatenate([np.arange(12.0), np.arange(9.0)])
+    lost = np.where(np.arange(21) == 7, np.nan, k)  # pieces of 6, 3 and 8 pairs
+    table = {"run": np.repeat([0, 1], [12, 9]), "y": lost, "u": 100.0 + k}
+    data = se.Trajectories.from_table(table, outputs=["y"], inputs=["u"], by="run")
+    window = se.identification.Window(data.outputs, data.input_names, 3)
+    found = window.stretches(data, 2)
+    ends = [(record[0][-1, 0], len(record[0]), len(record[1])) for record, _, _ in found]
+    assert ends == [(2.0, 3, 2), (4.0, 5, 4), (2.0, 3, 2), (4.0, 5, 4), (6.0, 7, 6)]
+    for record, inputs, readings in found:
+        begun = record[0][-1, 0]
+        np.testing.assert_array_equal(readings[:, 0], begun + np.arange(3.0))
+        np.testing.assert_array_equal(inputs[:, 0], 100.0 + begun + np.arange(2.0))
+        np.testing.assert_array_equal(record[1][:, 0], 100.0 + record[0][:-1, 0])
+    assert len(window.stretches(data, 6)) == 1
+    with pytest.raises(InputError, match="must have a piece of 9 pairs, 2 to fill the window"):
+        window.stretches(data, 7)
+    with pytest.raises(InputTypeError, match="`data` must be a Trajectories"):
+        window.stretches(data.runs, 2)
+
+
+def test_stretches_bring_names_into_order():
+    gen = np.random.default_rng(1)
+    y, u = gen.standard_normal((9, 2)), gen.standard_normal((8, 1))
+    names = {"input_names": ["F"], "outputs": True}
+    data = se.Trajectories([y], [u], state_names=["b", "a"], **names)
+    window = se.identification.Window(("a", "b"), ("F",), 2)
+    np.testing.assert_array_equal(window.stretches(data, 7)[0].readings, y[1:, ::-1])
+    with pytest.raises(InputError, match="`data` must have the"):
+        window.stretches(se.Trajectories([y], [u], state_names=["b", "c"], **names), 7)

@@ -1,5 +1,6 @@
 import os
-from typing import Literal, TypeAlias, final
+from collections.abc import Sequence
+from typing import Any, Literal, TypeAlias, final, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ __all__ = [
     "RegionPart",
     "StateLock",
     "Stream",
+    "TailBounds",
     "Window",
     "alse",
     "alse_path",
@@ -38,9 +40,12 @@ __all__ = [
     "choose_window",
     "closed_form",
     "diagonal_quantile",
+    "drawn_bounds",
+    "drawn_level",
     "drawn_misses",
     "entered_region",
     "estimate_draws",
+    "exceedances",
     "f_upper",
     "feedback_gain",
     "first_pairs",
@@ -341,6 +346,9 @@ def simulate_plans(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+def exceedances(runs: int, delta: float) -> int | None: ...
+def drawn_bounds(errors: _Floats, delta: float) -> list[float]: ...
+def drawn_level(runs: int, beyond: int) -> float: ...
 def simulate_estimates(
     values: _Floats,
     size: int,
@@ -351,6 +359,31 @@ def simulate_estimates(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+
+@final
+class TailBounds:
+    # lines (k, n), norm; or A, B, x0, xf, rows, control, paired
+    @overload
+    def __new__(cls, lines: _Floats, norm: str, /) -> TailBounds: ...
+    @overload
+    def __new__(
+        cls,
+        A: _Floats,
+        B: _Floats,
+        x0: _Floats,
+        xf: _Floats,
+        rows: bool,
+        control: bool,
+        paired: bool,
+        /,
+    ) -> TailBounds: ...
+    @property
+    def unit(self) -> float: ...
+    def cap(self, rates: Sequence[float]) -> float: ...
+    def radius(self, name: str, rates: Sequence[float], level: float) -> float: ...
+    def constants(self) -> dict[str, Any]: ...
+    # mean square, root of the squared ranges of M A^s x, D_0^2
+    def measures(self, rates: Sequence[float], x: _Floats) -> tuple[float, float, float]: ...
 
 @final
 class StateLock:

@@ -31,6 +31,7 @@ mod shared;
 mod simulate;
 mod storage;
 mod streaming;
+mod tails;
 mod validation;
 mod window;
 
@@ -89,12 +90,15 @@ mod _core {
     use super::region::{PyErrors, PyPart, PyRegion, certify, followed_inputs};
     #[pymodule_export]
     use super::simulate::{
-        simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
+        drawn_bounds, drawn_level, exceedances, simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs,
+        simulate_systems, track, trajectory,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream, mean_radius};
+    #[pymodule_export]
+    use super::tails::PyTailBounds;
     #[pymodule_export]
     use super::validation::{
         validation_mean, validation_rank, validation_runs, validation_systems, validation_weighted,

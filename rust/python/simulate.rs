@@ -246,3 +246,22 @@ pub(super) fn simulate_estimates<'py>(
         run(py, cost * runs as f64, |stop| simulate::estimate_errors(&average, norm, runs, &key, threads, stop))?;
     array1(py, errors)
 }
+
+/// How many of so many errors may exceed a bound for `delta`.
+#[pyfunction]
+pub(super) fn exceedances(runs: usize, delta: f64) -> Option<usize> {
+    simulate::exceedances(runs, delta)
+}
+
+/// Bounds of the next errors, from drawn ones (runs, errors).
+#[pyfunction]
+pub(super) fn drawn_bounds(py: Python<'_>, errors: PyReadonlyArray2<'_, f64>, delta: f64) -> PyResult<Vec<f64>> {
+    let (columns, errors) = (errors.as_array().dim().1, slice("errors", &errors)?);
+    run(py, 10.0 * errors.len() as f64, |_| simulate::drawn_bounds(errors, columns, delta))
+}
+
+/// The largest `log(1 / delta)` for which so many errors may exceed a bound.
+#[pyfunction]
+pub(super) fn drawn_level(py: Python<'_>, runs: usize, beyond: usize) -> PyResult<f64> {
+    run(py, 40.0 * runs as f64, |_| Ok(simulate::drawn_level(runs, beyond)))
+}

@@ -13,6 +13,7 @@
 
 mod block;
 mod closed_loop;
+mod drawn_bounds;
 mod mean_field;
 mod model;
 mod moments;
@@ -23,6 +24,7 @@ mod validation;
 mod words;
 
 pub use closed_loop::{ClosedLoop, Followed, Method};
+pub use drawn_bounds::{drawn_bounds, drawn_level, exceedances};
 pub use mean_field::mean_field;
 pub use model::{Drawn, Model};
 pub use moments::{Ensemble, Second};

@@ -56,7 +56,9 @@ __all__ = [
     "fleet_worst",
     "followed_inputs",
     "guaranteed_gain",
+    "hull_between",
     "hull_explained",
+    "hull_position",
     "hull_radius",
     "hull_share",
     "joint_radii",
@@ -69,6 +71,7 @@ __all__ = [
     "message_bits",
     "mixtures",
     "next_runs",
+    "noise_deviations",
     "normal_quantile",
     "one_noise",
     "output_tube",
@@ -87,6 +90,7 @@ __all__ = [
     "scenario_compression",
     "scenario_discarding",
     "scenario_judged",
+    "scenario_rank",
     "scenario_relaxed",
     "scenario_required",
     "sign_contains",
@@ -94,7 +98,6 @@ __all__ = [
     "sign_sizes",
     "sign_statistics",
     "simulate_estimates",
-    "simulate_mean_field",
     "simulate_plans",
     "simulate_runs",
     "simulate_systems",
@@ -291,19 +294,7 @@ def simulate_runs(
     u: _Floats,
     drawn: tuple[bool, bool, bool],
     size: int,
-    full: bool,
-    keep: bool,
-    key: bytes,
-    threads: int,
-) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
-def simulate_mean_field(
-    a: _Floats,
-    b: _Floats,
-    x0: _Floats,
-    u: _Floats,
-    drawn: tuple[bool, bool, bool],
-    size: int,
-    replicates: int,
+    replicates: int | None,
     full: bool,
     keep: bool,
     key: bytes,
@@ -419,6 +410,10 @@ def diagonal_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> fl
 def trace_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float: ...
 
 # `hull` and `noise` are read by their attributes, see `fusion.hull`
+def hull_position(
+    models: _Floats, t: _Floats, weights: _Floats
+) -> tuple[_Floats, tuple[float, float, float, int, int, int, float]]: ...
+def hull_between(b: float, a: float, away: _Floats, share: float, frobenius: bool) -> float: ...
 def hull_share(hull: object, noise: object) -> float: ...
 def hull_explained(hull: object, noise: object) -> bool | None: ...
 def hull_radius(hull: object, noise: object, delta: float, extra: int) -> float: ...
@@ -1104,12 +1099,14 @@ def scenario_at_most(size: int, most: int, beta: float) -> float: ...
 def scenario_compression(size: int, support: int, violations: int, beta: float) -> float: ...
 def scenario_discarding(size: int, discarded: int, dimension: int, beta: float) -> float: ...
 def scenario_judged(size: int, support: int, beta: float) -> float: ...
+def scenario_rank(size: int, delta: float, beta: float) -> int: ...
 def scenario_relaxed(size: int, support: int, beta: float) -> tuple[float, float]: ...
 def scenario_required(epsilon: float, dimension: int, beta: float) -> int: ...
 
 # path, A, scale, target
 _Predicted: TypeAlias = tuple[_Floats, _Floats, _Floats, _Floats]
 
+def noise_deviations(a: _Floats, covariance: _Floats, steps: int) -> _Floats: ...
 def validation_mean(ends: _Floats, target: _Floats, delta: float) -> float: ...
 def validation_rank(scores: _Floats, rank: int) -> float: ...
 def validation_runs(

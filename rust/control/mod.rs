@@ -18,6 +18,6 @@ pub use best::{Best, Factors, best_control, pushed};
 pub use pairs::Motion;
 pub(crate) use products::{times, transposed};
 pub use pseudoinverse::{Pseudoinverse, pseudoinverse};
-pub(crate) use pseudoinverse::{Singular, singular, singular_values};
+pub(crate) use pseudoinverse::{Singular, singular, singular_values, symmetric_norm};
 pub use realizations::{Entity, Realized};
 pub(crate) use steps::steps_control;

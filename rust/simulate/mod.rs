@@ -31,4 +31,4 @@ pub use moments::{Ensemble, Second};
 pub use plans::{Average, Estimate, Exact, Norm, Plans, estimate_errors};
 pub use runs::runs;
 pub use systems::Systems;
-pub use validation::{Predicted, Scores, mean_miss, order_statistic, weighted_order_statistic};
+pub use validation::{Predicted, Scores, mean_miss, noise_deviations, order_statistic, weighted_order_statistic};

@@ -6,7 +6,7 @@ use super::image::{Image, Problem};
 use super::lines::{Lines, Norm};
 use super::moments::Moments;
 use super::sizes::WHAT;
-use crate::control::singular_values;
+use crate::control::symmetric_norm;
 use crate::error::Result;
 use crate::memory::try_collect;
 
@@ -88,7 +88,7 @@ impl Control {
         let covariances = &self.moments.covariances;
         let sum = |at: usize| covariances.iter().zip(part).filter(|(_, in_it)| *in_it).map(|(c, _)| c[at]).sum::<f64>();
         let total = try_collect(WHAT, (0..covariances[0].len()).map(sum))?;
-        let top = singular_values(&total, self.image.rank())?.first().copied().unwrap_or(0.0);
+        let top = symmetric_norm(&total, self.image.rank())?;
         Ok(known.get_or_init(|| top) * most)
     }
 }

@@ -1,7 +1,7 @@
 //! The average of N realizations of a vector, or of the lines of a matrix.
 
 use super::sizes::{WHAT, nonzero, one_norm, others, unit_of};
-use crate::control::{singular_values, times, transposed};
+use crate::control::{symmetric_norm, times, transposed};
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{try_collect, try_zeros};
 
@@ -101,7 +101,7 @@ impl Lines {
             // off the diagonal -sum_j a_j a_j'
             let mut total = times(&transposed(&kept, n)?, &kept, kept.len() / n)?;
             diagonal.iter().enumerate().for_each(|(i, v)| total[i * (n + 1)] = -v);
-            found.variance = found.variance.max(singular_values(&total, n)?.first().copied().unwrap_or(0.0));
+            found.variance = found.variance.max(symmetric_norm(&total, n)?);
         }
         Ok(found)
     }

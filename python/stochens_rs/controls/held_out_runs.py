@@ -112,11 +112,7 @@ class Predicted(NamedTuple):
         if covariance is None:
             return units
         A, added = self.basis.model._with_outputs(covariance)
-        total = np.zeros_like(A)
-        with np.errstate(all="ignore"):
-            for k in range(K):
-                total = A @ total @ A.T + added
-                units[k] = np.sqrt(np.maximum(np.diag(total)[:n], 0.0))
+        units = _core.noise_deviations(*map(np.ascontiguousarray, (A, added)), K)[:, :n]
         floor = np.maximum(_LEAST * size, np.finfo(float).tiny)
         return np.where(np.isfinite(units), np.maximum(units, floor), size)
 

@@ -197,15 +197,8 @@ def simulate_ensemble(
     key = as_key(rng)
     problem = (*columns(checked), start.reshape(1, -1), inputs)
     A, B, first = drawn
-    if mean_field:
-        result = _core.simulate_mean_field(
-            *problem, (A, B, first), count, repeats, full, keep, bytes(key), threads
-        )
-    else:
-        result = _core.simulate_runs(
-            *problem, (A, B, first), count, full, keep, bytes(key), threads
-        )
-    mean, variance, flat, runs = result
+    how = (A, B, first), count, repeats if mean_field else None, full, keep, bytes(key), threads
+    mean, variance, flat, runs = _core.simulate_runs(*problem, *how)
     return EnsembleTrajectory(
         mean=mean,
         variance=variance,

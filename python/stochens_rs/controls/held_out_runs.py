@@ -111,8 +111,8 @@ class Predicted(NamedTuple):
         covariance = self.basis.model.covariance
         if covariance is None:
             return units
-        A, added = self.basis.model._with_outputs(covariance)
-        units = _core.noise_deviations(*map(np.ascontiguousarray, (A, added)), K)[:, :n]
+        A, added = map(np.ascontiguousarray, self.basis.model._with_outputs(covariance))
+        units = _core.noise_deviations(A, added, K)[:, :n]
         floor = np.maximum(_LEAST * size, np.finfo(float).tiny)
         return np.where(np.isfinite(units), np.maximum(units, floor), size)
 

@@ -197,8 +197,10 @@ def simulate_ensemble(
     key = as_key(rng)
     problem = (*columns(checked), start.reshape(1, -1), inputs)
     A, B, first = drawn
-    how = (A, B, first), count, repeats if mean_field else None, full, keep, bytes(key), threads
-    mean, variance, flat, runs = _core.simulate_runs(*problem, *how)
+    times = repeats if mean_field else None
+    mean, variance, flat, runs = _core.simulate_runs(
+        *problem, (A, B, first), count, times, full, keep, bytes(key), threads
+    )
     return EnsembleTrajectory(
         mean=mean,
         variance=variance,

@@ -15,7 +15,8 @@
 //! 7. makes a **region** of models from data, says what it contains ([`region`]), and where a control leads the true system ([`certificate`]);
 //! 8. computes **controls within limits** ([`limits`]), with a certificate;
 //! 9. makes models of **windows** of readings and inputs where states are not measured ([`window`]);
-//! 10. finds one **command for a fleet** of units ([`fleet`]), and bounds what a fresh unit risks.
+//! 10. finds one **command for a fleet** of units ([`fleet`]), and bounds what a fresh unit risks;
+//! 11. **bounds** the errors of averages of realizations by formulas ([`tails`]).
 //!
 //! The modules are listed in the order of the data, `stream -> sample -> fuse -> control -> simulate`, and use only
 //! earlier ones. Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
@@ -83,6 +84,7 @@ pub mod simulate;
 pub mod storage;
 mod stream;
 pub mod streaming;
+pub mod tails;
 mod vector;
 pub mod window;
 

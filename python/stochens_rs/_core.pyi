@@ -1,5 +1,6 @@
 import os
-from typing import Literal, TypeAlias, final
+from collections.abc import Sequence
+from typing import Any, Literal, TypeAlias, final, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ __all__ = [
     "RegionPart",
     "StateLock",
     "Stream",
+    "TailBounds",
     "Window",
     "alse",
     "alse_path",
@@ -38,9 +40,12 @@ __all__ = [
     "choose_window",
     "closed_form",
     "diagonal_quantile",
+    "drawn_bounds",
+    "drawn_level",
     "drawn_misses",
     "entered_region",
     "estimate_draws",
+    "exceedances",
     "f_upper",
     "feedback_gain",
     "first_pairs",
@@ -52,7 +57,9 @@ __all__ = [
     "followed_inputs",
     "fuse_path",
     "guaranteed_gain",
+    "hull_between",
     "hull_explained",
+    "hull_position",
     "hull_radius",
     "hull_share",
     "joint_radii",
@@ -65,6 +72,7 @@ __all__ = [
     "message_bits",
     "mixtures",
     "next_runs",
+    "noise_deviations",
     "normal_quantile",
     "one_noise",
     "output_tube",
@@ -83,6 +91,7 @@ __all__ = [
     "scenario_compression",
     "scenario_discarding",
     "scenario_judged",
+    "scenario_rank",
     "scenario_relaxed",
     "scenario_required",
     "sign_contains",
@@ -90,7 +99,6 @@ __all__ = [
     "sign_sizes",
     "sign_statistics",
     "simulate_estimates",
-    "simulate_mean_field",
     "simulate_plans",
     "simulate_runs",
     "simulate_systems",
@@ -282,19 +290,7 @@ def simulate_runs(
     u: _Floats,
     drawn: tuple[bool, bool, bool],
     size: int,
-    full: bool,
-    keep: bool,
-    key: bytes,
-    threads: int,
-) -> tuple[_Floats, _Floats | None, _Floats | None, _Floats]: ...
-def simulate_mean_field(
-    a: _Floats,
-    b: _Floats,
-    x0: _Floats,
-    u: _Floats,
-    drawn: tuple[bool, bool, bool],
-    size: int,
-    replicates: int,
+    replicates: int | None,
     full: bool,
     keep: bool,
     key: bytes,
@@ -337,6 +333,9 @@ def simulate_plans(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+def exceedances(runs: int, delta: float) -> int | None: ...
+def drawn_bounds(errors: _Floats, delta: float) -> list[float]: ...
+def drawn_level(runs: int, beyond: int) -> float: ...
 def simulate_estimates(
     values: _Floats,
     size: int,
@@ -347,6 +346,31 @@ def simulate_estimates(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+
+@final
+class TailBounds:
+    # lines (k, n), norm; or A, B, x0, xf, rows, control, paired
+    @overload
+    def __new__(cls, lines: _Floats, norm: str, /) -> TailBounds: ...
+    @overload
+    def __new__(
+        cls,
+        A: _Floats,
+        B: _Floats,
+        x0: _Floats,
+        xf: _Floats,
+        rows: bool,
+        control: bool,
+        paired: bool,
+        /,
+    ) -> TailBounds: ...
+    @property
+    def unit(self) -> float: ...
+    def cap(self, rates: Sequence[float]) -> float: ...
+    def radius(self, name: str, rates: Sequence[float], level: float) -> float: ...
+    def constants(self) -> dict[str, Any]: ...
+    # mean square, root of the squared ranges of M A^s x, D_0^2
+    def measures(self, rates: Sequence[float], x: _Floats) -> tuple[float, float, float]: ...
 
 @final
 class StateLock:
@@ -382,6 +406,10 @@ def diagonal_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> fl
 def trace_quantile(n: int, d: int, nu: int, delta: float, threads: int) -> float: ...
 
 # `hull` and `noise` are read by their attributes, see `fusion.hull`
+def hull_position(
+    models: _Floats, t: _Floats, weights: _Floats
+) -> tuple[_Floats, tuple[float, float, float, int, int, int, float]]: ...
+def hull_between(b: float, a: float, away: _Floats, share: float, frobenius: bool) -> float: ...
 def hull_share(hull: object, noise: object) -> float: ...
 def hull_explained(hull: object, noise: object) -> bool | None: ...
 def hull_radius(hull: object, noise: object, delta: float, extra: int) -> float: ...
@@ -1067,12 +1095,14 @@ def scenario_at_most(size: int, most: int, beta: float) -> float: ...
 def scenario_compression(size: int, support: int, violations: int, beta: float) -> float: ...
 def scenario_discarding(size: int, discarded: int, dimension: int, beta: float) -> float: ...
 def scenario_judged(size: int, support: int, beta: float) -> float: ...
+def scenario_rank(size: int, delta: float, beta: float) -> int: ...
 def scenario_relaxed(size: int, support: int, beta: float) -> tuple[float, float]: ...
 def scenario_required(epsilon: float, dimension: int, beta: float) -> int: ...
 
 # path, A, scale, target
 _Predicted: TypeAlias = tuple[_Floats, _Floats, _Floats, _Floats]
 
+def noise_deviations(a: _Floats, covariance: _Floats, steps: int) -> _Floats: ...
 def validation_mean(ends: _Floats, target: _Floats, delta: float) -> float: ...
 def validation_rank(scores: _Floats, rank: int) -> float: ...
 def validation_runs(

@@ -1,7 +1,7 @@
 //! Singular values, and the Moore-Penrose inverse with its rank and condition.
 
 use faer::linalg::matmul::matmul;
-use faer::{Accum, Mat, MatMut, MatRef, Par};
+use faer::{Accum, Mat, MatMut, MatRef, Par, Side};
 
 use crate::error::{Error, Result, require_finite};
 use crate::fuse::power_of_two_scale;
@@ -90,6 +90,23 @@ pub(crate) fn singular_values(a: &[f64], columns: usize) -> Result<Vec<f64>> {
     let mut values = found.map_err(|_| Error::Numerical("the singular values of a matrix did not converge".into()))?;
     values.iter_mut().for_each(|value| *value *= scale);
     Ok(values)
+}
+
+/// `||Q||_2` of a symmetric matrix given row by row, 0 of an empty one.
+///
+/// # Errors
+/// [`Error::Numerical`], [`Error::Memory`].
+pub(crate) fn symmetric_norm(q: &[f64], n: usize) -> Result<f64> {
+    if n == 0 {
+        return Ok(0.0);
+    }
+    let scale = power_of_two_scale(q);
+    room_for_products()?;
+    let found = covered("the norm of a symmetric matrix", svd_bytes(n, n), || {
+        Mat::from_fn(n, n, |i, j| q[i * n + j] / scale).self_adjoint_eigenvalues(Side::Lower)
+    })?;
+    let values = found.map_err(|_| Error::Numerical("the eigenvalues of a matrix did not converge".into()))?;
+    Ok(scale * values.iter().fold(0.0f64, |m, v| m.max(v.abs())))
 }
 
 /// The first `rank` columns, one after the other.

@@ -28,7 +28,7 @@ mod tests;
 pub use few::{Few, alone, of_few};
 pub use least_mean::{LeastMean, least_mean};
 pub use mean::{Moments, moments, slope, triangle};
-pub use scenario::{at_most, compression, discarding, judged, relaxed, required};
+pub use scenario::{at_most, compression, discarding, judged, rank, relaxed, required};
 pub use units::Units;
 pub use within::{Limits, misses};
 pub use worst::{Worst, worst};

@@ -120,6 +120,24 @@ pub fn relaxed(size: usize, support: usize, beta: f64) -> Result<(f64, f64)> {
     Ok((lower, upper))
 }
 
+/// The smallest rank j with `P(Bin(size, delta) <= size - j) <= beta`, `size + 1` if there is none: so many runs, counted
+/// from the best, make a share of at most delta of all runs worse but with probability beta.
+///
+/// # Errors
+/// [`Error::Value`] for a `beta` outside (0, 1).
+pub fn rank(size: usize, delta: f64, beta: f64) -> Result<usize> {
+    let (mut low, mut high) = (0, size); // the rank is size + 1 - low
+    while low < high {
+        let above = usize::midpoint(low, high);
+        if at_most(size, above, beta)? <= delta {
+            low = above + 1;
+        } else {
+            high = above;
+        }
+    }
+    Ok(size + 1 - low)
+}
+
 /// The smallest size for which `at_most(size, dimension - 1, beta) <= epsilon`.
 ///
 /// # Errors

@@ -2,18 +2,14 @@
 
 use crate::control::{Singular, singular};
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, covered, room_for_products, try_collect, try_copy, try_zeros};
+use crate::memory::{covered, try_collect, try_copy};
 use crate::scaled;
 
-pub(super) use crate::control::singular_values;
+pub(super) use crate::control::{singular_values, times};
 
-use faer::linalg::matmul::matmul;
-use faer::{Accum, MatMut, MatRef, Par};
+use faer::MatRef;
 
 const WHAT: &str = "a control within limits";
-
-/// Rows from which a product is left to `faer`.
-const BLOCKED: usize = 16;
 
 /// `0 x infinity = 0`: nothing to bound.
 pub(super) fn product(a: f64, b: f64) -> f64 {
@@ -23,27 +19,6 @@ pub(super) fn product(a: f64, b: f64) -> f64 {
 /// `||v||_2`, without overflow or underflow.
 pub(super) fn norm(v: &[f64]) -> f64 {
     scaled::norm(v.iter().copied())
-}
-
-/// `A B` (rows, columns) of `A` (rows, inner).
-pub(super) fn times(a: &[f64], b: &[f64], inner: usize) -> Result<Vec<f64>> {
-    let (rows, columns) = (a.len().checked_div(inner).unwrap_or(0), b.len().checked_div(inner).unwrap_or(0));
-    let mut out = try_zeros(WHAT, checked_len(WHAT, rows, columns)?)?;
-    if rows.min(inner).min(columns) >= BLOCKED {
-        room_for_products()?;
-        let to = MatMut::from_row_major_slice_mut(&mut out, rows, columns);
-        let (a, b) = (MatRef::from_row_major_slice(a, rows, inner), MatRef::from_row_major_slice(b, inner, columns));
-        matmul(to, Accum::Replace, a, b, 1.0, Par::Seq);
-        return Ok(out);
-    }
-    if inner > 0 && columns > 0 {
-        for (a, out) in a.chunks_exact(inner).zip(out.chunks_exact_mut(columns)) {
-            for (a, b) in a.iter().zip(b.chunks_exact(columns)) {
-                out.iter_mut().zip(b).for_each(|(out, b)| *out += a * b);
-            }
-        }
-    }
-    Ok(out)
 }
 
 /// `out += A' v`

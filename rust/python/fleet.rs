@@ -151,6 +151,12 @@ pub(super) fn scenario_at_most(size: usize, most: usize, beta: f64) -> PyResult<
     Ok(fleet::at_most(size, most, beta)?)
 }
 
+/// The rank of the order statistic of held-out runs.
+#[pyfunction]
+pub(super) fn scenario_rank(size: usize, delta: f64, beta: f64) -> PyResult<usize> {
+    Ok(fleet::rank(size, delta, beta)?)
+}
+
 /// Wait and judge.
 #[pyfunction]
 pub(super) fn scenario_judged(size: usize, support: usize, beta: f64) -> PyResult<f64> {

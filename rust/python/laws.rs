@@ -1,12 +1,12 @@
 //! The laws of the errors of identified models: quantiles, limits, levels.
 
-use numpy::{PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::slice;
+use super::convert::{array1, slice};
 use super::run::{UNTIL_STOPPED, run};
 use crate::identify;
-use crate::region::{Noise, Place};
+use crate::region::{Mixture, Noise, Place, between};
 
 /// Quantiles of sizes, a level and a number of threads.
 macro_rules! quantiles {
@@ -90,6 +90,35 @@ impl NoiseArgument {
             (None, count) => Noise::Rows { count, degrees: self.degrees },
         }
     }
+}
+
+/// Where data t (p,) lie from models (M, p) mixed by weights (M,): the mixture, and the numbers of `fusion.hull.Hull`.
+#[pyfunction]
+#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
+pub(super) fn hull_position<'py>(
+    py: Python<'py>,
+    models: PyReadonlyArray2<'py, f64>,
+    t: PyReadonlyArray1<'py, f64>,
+    weights: PyReadonlyArray1<'py, f64>,
+) -> PyResult<(Bound<'py, PyArray1<f64>>, (f64, f64, f64, usize, usize, usize, f64))> {
+    let (models, t, weights) = (slice("models", &models)?, slice("t", &t)?, slice("weights", &weights)?);
+    let found = run(py, 10.0 * (models.len() * weights.len()) as f64, |_| Mixture::new(models, t, weights))?;
+    let Place { distance, off, along, k, face, p } = found.place;
+    Ok((array1(py, found.point)?, (distance, off, along, k, face, p, found.largest)))
+}
+
+/// The radius around `point + share away` of what is within b of t and a of `point`.
+#[pyfunction]
+pub(super) fn hull_between(
+    py: Python<'_>,
+    b: f64,
+    a: f64,
+    away: PyReadonlyArray2<'_, f64>,
+    share: f64,
+    frobenius: bool,
+) -> PyResult<f64> {
+    let (columns, away) = (away.as_array().dim().1, slice("away", &away)?);
+    run(py, (away.len() * columns) as f64, |_| between(b, a, away, columns, share, frobenius))
 }
 
 /// The share of least squares in the mixture with it.

@@ -31,6 +31,7 @@ mod shared;
 mod simulate;
 mod storage;
 mod streaming;
+mod tails;
 mod validation;
 mod window;
 
@@ -57,7 +58,7 @@ mod _core {
     #[pymodule_export]
     use super::fleet::{
         fleet_alone, fleet_mean, fleet_misses, fleet_worst, scenario_at_most, scenario_compression,
-        scenario_discarding, scenario_judged, scenario_relaxed, scenario_required,
+        scenario_discarding, scenario_judged, scenario_rank, scenario_relaxed, scenario_required,
     };
     #[pymodule_export]
     use super::fuse::{Alse, alse, alse_path, alse_prefixes, closed_form, fuse_path};
@@ -73,9 +74,9 @@ mod _core {
     };
     #[pymodule_export]
     use super::laws::{
-        diagonal_quantile, f_upper, hull_explained, hull_radius, hull_share, joint_radii, least_squares_level,
-        log_multigamma, normal_quantile, one_noise, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,
-        sphere_level, trace_quantile, wishart_quantile,
+        diagonal_quantile, f_upper, hull_between, hull_explained, hull_position, hull_radius, hull_share, joint_radii,
+        least_squares_level, log_multigamma, normal_quantile, one_noise, row_quantile, roy_quantile, scalar_quantile,
+        smallest_quantile, sphere_level, trace_quantile, wishart_quantile,
     };
     #[pymodule_export]
     use super::limited::BoxControl;
@@ -89,15 +90,18 @@ mod _core {
     use super::region::{PyErrors, PyPart, PyRegion, certify, followed_inputs};
     #[pymodule_export]
     use super::simulate::{
-        simulate_estimates, simulate_mean_field, simulate_plans, simulate_runs, simulate_systems, track, trajectory,
+        drawn_bounds, drawn_level, exceedances, simulate_estimates, simulate_plans, simulate_runs, simulate_systems,
+        track, trajectory,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream, mean_radius};
     #[pymodule_export]
+    use super::tails::PyTailBounds;
+    #[pymodule_export]
     use super::validation::{
-        validation_mean, validation_rank, validation_runs, validation_systems, validation_weighted,
+        noise_deviations, validation_mean, validation_rank, validation_runs, validation_systems, validation_weighted,
     };
     #[pymodule_export]
     use super::window::{PyWindow, choose_window, readings_over_noise, window_burn};

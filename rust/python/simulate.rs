@@ -58,7 +58,8 @@ pub(super) fn trajectory<'py>(
     array2(py, states, model.steps() + 1, model.n())
 }
 
-/// Moments of `size` independent runs; `drawn` says whether `A`, `B` and `x0` are drawn.
+/// Moments of `size` independent runs, or of `replicates` trajectories of averages of `size` realizations; `drawn` says
+/// whether `A`, `B` and `x0` are drawn.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn simulate_runs<'py>(
@@ -69,6 +70,7 @@ pub(super) fn simulate_runs<'py>(
     u: PyReadonlyArray2<'py, f64>,
     drawn: (bool, bool, bool),
     size: usize,
+    replicates: Option<usize>,
     full: bool,
     keep: bool,
     key: &[u8],
@@ -76,37 +78,19 @@ pub(super) fn simulate_runs<'py>(
 ) -> PyResult<Moments<'py>> {
     let (model, key) = (model(&a, &b, &x0, &u)?, self::key(key)?);
     let drawn = Drawn { a: drawn.0, b: drawn.1, x0: drawn.2 };
-    let (n, m) = (model.n() as f64, b.as_array().dim().0 as f64);
-    let step = 2.0 * (n + m) + if drawn.a { 0.0 } else { n * n } + if full { n * n } else { 0.0 };
-    // the steps, the exact trajectory, and one alias table per line
-    let cost = (model.steps() + 1) as f64 * (size as f64 * step + products(&a, &b)) + 30.0 * products(&a, &b);
-    let ensemble = run(py, cost, |stop| simulate::runs(&model, drawn, size, second(full), keep, &key, threads, stop))?;
-    moments(py, ensemble, model.n())
-}
-
-/// Moments of `replicates` trajectories of averages of `size` realizations.
-#[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
-pub(super) fn simulate_mean_field<'py>(
-    py: Python<'py>,
-    a: PyReadonlyArray2<'py, f64>,
-    b: PyReadonlyArray2<'py, f64>,
-    x0: PyReadonlyArray2<'py, f64>,
-    u: PyReadonlyArray2<'py, f64>,
-    drawn: (bool, bool, bool),
-    size: u64,
-    replicates: usize,
-    full: bool,
-    keep: bool,
-    key: &[u8],
-    threads: usize,
-) -> PyResult<Moments<'py>> {
-    let (model, key) = (model(&a, &b, &x0, &u)?, self::key(key)?);
-    let drawn = Drawn { a: drawn.0, b: drawn.1, x0: drawn.2 };
-    let cost = 200.0 * (model.steps() + 1) as f64 * replicates as f64 * products(&a, &b);
-    let ensemble = run(py, cost, |stop| {
-        simulate::mean_field(&model, drawn, size, replicates, second(full), keep, &key, threads, stop)
-    })?;
+    let steps = (model.steps() + 1) as f64;
+    let ensemble = if let Some(replicates) = replicates {
+        let cost = 200.0 * steps * replicates as f64 * products(&a, &b);
+        run(py, cost, |stop| {
+            simulate::mean_field(&model, drawn, size as u64, replicates, second(full), keep, &key, threads, stop)
+        })?
+    } else {
+        let (n, m) = (model.n() as f64, b.as_array().dim().0 as f64);
+        let step = 2.0 * (n + m) + if drawn.a { 0.0 } else { n * n } + if full { n * n } else { 0.0 };
+        // the steps, the exact trajectory, and one alias table per line
+        let cost = steps * (size as f64 * step + products(&a, &b)) + 30.0 * products(&a, &b);
+        run(py, cost, |stop| simulate::runs(&model, drawn, size, second(full), keep, &key, threads, stop))?
+    };
     moments(py, ensemble, model.n())
 }
 
@@ -246,4 +230,23 @@ pub(super) fn simulate_estimates<'py>(
     let errors =
         run(py, cost * runs as f64, |stop| simulate::estimate_errors(&average, norm, runs, &key, threads, stop))?;
     array1(py, errors)
+}
+
+/// How many of so many errors may exceed a bound for `delta`.
+#[pyfunction]
+pub(super) fn exceedances(runs: usize, delta: f64) -> Option<usize> {
+    simulate::exceedances(runs, delta)
+}
+
+/// Bounds of the next errors, from drawn ones (runs, errors).
+#[pyfunction]
+pub(super) fn drawn_bounds(py: Python<'_>, errors: PyReadonlyArray2<'_, f64>, delta: f64) -> PyResult<Vec<f64>> {
+    let (columns, errors) = (errors.as_array().dim().1, slice("errors", &errors)?);
+    run(py, 10.0 * errors.len() as f64, |_| simulate::drawn_bounds(errors, columns, delta))
+}
+
+/// The largest `log(1 / delta)` for which so many errors may exceed a bound.
+#[pyfunction]
+pub(super) fn drawn_level(py: Python<'_>, runs: usize, beyond: usize) -> PyResult<f64> {
+    run(py, 40.0 * runs as f64, |_| Ok(simulate::drawn_level(runs, beyond)))
 }

@@ -1,9 +1,9 @@
 //! Held-out runs and fresh systems against a plan.
 
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3};
 use pyo3::prelude::*;
 
-use super::convert::{array1, slice};
+use super::convert::{array1, array2, slice};
 use super::run::run;
 use crate::simulate::{Predicted, Scores, Systems, mean_miss, order_statistic, weighted_order_statistic};
 
@@ -72,6 +72,20 @@ pub(super) fn validation_systems<'py>(
     };
     let cost = 2.0 * steps as f64 * (systems.a.len() + systems.b.len()) as f64;
     found(py, run(py, cost, |stop| given.systems(&systems, threads, stop))?)
+}
+
+/// The deviations (steps, n) that noise of a covariance gives to the states after the start.
+#[pyfunction]
+pub(super) fn noise_deviations<'py>(
+    py: Python<'py>,
+    a: Matrix<'py>,
+    covariance: Matrix<'py>,
+    steps: usize,
+) -> PyResult<Bound<'py, PyArray2<f64>>> {
+    let n = a.as_array().dim().1;
+    let (a, covariance) = (slice("A", &a)?, slice("covariance", &covariance)?);
+    let cost = 2.0 * (a.len() * n) as f64 * steps as f64;
+    array2(py, run(py, cost, |_| crate::simulate::noise_deviations(a, covariance, n, steps))?, steps, n)
 }
 
 /// A bound of the distance of the mean of Gaussian `ends` (M, n) from the target.

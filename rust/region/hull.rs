@@ -1,11 +1,15 @@
 //! What data say of a mixture of given models, from where least squares lie relative to the hull of these models.
 
-use crate::error::Result;
+use crate::control::{singular, singular_values};
+use crate::error::{Error, Result};
 use crate::identify::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
-use crate::memory::try_push;
+use crate::memory::{try_collect, try_push, try_zeros};
+use crate::vector::{axpy, dot, norm};
 
 const WHAT: &str = "cells of a variance";
 
+/// Singular values of the differences of models below this share of the largest size count as 0.
+const SPAN: f64 = 1e-10;
 /// Probability to doubt models of which a mixture is true.
 const DOUBT: f64 = 0.01;
 /// Of Stein's constant; below 2 least squares is never better.
@@ -60,6 +64,94 @@ pub struct Place {
     pub face: usize,
     /// Dimension of the space.
     pub p: usize,
+}
+
+/// The mixture of models that is nearest to the data.
+#[derive(Debug)]
+pub struct Mixture {
+    /// `sum_i w_i S_i`
+    pub point: Vec<f64>,
+    /// Where the data are.
+    pub place: Place,
+    /// The largest norm of the data and the models.
+    pub largest: f64,
+}
+
+impl Mixture {
+    /// Of models (count, p) with the best weights (count) for the data (p).
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Overflow`], [`Error::Numerical`], [`Error::Memory`].
+    pub fn new(models: &[f64], data: &[f64], weights: &[f64]) -> Result<Self> {
+        let (p, count) = (data.len(), weights.len());
+        if p == 0 || count == 0 || models.len() != p * count {
+            let (expected, found) = (format!("{count} rows of {p} entries"), models.len().to_string());
+            return Err(Error::Shape { name: "models", expected, found });
+        }
+        let mut point = try_zeros(WHAT, p)?;
+        models.chunks_exact(p).zip(weights).for_each(|(model, w)| axpy(*w, model, &mut point));
+        let largest = models.chunks_exact(p).map(norm).fold(0.0, f64::max);
+        let less = |a: &[f64], b: &[f64]| try_collect(WHAT, a.iter().zip(b).map(|(a, b)| a - b));
+        let (first, size) = (&models[..p], SPAN * largest);
+        let basis = span(models.chunks_exact(p), size, p)?;
+        let to = less(data, first)?;
+        let mut nearest = try_zeros(WHAT, p)?;
+        basis.chunks_exact(p).for_each(|vector| axpy(dot(vector, &to), vector, &mut nearest));
+        let (away, off) = (less(data, &point)?, less(&to, &nearest)?);
+        let (k, along) = (basis.len() / p, less(&nearest, &less(&point, first)?)?);
+        let chosen = models.chunks_exact(p).zip(weights).filter(|(_, w)| **w > 0.0);
+        let place = Place {
+            distance: dot(&away, &away),
+            off: if k < p { dot(&off, &off) } else { 0.0 },
+            along: norm(&along),
+            k,
+            face: span(chosen.map(|(model, _)| model), size, p)?.len() / p,
+            p,
+        };
+        Ok(Self { point, place, largest: largest.max(norm(data)) })
+    }
+}
+
+/// An orthonormal basis of the differences of models, vector by vector.
+fn span<'a>(mut models: impl Iterator<Item = &'a [f64]>, size: f64, p: usize) -> Result<Vec<f64>> {
+    let Some(first) = models.next() else {
+        return Ok(Vec::new());
+    };
+    let mut apart = Vec::new();
+    for model in models {
+        model.iter().zip(first).try_for_each(|(v, first)| try_push(WHAT, &mut apart, v - first))?;
+    }
+    let found = singular(&apart, apart.len() / p, p)?;
+    let kept = found.s.iter().take_while(|s| **s > size).count();
+    let mut basis = found.v;
+    basis.truncate(kept * p);
+    Ok(basis)
+}
+
+/// The radius around `point + share away`, `away` (rows, columns) from there to t, of a Theta within `b` of t and `a` of
+/// `point`, in the spectral or the Frobenius norm.
+///
+/// With X, Y the differences of Theta from `point` and t, that from the point between is, squared,
+/// `(1 - s) X X' + s Y Y' - s (1 - s) away away'`; or, in the spectral norm, the triangle inequality.
+///
+/// # Errors
+/// [`Error::Numerical`], [`Error::Memory`].
+pub fn between(b: f64, a: f64, away: &[f64], columns: usize, share: f64, frobenius: bool) -> Result<f64> {
+    let rows = away.len().checked_div(columns).unwrap_or(0);
+    let (distance, least) = if frobenius {
+        (norm(away), norm(away))
+    } else {
+        let sizes = singular_values(away, columns)?;
+        let least = if rows <= columns { sizes.last() } else { None };
+        (sizes.first().copied().unwrap_or(0.0), least.copied().unwrap_or(0.0))
+    };
+    let (a, b) = (a.min(b + distance), b.min(a + distance));
+    if !a.is_finite() {
+        return Ok(f64::INFINITY);
+    }
+    let (rest, middle) = (1.0 - share, (1.0 - share) * a * a + share * b * b);
+    let middle = (middle - share * rest * least * least).max(0.0).sqrt();
+    Ok(if frobenius { middle } else { middle.min(b + rest * distance).min(a + share * distance) })
 }
 
 impl Place {
@@ -184,6 +276,33 @@ fn limit(x: f64, degrees: f64, delta: f64) -> Result<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_mixture_by_hand() {
+        // the middle of (0, 0, 0) and (2, 0, 0); the third model is in the plane, but has no weight
+        let models = [0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, -5.0, 0.0];
+        let found = Mixture::new(&models, &[1.0, 2.0, 3.0], &[0.5, 0.5, 0.0]).unwrap();
+        assert_eq!(found.point, [1.0, 0.0, 0.0]);
+        let Place { distance, off, along, k, face, p } = found.place;
+        assert_eq!((k, face, p, found.largest), (2, 1, 3, 5.0));
+        assert!((distance - 13.0).abs() + (off - 9.0).abs() + (along - 2.0).abs() < 1e-12);
+        let one = Mixture::new(&[1.0, 1.0], &[1.0, 2.0], &[1.0]).unwrap();
+        assert_eq!((one.place.k, one.place.face, one.place.off), (0, 0, 1.0));
+        assert!(Mixture::new(&models, &[1.0, 2.0], &[0.5, 0.5, 0.0]).is_err());
+    }
+
+    #[test]
+    fn the_radius_around_a_point_between() {
+        let away = [3.0, 0.0, 0.0, 4.0];
+        // at the ends it is that of the end
+        assert_eq!(between(1.0, 4.0, &away, 2, 0.0, false).unwrap(), 4.0);
+        assert_eq!(between(1.0, 4.0, &away, 2, 1.0, false).unwrap(), 1.0);
+        let half = between(1.0, 4.0, &away, 2, 0.5, true).unwrap();
+        assert!((half - (8.5f64 - 6.25).sqrt()).abs() < 1e-12);
+        assert_eq!(between(f64::INFINITY, f64::INFINITY, &away, 2, 0.5, false).unwrap(), f64::INFINITY);
+        // what is unknown from one end is known by the other
+        assert_eq!(between(1.0, f64::INFINITY, &away, 2, 0.0, true).unwrap(), 6.0);
+    }
 
     #[test]
     fn limits_of_the_noncentrality() {

@@ -14,7 +14,7 @@ mod part;
 mod projection;
 
 pub use entering::Entering;
-pub use hull::{Noise, Place};
+pub use hull::{Mixture, Noise, Place, between};
 pub use models::Region;
 pub use part::{Part, PartOf};
 pub use projection::DIRECTIONS;

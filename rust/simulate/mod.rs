@@ -13,6 +13,7 @@
 
 mod block;
 mod closed_loop;
+mod drawn_bounds;
 mod mean_field;
 mod model;
 mod moments;
@@ -23,10 +24,11 @@ mod validation;
 mod words;
 
 pub use closed_loop::{ClosedLoop, Followed};
+pub use drawn_bounds::{drawn_bounds, drawn_level, exceedances};
 pub use mean_field::mean_field;
 pub use model::{Drawn, Model};
 pub use moments::{Ensemble, Second};
 pub use plans::{Average, Estimate, Exact, Norm, Plans, estimate_errors};
 pub use runs::runs;
 pub use systems::Systems;
-pub use validation::{Predicted, Scores, mean_miss, order_statistic, weighted_order_statistic};
+pub use validation::{Predicted, Scores, mean_miss, noise_deviations, order_statistic, weighted_order_statistic};

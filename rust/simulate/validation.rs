@@ -2,6 +2,7 @@
 //! next score exceeds with at most a given probability, whatever the law.
 
 use super::systems::{Systems, WHAT};
+use crate::control::{times, transposed};
 use crate::error::{Error, Result, require_finite};
 use crate::identify::{Symmetric, f_upper};
 use crate::memory::{checked_len, try_copy, try_zeros};
@@ -170,6 +171,27 @@ impl Predicted<'_> {
     }
 }
 
+/// The deviations that noise of a covariance (n, n) gives to `x(1) .. x(K)`, the roots of the diagonal of
+/// `sum_{p < k} A^p Sigma A^p'`: (K, n), not finite where it overflows.
+///
+/// # Errors
+/// [`Error::Shape`], [`Error::Memory`].
+pub fn noise_deviations(a: &[f64], covariance: &[f64], n: usize, steps: usize) -> Result<Vec<f64>> {
+    let square = checked_len(WHAT, n, n)?;
+    if n == 0 || a.len() != square || covariance.len() != square {
+        let found = format!("{} and {} entries", a.len(), covariance.len());
+        return Err(Error::Shape { name: "A, covariance", expected: format!("{n} rows and columns"), found });
+    }
+    let (back, mut total) = (transposed(a, n)?, try_zeros(WHAT, square)?);
+    let mut found = try_zeros(WHAT, checked_len(WHAT, steps, n)?)?;
+    for row in found.chunks_exact_mut(n) {
+        total = times(&times(a, &total, n)?, &back, n)?;
+        total.iter_mut().zip(covariance).for_each(|(to, v)| *to += v);
+        row.iter_mut().zip(total.iter().step_by(n + 1)).for_each(|(to, v)| *to = if *v < 0.0 { 0.0 } else { v.sqrt() });
+    }
+    Ok(found)
+}
+
 /// A bound of `||E x - target||` of which Gaussian x the rows of `ends` are independent draws, with probability `1 - delta`
 /// (Hotelling): `||mean - target|| + sqrt(lam_max(S) n (M - 1) / (M (M - n)) F_{n, M - n}(delta))`, infinite for `M <= n`.
 ///
@@ -287,6 +309,16 @@ mod tests {
         assert!((found - (2.0 + (18.512_820_512_820_51_f64 / 3.0).sqrt())).abs() < 1e-9, "{found}");
         assert_eq!(mean_miss(&[1.0, 2.0, 3.0, 4.0], &[0.0, 0.0], 0.05).unwrap(), f64::INFINITY);
         assert!(mean_miss(&[1.0, 2.0, 3.0], &[0.0, 0.0], 0.05).is_err());
+    }
+
+    #[test]
+    fn noise_grows_with_the_steps() {
+        let found = noise_deviations(&[2.0, 0.0, 1.0, 0.0], &[1.0, 0.0, 0.0, 4.0], 2, 3).unwrap();
+        let squares = found.iter().map(|v| v * v);
+        // the second state is the first one step before
+        assert!(squares.zip([1.0, 4.0, 5.0, 5.0, 21.0, 9.0]).all(|(v, expected)| (v - expected).abs() < 1e-12));
+        assert!(!noise_deviations(&[1e200], &[1.0], 1, 4).unwrap()[3].is_finite());
+        assert!(noise_deviations(&[1.0], &[1.0, 1.0], 1, 4).is_err());
     }
 
     #[test]

@@ -279,7 +279,7 @@ CORE = (
     ("sample",),
     ("fuse",),
     ("control",),
-    ("identify", "storage", "streaming"),
+    ("identify", "storage", "streaming", "tails"),
     ("simulate", "window"),
     ("region",),
     ("certificate",),

@@ -19,7 +19,6 @@ from hypothesis import strategies as st
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
 from stochens_rs.paper import bounds as paper
 from stochens_rs.theory import bounds, moments
-from stochens_rs.theory.bounds.settings import largest_eigenvalues
 
 AXES = ("columns", "rows")
 FUSIONS = ("product", "diagonal")
@@ -208,18 +207,6 @@ def test_matrix_formulas(axis):
     v = max(np.linalg.norm(total, 2), (g**2 - squares).max()) / N
     linear = np.sqrt(max(far)) / N * ell / 3.0
     assert found["Bernstein"] == pytest.approx(linear + np.sqrt(linear**2 + 2 * v * ell), rel=1e-12)
-
-
-def test_largest_eigenvalue_of_a_multinomial_covariance(gen):
-    for n in (2, 3, 10):
-        p = gen.dirichlet(np.full(n, 0.5), size=20).T
-        p[:, 4] = 1.0 / n
-        if n > 2:  # at least two entries must be left
-            p[0, 3] = 0.0
-        p /= p.sum(axis=0)
-        expected = [np.linalg.eigvalsh(np.diag(q) - np.outer(q, q))[-1] for q in p.T]
-        found = largest_eigenvalues(p)
-        np.testing.assert_allclose(found, expected, rtol=1e-11)
 
 
 def required_size_example():

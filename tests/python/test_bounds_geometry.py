@@ -11,9 +11,8 @@ import itertools
 import numpy as np
 import pytest
 
-from stochens_rs.system import System
+from stochens_rs import _core
 from stochens_rs.theory import bounds
-from stochens_rs.theory.bounds.geometry import Geometry
 
 QUANTITIES = ("state", "control")
 SLIGHTLY = 1.0 - 1e-9
@@ -66,6 +65,13 @@ def image(B, quantity):
     return B @ pinv if quantity == "state" else pinv
 
 
+def core(B, x0, xf, A, axis, quantity):
+    """The constants of the core, and what gives its measures."""
+    args = axis == "rows", quantity == "control", False
+    found = _core.TailBounds(*map(np.ascontiguousarray, (A, B, x0, xf)), *args)
+    return found.constants(), found.measures
+
+
 def diameter(points):
     return np.sqrt(((points[:, :, None] - points[:, None, :]) ** 2).sum(axis=0).max())
 
@@ -79,11 +85,12 @@ def reach(points, centre):
 
 def largest_of_each_sign(at):
     """A mutant: without the zero atom, and without the smaller atoms of the same row and sign."""
-    moved = at.g0 * np.abs(at.A).sum(axis=0) * np.sign(at.A) * np.sign(at.x0)
+    A, x0, M = at["A"], at["x0"], at["images"].T
+    moved = at["g0"] * np.abs(A).sum(axis=0) * np.sign(A) * np.sign(x0)
     up, down = moved.max(axis=1), moved.min(axis=1)
-    z = np.hstack([at.M[:, up > 0.0] * up[up > 0.0], at.M[:, down < 0.0] * down[down < 0.0]])
+    z = np.hstack([M[:, up > 0.0] * up[up > 0.0], M[:, down < 0.0] * down[down < 0.0]])
     empty = z.shape[1] == 0
-    at.reach_z = 0.0 if empty else reach(z, at.M @ (at.A @ at.x0))
+    at["reach_z"] = 0.0 if empty else reach(z, M @ (A @ x0))
 
 
 def wrong_ranges(systems, axis, mutate=None):
@@ -91,13 +98,13 @@ def wrong_ranges(systems, axis, mutate=None):
     wrong = dict.fromkeys(("D_f", "reach_z"), 0)
     for k, (B, x0, xf, A) in enumerate(systems):
         quantity = QUANTITIES[k % 2]
-        M, at = image(B, quantity), Geometry(System(A, B), x0, xf, axis, quantity)
+        M, (at, _) = image(B, quantity), core(B, x0, xf, A, axis, quantity)
         if mutate is not None:
             mutate(at)
         z = M @ products(x0, A, axis)[0]
         exact = diameter(M @ atoms(xf)[0]), reach(z, M @ (A @ x0))
         for name, value in zip(wrong, exact, strict=True):
-            found, allowed = getattr(at, name) * at.unit, 1e-7 * (1.0 + value)
+            found, allowed = at[name] * at["unit"], 1e-7 * (1.0 + value)
             # by rows the atoms of A^s x0^s are in a ball: known from above only
             above = axis == "rows" and name != "D_f"
             wrong[name] += not -allowed <= found - value <= (np.inf if above else allowed)
@@ -124,8 +131,9 @@ def test_ranges_of_A(axis, quantity):
     """reach_A, range_A and its cap and slope, D_0 and the mean squares: every realization of A."""
     gen = np.random.default_rng(2)
     for B, x0, xf, A in small_systems(150, 3):
-        M, at = image(B, quantity), Geometry(System(A, B), x0, xf, axis, quantity)
-        unit_A = at.unit_x0 / at.unit  # of ||M A|| where x0 has its unit
+        M, (at, measures) = image(B, quantity), core(B, x0, xf, A, axis, quantity)
+        unit, unit_x0 = at["unit"], at["unit_x0"]
+        unit_A = unit_x0 / unit  # of ||M A|| where x0 has its unit
         lines = A.T if axis == "columns" else A
         drawn = [atoms(line) for line in lines]
         As = np.array([
@@ -134,9 +142,10 @@ def test_ranges_of_A(axis, quantity):
         ])  # fmt: skip
         p = np.array([np.prod(q) for q in itertools.product(*(q for _, q in drawn))])
         off = (As - A) @ x0 @ M.T
-        assert at.reach_A * at.unit >= np.linalg.norm(off, axis=1).max() * SLIGHTLY - 1e-9
+        assert at["reach_A"] * unit >= np.linalg.norm(off, axis=1).max() * SLIGHTLY - 1e-9
         exact = p @ (off**2).sum(axis=1)
-        assert at.mean_square(0.0, 0.0, 1.0) * at.unit**2 == pytest.approx(exact, abs=1e-9)
+        mean_square, most, _ = measures((0.0, 0.0, 1.0), at["x0"])
+        assert mean_square * unit**2 == pytest.approx(exact, abs=1e-9)
 
         def ranges(x, M=M, drawn=drawn):
             """Root of the summed squared diameters of the lines of A^s times x."""
@@ -149,11 +158,11 @@ def test_ranges_of_A(axis, quantity):
         starts, weights = atoms(x0)
         mixed = [starts @ gen.dirichlet(np.ones(len(weights))) for _ in range(2)]
         for x in (x0, *starts.T, *mixed):
-            found = at.range_A(x / at.unit_x0) * at.unit
-            assert ranges(x) * SLIGHTLY - 1e-9 <= found <= at.cap_A * at.unit / SLIGHTLY + 1e-9
-            most = at.range_A(at.x0) * at.unit
-            most += at.slope_A / unit_A * np.linalg.norm(x - x0)
-            assert found <= most / SLIGHTLY + 1e-9
+            found = measures((0.0, 0.0, 1.0), x / unit_x0)[1] * unit
+            cap = at["cap_A"] * unit
+            assert ranges(x) * SLIGHTLY - 1e-9 <= found <= cap / SLIGHTLY + 1e-9
+            grown = most * unit + at["slope_A"] / unit_A * np.linalg.norm(x - x0)
+            assert found <= grown / SLIGHTLY + 1e-9
         # D_0^2: ||M A d||^2 + r E||M (A^s - A) d||^2 for the difference d of two atoms of x0
         for rate in (0.0, 0.2, 1.0):
             pairs = [0.0]
@@ -161,7 +170,8 @@ def test_ranges_of_A(axis, quantity):
                 d = one - two
                 extra = p @ (((As - A) @ d @ M.T) ** 2).sum(axis=1)
                 pairs.append(np.sum((M @ A @ d) ** 2) + rate * extra)
-            found, exact = at.D_0(rate) * at.unit, np.sqrt(max(pairs))
+            D_0_squared = measures((0.0, 0.0, rate), at["x0"])[2]
+            found, exact = np.sqrt(D_0_squared) * unit, np.sqrt(max(pairs))
             assert found >= exact * SLIGHTLY - 1e-9
             if axis == "columns":
                 assert found <= exact / SLIGHTLY + 1e-9

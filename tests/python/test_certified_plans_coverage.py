@@ -255,16 +255,21 @@ def test_runs_must_not_be_declared_as_independent_pairs():
     at_most(failed[1], runs)
 
 
+def at_the_worst(gen):
+    """A plan at the worst state and input under scalar noise, and how far it is off."""
+    Theta, x, y, _ = system(gen, "sparse B")
+    model = model_of(x, y, covariance="scalar")
+    z = worst(model, Theta)
+    plan = under(se.control(model, z[:4], z[:4]), z[None, 4:])
+    return plan, np.linalg.norm(Theta @ z - plan.predicted_states[-1])
+
+
 def test_an_x0_must_not_be_declared_fixed_that_the_outcomes_chose():
     """x0 and u of the worst direction, with scalar noise, where the region is exact."""
     runs = 300
 
     def case(gen):
-        Theta, x, y, _ = system(gen, "sparse B")
-        model = model_of(x, y, covariance="scalar")
-        z = worst(model, Theta)
-        plan = under(se.control(model, z[:4], z[:4]), z[None, 4:])
-        off = np.linalg.norm(Theta @ z - plan.predicted_states[-1])
+        plan, off = at_the_worst(gen)
         return off > plan.bound().state, off > plan.bound(x0_fixed=True).state
 
     failed = failures(case, runs, 22)
@@ -292,11 +297,7 @@ def test_the_level_is_that_of_the_region():
     runs = 1000
 
     def case(gen):
-        Theta, x, y, _ = system(gen, "sparse B")
-        model = model_of(x, y, covariance="scalar")
-        z = worst(model, Theta)
-        plan = under(se.control(model, z[:4], z[:4]), z[None, 4:])
-        off = np.linalg.norm(Theta @ z - plan.predicted_states[-1])
+        plan, off = at_the_worst(gen)
         return off > plan.bound().state
 
     failed = failures(case, runs, 26)

@@ -11,9 +11,9 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from stochens_rs import _core
 from stochens_rs.system import System
 from stochens_rs.theory import moments
-from stochens_rs.theory.bounds.geometry import Geometry
 
 TOLERANCE = 1e-13
 AXES = ("columns", "rows")
@@ -149,17 +149,19 @@ def test_variances_behind_the_bounds(quantity):
         n = len(x0)
         # the images of two atoms far apart, and nearly the same
         near = (1.0 + 2.0**-30 * np.eye(n), np.arange(n)[:, None] * 2.0**-30 + 1.0)[k % 2]
-        at = Geometry(System(A, near), x0, x0[::-1], "columns", quantity)
-        M, F = fractions(at.M), fractions(at.A)
+        back, control = np.ascontiguousarray(x0[::-1]), quantity == "control"
+        at = _core.TailBounds(A, near, x0, back, False, control, False).constants()
+        M, F = fractions(at["images"].T), fractions(at["A"])
         tau = [(vector_covariance(column) * M.T.dot(M)).sum() for column in F.T]
-        worst = max(worst, relative_error(np.diag(at.tau), np.diag(tau)))
+        worst = max(worst, relative_error(np.diag(at["tau"]), np.diag(tau)))
         for axis in AXES:
-            at = Geometry(System(A, np.eye(n)), x0, x0[::-1], axis, quantity)
-            F, w, goal = fractions(at.A), fractions(at.x0), fractions(at.xf)
+            core = _core.TailBounds(A, np.eye(n), x0, back, axis == "rows", control, False)
+            at = core.constants()
+            F, w, goal = (fractions(at[name]) for name in ("A", "x0", "xf"))
             for rates in ((1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1)):
                 C = rates[1] * vector_covariance(goal)
                 exact = (C + product_covariance(F, w, rates[0], rates[2], axis)).trace()
-                found = at.mean_square(*map(float, rates))
+                found = core.measures(list(map(float, rates)), x0)[0]
                 worst = max(worst, relative_error(np.diag([found]), np.diag([exact])))
     assert worst < TOLERANCE
 

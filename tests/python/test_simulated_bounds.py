@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
+from stochens_rs import _core
 from stochens_rs.exceptions import InputError, SizeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds
@@ -25,7 +26,7 @@ GEN = np.random.default_rng(3)
 
 def test_the_order_statistic_is_chosen_by_the_binomial_tail():
     for runs, delta in itertools.product((100, 1000, 8192, 131072), (0.9, 0.3, 0.05, 0.01, 1e-3)):
-        allowed = drawn_errors.exceedances(runs, delta)
+        allowed = _core.exceedances(runs, delta)
         tail = stats.binom(runs, 0.9 * delta).cdf
         if allowed is None:
             assert tail(0) > 0.01 * delta
@@ -41,7 +42,7 @@ def test_the_order_statistic_fails_as_often_as_it_may():
     """
     delta, runs = 0.1, 2000
     draws = np.random.default_rng(1).random((2000, runs))
-    found = np.array([drawn_errors.order_statistic(errors, delta) for errors in draws])
+    found = np.array([_core.drawn_bounds(errors[:, None], delta)[0] for errors in draws])
     # 0.001 each: 2 expected, 8 or more with probability 1e-3
     assert (found < 1.0 - 0.9 * delta).sum() < 8
     plain = np.quantile(draws, 1.0 - delta, axis=1)
@@ -58,8 +59,9 @@ def test_the_largest_of_few_errors_fails_as_often_as_it_may():
     """
     delta = 0.1
     draws = np.random.default_rng(2).random((10_000, 41))
-    assert drawn_errors.exceedances(40, delta) is None
-    found = np.array([drawn_errors.order_statistic(errors, delta) for errors in draws[:, :40]])
+    assert _core.exceedances(40, delta) is None
+    few = np.ascontiguousarray(draws[:, :40])
+    found = np.array([_core.drawn_bounds(errors[:, None], delta)[0] for errors in few])
     assert abs((draws[:, 40] > found).sum() - 244) < 78
     second = np.sort(draws[:, :40], axis=1)[:, -2]
     assert (draws[:, 40] > second).sum() > 400

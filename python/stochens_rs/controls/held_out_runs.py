@@ -111,12 +111,8 @@ class Predicted(NamedTuple):
         covariance = self.basis.model.covariance
         if covariance is None:
             return units
-        A, added = self.basis.model._with_outputs(covariance)
-        total = np.zeros_like(A)
-        with np.errstate(all="ignore"):
-            for k in range(K):
-                total = A @ total @ A.T + added
-                units[k] = np.sqrt(np.maximum(np.diag(total)[:n], 0.0))
+        A, added = map(np.ascontiguousarray, self.basis.model._with_outputs(covariance))
+        units = _core.noise_deviations(A, added, K)[:, :n]
         floor = np.maximum(_LEAST * size, np.finfo(float).tiny)
         return np.where(np.isfinite(units), np.maximum(units, floor), size)
 

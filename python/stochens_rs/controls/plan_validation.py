@@ -9,6 +9,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from .. import _core
 from .._base import html, validation
 from .._base.records import SavedRecord
 from .._base.types import Floats
@@ -229,14 +230,7 @@ def rank_of(size: int, delta: float, beta: float | None = None) -> int:
     """
     if beta is None:
         return size + 1 - math.floor(_written(delta) * (size + 1))
-    low, high = 0, size  # the rank is size + 1 - low
-    while low < high:
-        above = (low + high) // 2
-        if scenario.hold_out(size, above, beta) <= delta:
-            low = above + 1
-        else:
-            high = above
-    return size + 1 - low
+    return _core.scenario_rank(size, delta, beta)
 
 
 def _written(delta: float) -> Fraction:

@@ -277,8 +277,8 @@ class FusedModel(SavedRecord, Identified):
         data, known = self.least_squares, self.least_squares.assumptions.known
         own = data.region(delta / 2.0, future=future, frobenius=frobenius)
         a = np.sqrt(_core.hull_radius(self._hull, self._noise, delta / 2.0, data.n * future))
-        ball = hull.frobenius_ball if frobenius else hull.ball
-        radius = ball(_radius(own, known is not None), float(a), self._hull.away, self.share)
+        b, away = _radius(own, known is not None), np.ascontiguousarray(self._hull.away)
+        radius = _core.hull_between(b, float(a), away, self.share, frobenius)
         shape = np.eye(data.n) if known is None else known
         return replace(
             own,

@@ -15,11 +15,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from .. import _core
-    from .._base.types import Floats
+from .. import _core
 
-_SPAN = 1e-10  # singular values of the differences of the models below this share count as 0
+if TYPE_CHECKING:
+    from .._base.types import Floats
 
 
 class Noise(NamedTuple):
@@ -66,52 +65,5 @@ def coordinates(models: Floats, fitted: _core.Fitted, units: Floats) -> tuple[Fl
 
 def position(S: Floats, t: Floats, weights: Floats) -> Hull:
     """What the data t are relative to the S_i, for the best weights."""
-    point = np.tensordot(weights, S, axes=1)
-    largest = float(np.max(np.linalg.norm(S.reshape(len(S), -1), axis=1)))
-    basis = _span(S, largest)
-    to = (t - S[0]).ravel()
-    nearest = basis.T @ (basis @ to)
-    return Hull(
-        point=point,
-        t=t,
-        distance2=float(np.sum((t - point) ** 2)),
-        off2=float(np.sum((to - nearest) ** 2)) if len(basis) < to.size else 0.0,
-        along=float(np.linalg.norm(nearest - (point - S[0]).ravel())),
-        k=len(basis),
-        face=len(_span(S[weights > 0.0], largest)),
-        p=t.size,
-        largest=max(largest, float(np.linalg.norm(t))),
-    )
-
-
-def _span(S: Floats, largest: float) -> Floats:
-    """An orthonormal basis of the differences of the S_i, as rows."""
-    _, s, basis = np.linalg.svd((S[1:] - S[0]).reshape(len(S) - 1, S[0].size), full_matrices=False)
-    return np.asarray(basis[s > _SPAN * largest])
-
-
-def ball(b: float, a: float, away: Floats, share: float) -> float:
-    """Spectral radius around ``point + share away``: Theta within b of t (spectral), a of `point`.
-
-    With ``X, Y`` the differences of Theta from `point` and t, that from the point between is
-    ``(1 - s) X X' + s Y Y' - s (1 - s) away away'``, squared; or the triangle inequality.
-    """
-    sizes = np.linalg.svd(away, compute_uv=False)
-    distance = float(sizes[0])
-    a, b = min(a, b + distance), min(b, a + distance)
-    if not np.isfinite(a):
-        return np.inf
-    least = float(sizes[-1]) if len(away) <= away.shape[1] else 0.0
-    between = (1.0 - share) * a * a + share * b * b - share * (1.0 - share) * least**2
-    middle = np.sqrt(max(0.0, between))
-    return float(min(b + (1.0 - share) * distance, a + share * distance, middle))
-
-
-def frobenius_ball(b: float, a: float, away: Floats, share: float) -> float:
-    """The same for the Frobenius norm, where the identity for the point between is one number."""
-    distance = float(np.linalg.norm(away))
-    a, b = min(a, b + distance), min(b, a + distance)
-    if not np.isfinite(a):
-        return np.inf
-    between = (1.0 - share) * a * a + share * b * b - share * (1.0 - share) * distance**2
-    return float(np.sqrt(max(0.0, between)))
+    point, numbers = _core.hull_position(S.reshape(len(S), -1), t.ravel(), weights)
+    return Hull(point.reshape(t.shape), t, *numbers)

@@ -17,7 +17,7 @@ from .._base.types import Floats
 from ..exceptions import NonFiniteError
 from ..system import System
 from ..theory.bounds import Bound
-from ..theory.bounds.base import Rates, Setting, halved
+from ..theory.bounds.base import Rates, halved
 
 __all__ = ["Lemma42", "Lemma43", "OneVector", "Printed"]
 
@@ -47,7 +47,7 @@ class Printed(Bound):
     def __init__(self, constant: float, *widths: float) -> None:
         if not all(math.isfinite(c) for c in widths):
             raise NonFiniteError("a constant of the lemma overflows: scale the problem down")
-        super().__init__(self.name, self.source, Setting(self.quantity))
+        super().__init__(self.name, self.source, self.quantity)
         self._constant, self._widths = constant, widths
 
     def _level_at(self, rates: Rates, eps: float) -> float:
@@ -266,8 +266,8 @@ def corrected(quantity: str, mean_square: float, ranges: float) -> Bound:
     return Bound(
         "McDiarmid",
         "bounded differences; the mean is at most the rms",
-        Setting(quantity),
-        lambda _, rates, level: (math.sqrt(V) + math.sqrt(W * level)) * math.sqrt(rates[0]),
+        quantity,
+        formula=lambda rates, level: (math.sqrt(V) + math.sqrt(W * level)) * math.sqrt(rates[0]),
     )
 
 

@@ -197,15 +197,10 @@ def simulate_ensemble(
     key = as_key(rng)
     problem = (*columns(checked), start.reshape(1, -1), inputs)
     A, B, first = drawn
-    if mean_field:
-        result = _core.simulate_mean_field(
-            *problem, (A, B, first), count, repeats, full, keep, bytes(key), threads
-        )
-    else:
-        result = _core.simulate_runs(
-            *problem, (A, B, first), count, full, keep, bytes(key), threads
-        )
-    mean, variance, flat, runs = result
+    times = repeats if mean_field else None
+    mean, variance, flat, runs = _core.simulate_runs(
+        *problem, (A, B, first), count, times, full, keep, bytes(key), threads
+    )
     return EnsembleTrajectory(
         mean=mean,
         variance=variance,

@@ -26,10 +26,9 @@ but at most the largest possible error. Among them Weissman's is best for few en
 for many realizations, Bernstein's for large matrices; McDiarmid's is for few realizations, or
 different numbers of them. `candidates` leaves out "simulated" and "systematic".
 
-The code is a table *setting x inequality*: `table` has a row for each bound, with the text of its
-source; `settings` the quantities, with the numbers that inequalities need; `inequalities` the
-formulas, with their sources in the literature. A new bound is a row and its formula, a new quantity
-a setting. All bounds hold for ``axis="rows"``, too. The formulas as printed in the paper are in
+`table` has a row for each bound, with the settings it holds in and the text of its source; the
+formulas, with their sources in the literature, are in `rust/tails/`. All bounds hold for
+``axis="rows"``, too. The formulas as printed in the paper are in
 :mod:`stochens_rs.paper.bounds`, each with its error.
 """
 

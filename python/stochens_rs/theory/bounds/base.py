@@ -1,66 +1,22 @@
-"""The base of all bounds: a setting, and the bound that a formula makes of it."""
+"""The base of all bounds: a quantity, and the formula that bounds its error."""
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
-
-import numpy as np
+from typing import TypeAlias
 
 from ..._base import html, validation
-from ..._base.numbers import ROUNDING, smallest_size
-from ..._base.types import Floats
+from ..._base.numbers import smallest_size
 from ...exceptions import InputError, SizeError
 from ..formulas import Sizes, checked_finite, inverse_size, one_each
 
 Rates: TypeAlias = "tuple[float, ...]"  # 1 / size of every entity; 0 for one known exactly
-Formula: TypeAlias = "Callable[[Any, Rates, float], float]"  # of setting, rates and level
+Formula: TypeAlias = "Callable[[Rates, float], float]"  # of rates and level
 
 _ROUNDS = 200  # at most: a bisection between float64 of like size ends after 53 halvings
 _LARGEST_LEVEL = 744.0  # log(1 / delta) for the smallest positive float64, 4.9e-324
-_ABOVE_ROUNDING = 1.0 + ROUNDING  # the largest error can occur, and is rounded, too
-
-
-class Setting:
-    """The quantity that the error is of, with its data.
-
-    All numbers are in units of `unit`, in which nothing overflows.
-    """
-
-    unit: float = 1.0
-    entities: tuple[str, ...] = ()  # those that have a size each; empty: one size
-    equal: str = ""  # the reason why all sizes must be equal; empty: they may differ
-
-    def __init__(self, quantity: str, norm: str = "2") -> None:
-        self.quantity, self.norm = quantity, norm
-
-    def rates(self, size: Sizes) -> Rates:
-        """Turn checked sizes into rates ``1 / size``."""
-        if not self.entities:
-            return (inverse_size("size", size),)
-        return tuple(inverse_size(f"size[{k}]", N) for k, N in enumerate(one_each(size)))
-
-    def farthest(self, rates: Rates) -> float:
-        """The largest error that is possible, or a larger number."""
-        return math.inf
-
-    def cap(self, rates: Rates) -> float:
-        """The largest possible error, with what rounding may add to it."""
-        return float(self.farthest(rates)) * _ABOVE_ROUNDING
-
-
-class Moments(Setting, ABC):
-    """A setting with the numbers that the generic inequalities need, as functions of the rates."""
-
-    @abstractmethod
-    def rms(self, rates: Rates) -> float:
-        """Root mean square of the error."""
-
-    @abstractmethod
-    def variance(self, rates: Rates) -> float:
-        """Largest variance of a projection of the error."""
+ENTITIES = ("x0", "xf", "A")  # of a control or a state
 
 
 class Bound:
@@ -70,14 +26,18 @@ class Bound:
 
     Parameters
     ----------
-    name, source : str
+    name, source, quantity, norm : str
         As the attributes.
-    setting : Setting
-        The quantity with its data.
     formula : callable
-        ``formula(setting, rates, level)``: the radius for ``delta = exp(-level)``.
+        ``formula(rates, level)``: the radius for ``delta = exp(-level)`` and sizes ``1 / rates``.
     equal : str, default ""
-        The reason why the inequality needs equal sizes.
+        The reason why all sizes must be equal.
+    entities : tuple of str, default ()
+        Those that have a size each; none: one size.
+    cap : callable, optional
+        ``cap(rates)``: the largest error that is possible, or a larger number.
+    unit : float, default 1.0
+        The unit of `formula` and `cap`.
 
     Attributes
     ----------
@@ -89,8 +49,6 @@ class Bound:
         The quantity: "vector", "matrix", "state" or "control".
     norm : str
         The norm of the error: "2", "Frobenius", "spectral" or "1".
-    setting
-        For this package: the quantity with its data.
 
     Notes
     -----
@@ -108,12 +66,21 @@ class Bound:
     """
 
     def __init__(
-        self, name: str, source: str, setting: Any, formula: Formula | None = None, equal: str = ""
+        self,
+        name: str,
+        source: str,
+        quantity: str,
+        norm: str = "2",
+        formula: Formula | None = None,
+        *,
+        equal: str = "",
+        entities: tuple[str, ...] = (),
+        cap: Callable[[Rates], float] | None = None,
+        unit: float = 1.0,
     ) -> None:
-        self.name, self.source, self.setting = name, source, setting
-        self.equal = equal or setting.equal
-        self.quantity, self.norm = setting.quantity, setting.norm
-        self._formula = formula
+        self.name, self.source, self.quantity, self.norm = name, source, quantity, norm
+        self.equal, self._entities = equal, entities
+        self._formula, self._cap, self._unit = formula, cap, unit
 
     def radius(self, size: Sizes, delta: float) -> float:
         """Radius that the error exceeds with probability at most `delta`.
@@ -160,10 +127,10 @@ class Bound:
             `size` is not a count, or `eps` is not a positive number.
         """
         rates = self._rates(size)
-        eps, unit = validation.positive("eps", eps), self.setting.unit
-        if eps >= self.setting.cap(rates) * unit:
+        eps = validation.positive("eps", eps)
+        if self._cap is not None and eps >= self._cap(rates) * self._unit:
             return 0.0
-        level = self._level_at(rates, eps / unit)
+        level = self._level_at(rates, eps / self._unit)
         return 1.0 if level <= 0.0 else math.exp(-level)
 
     def required_size(self, eps: float, delta: float, *, exact: Sequence[str] = ()) -> int:
@@ -188,7 +155,7 @@ class Bound:
         InputError, InputTypeError
             An argument is out of range, or more than 2^53 realizations are needed.
         """
-        entities, given = self.setting.entities, validation.items("exact", exact)
+        entities, given = self._entities, validation.items("exact", exact)
         if given and not entities:
             raise InputError(f"`exact` must be empty for a {self.quantity}: it is one entity")
         known = {validation.choice("exact", name, entities) for name in given}
@@ -204,9 +171,9 @@ class Bound:
         return smallest_size(lambda N: self._in_units(self._capped(rates(N), level)) <= eps)
 
     def _radius_at(self, rates: Rates, level: float) -> float:
-        """Radius for ``delta = exp(-level)``, in units of the setting."""
+        """Radius for ``delta = exp(-level)``, in units."""
         assert self._formula is not None  # or the class has this method
-        return self._formula(self.setting, rates, level)
+        return self._formula(rates, level)
 
     def _level_at(self, rates: Rates, eps: float) -> float:
         """A level with ``P(error > eps) <= exp(-level)``, the largest that follows."""
@@ -218,11 +185,15 @@ class Bound:
 
     def _capped(self, rates: Rates, level: float) -> float:
         """The radius, at most the largest possible error."""
-        return min(self._radius_at(rates, level), float(self.setting.cap(rates)))
+        found = self._radius_at(rates, level)
+        return found if self._cap is None else min(found, self._cap(rates))
 
-    def _rates(self, size: Sizes) -> Rates:
-        rates: Rates = self.setting.rates(size)
-        if self.equal and differ(rates):
+    def _rates(self, size: Sizes, *, any_sizes: bool = False) -> Rates:
+        """Rates ``1 / size`` of checked sizes."""
+        if not self._entities:
+            return (inverse_size("size", size),)
+        rates = tuple(inverse_size(f"size[{k}]", N) for k, N in enumerate(one_each(size)))
+        if self.equal and differ(rates) and not any_sizes:
             sizes = ", ".join(f"{1.0 / rate:g}" if rate else "None" for rate in rates)
             raise InputError(
                 f"`size` must be one number here ({self.equal}), got N0, Nf, NA = {sizes}"
@@ -230,7 +201,7 @@ class Bound:
         return rates
 
     def _in_units(self, radius: float) -> float:
-        return checked_finite(float(radius * self.setting.unit), "radius")
+        return checked_finite(float(radius * self._unit), "radius")
 
     def _repr_html_(self) -> str:
         return html.card(self, [("inequality", self.name), ("from", self.source)])
@@ -244,11 +215,9 @@ def differ(rates: Rates) -> bool:
     return len({rate for rate in rates if rate > 0.0}) > 1
 
 
-def halved(
-    low: float, high: float, holds: Callable[[float], bool], rounds: int = _ROUNDS
-) -> tuple[float, float]:
+def halved(low: float, high: float, holds: Callable[[float], bool]) -> tuple[float, float]:
     """Bisect between `low`, at which `holds` is true, and `high`, at which it is not."""
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         middle = low + (high - low) / 2.0
         if not low < middle < high:
             break
@@ -259,9 +228,3 @@ def halved(
 def level_of(delta: object) -> float:
     """``log(1 / delta)`` of a checked probability of failure."""
     return -math.log(validation.probability("delta", delta))
-
-
-def unit_of(*arrays: Floats) -> float:
-    """Largest absolute entry, 1 if all are 0: in this unit squares do not overflow or vanish."""
-    largest = max(float(np.abs(array).max(initial=0.0)) for array in arrays)
-    return largest if largest > 0.0 else 1.0

@@ -202,7 +202,7 @@ def best(
     if eps is not None:
         needed, chosen = _smallest_size([drawn] if simulated else found, eps, delta)
         return Best(chosen, chosen.radius(needed, delta), needed, delta)
-    if differ(found[0].setting.rates(size)):
+    if differ(found[0]._rates(size, any_sizes=True)):
         found = [one for one in found if not one.equal]
     radii = [one.radius(size, delta) for one in found]
     k = radii.index(min(radii))

@@ -32,10 +32,7 @@ from ..._base.types import Floats, Scheme
 from ...rng import Key
 from ..exact import best_control
 
-# Shares of delta: see above.
-_QUANTILE = 0.9
-_MISTAKE = 0.01  # for each size
-_LOOKS = 10
+_LOOKS = 10  # sizes that share delta: see above
 # Number of errors: 200 / delta of them give a bound of 1.02 to 1.1 times the quantile.
 _RUNS, _LEAST = 200.0, 4.0
 _TINY = 1e-9  # relative; delta comes as exp(-log(1 / delta))
@@ -245,7 +242,7 @@ def radii(errors: ErrorLaw, delta: float, key: Key) -> tuple[float, ...] | None:
     if runs is None:
         return None
     found = errors.draw(runs, key)
-    return errors.rounded(tuple(order_statistic(column, delta) for column in found.T))
+    return errors.rounded(tuple(_core.drawn_bounds(found, delta)))
 
 
 def runs_for(delta: float, cost: float) -> int | None:
@@ -270,23 +267,6 @@ def not_simulated(delta: float, cost: float) -> str:
     )
 
 
-def order_statistic(errors: Floats, delta: float) -> float:
-    """The simulated error that is a bound for `delta`: the largest if they are few."""
-    k = len(errors) - 1 - (exceedances(len(errors), delta) or 0)
-    return float(np.partition(errors, k)[k])
-
-
-def exceedances(runs: int, delta: float) -> int | None:
-    """The largest j with ``P(Bin(runs, 0.9 delta) <= j) <= 0.01 delta``; None if there is none."""
-    p = _QUANTILE * delta
-    k = np.arange(1, int(runs * p) + 1)  # up to the mean
-    # log P(k) = log P(k-1) + log((R - k + 1) / k) + log(p / (1 - p))
-    steps = np.log((runs - k + 1.0) / k) + math.log(p) - math.log1p(-p)
-    logs = runs * math.log1p(-p) + np.concatenate([[0.0], np.cumsum(steps)])
-    below = np.cumsum(np.exp(logs)) <= _MISTAKE * delta
-    return int(below.sum()) - 1 if below[0] else None
-
-
 def searched_size(
     errors_at: Callable[[int], ErrorLaw], which: int, eps: float, delta: float, key: Key
 ) -> int | None:
@@ -302,7 +282,7 @@ def searched_size(
         runs = runs_for(delta, errors.cost)
         if runs is None:
             return math.inf
-        level = 1.0 - (exceedances(runs, delta) or 0) / runs
+        level = 1.0 - (_core.exceedances(runs, delta) or 0) / runs
         drawn = errors.draw(min(runs, _PILOT), pilot_key)
         return errors.rounded(tuple(float(np.quantile(one, level)) for one in drawn.T))[which]
 

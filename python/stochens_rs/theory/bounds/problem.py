@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
-from ..._base import validation
+from ... import _core
+from ..._base import memory, validation
 from ..._base.types import AXES, FUSIONS, QUANTITIES, Floats, Scheme
 from ...exceptions import InputError, InputTypeError
 from ...rng import RngLike, as_key
 from ...system import System
 from ..dynamics import checked_ends
 from ..formulas import lines_of
-from .base import Bound, Setting
+from .base import ENTITIES, Bound
 from .drawn_errors import DrawnEntity, PlanErrors
-from .settings import Lines, Paired, Product
-from .simulated import DrawnErrors, Simulated
+from .simulated import PAIRED, Simulated
 from .table import SETTINGS, TABLE, Row
 
 Of: TypeAlias = Literal["vector", "matrix", "state", "control"]
@@ -59,7 +60,7 @@ class BoundedQuantity:
         if self.quantity == "vector":
             refuse_choices(what, axis=(self.axis, "columns"))
         self.settings = settings[self.fusion if control else self.norm]
-        self._made: dict[str, Setting] = {}
+        self._made: dict[str, _core.TailBounds] = {}
         self.system: System | None = None
         if self.quantity == "vector":
             self.lines = validation.vector("w", data[0])[:, None]
@@ -75,15 +76,30 @@ class BoundedQuantity:
 
     def bound(self, row: Row, setting: str) -> Bound:
         """Make the bound of a row."""
-        self._made[setting] = self._made.get(setting) or self._make(setting)
-        return Bound(row.name, row.source, self._made[setting], row.formula, row.equal)
+        norm = "Frobenius" if setting == "matrix" else self.norm
+        if norm not in self._made:
+            self._made[norm] = self._numbers(norm)
+        of, equal = self._made[norm], PAIRED if setting == "diagonal" else row.equal
+        formula = partial(of.radius, row.name)
+        return Bound(
+            row.name,
+            row.source,
+            self.quantity,
+            norm,
+            formula,
+            equal=equal,
+            entities=() if self.system is None else ENTITIES,
+            cap=of.cap,
+            unit=of.unit,
+        )
 
-    def _make(self, setting: str) -> Setting:
+    def _numbers(self, norm: str) -> _core.TailBounds:
         if self.system is None:
-            norm = "Frobenius" if setting == "matrix" else self.norm
-            return Lines(self.lines, self.quantity, norm)
-        control = Paired if setting == "diagonal" else Product
-        return control(self.system, self.x0, self.xf, self.axis, self.quantity)
+            return _core.TailBounds(np.ascontiguousarray(self.lines.T), norm)
+        A, B = self.system.A, self.system.B
+        memory.need("the moments of the control", 20 * A.nbytes)  # arrays that live at once
+        choices = self.axis == "rows", self.quantity == "control", self.fusion == "diagonal"
+        return _core.TailBounds(A, B, self.x0.copy(), self.xf.copy(), *choices)
 
     def formulas(self) -> list[Bound]:
         """All bounds for independent realizations that are formulas."""
@@ -103,7 +119,7 @@ class BoundedQuantity:
             entities = (DrawnEntity(value, scheme=scheme) for value in (self.x0, self.xf, A))
             law = PlanErrors(B, *entities, steps=steps, paired=paired, rows=rows)
         key = as_key(rng).child("simulated bound")
-        return Simulated(DrawnErrors(self.quantity, self.norm, scheme, law), key)
+        return Simulated(self.quantity, self.norm, scheme, law, key)
 
 
 def refuse_choices(what: str, **options: tuple[object, object]) -> None:

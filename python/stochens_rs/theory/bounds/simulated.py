@@ -7,47 +7,28 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ... import _core
 from ..._base import validation
 from ..._base.types import Floats, Scheme
 from ...exceptions import SizeError
 from ...rng import Key
 from ..formulas import Sizes
-from .base import Bound, Rates, Setting, halved
+from .base import ENTITIES, Bound, Rates
 from .drawn_errors import (
     ErrorLaw,
     EstimateErrors,
     PlanErrors,
-    exceedances,
     least_delta,
     not_simulated,
     radii,
     runs_for,
     searched_size,
 )
-from .settings import Control, Paired
 
 _TYPICAL = 0.01  # delta for which errors are drawn to bound a probability: R is 20 000 or so
 
 
-class DrawnErrors(Setting):
-    """A setting whose errors can be drawn: lines of a vector or a matrix, or a control."""
-
-    def __init__(self, quantity: str, norm: str, scheme: Scheme, of: Floats | PlanErrors) -> None:
-        super().__init__(quantity, norm)
-        self._scheme, self._of = scheme, of
-        self.which = int(quantity == "control")  # column of the errors
-        if isinstance(of, PlanErrors):
-            self.entities = Control.entities
-            self.equal = Paired.equal if of.paired else ""
-
-    def errors(self, rates: Rates) -> ErrorLaw:
-        """What errors for these sizes are drawn from."""
-        sizes = tuple(round(1.0 / rate) if rate > 0.0 else None for rate in rates)
-        if isinstance(self._of, PlanErrors):
-            return self._of.sized(sizes)
-        if sizes[0] is None:
-            raise SizeError("`size` must be a number here: exact values have no errors")
-        return EstimateErrors(self._of, self.norm, sizes[0], self._scheme)
+PAIRED = "diagonal fusion pairs the realizations"  # why sizes must be equal
 
 
 class Simulated(Bound):
@@ -57,8 +38,12 @@ class Simulated(Bound):
 
     Parameters
     ----------
-    law : DrawnErrors
-        The distribution of the errors.
+    quantity, norm : str
+        As the attributes.
+    scheme : {"iid", "systematic"}
+        How the lines of a vector or a matrix are drawn.
+    of : ndarray or PlanErrors
+        Those lines, one per row; or the law of the errors of a state and a control.
     key : Key
         Key of the draws: equal errors in every call.
 
@@ -83,31 +68,44 @@ class Simulated(Bound):
     [0.2, 0.4]
     """
 
-    setting: DrawnErrors
-
-    def __init__(self, law: DrawnErrors, key: Key) -> None:
+    def __init__(
+        self, quantity: str, norm: str, scheme: Scheme, of: Floats | PlanErrors, key: Key
+    ) -> None:
         super().__init__(
             "simulated",
             "order statistic of errors drawn from the law; its own chance of failure is in delta",
-            law,
+            quantity,
+            norm,
+            equal=PAIRED if isinstance(of, PlanErrors) and of.paired else "",
+            entities=ENTITIES if isinstance(of, PlanErrors) else (),
         )
-        self._key = key
+        self._scheme, self._of, self._key = scheme, of, key
+        self._which = int(quantity == "control")  # column of the errors
+
+    def _law(self, rates: Rates) -> ErrorLaw:
+        """What errors for these sizes are drawn from."""
+        sizes = tuple(round(1.0 / rate) if rate > 0.0 else None for rate in rates)
+        if isinstance(self._of, PlanErrors):
+            return self._of.sized(sizes)
+        if sizes[0] is None:
+            raise SizeError("`size` must be a number here: exact values have no errors")
+        return EstimateErrors(self._of, self.norm, sizes[0], self._scheme)
 
     def _radius_at(self, rates: Rates, level: float) -> float:
         """From new draws, equal for equal sizes."""
         if not any(rates):
             return 0.0
-        errors, delta = self.setting.errors(rates), math.exp(-level)
+        errors, delta = self._law(rates), math.exp(-level)
         found = radii(errors, delta, self._key)
         if found is None:
             raise SizeError(not_simulated(delta, errors.cost))
-        return found[self.setting.which]
+        return found[self._which]
 
     def _level_at(self, rates: Rates, eps: float) -> float:
         """The largest level at which few enough of the simulated errors exceed eps."""
         if not any(rates):
             return math.inf
-        errors, which = self.setting.errors(rates), self.setting.which
+        errors, which = self._law(rates), self._which
         runs = runs_for(_TYPICAL, errors.cost)
         if runs is None:
             return 0.0
@@ -116,12 +114,7 @@ class Simulated(Bound):
         off = errors.rounded(tuple(float(np.median(one)) for one in drawn.T))[which]
         drawn = drawn[:, which]
         beyond = int((drawn + (off - float(np.median(drawn))) > eps).sum())
-
-        def enough(level: float) -> bool:
-            allowed = exceedances(runs, math.exp(-level))
-            return allowed is not None and beyond <= allowed
-
-        return halved(0.0, math.log(runs), enough, rounds=40)[0]  # a level to 1e-11
+        return _core.drawn_level(runs, beyond)
 
     def errors(self, size: Sizes) -> ErrorLaw:
         """The law of the errors for a number of realizations.
@@ -142,7 +135,7 @@ class Simulated(Bound):
         InputError, InputTypeError
             As :meth:`radius`; or the size of a vector or matrix is None: nothing is random.
         """
-        return self.setting.errors(self._rates(size))
+        return self._law(self._rates(size))
 
     def require(self, delta: float) -> None:
         """Refuse a probability of failure that cannot be simulated.
@@ -205,8 +198,7 @@ class Simulated(Bound):
         self.require(delta)
         if not any(rates(1)):
             return 1
-        law = self.setting
-        return searched_size(lambda N: law.errors(rates(N)), law.which, eps, delta, self._key)
+        return searched_size(lambda N: self._law(rates(N)), self._which, eps, delta, self._key)
 
     def _cost(self, rates: Rates) -> float:
-        return self.setting.errors(rates).cost
+        return self._law(rates).cost

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from . import inequalities as of
-from .base import Formula
-
 # The settings in which an error can be bounded, by its quantity and by norm or fusion; the first is
 # the default. A bound on the Frobenius norm of a matrix is one on its spectral norm, too.
 SETTINGS: dict[str, dict[str, tuple[str, ...]]] = {
@@ -19,32 +16,29 @@ SETTINGS: dict[str, dict[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True)
 class Row:
-    """A name, the settings it holds in, the formula, the source, and why sizes must be equal."""
+    """The name of an inequality of the core, where it holds, its source, why sizes are equal."""
 
     name: str
     settings: tuple[str, ...]
-    formula: Formula
     source: str
     equal: str = ""
 
 
 # In the order in which `candidates` lists them.
 TABLE = (
-    Row("Bernstein", ("spectral norm",), of.bernstein,
+    Row("Bernstein", ("spectral norm",),
         "N m independent matrices of rank one, matrix Bernstein"),
-    Row("McDiarmid", ("product",), of.mcdiarmid,
+    Row("McDiarmid", ("product",),
         "bounded martingale differences, xf then x0 then A; mean at most the exact rms"),
-    Row("Bousquet", ("vector", "matrix"), of.bousquet,
+    Row("Bousquet", ("vector", "matrix"),
         "supremum of <v, average - mean> over unit vectors v, N independent terms"),
-    Row("Bousquet", ("product",), of.product_bousquet,
+    Row("Bousquet", ("product",),
         "Bousquet for the linear part, McDiarmid for the product of two errors",
         "one linear term for each index"),
-    Row("Bousquet", ("diagonal",), of.bousquet,
+    Row("Bousquet", ("diagonal",),
         "supremum of <v, M (average of pairs - mean)> over unit vectors v"),
-    Row("Weissman", ("vector", "1-norm"), of.weissman,
+    Row("Weissman", ("vector", "1-norm"),
         "union bound over all sets of atoms, Hoeffding for each"),
 )  # fmt: skip
 # For systematic samples, to which no other row applies: their realizations are dependent.
-DEPENDENT = (
-    Row("systematic", ("vector", "matrix"), of.systematic, "every count is within 1 of N p_i"),
-)
+DEPENDENT = (Row("systematic", ("vector", "matrix"), "every count is within 1 of N p_i"),)

@@ -7,7 +7,7 @@ import pytest
 
 import hidden_systems
 import stochens_rs as se
-from coverage_study import at_most
+from coverage_study import at_most, sets
 from stochens_rs import _core
 from test_feedback import region, white
 from twin import feedback as twin
@@ -92,7 +92,7 @@ def test_the_matrix_of_the_lemma_bounds_every_member(by_rows):
 )  # fmt: skip
 def test_no_member_leaves_the_tube(share, options, loose):
     gen, ratios = np.random.default_rng(2), []
-    for trial in range(12):
+    for trial in range(sets(12, 6)):
         case = Case(gen, 2 + trial % 3, share, **options)
         n, steps = case.n, 25
         x0 = gen.standard_normal(n)

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import DELTA, at_most, coverage, exactly, failures, repeated
+from coverage_study import DELTA, at_most, coverage, exactly, failures, repeated, sets
 from identification_data import SKEWED, rolled, stable
 from stochens_rs import _core
 from stochens_rs.streams.snapshot import planned
@@ -123,6 +123,7 @@ def test_stopping_by_the_certificate_is_valid(sigma, steps, runs, every, tol, lo
                 return {"failed": bad, "N": N, "ratio": ratio, "told": told / N}
         return {"failed": bad, "N": np.inf, "ratio": np.nan, "told": np.nan}
 
+    runs //= sets(1, 3)
     found = repeated(case, runs, 111)
     at_most(found["failed"].sum(), runs)
     assert np.median(found["N"]) < 400

@@ -137,10 +137,13 @@ def write(rows: list[Row], costs: Costs | None) -> None:
     old: dict[str, Any] = json.loads(DATA.read_text()) if DATA.exists() else {"rows": []}
     measured = {row.group for row in rows}
     kept = [Row(**row) for row in old["rows"] if row["group"] not in measured]
+    here = machine()
+    # what another processor can do says nothing of these rows
+    same = old.get("machine", {}).get("processor") == here["processor"]
     rows = sorted([*kept, *rows], key=lambda row: [*TITLES].index(row.group))
     data: dict[str, Any] = {
-        "machine": machine(),
-        "limits_ns": limits() or old.get("limits_ns", {}),
+        "machine": here,
+        "limits_ns": limits() or (old.get("limits_ns", {}) if same else {}),
         "rows": [asdict(row) for row in rows],
         "costs": old.get("costs") if costs is None else costs.to_dict(),
     }
@@ -209,14 +212,17 @@ def _limit(name: str, nanoseconds: float) -> str:
 
 
 def _table(rows: list[Row], found: dict[str, float]) -> list[str]:
+    shares = [_share(row, found) for row in rows]
+    more = " share of the limit |" if any(shares) else ""
     lines = [
-        "| work | peer | ours | ratio | smallest .. largest | pairs | share of the limit |",
-        "|---|---|---:|---:|---:|---:|---:|",
+        f"| work | peer | ours | ratio | smallest .. largest | pairs |{more}",
+        f"|---|---|---:|---:|---:|---:|{'---:|' if more else ''}",
     ]
-    for row in rows:
+    for row, share in zip(rows, shares, strict=True):
         lines.append(
             f"| {row.what} | {row.peer} | {_time(row.seconds)} | **{_digits(row.ratio)}x** | "
-            f"{_digits(row.low)} .. {_digits(row.high)} | {row.pairs} | {_share(row, found)} |"
+            f"{_digits(row.low)} .. {_digits(row.high)} | {row.pairs} |"
+            + (f" {share} |" if more else "")
         )
     return lines
 

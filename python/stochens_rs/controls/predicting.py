@@ -40,8 +40,8 @@ def predict(
     x0 : array_like, shape (n,), or Uncertain
         The initial state; for a model of states only.
     inputs : array_like, shape (K, m)
-        The inputs, one row per step; never left out. They may be chosen after the data of the
-        model, and those of a run that was kept apart may come from a feedback.
+        The inputs, one row per step; required. They may be chosen after the data of the model, and
+        those of a run that was kept apart may come from a feedback.
     record : (outputs, inputs)
         For a model of outputs, in place of x0: what was read before the first of `inputs`, as for
         `control`. `Window.stretches` cuts runs that were kept apart.

@@ -150,10 +150,16 @@ class System(Exported, FromSimulator):
             If the system is in continuous time and `dt` is missing, or in discrete time and `dt` is
             another one; it is a model estimated from data; or A or B cannot be used.
 
+        Warns
+        -----
+        DataWarning
+            If the poles of a realization are not those of its transfer function.
+
         Notes
         -----
         ``[[A_d, B_d], [0, I]] = exp(dt [[A, B], [0, 0]])``, by scaling and squaring (Higham, SIAM
-        J. Matrix Anal. Appl. 26(4), 2005).
+        J. Matrix Anal. Appl. 26(4), 2005), in units of the states in which rows and columns of A
+        are alike, so that the units of the states have no part in its accuracy.
 
         Examples
         --------

@@ -89,6 +89,37 @@ def test_transfer_functions_are_realized_and_say_how(what):
         System.from_any(given)
 
 
+# In python-control's issue 935, with poles from -600 to -6e-5 rad/s.
+SPREAD = -np.array(
+    [6e2, 6.28, 3, 3, 0.2, 0.12, 0.12, 0.07, 0.06, 0.1, 4.3e-3, 6e-4, 6e-4, 6e-5, 6.2e-5, 6.4e-5]
+)
+
+
+@pytest.mark.parametrize("package", ["control", "scipy"])
+def test_a_realization_with_other_poles_is_named(package):
+    zeros, poles = 1.1 * SPREAD[:10], SPREAD
+    given = signal.ZerosPolesGain(zeros, poles, 1.0)
+    if package == "control":
+        given = control.tf(np.poly(zeros), np.poly(poles))
+    with pytest.warns(
+        se.exceptions.DataWarning, match=r"1\.00\d+ as largest modulus for 0\.9994; "
+    ):
+        System.from_any(given, dt=10.0)
+
+
+@pytest.mark.filterwarnings("error::stochens_rs.exceptions.DataWarning")
+def test_realizations_with_their_poles_go_without_a_word():
+    s = control.tf("s")
+    for plant in (
+        1 / (s + 1) ** 4, 1 / s**2, 1 / (s**2 * (s + 1) ** 2), 5 / (0.5 * s + 1) / (1e-3 * s + 1),
+        1 / (1e-13 * s**2 + 1e-8 * s + 1), (s + 2) / (s**2 + 1e-4 * s + 1), 1 / (s - 1),
+        control.tf(*control.pade(0.01, 5)) / (s + 1),
+    ):  # fmt: skip
+        for dt in (1e-4, 0.01, 1.0):
+            System.from_any(plant, dt=dt)
+            System.from_any(signal.TransferFunction(plant.num[0][0], plant.den[0][0]), dt=dt)
+
+
 def test_discrete_transfer_functions():
     for given in (control.tf([1.0], [1.0, -0.5], 0.1), signal.dlti([1.0], [1.0, -0.5], dt=0.1)):
         found = System.from_any(given)
@@ -110,7 +141,7 @@ BAD = {
     "dt True": (lambda: control.ss(A, B, C, D, 0), True, InputTypeError, "`dt` must be a real"),
     "dt as text": (lambda: (A, B, 0), "0.1", InputTypeError, "`dt` must be a real number"),
     "dt nan": (lambda: (A, B, 0), np.nan, InputError, "`dt` is nan"),
-    "huge dt": (lambda: (A, B, 0), 1e12, InputError, "`dt` is too large"),
+    "huge dt": (lambda: (A - A.T, B, 0), 1e12, InputError, "`dt` is too large"),
     "improper": (
         lambda: signal.TransferFunction([1.0, 0.0, 0.0], [1.0, 2.0]), 0.1, InputError,
         "cannot be brought into state space by its to_ss()",

@@ -10,7 +10,8 @@ import pytest
 
 from hidden_systems import of_each_kind
 from stochens_rs import cases
-from stochens_rs._base.discretize import discretize, expm
+from stochens_rs._base import discretize as zero_order_hold
+from stochens_rs._base.discretize import discretize
 from stochens_rs.cases._swing import reduced_stiffness, swing
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
@@ -20,6 +21,10 @@ ieee14 = importlib.import_module("stochens_rs.cases.ieee14")
 ieee39 = importlib.import_module("stochens_rs.cases.ieee39")
 
 STEP = 0.01  # s
+
+
+def expm(X):
+    return zero_order_hold.expm(X, len(X))[0]
 
 
 def modes(A):
@@ -276,10 +281,57 @@ def test_zoh_of_one_huge_input_names_no_time_scale():
     A_d, B_d = discretize(A, np.array([[2e10]]), dt, "zoh")
     assert A_d[0, 0] == pytest.approx(np.exp(-0.1), rel=1e-15)
     assert B_d[0, 0] == pytest.approx(-2e10 * np.expm1(-0.1), rel=1e-15)
+    A_d, B_d = discretize(A, np.array([[1.0]]), 2e9, "zoh")  # nothing lasts, nothing is lost
+    assert (A_d[0, 0], B_d[0, 0]) == (0.0, pytest.approx(1.0, rel=1e-14))
     with pytest.raises(InputError, match=r"too large .2e.09 s. for the time scales"):
-        discretize(A, np.array([[1.0]]), 2e9, "zoh")
+        discretize(np.array([[-1.0, 1.0], [1.0, -1.0]]), np.ones((2, 1)), 2e9, "zoh")
     with pytest.raises(InputError, match="B of the discretized system is not finite"):
         discretize(np.zeros((1, 1)), np.array([[1e308]]), 1e5, "zoh")
+
+
+def test_zoh_does_not_depend_on_the_units_of_the_states():
+    linalg = pytest.importorskip("scipy.linalg")
+    gen = np.random.default_rng(5)
+    for _ in range(100):
+        n, m = gen.integers(1, 7, 2)
+        A, B = gen.standard_normal((n, n)), gen.standard_normal((n, m))
+        A[gen.random((n, n)) < 0.3] = 0.0
+        whole = linalg.expm(0.3 * np.block([[A, B], [np.zeros((m, n + m))]]))
+        unit = np.ldexp(1.0, gen.integers(-60, 60, n))[:, None]
+        A_d, B_d = discretize(A * unit / unit.T, B * unit, 0.3, "zoh")
+        np.testing.assert_allclose(A_d / unit * unit.T, whole[:n, :n], rtol=0.0, atol=2e-13)
+        np.testing.assert_allclose(B_d / unit, whole[:n, n:], rtol=0.0, atol=2e-13)
+
+
+# By the Taylor series in 80 digits: a piston behind a liquid, in m, m/s and Pa; 1 / (1e-13 s^2 +
+# 1e-8 s + 1).
+PISTON = [[0.0, 1.0, 0.0], [0.0, -0.2, 2e-5], [0.0, -1.4e10, -140.0]]
+STIFF = {
+    "piston": (
+        PISTON, [[0.0], [0.0], [1.4e13]], 1e-3,
+        [[1.0, 0.0009554460827977876, 9.329922798595854e-12],
+         [0.0, 0.8691899916030985, 1.7802732464152335e-08],
+         [0.0, -12461912.724906633, 0.7447488916786736]],
+        [[0.04445617235699077], [130.61891918034195], [12463218914.098436]],
+    ),
+    "second order": (
+        [[-1e5, -1e13], [1.0, 0.0]], [[1.0], [0.0]], 1e-7,
+        [[0.9407947168756532, -978515.7630096579], [9.78515763009658e-08, 0.9505798745057498]],
+        [[9.78515763009658e-08], [4.942012549425025e-15]],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", STIFF)
+def test_zoh_of_entries_of_unlike_sizes(what):
+    A, B, dt, A_d, B_d = STIFF[what]
+    found = discretize(np.array(A), np.array(B), dt, "zoh")
+    np.testing.assert_allclose(found[0], A_d, rtol=1e-12)
+    np.testing.assert_allclose(found[1], B_d, rtol=1e-12)
+    # a step of a second is 1e6 periods of it, all long damped: only rest is left
+    slow = discretize(np.array([[-1e5, -1e13], [1.0, 0.0]]), np.array([[1.0], [0.0]]), 1.0, "zoh")
+    np.testing.assert_allclose(slow[1][1], 1e-13, rtol=1e-9)
+    assert np.abs(slow[0]).max() < 1e-300
 
 
 def test_zoh_of_the_double_integrator():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exceptions import InputError
 from . import validation
@@ -18,23 +19,28 @@ _PADE = tuple(
 _PADE_13 = tuple(float(c // _PADE[13]) for c in _PADE)
 _THETA_13 = 5.371920351148152
 
-# Each squaring doubles the relative error of an eigenvalue: above this norm, fewer than about six
-# digits would be correct.
-_NORM_LIMIT = 2.0**30
+# Each squaring while a part of the state lasts doubles the relative error of that part: after more
+# of them, fewer than about six digits of it would be correct.
+_SQUARINGS = 28
+_SWEEPS = 100  # each halves the logarithms of what is out of balance
 
 
-def expm(X: Floats) -> Floats:
+def expm(X: Floats, n: int) -> tuple[Floats, int]:
     """Matrix exponential by scaling and squaring with the (13, 13) Pade approximant.
 
     Parameters
     ----------
-    X : (n, n) array
+    X : (k, k) array
+    n : int
+        The size of the block in the upper left corner that is watched.
 
     Returns
     -------
-    (n, n) array
+    (k, k) array
         ``exp(X) = r_13(X / 2^s)^(2^s)`` with the smallest ``s`` such that
         ``||X||_1 / 2^s <= theta_13``. Entries that overflow are inf or nan.
+    int
+        How many of the s squarings found the exponential of the block with a norm above 1/2.
 
     References
     ----------
@@ -60,10 +66,43 @@ def expm(X: Floats) -> Floats:
     )  # fmt: skip
     # (V - U)^-1 (V + U), in the form that is exact at X = 0 and accurate near it.
     result = identity + 2.0 * np.linalg.solve(V - U, U)
+    lasting = 0
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(squarings):
+            lasting += not np.abs(result[:n, :n]).sum(axis=0).max() <= 0.5
             result = result @ result
-    return np.asarray(result, dtype=np.float64)
+    return np.asarray(result, dtype=np.float64), lasting
+
+
+def balance(A: Floats) -> NDArray[np.int64]:
+    """Exponents e of the states ``x_i = 2^e_i z_i`` in which rows and columns of A are alike.
+
+    Osborne's iteration: with r and c the sums of row and column i beside the diagonal, unit i
+    becomes ``(r / c)^(1/2)`` times as large. A state that acts on no other, or that no other acts
+    on, is scaled until its sum is below 1, where nothing is left to gain.
+
+    References
+    ----------
+    E. E. Osborne, "On pre-conditioning of matrices", J. ACM 7(4), 1960.
+    """
+    beside = np.abs(A)
+    np.fill_diagonal(beside, 0.0)
+    e = np.zeros(len(A), dtype=np.int64)
+    for _ in range(_SWEEPS):
+        moved = False
+        for i in range(len(A)):
+            row, column = float(beside[i].sum()), float(beside[:, i].sum())
+            if not row + column > 0.0 or not math.isfinite(row + column):
+                continue
+            ratio = (row or min(column, 1.0)) / (column or min(row, 1.0))
+            k = round(math.log2(ratio) / 2.0)
+            if k and math.ldexp(column, k) + math.ldexp(row, -k) < 0.95 * (row + column):
+                beside[i], beside[:, i] = np.ldexp(beside[i], -k), np.ldexp(beside[:, i], k)
+                e[i] += k
+                moved = True
+        if not moved:
+            break
+    return e
 
 
 def discretize(A: Floats, B: Floats, dt: float, method: str) -> tuple[Floats, Floats]:
@@ -99,22 +138,27 @@ def discretize(A: Floats, B: Floats, dt: float, method: str) -> tuple[Floats, Fl
             A_d, B_d = np.eye(n) + dt * A, dt * B
         else:
             augmented = np.zeros((n + m, n + m))
-            augmented[:n, :n] = dt * A
-            if not float(np.abs(augmented).sum(axis=0).max()) <= _NORM_LIMIT:
-                raise InputError(
-                    f"`dt` is too large ({dt:g} s) for the time scales of the system: the result "
-                    "would be rounding only"
-                )
+            # exp(D^-1 A D) = D^-1 exp(A) D: in units of the states that suit A the entries of
+            # the exponential have their digits, and only time scales are left in its norm
+            e = balance(dt * A)
+            augmented[:n, :n] = np.ldexp(dt * A, e - e[:, None])
             # B_d is linear in dt B: its columns are brought to a 1-norm below 1 by powers of two,
             # hence exactly, and then have no part in the norm that chooses the scaling
             short, exponent = np.frexp(dt)
             largest = np.frexp(np.abs(B).max(axis=0))[1]
-            scaled = np.ldexp(B, -largest)
+            scaled = np.ldexp(np.ldexp(B, -largest), -e[:, None])
             more = np.frexp(np.abs(scaled).sum(axis=0))[1]
             augmented[:n, n:] = short * np.ldexp(scaled, -more)
-            whole = expm(augmented)
-            A_d = whole[:n, :n]
-            B_d = np.ldexp(whole[:n, n:], exponent + largest + more)
+            norm = float(np.abs(augmented[:, :n]).sum(axis=0).max())
+            whole, lasting = expm(augmented, n) if norm < np.inf else (augmented, _SQUARINGS + 1)
+            if lasting > _SQUARINGS:
+                raise InputError(
+                    f"`dt` is too large ({dt:g} s) for the time scales of the system: dt A has the "
+                    f"norm {norm:.1g} in balanced units, and a part of the state lasts for so long "
+                    "that fewer than six digits of it would be right; take a shorter step"
+                )
+            A_d = np.ldexp(whole[:n, :n], e[:, None] - e)
+            B_d = np.ldexp(whole[:n, n:], exponent + largest + more + e[:, None])
     for name, found in (("A", A_d), ("B", B_d)):
         if not np.isfinite(found).all():
             raise InputError(

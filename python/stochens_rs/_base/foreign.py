@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+import warnings
 from typing import Any
 
 import numpy as np
 
-from ..exceptions import InputError, InputTypeError
+from ..exceptions import DataWarning, InputError, InputTypeError
 from . import validation
 from .align_labels import matrices
 from .discretize import discretize
@@ -16,6 +17,9 @@ CONTINUOUS = (
     "{}, which means continuous time: discretize it, e.g. with System.from_any(system, dt=0.01), "
     "which holds the inputs constant over each step of 0.01 s"
 )
+# How far off a pole may lie, as a share of its distance from the circle of modulus 1; and how far
+# rounding moves double poles, which lie nowhere better than eps^(1/2).
+_OFF, _CLUSTERED = 0.02, 1e-7
 # python-control names systems without a name sys[0], sys[1], ... and what it makes of G G$converted
 _UNNAMED = "sys["
 
@@ -28,9 +32,13 @@ def arguments(system: Any, dt: Any) -> dict[str, Any]:
     if isinstance(system, type):
         raise InputTypeError(f"`system` must be a System, got the class {system.__name__[:40]}")
     found = _of_tuple(system) if isinstance(system, tuple) else _of_object(system)
-    if found.pop("continuous"):
-        return _discretized(found, dt)
-    same_step(found["dt"], dt)
+    continuous, poles = found.pop("continuous"), found.pop("poles", None)
+    if continuous:
+        found = _discretized(found, dt)
+    else:
+        same_step(found["dt"], dt)
+    if poles is not None:
+        _compare_poles(found["A"], np.exp(found["dt"] * poles) if continuous else poles)
     return found
 
 
@@ -76,8 +84,9 @@ def _of_tuple(system: tuple[Any, ...]) -> dict[str, Any]:
 
 
 def _of_object(system: Any) -> dict[str, Any]:
-    realized = ""
+    realized, poles = "", None
     if _package(system) and attribute(system, "A") is None and attribute(system, "to_ss"):
+        poles = _poles(system)
         system, realized = _state_space(system)
     found = {word: attribute(system, word) for word in ("A", "B", "dt", "name")}
     if found["A"] is None or found["B"] is None:
@@ -103,6 +112,7 @@ def _of_object(system: Any) -> dict[str, Any]:
             f"`system` must be one system, got {validation.show(system)} of {len(found['A'])}: "
             "pass its `mean()`, or all of them to simulate_ensemble or control_fleet"
         )
+    found["poles"] = poles
     name = found["name"]
     named = isinstance(name, str) and not name.startswith(_UNNAMED)
     found["name"] = _joined(name.partition("$")[0] if named else None, realized)
@@ -129,6 +139,43 @@ def _state_space(system: Any) -> tuple[Any, str]:
             f"`system` cannot be brought into state space by its to_ss(): {said}"
         ) from error
     return made, f"realized by {_package(system)} to_ss"
+
+
+def _poles(system: Any) -> Any:
+    """The poles of a transfer function, or None where its package cannot tell them."""
+    try:
+        poles = system.poles
+        return np.asarray(poles() if callable(poles) else poles, dtype=np.complex128).ravel()
+    except MemoryError:
+        raise
+    except Exception:  # of several inputs without Slycot, ...
+        return None
+
+
+def _compare_poles(A: Any, wanted: Any) -> None:
+    """Warn where the eigenvalues of a realization are not the poles of its transfer function.
+
+    Where a pole of modulus r lies off by more than `_OFF` of ``|1 - r|``, what it says of stability
+    and of slow modes is another thing.
+    """
+    found = np.linalg.eigvals(np.asarray(A, dtype=np.float64))
+    if not (len(wanted) and np.isfinite(wanted).all()):
+        return
+    apart = np.abs(found[:, None] - wanted)
+    nearest = wanted[apart.argmin(axis=1)]
+    off = apart.min(axis=1) - np.maximum(_OFF * np.abs(1.0 - np.abs(nearest)), _CLUSTERED)
+    if off.max() > 0.0:
+        k = int(off.argmax())
+        largest, true = float(np.abs(found).max()), float(np.abs(wanted).max())
+        warnings.warn(
+            DataWarning(
+                f"the realization of the transfer function has other poles: {found[k]:.6g} where "
+                f"{nearest[k]:.6g} is the nearest, and {largest:.6g} as largest modulus for "
+                f"{true:.6g}; polynomials of order {len(wanted)} determine their roots badly: pass "
+                "a state space of first- and second-order parts in series"
+            ),
+            stacklevel=4,
+        )
 
 
 def _discretized(found: dict[str, Any], dt: Any) -> dict[str, Any]:

@@ -95,7 +95,10 @@ def test_matlab_numbers_are_those_that_scipy_reads(tmp_path, seed):
 
 
 MAT = {
-    "an unknown variable": ({"A": A, "B": B, "C": A}, "got also 'C'"),
+    "an unknown variable": ({"A": A, "B": B, "Q": A}, "got also 'Q'"),
+    "outputs": ({"A": A, "B": B, "C": A}, "no variable C: a problem has states and inputs, no out"),
+    "a log": ({"u": A, "y": A, "Ts": 0.1}, r"also 'u', as a log has: .* Trajectories\.from_csv"),
+    "a struct of arrays": ({"sys": {"A": A, "B": B}}, "got a struct in sys: .* '-struct', 'sys'"),
     "a struct": ({"A": {"a": 1.0}, "B": B}, "A as an array of numbers, got struct"),
     "cells of numbers": ({"A": cells([1.0, 2.0]), "B": B}, "array of numbers, got cell"),
     "text": ({"A": "text", "B": B}, "A as an array of numbers, got char"),
@@ -127,6 +130,34 @@ def test_bad_matlab_files_are_refused(tmp_path, what):
     made, said = MAT[what]
     sio.savemat(tmp_path / "a.mat", made)
     with pytest.raises(StochensError, match=said):
+        se.cases.from_file(tmp_path / "a.mat")
+
+
+def test_ts_is_the_step(tmp_path):
+    sio.savemat(tmp_path / "a.mat", {"A": A, "B": B, "Ts": 0.1})
+    assert se.cases.from_file(tmp_path / "a.mat").system == se.System(A, B, dt=0.1)
+
+
+@pytest.mark.parametrize("old", [True, False])
+@pytest.mark.parametrize(("kind", "said"), [
+    ("ss", r"got an object ss in G: of an ss object save .* = ssdata\(G\)"),
+    ("iddata", r"got an object iddata in G: t = G\.SamplingInstants; .* Trajectories\.from_csv"),
+    ("tf", "got an object tf in G"),
+])  # fmt: skip
+def test_objects_of_matlab_are_refused_with_the_cure(tmp_path, kind, said, old):
+    """Of an older class: flags, shape, name, class; of a classdef: flags, name, system, class."""
+    flags, name = element(6, struct.pack("<II", 3 if old else 17, 0)), element(1, b"G")
+    parts = (
+        (element(5, np.array([1, 1], "<i4").tobytes()), name)
+        if old
+        else (name, element(1, b"MCOS"))
+    )
+    head = b"MATLAB 5.0".ljust(124) + struct.pack("<H", 0x100) + b"IM"
+    whole = head + element(
+        14, flags + b"".join(parts) + element(1, kind.encode()) + element(6, b"")
+    )
+    (tmp_path / "a.mat").write_bytes(whole)
+    with pytest.raises(InputError, match=said):
         se.cases.from_file(tmp_path / "a.mat")
 
 

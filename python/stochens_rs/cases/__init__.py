@@ -1,8 +1,8 @@
 """Example systems: power networks, random systems, and systems from files.
 
-All but `from_file` return a :class:`stochens_rs.System` whose ``name`` states the data and the
-discretization: `ieee14` and `ieee39` from public data, `swing` from branches and machines,
-`from_matpower` from a solved case of MATPOWER, pypower or pandapower.
+All but `from_file` and `read_matpower` return a :class:`stochens_rs.System` whose ``name`` states
+the data and the discretization: `ieee14` and `ieee39` from public data, `swing` from branches and
+machines, `from_matpower` from a solved case of MATPOWER, pypower or pandapower.
 `CASES` has those that the command line and :func:`stochens_rs.paper.power` know by name.
 """
 
@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 from ..system import System
 from .from_file import Problem, from_file
-from .from_matpower import from_matpower
+from .from_matpower import from_matpower, read_matpower
 from .ieee14 import ieee14
 from .ieee39 import ieee39
 from .random_system import random_system
@@ -30,6 +30,7 @@ __all__ = [
     "ieee14",
     "ieee39",
     "random_system",
+    "read_matpower",
     "swing",
 ]
 

@@ -25,7 +25,13 @@ _NUMBERS = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 }  # fmt: skip
 _ENCODED = {2: "latin-1", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
-_CELL, _CHAR, _SPARSE = 1, 4, 5
+_CELL, _STRUCT, _CHAR, _SPARSE = 1, 2, 4, 5
+_OBJECTS = (3, 17)  # of older classes, and of classdef
+_LOGS = ("y", "u", "t", "OutputData", "InputData", "SamplingInstants", "time")
+_OF_LOGS = (
+    "write it as a table, writetable(table(t, u, y), 'log.csv') with a column for each signal, and "
+    "read it with Trajectories.from_csv"
+)
 _CLASSES = {
     1: "cell", 2: "struct", 3: "object", 4: "char", 5: "sparse", 16: "function", 17: "object",
 }  # fmt: skip
@@ -115,6 +121,22 @@ def _unpacked(path: Path, data: memoryview, order: str) -> _Element:
 
 def _variable(path: Path, element: _Element, order: str, known: Collection[str]) -> tuple[str, Any]:
     kind, dims, name, flags, rest = _array(element, order)
+    if kind in _OBJECTS:
+        what = _object_of(rest)
+        raise InputError(f"{path} must have arrays, got {what} in {name[:40]}: {_cure(what, name)}")
+    if kind == _STRUCT and name not in known:
+        raise InputError(
+            f"{path} must have arrays, got a struct in {name[:40]}: save its fields, with "
+            f"save(file, '-struct', '{name[:40]}', '-v7')"
+        )
+    name = "dt" if name == "Ts" else name
+    if name in ("C", "D"):
+        raise InputError(
+            f"{path} must have no variable {name}: a problem has states and inputs, no outputs; "
+            "save it without C and D, and identify from readings with Trajectories(outputs=)"
+        )
+    if name in _LOGS:
+        raise InputError(f"{path} must be a problem, got also {name!r}, as a log has: {_OF_LOGS}")
     if name not in known:
         raise InputError(
             f"{path} must have the variables A and B, and optionally {', '.join(sorted(known))}, "
@@ -145,6 +167,25 @@ def _variable(path: Path, element: _Element, order: str, known: Collection[str])
     return name, np.asarray(values, dtype=values.dtype.newbyteorder("=")).reshape(dims, order="F")
 
 
+def _object_of(parts: Iterator[_Element]) -> str:
+    """The class of a MATLAB object: text between its name and its data, as in "an object ss"."""
+    for part in islice(parts, 3):
+        text = bytes(part.data[:64])
+        if part.kind in (1, 2, 16) and text.isalnum() and text not in (b"MCOS", b"java"):
+            return f"an object {text.decode('ascii')}"
+    return "an object"
+
+
+def _cure(what: str, name: str) -> str:
+    name = name[:40]
+    if what == "an object iddata":
+        return f"t = {name}.SamplingInstants; u = {name}.u; y = {name}.y; {_OF_LOGS}"
+    return (
+        f"of an ss object save its matrices, [A, B] = ssdata({name}); dt = {name}.Ts; save(file, "
+        "'A', 'B', 'dt', '-v7') (c2d first where Ts is 0); of iddata its signals, as a table"
+    )
+
+
 def _array(
     element: _Element, order: str
 ) -> tuple[int, tuple[int, ...], str, int, Iterator[_Element]]:
@@ -153,7 +194,11 @@ def _array(
         raise _Broken(f"it has an element of kind {element.kind} where an array is expected")
     parts = _elements(element.data, order)
     head = list(islice(parts, 3))
-    if len(head) < 3 or [part.kind for part in head] != [6, 5, 1] or len(head[0].data) != 8:
+    kinds = [part.kind for part in head]
+    if kinds[:2] == [6, 1] and len(head[0].data) == 8:  # an object of a classdef has no shape
+        named = bytes(head[1].data).decode("ascii")
+        return _OBJECTS[1], (), named, 0, iter([*head[2:], *islice(parts, 2)])
+    if len(head) < 3 or kinds != [6, 5, 1] or len(head[0].data) != 8:
         raise _Broken("an array has no flags, shape and name")
     flags = int(_numbers(head[0], order)[0])
     sizes = _numbers(head[1], order)

@@ -17,6 +17,7 @@ from .._base.extras import extra
 from .._base.files import checked_path
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
+from ._statements import execute
 
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
@@ -35,6 +36,7 @@ USED = {
     "branch": (FROM, TO, R, X, CHARGING, TAP, SHIFT, STATUS, R_ASYM, X_ASYM, G, G_ASYM, B_ASYM),
 }
 ISOLATED = 4  # type of a bus without connection
+_TEXTS = ("bus_name", "branch_name", "gen_name")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +84,7 @@ def read_network(case: object) -> Network:
     """Return the network of any of the three kinds of cases."""
     if isinstance(case, (str, os.PathLike)):
         path = Path(checked_path("case", case))
-        return _network(_file(path), path.stem, None)
+        return _network(read_file(path), path.stem, None)
     if getattr(case, "_ppc", ...) is not ...:
         return _pandapower(case)
     if isinstance(case, Mapping):
@@ -93,7 +95,8 @@ def read_network(case: object) -> Network:
     )
 
 
-def _file(path: Path) -> dict[str, Any]:
+def read_file(path: Path) -> dict[str, Any]:
+    """All tables of a MATPOWER file, as its statements leave them."""
     if path.suffix.lower() != ".m":
         raise InputError(f"`case` must be a MATPOWER .m file, got {path}")
     path.stat()  # a missing file is an OSError
@@ -105,15 +108,19 @@ def _file(path: Path) -> dict[str, Any]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the parser, about pandas
             frames = matpowercaseframes.CaseFrames(str(path))
-        tables = {name: getattr(frames, name).to_numpy(dtype=float) for name in WIDTH}
-        if "dcline" in frames.attributes:
-            tables["dcline"] = frames.dcline.to_numpy(dtype=float)
-        return {"baseMVA": frames.baseMVA, **tables}
+        tables: dict[str, Any] = {"version": "2", "baseMVA": frames.baseMVA}
+        for name in frames.attributes:
+            frame = getattr(frames, name)
+            if name in WIDTH or (hasattr(frame, "to_numpy") and name not in _TEXTS):
+                tables[name] = frame.to_numpy(dtype=float, copy=True)
+        tables = {name: tables[name] for name in (*tables, *WIDTH)}
     except Exception as error:  # of the parser, on a file of another kind
         raise InputError(
             f"{path} must be a MATPOWER case with numbers in bus, gen and branch "
             f"({type(error).__name__}: {str(error)[:80]})"
         ) from error
+    execute(path, tables)
+    return tables
 
 
 def _pandapower(net: Any) -> Network:
@@ -149,8 +156,13 @@ def _network(
         "case['baseMVA']", base.item() if isinstance(base, np.ndarray) else base
     )
     (bus, _), (gen, _), (branch, places) = (_table(case, key) for key in WIDTH)
-    if "dcline" in case and np.size(case["dcline"]) and np.asarray(case["dcline"])[:, 2].any():
-        raise InputError("`case` has DC lines in service, which this model leaves out")
+    _no_dc_lines(case.get("dcline"))
+    # as MATPOWER: what is at an isolated bus is out of service
+    all_buses = np.asarray(case["bus"], dtype=float)
+    isolated = all_buses[all_buses[:, TYPE] == ISOLATED, BUS]
+    gen = gen[~np.isin(gen[:, GEN_BUS], isolated)]
+    joined = ~np.isin(branch[:, [FROM, TO]], isolated).any(axis=1)
+    branch, places = branch[joined], places[joined]
     label = bus[:, BUS].astype(np.int64)
     index = {int(number): k for k, number in enumerate(label)}
     if len(index) < len(bus):
@@ -181,6 +193,18 @@ def _network(
         power=_complex((gen[:, PG] + 1j * gen[:, QG]) / mva),
         rating=gen[:, MBASE],
     )
+
+
+def _no_dc_lines(lines: Any) -> None:
+    if lines is None or not np.size(lines):
+        return
+    for row in np.atleast_2d(np.asarray(lines, dtype=float)):
+        if row[2] > 0:
+            raise InputError(
+                "`case['dcline']` must have no DC lines in service, got one from bus "
+                f"{row[0]:g} to bus {row[1]:g}: make it a load at the one and a negative load at "
+                "the other, with the powers of the solved case, and set its status to 0"
+            )
 
 
 def _complex(values: NDArray[Any]) -> Complex:

@@ -83,8 +83,9 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     -----
     Reading executes nothing: arrays of Python objects are refused.
 
-    MATLAB files of versions 5 to 7.2 are read, ``save(name, 'A', 'B', '-v7')``; texts are cells or
-    rows of characters.
+    MATLAB files of versions 5 to 7.2 are read, ``save(name, 'A', 'B', '-v7')``, where the step may
+    be called ``Ts``; objects such as ss and iddata are refused with what to save. Texts are cells
+    or rows of characters.
 
     A CSV file is the table [A B x0 xf] in UTF-8 with a row for each state. Its first row has the
     names of the states, then those of the inputs, each with its unit if it has one, then ``x0``

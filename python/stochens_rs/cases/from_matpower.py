@@ -2,19 +2,63 @@
 
 from __future__ import annotations
 
-from typing import Literal
+import os
+from pathlib import Path
+from typing import Any, Literal
 
 import numpy as np
 
 from .._base import validation
 from .._base.discretize import discretize
+from .._base.files import checked_path
 from ..system import System
 from ._classical import check_balance, matched, synchronizing
 from ._machines import read_machines
-from ._network import read_network
+from ._network import read_file, read_network
 from ._swing import FREQUENCY_HZ, checked_frequency, swing, swing_labels
 
-__all__ = ["from_matpower"]
+__all__ = ["from_matpower", "read_matpower"]
+
+
+def read_matpower(path: str | os.PathLike[str]) -> dict[str, Any]:
+    """All tables of a MATPOWER file, as a dictionary that pypower solves.
+
+    Parameters
+    ----------
+    path : path
+        A MATPOWER ``.m`` file.
+
+    Returns
+    -------
+    dict
+        ``version``, ``baseMVA`` and the tables of the file, such as ``bus``, ``gen``, ``branch``
+        and ``dcline``, as arrays of floats, in the units that the file states.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If the file is no MATPOWER case, or computes something else than the notes say.
+    ImportError
+        If matpowercaseframes is not installed (extra ``grids``).
+    OSError
+        If the file cannot be read.
+
+    Notes
+    -----
+    Of what a file computes beside its tables, assignments to their entries are executed, in order:
+    ``mpc.bus(:, [PD, QD]) = mpc.bus(:, [PD, QD]) / 1e3``, ``mpc.branch(7, BR_STATUS) = 0``, with
+    numbers, named numbers, ``idx_bus``, ``idx_brch``, ``idx_gen`` and ``define_constants``. All
+    other statements are refused with their line.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> se.cases.read_matpower("case.raw")
+    Traceback (most recent call last):
+        ...
+    stochens_rs.exceptions.InputError: `case` must be a MATPOWER .m file, got case.raw
+    """
+    return read_file(Path(checked_path("path", path)))
 
 
 def from_matpower(
@@ -32,10 +76,10 @@ def from_matpower(
     Parameters
     ----------
     case : path, mapping or pandapower net
-        A MATPOWER ``.m`` file (read by the package matpowercaseframes: extra ``grids``); a
-        dictionary with ``baseMVA``, ``bus``, ``gen`` and ``branch`` in MATPOWER's format, as
-        pypower has it; or a pandapower net, of which the tables ``net._ppc`` of the last
-        ``pandapower.runpp(net)`` are read, not ``net.bus``, ``net.line`` and so on.
+        A MATPOWER ``.m`` file (read as `read_matpower` does: extra ``grids``); a dictionary with
+        ``baseMVA``, ``bus``, ``gen`` and ``branch`` in MATPOWER's format, as pypower has it; or a
+        pandapower net, of which the tables ``net._ppc`` of the last ``pandapower.runpp(net)`` are
+        read, not ``net.bus``, ``net.line`` and so on.
     machines : mapping, DataFrame or path of a CSV file
         One row per generator in service (of pandapower also the ``ext_grid``), with columns
         ``bus`` (its number in the case, or in ``net.bus``), ``H`` [s], ``D`` [per unit power per
@@ -83,7 +127,8 @@ def from_matpower(
     constant mechanical power but for the input, without governor, exciter, stabilizer and
     saliency; loads are constant impedances; the network is in steady state. It describes the
     first swing and the frequencies of the electromechanical modes, not their damping. Shunts,
-    resistances, taps and phase shifts are kept; DC lines are refused. Only angle differences
+    resistances, taps and phase shifts are kept; DC lines are refused. Branches to isolated buses
+    (type 4) and generators there are out of service, as in MATPOWER. Only angle differences
     matter, so ``A`` has the eigenvalue 1.
 
     References

@@ -259,6 +259,9 @@ impl Fleet<'_> {
         let mut best: Option<(f64, f64, Vec<f64>, Vec<usize>)> = None;
         for some in [carrying(&found)?, try_copy(WHAT, &found.working)?] {
             let few = self.distinct(some, widest)?;
+            if few.is_empty() {
+                continue; // nothing weighs in the dual, as where every unit can be brought to its target
+            }
             let (alone, now) = match self.own(&few, until).and_then(|alone| Ok((seen(&alone.control)?, alone))) {
                 Err(Error::Interrupted) => {
                     status = until.ended();

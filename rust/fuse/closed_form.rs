@@ -12,7 +12,7 @@
 
 use std::ops::Range;
 
-use super::simplex::project;
+use super::simplex::{nonnegative, project};
 use super::{Weights, distance, power_of_two_scale};
 use crate::error::Result;
 use crate::memory::{try_collect, try_extend, try_room, try_zeros};
@@ -154,11 +154,11 @@ pub(super) fn gap(
             smallest = gradient(k).min(smallest);
             at_solution += totals[k] * gradient(k);
         }
-        gap += if smallest == f64::INFINITY { 0.0 } else { (at_solution - smallest).max(0.0) };
+        gap += if smallest == f64::INFINITY { 0.0 } else { nonnegative(at_solution - smallest) };
     }
     let square = |values: &[f64]| values.iter().map(|v| (v / scale).powi(2)).sum::<f64>();
-    let squared_target = square(target);
-    let reference = if squared_target > 0.0 { squared_target } else { square(law.gamma()) };
+    let zero = target.iter().all(|t| *t == 0.0);
+    let reference = square(if zero { law.gamma() } else { target });
     Ok(Gap { absolute: gap * scale * scale, relative: if gap > 0.0 { gap / reference } else { 0.0 } })
 }
 
@@ -167,9 +167,7 @@ pub(super) fn gap(
 /// # Errors
 /// [`crate::Error::Memory`].
 pub fn project_on_simplex(tau: &[f64]) -> Result<Vec<f64>> {
-    // a common shift changes nothing; with the largest entry at 0, rounding of a large tau cannot swallow the 1
-    let largest = tau.iter().fold(f64::NEG_INFINITY, |m, t| m.max(*t));
-    let mut y: Vec<f64> = try_collect(WHAT, tau.iter().map(|t| t - largest))?;
+    let mut y: Vec<f64> = try_collect(WHAT, tau.iter().copied())?;
     project(&mut y)?;
     Ok(y)
 }

@@ -192,7 +192,7 @@ def test_code_blocks_run_and_print_what_they_say(path, tmp_path, monkeypatch, ca
         pytest.importorskip(package)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "docs").symlink_to(ROOT / "docs")  # pages read its data
-    namespace = {"__name__": "__readme__"}
+    namespace = {"__name__": "__main__"}
     for block in blocks(path):
         exec(compile(block, f"{path}:block", "exec"), namespace)
         expected = re.findall(r"^print\(.*\)\s+# (.*)$", block, re.MULTILINE)

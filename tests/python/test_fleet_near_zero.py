@@ -55,6 +55,25 @@ def test_twenty_inputs_for_a_few_units(N: int) -> None:
             assert plan.certify(0.1).size == 3
 
 
+@pytest.mark.parametrize("N", [1, 2, 3])
+def test_without_a_weight_and_with_as_many_inputs_as_needed(
+    gen: np.random.Generator, N: int
+) -> None:
+    """Where all units reach the target nothing weighs in the dual, and no argument is at fault."""
+    for k in range(60):
+        n, m, K = gen.integers(1, 4), gen.integers(1, 4), int(gen.integers(1, 4))
+        units = [(gen.standard_normal((n, n)), gen.standard_normal((n, m))) for _ in range(N)]
+        x0, xf, cost = gen.standard_normal(n), gen.standard_normal(n), se.Cost(R=0.0)
+        within = (None, (-1.0, 1.0))[k % 2]
+        plan = se.control_fleet(units, x0, xf, K, risk="worst", cost=cost, limits=within)
+        assert plan.status == "optimal"
+        if within is None:
+            maps_of = maps(plan.units)
+            G, b = (np.concatenate(part) for part in zip(*maps_of, strict=True))
+            left = G @ np.linalg.lstsq(G, b, rcond=None)[0] - b
+            assert plan.threshold <= np.linalg.norm(left) + 1e-5 * at_zero(plan)
+
+
 def test_the_weight_is_that_of_the_widest_map(gen: np.random.Generator) -> None:
     fleet, x0 = drawn(gen, 30, 3, 2), gen.standard_normal(3)
     Q = np.diag([1.0, 2.0, 0.5])

@@ -167,6 +167,19 @@ def test_the_units_of_the_design_are_not_fresh() -> None:
         for units in (fleet, other):
             with pytest.raises(InputError, match="must be fresh"):
                 plan.validate(units, BETA, x0=x0)
+    fresh = drawn(gen, 40, 2, 1, offsets=True)
+    one = 1.0 + 2e-16 * gen.standard_normal(59)[:, None, None]  # as after a file or another unit
+    some = se.SystemEnsemble(
+        one * np.concatenate([fleet.A[order[:19]], fresh.A]),
+        np.concatenate([fleet.B[order[:19]], fresh.B]),
+        np.concatenate([fleet.c[order[:19]], fresh.c]),
+    )
+    with pytest.raises(InputError, match=r"must be fresh, got 19 of 59 that had a part in the des"):
+        plan.validate(some, BETA)
+    assert plan.validate(fresh, BETA).size == 40
+    # of a law with equal units, a fresh one may be equal to one of the design
+    coins = se.control_fleet(gains(1.0, 2.0, 2.0), [0.0], [1.0], 1, risk="worst")
+    assert coins.validate(gains(1.0, 2.0, 1.0, 1.0), BETA).size == 4
     # the same machines from elsewhere, and others from there, are other units
     assert plan.validate(fleet, BETA, x0=[0.4, 0.0]).size == 20
     assert plan.validate(drawn(gen, 20, 2, 1), BETA, x0=[0.5, 0.0]).size == 20

@@ -558,6 +558,37 @@ def some(seed=1, n=2, m=1, N=12, names=None):
     return se.Trajectories.from_pairs(z[:, :n], z[:, n:], y, state_names=names)
 
 
+def test_pairs_are_the_same_under_names_in_another_order():
+    gen = np.random.default_rng(5)
+    x, u = gen.standard_normal((31, 2)), gen.standard_normal((31, 2))
+    table = {"p": x[:, 0], "v": x[:, 1], "F": u[:, 0], "G": u[:, 1]}
+    own, turned = (
+        se.Trajectories.from_table(table, states=states, inputs=inputs, dt=0.1)
+        for states, inputs in ((["p", "v"], ["F", "G"]), (["v", "p"], ["G", "F"]))
+    )
+    model, exact = se.identify(own), (np.eye(2), np.eye(2))
+    with pytest.raises(InputError, match=r"ensemble\[1\]` was fitted on pairs that are also"):
+        se.fuse([exact, model], "alse", data=turned)
+    # in another unit and back, 1 / 3 is no longer 1 / 3
+    again = {name: values * 1.1 / 1.1 for name, values in table.items()}
+    again = se.Trajectories.from_table(again, states=["p", "v"], inputs=["F", "G"], dt=0.1)
+    with pytest.raises(InputError, match=r"ensemble\[0\]` was fitted on pairs that are also"):
+        se.fuse([model, exact], "alse", data=again)
+    other = {name: values[::-1] + 1.0 for name, values in table.items()}
+    other = se.Trajectories.from_table(other, states=["v", "p"], inputs=["G", "F"], dt=0.1)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DataWarning)
+        assert se.fuse([model, exact], "alse", data=other).models.size == 2
+
+
+def test_models_of_states_cannot_be_weighed_by_readings():
+    y, u = np.random.default_rng(6).standard_normal((2, 40, 1))
+    readings = se.Trajectories(y, u[1:], outputs=True)
+    for data in (readings, [readings]):
+        with pytest.raises(InputError, match="cannot be weighed by readings of some of them"):
+            se.fuse([(np.eye(2), np.ones((2, 1)))], "alse", data=data)
+
+
 def test_models_about_an_estimate_are_refused_unless_declared():
     own = se.identify(some())
     cloud = own.bootstrap(5, rng=1)

@@ -394,6 +394,43 @@ def test_alse_of_nothing(engine: Any) -> None:
     assert_allclose(result.weights, np.full(3, 1 / 3), rtol=1e-15)
 
 
+def test_weights_are_on_the_simplex_whatever_the_sizes() -> None:
+    """Targets far beyond or below the realizations: weights, and a status that is their gap's.
+
+    The gap is recomputed in fractions; weights of sum 1 + d move it by d times what it is made of.
+    """
+    gen = np.random.default_rng(11)
+    for k in range(150):
+        d, lines, N = (int(i) for i in gen.integers(1, 4, 3) * (1, 1, 3))
+        w = gen.standard_normal((d, lines)) * 10.0 ** gen.choice([0, -100, 100])
+        w[:, gen.random(lines) < 0.5] = 0.0
+        target = -np.sign(w) * gen.random((d, lines)) * np.abs(w).max()
+        target = target * 10.0 ** gen.choice([-160, -20, 0, 20, 40])
+        drawn = se.sample(w, N, rng=k)
+        given = drawn if k % 2 else se.Ensemble.from_samples(drawn.dense())
+        fit = se.fuse(given, "alse", target=target)
+        assert np.isfinite(fit.weights).all()
+        assert fit.weights.min() >= 0.0
+        assert abs(fit.weights.sum() - 1.0) <= 1e-13
+        E = [[Fraction(float(v)) for v in one.ravel()] for one in drawn.dense()]
+        goal = [Fraction(float(v)) for v in target.ravel()]
+        weights = [Fraction(float(v)) for v in fit.weights]
+        total = sum(weights)
+        left = [
+            sum(v * one[i] for v, one in zip(weights, E, strict=True)) / total - goal[i]
+            for i in range(len(goal))
+        ]
+        gradient = [sum(r * e for r, e in zip(left, one, strict=True)) for one in E]
+        at = sum(v * g for v, g in zip(weights, gradient, strict=True)) / total
+        gap = 2 * (at - min(gradient))
+        square = sum(v * v for v in goal)
+        square = square or max(sum(e * e for e in one) for one in E)
+        largest = max(sum(abs(e) for e in one) for one in E)
+        rounding = Fraction(1, 2**45) * largest * sum(abs(r) for r in left)
+        if fit.status == "optimal":
+            assert gap <= square * Fraction(1, 10**9) + rounding
+
+
 @pytest.mark.parametrize("weight_set", ["simplex", "subsimplex"])
 def test_dense_alse_against_every_support(engine: Any, weight_set: str) -> None:
     rng = np.random.default_rng(12)

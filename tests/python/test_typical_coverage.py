@@ -109,5 +109,5 @@ def test_with_noise_and_with_feedback(known: bool) -> None:
 
 
 def test_a_wrong_declaration_makes_it_wrong() -> None:
-    """Sigma declared at half: about a third of the sets."""
+    """Sigma declared at half: more than a fifth of the sets."""
     assert exceeded("n2 stable", 10, True, declared=0.5) > 0.2 * SETS

@@ -159,6 +159,8 @@ def test_model_of_outputs_has_the_matrices_of_its_window():
     region = model.region(0.05)
     assert region.centre.shape == (1, 4)
     assert region.contains([[1.2]], [[-0.5, 1.0, 0.4]])
+    assert region.contains([[1.2, -0.5, 1.0, 0.4]])
+    assert not region.contains([[0.2, -0.5, 1.0, 0.4]])
     assert "inputs from logged signals only" in region.assumption
 
 

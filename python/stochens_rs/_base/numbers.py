@@ -27,6 +27,26 @@ def norm(values: Floats) -> float:
     return largest and largest * float(np.linalg.norm((values / largest).ravel()))
 
 
+def shared(a: Floats, b: Floats) -> int:
+    """How many different rows of `b` are rows of `a`, but for rounding of the largest entries.
+
+    Rows are sorted by one combination of their entries, and compared where it is the same.
+    """
+    a, b = np.unique(a, axis=0), np.unique(b, axis=0)
+    size = np.maximum(np.abs(a).max(axis=0), np.abs(b).max(axis=0))
+    size[size == 0.0] = 1.0
+    a, b = a / size, b / size
+    along = 1.0 + np.arange(len(size)) * 0.6180339887498949 % 1.0
+    order = np.argsort(a @ along)
+    a, near = a[order], ROUNDING * along.sum()
+    first = np.searchsorted(a @ along, b @ along - near, "left")
+    last = np.searchsorted(a @ along, b @ along + near, "right")
+    return sum(
+        bool((np.abs(a[first[i] : last[i]] - b[i]) <= ROUNDING).all(axis=1).any())
+        for i in np.flatnonzero(last > first)
+    )
+
+
 def most_changing(curves: Floats, most: int) -> list[int]:
     """The places of the columns that change most, at most so many, in their order."""
     with np.errstate(over="ignore", invalid="ignore"):

@@ -312,8 +312,11 @@ class FleetPlan(SavedRecord, Tabled):
             )
         starts = self.units.x0 if x0 is None else read_starts(x0, fresh.size, fresh.n)
         units = Units(fresh, starts, self.units.task)
-        if units.same(self.units):
-            raise InputError("`new_units` must be fresh, they are those of the design")
+        if old := units.of_design(self.units):
+            raise InputError(
+                f"`new_units` must be fresh, got {old} of {units.size} that had a part in the "
+                "design: leave these out"
+            )
         misses, excess = units.misses(self.u)
         radii, failing = self._radii(radius, delta, fresh.size)
         if radii is not None:

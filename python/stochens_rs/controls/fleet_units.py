@@ -10,6 +10,7 @@ import numpy as np
 from .. import _core
 from .._base import validation
 from .._base.align_labels import aligned
+from .._base.numbers import shared
 from .._base.records import Record, require_shapes
 from .._base.signal_names import default_labels, order_of
 from .._base.threads import get_num_threads
@@ -73,14 +74,18 @@ class Units(Record):
         s, N = self.systems, self.size
         c = np.zeros((N, s.n)) if s.c is None else s.c
         x0 = np.broadcast_to(self.x0, (N, s.n))
-        # + 0.0: -0.0 is 0.0
-        return np.hstack([s.A.reshape(N, -1), s.B.reshape(N, -1), c, x0]) + 0.0
+        return np.hstack([s.A.reshape(N, -1), s.B.reshape(N, -1), c, x0])
 
-    def same(self, other: Units) -> bool:
-        """Whether these are the units of another record, in any order."""
-        if self.size != other.size:
-            return False
-        return sorted(self.rows().tolist()) == sorted(other.rows().tolist())
+    def of_design(self, design: Units) -> int:
+        """How many of these units are among those of the design, but for rounding.
+
+        Of a law that draws equal units, fresh ones may be equal to some of the design; there only
+        the design as a whole is refused.
+        """
+        mine, theirs = self.rows(), design.rows()
+        if len(np.unique(theirs, axis=0)) == design.size:
+            return shared(theirs, mine)
+        return self.size if sorted(mine.tolist()) == sorted(theirs.tolist()) else 0
 
     def misses(self, u: Floats) -> tuple[Floats, Floats]:
         """The miss of every unit (N,), and by how much it leaves limits of states, else 0."""

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import html, memory, validation
-from .._base.signal_names import order_of
+from .._base import html, memory, numbers, validation
+from .._base.signal_names import Labels, order_of
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
@@ -113,6 +113,12 @@ def _least_squares(
     elif isinstance(data, Identified):
         raise InputTypeError(f"`data` must be Trajectories or a Model, got {validation.show(data)}")
     else:
+        for one in data if isinstance(data, (list, tuple)) else [data]:
+            if getattr(one, "outputs", ()):
+                raise InputError(
+                    "`data` must have states, got readings: models of states cannot be weighed by "
+                    "readings of some of them; pass runs with all states of the models, states="
+                )
         words: dict[str, Any] = {} if design is None else {"design": design}
         words |= {"sigma": sigma, "intercept": given.c is not None}
         least = identify(data, **words)  # type: ignore[arg-type]
@@ -177,12 +183,17 @@ def _apart_from(k: int, one: Identified, data: object, independent: bool) -> Non
 
 
 def shared_rows(a: Any, b: Any) -> int:
-    """How many different pairs (x, u, x_next) two data sets share."""
+    """How many different pairs (x, u, x_next) two data sets share, aligned by name."""
     if a._rows.shape[1] != b._rows.shape[1]:
         return 0
-    kind = np.dtype((np.void, a._rows.itemsize * a._rows.shape[1]))
-    mine, its = (np.ascontiguousarray(one._rows).view(kind).ravel() for one in (a, b))
-    return len(np.intersect1d(mine, its))
+    try:
+        named = (Labels(one.state_names, one.input_names) for one in (b, a))
+        order = order_of("data", *named)
+    except InputError:  # of other signals
+        return 0
+    x, u, x_next = b.pairs()
+    mine = np.hstack([order.of_states(x), order.of_inputs(u), order.of_states(x_next)])
+    return numbers.shared(a._rows, mine)
 
 
 def _stack(items: list[Any]) -> SystemEnsemble:

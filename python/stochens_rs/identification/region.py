@@ -115,14 +115,17 @@ class Region(SavedRecord):
         """Whether `bound` is finite for all x and u."""
         return np.isfinite(self.radius) and not self.missing
 
-    def contains(self, A: ArrayLike, B: ArrayLike, c: ArrayLike | None = None) -> bool:
+    def contains(
+        self, A: ArrayLike, B: ArrayLike | None = None, c: ArrayLike | None = None
+    ) -> bool:
         """Whether a model is in the region.
 
         Parameters
         ----------
         A : array_like, shape (n, n)
-            Its state matrix.
-        B : array_like, shape (n, m)
+            Its state matrix; or without `B` all its coefficients, in the shape of `centre`, as for
+            a model of readings, which has no A and B: those of its window (`Model.window`).
+        B : array_like, shape (n, m), optional
             Its input matrix.
         c : array_like, shape (n,), optional
             Its offset, for a model with intercept; the default is 0.
@@ -147,6 +150,10 @@ class Region(SavedRecord):
         (True, False)
         """
         n, d = self.centre.shape
+        if B is None:
+            if c is not None:
+                raise InputError("`c` must be left out without `B`: `A` is then the whole model")
+            return self._holds(validation.matrix("A", A, rows=n, cols=d))
         blocks = [
             validation.matrix("A", A, rows=n, cols=n),
             validation.matrix("B", B, rows=n, cols=self.m),
@@ -156,7 +163,9 @@ class Region(SavedRecord):
             blocks.append(offset[:, None])
         elif offset.any():
             raise InputError("`c` must be left out: the model has no intercept")
-        Theta = np.hstack(blocks)
+        return self._holds(np.hstack(blocks))
+
+    def _holds(self, Theta: Floats) -> bool:
         if self.signs is not None:
             return self._core.has_known(Theta) and self.signs.contains(Theta)
         return self._core.contains(Theta)

@@ -3,7 +3,7 @@
 use super::realizations::Realizations;
 use super::solution::{Proposal, Settings, Solution};
 use crate::error::Result;
-use crate::fuse::simplex::Status;
+use crate::fuse::simplex::{self, Status};
 use crate::fuse::{Weights, distance, power_of_two_scale};
 use crate::memory::try_collect;
 use crate::parallel::Stop;
@@ -31,9 +31,10 @@ pub(super) fn verify(
     let vertex = if set == Weights::Subsimplex { 0.0 } else { f64::INFINITY };
     let smallest = gradient.iter().fold(vertex, |m, g| m.min(g / scale));
     let at_solution: f64 = gradient.iter().zip(&weights).map(|(g, w)| g / scale * w).sum();
-    let gap = (2.0 * (at_solution - smallest)).max(0.0);
+    let gap = simplex::nonnegative(2.0 * (at_solution - smallest));
     let squared_target: f64 = target.iter().map(|t| (t / scale).powi(2)).sum();
-    let reference = if squared_target > 0.0 { squared_target } else { (norm / scale).powi(2) };
+    let zero = target.iter().all(|t| *t == 0.0);
+    let reference = if zero { (norm / scale).powi(2) } else { squared_target };
     let error = distance(&estimate, target);
     Ok(Solution {
         error,

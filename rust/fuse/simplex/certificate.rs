@@ -27,6 +27,11 @@ pub(crate) struct Certificate {
     pub exact: bool,
 }
 
+/// A gap that is no number proves nothing: it is infinite.
+pub(crate) fn nonnegative(gap: f64) -> f64 {
+    if gap.is_nan() { f64::INFINITY } else { gap.max(0.0) }
+}
+
 /// Certifies `w` against `target`.
 pub(crate) fn certify(op: &dyn Operator, target: &[f64], w: &[f64]) -> Result<Certificate> {
     let Residual { residual, image } = op.residual_compensated(w, target)?;
@@ -57,7 +62,7 @@ pub(crate) fn certify(op: &dyn Operator, target: &[f64], w: &[f64]) -> Result<Ce
     let size = crate::vector::norm(target).max(crate::vector::norm(&image));
     Ok(Certificate {
         objective: objective + rest,
-        gap: (2.0 * gap.value()).max(0.0),
+        gap: nonnegative(2.0 * gap.value()),
         exact: objective.sqrt() <= 16.0 * f64::EPSILON * size,
     })
 }

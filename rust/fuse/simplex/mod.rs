@@ -44,6 +44,7 @@ use crate::parallel::Stop;
 use crate::sample::Index;
 use crate::vector::dot;
 use budget::{Budget, Limit};
+pub(crate) use certificate::nonnegative;
 use dense::Dense;
 use operator::Operator;
 use problem::SEARCH;
@@ -77,7 +78,8 @@ fn solve_rows<I: Index>(
     let op = Singletons::new(rows, problem.length, &g, options.subsimplex, options.threads);
     let relaxed = relax(&target, op.counts()?, &g, problem.length, options.subsimplex)?;
     let line = select::closed_form(&op, &target, &g, options.subsimplex)?;
-    finish(&op, &target, relaxed, scale, options, Start { warm, line }, stop)
+    let zero = problem.target.iter().all(|t| *t == 0.0);
+    finish(&op, &target, relaxed, scale, options, Start { warm, line, zero }, stop)
 }
 
 /// Weights for dense realizations.
@@ -104,13 +106,16 @@ pub fn solve_dense(problem: &DenseProblem, options: &Options, warm: Option<&[f64
         unreachable: false,
         counts: Vec::new(),
     };
-    finish(&op, &target, relaxed, scale, options, Start { warm, line: None }, stop)
+    let zero = problem.target.iter().all(|t| *t == 0.0);
+    finish(&op, &target, relaxed, scale, options, Start { warm, line: None, zero }, stop)
 }
 
 struct Start<'a> {
     warm: Option<&'a [f64]>,
     /// The solution, if there is a closed form.
     line: Option<Vec<f64>>,
+    /// Whether the target is zero, not only so small beside the realizations that its square vanishes.
+    zero: bool,
 }
 
 /// Solves the scaled problem, certifies the result, and scales back.
@@ -126,22 +131,21 @@ fn finish(
     let n = op.size();
     let entries = n * op.entries();
     let mut budget = Budget::new(stop, options.time_limit, options.max_passes, entries);
-    let mut reference = dot(target, target);
     let gamma = (0..n).map(|i| op.squared_norm(i)).fold(0.0, f64::max);
-    if reference == 0.0 {
-        reference = gamma;
-    }
-    let task = Task { op, relaxed: &relaxed, tol: 0.5 * options.tol * reference, gamma };
+    let reference = if start.zero { gamma } else { dot(target, target) };
+    let scale_of_gap = if reference > 0.0 { reference } else { gamma };
+    let task = Task { op, relaxed: &relaxed, tol: 0.5 * options.tol * scale_of_gap, gamma };
     let warm = start.warm.map(|w| padded(w, n, options.subsimplex)).transpose()?;
     let (Found { mut weights, phase, work }, sifted) = match start.line {
         Some(weights) => (Found { weights, phase: Phase::ClosedForm, work: task::Work::default() }, false),
         None => select::run(&task, warm.as_deref(), &mut budget)?,
     };
+    threshold::settle(&mut weights); // a solver only proposes: what is certified and handed out is on the simplex
     let mut certificate = certificate::certify(op, target, &weights)?;
     if !certificate.exact && relaxed.unseen == 0 && relaxed.floor <= 1e-24 * reference && phase != Phase::ClosedForm {
         certificate = select::polish(&task, target, &mut weights, certificate, &mut budget)?;
     }
-    let relative_gap = if reference > 0.0 { certificate.gap / reference } else { 0.0 };
+    let relative_gap = if certificate.gap > 0.0 { certificate.gap / reference } else { 0.0 };
     let status = if relative_gap <= options.tol {
         Status::Optimal
     } else {

@@ -8,7 +8,7 @@ use super::factor::{Factor, LARGEST_FACTOR, factor_cost, solve_cost};
 use super::operator::Operator;
 use super::problem::SEARCH;
 use super::task::Work;
-use super::threshold::normalise;
+use super::threshold::settle;
 use super::triangle::Triangle;
 use crate::error::Result;
 use crate::memory::{try_copy, try_filled, try_zeros};
@@ -182,6 +182,6 @@ pub(crate) fn corrected(
     for (&i, dw) in support.iter().zip(&dw) {
         out[i] = (out[i] + dw - mean).max(0.0);
     }
-    normalise(&mut out);
+    settle(&mut out);
     Ok(out)
 }

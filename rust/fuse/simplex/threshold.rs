@@ -28,12 +28,24 @@ pub(crate) fn threshold(u: &[f64], alive: &mut Vec<f64>) -> f64 {
 
 /// Projects `u` on the simplex in place.
 pub(crate) fn project(u: &mut [f64]) -> Result<()> {
+    // a common shift changes nothing; with the largest entry at 0, rounding of large ones cannot swallow the 1
+    let top = u.iter().fold(f64::NEG_INFINITY, |m, v| m.max(*v));
+    u.iter_mut().for_each(|v| *v = if *v == top { 0.0 } else { *v - top });
     let theta = threshold(u, &mut try_room("a projection", u.len())?);
     for v in u.iter_mut() {
         *v = (*v - theta).max(0.0);
     }
-    normalise(u);
+    settle(u);
     Ok(())
+}
+
+/// Leaves weights on the simplex to rounding as they are, and makes all others so: the uniform ones if nothing is left.
+pub(crate) fn settle(w: &mut [f64]) {
+    let (n, total) = (w.len() as f64, crate::vector::sum(w));
+    let on = (total - 1.0).abs() <= f64::EPSILON * (n + 16.0) && w.iter().all(|v| *v >= 0.0);
+    if !on && !normalise(w) {
+        w.fill(1.0 / n);
+    }
 }
 
 /// Clips to `w >= 0` and divides by the sum, so that the weights sum to one to rounding. `false` if nothing is left.
@@ -73,5 +85,21 @@ mod tests {
         let mut w = [1e9, 0.0, 1.0];
         project(&mut w).unwrap();
         assert_eq!(w, [1.0, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn entries_far_from_one_are_projected_on_the_simplex_too() {
+        // of opposite sign and so large that a step of 1 is rounded away, equal, infinite, not a number
+        let (far, inf) = (-1e20, f64::INFINITY);
+        for (mut u, wanted) in [
+            ([far, 2.0 * far, far], [0.5, 0.0, 0.5]),
+            ([1e300, 1e299, -1e300], [1.0, 0.0, 0.0]),
+            ([inf, 1.0, inf], [0.5, 0.0, 0.5]),
+            ([-inf, -inf, -inf], [1.0 / 3.0; 3]),
+            ([f64::NAN, 0.25, -1.0], [0.0, 1.0, 0.0]),
+        ] {
+            project(&mut u).unwrap();
+            assert_eq!(u, wanted);
+        }
     }
 }

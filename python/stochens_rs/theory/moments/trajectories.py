@@ -110,8 +110,8 @@ def trajectory_covariance(
     Notes
     -----
     Exact for new, independent realizations in every run and step; the bound of Lemma 4.3 does not
-    depend on K. In the long run the trace grows by :func:`growth_factor` per step, whether or not
-    the state does. With averaging="mean-field" that factor is much smaller: prefer it for K > 1.
+    depend on K. In the long run the trace grows by a constant factor per step, whether or not the
+    state does. With averaging="mean-field" that factor is much smaller: prefer it for K > 1.
 
     Examples
     --------

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import pickle
+import re
 import struct
 import warnings
 from dataclasses import replace
@@ -20,7 +21,7 @@ from hypothesis.extra import numpy as arrays
 import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs._base import serialize
-from stochens_rs._base.records import Record, trusted
+from stochens_rs._base.records import Record, SavedRecord, trusted
 from stochens_rs.certificates import Radius
 from stochens_rs.exceptions import (
     InputTypeError,
@@ -418,6 +419,16 @@ def test_records_of_users_are_checked() -> None:
         pickle.loads(pickle.dumps(made))
     with pytest.raises(StochensError, match="`u"):
         replace(EXACT, **wrong)
+
+
+def test_the_pages_list_every_kind_of_file() -> None:
+    docs = Path(__file__).parents[2] / "docs"
+    formats, saving = ((docs / name).read_text() for name in ("state-format.md", "saving.md"))
+    kinds = [one for one in serialize.RECORDS.values() if issubclass(one, SavedRecord)]
+    assert len(kinds) > 20
+    for kind in kinds:
+        assert f"`{kind._kind}`" in formats, kind
+        assert re.search(rf"`(\w+\.)?{kind.__name__}`", saving), kind
 
 
 def test_all_declared_types_can_be_read() -> None:

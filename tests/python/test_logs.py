@@ -71,7 +71,7 @@ def one_step(pairs):
     return [k > 0 and pairs[k][0] == pairs[k - 1][0] + 1 for k in range(len(pairs))]
 
 
-@pytest.mark.parametrize("delay", [0, 1, 3])
+@pytest.mark.parametrize("delay", [-1, 0, 1, 3])
 @pytest.mark.parametrize("lost", [0.0, 0.05, 0.3])
 def test_pairs_and_pieces_are_those_by_hand(lost, delay):
     gen = np.random.default_rng(5)
@@ -316,7 +316,7 @@ def test_huge_gaps_take_no_memory():
         ),
         ([0, 1, 2], {"tolerance": 0.7}, "`tolerance` must be"),
         ([0, 1, 2], {"dt": -1.0}, "`dt` must be > 0"),
-        ([0, 1, 2], {"delay": -1}, "`delay` must be"),
+        ([0, 1, 2], {"delay": -2}, "`delay` must be"),
         ([0, 1, 2], {"delay": 5}, "no two complete rows that are one step apart, 1 s, with an inp"),
         ([0, 1, 2], {"on_gap": "fill"}, "`on_gap` must be"),
     ],

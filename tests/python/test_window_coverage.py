@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import hidden_systems as hidden
 import stochens_rs as se
 from coverage_study import at_most, sets
 from stochens_rs.identification import Window
@@ -105,6 +106,40 @@ def test_150_systems_with_filters():
         model = se.identify(data, filters=(pole, r), checks=False)
         misses += missed(model, Theta)
     assert misses <= 8
+
+
+def share_of_late_inputs(declared, sets_):
+    """In how many data sets of hidden systems with dead times of 1 to 3 steps the region misses."""
+    missed_, found = 0, 0
+    for seed in range(sets_):
+        gen = np.random.default_rng([11, seed])
+        for system in hidden.of_each_kind(gen, 3, 1, without=("tiny",)):
+            (n, m), delay = system.B.shape, int(gen.integers(1, 4))
+            states, inputs = [], []
+            for _ in range(6):
+                x, u = [gen.standard_normal(n)], list(np.zeros((delay, m)))
+                for k in range(12 if system.kind == "unstable" else 40):
+                    u.append(gen.standard_normal(m))
+                    u[-1][0] -= 0.1 * np.clip(x[-1][0], -1.0, 1.0)
+                    w = 0.1 * gen.standard_normal(n)
+                    x.append(system.A @ x[-1] + system.B @ u[k] + w)
+                states.append(np.array(x))
+                inputs.append(np.array(u[delay:]))
+            data = se.Trajectories(states, inputs)
+            model = se.identify(data, delay=delay if declared else 0, checks=False)
+            region = model.region(0.05)
+            missed_ += region.bounded and not region.contains(system.A, system.B)
+            found += 1
+    return missed_, found
+
+
+def test_states_with_a_declared_dead_time():
+    at_most(*share_of_late_inputs(True, sets(60, 10)))
+
+
+def test_states_with_a_dead_time_that_is_not_declared_have_no_region():
+    missed_, found = share_of_late_inputs(False, 3)
+    assert missed_ > 0.5 * found
 
 
 # -- state space with errors of reading: windows are exact only in the limit --------------------

@@ -179,7 +179,7 @@ def test_models_of_outputs_are_kept(how, tmp_path):
 def test_what_goes_with_outputs_only():
     data = arx(np.random.default_rng(1))
     states = se.Trajectories(*map(list, zip(*data.runs, strict=True)))
-    for how in ({"lags": 2}, {"filters": (0.5, 2)}, {"order": "auto"}, {"delay": 1}):
+    for how in ({"lags": 2}, {"filters": (0.5, 2)}, {"order": "auto"}):
         with pytest.raises(InputError, match="is for outputs"):
             se.identify(states, **how)
     with pytest.raises(InputError, match="only one of"):
@@ -323,7 +323,7 @@ def test_units_of_readings_make_no_difference(scale):
         {"filters": (0.5, 0)},
         {"filters": 0.5},
         {"order": "best"},
-        {"delay": -1},
+        {"delay": -2},
         {"delay": (2, 1)},
         {"delay": (1, 2, 3)},
         {"lags": 2, "delay": (0, 1)},
@@ -335,6 +335,72 @@ def test_units_of_readings_make_no_difference(scale):
 def test_bad_windows_are_named(how):
     with pytest.raises(se.exceptions.StochensError, match="|".join(["window", *how])):
         se.identify(arx(np.random.default_rng(1), runs=4), checks=False, **how)
+
+
+def late(gen, delay, runs=8, steps=40):
+    """Runs of two states whose input acts `delay` steps late, its own matrices, and what acts."""
+    A, B = np.array([[1.0, 0.1], [0.05, 1.02]]), np.array([[0.005], [0.1]])
+    states, inputs = [], []
+    for _ in range(runs):
+        x, u = [gen.standard_normal(2)], 5.0 * gen.standard_normal((steps + delay, 1))
+        for k in range(steps):
+            x.append(A @ x[-1] + B @ (u[k] + 3.0) + 0.01 * gen.standard_normal(2))
+        states.append(np.array(x))
+        inputs.append(u[delay:])  # u[k] acts at k, and was asked for `delay` steps earlier
+    return A, B, se.Trajectories(states, inputs, state_names=["p", "v"], input_names=["F"])
+
+
+@pytest.mark.parametrize("delay", [1, 3])
+@pytest.mark.parametrize("noise", [{}, {"sigma": 0.01}, {"covariance": "diagonal"}], ids=str)
+def test_states_with_a_dead_time(delay, noise):
+    """All verbs on the states now and the inputs under way; the twin is least squares."""
+    gen = np.random.default_rng(delay)
+    A, B, data = late(gen, delay)
+    model = se.identify(data, delay=delay, intercept=True, scale=[1.0, 1.0, 5.0], **noise)
+    assert model.state_names == ("p", "v", *(f"F(-{k})" for k in range(1, delay + 1)))
+    assert not model.doubts
+    assert model.region(0.05).contains(A, B, 3.0 * B[:, 0])
+    Z, Y = [], []
+    for x, u in data.runs:
+        ones = np.ones((len(u) - delay, 1))
+        Z.append(np.hstack([x[delay:-1], u[: len(u) - delay], ones]))
+        Y.append(x[delay + 1 :])
+    H = np.linalg.lstsq(np.vstack(Z), np.vstack(Y), rcond=None)[0].T
+    np.testing.assert_allclose(model._H, H, rtol=1e-8, atol=1e-10)
+    assert se.identify(data, delay=(0, 5), intercept=True, checks=False).window.delay == delay
+    loop = se.gain(model, 1.0, 1.0)
+    assert loop.certificate(0.05).status == "certified"
+    record = data.last_record()
+    plan = se.control(model, record=record, steps=20, limits=(-50.0, 50.0))
+    assert np.isfinite(plan.bound(0.05).target)
+    ahead = se.predict(model, inputs=plan.u, record=record)
+    np.testing.assert_allclose(ahead.predicted_states, plan.predicted_states, atol=1e-9)
+    regulator, u = se.regulate(model, 15, limits=(-50.0, 50.0), offset_free=False), []
+    x = np.array([0.1, 0.0])
+    for k in range(60):
+        u.append(regulator(x))
+        x = A @ x + B @ ((u[k - delay] if k >= delay else 0.0) + np.array([3.0]))
+    assert np.abs(x).max() < 0.05
+    with pytest.raises(InputError, match="`known_A` must be left out with `delay`"):
+        se.identify(data, delay=1, known_A=A)
+    with pytest.raises(InputError, match="`pilot` must be left out with `delay`"):
+        se.identify(data, delay=1, pilot=0.5)
+
+
+def test_rows_that_hold_the_state_after_its_input():
+    """delay=-1 is the same data with each input one row further on, one pair of a piece less."""
+    _, _, data = late(np.random.default_rng(4), 0)
+    moved = se.Trajectories(
+        [x[1:] for x, _ in data.runs], [u[:-1] for _, u in data.runs],
+        state_names=["p", "v"], input_names=["F"],
+    )  # fmt: skip
+    model = se.identify(moved, delay=-1, intercept=True, checks=False)
+    for (x, u), (before, acted) in zip(model.data.runs, data.runs, strict=True):
+        np.testing.assert_array_equal(x, before[1:-1])
+        np.testing.assert_array_equal(u, acted[1:-1])
+    assert model.window is None
+    with pytest.raises(InputError, match="`delay` of -1 needs runs of two steps"):
+        se.identify(data.last_pairs(), delay=-1)
 
 
 def test_what_is_for_states_says_so():

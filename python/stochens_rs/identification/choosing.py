@@ -32,23 +32,28 @@ def chosen_window(
 ) -> tuple[Window | None, int]:
     """The window of the arguments of `identify`, and how many pairs it was chosen from.
 
-    None and 0 for data of states.
+    None and 0 for states without a dead time; with one, a window of the states now and past inputs.
     """
     asked = {"lags": lags, "filters": filters, "order": order}
     given = [name for name, one in asked.items() if one is not None]
     least, most = _delays(delay)
     if not runs.outputs:
-        if given or most > 0:
+        if given:
             raise InputError(
-                f"`{(given or ['delay'])[0]}` is for outputs, but `data` has states: read it with "
-                "outputs= in place of states="
+                f"`{given[0]}` is for outputs, but `data` has states: read it with outputs= in "
+                "place of states="
             )
-        return None, 0
+        if most == 0:
+            return None, 0
+        if runs.steps > 1:
+            raise InputError("`delay` must be left out for pairs over several steps")
+        if least == most:
+            lags = 1
     if len(given) > 1:
         raise InputError(f"only one of `lags`, `filters` and `order` must be given, got {given}")
     # for filters that are declared the first part says only how long they fill
     first = -(-runs.size // (SHARE if filters is None else 2 * SHARE))
-    names = runs.outputs, runs.input_names
+    names = runs.state_names, runs.input_names
     auto = isinstance(lags, str) and lags == "auto"
     if lags is not None and not auto:
         if least != most:
@@ -65,13 +70,16 @@ def chosen_window(
         ratio = _core.readings_over_noise(*start)
         burn = _core.window_burn(pole, count, ratio, len(runs.pieces))
         return Window(*names, count, pole, least, offset, burn), first
-    poles = [] if auto else list(POLES)
+    poles = [] if auto or not runs.outputs else list(POLES)
+    tried = (FILTERS, LAGS if runs.outputs else 1)
     if order is not None:
         validation.choice("order", order, ("auto",))
     pieces = len(runs.pieces), int(np.median(runs.pieces))
-    found = _core.choose_window(*start, poles, (FILTERS, LAGS), (least, most), pieces)
+    found = _core.choose_window(*start, poles, tried, (least, most), pieces)
+    if not runs.outputs:  # states say all of the past but the inputs under way
+        return Window(*names, 1, None, found[2], offset), first
     if FILLED * found[3] > pieces[1]:
-        found = _core.choose_window(*start, [], (FILTERS, LAGS), (least, most), pieces)
+        found = _core.choose_window(*start, [], tried, (least, most), pieces)
     one, count, back, burn, told, _ = found
     return Window(*names, count, one, back, offset, burn, told), first
 

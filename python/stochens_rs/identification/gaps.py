@@ -59,7 +59,7 @@ def joined(
     on_gap: object,
 ) -> Pairs:
     """The pairs of all runs; `names` are those of the states and then the inputs."""
-    back = validation.size("delay", delay, minimum=0)
+    back = validation.size("delay", delay, minimum=-1)
     split = validation.choice("on_gap", on_gap, ON_GAP) == "split"
     stamps = _stamps(runs, dt, tolerance)
     rows, pieces = [], []
@@ -126,8 +126,10 @@ def _kept(
         # where rows are not a whole number of steps apart, no input reaches over
         odd = (np.abs(q - whole) > stamps.tolerance) | (whole < 1)
         absent = int(np.maximum(whole - 1, odd).sum())
-        at = np.concatenate([[0], np.cumsum(np.where(odd, np.maximum(whole, 2) + delay, whole))])
-    acting = np.searchsorted(at, at - delay)
+        at = np.concatenate(
+            [[0], np.cumsum(np.where(odd, np.maximum(whole, 2) + abs(delay), whole))]
+        )
+    acting = np.minimum(np.searchsorted(at, at - delay), len(at) - 1)
     known = (at[acting] == at - delay) & given[acting]
     pair = there[:-1] & there[1:] & known[:-1] & (np.diff(at) == 1)
     if not split:
@@ -137,10 +139,10 @@ def _kept(
         raise InputError(
             f"{run.name} has no two complete rows that are one step apart"
             + ("" if stamps.dt is None else f", {stamps.dt:.6g} s")
-            + (f", with an input {delay} steps before them" if delay else "")
+            + (f", with an input {delay} steps before them" if delay > 0 else "")
             + ": leave this run out, if its rows were lost by chance"
         )
-    given[-1] = True  # the last input acts behind the last state
+    given[-1 if delay >= 0 else 0] = True  # acts behind the last state, or before the first one
     lost = absent + int((~there | ~given).sum())
     steps = np.diff(at[kept]) - 1
     behind = np.flatnonzero(steps) + 1

@@ -143,7 +143,11 @@ def identify(
         back with fewer unknowns; or what the first quarter of the pairs asks for by Akaike's
         criterion, and half as much again: the default. That quarter then counts no more.
     delay : int or (int, int), default 0
-        For outputs: after how many steps an input acts; a pair is a range to choose from.
+        The dead time: after how many steps an input acts. A pair is a range, of which the first
+        quarter of the pairs chooses. Of states, the model is then one of a `window`: of the states
+        now and the inputs under way, ``x(k+1) = A x(k) + B u(k - delay) + c + w(k)``; what takes a
+        `record` takes states and inputs measured. -1: a row of the data holds the states *after*
+        its input, so that the inputs are moved by one row.
     tail : float, default 0.0
         What the model leaves out of the outcomes beside their noise, as the part of readings that
         reaches further back than the window: at most this in root mean square over the pairs, in
@@ -209,9 +213,9 @@ def identify(
     True
     """
     runs = pooled(data)
+    if not isinstance(delay, tuple) and delay == -1:
+        runs, delay = runs._moved(), 0
     n, piloted = runs.n, pilot is not None or like is not None
-    if runs.outputs:
-        _refuse_for_outputs(known_A, known_B, pilot, like)
     assumed = checked_assumptions(
         *(n, design, noise, covariance, sigma, exact, runs.state_names),
         piloted,
@@ -220,6 +224,8 @@ def identify(
     planned = validation.flag("lengths_fixed", lengths_fixed)
     offset = validation.flag("intercept", intercept)
     window, first = chosen_window(runs, lags, filters, order, delay, offset)
+    if window is not None:
+        _refuse_for_windows(bool(runs.outputs), known_A, known_B, pilot, like)
     d = n + runs.m + offset if window is None else window.length
     known = _known(n, runs.m, offset, known_A, known_B)
     sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
@@ -259,14 +265,19 @@ def identify(
     return model
 
 
-def _refuse_for_outputs(*given: Any) -> None:
-    """Refuse what is for states."""
+def _refuse_for_windows(outputs: bool, *given: Any) -> None:
+    """Refuse what is for states whose inputs act at once."""
     names = "known_A", "known_B", "pilot", "like"
     for name, one in zip(names, given, strict=True):
-        if one is not None:
+        if one is not None and outputs:
             raise InputError(
                 f"`{name}` must be left out for outputs: it is about states, and errors of reading "
                 "are part of the noise of a model of outputs"
+            )
+        if one is not None:
+            raise InputError(
+                f"`{name}` must be left out with `delay`: it is about states that say all of the "
+                "past, and with a dead time inputs are under way"
             )
 
 

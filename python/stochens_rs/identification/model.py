@@ -80,7 +80,8 @@ class Model(SavedRecord, Identified, Tabled):
         then not least squares.
     window : Window or None
         For models of outputs, the past readings and inputs from which they are predicted; the
-        states are then the contents of the window. None for models of states.
+        states are then the contents of the window. With a dead time the states now and the inputs
+        under way. None for models of states whose inputs act at once.
     first : int
         With a window: how many of the first pairs of `data` say its size, or were used to choose
         it. They count no more: `triangle`, the model and its regions are of those after them.
@@ -209,10 +210,12 @@ class Model(SavedRecord, Identified, Tabled):
     def _check_window(self) -> None:
         """Refuse a window that is not one of the data."""
         validation.size("first", self.first, minimum=0, maximum=self.data.size)
-        if (self.window is not None) != bool(self.data.outputs):
-            raise InputError("`window` must be given for outputs, and only there")
+        if self.window is None and self.data.outputs:
+            raise InputError("`window` must be given for outputs")
         if self.window is not None:
             validation.instance("window", self.window, Window)
+            if not self.data.outputs and (self.window.count, self.window.pole) != (1, None):
+                raise InputError("`window` of states must have one lag, and a dead time")
             own = self.window.outputs, self.window.inputs, self.window.intercept
             if own != (self.outputs, self.input_names, self.intercept):
                 raise InputError(

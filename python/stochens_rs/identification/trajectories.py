@@ -247,7 +247,9 @@ class Trajectories(SavedRecord):
             By what part of a step a stamp may be off; the default is 0.25 if `dt` is declared, else
             0.05. Rows that are further off do not follow on each other.
         delay : int, default 0
-            After how many steps an input acts: ``u(k - delay)`` takes the place of ``u(k)``.
+            By how many rows the inputs stand too early: ``u(k - delay)`` takes the place of
+            ``u(k)``. -1: a row holds the states *after* its input. This mends the log; a dead time
+            of the plant is `delay` of `identify`, whose plans and gains know of it.
         on_gap : {"split", "raise"}, default "split"
             Where a row is lost, or a state or input missing, the run is divided into pieces, or an
             error names the row. A pair needs both its rows and its input. The pieces are still one
@@ -575,6 +577,17 @@ class Trajectories(SavedRecord):
         first[as_key(rng).child("split").generator().permutation(runs)[:count]] = True
         run = self._pieces.runs()
         return self._with(first[run]), self._with(~first[run])
+
+    def _moved(self) -> Self:
+        """The same where a row held the states after its input: u(k + 1) in place of u(k)."""
+        behind = np.flatnonzero(self._pieces.places() > 0)
+        if not len(behind):
+            raise InputError("`delay` of -1 needs runs of two steps or more: the inputs are moved")
+        kept = np.zeros(self.size, dtype=bool)
+        kept[behind - 1] = True
+        rows = self._rows[kept]
+        rows[:, self._n : -self._n] = self._rows[behind, self._n : -self._n]
+        return self._part(rows, self._pieces.chosen(kept))
 
     def _with(self, pairs: NDArray[np.bool_]) -> Self:
         """Some of the pairs; their runs stay."""

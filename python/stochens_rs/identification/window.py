@@ -44,7 +44,7 @@ class Window(Record):
     Attributes
     ----------
     outputs, inputs : tuple of str
-        What is read, and what is put in.
+        What is read, or the states, and what is put in.
     count : int
         The number of lags p, or of filters r.
     pole : float or None

@@ -2,7 +2,7 @@
 
 ``FAULTS`` has one function for each kind, ``fault(plant, gen, size) -> Log``; size 0, 1, 2 is
 small, one that matters, large. `outcome` says what follows: a finite statement that is wrong, a
-refusal, or none of both. ``python tests/python/broken_logs.py SETS`` prints the table of the docs.
+refusal, or none of both. ``python tests/python/broken_logs.py SETS`` prints the table.
 """
 
 from __future__ import annotations
@@ -612,6 +612,12 @@ def declared_covariance_of_last_pairs(plant, gen, part):
     return log
 
 
+@fault(1, 2, 3)
+def declared_delay(plant, gen, steps):
+    """The declared delay is longer than the true one by some steps."""
+    return logged(plant, gen, dead=1, delay=1 + steps)
+
+
 @fault(1.3, 3.0, 10.0, plants=STATES)
 def scalar_covariance(plant, gen, ratio):
     """covariance="scalar", but the noises of two states differ by this factor."""
@@ -705,7 +711,7 @@ def counted(kind: str, name: str, size: int, sets: int, first: int = 0) -> Count
 
 
 def main(sets: int) -> None:
-    """Print the table of docs/broken-logs.md: for each size wrong and refused, in percent."""
+    """Print the table: for each size wrong and refused, in percent."""
     print("| fault | small | matters | large |\n|---|---|---|---|")
     for kind, about in FAULTS.items():
         cells = []

@@ -152,7 +152,6 @@ def test_docstring_examples(name):
 PAGES = (
     "README.md",
     "CONTRIBUTING.md",
-    "docs/broken-logs.md",
     "docs/close-the-loop.md",
     "docs/few-bits.md",
     "docs/compare.md",

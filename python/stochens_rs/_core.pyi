@@ -30,6 +30,7 @@ __all__ = [
     "alse",
     "alse_path",
     "alse_prefixes",
+    "battery",
     "best_control",
     "bootstrap",
     "box_batch",
@@ -73,6 +74,7 @@ __all__ = [
     "mixtures",
     "next_runs",
     "noise_deviations",
+    "noise_tests",
     "normal_quantile",
     "one_noise",
     "output_tube",
@@ -843,6 +845,26 @@ def next_runs(
     high: _Floats,
     key: bytes,
 ) -> tuple[_Floats, _Floats]: ...
+
+# name, p-value, share, where, share of each outcome
+_Tested: TypeAlias = tuple[str, float, float, NDArray[np.int64], _Floats]
+
+def battery(
+    rows: _Floats,
+    fitted: Fitted,
+    basis: _Floats,
+    pairs: _Floats,
+    at: NDArray[np.int64],
+    piece: NDArray[np.int64],
+    runs: NDArray[np.int64],
+    of: tuple[int, bool],
+    beyond: tuple[int, int],
+    extra: _Floats | None,
+    marked: NDArray[np.int64] | None,
+) -> list[_Tested]: ...
+def noise_tests(
+    squares: _Floats, size: int, nu: int, declared: str, known: _Floats | None
+) -> list[_Tested]: ...
 def residuals(z: _Floats, y: _Floats, white: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
 def residual_p_values(
     z: _Floats, y: _Floats, white: _Floats, draws: int, key: bytes, threads: int

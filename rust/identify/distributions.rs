@@ -1,6 +1,8 @@
 //! Quantiles of chi-square and F laws, and upper limits of a noncentrality. Distribution functions are those of `statrs`.
 
-use statrs::function::{beta::checked_beta_reg, gamma::checked_gamma_lr, gamma::checked_gamma_ur, gamma::ln_gamma};
+use statrs::function::{
+    beta::checked_beta_reg, erf::erfc, gamma::checked_gamma_lr, gamma::checked_gamma_ur, gamma::ln_gamma,
+};
 
 use crate::error::{Error, Result};
 
@@ -16,7 +18,7 @@ pub(super) fn chi2_below(x: f64, degrees: f64) -> f64 {
 }
 
 /// `P(chi2_k > x)`.
-fn chi2_above(x: f64, degrees: f64) -> f64 {
+pub(super) fn chi2_above(x: f64, degrees: f64) -> f64 {
     if x <= 0.0 {
         1.0
     } else if x == f64::INFINITY {
@@ -63,8 +65,22 @@ pub fn chi2_upper(delta: f64, degrees: f64) -> Result<f64> {
 /// [`Error::Value`] for a `delta` outside (0, 1).
 pub fn f_upper(delta: f64, a: f64, b: f64) -> Result<f64> {
     level("delta", delta)?;
-    let above = |x: f64| checked_beta_reg(b / 2.0, a / 2.0, b / (b + a * x)).unwrap_or(f64::NAN);
-    positive_root(1.0, |x| delta.ln() - above(x).ln())
+    positive_root(1.0, |x| delta.ln() - f_above(x, a, b).ln())
+}
+
+/// `P(F_{a,b} > x)`.
+pub(super) fn f_above(x: f64, a: f64, b: f64) -> f64 {
+    if x == f64::INFINITY { 0.0 } else { checked_beta_reg(b / 2.0, a / 2.0, b / (b + a * x)).unwrap_or(f64::NAN) }
+}
+
+/// `P(B > x)` of the law Beta(a, b), accurate where it is small.
+pub(super) fn beta_above(x: f64, a: f64, b: f64) -> f64 {
+    checked_beta_reg(b, a, (1.0 - x).clamp(0.0, 1.0)).unwrap_or(f64::NAN)
+}
+
+/// `P(w > x)` of a standard normal w.
+pub(super) fn normal_above(x: f64) -> f64 {
+    erfc(x / std::f64::consts::SQRT_2) / 2.0
 }
 
 pub(crate) fn level(name: &'static str, value: f64) -> Result<()> {

@@ -3,6 +3,7 @@
 //! The same in plain NumPy is in `tests/python/twin/`.
 
 mod assumed;
+mod battery;
 mod beta_model;
 mod confidence_radii;
 mod distributions;
@@ -26,6 +27,7 @@ mod units;
 mod weighted_sums;
 
 pub use assumed::{Assumed, Covariance, Design, Method, Noise, Wish};
+pub use battery::{Declared, Explained, Given, Test, battery, noise_tests};
 pub use beta_model::DRAWS;
 pub(crate) use confidence_radii::{By, Radius, adaptive, independent};
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};

@@ -4,6 +4,7 @@
 //! of the core: a law's arrays are `(lines, length)`, and the package turns columns or rows of a matrix into lines.
 
 mod arrays;
+mod battery;
 mod control;
 mod convert;
 mod drawn;
@@ -41,6 +42,8 @@ use pyo3::prelude::*;
 // Without the GIL as well: every class is frozen, and what changes inside is behind a lock.
 #[pymodule(gil_used = false)]
 mod _core {
+    #[pymodule_export]
+    use super::battery::{battery, noise_tests};
     #[pymodule_export]
     use super::control::{best_control, mean_difference, pseudoinverse, pushed, realization_controls};
     #[pymodule_export]

@@ -66,3 +66,9 @@ def _the_number_of_threads_is_left_alone():
     """A test that sets the number of threads sets it for itself."""
     yield
     se.set_num_threads(None)
+
+
+@pytest.fixture
+def noise_by_formula(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For data whose noise follows a formula, so that it is none: no test of the log refuses it."""
+    monkeypatch.setattr("stochens_rs.identification.battery.LEVEL", -1.0)

@@ -31,6 +31,8 @@ from twin import fusing_by_data as fd
 from twin import laws
 from twin import triangle as tr
 
+pytestmark = pytest.mark.usefixtures("noise_by_formula")
+
 MODELS = np.array([[[1.0, 0.2, 0.0], [-0.1, 0.8, 1.0]], [[0.8, 0.2, 0.0], [-0.1, 0.7, 1.0]]])
 
 
@@ -40,6 +42,13 @@ def ensemble(models, centre=None, offset=False):
     if offset:
         models, c = models[:, :, :-1], models[:, :, -1]
     return se.SystemEnsemble(models[:, :, :n], models[:, :, n:], c, centre=centre)
+
+
+def model(**options):
+    """Of data by formulas, whose outcomes repeat."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return se.identify(pairs(Z, Y), **options)
 
 
 def pairs(z, y, offset=False):
@@ -610,9 +619,9 @@ def test_models_about_an_estimate_are_refused_unless_declared():
         ({"weights": [0.5, 0.5]}, "`weights` must be left out with `data`"),
         ({"weight_set": "subsimplex"}, "`weight_set` must be 'simplex' with `data`"),
         ({"method": "slse"}, "`method` must be one of 'alse', 'leave-one-out'"),
-        ({"data": se.identify(pairs(Z, Y), sigma=1.0), "sigma": 1.0}, "must be left out: `data`"),
-        ({"data": se.identify(pairs(Z, Y), noise="bounded", sigma=1.0)}, "noise='gaussian'"),
-        ({"data": se.identify(pairs(Z, Y), known_B=[[0.0], [1.0]], sigma=1.0)}, "known entries"),
+        ({"data": model(sigma=1.0), "sigma": 1.0}, "must be left out: `data`"),
+        ({"data": model(noise="bounded", sigma=1.0)}, "noise='gaussian'"),
+        ({"data": model(known_B=[[0.0], [1.0]], sigma=1.0)}, "known entries"),
         ({"data": some(n=3)}, "must have n=2 m=1 as the models, got n=3 m=1"),
         ({"data": THETA}, "`data` must"),
         ({"shrink": 1}, "`shrink` must be True or False"),

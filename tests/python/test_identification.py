@@ -21,6 +21,8 @@ from twin import resampling as rs
 from twin import residual_tests as rt
 from twin import triangle as tr
 
+pytestmark = pytest.mark.usefixtures("noise_by_formula")
+
 DATA = se.Trajectories.from_pairs(Z[:, :2], Z[:, 2:], Y)
 TWIN = tr.triangle(Z, Y)
 FIT = tr.fit(TWIN)
@@ -397,7 +399,8 @@ def test_a_broken_assumption_is_warned_of():
     assert "warning" in repr(model)
 
 
-def test_states_read_with_error_are_seen_on_a_run():
+def test_states_read_with_error_are_seen_on_a_run(monkeypatch):
+    monkeypatch.setattr("stochens_rs.identification.battery.LEVEL", 5e-4)
     _, run = noisy_states(np.random.default_rng(13), 400, 0.3)
     with pytest.warns(DataWarning, match="16 % more of .*: they are no states"):
         model = se.identify(se.Trajectories(*run))

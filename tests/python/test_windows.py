@@ -12,8 +12,7 @@ import stochens_rs as se
 from hidden_outputs import Rig
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
-from stochens_rs.identification import Window
-from stochens_rs.identification.dependences import one_more_lag, spanned
+from stochens_rs.identification import Window, battery
 from twin import windows as twin
 
 
@@ -106,10 +105,9 @@ def test_oracle_of_lags():
 def test_oracle_of_one_more_lag():
     y, u = twin.d1()
     rows = np.hstack([y[1:-1], u[1:], y[:-2], y[2:]])
-    f = _core.fit(np.ascontiguousarray(rows[:, [0, 1, 3]]), 2, len(rows), 1)
-    lag = one_more_lag(rows, 2, 1, spanned(f, np.array([0])))
-    np.testing.assert_allclose(lag.explained, 0.8674987158919, rtol=1e-10)
-    assert lag.refuses
+    test = battery._explained(rows[:, :2], rows[:, 3:], rows[:, 2:3])["memory"]
+    np.testing.assert_allclose(test.share, 0.8674987158919, rtol=1e-10)
+    assert test.p_value < 1e-10
 
 
 @pytest.mark.filterwarnings("ignore:the residuals of")
@@ -263,11 +261,12 @@ def test_the_first_part_alone_chooses():
     assert models[0].first == models[1].first == -(-one.size // 4)
 
 
+@pytest.mark.filterwarnings("ignore:accepted")
 @pytest.mark.parametrize(("runs", "steps", "filters"), [(10, 150, False), (8, 1000, True)])
 def test_filters_that_use_up_the_pieces_give_way_to_lags(runs, steps, filters):
     """Of a rig with small errors of reading filters take 90 rows and more to fill."""
     data = Rig().data(runs, np.random.default_rng(runs), steps)
-    model = se.identify(data, checks=False)
+    model = se.identify(data, accept="change", checks=False)
     assert (model.window.pole is not None) == filters
     assert 4 * model.window.burn <= steps
     assert model.size > 0.5 * data.size

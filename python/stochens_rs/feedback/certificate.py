@@ -110,7 +110,7 @@ class LoopCertificate(SavedRecord):
         squares: tuple[Floats | None, int] = (None, 0),
     ) -> LoopCertificate:
         """The verdict about a gain; doubts about the data of the model leave nothing to certify."""
-        doubt = model.doubts[0] if model.doubts else None
+        doubt = model.doubts[0] if model.doubts else _no_effect(region, K, model)
         found = _core.Feedback(region._core, np.ascontiguousarray(K))
         status, member = found.status, found.member
         n, m = region.n, region.m
@@ -494,3 +494,23 @@ def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -
     if not ((low < 0).all() and (high > 0).all()):
         raise InputError(f"`{name}` must have low < 0 < high, got {low} and {high}")
     return np.minimum(-low, high)
+
+
+def _no_effect(region: Region, K: Floats, model: Identified) -> str | None:
+    """Why a gain is not certified whose inputs have no effect that the data show."""
+    source = getattr(model, "least_squares", model)
+    if getattr(source, "window", None) is not None or not np.isfinite(region.radius):
+        return None
+    if "no effect" in source.assumptions.accept:  # type: ignore[union-attr]
+        return None
+    n, m = region.n, region.m
+    B, within = np.asarray(region.centre)[:, n : n + m], region.entry_bounds[:, n : n + m]
+    hidden = ((np.abs(B) <= within) & np.isfinite(within)).all(axis=0)
+    none = np.flatnonzero(hidden & K.any(axis=1)).tolist()
+    if not none:
+        return None
+    names = ", ".join(model.input_names[j] for j in none)
+    return (
+        f"{names} has no effect within its bounds, and nothing follows for a feedback: excite it, "
+        "or see whether rows hold the state after their action (delay=-1) (or accept='no effect')"
+    )

@@ -29,6 +29,26 @@ NOISES: tuple[Noise, ...] = get_args(Noise)
 SIZES: dict[Noise, str] = {"sub-gaussian": "", "bounded": ", the largest norm of the noise"}
 SMALLEST, LARGEST = 1e-100, 1e100  # of sizes that are squared
 COVARIANCES: tuple[Covariance, ...] = get_args(Covariance)
+#: The tests in the order in which they are named: first what explains the others.
+FAULTS = (
+    "equal rows",
+    "spikes",
+    "wrap",
+    "clipped",
+    "late rows",
+    "dead time",
+    "offset",
+    "ends",
+    "starts",
+    "memory",
+    "nonlinear",
+    "outliers",
+    "change",
+    "variance",
+    "noise size",
+    "noise shape",
+)
+ACCEPTED = (*FAULTS, "no effect")
 _ROUNDING = EPS  # times n^2: least eigenvalues of correlation matrices up to here may be 0
 
 
@@ -50,6 +70,8 @@ class Assumptions(Record):
         The states without noise of their own: it is 0, or a combination of that of other states.
     tail : float
         What the model leaves out beside the noise, in root mean square and deviations of the noise.
+    accept : tuple of str
+        The tests of which a failure is accepted, by name.
     """
 
     design: Design
@@ -58,6 +80,7 @@ class Assumptions(Record):
     known: Floats | None = None
     exact: tuple[int, ...] = ()
     tail: float = 0.0
+    accept: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         validation.choice("design", self.design, DESIGNS)
@@ -76,6 +99,9 @@ class Assumptions(Record):
         exact = self.design != "adaptive" or self.noise == "symmetric"
         if self.tail != 0.0 and (validation.positive("tail", self.tail, maximum=LARGEST) and exact):
             raise InputError("`tail` must be 0 for an independent design and symmetric noise")
+
+        if self.accept != checked_accept(self.accept):
+            raise InputError("`accept` must be names of tests in their order")
 
     @property
     def design_text(self) -> str:
@@ -106,6 +132,7 @@ def checked_assumptions(
     names: Sequence[str] = (),
     singular: bool = False,
     tail: float = 0.0,
+    accept: object = (),
 ) -> Assumptions:
     """Check the arguments of `identify` that are declarations; `names` are those of the states;
     `singular`: whether the known covariance may be so.
@@ -129,7 +156,15 @@ def checked_assumptions(
     if law == "symmetric" and (known is not None or word != "full"):
         raise InputError("noise='symmetric' uses no `covariance` and no `sigma`: leave them out")
     without = checked_exact(exact, names)
-    return Assumptions(plan, law, word, known, without, tail)  # type: ignore[arg-type]
+    found = checked_accept(accept)
+    return Assumptions(plan, law, word, known, without, tail, found)  # type: ignore[arg-type]
+
+
+def checked_accept(accept: object) -> tuple[str, ...]:
+    """The names of tests in `accept`, in the order of `ACCEPTED`."""
+    given = [accept] if isinstance(accept, str) else validation.items("accept", accept)
+    names = {validation.choice("accept", one, ACCEPTED) for one in given}
+    return tuple(one for one in ACCEPTED if one in names)
 
 
 def checked_exact(exact: object, names: Sequence[str]) -> tuple[int, ...]:

@@ -62,6 +62,7 @@ def identify(
     delay: Delay = 0,
     tail: float = 0.0,
     checks: bool = True,
+    accept: str | Sequence[str] = (),
     rng: RngLike = None,
 ) -> Model:
     """Fit ``x(k+1) = A x(k) + B u(k) + c + w(k)`` to measured runs.
@@ -156,6 +157,10 @@ def identify(
     checks : bool, default True
         Whether to test the residuals; not done for more than about 320 000 / n pairs, of which a
         warning says so: `Model.check` does it. `Model.doubts` are looked for in any case.
+    accept : str or sequence of str, default ()
+        Tests of the log, by the names in `Model.tests`, of which you take a failure: certificates
+        are then made all the same, and say so. "no effect": gains for inputs of which no effect is
+        seen.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of the random sign vectors for ``noise="symmetric"``. They are drawn here, once: to
         identify the same data again with other ones, and choose, breaks the region.
@@ -220,6 +225,7 @@ def identify(
         *(n, design, noise, covariance, sigma, exact, runs.state_names),
         piloted,
         validation.nonnegative("tail", tail),
+        accept,
     )
     planned = validation.flag("lengths_fixed", lengths_fixed)
     offset = validation.flag("intercept", intercept)

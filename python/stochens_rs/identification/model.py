@@ -17,22 +17,15 @@ from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..plots.residuals import draw_residuals
 from ..rng import Key, RngLike, as_key
-from .assumptions import Assumptions
+from . import battery
+from .assumptions import FAULTS, Assumptions
 from .cautions import cautions, missing_directions
 from .certifying import METHODS, Method, Wish, region_of, said, sign_test
 from .certifying import directions as spanned_by
 from .certifying import refuse as refuse_region
 from .checks import DRAWS, WORK, Checks, checked_residuals
 from .consistency import refuse, require_sound, require_states, require_triangle_of
-from .dependences import (
-    Lag,
-    Range,
-    exact_relations,
-    one_more_lag,
-    rows_with_a_lag,
-    spanned,
-    tested_rows,
-)
+from .dependences import Range, exact_relations, spanned, tested_rows
 from .identified import Identified
 from .pilot import Pilot
 from .pilot import refuse as refuse_pilot
@@ -353,11 +346,16 @@ class Model(SavedRecord, Identified, Tabled):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; see also `checks`."""
-        said, lag, constant = list(self.doubts), self._lag, self._constant
-        if constant is not None and constant.significant:
-            said.append(constant.said_of_constant)
-        if lag is not None and lag.significant and not lag.refuses:
-            said.append(self._said(lag))
+        said = list(self.doubts)
+        for name in (name for name in self._faults if name in self._taken):
+            word = "accepted: " if name in self.assumptions.accept else ""
+            said.append(f"{word}{self._faults[name]}")
+        large = self._tested.get("noise too large")
+        if large is not None and large.p_value <= battery.LEVEL and large.share < 0.9:
+            said.append(
+                f"the residuals are {html.two(large.share)} of the declared noise: bounds are "
+                "larger than needed"
+            )
         if self.checks is not None:
             said += self.checks.warnings
         elif self.size * self.n_outputs * DRAWS > WORK:
@@ -378,13 +376,42 @@ class Model(SavedRecord, Identified, Tabled):
     def doubts(self) -> tuple[str, ...]:
         """Why no certificate of a plan from this model is finite, one sentence each.
 
-        Columns that are tied exactly, or of which states and inputs one step earlier explain a
-        tenth of the variance or more, and that `identify` was not told to be so: they are no states
-        of a plant. Empty where nothing of this is seen, which does not prove that they are.
+        Columns that are tied exactly, which `identify` was not told, and tests of the log that
+        fail and were not accepted by name: each has a level of 5e-4, so that together they refuse
+        less than 1 % of sound logs. Empty where nothing is seen, which proves nothing.
         """
-        said = exact_relations(*self._residuals, self.outputs)
-        lag = self._lag
-        return said if lag is None or not lag.refuses else (*said, self._said(lag))
+        return (*exact_relations(*self._residuals, self.outputs), *self._refusing)
+
+    @property
+    def _refusing(self) -> tuple[str, ...]:
+        """The tests that fail and are not taken, in words."""
+        return tuple(self._faults[name] for name in self._faults if name not in self._taken)
+
+    @property
+    def _taken(self) -> tuple[str, ...]:
+        """Tests of which a failure is taken: by name, or of a window that is little too short."""
+        small = (
+            self.window is not None
+            and self._tested.get("memory", battery.NONE).share < battery.SMALL
+        )
+        return (*self.assumptions.accept, *(("memory",) if small else ()))
+
+    @property
+    def tests(self) -> dict[str, float]:
+        """The p-value of each test of the log that the pairs allow, by its name in `accept`."""
+        return {name: self._tested[name].p_value for name in FAULTS if name in self._tested}
+
+    @cached_property
+    def _tested(self) -> dict[str, battery.Tested]:
+        return battery.tested(self)
+
+    @cached_property
+    def _faults(self) -> dict[str, str]:
+        """The tests that fail, in words."""
+        return {
+            name: battery.said(name, self._tested[name], self)
+            for name in battery.failed(self._tested, self.assumptions)
+        }
 
     def check(self, draws: int = 499, *, rng: RngLike = None) -> Checks | None:
         """Test the residuals again, with another number of simulated data sets.
@@ -554,7 +581,7 @@ class Model(SavedRecord, Identified, Tabled):
             signs, text = sign_test(self._blocks[0], *self._pairs(), wish.delta, self.key)
             made = self._estimate.sign_region(signs._of, get_num_threads())
         noise = made.noise if self.assumptions.noise == "gaussian" else None
-        return trusted(
+        region = trusted(
             Region,
             centre=validation.frozen(made.centre),
             m=self._free,
@@ -567,12 +594,13 @@ class Model(SavedRecord, Identified, Tabled):
             signs=signs,
             noise=None if noise is None else validation.frozen(noise),
         )
+        return region._withheld(self._refusing)
 
     @property
     def _assumed(self) -> str:
         """What is assumed beside the law of the noise."""
         own = "" if self.window is None else self.window._assumed(self.assumptions.tail)
-        return own + self.data._assumed
+        return own + self.data._assumed + battery.accepted_text(self.assumptions)
 
     def bootstrap(
         self, size: int, *, method: Bootstrap = "pairs", rng: RngLike = None
@@ -714,30 +742,6 @@ class Model(SavedRecord, Identified, Tabled):
         if self.known is not None:
             f = _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1)
         return f, spanned(f, tested_rows(self.assumptions, self.known, self.n_outputs))
-
-    @cached_property
-    def _lag(self) -> Lag | None:
-        """The test of one more lag; None where none is known."""
-        n, span = self.n_outputs, self._residuals[1]
-        if self.window is not None:
-            return one_more_lag(*self.window._longer(self.data, self.first), n, span)
-        later = np.flatnonzero(self.data._pieces.places() > 0)
-        return one_more_lag(*rows_with_a_lag(self.data._rows, later, n, self.intercept), n, span)
-
-    @cached_property
-    def _constant(self) -> Lag | None:
-        """For outputs the test of an intercept; None where there is one."""
-        if self.intercept or self.window is None:
-            return None
-        Z, Y = self._pairs()
-        rows = np.hstack([Z, np.ones((len(Z), 1)), Y])
-        return one_more_lag(rows, self._d, self.n_outputs, self._residuals[1])
-
-    def _said(self, lag: Lag) -> str:
-        """What the test of one more lag found, in words."""
-        if self.window is None:
-            return lag.said(self.outputs)
-        return self.window._short(lag.explained)
 
     @cached_property
     def _largest(self) -> Floats | None:

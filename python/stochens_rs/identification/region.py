@@ -301,6 +301,18 @@ class Region(SavedRecord):
         across_, up_ = (coefficient(entry, self.n, self.m) for entry in (one, other))
         return draw_region(centre, corners + centre, said, across_, up_, ax)
 
+    def _withheld(self, doubts: tuple[str, ...]) -> Region:
+        """The same without a bound, where a test of the data refuses them."""
+        if not doubts:
+            return self
+        fields = (part.__reduce__()[1] for part in self.parts)
+        parts = tuple(_core.RegionPart(*own[:-1], np.inf) for own in fields)  # type: ignore[call-arg,arg-type]
+        wide = None if self.frobenius is None else np.inf
+        said = f"{self.assumption}; but {doubts[0]}"
+        none = {"signs": None, "frobenius": wide, "parts": parts, "assumption": said}
+        kept = {name: value for name, value in vars(self).items() if name != "_core"}
+        return trusted(Region, **{**kept, **none})
+
     def _entered(self, matrix: Floats, J: Floats, G: Floats, m: int) -> Region:
         """The region of ``[A B c] = matrix + G (Theta - centre) J`` in the same event."""
         covariance = None if self.noise is None else np.ascontiguousarray(self.noise)

@@ -40,6 +40,7 @@ def _rebuild(
     input_names: tuple[str, ...],
     steps: int,
     outputs: bool = False,
+    whole: Trajectories | None = None,
 ) -> Trajectories:
     """Make trajectories from their fields, which may come from anywhere."""
     checked, count = validation.matrix("rows", rows).copy(), validation.size("n", n)
@@ -50,9 +51,15 @@ def _rebuild(
         raise InputTypeError("the fields of these Trajectories do not fit together")
     size = validation.size("steps", steps)
     pieces = Pieces.checked(each, np.asarray(gaps), np.asarray(lost))
-    return Trajectories._of(
+    made = Trajectories._of(
         checked, pieces, count, dt, state_names, input_names, size, bool(outputs)
     )
+    if whole is None:
+        return made
+    last = validation.instance("whole", whole, Trajectories).last_pairs()
+    if last != made:
+        raise InputError("`whole` must be the runs of which these are the last pairs")
+    return last
 
 
 class Trajectories(SavedRecord):
@@ -107,6 +114,7 @@ class Trajectories(SavedRecord):
         "_rows",
         "_state_names",
         "_steps",
+        "_whole",
     )
 
     _rows: Floats
@@ -117,6 +125,7 @@ class Trajectories(SavedRecord):
     _input_names: tuple[str, ...]
     _steps: int
     _outputs: bool
+    _whole: Trajectories | None  # the runs of which these are the last pairs
 
     _made_by = staticmethod(_rebuild)
 
@@ -439,7 +448,8 @@ class Trajectories(SavedRecord):
         Returns
         -------
         Trajectories
-            As many pairs as runs, however many pieces a run has. They may be identified with
+            As many pairs as runs, however many pieces a run has; `identify` also looks at the rows
+            before them, and at where runs end. They may be identified with
             ``design="independent"``, also where the runs had feedback, if the runs are independent
             of each other and their lengths were chosen without a look at the last state.
 
@@ -453,7 +463,9 @@ class Trajectories(SavedRecord):
         """
         last = np.zeros(self.size, dtype=bool)
         last[np.cumsum(self.lengths) - 1] = True
-        return self._with(last)
+        made = self._with(last)
+        object.__setattr__(made, "_whole", self if self._whole is None else self._whole)
+        return made
 
     def last_record(self) -> tuple[Floats, Floats]:
         """Return the readings and inputs of the last piece: where a plan may begin.
@@ -591,6 +603,8 @@ class Trajectories(SavedRecord):
 
     def _with(self, pairs: NDArray[np.bool_]) -> Self:
         """Some of the pairs; their runs stay."""
+        if self._whole is not None:  # one pair of each run
+            return self._whole._with(pairs[self._whole._pieces.runs()]).last_pairs()  # type: ignore[return-value]
         return self._part(self._rows[pairs], self._pieces.chosen(pairs))
 
     @overload
@@ -676,6 +690,7 @@ class Trajectories(SavedRecord):
             ("_input_names", of_inputs),
             ("_steps", steps),
             ("_outputs", outputs),
+            ("_whole", None),
         ):
             object.__setattr__(self, slot, value)
 
@@ -708,7 +723,8 @@ class Trajectories(SavedRecord):
 
     def __reduce__(self) -> tuple[Any, ...]:
         about = self._pieces
-        return _rebuild, (self._rows, about.lengths, about.gaps, about.lost, *self._about())
+        own = self._rows, about.lengths, about.gaps, about.lost
+        return _rebuild, (*own, *self._about(), self._whole)
 
     def _require_whole(self, name: str, why: str) -> None:
         """Refuse runs with gaps where an argument needs every row of a run."""
@@ -806,6 +822,9 @@ def pooled(data: object, name: str = "data") -> Trajectories:
     if len(sets) == 1:
         return sets[0]
     memory.need("the pooled data", sum(one._rows.nbytes for one in sets))
+    parents = [one._whole for one in sets]
+    if all(one is not None for one in parents):
+        return pooled(parents, name).last_pairs()
     rows = np.vstack([one._rows for one in sets])
     return sets[0]._part(rows, Pieces.joined([one._pieces for one in sets]))
 

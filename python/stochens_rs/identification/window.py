@@ -16,9 +16,11 @@ from ..exceptions import InputError
 from .trajectories import Trajectories
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from .._base.types import Floats
+
+FAR = 10**9  # steps back: no pair has so many before it
 
 
 class Stretch(NamedTuple):
@@ -234,33 +236,31 @@ class Window(Record):
         """The pair that the complete window behind the first `count` of them belongs to."""
         return int(self._core.rows(data._rows, (data._pieces.places() == 0).tolist())[1][count])
 
-    def _longer(self, data: Trajectories, first: int) -> tuple[Floats, int]:
-        """The rows (z, one lag or filter more of each signal, y one step later), and d."""
+    def _beyond(
+        self, data: Trajectories, first: int
+    ) -> tuple[NDArray[np.int64], tuple[int, int], Floats | None]:
+        """The pairs of complete windows, the first lags that are outside, or one filter more."""
+        starts = (data._pieces.places() == 0).tolist()
+        at = self._core.rows(data._rows, starts)[1]
+        at = at[at >= first]
+        if self.pole is None:
+            return at, (self.count, self.delay + self.count), None
         n, m = len(self.outputs), len(self.inputs)
         wide = replace(self, count=self.count + 1, found=None)
-        if int(data.pieces.max()) <= wide.fill:  # no row for the test
-            return np.zeros((0, wide.length + n)), self.length
-        read, acting = np.split(
-            np.arange(self.length + n + m - self.intercept), [self.count * n + n]
-        )
-        own = (
-            read[:-n],
-            acting[:-m],
-            [wide.length - 1][: int(self.intercept)],
-            read[-n:],
-            acting[-m:],
-        )
-        order = np.concatenate([*own, np.arange(wide.length, wide.length + n)]).astype(np.int64)
-        return np.ascontiguousarray(wide._rows(data, first)[1][:, order]), self.length
+        rows = wide._core.rows(data._rows, starts)[0][-len(at) :]
+        more = np.r_[
+            self.count * n : wide.count * n,
+            wide.length - self.intercept - m : wide.length - self.intercept,
+        ]
+        return at, (FAR, FAR), np.ascontiguousarray(rows[:, more])
 
     def _short(self, explained: float) -> str:
         """What is said of a window to which one lag or filter more adds this share."""
         what = "lags" if self.pole is None else "filters"
         take = "take " if self.found is not None else "take order='auto', "
         return (
-            f"a window of {self.count + 1} {what} explains {html.two(100 * explained)} % more "
-            f"(p < 1e-4): the certificate assumes that {self.count} suffice; {take}"
-            f"more {what}, or declare tail="
+            f"a window of {self.count + 1} {what} explains {html.two(100 * explained)} % more: "
+            f"certificates assume that {self.count} suffice; {take}more {what}, or declare tail="
         )
 
     @property

@@ -15,6 +15,7 @@ from .._base.records import SavedRecord
 from .._base.signal_names import checked_names
 from ..exceptions import InputError
 from ..identification.assumptions import Assumptions, checked_scale
+from ..identification.battery import noise_doubts
 from ..identification.cautions import cautions, missing_directions
 from ..identification.certifying import Wish, region_of
 from ..identification.consistency import require_states
@@ -141,10 +142,17 @@ class Snapshot(SavedRecord, Identified):
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
-        """Why no certificate is finite: exact relations that were not declared, as in `Model`."""
+        """Why no certificate is finite: exact relations, and noise that is not as declared.
+
+        Of the tests of `Model.doubts` those that need no pairs: a stream keeps their triangle. At
+        each look they have a level of 5e-6.
+        """
         f = self._block
         found = spanned(f, tested_rows(self.assumptions, None, self.n))
-        return exact_relations(f, found, self.state_names)
+        return (
+            *exact_relations(f, found, self.state_names),
+            *noise_doubts(f, self.assumptions, found.rows),
+        )
 
     def region(
         self, delta: float | None = None, *, future: int = 0, frobenius: bool = False
@@ -206,7 +214,7 @@ class Snapshot(SavedRecord, Identified):
         factor = made.parts[0].factor
         wider = float(np.sqrt(factor * min(self.n, self.rank)))
         noise = made.noise if self.assumptions.noise == "gaussian" else None
-        return Region(
+        region = Region(
             centre=self._Theta,
             m=self.m,
             delta=level,
@@ -216,6 +224,7 @@ class Snapshot(SavedRecord, Identified):
             frobenius=wider if validation.flag("frobenius", frobenius) else None,
             noise=None if noise is None else validation.frozen(noise),
         )
+        return region._withheld(self.doubts)
 
     @property
     def _planned(self) -> bool:

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, slice};
 use super::error::{InputError, ShapeError};
 use super::fitted::places;
-use super::run::run;
+use super::run::{UNTIL_STOPPED, run};
 use crate::memory::{try_collect, try_copy};
 use crate::window::{self, Kind, Search, Window};
 
@@ -135,8 +135,8 @@ impl PyWindow {
 
 /// The rows that fill `count` filters of this pole.
 #[pyfunction]
-pub(super) fn window_burn(pole: f64, count: usize, ratio: f64, pieces: usize) -> PyResult<usize> {
-    Ok(window::burn(pole, count, ratio, pieces)?)
+pub(super) fn window_burn(py: Python<'_>, pole: f64, count: usize, ratio: f64, pieces: usize) -> PyResult<usize> {
+    run(py, UNTIL_STOPPED, |stop| window::burn(pole, count, ratio, pieces, stop))
 }
 
 /// The largest range of a reading over the deviation of its noise.

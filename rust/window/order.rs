@@ -71,7 +71,7 @@ pub fn choose(pairs: &[f64], first: &[bool], of: Search<'_>, stop: &Stop) -> Res
     let half = of.pieces[1] / 2;
     let fill = |pole: Option<f64>, count: usize| match pole {
         None => Ok(count.saturating_sub(1)),
-        Some(pole) => burn(pole, count, ratio, of.pieces[0]),
+        Some(pole) => burn(pole, count, ratio, of.pieces[0], stop),
     };
     let mut families = try_room(WHAT, of.poles.len() + 1)?;
     for pole in std::iter::once(None).chain(of.poles.iter().copied().map(Some)) {

@@ -4,6 +4,8 @@ use crate::error::{Error, Result};
 use crate::memory::{checked_len, try_push, try_room, try_zeros};
 
 pub(super) const WHAT: &str = "a window";
+/// Of lags, filters, delays, and rows that fill filters.
+pub(super) const LARGEST: usize = 1 << 16;
 
 /// Which functions of past readings and inputs the window holds.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,7 +40,6 @@ impl Window {
     /// # Errors
     /// [`Error::Value`] for sizes of 0 or out of range, or a pole outside (0, 1).
     pub fn new(outputs: usize, inputs: usize, kind: Kind, delay: usize, intercept: bool, burn: usize) -> Result<Self> {
-        const LARGEST: usize = 1 << 16;
         let (count, own) = match kind {
             Kind::Lags(p) => (p, p.saturating_sub(1)),
             Kind::Filters { count, .. } => (count, burn),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+import time
 from pathlib import Path
 
 import numpy as np
@@ -107,6 +108,15 @@ def test_filters():
     assert np.isfinite(plan.bound(noise=False).tube[1])
     proof = se.gain(model, 1.0, 1.0).certificate(0.05)
     assert proof.region.n == model.n
+
+
+@pytest.mark.parametrize("filters", [(1 - 1e-9, 2), (0.5, 2**16), (0.99999, 1)])
+def test_filters_that_fill_too_slowly_are_refused_at_once(filters):
+    data = arx(3)[1].data
+    began = time.perf_counter()
+    with pytest.raises(InputError, match=r"`filters` must be a pole .* got \(0\.\d+, \d+\)"):
+        se.identify(data, filters=filters, checks=False)
+    assert time.perf_counter() - began < 1.0
 
 
 def test_refusals():

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 import threading
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError
@@ -129,3 +133,38 @@ def test_one_plan_and_one_model_are_asked_by_many_threads():
 
     shared = fresh()
     assert set(together(lambda _: asked(*shared))) == {asked(*fresh())}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+def test_a_child_forked_while_a_thread_computes_a_value(monkeypatch):
+    """What a record computes once is no lock of its class, which the child would wait for."""
+    x, u, w = np.split(np.random.default_rng(1).standard_normal((60, 5)), [2, 3], axis=1)
+    data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.01 * w)
+    one, other = (se.identify(data, sigma=0.01, checks=False) for _ in range(2))
+    began, end = threading.Event(), threading.Event()
+
+    def slow(model):
+        if model is one:
+            began.set()
+            end.wait()
+        return 7
+
+    monkeypatch.setattr(se.Model.__dict__["_first"], "func", slow)
+    for model in (one, other):
+        model.__dict__.pop("_first", None)
+    thread = threading.Thread(target=lambda: one._first)
+    thread.start()
+    began.wait()
+    child = os.fork()
+    if child == 0:
+        os._exit(other._first)
+    until = time.monotonic() + 5.0
+    while not (done := os.waitpid(child, os.WNOHANG))[0] and time.monotonic() < until:
+        time.sleep(0.01)
+    if not done[0]:
+        os.kill(child, signal.SIGKILL)
+        done = os.waitpid(child, 0)
+    end.set()
+    thread.join()
+    assert os.waitstatus_to_exitcode(done[1]) == 7

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.cached import cached_property
 from .._base.numbers import ROUNDING
 from ..exceptions import InputError, SolverError
 from ..identification.identified import Identified

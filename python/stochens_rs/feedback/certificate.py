@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.cached import cached_property
 from .._base.reading import read
 from .._base.records import SavedRecord, require_shapes, trusted
 from .._base.signal_names import Labels

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.cached import cached_property
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord
 from .._base.types import STATUSES, Status

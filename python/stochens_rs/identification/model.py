@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import _core
 from .._base import html, memory, validation
+from .._base.cached import cached_property
 from .._base.records import SavedRecord, trusted
 from .._base.threads import get_num_threads
 from .._base.to_xarray import Cube, Tabled

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from .._base import html, serialize, types, validation
+from .._base.cached import cached_property
 from .._base.records import SavedRecord, trusted
 from ..exceptions import InputError, ShapeError
 from ..plots.regions import draw_region

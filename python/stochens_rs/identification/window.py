@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.cached import cached_property
 from .._base.records import Record
 from .._base.signal_names import Labels, order_of
 from ..exceptions import InputError

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import ceil, isqrt
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.cached import cached_property
 from .._base.records import SavedRecord
 from .._base.signal_names import checked_names
 from ..exceptions import InputError

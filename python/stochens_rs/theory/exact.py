@@ -15,13 +15,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 from math import inf, sqrt
 
 import numpy as np
 
 from .. import _core
 from .._base import memory
+from .._base.cached import cached_property
 from .._base.numbers import norm
 from .._base.types import Floats
 from ..exceptions import NonFiniteError

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..._base.cached import cached_property
 from ..._base.records import Record
 from ..._base.types import STATUSES, Floats
 from ...controls.realization import realization_controls

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import time
 import types
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -507,6 +509,52 @@ def test_a_full_disk_leaves_no_part_of_a_record(
     assert se.Study.resume(path).results.digest == WHOLE.digest
 
 
+@pytest.mark.parametrize("suffix", [".study", ".json", ".csv", ".parquet", ".nc"])
+def test_files_are_made_under_names_that_nobody_knows(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
+) -> None:
+    """A planted link is not followed; after a failure nothing is left."""
+    path, victim = tmp_path / f"a{suffix}", tmp_path / "victim"
+    victim.write_text("precious")
+    (tmp_path / f"a{suffix}.part").symlink_to(victim)
+
+    def write() -> None:
+        if suffix == ".study":
+            study().run(path=path)
+        else:
+            WHOLE.save(path)
+
+    before, rename = set(tmp_path.iterdir()), os.replace
+
+    def fails(*_: object) -> None:
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(os, "replace", fails)
+    with pytest.raises(OSError, match="Read-only"):
+        write()
+    assert set(tmp_path.iterdir()) - before <= {tmp_path / "a.study.lock"}
+    monkeypatch.setattr(os, "replace", rename)
+    leftover = tmp_path / f"a.study.{'0' * 16}.tmp"  # of a writer that was killed
+    leftover.touch()
+    write()
+    assert leftover.exists() == (suffix != ".study")
+    assert victim.read_text() == "precious"
+    assert path.stat().st_size > 0
+
+
+@pytest.mark.parametrize("length", [0, 2**31])
+def test_gigabytes_of_zeros_behind_a_record_are_not_read(path: Path, length: int) -> None:
+    size = path.stat().st_size
+    with open(path, "ab") as file:
+        file.write(length.to_bytes(8, "little"))
+        file.truncate(size + 3 * 2**30)
+    began = time.perf_counter()
+    assert se.Study.resume(path).results.digest == WHOLE.digest
+    assert study().run(path=path).digest == WHOLE.digest
+    assert path.stat().st_size == size
+    assert time.perf_counter() - began < 2.0
+
+
 def test_zeros_at_the_end_are_replaced(path: Path) -> None:
     with open(path, "ab") as file:
         file.write(bytes(100_000))
@@ -733,3 +781,37 @@ def test_killed_drivers_lose_nothing(tmp_path: Path, workers: int, kills: int, s
     lines = [line.split() for line in run.stdout.splitlines()]
     assert sum(int(own) for own, _ in lines) >= kills
     assert all(same == "1" for _, same in lines)
+
+
+ORPHANS = """
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+import stochens_rs as se
+from study_functions import slow
+
+if __name__ == "__main__":
+    with ProcessPoolExecutor(2, mp_context=get_context(sys.argv[1])) as pool:
+        told = lambda done, total: print(done, flush=True)
+        se.Study(slow, {"scale": [1.0]}, replicates=10**5, rng=1).run(pool, progress=told)
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.parametrize("method", ["fork", "forkserver"])
+def test_the_workers_of_a_killed_driver_end(tmp_path: Path, method: str) -> None:
+    (tmp_path / "driver.py").write_text(ORPHANS)
+    driver = subprocess.Popen(
+        [sys.executable, tmp_path / "driver.py", method],
+        stdout=subprocess.PIPE,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)},
+        start_new_session=True,
+    )
+    assert driver.stdout is not None
+    try:
+        assert any(int(line) >= 20 for line in driver.stdout)
+        driver.kill()
+        driver.communicate(timeout=5)  # until the last process that can write to it has ended
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(driver.pid, signal.SIGKILL)

@@ -6,6 +6,9 @@ import hashlib
 import json
 import os
 import platform
+import secrets
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -51,11 +54,40 @@ def versions() -> dict[str, str]:
     }
 
 
-def write_text(path: Path, text: str) -> None:
+@contextmanager
+def replaced(path: PathLike) -> Iterator[str]:
+    """Give the name of a new, empty file beside `path` that takes its place in one piece.
+
+    Its name is drawn, and whatever already has that name is never opened. It is on the disk when
+    this ends; after an exception nothing is left of it.
+    """
+    whole = os.path.abspath(path)
+    part = f"{whole}.{secrets.token_hex(8)}.tmp"
+    how = os.O_RDWR | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
+    os.close(os.open(part, how, 0o666))
+    try:
+        with suppress(FileNotFoundError):
+            os.chmod(part, os.stat(whole).st_mode & 0o777)
+        yield part
+        with open(part, "rb+") as file:
+            os.fsync(file.fileno())
+        os.replace(part, whole)
+    except BaseException:
+        with suppress(OSError):
+            os.remove(part)
+        raise
+    if os.name == "posix":  # where folders can be synced, the new name survives a power failure
+        folder = os.open(os.path.dirname(whole), os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
+
+
+def write_text(path: PathLike, text: str) -> None:
     """Write a file so that a reader sees either the old or the whole new one."""
-    part = path.with_name(path.name + ".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(path)
+    with replaced(path) as part, open(part, "w", encoding="utf-8") as file:
+        file.write(text)
 
 
 def write_listed(

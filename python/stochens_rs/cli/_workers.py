@@ -5,7 +5,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
-import threading
 from collections.abc import Iterator
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -15,6 +14,7 @@ from typing import Any
 import click
 
 from .._base.extras import extra
+from ..studies.worker import end_with_parent
 
 workers_option = click.option(
     "--workers", metavar="P", type=click.IntRange(1, 1024), default=1, help="Processes."
@@ -39,7 +39,7 @@ def pool(workers: int) -> Executor:
     They end with this process, however it ends.
     """
     context = multiprocessing.get_context("spawn")
-    made = ProcessPoolExecutor(workers, context, initializer=_end_with_parent)
+    made = ProcessPoolExecutor(workers, context, initializer=end_with_parent)
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)  # they start so, and keep it
     try:
         for _ in range(workers):
@@ -47,15 +47,3 @@ def pool(workers: int) -> Executor:
     finally:
         signal.signal(signal.SIGINT, before)
     return made
-
-
-def _end_with_parent() -> None:
-    """End this worker when the process that started it is gone: a SIGKILL lets it tell nobody."""
-    threading.Thread(target=_wait_for_parent, daemon=True).start()
-
-
-def _wait_for_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)

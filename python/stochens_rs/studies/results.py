@@ -5,10 +5,8 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-import os
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base import files, html, serialize, validation
+from .._base.cached import cached_property
 from .._base.extras import extra
 from .._base.files import PathLike
 from .._base.types import Floats, Status
@@ -320,7 +319,6 @@ class Results:
         """
         checked = Path(files.checked_path("path", path))
         suffix = validation.choice("path suffix", checked.suffix, SUFFIXES)
-        part = checked.with_name(checked.name + ".part")
         if suffix == ".json":
             files.write_text(checked, json.dumps(self.to_dict(), allow_nan=False) + "\n")
             return
@@ -334,13 +332,14 @@ class Results:
             table = self.to_pandas()
             with extra("Parquet files need pyarrow", "tables"):
                 import pyarrow  # noqa: F401
-            table.to_parquet(part, engine="pyarrow", index=False)
-        else:
-            data = self.to_xarray()
-            with extra("netCDF files need h5netcdf", "tables"):
-                import h5netcdf  # noqa: F401
+            with files.replaced(checked) as part:
+                table.to_parquet(part, engine="pyarrow", index=False)
+            return
+        data = self.to_xarray()
+        with extra("netCDF files need h5netcdf", "tables"):
+            import h5netcdf  # noqa: F401
+        with files.replaced(checked) as part:
             data.to_netcdf(part, engine="h5netcdf")
-        os.replace(part, checked)
 
     def entries(self) -> Iterator[tuple[str, Floats]]:
         """Each number and each entry of an array, over the axes and the replicates.

@@ -8,6 +8,8 @@ read is replaced by the next if no mark follows: its writer was killed. With a m
 
 from __future__ import annotations
 
+import errno
+import glob
 import json
 import math
 import os
@@ -20,7 +22,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import memory, state_file, validation
+from .._base import files, memory, state_file, validation
 from ..exceptions import InputError, InputTypeError, StateError, StateIOError, StateNotFoundError
 from .worker import DONE, FAILED, Block, Layout
 
@@ -46,16 +48,13 @@ class StudyFile:
 
     def create(self, manifest: dict[str, Any]) -> None:
         """Begin a new file, which appears with its manifest in it."""
-        part = f"{self.path}.part"
         try:
-            with open(part, "wb") as file:
+            for left in glob.glob(f"{glob.escape(self.path)}.{'[0-9a-f]' * 16}.tmp"):
+                os.remove(left)  # its writer was killed: this process has the lock
+            with files.replaced(self.path) as part, open(part, "wb") as file:
                 file.write(_framed(MANIFEST, 1, {"manifest": _json(manifest)}) + _mark(0))
-                file.flush()
-                os.fsync(file.fileno())
-            os.replace(part, self.path)
             self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
             self._file.seek(0, os.SEEK_END)
-            _sync_folder(self.path)
         except OSError as error:
             raise _failed(error, self.path) from error
         self._records = 1
@@ -160,8 +159,11 @@ def records(path: str) -> Iterator[tuple[int, int, dict[str, Any] | list[Block]]
             try:
                 if len(head) < 8 or length > size - at - 8:
                     raise StateError(f"{path} ends within a record")
+                begin = file.read(9)  # of a state file: the length of its JSON, and that
+                if begin[8:] != b"{" or int.from_bytes(begin[:8], "little") > length - 8:
+                    raise StateError(f"{path} has no record at byte {at}")
                 memory.need("a block of a study", 4 * length)
-                content = file.read(length)
+                content = begin + file.read(length - 9)
                 generation, sections = state_file.decode(path, content, kind)
             except StateError as error:
                 if not number:
@@ -193,6 +195,11 @@ def _marked(file: BinaryIO, at: int) -> bool:
     """Whether a record that begins at `at` or behind it was completed: then this one was, too."""
     place = at
     while True:
+        try:
+            place = file.seek(place, os.SEEK_DATA)  # a mark is not in a hole
+        except (OSError, AttributeError) as error:  # no data, or a system that knows no holes
+            if getattr(error, "errno", None) == errno.ENXIO:
+                return False
         file.seek(place)
         piece = file.read(_PIECE + _MARKED - 1)  # a mark may be split over two pieces
         found = piece.find(_MARK)
@@ -280,16 +287,6 @@ def _shape(name: str, shape: Any) -> tuple[int, ...]:
     if not isinstance(shape, list) or len(shape) > 32:
         raise InputError(f"`layout[{name!r:.60}]` must be a shape, got {validation.show(shape)}")
     return tuple(validation.size(f"layout[{name!r:.60}]", length, minimum=0) for length in shape)
-
-
-def _sync_folder(path: str) -> None:
-    """Let a new name survive a power failure, where folders can be synced."""
-    if os.name == "posix":
-        folder = os.open(os.path.dirname(os.path.abspath(path)), os.O_RDONLY)
-        try:
-            os.fsync(folder)
-        finally:
-            os.close(folder)
 
 
 def _failed(error: OSError, path: str) -> StateIOError:

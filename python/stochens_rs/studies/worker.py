@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import platform
 import signal
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -35,6 +36,7 @@ Layout: TypeAlias = dict[str, tuple[int, ...]]
 
 WAITING, DONE, FAILED = 0, 1, 2  # the state of a task
 _LONGEST = 300  # characters of the text of an error
+_LOOK = 0.5  # seconds between two looks for the parent of a worker
 _LONGEST_NAME = 50  # of a number that a task returns
 
 
@@ -117,6 +119,8 @@ def run_block(
         block.lay_out(layout)
     began = time.perf_counter()
     if interruption is None:
+        if os.getpid() != work.owner:
+            end_with_parent()
         with _unsignalled(work.owner), one_thread():
             _run_tasks(work, block, Interruption())
     else:
@@ -220,6 +224,27 @@ def _unsignalled(owner: int) -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before or signal.SIG_DFL)
+
+
+@cache
+def end_with_parent() -> None:
+    """End this process when the one that started it is gone: a SIGKILL lets it tell nobody.
+
+    Only for one whose parent is known to be the reason for it: started by `multiprocessing`.
+    """
+    kind = sys.modules.get("multiprocessing.process")
+    parent = kind.parent_process() if kind else None
+    if parent is None:
+        return
+    # the sentinel of a forked worker lasts as long as its younger siblings
+    child = os.getppid() == parent.pid
+
+    def watch() -> None:
+        while parent.is_alive() and not (child and os.getppid() != parent.pid):
+            time.sleep(_LOOK)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
 
 
 @cache

@@ -94,7 +94,7 @@ wheel: stage $(VENV)/.maturin ## build a wheel into dist/, then test it in an en
 
 wheels: stage $(VENV)/.maturin ## cross-build the wheels for Linux (two processors, two C libraries, with and without GIL)
 	rm -rf dist/*.whl
-	"$(PY)" -m pip install --quiet --disable-pip-version-check "maturin[zig]"
+	"$(PY)" -m pip install --quiet --disable-pip-version-check --require-hashes --only-binary :all: -r packaging/release.txt
 	rustup target add $(LINUX)
 	$(foreach target,$(LINUX),$(call build,$(FREE) --zig --target $(target) \
 	    --compatibility $(if $(findstring musl,$(target)),musllinux_1_2,manylinux2014)) && ) true

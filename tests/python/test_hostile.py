@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import inspect
+import time
 from decimal import Decimal
 from functools import cache
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import StochensError
+from stochens_rs.exceptions import InputTypeError, NonFiniteError, ResourceError, StochensError
 from test_docs import PUBLIC, unwrap
 from test_validation import Stubborn
 
@@ -540,3 +541,64 @@ def test_what_is_not_swept_refuses_too(label, tmp_path, monkeypatch):
             continue
         with pytest.raises(StochensError):
             TOLD_APART[label](value)
+
+
+NO_NUMBERS = {
+    "Limits(u)": lambda bad: se.Limits(u=(bad, 1.0)),
+    "Limits(u) by name": lambda bad: se.Limits(u={"force": (-1.0, bad)}),
+    "Limits(x)": lambda bad: se.Limits(x=(0.0, bad)),
+    "Limits(rate)": lambda bad: se.Limits(rate=bad),
+    "Limits(previous)": lambda bad: se.Limits(previous=bad),
+    "Cost(Q)": lambda bad: se.Cost(Q=bad),
+    "Cost(Qf)": lambda bad: se.Cost(Qf=bad),
+    "Cost(R)": lambda bad: se.Cost(R=bad),
+    "Cost(reference)": lambda bad: se.Cost(reference=np.full((2, 2), bad)),
+    "Uncertain(values)": lambda bad: se.Uncertain(bad, 1.0),
+}
+
+
+@pytest.mark.parametrize("label", NO_NUMBERS)
+@pytest.mark.parametrize(
+    "bad", [nan, [nan, 1.0], 10**400, [10**400, 1]], ids=["nan", "some nan", "huge", "some huge"]
+)
+def test_what_is_no_number_is_refused_where_it_is_given(label, bad):
+    with pytest.raises(StochensError):
+        NO_NUMBERS[label](bad)
+
+
+HUGE = {
+    "regulate": lambda: se.regulate((A, B), 10**11, limits=(-1.0, 1.0)),
+    "control": lambda: se.control((A, B), X0, XF, steps=10**11, limits=(-1.0, 1.0)),
+    "track": lambda: se.track((A, B), REFERENCE, controller=lambda x: x, runs=5 * 10**10),
+    "design": lambda: se.design(to_improve(), 5 * 10**10, limits=(-1.0, 1.0)),
+    "draw": lambda: model().draw(5 * 10**10),
+}
+
+
+@pytest.mark.parametrize("label", HUGE)
+def test_what_no_memory_holds_is_refused_at_once(label):
+    began = time.perf_counter()
+    with pytest.raises(ResourceError, match="GiB may be used"):
+        HUGE[label]()
+    assert time.perf_counter() - began < 1.0
+
+
+def test_no_tube_has_nan():
+    with pytest.raises(NonFiniteError, match="lead beyond the largest number"):
+        proof().tube([1.0, 1e308], 5)
+    for tube in (proof().tube([1.0, 1e300], 5), proof().tube(X0, 5, start=1e308)):
+        found = [tube.states, tube.inputs, tube.radii, tube.components, tube.later, tube.reach]
+        assert not any(np.isnan(one).any() for one in found)
+        assert np.isinf(tube.radii[1:]).all()
+
+
+@pytest.mark.parametrize("field", ["type", "schema", "data", "delta"])
+@pytest.mark.parametrize("bad", [np.ones(2), {"type": np.ones(2)}, np.array(["Model", "b"])])
+def test_plain_data_with_arrays_in_the_place_of_words(field, bad):
+    with pytest.raises(StochensError):
+        se.Model.from_dict({**model().to_dict(), field: bad})
+
+
+def test_a_class_is_no_controller():
+    with pytest.raises(InputTypeError, match="`controller` must be a function"):
+        se.track((A, B), REFERENCE, controller=int)

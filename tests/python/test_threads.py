@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from stochens_rs._base.threads import interruptible
 from stochens_rs.exceptions import InputError
 
 A, B = np.array([[1.0, 0.1], [-0.2, 0.95]]), np.array([[0.0], [0.1]])
@@ -168,3 +169,16 @@ def test_a_child_forked_while_a_thread_computes_a_value(monkeypatch):
     end.set()
     thread.join()
     assert os.waitstatus_to_exitcode(done[1]) == 7
+
+
+def test_work_whose_thread_never_begins_is_done_here(monkeypatch):
+    """As a thread that finds no memory for its first call."""
+    monkeypatch.setattr("_thread.start_new_thread", lambda *_: 0)
+    monkeypatch.setattr(threading.Thread, "start", lambda self: threading.Event().wait(20.0))
+    began = time.monotonic()
+    assert interruptible(lambda: 7) == 7
+    assert time.monotonic() - began < 5.0
+    monkeypatch.undo()
+    assert interruptible(threading.get_ident) != threading.get_ident()
+    with pytest.raises(ZeroDivisionError):
+        interruptible(lambda: 1 // 0)

@@ -212,9 +212,9 @@ def require_shapes(record: Any, **wanted: tuple[int, ...]) -> None:
 
 def _restored(cls: type[Any], tree: dict[str, Any], get: serialize.Get) -> Any:
     schema = tree.pop("schema", None)
-    if schema != SCHEMA:
+    if not isinstance(schema, str) or schema != SCHEMA:
         raise InputError(f"`schema` must be '{SCHEMA}', got {validation.show(schema)}")
-    if tree.get("type") != cls.__name__:
+    if not isinstance(tree.get("type"), str) or tree["type"] != cls.__name__:
         raise InputError(
             f"`type` must be '{cls.__name__}', got {validation.show(tree.get('type'))}"
         )

@@ -219,7 +219,7 @@ def _of_dict(
         inner = Any if of is None else of
         at = (f"{name}[{key!r:.40}]" for key in value)
         return {key: restored(next(at), item, inner, get) for key, item in value.items()}
-    what = value.get("type")
+    what = value["type"] if isinstance(value.get("type"), str) else None
     rest = {key: item for key, item in value.items() if key != "type"}
     if what == "array" and (free or any(get_origin(one) is np.ndarray for one in options)):
         array, wanted = get(name, rest), _dtype(kind)
@@ -232,10 +232,10 @@ def _of_dict(
         return {key: restored(name, item, Any, get) for key, item in rest["items"].items()}
     if free and what == "float" and rest.get("value") in tuple(_NOT_FINITE):
         return _NOT_FINITE[rest["value"]]
-    record = RECORDS.get(what) if isinstance(what, str) else None
+    record = RECORDS.get(what or "")
     bases = tuple(one for one in options if isinstance(one, type) and get_origin(one) is None)
     if record is None or not (free or issubclass(record, bases)):
-        shown = validation.show(what if "type" in value else value)
+        shown = validation.show(value.get("type", value))
         raise InputTypeError(f"`{name}` must be {_said(kind)}, got {shown}")
     return _made(name, record, rest, get)
 

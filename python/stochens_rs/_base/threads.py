@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import _thread
 import os
 import threading
+import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from typing import TypeVar
+from contextlib import contextmanager, suppress
+from typing import Any, TypeVar
 
 from . import validation
 
 T = TypeVar("T")
 
 # Seconds between two looks for signals: on Windows, waiting for a thread does not notice them.
-_PAUSE = 0.05
+_PAUSE, _SOON = 0.05, 0.001
+_BEGIN = 1.0  # seconds that a thread gets to begin
 
 VARIABLE = "STOCHENS_NUM_THREADS"
 _MOST = 1024  # threads of one call
@@ -95,22 +98,26 @@ def interruptible(work: Callable[[], T]) -> T:
     For long NumPy calls, which handle no signal before their end. If a signal handler raises, the
     thread goes on in the background until its work is done.
     """
-    results: list[T] = []
-    errors: list[BaseException] = []
+    waiting = [work]
+    found: list[Any] = [None, None, False]  # the result, the exception, whether there is one
 
     def run() -> None:
         try:
-            results.append(work())
+            found[0] = waiting.pop()()
         except BaseException as error:  # the caller raises it
-            errors.append(error)
+            found[1] = error
+        finally:
+            found[2] = True
 
-    worker = threading.Thread(target=run, daemon=True)
-    try:
-        worker.start()
-    except RuntimeError:  # no thread can be started
+    # not by `Thread.start`, which waits for ever for a thread that has no memory to begin
+    end = time.monotonic() + _BEGIN
+    with suppress(RuntimeError, MemoryError):  # no thread can be started
+        _thread.start_new_thread(run, ())
+        while not found[2] and (not waiting or time.monotonic() < end):
+            time.sleep(_PAUSE if time.monotonic() >= end else _SOON)
+    if waiting:  # it did not begin
+        waiting.clear()
         return work()
-    while worker.is_alive():
-        worker.join(_PAUSE)
-    if errors:
-        raise errors[0]
-    return results[0]
+    if found[1] is not None:
+        raise found[1]
+    return found[0]  # type: ignore[no-any-return]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base import validation
+from .._base import memory, validation
 from .._base.align_labels import aligned
 from .._base.csv_file import titled
 from .._base.reading import shown_labels
@@ -128,6 +128,7 @@ def read_task(
 ) -> Task:
     """Check limits and weights of K steps to `xf`; without any, ``||x(K) - xf||`` alone counts."""
     named = labels or default_labels(n, m)
+    memory.need(f"`steps` = {K}: the limits and the reference", 8 * K * (2 * m + 3 * n))
     low, high = sides("limits", within.u, K, named)
     speed, before = _rates(within.rate, within.previous, low, high, named)
     Q, Qf, R = weights.Q, weights.Qf, weights.R

@@ -13,7 +13,7 @@ from .._base.align_labels import aligned, aligned_weight
 from .._base.reading import labels_along, shown_labels
 from .._base.records import Record, SavedRecord
 from .._base.types import Floats
-from ..exceptions import InputError, InputTypeError
+from ..exceptions import InputError, InputTypeError, NonFiniteError
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -119,6 +119,8 @@ def entries(name: str, value: Any, *, square: bool = False) -> Any:
         raise InputTypeError(
             f"`{name}` must be a number or an array of numbers, got {validation.show(value)}"
         )
+    if np.isnan(given).any():
+        raise NonFiniteError(f"`{name}` has nan: leave out what is not known, or pass None")
     if found is not None:
         return found
     return float(given) if given.ndim == 0 else given.astype(np.float64)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import html, validation
+from .._base import html, memory, validation
 from .._base.records import SavedRecord
 from .._base.types import DELTA, Floats
 from ..certificates.model_basis import ModelBasis
@@ -168,6 +168,7 @@ def design(
         )
     count = validation.size("runs", runs)
     length = plan.steps if steps is None else validation.size("steps", steps)
+    memory.need(f"`runs` = {count}: their inputs and starts", 16 * count * (length + model.n))
     low, high = sides("limits", as_limits(limits).only("u").u, length, model.labels)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise InputError("`limits` must be finite: the best inputs are at them")

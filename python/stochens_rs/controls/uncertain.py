@@ -8,6 +8,7 @@ import numpy as np
 
 from .._base import validation
 from .._base.records import SavedRecord
+from ..exceptions import InputTypeError, NonFiniteError
 from .entries import Entries, entries
 
 
@@ -38,7 +39,11 @@ class Uncertain(SavedRecord):
     radius: float
 
     def __post_init__(self) -> None:
+        if self.values is None:
+            raise InputTypeError("`values` must be a state, got None")
         object.__setattr__(self, "values", entries("values", self.values))
+        if not np.isfinite(self.values).all():
+            raise NonFiniteError(f"`values` is {np.asarray(self.values)!s:.60}: it must be finite")
         object.__setattr__(self, "radius", validation.nonnegative("radius", self.radius))
         super().__post_init__()
 

@@ -287,6 +287,11 @@ class LoopCertificate(SavedRecord):
             noisy = self._noise("noise", noise)
         found = self._core.tube(first, K, plan, radius, noisy, rest is not None)
         nominal, model, begun, radii, spread, size, later, reach = found
+        if not np.isfinite(nominal).all():
+            raise NonFiniteError("`x0`, `inputs` and `steps` lead beyond the largest number")
+        for bound in (model, begun, radii, spread, later, reach):
+            bound[np.isnan(bound)] = np.inf
+        size = np.inf if np.isnan(size) else size
         if rest is not None:  # x - xs = (x - x_rest) + (x_rest - xs)
             point, off = np.hstack([rest.states, rest.inputs]), rest.radius
             each = np.hstack([rest.components, rest.input_components])

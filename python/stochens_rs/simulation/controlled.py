@@ -42,9 +42,9 @@ def controlled(
     runs: int | None,
 ) -> Driven:
     """Simulate ``x(k+1) = A x(k) + B u(k) + w(k)`` with ``u(k) = controller(x(k))``."""
-    if not callable(controller):
+    if not callable(controller) or isinstance(controller, type):
         raise InputTypeError(
-            f"`controller` must be callable, u = f(x), got {validation.show(controller)}"
+            f"`controller` must be a function, u = f(x), got {validation.show(controller)}"
         )
     n, m = system.n, system.m
     loop = controller if isinstance(controller, Regulator) else None

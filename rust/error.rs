@@ -2,6 +2,7 @@
 //!
 //! How a computation *ended* (optimal, inaccurate, ...) is not an error: it is a status on the result.
 
+use std::fmt;
 use std::path::PathBuf;
 
 use crate::fault::Fault;
@@ -40,6 +41,10 @@ pub enum Error {
     #[error("{0}")]
     Numerical(String),
 
+    /// There is no gain, or rounding decides whether there is one.
+    #[error("{0}")]
+    NoGain(Obstacle),
+
     /// A file is not a usable state file, nor is the previous generation, if that was tried.
     #[error("{path:?} {fault}{}", previous.as_ref().map_or_else(String::new, |why| format!("; and {why}")))]
     State { path: PathBuf, fault: Fault, previous: Option<String> },
@@ -55,6 +60,62 @@ pub enum Error {
     /// The caller asked to stop.
     #[error("interrupted")]
     Interrupted,
+}
+
+/// Why there is no gain that stabilises at the least cost, or none was found.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(missing_docs, reason = "the message of each variant says what its fields are")]
+pub enum Obstacle {
+    /// No input moves a mode of A that does not decay.
+    Unreached { value: (f64, f64), states: Vec<usize> },
+    /// A mode on the unit circle has no cost.
+    Unseen { value: (f64, f64), states: Vec<usize> },
+    /// No gain was found that stabilises; `reach` is that of the mode of A next to being out of reach.
+    Unstabilised { reach: f64 },
+    /// The gain that was found does not satisfy the equation.
+    Rounding { residual: f64 },
+}
+
+impl Obstacle {
+    /// The cause, with the names of the states.
+    #[must_use]
+    pub fn in_words(&self, name: impl Fn(usize) -> String) -> String {
+        let mode = |(re, im): &(f64, f64), states: &[usize]| {
+            let mut text = format!("with the eigenvalue {re:.9}");
+            text.truncate(text.trim_end_matches('0').trim_end_matches('.').len());
+            if *im != 0.0 {
+                text += &format!(" +- {:.6}i", im.abs());
+            }
+            for (at, i) in states.iter().enumerate() {
+                text += if at == 0 { ", largest in " } else { ", " };
+                text += &name(*i);
+            }
+            text
+        };
+        let cause = match self {
+            Self::Unreached { value, states } => {
+                format!("the inputs do not move the mode of A {}, which does not decay", mode(value, states))
+            }
+            Self::Unseen { value, states } => {
+                let mode = mode(value, states);
+                format!("Q gives no weight to the mode {mode}, which then stays: weigh one of these states")
+            }
+            Self::Unstabilised { reach } => format!(
+                "rounding decides whether the inputs stabilise the system; the mode that they move least is moved by {reach:.1e} \
+                 of the size of A and B"
+            ),
+            Self::Rounding { residual } => {
+                format!("rounding decides: the best one leaves {residual:.1e} of the cost in its equation")
+            }
+        };
+        format!("no gain was found: {cause}")
+    }
+}
+
+impl fmt::Display for Obstacle {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.in_words(|i| format!("x[{i}]")))
+    }
 }
 
 /// The index of the first NaN or infinity becomes an error that names `name`.

@@ -88,7 +88,7 @@ pub mod tails;
 mod vector;
 pub mod window;
 
-pub use error::{Error, Result};
+pub use error::{Error, Obstacle, Result};
 pub use parallel::Stop;
 pub use sample::{Law, Scheme, Singletons, sample};
 pub use simd::LANES;

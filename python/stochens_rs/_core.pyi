@@ -797,9 +797,17 @@ class Keeper:
 # gain, cost, multiplier or margin
 _Gain: TypeAlias = tuple[_Floats, _Floats | None, float]
 
-def feedback_gain(a: _Floats, b: _Floats, q: _Floats, r: _Floats) -> _Gain: ...
+def feedback_gain(
+    a: _Floats, b: _Floats, q: _Floats, r: _Floats, states: Sequence[str] | None = None
+) -> _Gain: ...
 def widest_gain(region: Region) -> _Gain: ...
-def guaranteed_gain(region: Region, q: _Floats, r: _Floats, tau: float | None = None) -> _Gain: ...
+def guaranteed_gain(
+    region: Region,
+    q: _Floats,
+    r: _Floats,
+    tau: float | None = None,
+    states: Sequence[str] | None = None,
+) -> _Gain: ...
 def loop_eigenvalues(a: _Floats, b: _Floats, k: _Floats) -> NDArray[np.complex128]: ...
 def robust_control(
     h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float

@@ -3,9 +3,10 @@
 use crate::error::Result;
 use crate::parallel::Stop;
 
-use super::data::{Closed, Matrix, Uncertain, radius};
+use super::data::{Closed, Matrix, Uncertain};
 use super::member::unstable;
 use super::norm::{balanced, bound, peak, proof};
+use super::spectrum::radius;
 
 /// The verdict; only the first one is a promise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

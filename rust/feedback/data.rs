@@ -25,6 +25,18 @@ pub(super) fn entries(a: &Matrix) -> Vec<f64> {
     found
 }
 
+pub(super) fn filled(count: usize, value: f64) -> Vec<f64> {
+    let mut all = Vec::new();
+    all.resize(count, value);
+    all
+}
+
+pub(super) fn inverse(units: &[f64]) -> Vec<f64> {
+    let mut back = Vec::new();
+    back.extend(units.iter().map(|unit| 1.0 / unit));
+    back
+}
+
 pub(super) fn scaled(a: &Matrix, by: f64) -> Matrix {
     Mat::from_fn(a.nrows(), a.ncols(), |i, j| by * a[(i, j)])
 }
@@ -58,14 +70,6 @@ pub(super) fn stacked<'a>(blocks: impl IntoIterator<Item = &'a Matrix>, cols: us
         all.resize_with(above + block.nrows(), cols, |i, j| block[(i - above, j)]);
     }
     all
-}
-
-/// The spectral radius.
-pub(super) fn radius(a: &Matrix) -> Result<f64> {
-    if !finite(a) {
-        return Ok(f64::INFINITY);
-    }
-    Ok(a.eigenvalues().map_err(lost)?.iter().fold(0.0, |most, value| value.re.hypot(value.im).max(most)))
 }
 
 /// The largest eigenvalue of a symmetric matrix.
@@ -145,8 +149,7 @@ impl Uncertain {
     pub fn new(region: &Region) -> Result<Self> {
         let (n, m, d) = (region.n, region.m, region.d);
         let centre = matrix(&region.centre, n, d);
-        let mut unit = Vec::new();
-        unit.resize(n, 1.0);
+        let mut unit = filled(n, 1.0);
         for part in &region.parts {
             part.rows.iter().zip(part.deviations()).for_each(|(i, size)| unit[*i] = nearest_power_of_two(*size));
         }
@@ -183,15 +186,11 @@ impl Uncertain {
 
     /// `1 / unit`.
     pub fn back(&self) -> Vec<f64> {
-        let mut back = self.unit.clone();
-        back.iter_mut().for_each(|v| *v = 1.0 / *v);
-        back
+        inverse(&self.unit)
     }
 
     pub fn ones(&self, count: usize) -> Vec<f64> {
-        let mut ones = Vec::new();
-        ones.resize(count, 1.0);
-        ones
+        filled(count, 1.0)
     }
 
     /// `[I; K; 0]` (d, n).

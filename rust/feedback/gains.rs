@@ -8,11 +8,11 @@ use crate::memory::{covered, room_for_products};
 use crate::parallel::Stop;
 use crate::region::Region;
 
-use super::data::{
-    Closed, Matrix, Uncertain, WHAT, entries, finite, in_units, largest, lost, matrix, radius, symmetric, trace,
-};
+use super::data::{Closed, Matrix, Uncertain, WHAT, entries, finite, in_units, largest, matrix, symmetric};
 use super::loops::{best_of, bytes};
 use super::norm::proof;
+use super::riccati::regulator;
+use super::spectrum::{self, radius};
 
 /// The sizes for which a gain of the widest margin is proved, as factors, one after the other.
 const SLACKS: [f64; 4] = [1.0005, 1.005, 1.05, 1.5];
@@ -42,14 +42,14 @@ pub fn eigenvalues(a: &[f64], b: &[f64], k: &[f64], n: usize, m: usize) -> Resul
     covered(WHAT, bytes(n, n + m), || {
         let own = matrix(a, n, n) + matrix(b, n, m) * matrix(k, m, n);
         let mut found = Vec::new();
-        found.extend(own.eigenvalues().map_err(lost)?.iter().map(|value| (value.re, value.im)));
+        found.extend(spectrum::eigenvalues(&own)?.iter().map(|value| (value.re, value.im)));
         Ok(found)
     })?
 }
 
 /// The limit of `P <- H + A'P (I + G P)^-1 A` from 0, G of mixed sign, if `sound` holds in each round and at the end
 /// `P >= 0`: for a game the doubling can jump over horizons without a solution.
-fn limit(a: &Matrix, g: &Matrix, h: &Matrix, sound: impl Fn(&Matrix) -> bool) -> Option<Matrix> {
+pub(super) fn limit(a: &Matrix, g: &Matrix, h: &Matrix, sound: impl Fn(&Matrix) -> bool) -> Option<Matrix> {
     let n = a.nrows();
     let (mut a, mut g, mut h) = (a.clone(), g.clone(), h.clone());
     let mut before = f64::INFINITY;
@@ -92,9 +92,9 @@ fn refused(what: &str) -> Error {
 /// B'PA`.
 ///
 /// # Errors
-/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for an R that is not positive definite, [`Error::Numerical`] where no
-/// stabilising gain is found, [`Error::Memory`].
-pub fn least_squares(a: &[f64], b: &[f64], q: &[f64], r: &[f64], n: usize, m: usize) -> Result<Gain> {
+/// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for an R that is not positive definite, [`Error::NoGain`] with the
+/// cause, [`Error::Memory`], [`Error::Interrupted`].
+pub fn least_squares(a: &[f64], b: &[f64], q: &[f64], r: &[f64], n: usize, m: usize, stop: &Stop) -> Result<Gain> {
     for (name, values, size) in [("A", a, n * n), ("B", b, n * m)] {
         crate::error::require_finite(name, values)?;
         if values.len() != size {
@@ -106,20 +106,9 @@ pub fn least_squares(a: &[f64], b: &[f64], q: &[f64], r: &[f64], n: usize, m: us
     covered(WHAT, bytes(n, n + m), || {
         let (a, b) = (matrix(a, n, n), matrix(b, n, m));
         let (q, r) = (weights("Q", q, n)?, weights("R", r, m)?);
-        let (p, k) = regulator(&a, &b, &q, &r)?;
+        let (p, k) = regulator(&a, &b, &q, &r, stop)?;
         Ok(Gain { gain: entries(&k), cost: Some(entries(&p)), parameter: 0.0 })
     })?
-}
-
-fn regulator(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix) -> Result<(Matrix, Matrix)> {
-    let not_positive = |_| Error::Value { name: "R", expected: "positive definite", found: "another matrix".into() };
-    let g = symmetric(&(b * r.llt(Side::Lower).map_err(not_positive)?.solve(b.transpose())));
-    let none = || refused("the inputs do not stabilise the system, or Q does not see an unstable part of it");
-    let p = limit(a, &g, q, |_| true).ok_or_else(none)?;
-    let inner = (r + b.transpose() * &p * b).partial_piv_lu();
-    let k = -inner.solve(b.transpose() * &p * a);
-    // a Q that does not see a mode on the circle leaves it there
-    if radius(&(a + b * &k))? < 1.0 { Ok((p, k)) } else { Err(none()) }
 }
 
 /// The game with `Pi` (n + m): cost `z'Pi z` against disturbances with `G0 = B Piuu^-1 B' - s S`, in the units of `data`:
@@ -213,8 +202,18 @@ pub fn widest(region: &Region, stop: &Stop) -> Result<Gain> {
     })?
 }
 
-/// The gain with the least `tr P` of all P with `sum_k x'Qx + u'Ru <= x0'P x0` for every member, by a quadratic function; for
-/// a given multiplier `tau` that of this one. Petersen and McFarlane (1994) for a region from data.
+/// `1 / Q_ii` of all states with a weight; of none those of `V^-1` of the data. Their units are those of `1 / P_ii`.
+fn sizes(q: &Matrix, information: &Matrix) -> Vec<f64> {
+    let mut sizes = Vec::new();
+    sizes.extend((0..q.nrows()).map(|i| if q[(i, i)] > 0.0 { 1.0 / q[(i, i)] } else { 0.0 }));
+    if sizes.iter().all(|size| *size == 0.0) {
+        (0..q.nrows()).for_each(|i| sizes[i] = 1.0 / information[(i, i)]);
+    }
+    sizes
+}
+
+/// The gain with the least `sum_i P_ii / Q_ii`, over states with a weight, of all P with `sum_k x'Qx + u'Ru <= x0'P x0` for every
+/// member, by a quadratic function; for a given multiplier `tau` that of this one. Petersen and McFarlane (1994) for a region from data.
 ///
 /// # Errors
 /// As [`least_squares`] and [`widest`].
@@ -225,7 +224,7 @@ pub fn guaranteed(region: &Region, q: &[f64], r: &[f64], tau: Option<f64>, stop:
         let data = Uncertain::new(region)?;
         let (pi, rho) = information(&data)?;
         let (q, r) = (in_units(&weights("Q", q, n)?, &data.unit, &data.unit), weights("R", r, m)?);
-        let (nominal, _) = regulator(&data.a, &data.b, &q, &r)?;
+        let (nominal, _) = regulator(&data.a, &data.b, &q, &r, stop)?;
         let at = |tau: f64| {
             let mut whole = &pi * faer::Scale(tau * rho * rho);
             for i in 0..n + m {
@@ -241,8 +240,8 @@ pub fn guaranteed(region: &Region, q: &[f64], r: &[f64], tau: Option<f64>, stop:
             let (proved, _) = proof(&data, &Closed::new(&data, k.clone()), 1.0, 1.0, 1.0005);
             proved.map(|_| (p, k))
         };
-        let back = data.back();
-        let size = |p: &Matrix| trace(&in_units(p, &back, &back));
+        let sizes = sizes(&q, &pi);
+        let size = |p: &Matrix| (0..n).map(|i| p[(i, i)] * sizes[i]).sum::<f64>();
         let none = || refused("no gain has a cost that is guaranteed for this region");
         let tau = match tau {
             Some(tau) => tau,

@@ -6,8 +6,9 @@ use faer::{Mat, c64};
 use crate::error::Result;
 use crate::parallel::Stop;
 
-use super::data::{Closed, Matrix, Uncertain, finite, in_units, lost, radius, scaled};
+use super::data::{Closed, Matrix, Uncertain, finite, in_units, lost, scaled};
 use super::norm::Peak;
+use super::spectrum::{eigen, radius};
 
 /// A spectral radius above this is one of an unstable loop.
 const UNSTABLE: f64 = 1.0 + 1e-9;
@@ -102,8 +103,7 @@ fn climb(data: &Uncertain, closed: &Closed, mut direction: Vec<Matrix>, stop: &S
                 (0..data.region.d).for_each(|j| theta[(*row, j)] += model[(i, j)]);
             }
         }
-        let found = a.eigen().map_err(lost)?;
-        let (values, vectors) = (found.S().column_vector(), found.U());
+        let (values, vectors) = eigen(&a)?;
         let at = (0..data.n).max_by(|&i, &j| values[i].norm_sqr().total_cmp(&values[j].norm_sqr())).unwrap_or(0);
         let lead = values[at];
         if lead.norm() > UNSTABLE {

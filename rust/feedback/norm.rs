@@ -6,8 +6,9 @@ use faer::{Mat, c64};
 use crate::error::Result;
 use crate::parallel::Stop;
 
-use super::data::{Closed, Matrix, Uncertain, lost, scaled};
+use super::data::{Closed, Matrix, Uncertain, scaled};
 use super::lemma::{Solved, least};
+use super::spectrum::eigenvalues;
 use super::verify::{Claim, verify};
 
 /// Entries of a response up to which its singular values are computed.
@@ -78,7 +79,7 @@ pub(super) fn peak(data: &Uncertain, closed: &Closed, t: f64, stop: &Stop) -> Re
     angles.extend([0.0, std::f64::consts::PI]);
     (0..12).for_each(|k| angles.push(std::f64::consts::PI * 1e-3f64.powf(f64::from(k) / 12.0)));
     (1..24).for_each(|k| angles.push(std::f64::consts::PI * f64::from(k) / 24.0));
-    let mut own = closed.a0.eigenvalues().map_err(lost)?;
+    let mut own = eigenvalues(&closed.a0)?;
     own.sort_by(|a, b| b.re.hypot(b.im).total_cmp(&a.re.hypot(a.im)));
     angles.extend(own.iter().take(24).map(|value| value.im.abs().atan2(value.re)));
     angles.sort_by(f64::total_cmp);

@@ -33,7 +33,7 @@ impl From<Error> for PyErr {
             Error::NonFinite { .. } | Error::Overflow { .. } => NonFiniteError::new_err(message),
             Error::Value { .. } => InputError::new_err(message),
             Error::Memory { bytes, .. } => ResourceError::new_err((message, bytes)),
-            Error::Numerical(_) => SolverError::new_err(message),
+            Error::Numerical(_) | Error::NoGain(_) => SolverError::new_err(message),
             Error::State { .. } => StateError::new_err(message),
             Error::Locked { path } => {
                 StateLockedError::new_err((EAGAIN, "another writer has locked this state", path.into_os_string()))

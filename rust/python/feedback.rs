@@ -8,6 +8,7 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
+use crate::Error;
 use crate::feedback::{self, Gain, Keeper, Loop, Run, Status};
 use crate::memory::{try_collect, try_copy};
 use crate::parallel::Stop;
@@ -217,18 +218,30 @@ fn handed<'py>(py: Python<'py>, found: Gain, n: usize) -> PyResult<FoundGain<'py
     Ok((array2(py, found.gain, m, n)?, cost, found.parameter))
 }
 
-/// The gain of least squares for `A` and `B`.
+/// What there is no gain for, with the names of the states.
+fn named(names: Option<Vec<String>>) -> impl FnOnce(Error) -> Error + Send {
+    move |error| match (error, names) {
+        (Error::NoGain(cause), Some(names)) => {
+            Error::Numerical(cause.in_words(|i| names.get(i).cloned().unwrap_or_default()))
+        }
+        (error, _) => error,
+    }
+}
+
+/// The gain of least squares for `A` and `B`; `states` are their names.
 #[pyfunction]
+#[pyo3(signature = (a, b, q, r, states=None))]
 pub(super) fn feedback_gain<'py>(
     py: Python<'py>,
     a: Matrix<'_>,
     b: Matrix<'_>,
     q: Matrix<'_>,
     r: Matrix<'_>,
+    states: Option<Vec<String>>,
 ) -> PyResult<FoundGain<'py>> {
     let (n, m) = b.as_array().dim();
     let (a, b, q, r) = (slice("A", &a)?, slice("B", &b)?, slice("Q", &q)?, slice("R", &r)?);
-    let found = run(py, UNTIL_STOPPED, |_| feedback::least_squares(a, b, q, r, n, m))?;
+    let found = run(py, UNTIL_STOPPED, |stop| feedback::least_squares(a, b, q, r, n, m, stop).map_err(named(states)))?;
     handed(py, found, n)
 }
 
@@ -253,14 +266,16 @@ pub(super) fn widest_gain<'py>(py: Python<'py>, region: &Bound<'_, PyRegion>) ->
 
 /// The gain with the least guaranteed cost in a region; `tau` fixes the multiplier.
 #[pyfunction]
-#[pyo3(signature = (region, q, r, tau=None))]
+#[pyo3(signature = (region, q, r, tau=None, states=None))]
 pub(super) fn guaranteed_gain<'py>(
     py: Python<'py>,
     region: &Bound<'_, PyRegion>,
     q: Matrix<'_>,
     r: Matrix<'_>,
     tau: Option<f64>,
+    states: Option<Vec<String>>,
 ) -> PyResult<FoundGain<'py>> {
     let (region, q, r) = (&region.get().0, slice("Q", &q)?, slice("R", &r)?);
-    handed(py, run(py, UNTIL_STOPPED, |stop| feedback::guaranteed(region, q, r, tau, stop))?, region.n)
+    let found = run(py, UNTIL_STOPPED, |stop| feedback::guaranteed(region, q, r, tau, stop).map_err(named(states)))?;
+    handed(py, found, region.n)
 }

@@ -57,17 +57,20 @@ def gain(
         If an argument cannot be used; the model is one over several steps; or the region is that
         of a system without weights.
     SolverError
-        If there is no such gain, or none was found.
+        If there is none: the inputs do not move a mode of A that does not decay, or Q gives no
+        weight to one on the unit circle; it is named with its largest states. Or rounding decides.
 
     Notes
     -----
-    Without `guarantee`: ``K = -(R + B'SB)^-1 B'SA`` with ``S = Q + A'S (I + B R^-1 B'S)^-1 A``, by
-    a structure-preserving doubling. ``control.dlqr`` has the other sign, ``u = -K x``.
+    Without `guarantee`: ``K = -(R + B'SB)^-1 B'SA`` with ``S = Q + A'S (I + B R^-1 B'S)^-1 A``, the
+    least cost of all gains that stabilise, by a structure-preserving doubling and steps of Newton
+    (Hewer 1971) in balanced units. ``control.dlqr`` has the other sign, ``u = -K x``.
 
-    With it: ``x'Sx`` bounds the cost of every system in the region from x; S has the least trace
-    of all that a quadratic Lyapunov function and one multiplier prove, and by the matrix S-lemma
-    no such function proves less (Petersen and McFarlane 1994; van Waarde, Camlibel and Mesbahi
-    2022). The widest margin is that at 9/10 of the largest region for which there is a gain.
+    With it: ``x'Sx`` bounds the cost of every system in the region from x; S has the least sum of
+    ``S_ii / Q_ii``, over states with a weight, of all that a quadratic Lyapunov function and one
+    multiplier prove, and by the matrix S-lemma no such function proves less (Petersen and McFarlane
+    1994; van Waarde, Camlibel and Mesbahi 2022). The widest margin is that at 9/10 of the largest
+    region for which there is a gain.
 
     Examples
     --------
@@ -100,12 +103,12 @@ def gain(
         names = known.labels
         weights = (
             weight("Q", for_outputs(model, Q), n, labels=names.states),
-            weight("R", R, m, labels=names.inputs),
+            weight("R", R, m, positive=True, labels=names.inputs),
         )
         if region is None:
-            K, S, parameter = _core.feedback_gain(A, B, *weights)
+            K, S, parameter = _core.feedback_gain(A, B, *weights, names.states)
         else:
-            K, S, parameter = _core.guaranteed_gain(region._core, *weights)
+            K, S, parameter = _core.guaranteed_gain(region._core, *weights, states=names.states)
             method = "guaranteed cost"
     return trusted(
         Loop,

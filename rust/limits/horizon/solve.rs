@@ -174,7 +174,7 @@ impl Loop {
     /// As [`Solver::new`].
     pub fn new(horizon: Horizon, stop: &Stop) -> Result<Self> {
         let mut solver = None;
-        if !horizon.long() && horizon.boxed() {
+        if !horizon.long() && horizon.boxed() && !horizon.map()?.is_empty() {
             let (cost, state, target) = (horizon.cost()?, horizon.state()?, horizon.target()?);
             let bounds = Bounds::new(&horizon.task.low, &horizon.task.high, horizon.steps * horizon.m)?;
             let goal = (&state[..], &target[..]);

@@ -9,7 +9,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import _core
-from stochens_rs.exceptions import InputError, SolverError
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, SolverError
 from stochens_rs.feedback import LoopCertificate, Tube
 from twin import feedback as twin
 
@@ -553,6 +553,51 @@ def test_files_prove_what_they_say():
     for forged in (stable, stable | {"member": None}):
         with pytest.raises(InputError, match="an unstable system of the region"):
             LoopCertificate.from_dict(forged)
+
+
+def forged(value):
+    """What a file may have in place of an array or a number: each must be refused."""
+    own = np.asarray(value, dtype=float)
+    yield from (np.full(own.shape, bad) for bad in (np.nan, np.inf, -np.inf, -1e308))
+    yield -np.abs(own) if own.any() else own - 1.0
+    yield np.ones((*own.shape, 2))
+    if own.ndim:
+        yield own.ravel()[:-1]
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        ("region", "centre"), ("region", "delta"), ("region", "frobenius"), ("region", "noise"),
+        *(("region", "parts", 0, name) for name in ("white", "root", "ratio", "shape", "factor")),
+        ("K",), ("norm",), ("least",), ("spectral_radius",), ("proof",), ("multipliers",),
+        ("residual",), ("degrees",),
+    ],
+)  # fmt: skip
+def test_every_field_of_a_forged_file_is_checked(path):
+    """A negative or infinite covariance of the noise was taken, and `check()` said True."""
+    model = of_runs()
+    if path[0] in ("residual", "degrees"):
+        pairs = se.Trajectories.from_pairs(*of_runs().data.pairs())
+        model = se.identify(pairs, design="independent", checks=False)
+    loop = se.gain(model, 1.0, 1.0)
+    fields = loop.certificate(model.region(0.05, frobenius="parts" not in path)).to_dict()
+    *above, last = path
+    parent = fields
+    for key in above:
+        parent = parent[key]
+    true = parent[last]
+    assert true is not None
+    for value in forged(true):
+        if np.array_equal(value, true) or (
+            last == "proof" and np.array_equal(value, -np.abs(true))
+        ):
+            continue  # a root with other signs may prove it too
+        if path == ("region", "centre") and np.isfinite(value).all() and value.min() > -1e307:
+            continue  # another region is checked as such
+        parent[last] = value.tolist()
+        with pytest.raises((InputError, NonFiniteError, InputTypeError)):
+            LoopCertificate.from_dict(fields)
 
 
 def test_bounds_are_rounded_outwards():

@@ -14,6 +14,7 @@ from .._base.reading import read
 from .._base.records import SavedRecord, require_shapes, trusted
 from .._base.signal_names import Labels
 from .._base.threads import get_num_threads
+from .._base.weights import weight
 from ..exceptions import InputError, NonFiniteError
 from ..identification.identified import Identified
 from ..identification.model import Model
@@ -97,6 +98,11 @@ class LoopCertificate(SavedRecord):
         require_shapes(
             self, K=(m, n), proof=(n, n), member=self.region.centre.shape, residual=(n, n)
         )
+        validation.size("degrees", self.degrees, minimum=0)
+        if self.residual is not None:
+            weight("residual", self.residual, n, matrix=True)
+        if not (self.multipliers > 0.0).all():
+            raise InputError("`multipliers` must be > 0")
         if (self.status == "certified") != (self.proof is not None):
             raise InputError("`proof` must be given where `status` is 'certified', and only there")
 
@@ -153,7 +159,9 @@ class LoopCertificate(SavedRecord):
         return made
 
     def _verify(self) -> None:
-        norm, _, _ = self._core.sizes
+        norm, *others = self._core.sizes
+        if not np.allclose(others, (self.least, self.spectral_radius), rtol=1e-3, equal_nan=True):
+            raise InputError("`least` and `spectral_radius` must be those of this region and gain")
         if self.status == "certified" and not (self.check() and self.norm >= norm * (1.0 - 1e-3)):
             raise InputError("`proof` and `norm` do not prove that all systems are stable")
         if self.status == "refuted" and not self._refuted():

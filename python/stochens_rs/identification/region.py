@@ -12,7 +12,8 @@ from .. import _core
 from .._base import html, serialize, types, validation
 from .._base.cached import cached_property
 from .._base.records import SavedRecord, trusted
-from ..exceptions import InputError, ShapeError
+from .._base.weights import weight
+from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..plots.regions import draw_region
 from .entry import chosen_entry, coefficient
 from .signs import SignTest
@@ -88,8 +89,14 @@ class Region(SavedRecord):
         if d not in (n + validation.size("m", self.m), n + self.m + 1):
             raise ShapeError(f"`centre` must have {n + self.m} columns, or one more, got {d}")
         validation.probability("delta", self.delta)
+        validation.size("future", self.future, minimum=0)
+        if self.frobenius is not None and not self.frobenius >= 0.0:
+            raise InputError(f"`frobenius` must be >= 0, got {self.frobenius}")
+        if self.noise is not None:
+            weight("noise", self.noise, n, matrix=True)
         for part in self.parts:
             validation.instance("parts", part, _core.RegionPart)
+            _require_one_set(part)
 
     @cached_property
     def _core(self) -> _core.Region:
@@ -349,3 +356,17 @@ class Region(SavedRecord):
             ("not determined", "; ".join(self.missing) or None),
         ]
         return html.card(self, rows)
+
+
+def _require_one_set(part: _core.RegionPart) -> None:
+    """Refuse matrices that describe no set, or not the same one."""
+    for name in ("white", "root", "missing"):
+        if not np.isfinite(getattr(part, name)).all():
+            raise NonFiniteError(f"`parts.{name}` must be finite")
+    weight("parts.S", part.S, len(part.rows), matrix=True)
+    # V^+ = white' white and V = root' root of the same directions
+    both = part.white @ part.root.T
+    if not np.allclose(both, np.eye(len(part.white)), atol=1e-6):
+        raise InputError("`parts.root` must be the inverse of `parts.white` in its directions")
+    if not 0.0 <= part.ratio <= 1.0:
+        raise InputError(f"`parts.ratio` must be in [0, 1], got {part.ratio:.3g}")

@@ -11,7 +11,7 @@ import pytest
 import stochens_rs as se
 from pilot_sets import led, measured, rig
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
-from stochens_rs.identification.assumptions import _least_correlation, checked_assumptions
+from stochens_rs.identification.assumptions import checked_assumptions, least_correlation
 from twin.pilot import estimate, simulated
 
 PLANT = rig()
@@ -239,7 +239,7 @@ def test_covariances_that_are_singular_up_to_rounding(units: Any) -> None:
     for seed in range(20):
         root = np.random.default_rng(seed).standard_normal((4, 2)) * np.reshape(units, (-1, 1))
         known = root @ root.T
-        least.append(_least_correlation(known))
+        least.append(least_correlation(known))
         found = checked_assumptions(4, "adaptive", "gaussian", known, None, singular=True)
         np.testing.assert_allclose(found.known, known, rtol=1e-15)
         with pytest.raises(InputError, match="`covariance` must be positive definite"):
@@ -256,5 +256,4 @@ def test_tiny_levels(delta: float) -> None:
     before = plan.bound(1e-9)
     assert before.target < plan.bound(delta).target < np.inf
     unknown = se.control(sharp(sigma=None), PLANT.x0, PLANT.xf, steps=10).bound(1e-100)
-    assert unknown.target == np.inf
-    assert "for this probability" in unknown["target"].text
+    assert plan.bound(1e-100).target < unknown.target < np.inf  # by the regions of any design

@@ -196,7 +196,7 @@ def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = Fals
         raise InputError(f"`{name}` must have entries up to {LARGEST:g}")
     if not np.allclose(given, given.T, rtol=1e-9, atol=0.0):
         raise InputError(f"`{name}` must be symmetric")
-    least = _least_correlation(given)
+    least = least_correlation(given)
     if least < (-_ROUNDING if semi else _ROUNDING) * n * n:
         raise InputError(
             f"`{name}` must be positive {'semi' * semi}definite, the least eigenvalue of its "
@@ -205,7 +205,7 @@ def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = Fals
     return (given + given.T) / 2.0
 
 
-def _least_correlation(given: Floats) -> float:
+def least_correlation(given: Floats) -> float:
     """The least eigenvalue in units in which the diagonal is 1: the same in all units."""
     sizes = np.sqrt(np.abs(np.diag(given)))
     sizes = np.where(sizes == 0.0, 1.0, sizes)
@@ -216,5 +216,5 @@ def _require_covariance(name: str, stored: Floats) -> None:
     """Refuse a field that is no covariance, up to the rounding of its eigenvalues."""
     n = len(validation.kept(name, stored, ndim=(2,)))
     validation.kept(name, stored, shape=(n, n))
-    if (stored != stored.T).any() or _least_correlation(stored) < -_ROUNDING * n * n:
+    if (stored != stored.T).any() or least_correlation(stored) < -_ROUNDING * n * n:
         raise InputError(f"`{name}` must be symmetric and positive definite")

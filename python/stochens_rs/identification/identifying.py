@@ -112,8 +112,9 @@ def identify(
         and lengths of runs fixed beforehand; starts measured without error and independent of the
         noise of all runs; `inputs` as declared. The pilot repeats the runs on paper, and the model
         is estimated with what it predicts as instruments. A share (0.1) or number of the first
-        runs, which are then not used otherwise, at least two and two pairs for each unknown; or a
-        model or system from elsewhere, as of an older plant: right or wrong, but not of these runs.
+        runs, which are then not used otherwise, at least two, two pairs for each unknown, and five
+        where 3/10 of the runs have so many; or a model or system from elsewhere, as of an older
+        plant: right or wrong, but not of these runs.
     reference : (x0, xf, steps) or Plan, optional
         With `pilot`, the task that plans will be about, fixed without the runs of the model: never
         a state that they led to. `Plan.bound` of a plan of as many steps is then close to the error

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..exceptions import InputError, ShapeError
 from ..plots.residuals import draw_residuals
 from ..rng import Key, RngLike, as_key
 from . import battery
-from .assumptions import FAULTS, Assumptions
+from .assumptions import FAULTS, Assumptions, least_correlation
 from .cautions import cautions, missing_directions
 from .certifying import METHODS, Method, Wish, region_of, said, sign_test
 from .certifying import directions as spanned_by
@@ -289,6 +289,14 @@ class Model(SavedRecord, Identified, Tabled):
         """The coefficients of z that were estimated, (n_outputs, d), read-only."""
         made = self._estimate.Theta if self.pilot is None else self._piloted.centre
         return validation.frozen(made)
+
+    @cached_property
+    def _of_any_design(self) -> Model | None:
+        """Least squares of the pairs of a model by a pilot; None for a singular covariance."""
+        known = self.assumptions.known
+        if known is not None and least_correlation(known) <= 1e-12:
+            return None
+        return replace(self, pilot=None)
 
     @cached_property
     def _piloted(self) -> _core.Pilot:

@@ -155,14 +155,18 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
 
 
 def _first(data: Trajectories, pilot: float, d: int) -> int:
-    """How many of the first runs are the pilot's: at least 2, and two pairs for each unknown."""
+    """How many of the first runs are the pilot's.
+
+    A share, at least 2, two pairs for each unknown, and five where 3/10 of the runs have so many.
+    """
     count, length = len(data), int(data.lengths.min())
     if isinstance(pilot, int):
         first = validation.size("pilot", pilot)
     else:
         if not 0.0 < pilot < 1.0:
             raise InputError(f"`pilot` must be a share in (0, 1) or a number of runs, got {pilot}")
-        first = max(2, -(-2 * d // length), round(pilot * count))
+        few, enough = -(-2 * d // length), -(-5 * d // length)
+        first = max(2, few, min(enough, 3 * count // 10), round(pilot * count))
     if first >= count:
         raise InputError(
             f"`pilot` must leave runs for the model: {html.number_of(count, 'run')}, of which it "

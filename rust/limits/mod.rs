@@ -35,6 +35,7 @@ pub(crate) use kernel::padded;
 pub use linear::root;
 pub(crate) use linear::{Decomposition, decomposition, eigen};
 pub use quadratic::{Method, Status, Until};
+pub use riccati::closed::{Followed, followed_control};
 pub use riccati::{Steps, horizon_control};
 pub use rows::{Rows, RowsSolution, rows_control};
 pub use solve::{Penalty, Solution, box_control};

@@ -173,6 +173,7 @@ impl Orthogonal {
         self.damping = damping;
         let frank_wolfe = frank_wolfe(bounds, u, g);
         let mut found = Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
+        found.at_least_nothing(self.scale());
         let mut open = try_filled(WHAT, false, d)?;
         let (mut v, mut slope) = (try_copy(WHAT, &self.residual)?, try_copy(WHAT, g)?);
         loop {

@@ -53,11 +53,12 @@ pub(super) trait Quadratic {
 }
 
 /// How a computation ended.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Status {
-    /// The gap is at most `1e-9 (J(0) + J(u))`, of a horizon with what its states contribute at `u` in place of a larger `J(0)`.
+    /// The gap is at most `1e-9 J(u)`, or rounding of what `J(u)` is before anything cancels.
     Optimal,
     /// The gap is larger.
+    #[default]
     Inaccurate,
     /// The time limit came first.
     Limit,
@@ -65,6 +66,8 @@ pub enum Status {
     Interrupted,
     /// No control keeps the limits on states.
     Infeasible,
+    /// A limit on a state is broken, and it is not known whether all can be kept.
+    Undecided,
 }
 
 impl Status {
@@ -76,6 +79,7 @@ impl Status {
             Self::Limit => "user_limit",
             Self::Interrupted => "interrupted",
             Self::Infeasible => "infeasible",
+            Self::Undecided => "undecided",
         }
     }
 }

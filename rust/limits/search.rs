@@ -20,7 +20,7 @@ const LAST_PIVOTS: usize = 5;
 const PATIENCE: usize = 4;
 /// Gaps relative to `J(0) + J(u)`: where refinement ends, and from where more is tried.
 const EXACT: f64 = 1e-14;
-pub(super) const GOOD: f64 = 5e-13;
+const GOOD: f64 = 5e-13;
 /// Dual residual from which no correction is tried.
 const NEGLIGIBLE: f64 = 1e-22;
 /// Rounding of the root of J from which no dual residual is believed, relative to that of `J(0) + J(u)`.
@@ -98,8 +98,7 @@ impl Search {
                 Some(status)
             }
         };
-        let scale = q.scale() + self.certificate.objective;
-        if early.is_some() || self.certificate.gap <= GOOD * scale {
+        if early.is_some() || good(&self.certificate, q.scale()) {
             return Ok(early);
         }
         self.safeguard(q, bounds, until)
@@ -235,7 +234,7 @@ impl Search {
 
     /// The dual residual of the best control, where the gap is not small without it.
     fn sharpen(&mut self, q: &mut impl Quadratic, bounds: Bounds<'_>, until: Until<'_>) -> Result<()> {
-        if self.certificate.gap > GOOD * (q.scale() + self.certificate.objective) {
+        if !good(&self.certificate, q.scale()) {
             self.v.copy_from_slice(&self.u);
             self.step.copy_from_slice(&self.g);
             let scale = q.scale() + self.certificate.objective;
@@ -282,9 +281,10 @@ impl Search {
         let scale = q.scale() + objective;
         let frank_wolfe = frank_wolfe(bounds, &self.v, &self.step);
         let mut found = Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
-        if dual && frank_wolfe > GOOD * scale {
+        if dual && !good(&found, q.scale()) {
             found.improve(self.dual_residual(q, bounds, scale, until)?);
         }
+        found.at_least_nothing(q.scale());
         let best = &self.certificate;
         // without a limit on some side the gap is infinite at first: there the later one is the corrected one, if it does
         // not cost more; of several exact ones the last is at its limits, where an interior point only comes close
@@ -333,6 +333,11 @@ impl Search {
         self.certificate =
             Certificate { objective, gap: frank_wolfe, frank_wolfe, distance: (frank_wolfe / 2.0).sqrt() };
     }
+}
+
+/// Whether nothing more is tried: a tenth of the gap of an optimal result, and little beside `J(0)`.
+pub(super) fn good(found: &Certificate, scale: f64) -> bool {
+    found.gap <= GOOD * (scale + found.objective) && found.optimal(scale, 0.1)
 }
 
 fn try_signs(d: usize) -> Result<Vec<i8>> {

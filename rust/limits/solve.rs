@@ -5,14 +5,14 @@ use super::certificate::{Certificate, status};
 use super::dense::Dense;
 use super::orthogonal::Orthogonal;
 use super::quadratic::{Method, Quadratic, Status, Until};
-use super::search::{GOOD, Search};
+use super::search::{Search, good};
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
 
 const WHAT: &str = "a control within limits";
 
 /// A control and how far from the best one it can be.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct Solution {
     /// `u`, inside the limits.
     pub control: Vec<f64>,
@@ -123,7 +123,7 @@ pub(super) fn find(
         search.give_up(dense, bounds);
     }
     let mut found = search.certificate;
-    if early.is_none() && found.gap > GOOD * (dense.scale() + found.objective) {
+    if early.is_none() && !good(&found, dense.scale()) {
         let mut again = Search::new(dense.d)?;
         early = or_ended(refined(dense, &mut again, bounds, &search.held, until), until)?;
         if again.certificate.gap < found.gap {

@@ -11,6 +11,7 @@ use crate::memory::try_copy;
 const WHAT: &str = "the control within limits";
 
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
+type FollowedArrays<'py> = (Array2<'py>, Array2<'py>, usize, f64);
 
 /// Bounds of the distance from the best control.
 #[pyclass(frozen, module = "stochens_rs._core")]
@@ -104,5 +105,15 @@ impl HorizonControl {
     #[getter]
     fn missing(&self) -> f64 {
         self.solved.missing
+    }
+
+    /// Of a plan to be followed: states (K, n), the feedback (K m, n), steps over which the inputs alone lead to the
+    /// states, and `J` of the inputs alone.
+    #[getter]
+    fn followed<'py>(&self, py: Python<'py>) -> PyResult<Option<FollowedArrays<'py>>> {
+        let Some(followed) = &self.solved.followed else { return Ok(None) };
+        let states = array2(py, try_copy(WHAT, &followed.states)?, self.steps, self.n)?;
+        let feedback = array2(py, try_copy(WHAT, &followed.feedback)?, self.steps * self.m, self.n)?;
+        Ok(Some((states, feedback, followed.open_until, followed.open_objective)))
     }
 }

@@ -391,15 +391,16 @@ def test_tightened_limits_are_those_of_the_twin(gen):
     n, K = 2, 3
     task = checked_task(n, 1, K, np.zeros(n), limits=se.Limits(x=(-1.0, [2.0, np.inf]), soft=False))
     radii = np.array([0.0, 0.1, 0.2, 0.3])
-    tight = limit_certificate.tightened(task, radii)
+    same = np.broadcast_to(radii[:, None], (K + 1, n))
+    tight = limit_certificate.tightened(task, same)
     C, h = np.vstack([np.eye(n), -np.eye(n)]), np.array([2.0, np.inf, 1.0, 1.0])
     wanted = lb.tightened(C, h, radii[1:])
     np.testing.assert_allclose(tight.state_high, wanted[:, :2])
     np.testing.assert_allclose(-tight.state_low, wanted[:, 2:])
     at = np.zeros((K + 1, n))
-    assert limit_certificate.lacking(task, at, radii) == 0.0
+    assert limit_certificate.lacking(task, at, same) == 0.0
     at[3, 0] = 1.9
-    np.testing.assert_allclose(limit_certificate.lacking(task, at, radii), 0.2)
+    np.testing.assert_allclose(limit_certificate.lacking(task, at, same), 0.2)
 
 
 def test_a_control_that_cannot_keep_the_limits_says_by_how_much(gen):
@@ -417,7 +418,9 @@ def test_a_control_that_cannot_keep_the_limits_says_by_how_much(gen):
         found, bound = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN)
         assert found.status == status
         at = states(model.A, model.B, x0, found.u)
-        np.testing.assert_allclose(found.missing, limit_certificate.lacking(task, at, bound.tube))
+        np.testing.assert_allclose(
+            found.missing, limit_certificate.lacking(task, at, bound["bands"].radius)
+        )
         assert found.task is task
         if status == "optimal":
             truth = states(A, B, x0, found.u)
@@ -445,7 +448,7 @@ def test_a_time_limit_ends_the_search_for_limits_that_the_tube_keeps(gen):
     assert found.status == "user_limit"
     assert np.array_equal(found.u, first.u)
     at = states(model.A, model.B, x0, found.u)
-    assert found.missing == limit_certificate.lacking(task, at, bound.tube) > 0.0
+    assert found.missing == limit_certificate.lacking(task, at, bound["bands"].radius) > 0.0
     for limit in (None, 60.0):
         done, _ = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN, limit)
         assert done.status != "user_limit"

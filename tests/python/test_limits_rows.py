@@ -162,7 +162,8 @@ def test_the_true_system_keeps_hard_limits_of_a_plan_from_data(highest):
         if plan.status == "infeasible":
             assert plan.limited.missing > 1e-6
             continue
-        assert np.abs(plan.predicted_states[1:, 1]).max() <= highest - plan.bound().tube[1:].min()
+        room = plan.bound()["bands"].radius[1:, 1].min()
+        assert np.abs(plan.predicted_states[1:, 1]).max() <= highest - room
         found += 1
         left += bool(np.abs(plan.states((A, B), [1.0, 0.0])[1:, 1]).max() > highest)
         # without a margin the limits are left about every second time

@@ -16,11 +16,12 @@ from stochens_rs.controls.limited import OPTIMAL, Horizon
 from stochens_rs.theory.dynamics import states
 
 INF = np.inf
+NOTHING = 1e-20  # squares of rounding, as in the core
 A, B = np.array([[0.9, 0.2], [0.0, 0.8]]), np.array([[1.0, 1.0], [0.5, -2.0]])
 
 
 def level(plan, A, B, x0):
-    """``1e-9 (J(0) + J(u))``, of many steps with the size of J along the states if it is less."""
+    """``1e-9 J(u)``, and rounding of J(0), or of the size of J along the states if it is less."""
     task, u = plan.limited.task, plan.u
     horizon = Horizon(task, A, B)
     scale = horizon.objective(x0, np.zeros_like(u))
@@ -29,7 +30,7 @@ def level(plan, A, B, x0):
         drift, wanted = states(A, B, x0, u)[:-1] @ A.T, task.reference
         size = sum(x @ Q @ x + r @ Q @ r for x, r, Q in zip(drift, wanted, weights, strict=True))
         scale = min(scale, size + np.sum((u @ plan.limited.R) * u))
-    return OPTIMAL * (scale + plan.objective)
+    return OPTIMAL * plan.objective + NOTHING * scale
 
 
 def follows_the_gap(plan, A, B, x0):
@@ -120,7 +121,7 @@ def test_the_status_follows_the_gap_of_drawn_problems(gen):
         M, y = np.ascontiguousarray(F @ p.G), F @ p.b
         found = core.box_control(M, y, np.ascontiguousarray(p.R), p.low, p.high, None, None)
         assert (found.status == "optimal") == (
-            found.gap <= OPTIMAL * (found.at_zero + found.objective)
+            found.gap <= OPTIMAL * found.objective + NOTHING * found.at_zero
         )
         assert found.status == "optimal"
     for i in range(60):
@@ -166,3 +167,71 @@ def test_without_time_nothing_is_factored(gen):
             assert np.all(np.abs(plan.u) <= 0.2)
             assert math.isnan(plan.missed)
             assert "nan" not in repr(plan)
+
+
+@pytest.mark.parametrize("most", [2, 5])
+def test_hard_limits_of_states_in_unlike_units(gen, most):
+    """What can be kept, and by how much it cannot, does not depend on the units of the states."""
+    found = set()
+    for _ in range(20):
+        n, steps = 3, 8
+        F, X = 0.5 * gen.standard_normal((n, n)) + 0.4 * np.eye(n), gen.standard_normal((n, 1))
+        x0, limit = gen.standard_normal(n), gen.uniform(0.2, 1.2, n)
+        plans = []
+        for D in (np.ones(n), 10.0 ** gen.uniform(-most, most, n)):
+            side = np.full((steps, n), np.inf)
+            side[3:] = limit * D
+            limits = se.Limits(u=(-2.0, 2.0), x=(-side, side), soft=False)
+            cost = se.Cost(Q=1.0 / D**2, R=0.1)
+            system = (F * D[:, None] / D, X * D[:, None])
+            plan = se.control(system, x0 * D, 0 * x0, steps=steps, limits=limits, cost=cost)
+            over = np.abs(plan.predicted_states[1:]) - side
+            if plan.status == "optimal":
+                assert (over / D).max() <= 1e-9
+            else:
+                assert plan.status == "infeasible"
+                assert plan.limited.missing > 0.0
+                assert (over / D).max() > 0.0
+            plans.append(plan)
+        assert plans[0].status == plans[1].status
+        if plans[0].status == "optimal":
+            np.testing.assert_allclose(plans[1].u, plans[0].u, atol=1e-7)
+        found.add(plans[0].status)
+    assert found == {"optimal", "infeasible"}
+
+
+def test_limits_of_states_from_data_leave_what_each_state_can_be_wrong_by(gen):
+    """A plan in units that are apart by 1e4 is found wherever each state has room for its band."""
+    F, X, D = np.array([[0.9, 0.1], [0.0, 0.8]]), np.array([[0.0], [1.0]]), np.array([1.0, 1e4])
+    states = np.zeros((20, 21, 2))
+    u = gen.standard_normal((20, 20, 1))
+    for k in range(20):
+        noise = 0.01 * gen.standard_normal((20, 2))
+        states[:, k + 1] = states[:, k] @ F.T + u[:, k] @ X.T + noise
+    statuses = []
+    for scale in (np.ones(2), D):
+        x, now, after = (
+            states[:, :-1].reshape(-1, 2),
+            u.reshape(-1, 1),
+            states[:, 1:].reshape(-1, 2),
+        )
+        data = se.Trajectories.from_pairs(x * scale, now, after * scale)
+        model = se.identify(data)
+        limits = se.Limits(
+            u=(-2, 2), x=(-np.array([1.2, 1.0]) * scale, [1.2, 1.0] * scale), soft=False
+        )
+        plan = se.control(
+            model,
+            [1.0, 0.5] * scale,
+            np.zeros(2),
+            steps=5,
+            limits=limits,
+            cost=se.Cost(Q=1 / scale**2, R=0.1),
+        )
+        statuses.append(plan.status)
+        bands = plan.bound(model._delta, bands=True)["bands"].radius
+        if plan.status != "infeasible":
+            assert (
+                np.abs(plan.predicted_states) + bands <= [1.2, 1.0] * scale + 1e-9 * scale
+            ).all()
+    assert statuses == ["optimal", "optimal"]

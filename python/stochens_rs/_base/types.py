@@ -40,6 +40,7 @@ Status: TypeAlias = Literal[
     "interrupted",  # Ctrl-C
     "kept",  # an earlier plan goes on, corrected by its feedback
     "held",  # the next input of an earlier plan
+    "undecided",  # a limit of a state is broken, and whether all can be kept is not known
     "infeasible",  # limits that cannot be kept are missed by as little as possible
 ]
 STATUSES: tuple[Status, ...] = get_args(Status)

@@ -137,11 +137,18 @@ def read_task(
     if Qf is not None:
         terminal = weight("Qf", Qf, n, labels=named.states)
     auto = R is None or (isinstance(R, str) and R == "auto")
-    if not stage.any() and not terminal.any():
-        raise InputError("`Q` and `Qf` must not both be 0: every control would be the best")
     below, above = None, None
     if within.x is not None:
         below, above = sides("limits.x", within.x, K, named)
+    inputs = None if auto else weight("R", R, m, auto=True, labels=named.inputs)
+    # of the inputs that keep limits of states a weight R takes the least
+    kept = within.x is not None and within.soft is not None and within.soft is not True
+    least = kept and inputs is not None and inputs.any()
+    if not stage.any() and not terminal.any() and not least:
+        raise InputError(
+            "`Q` and `Qf` must not both be 0: every control would be the best; without them give R "
+            "and limits of states, `Limits(x=, soft=False)`"
+        )
     return trusted(
         Task,
         low,
@@ -149,7 +156,7 @@ def read_task(
         stage,
         terminal,
         _reference(weights.reference, xf, K, named.states),
-        None if auto else weight("R", R, m, auto=True, labels=named.inputs),
+        inputs,
         speed,
         before,
         below,

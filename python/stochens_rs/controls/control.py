@@ -128,9 +128,12 @@ def control(
     with Qf at K, is minimised within the limits. `u` keeps its own limits exactly, rates and hard
     limits of states to rounding; ``rate_active`` and ``state_active`` say where. The gap
     ``J(u) - min J`` is computed from the result, whatever the solver says; "optimal" means that it
-    is at most ``1e-9 (J(0) + J(u))``. fusion="diagonal" is then the control of the average of
-    ``xf^s - A^s x0^s``: the average of the controls within limits would be biased. With
-    R = 0 more than one control may be the best, and the one returned need not be the smallest.
+    is at most ``1e-9 J(u)``, or rounding. Over many steps of an unstable system the rounding of the
+    inputs grows until they no longer lead to the states of the plan: the plan then has a feedback,
+    and all that is said of it is of a plan that is followed; see `Plan.open_loop_until`.
+    fusion="diagonal" is then the control of the average of ``xf^s - A^s x0^s``: the average of the
+    controls within limits would be biased. With R = 0 more than one control may be the best, and
+    the one returned need not be the smallest.
 
     A model from data takes the place of the exact system, its offset c included: ``xf`` less what
     c adds over K steps. ``guarantee``: ``min ||H z - xf|| + radius ||z||`` in the norm of V^-1 with
@@ -224,6 +227,8 @@ def _estimates_control(
     # 4. where the model goes, what no control reaches, and what `bound` needs later
     if A is not None:
         predicted = states(A, B, start, u)
+        if limited is not None and limited.closed and limited.states is not None:
+            predicted = np.vstack([start, limited.states])
     reachability = found.reachability()
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = found.factors.singular_values

@@ -72,13 +72,13 @@ def limited_certificate(
 
 
 def tightened(task: Task, radii: Floats) -> Task:
-    """The task with limits of ``x(k)`` moved inward by ``radii[k]``, k = 0, ..., K.
+    """The task with limits of ``x(k)`` moved inward by ``radii[k]``, k = 0, ..., K; (K + 1, n).
 
-    A state within the new limits may be wrong by the radius in any direction.
+    Each state within the new limits may be wrong by its radius.
     """
     if task.state_low is None or task.state_high is None:
         return task
-    room = np.asarray(radii)[1:, None]
+    room = radii[1:]
     return replace(task, state_low=task.state_low + room, state_high=task.state_high - room)
 
 
@@ -86,7 +86,7 @@ def lacking(task: Task, states: Floats, radii: Floats) -> float:
     """By how much the states (K + 1, n), each wrong by its radius, may leave the limits; or 0."""
     if task.state_low is None or task.state_high is None:
         return 0.0
-    room = np.asarray(radii)[1:, None]
+    room = radii[1:]
     over = np.maximum(states[1:] + room - task.state_high, task.state_low - states[1:] + room)
     return max(0.0, float(over.max()))
 
@@ -100,15 +100,15 @@ def within_state_limits(
 ) -> tuple[Limited, Certificate]:
     """A control under which the true system keeps hard limits of its states, and its certificate.
 
-    `first` is the best control without a margin. The tube around its states says by how much to
-    move the limits inward, and the tube of the control within those whether that was enough; if
-    not, the limits move on. If that ends nowhere, its status is "infeasible" and `missing` says by
+    `first` is the best control without a margin. The bands around its states say by how much to
+    move the limits inward, and those of the control within them whether that was enough; if not,
+    the limits move on. If that ends nowhere, its status is "infeasible" and `missing` says by
     how much. After `time_limit` seconds the limits move no further: then it is "user_limit".
     """
     end = inf if time_limit is None else monotonic() + time_limit
     model, task, found = basis.model, first.task, first
-    at, bound = _certified(basis, first, delta, asked)
-    missing, radii = lacking(task, at, bound.tube), bound.tube
+    at, bound, radii = _certified(basis, first, delta, asked)
+    missing = lacking(task, at, radii)
     for _ in range(ROUNDS):
         inward = tightened(replace(task, R=first.R), radii * (1.0 + AHEAD))
         assert inward.state_low is not None
@@ -121,8 +121,8 @@ def within_state_limits(
             break
         horizon = Horizon(inward, model.A, model.B, model.c)
         found = horizon.solve(basis.x0, time_limit=None if time_limit is None else left)
-        at, bound = _certified(basis, found, delta, asked)
-        missing, radii = lacking(task, at, bound.tube), np.maximum(radii, bound.tube)
+        at, bound, own = _certified(basis, found, delta, asked)
+        missing, radii = lacking(task, at, own), np.maximum(radii, own)
     if missing > ROUNDING * float(np.abs(at).max()):
         status = found.status if found.status in ("user_limit", "interrupted") else "infeasible"
         found = replace(found, status=status, missing=missing)
@@ -131,7 +131,10 @@ def within_state_limits(
 
 def _certified(
     basis: ModelBasis, limited: Limited, delta: float, asked: Asked
-) -> tuple[Floats, Certificate]:
-    """The states of the model and the certificate."""
+) -> tuple[Floats, Certificate, Floats]:
+    """The states of the model, the certificate, and the radius of each state, (K + 1, n)."""
     at = trajectory(basis.model._Theta, basis.x0, limited.u)
-    return at, certificate(basis, limited.u, at, delta, asked)
+    found = certificate(basis, limited.u, at, delta, asked._replace(bands=True))
+    bands = found.quantities.get("bands")
+    radii = found.tube[:, None] if bands is None else np.asarray(bands.radius)
+    return at, found, np.broadcast_to(radii, at.shape)

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike, NDArray
 
-OPTIMAL = 1e-9  # the gap of an "optimal" control, in units of J(0) + J(u), as in the core
+OPTIMAL = 1e-9  # the gap of an "optimal" control, in units of J(u), as in the core
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +58,16 @@ class Limited(Record):
     state_active : ndarray of int8, shape (K, n), optional
         Of ``x(1), ..., x(K)``: -1 at or below the lower limit to rounding, 1 at or above the
         upper one, else 0; None without limits of states.
+    feedback : ndarray, shape (K, m, n), optional
+        Where the system grows so much over the steps that rounding of the inputs may: the plan is
+        ``u(k) + feedback[k] (x(k) - xh(k))`` within the limits of the inputs, and `objective`,
+        `gap` and `distance` are those of a plan that is followed so.
+    states : ndarray, shape (K, n), optional
+        Then the states ``xh(1), ..., xh(K)`` of that plan.
+    open_until : int, optional
+        Then the steps over which the inputs alone lead to these states, to 1e-7 of the largest.
+    open_objective : float, optional
+        Then J of the inputs alone; infinite where it overflows.
     """
 
     task: Task
@@ -72,12 +82,17 @@ class Limited(Record):
     status: Status
     missing: float = 0.0
     state_active: NDArray[np.int8] | None = None
+    feedback: Floats | None = None
+    states: Floats | None = None
+    open_until: int | None = None
+    open_objective: float | None = None
 
     def __post_init__(self) -> None:
         validation.instance("task", self.task, Task)
         K, m = validation.kept("u", self.u, shape=self.task.low.shape).shape
         states = self.task.reference.shape
         require_shapes(self, R=(m, m), active=(K, m), multipliers=(K, m), state_active=states)
+        require_shapes(self, states=states, feedback=(K, m, states[1]))
         validation.choice("status", self.status, STATUSES)
 
     @property
@@ -92,6 +107,11 @@ class Limited(Record):
         change = np.diff(self.u, axis=0, prepend=previous[None])
         size = np.maximum(np.abs(self.u).max(axis=0), np.abs(previous))
         return _sides(change, -rate, rate, np.maximum(rate, size))
+
+    @property
+    def closed(self) -> bool:
+        """Whether the inputs alone do not lead to the states of the plan."""
+        return self.open_until is not None and self.open_until < len(self.u)
 
     @property
     def limits_active(self) -> bool:
@@ -179,6 +199,7 @@ class Horizon:
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:
         """The best control from x0."""
         found = self.core.solve(x0, time_limit)
+        states, feedback, until, alone = found.followed or (None, None, None, None)
         return Limited(
             task=self.task,
             R=self.R,
@@ -192,6 +213,10 @@ class Horizon:
             status=found.status,
             missing=found.missing,
             state_active=found.state_active,
+            feedback=None if feedback is None else feedback.reshape(*found.u.shape, -1),
+            states=states,
+            open_until=until,
+            open_objective=alone,
         )
 
 

@@ -84,6 +84,8 @@ def model_control(
     info: dict[str, Any] = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}}
     info["singular_values"] = found.factors.singular_values
     predicted = trajectory(model._Theta, start, u)
+    if limited is not None and limited.closed and limited.states is not None:
+        predicted = np.vstack([start, limited.states])
     info["warnings"] = (
         *beyond_data(model, predicted, u),
         *model.warnings,

@@ -77,7 +77,8 @@ class Plan(SavedRecord, Timed):
     status : str
         The worst status among the entities' fits and the control within limits: "optimal",
         "optimal_inaccurate" (`gap` is above its tolerance), "user_limit" (of time), "interrupted",
-        "infeasible" (hard state limits that cannot be kept); "completed" if nothing was optimised.
+        "undecided" (a hard state limit is broken, and it is not known whether all can be kept),
+        "infeasible" (they cannot); "completed" if nothing was optimised.
     info : dict
         "x0", "xf", "A": method, number of realizations, gap; "singular_values" of ``C_K``;
         "warnings", a tuple of sentences.
@@ -182,6 +183,33 @@ class Plan(SavedRecord, Timed):
     def objective(self) -> float | None:
         """``J(u)``."""
         return None if self.limited is None else self.limited.objective
+
+    @property
+    def feedback(self) -> Floats | None:
+        """The gains with which to follow the plan, (K, m, n); None where `u` alone will do.
+
+        ``u[k] + feedback[k] @ (x(k) - predicted_states[k])``, within the limits of the inputs: over
+        many steps of an unstable system rounding of the inputs grows, and only a plan that is
+        followed leads to its states, with the cost that `objective` and `gap` are about.
+        """
+        limited = self.limited
+        return None if limited is None or not limited.closed else limited.feedback
+
+    @property
+    def open_loop_until(self) -> int | None:
+        """The steps over which `u` alone leads to the predicted states, K if it always does.
+
+        From there on the plan must be followed with `feedback`. None without limits and weights.
+        """
+        if self.limited is None:
+            return None
+        return self.steps if self.limited.open_until is None else self.limited.open_until
+
+    @property
+    def open_loop_objective(self) -> float | None:
+        """``J`` of the inputs alone; `objective` where they lead to the predicted states."""
+        limited = self.limited
+        return limited.open_objective if limited is not None and limited.closed else self.objective
 
     @property
     def missed(self) -> float | None:

@@ -120,15 +120,23 @@ def cost_text(limited: Limited, worst: str = "") -> str:
     if limited.missed > 0.0:
         text += f", {limited.missed:.2g} of it for the limits"
     text += f"; {at_limits(limited)}"
-    if limited.status == "infeasible":
+    if limited.missing > 0.0:
         text += f"; state limits missed by {limited.missing:.3g}{worst and f' ({worst} most)'}"
-    return text
+    return text + (f"; {alone(limited)}" if limited.closed else "")
+
+
+def alone(limited: Limited) -> str:
+    """From where the plan must be followed, and what its inputs cost alone, in a few words."""
+    return (
+        f"follow with `feedback` from step {limited.open_until} on, inputs alone "
+        f"J={limited.open_objective:.3g}"
+    )
 
 
 def worst_state(limited: Limited, states: Floats, labels: Labels | None) -> str:
     """The state that is farthest beyond its hard limits, in words; "" if none is."""
     task = limited.task
-    if task.state_low is None or task.state_high is None or limited.status != "infeasible":
+    if task.state_low is None or task.state_high is None or not limited.missing:
         return ""
     over = np.maximum(states[1:] - task.state_high, task.state_low - states[1:]).max(axis=0)
     named = labels or default_labels(states.shape[1], task.low.shape[1])
@@ -149,5 +157,7 @@ def cost_rows(limited: Limited) -> Iterator[tuple[str, object]]:
     if at is not None:
         low, high = (int(np.count_nonzero(at == side)) for side in (-1, 1))
         yield "states at a limit", f"{low} at the lower, {high} at the upper, of {at.size}"
-    if limited.status == "infeasible":
+    if limited.missing > 0.0:
         yield "state limits missed by", limited.missing
+    if limited.closed:
+        yield "unstable", alone(limited)

@@ -16,6 +16,9 @@ pub(super) const REGULAR: f64 = 1e-8;
 /// From this many inputs on the recursion of Riccati is faster than the condensed map, unless its work, `n^2 (3 n + 4 m)`
 /// for each step and factorization, is larger.
 const LONG: usize = 250;
+/// From this growth of the powers of `A` on states and inputs are kept together: `J` has lost 8 of its 16 digits in the
+/// condensed map.
+const GROWTH: f64 = 1e4;
 /// Factorizations that are usual.
 const FACTORS: usize = 8;
 
@@ -53,6 +56,10 @@ pub struct Horizon {
     pub(super) task: Task,
     /// `R`, given or chosen.
     pub(super) r: Vec<f64>,
+    /// The offset, if there is one.
+    pub(super) c: Option<Vec<f64>>,
+    /// Whether the system grows so much that inputs alone do not tell where its states are.
+    pub(super) grows: bool,
     /// `f(1) .. f(K)`: the states from 0 without inputs.
     pub(super) drift: Vec<f64>,
     /// `A^p B`, `p = 0 .. K-1`.
@@ -85,6 +92,21 @@ pub(super) fn pushes(a: &[f64], b: &[f64], n: usize, steps: usize) -> Result<Vec
         all.extend_from_slice(&last);
     }
     Ok(all)
+}
+
+/// The largest of `||A^p||_F / max(1, ||A||_F)`, `p = 2, 4, 8, ..` up to the number of steps.
+fn growth(a: &[f64], n: usize, steps: usize) -> Result<f64> {
+    let first = vector::norm(a).max(1.0);
+    let (mut power, mut most, mut p) = (try_copy(WHAT, a)?, 1.0f64, 2);
+    while p <= steps {
+        power = times(&power, &power, n)?;
+        most = most.max(vector::norm(&power) / first);
+        if !most.is_finite() || most > GROWTH {
+            return Ok(f64::INFINITY);
+        }
+        p *= 2;
+    }
+    Ok(most)
 }
 
 /// `F A^p B` for all p.
@@ -164,7 +186,10 @@ impl Horizon {
         };
         let none = OnceLock::new;
         let drift = try_zeros(WHAT, steps * n)?;
-        let mut new = Self { n, m, steps, a, b, task, r, drift, pushes, roots, seen, map: none(), powers: none() };
+        let grows = growth(&a, n, steps)? > GROWTH;
+        let c_kept = c.map(|c| try_copy(WHAT, c)).transpose()?;
+        let (map, powers) = (none(), none());
+        let mut new = Self { n, m, steps, a, b, task, r, c: c_kept, grows, drift, pushes, roots, seen, map, powers };
         if let Some(c) = c {
             let mut x = try_zeros(WHAT, n)?;
             for k in 0..steps {
@@ -204,6 +229,11 @@ impl Horizon {
 
     /// Whether the recursion of Riccati is used.
     pub fn long(&self) -> bool {
+        self.grows || self.many()
+    }
+
+    /// Whether there are so many steps that it is faster.
+    fn many(&self) -> bool {
         let (n, m, steps, d) = (self.n, self.m, self.steps, self.steps * self.m);
         if d < LONG || steps == 1 {
             return false;

@@ -5,11 +5,12 @@ use crate::error::{Error, Result};
 use crate::limits::bounds::Bounds;
 use crate::limits::linear::{form, least_eigenvalue, norm, product, singular_values};
 use crate::limits::quadratic::{Status, Until};
+use crate::limits::riccati::closed::{Followed, followed_control};
 use crate::limits::riccati::{Steps, horizon_control};
 use crate::limits::rows::{KINDS, Rows, RowsSolution, rows_control};
 use crate::limits::solve::{Solution, box_control};
 use crate::limits::solver::Solver;
-use crate::memory::{try_copy, try_extend, try_filled, try_zeros};
+use crate::memory::{checked_len, try_copy, try_extend, try_filled, try_zeros};
 use crate::parallel::Stop;
 
 /// Relative rounding of a value beside its limit.
@@ -26,6 +27,18 @@ pub struct Solved {
     pub missing: f64,
     /// -1 where a state is at its lower limit or below to rounding, 1 at the upper or above; none without such limits.
     pub state_active: Option<Vec<i8>>,
+    /// How to follow the inputs, where the system grows over the steps.
+    pub followed: Option<Followed>,
+}
+
+/// `values` (rows, columns) in the corner of a matrix (more, wider) of `none`, or the corner of it.
+fn padded(values: &[f64], rows: usize, columns: usize, more: usize, wider: usize, none: f64) -> Result<Vec<f64>> {
+    let mut all = try_filled(WHAT, none, checked_len(WHAT, more, wider)?)?;
+    let count = columns.min(wider);
+    for (to, from) in all.chunks_exact_mut(wider).zip(values.chunks_exact(columns)).take(rows) {
+        to[..count].copy_from_slice(&from[..count]);
+    }
+    Ok(all)
 }
 
 impl Horizon {
@@ -63,7 +76,12 @@ impl Horizon {
         let none = if free { Some((try_filled(WHAT, sides[0], d)?, try_filled(WHAT, sides[1], d)?)) } else { None };
         let (low, high) = none.as_ref().map_or((&self.task.low, &self.task.high), |(low, high)| (low, high));
         let bounds = Bounds::new(low, high, d)?;
-        let boxed = |found| RowsSolution { found, rows: Default::default(), missing: 0.0, excess: 0.0 };
+        if self.grows
+            && let Some(found) = self.growing(x0, free, bounds, warm, until)?
+        {
+            return Ok(found);
+        }
+        let boxed = |found| self.unsure(RowsSolution { found, ..RowsSolution::default() });
         if !self.long() && (free || self.boxed()) {
             let (y, cost) = (self.aim(x0)?, self.cost()?);
             return box_control(self.map()?, &y, Self::penalty(&cost), bounds, warm, until).map(boxed);
@@ -95,8 +113,90 @@ impl Horizon {
             rate: self.task.rate.as_ref().map(|(rate, previous)| (&rate[..], &previous[..])),
             states: shifted.as_ref().map(|(low, high)| (&low[..], &high[..])),
             soft: self.task.soft,
+            grows: false,
         };
-        rows_control(&steps, bounds, rows, warm, until)
+        rows_control(&steps, bounds, rows, warm, until).map(|found| self.unsure(found))
+    }
+
+    /// Where the system grows, a certificate of the inputs alone says nothing of it.
+    fn unsure(&self, mut all: RowsSolution) -> RowsSolution {
+        if self.grows {
+            let found = &mut all.found;
+            (found.gap, found.distance, found.frank_wolfe) = (f64::INFINITY, f64::INFINITY, f64::INFINITY);
+            if found.status == Status::Optimal {
+                found.status = Status::Inaccurate;
+            }
+        }
+        all
+    }
+
+    /// The best inputs with their states, over which the system grows; the offset is one more state, which stays 1. None
+    /// where an input has no weight at some step.
+    fn growing(
+        &self,
+        x0: &[f64],
+        free: bool,
+        bounds: Bounds<'_>,
+        warm: Option<&[i8]>,
+        until: Until<'_>,
+    ) -> Result<Option<RowsSolution>> {
+        let (n, m) = (self.n, self.m);
+        let p = n + usize::from(self.c.is_some());
+        let square = |q: &[f64]| padded(q, n, n, p, p, 0.0);
+        let (mut a, b, start) = (square(&self.a)?, padded(&self.b, n, m, p, m, 0.0)?, padded(x0, 1, n, 1, p, 1.0)?);
+        if let Some(c) = &self.c {
+            c.iter().enumerate().for_each(|(i, c)| a[i * p + n] = *c);
+            a[n * p + n] = 1.0;
+        }
+        let (stage, terminal) = (square(&self.task.stage)?, square(&self.task.terminal)?);
+        let reference = padded(&self.task.reference, self.steps, n, self.steps, p, 0.0)?;
+        let steps =
+            Steps { a: &a, b: &b, x0: &start, reference: &reference, stage: &stage, terminal: &terminal, r: &self.r };
+        let mut best = None;
+        if free || self.boxed() {
+            let warm = warm.filter(|_| !free);
+            best = followed_control(&steps, bounds, warm, until)?.map(|(found, followed)| RowsSolution {
+                found,
+                followed: Some(followed),
+                ..RowsSolution::default()
+            });
+            if best.as_ref().is_some_and(|best| best.found.status != Status::Inaccurate) {
+                return self.without_offset(best, p);
+            }
+        }
+        let mut sides = None;
+        if let (Some((low, high)), false) = (&self.task.states, free) {
+            let side = |side: &[f64], none| padded(side, self.steps, n, self.steps, p, none);
+            sides = Some((side(low, f64::NEG_INFINITY)?, side(high, f64::INFINITY)?));
+        }
+        let rows = Rows {
+            rate: self.task.rate.as_ref().filter(|_| !free).map(|(rate, previous)| (&rate[..], &previous[..])),
+            states: sides.as_ref().map(|(low, high)| (&low[..], &high[..])),
+            soft: if free { None } else { self.task.soft },
+            grows: true,
+        };
+        match rows_control(&steps, bounds, rows, None, until) {
+            Ok(found) if best.as_ref().is_none_or(|best| found.found.gap < best.found.gap) => best = Some(found),
+            Ok(_) => {}
+            Err(Error::Numerical(_) | Error::Interrupted) => {}
+            Err(other) => return Err(other),
+        }
+        self.without_offset(best, p)
+    }
+
+    /// The same of the states alone.
+    fn without_offset(&self, mut all: Option<RowsSolution>, p: usize) -> Result<Option<RowsSolution>> {
+        let (n, m) = (self.n, self.m);
+        if let Some(RowsSolution { rows, followed: Some(followed), .. }) = &mut all
+            && p > n
+        {
+            followed.states = padded(&followed.states, self.steps, p, self.steps, n, 0.0)?;
+            followed.feedback = padded(&followed.feedback, self.steps * m, p, self.steps * m, n, 0.0)?;
+            for kind in rows.iter_mut().filter(|kind| kind.len() == self.steps * p) {
+                *kind = padded(kind, self.steps, p, self.steps, n, 0.0)?;
+            }
+        }
+        Ok(all)
     }
 
     /// The best inputs from `x0`, with what their limits cost.
@@ -104,10 +204,11 @@ impl Horizon {
     /// # Errors
     /// As [`Self::best`].
     pub fn solve(&self, x0: &[f64], until: Until<'_>) -> Result<Solved> {
-        let RowsSolution { found, missing, .. } = self.best(x0, false, None, until)?;
-        let state_active = match &self.task.states {
-            Some(limits) => Some(self.state_sides(x0, &found.control, limits)?),
-            None => None,
+        let RowsSolution { found, missing, followed, .. } = self.best(x0, false, None, until)?;
+        let state_active = match (&self.task.states, &followed) {
+            (Some(limits), Some(followed)) => Some(self.state_sides(&followed.states, limits)?),
+            (Some(limits), None) => Some(self.state_sides(&self.states(x0, &found.control)?, limits)?),
+            (None, _) => None,
         };
         let ended = |status| matches!(status, Status::Limit | Status::Interrupted);
         let mut least = if ended(found.status) { f64::NAN } else { found.objective };
@@ -117,11 +218,10 @@ impl Horizon {
         }
         // NaN stays NaN
         let missed = if least >= found.objective { 0.0 } else { found.objective - least };
-        Ok(Solved { found, missed, missing, state_active })
+        Ok(Solved { found, missed, missing, state_active, followed })
     }
 
-    fn state_sides(&self, x0: &[f64], u: &[f64], (low, high): &(Vec<f64>, Vec<f64>)) -> Result<Vec<i8>> {
-        let x = self.states(x0, u)?;
+    fn state_sides(&self, x: &[f64], (low, high): &(Vec<f64>, Vec<f64>)) -> Result<Vec<i8>> {
         let mut near = try_zeros(WHAT, self.n)?;
         for row in x.chunks_exact(self.n) {
             near.iter_mut().zip(row).for_each(|(near, x): (&mut f64, _)| *near = near.max(ROUNDING * x.abs()));

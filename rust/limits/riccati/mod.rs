@@ -5,6 +5,7 @@
 //! free inputs `F`, backwards from `P_K = Q_K`: `G = R_FF + B_F' P B_F`, `L = G^{-1} B_F' P A`, `P <- Q + A' P A - A' P B_F L`
 //! (Bertsekas 2017, 3.1); the affine terms follow in a second recursion.
 
+pub(super) mod closed;
 mod faces;
 mod recursion;
 
@@ -112,6 +113,12 @@ pub(super) struct Riccati {
     face: Gains,
     other: Gains,
     whole: bool,
+    /// The system grows: `P` by `Q + (A - B L)' P (A - B L) + L'R L`, which loses nothing where `P` is large.
+    grows: bool,
+    /// The gains of `face` are not those of a face that was solved.
+    stale: bool,
+    /// States of the last face.
+    path: Vec<f64>,
     /// States less references.
     errors: Lines,
     work: [Vec<f64>; 5],
@@ -120,6 +127,13 @@ pub(super) struct Riccati {
 
 impl Riccati {
     pub(super) fn new(h: &Steps<'_>) -> Result<Self> {
+        let mut new = Self::growing(h)?;
+        new.grows = false;
+        if new.zero.is_finite() && new.f.iter().all(|v| v.is_finite()) { Ok(new) } else { Err(OVERFLOW) }
+    }
+
+    /// The same where `J(0)` may be as large as it likes.
+    pub(super) fn growing(h: &Steps<'_>) -> Result<Self> {
         let n = h.x0.len();
         let (m, steps) = (h.b.len().checked_div(n).unwrap_or(0), h.reference.len().checked_div(n).unwrap_or(0));
         let named = [
@@ -162,6 +176,9 @@ impl Riccati {
             face: Gains::default(),
             other: Gains::default(),
             whole: false,
+            grows: true,
+            stale: true,
+            path: try_zeros(WHAT, checked_len(WHAT, steps, n)?)?,
             errors: Lines::zeros(steps, n)?,
             work: [state()?, state()?, state()?, input()?, input()?],
             squares: [Lines::zeros(n, n)?, Lines::zeros(n, m)?, Lines::zeros(n, n)?, Lines::zeros(m, n)?],
@@ -174,7 +191,7 @@ impl Riccati {
         let (mut g, u) = (try_zeros(WHAT, steps * m)?, try_zeros(WHAT, steps * m)?);
         new.zero = new.slope(&u, &mut g);
         new.f.iter_mut().zip(&g).for_each(|(f, g)| *f = 0.0 - g);
-        if new.zero.is_finite() && new.f.iter().all(|v| v.is_finite()) { Ok(new) } else { Err(OVERFLOW) }
+        Ok(new)
     }
 
     /// `diag(R + B' S B)` with `S_k = Q_k + A' S_{k+1} A`.

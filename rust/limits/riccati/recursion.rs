@@ -39,7 +39,7 @@ impl Riccati {
             let gain = &mut gains.gain[t * m * ln..(t + 1) * m * ln];
             let g = &mut gains.lower[t * m * lm..(t + 1) * m * lm];
             let inverse = &mut gains.inverse[t * m..(t + 1) * m];
-            let [pa, pb, _, bpa] = &mut self.squares;
+            let [pa, pb, closed, bpa] = &mut self.squares;
             product(p, ln, false, n, &self.a.values, &mut pa.values, ln)?;
             product(p, ln, false, n, &self.b.values, &mut pb.values, lm)?;
             product(&self.b.values, lm, true, n, &pb.values, g, lm)?;
@@ -62,14 +62,32 @@ impl Riccati {
                 solve_lines(g, lm, inverse, gain, ln);
             }
             if positive && t > 0 {
-                // P <- Q + A' P A - (B' P A)' L
                 let next = &mut before[(t - 1) * n * ln..];
-                product(&self.a.values, ln, true, n, &pa.values, next, ln)?;
-                next.iter_mut().zip(&self.q[0].values).for_each(|(p, q)| *p += q);
-                for j in (0..m).filter(|&j| held[j] == 0) {
-                    let (row, gain) = (bpa.line(j), &gain[j * ln..(j + 1) * ln]);
-                    next.chunks_exact_mut(ln).take(n).zip(row).for_each(|(next, v)| add_line(-v, gain, next));
+                if self.grows {
+                    // P <- Q + (A - B L)' P (A - B L) + L' R L
+                    closed.values.copy_from_slice(&self.a.values);
+                    for j in (0..m).filter(|&j| held[j] == 0) {
+                        let gain = &gain[j * ln..(j + 1) * ln];
+                        (0..n).for_each(|i| add_line(-self.b.line(i)[j], gain, closed.line_mut(i)));
+                    }
+                    product(p, ln, false, n, &closed.values, &mut pa.values, ln)?;
+                    product(&closed.values, ln, true, n, &pa.values, next, ln)?;
+                    for (j, k) in (0..m * m).map(|i| (i / m, i % m)).filter(|&(j, k)| held[j] == 0 && held[k] == 0) {
+                        let more = diagonal.filter(|_| j == k).map_or(0.0, |diagonal| diagonal[t * m + j]);
+                        let (weight, row) = (self.r.line(j)[k] + more, &gain[j * ln..(j + 1) * ln]);
+                        let other = &gain[k * ln..(k + 1) * ln];
+                        let lines = next.chunks_exact_mut(ln).take(n).zip(row);
+                        lines.for_each(|(next, v)| add_line(weight * v, other, next));
+                    }
+                } else {
+                    // P <- Q + A' P A - (B' P A)' L
+                    product(&self.a.values, ln, true, n, &pa.values, next, ln)?;
+                    for j in (0..m).filter(|&j| held[j] == 0) {
+                        let (row, gain) = (bpa.line(j), &gain[j * ln..(j + 1) * ln]);
+                        next.chunks_exact_mut(ln).take(n).zip(row).for_each(|(next, v)| add_line(-v, gain, next));
+                    }
                 }
+                next.iter_mut().zip(&self.q[0].values).for_each(|(p, q)| *p += q);
                 for i in 0..n {
                     for j in 0..i {
                         let mean = 0.5 * (next[i * ln + j] + next[j * ln + i]);
@@ -160,6 +178,7 @@ impl Riccati {
             add_times(&self.a.values, x, 1.0, &mut w[..n]);
             add_times(&self.b.values, input, 1.0, &mut w[..n]);
             std::mem::swap(w, x);
+            self.path[t * n..(t + 1) * n].copy_from_slice(&x[..n]);
         }
     }
 }

@@ -86,7 +86,7 @@ impl Task<'_> {
 
     /// The size of what a limit is for.
     pub(super) fn unit(&self, kind: Kind, i: usize) -> f64 {
-        if kind == Kind::State { self.size.0 } else { self.size.1[i % self.m] }
+        if kind == Kind::State { self.size.0[i % self.n] } else { self.size.1[i % self.m] }
     }
 
     /// All kinds, and how many limits each has.
@@ -104,8 +104,10 @@ impl Task<'_> {
 
     /// The size of `J`, to scale by.
     pub(super) fn scale(&self) -> f64 {
-        let (state, input) = (self.size.0, &self.size.1);
-        let of_states = largest(self.h.stage.iter().chain(self.h.terminal)) * state * state;
+        let (state, input, n) = (&self.size.0, &self.size.1, self.n);
+        let weighed = self.h.stage.iter().zip(self.h.terminal).enumerate();
+        let of_states = weighed
+            .fold(0.0f64, |most, (i, (q, last))| most.max(q.abs().max(last.abs()) * state[i / n] * state[i % n]));
         let of_inputs = input.iter().enumerate().fold(0.0f64, |v, (j, u)| v.max(self.h.r[j * self.m + j] * u * u));
         if of_states > 0.0 {
             of_states
@@ -119,17 +121,20 @@ impl Task<'_> {
     /// `J` less its linear part, and the steps; `start`: with the state before the first one.
     fn program(&self, more: usize, weighed: bool, start: bool) -> Result<Program> {
         let (n, m, steps) = (self.n, self.m, self.steps);
-        let (state, input, d) = (self.size.0, &self.size.1, steps * m);
+        let (state, input, d) = (&self.size.0, &self.size.1, steps * m);
         let shared = 2 * n + m + if self.low.is_empty() { 0 } else { 2 * n };
         let mut program = Program::new(d + steps * n + more, (steps, 2 * (shared + 1)))?;
         if weighed {
             let scale = 2.0 / self.scale();
             let mut r = try_copy(WHAT, self.h.r)?;
             r.iter_mut().enumerate().for_each(|(i, r)| *r *= input[i / m] * input[i % m]);
+            let mut weights = [try_copy(WHAT, self.h.stage)?, try_copy(WHAT, self.h.terminal)?];
+            for q in &mut weights {
+                q.iter_mut().enumerate().for_each(|(i, q)| *q *= state[i / n] * state[i % n]);
+            }
             for t in 0..steps {
-                let q = if t + 1 == steps { self.h.terminal } else { self.h.stage };
                 program.weigh(t * m, &r, m, scale)?;
-                program.weigh(d + t * n, q, n, scale * state * state)?;
+                program.weigh(d + t * n, &weights[usize::from(t + 1 == steps)], n, scale)?;
             }
         }
         for t in 0..steps {
@@ -139,13 +144,13 @@ impl Task<'_> {
                 let row = program.right.len();
                 if t > 0 {
                     for (j, a) in a.iter().enumerate() {
-                        program.entry(row, d + (t - 1) * n + j, -a)?;
+                        program.entry(row, d + (t - 1) * n + j, -a * state[j] / state[i])?;
                     }
                 } else if start {
-                    right = a.iter().zip(self.h.x0).map(|(a, x)| a * x).sum::<f64>() / state;
+                    right = a.iter().zip(self.h.x0).map(|(a, x)| a * x).sum::<f64>() / state[i];
                 }
                 for (j, b) in b.iter().enumerate() {
-                    program.entry(row, t * m + j, -b * input[j] / state)?;
+                    program.entry(row, t * m + j, -b * input[j] / state[i])?;
                 }
                 program.row(&[(d + t * n + i, 1.0)], right, true)?;
             }
@@ -164,7 +169,7 @@ impl Task<'_> {
     ) -> Result<()> {
         let (sign, row, d) = (if side < 0 { -1.0 } else { 1.0 }, to.right.len(), self.steps * self.m);
         for (at, factor) in self.row(kind, i) {
-            let unit = if at < d { self.size.1[at % self.m] } else { self.size.0 };
+            let unit = if at < d { self.size.1[at % self.m] } else { self.size.0[(at - d) % self.n] };
             to.entry(row, at, sign * factor * unit / self.unit(kind, i))?;
         }
         if let Some(amount) = amount {
@@ -209,7 +214,7 @@ impl Task<'_> {
             let exceeded = (kind == Kind::State && more > 0).then_some(amount);
             self.limit(&mut program, (kind, i, side), right, exceeded, number < equal)?;
             if let (Some(soft), Some(at)) = (soft, exceeded) {
-                program.weigh(at, &[soft], 1, 2.0 * self.size.0 * self.size.0 / self.scale())?;
+                program.weigh(at, &[soft], 1, 2.0 * self.unit(kind, i).powi(2) / self.scale())?;
                 amount += 1;
             }
         }
@@ -218,10 +223,10 @@ impl Task<'_> {
             program.row(&[(variables, -1.0)], 0.0, false)?;
             return Ok((program, rows));
         }
-        let to_scale = -2.0 * self.size.0 / self.scale();
+        let scale = self.scale();
         let of_states = &mut program.linear[self.steps * self.m..variables];
         self.weigh(self.h.reference, of_states);
-        of_states.iter_mut().for_each(|q| *q *= to_scale);
+        of_states.iter_mut().enumerate().for_each(|(i, q)| *q *= -2.0 * self.unit(Kind::State, i) / scale);
         Ok((program, rows))
     }
 
@@ -236,12 +241,19 @@ impl Task<'_> {
         }
     }
 
-    /// Inputs, multipliers, and the limits whose multiplier is larger than the distance from them.
-    pub(super) fn read(&self, point: &Point, rows: &[Row], aim: Aim) -> Result<(Vec<f64>, Multipliers, Held)> {
-        let mut u = try_zeros(WHAT, self.steps * self.m)?;
+    /// Inputs, states, multipliers, and the limits whose multiplier is larger than the distance from them.
+    pub(super) fn read(
+        &self,
+        point: &Point,
+        rows: &[Row],
+        aim: Aim,
+    ) -> Result<(Vec<f64>, Vec<f64>, Multipliers, Held)> {
+        let (mut u, mut x) = (try_zeros(WHAT, self.steps * self.m)?, try_zeros(WHAT, self.steps * self.n)?);
         u.iter_mut().zip(&point.z).enumerate().for_each(|(i, (u, z))| *u = z * self.unit(Kind::Input, i));
+        let of_states = x.iter_mut().zip(&point.z[u.len()..]).enumerate();
+        of_states.for_each(|(i, (x, z))| *x = z * self.unit(Kind::State, i));
         let (mut found, mut held) = (self.zeros()?, self.zeros()?);
-        let scale = if aim == Aim::Least { self.size.0 } else { self.scale() };
+        let scale = if aim == Aim::Least { largest(&self.size.0) } else { self.scale() };
         let skipped = self.steps * self.n;
         for (&(kind, i, side), (z, s)) in rows.iter().zip(point.multipliers.iter().zip(&point.slacks).skip(skipped)) {
             let sign = if side < 0 { -1.0 } else { 1.0 };
@@ -250,16 +262,18 @@ impl Task<'_> {
                 held[kind as usize][i] = if side == 0 { 1 } else { side };
             }
         }
-        Ok((u, found, held))
+        Ok((u, x, found, held))
     }
 
     /// The step to the minimum where the held limits are equalities, from the residuals at `u`: `g` is the gradient with all
-    /// multipliers. The rows after those of the steps, and the unit of the solution; none if nothing is left to do.
+    /// multipliers; of states, and of their dynamics, what is not in it. The rows after those of the steps, and the unit of
+    /// the solution; none if nothing is left to do.
     pub(super) fn face(
         &self,
         held: &Held,
         (u, x): (&[f64], &[f64]),
         g: &[f64],
+        (of_states, dynamics): (&[f64], &[f64]),
     ) -> Result<Option<(Program, Vec<Row>, f64)>> {
         let mut program = self.program(0, true, false)?;
         let (mut rows, d): (Vec<Row>, _) = (Vec::new(), self.steps * self.m);
@@ -269,7 +283,7 @@ impl Task<'_> {
                     continue;
                 }
                 if let (Kind::State, Some(soft)) = (kind, self.soft) {
-                    program.weigh(d + i, &[soft], 1, 2.0 * self.size.0 * self.size.0 / self.scale())?;
+                    program.weigh(d + i, &[soft], 1, 2.0 * self.unit(kind, i).powi(2) / self.scale())?;
                     continue;
                 }
                 let (low, high) = self.limits(kind, i);
@@ -281,6 +295,10 @@ impl Task<'_> {
         let scale = self.scale();
         let of_inputs = program.linear.iter_mut().zip(g).enumerate();
         of_inputs.for_each(|(i, (q, g))| *q = g * self.unit(Kind::Input, i) / scale);
+        for (i, (e, off)) in of_states.iter().zip(dynamics).enumerate() {
+            program.linear[d + i] = e * self.unit(Kind::State, i) / scale;
+            program.right[i] = off / self.unit(Kind::State, i);
+        }
         let unit = largest(program.linear.iter().chain(&program.right));
         if unit == 0.0 {
             return Ok(None);

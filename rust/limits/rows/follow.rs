@@ -216,7 +216,7 @@ impl Search<'_, '_> {
                 if changed {
                     break;
                 }
-                self.judge_signed(&u, &multipliers, held, until)?;
+                self.judge_signed((&u, &x), &multipliers, held, until)?;
                 let now = self.best.as_ref().map_or(f64::INFINITY, |best| best.merit);
                 if now <= EXACT || now > 0.5 * before {
                     break;

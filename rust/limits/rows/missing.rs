@@ -2,7 +2,7 @@
 
 use super::assembly::{Aim, FAR, Kind};
 use super::search::Search;
-use super::task::WHAT;
+use super::task::{Excess, WHAT};
 use crate::error::{Error, Result};
 use crate::limits::quadratic::Until;
 use crate::memory::try_zeros;
@@ -11,20 +11,19 @@ use crate::memory::try_zeros;
 const LARGE: f64 = 1e6;
 
 impl Search<'_, '_> {
-    /// A control with the least largest excess of limits on states, this excess, and whether it is certain that there must be
-    /// one: for `v >= 0` with sum 1 and any `w`, `min_u v' (C u - c) + w' (rates) <=` every excess.
-    pub(super) fn least(&mut self, until: Until<'_>) -> Result<(Vec<f64>, f64, bool)> {
+    /// A control with the least largest excess of limits on states in units of each, its states, this excess, and whether it
+    /// is certain that there must be one: for `v >= 0` with sum 1 and any `w`, `min_u v' (C u - c) + w' (rates) <=` every excess.
+    pub(super) fn least(&mut self, until: Until<'_>) -> Result<(Vec<f64>, Vec<f64>, Excess, bool)> {
         let task = self.task;
         let (program, rows) = task.whole(Aim::Least, FAR[1])?;
         let point = program.solve(until)?;
         self.iterations += point.iterations;
-        let (mut u, mut found, _) = task.read(&point, &rows, Aim::Least)?;
+        let (mut u, mut x, mut found, _) = task.read(&point, &rows, Aim::Least)?;
         if u.iter().chain(found[1..].iter().flatten()).any(|v| !v.is_finite()) {
             return Err(Error::Numerical("no control with the least excess".into()));
         }
-        task.clip(&mut u);
-        let (mut x, mut g) = (try_zeros(WHAT, task.steps * task.n)?, try_zeros(WHAT, u.len())?);
-        task.roll(&u, &mut x);
+        let mut g = try_zeros(WHAT, u.len())?;
+        self.settle(&mut u, &mut x)?;
         let sum: f64 = found[Kind::State as usize].iter().map(|v| v.abs()).sum();
         let mut least = 0.0;
         for (kind, _) in task.kinds().into_iter().skip(1) {
@@ -47,6 +46,7 @@ impl Search<'_, '_> {
             let to = if *g > 0.0 { task.bounds().low[i].max(-large) } else { task.bounds().high[i].min(large) };
             least -= g * (u - to);
         }
-        Ok((u, task.excess(&x).0, least > 0.0))
+        let amount = task.excess(&u, &x)?;
+        Ok((u, x, amount, least > 0.0))
     }
 }

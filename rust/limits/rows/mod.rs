@@ -23,21 +23,24 @@ pub use task::Rows;
 
 use assembly::{Aim, FAR, Kind, Row};
 use program::Program;
-use search::{GOOD, KEPT, Search};
-use task::{Task, WHAT};
+use search::{GOOD, Search};
+use task::{KEPT, Task, WHAT};
 
 use super::bounds::Bounds;
 use super::quadratic::{Method, Status, Until};
+use super::riccati::closed::Followed;
 use super::riccati::{Riccati, Steps};
 use super::solve::{Solution, checked_warm, or_ended, told};
 use crate::error::{Error, Result};
-use crate::memory::try_zeros;
+use crate::memory::{try_copy, try_zeros};
 
 /// Limits on states that cannot be met are widened by what is missing, and this share of it, so that there is room.
 const ROOM: f64 = 1e-7;
 
+const SINGULAR: &str = "an input has no weight at some step, and the system grows: give R > 0";
+
 /// A control, and what it says about limits that are not of single inputs.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, Default)]
 pub struct RowsSolution {
     /// The control, and its certificate; of limits that cannot be met: with these wider by `missing`.
     pub found: Solution,
@@ -48,6 +51,8 @@ pub struct RowsSolution {
     pub missing: f64,
     /// The largest excess of a limit on states by the control.
     pub excess: f64,
+    /// How to follow the control, where the system grows.
+    pub followed: Option<Followed>,
 }
 
 impl Search<'_, '_> {
@@ -76,15 +81,15 @@ impl Search<'_, '_> {
     fn propose(&mut self, program: Program, rows: &[Row], until: Until<'_>) -> Result<Option<Status>> {
         let point = program.solve(until)?;
         self.iterations += point.iterations;
-        let (u, multipliers, held) = self.task.read(&point, rows, Aim::Best)?;
-        self.verify(&u, &multipliers, Method::Interior, until)?;
+        let (u, x, multipliers, held) = self.task.read(&point, rows, Aim::Best)?;
+        self.verify((&u, &x), &multipliers, Method::Interior, until)?;
         if point.timed_out {
             return Ok(Some(Status::Limit));
         }
         if u.iter().chain(&multipliers[Kind::Input as usize]).any(|v| !v.is_finite()) {
             return Ok(None);
         }
-        self.polish(u, multipliers, held, until)
+        self.polish((u, x), multipliers, held, until)
     }
 
     /// The same, with a stop as a status. A solver that fails leaves what there is.
@@ -108,18 +113,41 @@ pub fn rows_control(
     warm: Option<&[i8]>,
     until: Until<'_>,
 ) -> Result<RowsSolution> {
-    let mut q = Riccati::new(horizon)?;
+    let first = found(horizon, bounds, rows, warm, until)?;
+    if rows.grows || first.found.status != Status::Inaccurate {
+        return Ok(first);
+    }
+    match found(horizon, bounds, Rows { grows: true, ..rows }, None, until) {
+        Ok(again) if again.found.gap < first.found.gap => Ok(again),
+        Ok(_) | Err(Error::Numerical(_) | Error::Interrupted) => Ok(first),
+        Err(other) => Err(other),
+    }
+}
+
+/// The same, in one of both ways.
+fn found(
+    horizon: &Steps<'_>,
+    bounds: Bounds<'_>,
+    rows: Rows<'_>,
+    warm: Option<&[i8]>,
+    until: Until<'_>,
+) -> Result<RowsSolution> {
+    let mut q = if rows.grows { Riccati::growing(horizon)? } else { Riccati::new(horizon)? };
     let task = Task::new(*horizon, bounds, rows)?;
     let none = task.zeros()?;
+    let origin = try_zeros(WHAT, task.steps * task.n)?;
     let mut search = Search::new(&task, &mut q)?;
     let mut early = None;
-    if let Some(warm) = warm {
+    if rows.grows && !search.q.free(&search.fixed, until)? {
+        return Err(Error::Numerical(SINGULAR.into()));
+    }
+    if let Some(warm) = warm.filter(|_| !rows.grows) {
         checked_warm(Some(warm), task.kinds().iter().map(|(_, len)| len).sum())?;
         let mut held = task.held(warm)?;
         early = or_ended(search.follow(&mut held, until), until)?;
     }
     if search.best.as_ref().is_none_or(|best| best.merit > GOOD) {
-        search.verify(&none[Kind::Input as usize], &none, Method::Interior, until)?;
+        search.verify((&none[Kind::Input as usize], &origin), &none, Method::Interior, until)?;
         if early.is_none() {
             early = search.try_run(until)?;
         }
@@ -127,15 +155,15 @@ pub fn rows_control(
     let mut missing = 0.0;
     let unmet = early.is_none()
         && task.hard()
-        && search.best.as_ref().is_some_and(|best| best.excess > 0.0 && best.merit > KEPT);
+        && search.best.as_ref().is_some_and(|best| best.excess.units > 0.0 && best.merit > KEPT);
     let mut widened = None;
     if unmet {
         match search.least(until) {
-            Ok((u, amount, sure)) => {
-                search.verify(&u, &none, Method::Interior, until)?;
-                if sure && amount > 0.0 {
-                    missing = amount;
-                    widened = Some((task.widened(amount * (1.0 + ROOM))?, u));
+            Ok((u, x, amount, sure)) => {
+                search.verify((&u, &x), &none, Method::Interior, until)?;
+                if sure && amount.units > 0.0 {
+                    missing = amount.value;
+                    widened = Some((task.widened(amount.units * (1.0 + ROOM))?, u, x));
                 }
             }
             Err(Error::Interrupted) => early = Some(until.ended()),
@@ -144,9 +172,9 @@ pub fn rows_control(
         }
     }
     let Search { mut best, mut iterations, .. } = search;
-    if let Some((wider, u)) = &widened {
+    if let Some((wider, u, x)) = &widened {
         let mut search = Search::new(wider, &mut q)?;
-        search.verify(u, &none, Method::Interior, until)?;
+        search.verify((u, x), &none, Method::Interior, until)?;
         early = search.try_run(until)?;
         iterations += search.iterations;
         best = search.best;
@@ -154,15 +182,17 @@ pub fn rows_control(
     let Some(best) = best else {
         return Err(Error::Overflow { what: "the cost of a control within its limits" });
     };
-    let mut x = try_zeros(WHAT, task.steps * task.n)?;
-    task.roll(&best.u, &mut x);
-    let excess = if task.hard() { task.excess(&x).0 } else { 0.0 };
-    let zero = q.zero + task.penalty_at_zero(&mut x)?;
+    let (excess, broken) = if task.hard() { task.excess(&best.u, &best.x)?.told() } else { (0.0, false) };
+    let followed = best.open.map(|open| q.followed(try_copy(WHAT, &best.x)?, open)).transpose()?;
+    let zero = q.zero + task.penalty_at_zero(&mut try_zeros(WHAT, best.x.len())?)?;
     let mut all = super::search::Search::new(0)?;
     (all.u, all.g, all.factorizations, all.method) = (best.u, best.g, iterations, best.method);
     let mut found = told(&all, bounds, (early, best.certificate), (zero, best.scale))?;
     if widened.is_some() {
         found.status = early.unwrap_or(Status::Infeasible);
+    } else if broken && early.is_none() {
+        found.status = Status::Undecided;
+        missing = excess;
     }
-    Ok(RowsSolution { found, rows: best.rows, missing, excess })
+    Ok(RowsSolution { found, rows: best.rows, missing, excess, followed })
 }

@@ -6,6 +6,7 @@ use super::search::{EXACT, Search};
 use super::task::{Task, WHAT};
 use crate::error::Result;
 use crate::limits::quadratic::{Method, Status, Until};
+use crate::limits::riccati::closed::{Pull, Residuals};
 use crate::memory::try_zeros;
 
 /// Most rounds, and rounds without a better control after which no more follow.
@@ -13,6 +14,11 @@ const ROUNDS: usize = 12;
 const PATIENCE: usize = 3;
 /// Rounding of values, relative to their unit, and of multipliers, relative to the largest.
 const ROUNDING: f64 = 1e-13;
+
+fn doubled(mut values: Vec<f64>) -> Vec<f64> {
+    values.iter_mut().for_each(|v| *v *= 2.0);
+    values
+}
 
 impl Task<'_> {
     /// `H v = R v + G' Q G v`
@@ -100,13 +106,12 @@ impl Task<'_> {
 impl Search<'_, '_> {
     pub(super) fn polish(
         &mut self,
-        mut u: Vec<f64>,
+        (mut u, mut x): (Vec<f64>, Vec<f64>),
         mut multipliers: Multipliers,
         mut held: Held,
         until: Until<'_>,
     ) -> Result<Option<Status>> {
         let task = self.task;
-        let mut x = try_zeros(WHAT, task.steps * task.n)?;
         for (kind, len) in task.kinds() {
             (0..len).filter(|&i| held[kind as usize][i] == 0).for_each(|i| multipliers[kind as usize][i] = 0.0);
         }
@@ -115,9 +120,14 @@ impl Search<'_, '_> {
             if let Some(early) = until.reached() {
                 return Ok(Some(early));
             }
-            task.roll(&u, &mut x);
-            let g = task.residual(&u, &x, &multipliers, &held)?;
-            let Some((program, rows, unit)) = task.face(&held, (&u, &x), &g)? else { break };
+            let face = if task.grows {
+                let found = self.unrolled((&u, &x), &multipliers, &held, until)?;
+                task.face(&held, (&u, &x), &doubled(found.left), (&doubled(found.costate), &found.dynamics))?
+            } else {
+                task.roll(&u, &mut x);
+                task.face(&held, (&u, &x), &task.residual(&u, &x, &multipliers, &held)?, (&[], &[]))?
+            };
+            let Some((program, rows, unit)) = face else { break };
             let point = program.solve(until)?;
             self.iterations += point.iterations;
             if point.timed_out {
@@ -128,12 +138,16 @@ impl Search<'_, '_> {
             }
             let of_inputs = u.iter_mut().zip(&point.z).enumerate();
             of_inputs.for_each(|(i, (u, z))| *u += unit * task.unit(Kind::Input, i) * z);
+            let of_states = x.iter_mut().zip(&point.z[u.len()..]).enumerate();
+            of_states.for_each(|(i, (x, z))| *x += unit * task.unit(Kind::State, i) * z);
             for (&(kind, i, _), z) in rows.iter().zip(&point.multipliers[task.steps * task.n..]) {
                 multipliers[kind as usize][i] += unit * task.scale() / task.unit(kind, i) * z;
             }
-            task.roll(&u, &mut x);
+            if !task.grows {
+                task.roll(&u, &mut x);
+            }
             let before = self.best.as_ref().map_or(f64::INFINITY, |best| best.merit);
-            self.judge_signed(&u, &multipliers, &held, until)?;
+            self.judge_signed((&u, &x), &multipliers, &held, until)?;
             let now = self.best.as_ref().map_or(f64::INFINITY, |best| best.merit);
             let changed = task.exchange(&u, &x, &mut multipliers, &mut held);
             waits = if now < 0.5 * before { 0 } else { waits + 1 };
@@ -144,10 +158,34 @@ impl Search<'_, '_> {
         Ok(None)
     }
 
+    /// What is left of the gradients with all multipliers, and of the steps, where the system grows.
+    fn unrolled(
+        &mut self,
+        (u, x): (&[f64], &[f64]),
+        multipliers: &Multipliers,
+        held: &Held,
+        until: Until<'_>,
+    ) -> Result<Residuals> {
+        let task = self.task;
+        let mut states = try_zeros(WHAT, x.len())?;
+        for (i, (to, side)) in states.iter_mut().zip(&held[Kind::State as usize]).enumerate() {
+            *to = match (task.soft, side) {
+                (None, _) => 0.5 * multipliers[Kind::State as usize][i],
+                (Some(soft), 1 | -1) => soft * (x[i] - if *side < 0 { task.low[i] } else { task.high[i] }),
+                _ => 0.0,
+            };
+        }
+        let mut inputs = crate::memory::try_copy(WHAT, &multipliers[Kind::Input as usize])?;
+        task.pull_rows(multipliers, &mut inputs);
+        inputs.iter_mut().for_each(|v| *v *= 0.5);
+        let pull = Pull { states: &states, inputs: &inputs, slack: 0.0, soft: task.soft };
+        self.q.residuals((u, x), &held[Kind::Input as usize], &pull, |_, _| false, until)
+    }
+
     /// Judges `u` without multipliers of the wrong sign.
     pub(super) fn judge_signed(
         &mut self,
-        u: &[f64],
+        plan: (&[f64], &[f64]),
         multipliers: &Multipliers,
         held: &Held,
         until: Until<'_>,
@@ -161,6 +199,6 @@ impl Search<'_, '_> {
                     if task.fixed(kind, i) || v * f64::from(held[kind as usize][i]) > 0.0 { v } else { 0.0 };
             }
         }
-        self.verify(u, &signed, Method::Refinement, until)
+        self.verify(plan, &signed, Method::Refinement, until)
     }
 }

@@ -3,12 +3,16 @@
 use crate::error::{Error, Result};
 use crate::limits::bounds::Bounds;
 use crate::limits::riccati::Steps;
-use crate::memory::{try_copy, try_zeros};
+use crate::memory::{try_copy, try_filled, try_zeros};
 
 pub(super) const WHAT: &str = "a control with limits on states or rates";
 
+/// Excess of a limit on a state, relative to the size that the state has on the way, up to which the limit is kept.
+pub(super) const KEPT: f64 = 1e-9;
 /// Rounding of a step of `rate`, relative.
 const SLACK: f64 = 1e-12;
+/// Ratio of the sizes of two states from where each is scaled by its own.
+const APART: f64 = 1e3;
 /// Rounding of a sum of a value and a rate, relative.
 const NEAR: f64 = 8.0 * f64::EPSILON;
 
@@ -21,6 +25,8 @@ pub struct Rows<'a> {
     pub states: Option<(&'a [f64], &'a [f64])>,
     /// The weight of `||max(0, x - high)||^2 + ||max(0, low - x)||^2`, for limits that may be exceeded.
     pub soft: Option<f64>,
+    /// Whether the system grows so much over the steps that inputs alone do not tell where its states are.
+    pub grows: bool,
 }
 
 /// The data of a problem. States and inputs are step by step.
@@ -37,11 +43,12 @@ pub(super) struct Task<'a> {
     pub(super) low: Vec<f64>,
     pub(super) high: Vec<f64>,
     pub(super) soft: Option<f64>,
+    pub(super) grows: bool,
     /// Values from where all later limits can be kept, `l'_k = max(l_k, l'_{k+1} - rate)`, `h'_k = min(h_k, h'_{k+1} + rate)`,
     /// and that can be reached, `l'_k = max(l'_k, l'_{k-1} - rate)`, `h'_k = min(h'_k, h'_{k-1} + rate)`.
     within: (Vec<f64>, Vec<f64>),
-    /// Sizes of a state and of each input, to scale by.
-    pub(super) size: (f64, Vec<f64>),
+    /// Sizes of each state and of each input, to scale by.
+    pub(super) size: (Vec<f64>, Vec<f64>),
 }
 
 fn sized(name: &'static str, values: &[f64], len: usize) -> Result<()> {
@@ -53,6 +60,50 @@ fn sized(name: &'static str, values: &[f64], len: usize) -> Result<()> {
 
 pub(super) fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
     values.into_iter().filter(|v| v.is_finite()).fold(0.0, |most, v| most.max(v.abs()))
+}
+
+/// By how much limits of states are exceeded.
+#[derive(Clone, Copy, Default)]
+pub(super) struct Excess {
+    /// The largest in units of the states, and its value.
+    pub(super) units: f64,
+    pub(super) value: f64,
+    /// The largest beside the size that its state has on the way.
+    pub(super) relative: f64,
+}
+
+impl Excess {
+    /// The largest excess, and whether it is more than rounding.
+    pub(super) fn told(self) -> (f64, bool) {
+        (self.value, self.relative > KEPT)
+    }
+}
+
+/// The size of each state: one for all, unless their units are far apart. A state that begins and should end at 0 has the
+/// size of its limits, or that which the others give it in a step.
+fn sizes(h: &Steps<'_>, low: &[f64], high: &[f64]) -> Result<Vec<f64>> {
+    let n = h.x0.len();
+    let common = largest(h.x0.iter().chain(h.reference));
+    let common = if common > 0.0 { common } else { largest(low.iter().chain(high)).max(1.0) };
+    let of = |values: &[f64], i: usize| largest(values.iter().skip(i).step_by(n));
+    let mut own = try_zeros(WHAT, n)?;
+    for (i, size) in own.iter_mut().enumerate() {
+        *size = largest(&[h.x0[i], of(h.reference, i)]);
+        if *size == 0.0 {
+            *size = of(low, i).max(of(high, i));
+        }
+    }
+    for _ in 0..n {
+        for i in 0..n {
+            if own[i] > 0.0 {
+                continue;
+            }
+            let moved = |(a, x): (&f64, &f64)| (a * x).abs();
+            own[i] = h.a[i * n..(i + 1) * n].iter().zip(&own).map(moved).fold(0.0, f64::max);
+        }
+    }
+    let least = own.iter().copied().fold(f64::INFINITY, f64::min);
+    if least > 0.0 && largest(&own) > APART * least { Ok(own) } else { try_filled(WHAT, common, n) }
 }
 
 impl<'a> Task<'a> {
@@ -87,19 +138,20 @@ impl<'a> Task<'a> {
         {
             return Err(Error::Value { name: "soft", expected: "a number above 0", found: soft.to_string() });
         }
-        let state = largest(h.x0.iter().chain(h.reference));
-        let state = if state > 0.0 { state } else { largest(low.iter().chain(&high)).max(1.0) };
+        let state = sizes(&h, &low, &high)?;
         // each input in the unit in which it moves a state by its size, or its reach if that is less
         let mut input = try_zeros(WHAT, m)?;
         for (j, input) in input.iter_mut().enumerate() {
-            let gain = largest(h.b.iter().skip(j).step_by(m));
-            *input = if gain > 0.0 { state / gain } else { 1.0 };
+            let gains = h.b.iter().skip(j).step_by(m).zip(&state).filter(|(b, _)| **b != 0.0);
+            let least = gains.map(|(b, state)| state / b.abs()).fold(f64::INFINITY, f64::min);
+            *input = if least.is_finite() && least > 0.0 { least } else { 1.0 };
         }
         let copied = || Ok((try_copy(WHAT, bounds.low)?, try_copy(WHAT, bounds.high)?));
         let (inputs, within) = (copied()?, copied()?);
         let width = try_zeros(WHAT, steps * m)?;
-        let (rate, soft) = (rows.rate, rows.soft);
-        let mut new = Self { h, n, m, steps, inputs, width, rate, low, high, soft, within, size: (state, input) };
+        let (rate, soft, grows) = (rows.rate, rows.soft, rows.grows);
+        let mut new =
+            Self { h, n, m, steps, inputs, width, rate, low, high, soft, grows, within, size: (state, input) };
         new.look_ahead()?;
         new.reach();
         for (j, unit) in new.size.1.iter_mut().enumerate() {
@@ -181,24 +233,41 @@ impl<'a> Task<'a> {
 
     /// Brings inputs inside their limits, and changes within the rate, one step after another.
     pub(super) fn clip(&self, u: &mut [f64]) {
-        let (low, high) = &self.within;
         for i in 0..u.len() {
-            if let Some((rate, _)) = self.rate {
-                let (last, rate) = (self.before(u, i), rate[i % self.m]);
-                u[i] = u[i].max(last - rate).min(last + rate);
-            }
-            // where rounding leaves nothing, the limits are kept, and the rate to rounding
-            let (below, above) = (self.inputs.0[i], self.inputs.1[i]);
-            let clipped = u[i].max(low[i]).min(high[i]).max(below).min(above) + 0.0;
-            let near = |limit: f64| limit.is_finite() && (clipped - limit).abs() <= NEAR * limit.abs();
-            u[i] = if near(below) {
-                below
-            } else if near(above) {
-                above
-            } else {
-                clipped
-            };
+            u[i] = self.clipped(u, i);
         }
+    }
+
+    /// The input `i` inside its limits, and within the rate of the one before.
+    pub(super) fn clipped(&self, u: &[f64], i: usize) -> f64 {
+        let (low, high) = &self.within;
+        let mut value = u[i];
+        if let Some((rate, _)) = self.rate {
+            let (last, rate) = (self.before(u, i), rate[i % self.m]);
+            value = value.max(last - rate).min(last + rate);
+        }
+        // where rounding leaves nothing, the limits are kept, and the rate to rounding
+        let (below, above) = (self.inputs.0[i], self.inputs.1[i]);
+        let clipped = value.max(low[i]).min(high[i]).max(below).min(above) + 0.0;
+        let near = |limit: f64| limit.is_finite() && (clipped - limit).abs() <= NEAR * limit.abs();
+        if near(below) {
+            below
+        } else if near(above) {
+            above
+        } else {
+            clipped
+        }
+    }
+
+    /// How far the input `i` can move from `u` where those before have moved by `moves`.
+    pub(super) fn room(&self, u: &[f64], moves: &[f64], i: usize) -> (f64, f64) {
+        let (mut low, mut high) = (self.within.0[i] - u[i], self.within.1[i] - u[i]);
+        if let Some((rate, _)) = self.rate {
+            let (change, rate) = (u[i] - self.before(u, i), rate[i % self.m]);
+            let moved = if i < self.m { 0.0 } else { moves[i - self.m] };
+            (low, high) = (low.max(moved - rate - change), high.min(moved + rate - change));
+        }
+        (low, high)
     }
 
     /// `x(1) .. x(K)`
@@ -239,20 +308,33 @@ impl<'a> Task<'a> {
         Ok(())
     }
 
-    /// The largest excess of a limit of a state, and the largest relative to the size of the states.
-    pub(super) fn excess(&self, x: &[f64]) -> (f64, f64) {
-        let size = largest(x.iter().chain(self.h.x0)).max(f64::MIN_POSITIVE);
-        let mut most = (0.0f64, 0.0f64);
-        for ((x, l), h) in x.iter().zip(&self.low).zip(&self.high) {
-            let (over, limit) = if x > h { (x - h, h.abs()) } else { (l - x, l.abs()) };
-            if over > 0.0 {
-                most = (most.0.max(over), most.1.max(over / size.max(limit)));
+    /// The excess of the limit of a state that is largest relative to the size of the state, and that.
+    pub(super) fn excess(&self, u: &[f64], x: &[f64]) -> Result<Excess> {
+        let (n, m) = (self.n.max(1), self.m.max(1));
+        // of a state with the terms that add up to it
+        let mut size = try_filled(WHAT, f64::MIN_POSITIVE, self.n)?;
+        for (t, (now, u)) in x.chunks_exact(n).zip(u.chunks_exact(m)).enumerate() {
+            let last = if t == 0 { self.h.x0 } else { &x[(t - 1) * n..t * n] };
+            for (i, size) in size.iter_mut().enumerate() {
+                let of_state = self.h.a[i * n..(i + 1) * n].iter().zip(last).map(|(a, x)| (a * x).abs());
+                let of_input = self.h.b[i * m..(i + 1) * m].iter().zip(u).map(|(b, u)| (b * u).abs());
+                *size = of_state.chain(of_input).fold(size.max(now[i].abs()), f64::max);
             }
         }
-        most
+        let mut most = Excess::default();
+        for (i, ((x, l), h)) in x.iter().zip(&self.low).zip(&self.high).enumerate() {
+            let (over, limit) = if x > h { (x - h, h.abs()) } else { (l - x, l.abs()) };
+            if over > 0.0 {
+                most.relative = most.relative.max(over / size[i % n].max(limit));
+                if over / self.size.0[i % n] > most.units {
+                    (most.units, most.value) = (over / self.size.0[i % n], over);
+                }
+            }
+        }
+        Ok(most)
     }
 
-    /// The same with limits on states that are wider by `more`.
+    /// The same with limits on states that are wider by `more` units of each.
     pub(super) fn widened(&self, more: f64) -> Result<Self> {
         let mut new = Self {
             h: self.h,
@@ -261,11 +343,12 @@ impl<'a> Task<'a> {
             inputs: (try_copy(WHAT, &self.inputs.0)?, try_copy(WHAT, &self.inputs.1)?),
             width: try_copy(WHAT, &self.width)?,
             within: (try_copy(WHAT, &self.within.0)?, try_copy(WHAT, &self.within.1)?),
-            size: (self.size.0, try_copy(WHAT, &self.size.1)?),
+            size: (try_copy(WHAT, &self.size.0)?, try_copy(WHAT, &self.size.1)?),
             ..*self
         };
-        new.low.iter_mut().for_each(|l| *l -= more);
-        new.high.iter_mut().for_each(|h| *h += more);
+        let n = self.n.max(1);
+        new.low.iter_mut().enumerate().for_each(|(i, l)| *l -= more * self.size.0[i % n]);
+        new.high.iter_mut().enumerate().for_each(|(i, h)| *h += more * self.size.0[i % n]);
         Ok(new)
     }
 }

@@ -1,0 +1,177 @@
+"""Many steps of unstable systems: what is called optimal is, by arithmetic of 120 digits."""
+
+from __future__ import annotations
+
+from decimal import Decimal as D
+from decimal import localcontext
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.controls.limited import OPTIMAL
+
+CART = se.System.from_any(
+    (
+        [[0, 0, 1, 0], [0, 0, 0, 1], [0, -1.96, -0.5, 0], [0, 11.77, 0.5, 0]],
+        [[0], [0], [1.0], [-1.0]],
+        0,
+    ),
+    dt=0.05,
+)
+COST = se.Cost(Q=1.0, R=0.1)
+
+
+def exact(array):
+    return np.vectorize(D, otypes=[object])(np.asarray(array, dtype=float))
+
+
+def followed(A, B, x0, R, plan, limit):
+    """J of the plan, with its feedback, and of its inputs alone; Q = I."""
+    A, B, x0, u = exact(A), exact(B), exact(x0), exact(plan.u)
+    gains = None if plan.feedback is None else exact(plan.feedback)
+    costs, wanted = [], exact(plan.predicted_states)
+    for K in (gains, None):
+        x, J = x0, D(0)
+        for k in range(len(u)):
+            now = u[k]
+            if K is not None:
+                now = now + K[k] @ (x - wanted[k])
+                now = np.array([min(max(v, -D(limit)), D(limit)) for v in now])
+            x = A @ x + B @ now
+            J += x @ x + D(R) * (now @ now)
+        costs.append(J)
+    return costs
+
+
+def least(A, B, x0, R, steps, held):
+    """The least J of one input, `held` (step: value) aside, by Riccati's recursion; Q = I."""
+    n = len(A)
+    A, b, x0 = exact(A), exact(B)[:, 0], exact(x0)
+    P, s, c = exact(np.eye(n)), exact(np.zeros(n)), D(0)
+    for k in reversed(range(steps)):
+        if k in held:
+            v = D(float(held[k]))
+            c = c + v * v * (b @ P @ b) + 2 * v * (s @ b) + D(R) * v * v
+            s, P = A.T @ (P @ b * v + s), A.T @ P @ A
+        else:
+            G, g, h = D(R) + b @ P @ b, A.T @ (P @ b), s @ b
+            s, P, c = A.T @ s - g * h / G, A.T @ P @ A - np.outer(g, g) / G, c - h * h / G
+        if k:
+            P = P + exact(np.eye(n))
+    return x0 @ P @ x0 + 2 * (s @ x0) + c
+
+
+def drawn(seed):
+    """A system of 1 to 3 states that grows by 1e2 to 1e40 over its steps, and a start."""
+    rng = np.random.default_rng(seed)
+    n, steps, grown = int(rng.integers(1, 4)), int(rng.integers(25, 90)), rng.uniform(2.0, 40.0)
+    A = rng.standard_normal((n, n))
+    A *= 10.0 ** (grown / steps) / np.abs(np.linalg.eigvals(A)).max()
+    return A, rng.standard_normal((n, 1)), rng.standard_normal(n), steps, 10.0 ** rng.uniform(-4, 1)
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_no_plan_is_called_optimal_that_costs_more(seed):
+    A, B, x0, steps, R = drawn(seed)
+    cost = se.Cost(Q=1.0, R=R)
+    free = se.control((A, B), x0, 0 * x0, steps=steps, cost=cost)
+    for share in (np.inf, 0.97):
+        limit = 1e6 if share == np.inf else share * float(np.abs(free.u).max())
+        plan = se.control((A, B), x0, 0 * x0, steps=steps, cost=cost, limits=(-limit, limit))
+        with localcontext() as context:
+            context.prec = 120
+            J, alone = followed(A, B, x0, R, plan, limit)
+            at = {k: plan.u[k, 0] for k in np.flatnonzero(plan.active[:, 0])}
+            # limits that are held and should not be only make this larger
+            excess = float(J - least(A, B, x0, R, steps, at))
+        if plan.status != "optimal":  # these limits do not keep what grows
+            assert share < 1.0
+            assert plan.objective > 1e20 * free.objective
+            continue
+        assert excess <= plan.gap * (1 + 1e-6) + 1e-60 <= OPTIMAL * plan.objective
+        assert float(J) == pytest.approx(plan.objective, rel=1e-12)
+        assert float(alone) == pytest.approx(plan.open_loop_objective, rel=1e-4)
+        assert (plan.multipliers >= 0).all()
+        if plan.open_loop_until == steps:
+            assert float(alone) == pytest.approx(plan.objective, rel=1e-9)
+            assert plan.feedback is None
+        else:
+            assert f"follow with `feedback` from step {plan.open_loop_until} on" in repr(plan)
+
+
+@pytest.mark.parametrize(
+    ("A", "B", "x0", "steps", "limit", "J", "first"),
+    [
+        ([[2.0]], [[1.0]], [0.5], 30, 10.0, 0.0932, -0.932),
+        (CART.A, CART.B, [0.1, 0.05, 0, 0], 150, 10.0, 3.9518, 2.6287),
+        ([[1.2, 1.0], [0.0, 1.1]], [[0.0], [1.0]], [0.01, 0.0], 400, 1.0, 2.94218e-4, None),
+    ],
+)
+def test_public_cases(A, B, x0, steps, limit, J, first):
+    plan = se.control((A, B), x0, 0 * np.array(x0), steps=steps, limits=(-limit, limit), cost=COST)
+    assert plan.status == "optimal"
+    assert plan.objective == pytest.approx(J, rel=1e-3)
+    loop = se.regulate((A, B), steps, limits=(-limit, limit), cost=COST)
+    u = loop(x0)
+    assert loop.log[-1].status == "optimal"
+    np.testing.assert_allclose(u, plan.u[0], rtol=1e-9)
+    if first is not None:
+        assert u[0] == pytest.approx(first, rel=1e-3)
+
+
+def conic(A, B, x0, steps, **sides):
+    """The least J over inputs and states by Clarabel: x and u to some 1e-8."""
+    import clarabel
+    from scipy import sparse
+
+    n, m = B.shape
+    d, N = steps * m, steps * (n + m)
+    P = sparse.diags([0.2] * d + [2.0] * (steps * n))
+    rows = sparse.lil_matrix((steps * n, N))
+    right = np.zeros(steps * n)
+    for k in range(steps):
+        at = slice(k * n, (k + 1) * n)
+        rows[at, d + k * n : d + (k + 1) * n] = np.eye(n)
+        rows[at, k * m : (k + 1) * m] = -B
+        if k:
+            rows[at, d + (k - 1) * n : d + k * n] = -A
+        else:
+            right[at] = A @ x0
+    E, one = rows.tocsc(), sparse.identity(N, format="csc")
+    more, limits = [one[:d], -one[:d]], [np.full(d, sides["u"])] * 2
+    if "rate" in sides:
+        change = sparse.eye(d) - sparse.eye(d, k=-m)
+        change = sparse.hstack([change, sparse.csc_matrix((d, steps * n))])
+        more, limits = [*more, change, -change], [*limits, *[np.full(d, sides["rate"])] * 2]
+    if "x" in sides:
+        more, limits = [*more, one[d:], -one[d:]], [*limits, *[np.tile(sides["x"], steps)] * 2]
+    C, c = sparse.vstack([E, *more]).tocsc(), np.concatenate([right, *limits])
+    keep = np.isfinite(c)
+    C, c = C[keep], c[keep]
+    cones = [clarabel.ZeroConeT(len(right)), clarabel.NonnegativeConeT(len(c) - len(right))]
+    settings = clarabel.DefaultSettings()
+    settings.verbose = False
+    found = clarabel.DefaultSolver(P.tocsc(), np.zeros(N), C, c, cones, settings).solve()
+    return found.obj_val, np.array(found.x[:d]).reshape(-1, m)
+
+
+@pytest.mark.parametrize(
+    "sides",
+    [{"rate": 1.0}, {"x": [np.inf, np.inf, 0.3, np.inf]}, {"rate": 1.0, "x": [0.5, 0.2, 1, 1]}],
+)
+def test_rates_and_states_over_a_long_horizon(sides):
+    x0, u = np.array([0.1, 0.05, 0, 0]), 5.0
+    limits = se.Limits(
+        u=(-u, u),
+        rate=sides.get("rate"),
+        previous=0.0 if "rate" in sides else None,
+        x=None if "x" not in sides else (-np.array(sides["x"]), sides["x"]),
+        soft=False if "x" in sides else None,
+    )
+    plan = se.control(CART, x0, np.zeros(4), steps=150, limits=limits, cost=COST)
+    best, v = conic(CART.A, CART.B, x0, 150, u=u, **sides)
+    assert plan.status == "optimal"
+    assert plan.objective == pytest.approx(best, rel=1e-6)
+    np.testing.assert_allclose(plan.u[:5], v[:5], atol=1e-4)
+    assert plan.open_loop_until < 150

@@ -759,7 +759,7 @@ class Feedback:
         self, root: _Floats, x: _Floats, alpha: float, lambda_: float, multipliers: _Floats
     ) -> bool: ...
     # of the centre, of the model, of the start, each (K + 1, n + m); radii (K + 1,), of noise
-    # (n + m,) and its radius; sup of the later norms, and of all rows
+    # (n + m,) and its radius; sup of the later norms, and of all rows; x0 from `rest` (xs, us) on
     def tube(
         self,
         x0: _Floats,
@@ -767,7 +767,7 @@ class Feedback:
         plan: _Floats,
         start: float,
         noise: tuple[_Floats, float] | None,
-        about_rest: bool = False,
+        rest: tuple[_Floats, _Floats] | None = None,
     ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, float, _Floats, _Floats]: ...
     # how far states and inputs are at rest from (xs, us), and the 2-norm of the states
     def rest(self, xs: _Floats, us: _Floats) -> tuple[_Floats, float]: ...

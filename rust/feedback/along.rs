@@ -12,10 +12,13 @@ use super::tube::{Level, ROUNDING, Run, Tube};
 use super::way::Way;
 
 impl Loop {
-    /// The bounds step by step, to `end`; without a level they are infinite from the first step on.
+    /// The bounds step by step, to `end`; without a level they are infinite from the first step on. `beside`: how far rows and
+    /// states are at rest from the set point.
+    #[expect(clippy::too_many_arguments, reason = "what a tube depends on")]
     pub(super) fn along(
         &self,
         run: Run<'_>,
+        beside: &(Vec<f64>, f64),
         end: usize,
         levels: &[Level],
         sharp: bool,
@@ -41,8 +44,9 @@ impl Loop {
             x: Mat::from_fn(n, 1, |i, _| run.x0[i] / data.unit[i]),
             plan: run.plan,
             k: 0,
-            about_rest: run.about_rest,
+            about_rest: run.rest.is_some(),
         };
+        let point = |h: usize| run.rest.map_or(0.0, |(xs, us)| if h < n { xs[h] } else { us[h - n] });
         let mut order = sharp.then(|| FirstOrder::new(self));
         let d = self.closed.inputs(data);
         let (forcing, mut l) = (&d * d.transpose(), Mat::<f64>::zeros(n, n));
@@ -79,11 +83,12 @@ impl Loop {
                 if h < n {
                     squared += bound * bound;
                 }
+                // x - xs = (x - rest) + (rest - xs), and x(0) - rest = (x0 - xs) - (rest - xs)
+                let begun = least(&|level| level.rest.as_ref().map_or(0.0, |rest| power(level) * rest.0[h]));
+                let bound = if run.rest.is_some() { bound + beside.0[h] + begun } else { bound };
+                let nominal = point(h) + if h < n { way.x[(h, 0)] * data.unit[h] } else { u[(h - n, 0)] };
                 if k <= run.steps {
                     tube.model.push(bound);
-                }
-                let nominal = if h < n { way.x[(h, 0)] * data.unit[h] } else { u[(h - n, 0)] };
-                if k <= run.steps {
                     tube.nominal.push(nominal);
                 }
                 tube.reach[h] = tube.reach[h].max(nominal.abs() + bound + start[h]);
@@ -101,9 +106,11 @@ impl Loop {
             }
             let first = least(&|level| level.start.as_ref().map_or(0.0, |start| power(level) * start.1));
             let first = if run.start > 0.0 { first } else { 0.0 };
-            let radius = if k == 0 { first.min(run.start) } else { model[0].min(model[1]) + first };
+            let begun = least(&|level| level.rest.as_ref().map_or(0.0, |rest| power(level) * rest.1));
+            let begun = if run.rest.is_some() { begun } else { 0.0 };
+            let radius = if k == 0 { first.min(run.start) } else { model[0].min(model[1]) + first } + begun;
             if k <= run.steps {
-                tube.radii.push(radius);
+                tube.radii.push(radius + if run.rest.is_some() { beside.1 } else { 0.0 });
                 tube.start.extend_from_slice(&start);
             }
             tube.later.push(crate::fuse::norm((0..n).map(|i| way.x[(i, 0)] * data.unit[i])) + radius);

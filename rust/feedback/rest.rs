@@ -18,29 +18,27 @@ fn norm(a: &Matrix) -> Result<f64> {
     Ok(unit * values.first().copied().unwrap_or(0.0))
 }
 
+/// Where the loops of all members rest, as differences from a set point: `off + forced q`, `||q|| <= size`, in the units of
+/// the loop.
+struct AtRest {
+    off: Matrix,
+    forced: Matrix,
+    size: f64,
+}
+
 impl Loop {
-    /// How far states and inputs (n + m) of any member are at rest from `xs` and `us`, under `u = us + K (x - xs)`, and the
-    /// 2-norm of the states; infinite unless the gain is certified and the data determine the point. With `r = C z_s - xs`,
-    /// `M = (I - A0)^-1` and `g1 = rho ||E M D||`:
-    ///
-    /// ```text
-    /// |h'e| <= |h'M r| + rho ||h'M D|| (||W z_s|| + ||E M r||) / (1 - g1)
-    /// ```
-    ///
-    /// # Errors
-    /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].
-    pub fn rest(&self, xs: &[f64], us: &[f64]) -> Result<(Vec<f64>, f64)> {
+    /// None unless the gain is certified and the data determine the point.
+    fn at_rest(&self, xs: &[f64], us: &[f64]) -> Result<Option<AtRest>> {
         let data = &self.data;
         let (n, m, d) = (data.n, data.m, data.region.d);
         if xs.len() != n || us.len() != m {
             let found = format!("{} and {}", xs.len(), us.len());
             return Err(Error::Shape { name: "xs", expected: format!("{n} entries, and {m} of inputs"), found });
         }
-        let (mut own, mut found) = (Vec::new(), Vec::new());
+        let mut own = Vec::new();
         own.extend(xs.iter().chain(us).copied().chain(data.c.iter().map(|_| 1.0)));
-        found.resize(n + m, f64::INFINITY);
         if self.certificate.status != Status::Certified || !data.determined(&own) {
-            return Ok((found, f64::INFINITY));
+            return Ok(None);
         }
         covered(WHAT, bytes(n, d), || {
             let z = Mat::from_fn(d, 1, |i, _| own[i] / data.unit.get(i).copied().unwrap_or(1.0));
@@ -54,7 +52,26 @@ impl Loop {
             let known = data.pieces.iter().zip(&self.closed.t).map(|(piece, t)| (&piece.w * &z).norm_l2() / t.sqrt());
             let size = crate::fuse::norm(known) + (&e * &off).norm_l2();
             let gain = (norm(&(&e * &forced))? * (1.0 + ROUNDING)).min(self.certificate.norm);
-            let size = size / (1.0 - gain) * (1.0 + ROUNDING);
+            Ok(Some(AtRest { off, forced, size: size / (1.0 - gain) * (1.0 + ROUNDING) }))
+        })?
+    }
+
+    /// How far states and inputs (n + m) of any member are at rest from `xs` and `us`, under `u = us + K (x - xs)`, and the
+    /// 2-norm of the states; infinite unless the gain is certified and the data determine the point. With `r = C z_s - xs`,
+    /// `M = (I - A0)^-1` and `g1 = rho ||E M D||`:
+    ///
+    /// ```text
+    /// |h'e| <= |h'M r| + rho ||h'M D|| (||W z_s|| + ||E M r||) / (1 - g1)
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].
+    pub fn rest(&self, xs: &[f64], us: &[f64]) -> Result<(Vec<f64>, f64)> {
+        let data = &self.data;
+        let (n, mut found) = (data.n, Vec::new());
+        found.resize(n + data.m, f64::INFINITY);
+        let Some(AtRest { off, forced, size }) = self.at_rest(xs, us)? else { return Ok((found, f64::INFINITY)) };
+        covered(WHAT, bytes(n, data.region.d), || {
             let (rows, mut squared) = (self.rows(), 0.0);
             let (at, each) = (&rows * &off, &rows * &forced);
             for (h, to) in found.iter_mut().enumerate() {
@@ -65,5 +82,21 @@ impl Loop {
             let radius = whole(&off)? * (1.0 + ROUNDING) + whole(&forced)? * size;
             Ok((found, radius.min(squared.sqrt())))
         })?
+    }
+
+    /// X with `e e' <= X` for all differences e at rest, by `(a + b)(a + b)' <= (1 + s) a a' + (1 + 1/s) b b'`; None where
+    /// there is no bound.
+    pub(super) fn spread_at_rest(&self, xs: &[f64], us: &[f64]) -> Result<Option<Matrix>> {
+        let Some(AtRest { off, forced, size }) = self.at_rest(xs, us)? else { return Ok(None) };
+        covered(WHAT, bytes(self.data.n, self.data.region.d), || {
+            let around = scaled(&(&forced * forced.transpose()), size * size);
+            let (one, other) = (off.norm_l2(), size * forced.norm_l2());
+            if one <= 0.0 {
+                return Some(around);
+            }
+            let share = (one / other).clamp(1e-6, 1e6);
+            Some(scaled(&around, 1.0 + share) + scaled(&(&off * off.transpose()), 1.0 + 1.0 / share))
+        })
+        .map_err(Into::into)
     }
 }

@@ -58,7 +58,7 @@ impl Loop {
             (level, Some(scale))
         })?;
         if let Some(x0) = x0 {
-            let run = Run { x0, steps: 1, plan: &[], start: 0.0, about_rest: false, noise: None };
+            let run = Run { x0, steps: 1, plan: &[], start: 0.0, rest: None, noise: None };
             let along = within(&self.tube(run, stop)?.reach);
             scale = scale.map(|scale| scale.max(along));
         }

@@ -36,8 +36,9 @@ pub struct Run<'a> {
     pub plan: &'a [f64],
     /// `||x(0) - x0||` is at most this.
     pub start: f64,
-    /// Whether all states and inputs are differences from those at rest, so that there is no intercept.
-    pub about_rest: bool,
+    /// The set point (xs, us) of `u = us + K (x - xs)`: `x0` and the states and inputs of the centre are differences from it,
+    /// and the members rest beside it.
+    pub rest: Option<(&'a [f64], &'a [f64])>,
     /// Bound of the covariance of Gaussian noise (n, n), and the probability that is given away for it.
     pub noise: Option<(&'a [f64], f64)>,
 }
@@ -57,7 +58,8 @@ pub struct Tube {
     pub noise: Vec<f64>,
     /// The same in the 2-norm of the states.
     pub noise_radius: f64,
-    /// `||x(j)||` is at most this for all j >= k, without noise (K + 1 or more); infinite without a bound for all time.
+    /// `||x(j)||`, of the distance from the point of rest, is at most this for all j >= k, without noise (K + 1 or more);
+    /// infinite without a bound for all time.
     pub later: Vec<f64>,
     /// `|x_i|` and `|u_j|` are at most this for all time, without noise (n + m).
     pub reach: Vec<f64>,
@@ -72,8 +74,9 @@ pub(super) struct Level {
     /// `sqrt(h' L h)` for each row, and of the 2-norm.
     pub rows: Vec<f64>,
     pub norm: f64,
-    /// The same of an uncertain start.
+    /// The same of an uncertain start, and of the distance of the point of rest.
     pub start: Option<(Vec<f64>, f64)>,
+    pub rest: Option<(Vec<f64>, f64)>,
     /// `sup_k ||xb_{P + k}|| t^-k`.
     pub centre: f64,
 }
@@ -120,7 +123,7 @@ impl Loop {
         let data = &self.data;
         let (n, m, rows) = (data.n, data.m, self.rows());
         let planned = run.plan.len() / m;
-        let forever = data.c.is_none() || run.about_rest;
+        let forever = data.c.is_none() || run.rest.is_some();
         // c of the steps of the plan, or of all steps if the loop does not come to rest at 0
         let summed = if forever { planned } else { run.steps };
         let mut way = Way {
@@ -128,7 +131,7 @@ impl Loop {
             x: Mat::from_fn(n, 1, |i, _| run.x0[i] / data.unit[i]),
             plan: run.plan,
             k: 0,
-            about_rest: run.about_rest,
+            about_rest: run.rest.is_some(),
         };
         let (mut first, mut rested, mut known) = (Vec::new(), way.x.clone(), true);
         for k in 0..=run.steps.max(summed) {
@@ -142,19 +145,21 @@ impl Loop {
             }
             way.step();
         }
-        let certified = self.certificate.status == Status::Certified && known;
-        let mut levels = Vec::new();
+        let beside = run.rest.map(|(xs, us)| self.spread_at_rest(xs, us)).transpose()?;
+        let certified = self.certificate.status == Status::Certified && known && beside != Some(None);
+        let (beside, mut levels) = (beside.flatten(), Vec::new());
         if certified {
             for share in RATES {
                 stop.check()?;
                 let t = 1.0 - share * (1.0 - self.certificate.radius);
-                levels.extend(self.level(t, &first, &rested, forever, run.start, &rows, stop)?);
+                levels.extend(self.level(t, &first, &rested, forever, (run.start, beside.as_ref()), &rows, stop)?);
             }
         }
         let size = crate::fuse::norm(run.x0.iter().copied()) + run.start;
         let after = |k: usize| {
             let least = |level: &Level| {
-                let own = level.norm * level.size + level.start.as_ref().map_or(0.0, |start| start.1);
+                let begun = [&level.start, &level.rest].into_iter().flatten().map(|start| start.1).sum::<f64>();
+                let own = level.norm * level.size + begun;
                 level.t.powi(k as i32) * own + level.t.powi((k - summed) as i32) * level.centre
             };
             levels.iter().map(least).fold(f64::INFINITY, f64::min)
@@ -166,7 +171,8 @@ impl Loop {
             }
         }
         let sharp = (end * n * n) as f64 * (parts + 1) as f64 <= WORK;
-        let mut found = self.along(run, end, &levels, sharp, &rows, stop)?;
+        let offset = run.rest.map(|(xs, us)| self.rest(xs, us)).transpose()?.unwrap_or_default();
+        let mut found = self.along(run, &offset, end, &levels, sharp, &rows, stop)?;
         let beyond = if forever { after(end + 1) } else { f64::INFINITY };
         let mut later = beyond;
         found.later.iter_mut().rev().for_each(|v| {
@@ -176,7 +182,9 @@ impl Loop {
         // |h'x| <= ||h|| ||x||, h in the units of the data
         for (i, reach) in found.reach.iter_mut().enumerate() {
             let own = |j: usize| rows[(i, j)] / data.unit[j];
-            *reach = reach.max(crate::fuse::norm((0..n).map(own)) * beyond);
+            let point = run.rest.and_then(|(xs, us)| xs.iter().chain(us).nth(i)).map_or(0.0, |v| v.abs());
+            let point = point + offset.0.get(i).copied().unwrap_or(0.0);
+            *reach = reach.max(point + crate::fuse::norm((0..n).map(own)) * beyond);
         }
         if let Some((covariance, eps)) = run.noise {
             let back = data.back();
@@ -201,7 +209,7 @@ impl Loop {
         first: &[Vec<f64>],
         rested: &Matrix,
         forever: bool,
-        start: f64,
+        (start, beside): (f64, Option<&Matrix>),
         rows: &Matrix,
         stop: &Stop,
     ) -> Result<Option<Level>> {
@@ -223,15 +231,27 @@ impl Loop {
         let squared: f64 =
             first.iter().enumerate().map(|(k, c)| (crate::fuse::norm(c.iter().copied()) * weight(k)).powi(2)).sum();
         let size = (squared + rest * weight(first.len()).powi(2)).sqrt() * (1.0 + ROUNDING) / (1.0 - theta);
-        let start = if start > 0.0 {
-            let x = Mat::from_fn(data.n, data.n, |i, j| if i == j { (start / data.unit[i]).powi(2) } else { 0.0 });
-            let Some(root) = self.smallest(&x, lambda, rows) else { return Ok(None) };
-            Some(self.sizes(&root, rows)?)
-        } else {
-            None
-        };
+        let ball = |i: usize, j: usize| if i == j { (start / data.unit[i]).powi(2) } else { 0.0 };
+        let ball = (start > 0.0).then(|| Mat::from_fn(data.n, data.n, ball));
+        let mut begun = [None, None];
+        for (to, x) in begun.iter_mut().zip([ball.as_ref(), beside]) {
+            if let Some(x) = x {
+                let Some(root) = self.smallest(x, lambda, rows) else { return Ok(None) };
+                *to = Some(self.sizes(&root, rows)?);
+            }
+        }
+        let [start, rest] = begun;
         let (rows, norm) = self.sizes(&l, rows)?;
-        Ok(Some(Level { t, size, second: theta * size, rows, norm, start, centre: centre.sqrt() * (1.0 + ROUNDING) }))
+        Ok(Some(Level {
+            t,
+            size,
+            second: theta * size,
+            rows,
+            norm,
+            start,
+            rest,
+            centre: centre.sqrt() * (1.0 + ROUNDING),
+        }))
     }
 
     /// `sqrt(h'Yh)` for each row, and `sqrt(lam_max(Y))` in the units of the data, from the root of Y.

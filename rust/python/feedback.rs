@@ -101,7 +101,7 @@ impl PyFeedback {
 
     /// `(nominal, model, start, radii, noise, noise_radius, later, reach)`.
     #[expect(clippy::type_complexity, clippy::too_many_arguments, reason = "the fields of a tube and of a run")]
-    #[pyo3(signature = (x0, steps, plan, start, noise, about_rest=false))]
+    #[pyo3(signature = (x0, steps, plan, start, noise, rest=None))]
     fn tube<'py>(
         &self,
         py: Python<'py>,
@@ -110,14 +110,18 @@ impl PyFeedback {
         plan: Matrix<'_>,
         start: f64,
         noise: Option<(Matrix<'_>, f64)>,
-        about_rest: bool,
+        rest: Option<(Vector<'_>, Vector<'_>)>,
     ) -> PyResult<(Array2<'py>, Array2<'py>, Array2<'py>, Array1<'py>, Array1<'py>, f64, Array1<'py>, Array1<'py>)>
     {
         let noise = match &noise {
             Some((covariance, eps)) => Some((slice("noise", covariance)?, *eps)),
             None => None,
         };
-        let asked = Run { x0: slice("x0", &x0)?, steps, plan: slice("inputs", &plan)?, start, about_rest, noise };
+        let rest = match &rest {
+            Some((xs, us)) => Some((slice("xs", xs)?, slice("us", us)?)),
+            None => None,
+        };
+        let asked = Run { x0: slice("x0", &x0)?, steps, plan: slice("inputs", &plan)?, start, rest, noise };
         let found = run(py, UNTIL_STOPPED, |stop| self.of.tube(asked, stop))?;
         let table = |values: Vec<f64>| array2(py, values, steps + 1, self.n + self.m);
         Ok((

@@ -454,7 +454,7 @@ def test_an_offset_leaves_no_statement_for_all_time():
     assert np.isinf(tube.later).all()
     assert np.isinf(tube.reach).all()
     assert tube.settles(10.0) is None
-    with pytest.raises(InputError, match="a model without intercept, with which 0 is no point"):
+    with pytest.raises(InputError, match="a loop that rests at 0, without intercept"):
         proof.holds((-9.0, 9.0), [0.1])
     assert np.isfinite(proof.tube([1.0], 20, rest=proof.rest()).reach).all()
 

@@ -74,6 +74,8 @@ class LoopCertificate(SavedRecord):
         What to be careful about, one sentence each: those of the model, and before them that a
         shorter window has a smaller region, where the window was chosen by the data and nothing is
         certified.
+    target : ndarray, shape (n + m,), or None
+        The states and inputs of the set point of the loop, ``u = us + K (x - xs)``; None: 0.
     """
 
     region: Region
@@ -91,12 +93,18 @@ class LoopCertificate(SavedRecord):
     residual: Floats | None = None
     degrees: int = 0
     warnings: tuple[str, ...] = ()
+    target: Floats | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         n, m = self.region.n, self.region.m
         require_shapes(
-            self, K=(m, n), proof=(n, n), member=self.region.centre.shape, residual=(n, n)
+            self,
+            K=(m, n),
+            proof=(n, n),
+            member=self.region.centre.shape,
+            residual=(n, n),
+            target=(n + m,),
         )
         validation.size("degrees", self.degrees, minimum=0)
         if self.residual is not None:
@@ -114,6 +122,7 @@ class LoopCertificate(SavedRecord):
         labels: Labels,
         model: Identified,
         squares: tuple[Floats | None, int] = (None, 0),
+        target: Floats | None = None,
     ) -> LoopCertificate:
         """The verdict about a gain; doubts about the data of the model leave nothing to certify."""
         doubt = model.doubts[0] if model.doubts else _no_effect(region, K, model)
@@ -154,6 +163,7 @@ class LoopCertificate(SavedRecord):
             residual=squares[0],
             degrees=squares[1],
             warnings=warnings,
+            target=None if target is None else validation.frozen(target),
         )
         vars(made)["_core"] = found  # so that it is not computed again
         return made
@@ -239,8 +249,9 @@ class LoopCertificate(SavedRecord):
             residuals. Default: the states without noise.
         rest : Rest, optional
             The feedback is ``u = us + K (x - xs)`` about this set point of `rest`: the tube then
-            holds for all time also with an intercept, around the centre that would rest there, and
-            `Tube.later` and `Tube.settles` are about the distance from the true point of rest.
+            holds for all time also with an intercept, around the centre under it, and `Tube.later`
+            and `Tube.settles` are about the distance from the true point of rest. Default: that of
+            `target`, if the loop has one.
 
         Returns
         -------
@@ -257,6 +268,9 @@ class LoopCertificate(SavedRecord):
         ``c(k) = W z(k)`` along the centre, ``theta`` the proved norm: ``|h'e(k)| <= sqrt(h'L h)
         ||c|| / (1 - theta)`` (small gain), and sharper by the nuclear norm of the exact first order
         with theta times that for the rest; both also for ``e(k) t^-k``, for several rates t < 1.
+        About a set point ``c(k)`` stays at ``W z_s``: the smaller of this bound over the K steps,
+        and of ``e(k) = r + A_G^k (x0 - xs - r)`` with r of `rest`. A system of the region need not
+        rest at xs: its way from 0 to xs is not that from -xs to 0, whatever the centre does.
         Noise: ``Cov e(k) <= Y`` with ``A_G Y A_G' + Sigma <= Y`` for all systems, and the union
         over rows and steps.
 
@@ -281,30 +295,33 @@ class LoopCertificate(SavedRecord):
         if inputs is not None:
             plan = validation.inputs("inputs", inputs, cols=m, labels=self.labels.inputs)
         radius = validation.nonnegative("start", start)
+        if rest is None and self.target is not None and inputs is None:
+            rest = self.rest()
         if rest is not None:
             if inputs is not None:
                 raise InputError(
                     "`inputs` must be left out with `rest`: a plan has an end of its own"
                 )
             xs = validation.instance("rest", rest, Rest).states
-            if self.rest(xs).to_dict() != rest.to_dict():
+            own = np.hstack([xs, rest.inputs])
+            if self._resting(own).to_dict() != rest.to_dict():
                 raise InputError("`rest` must be of this certificate: proof.rest(xs)")
-            first, radius = first - xs, radius + rest.radius
         noisy = None
         if noise is not None:
             noisy = self._noise("noise", noise)
-        found = self._core.tube(first, K, plan, radius, noisy, rest is not None)
+        point = None if rest is None else self._centre_at_rest(rest)
+        begin = first if point is None else first - point[0]
+        found = self._core.tube(begin, K, plan, radius, noisy, point)
         nominal, model, begun, radii, spread, size, later, reach = found
         if not np.isfinite(nominal).all():
             raise NonFiniteError("`x0`, `inputs` and `steps` lead beyond the largest number")
         for bound in (model, begun, radii, spread, later, reach):
             bound[np.isnan(bound)] = np.inf
         size = np.inf if np.isnan(size) else size
-        if rest is not None:  # x - xs = (x - x_rest) + (x_rest - xs)
-            point, off = np.hstack([rest.states, rest.inputs]), rest.radius
-            each = np.hstack([rest.components, rest.input_components])
-            nominal, begun, radii = nominal + point, begun + each, radii + off
-            reach = reach + np.abs(point) + each
+        if point is not None:
+            # the same inputs as a plan: what W z_s adds over K steps, sharper than its sum for ever
+            along = self._core.tube(first, K, nominal[:-1, n:].copy(), radius, None, None)
+            model, radii = np.fmin(model, along[1]), np.fmin(radii, along[3])  # nan: no bound
         if self.status != "certified":  # the core knows nothing of doubts about the data
             for bound in (model, begun, radii, spread, later, reach):
                 bound.fill(np.inf)
@@ -332,8 +349,8 @@ class LoopCertificate(SavedRecord):
         Parameters
         ----------
         xs : array_like, shape (n,), optional
-            The set point; default: the origin, for systems with an intercept. The inputs us are
-            those that hold it at the centre of the region, or come nearest to that.
+            The set point; default: `target`, without one the origin. The inputs us are those of
+            `target`, or those that hold xs at the centre of the region or come nearest to that.
 
         Returns
         -------
@@ -362,6 +379,8 @@ class LoopCertificate(SavedRecord):
         """
         region = self.region
         n, m = region.n, region.m
+        if xs is None and self.target is not None:
+            return self._resting(self.target)
         names = self.labels.states
         point = np.zeros(n) if xs is None else validation.vector("xs", xs, length=n, labels=names)
         A, B, c = np.split(region.centre, [n, n + m], axis=1)
@@ -369,18 +388,33 @@ class LoopCertificate(SavedRecord):
             away = point - A @ point - c.sum(axis=1)
         if not np.isfinite(away).all():
             raise NonFiniteError("`xs` is so large that A xs overflows")
-        us = np.linalg.lstsq(B, away, rcond=None)[0]
-        rows, radius = self._core.rest(np.ascontiguousarray(point), us)
+        return self._resting(np.hstack([point, np.linalg.lstsq(B, away, rcond=None)[0]]))
+
+    def _centre_at_rest(self, rest: Rest) -> tuple[Floats, Floats]:
+        """Where the centre rests under ``u = us + K (x - xs)``, its states and inputs."""
+        n, xs = self.region.n, rest.states
+        if self.status != "certified":  # nothing is bounded, and it may rest nowhere
+            return xs, rest.inputs
+        A, B, c = np.split(self.region.centre, [n, n + self.region.m], axis=1)
+        moved = A @ xs + B @ rest.inputs + c.sum(axis=1) - xs
+        off = np.linalg.solve(np.eye(n) - A - B @ self.K, moved)
+        return xs + off, rest.inputs + self.K @ off
+
+    def _resting(self, point: Floats) -> Rest:
+        """The `Rest` about the states and inputs of a set point."""
+        n = self.region.n
+        xs, us = validation.frozen(point[:n]), validation.frozen(point[n:])
+        rows, radius = self._core.rest(xs, us)
         if self.status != "certified":
-            rows, radius = np.full(n + m, np.inf), np.inf
+            rows, radius = np.full(len(point), np.inf), np.inf
         return trusted(
             Rest,
-            states=validation.frozen(np.array(point)),
-            inputs=validation.frozen(us),
+            states=xs,
+            inputs=us,
             components=validation.frozen(rows[:n]),
             input_components=validation.frozen(rows[n:]),
             radius=radius,
-            delta=region.delta,
+            delta=self.region.delta,
             labels=self.labels,
         )
 
@@ -447,9 +481,9 @@ class LoopCertificate(SavedRecord):
         >>> round(proof.holds((-1.0, 1.0), [1.0]), 2)
         1.26
         """
-        if self.region.centre.shape[1] > self.region.n + self.region.m:
+        if self.target is not None or self.region.centre.shape[1] > self.region.n + self.region.m:
             raise InputError(
-                "`holds` needs a model without intercept, with which 0 is no point of rest: "
+                "`holds` needs a loop that rests at 0, without intercept and target: "
                 "tube(x0, steps, rest=rest(xs)).reach bounds states and inputs for all time"
             )
         limits = np.concatenate(

@@ -105,3 +105,53 @@ class Rig:
         names = {"state_names": ["pos", "angle"], "input_names": ["force"]}
         y, u = zip(*made, strict=True)
         return se.Trajectories(list(y), list(u), dt=0.02, outputs=True, **names)
+
+
+class Belt:
+    """A belt drive at 250 Hz: motor angle [rad] and load [mm], 10 mm/rad; it integrates.
+
+    Two outputs, one input [A]; read with noise of 1 mrad and 20 um.
+    """
+
+    def __init__(self):
+        J, k, c, d, kt = 1e-3, 0.4, 0.004, 0.004, 0.05
+        A = np.zeros((5, 5))
+        A[0, 2] = A[1, 3] = 1.0
+        A[2] = np.array([-k, k, -(c + d), c, kt]) / J
+        A[3] = np.array([k, -k, c, -(c + d), 0.0]) / J
+        whole, term = np.eye(5), np.eye(5)
+        for j in range(1, 40):
+            term = term @ A * 0.004 / j
+            whole = whole + term
+        self.A, self.B = whole[:4, :4], whole[:4, 4]
+        self.C = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 10.0, 0.0, 0.0]])
+        self.noise = np.array([1e-3, 2e-2])
+
+    def simulate(self, act, steps, rng, noise=1.0):
+        """Readings (steps, 2), inputs (steps, 1) and true positions (steps, 2) of a controller."""
+        x, y, u, true = np.zeros(4), [], [], []
+        for _ in range(steps):
+            true.append(self.C @ x)
+            y.append(true[-1] + noise * self.noise * rng.standard_normal(2))
+            u.append(np.atleast_1d(act(y[-1])))
+            push = noise * 0.02 * rng.standard_normal(2)
+            x = self.A @ x + self.B * u[-1] + np.array([0.0, 0.0, *push])
+        return np.array(y), np.array(u), np.array(true)
+
+    def data(self, runs, rng, steps=500):
+        """Logged runs between two places."""
+        y, u = [], []
+        for _ in range(runs):
+            place, k = rng.uniform(-4.0, 4.0), 0
+
+            def act(read, place=place):
+                nonlocal k
+                k += 1
+                goal = place if (k // 100) % 2 == 0 else -place
+                return np.clip(0.6 * (goal - read[0]) + 0.6 * rng.standard_normal(), -3.0, 3.0)
+
+            read, acted, _ = self.simulate(act, steps, rng)
+            y.append(read)
+            u.append(acted[:-1])
+        names = {"state_names": ["phi", "load"], "input_names": ["amps"]}
+        return se.Trajectories(y, u, dt=0.004, outputs=True, **names)

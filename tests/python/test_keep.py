@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import copy
 import pickle
+import re
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import InputError, SolverError
+from stochens_rs.controls.keeping import Kept
+from stochens_rs.exceptions import InputError
 from test_feedback import RIG, WEIGHTS
 
 A, B = RIG[:, :4], RIG[:, 4:]
@@ -141,9 +143,11 @@ def test_limits_of_states_of_other_systems(name):
 @pytest.mark.parametrize("N", [5, 10])
 def test_few_runs_are_not_enough(N):
     loop = kept_loop(N)
-    with pytest.raises(SolverError, match=r"u\[0\].* lacks .* for the error of the model"):
-        loop(START)
-    assert loop.calls == 0
+    u = loop(START)  # that of the gain, within the limits
+    np.testing.assert_array_equal(u, np.clip(loop.kept.proof.K @ START, -1.0, 1.0))
+    assert loop.log[-1].status == "infeasible"
+    assert re.search(r"u\[0\].* lacks .* for the error of the model", loop.log[-1].reason)
+    assert loop.plan is None
     assert loop.kept.missing > 0.0
     loop([0.01, 0.001, 0.0, 0.0])  # from nearer it is
     assert loop.kept.missing == 0.0
@@ -245,8 +249,21 @@ def test_arguments_that_cannot_be_kept():
         loop(hold=True)
     with pytest.raises(InputError, match="`system` cannot change"):
         loop.swap(model)
-    with pytest.raises(se.exceptions.NonFiniteError):
-        loop(1e300 * START)
-    with pytest.raises(SolverError, match="lacks"):
-        loop(1e100 * START)
+    for huge in (1e300, 1e100):
+        np.testing.assert_array_equal(loop(huge * START), [0.0])
+        assert loop.log[-1].status == "held"
     assert np.isfinite(loop(1e-300 * START)).all()
+
+
+def test_without_a_plan_the_call_ends_with_its_time(monkeypatch):
+    """No round is begun behind the deadline; there were up to 8, each with the whole time."""
+    model, rounds = model_of_runs(10), []
+    own = Kept._widened
+    monkeypatch.setattr(Kept, "_widened", lambda *given: rounds.append(1) or own(*given))
+    given = {"gain": se.gain(model, *WEIGHTS), "calls": 60, "limits": (-1.0, 1.0)}
+    for limit in (1e-5, 60.0):
+        loop = se.regulate(model, 30, time_limit=limit, **given)
+        rounds.clear()
+        assert np.abs(loop(START)) <= 1.0
+        assert loop.log[-1].status == "infeasible"
+        assert bool(rounds) == (limit > 1.0)

@@ -241,14 +241,19 @@ def test_the_window_the_limits_and_the_log():
     # a copy goes on alike, also with an input that an outer layer changed
     copy = pickle.loads(pickle.dumps(loop))
     applied = np.zeros(system.m)
-    np.testing.assert_array_equal(loop(y[5], applied=applied), copy(y[5], applied=applied))
-    predicted = model._H @ model._loop.J @ np.concatenate([loop._x, loop._acted])
-    predicted += loop._rest.outputs @ loop.disturbance
+
+    def next_reading(acted):
+        return model._H @ model._loop.J @ np.concatenate([loop._now.x, acted])
+
+    read = next_reading(applied) + 0.02
+    np.testing.assert_array_equal(loop(read, applied=applied), copy(read, applied=applied))
+    predicted = next_reading(loop._last) + loop._rest.outputs @ loop.disturbance
     before = loop.disturbance
-    loop([np.nan, *y[6][1:]])  # what is missing is as predicted
+    read = predicted + 0.02
+    loop([np.nan, *read[1:]])  # what is missing is as predicted
     np.testing.assert_allclose(loop.log[-1].predicted, predicted)
     assert np.isnan(loop.log[-1].y[0])
-    off = np.concatenate([[0.0], (y[6] - predicted)[1:]])
+    off = np.concatenate([[0.0], (read - predicted)[1:]])
     np.testing.assert_allclose(loop.disturbance, before + loop._gain @ off)
     loop.reset()
     assert not loop.full
@@ -261,19 +266,19 @@ def test_missing_readings():
     loop = se.regulate(gain, offset_free=True, max_missing=2)
     y = plant(system, loop, 60, rng, noise=1.0, missing=(10, 11, 20))
     assert np.isfinite(y).all()
-    with pytest.raises(InputError, match="2 readings in a row"):
-        plant(system, loop, 60, rng, noise=1.0, missing=(10, 11, 12))
+    assert {call.status for call in loop.log} == {"gain"}
+    y = plant(system, loop, 60, rng, noise=1.0, missing=(10, 11, 12, 13))
+    assert np.isfinite(y).all()
+    held = [call for call in loop.log if call.status == "held"]
+    assert len(held) == 2
+    assert "nan cannot have been measured" in held[0].reason
     # a refused call leaves the loop as it was
-    x, calls = loop._x, len(loop.log)
-    for wrong, error in (
-        ([np.inf] * system.p, NonFiniteError),
-        ([1.0], ShapeError),
-        ("word", InputTypeError),
-    ):
+    now, calls = loop._now, loop.calls
+    for wrong, error in (([1.0] * 7, ShapeError), ("word", InputTypeError)):
         with pytest.raises(error, match="`y`"):
             loop(wrong)
-    assert loop._x is x
-    assert len(loop.log) == calls
+    assert loop._now is now
+    assert loop.calls == calls
 
 
 def test_refusals_of_loops():
@@ -406,7 +411,7 @@ def test_windows_in_statements_about_states():
     assert np.isfinite(proof.tube(x, 10).reach).all()
     assert proof.holds((-10.0, 10.0), x) > 0.0
     offset = se.identify(data, lags=8, intercept=True, checks=False)
-    with pytest.raises(InputError, match="`holds` needs a model without intercept"):
+    with pytest.raises(InputError, match="`holds` needs a loop that rests at 0"):
         se.gain(offset, [1.0, 10.0], 0.01).certificate(0.05).holds((-10.0, 10.0), x)
 
 

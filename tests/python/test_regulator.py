@@ -210,13 +210,15 @@ def test_a_held_input_is_the_next_of_the_plan():
 
 
 BAD = {
-    "nan": ([np.nan, 0.0], NonFiniteError, "x"),
-    "inf": ([0.0, -np.inf], NonFiniteError, "x"),
     "short": ([1.0], ShapeError, r"\(2,\)"),
     "matrix": ([[1.0, 2.0]], ShapeError, r"\(2,\)"),
     "text": ("state", InputTypeError, "x"),
     "none": (None, InputError, "hold=True"),
-    "huge": ([1e200, 1e200], NonFiniteError, "`x` is too large: its cost overflows"),
+    "complex": ([1j, 0.0], InputTypeError, "real floats"),
+    "bool": ([True, 0.0], InputTypeError, "real floats"),
+    "date": (np.array([0, 1], dtype="datetime64[D]"), InputTypeError, "real floats"),
+    "digits": (["1.0", "2.0"], InputTypeError, "real floats"),
+    "long": ([10**400, 1], InputTypeError, "real floats"),
 }
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from .align_labels import aligned
 from .reading import article as article
-from .reading import found_shape, origin, printable, shown_shape, whole
+from .reading import found_shape, origin, printable, shown_labels, shown_shape, whole
 from .reading import read as read
 from .reading import show as show
 from .types import Floats
@@ -35,6 +35,7 @@ W = TypeVar("W", bound=str)
 
 # Every whole number up to this one is a float64 (53 bits of mantissa).
 EXACT = 2**53
+_BOOLS = frozenset((bool, np.bool_))
 
 
 def vector(
@@ -52,6 +53,38 @@ def vector(
             f"`{name}` must have shape {wanted}, got {found_shape(value, given)}{hint}"
         )
     return _finite(name, given)
+
+
+def measured(name: str, value: object, names: Sequence[str]) -> Floats:
+    """Return what sensors say as a new float64 array, one number for each of `names`.
+
+    Only type and shape are checked: nan, inf and what is too large are for the caller to judge. Of
+    one sensor a number will do.
+    """
+    given = _numeric(name, aligned(name, value, names))
+    if given.ndim == 0 and len(names) == 1:
+        given = given.reshape(1)
+    if given.shape != (len(names),):
+        hint = f"; use {name}.ravel()" if given.ndim == 2 and 1 in given.shape else ""
+        raise ShapeError(
+            f"`{name}` must have shape ({len(names)},), a number for each of "
+            f"{shown_labels(names)}, got {found_shape(value, given)}{hint}"
+        )
+    if isinstance(value, (list, tuple)) and not _BOOLS.isdisjoint(map(type, value)):
+        raise InputTypeError(f"`{name}` must contain integers or real floats, got a bool")
+    if given.dtype.itemsize <= 8:
+        return given.astype(np.float64)
+    with np.errstate(all="ignore"):  # a long double may overflow
+        return given.astype(np.float64)
+
+
+def broken(values: Floats, most: Floats | float, names: Sequence[str]) -> str | None:
+    """Say why measured values cannot be true, nan, inf or above `most`; None if they can."""
+    good = np.abs(values) <= most
+    if good.all():
+        return None
+    wrong = (f"{names[i]} = {values[i]:.3g}" for i in np.flatnonzero(~good)[:3])
+    return f"{', '.join(wrong)} cannot have been measured"
 
 
 def matrix(

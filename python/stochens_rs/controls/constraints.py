@@ -27,7 +27,7 @@ SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of
 
 @dataclass(frozen=True, eq=False)
 class Task(Record):
-    """``J(u) = sum_k ||x(k) - r(k)||^2_{Q_k} + ||u(k-1)||^2_R`` over k = 1, ..., K, and limits.
+    """``J(u) = sum_k ||x(k) - r(k)||^2_{Q_k} + ||u(k-1) - u_s||^2_R``, k = 1, ..., K, and limits.
 
     Attributes
     ----------
@@ -47,6 +47,8 @@ class Task(Record):
         The weight of ``||max(0, x - high)||^2 + ||max(0, low - x)||^2`` in J; None: hard limits.
     follows : bool
         Whether the reference was given; else all its rows are the target.
+    resting : ndarray, shape (m,), or None
+        ``u_s``, the inputs that hold the target; None: 0.
     """
 
     low: Floats
@@ -61,6 +63,7 @@ class Task(Record):
     state_high: Floats | None = None
     soft: float | None = None
     follows: bool = False
+    resting: Floats | None = None
 
     def __post_init__(self) -> None:
         if np.ndim(self.low) != 2 or np.shape(self.low) != np.shape(self.high):
@@ -70,7 +73,7 @@ class Task(Record):
             validation.kept(name, getattr(self, name), shape=(n, n))
         K, m = np.shape(self.low)
         rows = {"reference": (K, n), "state_low": (K, n), "state_high": (K, n)}
-        require_shapes(self, R=(m, m), rate=(m,), previous=(m,), **rows)
+        require_shapes(self, R=(m, m), rate=(m,), previous=(m,), resting=(m,), **rows)
 
     @property
     def steps(self) -> int:

@@ -116,13 +116,16 @@ class Kept:
         return replace(made, **states)  # type: ignore[arg-type]
 
     def _choose(
-        self, x: Floats, found: Found, again: Callable[[], Found]
+        self, x: Floats, found: Found, again: Callable[[], Found], left: Callable[[], float]
     ) -> tuple[Floats, Floats, Status, float]:
-        """The plan to go on with, its input at x, status and gap; `again` plans anew."""
+        """The plan to go on with, its input at x, status and gap.
+
+        `again` plans anew, while there is time `left`.
+        """
         plan, status, gap = found
         short, first = self._judged(x, plan), self._plan is None
         for _ in range(ROUNDS if first else 1):
-            if short is None or not self._widened(x, plan, short):
+            if short is None or left() <= 0.0 or not self._widened(x, plan, short):
                 break
             plan, status, gap = again()
             short = self._judged(x, plan)
@@ -136,6 +139,11 @@ class Kept:
         self._since, self.missing = self._since + 1, short[2]
         u = self._core.follow(self._start, self._plan, self._since, x)
         return self._plan, u, "kept", np.nan
+
+    def _unplanned(self, x: Floats) -> Floats:
+        """The input where no plan was ever accepted: that of the gain, within the limits."""
+        n = len(x)
+        return np.clip(self.proof.K @ x, self.low[n:], self.high[n:])
 
     def _judged(self, x: Floats, plan: Floats) -> Short | None:
         return self._core.judge(x, plan, self._plan is None)[0]

@@ -156,7 +156,9 @@ class Horizon:
         wanted: Floats | None = None,
         R: Floats | None = None,
     ) -> None:
-        self.task, self.A, self.B = task, A, B
+        self.task, self.A, self.B, self._resting = task, A, B, task.resting
+        if task.resting is not None:  # u = u_s + v, and v is what is weighed
+            task, c = _without_rest(task, B, c, task.resting)
         with _exponents(task, A):
             self.core = _core.Horizon(A, B, c, task, wanted, R)
         if not self.core.long:
@@ -190,7 +192,7 @@ class Horizon:
 
     def objective(self, x0: Floats, u: Floats) -> float:
         """``J(u)``, with the weight of soft limits."""
-        return self.core.objective(x0, u)
+        return self.core.objective(x0, u if self._resting is None else u - self._resting)
 
     def in_two_norm(self, distance: float) -> tuple[float, float]:
         """What a distance in the norm of the problem is for the control and the last state."""
@@ -198,12 +200,14 @@ class Horizon:
 
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:
         """The best control from x0."""
-        found = self.core.solve(x0, time_limit)
+        found, u = self.core.solve(x0, time_limit), None
+        if self._resting is not None:
+            u = np.clip(found.u + self._resting, self.task.low, self.task.high)
         states, feedback, until, alone = found.followed or (None, None, None, None)
         return Limited(
             task=self.task,
             R=self.R,
-            u=found.u,
+            u=found.u if u is None else u,
             active=found.active,
             multipliers=found.multipliers,
             gap=found.gap,
@@ -218,6 +222,15 @@ class Horizon:
             open_until=until,
             open_objective=alone,
         )
+
+
+def _without_rest(task: Task, B: Floats, c: Floats | None, resting: Floats) -> tuple[Task, Floats]:
+    """The task and the offset c of ``v = u - u_s``: ``x+ = A x + B v + (c + B u_s)``."""
+    previous = None if task.previous is None else task.previous - resting
+    moved = replace(
+        task, low=task.low - resting, high=task.high - resting, previous=previous, resting=None
+    )
+    return moved, np.ascontiguousarray(B @ resting if c is None else c + B @ resting)
 
 
 def loop_of(task: Task, A: Floats, B: Floats, c: Floats | None) -> _core.Loop:

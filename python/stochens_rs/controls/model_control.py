@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from time import monotonic
 from typing import TYPE_CHECKING, Any
 
@@ -45,8 +46,12 @@ def model_control(
     cost: Cost,
     guarantee: float | None,
     time_limit: float | None,
+    resting: Floats | None = None,
 ) -> Plan:
-    """Compute the control for a model; the arguments are those of `control`."""
+    """Compute the control for a model; the arguments are those of `control`.
+
+    Inputs cost what they differ from `resting`, those that hold the target; default 0.
+    """
     n, m = model.B.shape
     labels = model.labels
     off = x0.radius if isinstance(x0, Uncertain) else 0.0
@@ -56,6 +61,8 @@ def model_control(
     if how != "product":
         raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
     task = checked_task(n, m, K, goal, limits, cost, labels)
+    if task is not None and resting is not None and resting.any():
+        task = replace(task, resting=resting)
     time = seconds(time_limit, task)
     # what the offset alone adds over K steps
     drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]

@@ -9,11 +9,14 @@ import numpy as np
 
 from .._base import html, validation
 from .._base.types import DELTA
+from .._base.weights import weight
 from ..certificates.model_basis import ModelBasis
 from ..exceptions import InputError
 from ..feedback.gaining import for_outputs
+from .constraints import sides
 from .limits import as_limits
 from .model_control import model_control
+from .resting import rest_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -23,21 +26,12 @@ if TYPE_CHECKING:
     from .cost import Cost
     from .limits import Limits, LimitsLike
     from .plan import Plan
+    from .resting import Rest
 
 
 Record: TypeAlias = (
     "tuple[ArrayLike, ArrayLike] | Literal['rest'] | tuple[Literal['rest'], ArrayLike, ArrayLike]"
 )
-
-
-class Rest(NamedTuple):
-    """A rest point of a model of outputs."""
-
-    x: Floats
-    u: Floats
-    # what one unit of a constant input adds to the state (n, m), and to the next output (p, m)
-    states: Floats
-    outputs: Floats
 
 
 class Start(NamedTuple):
@@ -87,27 +81,6 @@ def start_of(model: Model, record: Any) -> Start:
     return Start(x, validation.frozen(y), True)
 
 
-def rest_of(model: Model, target: Any, delta: float = DELTA) -> Rest:
-    """Return where the model stays at ``y = target``, by least squares in the constant inputs.
-
-    Refused where the data say that no input holds it there.
-    """
-    window, p = model.window, model.n_outputs
-    assert window is not None
-    r = np.zeros(p)
-    if target is not None:
-        r = validation.vector("target", target, length=p, labels=model.outputs).copy()
-    x, z, u, states, outputs, off, rounding = window._core.rest(model._H, r)
-    room = model.region(delta)._core.bound(z, False)
-    if off > room + rounding:
-        raise InputError(
-            "`target` must be a point of rest: with no constant input do the outputs stay at "
-            f"{html.vector(r)}; with the best one they move by {off:.3g} in a step, of which "
-            f"the error of the model explains {room:.3g}"
-        )
-    return Rest(x, u, states, outputs)
-
-
 def cost_of_outputs(model: Model, cost: Cost) -> Cost:
     """The cost with weights of outputs as weights of states."""
     return replace(cost, Q=_weight(model, cost.Q), Qf=_weight(model, cost.Qf))
@@ -136,20 +109,30 @@ def output_control(
             f"`steps` must be {model.window.count} at least, so that the window can be at rest in "
             f"the end, got {K}"
         )
-    goal, weights = rest_of(model, target).x, cost_of_outputs(model, cost)
-    return plan_from(model, start, goal, K, limits, weights, time_limit)
+    weights = cost_of_outputs(model, cost)
+    low, high = (side[-1] for side in sides("limits", limits.u, K, model.labels))
+    rest = rest_of(model, target, output_weights(model, weights), low, high)
+    return plan_from(model, start, rest, K, limits, weights, time_limit)
+
+
+def output_weights(model: Model, cost: Cost) -> Floats | None:
+    """The weights of the outputs now, or of their first filters, (p, p), if there are any."""
+    p, found = model.n_outputs, cost.Q if cost.Q is not None else cost.Qf
+    if found is None:
+        return None
+    return np.ascontiguousarray(weight("Q", found, model.n)[:p, :p])
 
 
 def plan_from(
     model: Model,
     start: Start,
-    goal: Floats,
+    rest: Rest,
     K: int,
     limits: LimitsLike,
     cost: Cost,
     time_limit: float | None = None,
 ) -> Plan:
-    """The plan from a window to another one; the weights are of states."""
+    """The plan from a window to one at rest; weights of states, and of inputs from those there."""
     given = as_limits(limits), cost, None, time_limit
-    plan = model_control(model, start.x, goal, K, "product", *given)
-    return replace(plan, basis=ModelBasis(model, start.x, goal, 0.0, start.read, start.at_rest))
+    plan = model_control(model, start.x, rest.x, K, "product", *given, resting=rest.u)
+    return replace(plan, basis=ModelBasis(model, start.x, rest.x, 0.0, start.read, start.at_rest))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import deque
+import math
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
@@ -11,28 +11,32 @@ import numpy as np
 
 from .. import _core
 from .._base import html, validation
-from .._base.reading import read
 from .._base.signal_names import Labels
 from .._base.types import Floats, Status
-from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from ..exceptions import InputError, NonFiniteError
 from ..feedback import LoopCertificate
+from .control_loop import BEYOND, ControlLoop
+from .gate import gate_of
 from .limited import loop_of
 from .output_control import Start, plan_from, start_of
+from .reading_window import Contents, ReadingWindow
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from ..identification.model import Model
     from .constraints import Task
     from .cost import Cost
     from .limits import LimitsLike
-    from .output_control import Record, Rest
+    from .output_control import Record
     from .plan import Plan
+    from .resting import Rest
 
-ReadingStatus: TypeAlias = Status | Literal["filling", "gain"]
-LOGGED = 1000  # calls that the log keeps
+ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
+BELIEVED = 3  # rejected readings in a row, behind which the next ones are taken for true
 SEEN = 1e-10  # of the largest effect of a constant input: what is less is rounding
 MOVED = 0.01  # of the range of the limits: how far the disturbance may move without a new problem
+USELESS = 1e12  # of the excess of a window: what it holds says nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,15 +48,18 @@ class Reading:
     y : ndarray, shape (n_outputs,)
         What was read; nan where it was missing.
     predicted : ndarray, shape (n_outputs,), or None
-        What the model predicted one step before; None while the window fills.
+        What the model predicted one step before; None at the first call.
     u : ndarray, shape (m,)
         The input returned.
     disturbance : ndarray, shape (m,)
         The estimate of what acts at the inputs.
     status : str
-        "gain", that of the plan, or "filling".
+        "gain", or that of the plan; "filling" or "cannot start" while the window does not say
+        enough; "held": the last input once more.
     seconds : float
         The time that the call took [s].
+    reason : str or None
+        What was wrong with the reading and what was done, or what the loop waits for.
     """
 
     y: Floats
@@ -61,13 +68,23 @@ class Reading:
     disturbance: Floats
     status: ReadingStatus
     seconds: float
+    reason: str | None = None
 
 
-class ReadingLoop:
+class ReadingLoop(ControlLoop[Reading]):
     """Feedback ``u = loop(y)``: readings in, input out.
 
     Made by `regulate` for a model of outputs, or for a `Loop` of one. It keeps the window of the
     model, for which no observer is needed. One thread at a time.
+
+    What is missing in the window is estimated by a Kalman filter, from the first call on: the loop
+    runs where what it does not know moves the next readings by 3 standard deviations of their noise
+    at most, and `max_missing` calls in a row at most had no reading. Else it holds its last input.
+    A reading is missing if it is nan, inf or a million times the largest in the data, or if `Gate`
+    rejects it: a true one with at most 1e-5 a call, in the event of the region, for Gaussian noise
+    without a disturbance. Three rejected in a row are a change of the plant: they are taken for
+    true. A disturbance is cut to what the limits can take off. Every call that is not as usual says
+    so in the log.
 
     Parameters
     ----------
@@ -104,6 +121,33 @@ class ReadingLoop:
     (array([1., 1.]), (6,))
     """
 
+    __slots__ = (
+        "_along",
+        "_asked",
+        "_at_rest",
+        "_d",
+        "_gain",
+        "_gate",
+        "_high",
+        "_hold",
+        "_inner",
+        "_low",
+        "_most",
+        "_most_missing",
+        "_now",
+        "_policy",
+        "_raw",
+        "_rejected",
+        "_rest",
+        "_runs",
+        "_solved",
+        "_solver",
+        "_spread",
+        "_started",
+        "_window",
+        "model",
+    )
+
     def __init__(
         self,
         model: Model,
@@ -116,41 +160,49 @@ class ReadingLoop:
         max_missing: int,
         asked: tuple[int, LimitsLike, Cost] | None = None,
     ) -> None:
-        assert model.window is not None
+        super().__init__(hold)
         self.model, self._rest, self._policy = model, rest, policy
-        self._low, self._high, self._hold, self._most = low, high, hold, max_missing
+        self._low, self._high, self._hold, self._most_missing = low, high, hold, max_missing
         self._asked = asked
-        self._ahead = model._H @ model._loop.J
-        self._tail = np.ones(int(model.intercept))
-        self._along, gain = disturbance_of(model, rest, drift)
+        self._along, gain, self._spread = disturbance_of(model, rest, drift)
         self._gain = self._along @ gain
         self._inner = gain, rest.outputs @ self._along
+        self._gate, self._window = gate_of(model), ReadingWindow(model)
+        most = BEYOND * np.hstack([np.abs(one).max(axis=0) for one in model.data.pairs()[:2]])
+        self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
         self._solver: _core.Loop | None = None  # of plans, for a disturbance near this one
         self._solved = np.zeros(model.m)
-        self._log: deque[Reading] = deque(maxlen=LOGGED)
-        self.reset()
+        self._forget()
 
-    def reset(self) -> None:
-        """Forget the window, the disturbance and the log."""
-        m = self.model.m
-        self._x: Floats | None = None
-        self._y: list[Floats] = []
-        self._u: list[Floats] = []
-        self._acted, self._missed, self._d = self._hold.copy(), 0, np.zeros(m)
-        self._at_rest = False
-        self._log.clear()
+    def _forget(self) -> None:
+        self._cleared(self._hold)
+        self._now: Contents | None = None
+        self._raw: Contents | None = None  # the window with what was rejected
+        self._d: Floats = np.zeros(self.model.m)
+        self._rejected = 0  # in a row
+        self._runs = self._started = self._at_rest = False
         if not isinstance(self._policy, np.ndarray):
             self._at(self._d)
         if self._solver is not None:
             self._solver.resume(None)
 
+    def reset(self) -> None:
+        """Forget the window, the disturbance and the log."""
+        with self._turn():
+            self._forget()
+
     def __getstate__(self) -> dict[str, Any]:
-        warm = None if self._solver is None else self._solver.warm()
-        return {**vars(self), "_solver": None, "warm": warm}
+        with self._turn():
+            warm = None if self._solver is None else self._solver.warm()
+            names = {"_calls", "_last", "_log", *ReadingLoop.__slots__} - {"_solver", "_window"}
+            return {"warm": warm, "_solver": None, **{name: getattr(self, name) for name in names}}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         warm = state.pop("warm")
-        vars(self).update(state)
+        super().__init__(state["_hold"])
+        for name, value in state.items():
+            setattr(self, name, value)
+        self._window = ReadingWindow(self.model)
         if not isinstance(self._policy, np.ndarray):
             self._at(self._solved)
         if self._solver is not None:
@@ -162,46 +214,107 @@ class ReadingLoop:
         Parameters
         ----------
         y : array_like, shape (n_outputs,)
-            The readings; nan for one that is missing, in place of which the model's prediction
-            counts, at most `max_missing` steps in a row.
+            The readings; nan for one that is missing.
         applied : array_like, shape (m,), optional
             The input that acted since the last call, where it was not what that returned.
 
         Returns
         -------
         ndarray, shape (m,)
-            The input, within its limits; `hold` until the window is full.
+            The input, within its limits; `hold` until the window tells enough.
 
         Raises
         ------
         InputError, InputTypeError
-            If the readings cannot be used, or too many in a row are missing. The loop is then as
-            it was before the call.
+            If the readings have another shape or are no numbers, or another thread is in a call.
+            The loop is then as it was before the call.
         """
-        started = perf_counter()
-        read_now = self._checked(y)
-        acted = self._acted
-        if applied is not None:
-            acted = validation.vector("applied", applied, length=self.model.m).copy()
-        if self._x is None:
-            return self._filled(read_now, acted, started)
-        predicted = self._ahead @ np.concatenate([self._x, acted, self._tail])
-        predicted += self._rest.outputs @ self._d
-        known, missed = np.isnan(read_now), 0
-        seen = read_now
-        if known.any():
-            missed, seen = self._missed + 1, np.where(known, predicted, read_now)
-            if missed > self._most:
-                raise InputError(
-                    f"`y` must be known now: {html.number_of(self._missed, 'reading')} in a row "
-                    f"were missing, of {self._most} that may be (max_missing)"
-                )
-        d = self._d + self._gain @ (seen - predicted)
-        assert self.model.window is not None
-        x = self.model.window._core.advance(self._x, seen, acted)
-        u, status = self._input(x, d)
-        self._x, self._d, self._missed = x, d, missed
-        return self._noted(read_now, predicted, u, status, started)
+        started, model = perf_counter(), self.model
+        with self._turn():
+            read = validation.measured("y", y, model.outputs)
+            acted, why = self._last, None
+            if applied is not None:
+                given = validation.measured("applied", applied, model.input_names)
+                most = self._most[model.n_outputs :]
+                why = validation.broken(given, most, model.input_names)
+                acted = given if why is None else acted
+            with np.errstate(all="ignore"):
+                return self._stepped(read, acted, [] if why is None else [why], started)
+
+    def _stepped(self, y: Floats, acted: Floats, why: list[str], started: float) -> Floats:
+        """Take the reading in, or what is predicted in its place."""
+        most, now, raw, rejected = self._most[: len(y)], self._now, self._raw, self._rejected
+        seen = np.abs(y) <= most
+        if not seen.all():
+            why.append(str(validation.broken(y, most, self.model.outputs)))
+        if now is None:
+            return self._kept(y, None, self._window.begun(y, acted, seen), self._d, why, started)
+        shift, model = self._rest.outputs @ self._d, self.model
+        z = model._loop.J @ self._window.entering(now, acted)
+        off = self._off(y, now, z, shift, seen) if self._runs else 0.0
+        if off > 1.0 and rejected < BELIEVED:
+            raw = raw or now
+            ahead = model._H @ model._loop.J @ self._window.entering(raw, acted) + shift
+            raw, rejected = self._window.advanced(raw, y, acted, seen, ahead), rejected + 1
+            seen = np.zeros(len(y), dtype=bool)
+            why.append(f"rejected, {off:.3g} times as far off as the gate is wide")
+        elif off > 1.0:
+            now, raw = raw or now, None
+            z = model._loop.J @ self._window.entering(now, acted)
+            why.append(f"rejected {BELIEVED} times in a row: now taken for true")
+        else:
+            raw, rejected = None, 0
+        predicted = model._H @ z + shift
+        came = np.where(seen, y - predicted, 0.0) if self._runs else np.zeros(len(y))
+        d = self._d + self._gain @ came
+        if self._gate is not None:  # alone, a cut would leave a part of a false reading behind
+            d = self._rest.u - np.clip(self._rest.u - d, self._low, self._high)
+        now = self._window.advanced(now, y, acted, seen, predicted)
+        return self._kept(y, predicted, now, d, why, started, raw, rejected)
+
+    def _off(
+        self, y: Floats, now: Contents, z: Floats, shift: Floats, seen: NDArray[np.bool_]
+    ) -> float:
+        """How far off a reading is, in widths of the gate, with the disturbance or without it."""
+        if self._gate is None or not seen.any():
+            return 0.0
+        off, more = y - self._gate.centre @ z, self._window.unknown(now)
+        found = self._gate.excess(off, z, seen, more)
+        if found > 1.0 and shift.any():
+            more = self._spread if more is None else self._spread + more
+            found = min(found, self._gate.excess(off - shift, z, seen, more))
+        return found
+
+    def _kept(
+        self,
+        y: Floats,
+        predicted: Floats | None,
+        now: Contents,
+        d: Floats,
+        why: list[str],
+        started: float,
+        raw: Contents | None = None,
+        rejected: int = 0,
+    ) -> Floats:
+        """Keep what was found if it is finite, and give the input."""
+        runs = now.tells(self._started) and now.missed <= self._most_missing
+        u, status = self._last, "held" if self._started else "filling"
+        good = math.isfinite(now.x.sum() + d.sum()) and now.excess < USELESS
+        if good and runs:
+            try:
+                u, status = self._input(now.x, d)
+            except NonFiniteError:
+                good = False
+        if not good:
+            runs, self._now, self._raw, self._rejected = False, None, None, 0
+            why.append("the window is lost: it begins anew")
+        else:
+            self._now, self._raw, self._rejected, self._d = now, raw, rejected, d
+        self._runs, self._started = runs, self._started or runs
+        if good and not runs:
+            why.append(self._window.lacks(now))
+            status = "cannot start" if now.stuck and not self._started else status
+        return self._noted(y, predicted, u, status, started, "; ".join(why) or None)
 
     def start(self, record: Record) -> Floats:
         """Fill the window from a record that just happened.
@@ -222,38 +335,13 @@ class ReadingLoop:
             If the record does not fill the window.
         """
         started = perf_counter()
-        found = start_of(self.model, record)
-        u, status = self._input(found.x, np.zeros(self.model.m))
-        self.reset()
-        self._x, self._at_rest = found.x, found.at_rest
-        return self._noted(found.read, None, u, status, started)
-
-    def _checked(self, y: ArrayLike) -> Floats:
-        try:
-            found = np.array(read("y", y), dtype=np.float64, ndmin=1)
-        except (TypeError, ValueError):
-            raise InputTypeError(f"`y` must be numbers, got {validation.show(y)}") from None
-        if found.shape != (self.model.n_outputs,):
-            wanted = ", ".join(self.model.outputs)
-            raise ShapeError(f"`y` must have the readings {wanted}, got shape {found.shape}")
-        if np.isinf(found).any():
-            raise NonFiniteError("`y` must be finite, or nan where a reading is missing")
-        return found
-
-    def _filled(self, y: Floats, acted: Floats, started: float) -> Floats:
-        window = self.model.window
-        assert window is not None
-        d, u, status = self._d, self._hold.copy(), "filling"
-        if np.isnan(y).any():  # a window may not reach over a gap
-            self._y, self._u = [], []
-            return self._noted(y, None, u, "filling", started)
-        ys, us = [*self._y, y], [*self._u, acted] if self._y else []
-        if len(ys) > window.fill:
-            x = window.state_of(np.array(ys), np.array(us))
-            u, status = self._input(x, d)
-            self._x, ys, us = x, [], []
-        self._y, self._u = ys, us
-        return self._noted(y, None, u, status, started)
+        with self._turn():
+            found = start_of(self.model, record)
+            u, status = self._input(found.x, np.zeros(self.model.m))
+            self._forget()
+            self._now, self._at_rest = self._window.full(found.x), found.at_rest
+            self._runs = self._started = True
+            return self._noted(found.read, None, u, status, started)
 
     def _input(self, x: Floats, d: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found."""
@@ -263,12 +351,12 @@ class ReadingLoop:
         else:
             self._at(d)
             assert self._solver is not None
-            try:
-                found = self._solver.solve(off, None)
-            except NonFiniteError:
-                raise NonFiniteError("`y` is too large: its cost overflows") from None
+            found = self._solver.solve(off, None)
             v, status = found.control[: len(d)], found.status
-        return np.clip(v + self._rest.u - d, self._low, self._high), status
+        u = v + self._rest.u - d
+        if not math.isfinite(u.sum()):
+            raise NonFiniteError("`y` is too large: the input overflows")
+        return np.minimum(np.maximum(u, self._low), self._high), status
 
     def _at(self, d: Floats) -> None:
         """Make the problem whose limits are those of ``v = u - u_s + d``, if they moved far."""
@@ -285,22 +373,21 @@ class ReadingLoop:
         self._solver, self._solved = solver, d
 
     def _noted(
-        self, y: Floats, predicted: Floats | None, u: Floats, status: Any, started: float
+        self,
+        y: Floats,
+        predicted: Floats | None,
+        u: Floats,
+        status: Any,
+        started: float,
+        reason: str | None = None,
     ) -> Floats:
-        self._acted = u.copy()
         took = perf_counter() - started
-        self._log.append(Reading(y, predicted, u.copy(), self._d, status, took))
-        return u
-
-    @property
-    def log(self) -> tuple[Reading, ...]:
-        """The last 1000 calls, the latest at the end."""
-        return tuple(self._log)
+        return self._entered(Reading(y, predicted, u, self._d, status, took, reason), u)
 
     @property
     def full(self) -> bool:
-        """Whether the window is full."""
-        return self._x is not None
+        """Whether the window tells enough, so that the loop runs."""
+        return self._runs
 
     @property
     def disturbance(self) -> Floats:
@@ -326,14 +413,12 @@ class ReadingLoop:
             raise InputError(
                 "`plan` needs offset_free=False: its bound knows no estimated disturbance"
             )
-        window = self.model.window
-        assert window is not None
-        recent = [call.y for call in self._log][-window.fill - 1 :]
-        if self._x is None or np.isnan(recent).any():
+        now = self._now
+        if now is None or now.P is not None:
             raise InputError("`plan` needs a full window, of which no reading was missing")
         steps, limits, cost = self._asked
-        start = Start(self._x, validation.frozen(recent[-1].copy()), self._at_rest)
-        return plan_from(self.model, start, self._rest.x, steps, limits, cost)
+        start = Start(now.x, validation.frozen(self._log[-1].y.copy()), self._at_rest)
+        return plan_from(self.model, start, self._rest, steps, limits, cost)
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
         """Say whether all systems of a region are stable in this loop, its estimate included.
@@ -383,7 +468,10 @@ class ReadingLoop:
             names = Labels((*names.states, *more), names.inputs)
         ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
         entered = region._entered(ABc, J, G, model.m)
-        return LoopCertificate._judged(entered, K, names, model)
+        target = np.hstack([self._rest.x, np.zeros(r), self._rest.u])
+        return LoopCertificate._judged(
+            entered, K, names, model, target=target if target.any() else None
+        )
 
     def __repr__(self) -> str:
         said = "" if self.full else ", the window is not full"
@@ -395,15 +483,17 @@ class ReadingLoop:
         )
 
 
-def disturbance_of(model: Model, rest: Rest, drift: Floats | None) -> tuple[Floats, Floats]:
+def disturbance_of(model: Model, rest: Rest, drift: Floats | None) -> tuple[Floats, Floats, Floats]:
     """The directions P (m, r) of the disturbances that the outputs show, and the gain (r, p).
+
+    And the covariance of what is not known of them, as the outputs see it (p, p).
 
     ``d = P xi``, xi a random walk of steps of covariance I that is seen through ``rest.outputs P``;
     its steady gain is the transpose of that of a regulator of the transposed system.
     """
     m, p = model.m, model.n_outputs
     if drift is None:
-        return np.zeros((m, 0)), np.zeros((0, p))
+        return np.zeros((m, 0)), np.zeros((0, p)), np.zeros((p, p))
     U, sizes, Vt = np.linalg.svd(rest.outputs * drift, full_matrices=False)
     r = int(np.count_nonzero(sizes > SEEN * sizes[0]))
     covariance = model.covariance
@@ -414,5 +504,5 @@ def disturbance_of(model: Model, rest: Rest, drift: Floats | None) -> tuple[Floa
         )
     seen = np.ascontiguousarray((U[:, :r] * sizes[:r]).T)
     noise = np.ascontiguousarray(covariance)
-    K, _, _ = _core.feedback_gain(np.eye(r), seen, np.eye(r), noise)
-    return drift[:, None] * Vt[:r].T, -K.T
+    K, S, _ = _core.feedback_gain(np.eye(r), seen, np.eye(r), noise)
+    return drift[:, None] * Vt[:r].T, -K.T, seen.T @ S @ seen

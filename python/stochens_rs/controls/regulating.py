@@ -15,9 +15,10 @@ from .constraints import checked_task, sides
 from .cost import Cost, as_cost
 from .keeping import kept_of
 from .limits import as_limits
-from .output_control import cost_of_outputs, rest_of
+from .output_control import cost_of_outputs, output_weights
 from .reading_loop import ReadingLoop
 from .regulator import Regulator, checked_model
+from .resting import rest_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -103,11 +104,13 @@ def regulate(
         disturbances at the inputs are estimated and taken off. True: as one that drifts by 1 % of
         the rms of the input in the data in a step; a number: by this much.
     target : array_like, shape (n_outputs,), optional
-        Where the outputs are to stay, in place of xf; default 0.
+        Where the outputs are to stay, in place of xf; default 0. One that is a point of rest of no
+        system in the region raises, with the nearest one.
     hold : array_like, shape (m,), optional
         The input while the window fills; default 0.
     max_missing : int, default 3
-        How many readings in a row may be nan: the prediction of the model counts in their place.
+        In how many calls in a row no reading may come: the prediction of the model counts in their
+        place. Behind them the loop holds its last input.
 
     Returns
     -------
@@ -122,8 +125,7 @@ def regulate(
     ResourceError
         If the problem does not fit into the memory this process may use.
     SolverError
-        From a call, with a gain: no plan from the first state keeps the limits; it says which one,
-        by how much, and what is kept back for the model and for noise.
+        With a gain: what is kept back for noise leaves no room within the limits.
 
     Notes
     -----
@@ -144,7 +146,9 @@ def regulate(
     off by at most ``sqrt(h'L h) ||c|| / (1 - theta)`` for the model (`LoopCertificate.tube`) and
     ``zeta sqrt(h'Y h)`` for noise, with zeta for the union over all sides of limits and all pairs
     ``j < k <= T``, as plans begin at states that noise has moved. `Kept` says which plans are
-    accepted; where the newest is not, the status is "kept". The noise must be Gaussian, white and
+    accepted; where the newest is not, the status is "kept"; where none was yet, "infeasible": the
+    log says which limit lacks how much, and the input is ``K x`` within the limits, without the
+    promise. The noise must be Gaussian, white and
     independent of the data, the states read exactly, and the system the linear one of the data.
 
     Examples
@@ -252,4 +256,6 @@ def reading_loop(
     held = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
     most = validation.size("max_missing", max_missing, minimum=0)
     asked = None if isinstance(system, Loop) else (K, limits, weights)
-    return ReadingLoop(model, rest_of(model, target), policy, low, high, drift, held, most, asked)
+    outputs = None if isinstance(system, Loop) else output_weights(model, weights)
+    rest = rest_of(model, target, outputs, low, high)
+    return ReadingLoop(model, rest, policy, low, high, drift, held, most, asked)

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import copy
-import threading
-from collections import deque
-from contextlib import contextmanager
 from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
@@ -20,6 +17,7 @@ from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
 from ..identification.identified import Identified
 from ..system import System
 from .constraints import Task
+from .control_loop import BEYOND, ControlLoop
 from .held_out_runs import PredictedLoop, Runs, validated_loop
 from .keeping import Kept
 from .limited import loop_of
@@ -27,23 +25,25 @@ from .plan_validation import Validation
 from .regulator_log import Call, counted, curves, drawn_calls, facts
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike
 
     from .._base.signal_names import Labels
     from .._base.types import Floats, Status
 
-LOGGED = 1000  # calls that the log keeps
+LARGEST = 1e150  # of a state of a system without data: its cost is a number
 
 
-class Regulator:
+class Regulator(ControlLoop[Call]):
     """Feedback ``u = loop(x)``: the first input of the best plan over the next K steps.
 
     Made by `regulate`. It keeps the active limits of its last plan, at which the next call begins;
     a copy or a pickle goes on from there, and agrees to rounding. One thread at a time: a call
     during a call of another thread raises.
+
+    A state that no sensor can have read (nan, inf, a million times the largest in the data of a
+    model) does not stop the loop: the next input of the last plan is returned, then its last one,
+    and before the first plan 0 within the limits. The log says "held", and why.
 
     Parameters
     ----------
@@ -58,6 +58,18 @@ class Regulator:
     kept : Kept, optional
         The limits that are kept with a stated probability.
     """
+
+    __slots__ = (
+        "_held",
+        "_labels",
+        "_most",
+        "_plan",
+        "_solver",
+        "_system",
+        "_task",
+        "_time_limit",
+        "kept",
+    )
 
     def __init__(
         self,
@@ -75,9 +87,8 @@ class Regulator:
         self.kept = kept
         self._set(checked, validation.instance("task", task, Task))
         self._plan: Floats | None = None
-        self._held = self._calls = 0
-        self._log: deque[Call] = deque(maxlen=LOGGED)
-        self._busy = threading.Lock()
+        self._held = 0
+        super().__init__(self._safe)
 
     def _set(self, system: System | Identified, task: Task) -> None:
         """Compute all that does not depend on the state; nothing changes if that raises."""
@@ -95,6 +106,17 @@ class Regulator:
         within = task if self.kept is None else self.kept._tightened(task)
         solver = loop_of(within, A, B, c)
         self._system, self._task, self._solver = system, task, solver
+        seen = system._largest if isinstance(system, Identified) else None
+        self._most: Floats = np.full(self.n, LARGEST)
+        if seen is not None:
+            seen = order.of_states(seen[: self.n])
+            self._most = np.where(seen > 0.0, BEYOND * seen, LARGEST)
+
+    @property
+    def _safe(self) -> Floats:
+        """The input before the first plan: the one that acts, or 0, within the limits."""
+        none = np.zeros(self.m) if self._task.previous is None else self._task.previous
+        return np.clip(none, self._task.low[0], self._task.high[0])
 
     def __call__(self, x: ArrayLike | None = None, *, hold: bool = False) -> Floats:
         """Compute the input for the state x.
@@ -114,11 +136,9 @@ class Regulator:
 
         Raises
         ------
-        NonFiniteError
-            If x is not finite.
         InputError, InputTypeError
-            If x cannot be used otherwise, there is nothing left to hold, or another thread is in a
-            call. After any exception the loop is as it was before the call.
+            If x has another shape or is no numbers, there is nothing left to hold, or another
+            thread is in a call. After any exception the loop is as it was before the call.
 
         Examples
         --------
@@ -133,29 +153,51 @@ class Regulator:
                 return self._hold(started)
             if x is None:
                 raise InputError("`x` must be the state, or hold=True if it is not known, got None")
-            state = validation.vector("x", x, length=self.n, labels=self._labels.states).copy()
-            found = self._solve(state)
+            state = validation.measured("x", x, self._labels.states)
+            reason = validation.broken(state, self._most, self._labels.states)
+            if reason is not None:
+                return self._fault(state, reason, started)
+            try:
+                found = self._solve(state, self._time_limit)
+            except NonFiniteError:
+                return self._fault(state, "`x` is too large: its cost overflows", started)
+            plan: Floats | None
             if self.kept is None:
                 plan, status, gap = found
-                u = plan[0].copy()
+                u = found[0][0].copy()
             else:
-                plan, u, status, gap = self._kept(self.kept, state, found)
+                plan, u, status, gap, reason = self._kept(self.kept, state, found, started)
             # nothing above has changed the loop, so that an exception leaves it as it was
             self._plan, self._held = plan, 0
-            return self._noted(state, u, status, gap, started)
+            return self._noted(state, u, status, gap, started, reason)
 
     def _kept(
-        self, kept: Kept, x: Floats, found: tuple[Floats, Status, float]
-    ) -> tuple[Floats, Floats, Status, float]:
+        self, kept: Kept, x: Floats, found: tuple[Floats, Status, float], started: float
+    ) -> tuple[Floats | None, Floats, Status, float, str | None]:
+        def left() -> float:
+            if self._time_limit is None:
+                return np.inf
+            return self._time_limit - perf_counter() + started
+
         def again() -> tuple[Floats, Status, float]:
             self._set(self._system, self._task)
-            return self._solve(x)
+            return self._solve(x, None if self._time_limit is None else max(left(), 1e-6))
 
         try:
-            return kept._choose(x, found, again)
-        except SolverError:
+            return *kept._choose(x, found, again, left), None
+        except SolverError as error:
             self._set(self._system, self._task)  # without what was kept back for the model
-            raise
+            return None, kept._unplanned(x), "infeasible", np.nan, str(error)
+
+    def _fault(self, x: Floats, reason: str, started: float) -> Floats:
+        """Go on without a state: by the plan, behind its end with its last input."""
+        u = self._last
+        if self.kept is not None:
+            self.kept._since += 1
+        elif self._plan is not None:
+            u = self._plan[min(self._held + 1, self.steps - 1)].copy()
+        self._held += 1
+        return self._noted(x, u, "held", np.nan, started, reason)
 
     def _hold(self, started: float) -> Floats:
         if self.kept is not None:
@@ -171,32 +213,24 @@ class Regulator:
         return self._noted(None, self._plan[self._held].copy(), "held", np.nan, started)
 
     def _noted(
-        self, x: Floats | None, u: Floats, status: Status, gap: float, started: float
+        self,
+        x: Floats | None,
+        u: Floats,
+        status: Status,
+        gap: float,
+        started: float,
+        reason: str | None = None,
     ) -> Floats:
         if self._task.rate is not None:
             self._task = replace(self._task, previous=u.copy())
             self._solver.follow(u)
-        self._calls += 1
-        self._log.append(Call(x, u.copy(), status, gap, perf_counter() - started))
-        return u
+        return self._entered(Call(x, u, status, gap, perf_counter() - started, reason), u)
 
-    def _solve(self, x: Floats) -> tuple[Floats, Status, float]:
-        try:
-            found = self._solver.solve(x, self._time_limit)
-        except NonFiniteError:
-            raise NonFiniteError("`x` is too large: its cost overflows") from None
+    def _solve(self, x: Floats, limit: float | None) -> tuple[Floats, Status, float]:
+        found = self._solver.solve(x, limit)
         shape = self._task.low.shape
         plan = found.control[: shape[0] * shape[1]].reshape(shape)
         return plan, found.status, found.gap
-
-    @contextmanager
-    def _turn(self) -> Iterator[None]:
-        if not self._busy.acquire(blocking=False):
-            raise InputError("this loop is in use by another thread: give each thread its own copy")
-        try:
-            yield
-        finally:
-            self._busy.release()
 
     def __getstate__(self) -> dict[str, Any]:
         with self._turn():
@@ -210,6 +244,7 @@ class Regulator:
                 "held": self._held,
                 "calls": self._calls,
                 "log": tuple(self._log),
+                "last": self._last,
                 "warm": self._solver.warm(),
             }
 
@@ -218,6 +253,7 @@ class Regulator:
         Regulator.__init__(self, *(state[word] for word in words))
         self._plan, self._held, self._calls = state["plan"], state["held"], state["calls"]
         self._log.extend(state["log"])
+        self._last = state["last"]
         self._solver.resume(state["warm"])
 
     @property
@@ -252,16 +288,6 @@ class Regulator:
     def held(self) -> int:
         """How many inputs in a row were held."""
         return self._held
-
-    @property
-    def calls(self) -> int:
-        """The number of calls since the loop was made or reset, held ones included."""
-        return self._calls
-
-    @property
-    def log(self) -> tuple[Call, ...]:
-        """The last 1000 calls, the latest at the end."""
-        return tuple(self._log)
 
     def swap(self, system: System | Identified | Any) -> None:
         """Go on with another system or model from the next call on.
@@ -311,8 +337,8 @@ class Regulator:
         (0, None)
         """
         with self._turn():
-            self._plan, self._held, self._calls = None, 0, 0
-            self._log.clear()
+            self._plan, self._held = None, 0
+            self._cleared(self._safe)
             if self.kept is not None:
                 self.kept.reset()
                 self._set(self._system, self._task)

@@ -38,6 +38,8 @@ class Call:
         ``J - min J`` of the plan is at most this; nan for a held or kept input.
     seconds : float
         The time that the call took [s].
+    reason : str or None
+        Why the state could not be used ("held"), or no plan is accepted ("infeasible").
     """
 
     x: Floats | None
@@ -45,6 +47,7 @@ class Call:
     status: Status
     gap: float
     seconds: float
+    reason: str | None = None
 
 
 def counted(calls: Sequence[Call]) -> str:
@@ -91,4 +94,6 @@ def drawn_calls(
 def _states(calls: Sequence[Call], n: int) -> Floats:
     """(T, n), nan where the state was not known."""
     unknown = np.full(n, np.nan)
-    return np.array([unknown if call.x is None else call.x for call in calls])
+    return np.array(
+        [unknown if call.x is None or call.status == "held" else call.x for call in calls]
+    )

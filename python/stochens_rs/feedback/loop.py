@@ -11,7 +11,7 @@ from .. import _core
 from .._base import html, validation
 from .._base.records import SavedRecord, require_shapes
 from .._base.signal_names import Labels
-from ..exceptions import InputError
+from ..exceptions import InputError, NonFiniteError
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.region import Region
@@ -76,9 +76,14 @@ class Loop(SavedRecord):
         return _core.loop_eigenvalues(self.A, self.B, self.K)
 
     def __call__(self, x: ArrayLike) -> Floats:
-        """Return ``u = K x``, shape (m,), for a state x, shape (n,)."""
-        state = validation.vector("x", x, length=len(self.A), labels=self.labels.states)
-        return np.asarray(self.K @ state)
+        """Return ``u = K x``, shape (m,), for a state x, shape (n,); what is not finite raises."""
+        state = validation.measured("x", x, self.labels.states)
+        with np.errstate(all="ignore"):
+            u = np.asarray(self.K @ state)
+        if not np.isfinite(u).all():
+            why = validation.broken(state, np.inf, self.labels.states)
+            raise NonFiniteError(f"`x` must be finite: {why or 'K x overflows'}")
+        return u
 
     def certificate(self, delta: float | Region = 0.05) -> LoopCertificate:
         """Say whether all systems of a region are stable under ``u = K x``.

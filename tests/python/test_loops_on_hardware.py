@@ -1,0 +1,496 @@
+"""Loops beside a plant: what sensors send, targets that are no points of rest, tubes about them."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+import threading
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from coverage_study import sets
+from hidden_outputs import Arx, Belt
+from stochens_rs import _core
+from stochens_rs.controls import gate, resting
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from test_feedback import S, V, white
+
+pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+LIMITS, TARGET = (-3.0, 3.0), [4.0, 40.0]
+TAKEN = "rejected 3 times in a row: now taken for true"
+
+
+@pytest.fixture(scope="module")
+def belt():
+    plant = Belt()
+    data = plant.data(8, np.random.default_rng(1))
+    model = se.identify(data, filters=(0.6, 4), checks=False)
+    return plant, model, se.gain(model, [100.0, 1.0], 1.0)
+
+
+@pytest.fixture(scope="module")
+def loops(belt):
+    """Every kind of loop in the middle of its work, and a good reading for it."""
+    _, model, gain = belt
+    x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
+    states = se.identify(se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.05 * w), sigma=0.05)
+    one = se.gain(states, 1.0, 1.0)
+    cost, far = se.Cost(Q=[1.0, 0.01], R=0.1), np.array(TARGET)
+    rate = se.Limits(u=LIMITS, rate=0.5, previous=0.0)
+    made = {
+        "gain": (one, np.ones(1)),
+        "plans": (se.regulate(states, 5, limits=LIMITS), np.ones(1)),
+        "rate": (se.regulate(states, 5, limits=rate), np.ones(1)),
+        "kept": (se.regulate(states, 5, limits=LIMITS, gain=one, calls=99), np.ones(1)),
+        "readings": (se.regulate(gain, offset_free=True, target=TARGET, limits=LIMITS), far),
+        "plans of readings": (
+            se.regulate(model, 20, offset_free=True, target=TARGET, limits=LIMITS, cost=cost),
+            far,
+        ),
+    }
+    for loop, good in made.values():
+        for _ in range(model.window.fill + 2):
+            loop(good)
+    return made
+
+
+NAMES = ["gain", "plans", "rate", "kept", "readings", "plans of readings"]
+WRONG = {
+    "complex": ([1j], InputTypeError),
+    "text": (["1.0"], InputTypeError),
+    "word": ("1.0", InputTypeError),
+    "bool": ([True], InputTypeError),
+    "date": (np.array(["2020-01-01"], dtype="datetime64[D]"), InputTypeError),
+    "span": (np.array([1], dtype="timedelta64[s]"), InputTypeError),
+    "none": ([None], InputTypeError),
+    "long": ([10**400], InputTypeError),
+    "shape": ([[1.0]], ShapeError),
+    "many": ([1.0] * 7, ShapeError),
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_what_is_no_number_raises_and_changes_nothing(loops, name):
+    loop, good = loops[name]
+    before = pickle.dumps(loop)
+    for value, error in WRONG.values():
+        row = value * len(good) if isinstance(value, list) and len(value) == 1 else value
+        row = np.repeat(row, len(good)) if isinstance(row, np.ndarray) else row
+        with pytest.raises(error, match=r"^`[xy]` "):
+            loop(row)
+    assert pickle.dumps(loop) == before
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308])
+def test_a_gain_gives_no_force_that_is_not_finite(bad):
+    """It remembers no input to hold. ``Loop([1e308, 1e308])`` returned -inf."""
+    loop = se.gain(([[3.0, 0.1], [0.0, 3.0]], np.eye(2)), 1.0, 1.0)
+    with pytest.raises(NonFiniteError, match="`x` must be finite"):
+        loop([bad, bad])
+
+
+@pytest.mark.parametrize("name", NAMES[1:])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308, -1e300, 1e155])
+def test_a_broken_sensor_holds_and_is_said(loops, name, bad):
+    """The force was nan for ever after one 1e308."""
+    loop, good = loops[name]
+    loop, usual = copy.deepcopy(loop), copy.deepcopy(loop)
+    for at in range(len(good)):
+        row = good.copy()
+        row[at] = bad
+        for _ in range(12):
+            u = loop(row)
+            assert ((u >= LIMITS[0]) & (u <= LIMITS[1])).all()
+            assert loop.log[-1].reason
+        for _ in range(40):
+            u = loop(good)
+            usual(good)
+        assert loop.log[-1].reason is None
+        np.testing.assert_allclose(u, usual(good), atol=0.3)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_attributes_that_do_not_exist_cannot_be_set(loops, name):
+    for attribute in ("target", "limit", "K2", "plan"):
+        with pytest.raises(AttributeError):
+            setattr(loops[name][0], attribute, 1.0)
+
+
+def test_a_loop_of_readings_in_two_threads(belt):
+    loop, seen = se.regulate(belt[2], offset_free=True), []
+    inside, go = threading.Event(), threading.Event()
+
+    class Slow:
+        def __array__(self, dtype=None, copy=None):
+            inside.set()
+            go.wait(10.0)
+            return np.zeros(2)
+
+    thread = threading.Thread(target=lambda: seen.append(loop(Slow())))
+    thread.start()
+    assert inside.wait(10.0)
+    for use in (lambda: loop([0.0, 0.0]), loop.reset, lambda: loop.start("rest")):
+        with pytest.raises(InputError, match="in use by another thread"):
+            use()
+    with pytest.raises(InputError, match="in use"):
+        pickle.dumps(loop)
+    go.set()
+    thread.join()
+    assert loop.calls == len(seen) == 1
+
+
+# -- the gate ------------------------------------------------------------------------------------
+
+
+def test_true_readings_pass_the_gate_as_often_as_said(monkeypatch):
+    """8 systems, 250 calls each, at 5 % in place of 1e-5; with 3 times the noise it must fail."""
+    monkeypatch.setattr(gate, "FALSE_ALARM", 0.05)
+    rejected = {1.0: 0, 3.0: 0}
+    for seed in range(8):
+        rng = np.random.default_rng([11, seed])
+        system = Arx(rng)
+        model = se.identify(system.data(14, 50, rng), lags=system.lags, checks=False)
+        own, J, window = gate.gate_of(model), model._loop.J, model.window
+        for noise in rejected:
+            y, u = system.run(20, rng)
+            x = window.state_of(y, u)
+            for _ in range(250):
+                act = np.clip(system.K @ y[-1], -1.0, 1.0)
+                read = system.follow(y[-9:], u[-9:], [act], rng, noise)[0]
+                z = J @ np.concatenate([x, act])
+                off = read - own.centre @ z
+                rejected[noise] += own.excess(off, z, np.ones(len(read), dtype=bool), None) > 1.0
+                read = system.follow(y[-9:], u[-9:], [act], rng, 1.0)[
+                    0
+                ]  # the loop goes on as usual
+                y, u = np.vstack([y, read]), np.vstack([u, act])
+                x = window._core.advance(x, read, act)
+    assert rejected[1.0] <= 0.05 * 2000
+    assert rejected[3.0] > 0.05 * 2000
+
+
+def test_the_size_of_the_gate_is_its_formula(belt):
+    """Anew, from the parts of the region."""
+    _, model, _ = belt
+    own, rng = gate.gate_of(model), np.random.default_rng(1)
+    region = model.region(0.05, method="mixture")
+    part, noise = region.parts[0], np.asarray(region.noise)
+    values, vectors = np.linalg.eigh(noise)
+    T = vectors / np.sqrt(values) @ vectors.T
+    D = np.linalg.cholesky(np.asarray(part.S) * part.factor)
+    for _ in range(5):
+        z, off = rng.standard_normal(model.window.length), rng.standard_normal(2)
+        size = np.linalg.norm(T @ D, 2) * np.linalg.norm(np.asarray(part.white) @ z)
+        wanted = (np.linalg.norm(T @ off) - size) / 4.798525912189
+        found = own.excess(off, z, np.ones(2, dtype=bool), None)
+        assert found == pytest.approx(wanted, rel=1e-6)
+        one = (abs(off[1]) - np.sqrt(D[1] @ D[1]) * size / np.linalg.norm(T @ D, 2)) / np.sqrt(
+            noise[1, 1]
+        )
+        found = own.excess(off, z, np.array([False, True]), None)
+        assert found == pytest.approx(one / 4.417173413470, rel=1e-6)
+
+
+def driven(belt, faults, steps=700, **options):
+    """Load and loop of the belt with a target, where `faults` change what is read."""
+    plant, _, gain = belt
+    loop = se.regulate(gain, offset_free=True, target=TARGET, limits=LIMITS, **options)
+    k, inputs = 0, []
+
+    def act(read):
+        nonlocal k
+        read = read.copy()
+        faults(k, read)
+        k += 1
+        inputs.append(loop(read))
+        return inputs[-1]
+
+    _, _, true = plant.simulate(act, steps, np.random.default_rng(2))
+    assert np.isfinite(inputs).all()
+    assert (np.abs(inputs) <= 3.0).all()
+    return np.abs(true[:, 1] - 40.0), loop
+
+
+@pytest.mark.parametrize("spike", [0.05, 0.5, 10.0, 1e4, 1e9, 1e300, np.nan])
+@pytest.mark.parametrize("count", [1, 3])
+def test_false_readings_do_nothing(belt, spike, count):
+    """Before: .42 mm at 10 mm; 1e4: 115 steps beyond .5 mm, 7.6 mm at most; 1e9: 247, 34 mm."""
+
+    def fault(k, read):
+        if 300 <= k < 300 + count:
+            read[1] += spike
+
+    off, loop = driven(belt, fault, 600)
+    assert off[300:].max() < 0.3
+    told = [k for k, call in enumerate(loop.log) if call.reason and k > 290]
+    if not abs(spike) <= 0.5:
+        assert told == list(range(300, 300 + count))
+
+
+def test_a_change_of_the_plant_is_believed(belt):
+    """A constant 1 A is learned; a sensor that is 2 mm off for ever is believed, and said."""
+    plant, _, gain = belt
+    loop, k = se.regulate(gain, offset_free=True, target=TARGET, limits=LIMITS), 0
+
+    def act(read):
+        nonlocal k
+        k += 1
+        return loop(read) + (1.0 if k > 300 else 0.0)
+
+    _, _, true = plant.simulate(act, 900, np.random.default_rng(2))
+    assert loop.disturbance == pytest.approx([1.0], abs=0.1)
+    assert abs(true[-100:, 1].mean() - 40.0) < 0.1
+    assert sum(call.reason is not None for call in loop.log) < 60
+
+    def off(k, read):
+        read[1] += 2.0 if k >= 300 else 0.0
+
+    _, loop = driven(belt, off, 900)
+    assert "rejected, " in loop.log[300].reason
+    assert TAKEN in {call.reason for call in loop.log[300:]}
+    assert {call.status for call in loop.log[310:]} == {"gain"}
+
+
+def test_the_cap_keeps_the_disturbance_within_the_limits(belt):
+    """Four false readings in a row are believed; behind them the loop comes back."""
+
+    def fault(k, read):
+        if 300 <= k < 304:
+            read[1] += 1e4
+
+    off, loop = driven(belt, fault, 900)
+    most = max(abs(call.disturbance[0] - loop._rest.u[0]) for call in loop.log)
+    assert most <= 3.0 + 1e-12
+    assert off[-100:].max() < 0.3
+
+
+@pytest.mark.parametrize("seed", range(sets(4, 1)))
+def test_random_faults_never_leave_the_limits(belt, seed):
+    """10 000 calls with every kind of fault: never nan, always said, back at the target."""
+    gen, faulty = np.random.default_rng(seed), set()
+
+    def fault(k, read):
+        if k > 9700 or gen.random() > 0.05:
+            return
+        faulty.add(k)
+        wrong = gen.choice([np.nan, np.inf, -1e300, 1e20, 1e6, 500.0, -80.0])
+        read[gen.integers(2) if gen.random() < 0.5 else slice(None)] = wrong
+
+    off, loop = driven(belt, fault, 10_000)
+    assert loop.calls == 10_000
+    first = loop.calls - len(loop.log)
+    for k, call in enumerate(loop.log, start=first):
+        assert call.reason or k not in faulty
+    assert off[-100:].max() < 0.3
+
+
+def every(count, *outputs):
+    def fault(k, read):
+        if k % count:
+            read[list(outputs)] = np.nan
+
+    return fault
+
+
+@pytest.mark.parametrize(
+    ("faults", "most"),
+    [
+        (every(1), 0),
+        (every(2, 0, 1), 4),
+        (every(4, 0, 1), 40),
+        (every(2, 1), 4),
+        (every(10**6, 1), 40),
+        (every(10**6, 0, 1), None),
+    ],
+)
+def test_a_window_that_never_fills_is_estimated(belt, faults, most):
+    """With every second reading from the start the loop returned 0 for ever."""
+    off, loop = driven(belt, faults, 300)
+    began = [k for k, call in enumerate(loop.log) if call.status == "gain"]
+    if most is None:
+        assert loop.log[-1].status == "cannot start"
+        assert "of phi 1 of 300 were read" in loop.log[-1].reason
+        return
+    assert loop.model.window.fill <= began[0] <= loop.model.window.fill + most
+    assert loop.log[0].status == "filling"
+    assert "will do, or 2" in loop.log[0].reason
+    assert off[-50:].max() < 0.6
+
+
+# -- targets -------------------------------------------------------------------------------------
+
+
+def test_targets_that_are_no_points_of_rest(belt):
+    """45 mm at 4 rad was "certified": the load went to 6.7 mm, -66.7 mm, and for 400 mm to -532."""
+    plant, model, gain = belt
+    cost = se.Cost(Q=[1.0, 0.01], R=0.1)
+    for target in ([4.0, 45.0], [4.0, 400.0], [0.0, 3.0]):
+        for use in (
+            lambda target=target: se.regulate(gain, offset_free=True, target=target),
+            lambda target=target: se.regulate(
+                model, 20, offset_free=False, target=target, cost=cost
+            ),
+            lambda target=target: se.control(model, record="rest", target=target, steps=60),
+        ):
+            with pytest.raises(InputError, match=r"in no system.*: the nearest is \(") as said:
+                use()
+    place = said.value.args[0].split("nearest is (")[1].split(")")[0]
+    nearest = [float(one) for one in place.split(", ")]
+    assert nearest[1] == pytest.approx(10.0 * nearest[0], rel=1e-2)
+    loop = se.regulate(gain, offset_free=True, target=[4.25, 42.5], limits=LIMITS)
+    _, _, true = plant.simulate(loop, 700, np.random.default_rng(2))
+    assert abs(true[-100:, 1].mean() - 42.5) < 0.1
+
+
+def test_the_nearest_point_of_rest_is_within_the_limits():
+    """y+ = .5 y + u rests at y = 2 u."""
+    rng = np.random.default_rng(1)
+    y, u = np.zeros((300, 1)), rng.standard_normal((299, 1))
+    for t in range(299):
+        y[t + 1] = 0.5 * y[t] + u[t] + 0.05 * rng.standard_normal(1)
+    model = se.identify(se.Trajectories([y], [u], outputs=True), lags=1, checks=False)
+    gain = se.gain(model, 1.0, 1.0)
+    assert se.regulate(gain, offset_free=True, target=[2.0]).log == ()
+    with pytest.raises(InputError, match=r"the nearest is \(.*held by the limit of u\[0\]"):
+        se.regulate(gain, offset_free=True, target=[2.0], limits=(-0.5, 0.5))
+    loop = se.regulate(gain, offset_free=True, target=[0.9], limits=(-0.5, 0.5))
+    assert loop._rest.u == pytest.approx([0.45], abs=0.02)
+
+
+SIGMA = {"P1": [[0.9, 0.02, 0.1], [0.3, 0.6, 0.05]], "P2": [[0.9, 0.02, 0.1], [0.5, 0.9, 0.05]]}
+NEAREST = {
+    "P1": [1.206944269719, 1.030318279029, 1.000880613914],
+    "P2": [0.482758620690, 2.413793103448, 0.0],
+}
+LEAST = {"P1": (7.176839427683, 166.115880358565), "P2": (-4.015003462006, 82.002385445212)}
+
+
+@pytest.mark.parametrize("name", ["P1", "P2"])
+def test_known_points_of_rest(name):
+    """Two outputs and one input, one lag; P2 integrates."""
+    H, r = np.array(SIGMA[name]), np.array([1.0, 2.0])
+    M, free = np.hstack([np.eye(2) - H[:, :2], -H[:, 2:]]), np.array([np.inf])
+    still = resting.Still(np.eye(3, 4), M, np.zeros(2), np.ones(3), -free, free)
+    found, held = resting._nearest(still, r, np.diag([1.0, 0.25]))
+    np.testing.assert_allclose(found, NEAREST[name], atol=1e-10)
+    assert held == []
+    # within limits: the best of a grid along the points of rest
+    v, held = resting._nearest(still._replace(high=np.array([-0.1])), r, np.diag([1.0, 0.25]))
+    if name == "P1":
+        assert held == [0]
+        np.testing.assert_allclose(v, -0.1 * found / found[2], atol=1e-9)
+    u, least = LEAST[name]
+    shape, factor = 0.01 * S, 1.0
+    part = _core.RegionPart(
+        np.arange(2), np.arange(3), white(V), np.linalg.cholesky(V).T.copy(), np.zeros((3, 0)), 1.0,
+        shape, factor,
+    )  # fmt: skip
+    lacking = H[:, :2] @ r - r, H[:, 2:]
+    z = np.array([*r, 0.0]), np.array([[0.0], [0.0], [1.0]])
+    value, _ = resting.least_of(part, lacking, z, (-free, free))
+    assert value == pytest.approx(least, rel=1e-9)
+    inside, _ = resting.least_of(part, lacking, z, (np.array([u + 1.0]), free))
+    assert inside == pytest.approx(least + 5.206266484416, rel=1e-9)  # f'' / 2
+
+
+def test_true_points_of_rest_are_not_refused():
+    """40 systems: that of the true one, at 5 %; those well beside it are refused."""
+    refused = {0.0: 0, 1.0: 0}
+    count = 0
+    for seed in range(40):
+        rng = np.random.default_rng([12, seed])
+        system = Arx(rng)
+        if system.p <= system.m:
+            continue
+        count += 1
+        model = se.identify(system.data(14, 50, rng), lags=system.lags, checks=False)
+        A, B = system.A.sum(axis=0), system.B.sum(axis=0)
+        y = np.linalg.lstsq(np.eye(system.p) - A, B @ np.ones(system.m), rcond=None)[0]
+        away = np.linalg.svd(np.hstack([np.eye(system.p) - A, -B]))[0][:, -1] * np.linalg.norm(y)
+        free = np.full(system.m, np.inf)
+        for far in refused:
+            try:
+                resting.rest_of(model, y + far * away, None, -free, free)
+            except InputError:
+                refused[far] += 1
+    assert count > 10
+    assert refused[0.0] <= 0.05 * count + 2
+    assert refused[1.0] > 0.3 * count
+
+
+def test_control_weighs_inputs_from_those_that_hold_the_target():
+    """y+ = .9 y + .1 u: it ended at 44 for 50, as R was about u and not about u - 50."""
+    rng = np.random.default_rng(1)
+    y, u = np.zeros((400, 1)), 30.0 * rng.standard_normal((399, 1))
+    for t in range(399):
+        y[t + 1] = 0.9 * y[t] + 0.1 * u[t] + 0.01 * rng.standard_normal(1)
+    model = se.identify(se.Trajectories([y], [u], outputs=True), lags=1, checks=False)
+    for limits in (None, (-20.0, 80.0)):
+        plan = se.control(
+            model, record="rest", target=[50.0], steps=120, cost=se.Cost(Q=1.0, R=1.0),
+            limits=limits,
+        )  # fmt: skip
+        assert plan.predicted_outputs[-1] == pytest.approx([50.0], abs=0.05)
+        assert plan.u[-1] == pytest.approx([50.0], abs=0.5)
+        if limits is not None:
+            assert plan.u.max() <= 80.0
+        # the cost is about u_s, and the plan the best of those near it
+        horizon = plan.limited
+        u_s = horizon.task.resting
+        assert u_s == pytest.approx([50.0], abs=0.1)
+        again = se.Plan.from_dict(plan.to_dict())
+        np.testing.assert_array_equal(again.limited.task.resting, u_s)
+
+
+# -- certificates about the target ---------------------------------------------------------------
+
+
+def members(proof, model, count, rng, z):
+    """Systems on the boundary of the region, half of them the worst for the point of rest z."""
+    region = model.region(0.05)
+    part, C = region.parts[0], region.centre
+    D = np.linalg.cholesky(np.asarray(part.S) * part.factor)
+    W = np.asarray(part.white)
+    for k in range(count):
+        G = np.outer(rng.standard_normal(2), W @ z) if k % 2 else rng.standard_normal((2, len(W)))
+        yield model.window.loop(C + D @ (G / np.linalg.norm(G, 2)) @ W).ABc
+
+
+def test_one_tube_about_the_target(belt):
+    """It was +-76 mm by `rest=` and +-1.9 mm as the way from -xs to 0, which is another loop."""
+    _, model, gain = belt
+    loop = se.regulate(gain, offset_free=False, target=TARGET, limits=LIMITS)
+    proof, rest = loop.certificate(0.05), loop._rest
+    assert proof.status == "certified"
+    np.testing.assert_array_equal(proof.rest().states, rest.x)
+    np.testing.assert_array_equal(proof.rest().inputs, rest.u)
+    x0, K = np.zeros(model.n), 60
+    tube, given = proof.tube(x0, K), proof.tube(x0, K, rest=proof.rest(rest.x))
+    np.testing.assert_allclose(tube.components, given.components, rtol=1e-3)
+    assert tube.components[:, 1].max() < 3.0
+    z, n = np.concatenate([np.tile(rest.y, 4), np.tile(rest.u, 4)]), model.n
+    worst, beside = np.zeros(2), 0.0
+    for system in members(proof, model, 60, np.random.default_rng(1), z):
+        x = x0
+        for k in range(400):
+            u = rest.u + proof.K @ (x - rest.x)
+            if k <= K:
+                off = np.abs(x - tube.states[k])
+                assert (off <= tube.components[k] + 1e-9).all()
+                worst = np.maximum(worst, off[:2])
+            assert (np.abs(np.concatenate([x, u])) <= tube.reach).all()
+            x = system @ np.concatenate([x, u])
+        point = np.linalg.solve(
+            np.eye(n) - system[:, :n] - system[:, n:] @ proof.K,
+            system[:, n:] @ (rest.u - proof.K @ rest.x),
+        )
+        assert (np.abs(point - rest.x) <= proof.rest().components).all()
+        beside = max(beside, abs(point - rest.x)[1])
+    assert tube.components[:, 1].max() < 8.0 * worst[1]
+    assert proof.rest().components[1] < 2.0 * beside
+    with pytest.raises(InputError, match="rests at 0"):
+        proof.holds(LIMITS)
+    again = se.feedback.LoopCertificate.from_dict(proof.to_dict())
+    np.testing.assert_array_equal(again.rest().states, rest.x)

@@ -251,7 +251,7 @@ class ReadingLoop(ControlLoop[Reading]):
             return self._kept(y, None, self._window.begun(y, acted, seen), self._d, why, started)
         shift, model = self._rest.outputs @ self._d, self.model
         z = model._loop.J @ self._window.entering(now, acted)
-        off = self._off(y, now, z, shift, seen) if self._runs else 0.0
+        off = self._off(y, now, z, shift, seen) if self._started else 0.0
         if off > 1.0 and rejected < BELIEVED:
             raw = raw or now
             ahead = model._H @ model._loop.J @ self._window.entering(raw, acted) + shift
@@ -265,7 +265,7 @@ class ReadingLoop(ControlLoop[Reading]):
         else:
             raw, rejected = None, 0
         predicted = model._H @ z + shift
-        came = np.where(seen, y - predicted, 0.0) if self._runs else np.zeros(len(y))
+        came = np.where(seen, y - predicted, 0.0) if self._started else np.zeros(len(y))
         d = self._d + self._gain @ came
         if self._gate is not None:  # alone, a cut would leave a part of a false reading behind
             d = self._rest.u - np.clip(self._rest.u - d, self._low, self._high)

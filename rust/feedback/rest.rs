@@ -97,6 +97,5 @@ impl Loop {
             let share = (one / other).clamp(1e-6, 1e6);
             Some(scaled(&around, 1.0 + share) + scaled(&(&off * off.transpose()), 1.0 + 1.0 / share))
         })
-        .map_err(Into::into)
     }
 }

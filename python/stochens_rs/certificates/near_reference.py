@@ -55,15 +55,12 @@ def near_reference(
     state: float = float(np.sum([*parts[1:], difference]))
     if plain is not None:
         other = certificate(replace(basis, model=plain), u, predicted, delta * share, asked)
-        near = target
-        target, state, components, tube = (
-            np.minimum(own, other[name].radius)
-            for name, own in (
-                ("target", target), ("state", state), ("components", components), ("tube", tube)
-            )
-        )  # fmt: skip
-        if target < near:
+        if other.target < target:
             named = dict(other.parts)
+        target = min(target, other.target)
+        state = min(state, float(other["state"].radius))
+        components = np.minimum(components, other["components"].radius)
+        tube = np.minimum(tube, other["tube"].radius)
 
     def radius(value: float | Floats, distance_from: str) -> Radius:
         reason = "too few data for this probability, or a pilot that says too little"
@@ -74,8 +71,8 @@ def near_reference(
         kind="guaranteed",
         delta=delta,
         quantities={
-            "target": radius(float(target), "xf"),
-            "state": radius(float(state), "the predicted state"),
+            "target": radius(target, "xf"),
+            "state": radius(state, "the predicted state"),
             "components": radius(components, "xf, for each state"),
             "tube": radius(tube, "the predicted states, for each step"),
         },

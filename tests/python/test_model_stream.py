@@ -75,6 +75,7 @@ def test_regions_are_those_of_the_twin():
     check(unknown.model.region().parts[0].factor, expected, rtol=1e-9)
 
 
+@pytest.mark.usefixtures("noise_by_formula")
 def test_regions_for_more_pairs_are_those_of_the_twin_and_of_identify():
     gen = np.random.default_rng(3)
     z = gen.standard_normal((400, 6))
@@ -441,6 +442,7 @@ OPTIONS = {
 }
 
 
+@pytest.mark.usefixtures("noise_by_formula")
 @pytest.mark.parametrize("kind", OPTIONS)
 def test_resuming_is_never_having_stopped(tmp_path: Path, kind: str) -> None:
     gen = np.random.default_rng(9)

@@ -7,7 +7,7 @@ infinite, unless its name is in `accept` of `identify`.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from .._base.types import Floats
     from .assumptions import Assumptions
     from .dependences import Range
-    from .model import Model
     from .trajectories import Trajectories
 
 LEVEL = 5e-4  # of each test: together below 0.01
@@ -79,7 +78,7 @@ class Tested(NamedTuple):
 NONE = Tested(1.0, 0.0, np.zeros(0, dtype=np.int64), np.zeros(0))  # of a test that is not made
 
 
-def tested(model: Model) -> dict[str, Tested]:
+def tested(model: Any) -> dict[str, Tested]:
     """The tests that the pairs of a model allow, of each name the one with the smallest p-value."""
     f, span = _above_rounding(*model._residuals)
     data, n, window = model.data, model.n_outputs, model.window
@@ -171,7 +170,7 @@ def failed(found: dict[str, Tested], assumed: Assumptions, looks: float = 1.0) -
     return names
 
 
-def said(name: str, test: Tested, model: Model) -> str:
+def said(name: str, test: Tested, model: Any) -> str:
     """A failed test in words, with its cure."""
     names, window = model.outputs, model.window
     first = int(test.at[0]) if len(test.at) else 0
@@ -199,7 +198,7 @@ def said(name: str, test: Tested, model: Model) -> str:
     return f"{text} (p = {test.p_value:.1g}; or accept={name!r})"
 
 
-def _part(test: Tested, model: Model) -> str:
+def _part(test: Tested, model: Any) -> str:
     """Which part of the data has a model of its own."""
     if not len(test.at):
         return "the halves of the data have models of their own"
@@ -277,7 +276,7 @@ def _may_be_late(found: dict[str, Tested]) -> bool:
     return "late rows" in found and found["late rows"].p_value <= LEVEL
 
 
-def _late(model: Model, test: Tested) -> Tested:
+def _late(model: Any, test: Tested) -> Tested:
     """The test of late rows, where inputs have no effect and the next ones explain.
 
     With u = K x + d of a feedback the next input explains too, through the next state; but then
@@ -291,9 +290,7 @@ def _late(model: Model, test: Tested) -> Tested:
     return test._replace(p_value=1.0 if found is None else max(found.p_value, test.p_value))
 
 
-def _of_runs(
-    model: Model, raw: Trajectories, marked: NDArray[np.int64] | None
-) -> dict[str, Tested]:
+def _of_runs(model: Any, raw: Trajectories, marked: NDArray[np.int64] | None) -> dict[str, Tested]:
     """The tests of all pairs of these runs; of `marked` ones whether they have their own model."""
     x, u, y = raw.pairs()
     rows = np.hstack([x, u, np.ones((len(x), int(model.intercept))), y])
@@ -307,7 +304,7 @@ def _of_runs(
     return _smallest(found)
 
 
-def _before_last(model: Model, raw: Trajectories, found: dict[str, Tested]) -> dict[str, Tested]:
+def _before_last(model: Any, raw: Trajectories, found: dict[str, Tested]) -> dict[str, Tested]:
     """What the rows before the last pairs say: of dead time and hidden states, and of the ends."""
     whole = _of_runs(model, raw, None)
     kept = {}
@@ -338,7 +335,7 @@ def _switched(raw: Trajectories) -> bool:
     return any(bool((a.min(axis=0) > b.max(axis=0)).any()) for a, b in ways)
 
 
-def _starts(raw: Trajectories, model: Model) -> dict[str, Tested]:
+def _starts(raw: Trajectories, model: Any) -> dict[str, Tested]:
     """Whether starts depend on the noise of the run before, as those of pieces of one log do.
 
     ``eta = sum A^(T-1-k) e(k)`` is the part of noise in the end of a run: beside a constant and the

@@ -463,9 +463,10 @@ class Trajectories(SavedRecord):
         """
         last = np.zeros(self.size, dtype=bool)
         last[np.cumsum(self.lengths) - 1] = True
-        made = self._with(last)
-        object.__setattr__(made, "_whole", self if self._whole is None else self._whole)
-        return made
+        rows, pieces = self._rows[last], self._pieces.chosen(last)
+        return type(self)._of(
+            rows, pieces, *self._about(), self if self._whole is None else self._whole
+        )
 
     def last_record(self) -> tuple[Floats, Floats]:
         """Return the readings and inputs of the last piece: where a plan may begin.
@@ -675,6 +676,7 @@ class Trajectories(SavedRecord):
         input_names: Sequence[str] | None,
         steps: int,
         outputs: bool,
+        whole: Trajectories | None = None,
     ) -> None:
         m = rows.shape[1] - 2 * n
         rows.flags.writeable = False
@@ -690,7 +692,7 @@ class Trajectories(SavedRecord):
             ("_input_names", of_inputs),
             ("_steps", steps),
             ("_outputs", outputs),
-            ("_whole", None),
+            ("_whole", whole),
         ):
             object.__setattr__(self, slot, value)
 
@@ -713,9 +715,10 @@ class Trajectories(SavedRecord):
         input_names: Sequence[str] | None,
         steps: int = 1,
         outputs: bool = False,
+        whole: Trajectories | None = None,
     ) -> Self:
         self = object.__new__(cls)
-        self._set(rows, pieces, n, dt, state_names, input_names, steps, outputs)
+        self._set(rows, pieces, n, dt, state_names, input_names, steps, outputs, whole)
         return self
 
     def _part(self, rows: Floats, pieces: Pieces) -> Self:

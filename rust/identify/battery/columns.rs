@@ -1,6 +1,6 @@
 //! Columns that explain residuals where a model of logged pairs is wrong.
 
-use super::{Given, WHAT};
+use super::given::{Given, WHAT};
 use crate::error::Result;
 use crate::memory::{try_push, try_zeros};
 

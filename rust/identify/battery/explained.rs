@@ -1,9 +1,9 @@
 //! What more columns explain of residuals: Wilks' Lambda by Rao's F.
 
-use super::super::distributions::f_above;
-use super::super::least_squares::cholesky;
-use super::{WHAT, zeros};
+use super::given::{WHAT, zeros};
 use crate::error::Result;
+use crate::identify::distributions::f_above;
+use crate::identify::least_squares::cholesky;
 use crate::memory::{try_copy, try_push, try_zeros};
 
 /// Share of the squares of a column below which what is left of it is rounding.

@@ -2,11 +2,12 @@
 
 use std::hash::{DefaultHasher, Hash, Hasher};
 
-use super::super::distributions::{beta_above, chi2_quantile, chi2_upper, normal_above};
-use super::super::least_squares::{Fitted, fit};
 use super::explained::Outcomes;
-use super::{Given, Sums, Test, WHAT, dot, zeros};
+use super::given::{Given, Test, WHAT, dot, zeros};
+use super::sums::Sums;
 use crate::error::Result;
+use crate::identify::distributions::{beta_above, chi2_quantile, chi2_upper, normal_above};
+use crate::identify::least_squares::{Fitted, fit};
 use crate::memory::{checked_len, try_collect, try_copy, try_push, try_room, try_zeros};
 use crate::parallel::Stop;
 

@@ -1,10 +1,11 @@
 //! How large the noise is: against what was declared of it, and over states and time.
 
-use super::super::distributions::{chi2_above, chi2_below, f_above};
-use super::super::least_squares::cholesky;
 use super::explained::{Outcomes, explained};
-use super::{Given, Pieces, Sums, Test, WHAT, dot, zeros};
+use super::given::{Given, Test, WHAT, dot, zeros};
+use super::sums::{Pieces, Sums};
 use crate::error::{Error, Result};
+use crate::identify::distributions::{chi2_above, chi2_below, f_above};
+use crate::identify::least_squares::cholesky;
 use crate::memory::{checked_len, try_copy, try_filled, try_push};
 
 /// What was declared of the noise, beside its mean of 0.

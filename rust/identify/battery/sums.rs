@@ -1,0 +1,330 @@
+//! One pass over the pairs, and what groups of columns explain.
+
+use faer::linalg::matmul::matmul;
+use faer::{Accum, MatMut, MatRef, Par};
+
+use super::columns::{Columns, Kind};
+use super::explained::{Explained, Outcomes, explained};
+use super::given::{Given, Test, WHAT, dot, zeros};
+use crate::error::Result;
+use crate::memory::{checked_len, try_push};
+use crate::parallel::Stop;
+
+/// Pairs that are taken at a time.
+const BLOCK: usize = 512;
+/// Pieces of equal length in place of runs, where there are fewer runs.
+const PIECES: usize = 8;
+
+/// What one pass over the pairs adds up.
+pub(super) struct Sums<'a> {
+    pub(super) columns: Columns<'a>,
+    /// Products of the columns with the regressors (rank, width), the residuals (width, n), and each other, by groups.
+    along_z: Vec<f64>,
+    along_e: Vec<f64>,
+    own: Vec<Vec<f64>>,
+    /// What rounding left of the products of regressors and residuals (rank, n).
+    rest: Vec<f64>,
+    /// For each row the leverage, and `nu` times its part in the sum of squares over `1 - leverage`.
+    pub(super) leverages: Vec<f64>,
+    pub(super) parts: Vec<f64>,
+    /// Of readings that are at an extreme one step later: their number, and the sum of their residuals.
+    ends: Vec<(usize, f64)>,
+    /// The strongest model of its own of a run or piece, and how many were looked at.
+    own_model: Option<(usize, Explained)>,
+    looked: usize,
+}
+
+impl<'a> Sums<'a> {
+    pub(super) fn of(given: &'a Given<'a>, of: &Outcomes<'_>, stop: &Stop) -> Result<Self> {
+        let (f, d, n, size) = (given.fitted, given.d, given.n, given.size());
+        let rank = f.rank();
+        let (effect, sizes) = effects(given, of)?;
+        let columns = Columns::new(given, &effect, &sizes)?;
+        let width = columns.width;
+        let square = |a, b| zeros(checked_len(WHAT, a, b)?);
+        let mut own = Vec::new();
+        for &(_, _, count) in &columns.groups {
+            try_push(WHAT, &mut own, square(count, count)?)?;
+        }
+        let ends = columns.extremes.len();
+        let mut sums = Self {
+            along_z: square(rank, width)?,
+            along_e: square(width, n)?,
+            own,
+            rest: square(rank, n)?,
+            leverages: square(size, 1)?,
+            parts: square(size, 1)?,
+            ends: crate::memory::try_filled(WHAT, (0, 0.0), ends)?,
+            own_model: None,
+            looked: 0,
+            columns,
+        };
+        let pieces = Pieces::of(given, rank);
+        let mut piece = (square(rank, rank)?, square(rank, n)?, 0);
+        let (mut q, mut e, mut g) = (square(BLOCK, rank)?, square(BLOCK, n)?, square(BLOCK, width)?);
+        let (mut white, mut group) = (square(of.p, 1)?, square(BLOCK, width.max(1))?);
+        let mut t = 0;
+        while t < size {
+            stop.check()?;
+            let end = pieces.end(t).min(t + BLOCK).min(size);
+            let count = end - t;
+            for k in 0..count {
+                let (z, y) = (given.z(t + k), given.y(t + k));
+                for (i, to) in e[k * n..(k + 1) * n].iter_mut().enumerate() {
+                    *to = y[i] - dot(&f.model[i * d..(i + 1) * d], z);
+                }
+                for (r, to) in q[k * rank..(k + 1) * rank].iter_mut().enumerate() {
+                    *to = dot(&f.white[r * d..(r + 1) * d], z);
+                }
+                sums.columns.fill(t + k, &mut g[k * width..(k + 1) * width]);
+                let (q, e) = (&q[k * rank..(k + 1) * rank], &e[k * n..(k + 1) * n]);
+                let h = dot(q, q).min(1.0);
+                of.whiten(e, &mut white);
+                sums.leverages[t + k] = h;
+                sums.parts[t + k] = of.nu as f64 * dot(&white, &white) / (1.0 - h).max(1e-12);
+                let after = &given.pair(given.at[t + k])[n + given.m..];
+                for (end, &(i, value, _)) in sums.ends.iter_mut().zip(&sums.columns.extremes) {
+                    if after[i] == value {
+                        *end = (end.0 + 1, end.1 + e[i]);
+                    }
+                }
+            }
+            let (q, e, g) = (&q[..count * rank], &e[..count * n], &g[..count * width]);
+            add(&mut sums.along_z, (q, rank), (g, width), count);
+            add(&mut sums.along_e, (g, width), (e, n), count);
+            add(&mut sums.rest, (q, rank), (e, n), count);
+            for (&(_, from, wide), own) in sums.columns.groups.iter().zip(&mut sums.own) {
+                let part = &mut group[..count * wide];
+                for (to, row) in part.chunks_exact_mut(wide).zip(g.chunks_exact(width)) {
+                    to.copy_from_slice(&row[from..from + wide]);
+                }
+                let part = &*part;
+                add(own, (part, wide), (part, wide), count);
+            }
+            if pieces.count > 1 {
+                add(&mut piece.0, (q, rank), (q, rank), count);
+                add(&mut piece.1, (q, rank), (e, n), count);
+                piece.2 += count;
+                if end == size || end == pieces.end(t) {
+                    sums.finish(&piece, pieces.number(t), of)?;
+                    piece.0.fill(0.0);
+                    piece.1.fill(0.0);
+                    piece.2 = 0;
+                }
+            }
+            t = end;
+        }
+        Ok(sums)
+    }
+
+    /// The test of a model of its own of one piece: the columns q of its rows alone, of which `V - V V` is left.
+    fn finish(&mut self, (v, b, count): &(Vec<f64>, Vec<f64>, usize), number: usize, of: &Outcomes<'_>) -> Result<()> {
+        let rank = v.len().isqrt();
+        if *count < 2 || rank == 0 {
+            return Ok(());
+        }
+        let mut left = zeros(rank * rank)?;
+        let mut own = zeros(rank)?;
+        for i in 0..rank {
+            own[i] = v[i * (rank + 1)];
+            for j in 0..rank {
+                let twice: f64 = (0..rank).map(|k| v[i * rank + k] * v[k * rank + j]).sum();
+                left[i * rank + j] = v[i * rank + j] - twice;
+            }
+        }
+        if let Some(found) = explained(&left, &own, b, of)? {
+            self.looked += 1;
+            if self.own_model.as_ref().is_none_or(|(_, best)| found.p_value < best.p_value) {
+                self.own_model = Some((number, found));
+            }
+        }
+        Ok(())
+    }
+
+    /// Judges each group of columns.
+    pub(super) fn judge(&self, given: &Given<'_>, of: &Outcomes<'_>, tests: &mut Vec<Test>) -> Result<()> {
+        let mut dead: Option<(usize, Explained)> = None;
+        let (mut lags, mut least) = (0, 1.0f64);
+        let mut nonlinear: Option<Explained> = None;
+        let mut halves = None;
+        for (at, &(kind, _, _)) in self.columns.groups.iter().enumerate() {
+            let Some(found) = self.group(at, given, of)? else { continue };
+            match kind {
+                Kind::Input(lag) => {
+                    lags += 1;
+                    least = least.min(found.p_value);
+                    if dead.as_ref().is_none_or(|(_, best)| found.share > best.share) {
+                        dead = Some((given.beyond.1 + lag, found));
+                    }
+                }
+                Kind::Squares | Kind::Cubes => {
+                    if nonlinear.as_ref().is_none_or(|best| found.p_value < best.p_value) {
+                        nonlinear = Some(found);
+                    }
+                }
+                Kind::Half => halves = Some(found),
+                Kind::Constant => push(tests, "offset", found, Vec::new())?,
+                Kind::Memory | Kind::Extra => push(tests, "memory", found, Vec::new())?,
+                Kind::Next => push(tests, "late rows", found, Vec::new())?,
+                Kind::Extremes => push(tests, "clipped", found, Vec::new())?,
+                Kind::Marked => push(tests, "ends", found, Vec::new())?,
+            }
+        }
+        if let Some((lag, found)) = dead {
+            let p_value = (least * f64::from(lags)).min(1.0);
+            push(tests, "dead time", Explained { p_value, ..found }, Vec::from([lag]))?;
+        }
+        if let Some(found) = nonlinear {
+            let p_value = (2.0 * found.p_value).min(1.0);
+            let places = crate::memory::try_collect(WHAT, self.columns.signals.iter().map(|s| s.0))?;
+            push(tests, "nonlinear", Explained { p_value, ..found }, places)?;
+        }
+        let run = self.own_model.clone().map(|(run, found)| {
+            let p_value = (found.p_value * self.looked as f64).min(1.0);
+            (run, Explained { p_value, ..found })
+        });
+        let double = |found: Explained| Explained { p_value: (2.0 * found.p_value).min(1.0), ..found };
+        match (halves, run) {
+            (Some(half), Some((run, found))) if found.p_value < half.p_value => {
+                push(tests, "change", double(found), Vec::from([run]))?;
+            }
+            (Some(half), other) => {
+                let half = if other.is_some() { double(half) } else { half };
+                push(tests, "change", half, Vec::new())?;
+            }
+            (None, Some((run, found))) => push(tests, "change", found, Vec::from([run]))?,
+            (None, None) => {}
+        }
+        self.clipped(of, tests)
+    }
+
+    /// Readings that are cut off are below what was predicted, at the upper end; a chosen maximum is above it.
+    fn clipped(&self, of: &Outcomes<'_>, tests: &mut Vec<Test>) -> Result<()> {
+        for (&(count, sum), &(i, _, top)) in self.ends.iter().zip(&self.columns.extremes) {
+            let variance = of.squares[i * (of.n + 1)] / of.nu as f64 * count as f64;
+            if count >= 3 && variance > 0.0 {
+                let off = if top { -sum } else { sum } / variance.sqrt();
+                let p_value = crate::identify::distributions::normal_above(off) * self.ends.len() as f64;
+                let each = Vec::new();
+                let share = off.max(0.0);
+                let test = Test { name: "clipped", p_value: p_value.min(1.0), share, at: Vec::from([i]), each };
+                try_push(WHAT, tests, test)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Tests one group of columns.
+    fn group(&self, at: usize, given: &Given<'_>, of: &Outcomes<'_>) -> Result<Option<Explained>> {
+        let (_, from, count) = self.columns.groups[at];
+        let (n, width, rank) = (given.n, self.columns.width, given.fitted.rank());
+        let mut left = crate::memory::try_copy(WHAT, &self.own[at])?;
+        let mut own = zeros(count)?;
+        let mut along = crate::memory::try_copy(WHAT, &self.along_e[from * n..(from + count) * n])?;
+        own.iter_mut().enumerate().for_each(|(i, to)| *to = left[i * (count + 1)]);
+        for k in 0..rank {
+            let z = &self.along_z[k * width + from..][..count];
+            for i in 0..count {
+                (0..count).for_each(|j| left[i * count + j] -= z[i] * z[j]);
+                (0..n).for_each(|j| along[i * n + j] -= z[i] * self.rest[k * n + j]);
+            }
+        }
+        explained(&left, &own, &along, of)
+    }
+
+    /// Tests whether each input has an effect: what its column in z adds to the others.
+    pub(super) fn effects(&self, given: &Given<'_>, of: &Outcomes<'_>, tests: &mut Vec<Test>) -> Result<()> {
+        let (f, d, n) = (given.fitted, given.d, given.n);
+        if given.inputs_at != n || f.rank() < d {
+            return Ok(());
+        }
+        // H_j^2 / (V^-1)_jj is what column j adds to the sum of squares
+        for input in 0..given.m {
+            let j = n + input;
+            let inverse: f64 = f.white.iter().skip(j).step_by(d).map(|v| v * v).sum();
+            let along = crate::memory::try_collect(WHAT, (0..n).map(|i| f.model[i * d + j] / inverse))?;
+            let Some(wide) = Outcomes::new(of.squares, of.basis, n, of.nu + 1)? else { continue };
+            if let Some(found) = added(&along, inverse.recip(), &wide)? {
+                push(tests, "effect", found, Vec::from([input]))?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The test of a column that is among the regressors: the residuals without it have `S + along along' / left`.
+fn added(along: &[f64], left: f64, of: &Outcomes<'_>) -> Result<Option<Explained>> {
+    let n = of.n;
+    let mut squares = crate::memory::try_copy(WHAT, of.squares)?;
+    for i in 0..n {
+        (0..n).for_each(|j| squares[i * n + j] += along[i] * along[j] / left);
+    }
+    let Some(without) = Outcomes::new(&squares, of.basis, n, of.nu)? else { return Ok(None) };
+    explained(&[left], &[left], along, &without)
+}
+
+fn push(tests: &mut Vec<Test>, name: &'static str, found: Explained, at: Vec<usize>) -> Result<()> {
+    let Explained { p_value, share, each } = found;
+    try_push(WHAT, tests, Test { name, p_value, share, at, each })
+}
+
+/// Effects of the regressors in deviations of the noise, and their root mean squares.
+fn effects(given: &Given<'_>, of: &Outcomes<'_>) -> Result<(Vec<f64>, Vec<f64>)> {
+    let (f, d, n) = (given.fitted, given.d, given.n);
+    let (mut effect, mut sizes) = (zeros(d)?, zeros(d)?);
+    let (mut column, mut white) = (zeros(n)?, zeros(of.p)?);
+    for j in 0..d {
+        let squares: f64 = f.root.iter().skip(j).step_by(d.max(1)).map(|v| v * v).sum();
+        sizes[j] = (squares / given.size().max(1) as f64).sqrt();
+        column.iter_mut().enumerate().for_each(|(i, to)| *to = f.model[i * d + j]);
+        of.whiten(&column, &mut white);
+        effect[j] = sizes[j] * dot(&white, &white).sqrt();
+    }
+    Ok((effect, sizes))
+}
+
+/// Runs, or pieces of equal length where there are few.
+pub(super) struct Pieces<'a> {
+    runs: &'a [usize],
+    equal: usize,
+    pub(super) count: usize,
+}
+
+impl<'a> Pieces<'a> {
+    pub(super) fn of(given: &'a Given<'a>, rank: usize) -> Self {
+        let size = given.size();
+        let count = 1 + given.runs.windows(2).filter(|pair| pair[0] != pair[1]).count();
+        let cost = count as f64 * (rank as f64).powi(3);
+        let none = Self { runs: &[], equal: size.max(1), count: 1 };
+        if given.marked.is_some() || cost > 1e9 {
+            none
+        } else if count >= 4 {
+            if 2 * count > size { none } else { Self { runs: given.runs, equal: 0, count } }
+        } else if size >= PIECES * (rank + 2) {
+            Self { runs: &[], equal: size.div_ceil(PIECES), count: PIECES }
+        } else {
+            none
+        }
+    }
+
+    /// Behind the last row of the piece of row t.
+    pub(super) fn end(&self, t: usize) -> usize {
+        if self.runs.is_empty() {
+            return (t / self.equal + 1) * self.equal;
+        }
+        t + self.runs[t..].partition_point(|&run| run == self.runs[t])
+    }
+
+    fn number(&self, t: usize) -> usize {
+        if self.runs.is_empty() { t / self.equal } else { self.runs[t] }
+    }
+}
+
+/// `to += a' b` of so many rows.
+fn add(to: &mut [f64], (a, wide): (&[f64], usize), (b, other): (&[f64], usize), count: usize) {
+    if wide == 0 || other == 0 {
+        return;
+    }
+    let (a, b) = (MatRef::from_row_major_slice(a, count, wide), MatRef::from_row_major_slice(b, count, other));
+    matmul(MatMut::from_row_major_slice_mut(to, wide, other), Accum::Add, a.transpose(), b, 1.0, Par::Seq);
+}

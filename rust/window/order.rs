@@ -61,14 +61,44 @@ impl Family {
 /// too short break every statement, those that are too long only widen it.
 ///
 /// Windows of which more than half of the median piece would only fill the filters are left out, and those with fewer than
-/// two rows for each unknown.
+/// two rows for each unknown. Where that leaves none, since the longest window leaves too few rows to compare, those that
+/// take more than a quarter of the rows to fill are left out as well.
 ///
 /// # Errors
 /// [`Error::Value`] where the `pairs` are too few for any window; as [`Window::rows`] and [`fit`].
 pub fn choose(pairs: &[f64], first: &[bool], of: Search<'_>, stop: &Stop) -> Result<Choice> {
     let (n, m) = (of.outputs, of.inputs);
     let ratio = readings_over_noise(pairs, first, n, m, of.intercept, stop)?;
-    let half = of.pieces[1] / 2;
+    let (rows, half) = (first.len(), of.pieces[1] / 2);
+    let quarter = rows / (4 * first.iter().filter(|&&begins| begins).count().max(1));
+    for most in [half, half.min(quarter)] {
+        if let Some(choice) = least(pairs, first, of, ratio, most, stop)? {
+            return Ok(choice);
+        }
+    }
+    // a quarter of the rows fills windows, of the others there are two for each unknown
+    let compared = 2 * (2 * n + m + usize::from(of.intercept)) + of.delays[1];
+    let needed = compared + compared.div_ceil(3);
+    let (expected, found) = if rows < needed {
+        let found = format!("{rows} pairs in the first quarter, where the choice of a window needs {needed}");
+        ("longer, or the window declared by lags= or filters=", found)
+    } else {
+        let found = "pieces in the first quarter that are too short to compare windows, or without noise".to_owned();
+        ("in longer pieces, or the window declared by lags= or filters=", found)
+    };
+    Err(Error::Value { name: "data", expected, found })
+}
+
+/// The least criterion of all windows that are filled by `half` pairs, if it can be computed for any.
+fn least(
+    pairs: &[f64],
+    first: &[bool],
+    of: Search<'_>,
+    ratio: f64,
+    half: usize,
+    stop: &Stop,
+) -> Result<Option<Choice>> {
+    let (n, m) = (of.outputs, of.inputs);
     let fill = |pole: Option<f64>, count: usize| match pole {
         None => Ok(count.saturating_sub(1)),
         Some(pole) => burn(pole, count, ratio, of.pieces[0], stop),
@@ -115,21 +145,17 @@ pub fn choose(pairs: &[f64], first: &[bool], of: Search<'_>, stop: &Stop) -> Res
                 let Some(root) = cholesky(&scaled, n)? else { continue };
                 let log_det = 2.0 * root.iter().step_by(n + 1).map(|v| v.ln()).sum::<f64>();
                 let criterion = compared as f64 * log_det + 2.0 * (n * d) as f64;
-                if best.is_none_or(|(least, ..)| criterion < least) {
+                if best.is_none_or(|(lowest, ..)| criterion < lowest) {
                     best = Some((criterion, family.pole, count, delay));
                 }
             }
         }
     }
-    let Some((_, pole, found, delay)) = best else {
-        let expected =
-            "left out, with lags= or filters= declared: the first part has too few pairs, or none with noise";
-        return Err(Error::Value { name: "order", expected, found: format!("{compared} rows to compare windows") });
-    };
+    let Some((_, pole, found, delay)) = best else { return Ok(None) };
     let count = longer(found);
     let kind = pole.map_or(Kind::Lags(count), |pole| Kind::Filters { pole, count });
     let window = Window::new(n, m, kind, delay, of.intercept, fill(pole, count)?)?;
-    Ok(Choice { window, kind, delay, found, rows: compared })
+    Ok(Some(Choice { window, kind, delay, found, rows: compared }))
 }
 
 /// `ceil(1.5 r) + 1`.

@@ -300,7 +300,11 @@ def test_huge_gaps_take_no_memory():
 @pytest.mark.parametrize(
     ("times", "options", "said"),
     [
-        ([0, 1, 2, 2, 3], {}, "must increase within a run, but does not at time 2"),
+        (
+            [0, 1, 2, 2, 3],
+            {},
+            "one stamp is there twice, in rows 2 and 3 of the table, at 2 s: delete",
+        ),
         ([0, 1, 3, 6, 10, 15, 21], {}, "`time` must have"),
         ([0, 1, 4], {}, "`time` must have equal steps, got 2 of 1 to 3 s: declare `dt`"),
         ([-1.7e308, 0, 1.7e308, 1.75e308], {"dt": 1e308}, "`time` must have"),
@@ -340,11 +344,12 @@ def test_without_times_the_rows_are_the_steps():
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda c: c | {"u": np.full(40, 0.3)}, "`u` is constant (0.3) in all rows: leave it out"),
+        (
+            lambda c: c | {"u": np.full(40, 0.3)},
+            "`u` is constant (0.3) in all rows and says nothing of B: excite it",
+        ),
         (lambda c: c | {"v": np.zeros(40)}, "`v` is constant (0) in all rows"),
         (lambda c: c | {"v": -57.29577951 * c["x"]}, "`x` and `v` are proportional in all rows"),
-        (lambda c: c | {"v": np.clip(c["v"], -0.5, 9)}, "`v` reads -0.5, its least value, in "),
-        (lambda c: c | {"x": np.clip(c["x"], -9, 0.5)}, "`x` reads 0.5, its largest value, in "),
         (lambda c: c | {"x": np.where(c["x"] > 2, np.inf, c["x"])}, "`table['x']` is inf at time"),
     ],
 )
@@ -420,9 +425,6 @@ def test_units_of_columns_must_agree(folder):
     path.write_text(path.read_text().replace("x [m]", "x [mm]"))
     with pytest.raises(InputError, match=r"run_10.csv has .*x \[mm\].* the same units"):
         files(folder)
-    path.write_text(path.read_text().replace("t [s]", "t [ms]"))
-    with pytest.raises(InputError, match=r"column 't \[ms\]' of .* must be in seconds"):
-        files(path)
 
 
 @pytest.mark.parametrize(
@@ -436,9 +438,12 @@ def test_units_of_columns_must_agree(folder):
             lambda p: p.write_text(p.read_text() + "9,1,fast,2\n"),
             "{} must have numbers in column 'v'",
         ),
-        (lambda p: p.write_text(p.read_text() + "0.1,1,2,3\n"), "does not in {} at time 0.1"),
+        (
+            lambda p: p.write_text(p.read_text() + "0.1,1,2,3\n"),
+            "s behind line 40 of {}: the clock was set back",
+        ),
         (lambda p: p.write_text("t,x,v,u\n0,1,2,3\n"), "{} has no two complete rows"),
-        (lambda p: p.write_text(p.read_text() + ",1,2,3\n"), "`time` is missing in row "),
+        (lambda p: p.write_text(p.read_text() + ",1,2,3\n"), "`time` is missing in line "),
     ],
 )
 def test_errors_name_the_file(folder, spoil, said):

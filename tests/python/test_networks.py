@@ -428,7 +428,7 @@ def test_bad_machines_are_refused(machines, error, text):
         ("", "is empty"),
         ("bus,H,D,xd1\n", "has no rows below the names of its columns"),
         ("bus,H,D,xd1\n1,2,3\n", "has 3 cells, not 4, in line 2"),
-        ("bus,H,D,xd1\n1,2,3,\n", "row 2: xd1 must be a number"),
+        ("bus,H,D,xd1\n1,2,3,\n", "must have numbers in column 'xd1', got '' in line 2"),
         ("bus,H,H,xd1\n1,2,3,4\n", "has the column 'H' twice"),
         ("bus,H,D\n1,2,3\n", "xd1 is missing"),
     ],

@@ -237,7 +237,7 @@ def test_runs_with_different_labels_are_different_runs(labels):
 
 
 BAD_TABLES = {
-    "order": (table(t=[0.0, 0.2, 0.1, 5.0, 5.1]), "must increase within a run, but does not in ru"),
+    "order": (table(t=[0.0, 0.2, 0.1, 5.0, 5.1]), "goes back by 0.1 s behind row 1 of run a: "),
     "an infinite state": (table(x=[1.0, np.inf, 3, 4, 5]), "`table['x']` is inf in run a at time"),
     "no column": ({"x": [1.0]}, "`states` names str 'v', but the columns of `table` are x"),
     "text": (table(v=list("abcde")), "`table['v']` must contain real numbers, got dtype <U1"),
@@ -281,7 +281,7 @@ def test_a_long_run_of_readings_is_shown_in_a_notebook(gen):
 
 def test_a_table_without_runs_is_said_to_be_one_run():
     table = {"x": [0.0, 1.0, 2.0, 3.0], "u": [1.0, np.nan, 1.0, np.nan], "t": [0.0, 1.0, 0.0, 1.0]}
-    with pytest.raises(InputError, match=r"sort it, or, if there are several runs, give `by`"):
+    with pytest.raises(InputError, match=r"another run begins: cut the log there, or give `by`"):
         se.Trajectories.from_table(table, states=["x"], inputs=["u"], time="t")
 
 

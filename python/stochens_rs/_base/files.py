@@ -7,6 +7,7 @@ import json
 import os
 import platform
 import secrets
+import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import metadata
@@ -19,6 +20,13 @@ from ..exceptions import InputError, InputTypeError
 from .validation import show
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
+_KINDS = {
+    stat.S_IFDIR: "directory",
+    stat.S_IFIFO: "pipe",
+    stat.S_IFCHR: "device",
+    stat.S_IFBLK: "device",
+    stat.S_IFSOCK: "socket",
+}
 
 
 def checked_path(name: str, value: object) -> str:
@@ -38,6 +46,16 @@ def checked_path(name: str, value: object) -> str:
     if not usable:
         raise InputError(f"`{name}` must be the name of a file, got {show(text)}")
     return text
+
+
+def regular_file(path: PathLike) -> os.stat_result:
+    """Refuse what is no regular file: a device or a pipe may block or never end."""
+    about = os.stat(path)
+    if not stat.S_ISREG(about.st_mode):
+        kind = _KINDS.get(stat.S_IFMT(about.st_mode), "special file")
+        cure = ": save it to a file first" if kind == "pipe" else ""
+        raise InputError(f"{path} must be a regular file, got a {kind}{cure}")
+    return about
 
 
 def versions() -> dict[str, str]:

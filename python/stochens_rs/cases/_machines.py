@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from .._base import validation
 from .._base.csv_file import read_cells
 from .._base.files import checked_path
-from .._base.reading import number
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError
 
@@ -134,14 +133,7 @@ def _of_rows(machines: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _csv(path: str) -> dict[str, Any]:
-    names, rows, _ = read_cells(path)
-    columns: dict[str, Any] = dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
-    for name in columns.keys() & {*_NEEDED, "x'd", "mva"}:
-        for row, text in enumerate(columns[name], start=2):
-            try:
-                columns[name][row - 2] = number(text)
-            except ValueError:
-                raise InputError(
-                    f"{path}, row {row}: {name} must be a number, got {validation.show(text)}"
-                ) from None
-    return columns
+    cells = read_cells(path)
+    known = {*_NEEDED, "x'd", "mva"}
+    read = {name: cells.numbers(name, whole=True) for name in cells.names if name in known}
+    return cells.columns | read

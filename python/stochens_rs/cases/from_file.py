@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import stat
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,20 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base import memory, state_file, validation
-from .._base.files import checked_path
+from .._base.files import checked_path, regular_file
 from ..exceptions import InputError, ResourceError, ShapeError
 from ..system import System
 from ._from_csv import read_csv
 from ._from_mat import read_mat
 
 _NAMES = ("A", "B", "x0", "xf", "dt", "states", "inputs", "units")
-_KINDS = {
-    stat.S_IFDIR: "directory",
-    stat.S_IFIFO: "pipe",
-    stat.S_IFCHR: "device",
-    stat.S_IFBLK: "device",
-    stat.S_IFSOCK: "socket",
-}
 # Bytes of memory per byte of JSON in the worst case: the 3 bytes "{}," become a dict of 80 bytes
 # and a pointer of 8, 29 per byte; the text itself is in memory too.
 _PARSED = 36
@@ -87,12 +79,12 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     be called ``Ts``; objects such as ss and iddata are refused with what to save. Texts are cells
     or rows of characters.
 
-    A CSV file is the table [A B x0 xf] in UTF-8 with a row for each state. Its first row has the
+    A CSV file is the table [A B x0 xf] with a row for each state. Its first row has the
     names of the states, then those of the inputs, each with its unit if it has one, then ``x0``
     and ``xf`` if there are such columns. A first column with the title ``state`` or without one
     has the names of the rows, which may then be in any order. Lines above the first row may begin
-    with #, one of them be ``# dt = 0.1`` (in s) or ``# dt = 100 ms`` (or us, min, h). A table that
-    has lost rows is one with fewer states and more inputs: look at the n and m of the system. ::
+    with # or %, one of them be ``# dt = 0.1`` (in s) or ``# dt = 100 ms`` (or us, min, h). A table
+    that has lost rows is one with fewer states and more inputs: look at n and m of the system. ::
 
         # dt = 0.1
         state,p [m],v,F [N],x0
@@ -108,11 +100,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     <System: n=1 m=1 dt=None>
     """
     path = Path(checked_path("path", path))
-    about = path.stat()
-    if not stat.S_ISREG(about.st_mode):  # a device or a pipe may block or never end
-        kind = _KINDS.get(stat.S_IFMT(about.st_mode), "special file")
-        cure = ": save it to a file first" if kind == "pipe" else ""
-        raise InputError(f"{path} must be a regular file, got a {kind}{cure}")
+    about = regular_file(path)
     kind = path.suffix.lower()
     if state_file.is_state(path):
         raise InputError(f"{path} must be a problem, got a saved object: Model.load reads a model")

@@ -8,7 +8,7 @@ from typing import Any
 import click
 import numpy as np
 
-from .._base.csv_file import csv_files, natural
+from .._base.csv_file import Text, csv_files, natural
 from .._base.html import listed, within
 from .._base.reading import number
 from ..exceptions import DataWarning
@@ -34,6 +34,7 @@ from ._output import Out, finite, grid, note, show_result
     sections={
         "Table": [
             *("states", "outputs", "inputs", "by", "time", "dt", "delay", "on_gap", "last_pairs"),
+            *("sep", "decimal", "skip"),
         ],
         "Assumptions": [
             *("design", "noise", "sigma", "covariance", "exact", "intercept"),
@@ -50,7 +51,7 @@ from ._output import Out, finite, grid, note, show_result
 )
 @click.option("--inputs", metavar="U,V", help="Columns of the inputs.")
 @click.option("--by", metavar="COLUMN", help="The column that tells runs apart; else one run.")
-@click.option("--time", metavar="COLUMN", help="The column of times [s], or of dates.")
+@click.option("--time", metavar="COLUMN", help="The column of times (its unit, or s), or of dates.")
 @click.option(
     "--dt", metavar="S", type=float, help="Time of a step; then stamps may jitter by 25 %."
 )
@@ -62,6 +63,9 @@ from ._output import Out, finite, grid, note, show_result
     default="split",
     help="At lost rows: split the run, or raise.",
 )
+@click.option("--sep", metavar="C", help="Between cells; default: as the file shows.")
+@click.option("--decimal", metavar="C", help="Of numbers: . or ,; default: as the file shows.")
+@click.option("--skip", metavar="K", type=int, default=0, help="Lines above the names to skip.")
 @click.option(
     "--design",
     type=Choice(DESIGNS),
@@ -132,6 +136,9 @@ def identify_command(
     on_gap: Any,
     design: Any,
     last_pairs: bool,
+    sep: str | None,
+    decimal: str | None,
+    skip: int,
     noise: Any,
     sigma: float | None,
     covariance: Any,
@@ -147,13 +154,12 @@ def identify_command(
 ) -> None:
     """Fit x(k+1) = A x(k) + B u(k) + c + w(k) to runs in CSV files, with a region.
 
-    LOGS are files, folders of .csv files, or patterns; the first row names the columns. Each file
-    is a run, or several with --by. Prints A, B and c with bounds under what you declare, and tests
-    of the residuals.
+    LOGS are files, folders of .csv files, or patterns; each a run, unless --by.
     """
     paths = csv_files(sorted(source, key=natural))
+    how = Text.checked(sep, decimal, skip)
     if (states is None) == (outputs is None) or inputs is None:
-        known = ", ".join(map(str, Table.of_file(paths[0]).names))
+        known = ", ".join(map(str, Table.of_file(paths[0], how).names))
         raise click.UsageError(f"give --states or --outputs, and --inputs, of the columns {known}")
     files = Out(context, [".safetensors", ".state"])
     read = "states" if outputs is None else "outputs"
@@ -163,10 +169,12 @@ def identify_command(
         columns["delay"] = delay
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always", DataWarning)
-        data = Trajectories.from_csv(paths, **columns, dt=dt)
+        data = Trajectories.from_csv(paths, **columns, dt=dt, **how._asdict())
     unused: list[str] = []
     if len(paths) == 1 and by is None:
-        unused = [one for one in Table.of_file(paths[0]).names if one not in {*x, *u, time}]
+        table = Table.of_file(paths[0], how)
+        used = set(map(table.title, [*x, *u, time]))
+        unused = [one for one in table.names if one not in used]
     if last_pairs:
         data = data.last_pairs()
     elif design == "independent" and not data.single:

@@ -15,6 +15,7 @@ import numpy as np
 from .._base import memory, validation
 from ..exceptions import DataWarning, InputError
 from .pieces import Pieces
+from .stamps import NEAR, Stamps, checked_stamps
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -27,19 +28,9 @@ if TYPE_CHECKING:
 OnGap: TypeAlias = Literal["split", "raise"]
 ON_GAP: tuple[OnGap, ...] = get_args(OnGap)
 PAUSE = 2**30  # steps that a gap counts at most
-NEAR = 0.25  # of a step: how far a stamp may be off if `dt` is declared
-CLOSE = 0.05  # the same if it is not
 MANY = 0.01  # share of rows lost for their stamps of which a warning speaks
-IRREGULAR = 0.1  # share of stamps further off from which on a log has no sampling time
 ENDS = 8  # readings at the end of a sensor's range, at the least
 CLUMP = 5  # times as many as at the next value; 2.4 for a sine that is read in whole units
-
-
-class Stamps(NamedTuple):
-    """The time between two rows [s], and by what part of it a stamp may be off."""
-
-    dt: float | None
-    tolerance: float
 
 
 class Pairs(NamedTuple):
@@ -61,7 +52,7 @@ def joined(
     """The pairs of all runs; `names` are those of the states and then the inputs."""
     back = validation.size("delay", delay, minimum=-1)
     split = validation.choice("on_gap", on_gap, ON_GAP) == "split"
-    stamps = _stamps(runs, dt, tolerance)
+    stamps = checked_stamps(runs, dt, tolerance)
     rows, pieces = [], []
     entries = len(names) + runs[0].x.shape[1]  # of (x, u, x_next)
     memory.need("the pairs", 2 * 8 * entries * sum(len(run.x) for run in runs))
@@ -77,37 +68,9 @@ def joined(
             said = f"{saved} rows dropped because the stamps jitter; declare dt={wide.dt:g}"
             warnings.warn(DataWarning(said), stacklevel=4)
     every = np.vstack(rows)
-    _refuse_useless(every[:, : len(names)], names)
-    _refuse_clipped(runs, every, names[: entries - len(names)])
+    _refuse_useless(every[:, : len(names)], names, entries - len(names))
+    warn_of_ends([(run.x, run.u) for run in runs], names, stacklevel=4)
     return Pairs(every, Pieces.joined(pieces), stamps.dt)
-
-
-def _stamps(runs: Sequence[Run], dt: object, tolerance: object) -> Stamps:
-    """The time between two rows, and how far a stamp may be off.
-
-    If it is not declared: the mean of ``step / round(step / median)`` over the steps that are near
-    a multiple of their median; the median alone is wrong where stamps are rounded.
-    """
-    declared = None if dt is None else validation.positive("dt", dt)
-    slack = CLOSE if declared is None else NEAR
-    if tolerance is not None:
-        slack = validation.positive("tolerance", tolerance, maximum=0.5)
-    for run in runs:
-        _refuse_disorder(run)
-    steps = [np.diff(run.times) for run in runs if run.times is not None and len(run.times) > 1]
-    if declared is None and steps:
-        known = np.concatenate(steps)
-        parts = known / np.median(known)
-        near = (np.abs(parts - np.round(parts)) <= NEAR) & (np.round(parts) >= 1.0)
-        if not near.any():
-            raise InputError(
-                f"`time` must have equal steps, got {len(known)} of {known.min():.6g} to "
-                f"{known.max():.6g} s: declare `dt`"
-            )
-        found = float(np.mean(known[near] / np.round(parts[near])))
-        declared = float(f"{found:.12g}")  # 0.1, where stamps are 0, 0.1, 0.2, 0.30000000000000004
-    _refuse_irregular(runs, declared, slack, dt is None)
-    return Stamps(declared, slack)
 
 
 def _kept(
@@ -136,6 +99,7 @@ def _kept(
         _refuse_gaps(run, at, names)
     kept = np.flatnonzero(pair)
     if not len(kept):
+        _refuse_empty(run, names)
         raise InputError(
             f"{run.name} has no two complete rows that are one step apart"
             + ("" if stamps.dt is None else f", {stamps.dt:.6g} s")
@@ -149,56 +113,6 @@ def _kept(
     gaps = np.column_stack([behind, steps[behind - 1]])
     count = np.array([len(kept)]), np.array([lost])
     return kept, acting[kept], Pieces(count[0], gaps, count[1])
-
-
-def _refuse_disorder(run: Run) -> None:
-    """Refuse times that do not increase."""
-    if run.times is None:
-        return
-    with np.errstate(over="ignore"):
-        steps = np.diff(run.times)
-    if np.isinf(steps).any():
-        raise InputError(f"`time` must have finite steps, got {steps.max():g} {run.where(0)}")
-    back = steps <= 0.0
-    if back.any():
-        raise InputError(
-            f"`time` must increase within a run, but does not {run.where(int(np.argmax(back)) + 1)}"
-            ": sort it"
-            + ("" if run.label is not None else ", or, if there are several runs, give `by`")
-        )
-
-
-def _refuse_irregular(runs: Sequence[Run], dt: float | None, tolerance: float, found: bool) -> None:
-    """Refuse a run whose rows are not mostly one step apart, and stamps that are too far off."""
-    off = steps = 0
-    worst, example = 0.0, ""
-    for run in runs:
-        if run.times is None or dt is None or len(run.times) < 2:
-            continue
-        own = np.diff(run.times)
-        with np.errstate(over="ignore", invalid="ignore"):
-            q = own / dt
-            away = np.abs(q - np.maximum(np.round(q), 1.0))
-        if 2 * int((np.round(q) == 1.0).sum()) < len(q):
-            raise InputError(
-                f"`time` must have steps of {dt:.6g} s in every run, but most of {run.name} are "
-                f"others, of {float(np.median(own)):.6g} s in the median"
-                + ("" if found else ": `dt` is declared")
-            )
-        off, steps = off + int((away > tolerance).sum()), steps + len(q)
-        if away.max() > worst:
-            k = int(np.argmax(away))
-            worst, example = float(away[k]), f"{own[k]:.6g} s after the row {run.where(k)}"
-    if off > IRREGULAR * steps:
-        raise InputError(
-            f"`time` must have equal steps of {dt:.6g} s, but {off} of {steps} are off by more "
-            f"than {100 * tolerance:g} % of one, the worst {example}"
-            + (
-                f": if stamps jitter and the sampling does not, declare dt={dt:.3g}"
-                if found and tolerance < NEAR
-                else ": sampling at irregular times has no discrete-time model"
-            )
-        )
 
 
 def _refuse_gaps(run: Run, at: NDArray[np.int64], names: Sequence[Any]) -> None:
@@ -217,17 +131,37 @@ def _refuse_gaps(run: Run, at: NDArray[np.int64], names: Sequence[Any]) -> None:
         raise InputError(f"`{names[int(column)]!s:.40}` is missing {run.where(int(row))}{divides}")
 
 
-def _refuse_useless(z: Floats, names: Sequence[Any]) -> None:
+def _refuse_empty(run: Run, names: Sequence[Any]) -> None:
+    """Refuse columns without a number, and rows of which none is complete."""
+    there = np.isfinite(np.hstack([run.x, run.u]))
+    n = run.x.shape[1]
+    if not there.any(axis=0).all():
+        k = int(np.argmin(there.any(axis=0)))
+        cure = "leave this input out" if k >= n else "pass what was measured as outputs="
+        raise InputError(f"`{names[k]!s:.40}` has no number in {run.name}: {cure}")
+    if len(there) > 2 and not there.all(axis=1).any():
+        raise InputError(
+            f"{run.name} has no complete row, as where the rows of two logs are merged: bring them "
+            "to one clock first, as pandas.merge_asof does"
+        )
+
+
+def _refuse_useless(z: Floats, names: Sequence[Any], n: int) -> None:
     """Refuse columns that never change, and two that are proportional, where there are pairs."""
     if len(z) <= z.shape[1] + 1:
         return
     said: dict[bytes, Any] = {}
-    for name, column in zip(names, z.T, strict=True):
+    for k, (name, column) in enumerate(zip(names, z.T, strict=True)):
         top = column[np.argmax(np.abs(column))]
         if (column == column[0]).all():
             raise InputError(
-                f"`{name!s:.40}` is constant ({top:.6g}) in all rows: leave it out; an offset is "
-                "intercept=True of identify"
+                f"`{name!s:.40}` is constant ({top:.6g}) in all rows"
+                + (
+                    ": leave it out; an offset is intercept=True of identify"
+                    if k < n
+                    else " and says nothing of B: excite it, as by the rows before a step; or pass "
+                    "arrays to Trajectories, and declare it known, by known_B= of identify"
+                )
             )
         shape = (np.round(column / top, 9) + 0.0).tobytes()
         if shape in said:
@@ -238,22 +172,34 @@ def _refuse_useless(z: Floats, names: Sequence[Any]) -> None:
         said[shape] = name
 
 
-def _refuse_clipped(runs: Sequence[Run], rows: Floats, names: Sequence[Any]) -> None:
-    """Refuse pairs with a reading at the end of the range of its sensor.
+def warn_of_ends(
+    runs: Sequence[tuple[Floats, Floats]], names: Sequence[Any], stacklevel: int
+) -> None:
+    """Warn of readings (T + 1, n) that are often the largest or least, and seldom the next value.
 
-    It shows where the largest or least reading of all is frequent and the next one is not. Leaving
-    these rows out would choose pairs by their outcomes.
+    It is the end of the range of a sensor, or a stop; or the plant rests there, which does no harm,
+    as in the rows of a run before its first change.
     """
-    for i, name in enumerate(names):
-        read = np.concatenate([run.x[1:, i] for run in runs])
-        values, counts = np.unique(read[np.isfinite(read)], return_counts=True)
+    read = np.concatenate([x[max(1, _first_change(x, u)) :] for x, u in runs])
+    for name, column in zip(names, read.T, strict=False):
+        own = column[np.isfinite(column)]
+        if max((own == end).sum() for end in (own.max(initial=0.0), own.min(initial=0.0))) < ENDS:
+            continue
+        values, counts = np.unique(own, return_counts=True)
         for end, next_one in ((0, 1), (-1, -2)):
             if len(values) < ENDS or counts[end] < max(ENDS, CLUMP * counts[next_one]):
                 continue
-            if (rows[:, [i, i - len(names)]] == values[end]).any():
-                raise InputError(
-                    f"`{name!s:.40}` reads {values[end]:.6g}, its "
-                    f"{'largest' if end else 'least'} value, in {counts[end]} rows: the end of the "
-                    "sensor's range, or a stop, and no linear system. Neither leave these rows out "
-                    "nor cut runs before them: that chooses pairs by their outcomes"
-                )
+            said = (
+                f"`{name!s:.40}` reads {values[end]:.6g}, its {'largest' if end else 'least'} "
+                f"value, in {counts[end]} rows: no harm if the plant rests there; at the end of a "
+                "sensor's range, or at a stop, it is no linear system. Neither leave these rows "
+                "out nor cut runs before them: that chooses pairs by their outcomes"
+            )
+            warnings.warn(DataWarning(said), stacklevel=stacklevel)
+
+
+def _first_change(x: Floats, u: Floats) -> int:
+    """The first row that differs from the first one, in x or in the input before it."""
+    other = (x[1:] != x[0]).any(axis=1)
+    other |= (u[: len(other)] != u[0]).any(axis=1)
+    return int(np.argmax(other)) + 1 if other.any() else len(x)

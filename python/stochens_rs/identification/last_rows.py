@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ..exceptions import InputError
-from .gaps import NEAR
+from .stamps import NEAR
 from .tables import Table
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ def last_rows(path: str, model: Model, time: str | None = None) -> tuple[Floats,
     if time is not None:
         if model.dt is None:
             raise InputError("`time` must be left out for a model whose logs had no times")
-        stamps = table.times(table.title(time), len(y))
+        stamps = table.times(table.title(time))
         follows &= np.abs(np.diff(stamps) / model.dt - 1.0) <= NEAR
     first = int(np.max(np.flatnonzero(~follows), initial=-1)) + 1
     return y[first:], u[first:-1]

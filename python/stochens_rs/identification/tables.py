@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .._base import validation
-from .._base.csv_file import csv_files, name_and_unit, read_cells, titled
-from .._base.reading import number, printable
+from .._base.csv_file import Cells, Text, csv_files, read_cells, titled
+from .._base.reading import printable
+from .._base.seconds import in_seconds, instants
 from ..exceptions import InputError, InputTypeError, ShapeError
 
 if TYPE_CHECKING:
@@ -49,10 +50,17 @@ class Run:
         of = self.table.path if self.label is None else f"run {self.label}"
         return f"{of} of {self.table.path}" if self.label and self.table.path else of or "the table"
 
+    def rows_of(self, *rows: int) -> str:
+        """``lines 60 and 61 of run a of logs/3.csv``."""
+        lines = self.table.lines
+        numbers = (str(self.rows[row] if lines is None else lines[self.rows[row]]) for row in rows)
+        word = ("row" if lines is None else "line") + ("s" if len(rows) > 1 else "")
+        return f"{word} {' and '.join(numbers)} of {self.name}"
+
     def where(self, row: int) -> str:
         """``in run a at time 0.2``."""
         inside = self.label is not None or self.table.path is not None
-        at = f"row {self.rows[row] + self.table.first}"
+        at = self.table.row(int(self.rows[row]))
         at = f"in {at}" if self.times is None else f"at time {self.times[row]:.6g}"
         return f"in {self.name} {at}" if inside else at
 
@@ -60,31 +68,33 @@ class Run:
 class Table:
     """The columns of a table, or of a CSV file, by the names that the user knows."""
 
-    def __init__(self, columns: Any, path: str | None = None) -> None:
+    def __init__(self, columns: Any, cells: Cells | None = None) -> None:
         if not isinstance(columns, Mapping) and not hasattr(columns, "columns"):
             raise InputTypeError(
                 f"`table` must be a table or a mapping of columns, got {validation.show(columns)}"
             )
-        self.columns, self.path = columns, path
-        self.first = 0 if path is None else 2  # the number of its first row: a file has a head
+        self.columns, self.cells = columns, cells
+        self.path = None if cells is None else str(cells.path)
+        self.lines = None if cells is None else cells.lines
 
     @classmethod
-    def of_file(cls, path: str) -> Table:
+    def of_file(cls, path: str, how: Text | None = None) -> Table:
         """Read a CSV file; its cells stay text."""
-        names, rows, _ = read_cells(path)
-        columns = zip(*rows, strict=True)
-        return cls({name: np.array(one) for name, one in zip(names, columns, strict=True)}, path)
+        cells = read_cells(path, how)
+        return cls(cells.columns, cells)
 
     @property
     def names(self) -> list[Any]:
         """The names of the columns."""
-        return list(self.columns.keys() if self.path is not None else _names(self.columns))
+        return list(_names(self.columns))
 
     def title(self, name: Any) -> Any:
-        """The column of this name, with the unit that a file may say behind it."""
-        if not isinstance(name, str) or self.path is None:
-            return name
-        return titled(name, self.columns)
+        """The column of this name, with the unit that stands behind it."""
+        return titled(name, self.names) if isinstance(name, str) else name
+
+    def row(self, row: int) -> str:
+        """A row in words: of a file its line."""
+        return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
 
     def said(self, name: Any) -> str:
         """A column in words."""
@@ -92,8 +102,8 @@ class Table:
             return f"column '{name:.30}' of {self.path}"
         return f"`table[{name!r:.30}]`"
 
-    def column(self, argument: str, name: Any) -> NDArray[Any]:
-        """A column as it is."""
+    def column(self, argument: str, name: Any) -> Any:
+        """A column as it is: an array, or the cells of a file."""
         try:
             found = self.columns[name]
         except MemoryError:
@@ -107,6 +117,8 @@ class Table:
                 f"`{argument}` names {validation.show(name)}, but the columns of {of} are "
                 f"{known}{', ...' if len(self.names) > 8 else ''}{near}"
             ) from None
+        if self.cells is not None:
+            return found
         if isinstance(self.columns, Mapping):
             column = validation.read(f"table[{name!r:.30}]", found)
         else:  # all columns of a frame have the order of its rows
@@ -118,8 +130,8 @@ class Table:
     def numbers(self, argument: str, name: Any) -> Floats:
         """A column of numbers; nan where one is missing."""
         column = self.column(argument, name)
-        if self.path is not None:
-            return self._parsed(name, column)
+        if self.cells is not None:
+            return self.cells.numbers(name)
         if column.dtype.kind == "O":  # numbers and None, as tables keep them
             with contextlib.suppress(TypeError, ValueError):
                 column = column.astype(np.float64)
@@ -127,59 +139,52 @@ class Table:
             raise InputTypeError(
                 f"{self.said(name)} must contain real numbers, got dtype {str(column.dtype)[:40]}"
             )
-        return column.astype(np.float64)
+        numbers: Floats = column.astype(np.float64)
+        return numbers
 
-    def times(self, name: Any, rows: int) -> Floats:
-        """A column of seconds, or of dates and times in seconds since its first row."""
+    def times(self, name: Any) -> Floats:
+        """A column of times in seconds, or of dates and times in seconds since its first row."""
         column = self.column("time", name)
-        if self.path is not None:
-            if name_and_unit(name)[1] not in ("", "s"):
-                raise InputError(f"{self.said(name)} must be in seconds, or dates and times")
+        times: Floats
+        if self.cells is None and column.dtype.kind in "mM":
+            times = (column - column[:1]) / np.timedelta64(1, "s")
+        else:
             try:
-                column = self._parsed(name, column)
-            except InputError as error:
-                try:
-                    column = column.astype("datetime64[ns]")
-                except ValueError:
-                    raise InputError(
-                        f"{error}: seconds, or dates and times as in ISO 8601"
-                    ) from None
-        if column.dtype.kind in "mM" and len(column):
-            column = (column - column[0]) / np.timedelta64(1, "s")
-        if column.dtype.kind not in "iuf" or len(column) != rows:
-            raise InputTypeError(
-                f"`time` must be a column of {rows} numbers or dates, got {len(column)} of dtype "
-                f"{str(column.dtype)[:40]}"
-            )
-        times = column.astype(np.float64)
+                numbers = self.numbers("time", name)
+            except (InputError, InputTypeError) as error:
+                times = self._dates(name, list(column), error)
+            else:
+                times = in_seconds(self.said(name), name, numbers)
         if not np.isfinite(times).all():
-            row = int(np.argmin(np.isfinite(times))) + self.first
-            of = "" if self.path is None else f" of {self.path}"
-            raise InputError(f"`time` is missing in row {row}{of}")
+            row = self.row(int(np.argmin(np.isfinite(times))))
+            raise InputError(
+                f"`time` is missing in {row}{'' if self.path is None else f' of {self.path}'}"
+            )
         return times
+
+    def _dates(self, name: Any, cells: Sequence[Any], error: Exception) -> Floats:
+        try:
+            return instants(cells)
+        except ValueError as found:
+            k = found.args[0]
+        form = "seconds, or dates and times as 2024-03-05 10:00:00.5, all with a time zone or none"
+        again = "" if self.cells is None else self.cells.cure(name, cells[k].strip())
+        if k == 0:  # it has no dates
+            raise type(error)(f"{error}: {form}; pandas.to_datetime reads other forms") from None
+        raise InputError(
+            f"`time` must have {form}, got {validation.show(cells[k])} in {self.row(k)} of "
+            f"{self.said(name)}{again}"
+        ) from None
 
     def labels(self, by: Any) -> list[Any]:
         """The labels as they are: NumPy makes 1 of True, and text of both beside text."""
         column = self.column("by", by)
-        if self.path is not None:
-            return [label or None for label in column.tolist()]
+        if self.cells is not None:
+            return [label.strip() or None for label in column]
         if column.dtype.kind in "mM":
             return [None if np.isnat(time) else time.item() for time in column]
         given = self.columns[by]
         return list(given) if isinstance(given, (list, tuple)) else column.tolist()
-
-    def _parsed(self, name: Any, cells: NDArray[Any]) -> Floats:
-        """Text as numbers, nan where a cell is empty."""
-        found = np.full(len(cells), np.nan)
-        for k, cell in enumerate(cells.tolist()):
-            try:
-                found[k] = number(cell) if cell else np.nan
-            except ValueError:
-                raise InputError(
-                    f"{self.path} must have numbers in column '{name:.30}', got {cell[:30]!r} in "
-                    f"row {k + self.first}"
-                ) from None
-        return found
 
 
 def chosen_columns(states: Any, outputs: Any, inputs: Any, by: Any, time: Any) -> Chosen:
@@ -196,16 +201,13 @@ def chosen_columns(states: Any, outputs: Any, inputs: Any, by: Any, time: Any) -
     return chosen
 
 
-def read_files(source: Any, chosen: Chosen) -> tuple[list[Run], Chosen]:
+def read_files(source: Any, chosen: Chosen, how: Text | None = None) -> tuple[list[Run], Chosen]:
     """The runs of CSV files, and the columns with the units that the files say."""
     runs: list[Run] = []
     titles = None
     for path in csv_files(source):
-        table = Table.of_file(path)
-        states, inputs = ([table.title(name) for name in some] for some in chosen[:2])
-        by, time = (table.title(name) for name in chosen[2:4])
-        own = Chosen(states, inputs, by, time, chosen.kind)
-        runs += read_table(table, own)
+        own, more = read_table(Table.of_file(path, how), chosen)
+        runs += more
         titles = titles or own
         if own != titles:
             here, before = next((a, b) for a, b in zip(own, titles, strict=True) if a != b)
@@ -218,13 +220,25 @@ def read_files(source: Any, chosen: Chosen) -> tuple[list[Run], Chosen]:
     return runs, titles
 
 
-def read_table(table: Table, chosen: Chosen) -> list[Run]:
-    """The runs of a table, in the order of their first rows."""
-    x = np.column_stack([table.numbers(chosen.kind, name) for name in chosen.states])
-    u = np.column_stack([table.numbers("inputs", name) for name in chosen.inputs])
-    if len(x) != len(u):
-        raise ShapeError(f"`table` must have columns of one length, got {len(x)} and {len(u)} rows")
-    times = None if chosen.time is None else table.times(chosen.time, len(x))
+def read_table(table: Table, named: Chosen) -> tuple[Chosen, list[Run]]:
+    """The columns as the table calls them; and its runs, in the order of their first rows."""
+    states, inputs = ([table.title(name) for name in some] for some in named[:2])
+    by, time = map(table.title, named[2:4])
+    chosen = Chosen(states, inputs, by, time, named.kind)
+    read = [(chosen.kind, name) for name in states] + [("inputs", name) for name in inputs]
+    columns = [table.numbers(*one) for one in read]
+    times = None if chosen.time is None else table.times(chosen.time)
+    lengths = [len(column) for column in columns] + ([] if times is None else [len(times)])
+    if len(set(lengths)) > 1:
+        other = next(k for k, length in enumerate(lengths) if length != lengths[0])
+        names = [name for _, name in read] + [chosen.time]
+        raise ShapeError(
+            f"`table` must have columns of one length, got {lengths[0]} rows of "
+            f"{validation.show(names[0])} and {lengths[other]} of "
+            f"{validation.show(names[other])}: the last row of an input is not used, so that nan "
+            "may stand there"
+        )
+    x, u = np.column_stack(columns[: len(states)]), np.column_stack(columns[len(states) :])
     runs = []
     for label, rows in _runs(table, chosen.by, len(x)):
         text = None if chosen.by is None else printable(f"{label!s:.30}")
@@ -238,7 +252,7 @@ def read_table(table: Table, chosen: Chosen) -> list[Run]:
                     "a run that diverged ends with its last finite state"
                 )
         runs.append(run)
-    return runs
+    return chosen, runs
 
 
 def _names(columns: Any) -> Any:
@@ -264,8 +278,7 @@ def _runs(table: Table, by: Any, rows: int) -> Iterator[tuple[Any, NDArray[np.in
         if missing:
             of = "" if table.path is None else f" of {table.path}, column '{by:.30}'"
             raise InputError(
-                f"`by` is missing in row {row + table.first}{of}, or no label: "
-                f"{validation.show(label)}"
+                f"`by` is missing in {table.row(row)}{of}, or no label: {validation.show(label)}"
             )
     for (_, label), places in found.items():
         yield label, np.array(places)

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .._base import html, memory, validation
+from .._base.csv_file import Text
 from .._base.records import SavedRecord
 from .._base.signal_names import Labels, checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..plots.runs import draw_runs
 from ..rng import RngLike, as_key
-from .gaps import OnGap, joined
+from .gaps import OnGap, joined, warn_of_ends
 from .pieces import NO_GAPS, Pieces
 from .tables import Chosen, Run, Table, chosen_columns, read_files, read_table
 
@@ -145,18 +146,20 @@ class Trajectories(SavedRecord):
                 f"`inputs` must have {len(x)} runs as `states`, got {len(u)}; one run is a pair of "
                 "arrays (T + 1, n) and (T, m)"
             )
-        rows, n, m = [], None, None
+        rows, checked, n, m = [], [], None, None
         for (states_name, one), (inputs_name, acting) in zip(x, u, strict=True):
             run = validation.matrix(states_name, one, cols=n)
             if len(run) < 2:
                 raise ShapeError(f"`{states_name}` must have at least 2 rows, got {len(run)}")
             control = validation.matrix(inputs_name, acting, rows=len(run) - 1, cols=m)
             n, m = run.shape[1], control.shape[1]
+            checked.append((run, control))
             rows.append(np.hstack([run[:-1], control, run[1:]]))
         lengths = np.array([len(part) for part in rows], dtype=np.int64)
         assert n is not None
         read = validation.flag("outputs", outputs)
         self._set(np.vstack(rows), Pieces.whole(lengths), n, dt, state_names, input_names, 1, read)
+        warn_of_ends(checked, self._state_names, stacklevel=3)
 
     @classmethod
     def from_csv(
@@ -172,6 +175,9 @@ class Trajectories(SavedRecord):
         tolerance: float | None = None,
         delay: int = 0,
         on_gap: OnGap = "split",
+        sep: str | None = None,
+        decimal: str | None = None,
+        skip: int = 0,
     ) -> Self:
         """Read runs from CSV files, with lost rows and jittering stamps as logs have them.
 
@@ -184,10 +190,14 @@ class Trajectories(SavedRecord):
             those of a list in its order.
         states, outputs, inputs : sequence of str
             The columns of the states or the outputs, and of the inputs, as the first row of each
-            file names them; ``angle`` is also found as ``angle [rad]``, and the name then has the
-            unit.
+            file names them.
         by, time, dt, tolerance, delay, on_gap
             As in `from_table`.
+        sep, decimal : str, optional
+            What stands between cells, and in numbers; None: as the file shows, tabs, ``;``, ``|``,
+            ``,`` or blanks, and a comma in numbers where cells are divided by ``;``.
+        skip : int, default 0
+            The number of lines to leave out above the names of the columns.
 
         Returns
         -------
@@ -199,6 +209,12 @@ class Trajectories(SavedRecord):
             As `from_table`, with the file and its row; or if two files say different units.
         FileNotFoundError
             If there is no such file.
+
+        Notes
+        -----
+        Files are text in UTF-8, UTF-16 or Windows-1252. Above the names may be empty lines, a line
+        ``sep=;`` and comments that begin with # or %, below them a row of units, which become part
+        of the names. Numbers of lines in messages count all lines of the file.
 
         Examples
         --------
@@ -213,7 +229,11 @@ class Trajectories(SavedRecord):
         ('v [m/s]',)
         """
         read = outputs is not None
-        runs, titles = read_files(source, chosen_columns(states, outputs, inputs, by, time))
+        chosen, how = (
+            chosen_columns(states, outputs, inputs, by, time),
+            Text.checked(sep, decimal, skip),
+        )
+        runs, titles = read_files(source, chosen, how)
         return cls._joined(runs, titles, read, dt, tolerance, delay, on_gap)
 
     @classmethod
@@ -239,7 +259,8 @@ class Trajectories(SavedRecord):
             ``table[name]`` is a column of numbers, all of one length; nan where one is missing.
         states, inputs : sequence of column names
             The columns of the states and of the inputs, in the order that the model is to have.
-            They become `state_names` and `input_names`.
+            They become `state_names` and `input_names`. ``angle`` is also found as ``angle [rad]``
+            or ``angle (rad)``, and the name then has the unit.
         outputs : sequence of column names, optional
             In place of `states`: columns that do not say all of the state, as positions without
             velocities, or that are read with error; see `identify`. States must all be there,
@@ -247,8 +268,9 @@ class Trajectories(SavedRecord):
         by : column name, optional
             The column that tells the runs apart; None: the table is one run.
         time : column name, optional
-            The column of times [s], or of dates and times. None: the rows of a run are equal steps
-            apart.
+            The column of times, in the unit in its name (``t [ms]``, ``time_us``, ``TimeMS``), else
+            in seconds; or of dates and times, with a time zone in all rows or in none. None: the
+            rows of a run are equal steps apart.
         dt : float, optional
             The time between two steps [s]: your declaration that the stamps jitter and the sampling
             does not. None: the mean step of `time`.
@@ -274,9 +296,14 @@ class Trajectories(SavedRecord):
         InputError
             If a column is missing, not usable, constant, or proportional to another one; the times
             of a run do not increase; more than a tenth of the steps are not a whole number of `dt`;
-            a run has no pair; or a sensor is seen at the end of its range.
+            or a run has no pair.
         InputTypeError
             If `table` is no table.
+
+        Warns
+        -----
+        DataWarning
+            If stamps that jitter cost many rows, or many readings are the largest or least of all.
 
         Notes
         -----
@@ -299,8 +326,8 @@ class Trajectories(SavedRecord):
         <Trajectories: 2 runs, 3 pairs, n=1 m=1 dt=0.5>
         """
         chosen = chosen_columns(states, outputs, inputs, by, time)
-        runs, read = read_table(Table(table), chosen), outputs is not None
-        return cls._joined(runs, chosen, read, dt, tolerance, delay, on_gap)
+        titles, runs = read_table(Table(table), chosen)
+        return cls._joined(runs, titles, outputs is not None, dt, tolerance, delay, on_gap)
 
     @classmethod
     def from_pairs(

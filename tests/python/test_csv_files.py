@@ -52,6 +52,13 @@ AS_PLAIN = {
     "quoted decimal commas": (
         "\n".join(f'"{line}"' for line in COMMA.split("\n")).replace(";", '","'), {"decimal": ","}
     ),
+    "semicolons in a text": (
+        "\n".join([HEAD + ',"a; b"', *(row + ',"c; d"' for row in ROWS)]), {}
+    ),
+    "commas in names": (
+        "\n".join(["t, s;p;v, w;F", *COMMA.split("\n")[1:]]),
+        {"time": "t, s", "states": ["p", "v, w"]},
+    ),
     "what Excel says first": ("sep=;\n" + COMMA, {}),
     "comments": ("# of a rig, 1, 2\n#\n\n% by a script\n" + PLAIN, {}),
     "names in a comment": ("# " + PLAIN, {}),
@@ -117,6 +124,12 @@ REFUSED = {
     "a row as a comment": (PLAIN.replace("\n0.06", "\n#0.06"), {}, "comment .* in line 5"),
     "a word behind empty lines": (
         "# a\n\n" + PLAIN.replace("\n", "\n\n") + "\n\n1,1,fast,2", {}, "'v', got 'fast' in line 29"
+    ),
+    "a unit of two lines": (
+        "\n".join([HEAD, 's,"m\n",m,N', *ROWS]), {}, r"one line of text .* got 'p \[m\\n\]'"
+    ),
+    "names that are the same with their units": (
+        "\n".join(["p,p [m],v,F", "m,m,m,N", *ROWS]), {}, "has the column 'p .m.' twice"
     ),
     "an underscore": (PLAIN + "\n0.24,1,1_5,2", {}, "got '1_5' in line 14"),
     "no text": (b"PK\3\4\0\0a,b\n", {}, "text in UTF-8, UTF-16 or Windows-1252"),

@@ -128,12 +128,14 @@ def read_cells(path: PathLike, how: Text | None = None) -> Cells:
             lines, sep = ["\t".join(line.split()) for line in lines], "\t"
         sep = sep or ","
         names, at = _names(path, lines, at, sep, comments)
+        _refuse_names(path, names)
         rows, places = _rows(path, lines, at, sep, names)
     except csv.Error as error:
         raise InputError(f"{path} must be a CSV file: {error}") from None
     if _are_units(rows):
         names = [_with_unit(*pair) for pair in zip(names, rows[0], strict=True)]
         rows, places = rows[1:], places[1:]
+    _refuse_names(path, names)
     if not rows:
         raise InputError(f"{path} has no rows below the names of its columns")
     comma = sep == ";" and any("," in one and _DECIMAL_COMMA.search(one) for one in lines[at:])
@@ -176,10 +178,16 @@ def _above(lines: Sequence[str], how: Text) -> tuple[str | None, int, list[str]]
 
 
 def _separator(names: str, below: str) -> str:
-    """What divides the names and the row below into as many cells, more than one."""
-    counts = {sep: [len(_cells(line, sep)) for line in (names, below)] for sep in _SEPARATORS}
-    fits = [sep for sep, (a, b) in counts.items() if a == b > 1 or (a > 1 and not below)]
-    return fits[0] if fits else max(",;\t|", key=lambda sep: counts[sep][0])
+    """What divides the names and the row below into as many cells, most of them with values."""
+    counts = {sep: len(_cells(names, sep)) for sep in _SEPARATORS}
+    rows = {sep: _cells(below, sep) for sep in _SEPARATORS}
+    fits = [sep for sep, count in counts.items() if count == len(rows[sep]) > 1]
+
+    def values(sep: str) -> tuple[float, int]:
+        share = sum(_VALUE.fullmatch(cell) is not None for cell in rows[sep]) / len(rows[sep])
+        return share, counts[sep]
+
+    return max(fits, key=values) if fits else max(",;\t|", key=counts.__getitem__)
 
 
 def _cells(line: str, sep: str) -> list[str]:
@@ -215,6 +223,11 @@ def _names(
                 "columns are 0, 1, ..."
             )
         names, at = above, at - rows.line_num
+    return names, at
+
+
+def _refuse_names(path: PathLike, names: Sequence[str]) -> None:
+    """Refuse names that are no line of text, and those that are there twice."""
     odd = next((name for name in names if printable(name) != name), None)
     if odd is not None:
         raise InputError(
@@ -224,7 +237,6 @@ def _names(
     twice = next((name for name, count in Counter(names).items() if count > 1), None)
     if twice is not None:
         raise InputError(f"{path} has the column {twice[:40]!r} twice")
-    return names, at
 
 
 def _rows(
@@ -337,7 +349,7 @@ def name_and_unit(title: str) -> tuple[str, str]:
 def titled_as(title: str) -> str:
     """The name in ``angle [rad]``, ``angle[rad]`` or ``angle (rad)``; but x[0] is a name."""
     split = _TITLE.fullmatch(title)
-    return title if split is None else split[1] or split[2]
+    return title if split is None else split[1]
 
 
 def titled(name: str, titles: Collection[Any]) -> str:

@@ -22,6 +22,7 @@ Delay: TypeAlias = "int | tuple[int, int]"
 
 POLES = (0.2, 0.4, 0.6, 0.8, 0.9)  # of filters that are tried
 FILTERS, LAGS = 6, 12  # how many at most
+COMPARED = 3  # of which two rows for each unknown are enough for a choice
 LARGEST = 2**16  # of lags, filters and delays
 SHARE = 4  # the first quarter of the pairs chooses
 FILLED = 4  # filters that use up more than a quarter of the median piece give way to lags
@@ -80,7 +81,14 @@ def chosen_window(
         return Window(*names, 1, None, found[2], offset), first
     if FILLED * found[3] > pieces[1]:
         found = _core.choose_window(*start, [], tried, (least, most), pieces)
-    one, count, back, burn, told, _ = found
+    one, count, back, burn, told, rows = found
+    # two rows for each unknown of a longer window, or nothing says that a short one is enough
+    needed = 2 * (min(told + 1, COMPARED) * (runs.n + runs.m) + offset + runs.n)
+    if rows < needed:
+        raise InputError(
+            f"`data` must be longer, or its window declared by lags= or filters=, got {runs.size} "
+            f"pairs, and needs {SHARE * (first + needed - rows)} to choose one by its first quarter"
+        )
     return Window(*names, count, one, back, offset, burn, told), first
 
 

@@ -181,6 +181,7 @@ def warn_of_ends(
     as in the rows of a run before its first change.
     """
     read = np.concatenate([x[max(1, _first_change(x, u)) :] for x, u in runs])
+    found = []
     for name, column in zip(names, read.T, strict=False):
         own = column[np.isfinite(column)]
         if max((own == end).sum() for end in (own.max(initial=0.0), own.min(initial=0.0))) < ENDS:
@@ -189,13 +190,18 @@ def warn_of_ends(
         for end, next_one in ((0, 1), (-1, -2)):
             if len(values) < ENDS or counts[end] < max(ENDS, CLUMP * counts[next_one]):
                 continue
-            said = (
+            found.append(
                 f"`{name!s:.40}` reads {values[end]:.6g}, its {'largest' if end else 'least'} "
-                f"value, in {counts[end]} rows: no harm if the plant rests there; at the end of a "
-                "sensor's range, or at a stop, it is no linear system. Neither leave these rows "
-                "out nor cut runs before them: that chooses pairs by their outcomes"
+                f"value, in {counts[end]} rows"
             )
-            warnings.warn(DataWarning(said), stacklevel=stacklevel)
+    if found:
+        more = f" ({len(found) - 1} more so)" if len(found) > 1 else ""
+        said = (
+            f"{found[0]}{more}: no harm if the plant rests there; at the end of a sensor's range, "
+            "or at a stop, it is no linear system. Neither leave these rows out nor cut runs "
+            "before them: that chooses pairs by their outcomes"
+        )
+        warnings.warn(DataWarning(said), stacklevel=stacklevel)
 
 
 def _first_change(x: Floats, u: Floats) -> int:

@@ -115,7 +115,7 @@ def _refuse_alternating(run: Run) -> None:
         return
     steps = np.diff(run.times)
     pair = np.sort([np.median(steps[::2]), np.median(steps[1::2])])
-    middle = float(pair.mean())
+    middle = float(pair[0] / 2 + pair[1] / 2)
     same = np.abs(steps[2:] - steps[:-2]) <= CLOSE * middle
     if pair[1] - pair[0] <= 2 * NEAR * middle or same.mean() < ALTERNATING:
         return

@@ -229,11 +229,8 @@ class Trajectories(SavedRecord):
         ('v [m/s]',)
         """
         read = outputs is not None
-        chosen, how = (
-            chosen_columns(states, outputs, inputs, by, time),
-            Text.checked(sep, decimal, skip),
-        )
-        runs, titles = read_files(source, chosen, how)
+        chosen = chosen_columns(states, outputs, inputs, by, time)
+        runs, titles = read_files(source, chosen, Text.checked(sep, decimal, skip))
         return cls._joined(runs, titles, read, dt, tolerance, delay, on_gap)
 
     @classmethod

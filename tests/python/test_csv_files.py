@@ -102,6 +102,12 @@ def test_a_row_of_units_becomes_part_of_the_names(tmp_path, names, units):
     assert in_ms.dt == pytest.approx(2e-5)
 
 
+@pytest.mark.parametrize("word", ["", " ", "nan", "NA", "n/a", "NULL", "None"])
+def test_words_for_a_missing_number(tmp_path, word):
+    text = PLAIN.replace(CELLS["v"][4], word)
+    assert read(tmp_path, text).pieces.tolist() == [3, 6]
+
+
 def test_latin_1_is_read(tmp_path):
     data = read(tmp_path, PLAIN.replace("p", "p [\u00b5m]").encode("latin-1"))
     assert data.state_names == ("p [\u00b5m]", "v")
@@ -110,6 +116,8 @@ def test_latin_1_is_read(tmp_path):
 REFUSED = {
     "no names": ("\n".join(ROWS), {}, r"got '0.00': .*pandas\.read_csv\("),
     "names further down": ("Scope,12\n" + PLAIN, {}, "4 cells, not 2, in line 2: .* pass `skip`"),
+    "words above the names": ("Scope 12\nSerial: 77\n\n" + PLAIN, {}, "in line 4: .* pass `skip`"),
+    "a word below": (PLAIN + "\nEnd of log", {}, "1 cells, not 4, in line 14: complete the row"),
     "names again": (
         "\n".join([HEAD, *ROWS[:5], HEAD, *ROWS[5:]]),
         {},
@@ -198,7 +206,9 @@ def test_a_table_has_units_behind_its_names_as_a_file_has(kind):
     assert (data.state_names, data.input_names, data.dt) == (("p [m]", "v(m/s)"), ("F[N]",), 0.02)
 
 
-@pytest.mark.parametrize("titles", [["x[0]", "x[1]"], ["x(-1)", "y"], ["x [m]", "x [mm]"]])
+@pytest.mark.parametrize(
+    "titles", [["x[0]", "x[1]"], ["x(-1)", "y"], ["x [m]", "x [mm]"], ["x(+1)"]]
+)
 def test_names_that_are_no_names_with_a_unit(titles):
     assert titled("x", titles) == "x"
 
@@ -352,6 +362,7 @@ BAD_TIMES = {
     ),
     "a word among dates": (stamped([DATE, DATE.replace("00", "01"), "soon"]), "'soon' in line 4"),
     "zones of some": (stamped([f"{DATE}Z", DATE]), "zone or none, got .* in line 3"),
+    "the name of a zone": (stamped([f"{DATE} CET"]), "got '2024-03-05 10:00:00 CET' in line 2"),
     "now": (stamped(["now", "today"]), "got 'now' in line 2"),
     "a missing date": (stamped([DATE, "", DATE]), "`time` is missing in line 3"),
 }  # fmt: skip

@@ -27,9 +27,10 @@ if TYPE_CHECKING:
 # Bytes of memory for one of the file: a cell of few characters becomes an object of about 60.
 _PARSED = 30
 _WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
-_TITLE = re.compile(r"(.*\S)\s*[\[(]\s*(?![-+\d])[^\[\]()]+[\])]")
+_TITLE = re.compile(r"(.*\S)\s*[\[(]\s*(?![-+]?\d)[^\[\]()]+[\])]")
 _SEPARATORS = "\t;|, "
 _SEP_LINE = re.compile(r'"?sep=([^\r\n])"?\s*', re.IGNORECASE)
+_MISSING = ("", "na", "n/a", "null", "none")  # nan is a number
 # A number in either notation, what stands for a missing one, or the start of a date or time.
 _VALUE = re.compile(
     r"[-+]?((\d+[.,]?\d*|[.,]\d+)(e[-+]?\d+)?|inf|nan)|n/?a|null|none|\d+[-/.:]\d+[-/.:]\d.*",
@@ -69,7 +70,7 @@ class Cells:
     decimal: str
 
     def numbers(self, name: str, *, whole: bool = False) -> Floats:
-        """A column of numbers; nan where a cell is empty, unless the column must be `whole`."""
+        """A column of numbers; nan where one is missing, unless the column must be `whole`."""
         cells = self.columns[name]
         every = "".join(cells)
         if "_" not in every and not (self.decimal == "," and "." in every) and not whole:
@@ -82,7 +83,8 @@ class Cells:
         found = np.full(len(cells), np.nan)
         for k, cell in enumerate(map(str.strip, cells)):
             try:
-                found[k] = self._number(cell) if cell or whole else np.nan
+                missing = cell.lower() in _MISSING and not whole
+                found[k] = np.nan if missing else self._number(cell)
             except ValueError:
                 raise InputError(
                     f"{self.path} must have numbers in column '{name:.30}', got {cell[:30]!r} in "
@@ -273,7 +275,7 @@ def _uneven(
                     raise _comment(path, line)
                 raise InputError(
                     f"{path} has {len(row)} cells, not {width}, in line {line}"
-                    f"{_ragged(row, width, sep, not found)}"
+                    f"{_ragged(row, width, sep, len(found) < 5)}"
                 )
         found.append(row[:width])
         places.append(line)
@@ -291,9 +293,9 @@ def _ragged(row: Sequence[str], width: int, sep: str, first: bool) -> str:
     """What to do about a row with more or fewer cells than there are names."""
     if sep == "," and len(row) == 2 * width and all(map(_VALUE.fullmatch, map(str.strip, row))):
         return ": decimal commas between commas cannot be read: save it with ; between the cells"
-    if first and len(row) > width:
+    if first:
         return ": if the names of its columns stand further down, pass `skip`, the lines above them"
-    return ""
+    return ": complete the row with empty cells, or delete it if it is none"
 
 
 def _are_units(rows: Sequence[Sequence[str]]) -> bool:

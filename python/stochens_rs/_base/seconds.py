@@ -36,7 +36,7 @@ _ENDINGS = (  # t_ms, time.us, t ms; ms, tms, timeus; TimeUS, stampMs
 _EPOCH = (9.4e8, 4.2e9)  # seconds from 1970 to 1999 and to 2103
 LATEST = 1e11  # seconds, the year 5138
 _ZONED = re.compile(r"(.*:\d\d(?:\.\d+)?)\s*(?:Z|UTC|([-+])(\d\d)(?::?(\d\d))?)", re.IGNORECASE)
-_DATE = re.compile(r"[-+]?\d{4,}-\d\d.*")
+_DATE = re.compile(r"\d{4}-\d\d(-\d\d([T ]\d\d(:\d\d(:\d\d(\.\d+)?)?)?)?)?", re.IGNORECASE)
 
 
 def unit_of(title: object) -> str:
@@ -108,11 +108,11 @@ def _apart(cell: Any) -> tuple[Any, int | None]:
             return cell, None
         return cell.replace(tzinfo=None), offset // timedelta(microseconds=1)
     text = cell.strip().replace(",", ".")
-    if not _DATE.fullmatch(text):  # NumPy reads "now" as well
-        raise ValueError(cell)
     found = _ZONED.fullmatch(text)
+    local, sign, hours, minutes = (text, None, None, None) if found is None else found.groups()
+    if not _DATE.fullmatch(local):  # NumPy reads "now" as well
+        raise ValueError(cell)
     if found is None:
-        return text, None
-    local, sign, hours, minutes = found.groups()
+        return local, None
     ahead = 60_000_000 * (60 * int(hours or 0) + int(minutes or 0))
     return local, -ahead if sign == "-" else ahead

@@ -488,9 +488,8 @@ class Trajectories(SavedRecord):
         last = np.zeros(self.size, dtype=bool)
         last[np.cumsum(self.lengths) - 1] = True
         rows, pieces = self._rows[last], self._pieces.chosen(last)
-        return type(self)._of(
-            rows, pieces, *self._about(), self if self._whole is None else self._whole
-        )
+        whole = self if self._whole is None else self._whole
+        return type(self)._of(rows, pieces, *self._about(), whole=whole)
 
     def last_record(self) -> tuple[Floats, Floats]:
         """Return the readings and inputs of the last piece: where a plan may begin.

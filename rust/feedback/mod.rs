@@ -28,6 +28,7 @@
 mod along;
 mod certificate;
 mod data;
+mod doubling;
 mod first_order;
 mod gains;
 mod keeping;

@@ -17,7 +17,7 @@ use crate::error::{Error, Obstacle, Result};
 use crate::parallel::Stop;
 
 use super::data::{Matrix, filled, finite, in_units, inverse, largest, lost, scaled, stacked, symmetric};
-use super::gains::limit;
+use super::doubling::limit;
 use super::spectrum::{balancing, eigen, eigenvalues, radius};
 
 /// Steps of Newton: one that halves the distance to the unit circle each time needs 50.

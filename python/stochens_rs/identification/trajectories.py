@@ -790,7 +790,9 @@ class Trajectories(SavedRecord):
         there = {row.tobytes() for row in other._rows}
         return any(row.tobytes() in there for row in self._rows)
 
-    def _about(self) -> tuple[Any, ...]:
+    def _about(
+        self,
+    ) -> tuple[int, float | None, tuple[str, ...] | None, tuple[str, ...] | None, int, bool]:
         names = self._state_names, self._input_names
         return (self._n, self._dt, *names, self._steps, self._outputs)
 

@@ -104,7 +104,7 @@ def test_no_plan_is_called_optimal_that_costs_more(seed):
     ("A", "B", "x0", "steps", "limit", "J", "first"),
     [
         ([[2.0]], [[1.0]], [0.5], 30, 10.0, 0.0932, -0.932),
-        (CART.A, CART.B, [0.1, 0.05, 0, 0], 150, 10.0, 3.9518, 2.6287),
+        (CART.A, CART.B, [0.1, 0.05, 0, 0], 150, 10.0, 3.95, 2.6),
         ([[1.2, 1.0], [0.0, 1.1]], [[0.0], [1.0]], [0.01, 0.0], 400, 1.0, 2.94218e-4, None),
     ],
 )
@@ -112,12 +112,15 @@ def test_public_cases(A, B, x0, steps, limit, J, first):
     plan = se.control((A, B), x0, 0 * np.array(x0), steps=steps, limits=(-limit, limit), cost=COST)
     assert plan.status == "optimal"
     assert plan.objective == pytest.approx(J, rel=1e-3)
+    least, v = conic(np.array(A), np.array(B), np.array(x0), steps, u=limit)
+    assert plan.objective == pytest.approx(least, rel=1e-6)
+    np.testing.assert_allclose(plan.u[0], v[0], rtol=1e-3)
     loop = se.regulate((A, B), steps, limits=(-limit, limit), cost=COST)
     u = loop(x0)
     assert loop.log[-1].status == "optimal"
     np.testing.assert_allclose(u, plan.u[0], rtol=1e-9)
     if first is not None:
-        assert u[0] == pytest.approx(first, rel=1e-3)
+        assert u[0] == pytest.approx(first, rel=1e-2)
 
 
 def conic(A, B, x0, steps, **sides):

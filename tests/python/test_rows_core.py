@@ -204,6 +204,9 @@ def test_the_twin_finds_the_same_control(kind: str) -> None:
     assert active >= 30 or kind == "box"
 
 
+INACCURATE = "optimal_inaccurate"
+
+
 @pytest.mark.parametrize("radius", [1.3, 1.6])
 def test_long_horizons_of_unstable_systems(radius: float) -> None:
     """A^20 is 200 or 12000 in size; 15 problems each."""
@@ -213,7 +216,8 @@ def test_long_horizons_of_unstable_systems(radius: float) -> None:
         case = with_states(gen, case, None if trial % 2 else 10.0)
         found = case.solve()
         checked(case, found)
-        assert found.status == "optimal", (trial, found.gap)
+        assert found.gap <= 1e-9 * (found.at_zero + found.objective), trial
+        assert found.status == ("optimal" if found.gap <= 1e-9 * found.objective else INACCURATE)
         p = case.problem()
         C, c = case.state_rows()
         p = problems.with_rows(p, C, c) if trial % 2 else problems.softened(p, C, c, 10.0)

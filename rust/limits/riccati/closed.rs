@@ -149,7 +149,7 @@ impl Riccati {
             let at = t * n..(t + 1) * n;
             let (now, reference, q) = (&x[at.clone()], self.reference.line(t), &self.q[usize::from(t + 1 == steps)]);
             // A' p(k+1) - L' g(k) into `before`, then the whole in twice the precision
-            for i in 0..n {
+            for (i, to) in before.iter_mut().enumerate() {
                 let mut sum = Sum::default();
                 for (k, q) in q.line(i)[..n].iter().enumerate().filter(|(_, q)| **q != 0.0) {
                     sum.add_product(*q, now[k]);
@@ -165,9 +165,9 @@ impl Riccati {
                         sum.add(-gains.gain[((t + 1) * m + j) * self.ln + i] * found.left[(t + 1) * m + j]);
                     }
                 }
-                before[i] = sum.value();
+                *to = sum.value();
                 let mut rest = whole;
-                rest.add(-before[i]);
+                rest.add(-*to);
                 found.costate[t * n + i] = rest.value();
             }
             std::mem::swap(&mut p, &mut before);
@@ -181,11 +181,11 @@ impl Riccati {
                 found.left[t * m + j] = if balanced(t * m + j, g) { 0.0 } else { g };
             }
             let last = if t == 0 { &self.x0[..n] } else { &x[(t - 1) * n..t * n] };
-            for i in 0..n {
+            for (i, x) in now.iter().enumerate() {
                 let mut sum = Sum::default();
                 (0..n).for_each(|k| sum.add_product(self.a.line(i)[k], last[k]));
                 (0..m).for_each(|k| sum.add_product(self.b.line(i)[k], u[t * m + k]));
-                sum.add(-now[i]);
+                sum.add(-x);
                 found.dynamics[t * n + i] = sum.value();
             }
         }
@@ -228,10 +228,10 @@ impl Riccati {
                 (sum, size) = (sum - term, size + term.abs());
                 *pushed = of_p + s[i];
             }
-            for j in 0..m {
+            for (j, h) in h.iter_mut().enumerate().take(m) {
                 let held = gains.held[t * m + j] != 0;
                 let of_b: f64 = pushed.iter().enumerate().map(|(i, v)| self.b.line(i)[j] * v).sum();
-                h[j] = if held { 0.0 } else { of_b + found.left[t * m + j] };
+                *h = if held { 0.0 } else { of_b + found.left[t * m + j] };
             }
             solution.copy_from_slice(&h);
             let rows = t * m..(t + 1) * m;
@@ -290,15 +290,18 @@ impl Riccati {
         if !objective.is_finite() {
             return Ok(None);
         }
-        let gap = followed.0 + slack + self.least(&found)? + SURE * followed.1;
-        let gap = if gap.is_finite() { gap.max(0.0) } else { f64::INFINITY };
-        let open_objective = if alone.0.is_finite() { objective + alone.0 } else { f64::INFINITY };
         let mut largest = try_copy(WHAT, &self.x0[..n])?;
         for row in x.chunks_exact(n) {
             largest.iter_mut().zip(row).for_each(|(most, x): (&mut f64, _)| *most = most.abs().max(x.abs()));
         }
         let leads = |row: &[f64]| row.iter().zip(&largest).all(|(off, most)| off.abs() <= OPEN * most.abs());
         let open_until = open.chunks_exact(n).take_while(|row| leads(row)).count();
+        // inputs that need no feedback are applied alone
+        let more = if open_until == steps { followed.0.max(alone.0) } else { followed.0 };
+        let gap =
+            more + slack + self.least(&found)? + SURE * (followed.1 + if open_until == steps { alone.1 } else { 0.0 });
+        let gap = if gap.is_finite() { gap.max(0.0) } else { f64::INFINITY };
+        let open_objective = if alone.0.is_finite() { objective + alone.0 } else { f64::INFINITY };
         let certificate = Certificate { objective, gap, frank_wolfe: gap, distance: gap.sqrt() };
         let size = self.references + self.cost(u, x, true);
         Ok(Some(Judged { certificate, g: found.g, size, open_until, open_objective }))

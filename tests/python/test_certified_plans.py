@@ -14,6 +14,7 @@ from coverage_study import DELTA
 from identification_data import POINT, Y, Z, check, rolled, stable
 from stochens_rs.certificates.region_errors import trajectory
 from stochens_rs.exceptions import InputError, InputTypeError
+from stochens_rs.identification.assumptions import ACCEPTED
 from stochens_rs.identification.identified import Identified
 from twin import certified_control as cc
 from twin import input_error as ie
@@ -31,7 +32,8 @@ def uncertain(x0, xf, radius):
 def model_of(z, y, n=None, **options):
     n = y.shape[1] if n is None else n
     options = {"design": "independent", "checks": False, **options}
-    return se.identify(se.Trajectories.from_pairs(z[:, :n], z[:, n:], y), **options)
+    pairs = se.Trajectories.from_pairs(z[:, :n], z[:, n:], y)
+    return se.identify(pairs, accept=ACCEPTED, **options)
 
 
 def case(seed, N=40, sigma=0.3, n=4, m=2):

@@ -12,6 +12,7 @@ import stochens_rs as se
 from core_regions import changed
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, NonFiniteError
+from stochens_rs.identification.assumptions import ACCEPTED
 from twin import region_from_data as rd
 
 n, m = 3, 2
@@ -154,4 +155,4 @@ def test_a_part_with_other_fields_and_a_pickled_one() -> None:
 def identify(runs: se.Trajectories, **options) -> se.Model:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
-        return se.identify(runs, checks=False, **options)
+        return se.identify(runs, checks=False, accept=ACCEPTED, **options)

@@ -324,13 +324,16 @@ def _before_last(model: Any, raw: Trajectories, found: dict[str, Tested]) -> dic
 
 
 def _switched(raw: Trajectories) -> bool:
-    """Whether one limit of a reading parts the ends of all runs but the longest from all else."""
-    x, _, y = raw.pairs()
+    """Whether one limit of a reading parts the ends of all runs but the longest from the rest.
+
+    The first readings are left out: a start beyond the limit ends nothing.
+    """
+    y = raw.pairs()[2]
     ends = np.cumsum(raw.lengths) - 1
     short = raw.lengths < raw.lengths.max()
     if short.sum() < FEW:
         return False
-    ended = y[ends[short]]
+    ended, x = y[ends[short]], np.delete(y, ends, axis=0)
     ways = [(ended, x), (-ended, -x), (np.abs(ended), np.abs(x))]
     return any(bool((a.min(axis=0) > b.max(axis=0)).any()) for a, b in ways)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -33,7 +34,9 @@ def model_of(z, y, n=None, **options):
     n = y.shape[1] if n is None else n
     options = {"design": "independent", "checks": False, **options}
     pairs = se.Trajectories.from_pairs(z[:, :n], z[:, n:], y)
-    return se.identify(pairs, accept=ACCEPTED, **options)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", se.exceptions.DataWarning)  # few pairs, equal ones
+        return se.identify(pairs, accept=ACCEPTED, **options)
 
 
 def case(seed, N=40, sigma=0.3, n=4, m=2):

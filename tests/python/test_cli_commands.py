@@ -257,7 +257,7 @@ def test_certify_prints_the_warnings_of_the_model(place, capsys):
         "identify pushed.csv --outputs x --window 1 --inputs F --by run --out pushed.safetensors",
     )
     text = said(capsys, "certify pushed.safetensors")
-    assert "\nwarning    a constant explains" in text
+    assert "undetermined: a constant explains" in text
     assert "pass intercept=True" in " ".join(text.split())
 
 

@@ -575,7 +575,7 @@ def test_pairs_are_the_same_under_names_in_another_order():
         se.Trajectories.from_table(table, states=states, inputs=inputs, dt=0.1)
         for states, inputs in ((["p", "v"], ["F", "G"]), (["v", "p"], ["G", "F"]))
     )
-    model, exact = se.identify(own), (np.eye(2), np.eye(2))
+    model, exact = se.identify(own), se.System(np.eye(2), np.eye(2), dt=0.1)
     with pytest.raises(InputError, match=r"ensemble\[1\]` was fitted on pairs that are also"):
         se.fuse([exact, model], "alse", data=turned)
     # in another unit and back, 1 / 3 is no longer 1 / 3

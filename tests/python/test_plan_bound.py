@@ -459,7 +459,7 @@ def test_arguments_for_plans_of_the_other_kind_are_refused_by_name():
         with pytest.raises(InputError, match=f"`{name}` must be left out for a plan of estimates"):
             plan.bound(**{name: True})
     data = se.Trajectories.from_pairs(np.eye(3)[:, :1], np.eye(3)[:, 1:2], np.ones((3, 1)))
-    model = se.control(se.identify(data, sigma=0.1, checks=False), [1.0], [0.0])
+    model = se.control(se.identify(data, sigma=1.0, checks=False), [1.0], [0.0])
     for name, value in (("system", SYSTEM), ("x0", [1.0]), ("xf", [0.0])):
         with pytest.raises(InputError, match=f"`{name}` must be left out for a model from data"):
             model.bound(**{name: value})

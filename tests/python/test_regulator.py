@@ -580,7 +580,7 @@ REFUSED = {
     "size": ({"size": 5}, InputError, "must be left out with `controller`"),
     "feedback": ({"feedback": False}, InputError, "must be left out with `controller`"),
     "method": ({"method": "alse"}, InputError, "must be left out with `controller`"),
-    "not callable": ({"controller": 3}, InputTypeError, "`controller` must be callable"),
+    "not callable": ({"controller": 3}, InputTypeError, "`controller` must be a function"),
     "shape": ({"controller": lambda x: [1.0, 2.0]}, ShapeError, r"`controller\(x\)`.*\(1,\)"),
     "nan": ({"controller": lambda x: [np.nan]}, NonFiniteError, r"`controller\(x\)\[0\]` is nan"),
     "grows": ({"controller": lambda x: 1e100 * x[:1]}, NonFiniteError, "overflows at step"),

@@ -37,6 +37,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if any(word in item.path.stem for word in SLOW):
             item.add_marker("slow")
+        if "coverage" in item.path.stem:
+            # data are drawn by thousands: tests of logs warn of about one set in 200 by chance
+            quiet = "ignore::stochens_rs.exceptions.DataWarning"
+            item.add_marker(pytest.mark.filterwarnings(quiet))
 
 
 @pytest.fixture

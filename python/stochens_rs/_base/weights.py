@@ -36,7 +36,7 @@ def weight(
     kind = "definite" if positive else "semidefinite"
     if given.ndim == 0 and not matrix:
         if positive and validation.is_real(value) and value <= 0.0:
-            raise InputError(f"`{name}` must be positive definite, got {value:.3g}")
+            raise InputError(f"`{name}` must be positive definite, got {validation.show(value)}")
         return validation.nonnegative(name, value) * np.eye(n)
     if given.ndim == 1 and not matrix:
         entries = validation.vector(name, value, length=n)

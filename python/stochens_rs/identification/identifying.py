@@ -219,7 +219,7 @@ def identify(
     True
     """
     runs = pooled(data)
-    if not isinstance(delay, tuple) and delay == -1:
+    if validation.is_real(delay) and delay == -1:
         runs, delay = runs._moved(), 0
     n, piloted = runs.n, pilot is not None or like is not None
     assumed = checked_assumptions(

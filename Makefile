@@ -63,7 +63,8 @@ quick: $(VENV)/.dev ## what a change needs at once: a fast build of the extensio
 	cp "$${CARGO_TARGET_DIR:-target}/quick/$(LIBRARY)" python/stochens_rs/_core.abi3.so
 	"$(PY)" -m pytest $(PARALLEL) -m "not slow" -q
 
-lint: $(VENV)/.dev ## format, clippy, rustdoc, ruff, mypy --strict, stubs against the extension
+lint: $(VENV)/.dev ## lines per room, format, clippy, rustdoc, ruff, mypy --strict, stubs against the extension
+	"$(PY)" tools/lines.py
 	cargo fmt --check
 	cargo clippy --release --locked --all-targets -- -D warnings
 	PYO3_PYTHON="$(PY)" cargo clippy --release --locked --all-targets --features python -- -D warnings

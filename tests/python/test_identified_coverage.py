@@ -12,6 +12,7 @@ import pytest
 import stochens_rs as se
 from coverage_study import DELTA, at_most, coverage, exactly, failures, sets
 from identification_data import SKEWED, independent, noisy_states, rolled, stable, tuned
+from stochens_rs.identification.assumptions import ACCEPTED
 from twin import regions as rg
 from twin import triangle as tr
 
@@ -210,7 +211,7 @@ def test_direct_regression_over_several_steps():
 
 def test_scalar_covariance_must_be_scalar():
     def failed(gen, Theta, z, y):
-        return misses(model_of(z, y, covariance="scalar").region(DELTA), Theta)
+        return misses(model_of(z, y, covariance="scalar", accept=ACCEPTED).region(DELTA), Theta)
 
     root = np.diag([1.0, 0.1, 0.1, 0.1])
     assert coverage(count(95, 500, failed, root=root), 500) < 0.7
@@ -219,7 +220,7 @@ def test_scalar_covariance_must_be_scalar():
 def test_data_must_not_be_pooled_with_themselves():
     def failed(gen, Theta, z, y):
         data = se.Trajectories.from_pairs(z[:, :4], z[:, 4:], y)
-        model = se.identify([data, data], design="independent", checks=False)
+        model = se.identify([data, data], design="independent", checks=False, accept=ACCEPTED)
         return misses(model.region(DELTA), Theta)
 
     assert coverage(count(96, 500, failed), 500) < 0.5
@@ -258,7 +259,7 @@ def test_noise_that_grows_breaks_the_region_and_warns():
     def case(gen):
         Theta, z = gen.standard_normal((4, 6)), gen.standard_t(3, (100, 6))
         y = z @ Theta.T + np.sum(z * z, axis=1, keepdims=True) * gen.standard_normal((100, 4))
-        model = model_of(z, y)
+        model = model_of(z, y, accept=ACCEPTED)
         warned = "heteroscedasticity" in model.check(rng=1).failed(0.05)
         return misses(model.region(DELTA), Theta), warned
 

@@ -74,5 +74,5 @@ def _the_number_of_threads_is_left_alone():
 
 @pytest.fixture
 def noise_by_formula(monkeypatch: pytest.MonkeyPatch) -> None:
-    """For data whose noise follows a formula, so that it is none: no test of the log refuses it."""
+    """No test of the log refuses: for noise that follows a formula, or counts of regions alone."""
     monkeypatch.setattr("stochens_rs.identification.battery.LEVEL", -1.0)

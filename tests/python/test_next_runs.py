@@ -14,6 +14,8 @@ from stochens_rs.controls import NextRuns
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from test_typical import A, B, data
 
+pytestmark = pytest.mark.usefixtures("noise_by_formula")
+
 KEY = bytes(range(32))
 H0 = np.array([[0.8, 0.1, 0.1], [0.0, 0.9, 0.9]])
 

@@ -187,6 +187,7 @@ def test_a_pilot_that_says_nothing() -> None:
     assert model.region(0.05).radius == np.inf
 
 
+@pytest.mark.usefixtures("noise_by_formula")
 def test_unequal_lengths_that_were_planned() -> None:
     """The model is that of the formula; 200 sets at 20 %: more than 60 misses are below 1e-3."""
     gen, missed = np.random.default_rng(21), 0

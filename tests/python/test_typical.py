@@ -15,6 +15,8 @@ from stochens_rs.controls import Typical
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, SizeError
 from twin import typical as twin
 
+pytestmark = pytest.mark.usefixtures("noise_by_formula")
+
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
 KEY = bytes(range(32))
 

@@ -35,7 +35,7 @@ NO_EFFECT = 1e-3  # p-value from which an input has no effect that is seen
 OF_GAUSSIAN = ("outliers", "variance", "noise shape")
 
 
-SAID = {
+TEXTS = {
     "equal rows": "{count} pairs are equal to others to the last digit: data that count twice; "
     "pass them once",
     "spikes": "readings jump there and back, at pairs {rows}: cut them, or pass them as missing "
@@ -47,8 +47,7 @@ SAID = {
     "end of the range of a sensor; cut these rows",
     "late rows": "the inputs have no effect, and those of the next row explain {share}: rows hold "
     "the state after their action; pass delay=-1",
-    "dead time": "inputs {lag} steps earlier explain {share}: a dead time; pass "
-    "delay={lag}{longer}",
+    "dead time": "inputs {steps} earlier explain {share}: a dead time; pass delay={lag}{longer}",
     "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
     "point other than 0: pass intercept=True",
     "ends": "the last pairs of the runs have a model of their own: runs that ended for what was "
@@ -108,8 +107,13 @@ def tested(model: Any) -> dict[str, Tested]:
 
 def _above_rounding(f: _core.Fitted, span: Range) -> tuple[_core.Fitted, Range]:
     """What the residuals of rows span that are far above rounding, which is no noise of one law."""
-    rows = span.rows[np.sqrt(np.diag(f.S))[span.rows] > CLEAR * f.rounding[span.rows]]
+    rows = _noisy(f, span.rows)
     return f, span if len(rows) == len(span.rows) else spanned(f, rows)
+
+
+def _noisy(f: _core.Fitted, rows: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The rows of which residuals are far above rounding."""
+    return rows[np.sqrt(np.diag(f.S))[rows] > CLEAR * f.rounding[rows]]
 
 
 def noise_tested(
@@ -128,9 +132,8 @@ def noise_tested(
 
 
 def noise_doubts(f: _core.Fitted, assumed: Assumptions, rows: NDArray[np.int64]) -> tuple[str, ...]:
-    """What is said of noise that is not as declared, at any of a hundred looks."""
-    clear = rows[np.sqrt(np.diag(f.S))[rows] > CLEAR * f.rounding[rows]]
-    found = _smallest(noise_tested(f, assumed, clear))
+    """Sentences on noise that is not as declared, at any of a hundred looks."""
+    found = _smallest(noise_tested(f, assumed, _noisy(f, rows)))
     names = [name for name in failed(found, assumed, 100.0) if name not in assumed.accept]
     return tuple(_of_noise(name, found[name], assumed, "") for name in names)
 
@@ -152,7 +155,7 @@ def _of_noise(name: str, test: Tested, assumed: Assumptions, state: str) -> str:
 
 
 def failed(found: dict[str, Tested], assumed: Assumptions, looks: float = 1.0) -> list[str]:
-    """The names of the tests that fail, in the order in which they are said."""
+    """The names of the tests that fail, in the order in which they are named."""
     gaussian = assumed.noise == "gaussian"
     names = [
         name
@@ -170,7 +173,7 @@ def failed(found: dict[str, Tested], assumed: Assumptions, looks: float = 1.0) -
     return names
 
 
-def said(name: str, test: Tested, model: Any) -> str:
+def sentence(name: str, test: Tested, model: Any) -> str:
     """A failed test in words, with its cure."""
     names, window = model.outputs, model.window
     first = int(test.at[0]) if len(test.at) else 0
@@ -188,11 +191,12 @@ def said(name: str, test: Tested, model: Any) -> str:
         "state": state,
         "jump": f"{test.share:.4g}",
         "lag": str(first),
+        "steps": html.number_of(first, "step"),
         "longer": f", or a longer window: lags={first + 1}" if window is not None else "",
         "signals": signals,
         "part": _part(test, model) if name == "change" else "",
     }
-    text = SAID[name].format(**values)
+    text = TEXTS[name].format(**values)
     if name == "memory" and window is not None:
         text = window._short(test.share)
     return f"{text} (p = {test.p_value:.1g}; or accept={name!r})"
@@ -209,7 +213,7 @@ def _part(test: Tested, model: Any) -> str:
 
 
 def accepted_text(assumed: Assumptions) -> str:
-    """What is said behind the assumption of a region where failed tests were accepted."""
+    """What stands behind the assumption of a region where failed tests were accepted."""
     return f"; accepted by name: {', '.join(assumed.accept)}" if assumed.accept else ""
 
 

@@ -417,7 +417,7 @@ class Model(SavedRecord, Identified, Tabled):
     def _faults(self) -> dict[str, str]:
         """The tests that fail, in words."""
         return {
-            name: battery.said(name, self._tested[name], self)
+            name: battery.sentence(name, self._tested[name], self)
             for name in battery.failed(self._tested, self.assumptions)
         }
 

@@ -250,8 +250,8 @@ def reading_loop(
     drift = None
     if isinstance(offset_free, bool | np.bool_):
         if offset_free:
-            inputs = model.data.pairs()[1].copy()  # NumPy can crash on strided ones without memory
-            drift = 0.01 * np.sqrt(np.square(inputs).mean(axis=0))
+            # a copy: NumPy can crash on strided arrays where memory runs out
+            drift = 0.01 * np.sqrt(np.square(model.data.pairs()[1].copy()).mean(axis=0))
     else:
         drift = np.full(m, validation.positive("offset_free", offset_free))
     held = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()

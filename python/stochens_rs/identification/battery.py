@@ -91,8 +91,7 @@ def tested(model: Any) -> dict[str, Tested]:
     pieces, runs = raw._pieces.places(), raw._pieces.runs()
     basis = np.zeros((n, span.basis.shape[1]))
     basis[span.rows] = span.basis
-    inputs_at = n if window is None else window.count * n
-    of = inputs_at, model.intercept
+    of = n if window is None else window.count * n, model.intercept
     given = rows, f, basis, raw._rows, at, pieces, runs[at], of, beyond, extra
     found = _smallest(_core.battery(*given, None))
     found |= _smallest(noise_tested(f, model.assumptions, span.rows))

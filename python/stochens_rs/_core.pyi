@@ -866,7 +866,7 @@ def battery(
     piece: NDArray[np.int64],
     runs: NDArray[np.int64],
     of: tuple[int, bool],
-    beyond: tuple[int, int],
+    beyond: tuple[int, int, int],
     extra: _Floats | None,
     marked: NDArray[np.int64] | None,
 ) -> list[_Tested]: ...

@@ -19,7 +19,8 @@ const WHAT: &str = "the tests of residuals";
 
 /// The tests of least squares `fitted` of the rows (z, y) that belong to the logged `pairs` (x, u, x one step later): for each
 /// row its pair and its run, for each pair its place in its piece. `of`: the first place in z of an input, and whether its
-/// last entry is 1; `beyond`: how many steps back the first reading and input are that z does not hold; `extra` columns in
+/// last entry is 1; `beyond`: how many steps back the first reading and input are that z does not hold, and how many
+/// inputs are later than all it holds; `extra` columns in
 /// their place; `marked` rows, of which alone it is tested whether they have a model of their own.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
@@ -33,7 +34,7 @@ pub(super) fn battery<'py>(
     piece: Places<'py>,
     runs: Places<'py>,
     of: (usize, bool),
-    beyond: (usize, usize),
+    beyond: (usize, usize, usize),
     extra: Option<Matrix<'py>>,
     marked: Option<Places<'py>>,
 ) -> PyResult<Vec<Tested<'py>>> {

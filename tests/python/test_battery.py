@@ -217,7 +217,7 @@ def test_the_tests_are_those_of_the_twin(seed):
         np.arange(len(x)),
         pieces.places(),
     )
-    given += pieces.runs(), (2, False), (1, 1), None, None
+    given += pieces.runs(), (2, False), (1, 1, 0), None, None
     found = {name: p for name, p, *_ in se._core.battery(*given)}
     for name, expected in twin.tests(x, u, y, pieces.places(), pieces.runs()).items():
         np.testing.assert_allclose(found[name], expected, rtol=1e-6, err_msg=name)

@@ -44,6 +44,7 @@ FAULTS = (
     "nonlinear",
     "outliers",
     "change",
+    "drift",
     "variance",
     "noise size",
     "noise shape",

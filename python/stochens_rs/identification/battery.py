@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 LEVEL = 5e-4  # of each test: together below 0.01
 FEW = 5  # runs that end beyond one limit, from which it ended them
 CLEAR = 100.0  # times what rounding may change: residuals that are noise
-SMALL = 0.01  # share that a longer window explains, up to which the shorter one is only warned of
 NO_EFFECT = 1e-3  # p-value from which an input has no effect that is seen
 # Of which law each test asks more than a mean of 0.
 OF_GAUSSIAN = ("outliers", "variance", "noise shape")
@@ -57,9 +56,11 @@ TEXTS = {
     "memory": "one step earlier, states and inputs explain {share}{most}: a state that is missing, "
     "or read with error, smoothed or differenced, or noise that lasts: pass what was read"
     " as outputs=",
-    "nonlinear": "squares, products or cubes of {signals} explain {share}: the plant is not linear "
-    "there (dead zone, saturation, friction); use a smaller range",
+    "nonlinear": "squares, products, cubes or signs of {signals} explain {share}: the plant is "
+    "not linear there (dead zone, saturation, friction); use a smaller range",
     "change": "{part}: use what belongs together",
+    "drift": "the model changes over each run ({share} explained), as of what warms up or wears: "
+    "use a part of the runs, or measure more states",
     "variance": "the size of the residuals depends on states, inputs, time or run: one covariance "
     "is assumed; declare noise='sub-gaussian' with the largest sigma",
 }
@@ -82,7 +83,7 @@ def tested(model: Any) -> dict[str, Tested]:
     f, span = _above_rounding(*model._residuals)
     data, n, window = model.data, model.n_outputs, model.window
     rows = np.hstack(model._pairs())
-    raw, at, beyond, extra = data, np.arange(data.size), (1, 1), None
+    raw, at, beyond, extra = data, np.arange(data.size), (1, 1, 0), None
     if window is not None:
         at, beyond, extra = window._beyond(data, model.first)
     elif data._whole is not None:
@@ -267,7 +268,7 @@ def _explained(z: Floats, y: Floats, extra: Floats) -> dict[str, Tested]:
         0 * order,
         order,
         (z.shape[1], False),
-        (FAR, FAR),
+        (FAR, FAR, 0),
     )
     return _smallest(_core.battery(rows, f, *given, np.ascontiguousarray(extra), None))
 
@@ -303,7 +304,7 @@ def _of_runs(model: Any, raw: Trajectories, marked: NDArray[np.int64] | None) ->
     basis[span.rows] = span.basis
     at, places, runs = np.arange(len(rows)), raw._pieces.places(), raw._pieces.runs()
     of = raw.n, model.intercept
-    found = _core.battery(rows, f, basis, raw._rows, at, places, runs, of, (1, 1), None, marked)
+    found = _core.battery(rows, f, basis, raw._rows, at, places, runs, of, (1, 1, 0), None, marked)
     return _smallest(found)
 
 

@@ -355,9 +355,8 @@ class Model(SavedRecord, Identified, Tabled):
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; see also `checks`."""
         said = list(self.doubts)
-        for name in (name for name in self._faults if name in self._taken):
-            word = "accepted: " if name in self.assumptions.accept else ""
-            said.append(f"{word}{self._faults[name]}")
+        accepted = self.assumptions.accept
+        said += [f"accepted: {text}" for name, text in self._faults.items() if name in accepted]
         large = self._tested.get("noise too large")
         if large is not None and large.p_value <= battery.LEVEL and large.share < 0.9:
             said.append(
@@ -393,16 +392,8 @@ class Model(SavedRecord, Identified, Tabled):
     @property
     def _refusing(self) -> tuple[str, ...]:
         """The tests that fail and are not taken, in words."""
-        return tuple(self._faults[name] for name in self._faults if name not in self._taken)
-
-    @property
-    def _taken(self) -> tuple[str, ...]:
-        """Tests of which a failure is taken: by name, or of a window that is little too short."""
-        small = (
-            self.window is not None
-            and self._tested.get("memory", battery.NONE).share < battery.SMALL
-        )
-        return (*self.assumptions.accept, *(("memory",) if small else ()))
+        accepted = self.assumptions.accept
+        return tuple(text for name, text in self._faults.items() if name not in accepted)
 
     @property
     def tests(self) -> dict[str, float]:

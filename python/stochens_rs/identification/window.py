@@ -238,13 +238,14 @@ class Window(Record):
 
     def _beyond(
         self, data: Trajectories, first: int
-    ) -> tuple[NDArray[np.int64], tuple[int, int], Floats | None]:
-        """The pairs of complete windows, the first lags that are outside, or one filter more."""
+    ) -> tuple[NDArray[np.int64], tuple[int, int, int], Floats | None]:
+        """The pairs of complete windows, the first lags that are outside, how many inputs are
+        later than all in it, and one filter more."""
         starts = (data._pieces.places() == 0).tolist()
         at = self._core.rows(data._rows, starts)[1]
         at = at[at >= first]
         if self.pole is None:
-            return at, (self.count, self.delay + self.count), None
+            return at, (self.count, self.delay + self.count, self.delay), None
         n, m = len(self.outputs), len(self.inputs)
         wide = replace(self, count=self.count + 1, found=None)
         rows = wide._core.rows(data._rows, starts)[0][-len(at) :]
@@ -252,7 +253,7 @@ class Window(Record):
             self.count * n : wide.count * n,
             wide.length - self.intercept - m : wide.length - self.intercept,
         ]
-        return at, (FAR, FAR), np.ascontiguousarray(rows[:, more])
+        return at, (FAR, FAR, self.delay), np.ascontiguousarray(rows[:, more])
 
     def _short(self, explained: float) -> str:
         """What is said of a window to which one lag or filter more adds this share."""

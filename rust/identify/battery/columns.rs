@@ -20,18 +20,22 @@ pub(super) enum Kind {
     Memory,
     /// What the caller gives.
     Extra,
-    /// The inputs so many steps before the first one that is no regressor.
+    /// The inputs so many steps earlier.
     Input(usize),
     /// The inputs of the next pair.
     Next,
     /// z in the second half.
     Half,
+    /// z times the place in the run.
+    Place,
     /// z of some pairs.
     Marked,
     /// Squares and products of the largest signals.
     Squares,
     /// Their cubes.
     Cubes,
+    /// The sign of one regressor.
+    Sign(usize),
     /// Whether a reading is at an extreme of its own.
     Extremes,
 }
@@ -70,15 +74,39 @@ impl<'a> Columns<'a> {
             Some(extra) => add(Kind::Extra, extra.len() / given.size().max(1))?,
             None => add(Kind::Memory, n + m)?,
         }
-        for lag in 0..LAGS {
+        let (_, first, later) = given.beyond;
+        for lag in (0..later).chain(first..first.saturating_add(LAGS)) {
             add(Kind::Input(lag), m)?;
         }
         add(Kind::Next, m)?;
         add(Kind::Half, d)?;
+        add(Kind::Place, d)?;
         add(Kind::Squares, s * (s + 1) / 2)?;
         add(Kind::Cubes, s)?;
+        for j in (0..n).chain(given.inputs_at..given.inputs_at + m) {
+            add(Kind::Sign(j), usize::from(both_signs(given, j)))?;
+        }
         add(Kind::Extremes, e)?;
         Ok(made)
+    }
+
+    /// How many earlier pairs of its piece a row must have for columns of this kind.
+    pub(super) fn earlier(&self, kind: Kind) -> usize {
+        match kind {
+            Kind::Memory => self.given.beyond.0.max(self.given.beyond.1),
+            Kind::Input(lag) => lag,
+            _ => 0,
+        }
+    }
+
+    /// The number of earlier pairs in the piece of row t.
+    pub(super) fn place(&self, t: usize) -> usize {
+        self.given.places[self.given.at[t]]
+    }
+
+    /// Whether the pair behind that of row t is of the same piece.
+    pub(super) fn has_next(&self, t: usize) -> bool {
+        self.given.places.get(self.given.at[t] + 1).is_some_and(|&place| place > 0)
     }
 
     /// The columns of row t in `to`; 0 where a pair has no such neighbour.
@@ -91,25 +119,19 @@ impl<'a> Columns<'a> {
             to.fill(0.0);
             match kind {
                 Kind::Constant => to.fill(1.0),
+                Kind::Memory | Kind::Input(_) if place < self.earlier(kind) => {}
                 Kind::Memory => {
-                    let (y, u) = g.beyond;
-                    if place >= y.max(u) {
-                        to[..n].copy_from_slice(&g.pair(pair - y)[..n]);
-                        to[n..].copy_from_slice(&g.pair(pair - u)[n..n + m]);
-                    }
+                    let (y, u, _) = g.beyond;
+                    to[..n].copy_from_slice(&g.pair(pair - y)[..n]);
+                    to[n..].copy_from_slice(&g.pair(pair - u)[n..n + m]);
                 }
                 Kind::Extra => to.copy_from_slice(&g.extra.unwrap_or_default()[t * count..(t + 1) * count]),
-                Kind::Input(lag) if place >= g.beyond.1 + lag => {
-                    to.copy_from_slice(&g.pair(pair - g.beyond.1 - lag)[n..n + m]);
-                }
-                Kind::Input(_) => {}
-                Kind::Next => {
-                    if g.places.get(pair + 1).is_some_and(|&p| p > 0) {
-                        to.copy_from_slice(&g.pair(pair + 1)[n..n + m]);
-                    }
-                }
+                Kind::Input(lag) => to.copy_from_slice(&g.pair(pair - lag)[n..n + m]),
+                Kind::Next if self.has_next(t) => to.copy_from_slice(&g.pair(pair + 1)[n..n + m]),
+                Kind::Next => {}
                 Kind::Half if t >= g.size() / 2 => to.copy_from_slice(z),
                 Kind::Half => {}
+                Kind::Place => to.iter_mut().zip(z).for_each(|(to, v)| *to = place as f64 * v),
                 Kind::Marked => {
                     if g.marked.is_some_and(|marked| marked[t]) {
                         to.copy_from_slice(z);
@@ -128,6 +150,7 @@ impl<'a> Columns<'a> {
                 Kind::Cubes => {
                     to.iter_mut().zip(&self.signals).for_each(|(to, &(i, one))| *to = (z[i] * one).powi(3));
                 }
+                Kind::Sign(j) => to.fill(if z[j] == 0.0 { 0.0 } else { z[j].signum() }),
                 Kind::Extremes => {
                     let read = &g.pair(pair)[..n];
                     to.iter_mut().zip(&self.extremes).for_each(|(to, &(i, v, _))| *to = f64::from(read[i] == v));
@@ -135,6 +158,12 @@ impl<'a> Columns<'a> {
             }
         }
     }
+}
+
+/// Whether a regressor is on both sides of 0: else its sign is a constant.
+fn both_signs(g: &Given<'_>, j: usize) -> bool {
+    let any = |sign: f64| (0..g.size()).any(|t| sign * g.z(t)[j] > 0.0);
+    j < g.d && any(1.0) && any(-1.0)
 }
 
 /// The regressors with the largest effect in deviations of the noise, one of them an input where there is one in z.

@@ -107,7 +107,7 @@ pub(super) fn explained(left: &[f64], own: &[f64], along: &[f64], of: &Outcomes<
 }
 
 /// `U` (rank, n) with `U' U = along' left^+ along`: Cholesky with pivots, on columns of length 1. None without a column.
-fn halved(left: &[f64], own: &[f64], along: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
+pub(super) fn halved(left: &[f64], own: &[f64], along: &[f64], n: usize) -> Result<Option<Vec<f64>>> {
     let q = own.len();
     let (mut k, mut b) = (try_copy(WHAT, left)?, try_copy(WHAT, along)?);
     let size = |j: usize| if own[j] > 0.0 { own[j].sqrt().recip() } else { 0.0 };

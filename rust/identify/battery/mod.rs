@@ -1,7 +1,7 @@
 //! Tests of a model of logged pairs: what the residuals must not depend on, in one pass over the pairs.
 //!
 //! Columns that no linear model with white noise needs (earlier inputs, the next one, a constant, one half of the data,
-//! squares and cubes, ends of ranges) are added to the regressors, and what they explain is tested by Rao's F, whose level
+//! squares, cubes and signs, drift over a run, ends of ranges) are added to the regressors, and what they explain is tested by Rao's F, whose level
 //! is exact for regressors independent of Gaussian noise. The same in NumPy is `tests/python/twin/battery.py`.
 
 mod columns;
@@ -23,7 +23,7 @@ use sums::Sums;
 /// All tests that the pairs allow.
 ///
 /// # Errors
-/// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
+/// Rows that do not fit together; a fit without a Cholesky factor; no memory; an interruption.
 pub fn battery(given: &Given<'_>, stop: &Stop) -> Result<Vec<Test>> {
     given.refuse()?;
     let f = given.fitted;

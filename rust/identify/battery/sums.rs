@@ -4,7 +4,7 @@ use faer::linalg::matmul::matmul;
 use faer::{Accum, MatMut, MatRef, Par};
 
 use super::columns::{Columns, Kind};
-use super::explained::{Explained, Outcomes, explained};
+use super::explained::{Explained, Outcomes, explained, halved};
 use super::given::{Given, Test, WHAT, dot, zeros};
 use crate::error::Result;
 use crate::memory::{checked_len, try_push};
@@ -29,9 +29,33 @@ pub(super) struct Sums<'a> {
     pub(super) parts: Vec<f64>,
     /// Of readings that are at an extreme one step later: their number, and the sum of their residuals.
     ends: Vec<(usize, f64)>,
+    /// Rows with fewer than so many earlier pairs, rising; at last those without a next one.
+    short: Vec<(usize, Rows)>,
     /// The strongest model of its own of a run or piece, and how many were looked at.
     own_model: Option<(usize, Explained)>,
     looked: usize,
+}
+
+/// Products of the regressors q and residuals e of some rows: q q', q e' and e e'.
+struct Rows {
+    count: usize,
+    qq: Vec<f64>,
+    qe: Vec<f64>,
+    ee: Vec<f64>,
+}
+
+impl Rows {
+    fn none(rank: usize, n: usize) -> Result<Self> {
+        let square = |a, b| zeros(checked_len(WHAT, a, b)?);
+        Ok(Self { count: 0, qq: square(rank, rank)?, qe: square(rank, n)?, ee: square(n, n)? })
+    }
+
+    fn add(&mut self, q: &[f64], e: &[f64]) {
+        self.count += 1;
+        add(&mut self.qq, (q, q.len()), (q, q.len()), 1);
+        add(&mut self.qe, (q, q.len()), (e, e.len()), 1);
+        add(&mut self.ee, (e, e.len()), (e, e.len()), 1);
+    }
 }
 
 impl<'a> Sums<'a> {
@@ -47,6 +71,15 @@ impl<'a> Sums<'a> {
             try_push(WHAT, &mut own, square(count, count)?)?;
         }
         let ends = columns.extremes.len();
+        let mut short: Vec<(usize, Rows)> = Vec::new();
+        for &(kind, _, _) in &columns.groups {
+            let earlier = columns.earlier(kind);
+            if earlier > 0 && short.iter().all(|(first, _)| *first != earlier) {
+                try_push(WHAT, &mut short, (earlier, Rows::none(rank, n)?))?;
+            }
+        }
+        short.sort_unstable_by_key(|(first, _)| *first);
+        try_push(WHAT, &mut short, (usize::MAX, Rows::none(rank, n)?))?;
         let mut sums = Self {
             along_z: square(rank, width)?,
             along_e: square(width, n)?,
@@ -55,6 +88,7 @@ impl<'a> Sums<'a> {
             leverages: square(size, 1)?,
             parts: square(size, 1)?,
             ends: crate::memory::try_filled(WHAT, (0, 0.0), ends)?,
+            short,
             own_model: None,
             looked: 0,
             columns,
@@ -82,6 +116,7 @@ impl<'a> Sums<'a> {
                 of.whiten(e, &mut white);
                 sums.leverages[t + k] = h;
                 sums.parts[t + k] = of.nu as f64 * dot(&white, &white) / (1.0 - h).max(1e-12);
+                sums.leave(t + k, q, e);
                 let after = &given.pair(given.at[t + k])[n + given.m..];
                 for (end, &(i, value, _)) in sums.ends.iter_mut().zip(&sums.columns.extremes) {
                     if after[i] == value {
@@ -117,6 +152,33 @@ impl<'a> Sums<'a> {
         Ok(sums)
     }
 
+    /// Adds row t to those without some neighbour.
+    fn leave(&mut self, t: usize, q: &[f64], e: &[f64]) {
+        let place = self.columns.place(t);
+        let at = self.short.partition_point(|(first, _)| *first <= place);
+        let next = self.short.len() - 1;
+        if at < next {
+            self.short[at].1.add(q, e);
+        }
+        if !self.columns.has_next(t) {
+            self.short[next].1.add(q, e);
+        }
+    }
+
+    /// The rows that have no columns of this kind.
+    fn without(&self, kind: Kind, rank: usize, n: usize) -> Result<Rows> {
+        let earlier = self.columns.earlier(kind);
+        let mut all = Rows::none(rank, n)?;
+        let wanted = |first: usize| if kind == Kind::Next { first == usize::MAX } else { first <= earlier };
+        for (_, rows) in self.short.iter().filter(|(first, _)| wanted(*first)) {
+            all.count += rows.count;
+            for (to, from) in [(&mut all.qq, &rows.qq), (&mut all.qe, &rows.qe), (&mut all.ee, &rows.ee)] {
+                to.iter_mut().zip(from).for_each(|(to, v)| *to += v);
+            }
+        }
+        Ok(all)
+    }
+
     /// The test of a model of its own of one piece: the columns q of its rows alone, of which `V - V V` is left.
     fn finish(&mut self, (v, b, count): &(Vec<f64>, Vec<f64>, usize), number: usize, of: &Outcomes<'_>) -> Result<()> {
         let rank = v.len().isqrt();
@@ -145,7 +207,7 @@ impl<'a> Sums<'a> {
     pub(super) fn judge(&self, given: &Given<'_>, of: &Outcomes<'_>, tests: &mut Vec<Test>) -> Result<()> {
         let mut dead: Option<(usize, Explained)> = None;
         let (mut lags, mut least) = (0, 1.0f64);
-        let mut nonlinear: Option<Explained> = None;
+        let (mut nonlinear, mut curves) = (None::<(Option<usize>, Explained)>, 0);
         let mut halves = None;
         for (at, &(kind, _, _)) in self.columns.groups.iter().enumerate() {
             let Some(found) = self.group(at, given, of)? else { continue };
@@ -154,15 +216,18 @@ impl<'a> Sums<'a> {
                     lags += 1;
                     least = least.min(found.p_value);
                     if dead.as_ref().is_none_or(|(_, best)| found.share > best.share) {
-                        dead = Some((given.beyond.1 + lag, found));
+                        dead = Some((lag, found));
                     }
                 }
-                Kind::Squares | Kind::Cubes => {
-                    if nonlinear.as_ref().is_none_or(|best| found.p_value < best.p_value) {
-                        nonlinear = Some(found);
+                Kind::Squares | Kind::Cubes | Kind::Sign(_) => {
+                    curves += 1;
+                    let sign = if let Kind::Sign(place) = kind { Some(place) } else { None };
+                    if nonlinear.as_ref().is_none_or(|(_, best)| found.p_value < best.p_value) {
+                        nonlinear = Some((sign, found));
                     }
                 }
                 Kind::Half => halves = Some(found),
+                Kind::Place => push(tests, "drift", found, Vec::new())?,
                 Kind::Constant => push(tests, "offset", found, Vec::new())?,
                 Kind::Memory | Kind::Extra => push(tests, "memory", found, Vec::new())?,
                 Kind::Next => push(tests, "late rows", found, Vec::new())?,
@@ -174,9 +239,10 @@ impl<'a> Sums<'a> {
             let p_value = (least * f64::from(lags)).min(1.0);
             push(tests, "dead time", Explained { p_value, ..found }, Vec::from([lag]))?;
         }
-        if let Some(found) = nonlinear {
-            let p_value = (2.0 * found.p_value).min(1.0);
-            let places = crate::memory::try_collect(WHAT, self.columns.signals.iter().map(|s| s.0))?;
+        if let Some((sign, found)) = nonlinear {
+            let p_value = (f64::from(curves) * found.p_value).min(1.0);
+            let signals = self.columns.signals.iter().map(|s| s.0).filter(|_| sign.is_none());
+            let places = crate::memory::try_collect(WHAT, sign.into_iter().chain(signals))?;
             push(tests, "nonlinear", Explained { p_value, ..found }, places)?;
         }
         let run = self.own_model.clone().map(|(run, found)| {
@@ -214,22 +280,51 @@ impl<'a> Sums<'a> {
         Ok(())
     }
 
-    /// Tests one group of columns.
+    /// Tests one group of columns on the rows that have them.
+    ///
+    /// Least squares without rows O: with `V = I - sum_O q q'` and `f = sum q e' - sum_O q e'` the regressors leave
+    /// `sum c c' - b' V^-1 b` of columns c with `b = sum q c'`, `sum c e' - b' V^-1 f` of their products with residuals, and
+    /// `S - sum_O e e' - f' V^-1 f` of these.
     fn group(&self, at: usize, given: &Given<'_>, of: &Outcomes<'_>) -> Result<Option<Explained>> {
-        let (_, from, count) = self.columns.groups[at];
+        let (kind, from, count) = self.columns.groups[at];
         let (n, width, rank) = (given.n, self.columns.width, given.fitted.rank());
-        let mut left = crate::memory::try_copy(WHAT, &self.own[at])?;
-        let mut own = zeros(count)?;
-        let mut along = crate::memory::try_copy(WHAT, &self.along_e[from * n..(from + count) * n])?;
-        own.iter_mut().enumerate().for_each(|(i, to)| *to = left[i * (count + 1)]);
+        let out = self.without(kind, rank, n)?;
+        let wide = count + n;
+        let mut beside = zeros(checked_len(WHAT, rank, wide)?)?;
         for k in 0..rank {
-            let z = &self.along_z[k * width + from..][..count];
+            let row = &mut beside[k * wide..(k + 1) * wide];
+            row[..count].copy_from_slice(&self.along_z[k * width + from..][..count]);
+            (0..n).for_each(|j| row[count + j] = self.rest[k * n + j] - out.qe[k * n + j]);
+        }
+        let mut left = crate::memory::try_copy(WHAT, &self.own[at])?;
+        let mut along = crate::memory::try_copy(WHAT, &self.along_e[from * n..(from + count) * n])?;
+        let mut own = zeros(count)?;
+        own.iter_mut().enumerate().for_each(|(i, to)| *to = left[i * (count + 1)]);
+        let mut squares = crate::memory::try_copy(WHAT, of.squares)?;
+        squares.iter_mut().zip(&out.ee).for_each(|(s, e)| *s -= e);
+        if out.count > 0 {
+            let (mut within, mut ones) = (out.qq, zeros(rank)?);
+            within.iter_mut().for_each(|v| *v = -*v);
+            within.iter_mut().step_by(rank + 1).for_each(|v| *v += 1.0);
+            ones.fill(1.0);
+            beside = halved(&within, &ones, &beside, wide)?.unwrap_or_default();
+        }
+        for row in beside.chunks_exact(wide) {
+            let (z, e) = row.split_at(count);
             for i in 0..count {
                 (0..count).for_each(|j| left[i * count + j] -= z[i] * z[j]);
-                (0..n).for_each(|j| along[i * n + j] -= z[i] * self.rest[k * n + j]);
+                (0..n).for_each(|j| along[i * n + j] -= z[i] * e[j]);
+            }
+            if out.count > 0 {
+                (0..n * n).for_each(|k| squares[k] -= e[k / n] * e[k % n]);
             }
         }
-        explained(&left, &own, &along, of)
+        if out.count == 0 {
+            return explained(&left, &own, &along, of);
+        }
+        let nu = (given.size() - out.count).saturating_sub(beside.len() / wide);
+        let Some(of) = Outcomes::new(&squares, of.basis, n, nu)? else { return Ok(None) };
+        explained(&left, &own, &along, &of)
     }
 
     /// Tests whether each input has an effect: what its column in z adds to the others.

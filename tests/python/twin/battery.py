@@ -50,19 +50,30 @@ def tests(x, u, y, places, runs):
     s = (Z / rms)[:, chosen]
     k = s.shape[1]
     squares = np.column_stack([s[:, a] * s[:, b] for a in range(k) for b in range(a, k)])
-    lags = [wilks(y, Z, shifted(u, places, lag))[0] for lag in range(1, 9)
-            if (places >= lag).any()]  # fmt: skip
+
+    def earlier(by, *columns):
+        """What columns of the rows so many pairs before explain, of the rows that have them."""
+        has = places >= by if by >= 0 else np.append(places[1:], 0) > 0
+        if has.sum() <= Z.shape[1] + y.shape[1] + sum(one.shape[1] for one in columns):
+            return 1.0
+        extra = np.hstack([shifted(one, places, by) for one in columns])
+        return wilks(y[has], Z[has], extra[has])[0]
+
+    lags = [earlier(lag, u) for lag in range(1, 9)]
     own = []
     for run in np.unique(runs):
         inside = runs == run
         if inside.sum() > 1:
             own.append(wilks(y, Z, Z * inside[:, None])[0])
+    signs = [wilks(y, Z, np.sign(Z[:, [j]]))[0] for j in range(Z.shape[1])]
+    curves = [wilks(y, Z, squares)[0], wilks(y, Z, s**3)[0], *signs]
     half = wilks(y, Z, Z * (np.arange(N) >= N // 2)[:, None])[0]
     return {
         "offset": wilks(y, Z, np.ones((N, 1)))[0],
-        "memory": wilks(y, Z, np.hstack([shifted(x, places, 1), shifted(u, places, 1)]))[0],
+        "memory": earlier(1, x, u),
         "dead time": min(1.0, len(lags) * min(lags)),
-        "nonlinear": min(1.0, 2 * min(wilks(y, Z, squares)[0], wilks(y, Z, s**3)[0])),
+        "nonlinear": min(1.0, len(curves) * min(curves)),
         "change": min(1.0, 2 * min(half, len(own) * min(own))),
-        "late rows": wilks(y, Z, shifted(u, places, -1))[0],
+        "drift": wilks(y, Z, Z * places[:, None])[0],
+        "late rows": earlier(-1, u),
     }

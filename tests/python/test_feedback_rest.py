@@ -14,10 +14,10 @@ A, B = np.array([[1.1, 0.2], [-0.3, 0.9]]), np.array([[0.0], [1.0]])
 SHIFT = np.array([0.2, -0.1])
 
 
-def of_data(gen, *, N=60, sigma=0.05, intercept=False, declared=True, **options):
+def of_data(gen, *, N=60, sigma=0.05, intercept=False, declared=True, bound=1.0, **options):
     x, u = gen.standard_normal((N, 2)), gen.standard_normal((N, 1))
     y = x @ A.T + u @ B.T + sigma * gen.standard_normal((N, 2)) + intercept * SHIFT
-    known = {"sigma": sigma} if declared else {"design": "independent"}
+    known = {"sigma": bound * sigma} if declared else {"design": "independent"}
     data = se.Trajectories.from_pairs(x, u, y)
     return se.identify(data, intercept=intercept, checks=False, **known, **options)
 
@@ -165,6 +165,6 @@ def test_the_covariance_is_bounded_as_often_as_said():
 def test_noise_without_a_gaussian_law_has_no_tube():
     gen = np.random.default_rng(5)
     for law in ("sub-gaussian", "bounded"):
-        proof = se.gain(of_data(gen, noise=law), 1.0, 0.1).certificate(0.1)
+        proof = se.gain(of_data(gen, noise=law, bound=4.0), 1.0, 0.1).certificate(0.1)
         with pytest.raises(InputError, match="`noise` needs a bound"):
             proof.tube([1.0, 0.0], 5, noise=0.05)

@@ -395,8 +395,8 @@ def test_fresh_units_of_another_step_or_of_other_names_are_refused() -> None:
     plan = se.control(units[0], [1.0], [0.0], steps=2)
     other = se.System([[1.0]], [[1.0]], states=["w"], inputs=["F"]).labels
     for check in (lambda fresh: fleet.validate(fresh, 0.1), plan.validate):
-        check(se.SystemEnsemble(A + 0.1, B))  # without names and dt: by position
-        check(se.SystemEnsemble(A + 0.1, B, dt=0.05 * (1.0 + 1e-12), labels=names))
+        check(se.SystemEnsemble(A + 0.05, B))  # without names and dt: by position
+        check(se.SystemEnsemble(A + 0.05, B, dt=0.05 * (1.0 + 1e-12), labels=names))
         with pytest.raises(ShapeError, match=r"must have dt=0\.05 as this plan, got dt=0\.1"):
             check(se.SystemEnsemble(A + 0.1, B, dt=0.1))
         with pytest.raises(InputError, match="'w'"):
@@ -445,7 +445,7 @@ def test_a_risk_gives_its_threshold(risk) -> None:
 def test_units_that_leave_their_limits_have_no_threshold() -> None:
     limits = se.Limits(x=(None, 1.1), soft=False)
     plan = se.control_fleet(gains(0.9, 1.0), [0.0], [1.0], 1, limits=limits, risk="worst")
-    fresh = gains(*([1.0] * 15 + [5.0] * 5))
+    fresh = gains(*([0.95] * 15 + [5.0] * 5))
     with pytest.raises(InputError, match="more of them leave their limits"):
         plan.validate(fresh, 0.1, epsilon=0.3)
     assert plan.validate(fresh, 0.1, epsilon=0.5).threshold < 1.0

@@ -170,8 +170,8 @@ def test_what_rounding_decides_is_said_to_be_so():
 @pytest.mark.parametrize(
     ("Q", "R", "text"),
     [
-        (1.0, 0.0, "`R` must be positive definite, got 0"),
-        (1.0, -1.0, "`R` must be positive definite, got -1"),
+        (1.0, 0.0, "`R` must be positive definite, got float 0.0"),
+        (1.0, -1.0, "`R` must be positive definite, got float -1.0"),
         (1.0, [0.0], "`R` must be positive definite, got the entry 0"),
         (1.0, [[-2.0]], "`R` must be positive definite, its least eigenvalue is -2"),
         (1.0, [[0.0]], "`R` must be positive definite, its least eigenvalue is 0"),

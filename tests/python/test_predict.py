@@ -42,6 +42,7 @@ def test_the_bounds_are_those_of_a_plan_with_these_inputs(intercept):
     assert np.array_equal(again.bound().tube, same.bound().tube)
 
 
+@pytest.mark.filterwarnings("ignore:the residuals are")  # by chance, once in 300
 def test_tubes_contain_whole_runs_under_feedback():
     """300 models, one run each that was kept apart, in which inputs react to the states.
 
@@ -103,13 +104,14 @@ def test_no_argument_is_modified_or_kept():
 
 def test_entry_bounds_of_known_entries_and_missing_directions():
     x, u = runs(np.random.default_rng(1), 20)
-    x[:, 1:, 0] = x[:, :-1] @ A[0]  # the first row is exact
+    x, u = x[:, :2], u[:, :1]
     known = np.array([[0.9, np.nan], [np.nan, np.nan]])
     model = se.identify(se.Trajectories(x, u), known_A=known, sigma=0.05, checks=False)
     bounds = model.region(0.05).entry_bounds
     assert bounds[0, 0] == 0.0
     assert np.all(bounds.ravel()[1:] > 0.0)
-    still = se.Trajectories(x, np.zeros_like(u))
+    x[:, 1] -= u[:, 0] @ B.T
+    still = se.Trajectories(x, 0.0 * u)
     with pytest.warns(se.exceptions.DataWarning, match="do not determine"):
         region = se.identify(still, sigma=0.05, checks=False).region(0.05)
     assert np.all(np.isinf(region.entry_bounds[:, 2]))

@@ -206,7 +206,7 @@ def rig_loop(model, policy, offset_free, seed=2, **options):
 @pytest.fixture(scope="module")
 def rig_model():
     data = Rig().data(40, np.random.default_rng(1))
-    return se.identify(data, lags=8, checks=False)
+    return se.identify(data, lags=8, accept="memory", checks=False)
 
 
 def test_a_constant_force_on_the_rig(rig_model):
@@ -363,7 +363,7 @@ def test_gains_of_outputs():
 def test_the_widest_margin_of_long_windows(lags, intercept):
     """Their states nearly depend on each other: the proof needs more room for its rounding."""
     data = Rig().data(40, np.random.default_rng(2))
-    model = se.identify(data, lags=lags, intercept=intercept, checks=False)
+    model = se.identify(data, lags=lags, intercept=intercept, accept="memory", checks=False)
     loop = se.gain(model)
     proof = loop.certificate(0.05)
     assert proof.status == "certified"
@@ -373,7 +373,7 @@ def test_the_widest_margin_of_long_windows(lags, intercept):
 
 def test_a_chosen_window_that_is_refuted_points_to_a_shorter_one():
     data = Rig().data(20, np.random.default_rng(4))
-    model = se.identify(data, checks=False)
+    model = se.identify(data, accept="memory", checks=False)
     assert model.window.found is not None
     proof = se.gain(model, [1.0, 10.0], 0.01).certificate(0.05)
     assert proof.status == "refuted"
@@ -381,7 +381,7 @@ def test_a_chosen_window_that_is_refuted_points_to_a_shorter_one():
     assert f"; careful: the data chose the window of {model.window.text}: a shorter" in repr(proof)
     assert f"declared beforehand (as {few}), has a smaller region" in proof.warnings[0]
     assert proof.warnings[1:] == model.warnings
-    declared = se.identify(data, lags=model.window.count, checks=False)
+    declared = se.identify(data, lags=model.window.count, accept="memory", checks=False)
     proof = se.gain(declared, [1.0, 10.0], 0.01).certificate(0.05)
     assert proof.status == "refuted"
     assert proof.warnings == declared.warnings
@@ -390,7 +390,7 @@ def test_a_chosen_window_that_is_refuted_points_to_a_shorter_one():
 def test_certificates_of_loops_show_the_warnings_of_the_model():
     """Residuals of two lags where the plant needs more are correlated far beyond chance."""
     data = Rig().data(40, np.random.default_rng(2))
-    model = se.identify(data, lags=8, tail=0.05)
+    model = se.identify(data, lags=8, accept="memory")
     loop = se.gain(model, [1.0, 10.0], 0.01)
     for proof in (loop.certificate(0.05), se.regulate(loop, offset_free=True).certificate(0.05)):
         assert proof.warnings[-len(model.warnings) :] == model.warnings
@@ -402,7 +402,7 @@ def test_certificates_of_loops_show_the_warnings_of_the_model():
 def test_windows_in_statements_about_states():
     """A window is known exactly; the tube is that of the mean of the readings."""
     data = Rig().data(40, np.random.default_rng(2))
-    model = se.identify(data, lags=8, checks=False)
+    model = se.identify(data, lags=8, accept="memory", checks=False)
     proof = se.gain(model, [1.0, 10.0], 0.01).certificate(0.05)
     record = data.last_record()
     with pytest.raises(InputError, match=r"got a record: pass the window, model.window.state_of"):
@@ -410,7 +410,7 @@ def test_windows_in_statements_about_states():
     x = model.window.state_of(*record)
     assert np.isfinite(proof.tube(x, 10).reach).all()
     assert proof.holds((-10.0, 10.0), x) > 0.0
-    offset = se.identify(data, lags=8, intercept=True, checks=False)
+    offset = se.identify(data, lags=8, accept="memory", intercept=True, checks=False)
     with pytest.raises(InputError, match="`holds` needs a loop that rests at 0"):
         se.gain(offset, [1.0, 10.0], 0.01).certificate(0.05).holds((-10.0, 10.0), x)
 
@@ -479,7 +479,7 @@ def test_from_a_folder_of_logs_to_a_certified_loop(tmp_path):
 
     columns = {"outputs": ["pos", "angle"], "inputs": ["force"], "time": "time"}
     data = se.Trajectories.from_csv(tmp_path, **columns, dt=0.02)
-    model = se.identify(data, lags=8, checks=False)
+    model = se.identify(data, lags=8, accept="memory", checks=False)
     loop = se.regulate(se.gain(model, [1.0, 10.0], 0.01), limits=(-8.0, 8.0), offset_free=True)
     assert loop.certificate(0.05).status == "certified"
 

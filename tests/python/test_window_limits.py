@@ -8,6 +8,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.identification import Window
+from stochens_rs.identification.assumptions import ACCEPTED
 from test_window_coverage import arx_runs, filter_runs, hidden_arx, missed, padded
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -71,7 +72,7 @@ def test_the_smallest_tube_over_all_lags_is_no_choice():
         y, u = data.last_record()
         found = []
         for lags in range(1, 9):
-            model = se.identify(data, lags=lags, checks=False)
+            model = se.identify(data, lags=lags, accept=ACCEPTED, checks=False)
             x0 = model.window.state_of(y[:-10], u[:-10])
             around = model._loop.ABc, model._loop.J, model._loop.G, model.m
             core = model.region(0.05)._core

@@ -194,21 +194,23 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         "steps": html.number_of(first, "step"),
         "longer": f", or a longer window: lags={first + 1}" if window is not None else "",
         "signals": signals,
-        "part": _part(test, model) if name == "change" else "",
+        "part": _part(test) if name == "change" else "",
     }
     text = TEXTS[name].format(**values)
+    if name == "dead time" and window is not None and first < window.delay:
+        text = "inputs {steps} earlier explain {share}: the delay is shorter; pass delay={lag}"
+        text = text.format(**values)
     if name == "memory" and window is not None:
         text = window._short(test.share)
     return f"{text} (p = {test.p_value:.1g}; or accept={name!r})"
 
 
-def _part(test: Tested, model: Any) -> str:
+def _part(test: Tested) -> str:
     """Which part of the data has a model of its own."""
     if not len(test.at):
         return "the halves of the data have models of their own"
-    runs = len((model.data._whole or model.data).lengths) >= 4
-    at = int(test.at[0])
-    which = f"run {at}" if runs else f"part {at + 1} of 8"
+    at = test.at.tolist()
+    which = f"run {at[0]}" if len(at) == 1 else f"part {at[0] + 1} of {at[1]}"
     return f"{which} has a model of its own"
 
 

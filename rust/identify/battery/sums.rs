@@ -12,8 +12,10 @@ use crate::parallel::Stop;
 
 /// Pairs that are taken at a time.
 const BLOCK: usize = 512;
-/// Pieces of equal length in place of runs, where there are fewer runs.
+/// Pieces of equal length in place of runs, where there are few or short ones.
 const PIECES: usize = 8;
+/// Rows of a run for each regressor, below which a model of its own fits what made the regressors too.
+const ROWS: usize = 4;
 
 /// What one pass over the pairs adds up.
 pub(super) struct Sums<'a> {
@@ -34,6 +36,7 @@ pub(super) struct Sums<'a> {
     /// The strongest model of its own of a run or piece, and how many were looked at.
     own_model: Option<(usize, Explained)>,
     looked: usize,
+    in_runs: bool,
 }
 
 /// Products of the regressors q and residuals e of some rows: q q', q e' and e e'.
@@ -91,9 +94,11 @@ impl<'a> Sums<'a> {
             short,
             own_model: None,
             looked: 0,
+            in_runs: false,
             columns,
         };
         let pieces = Pieces::of(given, rank);
+        sums.in_runs = !pieces.runs.is_empty();
         let mut piece = (square(rank, rank)?, square(rank, n)?, 0);
         let (mut q, mut e, mut g) = (square(BLOCK, rank)?, square(BLOCK, n)?, square(BLOCK, width)?);
         let (mut white, mut group) = (square(of.p, 1)?, square(BLOCK, width.max(1))?);
@@ -182,7 +187,7 @@ impl<'a> Sums<'a> {
     /// The test of a model of its own of one piece: the columns q of its rows alone, of which `V - V V` is left.
     fn finish(&mut self, (v, b, count): &(Vec<f64>, Vec<f64>, usize), number: usize, of: &Outcomes<'_>) -> Result<()> {
         let rank = v.len().isqrt();
-        if *count < 2 || rank == 0 {
+        if *count < 2.max(ROWS * rank) || rank == 0 {
             return Ok(());
         }
         let mut left = zeros(rank * rank)?;
@@ -247,18 +252,19 @@ impl<'a> Sums<'a> {
         }
         let run = self.own_model.clone().map(|(run, found)| {
             let p_value = (found.p_value * self.looked as f64).min(1.0);
-            (run, Explained { p_value, ..found })
+            let at = if self.in_runs { Vec::from([run]) } else { Vec::from([run, PIECES]) };
+            (at, Explained { p_value, ..found })
         });
         let double = |found: Explained| Explained { p_value: (2.0 * found.p_value).min(1.0), ..found };
         match (halves, run) {
             (Some(half), Some((run, found))) if found.p_value < half.p_value => {
-                push(tests, "change", double(found), Vec::from([run]))?;
+                push(tests, "change", double(found), run)?;
             }
             (Some(half), other) => {
                 let half = if other.is_some() { double(half) } else { half };
                 push(tests, "change", half, Vec::new())?;
             }
-            (None, Some((run, found))) => push(tests, "change", found, Vec::from([run]))?,
+            (None, Some((run, found))) => push(tests, "change", found, run)?,
             (None, None) => {}
         }
         self.clipped(of, tests)
@@ -393,9 +399,9 @@ impl<'a> Pieces<'a> {
         let none = Self { runs: &[], equal: size.max(1), count: 1 };
         if given.marked.is_some() || cost > 1e9 {
             none
-        } else if count >= 4 {
-            if 2 * count > size { none } else { Self { runs: given.runs, equal: 0, count } }
-        } else if size >= PIECES * (rank + 2) {
+        } else if count >= 4 && size >= ROWS * count * rank.max(1) {
+            Self { runs: given.runs, equal: 0, count }
+        } else if size >= PIECES * (ROWS * rank + 2) {
             Self { runs: &[], equal: size.div_ceil(PIECES), count: PIECES }
         } else {
             none

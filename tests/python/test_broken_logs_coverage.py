@@ -12,8 +12,6 @@ from broken_logs import DELTA, FAULTS, PLANTS, clean, counted, outcome
 from coverage_study import at_most, most, sets
 
 pytestmark = pytest.mark.slow
-# Without tests of the log behind `Model.tests`, most of these faults are certified and false.
-NEEDED = pytest.mark.skipif(not hasattr(se.Model, "tests"), reason="needs `Model.tests`")
 
 UNSEEN = [(kind, name) for kind, about in FAULTS.items() for name in about.unseen]
 
@@ -23,7 +21,6 @@ def outcomes(kind, name, count):
     return counted(kind, name, 1, count) + counted(kind, name, 2, count)
 
 
-@NEEDED
 @pytest.mark.parametrize("kind", FAULTS)
 def test_what_is_certified_of_broken_logs_is_true(kind):
     """Wrong and finite at most as often as at 95 %, of each plant and of all; alarm 1e-4 each."""

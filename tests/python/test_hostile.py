@@ -286,7 +286,9 @@ OWN = {
     "simulate_ensemble": {"size": 5},
     "track": {"size": 5},
     "Regulator": {"task": TASK},
+    "FleetPlan.validate": {"new_units": [(0.9 * A, B)]},
     "Region.bound": {"u": X0},
+    "Region.contains": {"B": B},
     "Region.component_bounds": {"u": X0},
     "approximately": {"sizes": (2, 5)},
     "required_samples": {"runs": 5},
@@ -474,6 +476,14 @@ def test_good_arguments_pass(label, tmp_path, monkeypatch):
         assert (found.system.B == B).all()
         assert found.x0 is found.xf is None
         return
+    if label == "read_matpower":
+        path = tmp_path / "two.m"
+        tables = ["mpc.baseMVA = 100"]
+        for name in ("bus", "gen", "branch"):
+            rows = ";\n".join(" ".join(map(str, row)) for row in TWO_BUSES[name])
+            tables.append(f"mpc.{name} = [\n{rows};\n]")
+        path.write_text("function mpc = two\n" + ";\n".join([*tables, ""]))
+        monkeypatch.setitem(GOOD, "path", path)
     call(label, parameters, obj, owner, None, None)
 
 

@@ -304,7 +304,7 @@ def test_the_forecast_of_runs_is_what_it_takes(kind, sigma):
             assert (x.max(axis=0) <= [1.2, 0.3]).all()
         found.append((before.missing, after.certificate.target / tol))
     missing, ratios = np.array(found).T
-    assert (missing > 0.0).any() == (kind == "states" and sigma is None)  # a wide tube
+    assert not missing.any()
     assert 0.75 < ratios.min() < 1.1
     assert 0.9 < ratios.max() < (1.45 if kind == "states" else 1.25)
 

@@ -202,6 +202,7 @@ def test_a_design_that_depends_on_the_noise_is_not_independent():
     at_most(failed[1], runs)
 
 
+@pytest.mark.usefixtures("noise_by_formula")
 def test_noise_that_is_larger_than_declared_fails():
     runs, Theta = 100, np.array([[0.5, 1.0]])
 

@@ -149,7 +149,12 @@ def test_exact_regions_contain_the_truth_at_their_level() -> None:
 
 def test_noise_that_is_larger_than_declared_shows() -> None:
     function = se.studies.coverage(
-        (A, B), [1, 0], [0, 0], noise=0.1, identify={"sigma": 0.1, "accept": "noise size"}, bound={"noise": True}
+        (A, B),
+        [1, 0],
+        [0, 0],
+        noise=0.1,
+        identify={"sigma": 0.1, "accept": "noise size"},
+        bound={"noise": True},
     )
     found = se.Study(function, {"noise": [0.1, 0.5]}, replicates=200, rng=1).run()
     fair, wrong = found.values["inside"].sum(axis=1)

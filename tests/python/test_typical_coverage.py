@@ -108,6 +108,7 @@ def test_with_noise_and_with_feedback(known: bool) -> None:
     assert accepted(exceeded("n3 radius 1.05", 10, known, feedback=0.5))
 
 
+@pytest.mark.usefixtures("noise_by_formula")
 def test_a_wrong_declaration_makes_it_wrong() -> None:
     """Sigma declared at half: more than a fifth of the sets."""
     assert exceeded("n2 stable", 10, True, declared=0.5) > 0.2 * SETS

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 LEVEL = 5e-4  # of each test: together below 0.01
 FEW = 5  # runs that end beyond one limit, from which it ended them
 CLEAR = 100.0  # times what rounding may change: residuals that are noise
+LARGE = 0.2  # share of the variance
 NO_EFFECT = 1e-3  # p-value from which an input has no effect that is seen
 # Of which law each test asks more than a mean of 0.
 OF_GAUSSIAN = ("outliers", "variance", "noise shape")
@@ -44,7 +45,7 @@ TEXTS = {
     "cut them, or pass them as missing (nan)",
     "clipped": "residuals depend on whether a reading is at its largest or least value{most}: the "
     "end of the range of a sensor; cut these rows",
-    "late rows": "the inputs have no effect, and those of the next row explain {share}: rows hold "
+    "late rows": "the inputs of the next row explain {share}, which no feedback does: rows hold "
     "the state after their action; pass delay=-1",
     "dead time": "inputs {steps} earlier explain {share}: a dead time; pass delay={lag}{longer}",
     "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
@@ -96,8 +97,12 @@ def tested(model: Any) -> dict[str, Tested]:
     given = rows, f, basis, raw._rows, at, pieces, runs[at], of, beyond, extra
     found = _smallest(_core.battery(*given, None))
     found |= _smallest(noise_tested(f, model.assumptions, span.rows))
-    if _may_be_late(found):
-        found["late rows"] = _late(model, found["late rows"])
+    late = found.pop("late rows", NONE)
+    if late.p_value <= LEVEL:
+        if window is None and _no_effect(found):
+            found["late rows"] = _late(model, late)
+        elif window is not None and late.share > LARGE and _follow(raw, at, rows):
+            found["late rows"] = late
     if data._whole is not None:
         found |= _before_last(model, raw, found)
     if model.pilot is not None or data._whole is not None:
@@ -275,11 +280,27 @@ def _explained(z: Floats, y: Floats, extra: Floats) -> dict[str, Tested]:
     return _smallest(_core.battery(rows, f, *given, np.ascontiguousarray(extra), None))
 
 
-def _may_be_late(found: dict[str, Tested]) -> bool:
+def _no_effect(found: dict[str, Tested]) -> bool:
     effects = [test.p_value for name, test in found.items() if name.startswith("effect")]
-    if not effects or min(effects) <= NO_EFFECT:
-        found.pop("late rows", None)
-    return "late rows" in found and found["late rows"].p_value <= LEVEL
+    return bool(effects) and min(effects) > NO_EFFECT
+
+
+def _follow(raw: Trajectories, at: NDArray[np.int64], rows: Floats) -> bool:
+    """Whether readings follow the inputs of the next row: these do not depend on the window.
+
+    Those of a feedback do, as far as the window predicts the readings.
+    """
+    n = raw.n
+    later = np.flatnonzero(np.append(raw._pieces.places()[1:], 0)[at])
+    z, y, u = rows[later, :-n], rows[later, -n:], raw._rows[at[later] + 1, n:-n]
+    one = np.ones((len(u), 1))
+    window, inputs = _explained(one, y, z).get("memory"), _explained(one, u, z).get("memory")
+    return (
+        window is not None
+        and window.each.min() > 1.0 - LARGE
+        and inputs is not None
+        and inputs.p_value > NO_EFFECT
+    )
 
 
 def _late(model: Any, test: Tested) -> Tested:

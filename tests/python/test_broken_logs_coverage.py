@@ -7,7 +7,6 @@ from collections import Counter
 import numpy as np
 import pytest
 
-import stochens_rs as se
 from broken_logs import DELTA, FAULTS, PLANTS, clean, counted, outcome
 from coverage_study import at_most, most, sets
 

@@ -240,7 +240,8 @@ class Window(Record):
         self, data: Trajectories, first: int
     ) -> tuple[NDArray[np.int64], tuple[int, int, int], Floats | None]:
         """The pairs of complete windows, the first lags that are outside, how many inputs are
-        later than all in it, and one filter more."""
+        later than all in it, and one filter more.
+        """
         starts = (data._pieces.places() == 0).tolist()
         at = self._core.rows(data._rows, starts)[1]
         at = at[at >= first]

@@ -239,10 +239,10 @@ def test_the_lag_test_is_exact_for_one_row():
         for k, acting in enumerate(u):
             x.append(0.6 * x[-1] + acting + w[k + 1] + late * w[k])
         rows = np.hstack([np.array(x[:-1]), u])
-        Z, earlier, y = rows, np.vstack([0 * rows[:1], rows[:-1]]), np.array(x[1:])
+        Z, earlier, y = rows[1:], rows[:-1], np.array(x[2:])  # the first has no row before it
         wide = np.hstack([Z, earlier])
         S0, S1 = (np.sum((y - R @ np.linalg.lstsq(R, y, rcond=None)[0]) ** 2) for R in (Z, wide))
-        p = stats.f.sf((S0 / S1 - 1.0) * (40 - 4) / 2, 2, 40 - 4)
+        p = stats.f.sf((S0 / S1 - 1.0) * (39 - 4) / 2, 2, 39 - 4)
         model = se.identify(se.Trajectories(np.array(x), u), checks=False)
         assert model.tests["memory"] == pytest.approx(p, rel=1e-6)
         assert model._tested["memory"].share == pytest.approx(1.0 - S1 / S0)

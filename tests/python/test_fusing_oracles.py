@@ -552,3 +552,54 @@ def test_for_matrices_only_the_frobenius_norm(engine: Any) -> None:
     assert errors["alse"].error < errors["uniform"].error
     assert abs(spectral["alse"] - 1.035) < 5e-4
     assert abs(spectral["uniform"] - 0.943) < 5e-4
+
+
+def least_square(E: list[Exact], goal: Exact) -> Fraction:
+    """The least ``|sum w_i E_i - goal|^2`` of the simplex, over the faces on which it is inside."""
+    found = []
+    for size in range(1, len(E) + 1):
+        for *others, last in itertools.combinations(E, size):
+            D = [[a - b for a, b in zip(e, last, strict=True)] for e in others]
+            r = [a - b for a, b in zip(goal, last, strict=True)]
+            rows = [[*(dot(a, b) for b in D), dot(a, r)] for a in D]
+            for k in range(len(D)):
+                pivot = next((i for i in range(k, len(D)) if rows[i][k]), None)
+                if pivot is None:
+                    break
+                rows[k], rows[pivot] = rows[pivot], rows[k]
+                rows[k] = [v / rows[k][k] for v in rows[k]]
+                for i in set(range(len(D))) - {k}:
+                    factor = rows[i][k]
+                    rows[i] = [a - factor * b for a, b in zip(rows[i], rows[k], strict=True)]
+            else:
+                w = [row[-1] for row in rows]
+                if min([*w, 1 - sum(w)]) >= 0:
+                    off = [
+                        sum(v * d[j] for v, d in zip(w, D, strict=True)) - r[j]
+                        for j in range(len(r))
+                    ]
+                    found.append(dot(off, off))
+    return min(found)
+
+
+def test_gaps_of_alse_hold_for_targets_of_any_size() -> None:
+    """Targets down to 1e-50 of the realizations, in rational numbers; some hulls hold 0."""
+    optimal = 0
+    for seed in range(150):
+        gen = np.random.default_rng([88, seed])
+        n, d = int(gen.integers(2, 5)), int(gen.integers(1, 3))
+        E = gen.standard_normal((n, d, d)) * 10.0 ** gen.uniform(-3.0, 3.0)
+        E -= E.mean(axis=0) * (seed % 3 == 0)
+        goal = gen.standard_normal((d, d)) * 10.0 ** -gen.uniform(0.0, 50.0 * (seed % 2))
+        fused = se.fuse(se.Ensemble.from_samples(E), "alse", target=goal)
+        exact = [[Fraction(v) for v in e.ravel().tolist()] for e in E]
+        t, w = (
+            [Fraction(v) for v in goal.ravel().tolist()],
+            [Fraction(v) for v in fused.weights.tolist()],
+        )
+        off = [sum(a * e[j] for a, e in zip(w, exact, strict=True)) - t[j] for j in range(len(t))]
+        excess = dot(off, off) - least_square(exact, t)
+        assert excess <= Fraction(fused.gap)
+        optimal += fused.status == "optimal"
+        assert fused.status != "optimal" or excess <= dot(t, t) / 10**9
+    assert 50 < optimal < 140

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy import optimize
 
 import stochens_rs as se
 from hidden_systems import KINDS, drawn
@@ -235,3 +236,26 @@ def test_limits_of_states_from_data_leave_what_each_state_can_be_wrong_by(gen):
                 np.abs(plan.predicted_states) + bands <= [1.2, 1.0] * scale + 1e-9 * scale
             ).all()
     assert statuses == ["optimal", "optimal"]
+
+
+def test_a_weight_of_the_inputs_alone_keeps_hard_limits_of_states():
+    limits, K = se.Limits(x=(None, 0.9), soft=False), 6
+    cost = se.Cost(Q=0.0, Qf=0.0, R=1.0)
+    plan = se.control(([[1.1]], [[1.0]]), [1.0], [0.0], steps=K, cost=cost, limits=limits)
+    S = np.tril(1.1 ** np.subtract.outer(np.arange(K), np.arange(K)).clip(0))
+    free = 1.1 ** np.arange(1, K + 1)
+    found = optimize.minimize(
+        lambda u: u @ u, np.full(K, -0.2), jac=lambda u: 2.0 * u, method="SLSQP",
+        constraints={"type": "ineq", "fun": lambda u: 0.9 - free - S @ u},
+    )  # fmt: skip
+    assert plan.status == "optimal"
+    np.testing.assert_allclose(plan.u[:, 0], found.x, atol=1e-6)
+    assert (free + S @ plan.u[:, 0]).max() <= 0.9 + 1e-12
+
+
+@pytest.mark.parametrize("size", [1e-12, 1e-16, 1e-150])
+def test_a_gap_is_finite_where_the_cost_is_nearly_nothing(size):
+    how = {"steps": 6, "cost": se.Cost(R=1.0), "limits": (-1.0, 1.0)}
+    plan = se.control(([[0.9]], [[1.0]]), [size], [0.0], **how)
+    assert plan.status == "optimal"
+    assert plan.gap <= 1e-9 * size**2

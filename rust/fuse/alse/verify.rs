@@ -31,7 +31,11 @@ pub(super) fn verify(
     let vertex = if set == Weights::Subsimplex { 0.0 } else { f64::INFINITY };
     let smallest = gradient.iter().fold(vertex, |m, g| m.min(g / scale));
     let at_solution: f64 = gradient.iter().zip(&weights).map(|(g, w)| g / scale * w).sum();
-    let gap = simplex::nonnegative(2.0 * (at_solution - smallest));
+    // r and its products are rounded: eps (||r|| (entries + 2) + 4 size) in units of scale, for a realization of that size
+    let size = norm / scale;
+    let far = residual.iter().fold(0.0, |far: f64, r| far.hypot(*r));
+    let rounding = f64::EPSILON * size * (far * (target.len() + 2) as f64 + 4.0 * size);
+    let gap = simplex::nonnegative(2.0 * (at_solution - smallest + rounding));
     let squared_target: f64 = target.iter().map(|t| (t / scale).powi(2)).sum();
     let zero = target.iter().all(|t| *t == 0.0);
     let reference = if zero { (norm / scale).powi(2) } else { squared_target };

@@ -56,13 +56,19 @@ pub(crate) fn certify(op: &dyn Operator, target: &[f64], w: &[f64]) -> Result<Ce
     for term in [at.0, -minimum.0, at.1, -minimum.1] {
         gap.add(term);
     }
+    // weights whose sum is 1 but for rounding are compared with those of the simplex
+    let mut sum = Sum::default();
+    w.iter().for_each(|w| sum.add(*w));
+    // and r is rounded: eps / 2 of it and eps^2 of each of its terms, times the distance of two realizations
+    let rounding = crate::vector::norm(&residual) + f64::EPSILON * w.len() as f64 * largest;
+    let off = ((sum.value() - 1.0) * at.0).abs() + f64::EPSILON * rounding * largest;
     let (objective, rest) = dot(&residual, &residual);
 
     // Each entry of S w is a sum of products rounded at most once per factor: a few units in the last place of the target.
     let size = crate::vector::norm(target).max(crate::vector::norm(&image));
     Ok(Certificate {
         objective: objective + rest,
-        gap: nonnegative(2.0 * gap.value()),
+        gap: nonnegative(2.0 * (gap.value() + off)),
         exact: objective.sqrt() <= 16.0 * f64::EPSILON * size,
     })
 }

@@ -82,6 +82,14 @@ def read(gen, dead=0, error=0.0, noise=NOISE):
     return of(y, u, outputs=True)
 
 
+def heading(gen):
+    """An angle held at the end of its range, where many jumps are undone at once, as spikes are."""
+    x, inputs = [np.zeros(1)], gen.standard_normal((400, 1))
+    for u in inputs:
+        x.append(0.98 * x[-1] + 2.0 * u + 0.1 * gen.standard_normal(1))
+    return of(np.array(x) % 360.0, inputs)
+
+
 def twice(data):
     return [data, data]
 
@@ -94,7 +102,8 @@ FAULTS = {
     "late rows": (late_rows, {}, "late rows"),
     "one spike": (lambda g: spikes(g, 1, 5.0), {}, "spikes"),
     "eight spikes": (lambda g: spikes(g, 8, 1.0), {}, "spikes"),
-    "wrapped angle": (wrapped, {}, "wrap spikes"),
+    "wrapped angle": (wrapped, {}, "wrap"),
+    "wrapped heading": (heading, {}, "wrap"),
     "sigma at a third": (lambda g: of(*runs(g, 5, 20)), {"sigma": NOISE / 3}, "noise size"),
     "bound at a third": (
         lambda g: of(*runs(g, 5, 20)),

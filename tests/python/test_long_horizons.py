@@ -109,6 +109,7 @@ def test_public_cases(A, B, x0, steps, limit, J, first):
     plan = se.control((A, B), x0, 0 * np.array(x0), steps=steps, limits=(-limit, limit), cost=COST)
     assert plan.status == "optimal"
     assert plan.objective == pytest.approx(J, rel=1e-3)
+    assert not plan.warnings  # the rank of C_K is that of C_n, whatever is left of it in doubles
     least, v = conic(np.array(A), np.array(B), np.array(x0), steps, u=limit)
     assert plan.objective == pytest.approx(least, rel=1e-6)
     np.testing.assert_allclose(plan.u[0], v[0], rtol=1e-3)

@@ -16,6 +16,7 @@ from ..exceptions import InputError, InputTypeError, ShapeError
 from ..fusion.fits import Fit
 from ..system import System
 from ..theory import dynamics
+from ..theory.exact import Best, factors
 
 if TYPE_CHECKING:
     from typing import TypeGuard
@@ -173,10 +174,17 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
     return K, "diagonal"
 
 
-def step_warnings(n: int, m: int, K: int, rank: int, *, exact: bool) -> tuple[str, ...]:
-    """Warnings about an estimated C_K; for one step it is B, which is exact."""
+def step_warnings(found: Best, *, exact: bool) -> tuple[str, ...]:
+    """Warnings about an estimated C_K; for one step it is B, which is exact.
+
+    C_K has the rank of C_n for K > n (Cayley and Hamilton); rounding hides it where A grows.
+    """
+    (n, m), K, rank = found.B.shape, found.steps, len(found.factors.s)
     if K == 1:
         return ()
+    if rank < n < K:
+        C = dynamics.controllability(dynamics.matrix_powers(found.A, n - 1), found.B)
+        rank = max(rank, len(factors(C).s))
     if rank < n:
         return (
             f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "

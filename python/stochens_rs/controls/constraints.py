@@ -21,7 +21,6 @@ from .cost import Cost, as_cost
 from .entries import Named, pair_of
 from .limits import Limits, as_limits
 
-REGULAR = 1e-8  # R="auto": this share of the mean eigenvalue of G'QG, printed with the plan
 SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of Q
 
 

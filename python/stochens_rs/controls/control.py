@@ -233,8 +233,7 @@ def _estimates_control(
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = found.factors.singular_values
     sure = matrix.size is None or task is not None
-    of_steps = step_warnings(n, m, K, reachability.rank, exact=sure)
-    info["warnings"] = mean_warnings(system) + of_steps
+    info["warnings"] = mean_warnings(system) + step_warnings(found, exact=sure)
     x0_known, xf_known, A_known = (
         known(entity.name, entity.value, estimate)
         for entity, estimate in zip(entities, (start, goal, A), strict=True)

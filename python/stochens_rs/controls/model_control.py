@@ -96,7 +96,7 @@ def model_control(
     info["warnings"] = (
         *beyond_data(model, predicted, u),
         *model.warnings,
-        *step_warnings(n, m, K, reachability.rank, exact=False),
+        *step_warnings(found, exact=False),
     )
     return trusted(
         Plan,

@@ -97,6 +97,8 @@ def tested(model: Any) -> dict[str, Tested]:
     given = rows, f, basis, raw._rows, at, pieces, runs[at], of, beyond, extra
     found = _smallest(_core.battery(*given, None))
     found |= _smallest(noise_tested(f, model.assumptions, span.rows))
+    if "spikes" in found:
+        found |= _wraps(raw, found["spikes"])
     late = found.pop("late rows", NONE)
     if late.p_value <= LEVEL:
         if window is None and _no_effect(found):
@@ -278,6 +280,18 @@ def _explained(z: Floats, y: Floats, extra: Floats) -> dict[str, Tested]:
         (FAR, FAR, 0),
     )
     return _smallest(_core.battery(rows, f, *given, np.ascontiguousarray(extra), None))
+
+
+def _wraps(raw: Trajectories, spikes: Tested) -> dict[str, Tested]:
+    """The test "wrap" of jumps of one size, of which few are undone in the next step, as spikes."""
+    x, _, y = raw.pairs()
+    step = np.abs(y - x)
+    jump = step.max(axis=0)
+    large = step > 0.5 * jump
+    alike = (jump > 0.5 * np.ptp(y, axis=0)) & (~large | (step > 0.8 * jump)).all(axis=0)
+    at = np.flatnonzero(alike & (large.sum(axis=0) > 2.5 * len(spikes.at)))[:1]
+    wrap = spikes._replace(at=at, share=jump[at].sum())
+    return {"spikes": NONE, "wrap": wrap} if len(at) else {}
 
 
 def _no_effect(found: dict[str, Tested]) -> bool:

@@ -159,8 +159,8 @@ def _refuse_useless(z: Floats, names: Sequence[Any], n: int) -> None:
                 + (
                     ": leave it out; an offset is intercept=True of identify"
                     if k < n
-                    else " and says nothing of B: excite it, as by the rows before a step; or pass "
-                    "arrays to Trajectories, and declare it known, by known_B= of identify"
+                    else " and says nothing of B: excite it, as by the rows before a step; or, for "
+                    "states, pass arrays to Trajectories, and B to identify as known_B="
                 )
             )
         shape = (np.round(column / top, 9) + 0.0).tobytes()

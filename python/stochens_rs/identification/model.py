@@ -103,13 +103,10 @@ class Model(SavedRecord, Identified, Tabled):
         validation.kept("triangle", self.triangle, shape=(d + n,) * 2)
         if self.scale is not None:
             validation.kept("scale", self.scale, shape=(d,))
-        if self.known is not None and validation.instance(
-            "known", self.known, np.ndarray
-        ).shape != (
-            n,
-            d,
-        ):
-            raise ShapeError(f"`known` must have shape ({n}, {d}), got {self.known.shape}")
+        if self.known is not None:
+            shape = validation.instance("known", self.known, np.ndarray).shape
+            if shape != (n, d):
+                raise ShapeError(f"`known` must have shape ({n}, {d}), got {shape}")
         if self.checks is not None:
             validation.instance("checks", self.checks, Checks)
         refuse(self.assumptions, self.known, self.data.single)
@@ -219,6 +216,10 @@ class Model(SavedRecord, Identified, Tabled):
     def _estimate(self) -> _core.Estimate:
         return self._fitted(self.triangle, self.size)
 
+    def _fitted_to(self, rows: Floats) -> _core.Estimate:
+        """The estimate from these pairs."""
+        return self._fitted(_core.triangle(rows, get_num_threads()), len(rows))
+
     def _fitted(self, triangle: Floats, size: int) -> _core.Estimate:
         """The estimate from the triangle of so many pairs."""
         return _core.Estimate(
@@ -245,14 +246,9 @@ class Model(SavedRecord, Identified, Tabled):
     def _divided(self) -> tuple[_core.Estimate, _core.Estimate]:
         """The estimates from the first pairs and from those after them."""
         if self.window is not None:  # its model is that of the pairs after the first part
-            rows = self.window._rows(self.data, self.first)[0]
-            return self._fitted(_core.triangle(rows, get_num_threads()), len(rows)), self._estimate
-        rows, threads = np.hstack(self._pairs()), get_num_threads()
-        first, later = (
-            self._fitted(_core.triangle(part, threads), len(part))
-            for part in (rows[: self._first], rows[self._first :])
-        )
-        return first, later
+            return self._fitted_to(self.window._rows(self.data, self.first)[0]), self._estimate
+        rows = np.hstack(self._pairs())
+        return self._fitted_to(rows[: self._first]), self._fitted_to(rows[self._first :])
 
     @cached_property
     def _blocks(self) -> list[_core.Fitted]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -316,33 +316,26 @@ class Region(SavedRecord):
         parts = tuple(_core.RegionPart(*own[:-1], np.inf) for own in fields)  # type: ignore[call-arg,arg-type]
         wide = None if self.frobenius is None else np.inf
         said = f"{self.assumption}; but {doubts[0]}"
-        none = {"signs": None, "frobenius": wide, "parts": parts, "assumption": said}
+        return self._but(signs=None, frobenius=wide, parts=parts, assumption=said)
+
+    def _but(self, **fields: Any) -> Region:
+        """The same with other fields."""
         kept = {name: value for name, value in vars(self).items() if name != "_core"}
-        return trusted(Region, **{**kept, **none})
+        return trusted(Region, **{**kept, **fields})
 
     def _entered(self, matrix: Floats, J: Floats, G: Floats, m: int) -> Region:
         """The region of ``[A B c] = matrix + G (Theta - centre) J`` in the same event."""
         covariance = None if self.noise is None else np.ascontiguousarray(self.noise)
         found, noise = _core.entered_region(self._core, (matrix, J, G, m), covariance)
-        made = {
-            "centre": validation.frozen(found.centre),
-            "m": m,
-            "parts": found.parts,
-            "future": 0,
-            "signs": None,
-            "noise": None if noise is None else validation.frozen(noise),
-        }
-        kept = {name: value for name, value in vars(self).items() if name != "_core"}
-        return trusted(Region, **{**kept, **made})
+        noise = None if noise is None else validation.frozen(noise)
+        centre, parts = validation.frozen(found.centre), found.parts
+        return self._but(centre=centre, m=m, parts=parts, future=0, signs=None, noise=noise)
 
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``z = (x, u)``, with 1 behind it for a model with intercept."""
         n, d = self.centre.shape
-        state, acting = (
-            validation.vector("x", x, length=n),
-            validation.vector("u", u, length=self.m),
-        )
-        return np.concatenate([state, acting, np.ones(d - n - self.m)])
+        given = validation.vector("x", x, length=n), validation.vector("u", u, length=self.m)
+        return np.concatenate([*given, np.ones(d - n - self.m)])
 
     def __repr__(self) -> str:
         what = f"radius {self.radius:.4g}" if np.isfinite(self.radius) else "unbounded"

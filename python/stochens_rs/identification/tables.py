@@ -86,7 +86,8 @@ class Table:
     @property
     def names(self) -> list[Any]:
         """The names of the columns."""
-        return list(_names(self.columns))
+        columns = self.columns
+        return list(columns.keys() if isinstance(columns, Mapping) else columns.columns)
 
     def title(self, name: Any) -> Any:
         """The column of this name, with the unit that stands behind it."""
@@ -253,10 +254,6 @@ def read_table(table: Table, named: Chosen) -> tuple[Chosen, list[Run]]:
                 )
         runs.append(run)
     return chosen, runs
-
-
-def _names(columns: Any) -> Any:
-    return columns.keys() if isinstance(columns, Mapping) else columns.columns
 
 
 def _runs(table: Table, by: Any, rows: int) -> Iterator[tuple[Any, NDArray[np.intp]]]:

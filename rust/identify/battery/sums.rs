@@ -16,6 +16,8 @@ const BLOCK: usize = 512;
 const PIECES: usize = 8;
 /// Rows of a run for each regressor, below which a model of its own fits what made the regressors too.
 const ROWS: usize = 4;
+/// The same of filters, which remember for many steps.
+const ROWS_OF_FILTERS: usize = 40;
 
 /// What one pass over the pairs adds up.
 pub(super) struct Sums<'a> {
@@ -37,6 +39,8 @@ pub(super) struct Sums<'a> {
     own_model: Option<(usize, Explained)>,
     looked: usize,
     in_runs: bool,
+    /// Rows of a run or piece from which it is looked at.
+    least: usize,
 }
 
 /// Products of the regressors q and residuals e of some rows: q q', q e' and e e'.
@@ -95,6 +99,7 @@ impl<'a> Sums<'a> {
             own_model: None,
             looked: 0,
             in_runs: false,
+            least: least_rows(given, rank),
             columns,
         };
         let pieces = Pieces::of(given, rank);
@@ -187,7 +192,7 @@ impl<'a> Sums<'a> {
     /// The test of a model of its own of one piece: the columns q of its rows alone, of which `V - V V` is left.
     fn finish(&mut self, (v, b, count): &(Vec<f64>, Vec<f64>, usize), number: usize, of: &Outcomes<'_>) -> Result<()> {
         let rank = v.len().isqrt();
-        if *count < 2.max(ROWS * rank) || rank == 0 {
+        if *count < 2.max(self.least) || rank == 0 {
             return Ok(());
         }
         let mut left = zeros(rank * rank)?;
@@ -384,6 +389,10 @@ fn effects(given: &Given<'_>, of: &Outcomes<'_>) -> Result<(Vec<f64>, Vec<f64>)>
     Ok((effect, sizes))
 }
 
+fn least_rows(given: &Given<'_>, rank: usize) -> usize {
+    rank.max(1) * if given.extra.is_some() { ROWS_OF_FILTERS } else { ROWS }
+}
+
 /// Runs, or pieces of equal length where there are few.
 pub(super) struct Pieces<'a> {
     runs: &'a [usize],
@@ -399,9 +408,9 @@ impl<'a> Pieces<'a> {
         let none = Self { runs: &[], equal: size.max(1), count: 1 };
         if given.marked.is_some() || cost > 1e9 {
             none
-        } else if count >= 4 && size >= ROWS * count * rank.max(1) {
+        } else if count >= 4 && size >= count * least_rows(given, rank) {
             Self { runs: given.runs, equal: 0, count }
-        } else if size >= PIECES * (ROWS * rank + 2) {
+        } else if size >= PIECES * (least_rows(given, rank) + 2) {
             Self { runs: &[], equal: size.div_ceil(PIECES), count: PIECES }
         } else {
             none

@@ -47,7 +47,7 @@ help: ## show this list
 setup: $(VENV)/.dev ## create .venv, build the extension, install the tools for development
 
 reproduce: $(VENV)/.run ## build, then run both experiments: figures and report in results/
-	"$(BIN)/stochens" reproduce --out "$(OUT)"
+	"$(PY)" -m paper reproduce --out "$(OUT)"
 
 test: $(VENV)/.dev ## all tests: the Rust core without Python, then the Python package
 	cargo test --release --locked
@@ -128,7 +128,7 @@ UNSAFE := nontemporal:: simd:: slse_tables:: sample::categorical sample::tests \
 clean: ## remove everything that make has made, with .venv and results/
 	rm -rf $(VENV) results dist build $(SITE) target .mypy_cache .ruff_cache .pytest_cache \
 	    .hypothesis .benchmarks
-	find python tests benches docs tools -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
+	find python paper tests benches docs tools -name __pycache__ -type d -prune -exec rm -rf {} + 2>/dev/null || true
 	rm -f python/stochens_rs/_core*.so python/stochens_rs/_core*.pyd
 
 # -- stamps: each says "this step was done after its prerequisites last changed" ---------------
@@ -155,20 +155,20 @@ $(VENV)/.maturin: $(VENV)/.created | $(RUST)
 	@touch $@
 
 $(VENV)/.run: $(VENV)/.maturin $(SOURCES)
-	$(DEVELOP) plot
+	$(DEVELOP) paper
 	@touch $@
 
 # The tools include everything that a run needs, hence the second stamp.
 $(VENV)/.dev: $(VENV)/.maturin $(SOURCES)
-	$(DEVELOP) plot,dev
+	$(DEVELOP) paper,dev
 	@touch $(VENV)/.run $@
 
 $(VENV)/.bench: $(VENV)/.maturin $(SOURCES)
-	$(DEVELOP) plot,bench
+	$(DEVELOP) paper,bench
 	@touch $(VENV)/.run $@
 
 $(VENV)/.docs: $(VENV)/.maturin $(SOURCES)
-	$(DEVELOP) plot,docs
+	$(DEVELOP) paper,docs
 	@touch $(VENV)/.run $@
 
 # -- packages ----------------------------------------------------------------------------------

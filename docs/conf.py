@@ -42,8 +42,8 @@ myst_dmath_double_inline = True
 # -- API: one page for each name
 autosummary_generate = True
 autosummary_ignore_module_all = False
-# File systems that do not tell Claims.html from claims.html exist.
-CLASSES = ("paper.Claims", "theory.bounds.Best", "theory.bounds.Bound", "Study", "Stream", "Model")
+# File systems that do not tell Study.html from study.html exist.
+CLASSES = ("theory.bounds.Best", "theory.bounds.Bound", "Study", "Stream", "Model")
 autosummary_filename_map = {f"stochens_rs.{name}": f"stochens_rs.{name}-class" for name in CLASSES}
 autodoc_typehints = "none"  # the types are in the sections of the docstring
 toc_object_entries_show_parents = "hide"

@@ -27,8 +27,6 @@ FILES = [
     "py.typed",
     "_core.pyi",
     "style.mplstyle",
-    "paper/report/report.html.j2",
-    "paper/verdicts/statements.ini",
 ]
 
 USE = """

@@ -78,7 +78,8 @@ def counted(root: Path = ROOT) -> dict[str, tuple[int, int]]:
     for path in sorted((root / "tests" / "python").rglob("*.py")):
         add(("tests/python",), python_lines(path.read_text(encoding="utf-8")))
     for path in sorted((root / "paper").rglob("*.py")):
-        add(("paper",), python_lines(path.read_text(encoding="utf-8")))
+        room = "tests/paper" if "tests" in path.relative_to(root).parts else "paper"
+        add((room,), python_lines(path.read_text(encoding="utf-8")))
     return {room: (files[room], lines[room]) for room in sorted(lines)}
 
 

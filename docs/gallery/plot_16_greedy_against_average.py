@@ -5,7 +5,7 @@ Is a greedy fit never worse than the average?
 The paper that this package follows says so of SLSE, one line search per realization, for every
 sequence of realizations (Lemma 4.5). Three realizations of a 2 x 2 matrix show that it is false.
 What is true is enough in practice: it holds in the mean square, and with one more line search it
-holds always. ``se.paper.claims()`` checks all statements of the paper in this way.
+holds always. ``python -m paper claims`` checks all statements of the paper in this way.
 """
 
 import matplotlib.pyplot as plt

@@ -1,6 +1,6 @@
 """Write claims.md, what the paper says and what is true: python docs/theory/_claims.py [--quick].
 
-The verdicts and the corrected statements are those of the package; the evidence is computed anew,
+The verdicts and the corrected statements are those of `paper/`; the evidence is computed anew,
 with a fixed key, so that equal versions write equal pages. --quick: with fewer simulated runs.
 """
 
@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import argparse
 import re
+import sys
 from pathlib import Path
 
-import stochens_rs as se
-from stochens_rs.paper.report import formulas
+sys.path.insert(0, str(Path(__file__).parents[2]))  # for paper
+
+import paper
+from paper.report import formulas
 
 PAGE = Path(__file__).with_name("claims.md")
 HEAD = """# What the paper says, and what is true
@@ -22,10 +25,10 @@ Of {total} statements {holds} are true as printed, {corrected} with a correction
 false. The evidence for each verdict was computed when this page was made: an exact counterexample,
 an enumeration of all cases, a simulation, or one of the paper's experiments; {confirmed}.
 
-`paper.claims` and `stochens claims` compute it again; each piece of evidence has a test that fails
-if it is altered. v is the exact control, u a computed one, B⁺ the pseudoinverse, P = B B⁺; x(s) is
-realization s of x, x̂ an estimate; g(w) is the sum of the absolute values of a vector, g(A) the
-largest of the columns of A.
+`paper.claims` and `python -m paper claims` compute it again; each piece of evidence has a test that
+fails if it is altered. v is the exact control, u a computed one, B⁺ the pseudoinverse, P = B B⁺;
+x(s) is realization s of x, x̂ an estimate; g(w) is the sum of the absolute values of a vector, g(A)
+the largest of the columns of A.
 
 | statement | verdict |
 |---|---|
@@ -37,7 +40,7 @@ def readable(text: str) -> str:
     return re.sub(r"([\\`*_{}\[\]$|^~#])", r"\\\1", formulas.readable(text))
 
 
-def page(claims: se.paper.Claims) -> str:
+def page(claims: paper.Claims) -> str:
     """The text of the page."""
     verdicts = [row.verdict for row in claims.rows]
     head = HEAD.format(
@@ -63,7 +66,7 @@ def page(claims: se.paper.Claims) -> str:
 
 def write(path: Path = PAGE, *, quick: bool = False) -> None:
     """Compute the evidence and write the page."""
-    path.write_text(page(se.paper.claims(rng=1, quick=quick)), "utf-8")
+    path.write_text(page(paper.claims(rng=1, quick=quick)), "utf-8")
 
 
 if __name__ == "__main__":

@@ -5,8 +5,7 @@ of realizations, `fuse` an estimate from an ensemble, `control` a control from e
 does all three. `identify` makes a model and regions for it from measured runs, `Trajectories`, and
 `ModelStream` while they are measured. `simulate` and `simulate_ensemble` apply a control.
 `required_samples` says how many realizations a given error takes; `theory` has the error formulas,
-`cases` example systems, `paper` the experiments and statements of the paper, `reference` the
-algorithms in plain NumPy.
+`cases` example systems, `reference` the algorithms in plain NumPy.
 """
 
 import importlib
@@ -24,7 +23,7 @@ except ImportError:
     raise
 
 if TYPE_CHECKING:
-    from . import cases, exceptions, paper, plots, studies, theory
+    from . import cases, exceptions, plots, studies, theory
     from ._base.threads import get_num_threads, set_num_threads
     from .certificates import Certificate
     from .controls import (
@@ -96,7 +95,6 @@ __all__ = [
     "gain",
     "get_num_threads",
     "identify",
-    "paper",
     "plots",
     "predict",
     "realization_controls",
@@ -149,9 +147,7 @@ def __getattr__(name: str) -> Any:
 def _hint(name: str) -> str:
     """Say where a name that is not at the top can be found."""
     if not name.startswith("_"):
-        # `paper` last: it names again what it takes from `studies`
-        rooms = {*_ROOMS, *__all__} - {*_HOME, "_base.threads", "__version__", "paper"}
-        for room in [*sorted(rooms), "paper"]:
+        for room in sorted({*_ROOMS, *__all__} - {*_HOME, "_base.threads", "__version__"}):
             found = importlib.import_module(f".{room}", __name__)
             if name in getattr(found, "__all__", ()):
                 return f"; it is {__name__}.{room}.{name}"

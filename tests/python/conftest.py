@@ -28,9 +28,9 @@ def pytest_report_header(config: pytest.Config) -> str:
     return f"test seed: {config.getoption('--seed')}"
 
 
-# What `make quick` leaves out: coverage studies, hostile input, pictures, pages, the paper's runs.
-SLOW = ("coverage", "hostile", "hidden_systems", "pictures", "gallery", "notebook", "experiments",
-        "claims", "reproduce", "report_page", "scenario", "interrupt", "durable")  # fmt: skip
+# What `make quick` leaves out: coverage studies, hostile input, pictures, pages.
+SLOW = ("coverage", "hostile", "hidden_systems", "pictures", "gallery", "notebook", "scenario",
+        "interrupt", "durable")  # fmt: skip
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -26,7 +26,6 @@ LAYERS = (
     ("controls",),
     ("simulation", "streams"),
     ("studies",),
-    ("paper",),
     ("",),
     ("cli",),
     ("__main__",),
@@ -201,8 +200,7 @@ def test_the_graph_is_seen(ours: Package) -> None:
     needs = ours.needs("controls.plan")
     assert {"system", "theory.records", "theory", "controls.provenance", "_base.types"} <= needs
     assert "controls" not in needs  # runs before it in any case
-    assert "paper" in ours.needs("cli._claims")
-    assert all(len(ours.needs(room)) > 1 for room in ("controls", "paper", "theory", ""))
+    assert all(len(ours.needs(room)) > 1 for room in ("controls", "theory", ""))
 
 
 # What each check must see, in a package of two files; and what it must let pass.
@@ -211,7 +209,7 @@ FAULTS = [
     ("order", {"fusion/fits.py": "from ..streams.records import Trace", "streams/records.py": ""}),
     ("order", {"controls/plan.py": "from .. import sample", "__init__.py": ""}),
     ("order", {"reference/fusing.py": "from ..rng import Key", "rng.py": ""}),
-    ("order", {"paper/x.py": "from ..reference import control", "reference/__init__.py": ""}),
+    ("order", {"studies/x.py": "from ..reference import control", "reference/__init__.py": ""}),
     ("order", {"attic/x.py": ""}),
     (
         "order",
@@ -221,7 +219,7 @@ FAULTS = [
             "ensembles/law.py": "",
         },
     ),
-    ("order", {"plots/x.py": "import stochens_rs.paper", "paper/__init__.py": ""}),
+    ("order", {"plots/x.py": "import stochens_rs.studies", "studies/__init__.py": ""}),
     ("circles", {"theory/a.py": "from .b import x", "theory/b.py": "from . import a"}),
     (
         "circles",

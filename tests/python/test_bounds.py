@@ -16,8 +16,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from paper import bounds as paper
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
-from stochens_rs.paper import bounds as paper
 from stochens_rs.theory import bounds, moments
 
 AXES = ("columns", "rows")
@@ -476,12 +476,11 @@ def test_controls_are_capped_near_their_largest_error(case, axis):
 
 def all_bounds():
     B, x0, xf, A = CONTROLS["square"]
-    w, u = [3.0, -1.0, 0.5, 2.0], [[1.0, -2.0]]
+    w = [3.0, -1.0, 0.5, 2.0]
     found = [*bounds.candidates("vector", w), *bounds.candidates("vector", w, norm="1")]
     found += [*bounds.candidates("matrix", A), *bounds.candidates("matrix", A, axis="rows")]
     for quantity, fusion, axis in itertools.product(QUANTITIES, ("product", "diagonal"), AXES):
         found += bounds.candidates(quantity, (A, B), x0, xf, fusion=fusion, axis=axis)
-    found += [paper.OneVector(w), paper.Lemma42((A, B), x0, xf), paper.Lemma43((A, B), x0, u)]
     return found
 
 
@@ -619,7 +618,7 @@ def paired(A, B, x0, xf):
     """What holds in place of Lemma 4.2 for paired realizations."""
     g0, gf, gA = np.abs(x0).sum(), np.abs(xf).sum(), np.abs(A).sum(axis=0).max()
     V = moments.state_rms((A, B), x0, xf, 1, fusion="diagonal") ** 2
-    return paper.corrected("state", V, gf**2 + 2.0 * g0**2 * gA**2)
+    return paper.Corrected(V, gf**2 + 2.0 * g0**2 * gA**2)
 
 
 def several_steps(A, B, x0, u):
@@ -627,7 +626,7 @@ def several_steps(A, B, x0, u):
     R, h = np.abs(x0).sum(), np.abs(B).sum(axis=0)
     for u_k in u:
         R = np.abs(A).sum(axis=0).max() * R + h @ np.abs(u_k)
-    return paper.corrected("state", moments.trajectory_rms((A, B), x0, u)[-1] ** 2, 2.0 * R**2)
+    return paper.Corrected(moments.trajectory_rms((A, B), x0, u)[-1] ** 2, 2.0 * R**2)
 
 
 def test_lemma_42_holds_with_two_for_paired_realizations():
@@ -667,7 +666,7 @@ def test_lemma_43_exponent_is_beaten_by_one_atom(n):
     rate = math.log(2.0 * n)
     data = (A, np.eye(n)), x0, np.zeros((1, n))
     printed = paper.Lemma43(*data, C=1.0)
-    exponent = (printed._level_at((1e-4,), eps) + math.log(4.0)) / 10**4  # 2 C, two equal terms
+    exponent = (printed._level(10**4, eps) + math.log(4.0)) / 10**4  # 2 C, two equal terms
     assert exponent == pytest.approx(2.0 * (n**2 + 1) / (9.0 * n), rel=1e-6)
     expected = {16: (3.466, 3.569), 32: (4.16, 7.12)}[n]
     assert (rate, exponent) == pytest.approx(expected, abs=6e-3)
@@ -675,8 +674,7 @@ def test_lemma_43_exponent_is_beaten_by_one_atom(n):
     corrected = several_steps(*data[0], *data[1:])
     for N in (1, 10, 100):
         log_exact = math.log(2 * n - 2) - N * rate
-        level = corrected._level_at((1.0 / N,), eps)
-        assert -level >= log_exact
+        assert math.log(corrected.probability(N, eps)) >= log_exact
     if n == 32:
         ratio = math.exp(math.log(62.0) - 10 * rate + 10 * exponent) / 4.0
         assert ratio == pytest.approx(1.1e14, rel=0.05)  # over C, the factor 4 = 2 * 2 equal terms
@@ -719,7 +717,7 @@ def test_lemma_43_for_one_step_follows_with_other_constants():
         # a run of one step consists of A^s x0^s and of the columns of B^s
         V = moments.trajectory_rms((A, B), x0, u)[-1] ** 2
         W = 2.0 * (g0 * gA) ** 2 + (u**2 @ np.abs(B).sum(axis=0) ** 2).item()
-        sharp = paper.corrected("state", V, W)
+        sharp = paper.Corrected(V, W)
         for N, eps in itertools.product((1, 100), np.geomspace(1e-2, 1e3, 60)):
             widths = np.linalg.norm(u) * gB, gA * g0
             corrected = 4.0 * sum(np.exp(-2.0 * N * (eps / (3.0 * c)) ** 2) for c in widths)

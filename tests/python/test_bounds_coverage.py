@@ -13,8 +13,8 @@ import functools
 import numpy as np
 import pytest
 
+from paper import bounds as paper
 from stochens_rs.cases import ieee14, ieee39
-from stochens_rs.paper import bounds as paper
 from stochens_rs.theory import bounds, moments
 
 DELTAS = (0.3, 0.1, 0.01)
@@ -232,16 +232,16 @@ def test_lemma_42_with_the_norm_of_A_is_refuted():
     assert lemma.beta == pytest.approx(1.0)
     grid = np.quantile(errors, [0.5, 0.9, 0.99, 0.999])
     # x0 and A give one term each: 2 C (1 + 1) exp(.) = -level
-    needed = [np.log((errors > eps).mean()) + lemma._level_at((1.0 / N,), eps) for eps in grid]
+    needed = [np.log((errors > eps).mean()) + lemma._level(N, eps) for eps in grid]
     assert max(needed) > np.log(1e6)
     # all N runs hit one atom: no C that depends on n only
     for size in (50, 100, 200):
         log_exact = np.log(2 * n - 2) - size * np.log(2 * n)
-        log_needed = log_exact + lemma._level_at((1.0 / size,), np.sqrt(n**2 + 1.0) * (1.0 - 1e-12))
+        log_needed = log_exact + lemma._level(size, np.sqrt(n**2 + 1.0) * (1.0 - 1e-12))
         assert log_needed > 9.0 * size
     valid = paper.Lemma42((A, np.eye(n)), x0, np.zeros(n), C=2.0)
     assert valid.beta == pytest.approx(64.0)
-    sharp = paper.corrected("state", n**2 - 1.0, 2.0 * n**2)
+    sharp = paper.Corrected(n**2 - 1.0, 2.0 * n**2)
     for eps in grid:
         share = (errors > eps).mean()
         assert share <= sharp.probability(N, eps) <= valid.probability(N, eps)
@@ -261,7 +261,7 @@ def test_lemma_43_is_refuted_in_one_step(n, share, printed):
     lemma = paper.Lemma43((A, np.eye(n)), x0, np.zeros((1, n)), C=float(n**2))
     assert (errors > eps).mean() == pytest.approx(share, abs=0.02)
     assert lemma.probability(100, eps) == pytest.approx(printed, rel=0.1)
-    assert paper.corrected("state", n**2 - 1.0, 2.0 * n**2).probability(100, eps) == 1.0
+    assert paper.Corrected(n**2 - 1.0, 2.0 * n**2).probability(100, eps) == 1.0
 
 
 def test_lemma_43_is_refuted_in_ten_steps():
@@ -278,7 +278,7 @@ def test_lemma_43_is_refuted_in_ten_steps():
     eps = 0.5 * rms
     assert (errors > eps).mean() > 0.7
     assert lemma.probability(N, eps) < 1e-20
-    valid = paper.corrected("state", 2.0 ** (K + 1) - 1.0, 2.0 ** (K + 1))  # R_K^2 = 2^K
+    valid = paper.Corrected(2.0 ** (K + 1) - 1.0, 2.0 ** (K + 1))  # R_K^2 = 2^K
     for delta in DELTAS:
         radius = valid.radius(N, delta)
         assert not exceeded_too_often(errors, radius, delta)

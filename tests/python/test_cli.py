@@ -5,19 +5,17 @@ from __future__ import annotations
 import io
 import json
 import os
-import signal
 import subprocess
 import sys
-import time
 import zipfile
 
 import pytest
 
 import stochens_rs as se
-from stochens_rs import cli, paper
+from stochens_rs import cli
 from stochens_rs.exceptions import ResourceError, SolverError
 
-TINY = ["reproduce", "--quick", "--no-claims", "--replicates", "2", "--samples", "12"]
+TINY = ["study", "ieee14", "--sizes", "12", "--replicates", "2", "--methods", "uniform"]
 
 
 def run(*args, **options):
@@ -40,27 +38,16 @@ def test_json_and_nothing_else_on_stdout(tmp_path):
     out = tmp_path / "deep" / "er"
     done = run(*TINY, "--json", "--out", str(out), "--seed", "7", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    data = json.loads(done.stdout)
-    assert data["seed"] == 7
-    assert [one["name"] for one in data["experiments"]] == ["power", "tracking"]
-    assert data["experiments"][0]["settings"]["samples"] == 12
-    assert data["experiments"][1]["final"][0]["replicates"] == 2
-    assert all(os.path.exists(path) for path in data["files"])
-    assert "report.html" in done.stderr
+    assert json.loads(done.stdout)["replicates"] == 2
+    assert json.loads((out / "study.json").read_text())["options"]["seed"] == 7
+    assert "study.json" in done.stderr
 
 
-def test_seed_determines_the_numbers(tmp_path, capsys, monkeypatch):
-    pytest.importorskip("matplotlib")
-    # Drawing takes most of the time, and is not the question here.
-    monkeypatch.setattr(
-        cli._reproduce.paper, "write_report", lambda done, out, **_: [out / "report.html"]
-    )
+def test_seed_determines_the_numbers(capsys):
     seen = []
-    for seed, folder in (("7", "a"), ("7", "b"), ("8", "c")):
-        args = [*TINY, "--json", "--seed", seed, "--out", str(tmp_path / folder)]
-        assert cli.main(args) == 0
-        data = json.loads(capsys.readouterr().out)
-        seen.append([one["final"] for one in data["experiments"]])
+    for seed in ("7", "7", "8"):
+        assert cli.main([*TINY, "--json", "--seed", seed]) == 0
+        seen.append(json.loads(capsys.readouterr().out)["summary"])
     assert seen[0] == seen[1]
     assert seen[0] != seen[2]
 
@@ -68,14 +55,15 @@ def test_seed_determines_the_numbers(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(
     ("args", "word"),
     [
-        (["reproduce", "--smaples", "3"], "--samples"),  # click says what was meant
-        (["reproduce", "--samples", "0"], "--samples"),
-        (["reproduce", "--samples", "many"], "many"),
-        (["reproduce", "--seed", "-1"], "--seed"),
-        (["reproduce", "--replicates", "1.5"], "--replicates"),
-        (["reproduce", "extra"], "extra"),
-        (["reproduce", "--out", ""], "--out"),
-        (["reprduce"], "reprduce"),
+        (["study", "ieee14", "--replictes", "3"], "--replicates"),  # click says what was meant
+        (["study", "ieee14", "--replicates", "0"], "--replicates"),
+        (["study", "ieee14", "--sizes", "many"], "many"),
+        (["study", "ieee14", "--seed", "-1"], "--seed"),
+        (["study", "ieee14", "--replicates", "1.5"], "--replicates"),
+        (["study", "ieee14", "extra"], "extra"),
+        (["study", "ieee14", "--out", ""], "--out"),
+        (["contrl"], "contrl"),
+        (["reproduce"], "reproduce"),  # a program of its own: `python -m paper`
         (["--nonsense"], "--nonsense"),
     ],
 )
@@ -92,7 +80,7 @@ def test_usage_errors(args, word, capsys, tmp_path, monkeypatch):
 def test_unwritable_place(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     for target in (tmp_path / "file", tmp_path / "file" / "below"):
-        assert cli.main(["reproduce", "--quick", "--out", str(target)]) == 5
+        assert cli.main([*TINY, "--out", str(target)]) == 5
         captured = capsys.readouterr()
         assert one_line(captured.err)
         assert "file" in captured.err
@@ -110,43 +98,14 @@ def test_unwritable_place(tmp_path, capsys):
         (ImportError("figures need matplotlib"), 2),
     ],
 )
-def test_failures_become_exit_codes(raised, code, monkeypatch, capsys, tmp_path):
-    def fail(**options):
+def test_failures_become_exit_codes(raised, code, monkeypatch, capsys):
+    def fail(*_, **options):
         raise raised
 
-    monkeypatch.setattr(paper, "power", fail)
-    assert cli.main(["reproduce", "--quick", "--out", str(tmp_path)]) == code
+    monkeypatch.setattr(cli._study.Study, "run", fail)
+    assert cli.main(TINY) == code
     err = capsys.readouterr().err.lstrip("\n")
     assert one_line(err), err
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="signals differ")
-def test_interrupt_ends_with_130(tmp_path):
-    pytest.importorskip("matplotlib")
-    out = tmp_path / "made when the computation starts"
-    command = [sys.executable, "-m", "stochens_rs", "reproduce", "--replicates", "100000"]
-    process = subprocess.Popen(
-        [*command, "--out", str(out)],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        # a shell's background jobs ignore SIGINT, and so would this one
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
-    )
-    try:
-        deadline = time.monotonic() + 200
-        begun = out / "unfinished" / "power.study"
-        while not begun.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
-        process.send_signal(signal.SIGINT)
-        stdout, stderr = process.communicate(timeout=200)
-    finally:
-        process.kill()
-    assert process.returncode == 130
-    assert stdout == ""
-    assert "stochens: interrupted" in stderr
-    assert "Traceback" not in stderr
-    assert [path.name for path in out.iterdir()] == ["unfinished"]
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes differ")
@@ -204,10 +163,10 @@ def test_version_and_help(capsys):
     assert capsys.readouterr().out.startswith("stochens ")
     for args in ([], ["--help"], ["-h"]):
         assert cli.main(args) == 0
-        assert "reproduce" in capsys.readouterr().out
-    assert cli.main(["reproduce", "--help"]) == 0
+        assert "identify" in capsys.readouterr().out
+    assert cli.main(["study", "--help"]) == 0
     text = capsys.readouterr().out
-    for option in ("--out", "--seed", "--replicates", "--samples", "--quick", "--json"):
+    for option in ("--out", "--seed", "--replicates", "--sizes", "--workers", "--json"):
         assert option in text
 
 
@@ -225,13 +184,10 @@ def test_bars_are_for_terminals(terminal, monkeypatch):
             return terminal
 
     monkeypatch.setattr(sys, "stderr", Stderr())
-    paper.power(rng=1, replicates=2, samples=5, progress=True)
-    se.paper.claims(quick=True, progress=True)
     stream = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
     stream.run(max_steps=10, progress=True)
     seen = sys.stderr.getvalue()
-    for word in ("power network", "claims", "stream"):
-        assert (word in seen) == terminal
+    assert ("stream" in seen) == terminal
     assert terminal or seen == ""
 
 
@@ -340,53 +296,6 @@ def test_an_entry_that_is_there_twice(text, tmp_path, capsys):
     assert "twice" in err
 
 
-def test_reproduce_replaces_only_its_own_report(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("matplotlib")
-    monkeypatch.chdir(tmp_path)
-    out, again = tmp_path / "stochens-report", TINY
-    assert cli.main(again) == 0
-    said = capsys.readouterr().out
-    for word in ("1a", "2b", "3b-alternative", "uniform (diagonal)", "exact rms", "N = 12"):
-        assert word in said
-    assert (out / "report.html").stat().st_size > 50_000
-    written = {path.name for path in out.iterdir()}
-    listed = json.loads((out / "results.json").read_text())["files"]
-    assert set(listed) == written
-
-    (out / "notes.txt").write_text("mine")  # not in the way
-    assert cli.main(again) == 0
-    assert "the results of a run with the same options" in capsys.readouterr().err
-
-    assert cli.main([*again, "--seed", "2"]) == 2
-    err = capsys.readouterr().err
-    assert one_line(err)
-    assert "--force" in err
-    assert "seed=1" in err
-
-    (out / "claims.png").write_text("mine, too")
-    for options in ([], ["--force"]):
-        assert cli.main([*again, "--claims", *options]) == 2
-        err = capsys.readouterr().err
-        assert one_line(err)
-        assert "claims.png" in err
-    assert (out / "claims.png").read_text() == "mine, too"
-
-    (out / "claims.png").unlink()
-    page = out / "report.html"
-    edited = page.read_text() + "<!-- my remark -->"
-    page.write_text(edited)
-    for options in ([], ["--force"]):
-        assert cli.main([*again, "--seed", "2", *options]) == 2
-        err = capsys.readouterr().err
-        assert one_line(err)
-        assert "report.html was changed since this command wrote it" in err
-    assert page.read_text() == edited
-    page.unlink()  # a part of the report may be gone
-    assert cli.main([*again, "--seed", "2", "--force"]) == 0
-    assert {path.name for path in out.iterdir()} == {*written, "notes.txt"}
-    assert json.loads((out / "results.json").read_text())["options"]["seed"] == 2
-
-
 @pytest.mark.parametrize(
     ("args", "said"),
     [
@@ -421,38 +330,43 @@ def test_shares_in_percent(capsys):
     assert said[3]["error"] == 5.0
 
 
-def test_claims_replaces_only_its_own_files(tmp_path, capsys):
+def test_study_replaces_only_its_own_files(tmp_path, capsys):
     pytest.importorskip("matplotlib")
-    claims = ["claims", "--quick", "--out", str(tmp_path)]
-    (tmp_path / "claims.svg").write_text("mine")
-    assert cli.main(claims) == 2
-    assert "claims.svg was not written by this command" in capsys.readouterr().err
-    (tmp_path / "claims.svg").unlink()
+    study = [*TINY, "--out", str(tmp_path)]
+    (tmp_path / "study.svg").write_text("mine")
+    assert cli.main(study) == 2
+    assert "study.svg was not written by this command" in capsys.readouterr().err
+    (tmp_path / "study.svg").unlink()
 
-    assert cli.main(claims) == 0
-    index = json.loads((tmp_path / "claims.json").read_text())
+    assert cli.main(study) == 0
+    index = json.loads((tmp_path / "study.json").read_text())
     written = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert set(index["files"]) == set(written) == {"claims.json", "claims.png", "claims.svg"}
-    assert index["confirmed"] is True
+    assert set(index["files"]) == set(written) == {"study.json", "study.png", "study.svg"}
+    (tmp_path / "notes.txt").write_text("mine")  # not in the way
     capsys.readouterr()
+    assert cli.main(study) == 0
+    assert "the results of a run with the same options" in capsys.readouterr().err
 
-    assert cli.main([*claims, "--seed", "2"]) == 2
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    assert cli.main([*study, "--seed", "2"]) == 2
     err = capsys.readouterr().err
     assert one_line(err)
     assert "seed=1" in err
     assert "--force" in err
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == written
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
-    assert cli.main([*claims, "--seed", "2", "--force"]) == 0
-    (tmp_path / "claims.png").write_text("mine")
-    assert cli.main([*claims, "--seed", "2", "--force"]) == 2
-    assert "claims.png was changed" in capsys.readouterr().err
+    (tmp_path / "study.svg").unlink()  # a part of the results may be gone
+    assert cli.main([*study, "--seed", "2", "--force"]) == 0
+    (tmp_path / "study.png").write_text("mine")
+    assert cli.main([*study, "--seed", "2", "--force"]) == 2
+    assert "study.png was changed" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"schema": "stochens-results/1"}', '{"files": 3}'])
-def test_reproduce_leaves_foreign_results_alone(text, tmp_path, capsys):
-    (tmp_path / "results.json").write_text(text)
+def test_study_leaves_foreign_results_alone(text, tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    (tmp_path / "study.json").write_text(text)
     assert cli.main([*TINY, "--out", str(tmp_path), "--force"]) == 2
-    assert "results.json" in capsys.readouterr().err
-    assert (tmp_path / "results.json").read_text() == text
+    assert "study.json" in capsys.readouterr().err
+    assert (tmp_path / "study.json").read_text() == text
     assert len(list(tmp_path.iterdir())) == 1

@@ -70,7 +70,6 @@ def test_help_is_one_screen_with_examples_and_exit_codes(name, capsys, monkeypat
     words = " ".join(text.split())
     for code in ("0 done", "2 usage", "5 reading", "130 Ctrl-C", "143 SIGTERM"):
         assert code in words
-    assert ("3 a verdict" in words) == (name in ("", "claims"))
     assert name == "" or f"Examples:\n  stochens {name}" in text
 
 
@@ -163,12 +162,10 @@ def test_an_entry_of_a_file_is_not_called_an_option(place, capsys):
 RUNS = "identify runs.csv --states x,v --inputs F --by run"
 AS_JSON = {
     "certify": "certify model.safetensors --from 1,0 --within 0.1 --limits -9,9",
-    "claims": "claims --quick",
     "control": "control system.json",
     "doctor": "doctor",
     "identify": RUNS,
     "plan": "plan --file system.json --runs 20 --error 50%",
-    "reproduce": "reproduce --quick --no-claims --replicates 2 --samples 12",
     "stream": "stream --file system.json --max-steps 10",
     "study": "study system.json --sizes 10 --replicates 2",
 }
@@ -176,9 +173,6 @@ AS_JSON = {
 
 @pytest.mark.parametrize("name", [name for name in COMMANDS if name != "completion"])
 def test_json_is_one_object_and_all_of_standard_output(name, model, capsys):
-    if name == "reproduce":
-        pytest.importorskip("matplotlib")
-
     def refuse(word):
         raise AssertionError(f"{word} is not JSON")
 
@@ -357,9 +351,9 @@ def test_names_and_choices_are_completed(line, offered, monkeypatch, capsys):
 def test_an_error_before_any_number_leaves_nothing_behind(place, capsys):
     pytest.importorskip("matplotlib")
     before = sorted(place.iterdir())
-    many = ["--quick", "--no-claims", "--samples", "10000000000000", "--out", "new/er"]
+    many = ["ieee14", "--replicates", "500000000000", "--out", "new/er"]
     for _ in range(2):  # the second run needs no --force
-        assert "GiB" in failed(capsys, "reproduce", *many)
+        assert "GiB" in failed(capsys, "study", *many)
         assert sorted(place.iterdir()) == before
     failed(capsys, "control", "no such file", "--out", "new", code=5)
     assert sorted(place.iterdir()) == before

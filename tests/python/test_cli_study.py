@@ -20,8 +20,6 @@ from stochens_rs import cli
 from stochens_rs.cli import _workers
 from stochens_rs.cli._output import grid
 from stochens_rs.exceptions import InputError, ShapeError
-from stochens_rs.paper.experiments.replicate import Step
-from stochens_rs.studies.methods import METHODS, STYLES
 
 A, B = np.array([[0.9, 0.2, 0.0], [0.1, 0.8, 0.3], [0.0, 0.1, 0.7]]), np.eye(3)[:, 1:]
 X0, XF = np.array([1.0, -1.0, 2.0]), np.array([0.0, 0.5, 1.0])
@@ -40,21 +38,6 @@ def run(capsys: pytest.CaptureFixture[str], *args: str) -> tuple[int, dict[str, 
     code = cli.main(["study", *args, "--json"])
     said = capsys.readouterr()
     return code, json.loads(said.out) if said.out else {}, said.err
-
-
-@pytest.mark.parametrize("method", ["uniform", "alse", "slse"])
-def test_errors_are_those_of_the_experiments(method: str) -> None:
-    key = se.Key(bytes(range(32)))
-    found = se.studies.error((A, B), X0, XF)(key, size=SIZES, method=method)  # type: ignore[arg-type]
-    drawn, off = Step(A, B, X0, XF).draw(key, SIZES, 1e-9)
-    for name, exact in (("x0", X0), ("xf", XF), ("A", A)):
-        errors = drawn[name].errors[:, METHODS.index(method)]
-        assert np.array_equal(found[name], errors / np.linalg.norm(exact))
-    wrong = off[:, list(STYLES).index((method, "product"))]
-    v = np.linalg.lstsq(B, XF - A @ X0, rcond=None)[0]
-    assert np.allclose(found["control"], np.linalg.norm(wrong, axis=1) / np.linalg.norm(v))
-    state = np.linalg.norm(wrong @ B.T, axis=1) / np.linalg.norm(A @ X0 + B @ v)
-    assert np.allclose(found["state"], state, rtol=1e-12)
 
 
 def test_what_is_zero_has_no_relative_error() -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-import stochens_rs
+import paper
 
 pytest.importorskip("matplotlib")
 
@@ -84,7 +84,7 @@ def test_blocks_of_theory_run_and_print_what_they_say(path, capsys):
 
 def test_page_of_claims_has_every_statement(tmp_path):
     names = runpy.run_path(str(THEORY / "_claims.py"))
-    claims = stochens_rs.paper.claims(rng=1, quick=True)
+    claims = paper.claims(rng=1, quick=True)
     text = names["page"](claims)
     assert text == names["page"](claims)
     for k, row in enumerate(claims.rows, start=1):

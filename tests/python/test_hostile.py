@@ -143,11 +143,6 @@ def ensemble():
 
 
 @cache
-def experiment():
-    return se.paper.tracking(rng=1, replicates=2, samples=5, n=2, m=1)
-
-
-@cache
 def runs():
     draws = np.random.default_rng(1).standard_normal((12, 6))
     return se.Trajectories.from_pairs(draws[:, :2], draws[:, 2:4], draws[:, 4:])
@@ -235,7 +230,7 @@ GOOD = {
     "n": 2, "m": 1, "count": 2, "threads": 1, "indices": [[0, 0], [1, 0]],
     "system": (A, B), "samples": np.ones((4, 2)), "bytes32": bytes(32), "digits": "0" * 64,
     "name": "x", "ensemble": ensemble, "quantity": "state", "method": "uniform",
-    "path": "no/such/file.npz", "experiment": experiment, "data": runs, "x": X0, "lags": 1,
+    "path": "no/such/file.npz", "data": runs, "x": X0, "lags": 1,
     "share": 0.5, "open_loop": True, "model": model, "beta": 0.1, "epsilon": 0.5, "dimension": 2,
     "support": 1, "discarded": 1, "violations": 1, "systems": [(A, B), (A, B)],
     "new_units": [(A, B)], "other": lambda: MADE["Certificate"](),
@@ -381,8 +376,6 @@ MADE = {
     "Simulated": lambda: se.theory.bounds.bound("simulated", "vector", X0),
     "Trajectory": lambda: se.simulate((A, B), X0, [[1.0, 0.0]]),
     "EnsembleTrajectory": lambda: se.simulate_ensemble((A, B), X0, [[1.0, 0.0]], 3, rng=1),
-    "Experiment": experiment,
-    "Panel": lambda: experiment().panels[0],
     "Results": lambda: study().run(),
 }
 
@@ -414,11 +407,9 @@ def swept():
 
 
 # Not swept: programs, pictures, long runs, abstract classes, and what the next tests try.
-SEPARATE = {"cli", "plots", "paper.report", "paper.verdicts", "Ensemble"}
-SEPARATE |= {"Experiment.save", "Experiment.from_dict", "Panel.from_dict", "Curve.from_dict"}
-SEPARATE |= {"Experiment.plot", "Experiment.plot_figure", "Experiment.plot_panel"}
+SEPARATE = {"cli", "plots", "Ensemble"}
 SEPARATE |= {"System.from_mujoco"}  # an optional package: in a file of its own
-SEPARATE |= {"Bound", "Printed", "Simulated", "Results.select", "Results.plot"}
+SEPARATE |= {"Bound", "Simulated", "Results.select", "Results.plot"}
 SEPARATE |= {"Study.resume", "Study.merge", "Plan.typical", "design"}
 SEPARATE |= {"Kept", "ReadingLoop"}  # made by `regulate`, which checks
 SEPARATE |= {
@@ -517,12 +508,6 @@ def test_no_argument_lets_a_foreign_exception_out(label, tmp_path, monkeypatch):
 
 
 TOLD_APART = {
-    "Experiment.from_dict": lambda value: se.paper.Experiment.from_dict(value),
-    "Panel.from_dict": lambda value: se.paper.Panel.from_dict(value),
-    "Curve.from_dict": lambda value: se.paper.Curve.from_dict(value),
-    "Experiment.from_dict, an entry": lambda value: se.paper.Experiment.from_dict(
-        experiment().to_dict() | {"panels": value}
-    ),
     "Study.resume": se.Study.resume,
     "Study.resume, the grid": lambda value: se.Study.resume("no.study", None, value),
     "Study.merge": se.Study.merge,
@@ -537,8 +522,6 @@ TOLD_APART = {
     "DataStream.save": lambda value: se.DataStream(B).save(value),
     "ModelStream.save": lambda value: se.ModelStream(1, 1).save(value),
     "ModelStream.load": se.ModelStream.load,
-    "claims(quick=)": lambda value: se.paper.claims(quick=value),
-    "claims(rng=)": lambda value: se.paper.claims(value),
     "a mask of indices": lambda value: se.Ensemble.from_indices(value, X0),
 }
 

@@ -56,6 +56,7 @@ def test_rooms_are_counted_in_both_languages(tmp_path):
         "rust/limits/tests/oracle.rs": RUST,
         "tests/python/test_x.py": PYTHON,
         "paper/x.py": PYTHON,
+        "paper/tests/test_x.py": PYTHON,
     }.items():
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text(text)
@@ -67,6 +68,7 @@ def test_rooms_are_counted_in_both_languages(tmp_path):
         "package/limits": (1, 4),
         "paper": (1, 4),
         "tests/core": (0, 10),
+        "tests/paper": (1, 4),
         "tests/python": (1, 4),
     }
 

@@ -11,7 +11,6 @@ import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from stochens_rs.fusion.fusing import METHODS
-from stochens_rs.paper.bounds import Lemma43
 from stochens_rs.theory import bounds, moments
 
 A, B = np.diag([0.9, 0.8, 0.7]), np.eye(3)
@@ -64,10 +63,9 @@ CALLS = [
         "`reference` must have shape (K + 1, 3), one row per step, got (3, 4)",
     ),
     (
-        lambda: Lemma43(SYSTEM, X0, np.ones((2, 4))),
+        lambda: moments.trajectory_rms(SYSTEM, X0, np.ones((2, 4))),
         "`u` must have shape (K, 3), one row per step, got (2, 4)",
     ),
-    (lambda: Lemma43(SYSTEM, X0, np.ones((0, 3))), "`u` must have at least one entry"),
     (
         lambda: bounds.best("state", B, X0, XF, A, size=5, delta=0.1),
         "`data` must be 3 arguments (system, x0, xf) for a state, got 4",

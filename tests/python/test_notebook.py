@@ -11,9 +11,7 @@ pytest.importorskip("matplotlib")
 
 START = """
 import numpy as np, stochens_rs as se
-import dataclasses, tempfile
-from stochens_rs.paper.verdicts import Claims, tails
-from stochens_rs.paper.verdicts.comparison import compare
+import tempfile
 system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]], dt=0.1)
 x0, xf = [1.0, 2.0], [0.0, 0.0]
 way = se.simulate(system, x0, np.zeros((20, 2)))
@@ -21,9 +19,6 @@ spread = se.simulate_ensemble(system, x0, np.zeros((20, 2)), 50, rng=1)
 stream = se.Stream(system, x0, xf, rng=1)
 stream.step(100)
 plan = se.steer(system, x0, xf, 100, rng=1)
-power = se.paper.power(rng=1, replicates=1, samples=5)
-key = se.rng.as_key(1)
-claims = Claims((), tails.measure(key, runs=50), compare(np.ones(2), key, 20, 30), key.hex)
 """
 
 # What a cell says, and how many pictures it shall show.
@@ -34,15 +29,7 @@ CELLS = [
     ("way.plot(); way.plot()", 2),
     ("spread.plot()", 1),
     ("stream.trace.plot()", 1),
-    ("power.plot_panel('1a')", 1),
-    ("power.plot_figure('1')", 1),
-    ("drawn = power.plot_figure('1')", 1),
-    ("power.plot()", 2),
-    ("claims.plot()", 1),
-    ("drawn = claims.plot()", 1),
-    ("drawn", 1),
-    ("dataclasses.replace(power, panels=power.panels[:1]).save(tempfile.mkdtemp())", 0),
-    ("files = se.paper.write_report([power], tempfile.mkdtemp(), claims=claims)", 0),
+    ("files = se.plots.save(spread.plot(), tempfile.mkdtemp() + '/spread')", 1),
     ("import matplotlib.pyplot as plt\nfig, ax = plt.subplots()\nway.plot(ax=ax)", 1),
     ("ax = plt.figure().add_subplot()\nspread.plot(ax=ax);", 1),
     ("assert plt.get_fignums() == []", 0),

@@ -17,7 +17,7 @@ TOP = """
     Plan Regulator StochensError Stream Study System SystemEnsemble Tracking Trajectories Trajectory
     Uncertain
     __version__ cases control control_fleet design exceptions fuse fuse_path gain get_num_threads
-    identify paper plots predict realization_controls reference regulate required_samples sample
+    identify plots predict realization_controls reference regulate required_samples sample
     sample_counts set_num_threads simulate simulate_ensemble steer studies theory track
 """
 ROOMS = {
@@ -27,7 +27,7 @@ ROOMS = {
     "feedback": "Loop LoopCertificate Tube",
     "fusion": "FusedModel Path",
     "identification": "Checks Region",
-    "studies": "Curve Experiment Failure Panel Results Summary",
+    "studies": "Failure Results Summary",
     "streams": "Look Snapshot StreamRun Trace",
 }
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from paper import reachability as notions
+from paper.verdicts import definitions
 from stochens_rs.exceptions import InputError, NonFiniteError
-from stochens_rs.paper import reachability as notions
-from stochens_rs.paper.verdicts import definitions
 from stochens_rs.theory import dynamics, moments, reachability
 from stochens_rs.theory.exact import best_control
 

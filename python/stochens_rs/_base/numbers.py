@@ -16,7 +16,6 @@ if TYPE_CHECKING:
 # Relative differences up to 4 500 eps are rounding: sums of n terms in pairs lose log2(n) eps
 # (Higham, Accuracy and Stability of Numerical Algorithms (2002), 4.2), sampling errors are larger.
 ROUNDING = 1e-12
-TINY = 1e-300  # in place of 0 below a fraction or in a logarithm; its inverse is finite
 
 
 def norm(values: Floats) -> float:

@@ -3,7 +3,7 @@
 All but `from_file` and `read_matpower` return a :class:`stochens_rs.System` whose ``name`` states
 the data and the discretization: `ieee14` and `ieee39` from public data, `swing` from branches and
 machines, `from_matpower` from a solved case of MATPOWER, pypower or pandapower.
-`CASES` has those that the command line and :func:`stochens_rs.paper.power` know by name.
+`CASES` has those that the command line knows by name.
 """
 
 from __future__ import annotations

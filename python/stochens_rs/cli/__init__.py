@@ -14,13 +14,11 @@ from ..exceptions import InputError, InputTypeError, ResourceError, StateError
 from ..studies.signals import interruptions
 from . import (
     _certify,
-    _claims,
     _completion,
     _control,
     _doctor,
     _identify,
     _plan,
-    _reproduce,
     _stream,
     _study,
 )
@@ -33,7 +31,7 @@ __all__ = ["main"]
 @click.group(
     cls=Group,
     invoke_without_command=True,
-    epilog=exit_codes({3: "a verdict is contradicted (claims)"}),
+    epilog=exit_codes(),
     context_settings={
         "help_option_names": ["-h", "--help"],
         "max_content_width": 100,
@@ -57,8 +55,6 @@ def cli(context: click.Context) -> None:
 
 
 for _command in (
-    _reproduce.reproduce,
-    _claims.claims,
     _plan.plan,
     _stream.stream,
     _study.study_command,

@@ -84,7 +84,7 @@ def save_figures(
     Parameters
     ----------
     figures : dict of str to matplotlib Figure
-        By file name, as `Experiment.plot` returns them.
+        By file name.
     directory : path
         Must exist.
     dpi : int, default 200

@@ -21,7 +21,6 @@ from .._base.types import Floats, Status
 from ..exceptions import InputError
 from ..plots.bands import Line, draw_bands
 from .grid import Label, label_text, plain_label
-from .methods import STYLES
 from .summary import Summary, summarized
 from .units import labelled, suffix
 
@@ -212,10 +211,8 @@ class Results:
         lines = []
         for label, own in zip((None,) if hue is None else self.grid[hue], cube, strict=True):
             band = np.array([_quantiles(one) for one in own]).T
-            style = STYLES.get((label, "product"))  # type: ignore[arg-type]
-            look = style and {"color": style.color, "marker": style.marker, "linestyle": style.line}
-            named = None if hue is None else style.label if style else f"{hue} = {label}{unit}"
-            lines.append(Line(named, band[0], band[1], band[2], look or {}))
+            named = None if hue is None else f"{hue} = {label}{unit}"
+            lines.append(Line(named, band[0], band[1], band[2], {}))
         said = f"10-90 % of {_counted(np.sum(~np.isnan(cube), axis=2), len(self.replicates))}"
         of_x, of_y = (labelled(name, self.units) for name in (x, y))
         return draw_bands(self.grid[x], lines, of_x, of_y, said, ax)

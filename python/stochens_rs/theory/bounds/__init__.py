@@ -28,8 +28,7 @@ different numbers of them. `candidates` leaves out "simulated" and "systematic".
 
 `table` has a row for each bound, with the settings it holds in and the text of its source; the
 formulas, with their sources in the literature, are in `rust/tails/`. All bounds hold for
-``axis="rows"``, too. The formulas as printed in the paper are in
-:mod:`stochens_rs.paper.bounds`, each with its error.
+``axis="rows"``, too.
 """
 
 from .base import Bound

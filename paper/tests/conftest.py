@@ -1,0 +1,26 @@
+"""The seed of tests, and which of them are slow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+SLOW = ("experiments", "claims", "program", "report_page")
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    for item in items:
+        if item.path.parent.parent.name == "paper" and any(s in item.path.stem for s in SLOW):
+            item.add_marker("slow")
+
+
+@pytest.fixture
+def seed(request: pytest.FixtureRequest) -> int:
+    """Seed of this run: a test that takes it must pass for every seed."""
+    return int(request.config.getoption("--seed", 42))
+
+
+@pytest.fixture
+def gen(seed: int) -> np.random.Generator:
+    """Source of test data; new for every test, so their order does not matter."""
+    return np.random.default_rng(seed)

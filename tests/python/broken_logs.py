@@ -409,19 +409,29 @@ def knowing_controller(plant, gen, ahead):
     return logged(plant, gen, ahead=ahead)
 
 
-@fault(0.05, 0.2, 0.5)
+def _steps_of(plant: Plant, factors: Array) -> list[tuple[Array, Array]]:
+    """A and B of steps that last so many times as long."""
+    n, m = len(plant.A), plant.B.shape[1]
+    whole = np.block([[plant.A, plant.B], [np.zeros((m, n)), np.eye(m)]])
+    generator = linalg.logm(whole).real
+    steps = [linalg.expm(generator * factor) for factor in factors]
+    return [(step[:n, :n], step[:n, n:]) for step in steps]
+
+
+# here, as SciPy's norms of exponentials draw from NumPy's global generator
+JITTERS, TIMES = (0.05, 0.2, 0.5), np.linspace(-1.0, 1.0, 21)
+JITTERED = {
+    (name, jitter): _steps_of(plant, 1.0 + jitter * TIMES)
+    for name, plant in PLANTS.items()
+    for jitter in JITTERS
+}
+
+
+@fault(*JITTERS)
 def jittered_sampling(plant, gen, jitter):
     """The steps last longer and shorter than the log says."""
-    whole = np.block(
-        [[plant.A, plant.B], [np.zeros((plant.B.shape[1], len(plant.A))), np.eye(plant.B.shape[1])]]
-    )
-    generator, n = linalg.logm(whole).real, len(plant.A)
-
-    def system(k):
-        step = linalg.expm(generator * (1.0 + jitter * gen.uniform(-1, 1)))
-        return step[:n, :n], step[:n, n:]
-
-    return logged(plant, gen, system=system)
+    steps = JITTERED[plant.name, jitter]
+    return logged(plant, gen, system=lambda k: steps[gen.integers(len(steps))])
 
 
 # of the sensors

@@ -11,12 +11,13 @@ from stochens_rs.exceptions import InputError
 from test_feedback import WEIGHTS
 from test_keep import A, B, model_of_runs
 
+pytestmark = pytest.mark.filterwarnings("ignore:accepted:stochens_rs.exceptions.DataWarning")
 X0 = np.array([0.1, 0.0, 0.0, 0.0])
 STEPS = 20
 
 
 def planned(seed=1, N=30, **options):
-    model = model_of_runs(N, seed=seed)
+    model = model_of_runs(N, seed=seed, accept="variance")  # by chance, once in 40
     cost = se.Cost(Q=WEIGHTS[0], R=WEIGHTS[1])
     plan = se.control(model, options.pop("x0", X0), np.zeros(4), steps=STEPS, cost=cost, **options)
     return plan, se.gain(model, *WEIGHTS)

@@ -19,7 +19,7 @@ START = np.array([0.1, 0.05, 0.0, 0.0])
 COST = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], R=0.01)
 
 
-def model_of_runs(N, *, seed=1, noise=0.0005, declared=0.0005):
+def model_of_runs(N, *, seed=1, noise=0.0005, declared=0.0005, accept=()):
     """N runs of ten steps of the pendulum on a cart."""
     gen, states, inputs = np.random.default_rng(seed), [], []
     for _ in range(N):
@@ -30,7 +30,8 @@ def model_of_runs(N, *, seed=1, noise=0.0005, declared=0.0005):
         states.append(np.array(x))
         inputs.append(force)
     data = se.Trajectories(states, inputs, dt=0.1)
-    return se.identify(data, sigma=declared, scale=[0.1, 0.01, 0.1, 0.03, 1.0], checks=False)
+    scale = [0.1, 0.01, 0.1, 0.03, 1.0]
+    return se.identify(data, sigma=declared, scale=scale, accept=accept, checks=False)
 
 
 def kept_loop(N, *, calls=60, limits=(-1.0, 1.0), **options):

@@ -26,7 +26,7 @@ TAKEN = "rejected 3 times in a row: now taken for true"
 def belt():
     plant = Belt()
     data = plant.data(8, np.random.default_rng(1))
-    model = se.identify(data, filters=(0.6, 4), checks=False)
+    model = se.identify(data, filters=(0.6, 4), accept="memory", checks=False)
     return plant, model, se.gain(model, [100.0, 1.0], 1.0)
 
 
@@ -169,6 +169,15 @@ def test_true_readings_pass_the_gate_as_often_as_said(monkeypatch):
                 x = window._core.advance(x, read, act)
     assert rejected[1.0] <= 0.05 * 2000
     assert rejected[3.0] > 0.05 * 2000
+
+
+def test_the_gate_stands_where_the_tests_of_the_log_withhold_certificates(belt):
+    _, model, _ = belt
+    doubted = se.identify(model.data, filters=(0.6, 4), checks=False)
+    assert "memory" in doubted._faults
+    given = np.ones(model.window.length), np.ones(2), np.ones(2, dtype=bool), None
+    one, other = (gate.gate_of(m).excess(given[1], given[0], *given[2:]) for m in (model, doubted))
+    assert one == other
 
 
 def test_the_size_of_the_gate_is_its_formula(belt):

@@ -11,6 +11,7 @@ import numpy as np
 from .. import _core
 from .._base.types import DELTA
 from ..exceptions import StochensError
+from ..identification.certifying import Wish
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,12 +69,12 @@ def _quantile(size: int, delta: float) -> float:
 
 
 def gate_of(model: Model) -> Gate | None:
-    """The gate of a model, None where no bound of Gaussian noise is known."""
+    """The gate of a model, also of one in doubt; None where no bound of its noise is known."""
     if model.noise != "gaussian":
         return None
     try:
         own = model.assumptions.known is None and model.assumptions.tail == 0.0
-        region = model.region(DELTA, method="mixture" if own else "auto")
+        region = model._region(Wish(DELTA, method="mixture" if own else "auto"))
     except StochensError:
         return None
     if region.noise is None or not np.isfinite(region.radius):

@@ -555,6 +555,10 @@ class Model(SavedRecord, Identified, Tabled):
             validation.choice("method", method, METHODS),
             validation.flag("anytime", anytime),
         )
+        return self._region(wish)._withheld(self._refusing)
+
+    def _region(self, wish: Wish) -> Region:
+        """The region whatever the tests of the log say."""
         refuse_region(self.assumptions, wish, len(self._blocks) > 1)
         signs, text = None, ""
         first = 0 if wish.anytime else self._first
@@ -576,7 +580,7 @@ class Model(SavedRecord, Identified, Tabled):
             signs, text = sign_test(self._blocks[0], *self._pairs(), wish.delta, self.key)
             made = self._estimate.sign_region(signs._of, get_num_threads())
         noise = made.noise if self.assumptions.noise == "gaussian" else None
-        region = trusted(
+        return trusted(
             Region,
             centre=validation.frozen(made.centre),
             m=self._free,
@@ -589,7 +593,6 @@ class Model(SavedRecord, Identified, Tabled):
             signs=signs,
             noise=None if noise is None else validation.frozen(noise),
         )
-        return region._withheld(self._refusing)
 
     @property
     def _assumed(self) -> str:

@@ -159,6 +159,7 @@ PAGES = (
     "docs/limits.md",
     "docs/measured-runs.md",
     "docs/which-number.md",
+    "docs/broken-logs.md",
     "docs/messy-logs.md",
     "docs/outputs.md",
     "docs/networks.md",

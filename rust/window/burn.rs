@@ -11,7 +11,7 @@ use super::shape::{Kind, LARGEST, WHAT, Window};
 /// deviation of the noise: what the start values leave in all pieces together is then about one deviation.
 ///
 /// # Errors
-/// [`Error::Value`] for a pole outside (0, 1), a ratio that is negative or not finite, or b > [`LARGEST`];
+/// [`Error::Value`] for a pole outside (0, 1), a ratio that is negative or not finite, or b > `LARGEST`;
 /// [`Error::Interrupted`].
 pub fn burn(pole: f64, count: usize, ratio: f64, pieces: usize, stop: &Stop) -> Result<usize> {
     if !(pole > 0.0 && pole < 1.0 && ratio >= 0.0 && ratio.is_finite()) {

@@ -307,14 +307,9 @@ def _follow(raw: Trajectories, at: NDArray[np.int64], rows: Floats) -> bool:
     n = raw.n
     later = np.flatnonzero(np.append(raw._pieces.places()[1:], 0)[at])
     z, y, u = rows[later, :-n], rows[later, -n:], raw._rows[at[later] + 1, n:-n]
-    one = np.ones((len(u), 1))
-    window, inputs = _explained(one, y, z).get("memory"), _explained(one, u, z).get("memory")
-    return (
-        window is not None
-        and window.each.min() > 1.0 - LARGE
-        and inputs is not None
-        and inputs.p_value > NO_EFFECT
-    )
+    one, none = np.ones((len(u), 1)), NONE._replace(p_value=0.0)
+    window, inputs = (_explained(one, of, z).get("memory", none) for of in (y, u))
+    return min(window.each, default=0.0) > 1.0 - LARGE and inputs.p_value > NO_EFFECT
 
 
 def _late(model: Any, test: Tested) -> Tested:

@@ -19,7 +19,7 @@ CART = se.System.from_any(
     ),
     dt=0.05,
 )
-COST = se.Cost(Q=1.0, R=0.1)
+COST, ONES = se.Cost(Q=1.0, R=0.1), se.Cost(Q=1.0, R=1.0)
 
 
 def exact(array):
@@ -119,6 +119,16 @@ def test_public_cases(A, B, x0, steps, limit, J, first):
     np.testing.assert_allclose(u, plan.u[0], rtol=1e-9)
     if first is not None:
         assert u[0] == pytest.approx(first, rel=1e-2)
+
+
+@pytest.mark.parametrize("steps", [32, 35])
+def test_inputs_that_stop_just_short_of_their_limits(steps):
+    """Eight states, nearly all inputs at a limit, slopes up to 1e6: it ended with gap = J."""
+    rng = np.random.RandomState(7)
+    A, B, x0 = np.eye(8) + 0.2 * rng.randn(8, 8), rng.randn(8, 2), 5.0 * rng.randn(8)
+    plan = se.control((A, B), x0, np.zeros(8), steps=steps, limits=(-1, 1), cost=ONES)
+    assert plan.status == "optimal"
+    assert plan.gap <= 1e-11 * plan.objective
 
 
 def conic(A, B, x0, steps, **sides):

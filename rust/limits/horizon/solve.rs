@@ -31,6 +31,14 @@ pub struct Solved {
     pub followed: Option<Followed>,
 }
 
+/// Share of an input by which one may be off its limit where a search from the limits begins.
+const CLOSE: f64 = 1e-4;
+
+/// Inputs with what it takes to follow them.
+fn followed((found, followed): (Solution, Followed)) -> RowsSolution {
+    RowsSolution { found, followed: Some(followed), ..RowsSolution::default() }
+}
+
 /// `values` (rows, columns) in the corner of a matrix (more, wider) of `none`, or the corner of it.
 fn padded(values: &[f64], rows: usize, columns: usize, more: usize, wider: usize, none: f64) -> Result<Vec<f64>> {
     let mut all = try_filled(WHAT, none, checked_len(WHAT, more, wider)?)?;
@@ -155,11 +163,7 @@ impl Horizon {
         let mut best = None;
         if free || self.boxed() {
             let warm = warm.filter(|_| !free);
-            best = followed_control(&steps, bounds, warm, until)?.map(|(found, followed)| RowsSolution {
-                found,
-                followed: Some(followed),
-                ..RowsSolution::default()
-            });
+            best = followed_control(&steps, bounds, warm, until)?.map(followed);
             if best.as_ref().is_some_and(|best| best.found.status != Status::Inaccurate) {
                 return self.without_offset(best, p);
             }
@@ -180,6 +184,18 @@ impl Horizon {
             Ok(_) => {}
             Err(Error::Numerical(_) | Error::Interrupted) => {}
             Err(other) => return Err(other),
+        }
+        // once more from the limits that these inputs are at but for rounding
+        if let Some(RowsSolution { found, .. }) = best.as_ref().filter(|best| best.found.status == Status::Inaccurate)
+            && (free || self.boxed())
+        {
+            let side = |(i, u): (usize, &f64)| {
+                let close = CLOSE * u.abs();
+                i8::from(bounds.high[i] - u <= close) - i8::from(u - bounds.low[i] <= close)
+            };
+            let sides = crate::memory::try_collect("the limits", found.control.iter().enumerate().map(side))?;
+            let again = followed_control(&steps, bounds, Some(&sides), until)?.map(followed);
+            best = again.filter(|again| again.found.gap < found.gap).or(best);
         }
         self.without_offset(best, p)
     }

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 import stochens_rs as se
-from coverage_study import at_most, failures, repeated
+from coverage_study import at_most, failures, repeated, sets
 from stochens_rs.theory import scenario
 
-FLEETS, BETA = 2000, 0.05
+FLEETS, BETA = sets(2000, 800), 0.05
 
 
 def test_bounds_of_small_fleets_hold() -> None:

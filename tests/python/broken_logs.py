@@ -728,7 +728,7 @@ def main(sets: int) -> None:
         for size in range(3):
             found = sum((counted(kind, name, size, sets) for name in about.plants), Counter())
             share = 100.0 / found.total()
-            cells.append(" / ".join(f"{share * found[word]:.0f}" for word in ("wrong", "refused")))
+            cells.append(f"{share * found['wrong']:.0f}\u00a0/\u00a0{share * found['refused']:.0f}")
         print(f"| {about.text.rstrip('.')} | {' | '.join(cells)} |", flush=True)
 
 

@@ -31,7 +31,7 @@ pub struct Solved {
     pub followed: Option<Followed>,
 }
 
-/// Share of an input by which one may be off its limit where a search from the limits begins.
+/// An input within this share of its size from a limit begins another search at that limit.
 const CLOSE: f64 = 1e-4;
 
 /// Inputs with what it takes to follow them.
@@ -185,7 +185,7 @@ impl Horizon {
             Err(Error::Numerical(_) | Error::Interrupted) => {}
             Err(other) => return Err(other),
         }
-        // once more from the limits that these inputs are at but for rounding
+        // another search, from the limits that these inputs are at but for rounding
         if let Some(RowsSolution { found, .. }) = best.as_ref().filter(|best| best.found.status == Status::Inaccurate)
             && (free || self.boxed())
         {

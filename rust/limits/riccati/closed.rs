@@ -24,8 +24,6 @@ const PIVOTS: usize = 40;
 const PATIENCE: usize = 6;
 /// Rounding of an input and of a slope, relative to the largest.
 const ROUNDING: f64 = 1e-13;
-/// Share of the largest input by which one may be off the limit that its slope points to.
-const CLOSE: f64 = 1e-10;
 /// Share of the largest value of a state by which it may be off where inputs alone are said to lead there.
 const OPEN: f64 = 1e-7;
 /// Share of the terms of the gap that their own rounding can be.
@@ -371,12 +369,9 @@ impl Riccati {
             let mut wrong = 0;
             for i in (0..u.len()).filter(|&i| fixed[i] == 0) {
                 let (near, flat) = (ROUNDING * sizes[i % m].0, ROUNDING * sizes[i % m].1);
-                let close = CLOSE * sizes[i % m].0;
                 let now = match held[i] {
                     0 if u[i] < bounds.low[i] - near => -1,
                     0 if u[i] > bounds.high[i] + near => 1,
-                    0 if u[i] < bounds.low[i] + close && found.g[i] > flat => -1,
-                    0 if u[i] > bounds.high[i] - close && found.g[i] < -flat => 1,
                     -1 if found.g[i] < -flat => 0,
                     1 if found.g[i] > flat => 0,
                     same => same,
@@ -430,10 +425,6 @@ pub fn followed_control(
     }
     let mut count = 0;
     let early = or_ended(q.exchanged(bounds, (&fixed, &mut held), &mut u, &mut count, until), until)?;
-    // an exchange that did not end leaves limits at which the inputs still are
-    for (i, held) in held.iter_mut().enumerate().filter(|(i, _)| fixed[*i] == 0) {
-        *held = if *held == 0 { bounds.reached(i, u[i], 0.0) } else { *held };
-    }
     // inputs within their limits, those that are held exactly there, and the states that follow
     let mut x = try_copy(WHAT, &q.path)?;
     q.follow(&mut u, &mut x, |u, i| match bounds.at(i, held[i]) {
@@ -443,10 +434,9 @@ pub fn followed_control(
     for (i, held) in held.iter_mut().enumerate() {
         *held = if fixed[i] != 0 { 1 } else { bounds.reached(i, u[i], 0.0) };
     }
-    let close = CLOSE * u.iter().fold(0.0, |most: f64, u| most.max(u.abs()));
     let near = |i: usize, g: f64| {
-        let off = if g < 0.0 { bounds.high[i] - u[i] } else { u[i] - bounds.low[i] };
-        if fixed[i] != 0 { Some(0.0) } else { (off <= close).then_some(off.max(0.0)) }
+        let at = bounds.reached(i, u[i], g);
+        (fixed[i] != 0 || at < 0 && g >= 0.0 || at > 0 && g <= 0.0).then_some(0.0)
     };
     let room = |i: usize, _: &[f64]| (bounds.low[i] - u[i], bounds.high[i] - u[i]);
     let Some(judged) = q.judge((&u, &x), &held, &Pull::NONE, near, room, Until::new(&Stop::new(), None))? else {

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import platform
+import secrets
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -112,8 +113,11 @@ def versions() -> dict[str, str]:
 
 def write_text(path: Path, text: str) -> None:
     """Write a file so that a reader sees either the old or the whole new one."""
-    part = path.with_name(f"{path.name}.part")
-    part.write_text(text, encoding="utf-8")
+    part = path.with_name(f"{path.name}.{secrets.token_hex(8)}.tmp")
+    with part.open(
+        "x", encoding="utf-8"
+    ) as file:  # a new file: no link that stands there is followed
+        file.write(text)
     part.replace(path)
 
 

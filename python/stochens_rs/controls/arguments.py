@@ -180,17 +180,15 @@ def step_warnings(found: Best, *, exact: bool) -> tuple[str, ...]:
     C_K has the rank of C_n for K > n (Cayley and Hamilton); rounding hides it where A grows.
     """
     (n, m), K, rank = found.B.shape, found.steps, len(found.factors.s)
-    if K == 1:
-        return ()
     if rank < n < K:
         C = dynamics.controllability(dynamics.matrix_powers(found.A, n - 1), found.B)
         rank = max(rank, len(factors(C).s))
-    if rank < n:
+    if rank < n and K > 1:
         return (
             f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "
             "estimate need not be consistent",
         )
-    if m * K == n and not exact:
+    if m * K == n and K > 1 and not exact:
         return (
             f"m K = n = {n}: the inverse of the estimated C_K has heavy tails; take more than "
             f"{K} steps, or regularise",

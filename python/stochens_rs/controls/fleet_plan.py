@@ -314,7 +314,8 @@ class FleetPlan(SavedRecord, Tabled):
         units = Units(fresh, starts, self.units.task)
         if old := units.of_design(self.units):
             raise InputError(
-                f"`new_units` must be fresh, got {old} of {units.size} old ones: leave these out"
+                f"`new_units` must be fresh, got {old} of {units.size} that had a part in the "
+                "design: leave these out"
             )
         misses, excess = units.misses(self.u)
         radii, failing = self._radii(radius, delta, fresh.size)

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 LEVEL = 5e-4  # of each test: together below 0.01
 FEW = 5  # runs that end beyond one limit, from which it ended them
 CLEAR = 100.0  # times what rounding may change: residuals that are noise
-LARGE = 0.2  # share of the variance
+LARGE = 0.2  # share that late inputs explain at least, and that a good window leaves at most
 NO_EFFECT = 1e-3  # p-value from which an input has no effect that is seen
 # Of which law each test asks more than a mean of 0.
 OF_GAUSSIAN = ("outliers", "variance", "noise shape")
@@ -45,9 +45,10 @@ TEXTS = {
     "cut them, or pass them as missing (nan)",
     "clipped": "residuals depend on whether a reading is at its largest or least value{most}: the "
     "end of the range of a sensor; cut these rows",
-    "late rows": "the inputs of the next row explain {share}, which no feedback does: rows hold "
+    "late rows": "inputs of the next row explain {share}, more than by a feedback: rows hold "
     "the state after their action; pass delay=-1",
     "dead time": "inputs {steps} earlier explain {share}: a dead time; pass delay={lag}{longer}",
+    "delay": "inputs {steps} earlier explain {share}: the delay is shorter; pass delay={lag}",
     "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
     "point other than 0: pass intercept=True",
     "ends": "the last pairs of the runs have a model of their own: runs that ended for what was "
@@ -203,12 +204,11 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         "signals": signals,
         "part": _part(test) if name == "change" else "",
     }
-    text = TEXTS[name].format(**values)
-    if name == "dead time" and window is not None and first < window.delay:
-        text = "inputs {steps} earlier explain {share}: the delay is shorter; pass delay={lag}"
-        text = text.format(**values)
     if name == "memory" and window is not None:
         text = window._short(test.share)
+    else:
+        early = name == "dead time" and window is not None and first < window.delay
+        text = TEXTS["delay" if early else name].format(**values)
     return f"{text} (p = {test.p_value:.1g}; or accept={name!r})"
 
 

@@ -149,7 +149,7 @@ def test_the_record(tmp_path) -> None:
     assert np.array_equal(again.inputs, found.inputs)
     known = se.design(planned(known_B=[[0.0], [1.0]]), 3, limits=(-1.0, 1.0))
     assert (np.diff(known.forecast) < 0.0).all()
-    with pytest.raises(ShapeError, match="of the runs"):
+    with pytest.raises(ShapeError, match="must have shape"):
         NextRuns(found.inputs, found.starts[:3], found.forecast, 0.05)
 
 

@@ -105,7 +105,7 @@ def test_it_stands_beside_the_certificate(tmp_path) -> None:
         Typical.load(tmp_path / "typical.state"),
     ):
         assert repr(other) == repr(found)
-    with pytest.raises(InputError, match="`miss` must be at least 0"):
+    with pytest.raises(InputError, match="`miss` must be >= 0"):
         Typical(np.nan, 1.0, 0.05, 19, False, "")
 
 

@@ -41,6 +41,14 @@ class Labels(Record):
         for name, value in (("states", names[0]), ("inputs", names[1]), ("units", units)):
             object.__setattr__(self, name, value)
 
+    def require(self, n: int, m: int) -> None:
+        """Refuse to be the names of another number of states or inputs."""
+        if (len(self.states), len(self.inputs)) != (n, m):
+            raise ShapeError(
+                f"`labels` must name {n} states and {m} inputs, got {len(self.states)} and "
+                f"{len(self.inputs)}"
+            )
+
     @property
     def given(self) -> bool:
         """Whether there is a name or a unit that is not the default."""
@@ -207,12 +215,7 @@ def texts(argument: str, names: object) -> tuple[str, ...] | None:
 def fitting(labels: object, n: int, m: int) -> None:
     """Check the field `labels` of a record of n states and m inputs."""
     if labels is not None:
-        found = validation.instance("labels", labels, Labels)
-        if (len(found.states), len(found.inputs)) != (n, m):
-            raise ShapeError(
-                f"`labels` must name {n} states and {m} inputs, got {len(found.states)} and "
-                f"{len(found.inputs)}"
-            )
+        validation.instance("labels", labels, Labels).require(n, m)
 
 
 def checked_names(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..exceptions import InputError
-from . import memory
+from . import fields, memory, serialize
 from .extras import extra
 from .files import versions
 from .signal_names import Labels, default_labels
@@ -69,7 +69,22 @@ class Tabled:
     __slots__ = ()
 
     def _cube(self) -> Cube:
-        raise NotImplementedError
+        """What the declarations of the fields say: arrays with dimensions, numbers and texts."""
+        record: Any = self
+        own: Any = type(record)
+        sizes, rules = fields.sizes(record), fields.rules(own)
+        clock, times = over_time(sizes.get("step", 0), record.dt, getattr(record, "times", None))
+        variables: dict[str, Any] = {}
+        for name, rule in rules.items():
+            array = getattr(record, name)
+            if rule.dims and array is not None and name != "times":
+                rows = padded(array) if "step" in rule.dims else array
+                dims = tuple(clock if dim in ("step", "step+1") else dim for dim in rule.dims)
+                unit = None if "own unit" in rule.words else dims[-1]
+                variables[name] = (dims, rows, unit if unit in ("state", "input") else None)
+        attrs = {name: _plain(getattr(record, name)) for name in serialize.declared(own)}
+        labels = named(record.labels, sizes["state"], sizes["input"])
+        return Cube(variables, times if "step" in sizes else {}, attrs, labels)
 
     def to_xarray(self) -> xarray.Dataset:
         """Give the arrays named dimensions, coordinates and units.
@@ -166,21 +181,33 @@ class Timed(Tabled):
         cube = self._cube()
         clock, (times, _) = next(iter(cube.coordinates.items()))
         columns: dict[str, Any] = {}
+        further: dict[str, Any] = {}  # the first array of a dimension has its plain names
         seen: set[str] = set()
         for name, (dims, array, _) in cube.there().items():
             if dims not in ((clock, "state"), (clock, "input")):
                 continue
-            plain = dims[1] not in seen
-            seen.add(dims[1])
-            for own, column in zip(cube.names(dims[1]) or (), array.T, strict=True):
-                title = own if plain else f"{name}[{own}]"
-                if title in columns:
+            names = cube.names(dims[1]) or ()
+            titles = [f"{name}[{own}]" for own in names] if dims[1] in seen else names
+            for title, column in zip(titles, array.T, strict=True):
+                if title in columns or title in further:
                     raise InputError(f"two columns would be '{title:.60}': use to_xarray()")
-                columns[title] = column
-        found = pandas.DataFrame(columns, index=pandas.Index(times, name=clock))
+                (further if dims[1] in seen else columns)[title] = column
+            seen.add(dims[1])
+        found = pandas.DataFrame(columns | further, index=pandas.Index(times, name=clock))
         units = {} if cube.labels is None else dict(cube.labels.units)
         found.attrs = {**cube.about(), "units": units}
         return found
+
+
+def _plain(value: object) -> object:
+    """A number or a text as an attribute; None for what is none."""
+    if isinstance(value, tuple) and all(isinstance(one, str) for one in value):
+        return ", ".join(value)
+    return (
+        getattr(value, "hex", None)
+        if type(value).__name__ == "Key"
+        else (value if isinstance(value, (str, int, float)) else None)
+    )
 
 
 def over_time(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .._base import memory, validation
 from .._base.align_labels import aligned
 from .._base.csv_file import titled
 from .._base.reading import shown_labels
-from .._base.records import Record, require_shapes, trusted
+from .._base.records import Record, trusted
 from .._base.signal_names import Labels, default_labels
 from .._base.types import Floats
 from .._base.weights import weight
@@ -50,29 +50,19 @@ class Task(Record):
         ``u_s``, the inputs that hold the target; None: 0.
     """
 
-    low: Floats
-    high: Floats
-    stage: Floats
-    terminal: Floats
-    reference: Floats
-    R: Floats | None = None
-    rate: Floats | None = None
-    previous: Floats | None = None
-    state_low: Floats | None = None
-    state_high: Floats | None = None
+    low: Annotated[Floats, "step input", "infinite"]
+    high: Annotated[Floats, "step input", "infinite"]
+    stage: Annotated[Floats, "state state"]
+    terminal: Annotated[Floats, "state state"]
+    reference: Annotated[Floats, "step state"]
+    R: Annotated[Floats, "input input"] | None = None
+    rate: Annotated[Floats, "input", "infinite"] | None = None
+    previous: Annotated[Floats, "input", "infinite"] | None = None
+    state_low: Annotated[Floats, "step state", "infinite"] | None = None
+    state_high: Annotated[Floats, "step state", "infinite"] | None = None
     soft: float | None = None
     follows: bool = False
-    resting: Floats | None = None
-
-    def __post_init__(self) -> None:
-        if np.ndim(self.low) != 2 or np.shape(self.low) != np.shape(self.high):
-            raise ShapeError("`low` and `high` must have the same shape (K, m)")
-        n = validation.kept("reference", self.reference, ndim=(2,)).shape[1]
-        for name in ("stage", "terminal"):
-            validation.kept(name, getattr(self, name), shape=(n, n))
-        K, m = np.shape(self.low)
-        rows = {"reference": (K, n), "state_low": (K, n), "state_high": (K, n)}
-        require_shapes(self, R=(m, m), rate=(m,), previous=(m,), resting=(m,), **rows)
+    resting: Annotated[Floats, "input", "infinite"] | None = None
 
     @property
     def steps(self) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from .._base import html, validation
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, require_shapes
 from .._base.to_xarray import Cube, Tabled, named, over_time
-from .._base.types import STATUSES, Floats, Status
+from .._base.types import Floats, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.fleet import draw_misses
 from ..theory import scenario
@@ -77,38 +77,31 @@ class FleetPlan(SavedRecord, Tabled):
         for limits that are wider by this.
     """
 
-    u: Floats
+    u: Annotated[Floats, "step input"]
     risk: Risk
-    misses: Floats
-    excess: Floats
+    misses: Annotated[Floats, "unit"]
+    excess: Annotated[Floats, "unit"]
     value: float
     lower_bound: float
     status: Status
     support: tuple[int, ...]
     removed: tuple[int, ...]
     units: Units
-    R: Floats | None = None
+    R: Annotated[Floats, "input input"] | None = None
     widest: int | None = None
     discard: int = 0
     missing: float = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        shape = validation.kept("u", self.u, ndim=(2,)).shape
-        validation.choice("risk", self.risk, RISKS)
-        validation.choice("status", self.status, STATUSES)
-        units = validation.instance("units", self.units, Units)
-        for name in ("misses", "excess"):
-            validation.kept(name, getattr(self, name), shape=(units.size,))
-        if shape != units.task.low.shape:
-            raise ShapeError(f"`u` must have shape {units.task.low.shape}, got {shape}")
-        require_shapes(self, R=(shape[1],) * 2)
+        size, shape = self.units.size, self.units.task.low.shape
+        require_shapes(self, u=shape, misses=(size,))
         for name in ("support", "removed"):
             for unit in getattr(self, name):
-                validation.size(name, unit, minimum=0, maximum=units.size - 1)
+                validation.size(name, unit, minimum=0, maximum=size - 1)
         if self.widest is not None:
-            validation.size("widest", self.widest, minimum=0, maximum=units.size - 1)
-        validation.size("discard", self.discard, minimum=len(self.removed), maximum=units.size - 1)
+            validation.size("widest", self.widest, minimum=0, maximum=size - 1)
+        validation.size("discard", self.discard, minimum=len(self.removed), maximum=size - 1)
 
     @property
     def dt(self) -> float | None:

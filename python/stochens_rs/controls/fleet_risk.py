@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
-from .._base import html, validation
+from .._base import html
+from .._base.fields import Probability
 from .._base.records import SavedRecord
 from .._base.types import Floats
 
@@ -49,7 +50,7 @@ class RiskBound(SavedRecord):
     """
 
     epsilon: float
-    beta: float
+    beta: Probability
     method: Method
     size: int
     count: int
@@ -57,11 +58,6 @@ class RiskBound(SavedRecord):
     delta: float = 0.0
     misses: Floats | None = None
     keeps: bool = False
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        validation.choice("method", self.method, METHODS)
-        validation.probability("beta", self.beta)
 
     @property
     def covers(self) -> str:

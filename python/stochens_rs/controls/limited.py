@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .. import _core
 from .._base import memory, validation
 from .._base.numbers import ROUNDING
 from .._base.records import Record, require_shapes
-from .._base.types import STATUSES, Floats, Status
+from .._base.types import Floats, Status
 from ..exceptions import InputError, NonFiniteError
 from ..theory.dynamics import matrix_powers
 from .constraints import Task
@@ -71,29 +71,25 @@ class Limited(Record):
     """
 
     task: Task
-    R: Floats
-    u: Floats
-    active: NDArray[np.int8]
-    multipliers: Floats
+    R: Annotated[Floats, "input input"]
+    u: Annotated[Floats, "step input"]
+    active: Annotated[NDArray[np.int8], "step input"]
+    multipliers: Annotated[Floats, "step input", "infinite"]
     gap: float
     distance: float
     objective: float
     missed: float
     status: Status
     missing: float = 0.0
-    state_active: NDArray[np.int8] | None = None
-    feedback: Floats | None = None
-    states: Floats | None = None
+    state_active: Annotated[NDArray[np.int8], "step state"] | None = None
+    feedback: Annotated[Floats, "step input state", "infinite"] | None = None
+    states: Annotated[Floats, "step state", "infinite"] | None = None
     open_until: int | None = None
     open_objective: float | None = None
 
     def __post_init__(self) -> None:
-        validation.instance("task", self.task, Task)
-        K, m = validation.kept("u", self.u, shape=self.task.low.shape).shape
-        states = self.task.reference.shape
-        require_shapes(self, R=(m, m), active=(K, m), multipliers=(K, m), state_active=states)
-        require_shapes(self, states=states, feedback=(K, m, states[1]))
-        validation.choice("status", self.status, STATUSES)
+        super().__post_init__()
+        require_shapes(self, u=self.task.low.shape, states=self.task.reference.shape)
 
     @property
     def rate_active(self) -> NDArray[np.int8]:

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from .. import _core
 from .._base import html, memory, validation
+from .._base.fields import Probability
 from .._base.records import SavedRecord
 from .._base.types import DELTA, Floats
 from ..certificates.model_basis import ModelBasis
-from ..exceptions import InputError, ShapeError
+from ..exceptions import InputError
 from ..identification.model import Model
 from ..rng import as_key
 from .constraints import sides
@@ -46,18 +47,10 @@ class NextRuns(SavedRecord):
         That of the certificate.
     """
 
-    inputs: Floats
-    starts: Floats
-    forecast: Floats
-    delta: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        runs = len(validation.kept("inputs", self.inputs, ndim=(3,)))
-        validation.kept("starts", self.starts, ndim=(2,))
-        if len(self.starts) != runs or self.forecast.shape != (runs + 1,):  # may be infinite
-            raise ShapeError("`starts` and `forecast` must be of the runs of `inputs`")
-        validation.probability("delta", self.delta)
+    inputs: Annotated[Floats, "run step input"]
+    starts: Annotated[Floats, "run state"]
+    forecast: Annotated[Floats, "run+1", "infinite"]
+    delta: Probability
 
     @property
     def _said(self) -> str:

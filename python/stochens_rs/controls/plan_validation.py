@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import html, validation
+from .._base.fields import Probability
 from .._base.records import SavedRecord
 from .._base.types import Floats
-from ..exceptions import InputError, ShapeError
+from ..exceptions import InputError
 from ..theory import scenario
 
 Source: TypeAlias = Literal["runs", "runs of a loop", "fresh systems"]
@@ -81,28 +82,20 @@ class Validation(SavedRecord):
     """
 
     factor: float
-    tube: Floats
+    tube: Annotated[Floats, "time state", "infinite"]
     target: float
-    xf: Floats
-    delta: float
-    beta: float | None
+    xf: Annotated[Floats, "state"]
+    delta: Probability
+    beta: Probability | None
     source: Source
-    deviations: Floats
-    misses: Floats
+    deviations: Annotated[Floats, "run", "infinite"]
+    misses: Annotated[Floats, "run", "infinite"]
     rank: int | None
     noise_free: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        validation.probability("delta", self.delta)
-        if self.beta is not None:
-            validation.probability("beta", self.beta)
-        validation.kept("xf", self.xf, ndim=(1,))
-        if self.tube.ndim != 2 or self.tube.shape[1] != len(self.xf):  # entries may be infinite
-            raise ShapeError(f"`tube` must have shape (K + 1, {len(self.xf)})")
-        size = len(self.deviations)
-        if self.deviations.shape != (size,) or self.misses.shape != (size,) or not size:
-            raise ShapeError("`deviations` and `misses` must have one entry for each run")
+        size = validation.size("deviations", len(self.deviations))
         if self.rank is not None:
             validation.size("rank", self.rank, maximum=size + 1)
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from .. import _core
 from .._base import html, validation
+from .._base.fields import Count, FromZero, Probability
 from .._base.records import SavedRecord
 from .._base.threads import get_num_threads
 from ..certificates.model_basis import ModelBasis
@@ -45,20 +46,12 @@ class Typical(SavedRecord):
         What `miss` rests on, in words.
     """
 
-    miss: float
-    certified: float
-    delta: float
-    draws: int
+    miss: FromZero
+    certified: FromZero
+    delta: Probability
+    draws: Count
     noise: bool
     assumption: str
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        validation.probability("delta", self.delta)
-        validation.size("draws", self.draws)
-        for name in ("miss", "certified"):
-            if not getattr(self, name) >= 0.0:
-                raise InputError(f"`{name}` must be at least 0, got {getattr(self, name)}")
 
     @property
     def text(self) -> str:

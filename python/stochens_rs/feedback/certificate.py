@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 
@@ -79,33 +79,26 @@ class LoopCertificate(SavedRecord):
     """
 
     region: Region
-    K: Floats
+    K: Annotated[Floats, "input state"]
     status: LoopStatus
     norm: float
     least: float
     spectral_radius: float
-    proof: Floats | None
-    multipliers: Floats
+    proof: Annotated[Floats, "state state"] | None
+    multipliers: Annotated[Floats, "multiplier", "infinite"]
     member: Floats | None
     labels: Labels
     dt: float | None = None
     reason: str | None = None
-    residual: Floats | None = None
+    residual: Annotated[Floats, "state state"] | None = None
     degrees: int = 0
     warnings: tuple[str, ...] = ()
-    target: Floats | None = None
+    target: Annotated[Floats, "state+input"] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         n, m = self.region.n, self.region.m
-        require_shapes(
-            self,
-            K=(m, n),
-            proof=(n, n),
-            member=self.region.centre.shape,
-            residual=(n, n),
-            target=(n + m,),
-        )
+        require_shapes(self, K=(m, n), member=self.region.centre.shape)
         validation.size("degrees", self.degrees, minimum=0)
         if self.residual is not None:
             weight("residual", self.residual, n, matrix=True)

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import html, validation
-from .._base.records import SavedRecord, require_shapes
+from .._base.records import SavedRecord
 from .._base.signal_names import Labels
 from ..exceptions import InputError, NonFiniteError
 from ..identification.identified import Identified
@@ -55,20 +55,15 @@ class Loop(SavedRecord):
         The model from data it was made for.
     """
 
-    A: Floats
-    B: Floats
-    K: Floats
-    S: Floats | None
+    A: Annotated[Floats, "state state"]
+    B: Annotated[Floats, "state input"]
+    K: Annotated[Floats, "input state"]
+    S: Annotated[Floats, "state state"] | None
     method: GainMethod
     parameter: float | None
     labels: Labels
     dt: float | None = None
     model: Identified | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        n, m = validation.kept("B", self.B, ndim=(2,)).shape
-        require_shapes(self, A=(n, n), K=(m, n), S=(n, n))
 
     @property
     def E(self) -> NDArray[np.complex128]:

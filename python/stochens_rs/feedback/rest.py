@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
-
-import numpy as np
+from typing import TYPE_CHECKING, Annotated
 
 from .._base import html
-from .._base.records import SavedRecord, require_shapes
+from .._base.records import SavedRecord
 from .._base.signal_names import Labels
 
 if TYPE_CHECKING:
@@ -39,18 +37,13 @@ class Rest(SavedRecord):
         The names of states and inputs.
     """
 
-    states: Floats
-    inputs: Floats
-    components: Floats
-    input_components: Floats
+    states: Annotated[Floats, "state"]
+    inputs: Annotated[Floats, "input"]
+    components: Annotated[Floats, "state", "infinite"]
+    input_components: Annotated[Floats, "input", "infinite"]
     radius: float
     delta: float
     labels: Labels
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        (n,), (m,) = np.shape(self.states), np.shape(self.inputs)
-        require_shapes(self, states=(n,), inputs=(m,), components=(n,), input_components=(m,))
 
     def __repr__(self) -> str:
         size, share = html.at_most(self.radius), html.percent(self.delta)

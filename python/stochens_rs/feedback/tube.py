@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
 from .._base import html, validation
-from .._base.records import SavedRecord, require_shapes
+from .._base.fields import Probability
+from .._base.records import SavedRecord
 from .._base.signal_names import Labels
-from ..exceptions import ShapeError
+from .._base.types import Floats
 from ..plots.panels import Inputs
 from ..plots.tube import draw_tube
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
-
-    from .._base.types import Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -58,28 +57,19 @@ class Tube(SavedRecord):
         The time between two steps [s].
     """
 
-    states: Floats
-    inputs: Floats
-    model: Floats
-    start: Floats
-    state_radii: Floats
-    noise: Floats
+    states: Annotated[Floats, "step+1 state"]
+    inputs: Annotated[Floats, "step input"]
+    model: Annotated[Floats, "step+1 state+input", "infinite"]
+    start: Annotated[Floats, "step+1 state+input", "infinite"]
+    state_radii: Annotated[Floats, "step+1", "infinite"]
+    noise: Annotated[Floats, "state+input", "infinite"]
     noise_radius: float
-    later: Floats
-    reach: Floats
-    delta: float
+    later: Annotated[Floats, "later", "infinite"]
+    reach: Annotated[Floats, "state+input", "infinite"]
+    delta: Probability
     eps: float | None
     labels: Labels
     dt: float | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        validation.probability("delta", self.delta)
-        if self.states.ndim != 2 or self.inputs.ndim != 2 or self.later.ndim != 1:
-            raise ShapeError("`states` and `inputs` must have two dimensions, `later` one")
-        (K1, n), m = self.states.shape, self.inputs.shape[1]
-        shapes = {"inputs": (K1 - 1, m), "model": (K1, n + m), "start": (K1, n + m)}
-        require_shapes(self, **shapes, state_radii=(K1,), noise=(n + m,), reach=(n + m,))
 
     @property
     def _rows(self) -> Floats:

@@ -6,14 +6,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from .._base import html, validation
-from .._base.records import SavedRecord, require_shapes
-from .._base.signal_names import Labels, default_labels, fitting, two_states
-from .._base.to_xarray import Cube, Timed, named, over_time, padded
+from .._base import html
+from .._base.fields import Count, Positive
+from .._base.records import SavedRecord
+from .._base.signal_names import Labels, default_labels, two_states
+from .._base.to_xarray import Timed
 from .._base.types import Centre, Floats
 from ..exceptions import ShapeError
 from ..plots.states import draw_phase, draw_states
@@ -110,16 +111,11 @@ class Trajectory(_OverTime):
         Names and units of the states and inputs, as those of the system.
     """
 
-    states: Floats
-    inputs: Floats
-    times: Floats
-    dt: float | None = None
+    states: Annotated[Floats, "step+1 state"]
+    inputs: Annotated[Floats, "step input"]
+    times: Annotated[Floats, "step+1"]
+    dt: Positive | None = None
     labels: Labels | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        n, m = _over_time(self, "states")
-        fitting(self.labels, n, m)
 
     @property
     def _curves(self) -> Floats:
@@ -159,15 +155,6 @@ class Trajectory(_OverTime):
         """
         at, how = self._shown(states)
         return draw_states(self.times, self.states[:, at], None, ax=ax, **how)
-
-    def _cube(self) -> Cube:
-        clock, times = over_time(self.steps, self.dt, self.times)
-        variables = {
-            "states": ((clock, "state"), self.states, "state"),
-            "inputs": ((clock, "input"), padded(self.inputs), "input"),
-        }
-        labels = named(self.labels, self.states.shape[1], self.inputs.shape[1])
-        return Cube(variables, times, {"dt": self.dt}, labels)
 
     def _repr_html_(self) -> str:
         rows = [
@@ -225,17 +212,17 @@ class EnsembleTrajectory(_OverTime):
         Names and units of the states and inputs, as those of the system.
     """
 
-    mean: Floats
-    variance: Floats | None
-    covariance: Floats | None
-    runs: Floats | None
-    inputs: Floats
-    times: Floats
-    size: int
-    replicates: int
+    mean: Annotated[Floats, "step+1 state"]
+    variance: Annotated[Floats, "step+1 state", "own unit"] | None
+    covariance: Annotated[Floats, "step+1 state other_state", "own unit"] | None
+    runs: Annotated[Floats, "run step+1 state"] | None
+    inputs: Annotated[Floats, "step input"]
+    times: Annotated[Floats, "step+1"]
+    size: Count
+    replicates: Count
     averaging: str
     sampled: tuple[str, ...]
-    dt: float | None
+    dt: Positive | None
     key: Key | None
     status: str = "completed"
     centre: Centre | None = None
@@ -243,11 +230,8 @@ class EnsembleTrajectory(_OverTime):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        n, m = _over_time(self, "mean")
-        fitting(self.labels, n, m)
-        size, K = validation.size("replicates", self.replicates), self.steps
-        require_shapes(self, variance=(K + 1, n), covariance=(K + 1, n, n), runs=(size, K + 1, n))
-        validation.size("size", self.size)
+        if self.runs is not None and len(self.runs) != self.replicates:
+            raise ShapeError(f"`runs` must be {self.replicates}, got {len(self.runs)}")
 
     @property
     def _curves(self) -> Floats:
@@ -301,21 +285,6 @@ class EnsembleTrajectory(_OverTime):
         error = None if error is None else error[:, at]
         return draw_states(self.times, self.mean[:, at], error, ax=ax, **how)
 
-    def _cube(self) -> Cube:
-        clock, times = over_time(self.steps, self.dt, self.times)
-        variables = {
-            "mean": ((clock, "state"), self.mean, "state"),
-            "inputs": ((clock, "input"), padded(self.inputs), "input"),
-            "variance": ((clock, "state"), self.variance, None),
-            "covariance": ((clock, "state", "other_state"), self.covariance, None),
-            "runs": (("run", clock, "state"), self.runs, "state"),
-        }
-        attrs = {name: getattr(self, name) for name in ("dt", "size", "replicates", "averaging")}
-        attrs |= {"status": self.status, "centre": self.centre, "sampled": ", ".join(self.sampled)}
-        attrs["key"] = None if self.key is None else self.key.hex
-        labels = named(self.labels, self.mean.shape[1], self.inputs.shape[1])
-        return Cube(variables, times, attrs, labels)
-
     def _repr_html_(self) -> str:
         error = self.standard_error
         end = None if error is None else f"at most {error[-1].max():.4g}"
@@ -338,14 +307,3 @@ class EnsembleTrajectory(_OverTime):
             f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, "
             f"{html.counted(self.steps)}, N={self.size}, {self.replicates} trajectories{about}>"
         )
-
-
-def _over_time(record: Trajectory | EnsembleTrajectory, states: str) -> tuple[int, int]:
-    """Check the arrays over time; returns the numbers of states and inputs."""
-    length, n = validation.kept(states, getattr(record, states), ndim=(2,)).shape
-    validation.kept("times", record.times, shape=(length,))
-    if np.ndim(record.inputs) != 2:
-        raise ShapeError(f"`inputs` must have two dimensions, got {np.ndim(record.inputs)}")
-    m = record.inputs.shape[1]
-    require_shapes(record, inputs=(length - 1, m))
-    return n, m

@@ -1,21 +1,25 @@
 """Models and loops from readings beside other packages, and the time of a call.
 
-    python benches/readings.py [models] [plans] [calls]
+    python benches/readings.py [models] [plans] [calls] [logs]
 
 models: prediction of hidden systems with errors of reading beside N4SID of SLICOT, which is told
 the order (`pip install ctrlsys`). plans: a loop that plans within limits beside one that plans from
 the samples themselves (`pip install direct-data-driven-mpc`). calls: our loop for windows of p
-lags. Medians, one thread; a package that is missing is named, and its table left out.
+lags. logs: a CSV file beside pandas. Medians, one thread; a package that is missing is named, and
+its table left out.
 """
 
 from __future__ import annotations
 
 import importlib
 import sys
+import tempfile
 import time
+import timeit
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 
 import numpy as np
@@ -245,8 +249,30 @@ def calls() -> None:
         print(f"| {lags} | {model.n} | {times[0]:.1f} | {times[1]:.1f} |")
 
 
+def logs(rows: int = 40_000) -> None:
+    """A CSV file of five columns as runs, beside the columns of pandas."""
+    pandas, gen = peer("pandas", "pandas"), np.random.default_rng(1)
+    columns = np.column_stack([0.02 * np.arange(rows), gen.standard_normal((rows, 4))])
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "log.csv"
+        np.savetxt(path, columns, "%.17g", ",", header="t,p,v,w,F", comments="")
+
+        def ours() -> None:
+            se.Trajectories.from_csv(path, states=["p", "v", "w"], inputs=["F"], time="t")
+
+        readers = {"ours": ours} | ({"pandas": lambda: pandas.read_csv(path)} if pandas else {})
+        spent = {
+            name: min(timeit.repeat(read, number=1, repeat=9)) for name, read in readers.items()
+        }
+    print(f"\na CSV file of {rows} rows and five columns")
+    print("| reader | time | ratio |")
+    print("|---|---:|---:|")
+    for name, one in spent.items():
+        print(f"| {name} | {1e3 * one:.1f} ms | {one / min(spent.values()):.1f}x |")
+
+
 if __name__ == "__main__":
-    tables = {"models": models, "plans": plans, "calls": calls}
+    tables = {"models": models, "plans": plans, "calls": calls, "logs": logs}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         for name in sys.argv[1:] or tables:

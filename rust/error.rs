@@ -45,6 +45,10 @@ pub enum Error {
     #[error("{0}")]
     NoGain(Obstacle),
 
+    /// A file is not the table that was to be read.
+    #[error("{path} {fault}")]
+    File { path: String, fault: String },
+
     /// A file is not a usable state file, nor is the previous generation, if that was tried.
     #[error("{path:?} {fault}{}", previous.as_ref().map_or_else(String::new, |why| format!("; and {why}")))]
     State { path: PathBuf, fault: Fault, previous: Option<String> },

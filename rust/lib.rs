@@ -16,7 +16,8 @@
 //! 8. computes **controls within limits** ([`limits`]), with a certificate;
 //! 9. makes models of **windows** of readings and inputs where states are not measured ([`window`]);
 //! 10. finds one **command for a fleet** of units ([`fleet`]), and bounds what a fresh unit risks;
-//! 11. **bounds** the errors of averages of realizations by formulas ([`tails`]).
+//! 11. **bounds** the errors of averages of realizations by formulas ([`tails`]);
+//! 12. **reads** tables of measured runs from CSV files ([`table`]).
 //!
 //! The modules are listed in the order of the data, `stream -> sample -> fuse -> control -> simulate`, and use only
 //! earlier ones. Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
@@ -84,6 +85,7 @@ pub mod simulate;
 pub mod storage;
 mod stream;
 pub mod streaming;
+pub mod table;
 pub mod tails;
 mod vector;
 pub mod window;

@@ -25,6 +25,7 @@ __all__ = [
     "RegionPart",
     "StateLock",
     "Stream",
+    "Table",
     "TailBounds",
     "Window",
     "alse",
@@ -63,6 +64,7 @@ __all__ = [
     "hull_position",
     "hull_radius",
     "hull_share",
+    "instants",
     "joint_radii",
     "kept_quantiles",
     "least_squares_level",
@@ -373,6 +375,24 @@ class TailBounds:
     def constants(self) -> dict[str, Any]: ...
     # mean square, root of the squared ranges of M A^s x, D_0^2
     def measures(self, rates: Sequence[float], x: _Floats) -> tuple[float, float, float]: ...
+
+@final
+class Table:
+    def __new__(
+        cls, path: str, text: str, sep: str | None, comma: bool | None, skip: int
+    ) -> Table: ...
+    @property
+    def names(self) -> list[str]: ...
+    @property
+    def comments(self) -> list[str]: ...
+    @property
+    def rows(self) -> int: ...
+    def line(self, row: int) -> int: ...
+    def numbers(self, column: int, whole: bool) -> _Floats: ...
+    def cells(self, column: int) -> list[str]: ...
+    def cure(self, column: int, cell: str) -> str: ...
+
+def instants(texts: list[str]) -> tuple[_Floats, int | None]: ...
 
 @final
 class StateLock:

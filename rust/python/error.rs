@@ -31,7 +31,7 @@ impl From<Error> for PyErr {
         match error {
             Error::Shape { .. } => ShapeError::new_err(message),
             Error::NonFinite { .. } | Error::Overflow { .. } => NonFiniteError::new_err(message),
-            Error::Value { .. } => InputError::new_err(message),
+            Error::Value { .. } | Error::File { .. } => InputError::new_err(message),
             Error::Memory { bytes, .. } => ResourceError::new_err((message, bytes)),
             Error::Numerical(_) | Error::NoGain(_) => SolverError::new_err(message),
             Error::State { .. } => StateError::new_err(message),

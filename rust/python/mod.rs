@@ -32,6 +32,7 @@ mod shared;
 mod simulate;
 mod storage;
 mod streaming;
+mod table;
 mod tails;
 mod validation;
 mod window;
@@ -100,6 +101,8 @@ mod _core {
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};
     #[pymodule_export]
     use super::streaming::{PyDataStream, PyStream, mean_radius};
+    #[pymodule_export]
+    use super::table::{PyTable, instants};
     #[pymodule_export]
     use super::tails::PyTailBounds;
     #[pymodule_export]

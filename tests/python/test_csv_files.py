@@ -11,8 +11,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
-from stochens_rs._base.csv_file import titled
-from stochens_rs._base.seconds import SECONDS, unit_of
+from stochens_rs.data.units import SECONDS, titled, unit_of
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
 
 T = 12
@@ -134,14 +133,14 @@ REFUSED = {
         "# a\n\n" + PLAIN.replace("\n", "\n\n") + "\n\n1,1,fast,2", {}, "'v', got 'fast' in line 29"
     ),
     "a unit of two lines": (
-        "\n".join([HEAD, 's,"m\n",m,N', *ROWS]), {}, r"one line of text .* got 'p \[m\\n\]'"
+        "\n".join([HEAD, 's,"m\nm",m,N', *ROWS]), {}, r"one line of text .* got 'p \[m\\nm\]'"
     ),
     "names that are the same with their units": (
         "\n".join(["p,p [m],v,F", "m,m,m,N", *ROWS]), {}, "has the column 'p .m.' twice"
     ),
     "an underscore": (PLAIN + "\n0.24,1,1_5,2", {}, "got '1_5' in line 14"),
     "no text": (b"PK\3\4\0\0a,b\n", {}, "text in UTF-8, UTF-16 or Windows-1252"),
-    "a wide separator": (PLAIN, {"sep": "::"}, "`sep` must be one character, as ';', got str '::'"),
+    "a wide separator": (PLAIN, {"sep": "::"}, "`sep` must be one character of ASCII, as"),
     "another decimal sign": (PLAIN, {"decimal": ";"}, "`decimal` must be"),
     "one sign for both": (PLAIN, {"sep": ",", "decimal": ","}, "`sep` and `decimal` must differ"),
     "a negative number of lines": (PLAIN, {"skip": -1}, "`skip` must be"),

@@ -11,8 +11,8 @@ import pytest
 
 import stochens_rs as se
 from identification_data import noisy_states
+from stochens_rs.data.trajectories import pooled
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
-from stochens_rs.identification.trajectories import pooled
 from twin import triangle as tr
 
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from .._base.csv_file import name_and_unit, read_cells
 from .._base.reading import printable
-from .._base.seconds import SECONDS
+from ..data.table import Table
+from ..data.units import SECONDS, name_and_unit
 from ..exceptions import InputError
 
 # A comment about the step, and one that can be read: dt = 0.1, dt = 100 ms, dt [ms] = 100.
@@ -26,17 +26,18 @@ _ENDS = ("x0", "xf")  # columns behind those of A and B
 
 def read_csv(path: Path) -> dict[str, Any]:
     """The entries A, B, states, inputs, units, and x0, xf and dt if the file has them."""
-    cells = read_cells(path)
-    head, columns = cells.names, dict(cells.columns)
-    of_rows = columns.pop(head[0]) if head[0] in ("", "state") else None
-    found: dict[str, Any] = {name: columns.pop(name) for name in _ENDS if name in columns}
-    titles = list(columns)
-    if head[len(head) - len(found) :] != [name for name in _ENDS if name in found]:
+    table = Table.of_file(path)
+    head = table.names
+    of_rows = table.labels(head[0]) if head[0] in ("", "state") else None
+    found = [name for name in _ENDS if name in head]
+    titles = [name for name in head[of_rows is not None :] if name not in found]
+    if head[len(head) - len(found) :] != found:
         raise InputError(f"{path} must have the columns x0 and xf last, in this order")
     bare = next((title for title in titles if not title or _is_number(title)), None)
     if bare is not None:
         raise InputError(f"{path} must name its columns in the first row, got {bare[:30]!r}")
-    n = len(cells.lines)
+    assert table.file is not None
+    n = table.file.rows
     if len(titles) <= n:
         raise InputError(
             f"{path} must have a row for each state, and a column for each state and then for each "
@@ -45,7 +46,9 @@ def read_csv(path: Path) -> dict[str, Any]:
         )
     names, units = zip(*(name_and_unit(title) for title in titles), strict=True)
     order = list(range(n)) if of_rows is None else _order(path, of_rows, names[:n])
-    numbers = {title: cells.numbers(title, whole=True)[order] for title in (*columns, *found)}
+    numbers = {
+        title: table.numbers("path", title, whole=True)[order] for title in (*titles, *found)
+    }
     A_B = np.array([numbers[title] for title in titles]).T
     return {
         "A": A_B[:, :n],
@@ -54,7 +57,7 @@ def read_csv(path: Path) -> dict[str, Any]:
         "inputs": names[n:],
         "units": list(units),
         **{name: numbers[name] for name in found},
-        **_step(path, cells.comments),
+        **_step(path, table.file.comments),
     }
 
 

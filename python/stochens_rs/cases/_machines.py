@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base import validation
-from .._base.csv_file import read_cells
 from .._base.files import checked_path
 from .._base.types import Floats
+from ..data.table import Table
 from ..exceptions import InputError, InputTypeError
 
 Base = Literal["system", "machine"]
@@ -133,7 +133,6 @@ def _of_rows(machines: Mapping[Any, Any]) -> dict[str, Any]:
 
 
 def _csv(path: str) -> dict[str, Any]:
-    cells = read_cells(path)
-    known = {*_NEEDED, "x'd", "mva"}
-    read = {name: cells.numbers(name, whole=True) for name in cells.names if name in known}
-    return cells.columns | read
+    table, known = Table.of_file(path), {*_NEEDED, "x'd", "mva"}
+    read = {k: table.numbers("machines", k, whole=True) for k in table.names if k in known}
+    return dict.fromkeys(table.names) | read

@@ -8,15 +8,14 @@ from typing import Any
 import click
 import numpy as np
 
-from .._base.csv_file import Text, csv_files, natural
 from .._base.html import listed, within
 from .._base.reading import number
+from ..data.gaps import ON_GAP
+from ..data.table import Table, Text, csv_files, natural
 from ..exceptions import DataWarning
 from ..identification import Model, Trajectories, identify
 from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
-from ..identification.gaps import ON_GAP
 from ..identification.region import Region
-from ..identification.tables import Table
 from ..rng import as_key
 from ._command import Command
 from ._options import FILE, Choice, delta_option, force_option, json_option, out_option, seed_option

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 import numpy as np
 
-from .._base.csv_file import titled
 from .._base.reading import number
 from .._base.validation import nearest
 from ..controls import Cost, Limits
 from ..controls.plan_summary import at_limits, least
+from ..data.units import titled
 from ..exceptions import SolverError
 from ..feedback import Loop, gain
 from ._output import finite

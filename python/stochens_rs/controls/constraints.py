@@ -10,12 +10,12 @@ import numpy as np
 from .. import _core
 from .._base import memory, validation
 from .._base.align_labels import aligned
-from .._base.csv_file import titled
 from .._base.reading import shown_labels
 from .._base.records import Record, trusted
 from .._base.signal_names import Labels, default_labels
 from .._base.types import Floats
 from .._base.weights import weight
+from ..data.units import titled
 from ..exceptions import InputError, InputTypeError, ShapeError
 from .cost import Cost, as_cost
 from .entries import Named, pair_of

@@ -22,7 +22,7 @@ from . import hull
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from ..identification.trajectories import Trajectories
+    from ..data import Trajectories
 
 DataMethod: TypeAlias = Literal["alse", "leave-one-out"]
 DATA_METHODS: tuple[DataMethod, ...] = get_args(DataMethod)

@@ -25,9 +25,9 @@ from .weighting import weighted
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from ..data import Trajectories
     from ..identification.assumptions import Design
     from ..identification.model import Model
-    from ..identification.trajectories import Trajectories
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
 

@@ -9,10 +9,10 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
+from ..data.trajectories import pooled
 from ..exceptions import InputError
 from ..identification.checks import DRAWS, WORK
 from ..identification.model import Model
-from ..identification.trajectories import pooled
 from .by_data import shared_rows
 
 if TYPE_CHECKING:

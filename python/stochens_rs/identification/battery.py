@@ -22,9 +22,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from .._base.types import Floats
+    from ..data import Trajectories
     from .assumptions import Assumptions
     from .dependences import Range
-    from .trajectories import Trajectories
 
 LEVEL = 5e-4  # of each test: together below 0.01
 FEW = 5  # runs that end beyond one limit, from which it ended them

@@ -14,7 +14,7 @@ from .window import Window
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from .trajectories import Trajectories
+    from ..data import Trajectories
 
 Lags: TypeAlias = "int | Literal['auto'] | None"
 Order: TypeAlias = "Literal['auto'] | None"

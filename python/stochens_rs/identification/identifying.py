@@ -11,6 +11,7 @@ import numpy as np
 from .. import _core
 from .._base import html, memory, validation
 from .._base.threads import get_num_threads
+from ..data.trajectories import Trajectories, pooled
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import RngLike, as_key
 from .assumptions import (
@@ -27,7 +28,6 @@ from .consistency import refuse
 from .dependences import tested_rows
 from .model import Model
 from .pilot import made
-from .trajectories import Trajectories, pooled
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

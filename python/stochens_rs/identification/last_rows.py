@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from ..data.gaps import NEAR
+from ..data.table import Table
 from ..exceptions import InputError
-from .stamps import NEAR
-from .tables import Table
 
 if TYPE_CHECKING:
     from .._base.types import Floats

@@ -13,6 +13,7 @@ from .._base.cached import cached_property
 from .._base.records import SavedRecord, trusted
 from .._base.threads import get_num_threads
 from .._base.to_xarray import Cube, Tabled
+from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..plots.residuals import draw_residuals
@@ -31,7 +32,6 @@ from .pilot import Pilot
 from .pilot import refuse as refuse_pilot
 from .region import Region
 from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate, whitened
-from .trajectories import Trajectories
 from .window import Loop, Window
 
 if TYPE_CHECKING:

@@ -12,8 +12,8 @@ from .._base import html, validation
 from .._base.records import Record
 from .._base.threads import get_num_threads
 from .._base.types import Floats
+from ..data.trajectories import Trajectories, pooled
 from ..exceptions import InputError, InputTypeError, ShapeError
-from .trajectories import Trajectories, pooled
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,8 +19,8 @@ from ..theory.exact import best_control
 from .older import Older, older_of, older_runs
 
 if TYPE_CHECKING:
+    from ..data import Trajectories
     from .assumptions import Assumptions
-    from .trajectories import Trajectories
 
 MOST = 100_000  # steps of a reference
 PILOT = 0.1  # share of the older runs that is the pilot

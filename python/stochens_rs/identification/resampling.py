@@ -9,10 +9,10 @@ import numpy as np
 from .. import _core
 from .._base import memory
 from .._base.threads import get_num_threads
+from ..data import Trajectories
 from ..exceptions import InputError
 from ..rng import Key
 from .assumptions import Assumptions
-from .trajectories import Trajectories
 
 if TYPE_CHECKING:
     from .._base.types import Floats

@@ -12,8 +12,8 @@ from .._base import html, validation
 from .._base.cached import cached_property
 from .._base.records import Record
 from .._base.signal_names import Labels, order_of
+from ..data import Trajectories
 from ..exceptions import InputError
-from .trajectories import Trajectories
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from .._base.types import Floats
     from ..controls import Cost
     from ..controls.limits import LimitsLike
+    from ..data import Trajectories
     from ..feedback import Loop
-    from ..identification.trajectories import Trajectories
 
 
 # The event of a stream refers to these: a stream must not go on with others.

@@ -8,8 +8,8 @@ import numpy as np
 
 from .._base import memory, validation
 from .._base.signal_names import Labels, checked_names, order_of
+from ..data import Trajectories
 from ..exceptions import InputError
-from ..identification.trajectories import Trajectories
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

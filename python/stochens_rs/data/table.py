@@ -1,26 +1,57 @@
-"""Runs from tables and CSV files with one row per run and time, their columns named by the user."""
+"""Tables of measured runs with one row per run and time: in memory, or in CSV files."""
 
 from __future__ import annotations
 
+import codecs
 import contextlib
-from collections.abc import Mapping, Sequence
+import glob
+import os
+import re
+from collections import Counter
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from .._base import validation
-from .._base.csv_file import Cells, Text, csv_files, read_cells, titled
+from .. import _core
+from .._base import memory, validation
+from .._base.files import PathLike, checked_path, regular_file
 from .._base.reading import printable
-from .._base.seconds import in_seconds, instants
 from ..exceptions import InputError, InputTypeError, ShapeError
+from .units import in_seconds, instants, titled
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from .._base.types import Floats
+
+_PARSED = 30  # bytes of memory for one of a file: an empty cell is one, and has its place
+_DATES = "seconds, or dates and times as 2024-03-05 10:00:00.5, all with a time zone or none"
+
+
+class Text(NamedTuple):
+    """How a CSV file is written; None is what the file shows."""
+
+    sep: str | None = None
+    decimal: str | None = None
+    skip: int = 0
+
+    @classmethod
+    def checked(cls, sep: Any, decimal: Any, skip: Any) -> Text:
+        """Check the arguments of a user."""
+        if sep is not None and (
+            not isinstance(sep, str) or len(sep) != 1 or sep in '"\r\n' or not sep.isascii()
+        ):
+            raise InputError(
+                f"`sep` must be one character of ASCII, as ';', got {validation.show(sep)}"
+            )
+        if decimal is not None:
+            validation.choice("decimal", decimal, (".", ","))
+        if sep is not None and sep == decimal:
+            raise InputError(f"`sep` and `decimal` must differ, got {sep!r} for both")
+        return cls(sep, decimal, validation.size("skip", skip, minimum=0))
 
 
 class Chosen(NamedTuple):
@@ -52,10 +83,9 @@ class Run:
 
     def rows_of(self, *rows: int) -> str:
         """``lines 60 and 61 of run a of logs/3.csv``."""
-        lines = self.table.lines
-        numbers = (str(self.rows[row] if lines is None else lines[self.rows[row]]) for row in rows)
-        word = ("row" if lines is None else "line") + ("s" if len(rows) > 1 else "")
-        return f"{word} {' and '.join(numbers)} of {self.name}"
+        words = [self.table.row(int(self.rows[row])) for row in rows]
+        kind = words[0].split()[0] + ("s" if len(rows) > 1 else "")
+        return f"{kind} {' and '.join(word.split()[1] for word in words)} of {self.name}"
 
     def where(self, row: int) -> str:
         """``in run a at time 0.2``."""
@@ -68,26 +98,33 @@ class Run:
 class Table:
     """The columns of a table, or of a CSV file, by the names that the user knows."""
 
-    def __init__(self, columns: Any, cells: Cells | None = None) -> None:
+    def __init__(self, columns: Any, file: _core.Table | None = None, path: str = "") -> None:
         if not isinstance(columns, Mapping) and not hasattr(columns, "columns"):
             raise InputTypeError(
                 f"`table` must be a table or a mapping of columns, got {validation.show(columns)}"
             )
-        self.columns, self.cells = columns, cells
-        self.path = None if cells is None else str(cells.path)
-        self.lines = None if cells is None else cells.lines
+        self.columns, self.file, self.path = columns, file, path or None
+        self.names = list(columns.keys() if isinstance(columns, Mapping) else columns.columns)
 
     @classmethod
-    def of_file(cls, path: str, how: Text | None = None) -> Table:
-        """Read a CSV file; its cells stay text."""
-        cells = read_cells(path, how)
-        return cls(cells.columns, cells)
+    def of_file(cls, path: PathLike, how: Text | None = None) -> Table:
+        """Read a CSV file whose first row names the columns, all with different names.
 
-    @property
-    def names(self) -> list[Any]:
-        """The names of the columns."""
-        columns = self.columns
-        return list(columns.keys() if isinstance(columns, Mapping) else columns.columns)
+        Above it may stand a line ``sep=;``, empty lines, and comments that begin with # or %; below
+        it a row of units, which become part of the names. Columns and rows without a cell at the
+        end are left out.
+        """
+        how, about = how or Text(), regular_file(path)
+        memory.need(f"to read {path}", about.st_size * _PARSED)
+        comma = None if how.decimal is None else how.decimal == ","
+        file = _core.Table(str(path), _decoded(path), how.sep, comma, how.skip)
+        odd = next((name for name in file.names if printable(name) != name), None)
+        if odd is not None:
+            raise InputError(
+                f"{path} must name its columns in one line of text without control characters, "
+                f"got {odd[:40]!r}"
+            )
+        return cls({name: k for k, name in enumerate(file.names)}, file, str(path))
 
     def title(self, name: Any) -> Any:
         """The column of this name, with the unit that stands behind it."""
@@ -95,16 +132,15 @@ class Table:
 
     def row(self, row: int) -> str:
         """A row in words: of a file its line."""
-        return f"row {row}" if self.lines is None else f"line {self.lines[row]}"
+        return f"row {row}" if self.file is None else f"line {self.file.line(row)}"
 
-    def said(self, name: Any) -> str:
+    def in_words(self, name: Any) -> str:
         """A column in words."""
-        if self.path is not None:
-            return f"column '{name:.30}' of {self.path}"
-        return f"`table[{name!r:.30}]`"
+        of = self.path
+        return f"`table[{name!r:.30}]`" if of is None else f"column '{name:.30}' of {of}"
 
     def column(self, argument: str, name: Any) -> Any:
-        """A column as it is: an array, or the cells of a file."""
+        """A column as it is: an array, or the place of a column of a file."""
         try:
             found = self.columns[name]
         except MemoryError:
@@ -118,27 +154,30 @@ class Table:
                 f"`{argument}` names {validation.show(name)}, but the columns of {of} are "
                 f"{known}{', ...' if len(self.names) > 8 else ''}{near}"
             ) from None
-        if self.cells is not None:
+        if self.file is not None:
             return found
         if isinstance(self.columns, Mapping):
             column = validation.read(f"table[{name!r:.30}]", found)
         else:  # all columns of a frame have the order of its rows
             column = np.asarray(found)
         if column.ndim != 1:
-            raise ShapeError(f"{self.said(name)} must be one column, got {column.ndim} dimensions")
+            raise ShapeError(
+                f"{self.in_words(name)} must be one column, got {column.ndim} dimensions"
+            )
         return column
 
-    def numbers(self, argument: str, name: Any) -> Floats:
-        """A column of numbers; nan where one is missing."""
+    def numbers(self, argument: str, name: Any, *, whole: bool = False) -> Floats:
+        """A column of numbers; nan where one is missing, unless one of a file must be `whole`."""
         column = self.column(argument, name)
-        if self.cells is not None:
-            return self.cells.numbers(name)
+        if self.file is not None:
+            return self.file.numbers(column, whole)
         if column.dtype.kind == "O":  # numbers and None, as tables keep them
             with contextlib.suppress(TypeError, ValueError):
                 column = column.astype(np.float64)
         if column.dtype.kind not in "iuf":
             raise InputTypeError(
-                f"{self.said(name)} must contain real numbers, got dtype {str(column.dtype)[:40]}"
+                f"{self.in_words(name)} must contain real numbers, got dtype "
+                f"{str(column.dtype)[:40]}"
             )
         numbers: Floats = column.astype(np.float64)
         return numbers
@@ -147,15 +186,15 @@ class Table:
         """A column of times in seconds, or of dates and times in seconds since its first row."""
         column = self.column("time", name)
         times: Floats
-        if self.cells is None and column.dtype.kind in "mM":
+        if self.file is None and column.dtype.kind in "mM":
             times = (column - column[:1]) / np.timedelta64(1, "s")
         else:
             try:
                 numbers = self.numbers("time", name)
             except (InputError, InputTypeError) as error:
-                times = self._dates(name, list(column), error)
+                times = self._dates(name, column, error)
             else:
-                times = in_seconds(self.said(name), name, numbers)
+                times = in_seconds(self.in_words(name), name, numbers)
         if not np.isfinite(times).all():
             row = self.row(int(np.argmin(np.isfinite(times))))
             raise InputError(
@@ -163,29 +202,84 @@ class Table:
             )
         return times
 
-    def _dates(self, name: Any, cells: Sequence[Any], error: Exception) -> Floats:
+    def _dates(self, name: Any, column: Any, error: Exception) -> Floats:
+        cells = list(column) if self.file is None else self.file.cells(column)
         try:
             return instants(cells)
         except ValueError as found:
             k = found.args[0]
-        form = "seconds, or dates and times as 2024-03-05 10:00:00.5, all with a time zone or none"
-        again = "" if self.cells is None else self.cells.cure(name, cells[k].strip())
         if k == 0:  # it has no dates
-            raise type(error)(f"{error}: {form}; pandas.to_datetime reads other forms") from None
+            raise type(error)(f"{error}: {_DATES}; pandas.to_datetime reads other forms") from None
+        again = "" if self.file is None else self.file.cure(column, cells[k])
         raise InputError(
-            f"`time` must have {form}, got {validation.show(cells[k])} in {self.row(k)} of "
-            f"{self.said(name)}{again}"
+            f"`time` must have {_DATES}, got {validation.show(cells[k])} in {self.row(k)} of "
+            f"{self.in_words(name)}{again}"
         ) from None
 
     def labels(self, by: Any) -> list[Any]:
         """The labels as they are: NumPy makes 1 of True, and text of both beside text."""
         column = self.column("by", by)
-        if self.cells is not None:
-            return [label.strip() or None for label in column]
+        if self.file is not None:
+            return [label or None for label in self.file.cells(column)]
         if column.dtype.kind in "mM":
             return [None if np.isnat(time) else time.item() for time in column]
         given = self.columns[by]
         return list(given) if isinstance(given, (list, tuple)) else column.tolist()
+
+
+def _decoded(path: PathLike) -> str:
+    """The text of a file in UTF-8, UTF-16, or Windows-1252, of which Latin-1 is the larger part."""
+    content = Path(path).read_bytes()
+    encodings = ["utf-8-sig", "cp1252"]
+    if content[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        encodings = ["utf-16"]
+    elif b"\0" in content[:2]:
+        encodings = ["utf-16-be" if content[:1] == b"\0" else "utf-16-le"]
+    for encoding in encodings:
+        try:
+            text = content.decode(encoding)
+        except UnicodeDecodeError:
+            continue
+        if "\0" not in text:
+            return text
+    raise InputError(f"{path} must be a CSV file, text in UTF-8, UTF-16 or Windows-1252")
+
+
+def csv_files(source: Any) -> list[str]:
+    """The files of a folder, of a pattern, or of a list in its order; or one file.
+
+    Those of a folder or pattern are in the order of their names, with numbers compared as numbers:
+    run_2 before run_10.
+    """
+    single = isinstance(source, (str, os.PathLike))
+    given = [source] if single else validation.items("source", source)
+    found = [path for one in given for path in _files(one)]
+    twice = next((p for p, n in Counter(map(os.path.realpath, found)).items() if n > 1), None)
+    if twice is not None:
+        raise InputError(f"`source` must name each file once, got {twice} twice")
+    return found
+
+
+def _files(source: Any) -> list[str]:
+    folder = source.rstrip("/") if isinstance(source, str) else source  # the shell adds a slash
+    text = checked_path("source", folder)
+    if os.path.isdir(text):
+        entries = (one for one in os.scandir(text) if not one.is_dir())
+        found = [one.path for one in entries if one.name.lower().endswith(".csv")]
+        wanted = f"no .csv file in the folder {text}"
+    elif glob.has_magic(text) and not os.path.exists(text):
+        found, wanted = glob.glob(text), f"no file fits {text}"
+    else:
+        return [text]
+    if not found:
+        raise FileNotFoundError(wanted)
+    return sorted(found, key=natural)
+
+
+def natural(path: str) -> tuple[list[Any], str]:
+    """What to sort names by so that numbers in them are compared as numbers."""
+    parts = re.split("([0-9]+)", path)
+    return [int(part) if k % 2 else part for k, part in enumerate(parts)], path
 
 
 def chosen_columns(states: Any, outputs: Any, inputs: Any, by: Any, time: Any) -> Chosen:
@@ -249,7 +343,8 @@ def read_table(table: Table, named: Chosen) -> tuple[Chosen, list[Run]]:
             if np.isinf(values).any():
                 row, column = np.unravel_index(int(np.argmax(np.isinf(values))), values.shape)
                 raise InputError(
-                    f"{table.said(names[column])} is {values[row, column]} {run.where(int(row))}: "
+                    f"{table.in_words(names[column])} is {values[row, column]} "
+                    f"{run.where(int(row))}: "
                     "a run that diverged ends with its last finite state"
                 )
         runs.append(run)

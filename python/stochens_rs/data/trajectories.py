@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .._base import html, memory, validation
-from .._base.csv_file import Text
 from .._base.records import SavedRecord
 from .._base.signal_names import Labels, checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -20,7 +19,7 @@ from ..plots.runs import draw_runs
 from ..rng import RngLike, as_key
 from .gaps import OnGap, joined, warn_of_ends
 from .pieces import NO_GAPS, Pieces
-from .tables import Chosen, Run, Table, chosen_columns, read_files, read_table
+from .table import Chosen, Run, Table, Text, chosen_columns, read_files, read_table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

@@ -1,19 +1,22 @@
-"""Seconds from columns of time: their unit, which the name says, and dates and times."""
+"""Names of columns with their units; seconds from columns of times and dates."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from datetime import date, datetime, timedelta
+from collections.abc import Collection, Sequence
+from datetime import date
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .. import _core
 from ..exceptions import InputError
 
 if TYPE_CHECKING:
-    from .types import Floats
+    from .._base.types import Floats
 
+_WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
+_TITLE = re.compile(r"^(.*\S)\s*[\[(]\s*(?![-+]?\d)[^\[\]()]+[\])]$")
 _WORDS = {  # (times, parts): a time times / parts is in seconds, rounded once
     (1, 1): "s sec secs second seconds",
     (1, 10**3): "ms msec msecs millis millisec millisecs millisecond milliseconds",
@@ -35,8 +38,21 @@ _ENDINGS = (  # t_ms, time.us, t ms; ms, tms, timeus; TimeUS, stampMs
 )
 _EPOCH = (9.4e8, 4.2e9)  # seconds from 1970 to 1999 and to 2103
 LATEST = 1e11  # seconds, the year 5138
-_ZONED = re.compile(r"(.*:\d\d(?:\.\d+)?)\s*(?:Z|UTC|([-+])(\d\d)(?::?(\d\d))?)", re.IGNORECASE)
-_DATE = re.compile(r"\d{4}-\d\d(-\d\d([T ]\d\d(:\d\d(:\d\d(\.\d+)?)?)?)?)?", re.IGNORECASE)
+
+
+def name_and_unit(title: str) -> tuple[str, str]:
+    """``delta_1 [rad]``: the name, and the unit or ""."""
+    split = _WITH_UNIT.fullmatch(title)
+    return (title, "") if split is None else (split[1], split[2])
+
+
+def titled(name: str, titles: Collection[Any]) -> str:
+    """The one of `titles` that is this name with a unit behind it; else the name.
+
+    ``angle [rad]``, ``angle[rad]`` or ``angle (rad)``; but x[0] is a name.
+    """
+    fits = [one for one in titles if isinstance(one, str) and _TITLE.sub(r"\1", one) == name]
+    return fits[0] if len(fits) == 1 and name not in titles else name
 
 
 def unit_of(title: object) -> str:
@@ -80,39 +96,17 @@ def instants(cells: Sequence[Any]) -> Floats:
     They are texts as in ISO 8601, or objects of `datetime`, all with a time zone or all without.
     A ValueError has the place of the first one that is neither.
     """
-    second = np.timedelta64(1, "s")
-    stamps = np.full(len(cells), "NaT", dtype="datetime64[ns]")
-    zones: set[bool] = set()
-    for k, cell in enumerate(cells):
-        try:
-            if cell is None or cell != cell or (isinstance(cell, str) and not cell.strip()):
-                continue
-            local, ahead = _apart(cell)
-            stamps[k] = np.datetime64(local, "ns") - np.timedelta64(ahead or 0, "us")
-        except Exception:  # not a date, or whatever a foreign object raises
-            raise ValueError(k) from None
-        zones.add(ahead is not None)
-        if len(zones) > 1:
-            raise ValueError(k)
-    since: Floats = (stamps - stamps[:1]) / second
-    return since
+    seconds, wrong = _core.instants(list(map(_as_text, cells)))
+    if wrong is not None:
+        raise ValueError(wrong)
+    return seconds
 
 
-def _apart(cell: Any) -> tuple[Any, int | None]:
-    """A time without its zone, and how many microseconds that is ahead of UTC."""
-    if not isinstance(cell, str):
-        if not isinstance(cell, (date, np.datetime64)):
-            raise ValueError(cell)
-        offset = cell.utcoffset() if isinstance(cell, datetime) else None
-        if not isinstance(cell, datetime) or offset is None:
-            return cell, None
-        return cell.replace(tzinfo=None), offset // timedelta(microseconds=1)
-    text = cell.strip().replace(",", ".")
-    found = _ZONED.fullmatch(text)
-    local, sign, hours, minutes = (text, None, None, None) if found is None else found.groups()
-    if not _DATE.fullmatch(local):  # NumPy reads "now" as well
-        raise ValueError(cell)
-    if found is None:
-        return local, None
-    ahead = 60_000_000 * (60 * int(hours or 0) + int(minutes or 0))
-    return local, -ahead if sign == "-" else ahead
+def _as_text(cell: Any) -> str:
+    """A date or time in ISO 8601, "" where it is missing, ? where it is something else."""
+    try:
+        if cell is None or cell != cell:
+            return ""
+    except Exception:  # whatever a foreign object raises
+        return "?"
+    return str(cell).replace("\n", " ") if isinstance(cell, (str, date, np.datetime64)) else "?"

@@ -402,15 +402,6 @@ def test_a_plan_knows_the_step_of_its_system():
     assert se.control((cart.A, cart.B), [1.0, 0.0], [0.0, 0.0]).dt is None
 
 
-def test_titles_of_the_user_stand_alone():
-    study = se.Study(
-        lambda key, size: {"x": key.generator().normal()}, {"size": [1, 2]}, replicates=9, rng=1
-    )
-    ax = study.run().plot("size", "x")
-    assert [ax.get_title(loc=loc) for loc in ("left", "center", "right")] == ["", "", ""]
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["10-90 % of 9 replicates"]
-
-
 def test_some_states_with_the_unit_they_share():
     labels = {"states": ["a", "b", "v"], "units": {"a": "rad", "b": "rad", "v": "rad/s"}}
     system = se.System(0.5 * np.eye(3), np.ones((3, 1)), **labels)

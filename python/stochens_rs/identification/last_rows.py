@@ -11,17 +11,20 @@ from .stamps import NEAR
 from .tables import Table
 
 if TYPE_CHECKING:
+    from .._base.csv_file import Text
     from .._base.types import Floats
     from .model import Model
 
 
-def last_rows(path: str, model: Model, time: str | None = None) -> tuple[Floats, Floats]:
+def last_rows(
+    path: str, model: Model, time: str | None = None, how: Text | None = None
+) -> tuple[Floats, Floats]:
     """The record (outputs, inputs) for a model of outputs, whose columns the file has.
 
     It begins behind the last row that is not complete, or that `time` says was lost; of the last
     row of all the inputs are not used, as they act after its reading.
     """
-    table = Table.of_file(path)
+    table = Table.of_file(path, how)
 
     def columns(argument: str, names: tuple[str, ...]) -> Floats:
         return np.column_stack([table.numbers(argument, table.title(name)) for name in names])

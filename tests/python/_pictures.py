@@ -18,9 +18,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import stochens_rs as se
-from stochens_rs.plots.panels import Inputs
-from stochens_rs.plots.regulator_log import draw_calls
-from stochens_rs.plots.trace import draw_trace
+from stochens_rs.plots.lines import draw_trace
+from stochens_rs.plots.panels import Inputs, draw_calls
 
 REFERENCES = Path(__file__).resolve().parent / "pictures"
 SHRINK = 2  # a picture is drawn that much larger than it is kept

@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 
 import stochens_rs as se
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
-from stochens_rs.plots.residuals import draw_residuals
+from stochens_rs.plots.certificates import draw_residuals
+from stochens_rs.plots.panels import draw_tube
 from stochens_rs.plots.style import look_of
-from stochens_rs.plots.tube import draw_tube
 
 
 def drawn(**options):

@@ -575,10 +575,7 @@ def test_hostile_manifests(tmp_path: Path, name: str) -> None:
 
 
 def test_records_out_of_order_are_refused(path: Path, tmp_path: Path) -> None:
-    records = (
-        ("study", 1, {"manifest": text(MANIFEST)}),
-        ("study-block", 3, SECTIONS),
-    )
+    records = (("study", 1, {"manifest": text(MANIFEST)}), ("study-block", 3, SECTIONS))
     with pytest.raises(StateError, match="must have record 2 at"):
         se.Study.resume(written(tmp_path / "b.study", *records))
 

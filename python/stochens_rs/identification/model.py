@@ -15,7 +15,7 @@ from .._base.threads import get_num_threads
 from .._base.to_xarray import Cube, Tabled
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
-from ..plots.residuals import draw_residuals
+from ..plots.certificates import draw_residuals
 from ..rng import Key, RngLike, as_key
 from . import battery
 from .assumptions import FAULTS, Assumptions, least_correlation

@@ -16,7 +16,7 @@ from .._base.csv_file import Text
 from .._base.records import SavedRecord
 from .._base.signal_names import Labels, checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
-from ..plots.runs import draw_runs
+from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
 from .gaps import OnGap, joined, warn_of_ends
 from .pieces import NO_GAPS, Pieces

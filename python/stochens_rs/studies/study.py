@@ -247,10 +247,7 @@ class Study:
 
     @classmethod
     def resume(
-        cls,
-        path: PathLike,
-        function: Function | None = None,
-        grid: Mapping[str, Any] | None = None,
+        cls, path: PathLike, function: Function | None = None, grid: Mapping[str, Any] | None = None
     ) -> Self:
         """Return the study in a file.
 

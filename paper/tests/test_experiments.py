@@ -304,7 +304,7 @@ def test_lost_workers_and_failures_are_told(monkeypatch, tmp_path):
         processes.submit(os.getpid).result()
         for one in processes._processes.values():
             one.kill()
-        with pytest.raises(se.exceptions.InputError, match="the workers of `executor` have died"):
+        with pytest.raises(se.exceptions.InputError, match="`executor` has lost its workers"):
             power(rng=1, replicates=3, samples=10, executor=processes)
 
 

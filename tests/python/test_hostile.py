@@ -336,6 +336,7 @@ TAKEN = {
     ("Regulator.validate", "runs"): {"nan matrix"},
     ("Stream.run", "checkpoint"): {"text"},
     ("Study", "function"): {"class"},
+    ("Study", "version"): {"text"},
     ("closed_loop", "limits"): {"object vector", "list of None"},
     ("fleet", "limits"): {"object vector", "list of None"},
     ("sampling_coverage", "limits"): {"object vector", "list of None"},

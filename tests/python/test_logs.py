@@ -502,7 +502,7 @@ def test_a_folder_on_the_command_line(capsys):
     for source in ([f"{LOGS}/"], [f"{LOGS}/run_*.csv"], sorted(LOGS.glob("*.csv"))):
         assert cli.main(["identify", *map(str, source), *shifted]) == 0
         printed.append(capsys.readouterr().out)
-    assert printed[0].startswith("16 runs in 45 pieces, 2285 pairs, 30 rows lost, 0.02 s apart")
+    assert printed[0].startswith("<Trajectories: 16 runs in 45 pieces, 2285 pairs, 30 rows lost, ")
     assert printed[0] == printed[1] == printed[2]
     assert cli.main(["identify", str(LOGS), *options]) == 2
     assert "declare dt=0.02" in capsys.readouterr().err.replace("--dt ", "dt=").replace(

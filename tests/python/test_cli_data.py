@@ -29,6 +29,12 @@ def rows(runs=30, steps=20, seed=1):
     return lines
 
 
+@pytest.fixture(autouse=True)
+def _wide(monkeypatch):
+    """No line is broken, whatever the terminal of the tests is."""
+    monkeypatch.setenv("COLUMNS", "1000")
+
+
 @pytest.fixture(scope="module")
 def lines():
     return rows()

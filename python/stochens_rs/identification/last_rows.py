@@ -16,9 +16,7 @@ if TYPE_CHECKING:
     from .model import Model
 
 
-def last_rows(
-    path: str, model: Model, time: str | None = None, how: Text | None = None
-) -> tuple[Floats, Floats]:
+def last_rows(path: str, model: Model, time: str | None, how: Text) -> tuple[Floats, Floats]:
     """The record (outputs, inputs) for a model of outputs, whose columns the file has.
 
     It begins behind the last row that is not complete, or that `time` says was lost; of the last
@@ -37,7 +35,6 @@ def last_rows(
     if time is not None:
         if model.dt is None:
             raise InputError("`time` must be left out for a model whose logs had no times")
-        stamps = table.times(table.title(time))
-        follows &= np.abs(np.diff(stamps) / model.dt - 1.0) <= NEAR
+        follows &= np.abs(np.diff(table.times(table.title(time))) / model.dt - 1.0) <= NEAR
     first = int(np.max(np.flatnonzero(~follows), initial=-1)) + 1
     return y[first:], u[first:-1]

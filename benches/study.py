@@ -124,7 +124,7 @@ def main() -> None:
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
         print(f"\n10^6 replicates of 3 numbers: {took:.1f} s, {peak:.0f} MB ({before:.0f} before)")
         began = time.perf_counter()
-        se.Study.resume(path).results.summary()
+        str(se.Study.resume(path).results)
         took = time.perf_counter() - began
         size = os.path.getsize(path) / 2**20
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

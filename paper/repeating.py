@@ -38,11 +38,9 @@ def complete(
     Ctrl-C and SIGTERM raise KeyboardInterrupt when what is done is in the file.
     """
     # failures in the file may have been of that machine, such as too little memory
-    results = study.retry(executor, path, progress=progress)
+    results = study.run(executor, path, progress=progress, retry=True)
     if results.status == "interrupted":
         raise KeyboardInterrupt
-    if results.status == "workers_lost":
-        raise InputError("the workers of `executor` have died: continue with a new one")
     if results.failures:
         first = results.failures[0]
         raise InputError(f"replicate {first.replicate} failed: {first.error}")

@@ -50,7 +50,7 @@ def claims(
         ``progress(done, total)`` after each statement.
     executor : optional
         Where simulations run, as in :meth:`stochens_rs.Study.run`; the results are the same bits
-        with any. A function that makes executors is called for each of seven simulations.
+        with any.
     path : path, optional
         A folder, made if missing, with a file for each simulation, which keep the numbers as they
         are found. What is exact is computed again by a call that continues.

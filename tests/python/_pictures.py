@@ -18,9 +18,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import stochens_rs as se
-from stochens_rs.plots.panels import Inputs
-from stochens_rs.plots.regulator_log import draw_calls
-from stochens_rs.plots.trace import draw_trace
+from stochens_rs.plots.lines import draw_trace
+from stochens_rs.plots.panels import Inputs, draw_calls
 
 REFERENCES = Path(__file__).resolve().parent / "pictures"
 SHRINK = 2  # a picture is drawn that much larger than it is kept
@@ -75,18 +74,6 @@ WAY = np.sin(0.15 * np.arange(40))[:, None]
 
 
 @cache
-def results() -> Any:
-    def one(key: Any, size: int, method: str) -> dict[str, float]:
-        spread = 1.0 if method == "uniform" else 0.4
-        return {"error": float(spread * np.exp(0.4 * key.generator().normal()) / size**0.5)}
-
-    study = se.Study(
-        one, {"size": [100, 1000, 10000], "method": ["uniform", "alse"]}, replicates=30, rng=1
-    )
-    return study.run()
-
-
-@cache
 def fleet() -> tuple[Any, Any]:
     def units(seed: int) -> Any:
         rng = np.random.default_rng(seed)
@@ -127,7 +114,6 @@ AXES: dict[str, Callable[[Any], Any]] = {
     ),
     "tracking": lambda ax: se.track(CART, np.hstack([WAY, 0 * WAY]), 100, rng=1).plot(ax=ax),
     "trace": trace,
-    "study": lambda ax: results().plot("size", "error", "method", ax=ax),
     "fleet": lambda ax: fleet()[0].plot(ax, validated=fleet()[1]),
     "region": regions,
 }
@@ -136,7 +122,7 @@ FIGURES: dict[str, Callable[[], Figure]] = {
     "calls": calls,
     "residuals": lambda: model().plot(),
 }
-DARK = ("trajectory", "phase-certified", "study", "fleet", "region", "plan", "calls", "residuals")
+DARK = ("trajectory", "phase-certified", "fleet", "region", "plan", "calls", "residuals")
 NAMES = [*AXES, *FIGURES, *(f"{name}-dark" for name in DARK)]
 
 

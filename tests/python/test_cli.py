@@ -15,7 +15,17 @@ import stochens_rs as se
 from stochens_rs import cli
 from stochens_rs.exceptions import ResourceError, SolverError
 
-TINY = ["study", "ieee14", "--sizes", "12", "--replicates", "2", "--methods", "uniform"]
+SYSTEM = {"A": [[0.9, 0.2], [0.0, 0.8]], "B": [[0.0], [1.0]], "x0": [1.0, 0.0]}
+
+
+@pytest.fixture(autouse=True)
+def place(tmp_path, monkeypatch):
+    """A directory with a system, which is the current one."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "system.json").write_text(json.dumps(SYSTEM))
+
+
+TINY = ["control", "system.json", "--steps", "2"]
 
 
 def run(*args, **options):
@@ -36,45 +46,35 @@ def one_line(text):
 def test_json_and_nothing_else_on_stdout(tmp_path):
     pytest.importorskip("matplotlib")
     out = tmp_path / "deep" / "er"
-    done = run(*TINY, "--json", "--out", str(out), "--seed", "7", cwd=tmp_path)
+    done = run(*TINY, "--json", "--out", str(out), cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["replicates"] == 2
-    assert json.loads((out / "study.json").read_text())["options"]["seed"] == 7
-    assert "study.json" in done.stderr
-
-
-def test_seed_determines_the_numbers(capsys):
-    seen = []
-    for seed in ("7", "7", "8"):
-        assert cli.main([*TINY, "--json", "--seed", seed]) == 0
-        seen.append(json.loads(capsys.readouterr().out)["summary"])
-    assert seen[0] == seen[1]
-    assert seen[0] != seen[2]
+    assert json.loads((out / "control.json").read_text()) == json.loads(done.stdout)
+    assert "control.json" in done.stderr
 
 
 @pytest.mark.parametrize(
     ("args", "word"),
     [
-        (["study", "ieee14", "--replictes", "3"], "--replicates"),  # click says what was meant
-        (["study", "ieee14", "--replicates", "0"], "--replicates"),
-        (["study", "ieee14", "--sizes", "many"], "many"),
-        (["study", "ieee14", "--seed", "-1"], "--seed"),
-        (["study", "ieee14", "--replicates", "1.5"], "--replicates"),
-        (["study", "ieee14", "extra"], "extra"),
-        (["study", "ieee14", "--out", ""], "--out"),
+        ([*TINY, "--stpes", "3"], "--steps"),  # click says what was meant
+        (["control", "system.json", "--steps", "0"], "--steps"),
+        (["control", "system.json", "--steps", "1.5"], "--steps"),
+        ([*TINY, "extra"], "extra"),
+        ([*TINY, "--out", ""], "--out"),
+        ([*TINY, "--delta", "5"], "--delta: 5 is 500 %: give 5%"),
+        ([*TINY, "--delta", "1"], "--delta: 1 is 100 %: give 1%"),
+        (["identify", "x.csv", "--seed", "-1"], "--seed"),
         (["contrl"], "contrl"),
         (["reproduce"], "reproduce"),  # a program of its own: `python -m paper`
         (["--nonsense"], "--nonsense"),
     ],
 )
-def test_usage_errors(args, word, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+def test_usage_errors(args, word, capsys, tmp_path):
     assert cli.main(args) == 2
     captured = capsys.readouterr()
     assert captured.out == ""
     assert one_line(captured.err)
     assert word in captured.err
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ["system.json"]
 
 
 def test_unwritable_place(tmp_path, capsys):
@@ -102,7 +102,7 @@ def test_failures_become_exit_codes(raised, code, monkeypatch, capsys):
     def fail(*_, **options):
         raise raised
 
-    monkeypatch.setattr(cli._study.Study, "run", fail)
+    monkeypatch.setattr(cli._control, "control", fail)
     assert cli.main(TINY) == code
     err = capsys.readouterr().err.lstrip("\n")
     assert one_line(err), err
@@ -152,7 +152,7 @@ def test_what_is_no_regular_file_is_named_as_given(tmp_path, capsys):
         (str(tmp_path), f"{tmp_path} must be a regular file, got a directory"),
         (str(tmp_path / "pipe"), "got a pipe: save it to a file first"),
     ):
-        assert cli.main(["plan", "--file", path]) == 2
+        assert cli.main(["control", path]) == 2
         err = capsys.readouterr().err
         assert one_line(err)
         assert said in err
@@ -164,10 +164,6 @@ def test_version_and_help(capsys):
     for args in ([], ["--help"], ["-h"]):
         assert cli.main(args) == 0
         assert "identify" in capsys.readouterr().out
-    assert cli.main(["study", "--help"]) == 0
-    text = capsys.readouterr().out
-    for option in ("--out", "--seed", "--replicates", "--sizes", "--workers", "--json"):
-        assert option in text
 
 
 def test_module_runs_as_a_program():
@@ -214,14 +210,10 @@ def test_closed_stdout_is_refused_before_anything_is_done(numbers, tmp_path):
 @pytest.mark.skipif(sys.platform == "win32", reason="descriptors differ")
 @pytest.mark.parametrize("numbers", [(2,), (0, 2)])
 def test_closed_stderr_changes_nothing(numbers, tmp_path):
-    saved = tmp_path / "a.state"
-    done = run(
-        *("stream", "--case", "ieee14", "--max-steps", "10", "--checkpoint", str(saved)),
-        **closed(*numbers),
-    )
+    done = run(*TINY, "--out", str(tmp_path / "out"), **closed(*numbers))
     assert done.returncode == 0
-    assert "max_steps after 10 steps" in done.stdout
-    assert se.Stream.load(saved).steps == 10
+    assert "at the target" in done.stdout
+    assert json.loads((tmp_path / "out" / "control.json").read_text())["reach"] == "reachable"
     assert run("nonsense", **closed(*numbers)).returncode == 2
 
 
@@ -257,7 +249,7 @@ def test_files_without_end(tmp_path):
     names = ["/dev/zero", "pipe", "0.npz", "1.npz", "2.npz", "huge.json", "huge.npz"]
     code = (
         "import sys; from stochens_rs.cli import main\n"
-        "print([main(['plan', '--file', name]) for name in sys.argv[1:]])"
+        "print([main(['control', name]) for name in sys.argv[1:]])"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, *names],
@@ -278,7 +270,7 @@ def test_an_archive_that_unpacks_to_more_than_there_is(tmp_path, capsys):
     with zipfile.ZipFile(tmp_path / "bomb.npz", "w", zipfile.ZIP_DEFLATED) as archive:
         archive.writestr("A.npy", b"0" * 100)
         archive.getinfo("A.npy").file_size = 2**50  # the directory, written on closing, says so
-    assert cli.main(["plan", "--file", str(tmp_path / "bomb.npz")]) == 2
+    assert cli.main(["control", str(tmp_path / "bomb.npz")]) == 2
     err = capsys.readouterr().err
     assert one_line(err)
     assert "GiB" in err
@@ -290,83 +282,22 @@ def test_an_archive_that_unpacks_to_more_than_there_is(tmp_path, capsys):
 def test_an_entry_that_is_there_twice(text, tmp_path, capsys):
     path = tmp_path / "p.json"
     path.write_text(text)
-    assert cli.main(["plan", "--file", str(path)]) == 2
+    assert cli.main(["control", str(path)]) == 2
     err = capsys.readouterr().err
     assert one_line(err)
     assert "twice" in err
 
 
-@pytest.mark.parametrize(
-    ("args", "said"),
-    [
-        (["plan", "--error", "5"], "--error: 5 is 500 %: give 5%"),
-        (["plan", "--error", "1"], "--error: 1 is 100 %: give 1%"),
-        (["plan", "--delta", "5"], "--delta: 5 is 500 %: give 5%"),
-        (["plan", "--delta", "100%"], "--delta must be in (0, 1)"),
-        (["stream", "--tol", "5"], "--tol: 5 is 500 %: give 5%"),
-    ],
-)
-def test_a_share_of_one_and_more_needs_its_percent(args, said, capsys):
-    assert cli.main([*args, "--case", "ieee14"]) == 2
+def test_files_are_replaced_with_force_only(tmp_path, capsys):
+    pytest.importorskip("matplotlib")
+    line = [*TINY, "--out", str(tmp_path)]
+    (tmp_path / "control.svg").write_text("mine")
+    assert cli.main(line) == 2
     err = capsys.readouterr().err
     assert one_line(err)
-    assert said in err
-
-
-def test_shares_in_percent(capsys):
-    plan = ["plan", "--case", "ieee14", "--runs", "20", "--json"]
-    said = []
-    for options in (
-        ["--error", "5%", "--delta", "1%"],
-        ["--error", "0.05", "--delta", "0.01"],
-        ["--error", "500%"],
-        ["--error", "5", "--absolute"],
-    ):
-        assert cli.main([*plan, *options]) == 0
-        said.append(json.loads(capsys.readouterr().out))
-    assert said[0] == said[1]
-    assert said[0]["delta"] == 0.01
-    assert said[2]["relative_error"] == pytest.approx(5.0)
-    assert said[3]["error"] == 5.0
-
-
-def test_study_replaces_only_its_own_files(tmp_path, capsys):
-    pytest.importorskip("matplotlib")
-    study = [*TINY, "--out", str(tmp_path)]
-    (tmp_path / "study.svg").write_text("mine")
-    assert cli.main(study) == 2
-    assert "study.svg was not written by this command" in capsys.readouterr().err
-    (tmp_path / "study.svg").unlink()
-
-    assert cli.main(study) == 0
-    index = json.loads((tmp_path / "study.json").read_text())
-    written = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert set(index["files"]) == set(written) == {"study.json", "study.png", "study.svg"}
-    (tmp_path / "notes.txt").write_text("mine")  # not in the way
-    capsys.readouterr()
-    assert cli.main(study) == 0
-    assert "the results of a run with the same options" in capsys.readouterr().err
-
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    assert cli.main([*study, "--seed", "2"]) == 2
-    err = capsys.readouterr().err
-    assert one_line(err)
-    assert "seed=1" in err
-    assert "--force" in err
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-
-    (tmp_path / "study.svg").unlink()  # a part of the results may be gone
-    assert cli.main([*study, "--seed", "2", "--force"]) == 0
-    (tmp_path / "study.png").write_text("mine")
-    assert cli.main([*study, "--seed", "2", "--force"]) == 2
-    assert "study.png was changed" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("text", ["", "[]", '{"schema": "stochens-results/1"}', '{"files": 3}'])
-def test_study_leaves_foreign_results_alone(text, tmp_path, capsys):
-    pytest.importorskip("matplotlib")
-    (tmp_path / "study.json").write_text(text)
-    assert cli.main([*TINY, "--out", str(tmp_path), "--force"]) == 2
-    assert "study.json" in capsys.readouterr().err
-    assert (tmp_path / "study.json").read_text() == text
-    assert len(list(tmp_path.iterdir())) == 1
+    assert "control.svg exists: give another --out, or --force" in err
+    assert (tmp_path / "control.svg").read_text() == "mine"
+    assert cli.main([*line, "--force"]) == 0
+    assert capsys.readouterr().err.count("written: ") == 3
+    names = {path.name for path in tmp_path.iterdir()}
+    assert names == {"system.json", "control.json", "control.png", "control.svg"}

@@ -174,7 +174,7 @@ def test_options_on_the_command_line(tmp_path, capsys):
     assert "pass --decimal as ','" in capsys.readouterr().err
     options = ["--skip", "1", "--sep", "^", "--decimal", ","]
     assert cli.main(["identify", str(path), *columns, *options]) == 0
-    assert "1 run, 11 pairs, 0.02 s apart" in capsys.readouterr().out
+    assert "1 run, 11 pairs, n=2 m=1 dt=0.02" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("kind", ["pipe", "device", "directory"])

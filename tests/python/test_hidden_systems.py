@@ -312,20 +312,6 @@ def looks(gen, system):
     yield worst
 
 
-def studied(gen, system):
-    """`studies.coverage` tells how often it is outside of its own region and certificate."""
-    x0, xf = ends(gen, system)
-    function = se.studies.coverage(
-        se.System(system.A, system.B), x0, xf, noise=0.1, size=30, length=2, delta=DELTA,
-        identify={"design": "independent"},
-    )  # fmt: skip
-    for _ in range(3):
-        key = as_key(int(gen.integers(2**40)))
-        found, wide = function(key), function(key, delta=0.9)
-        assert found["covered"] == (found["error"] <= found["bound"])
-        yield 2.0 - found["inside"] - wide["inside"], share(found["error"], found["bound"])
-
-
 # -- fleets ----------------------------------------------------------------------------------------
 
 
@@ -411,8 +397,6 @@ GUARANTEES = {
         certificates(limits=LIMITS, R=0.1), (0.7, 0.08, 0.12, 0.8), 2
     ),
     "looks": Guarantee(looks, (0.1, 0.5), 2),
-    # its noise of .1 in all states is smaller than their rounding
-    "studies.coverage": Guarantee(studied, 0.5, without=UNITS),
     "fleets": Guarantee(fleets, (0.15, 0.1, 0.9), 5),
 }
 

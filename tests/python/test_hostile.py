@@ -297,7 +297,6 @@ OWN = {
     "tracking_rms": {"feedback": False},
     "Stream.run": {"max_steps": 3},
     "Study.run": {"executor": None},
-    "Study.retry": {"executor": None},
     "Study": {"function": drawn, "grid": {"a": [1, 2]}, "replicates": 2},
     "panel": {"name": "3a"},
     "Experiment.panel": {"name": "3a"},
@@ -337,6 +336,7 @@ TAKEN = {
     ("Regulator.validate", "runs"): {"nan matrix"},
     ("Stream.run", "checkpoint"): {"text"},
     ("Study", "function"): {"class"},
+    ("Study", "version"): {"text"},
     ("closed_loop", "limits"): {"object vector", "list of None"},
     ("fleet", "limits"): {"object vector", "list of None"},
     ("sampling_coverage", "limits"): {"object vector", "list of None"},
@@ -344,7 +344,6 @@ TAKEN = {
     ("tracking", "path"): {"text"},
     ("Study.run", "path"): {"text"},
     ("Region.plot", "label"): {"text"},
-    ("Study.retry", "path"): {"text"},
 }
 CALLED = {"class", "function"}  # what `progress` does is its own affair
 MADE = {
@@ -409,7 +408,7 @@ def swept():
 # Not swept: programs, pictures, long runs, abstract classes, and what the next tests try.
 SEPARATE = {"cli", "plots", "Ensemble"}
 SEPARATE |= {"System.from_mujoco"}  # an optional package: in a file of its own
-SEPARATE |= {"Bound", "Simulated", "Results.select", "Results.plot"}
+SEPARATE |= {"Bound", "Simulated"}
 SEPARATE |= {"Study.resume", "Study.merge", "Plan.typical", "design"}
 SEPARATE |= {"Kept", "ReadingLoop"}  # made by `regulate`, which checks
 SEPARATE |= {
@@ -513,10 +512,6 @@ TOLD_APART = {
     "Study.merge": se.Study.merge,
     "Study.merge, a path": lambda value: se.Study.merge([value]),
     "Results.save": lambda value: study().run().save(value),
-    "Results.select": lambda value: study().run().select(a=value),
-    "Results.plot": lambda value: study().run().plot(value, "x"),
-    "Results.plot, the number": lambda value: study().run().plot("a", value),
-    "Results.plot, the lines": lambda value: study().run().plot("a", "x", value),
     "Stream.load": se.Stream.load,
     "Stream.save": lambda value: MADE["Stream"]().save(value),
     "DataStream.save": lambda value: se.DataStream(B).save(value),

@@ -55,7 +55,7 @@ def test_whatever_is_taken_away_is_missed(name: str) -> None:
     assert [found for found in missed if found[0] <= 1] == []
 
 
-@pytest.mark.parametrize("name", ["trajectory", "study", "trace", "region", "plan"])
+@pytest.mark.parametrize("name", ["trajectory", "trace", "region", "plan"])
 def test_swapped_colours_are_seen(name: str) -> None:
     figure = pictures.drawn(name)
     whole = pictures.pixels(figure)

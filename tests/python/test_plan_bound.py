@@ -12,7 +12,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs._base.types import DELTA
-from stochens_rs.cli._plan import plan as command
+from stochens_rs.cli._control import control_command as command
 from stochens_rs.exceptions import InputError, ShapeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import bounds, moments

@@ -10,7 +10,6 @@ import pytest
 
 import stochens_rs as se
 from hidden_systems import stable
-from stochens_rs import cli
 from stochens_rs._base.numbers import smallest_size
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from stochens_rs.rng import as_key
@@ -251,42 +250,3 @@ def test_pickled_arrays_are_refused(tmp_path: Path) -> None:
     np.savez(tmp_path / "a.npz", A=np.array([[object()]], dtype=object), B=np.eye(1))
     with pytest.raises(InputError, match="numeric arrays"):
         se.cases.from_file(tmp_path / "a.npz")
-
-
-def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    args = ["plan", "--case", "ieee14", "--error", "20%", "--runs", "20"]
-    assert cli.main(args) == 0
-    out = capsys.readouterr().out
-    assert "Bousquet" in out
-    assert "simulated quantile at N" in out
-    np.savez(tmp_path / "a.npz", A=SYSTEM.A, B=SYSTEM.B, x0=X0, xf=XF)
-    args = ["plan", "--file", str(tmp_path / "a.npz"), "--runs", "20", "--error", "0.2", "--json"]
-    assert cli.main(args) == 0
-    data = json.loads(capsys.readouterr().out)
-    direct = se.required_samples(SYSTEM, X0, XF, 0.2, runs=20, rng=1)
-    found = {row["name"]: row["size"] for row in data["bounds"]}
-    assert found.pop("simulated") == pytest.approx(direct.size, rel=0.1)  # another stream
-    assert found == {row.name: row.size for row in direct.rows if row.name != "simulated"}
-    assert cli.main([*args, "--steps", "3"]) == 0
-    several = json.loads(capsys.readouterr().out)
-    assert several["steps"] == 3
-    assert [row["name"] for row in several["bounds"]] == ["simulated"]
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        ([], "--case or --file"),
-        (["--case", "ieee14", "--error", "much"], "not a number"),
-        (["--case", "ieee14", "--delta", "2"], "delta"),
-        (["--case", "ieee15"], "ieee14"),
-    ],
-)
-def test_usage(args: list[str], words: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["plan", *args]) == 2
-    assert words in capsys.readouterr().err
-
-
-def test_a_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli.main(["plan", "--file", "/nonexistent/a.npz"]) == 5
-    assert "a.npz" in capsys.readouterr().err

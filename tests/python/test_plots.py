@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 
 import stochens_rs as se
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
-from stochens_rs.plots.residuals import draw_residuals
+from stochens_rs.plots.certificates import draw_residuals
+from stochens_rs.plots.panels import draw_tube
 from stochens_rs.plots.style import look_of
-from stochens_rs.plots.tube import draw_tube
 
 
 def drawn(**options):
@@ -400,15 +400,6 @@ def test_a_plan_knows_the_step_of_its_system():
         assert ax.get_xlabel() == "time [s]"
         assert ax.lines[0].get_xdata()[-1] == pytest.approx(0.4)
     assert se.control((cart.A, cart.B), [1.0, 0.0], [0.0, 0.0]).dt is None
-
-
-def test_titles_of_the_user_stand_alone():
-    study = se.Study(
-        lambda key, size: {"x": key.generator().normal()}, {"size": [1, 2]}, replicates=9, rng=1
-    )
-    ax = study.run().plot("size", "x")
-    assert [ax.get_title(loc=loc) for loc in ("left", "center", "right")] == ["", "", ""]
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["10-90 % of 9 replicates"]
 
 
 def test_some_states_with_the_unit_they_share():

@@ -462,14 +462,8 @@ def test_bad_names_in_archives_are_refused(tmp_path):
 @pytest.mark.parametrize("suffix", [".npz", ".mat", ".csv", ".json"])
 def test_commands_read_every_kind(tmp_path, capsys, suffix):
     path = str(write(tmp_path / f"a{suffix}"))
-    for args in (
-        ["plan", "--file", path, "--error", "50%", "--runs", "20"],
-        ["control", path, "--steps", "3", "--json"],
-        ["stream", "--file", path, "--tol", "0.5"],
-        ["study", path, "--replicates", "3"],
-    ):
-        assert cli.main(args) == 0, args
-        assert capsys.readouterr().out
+    assert cli.main(["control", path, "--steps", "3", "--json"]) == 0
+    assert capsys.readouterr().out
 
 
 def test_commands_use_the_names(tmp_path, capsys):

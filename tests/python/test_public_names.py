@@ -27,7 +27,7 @@ ROOMS = {
     "feedback": "Loop LoopCertificate Tube",
     "fusion": "FusedModel Path",
     "identification": "Checks Region",
-    "studies": "Failure Results Summary",
+    "studies": "Failure Results",
     "streams": "Look Snapshot StreamRun Trace",
 }
 

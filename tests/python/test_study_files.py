@@ -7,15 +7,15 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
-import types
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
-import scipy.stats
 
 import stochens_rs as se
 import study_functions as functions
@@ -27,9 +27,9 @@ from stochens_rs.exceptions import (
     StateLockedError,
     StateNotFoundError,
 )
-from stochens_rs.studies import scheduling, study_file, worker
-from stochens_rs.studies.store import Table
-from stochens_rs.studies.worker import DONE, FAILED, WAITING
+from stochens_rs.studies import running, study_file, tasks
+from stochens_rs.studies import study as study_module
+from stochens_rs.studies.tasks import DONE, FAILED, WAITING, Table
 from study_functions import noise, slow, sometimes
 
 GRID = {"scale": [1.0, 2.0]}
@@ -68,7 +68,7 @@ def test_a_file_has_all_numbers(path: Path) -> None:
 
 def test_a_run_continues_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, clock = tmp_path / "a.study", functions.Clock()
-    for module in (scheduling, worker, functions):
+    for module in (running, study_module, functions):
         monkeypatch.setattr(module, "time", clock)
     first = study(300, function=slow).run(path=path, time_limit=0.2)
     assert first.status == "time_limit"
@@ -88,7 +88,7 @@ def test_more_replicates_continue_it_and_fewer_are_refused(path: Path) -> None:
     interrupted = study(80).run(path=path, time_limit=1e-9)
     assert interrupted.status == "time_limit"
     assert se.Study.resume(path, noise).run(path=path).digest == study(80).run().digest
-    with pytest.raises(StateError, match=r"`replicates` of .* reach beyond those of this study"):
+    with pytest.raises(StateError, match="its `replicates` reach beyond those of this study"):
         study(20).run(path=path)
     with pytest.raises(
         StateError, match=r"`replicates` of .* is \[0, 20\], of this study \[0, 9\]"
@@ -133,7 +133,7 @@ def test_failures_are_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     monkeypatch.setenv("STUDY_TEST_CALM", "1")
     calm = se.Study(noise, GRID, replicates=40, rng=8).run()
     assert loaded.run(path=path).digest == results.digest
-    assert loaded.retry(path=path).digest == calm.digest
+    assert loaded.run(path=path, retry=True).digest == calm.digest
     assert se.Study.resume(path).results.digest == calm.digest
     assert se.Study.resume(path).results.failures == []
 
@@ -148,11 +148,10 @@ def test_without_the_function_numbers_can_be_read_only(path: Path) -> None:
 # -- refused ---------------------------------------------------------------------------------------
 
 SYSTEM = se.System([[0.5]], [[1.0]])
-OFFSET = 1.0
 
 
 def with_system(key: se.Key, system: se.System) -> dict[str, float]:
-    return {"a": system.A[0, 0] + OFFSET}
+    return {"a": system.A[0, 0]}
 
 
 DIFFERENT = {
@@ -174,39 +173,68 @@ def test_what_disagrees_is_named(path: Path, field: str) -> None:
         se.Study.resume(path, slow)
 
 
-def variants(offset: float) -> list[object]:
-    """Functions that have one name and do different things."""
+def test_a_changed_function_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By its name, its source text, its `version`, and what a partial function or an object has."""
+    made = {}
+    for k, body in enumerate(("scale + 1.0", "scale + 2.0", "scale + 1.0")):
+        source = tmp_path / f"users_module_{k}.py"
+        source.write_text(f"def kept(key, scale):\n    return {{'x': {body}}}\n")
+        space: dict[str, object] = {"__name__": "users_module"}
+        exec(compile(source.read_text(), source, "exec"), space)
+        made[k] = space["kept"]
+    noisy = partial(scaled, factor=np.eye(2))
+    studies = {
+        "one": {"function": made[0]},
+        "other text": {"function": made[1]},
+        "other version": {"function": made[0], "version": "2"},
+        "lambda": {"function": lambda key, scale: {"x": scale}},
+        "partial": {"function": noisy},
+        "other partial": {"function": partial(scaled, factor=2 * np.eye(2))},
+        "object": {"function": Scaled(1.0)},
+        "other object": {"function": Scaled(2.0)},
+        "method": {"function": Scaled(1.0).method},
+        "other method": {"function": Scaled(2.0).method},
+    }
+    found = {name: study(**given)._described() for name, given in studies.items()}
+    assert len({one["function_digest"] for one in found.values()}) == len(found)
+    assert study(function=made[2])._described() == found["one"]
+    assert study(function=partial(scaled, factor=np.eye(2)))._described() == found["partial"]
+    assert study(function=Scaled(1.0))._described() == found["object"]
+    path = tmp_path / "a.study"
+    study(**studies["other version"]).run(path=path)
+    with pytest.raises(StateError, match=r"`function_digest` of"):
+        study(function=made[1], version="2").run(path=path)
+    with pytest.raises(StateError, match=r"`version` of .* is 2, of this study 3"):
+        study(function=made[0], version="3").run(path=path)
+    assert se.Study.resume(path, made[0]).run(path=path).status == "completed"  # type: ignore[arg-type]
 
-    def kept(key: se.Key, scale: float) -> dict[str, float]:
-        return {"x": scale + offset}
 
-    made = [kept]
-    for body in ("scale + 1.0", "scale + 2.0", "scale - 1.0"):
-        space: dict[str, object] = {"__name__": "test"}
-        exec(f"def kept(key, scale, more=1.0):\n    return {{'x': {body}}}", space)
-        made.append(space["kept"])  # type: ignore[arg-type]
-    return made
+def scaled(key: se.Key, scale: float, factor: np.ndarray) -> dict[str, float]:
+    return {"x": scale * factor[0, 0]}
 
 
-def test_a_changed_function_is_noticed(tmp_path: Path) -> None:
-    functions_ = [variants(1.0)[0], variants(2.0)[0], *variants(1.0)[1:]]
-    functions_ += [lambda key, scale: {"x": scale}, lambda key, scale: {"x": scale + 1}]
-    for k, function in enumerate(functions_):
-        path = tmp_path / f"{k}.study"
+class Scaled:
+    def __init__(self, by: float) -> None:
+        self.by = by
+
+    def __call__(self, key: se.Key, scale: float) -> dict[str, float]:
+        return {"x": scale * self.by}
+
+    def method(self, key: se.Key, scale: float) -> dict[str, float]:
+        return {"x": scale * self.by}
+
+
+def test_without_source_text_a_version_is_needed(tmp_path: Path) -> None:
+    space: dict[str, object] = {"__name__": "nowhere"}
+    exec("def kept(key, scale):\n    return {'x': scale}", space)
+    function, path = space["kept"], tmp_path / "a.study"
+    with pytest.raises(InputError, match=r"`version` must be given: .* of nowhere.kept is not"):
         study(function=function).run(path=path)
-        for j, other in enumerate(functions_):
-            if j == k:
-                study(function=other).run(path=path)
-                continue
-            with pytest.raises(StateError, match=r"`function(_digest)?` of"):
-                study(function=other).run(path=path)
-    again = variants(2.0)[0]  # made anew: the same
-    study(function=again).run(path=tmp_path / "1.study")
+    assert study(function=function).run().status == "completed"  # without a file it can run
+    assert study(function=function, version="1").run(path=path).status == "completed"
 
 
-def test_changed_globals_and_objects_are_noticed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_changed_objects_are_noticed(tmp_path: Path) -> None:
     path = tmp_path / "a.study"
     grid = {"system": {"only": SYSTEM}}
     study(function=with_system, grid=grid).run(path=path)
@@ -217,9 +245,17 @@ def test_changed_globals_and_objects_are_noticed(
     other = {"system": {"only": se.System([[0.6]], [[1.0]])}}
     with pytest.raises(StateError, match="`digests` of"):
         study(function=with_system, grid=other).run(path=path)
-    monkeypatch.setitem(globals(), "OFFSET", 2.0)
-    with pytest.raises(StateError, match="`function_digest` of"):
-        study(function=with_system, grid=grid).run(path=path)
+
+
+@pytest.mark.parametrize("value", [threading.Lock(), (k for k in [1]), [{"a": memoryview(b"")}]])
+def test_what_cannot_be_kept_is_refused(value: object, tmp_path: Path) -> None:
+    grid, path = {"scale": {"odd": value}}, tmp_path / "a.study"
+    given = {"function": lambda key, scale: {"x": 1.0}, "grid": grid}
+    with pytest.raises(InputError, match=r"`grid\['scale'\]` holds what cannot be kept"):
+        study(**given).run(path=path)
+    with pytest.raises(InputError, match=r"`function` holds what cannot be kept"):
+        study(function=partial(scaled, factor=value)).run(path=path)
+    assert study(**given).run().status == "completed"
 
 
 def fall(key: se.Key, scale: float) -> dict[str, float]:
@@ -249,137 +285,10 @@ def test_units_are_read_without_the_function(tmp_path: Path) -> None:
         se.Study.resume(hurt)
 
 
-def made(source: str, name: str = "function") -> object:
-    """What a module with this source has under a name."""
-    module = sys.modules["users_module"] = types.ModuleType("users_module")  # for dataclasses
-    exec("import functools, re\nfrom dataclasses import dataclass\n" + source, module.__dict__)
-    return module.__dict__[name]
-
-
-USES = "def function(key, scale):\n    return {'x': "
-CHANGED = {
-    "dict": ("T = {'gain': 6.0}\n", "T = {'gain': 105.0}\n", "T['gain']}"),
-    "list": ("T = [1, [2, 3]]\n", "T = [1, [2, 4]]\n", "T[1][1]}"),
-    "set": ("T = {1, 2}\n", "T = {1, 3}\n", "max(T)}"),
-    "object": ("T = re.compile('a')\n", "T = re.compile('b')\n", "len(T.findall('ab'))}"),
-    "cached": (
-        "@functools.cache\ndef f(a): return a + 1\n",
-        "@functools.cache\ndef f(a): return a + 2\n",
-        "f(scale)}",
-    ),
-    "what a cached function names": (
-        "T = [1]\n@functools.lru_cache(9)\ndef f(a): return a + T[0]\n",
-        "T = [2]\n@functools.lru_cache(9)\ndef f(a): return a + T[0]\n",
-        "f(scale)}",
-    ),
-    "method": (
-        "class T:\n    @property\n    def a(self): return 1.0\n",
-        "class T:\n    @property\n    def a(self): return 2.0\n",
-        "T().a}",
-    ),
-    "inherited method": (
-        "class A:\n    def a(self): return 1.0\nclass T(A): pass\n",
-        "class A:\n    def a(self): return 2.0\nclass T(A): pass\n",
-        "T().a()}",
-    ),
-    "class of a global": (
-        "@dataclass\nclass C:\n    b: float\n    def a(self): return self.b\nT = [C(1.0)]\n",
-        "@dataclass\nclass C:\n    b: float\n    def a(self): return -self.b\nT = [C(1.0)]\n",
-        "T[0].a()}",
-    ),
-    "value of a class": ("class T:\n    a = [1]\n", "class T:\n    a = [2]\n", "T.a[0]}"),
-    "in an inner function": ("T = [1]\n", "T = [2]\n", "(lambda: T[0])()}"),
-    "which function": ("from math import sin as f\n", "from math import cos as f\n", "f(scale)}"),
-}
-
-
-@pytest.mark.parametrize("name", CHANGED)
-def test_a_change_of_what_a_function_names_is_noticed(name: str) -> None:
-    before, after, ends = CHANGED[name]
-    first = study(function=made(before + USES + ends))._described()
-    again = study(function=made(before + USES + ends))._described()
-    other = study(function=made(after + USES + ends))._described()
-    assert first == again
-    assert [k for k in first if first[k] != other[k]] == ["function_digest"]
-
-
-def test_a_changed_call_of_an_object_is_noticed() -> None:
-    source = (
-        "class F:\n    def __call__(self, key, scale):\n        return {{'x': scale * {}}}\nf = F()"
-    )
-    found = [study(function=made(source.format(k), "f"))._described() for k in (1.0, 2.0, 1.0)]
-    assert found[0] != found[1]
-    assert found[0] == found[2]
-    # and of an object in an axis, if its class is where the function is
-    source += "\ndef function(key, c):\n    return {{'x': c.n}}"
-    digests = []
-    for k in (1.0, 1.0, 2.0):
-        function = made(source.format(k))
-        grid = {"c": {"only": function.__globals__["f"]}}  # type: ignore[attr-defined]
-        digests.append(study(function=function, grid=grid)._described()["digests"])
-    assert digests[0] == digests[1] != digests[2]
-
-
-def test_what_says_nothing_of_a_function_may_change() -> None:
-    """A cache that has been filled, a global that is not read, and the order of a dict."""
-    uses = USES + "f(T['a']) + key.T}"
-    cached = "@functools.cache\ndef f(a): return a\n"
-    sources = ("T = {'a': 1, 'b': 2}\nU = 1\n", "T = {'b': 2, 'a': 1}\nU = 2\n")
-    first, other = (made(cached + one + uses) for one in sources)
-    described = study(function=first)._described()
-    assert described == study(function=other)._described()
-    first.__globals__["f"](3.0)  # type: ignore[attr-defined]
-    assert described == study(function=first)._described()
-
-
-def test_what_packages_offer_is_known_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An object of SciPy contains the state of NumPy's generator, which is another in each run."""
-    source = "from scipy.stats import norm as T\nfrom numpy import sin\nfrom math import cos\n"
-    source += USES + "len([T, sin, cos, re.compile])}"
-    found = study(function=made(source))._described()
-    generator = np.random.RandomState(1)
-    monkeypatch.setattr(scipy.stats.norm, "_random_state", generator)
-    assert study(function=made(source))._described() == found
-    other = source.replace("norm", "expon")
-    assert study(function=made(other))._described() != found
-
-
-def test_a_changed_global_does_not_mix_numbers(tmp_path: Path) -> None:
-    function = made("T = {'a': 6.0}\n" + USES + "T['a']}")
-    study(3, function=function).run(path=tmp_path / "a.study")
-    function.__globals__["T"]["a"] = 105.0  # type: ignore[attr-defined]
-    with pytest.raises(StateError, match="`function_digest` of"):
-        study(9, function=function).run(path=tmp_path / "a.study")
-
-
-@pytest.mark.parametrize(
-    "what", ["threading.Lock()", "(k for k in [1])", "[{'a': memoryview(b'')}]"]
-)
-def test_a_global_that_cannot_be_kept_is_refused(what: str, tmp_path: Path) -> None:
-    function = made(f"import threading\nT = {what}\n" + USES + "len([T])}")
-    with pytest.raises(
-        InputError, match=r"contains .* as global 'users_module.T', which cannot be"
-    ):
-        study(function=function).run(path=tmp_path / "a.study")
-    assert study(function=function).run().status == "completed"
-
-
-def test_a_function_that_holds_an_open_file_cannot_be_kept(tmp_path: Path) -> None:
-    with open(tmp_path / "notes", "w") as file:
-
-        def writes(key: se.Key, scale: float) -> dict[str, float]:
-            print(scale, file=file)
-            return noise(key, scale)
-
-        with pytest.raises(InputError, match=r"`function` contains .* cannot be saved"):
-            study(function=writes).run(path=tmp_path / "a.study")
-        assert study(function=writes).run().digest == WHOLE.digest  # without a file it can run
-
-
 def test_another_platform_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     loaded = se.Study.resume(path, noise)
-    elsewhere = {**worker.fingerprint(), "numpy": "1.26.0"}
-    for module in (worker, se.studies.study):
+    elsewhere = {**tasks.fingerprint(), "numpy": "1.26.0"}
+    for module in (running, study_module):
         monkeypatch.setattr(module, "fingerprint", lambda: elsewhere)
     assert loaded.run(path=path).digest == WHOLE.digest  # nothing is left to run
     with pytest.raises(StateError, match=r"`numpy` of the numbers so far is .*, here it is 1.26.0"):
@@ -509,7 +418,7 @@ def test_a_full_disk_leaves_no_part_of_a_record(
     assert se.Study.resume(path).results.digest == WHOLE.digest
 
 
-@pytest.mark.parametrize("suffix", [".study", ".json", ".csv", ".parquet", ".nc"])
+@pytest.mark.parametrize("suffix", [".study", ".json", ".csv", ".nc"])
 def test_files_are_made_under_names_that_nobody_knows(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, suffix: str
 ) -> None:
@@ -638,6 +547,7 @@ def test_hostile_blocks(tmp_path: Path, name: str) -> None:
 MANIFESTS = {
     "not a mapping": [1],
     "no key": {k: v for k, v in MANIFEST.items() if k != "key"},
+    "number as version": {**MANIFEST, "version": 3},
     "no grid": {k: v for k, v in MANIFEST.items() if k != "grid"},
     "schema": {**MANIFEST, "schema": "stochens-study/9"},
     "short key": {**MANIFEST, "key": "00"},
@@ -665,10 +575,7 @@ def test_hostile_manifests(tmp_path: Path, name: str) -> None:
 
 
 def test_records_out_of_order_are_refused(path: Path, tmp_path: Path) -> None:
-    records = (
-        ("study", 1, {"manifest": text(MANIFEST)}),
-        ("study-block", 3, SECTIONS),
-    )
+    records = (("study", 1, {"manifest": text(MANIFEST)}), ("study-block", 3, SECTIONS))
     with pytest.raises(StateError, match="must have record 2 at"):
         se.Study.resume(written(tmp_path / "b.study", *records))
 
@@ -700,11 +607,11 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
 def test_what_becomes_of_a_task_that_occurs_twice(old: int, new: int) -> None:
     """What is done stays, a failure may be replaced by anything but nothing."""
 
-    def block_with(state: int, text: str) -> worker.Block:
+    def block_with(state: int, text: str) -> tasks.Block:
         values = {"x": np.array([1.0, 0.5 if state == DONE else np.nan, 2.0])}
         states = np.array([DONE, state, DONE], dtype=np.uint8)
         errors = {4: text} if state == FAILED else {}
-        return worker.Block(3, states, {"x": ()}, values, errors, {"numpy": "2"})
+        return tasks.Block(3, states, {"x": ()}, values, errors, {"numpy": "2"})
 
     found = Table((2, 7))
     found.add(block_with(old, "old"))
@@ -753,8 +660,8 @@ def test_parts_of_other_platforms_are_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     study(range(5)).run(path=tmp_path / "0.study")
-    here = worker.fingerprint()
-    for module in (worker, se.studies.study):
+    here = tasks.fingerprint()
+    for module in (running, study_module):
         monkeypatch.setattr(module, "fingerprint", lambda: {**here, "numpy": "1.26.0"})
     study(range(3, 20)).run(path=tmp_path / "1.study")
     monkeypatch.undo()

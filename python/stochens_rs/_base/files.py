@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import platform
 import secrets
@@ -11,8 +9,7 @@ import stat
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from importlib import metadata
-from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -106,13 +103,3 @@ def write_text(path: PathLike, text: str) -> None:
     """Write a file so that a reader sees either the old or the whole new one."""
     with replaced(path) as part, open(part, "w", encoding="utf-8") as file:
         file.write(text)
-
-
-def write_listed(
-    directory: Path, index: str, facts: dict[str, Any], made: list[Path]
-) -> list[Path]:
-    """Write an index with the SHA-256 of each file made elsewhere, then move these beside it."""
-    digests = {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in made}
-    listed = {**facts, "files": {index: None, **digests}}
-    write_text(directory / index, json.dumps(listed, allow_nan=False) + "\n")
-    return [directory / index, *(path.replace(directory / path.name) for path in made)]

@@ -12,7 +12,7 @@ from .._base import html, validation
 from .._base.records import SavedRecord, trusted
 from .._base.types import Floats
 from ..exceptions import InputError
-from ..plots.radii import draw_radii
+from ..plots.certificates import draw_radii
 from .radius import Radius
 
 if TYPE_CHECKING:

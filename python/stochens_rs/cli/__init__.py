@@ -11,18 +11,9 @@ import click
 from .._base.files import versions
 from .._base.validation import nearest
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
-from ..studies.signals import interruptions
-from . import (
-    _certify,
-    _completion,
-    _control,
-    _doctor,
-    _identify,
-    _plan,
-    _stream,
-    _study,
-)
-from ._command import INTERNAL, INTERRUPTED, IO, OK, USAGE, Group, exit_codes
+from ..studies.running import interruptions
+from . import _certify, _control, _doctor, _identify, _study
+from ._command import EXIT_CODES, INTERNAL, INTERRUPTED, IO, OK, USAGE, Group
 from ._output import drop_unwritten, note, occupy_standard_descriptors, show
 
 __all__ = ["main"]
@@ -31,7 +22,7 @@ __all__ = ["main"]
 @click.group(
     cls=Group,
     invoke_without_command=True,
-    epilog=exit_codes(),
+    epilog=EXIT_CODES,
     context_settings={
         "help_option_names": ["-h", "--help"],
         "max_content_width": 100,
@@ -55,14 +46,11 @@ def cli(context: click.Context) -> None:
 
 
 for _command in (
-    _plan.plan,
-    _stream.stream,
-    _study.study_command,
     _identify.identify_command,
     _control.control_command,
     _certify.certify_command,
-    _doctor.doctor,
-    _completion.completion,
+    _study.study_command,
+    _doctor.doctor_command,
 ):
     cli.add_command(_command)
 
@@ -83,17 +71,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     Examples
     --------
     >>> from stochens_rs.cli import main
-    >>> main(["reproduce", "--samples", "0"])
+    >>> main(["control", "no.json", "--steps", "0"])
     2
     """
     occupy_standard_descriptors()
     if sys.stdout is None:
         return _fail("standard output is closed: nowhere to write results", IO)
-    with interruptions() as told:
-        told.breakable = True
+    with interruptions() as seen:
+        seen.breakable = True
         code = _code(None if argv is None else list(argv))
     drop_unwritten()
-    return 128 + told.number if code == INTERRUPTED and told.number else code
+    return 128 + seen.number if code == INTERRUPTED and seen.number else code
 
 
 def _code(args: list[str] | None) -> int:

@@ -1,35 +1,38 @@
-"""What all subcommands have: help on one screen, and errors that name options as they are typed."""
+"""Commands from functions: arguments and options are those of the signature, with the help that
+the docstring has for each of them.
+
+A docstring is a summary, paragraphs, and sections with a line for each argument::
+
+    Options:
+      start --from X,Y  Initial state; default: of the problem.
+
+the name in the signature, the option if it is not that name, a word for its value, and the help.
+Positional parameters are arguments; a type other than bool, int, float and str is given as
+``Annotated[..., click type]``.
+"""
 
 from __future__ import annotations
 
+import inspect
 import re
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Callable
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import click
 from click.core import ParameterSource
 
+from .._base.reading import number
+from .._base.types import DELTA
 from .._base.validation import nearest
 from ..exceptions import InputError, InputTypeError
 
-OK, INTERNAL, USAGE, IO = 0, 1, 2, 5
-TIME_LIMIT, WORKERS_LOST = 4, 6  # of commands that can be run on
-INTERRUPTED, TERMINATED = 130, 143  # 128 + SIGINT, 128 + SIGTERM
-_MEANINGS = {
-    OK: "done",
-    INTERNAL: "internal error",
-    USAGE: "usage or input",
-    IO: "reading or writing files",
-    INTERRUPTED: "Ctrl-C",
-    TERMINATED: "SIGTERM",
-}
+OK, INTERNAL, USAGE, IO, INTERRUPTED = 0, 1, 2, 5, 130  # 128 + SIGINT
+EXIT_CODES = (
+    "Exit codes: 0 done, 1 internal error, 2 usage or input, 5 reading or writing files, "
+    "130 Ctrl-C, 143 SIGTERM."
+)
 _QUOTED = re.compile(r"`(\w+)((?:\[[^`]*\])?)`")  # an argument in a message of the package
-
-
-def exit_codes(others: Mapping[int, str] | None = None) -> str:
-    """All exit codes and what they mean, in a sentence."""
-    meanings = sorted({**_MEANINGS, **(others or {})}.items())
-    return f"Exit codes: {', '.join(f'{code} {meaning}' for code, meaning in meanings)}."
+_ENTRY = re.compile(r"(\w+)(?: (--\S+))?(?: (\S+))?  +(\S.*)")
 
 
 class Group(click.Group):
@@ -43,58 +46,136 @@ class Group(click.Group):
 
 
 class Command(click.Command):
-    """A subcommand.
-
-    `examples` are command lines without the program's name; `sections` has the names of options
-    that get a heading of their own; `codes` are exit codes that only this command has; `arguments`
-    are options that hand over an argument of another name.
+    """A subcommand, with options under headings, examples in lines that can be copied, and errors
+    that name options as they are typed.
     """
 
-    def __init__(
-        self,
-        *args: Any,
-        examples: Sequence[str],
-        sections: Mapping[str, Sequence[str]] | None = None,
-        codes: Mapping[int, str] | None = None,
-        arguments: Mapping[str, str] | None = None,
-        **options: Any,
-    ) -> None:
-        super().__init__(*args, **options)
-        self.examples = tuple(examples)
-        self._sections, self._arguments = dict(sections or {}), dict(arguments or {})
-        self._codes = exit_codes(codes)
+    sections: dict[str, list[str]]
+    examples: list[str]
+    arguments: dict[str, str]  # of the package, that options of another name hand over
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options under their headings."""
-        options = [one for one in self.get_params(ctx) if isinstance(one, click.Option)]
-        records = {one.name: one.get_help_record(ctx) for one in options}
-        special = {name for names in self._sections.values() for name in names}
-        rest = [name for name in records if name not in special]
-        for heading, names in {**self._sections, "Options": rest}.items():
-            rows = [record for name in names if (record := records[name]) is not None]
+        options = {one.name: one for one in self.get_params(ctx) if isinstance(one, click.Option)}
+        sections = {**self.sections, "Options": [*self.sections["Options"], "help"]}
+        for heading, names in sections.items():
+            rows = [options[name].get_help_record(ctx) for name in names if name in options]
             with formatter.section(heading):
-                formatter.write_dl(rows, col_max=30)
+                formatter.write_dl([row for row in rows if row], col_max=30)
 
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write examples, in lines that can be copied, and exit codes."""
+        """Write examples and exit codes."""
         with formatter.section("Examples"):
             for line in self.examples:
                 formatter.write(f"{'':{formatter.current_indent}}stochens {line}\n")
         formatter.write_paragraph()
-        formatter.write_text(self._codes)
+        formatter.write_text(EXIT_CODES)
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run it; an error about an argument of the package names the option it came from."""
         try:
             return super().invoke(ctx)
         except (InputError, InputTypeError) as error:
-            raise click.UsageError(self._as_typed(str(error), ctx)) from error
+            options = {p.name: p.opts[0] for p in self.params if isinstance(p, click.Option)}
+            for argument, name in self.arguments.items():
+                if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:  # not from a file
+                    options[argument] = options[name]
+            said = _QUOTED.sub(
+                lambda found: (
+                    options.get(found[1], f"`{found[1]}") + found[2]
+                    if found[1] in options
+                    else found[0]
+                ),
+                str(error),
+            )
+            raise click.UsageError(said) from error
 
-    def _as_typed(self, message: str, ctx: click.Context) -> str:
-        options = {one.name: one.opts[0] for one in self.params if isinstance(one, click.Option)}
-        for argument, name in self._arguments.items():
-            if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:  # not from a file
-                options[argument] = options[name]
-        return _QUOTED.sub(
-            lambda found: options[found[1]] + found[2] if found[1] in options else found[0], message
-        )
+
+def command(**arguments: str) -> Callable[[Callable[..., Any]], Command]:
+    """Make a command of a function ``<name>_command``; `arguments` are those of the package that
+    options of another name hand over, as in ``x0="start"``.
+    """
+
+    def made(function: Callable[..., Any]) -> Command:
+        about, *sections = re.split(r"\n(?=[A-Z][\w ]*:\n  )", inspect.getdoc(function) or "")
+        entries: dict[str, tuple[str | None, str | None, str]] = {}
+        listed: dict[str, list[str]] = {}
+        for section in sections:
+            heading, _, body = section.partition(":\n")
+            lines = re.sub(r"\n {4,}", " ", body).strip().split("\n")
+            listed[heading] = [line.strip() for line in lines]
+            if heading != "For example":
+                found = [_ENTRY.fullmatch(line) for line in listed[heading]]
+                listed[heading] = [match[1] for match in found if match]
+                entries |= {match[1]: (match[2], match[3], match[4]) for match in found if match}
+        kinds = get_type_hints(function, include_extras=True)
+        params = [
+            _parameter(one, kinds[one.name], *entries[one.name])
+            for one in inspect.signature(function).parameters.values()
+        ]
+        name = function.__name__.removesuffix("_command")
+        summary = about.partition("\n")[0]
+        new = Command(name, callback=function, params=params, help=about, short_help=summary)
+        new.examples, new.sections, new.arguments = listed.pop("For example"), listed, arguments
+        return new
+
+    return made
+
+
+def _parameter(
+    one: inspect.Parameter, kind: Any, option: str | None, metavar: str | None, text: str
+) -> click.Parameter:
+    """The argument or the option for a parameter of a function."""
+    of, repeated = (get_args(kind)[1] if get_origin(kind) is Annotated else kind), False
+    if get_origin(kind) is tuple:
+        of, repeated = get_args(kind)[0], True
+        of = get_args(of)[1] if get_origin(of) is Annotated else of
+    given = [arm for arm in get_args(of) if arm is not type(None)]
+    of = given[0] if given else of  # `str | None`
+    if one.kind is not one.KEYWORD_ONLY:
+        count = -1 if repeated else 1
+        return click.Argument([one.name], metavar=metavar, type=of, required=True, nargs=count)
+    how: dict[str, Any] = {"is_flag": True} if of is bool else {"type": of, "metavar": metavar}
+    spelled = option or f"--{one.name.replace('_', '-')}"
+    how |= {"multiple": True} if repeated else {"default": one.default}
+    return click.Option([spelled, one.name], help=text, **how)
+
+
+class _Share(click.ParamType):  # type: ignore[type-arg]
+    """A probability or a part, as ``5%`` or ``0.05``."""
+
+    name = "share"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read it; refuse 5 without percent sign as a likely mistake."""
+        figure = str(value).strip().removesuffix("%")
+        try:
+            found = number(figure)
+        except ValueError:
+            raise click.BadParameter(f"{value!r} is not a number", ctx, param) from None
+        if str(value).strip().endswith("%"):
+            return found / 100.0
+        if found >= 1.0:
+            option = param.opts[0] if param else ""
+            raise click.UsageError(
+                f"{option}: {figure} is {100 * found:g} %: give {figure}%, or a number below 1"
+            )
+        return found
+
+
+class Choice(click.Choice):  # type: ignore[type-arg]
+    """One of some words; the message asks whether the nearest one was meant."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the word."""
+        try:
+            return super().convert(value, param, ctx)
+        except click.BadParameter as error:
+            text = error.message.rstrip(".") + nearest(str(value), self.choices)
+            raise click.BadParameter(text, ctx, param) from None
+
+
+Share = Annotated[Any, _Share()]
+File = Annotated[str, click.Path(readable=False)]
+Count = Annotated[int, click.IntRange(min=1)]
+LEVEL = f"{DELTA:.0%}"

@@ -9,7 +9,6 @@ from hashlib import sha256
 from importlib import metadata
 from typing import Any
 
-import click
 import numpy as np
 
 from .. import _core, reference
@@ -18,9 +17,8 @@ from .._base.memory import left_by_source
 from .._base.threads import VARIABLE, threads_by
 from ..controls import control
 from ..ensembles.sampling import sample
-from ..studies.worker import fingerprint
-from ._command import INTERNAL, Command
-from ._options import json_option
+from ..studies.tasks import fingerprint
+from ._command import INTERNAL, OK, command
 from ._output import show_result
 
 _OF_DEVELOPERS = ("all", "bench", "dev", "docs")  # extras that are left out
@@ -30,20 +28,20 @@ _REQUIREMENT = re.compile(r"([\w.-]+).*extra *== *['\"]([\w-]+)['\"]")
 _DRAWS = "e39698281e382f953d168f7f6cd2b1234dfafd7b1bacfa25ef7d9da23c6405a9"
 
 
-@click.command(
-    cls=Command,
-    short_help="Check the installation; say what it uses.",
-    examples=["doctor", "doctor --validate"],
-    codes={INTERNAL: "something essential is broken"},
-)
-@click.option("--validate", is_flag=True, help="Compare the core with the same in NumPy.")
-@json_option
-@click.pass_context
-def doctor(context: click.Context, validate: bool, as_json: bool) -> None:
-    """Check the installation, and say what it uses: put the output into reports of errors.
+@command()
+def doctor_command(*, validate: bool = False, as_json: bool = False) -> int:
+    """Check the installation; say what it uses.
 
-    Versions, instructions of the processor, threads, memory that is left, and the extras with the
-    command that installs each. Missing extras are no error.
+    Put the output into reports of errors: versions, instructions of the processor, threads, memory
+    that is left, and the extras with the command that installs each. Missing extras are no error;
+    if something essential is broken the exit code is 1.
+
+    Options:
+      validate  Compare the core with the same in NumPy.
+      as_json --json  Print JSON instead of text.
+    For example:
+      doctor
+      doctor --validate
     """
     release, registers = _core.build()
     threads, by = threads_by()
@@ -66,8 +64,7 @@ def doctor(context: click.Context, validate: bool, as_json: bool) -> None:
     facts["warnings"], facts["broken"] = _warnings(facts), _broken(facts)
     facts["broken"] += [str(one) for one in compared if not one.passed]
     show_result(facts, _text(facts), as_json)
-    if facts["broken"]:
-        context.exit(INTERNAL)
+    return INTERNAL if facts["broken"] else OK
 
 
 def _extras() -> dict[str, dict[str, str | None]]:

@@ -13,7 +13,7 @@ from .._base.records import SavedRecord, require_shapes
 from .._base.to_xarray import Cube, Tabled, named, over_time
 from .._base.types import Floats, Status
 from ..exceptions import InputError, ShapeError
-from ..plots.fleet import draw_misses
+from ..plots.lines import draw_misses
 from ..theory import scenario
 from .fleet_certify import Made, Radii, checked_radii, design_risk, quantile
 from .fleet_risk import METHODS, RiskBound

@@ -20,9 +20,8 @@ from ..certificates.of_model import Asked, certificate
 from ..certificates.of_outputs import output_certificate
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..feedback import Loop, LoopCertificate
-from ..plots.panels import Inputs
-from ..plots.states import draw_phase
-from ..plots.tube import draw_tube
+from ..plots.lines import draw_phase
+from ..plots.panels import Inputs, draw_tube
 from ..rng import Key
 from ..system import System
 from ..theory.dynamics import checked_ends, states

@@ -11,8 +11,7 @@ import numpy as np
 from .._base import html
 from .._base.types import Floats, Status
 from ..exceptions import InputError
-from ..plots.panels import Inputs
-from ..plots.regulator_log import draw_calls
+from ..plots.panels import Inputs, draw_calls
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

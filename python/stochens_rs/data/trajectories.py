@@ -15,7 +15,7 @@ from .._base import html, memory, validation
 from .._base.records import SavedRecord
 from .._base.signal_names import Labels, checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
-from ..plots.runs import draw_runs
+from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
 from .gaps import OnGap, joined, warn_of_ends
 from .pieces import NO_GAPS, Pieces

@@ -12,8 +12,7 @@ from .._base.fields import Probability
 from .._base.records import SavedRecord
 from .._base.signal_names import Labels
 from .._base.types import Floats
-from ..plots.panels import Inputs
-from ..plots.tube import draw_tube
+from ..plots.panels import Inputs, draw_tube
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure

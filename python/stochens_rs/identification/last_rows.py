@@ -11,17 +11,18 @@ from ..data.table import Table
 from ..exceptions import InputError
 
 if TYPE_CHECKING:
+    from .._base.csv_file import Text
     from .._base.types import Floats
     from .model import Model
 
 
-def last_rows(path: str, model: Model, time: str | None = None) -> tuple[Floats, Floats]:
+def last_rows(path: str, model: Model, time: str | None, how: Text) -> tuple[Floats, Floats]:
     """The record (outputs, inputs) for a model of outputs, whose columns the file has.
 
     It begins behind the last row that is not complete, or that `time` says was lost; of the last
     row of all the inputs are not used, as they act after its reading.
     """
-    table = Table.of_file(path)
+    table = Table.of_file(path, how)
 
     def columns(argument: str, names: tuple[str, ...]) -> Floats:
         return np.column_stack([table.numbers(argument, table.title(name)) for name in names])
@@ -34,7 +35,6 @@ def last_rows(path: str, model: Model, time: str | None = None) -> tuple[Floats,
     if time is not None:
         if model.dt is None:
             raise InputError("`time` must be left out for a model whose logs had no times")
-        stamps = table.times(table.title(time))
-        follows &= np.abs(np.diff(stamps) / model.dt - 1.0) <= NEAR
+        follows &= np.abs(np.diff(table.times(table.title(time))) / model.dt - 1.0) <= NEAR
     first = int(np.max(np.flatnonzero(~follows), initial=-1)) + 1
     return y[first:], u[first:-1]

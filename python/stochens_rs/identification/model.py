@@ -16,7 +16,7 @@ from .._base.to_xarray import Cube, Tabled
 from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
-from ..plots.residuals import draw_residuals
+from ..plots.certificates import draw_residuals
 from ..rng import Key, RngLike, as_key
 from . import battery
 from .assumptions import FAULTS, Assumptions, least_correlation

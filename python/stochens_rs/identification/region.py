@@ -14,7 +14,7 @@ from .._base.cached import cached_property
 from .._base.records import SavedRecord, trusted
 from .._base.weights import weight
 from ..exceptions import InputError, NonFiniteError, ShapeError
-from ..plots.regions import draw_region
+from ..plots.certificates import draw_region
 from .entry import chosen_entry, coefficient
 from .signs import SignTest
 

@@ -44,10 +44,6 @@ class Palette(NamedTuple):
         """The colour of the k-th line."""
         return self.colors[k % len(self.colors)]
 
-    def like(self, color: str) -> str:
-        """A colour of the light palette as it is here; any other as it is."""
-        return self.colors[COLORS.index(color)] if color in COLORS else color
-
 
 LIGHT = Palette(INK, PALE, GRID, "#ffffff", 0.18, COLORS)
 # The same hues, lighter, in the same order.
@@ -101,33 +97,18 @@ def _light(color: Any) -> tuple[float, float]:
 _FILES = ("agg", "cairo", "pdf", "pgf", "ps", "svg", "template")
 
 
-def new_figure(
-    width: float,
-    height: float,
-    *,
-    header: float,
-    footer: float,
-    shown: bool = True,
-    face: str | None = "white",
-) -> Figure:
-    """Return a new figure; sizes in inches, `header` and `footer` are kept free.
+def new_figure(width: float, height: float) -> Figure:
+    """Return a new figure, sizes in inches, with the background of matplotlib's settings.
 
-    Its background is `face`; with None that of matplotlib's settings.
-
-    If pyplot shows figures, in a notebook or on a screen, the figure belongs to pyplot, unless
-    `shown` is False.
+    If pyplot shows figures, in a notebook or on a screen, the figure belongs to pyplot.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
     from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-    free = (0, footer / height, 1, 1 - (header + footer) / height)
-    look: dict[str, Any] = {
-        "figsize": (width, height),
-        "layout": ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.06, wspace=0.05, rect=free),
-        "facecolor": face,
-    }
-    if shown and _pyplot_shows():
+    layout = ConstrainedLayoutEngine(w_pad=0.09, h_pad=0.06, wspace=0.05)
+    look: dict[str, Any] = {"figsize": (width, height), "layout": layout, "facecolor": None}
+    if _pyplot_shows():
         import matplotlib.pyplot as plt
 
         seen: Any = plt.figure(**look)
@@ -145,7 +126,7 @@ def axes_or_new(ax: Axes | None, width: float = _SIZE[0]) -> Axes:
 
     if ax is not None:
         return validation.instance("ax", ax, Axes)
-    return new_figure(width, _SIZE[1], header=0.0, footer=0.0, face=None).add_subplot()
+    return new_figure(width, _SIZE[1]).add_subplot()
 
 
 def add_grid(ax: Axes) -> None:

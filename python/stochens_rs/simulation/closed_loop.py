@@ -15,7 +15,7 @@ from .._base.to_xarray import Cube, Tabled, named, over_time, padded
 from .._base.types import Floats, Status
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..fusion.fusing import METHODS
-from ..plots.states import draw_tracking
+from ..plots.lines import draw_tracking
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory.exact import REACHABLE, factors

@@ -17,7 +17,7 @@ from .._base.signal_names import Labels, default_labels, two_states
 from .._base.to_xarray import Timed
 from .._base.types import Centre, Floats
 from ..exceptions import ShapeError
-from ..plots.states import draw_phase, draw_states
+from ..plots.lines import draw_phase, draw_states
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

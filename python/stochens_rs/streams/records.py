@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from .._base import html
 from .._base.types import Floats, Status
-from ..plots.trace import draw_trace
+from ..plots.lines import draw_trace
 
 if TYPE_CHECKING:
     import numpy as np

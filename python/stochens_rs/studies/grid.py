@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import functools
+import hashlib
+import inspect
+import io
 import json
 import keyword
 import math
+import pickle
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
@@ -14,15 +19,13 @@ import numpy as np
 from .._base import validation
 from .._base.validation import show
 from ..exceptions import InputError, InputTypeError
-from .digest import digest
 
 Label: TypeAlias = bool | int | float | str | None
-# arguments of functions, and what results, their `about` and their summaries have themselves
+# arguments of functions, and what results and their `about` have themselves
 _RESERVED = (
     *("key", "self", "replicate", "replicates", "name", "status", "schema", "grid", "values"),
-    *("units", "failures", "seconds", "done", "failed", "infinite", "mean", "standard_error"),
-    *("median", "q10", "q90", "function", "stochens_rs", "python", "numpy", "platform"),
-    "processor",
+    *("units", "failures", "seconds", "done", "failed", "function", "stochens_rs", "python"),
+    *("digest", "numpy", "platform", "processor"),
 )
 
 
@@ -52,49 +55,42 @@ class Grid:
 
     def positions(self, number: int) -> dict[str, int]:
         """Where a configuration lies on each axis; the last axis runs fastest."""
-        found = {}
-        for name, length in zip(reversed(self.outer), reversed(self.shape), strict=True):
-            number, found[name] = divmod(number, length)
-        return {name: found[name] for name in self.outer}
+        places = np.unravel_index(number, self.shape) if self.shape else ()
+        return {name: int(at) for name, at in zip(self.outer, places, strict=True)}
 
     def configuration(self, number: int) -> dict[str, Any]:
-        """What the function gets: a value of each axis, and all values of the nested one."""
+        """What the function gets: a value of each axis, and all values of the nested one, which
+        are an array if they are numbers.
+        """
         chosen = {name: self.values[name][at] for name, at in self.positions(number).items()}
-        return chosen if self.nested is None else {**chosen, self.nested: self.nested_values}
-
-    @property
-    def nested_values(self) -> Any:
-        """The values of the nested axis: an array if they are numbers."""
-        found = self.values[self.nested or ""]
-        numbers = all(validation.is_real(value) for value in found)
-        return np.array(found) if numbers else found
+        if self.nested is not None:
+            every = self.values[self.nested]
+            numbers = all(validation.is_real(value) for value in every)
+            chosen[self.nested] = np.array(every) if numbers else every
+        return chosen
 
     def text(self, number: int) -> str:
         """The labels of a configuration as JSON, in the order of the names; not those of the nested
         axis and of shared ones.
         """
-        labels = {
-            name: _whole(self.labels[name][at])
-            for name, at in self.positions(number).items()
-            if name not in self.shared
-        }
+        places = self.positions(number).items()
+        labels = {k: _whole(self.labels[k][at]) for k, at in places if k not in self.shared}
         return json.dumps(labels, sort_keys=True, separators=(",", ":"))
 
-    def described(self, home: str = "") -> dict[str, Any]:
-        """What must agree for a study to be continued, as plain values.
-
-        Objects are described by their digests (see `digest` for `home`), None stands for a value
+    def described(self) -> dict[str, Any]:
+        """What must agree for a study to be continued: objects by their digests, None for a value
         that is its own label.
         """
         digests = {
             name: [
-                None if value is label else digest(f"grid[{name!r}]", value, home)
+                None if value is label else digest(f"grid[{name!r}]", value)
                 for label, value in zip(labels, self.values[name], strict=True)
             ]
             for name, labels in self.labels.items()
         }
+        grid = {name: list(labels) for name, labels in self.labels.items()}
         return {
-            "grid": {name: list(labels) for name, labels in self.labels.items()},
+            "grid": grid,
             "digests": digests,
             "nested": self.nested,
             "shared": list(self.shared),
@@ -120,9 +116,8 @@ def checked_grid(grid: object, nested: object = None, shared: object = ()) -> Gr
     names = tuple(labels)
     if nested is not None:
         nested = validation.choice("nested", nested, names)
-    axes = tuple(
-        validation.choice("shared", name, names) for name in validation.items("shared", shared)
-    )
+    listed = validation.items("shared", shared)
+    axes = tuple(validation.choice("shared", name, names) for name in listed)
     if nested in axes:
         raise InputError(f"`shared` must not contain the nested axis {nested!r}")
     return Grid(labels, values, nested, axes)
@@ -131,22 +126,20 @@ def checked_grid(grid: object, nested: object = None, shared: object = ()) -> Gr
 def _axis(name: str, given: object) -> tuple[tuple[Label, ...], tuple[Any, ...]]:
     """The labels and the values of one axis."""
     if isinstance(given, Mapping):
-        for label in given:
-            validation.text(f"{name} label", label)
-        labels: tuple[Label, ...] = tuple(given)
+        labels: tuple[Label, ...] = tuple(validation.text(f"{name} label", one) for one in given)
         values = tuple(given.values())
     else:
-        values = labels = tuple(plain_label(name, value) for value in validation.items(name, given))
+        values = labels = tuple(_plain(name, value) for value in validation.items(name, given))
     if not labels:
         raise InputError(f"`{name}` must have at least one value, got none")
-    texts = [label_text(label) for label in labels]
+    texts = [json.dumps(_whole(label)) for label in labels]  # equal numbers have one text
     if len(set(texts)) < len(texts):
         twice = next(text for text in texts if texts.count(text) > 1)
         raise InputError(f"`{name}` must have different values, got {twice} twice")
     return labels, values
 
 
-def plain_label(name: str, value: object) -> Label:
+def _plain(name: str, value: object) -> Label:
     """A number, a text or None, as Python has it."""
     if isinstance(value, np.generic):
         value = value.item()
@@ -164,12 +157,54 @@ def plain_label(name: str, value: object) -> Label:
     )
 
 
-def label_text(label: Label) -> str:
-    """A label as JSON; equal numbers have one text."""
-    return json.dumps(_whole(label))
-
-
 def _whole(label: Label) -> Label:
     """10 for 10.0."""
     whole = isinstance(label, float) and label.is_integer() and abs(label) < validation.EXACT
     return int(label) if whole else label  # type: ignore[arg-type]
+
+
+def full_name(function: object) -> str:
+    """Module and qualified name of what is called."""
+    while isinstance(function, functools.partial):
+        function = function.func
+    named: Any = function if hasattr(function, "__qualname__") else type(function)
+    return f"{named.__module__}.{named.__qualname__}"
+
+
+def function_digest(function: Any, version: str | None) -> str:
+    """SHA-256 of the name and the source text of a function, of `version`, and of what a partial
+    function, a method or an object that is called holds.
+    """
+    parts: list[Any] = [full_name(function), version]
+    while isinstance(function, functools.partial):
+        parts += [function.args, sorted(function.keywords.items())]
+        function = function.func
+    if inspect.ismethod(function):
+        parts.append(function.__self__)
+    elif not hasattr(function, "__qualname__"):
+        parts.append(function)
+        function = type(function)
+    try:
+        parts.append(inspect.getsource(function))
+    except (OSError, TypeError) as error:
+        if version is None:
+            raise InputError(
+                f"`version` must be given: the source text of {parts[0]} is not known, got None"
+            ) from error
+    return digest("function", parts)
+
+
+def digest(name: str, value: object) -> str:
+    """SHA-256 of what a value is pickled as; `name` is for messages."""
+    file = io.BytesIO()
+    pickler = pickle.Pickler(file, 4)
+    pickler.fast = True  # the same bytes for equal values, whatever objects they share
+    try:
+        pickler.dump(value)
+    except Exception as error:  # whatever a foreign object raises
+        reason = " ".join(str(error).split())[:120]
+        raise InputError(
+            f"`{name}` holds what cannot be kept with the study ({reason}): name it in an axis "
+            "{name: value}, or make it inside the function"
+        ) from error
+    return hashlib.sha256(file.getvalue()).hexdigest()

@@ -2,42 +2,38 @@
 
 from __future__ import annotations
 
+import functools
+import math
+import os
 import time
 from collections.abc import Iterable, Mapping
-from contextlib import ExitStack
-from typing import TYPE_CHECKING, Any
+from concurrent.futures import Executor
+from contextlib import ExitStack, closing
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
 
 from .._base import files, validation
 from .._base.files import PathLike
 from .._base.progress import Progress, progress_bar
 from .._base.types import Status
 from .._base.validation import show
+from .._core import version as package_version
 from ..exceptions import InputError, InputTypeError, StateError
 from ..rng import Key, RngLike, as_key
-from .assemble import collected
-from .digest import full_name
-from .grid import checked_grid
-from .manifest import (
-    Manifest,
-    checked_replicates,
-    described,
-    different,
-    reached,
-    require_same,
-    required_parts,
-)
-from .results import Results
-from .scheduling import ExecutorLike, Run, checked_executor, run_all
-from .signals import interruptions
-from .store import Table
-from .store_io import enter, open_table, write_parts
+from .grid import checked_grid, full_name, function_digest
+from .results import Failure, Results
+from .running import Function, Run, Work, checked_executor, interruptions
 from .study_file import StudyFile, read_blocks, read_manifest
-from .units import checked_units, units_of
-from .worker import FAILED, WAITING, Block, Function, Layout, Work, fingerprint
+from .tasks import DONE, FAILED, WAITING, Block, Layout, Table, fingerprint
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
+SCHEMA = "stochens-study/2"
+Manifest: TypeAlias = dict[str, Any]  # what must agree for a study to be continued
+
+_MOST = 2**40  # tasks
 _PATIENCE = 10  # first tasks that may fail before the study is given up
 
 
@@ -63,6 +59,9 @@ class Study:
         of each other. Everything it returns then has one entry for each of them.
     shared : sequence of str, default ()
         Axes whose values get the same key, so that they are compared on the same samples.
+    version : str, optional
+        Names whatever else the numbers depend on: what `function` calls, data, settings. A file is
+        continued with the same name, source text and `version` of the function only.
 
     Attributes
     ----------
@@ -104,15 +103,17 @@ class Study:
         rng: RngLike = None,
         nested: str | None = None,
         shared: Iterable[str] = (),
+        version: str | None = None,
     ) -> None:
         if not callable(function):
             raise InputTypeError(f"`function` must be callable, got {show(function)}")
-        units_of(function)
         self._function: Function | None = function
+        self._units = _units_of(function)
+        self._version = None if version is None else validation.text("version", version)
         self._grid = checked_grid(grid, nested, shared)
-        self.replicates = checked_replicates(replicates, self._grid.size)
-        self.key = as_key(rng)
         size = self._grid.size
+        self.replicates = _checked_replicates(replicates, size)
+        self.key = as_key(rng)
         self._table = Table((self.replicates.start * size, self.replicates.stop * size))
         self._found: Manifest = {}  # of the file it was read from
         self._status: Status = "interrupted"
@@ -120,21 +121,21 @@ class Study:
 
     def run(
         self,
-        executor: ExecutorLike = None,
+        executor: Executor | None = None,
         path: PathLike | None = None,
         *,
         progress: Progress = None,
         time_limit: float | None = None,
+        retry: bool = False,
     ) -> Results:
         """Run the replicates that have not run yet.
 
         Parameters
         ----------
-        executor : Executor or callable, optional
+        executor : Executor, optional
             Any ``concurrent.futures.Executor``: threads, processes, loky, ``client.get_executor(
-            pure=False)`` of Dask. Or a function without arguments that makes one, such as
-            ``ProcessPoolExecutor``: then workers that died are replaced. Workers must be able to
-            import `function`; the core uses one thread in each. Default: this process.
+            pure=False)`` of Dask. Workers must be able to import `function`; the core uses one
+            thread in each. Default: this process.
         path : path, optional
             The file in which numbers are kept as they are found. If it exists, its study must be
             this one, and is continued. Beside it is ``<path>.lock``, against a second writer.
@@ -142,6 +143,8 @@ class Study:
             True for a bar on a terminal; or a function of (done, total).
         time_limit : float, optional
             Seconds after which no more replicates are begun.
+        retry : bool, default False
+            Run those that failed again, with the same keys.
 
         Returns
         -------
@@ -152,7 +155,8 @@ class Study:
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used; or the first replicates all raise.
+            If an argument cannot be used; or the first replicates all raise; or the workers of the
+            executor die: what was found is kept, running on with a new one continues.
         StateError
             If the file is damaged, or of another study: the message names what differs.
         StateLockedError
@@ -162,45 +166,88 @@ class Study:
         ResourceError
             If the numbers need more memory than there is.
         """
-        return self._run(executor, path, progress, time_limit)
+        if self._function is None:
+            raise InputError("`function` must be given: Study.resume(path, function)")
+        by = checked_executor(executor)
+        limit = math.inf if time_limit is None else validation.positive("time_limit", time_limit)
+        again = validation.flag("retry", retry)
+        began, table, total = time.monotonic(), self._table, len(self._table.states)
+        with ExitStack() as stack:
+            file: StudyFile | None = None
+            if path is not None:
+                file = stack.enter_context(closing(StudyFile(files.checked_path("path", path))))
+                self._open(file)
+            if again:
+                table.forget_failures()
+            if by is None and table.count(WAITING):
+                self._require_platform(fingerprint())
+            report = stack.enter_context(progress_bar(progress, total, "study"))
+            interruption = stack.enter_context(interruptions())
 
-    def retry(
-        self,
-        executor: ExecutorLike = None,
-        path: PathLike | None = None,
-        *,
-        progress: Progress = None,
-        time_limit: float | None = None,
-    ) -> Results:
-        """Run the replicates that failed again, with the same keys, and those that have not run.
+            def keep(block: Block) -> Layout:
+                self._require_platform(block.platform)
+                table.add(block)
+                self._give_up()
+                if file is not None:
+                    file.append(block)
+                report(total - table.count(WAITING))
+                return table.layout
 
-        Parameters
-        ----------
-        executor, path, progress, time_limit : optional
-            As for `run`.
-
-        Returns
-        -------
-        Results
-        """
-        return self._run(executor, path, progress, time_limit, again=True)
+            self._status = "interrupted"
+            work = Work(self._function, self._grid, self.key)
+            idle = file.flush_if_due if file is not None else lambda: None
+            run = Run(work, table.layout, keep, idle, interruption, began + limit)
+            waiting = table.spans(table.states == WAITING)
+            try:
+                self._status = run.here(waiting) if by is None else run.by(by, waiting)
+            finally:
+                if file is not None:
+                    file.flush()
+        self._seconds = time.monotonic() - began
+        return self.results
 
     @property
     def results(self) -> Results:
-        """What has been found so far."""
-        about = {"key": self.key.hex, "function": self._named()}
-        status, seconds = self._status, self._seconds
-        found = (self._table, self._grid, self.replicates, status, about, seconds)
-        known = self._function is not None
-        units = units_of(self._function) if known else self._found["units"]
-        return collected(*found, units)
+        """What has been found so far; its arrays share the memory of the study."""
+        table, grid = self._table, self._grid
+        platforms = table.platforms or [fingerprint()]
+        where = {k: " or ".join(dict.fromkeys(p[k] for p in platforms)) for k in platforms[0]}
+        failures = []
+        for task in sorted(table.errors):
+            replicate, number = divmod(task, grid.size)
+            at = {name: grid.labels[name][k] for name, k in grid.positions(number).items()}
+            failures.append(Failure(at, replicate, table.errors[task]))
+        return Results(
+            status=self._status if table.count(WAITING) else "completed",
+            grid=dict(grid.labels),
+            replicates=self.replicates,
+            values={name: self._arranged(rows) for name, rows in table.values.items()},
+            done=self._arranged(table.states == DONE, of_calls=True),
+            failed=self._arranged(table.states == FAILED, of_calls=True),
+            failures=failures,
+            about={"key": self.key.hex, "function": self._name, **where},
+            seconds=self._seconds,
+            units=self._units,
+        )
+
+    def _arranged(self, rows: Any, *, of_calls: bool = False) -> Any:
+        """Rows of tasks over the axes of the grid and the replicates."""
+        grid, count = self._grid, len(self.replicates)
+        shaped = rows.reshape(count, *grid.shape, *rows.shape[1:])
+        names = ["replicate", *grid.outer]
+        if grid.nested is not None:
+            names.append(grid.nested)
+            if of_calls:  # the same for all values of the nested axis
+                length = len(grid.labels[grid.nested])
+                shaped = np.broadcast_to(shaped[..., None], (*shaped.shape, length))
+        order = [names.index(name) for name in (*grid.labels, "replicate")]
+        found = shaped.transpose(*order, *range(len(order), shaped.ndim))
+        found.flags.writeable = False
+        return found
 
     @classmethod
     def resume(
-        cls,
-        path: PathLike,
-        function: Function | None = None,
-        grid: Mapping[str, Any] | None = None,
+        cls, path: PathLike, function: Function | None = None, grid: Mapping[str, Any] | None = None
     ) -> Self:
         """Return the study in a file.
 
@@ -242,8 +289,8 @@ class Study:
         found, blocks = read_manifest(checked), list(read_blocks(checked))
         study = cls._of(checked, found, blocks, function, grid)
         if function is not None:
-            require_same(checked, found, study._described())
-        enter(checked, study._table, blocks)
+            _require_same(checked, found, study._described())
+        _enter(checked, study._table, blocks)
         return study
 
     @classmethod
@@ -276,12 +323,25 @@ class Study:
             raise InputError("`paths` must name at least one file, got none")
         manifests = [read_manifest(one) for one in checked]
         parts = [list(read_blocks(one)) for one in checked]
-        found = required_parts(checked, manifests)
-        study = cls._of(checked[0], found, [block for part in parts for block in part])
+        first = {**manifests[0], "replicates": None}
+        for one, found in zip(checked, manifests, strict=True):
+            if differs := _different(first, {**found, "replicates": None}):
+                raise StateError(f"`{differs}` of {one} differs from that of {checked[0]}")
+        spans = [_replicates_in(*pair) for pair in zip(checked, manifests, strict=True)]
+        first["replicates"] = [min(s.start for s in spans), max(s.stop for s in spans)]
+        study = cls._of(checked[0], first, [block for part in parts for block in part])
         for one, part in zip(checked, parts, strict=True):
-            enter(one, study._table, part)
+            _enter(one, study._table, part)
         if path is not None:
-            write_parts(files.checked_path("path", path), study._described(), parts)
+            whole = files.checked_path("path", path)
+            with closing(StudyFile(whole)) as file:
+                if os.path.lexists(whole):
+                    raise InputError(f"`path` must be a new file, got {whole}")
+                file.create(study._described())
+                for part in parts:
+                    for block in part:
+                        file.append(block)
+                    file.flush()  # a record is of one platform
         return study
 
     @classmethod
@@ -299,72 +359,50 @@ class Study:
             study = cls(
                 function or _unknown,
                 found["grid"] if grid is None else grid,
-                replicates=reached(path, found, blocks, axes.size),
+                replicates=_reached(path, found, blocks, axes.size),
                 rng=Key.from_hex(found["key"]),
                 nested=found["nested"],
                 shared=found["shared"],
+                version=found.get("version"),
             )
-            name, units = validation.text("function", found["function"]), found.get("units", {})
-            study._found = {**found, "function": name, "units": checked_units(units)}
+            name, units = validation.text("function", found["function"]), found["units"]
+            study._found = {**found, "function": name, "units": _checked_units(units)}
         except (KeyError, InputError, InputTypeError) as error:
             raise StateError(f"{path} is not the file of a study: {error}") from error
         if function is None:
-            study._function = None
+            study._function, study._units = None, study._found["units"]
         return study
 
-    def _run(
-        self,
-        executor: object,
-        path: PathLike | None,
-        progress: Progress,
-        time_limit: float | None,
-        *,
-        again: bool = False,
-    ) -> Results:
-        if self._function is None:
-            raise InputError("`function` must be given: Study.resume(path, function)")
-        run_by = checked_executor(executor)
-        limit = None if time_limit is None else validation.positive("time_limit", time_limit)
-        began, table = time.monotonic(), self._table
-        total = len(table.states)
-        with ExitStack() as stack:
-            file: StudyFile | None = None
-            if path is not None:
-                file = StudyFile(files.checked_path("path", path))
-                stack.callback(file.close)
-                table.platforms += open_table(file, self._described(), table, self._grid.size)
-            if again:
-                table.forget_failures()
-            if run_by is None and table.count(WAITING):
-                self._require_platform(fingerprint())
-            tell = stack.enter_context(progress_bar(progress, total, "study"))
-            interruption = stack.enter_context(interruptions())
-
-            def keep(block: Block) -> Layout:
-                self._require_platform(block.platform)
-                table.add(block)
-                self._give_up()
-                if file is not None:
-                    file.append(block)
-                tell(total - table.count(WAITING))
-                return table.layout
-
-            self._status = "interrupted"
-            work = Work(self._function, self._grid, self.key)
-            idle = file.flush_if_due if file is not None else lambda: None
-            run = Run(work, table.layout, keep, idle, interruption, limit)
-            try:
-                self._status = run_all(run, run_by, table.waiting)
-            finally:
-                if file is not None:
-                    file.flush()
-        self._seconds = time.monotonic() - began
-        return self.results
+    def _open(self, file: StudyFile) -> None:
+        """Take over what a file has, if there is one, and append what it has not."""
+        table, size, manifest = self._table, self._grid.size, self._described()
+        before = Table(table.span)
+        if os.path.lexists(file.path):
+            found = read_manifest(file.path)
+            _require_same(file.path, found, manifest)  # before anything is written
+            blocks = list(file.extend())
+            _enter(file.path, before, blocks)
+            there = _reached(file.path, found, blocks, size)
+            # a block without tasks says that there are more replicates now
+            for ours, theirs in zip(table.span, (there.start, there.stop), strict=True):
+                if ours != theirs * size:
+                    file.append(Block(ours, np.zeros(0, np.uint8)))
+            file.flush()
+            if table.platforms and any(p not in table.platforms for p in before.platforms):
+                raise StateError(
+                    f"`platform` of {file.path} is not that of the numbers of this study"
+                )
+            table.add(before.block(before.span, {}))
+        else:
+            file.create(manifest)
+        for span in table.spans((table.states != WAITING) & (table.states != before.states)):
+            file.append(table.block(span, table.platforms[0]))
+        table.platforms = table.platforms or before.platforms
 
     def _require_platform(self, found: dict[str, str]) -> None:
         known = self._table.platforms
         if known and found not in known:
-            name = str(different(known[0], found))
+            name = str(_different(known[0], found))
             raise StateError(
                 f"`{name}` of the numbers so far is {known[0].get(name)}, here it is "
                 f"{found.get(name)}: bits may differ; compute parts apart and merge them"
@@ -381,22 +419,115 @@ class Study:
             table.forget_failures()
             raise InputError(f"`function` failed in the first {failed} replicates: {text}")
 
-    def _named(self) -> str:
+    @property
+    def _name(self) -> str:
         return str(self._found["function"]) if self._function is None else full_name(self._function)
 
     def _described(self) -> Manifest:
+        replicates = [self.replicates.start, self.replicates.stop]
         if self._function is None:
-            return {**self._found, "replicates": [self.replicates.start, self.replicates.stop]}
-        return described(self._function, self._grid, self.key, self.replicates)
+            return {**self._found, "replicates": replicates}
+        return {
+            "schema": SCHEMA,
+            "stochens_rs": package_version(),
+            "key": self.key.hex,
+            **self._grid.described(),
+            "replicates": replicates,
+            "function": self._name,
+            "version": self._version,
+            "function_digest": function_digest(self._function, self._version),
+            "units": self._units,
+        }
 
     def __repr__(self) -> str:
-        axes = " x ".join(f"{len(labels)} {name}" for name, labels in self._grid.labels.items())
+        axes = "".join(f"{len(labels)} {name} x " for name, labels in self._grid.labels.items())
         left = self._table.count(WAITING)
-        return (
-            f"<Study: {self._named()} of {axes + ' x ' if axes else ''}"
-            f"{len(self.replicates)} replicates, {left} to run>"
-        )
+        return f"<Study: {self._name} of {axes}{len(self.replicates)} replicates, {left} to run>"
 
 
 def _unknown(key: Key, **_: Any) -> Mapping[str, Any]:
     raise InputError("`function` must be given")
+
+
+def _units_of(function: object) -> dict[str, str]:
+    """The attribute ``units`` of a function, checked; empty if it has none."""
+    while isinstance(function, functools.partial) and not hasattr(function, "units"):
+        function = function.func
+    return _checked_units(getattr(function, "units", {}))
+
+
+def _checked_units(given: object) -> dict[str, str]:
+    if not isinstance(given, Mapping):
+        raise InputTypeError(
+            f"`function.units` must be a mapping of names to texts, got {show(given)}"
+        )
+    name = "function.units"
+    return {
+        validation.text(name, k): validation.text(f"{name}[{k!r}]", v) for k, v in given.items()
+    }
+
+
+def _checked_replicates(given: object, size: int) -> range:
+    """The replicates that a user asked for, of `size` configurations."""
+    most = _MOST // size
+    if isinstance(given, range):
+        if given.step != 1 or given.start < 0 or not given:
+            raise InputError(f"`replicates` must be a range(first, stop) from 0 on, got {given}")
+        validation.size("replicates", given.stop, maximum=most)
+        return given
+    return range(validation.size("replicates", given, maximum=most))
+
+
+def _require_same(path: str, found: Manifest, ours: Manifest) -> None:
+    """Raise if a manifest is not that of this study, which may have more replicates.
+
+    It may also have other texts for its units.
+    """
+    theirs, span = {**found, "units": ours["units"]}, _replicates_in(path, found)
+    first, stop = ours["replicates"]
+    if first <= span.start and span.stop <= stop:
+        theirs["replicates"] = ours["replicates"]
+    if differs := _different(ours, theirs):
+        raise StateError(
+            f"`{differs}` of {path} is {_shortened(theirs.get(differs))}, of this study "
+            f"{_shortened(ours.get(differs))}: continue it with the same, or choose another path"
+        )
+
+
+def _reached(path: str, manifest: Manifest, blocks: list[Block], size: int) -> range:
+    """The replicates of a manifest, and of blocks that were added when there were more."""
+    span = _replicates_in(path, manifest)
+    first = min([span.start, *(block.start // size for block in blocks)])
+    return range(first, max([span.stop, *(-(-block.stop // size) for block in blocks)]))
+
+
+def _replicates_in(path: str, manifest: Manifest) -> range:
+    """The replicates that a manifest names."""
+    if manifest.get("schema") != SCHEMA:
+        found = _shortened(manifest.get("schema"))
+        raise StateError(f"`schema` of {path} must be '{SCHEMA}', got {found}")
+    given: Any = manifest.get("replicates")
+    whole = isinstance(given, list) and len(given) == 2 and all(type(k) is int for k in given)
+    if not whole or not 0 <= given[0] < given[1] <= _MOST:
+        raise StateError(f"`replicates` of {path} must be two numbers, got {_shortened(given)}")
+    return range(*given)
+
+
+def _enter(path: str, table: Table, blocks: Iterable[Block]) -> None:
+    """Enter the blocks of a file into a table."""
+    for block in blocks:
+        try:
+            table.add(block)
+        except StateError as error:
+            raise StateError(f"{path}: {error}") from error
+
+
+def _different(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> str | None:
+    """The first name under which two mappings differ, or None."""
+    names = dict.fromkeys([*ours, *theirs])
+    return next((name for name in names if ours.get(name) != theirs.get(name)), None)
+
+
+def _shortened(value: object) -> str:
+    text = " ".join(str(value).split())
+    return text if len(text) <= 60 else text[:57] + "..."

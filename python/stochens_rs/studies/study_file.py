@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from .._base import files, memory, state_file, validation
 from ..exceptions import InputError, InputTypeError, StateError, StateIOError, StateNotFoundError
-from .worker import DONE, FAILED, Block, Layout
+from .tasks import DONE, FAILED, Block, Layout
 
 MANIFEST, BLOCK = "study", "study-block"  # kinds of records
 _MARK = b"\x89STU\r\n\x1a\xff"  # then where its record begins; in no text, and in no plain number

@@ -1,4 +1,4 @@
-"""Figures of states over time, and of two states against each other."""
+"""Lines in one panel, labelled at their ends: states, tracking, errors of streams, misses."""
 
 from __future__ import annotations
 
@@ -9,14 +9,93 @@ import numpy as np
 
 from .._base.numbers import most_changing
 from .._base.types import Floats
-from .ends import MOST, label_ends
 from .panels import extent
-from .style import add_grid, add_key, add_labels, axes_or_new, blend, literal, look_of
+from .style import (
+    SMALL,
+    add_grid,
+    add_key,
+    add_labels,
+    axes_or_new,
+    blend,
+    literal,
+    look_of,
+    number_text,
+    readable,
+    root_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
+    from numpy.typing import NDArray
+
+
+MOST = 6  # lines that are labelled at their ends; more need a legend
+_ID = "stochens-end"
+_GAP = 1.25 * SMALL  # points from line to line of text
+
+
+def label_ends(ax: Axes, lines: Sequence[Line2D]) -> bool:
+    """Write the labels of lines beside their last points in sight, apart from each other.
+
+    They follow when the range of an axis changes. Returns False, and writes nothing, if there are
+    too many, or the layout of the figure makes no room for them: then a legend has to do it.
+    """
+    root = root_of(ax)
+    room = ax.get_window_extent().height * 72.0 / root.dpi
+    count = len(lines) + sum(text.get_gid() == _ID for text in ax.texts)
+    finite = all(np.isfinite(line.get_xydata()[-1]).all() for line in lines)  # type: ignore[index]
+    if not (finite and 0 < count <= min(MOST, room / _GAP)) or root.get_layout_engine() is None:
+        return False
+    look = look_of(ax)
+    pairs = []
+    for line in lines:
+        color = readable(str(line.get_color()), look)
+        text = ax.annotate(
+            str(line.get_label()), (0.0, 0.0), (5.0, 0.0), textcoords="offset points",
+            va="center", gid=_ID, fontsize=SMALL, color=color, annotation_clip=False,
+        )  # fmt: skip
+        pairs.append((text, np.asarray(line.get_xydata(), dtype=np.float64)))
+
+    def move(_: object = None) -> None:
+        low, high = np.sort(np.stack([ax.get_xlim(), ax.get_ylim()]), axis=1).T
+        for text, points in pairs:
+            seen = np.flatnonzero(((points >= low) & (points <= high)).all(axis=1))
+            text.set_visible(bool(seen.size))
+            if seen.size:
+                text.xy = float(points[seen[-1], 0]), float(points[seen[-1], 1])
+        _spread(ax)
+
+    move()
+    ax.callbacks.connect("xlim_changed", move)
+    ax.callbacks.connect("ylim_changed", move)
+    return True
+
+
+def _spread(ax: Axes) -> None:
+    """Move the labels up and down, so that none covers another one."""
+    texts: list[Any] = [t for t in ax.texts if t.get_gid() == _ID and t.get_visible()]
+    points: list[Any] = [ax.transData.transform(text.xy) for text in texts]
+    at = [float(point[1]) * 72.0 / root_of(ax).dpi for point in points]
+    for text, was, now in zip(texts, at, _apart(at, _GAP), strict=True):
+        text.set_position((5.0, now - was))
+
+
+def _apart(at: Sequence[float], gap: float) -> list[float]:
+    """The nearest places in the same order that are `gap` apart: means of blocks that collide."""
+    order = sorted(range(len(at)), key=lambda i: at[i])
+    blocks: list[list[float]] = []  # sum of the places without their gaps, number
+    for k, i in enumerate(order):
+        blocks.append([at[i] - k * gap, 1.0])
+        while len(blocks) > 1 and blocks[-2][0] / blocks[-2][1] > blocks[-1][0] / blocks[-1][1]:
+            total, number = blocks.pop()
+            blocks[-1] = [blocks[-1][0] + total, blocks[-1][1] + number]
+    level = [total / number for total, number in blocks for _ in range(int(number))]
+    found = [0.0] * len(at)
+    for k, i in enumerate(order):
+        found[i] = level[k] + k * gap
+    return found
 
 
 DASHES = ("-", "--", "-.", ":")  # more than seven states repeat the colours with other dashes
@@ -172,3 +251,72 @@ def finish(ax: Axes, across: str, up: str) -> None:
     """Label the axes and draw the grid."""
     add_labels(ax, across, up)
     add_grid(ax)
+
+
+def draw_trace(
+    steps: NDArray[np.int64], errors: Floats, certificates: Floats, ax: Axes | None
+) -> Axes:
+    """Draw errors and certificates over the steps on logarithmic axes, without zeros."""
+    ax = axes_or_new(ax)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    look = look_of(ax)
+    curves = (  # dashed, so that both are visible where they agree
+        (errors, "error", look.color(0), "-"),
+        (certificates, "certificate", look.color(1), "--"),
+    )
+    lines = []
+    for values, label, color, line in curves:
+        shown = (steps > 0) & (values > 0.0)  # False for nan
+        if shown.any():
+            lines += ax.plot(steps[shown], values[shown], line, color=color, label=label, lw=1.6)
+    finish(ax, "step", r"$\|B(v - v^*)\|$")
+    if lines and not label_ends(ax, lines):
+        add_key(ax)
+    return ax
+
+
+def draw_misses(
+    misses: NDArray[np.float64],
+    threshold: float,
+    support: NDArray[np.bool_],
+    removed: NDArray[np.bool_],
+    *,
+    named: str,
+    fresh: NDArray[np.float64] | None = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw misses (N,) from the least to the largest, and a line at the `threshold`, `named`.
+
+    `support` and `removed` mark units; `fresh` are the misses of other units.
+    """
+    ax = axes_or_new(ax)
+    look = look_of(ax)
+    handles = []
+    if fresh is not None:
+        share = (np.arange(len(fresh)) + 0.5) / len(fresh)
+        label = f"{number_text(len(fresh))} fresh units"
+        handles += ax.plot(share, np.sort(fresh), color=look.color(1), linewidth=1.4, label=label)
+    order = np.argsort(misses, kind="stable")
+    share, sorted_ = (np.arange(len(misses)) + 0.5) / len(misses), misses[order]
+    label = f"{number_text(len(misses))} units of the design"
+    handles += ax.plot(share, sorted_, color=look.color(0), linewidth=1.4, label=label)
+    marks = ((support, "o", look.color(0), "support"), (removed, "x", look.ink, "left out"))
+    for chosen, marker, color, label in marks:
+        if chosen.any():
+            at = chosen[order]
+            handles += ax.plot(
+                share[at],
+                sorted_[at],
+                marker=marker,
+                linestyle="none",
+                color=color,
+                fillstyle="none",
+                markersize=6,
+                label=label,
+            )
+    line = ax.axhline(threshold, color=look.ink, linestyle="--", linewidth=1, label=named)
+    finish(ax, "share of the units", "miss")
+    ax.set_ylim(bottom=0.0)
+    add_key(ax, handles=[*handles, line], loc="center left")
+    return ax

@@ -1,4 +1,4 @@
-"""Figure of residuals: what each test of them looks at."""
+"""What data say: radii of a certificate, regions of coefficients, residuals."""
 
 from __future__ import annotations
 
@@ -8,14 +8,111 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from .._base.numbers import ROUNDING
 from .._base.types import Floats
 from .panels import panel_grid
-from .style import SMALL, TITLE, Palette, add_grid, add_key, add_labels, literal, look_of, root_of
+from .style import (
+    SMALL,
+    TITLE,
+    Palette,
+    add_grid,
+    add_key,
+    add_labels,
+    axes_or_new,
+    literal,
+    look_of,
+    number_text,
+    root_of,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import NDArray
+
+
+_BARS = 12  # most bars of a panel that are drawn
+
+
+def draw_radii(
+    title: str,
+    bars: dict[str, float],
+    tube: Floats | None,
+    components: Floats | None,
+    says: str,
+    figure: Figure | SubFigure | None,
+) -> Figure:
+    """Draw the named numbers, the `tube` (K + 1,) and the `components` (n,), each in a panel.
+
+    What is infinite has no bar, and says so. `says` stands above all panels.
+    """
+    panels = [("", bars, title)]
+    if components is not None:
+        each = {f"x[{i}]": float(one) for i, one in enumerate(components)}
+        panels.append(("", each, "distance of each state from xf"))
+    figure, axes = panel_grid(len(panels) + (tube is not None), figure)
+    for ax, (_, values, name) in zip(axes, panels, strict=False):
+        _bars(ax, values, name)
+    if tube is not None:
+        ax, steps = axes[-1], np.arange(len(tube))
+        look, finite = look_of(ax), np.isfinite(tube)
+        ax.fill_between(
+            steps[finite], tube[finite], color=look.color(0), alpha=look.fill, linewidth=0
+        )
+        ax.plot(steps[finite], tube[finite], "o-", color=look.color(0), linewidth=1.6, markersize=3)
+        more = "" if finite.all() else f", infinite from step {int(np.argmin(finite))}"
+        add_labels(ax, f"step k{more}", "radius of the tube")
+        ax.set_xlim(0, len(tube) - 1)
+        ax.set_ylim(bottom=0.0)
+        add_grid(ax)
+    figure.suptitle(says, fontsize=SMALL + 1, color=look_of(axes[0]).ink, x=0.01, ha="left")
+    return root_of(figure)
+
+
+def _bars(ax: Axes, values: dict[str, float], name: str) -> None:
+    """A bar for each of the numbers, the first one on top."""
+    look, shown = look_of(ax), list(values.items())[:_BARS]
+    at = np.arange(len(shown))
+    sizes = np.array([size if np.isfinite(size) else 0.0 for _, size in shown])
+    sizes[sizes < ROUNDING * sizes.max(initial=0.0)] = 0.0  # beside the others
+    ax.barh(at, sizes, height=0.6, color=look.color(0))
+    for k, (_, size) in enumerate(shown):
+        text = f" {number_text(float(f'{sizes[k]:.3g}'))}" if np.isfinite(size) else " infinite"
+        ax.text(sizes[k], k, text, va="center", fontsize=SMALL, color=look.ink)
+    ax.set_yticks(at, [literal(one) for one, _ in shown])
+    ax.invert_yaxis()
+    ax.margins(x=0.25)
+    ax.set_xlim(left=0.0)
+    more = f" (the first {_BARS} of {len(values)})" if len(values) > _BARS else ""
+    add_labels(ax, f"{name}{more}", "")
+    add_grid(ax)
+    ax.grid(visible=False, axis="y")
+
+
+_ID = "stochens-region"
+
+
+def draw_region(
+    centre: Floats, corners: Floats, label: str, across: str, up: str, ax: Axes | None
+) -> Axes:
+    """Draw a polygon (k, 2) and its `centre`, in the next colour of those in `ax`."""
+    ax = axes_or_new(ax)
+    from matplotlib.patches import Polygon
+
+    look = look_of(ax)
+    before = sum(one.get_gid() == _ID for one in ax.patches)
+    color = look.color(before)
+    face = "none" if before else (color, look.fill / 1.5)  # the colours of two would mix
+    edge = Polygon(corners, facecolor=face, edgecolor=color, linewidth=1.6, gid=_ID)
+    edge.set_label(literal(label))
+    ax.add_patch(edge)
+    ax.plot(*centre, "+", color=color, markersize=8, markeredgewidth=1.6, linestyle="")
+    add_labels(ax, across, up)
+    add_grid(ax)
+    ax.autoscale_view()
+    if ax.get_legend_handles_labels()[0]:  # matplotlib leaves out empty labels
+        add_key(ax, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+    return ax
 
 
 LAGS = 10

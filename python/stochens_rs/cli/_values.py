@@ -1,0 +1,90 @@
+"""Numbers, limits and names as they are typed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from .._base.csv_file import titled
+from .._base.reading import number
+from .._base.validation import nearest
+from ..exceptions import SolverError
+from ..feedback import Loop, gain
+
+if TYPE_CHECKING:
+    from .._base.types import Floats
+    from ..identification import Model
+
+
+def names_of(option: str, text: str) -> list[str]:
+    """Read ``a,b``."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise click.BadParameter(f"{text!r} has an empty name", param_hint=option)
+    return names
+
+
+def vector_of(option: str, text: str | None, n: int, default: Any) -> Any:
+    """Read ``1,0,-0.5``: `n` numbers."""
+    if text is None:
+        if default is None:
+            raise click.UsageError(f"give {option}, {n} numbers with commas")
+        return default
+    values = _numbers(option, text)
+    if len(values) != n or not all(map(math.isfinite, values)):
+        raise click.BadParameter(f"must be {n} finite numbers, got {text!r}", param_hint=option)
+    return np.array(values)
+
+
+def entries_of(option: str, text: str, count: int) -> float | Floats:
+    """Read ``1`` or ``1,0,2``, one number for each."""
+    values = _numbers(option, text)
+    if len(values) not in (1, count) or not all(map(math.isfinite, values)):
+        wanted = "a finite number" if count == 1 else f"1 or {count} finite numbers"
+        raise click.BadParameter(f"must be {wanted}, got {text!r}", param_hint=option)
+    return np.full(count, values[0]) if len(values) == 1 else np.array(values)
+
+
+def sides_of(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[Floats, Floats]:
+    """Read ``-1,1`` and ``force=-1,1``."""
+    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for text in sorted(texts, key=lambda text: "=" in text):  # those of all, then those of one
+        name, equals, pair = text.rpartition("=")
+        name = titled(name, names)
+        if equals and name not in names:
+            known = f"{', '.join(names)}{nearest(name, names)}"
+            raise click.BadParameter(f"{name!r} must be one of {known}", param_hint=option)
+        values = _numbers(option, pair)
+        if len(values) != 2 or any(map(math.isnan, values)):
+            raise click.BadParameter(f"{pair!r} must be LOW,HIGH", param_hint=option)
+        chosen = names.index(name) if equals else slice(None)
+        low[chosen], high[chosen] = values
+    return low, high
+
+
+def _numbers(option: str, text: str) -> list[float]:
+    try:
+        return [number(cell) for cell in text.split(",")]
+    except ValueError:
+        raise click.BadParameter(
+            f"{text!r} must be numbers with commas", param_hint=option
+        ) from None
+
+
+def feedback_for(model: Model, Q: str | None, R: str | None, widest: float | None = None) -> Loop:
+    """The gain of least squares with ``--Q`` and ``--R``, 1 where they are left out.
+
+    With `widest` that of the widest margin in the region of this probability.
+    """
+    try:
+        if widest is not None:
+            return gain(model, guarantee=widest)
+        states = (Q or "1").count(",") + 1 == model.n
+        of_states = entries_of("--Q", Q or "1", model.n if states else model.n_outputs)
+        return gain(model, np.diag(of_states), np.diag(entries_of("--R", R or "1", model.m)))
+    except SolverError as error:
+        raise click.UsageError(f"no gain: {error}") from error

@@ -134,12 +134,11 @@ _HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:
-    if name in _HOME:
-        value = getattr(importlib.import_module(f".{_HOME[name]}", __name__), name)
-    elif name in __all__ or name in _ROOMS:
-        value = importlib.import_module(f".{name}", __name__)
-    else:
+    if name not in _HOME and name not in __all__ and name not in _ROOMS:
         raise AttributeError(f"{__name__} has no attribute {name!r}{_hint(name)}")
+    room = importlib.import_module(f".{_HOME.get(name, name)}", __name__)
+    importlib.import_module("._base.memory", __name__).own_errors(__name__)
+    value = getattr(room, name) if name in _HOME else room
     globals()[name] = value
     return value
 

@@ -15,9 +15,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.fusion import paths
-from test_records import PARTS, PLANS
 
-Figure = pytest.importorskip("matplotlib.figure").Figure
 nan, inf = float("nan"), float("inf")
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
 X0, XF = np.array([1.0, 2.0]), np.array([0.5, 0.0])
@@ -27,59 +25,6 @@ BAD = np.array([[nan, 0.0], [0.0, 1.0]])
 def fit(**changed):
     made = {"estimate": A, "weights": np.ones(1), "error": None, "gap": None}
     return se.Fit(**made | {"status": "completed", "method": "uniform"} | changed)
-
-
-DRAWS = se.sample(A, 3, rng=1)
-EQUAL = {"ensemble": DRAWS, "weights": np.full(3, 1.0 / 3.0)}
-HAND_MADE = [
-    ({"estimate": "A"}, InputTypeError, "`estimate`"),
-    ({"estimate": A.tolist()}, InputTypeError, "`estimate`"),
-    ({"estimate": np.array([["a", "b"], ["c", "d"]])}, InputTypeError, "`estimate`"),
-    ({"estimate": A.astype(complex)}, InputTypeError, "`estimate`"),
-    ({"estimate": np.ma.masked_array(A, A < 0.0)}, InputTypeError, "`estimate`"),
-    ({"estimate": BAD}, NonFiniteError, r"`estimate\[0, 0\]` is nan"),
-    ({"estimate": np.ones((2, 2, 2))}, ShapeError, "`estimate`"),
-    ({"weights": None}, InputTypeError, "`weights`"),
-    ({"weights": np.array([nan])}, NonFiniteError, "`weights"),
-    ({"weights": np.array(1.0)}, ShapeError, "`weights`"),
-    ({"error": "small"}, InputTypeError, "`error`"),
-    ({"error": nan}, NonFiniteError, "error"),
-    ({"error": inf}, NonFiniteError, "error"),
-    ({"error": True}, InputTypeError, "`error`"),
-    ({"gap": inf}, NonFiniteError, "gap"),
-    ({"lower_bound": nan}, NonFiniteError, "lower_bound"),
-    ({"status": "fine"}, InputError, "`status`"),
-    ({"status": None}, InputTypeError, "`status`"),
-    ({"method": 1}, InputTypeError, "`method`"),
-    ({"exact": "no"}, InputTypeError, "`exact`"),
-    ({"ensemble": A}, InputTypeError, "`ensemble`"),
-    ({"ensemble": se.sample(X0, 1, rng=1)}, ShapeError, "`ensemble`"),
-    ({"ensemble": se.sample(A, 2, rng=1)}, ShapeError, "`weights`"),
-    (EQUAL, InputError, "`estimate` must be the sum of the realizations .* differs from it by"),
-    (EQUAL | {"estimate": DRAWS.mean() * (1.0 + 1e-9)}, InputError, "differs from it by"),
-    (
-        EQUAL | {"estimate": DRAWS.mean(), "weights": np.array([0.5, 0.25, 0.25])},
-        InputError,
-        "`weights` must be 1 / 3 each for method 'uniform', got 0.25 to 0.5",
-    ),
-    ({"weights": np.ones(2)}, InputError, "`weights` must be 1 / 2 each"),
-    (
-        EQUAL | {"estimate": DRAWS.mean(), "weights": np.full(3, 0.5), "method": "alse"},
-        InputError,
-        "differs from it by",
-    ),
-    (
-        EQUAL | {"estimate": DRAWS.mean(), "weights": np.full((3, 3), 1.0 / 3.0)},
-        ShapeError,
-        r"`weights` must have shape \(3, 2\), got \(3, 3\)",
-    ),
-]
-
-
-@pytest.mark.parametrize(("changed", "error", "message"), HAND_MADE)
-def test_hand_made_fit_is_checked(changed, error, message):
-    with pytest.raises(error, match=message):
-        fit(**changed)
 
 
 def honest_fits():
@@ -138,29 +83,6 @@ def test_hand_made_fit_of_the_right_kind_is_used(shape):
     wrong = "A" if len(shape) == 1 else "B"  # has not as many rows as A
     with pytest.raises(ShapeError, match=f"`{wrong}` must have shape"):
         se.control((made, B), X0, XF)
-
-
-COUNTS = {"counts": np.array([3, 2]), "estimate": X0, "size": 5, "key": se.Key(bytes(32))}
-
-
-@pytest.mark.parametrize(
-    ("changed", "error"),
-    [
-        ({"counts": "many"}, InputTypeError),
-        ({"counts": np.array([0.5, 1.0])}, InputTypeError),
-        ({"counts": np.array([-1, 2])}, InputError),
-        ({"counts": np.array([1, 2, 2])}, ShapeError),
-        ({"estimate": np.array([nan, 1.0])}, NonFiniteError),
-        ({"estimate": [1.0, 2.0]}, InputTypeError),
-        ({"size": 0}, InputError),
-        ({"size": "5"}, InputTypeError),
-        ({"key": bytes(32)}, InputTypeError),
-    ],
-)
-def test_hand_made_counts_are_checked(changed, error):
-    assert se.control((A, B), se.Counts(**COUNTS), XF).u.shape == (1, 2)
-    with pytest.raises(error):
-        se.Counts(**COUNTS | changed)
 
 
 # -- pickles -----------------------------------------------------------------------------------
@@ -230,21 +152,6 @@ FORGED = [
     (counts, "law", forged_law(axis="diagonal")),
     (counts, "law", forged_law(scheme="other")),
     (counts, "law", "law"),
-    (fit, "estimate", BAD),
-    (fit, "weights", np.array([inf])),
-    (fit, "ensemble", "ensemble"),
-    (plan, "u", np.array([[nan, 0.0]])),
-    (plan, "u", "u"),
-    (plan, "predicted_states", np.ones((3, 2))),
-    (plan, "fusion", "both"),
-    (plan, "status", "fine"),
-    (plan, "reachability", None),
-    (plan, "basis", "basis"),
-    (steps, "u", np.ones(3)),
-    (steps, "u", np.full((3, 2), inf)),
-    (steps, "predicted_states", np.ones((3, 2))),
-    (steps, "status", None),
-    (steps, "basis", 3),
     (MAKERS[-2], "_A", BAD),
     (MAKERS[-2], "_B", np.ones((3, 1))),
     (MAKERS[-2], "_dt", "now"),
@@ -280,28 +187,6 @@ def test_unpickling_checks_the_realizations(changed):
     assert remake(*values) == drawn()
     with pytest.raises((InputError, InputTypeError)):
         remake(*(changed.get(k, value) for k, value in enumerate(values)))
-
-
-@pytest.mark.parametrize(
-    ("where", "changed"),
-    [
-        ("x0", {"estimate": np.array([nan, 1.0])}),
-        ("x0", {"values": np.ones(3)}),
-        ("A", {"values": X0}),
-        ("A", {"values": BAD}),
-        ("A", {"axis": "diagonal"}),
-        ("A", {"kind": "guessed"}),
-        ("A", {"size": -1}),
-        ("A", {"key": "key"}),
-    ],
-)
-@pytest.mark.parametrize("make", [plan, steps])
-def test_unpickling_checks_what_a_plan_knows(make, where, changed):
-    honest = make()
-    known = forged(getattr(honest.basis, where), **changed)
-    wrong = forged(honest, basis=forged(honest.basis, **{where: known}))
-    with pytest.raises((InputError, InputTypeError)):
-        pickle.loads(pickle.dumps(wrong))
 
 
 @pytest.mark.parametrize("make", MAKERS)
@@ -456,44 +341,6 @@ def test_what_overflows_in_fuse_is_named():
         se.fuse(made, "alse", target=target)
     with pytest.raises(NonFiniteError, match=r"gap of the fit overflows"):
         se.fuse_path(made, [2, 5], "alse", target=target)
-
-
-# -- shown and drawn ---------------------------------------------------------------------------
-
-JUNK = [
-    None, "x", 3, -1.5, nan, True, [], {}, (), object(), np.zeros(0), np.zeros((3, 7)),
-    np.array(["a"]), np.ones((2, 2, 2)), np.full(2, nan), {"size": "x"}, {"size": 0},
-    {"limits": 5}, {"limits": (X0, XF)}, {"limits": (X0, XF), "statuses": 3},
-]  # fmt: skip
-WAYS = ("__repr__", "_repr_html_", "plot", "to_xarray", "to_dict")
-
-
-@pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("name", ["exact", "limits", *PARTS])
-def test_a_record_with_a_wrong_field_is_refused_or_shown(name):
-    """Every field of every record by 20 values: an error of ours, or all of its views."""
-    pytest.importorskip("matplotlib")
-    made, refused = (PLANS | PARTS)[name](), 0
-    for field in dataclasses.fields(made) if dataclasses.is_dataclass(made) else ():
-        for junk in JUNK if field.init else ():
-            try:
-                wrong = dataclasses.replace(made, **{field.name: junk})
-            except se.StochensError:
-                refused += 1
-                continue
-            for way in WAYS:
-                with contextlib.suppress(se.StochensError):
-                    getattr(wrong, way, str)()
-    assert refused > 5 or not dataclasses.is_dataclass(made)
-
-
-@pytest.mark.parametrize("junk", [3, "x", object(), [], np.zeros(2), Figure()])
-def test_what_is_no_axes_is_refused(junk):
-    path = se.simulate((A, B), X0, [[1.0, 0.0]])
-    run = se.track((A, B), [X0, XF], 10, rng=1)
-    for draw in (path.plot, run.plot, lambda ax: path.plot_phase(0, 1, ax=ax)):
-        with pytest.raises(InputTypeError, match="`ax` must be an Axes, got"):
-            draw(ax=junk)
 
 
 def test_a_tracking_without_a_word_of_its_making_is_shown():

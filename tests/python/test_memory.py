@@ -112,8 +112,8 @@ def child(call, more):
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     try:
         call()
-    except MemoryError:
-        os._exit(1)
+    except MemoryError as error:
+        os._exit(1 if isinstance(error, se.StochensError) else 2)
     except BaseException as error:
         os._exit(3)
     os._exit(0)
@@ -156,7 +156,10 @@ def test_every_call_under_a_shrinking_limit() -> None:
     ends = json.loads(run.stdout)
     assert len(ends) == 37
     for name, codes in ends.items():
-        assert set(codes) <= {0, 1}, f"{name}: {codes} (0 done, 1 MemoryError, negative: a signal)"
+        # pickles and the writer of files are called here past the public names
+        plain = {2} if name.startswith("state ") or name == "Stream pickled" else set()
+        said = f"{name}: {codes} (0 done, 1 ResourceError, 2 plain MemoryError, negative: a signal)"
+        assert set(codes) <= {0, 1} | plain, said
         assert codes[-1] == 0, f"{name}: {codes}"
     # the limits are felt: most calls are refused at the lowest
     assert sum(codes[0] for codes in ends.values()) >= 24

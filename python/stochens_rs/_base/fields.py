@@ -150,10 +150,12 @@ def _test_one(kind: Any) -> Test:
         return lambda value: isinstance(value, str) and value in inner
     if outer is np.ndarray:
         wanted = get_args(inner[1])[0]
-        if wanted is Any:
-            return lambda value: isinstance(value, np.ndarray)
-        letter = np.dtype(wanted).kind
-        return lambda value: isinstance(value, np.ndarray) and value.dtype.kind == letter
+        letters = "fiu" if wanted is Any else np.dtype(wanted).kind
+        return lambda value: (
+            isinstance(value, np.ndarray)
+            and value.dtype.kind in letters
+            and not isinstance(value, np.ma.MaskedArray)
+        )
     if outer is tuple and len(inner) == 2 and inner[1] is Ellipsis:
         each = _test(inner[0])
         return lambda value: isinstance(value, tuple) and all(map(each, value))
@@ -172,10 +174,19 @@ def _test_one(kind: Any) -> Test:
     return lambda value: isinstance(value, outer or kind)
 
 
+def _is_int(value: Any) -> bool:
+    return isinstance(value, (int, np.integer)) and -(2**63) <= int(value) < 2**64
+
+
+def _is_number(value: Any) -> bool:
+    return _is_int(value) if isinstance(value, int) else bool(value == value)
+
+
 _PLAIN: dict[Any, Test] = {
     bool: lambda value: isinstance(value, (bool, np.bool_)),
-    int: lambda value: isinstance(value, (int, np.integer)) and not isinstance(value, bool),
-    float: validation.is_real,
+    int: lambda value: validation.is_real(value) and _is_int(value),
+    # neither nan nor an integer beyond the largest number
+    float: lambda value: validation.is_real(value) and _is_number(value),
     type(None): lambda value: value is None,
 }
 

@@ -92,7 +92,8 @@ def careful(warnings: Sequence[str]) -> str:
 
 def ends(states: Floats, what: str = "state") -> tuple[str, object]:
     """The row for where a trajectory begins and ends."""
-    start, end = np.linalg.norm(states[[0, -1]], axis=1)
+    with np.errstate(over="ignore"):
+        start, end = np.linalg.norm(states[[0, -1]], axis=1)
     return f"norm of the {what}", f"{start:.4g} at the start, {end:.4g} at the end"
 
 
@@ -221,7 +222,8 @@ def lines(
     values = (np.exp(low), np.exp(high)) if log else (low, high)
     # halves, because the difference of two floats can overflow
     span = (high / 2 - low / 2) or 1.0
-    right = (across - across[0]) / (across[-1] - across[0]) * _WIDTH
+    span_across = (across[-1] / 2 - across[0] / 2) or 1.0
+    right = (across / 2 - across[0] / 2) / span_across * _WIDTH
     down = _HEIGHT - (heights / 2 - low / 2) / span * _HEIGHT
     chosen = np.unique(np.linspace(0, len(across) - 1, _POINTS).astype(int))
     drawn = "".join(

@@ -51,6 +51,7 @@ class ModelBasis(Record):
             raise InputTypeError(
                 f"`model` must be a model from data, got {validation.show(self.model)}"
             )
+        super().__post_init__()
         n = len(self.model.A)
         for name, value in (("x0", self.x0), ("xf", self.xf)):
             if validation.kept(name, value, ndim=(1,)).shape != (n,):

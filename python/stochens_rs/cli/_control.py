@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import cases
 from .._base import state_file
-from .._base.csv_file import Text
+from ..data.table import Text
 from .._base.html import listed, percent
 from .._base.numbers import ROUNDING
 from ..controls import Cost, Limits, Uncertain, control

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from .._base.csv_file import titled
+from ..data.units import titled
 from .._base.reading import number
 from .._base.validation import nearest
 from ..exceptions import SolverError

@@ -95,6 +95,7 @@ class Validation(SavedRecord):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        validation.size("tube", len(self.tube))
         size = validation.size("deviations", len(self.deviations))
         if self.rank is not None:
             validation.size("rank", self.rank, maximum=size + 1)

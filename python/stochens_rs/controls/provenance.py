@@ -109,6 +109,7 @@ class Basis(Record):
     rounding: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for off in self.rounding:
             if not (isinstance(off, float) and off >= 0.0):
                 raise InputError(f"`rounding` must be two numbers >= 0, got {validation.show(off)}")

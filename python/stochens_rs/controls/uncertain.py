@@ -39,10 +39,11 @@ class Uncertain(SavedRecord):
     radius: float
 
     def __post_init__(self) -> None:
-        if self.values is None:
-            raise InputTypeError("`values` must be a state, got None")
+        given: object = self.values
+        if given is None or isinstance(given, str):
+            raise InputTypeError(f"`values` must be a state, got {validation.show(given)}")
         object.__setattr__(self, "values", entries("values", self.values))
-        if not np.isfinite(self.values).all():
+        if not np.isfinite(self.values).all():  # type: ignore[arg-type]
             raise NonFiniteError(f"`values` is {np.asarray(self.values)!s:.60}: it must be finite")
         object.__setattr__(self, "radius", validation.nonnegative("radius", self.radius))
         super().__post_init__()

@@ -405,7 +405,8 @@ class Ensemble(SavedRecord):
             In the shape of a realization.
         """
         if self._draws is not None:
-            average = self._draws.atoms() * (self._draws.counts() / self.size)
+            # converted first: NumPy's loops that mix types end the process where memory runs out
+            average = self._draws.atoms() * (self._draws.counts().astype(float) / self.size)
             return from_lines(average, self._shape, self._axis)
         samples = self._dense()
         with np.errstate(over="ignore", invalid="ignore"):

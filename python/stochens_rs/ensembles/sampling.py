@@ -155,7 +155,8 @@ def sample_counts(
     hits = _core.sample_counts(lines, count, scheme, bytes(key))
     # converted in one step: NumPy's buffered loops, which mix types, crash if memory runs out
     shares = hits.astype(float) / count
-    atoms = np.sign(lines) * np.abs(lines).sum(axis=1, keepdims=True)
+    sums = np.repeat(np.abs(lines).sum(axis=1), lines.shape[1]).reshape(lines.shape)
+    atoms = np.copysign(sums, lines)
     return Counts(
         counts=from_lines(hits, values.shape, axis),
         estimate=from_lines(atoms * shares, values.shape, axis),

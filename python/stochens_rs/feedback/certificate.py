@@ -186,7 +186,7 @@ class LoopCertificate(SavedRecord):
     @property
     def margin(self) -> float:
         """The region could be at least this many times larger: ``1 / norm``."""
-        return 1.0 / self.norm
+        return 1.0 / self.norm if self.norm else np.inf
 
     def check(self) -> bool:
         """Whether `proof` proves that every system of `region` is stable, computed anew.

@@ -87,8 +87,8 @@ class Fit(SavedRecord, Tabled):
             if value is not None:
                 _checked_finite(name, value)
         validation.line("method", self.method)
-        low, high = self.weights.min() * len(self.weights), self.weights.max() * len(self.weights)
-        if self.method == "uniform" and not 1.0 - ROUNDING <= low <= high <= 1.0 + ROUNDING:
+        apart = np.abs(self.weights - 1.0 / len(self.weights)).max() if len(self.weights) else 0.0
+        if self.method == "uniform" and not apart <= ROUNDING / len(self.weights):
             raise InputError(
                 f"`weights` must be 1 / {len(self.weights)} each for method 'uniform', got "
                 f"{self.weights.min():.6g} to {self.weights.max():.6g}"

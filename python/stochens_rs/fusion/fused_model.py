@@ -80,7 +80,7 @@ class FusedModel(SavedRecord, Identified):
             raise InputError("`least_squares` must have no known entries")
         validation.choice("method", self.method, DATA_METHODS)
         weights = validation.kept("weights", self.weights, shape=(models.size,))
-        if weights.min() < 0.0 or abs(float(weights.sum()) - 1.0) > 1e-6:
+        if not (0.0 <= weights.min() <= weights.max() <= 2.0 and abs(weights.sum() - 1.0) <= 1e-6):
             raise InputError("`weights` must be nonnegative with sum 1")
         if validation.nonnegative("share", self.share) > 1.0:
             raise InputError(f"`share` must be in [0, 1], got {self.share:g}")

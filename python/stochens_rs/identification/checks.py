@@ -65,6 +65,7 @@ class Checks(Record):
     exact: bool
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         validation.size("draws", self.draws)
         validation.flag("exact", self.exact)
         for name in NAMES:

@@ -11,7 +11,7 @@ from ..data.table import Table
 from ..exceptions import InputError
 
 if TYPE_CHECKING:
-    from .._base.csv_file import Text
+    from ..data.table import Text
     from .._base.types import Floats
     from .model import Model
 

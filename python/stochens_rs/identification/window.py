@@ -87,6 +87,10 @@ class Window(Record):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        for name, least in (("count", 1), ("delay", 0), ("burn", 0)):
+            validation.size(name, getattr(self, name), minimum=least)
+        if self.pole is not None:
+            validation.positive("pole", self.pole, maximum=1.0)
         _ = self._core  # refuses sizes and poles
 
     @cached_property

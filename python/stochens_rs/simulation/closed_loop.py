@@ -92,7 +92,8 @@ class Tracking(SavedRecord, Tabled):
     @property
     def mean_square(self) -> Floats:
         """``||x(k) - r(k)||^2`` averaged over the runs, shape (K + 1,)."""
-        squares = self.errors.reshape(-1, self.errors.shape[-1]) ** 2
+        with np.errstate(over="ignore"):
+            squares = self.errors.reshape(-1, self.errors.shape[-1]) ** 2
         return np.asarray(squares.mean(axis=0), dtype=np.float64)
 
     def __repr__(self) -> str:
@@ -296,7 +297,8 @@ def track(
         assert size is not None
         found = _estimated(checked, start, r, size, name, fed, sampled, key, R)
     with np.errstate(over="ignore"):
-        errors = np.linalg.norm(found.states - r, axis=2)
+        # run by run: NumPy 2.4 ends the process where a broadcast finds no memory for its buffer
+        errors = np.array([np.linalg.norm(run - r, axis=1) for run in found.states])
     lost = np.argwhere(~np.isfinite(errors[:, 1:]))  # the first run comes first
     if lost.size:
         cure = "" if size is None else ": is `size` above the threshold of stability (see track)?"

@@ -190,7 +190,8 @@ class ModelStream(Durable):
         3
         """
         rows = pair_rows(self._about, x, u, x_next)
-        begin, end = rows[:, : self.n], rows[:, -self.n :]
+        # copies: NumPy 2.4 ends the process where strided arrays find no memory for its buffer
+        begin, end = rows[:, : self.n].copy(), rows[:, -self.n :].copy()
         within = int((begin[1:] != end[:-1]).any(axis=1).sum())
         while True:  # again if another thread was faster: no pair is lost
             before = self._state

@@ -143,6 +143,8 @@ def _plain(name: str, value: object) -> Label:
     """A number, a text or None, as Python has it."""
     if isinstance(value, np.generic):
         value = value.item()
+    if isinstance(value, int) and abs(value) >= 2**1023:
+        raise InputError(f"`{name}` must be numbers that a float holds, got {show(value)}")
     if value is None or type(value) in (bool, int):
         return value  # type: ignore[return-value]
     if isinstance(value, str):

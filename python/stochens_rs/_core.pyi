@@ -618,18 +618,7 @@ class Pilot:
     def determined(self) -> bool: ...
     def region(self, known: _Known, delta: float, both: bool) -> Region: ...
     def reference(self, x0: _Floats, inputs: _Floats) -> Reference: ...
-    @staticmethod
-    def with_older(
-        newer: tuple[_Floats, NDArray[np.int64]],
-        older: tuple[_Floats, NDArray[np.int64]],
-        model: _Floats,
-        apart: tuple[_Floats, float, _Floats | None],
-        covariance: _Floats,
-        fixed: tuple[_Floats, _Floats] | None,
-        weight: float | None,
-        threads: int,
-    ) -> tuple[Pilot, float]: ...
-    # target, reach, quantile, mismatch, rest, tube (K + 1,), components (n,), difference
+    # target, reach, quantile, mismatch, rest, tube (K + 1,), components (n,)
     def near(
         self,
         reference: Reference,
@@ -640,7 +629,7 @@ class Pilot:
         known: _Known,
         delta: float,
         noise: bool,
-    ) -> tuple[float, float, float, float, float, _Floats, _Floats, float]: ...
+    ) -> tuple[float, float, float, float, float, _Floats, _Floats]: ...
 
 @final
 class Reference: ...

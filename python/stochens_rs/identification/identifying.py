@@ -54,8 +54,6 @@ def identify(
     inputs: Literal["open loop"] | ArrayLike = "open loop",
     dither: ArrayLike | None = None,
     lengths_fixed: bool = False,
-    like: Trajectories | Sequence[Trajectories] | None = None,
-    apart: float | Sequence[ArrayLike] | None = None,
     lags: Lags = None,
     filters: tuple[float, int] | None = None,
     order: Order = None,
@@ -127,18 +125,6 @@ def identify(
     lengths_fixed : bool, default False
         With `pilot`, your declaration that runs of unequal length are so by plan: their lengths
         were fixed beforehand, and no run was ended because of what was measured.
-    like : Trajectories or list of them, optional
-        Runs of an older, similar plant with the same known covariance, fixed in the same way as
-        the new ones and in open loop. A share or number of them is the `pilot`, 0.1 unless it is
-        given. They count with the weight that promises the smallest certificate of `reference`, or
-        without one the smallest bound of one step over the pairs, with states in deviations of
-        their noise, chosen without the noise of any run; not at all where the new runs promise
-        more without them.
-    apart : float or sequence of array_like of shape (n, n + m), optional
-        With `like`, your declaration of how far the plants are apart: at most this in the norm of
-        ``diag(scale_x)^-1 [A_old - A, B_old - B] diag(scale)``, scale_x that of the states, so that
-        0.02 is 2 % of the sizes in any units; without `scale` in that of the matrix itself. Or a
-        combination of these matrices with factors in [-1, 1]. No data can say it.
     lags, filters, order : int or "auto", (pole, int), "auto", optional
         For outputs, one of them: from which window of the past they are predicted. The last `lags`
         readings and inputs; or so many filters in a row of one pole in (0, 1), which reach further
@@ -221,7 +207,7 @@ def identify(
     runs = pooled(data)
     if validation.is_real(delay) and delay == -1:
         runs, delay = runs._moved(), 0
-    n, piloted = runs.n, pilot is not None or like is not None
+    n, piloted = runs.n, pilot is not None
     assumed = checked_assumptions(
         *(n, design, noise, covariance, sigma, exact, runs.state_names),
         piloted,
@@ -232,7 +218,7 @@ def identify(
     offset = validation.flag("intercept", intercept)
     window, first = chosen_window(runs, lags, filters, order, delay, offset)
     if window is not None:
-        _refuse_for_windows(bool(runs.outputs), known_A, known_B, pilot, like)
+        _refuse_for_windows(bool(runs.outputs), known_A, known_B, pilot)
     d = n + runs.m + offset if window is None else window.length
     known = _known(n, runs.m, offset, known_A, known_B)
     sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
@@ -243,14 +229,12 @@ def identify(
     refuse(assumed, known, runs.single)
     guide = None
     if piloted:
-        given = pilot, offset, reference, inputs, dither, planned, like, apart, sizes
+        given = pilot, offset, reference, inputs, dither, planned
         guide, runs = made(runs, assumed, known is not None, *given)
     elif planned or not (reference is None and dither is None and _unsaid(inputs)):
         raise InputError(
             "`reference`, `inputs`, `dither` and `lengths_fixed` must be left out without `pilot`"
         )
-    elif apart is not None:
-        raise InputError("`apart` must be left out without `like`")
     Z = _rows(runs, offset) if window is None else window._rows(runs, first)[1]
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(Z, Z)):
@@ -274,7 +258,7 @@ def identify(
 
 def _refuse_for_windows(outputs: bool, *given: Any) -> None:
     """Refuse what is for states whose inputs act at once."""
-    names = "known_A", "known_B", "pilot", "like"
+    names = "known_A", "known_B", "pilot"
     for name, one in zip(names, given, strict=True):
         if one is not None and outputs:
             raise InputError(

@@ -122,8 +122,6 @@ class Model(SavedRecord, Identified, Tabled):
             validation.kept("pilot.model", given.model, shape=(n, d))
             if given.dither is not None:
                 validation.kept("pilot.dither", given.dither, shape=(self.size, self.m))
-            if given.older is not None and self.assumptions.known is None:
-                raise InputError("`pilot.older` needs a known covariance")
 
     @property
     def n(self) -> int:
@@ -297,7 +295,7 @@ class Model(SavedRecord, Identified, Tabled):
     @cached_property
     def _piloted(self) -> _core.Pilot:
         assert self.pilot is not None
-        return self.pilot._of(self.data, self.assumptions.known)
+        return self.pilot._of(self.data)
 
     @cached_property
     def _reference(self) -> _core.Reference:
@@ -712,11 +710,6 @@ class Model(SavedRecord, Identified, Tabled):
             raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
         if self.pilot is not None and not self._piloted.determined:
             raise InputError("the runs that the pilot simulates do not determine the model")
-        if self.pilot is not None and self.pilot.older is not None and self.pilot.older.weight:
-            raise InputError(
-                "no law of the model is known: runs of an older plant count, and how far it is "
-                "apart was declared, not drawn"
-            )
 
     def _ensemble(self, models: Floats, about: str, asked: int) -> SystemEnsemble:
         n, m = self.n, self.m

@@ -84,7 +84,6 @@ __all__ = [
     "realization_controls",
     "residual_p_values",
     "residuals",
-    "robust_control",
     "row_quantile",
     "roy_quantile",
     "sample_counts",
@@ -798,9 +797,6 @@ def guaranteed_gain(
     states: Sequence[str] | None = None,
 ) -> _Gain: ...
 def loop_eigenvalues(a: _Floats, b: _Floats, k: _Floats) -> NDArray[np.complex128]: ...
-def robust_control(
-    h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float
-) -> _Floats: ...
 def bootstrap(
     rows: _Floats,
     h: _Floats,

@@ -18,7 +18,6 @@ mod normal_norm;
 mod quantiles;
 mod replicates;
 mod residual_tests;
-mod robust_control;
 mod side_by_side;
 mod signs;
 mod symmetric;
@@ -47,7 +46,6 @@ pub use quantiles::{
 };
 pub use replicates::{Centre, residual_models, weighted_models};
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
-pub use robust_control::robust_control;
 pub use signs::{SignTest, chance_of_infinity, sign_radii, sign_sizes, sign_statistics};
 pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm, squares};
 pub use triangle::{triangle, update};

@@ -43,31 +43,6 @@ pub(super) fn triangle_update<'py>(
     run(py, 0.3 * (size * k * k) as f64, |stop| identify::update(r, values, k, stop))
 }
 
-/// The `u` with the smallest `||H z - xf|| + beta ||white z||`, `z = (x0, u)` or `(x0, u, 1)`; `H` (n, d), `white` (rank, d).
-#[pyfunction]
-pub(super) fn robust_control<'py>(
-    py: Python<'py>,
-    h: PyReadonlyArray2<'py, f64>,
-    white: PyReadonlyArray2<'py, f64>,
-    x0: PyReadonlyArray1<'py, f64>,
-    xf: PyReadonlyArray1<'py, f64>,
-    offset: bool,
-    beta: f64,
-) -> PyResult<Vector<'py>> {
-    let ((n, d), (rank, columns)) = (h.as_array().dim(), white.as_array().dim());
-    if columns != d || xf.as_array().len() != n {
-        let found = format!("{columns} columns and {} entries", xf.as_array().len());
-        return Err(ShapeError::new_err(format!(
-            "`white` and `xf` must have {d} columns and {n} entries, got {found}"
-        )));
-    }
-    let cost = 20.0 * ((n + rank) * d) as f64 * (d + 60) as f64;
-    let [h, white] = [try_copy("H", slice("H", &h)?)?, try_copy("white", slice("white", &white)?)?];
-    let [x0, xf] = [try_copy("x0", slice("x0", &x0)?)?, try_copy("xf", slice("xf", &xf)?)?];
-    let u = run_unstoppable(py, cost, move || identify::robust_control(&h, &white, &x0, &xf, offset, beta))?;
-    array1(py, u)
-}
-
 /// A model and its `white` (rank, d).
 fn centre<'a>(h: &'a PyReadonlyArray2<'_, f64>, white: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Centre<'a>> {
     Ok(Centre { model: slice("H", h)?, white: slice("white", white)? })

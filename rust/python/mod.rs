@@ -73,7 +73,7 @@ mod _core {
     use super::horizon_results::{Apart, HorizonControl};
     #[pymodule_export]
     use super::identify::{
-        bootstrap, residual_p_values, residuals, robust_control, sign_radii, sign_statistics, triangle, triangle_update,
+        bootstrap, residual_p_values, residuals, sign_radii, sign_statistics, triangle, triangle_update,
     };
     #[pymodule_export]
     use super::laws::{

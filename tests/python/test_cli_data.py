@@ -412,7 +412,7 @@ def test_identify_with_a_pilot(table, tmp_path, capsys):
 def test_control_prints_a_table(table, tmp_path, capsys):
     file = tmp_path / "model.safetensors"
     ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--out", file)
-    assert cli.main(["control", str(file), "--from", "1,0", "--robust"]) == 0
+    assert cli.main(["control", str(file), "--from", "1,0"]) == 0
     text = capsys.readouterr().out
     for word in ("torque", "tube", "certified", "mostly reach", "one step", "any design"):
         assert word in text
@@ -442,7 +442,6 @@ def test_control_of_a_known_system(tmp_path, capsys):
         (["--from", "1,nan"], ["--from", "finite"]),
         (["--from", "1,up"], ["--from", "'1,up'"]),
         (["--from", "1,0", "--steps", "0"], ["--steps"]),
-        (["--from", "1,0", "--steps", "3", "--robust"], ["guarantee"]),
         (["--from", "1,0", "--open-loop"], ["--open-loop"]),
         (["--from", "1,0", "--record", "now.csv"], ["--record and --time are for models of out"]),
         (["--from", "1,0", "--limits", "force=-1,1"], ["--limits", "'force'", "torque"]),

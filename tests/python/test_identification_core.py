@@ -14,7 +14,6 @@ from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
 from twin import anytime as at
 from twin import certified_control as cc
 from twin import quantiles as qu
-from twin import regions as rg
 from twin import resampling as rs
 from twin import residual_tests as rt
 from twin import signs as sg
@@ -292,80 +291,6 @@ def value_and_bound(H, white, x0, xf, offset, beta, u):
         best = max(best, both @ fixed / longest)
     rounding = np.finfo(float).eps * (np.abs(fixed).sum() + lengths @ np.abs(u))
     return np.linalg.norm(r) + np.linalg.norm(s), best, rounding
-
-
-@pytest.mark.parametrize("beta", [1e-9, 1e-2, 0.3, 1.0, 10.0, 1e6])
-@pytest.mark.parametrize(
-    "case", ["few", "many", "square", "offset", "units", "sparse", "collinear"]
-)
-def test_robust_controls_are_optimal(gen, case, beta):
-    for _ in range(20):
-        n, m = {"few": (5, 2), "many": (2, 6), "sparse": (6, 4)}.get(case, (3, 3))
-        offset = case == "offset"
-        _, z, y = independent(gen, n=n, d=n + m + offset, N=40)
-        if offset:
-            z[:, -1] = 1.0
-        if case == "units":
-            z, y = z * np.geomspace(1e-9, 1e9, n + m), y * 1e5
-        if case == "sparse":
-            z, y = z * (gen.random(z.shape) < 0.2), y * (gen.random(y.shape) < 0.2)
-            z[:, n] = 0.0
-        if case == "collinear":
-            z[:, -1] = z[:, -2] + 1e-6 * z[:, -1]
-        fitted = fitted_to(z, y)
-        x0, xf = gen.standard_normal(n), gen.standard_normal(n)
-        u = core.robust_control(fitted.H, fitted.white, x0, xf, offset, beta)
-        value, bound, rounding = value_and_bound(fitted.H, fitted.white, x0, xf, offset, beta, u)
-        assert bound <= value * (1.0 + 1e-9) + 100.0 * rounding
-        assert value <= bound * (1.0 + 1e-9) + 100.0 * rounding
-
-
-def test_robust_controls_agree_with_clarabel(gen):
-    pytest.importorskip("clarabel")
-    for n, m, offset in ((3, 2, False), (2, 4, True), (6, 6, False)):
-        _, z, y = independent(gen, n=n, d=n + m + offset, N=30)
-        if offset:
-            z[:, -1] = 1.0
-        region = rg.full(tr.triangle(z, y), DELTA)
-        x0, xf = gen.standard_normal(n), 3.0 * gen.standard_normal(n)
-        white = np.ascontiguousarray(region.fitted.white)
-        H = np.ascontiguousarray(region.fitted.H)
-        u = core.robust_control(H, white, x0, xf, offset, rg.radius(region))
-        theirs = cc.robust_control(region, x0, xf, offset=offset)
-        ours = cc.one_step(region, x0, u, xf).certificate
-        assert ours <= cc.one_step(region, x0, theirs, xf).certificate * (1.0 + 1e-12)
-        check(u, theirs, rtol=0, atol=1e-3)  # of a value that is known to 1e-8
-
-
-def test_robust_controls_without_uncertainty_are_least_squares(gen):
-    """And among all u that come as close, the one whose z the data know best."""
-    _, z, y = independent(gen, n=2, d=7, N=30)
-    fitted, x0, xf = fitted_to(z, y), np.ones(2), np.array([3.0, -1.0])
-    u = core.robust_control(fitted.H, fitted.white, x0, xf, False, 0.0)
-    check(fitted.H @ np.r_[x0, u], xf, atol=1e-12)
-    G, L = fitted.H[:, 2:], fitted.white[:, 2:]
-    null = np.linalg.svd(G)[2][2:].T
-    assert np.abs(null.T @ L.T @ fitted.white @ np.r_[x0, u]).max() < 1e-12
-    tall = fitted_to(z[:, :3], z[:, 3:])
-    u = core.robust_control(tall.H, tall.white, np.ones(2), np.ones(4), False, 0.0)
-    expected = np.linalg.lstsq(tall.H[:, 2:], 1.0 - tall.H[:, :2] @ np.ones(2), rcond=None)[0]
-    check(u, expected, rtol=1e-12)
-
-
-def test_robust_controls_refuse():
-    H, x0, xf = FIT.H, np.zeros(2), np.zeros(2)
-    for beta in (-1.0, np.inf, np.nan):
-        with pytest.raises(InputError, match="beta"):
-            core.robust_control(H, FIT.white, x0, xf, False, beta)
-    with pytest.raises(NonFiniteError, match="xf"):
-        core.robust_control(H, FIT.white, x0, np.array([1.0, np.inf]), False, 1.0)
-    for short in ((np.zeros(3), xf, False), (x0, xf, True), (x0, np.zeros(3), False)):
-        with pytest.raises(ShapeError):
-            core.robust_control(H, FIT.white, *short, 1.0)
-    with pytest.raises(ShapeError):
-        core.robust_control(H, FIT.white[:, :2].copy(), x0, xf, False, 1.0)
-    # no work for the bisection: all of it 0
-    assert np.array_equal(core.robust_control(0.0 * H, 0.0 * FIT.white, x0, xf, False, 1.0), [0.0])
 
 
 # -- replicates ------------------------------------------------------------------------------------

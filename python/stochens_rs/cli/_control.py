@@ -48,7 +48,7 @@ _WORDS = ("kind", "covers", "assumption")
     ],
     sections={
         "Options": [],  # the others, first
-        "Certificate of a model": ["delta", "x0_error", "noise", "gain", "open_loop", "robust"],
+        "Certificate of a model": ["delta", "x0_error", "noise", "gain", "open_loop"],
         "Limits and weights": LIMIT_NAMES,
     },
     arguments={"x0": "start", "xf": "goal", "target": "goal", "radius": "x0_error"},
@@ -79,7 +79,6 @@ _WORDS = ("kind", "covers", "assumption")
     is_flag=True,
     help="Follow it with a certified feedback of --Q and --R (else 1).",
 )
-@click.option("--robust", is_flag=True, help="The control of least certificate; one step.")
 @limit_options
 @out_option("control")
 @force_option
@@ -99,7 +98,6 @@ def control_command(
     x0_error: float,
     open_loop: bool,
     gain: bool,
-    robust: bool,
     as_json: bool,
     **_: Any,
 ) -> None:
@@ -118,9 +116,9 @@ def control_command(
         known = Model.load(source)
         x0, xf, n = None, None, known.n_outputs
     else:
-        if noise or open_loop or gain or robust or x0_error:
+        if noise or open_loop or gain or x0_error:
             raise click.UsageError(
-                "--x0-error, --noise, --gain, --open-loop and --robust are for models of identify, "
+                "--x0-error, --noise, --gain and --open-loop are for models of identify, "
                 "not for a system that is known"
             )
         problem = cases.from_file(source)
@@ -129,13 +127,11 @@ def control_command(
     read = isinstance(known, Model) and known.window is not None
     names = known.outputs if read else known.state_names, known.input_names
     asked = limits_given(context.params, names)
-    if robust:
-        asked["guarantee"] = delta
     xf = state_of("--to", goal, n, np.zeros(n) if xf is None else xf)
     if read:
-        if record is None or start is not None or x0_error or robust:
+        if record is None or start is not None or x0_error:
             raise click.UsageError(
-                "give --record, without --from, --x0-error and --robust: a model of outputs starts "
+                "give --record, without --from and --x0-error: a model of outputs starts "
                 f"from readings of {listed(known.outputs)}, and the inputs between them"
             )
         asked |= {"record": last_rows(record, known, time), "target": xf}

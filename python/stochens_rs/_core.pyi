@@ -32,7 +32,6 @@ __all__ = [
     "alse_prefixes",
     "battery",
     "best_control",
-    "bootstrap",
     "box_batch",
     "box_control",
     "build",
@@ -797,17 +796,6 @@ def guaranteed_gain(
     states: Sequence[str] | None = None,
 ) -> _Gain: ...
 def loop_eigenvalues(a: _Floats, b: _Floats, k: _Floats) -> NDArray[np.complex128]: ...
-def bootstrap(
-    rows: _Floats,
-    h: _Floats,
-    white: _Floats,
-    runs: NDArray[np.uint32] | None,
-    kind: str,
-    size: int,
-    key: bytes,
-    weights: _Floats | None,
-    threads: int,
-) -> _Floats: ...
 
 # H (n, d), white (rank, d), S (n, n), "known" or what is to estimate of it, degrees of freedom
 _EstimateLaw: TypeAlias = tuple[_Floats, _Floats, _Floats, str, int]

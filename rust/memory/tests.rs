@@ -447,9 +447,6 @@ fn call(name: &str) -> Option<Call> {
             Box::new(move || {
                 let pairs = identify::Pairs::new(&rows, 15, 15, None)?;
                 let centre = identify::Centre { model: &model, white: &white };
-                let counts = identify::Weights::Counts(&key);
-                identify::weighted_models(&pairs, centre, counts, true, 70, 2, &stop)?;
-                identify::residual_models(&pairs, centre, &key, 3, 2, &stop)?;
                 let law = identify::EstimateLaw::new(centre, &white, identify::NoiseLaw::Full(40))?;
                 law.models(&key, 3, 2, &stop)?;
                 let (x0, inputs) = (&model[..15], &model[..3]);

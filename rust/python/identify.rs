@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, key, slice};
 use super::error::{InputError, ShapeError};
 use super::run::{UNTIL_STOPPED, run, run_unstoppable};
-use crate::identify::{self, Centre, Pairs, Weights};
+use crate::identify::{self, Pairs, Weights};
 use crate::memory::try_copy;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
@@ -43,11 +43,6 @@ pub(super) fn triangle_update<'py>(
     run(py, 0.3 * (size * k * k) as f64, |stop| identify::update(r, values, k, stop))
 }
 
-/// A model and its `white` (rank, d).
-fn centre<'a>(h: &'a PyReadonlyArray2<'_, f64>, white: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Centre<'a>> {
-    Ok(Centre { model: slice("H", h)?, white: slice("white", white)? })
-}
-
 /// Pairs `(q, e)` (N, rank + n), with the run of each where runs stay together.
 fn pairs<'a>(
     rows: &'a PyReadonlyArray2<'_, f64>,
@@ -61,39 +56,6 @@ fn pairs<'a>(
     let contiguous = |_| ShapeError::new_err("`runs` must be C-contiguous");
     let runs = runs.map(|runs| runs.as_slice().map_err(contiguous)).transpose()?;
     Ok(Pairs::new(slice("rows", rows)?, width - n, n, runs)?)
-}
-
-/// Models (size, n d) about `H` (n, d) from `rows` (N, rank + n) of whitened regressors and residuals: of `kind` "pairs"
-/// (NaN where a replicate has no estimate), "wild" or "residual". `weights` (size, N or runs) replace what `key` draws.
-#[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
-pub(super) fn bootstrap<'py>(
-    py: Python<'py>,
-    rows: PyReadonlyArray2<'py, f64>,
-    h: PyReadonlyArray2<'py, f64>,
-    white: PyReadonlyArray2<'py, f64>,
-    runs: Option<PyReadonlyArray1<'py, u32>>,
-    kind: &str,
-    size: usize,
-    key: &[u8],
-    weights: Option<PyReadonlyArray2<'py, f64>>,
-    threads: usize,
-) -> PyResult<Matrix<'py>> {
-    let (n, d) = h.as_array().dim();
-    let (pairs, centre, key) = (pairs(&rows, n, runs.as_ref())?, centre(&h, &white)?, self::key(key)?);
-    let given = weights.as_ref().map(|weights| slice("weights", weights)).transpose()?;
-    let models = run(py, UNTIL_STOPPED, |stop| match kind {
-        "pairs" => {
-            let weights = given.map_or(Weights::Counts(&key), Weights::Given);
-            identify::weighted_models(&pairs, centre, weights, true, size, threads, stop)
-        }
-        "wild" => {
-            let weights = given.map_or(Weights::Signs(&key), Weights::Given);
-            identify::weighted_models(&pairs, centre, weights, false, size, threads, stop)
-        }
-        _ => identify::residual_models(&pairs, centre, &key, size, threads, stop),
-    })?;
-    array2(py, models, size, n * d)
 }
 
 /// `(q (N, rank), residuals (N, n), leverages (N))` of the rows of `z` (N, d) and `y` (N, n) with `white` (rank, d).

@@ -72,9 +72,7 @@ mod _core {
     #[pymodule_export]
     use super::horizon_results::{Apart, HorizonControl};
     #[pymodule_export]
-    use super::identify::{
-        bootstrap, residual_p_values, residuals, sign_radii, sign_statistics, triangle, triangle_update,
-    };
+    use super::identify::{residual_p_values, residuals, sign_radii, sign_statistics, triangle, triangle_update};
     #[pymodule_export]
     use super::laws::{
         diagonal_quantile, f_upper, hull_between, hull_explained, hull_position, hull_radius, hull_share, joint_radii,

@@ -17,7 +17,6 @@ from twin import anytime as at
 from twin import laws, signs
 from twin import quantiles as qu
 from twin import regions as rg
-from twin import resampling as rs
 from twin import residual_tests as rt
 from twin import triangle as tr
 
@@ -333,8 +332,6 @@ def test_what_the_data_do_not_show_is_named_and_has_no_bound():
     assert region.contains(TRUE[0] + K, TRUE[1] + [[1.0], [2.5]])
     assert "infinite along pos + 0.5 force" in repr(region)
     with pytest.raises(InputError, match="do not determine the model along pos"):
-        model.bootstrap(5)
-    with pytest.raises(InputError, match="do not determine"):
         model.draw(5)
 
 
@@ -503,62 +500,6 @@ def test_regions_that_are_not_known_are_refused(what):
 # -- ensembles -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", ["pairs", "residual", "wild", "trajectories"])
-def test_bootstrap_models_have_the_moments_of_the_twin(method):
-    """Mean and covariance of the twin's models, up to five standard errors."""
-    _, z, y = independent(np.random.default_rng(15), n=2, d=3, N=30)
-    data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
-    model, size = fixed(data, checks=False), 4000
-    found = model.bootstrap(size, method=method, rng=1)
-    gen = np.random.default_rng(16)
-    if method in ("pairs", "trajectories"):
-        twin = rs.weighted_models(z, y, rs.bootstrap_counts(30, size, gen))
-    else:
-        twin = rs.residual_models(z, y, size, gen, signs=method == "wild")
-    mine = np.concatenate([found.A, found.B], axis=2).reshape(size, -1)
-    other = twin.reshape(size, -1)
-    deviation = other.std(axis=0)
-    assert np.all(abs(mine.mean(0) - other.mean(0)) < 5 * deviation * np.sqrt(2 / size))
-    ratio = mine.std(axis=0) / deviation
-    assert np.all(abs(ratio - 1) < 0.15)
-    assert found.centre == "estimate"
-    assert f"bootstrap of {method}" in found.about
-
-
-def test_residual_models_scatter_as_much_as_the_noise_of_all_unknowns():
-    """``E ||(M - H) V^1/2||^2 = d sum |e - mean|^2 / nu``, twice that without sqrt(N / nu).
-
-    N = 2 nu. 4000 models, sums of 12 squares each: the mean is within 5 %, 7 standard errors.
-    """
-    _, z, y = independent(np.random.default_rng(15), n=2, d=6, N=12)
-    model = fixed(se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y), checks=False)
-    found = model.bootstrap(4000, method="residual", rng=1)
-    m = tr.fit(tr.triangle(z, y))
-    away = np.concatenate([found.A, found.B], axis=2) - m.H
-    e = y - z @ m.H.T
-    expected = 6 * np.sum((e - e.mean(axis=0)) ** 2) / 6
-    squares = np.sum((away @ m.root.T) ** 2, axis=(1, 2))
-    assert squares.mean() == pytest.approx(expected, rel=0.05)
-
-
-def test_resamples_without_an_estimate_are_left_out_and_counted():
-    found = fixed(longer(N=4)[2], checks=False).bootstrap(500, rng=2)
-    # 3 or 4 different ones of 4 pairs: 1 - (4 + 84) / 256 of all resamples
-    assert abs(found.size - 500 * (1 - 88 / 256)) < 4.5 * np.sqrt(500 * 0.344 * 0.656)
-    assert f"{500 - found.size} of 500 left out" in found.about
-
-
-def test_whole_runs_are_resampled_together():
-    """Two runs: a resample has the first, the second, or both."""
-    gen = np.random.default_rng(17)
-    data = se.Trajectories(gen.standard_normal((2, 9, 1)), gen.standard_normal((2, 8, 1)))
-    found = se.identify(data, checks=False).bootstrap(200, method="trajectories", rng=3)
-    each = [theta(se.identify(part, checks=False)) for part in (data[:1], data[1:], data)]
-    three = {tuple(np.round(one.ravel(), 9)) for one in each}
-    models = np.concatenate([found.A, found.B], axis=2).reshape(200, -1)
-    assert {tuple(np.round(one, 9)) for one in models} == three
-
-
 @pytest.mark.parametrize(
     "options", [{}, {"covariance": "diagonal"}, {"covariance": "scalar"}, {"sigma": 0.3}]
 )
@@ -582,14 +523,12 @@ def test_drawn_models_have_the_covariance_of_their_law(options):
 
 def test_ensembles_repeat_with_their_key_and_keep_offset_and_known_columns():
     model = fixed(intercept=True, known_B=[[0.0], [1.0]])
-    for make in (model.bootstrap, model.draw):
-        found = make(20, rng=5)
-        assert found == make(20, rng=5)
-        assert found != make(20, rng=6)
-        assert found.c.shape == (20, 2)
-        np.testing.assert_array_equal(found.B, np.tile([[0.0], [1.0]], (20, 1, 1)))
-    more = model.bootstrap(40, rng=5)
-    np.testing.assert_array_equal(more.A[:20], model.bootstrap(20, rng=5).A)
+    found = model.draw(20, rng=5)
+    assert found == model.draw(20, rng=5)
+    assert found != model.draw(20, rng=6)
+    assert found.c.shape == (20, 2)
+    np.testing.assert_array_equal(found.B, np.tile([[0.0], [1.0]], (20, 1, 1)))
+    np.testing.assert_array_equal(model.draw(40, rng=5).A[:20], found.A)
 
 
 def test_ensembles_that_would_mislead_are_refused():
@@ -667,27 +606,6 @@ ASSUMPTIONS = {
 @pytest.mark.parametrize("said", ASSUMPTIONS)
 def test_the_assumption_is_said_in_words(said):
     assert ASSUMPTIONS[said]().region(DELTA).assumption == said
-
-
-@pytest.mark.parametrize("method", ["pairs", "residual", "wild", "trajectories"])
-def test_rows_with_known_entries_are_resampled_together(method):
-    """Each row is that of a model with whole known columns, of the same resamples."""
-    _, _, data = longer(N=60)
-    options = {"checks": False, "design": "adaptive"}
-    some = se.identify(data, known_B=[[np.nan], [1.5]], **options)
-    free, fixed_B = (
-        se.identify(data, **options),
-        se.identify(data, known_B=[[1.5], [1.5]], **options),
-    )
-    models, first, second = (
-        one.bootstrap(300, method=method, rng=4) for one in (some, free, fixed_B)
-    )
-    assert len(models) == len(first) == len(second) == 300
-    np.testing.assert_allclose(models.A[:, 0], first.A[:, 0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(models.B[:, 0], first.B[:, 0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(models.A[:, 1], second.A[:, 1], rtol=1e-9, atol=1e-12)
-    assert (models.B[:, 1] == 1.5).all()
-    assert models.A.std(axis=0).min() > 0.0
 
 
 @pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")

@@ -281,18 +281,3 @@ def test_states_read_with_error_break_the_region_and_warn():
     failed, warned = failures(case, runs, 100)
     assert coverage(failed, runs) < 0.6
     assert warned > 0.9 * runs
-
-
-def test_bootstrap_models_are_no_region():
-    """The share of data sets whose models lie all nearer to H than the truth does."""
-    runs = 100
-
-    def beyond(gen):
-        Theta, z, y = independent(gen, n=2, d=4, N=12)
-        models = model_of(z, y).bootstrap(19, method="residual", rng=1)
-        m = tr.fit(tr.triangle(z, y))
-        some = np.concatenate([models.A, models.B], axis=2)
-        distances = np.linalg.norm((some - m.H) @ m.root.T, axis=(1, 2))
-        return np.linalg.norm((Theta - m.H) @ m.root.T) > distances.max()
-
-    assert failures(beyond, runs, 101) > 0.05 * runs

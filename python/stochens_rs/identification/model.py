@@ -30,7 +30,6 @@ from .identified import Identified
 from .pilot import Pilot
 from .pilot import refuse as refuse_pilot
 from .region import Region
-from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate, whitened
 from .trajectories import Trajectories
 from .window import Loop, Window
 
@@ -598,57 +597,6 @@ class Model(SavedRecord, Identified, Tabled):
         own = "" if self.window is None else self.window._assumed(self.assumptions.tail)
         return own + self.data._assumed + battery.accepted_text(self.assumptions)
 
-    def bootstrap(
-        self, size: int, *, method: Bootstrap = "pairs", rng: RngLike = None
-    ) -> SystemEnsemble:
-        """Fit models to resampled data.
-
-        Parameters
-        ----------
-        size : int
-            The number of models.
-        method : {"pairs", "residual", "wild", "trajectories"}, default "pairs"
-            "pairs": N pairs drawn with replacement. "trajectories": whole runs, for data with
-            feedback. "residual": the states and inputs are kept, residuals are drawn with
-            replacement (centred, times ``sqrt(N / nu)``). "wild": each residual keeps its place
-            and gets a random sign and the factor ``1 / sqrt(1 - h)``, for noise that is larger in
-            some places (MacKinnon and White 1985).
-        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-            Source of randomness.
-
-        Returns
-        -------
-        SystemEnsemble
-            Models that scatter about the estimate: ``centre`` is "estimate". A resample that does
-            not determine the model is left out; `about` says how many.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the data do not determine the model, or an argument cannot be used.
-
-        Notes
-        -----
-        An ensemble shows how the estimate scatters. It is not a region: no statement about the
-        distance to the true system follows from it.
-
-        Examples
-        --------
-        >>> import numpy as np, stochens_rs as se
-        >>> z = np.random.default_rng(1).standard_normal((40, 3))
-        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
-        >>> se.identify(data).bootstrap(100, rng=1)
-        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
-        """
-        count = validation.size("size", size)
-        kind = validation.choice("method", method, BOOTSTRAPS)
-        self._refuse_resampling()
-        if self.pilot is not None:
-            raise InputError("a model by a pilot is not least squares: use draw()")
-        found, key = self._blocks, as_key(rng).child("bootstrap")
-        models = bootstrap_models(found, *self._pairs(), self._Theta, self.data, count, kind, key)
-        return self._ensemble(models, f"bootstrap of {kind}", count)
-
     def draw(self, size: int, *, rng: RngLike = None) -> SystemEnsemble:
         """Draw models from the law that the region is made of.
 
@@ -669,8 +617,8 @@ class Model(SavedRecord, Identified, Tabled):
         Raises
         ------
         InputError, InputTypeError
-            As `bootstrap`; or single entries were declared as known, the noise is not Gaussian, or
-            there are too few pairs.
+            If the data do not determine the model, single entries were declared as known, the noise
+            is not Gaussian, or there are too few pairs.
 
         Examples
         --------
@@ -687,21 +635,31 @@ class Model(SavedRecord, Identified, Tabled):
         models = found.reshape(count, *self._Theta.shape)
         return self._ensemble(models, "draws of the law of the estimate", count)
 
-    def _law(self, windows: bool = False) -> Law:
+    def _law(self, windows: bool = False) -> tuple[Floats, Floats, Floats, str, int]:
         """The law of the estimate, for the core; only with `windows` also of models of outputs."""
         self._refuse_resampling(windows)
         if self.noise != "gaussian":
-            raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
+            raise InputError(f"draw() needs noise='gaussian', got '{self.noise}'")
         if len(self._blocks) > 1:
-            raise InputError("draw() knows no law with single known entries: use bootstrap()")
-        return law_of_estimate(self._blocks[0], self.assumptions, self._H, self._white(windows))
+            raise InputError("draw() knows no law with single known entries")
+        fitted, noise = self._blocks[0], self.assumptions
+        least = self.n_outputs if noise.covariance == "full" else 1
+        if noise.known is None and fitted.nu < least:
+            raise InputError(f"draw() needs at least {fitted.rank + least} pairs, got {fitted.N}")
+        S = fitted.S if noise.known is None else noise.known
+        return self._H, self._white(windows), S, noise.covariance, fitted.nu
 
     def _white(self, windows: bool = False) -> Floats:
         """``white' white = V^-1`` of all columns, where the rows of Theta have one V."""
         self._refuse_resampling(windows)
         if len(self._blocks) > 1:
             raise InputError("the rows of a model with single known entries have no V in common")
-        return whitened(self._blocks[0], self._d) if self.pilot is None else self._piloted.white
+        if self.pilot is not None:
+            return self._piloted.white
+        fitted = self._blocks[0]
+        white = np.zeros((fitted.rank, self._d))  # 0 in columns that are known
+        white[:, fitted.columns] = fitted.white
+        return white
 
     def _refuse_resampling(self, windows: bool = False) -> None:
         if self.window is not None and not windows:

@@ -36,7 +36,6 @@ __all__ = [
     "box_control",
     "build",
     "certify",
-    "chance_of_infinity",
     "choose_window",
     "closed_form",
     "diagonal_quantile",
@@ -94,10 +93,6 @@ __all__ = [
     "scenario_rank",
     "scenario_relaxed",
     "scenario_required",
-    "sign_contains",
-    "sign_radii",
-    "sign_sizes",
-    "sign_statistics",
     "simulate_estimates",
     "simulate_plans",
     "simulate_runs",
@@ -457,9 +452,6 @@ class Fitted:
 # of rows [Z Y] or their triangle, Z of d columns
 def fit(rows: _Floats, d: int, size: int, threads: int) -> Fitted: ...
 
-# pairs Z, Y, basis of Z, m, q, key of the signs
-_Signs: TypeAlias = tuple[_Floats, _Floats, _Floats, int, int, bytes]
-
 @final
 class Estimate:
     def __new__(
@@ -494,7 +486,6 @@ class Estimate:
         threads: int,
         tail: float = 0.0,
     ) -> Region: ...
-    def sign_region(self, test: _Signs, threads: int) -> Region: ...
 
 @final
 class Window:
@@ -542,9 +533,6 @@ def choose_window(
     pieces: tuple[int, int],
 ) -> tuple[float | None, int, int, int, int, int]: ...
 def first_pairs(rows: _Floats, d: int, threads: int) -> int | None: ...
-def sign_contains(test: _Signs, theta: _Floats, threads: int) -> bool: ...
-def sign_sizes(delta: float) -> tuple[int, int]: ...
-def chance_of_infinity(size: int, d: int) -> float: ...
 def mixtures() -> _Floats: ...
 def kept_quantiles() -> int: ...
 
@@ -656,7 +644,6 @@ class Region:
     def component_bounds(self, z: _Floats) -> _Floats: ...
     def entry_bounds(self) -> _Floats: ...
     def spread(self, first: int, end: int) -> float: ...
-    def has_known(self, theta: _Floats) -> bool: ...
     def contains(self, theta: _Floats) -> bool: ...
     def projection(self, one: tuple[int, int], other: tuple[int, int]) -> _Floats | None: ...
     def errors(
@@ -850,12 +837,6 @@ def residuals(z: _Floats, y: _Floats, white: _Floats) -> tuple[_Floats, _Floats,
 def residual_p_values(
     z: _Floats, y: _Floats, white: _Floats, draws: int, key: bytes, threads: int
 ) -> tuple[_Floats, _Floats]: ...
-def sign_radii(
-    rows: _Floats, n: int, size: int, key: bytes, signs: _Floats | None, threads: int
-) -> _Floats: ...
-def sign_statistics(
-    rows: _Floats, n: int, size: int, key: bytes, signs: _Floats | None, threads: int
-) -> _Floats: ...
 
 # Least J(u) = ||M u - y||^2 + u' R u over low <= u <= high. M (rows, d), y (rows,), R (d,) or (d,
 # d) psd; limits (d,), -inf and inf where there is none, equal where an input is fixed. Weights of

@@ -17,11 +17,9 @@ mod levels;
 mod normal_norm;
 mod quantiles;
 mod residual_tests;
-mod signs;
 mod symmetric;
 mod triangle;
 mod units;
-mod weighted_sums;
 
 pub use assumed::{Assumed, Covariance, Design, Method, Noise, Wish};
 pub use battery::{Declared, Explained, Given, Test, battery, noise_tests};
@@ -43,9 +41,7 @@ pub use quantiles::{
     trace_quantile, wishart_quantile,
 };
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
-pub use signs::{SignTest, chance_of_infinity, sign_radii, sign_sizes, sign_statistics};
 pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm, squares};
 pub use triangle::{triangle, update};
 pub(crate) use units::Measured;
 pub use units::{MIXTURES, PRIOR_NOISE, Units, first_pairs};
-pub use weighted_sums::{Pairs, Weights};

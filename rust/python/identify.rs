@@ -1,13 +1,12 @@
 //! Identification from measured pairs: triangles, certificates, ensembles, tests.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, key, slice};
 use super::error::{InputError, ShapeError};
-use super::run::{UNTIL_STOPPED, run, run_unstoppable};
-use crate::identify::{self, Pairs, Weights};
-use crate::memory::try_copy;
+use super::run::{UNTIL_STOPPED, run};
+use crate::identify;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
@@ -43,21 +42,6 @@ pub(super) fn triangle_update<'py>(
     run(py, 0.3 * (size * k * k) as f64, |stop| identify::update(r, values, k, stop))
 }
 
-/// Pairs `(q, e)` (N, rank + n), with the run of each where runs stay together.
-fn pairs<'a>(
-    rows: &'a PyReadonlyArray2<'_, f64>,
-    n: usize,
-    runs: Option<&'a PyReadonlyArray1<'_, u32>>,
-) -> PyResult<Pairs<'a>> {
-    let width = rows.as_array().dim().1;
-    if width < n {
-        return Err(ShapeError::new_err(format!("`rows` must have at least {n} columns, got {width}")));
-    }
-    let contiguous = |_| ShapeError::new_err("`runs` must be C-contiguous");
-    let runs = runs.map(|runs| runs.as_slice().map_err(contiguous)).transpose()?;
-    Ok(Pairs::new(slice("rows", rows)?, width - n, n, runs)?)
-}
-
 /// `(q (N, rank), residuals (N, n), leverages (N))` of the rows of `z` (N, d) and `y` (N, n) with `white` (rank, d).
 #[pyfunction]
 pub(super) fn residuals<'py>(
@@ -90,39 +74,4 @@ pub(super) fn residual_p_values<'py>(
         identify::residual_p_values(&found, n, draws, &key, threads, stop)
     })?;
     Ok((array1(py, p.into())?, array1(py, distances.into())?))
-}
-
-/// The radius (size) of each sign vector for pairs `rows` (N, rank + n), infinite where it bounds nothing. `signs` (size, N)
-/// replace what `key` draws.
-#[pyfunction]
-pub(super) fn sign_radii<'py>(
-    py: Python<'py>,
-    rows: PyReadonlyArray2<'py, f64>,
-    n: usize,
-    size: usize,
-    key: &[u8],
-    signs: Option<PyReadonlyArray2<'py, f64>>,
-    threads: usize,
-) -> PyResult<Vector<'py>> {
-    let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
-    let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
-    let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
-    array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_radii(&pairs, signs, size, threads, stop))?)
-}
-
-/// `||sum a e q'||_F` (size) of each sign vector for pairs `rows` (N, rank + n). `signs` (size, N) replace what `key` draws.
-#[pyfunction]
-pub(super) fn sign_statistics<'py>(
-    py: Python<'py>,
-    rows: PyReadonlyArray2<'py, f64>,
-    n: usize,
-    size: usize,
-    key: &[u8],
-    signs: Option<PyReadonlyArray2<'py, f64>>,
-    threads: usize,
-) -> PyResult<Vector<'py>> {
-    let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
-    let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
-    let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
-    array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_statistics(&pairs, signs, size, threads, stop))?)
 }

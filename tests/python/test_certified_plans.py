@@ -414,8 +414,6 @@ def refusals():
     yield InputError, "`x0_fixed` must be False over 2", lambda: two.bound(x0_fixed=True)
     yield InputError, "longest run", lambda: two.bound(open_loop=True)
     yield InputError, "needs 14 runs", lambda: runs.bound(open_loop=True)
-    signs = se.control(model_of(z, y, noise="symmetric", rng=1), x0, xf, steps=3)
-    yield InputError, "`noise` must be False", lambda: signs.bound(noise=True)
     yield (
         InputError, "noise='bounded'",
         lambda: se.control(bounded, x0, xf, steps=3).bound(open_loop=True),

@@ -14,7 +14,7 @@ from identification_data import POINT, THETA, Y, Z, check, independent, noisy_st
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
 from twin import anytime as at
-from twin import laws, signs
+from twin import laws
 from twin import quantiles as qu
 from twin import regions as rg
 from twin import residual_tests as rt
@@ -258,53 +258,6 @@ def test_pooled_data_are_the_data():
     check(fixed(halves).region(DELTA).radius, fixed().region(DELTA).radius, rtol=1e-12)
 
 
-# -- signs -----------------------------------------------------------------------------------------
-
-
-def drawn_signs(region):
-    """The sign vectors of a region of N < 50 pairs, each up to its own sign, which never matters.
-
-    ``|sum a_t 2^t|`` tells all signs.
-    """
-    N = len(region.signs.Z)
-    rows = np.column_stack([np.ones(N), 2.0 ** np.arange(N)])
-    size, key = region.signs.size - 1, bytes(region.signs.key)
-    sums = _core.sign_statistics(rows, 1, size, key, None, 1)
-    bits = ((sums + 2.0**N - 1.0) / 2.0).astype(np.int64)
-    vectors = (bits[:, None] >> np.arange(N) & 1) * 2.0 - 1.0
-    np.testing.assert_array_equal(vectors @ rows[:, 1], sums)
-    return vectors
-
-
-def test_sign_perturbed_sums_are_those_of_the_twin():
-    gen = np.random.default_rng(6)
-    _, z, _ = independent(gen, n=2, d=3, N=40)
-    y = z @ THETA.T + 0.1 * gen.standard_t(1.5, (40, 2))
-    data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
-    region = fixed(data, noise="symmetric", checks=False, rng=1).region(DELTA)
-    vectors = drawn_signs(region)
-    twin = signs.ellipsoid(z, y, vectors, 5)
-    check(region.radius, rg.radius(twin), rtol=1e-6)
-    check(region.frobenius, region.radius)
-    for X in np.random.default_rng(7).standard_normal((60, 2, 3)):
-        other = twin.fitted.H + 0.3 * region.radius * X @ twin.fitted.white
-        errors = y - z @ other.T
-        own = signs.contains(errors, z @ twin.fitted.white.T, vectors, 5, gen)
-        assert region.contains(other[:, :2], other[:, 2:]) == own
-    assert "5 of 100 sign vectors, each without a bound with probability 1.5e-09" in (
-        region.assumption
-    )
-
-
-def test_sign_vectors_are_drawn_once_for_a_model():
-    model = fixed(noise="symmetric")
-    first, second = drawn_signs(model.region(0.1)), drawn_signs(model.region(0.1))
-    np.testing.assert_array_equal(first, second)
-    small = model.region(0.001).signs
-    assert (small.size, small.largest) == (1000, 1)
-    assert fixed(noise="symmetric").key != model.key
-
-
 # -- data that do not determine the model ----------------------------------------------------------
 
 
@@ -419,11 +372,6 @@ REFUSED = {
         lambda: fixed(runs_of_two_steps()),
         "`design` must be 'adaptive' for runs of several steps",
     ),
-    "signs in closed loop": (
-        lambda: se.identify(DATA, noise="symmetric"),
-        "`noise` must not be 'symmetric' with design='adaptive'",
-    ),
-    "signs with sigma": (lambda: fixed(noise="symmetric", sigma=1.0), "uses no `covariance`"),
     "sub-Gaussian": (lambda: se.identify(DATA, noise="sub-gaussian"), "`sigma` must be given for"),
     "bounded": (
         lambda: se.identify(DATA, noise="bounded", covariance=np.eye(2)),
@@ -535,7 +483,7 @@ def test_ensembles_that_would_mislead_are_refused():
     with pytest.raises(InputError, match="single known entries"):
         fixed(known_B=[[0.0], [np.nan]]).draw(3)
     with pytest.raises(InputError, match="needs noise='gaussian'"):
-        fixed(noise="symmetric").draw(3)
+        fixed(noise="bounded", sigma=1.0).draw(3)
 
 
 # -- records ---------------------------------------------------------------------------------------
@@ -550,7 +498,7 @@ def test_models_and_regions_pickle():
     np.testing.assert_array_equal(theta(other), theta(model))
     assert (other.state_names, other.input_names, other.dt) == (("p", "v"), ("f",), 0.1)
     assert other.checks.p_values == model.checks.p_values
-    for region in (model.region(DELTA), fixed(noise="symmetric", rng=1).region(DELTA)):
+    for region in (model.region(DELTA),):
         same_region = pickle.loads(pickle.dumps(region))
         assert same_region.radius == region.radius
         assert same_region.contains(*TRUE) == region.contains(*TRUE)

@@ -15,7 +15,6 @@ from twin import anytime as at
 from twin import certified_control as cc
 from twin import quantiles as qu
 from twin import residual_tests as rt
-from twin import signs as sg
 from twin import triangle as tr
 
 
@@ -293,23 +292,7 @@ def test_the_law_of_drawn_models():
     assert np.max(np.abs(found - spread) / scale) < 0.05
 
 
-# -- signs and tests of residuals ------------------------------------------------------------------
-
-
-def test_radii_of_sign_vectors(gen):
-    _, z, y = independent(gen, N=30)
-    _fitted, q, e, _ = whitened(z, y)
-    signs = sg.sign_vectors(80, 30, gen)
-    rows = np.hstack([q, e])
-    check(core.sign_radii(rows, 4, 79, KEY, signs, 1), sg.radii(z, y, signs), rtol=1e-9)
-    expected = sg.statistics(e, q, signs)
-    check(core.sign_statistics(rows, 4, 79, KEY, signs, 1), expected, rtol=1e-10)
-    drawn = core.sign_radii(rows, 4, 79, KEY, None, 1)
-    assert np.array_equal(drawn, core.sign_radii(rows, 4, 79, KEY, None, 2))
-    few = np.hstack(
-        whitened(z[:8], y[:8])[1:3]
-    )  # 8 pairs, 6 directions: one sign is in the minority
-    assert np.all(np.isinf(core.sign_radii(few, 4, 50, KEY, None, 1)))
+# -- tests of residuals ----------------------------------------------------------------------------
 
 
 def test_p_values_of_residuals(gen):

@@ -23,7 +23,7 @@ from twin import anytime as at
 from twin import certified_control as cc
 from twin import fusing_by_data as fd
 from twin import input_error as ie
-from twin import laws, signs
+from twin import laws
 from twin import quantiles as qu
 from twin import regions as rg
 from twin import residual_tests as rt
@@ -169,31 +169,6 @@ def test_level_of_the_residual_tests():
         return rt.p_values(z, y, 19, gen) <= 0.0501  # exactly one in twenty
 
     exactly(failures(low, runs, 35), runs)
-
-
-def test_coverage_of_sign_perturbed_sums():
-    def failed(gen):
-        z = gen.standard_normal((8, 2))
-        w = gen.standard_t(1.5, (8, 2)) * np.arange(1, 9)[:, None]
-        basis = np.linalg.qr(z)[0]
-        vectors = signs.sign_vectors(20, 8, gen)
-        return not signs.contains(w, basis, vectors, 1, gen)
-
-    exactly(failures(failed, RUNS, 36), RUNS)
-
-
-def test_ellipsoid_holds_the_set_of_sign_perturbed_sums():
-    gen = np.random.default_rng(37)
-    for _ in range(10):
-        _, z, y = independent(gen, n=2, d=2, N=12)
-        vectors = signs.sign_vectors(10, 12, gen)
-        ball = signs.ellipsoid(z, y, vectors, 2)
-        m = ball.fitted
-        for _ in range(60):
-            X = gen.standard_normal((2, 2))
-            X *= 1.02 * min(rg.radius(ball), 1e3) / np.linalg.norm(X)
-            errors = y - z @ (m.H + X @ m.white).T
-            assert not signs.contains(errors, z @ m.white.T, vectors, 2, gen)
 
 
 def test_regions_for_any_design_hold_at_all_looks():
@@ -383,18 +358,6 @@ def test_bounds_of_separate_estimates_hold():
             ef=norm(df),
         )
         assert norm(A @ x0 + B @ u - xf) <= limit + 1e-12
-
-
-def test_limits_of_bounded_noise_are_certain():
-    gen = np.random.default_rng(48)
-    for _ in range(20):
-        theta, z = gen.standard_normal(3), gen.standard_normal((15, 3))
-        y = z @ theta + gen.uniform(-0.2, 0.2, 15)
-        point = gen.standard_normal(3)
-        low, high = signs.bounded_range(z, y, 0.2, point)
-        assert low <= theta @ point <= high
-    with pytest.raises(ValueError, match="no theta"):
-        signs.bounded_range(z, y, 1e-4, point)
 
 
 @pytest.mark.parametrize("n", [1, 2, 5])

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -14,7 +12,7 @@ from twin import anytime as at
 from twin import certified_control as cc
 from twin import fusing_by_data as fd
 from twin import input_error as ie
-from twin import laws, signs
+from twin import laws
 from twin import polynomial_roots as pr
 from twin import quantiles as qu
 from twin import regions as rg
@@ -211,35 +209,6 @@ def test_gaussian_noise_in_one_dimension_is_put_together_as_stated():
     rho2 = 2 * at.sphere_level(1, info.ld, 0.025) * (1 + 1 / info.smallest)
     a = laws.chi2_quantile(0.025, 96)
     check(at.gaussian_noise(longer, 0.05).factor, rho2 / (a - rho2))
-
-
-EIGHT_SIGNS = np.array([[1.0, *rest] for rest in itertools.product([1.0, -1.0], repeat=3)])
-
-
-def test_sign_perturbed_sums():
-    z, y = np.array([[1.0], [2.0], [-1.0], [3.0]]), np.array([[1.0], [3.0], [-1.0], [2.0]])
-    check(tr.fit(tr.triangle(z, y)).H, [[14 / 15]], rtol=1e-14)
-    r = [np.inf, 1.549193338483, 0.258198889747, 1.807392228230,
-         2.194690562851, 0.258198889747, 1.807392228230, 0.258198889747]  # fmt: skip
-    check(signs.radii(z, y, EIGHT_SIGNS), r, rtol=1e-11)
-    check(signs.sign_radius(1.3, 0.4), 1.3 / 0.6, rtol=1e-13)
-    check(signs.chance_of_infinity(15, 4), 0.03515625, rtol=1e-14)
-    check(signs.chance_of_infinity(12, 3), 0.03857421875, rtol=1e-14)
-    assert rg.radius(signs.ellipsoid(z, y, EIGHT_SIGNS, 1)) == np.inf
-    check(rg.radius(signs.ellipsoid(z, y, EIGHT_SIGNS, 2)), 2.194690562851, rtol=1e-11)
-
-
-def test_radius_of_a_sign_vector_is_the_maximum():
-    gen = np.random.default_rng(5)
-    s, K = gen.standard_normal((3, 2)), np.array([[0.5, 0.2], [0.2, -0.6]])
-    radius = signs.sign_radius(s, K)
-    X = gen.standard_normal((20_000, 3, 2))
-    X /= np.linalg.norm(X, axis=(1, 2), keepdims=True)
-    # on the ray r X:  r^2 = ||s - r X K||^2
-    XK = X @ K
-    a, b = 1 - np.sum(XK**2, axis=(1, 2)), np.sum(s * XK, axis=(1, 2))
-    r = (-b + np.sqrt(b * b + a * np.sum(s * s))) / a
-    assert 0.97 * radius < r.max() <= radius * (1 + 1e-9)
 
 
 def steps_of_the_data_set(**options):

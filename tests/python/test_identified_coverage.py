@@ -133,17 +133,6 @@ def test_coverage_where_the_data_miss_directions():
     exactly(failures(failed, runs, 89), runs)
 
 
-def test_coverage_of_sign_perturbed_sums():
-    """Noise of infinite variance that grows with time."""
-
-    def failed(gen, Theta, z, y):
-        w = gen.standard_t(1.5, (12, 2)) * np.arange(1, 13)[:, None]
-        model = model_of(z, z @ Theta.T + w, noise="symmetric", rng=gen)
-        return misses(model.region(DELTA), Theta)
-
-    exactly(count(90, 1000, failed, n=2, d=3, N=12), 1000)
-
-
 def test_regions_for_any_design_hold_at_all_looks():
     """Feedback tuned by past noise, unstable plant, four looks; at one look the exact one fails."""
     runs = 200

@@ -17,9 +17,8 @@ from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
 from ..identification.gaps import ON_GAP
 from ..identification.region import Region
 from ..identification.tables import Table
-from ..rng import as_key
 from ._command import Command
-from ._options import FILE, Choice, delta_option, force_option, json_option, out_option, seed_option
+from ._options import FILE, Choice, delta_option, force_option, json_option, out_option
 from ._output import Out, finite, grid, note, show_result
 
 
@@ -117,7 +116,6 @@ from ._output import Out, finite, grid, note, show_result
     help="With --pilot: task of plans, like 1,0:0,0:10.",
 )
 @delta_option("Probability that the region misses the system.")
-@seed_option
 @out_option("identify", "the model to a file .safetensors")
 @force_option
 @json_option
@@ -148,7 +146,6 @@ def identify_command(
     pilot: str | None,
     reference: str | None,
     delta: float,
-    seed: int,
     as_json: bool,
     **_: Any,
 ) -> None:
@@ -196,7 +193,6 @@ def identify_command(
             **_window(window),
             pilot=None if pilot is None else _pilot(pilot),
             reference=None if reference is None else _task(reference),
-            rng=as_key(seed),
         )
     region = model.region(delta)
     if files.file is not None:

@@ -12,7 +12,6 @@ from .. import _core
 from .._base import html, memory, validation
 from .._base.threads import get_num_threads
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
-from ..rng import RngLike, as_key
 from .assumptions import (
     LARGEST,
     Covariance,
@@ -61,7 +60,6 @@ def identify(
     tail: float = 0.0,
     checks: bool = True,
     accept: str | Sequence[str] = (),
-    rng: RngLike = None,
 ) -> Model:
     """Fit ``x(k+1) = A x(k) + B u(k) + c + w(k)`` to measured runs.
 
@@ -78,10 +76,9 @@ def identify(
         step. "independent": your declaration that all states and inputs of the pairs are
         independent of all noise in `x_next`; for pairs only (`Trajectories.from_pairs`,
         `last_pairs`, `k_step`). Never inferred.
-    noise : {"gaussian", "sub-gaussian", "bounded", "symmetric"}, default "gaussian"
+    noise : {"gaussian", "sub-gaussian", "bounded"}, default "gaussian"
         The law of w(k), of mean 0. "sub-gaussian": ``E exp(l' w) <= exp(sigma^2 ||l||^2 / 2)``
-        given the past. "bounded": ``||w||_2 <= sigma``. "symmetric": w(k) independent of each
-        other and as likely as -w(k), of any law; needs ``design="independent"``.
+        given the past. "bounded": ``||w||_2 <= sigma``.
     covariance : {"full", "diagonal", "scalar"} or array_like of shape (n, n), default "full"
         Of Gaussian noise: one unknown matrix, an unknown diagonal one, an unknown multiple of I, or
         the matrix itself, which may be singular with a `pilot`. For "sub-gaussian" noise a matrix
@@ -148,9 +145,6 @@ def identify(
         Tests of the log, by the names in `Model.tests`, of which you take a failure: certificates
         are then made all the same, and say so. "no effect": gains for inputs of which no effect is
         seen.
-    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-        Source of the random sign vectors for ``noise="symmetric"``. They are drawn here, once: to
-        identify the same data again with other ones, and choose, breaks the region.
 
     Returns
     -------
@@ -224,9 +218,7 @@ def identify(
     sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
     if window is not None:
         sizes, first = sized(runs, window, sizes, first)
-    source = as_key(rng)
-    key = source.child("sign vectors") if assumed.noise == "symmetric" else None
-    refuse(assumed, known, runs.single)
+    refuse(assumed, runs.single)
     guide = None
     if piloted:
         given = pilot, offset, reference, inputs, dither, planned
@@ -247,7 +239,7 @@ def identify(
     triangle = _core.triangle(Z, get_num_threads())
     if not np.isfinite(triangle).all():
         raise NonFiniteError("the products of the data overflow: scale them down")
-    found = runs, triangle, assumed, sizes, offset, known, tested, key, guide, window, first
+    found = runs, triangle, assumed, sizes, offset, known, tested, guide, window, first
     model = Model(*found)
     if model.warnings:
         said, more = model.warnings[0], len(model.warnings) - 1

@@ -16,11 +16,11 @@ from .._base.to_xarray import Cube, Tabled
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..plots.residuals import draw_residuals
-from ..rng import Key, RngLike, as_key
+from ..rng import RngLike, as_key
 from . import battery
 from .assumptions import FAULTS, Assumptions, least_correlation
 from .cautions import cautions, missing_directions
-from .certifying import METHODS, Method, Wish, region_of, said, sign_test
+from .certifying import METHODS, Method, Wish, region_of, said
 from .certifying import directions as spanned_by
 from .certifying import refuse as refuse_region
 from .checks import DRAWS, WORK, Checks, checked_residuals
@@ -65,8 +65,6 @@ class Model(SavedRecord, Identified, Tabled):
     checks : Checks or None
         The tests of the residuals; None if there were too few pairs, too many to test them
         without being asked, or `identify` was told not to: see `check`.
-    key : Key or None
-        That of the sign vectors, for noise of symmetric law.
     pilot : Pilot or None
         What simulates the runs of `data` for a region that is exact, see `identify`; the model is
         then not least squares.
@@ -88,7 +86,6 @@ class Model(SavedRecord, Identified, Tabled):
     intercept: bool = False
     known: Floats | None = None
     checks: Checks | None = None
-    key: Key | None = None
     pilot: Pilot | None = None
     window: Window | None = None
     first: int = 0
@@ -108,13 +105,9 @@ class Model(SavedRecord, Identified, Tabled):
                 raise ShapeError(f"`known` must have shape ({n}, {d}), got {shape}")
         if self.checks is not None:
             validation.instance("checks", self.checks, Checks)
-        refuse(self.assumptions, self.known, self.data.single)
+        refuse(self.assumptions, self.data.single)
         require_sound(self.scale, self.known)
         require_states(self.assumptions, n)
-        if (self.noise == "symmetric") != (self.key is not None):
-            raise InputError("`key` must be given for noise='symmetric', and only there")
-        if self.key is not None:
-            validation.instance("key", self.key, Key)
         if self.pilot is not None:
             given = validation.instance("pilot", self.pilot, Pilot)
             refuse_pilot(self.assumptions, self.data, self.known is not None)
@@ -232,8 +225,7 @@ class Model(SavedRecord, Identified, Tabled):
     def _first(self) -> int:
         """How many of the first pairs say the size of the others; 0 where none is asked for."""
         exact = self.design == "independent" and self.noise == "gaussian"
-        others = self.scale, self.key, self.pilot
-        if exact or any(one is not None for one in others):
+        if exact or self.scale is not None or self.pilot is not None:
             return 0
         if self.window is not None:
             return len(self.window._rows(self.data, self.first)[0])
@@ -527,8 +519,7 @@ class Model(SavedRecord, Identified, Tabled):
         over lines in the manner of Abbasi-Yadkori, Pal and Szepesvari (2011), without a bound on
         Theta. Without `scale`, ``kappa P`` takes the place of ``lam I``, with ``P = sum z z' / N1``
         of the N1 first pairs and kappa 1/6, 1/3 and 2/3 of the number of those after them, of which
-        H, V and S are then; the `centre` is their H. Symmetric noise: sign-perturbed sums (Csaji,
-        Campi and Weyer 2015).
+        H, V and S are then; the `centre` is their H.
 
         Examples
         --------
@@ -557,7 +548,6 @@ class Model(SavedRecord, Identified, Tabled):
     def _region(self, wish: Wish) -> Region:
         """The region whatever the tests of the log say."""
         refuse_region(self.assumptions, wish, len(self._blocks) > 1)
-        signs, text = None, ""
         first = 0 if wish.anytime else self._first
         assumption, missing = said(self.assumptions, wish, first), self.missing
         if self.pilot is not None:
@@ -566,28 +556,24 @@ class Model(SavedRecord, Identified, Tabled):
             law = self.assumptions.covariance, self.assumptions.known
             made = self._piloted.region(law, wish.delta, wish.frobenius)
             assumption = f"{self.assumptions.text}, {self.pilot.said}"
-        elif self.key is None:
+        else:
             scale = np.ones(self._d) if self.scale is None else self.scale
             units, estimate = self._divided if first else (scale, self._estimate)
             made, missing = (
                 region_of(estimate, self.assumptions, wish, units),
                 self._missing_in(estimate),
             )
-        else:
-            signs, text = sign_test(self._blocks[0], *self._pairs(), wish.delta, self.key)
-            made = self._estimate.sign_region(signs._of, get_num_threads())
         noise = made.noise if self.assumptions.noise == "gaussian" else None
         return trusted(
             Region,
             centre=validation.frozen(made.centre),
             m=self._free,
             delta=wish.delta,
-            assumption=assumption + text + self._assumed,
+            assumption=assumption + self._assumed,
             missing=missing,
             parts=made.parts,
             future=wish.future,
             frobenius=made.frobenius,
-            signs=signs,
             noise=None if noise is None else validation.frozen(noise),
         )
 
@@ -721,7 +707,6 @@ class Model(SavedRecord, Identified, Tabled):
             "size": self.size,
             "design": self.design,
             "noise": self.noise,
-            "key": None if self.key is None else self.key.hex,
         }
         return Cube(variables, {}, attrs, self.labels)
 

@@ -153,7 +153,7 @@ def _numbers(
         data = data.last_pairs()
     with warnings.catch_warnings():  # the bound is infinite where the data leave things open
         warnings.simplefilter("ignore", DataWarning)
-        model = identified(data, rng=key.child("signs"), **identify)
+        model = identified(data, **identify)
     plan = controlled(model, x0, xf, steps=steps, **control)
     x, to_come = x0, truth.noise(key.child("noise to come"), len(plan.u), sigma=sigma)
     for u, w in zip(plan.u, to_come, strict=True):

@@ -498,10 +498,10 @@ def test_models_and_regions_pickle():
     np.testing.assert_array_equal(theta(other), theta(model))
     assert (other.state_names, other.input_names, other.dt) == (("p", "v"), ("f",), 0.1)
     assert other.checks.p_values == model.checks.p_values
-    for region in (model.region(DELTA),):
-        same_region = pickle.loads(pickle.dumps(region))
-        assert same_region.radius == region.radius
-        assert same_region.contains(*TRUE) == region.contains(*TRUE)
+    region = model.region(DELTA)
+    same_region = pickle.loads(pickle.dumps(region))
+    assert same_region.radius == region.radius
+    assert same_region.contains(*TRUE) == region.contains(*TRUE)
     kind, parts = model.__reduce__()
     with pytest.raises(ShapeError, match="`triangle` must have shape"):
         kind(parts[0], np.eye(3), *parts[2:])

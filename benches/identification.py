@@ -70,7 +70,6 @@ def identification() -> Iterator[Line]:
             lambda n=n, d=d, nu=nu: quantiles.roy_quantile.__wrapped__(n, d, nu, 0.05),
             1,
         )
-    yield from models(gen)
 
 
 def fitted_pairs(gen: np.random.Generator, N: int) -> tuple[np.ndarray, np.ndarray, twin.Fitted]:
@@ -78,47 +77,6 @@ def fitted_pairs(gen: np.random.Generator, N: int) -> tuple[np.ndarray, np.ndarr
     Z = gen.standard_normal((N, d))
     Y = Z @ gen.standard_normal((d, n)) + gen.standard_normal((N, n))
     return Z, Y, twin.fit(twin.triangle(Z, Y))
-
-
-def models(gen: np.random.Generator) -> Iterator[Line]:
-    N, size = 1000, 10_000
-    Z, Y, fitted = fitted_pairs(gen, N)
-    (_, d), n = Z.shape, Y.shape[1]
-    H, white = (np.ascontiguousarray(part) for part in (fitted.H, fitted.white))
-    q, e, _ = core.residuals(Z, Y, white)
-    pairs, key = np.hstack([q, e]), bytes(32)
-
-    def by_lstsq() -> None:
-        for _ in range(100):
-            i = gen.integers(0, N, N)
-            np.linalg.lstsq(Z[i], Y[i], rcond=None)
-
-    low = np.tril_indices(d)
-
-    def vectorised() -> object:
-        """One product of counts and of products of entries, in blocks that fit a cache."""
-        features = np.hstack(
-            [q[:, low[0]] * q[:, low[1]], (q[:, :, None] * e[:, None]).reshape(N, -1)]
-        )
-        found = np.empty((size, n, d))
-        block = 250
-        offsets = np.arange(block)[:, None] * N
-        for b in range(0, size, block):
-            drawn = gen.integers(0, N, (block, N)) + offsets
-            counts = np.bincount(drawn.ravel(), minlength=block * N).reshape(block, N)
-            sums = counts.astype(float) @ features
-            V = np.empty((block, d, d))
-            V[:, low[0], low[1]] = V[:, low[1], low[0]] = sums[:, : len(low[0])]
-            right = sums[:, len(low[0]) :].reshape(block, d, n)
-            found[b : b + block] = H + np.linalg.solve(V, right).transpose(0, 2, 1) @ white
-        return found
-
-    def ours() -> object:
-        return core.bootstrap(pairs, H, white, None, "pairs", size, key, None, 1)
-
-    what = "bootstrap of pairs, 1e4 models, N=1000"
-    yield what, "loop of numpy.linalg.lstsq", ours, size, by_lstsq, 100
-    yield what, "vectorised NumPy", ours, size, vectorised, size
 
 
 def certificates() -> Iterator[Line]:

@@ -117,12 +117,6 @@ WAYS = {
         ),
         ("Gaussian", "mixture"),
     ),
-    "last pairs, symmetric": Way(
-        lambda data, seed: se.identify(
-            data.last_pairs(), design="independent", noise="symmetric", checks=False, rng=seed
-        ),
-        ("Gaussian", "t(3)", "mixture"),
-    ),
     "direct over 10 steps": Way(
         lambda data, seed: se.identify(
             data.k_step(STEPS, open_loop=True), design="independent", checks=False

@@ -23,7 +23,6 @@ free = {"design": "independent", "checks": False}
 ways = {
     "size known": lambda data: se.identify(data, sigma=sigma, **free),
     "size unknown": lambda data: se.identify(data, **free),
-    "any symmetric law": lambda data: se.identify(data, noise="symmetric", rng=1, **free),
     "size known, any design": lambda data: se.identify(data, sigma=sigma, checks=False),
 }
 
@@ -41,8 +40,7 @@ many = {
 }
 
 # %%
-# ``plot`` draws which pairs of two coefficients are in a region, here of all two. (For symmetric
-# laws it is an ellipse around the exact set, which ``contains`` knows.)
+# ``plot`` draws which pairs of two coefficients are in a region, here of all two.
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 4), width_ratios=(1.4, 1))
 for name, region in one.items():
     region.plot(label=name, ax=left)

@@ -33,12 +33,10 @@ __all__ = [
     "alse_prefixes",
     "battery",
     "best_control",
-    "bootstrap",
     "box_batch",
     "box_control",
     "build",
     "certify",
-    "chance_of_infinity",
     "choose_window",
     "closed_form",
     "diagonal_quantile",
@@ -86,7 +84,6 @@ __all__ = [
     "realization_controls",
     "residual_p_values",
     "residuals",
-    "robust_control",
     "row_quantile",
     "roy_quantile",
     "sample_counts",
@@ -98,10 +95,6 @@ __all__ = [
     "scenario_rank",
     "scenario_relaxed",
     "scenario_required",
-    "sign_contains",
-    "sign_radii",
-    "sign_sizes",
-    "sign_statistics",
     "simulate_estimates",
     "simulate_plans",
     "simulate_runs",
@@ -479,9 +472,6 @@ class Fitted:
 # of rows [Z Y] or their triangle, Z of d columns
 def fit(rows: _Floats, d: int, size: int, threads: int) -> Fitted: ...
 
-# pairs Z, Y, basis of Z, m, q, key of the signs
-_Signs: TypeAlias = tuple[_Floats, _Floats, _Floats, int, int, bytes]
-
 @final
 class Estimate:
     def __new__(
@@ -516,7 +506,6 @@ class Estimate:
         threads: int,
         tail: float = 0.0,
     ) -> Region: ...
-    def sign_region(self, test: _Signs, threads: int) -> Region: ...
 
 @final
 class Window:
@@ -564,9 +553,6 @@ def choose_window(
     pieces: tuple[int, int],
 ) -> tuple[float | None, int, int, int, int, int]: ...
 def first_pairs(rows: _Floats, d: int, threads: int) -> int | None: ...
-def sign_contains(test: _Signs, theta: _Floats, threads: int) -> bool: ...
-def sign_sizes(delta: float) -> tuple[int, int]: ...
-def chance_of_infinity(size: int, d: int) -> float: ...
 def mixtures() -> _Floats: ...
 def kept_quantiles() -> int: ...
 
@@ -638,18 +624,7 @@ class Pilot:
     def determined(self) -> bool: ...
     def region(self, known: _Known, delta: float, both: bool) -> Region: ...
     def reference(self, x0: _Floats, inputs: _Floats) -> Reference: ...
-    @staticmethod
-    def with_older(
-        newer: tuple[_Floats, NDArray[np.int64]],
-        older: tuple[_Floats, NDArray[np.int64]],
-        model: _Floats,
-        apart: tuple[_Floats, float, _Floats | None],
-        covariance: _Floats,
-        fixed: tuple[_Floats, _Floats] | None,
-        weight: float | None,
-        threads: int,
-    ) -> tuple[Pilot, float]: ...
-    # target, reach, quantile, mismatch, rest, tube (K + 1,), components (n,), difference
+    # target, reach, quantile, mismatch, rest, tube (K + 1,), components (n,)
     def near(
         self,
         reference: Reference,
@@ -660,7 +635,7 @@ class Pilot:
         known: _Known,
         delta: float,
         noise: bool,
-    ) -> tuple[float, float, float, float, float, _Floats, _Floats, float]: ...
+    ) -> tuple[float, float, float, float, float, _Floats, _Floats]: ...
 
 @final
 class Reference: ...
@@ -689,7 +664,6 @@ class Region:
     def component_bounds(self, z: _Floats) -> _Floats: ...
     def entry_bounds(self) -> _Floats: ...
     def spread(self, first: int, end: int) -> float: ...
-    def has_known(self, theta: _Floats) -> bool: ...
     def contains(self, theta: _Floats) -> bool: ...
     def projection(self, one: tuple[int, int], other: tuple[int, int]) -> _Floats | None: ...
     def errors(
@@ -829,20 +803,6 @@ def guaranteed_gain(
     states: Sequence[str] | None = None,
 ) -> _Gain: ...
 def loop_eigenvalues(a: _Floats, b: _Floats, k: _Floats) -> NDArray[np.complex128]: ...
-def robust_control(
-    h: _Floats, white: _Floats, x0: _Floats, xf: _Floats, offset: bool, beta: float
-) -> _Floats: ...
-def bootstrap(
-    rows: _Floats,
-    h: _Floats,
-    white: _Floats,
-    runs: NDArray[np.uint32] | None,
-    kind: str,
-    size: int,
-    key: bytes,
-    weights: _Floats | None,
-    threads: int,
-) -> _Floats: ...
 
 # H (n, d), white (rank, d), S (n, n), "known" or what is to estimate of it, degrees of freedom
 _EstimateLaw: TypeAlias = tuple[_Floats, _Floats, _Floats, str, int]
@@ -897,12 +857,6 @@ def residuals(z: _Floats, y: _Floats, white: _Floats) -> tuple[_Floats, _Floats,
 def residual_p_values(
     z: _Floats, y: _Floats, white: _Floats, draws: int, key: bytes, threads: int
 ) -> tuple[_Floats, _Floats]: ...
-def sign_radii(
-    rows: _Floats, n: int, size: int, key: bytes, signs: _Floats | None, threads: int
-) -> _Floats: ...
-def sign_statistics(
-    rows: _Floats, n: int, size: int, key: bytes, signs: _Floats | None, threads: int
-) -> _Floats: ...
 
 # Least J(u) = ||M u - y||^2 + u' R u over low <= u <= high. M (rows, d), y (rows,), R (d,) or (d,
 # d) psd; limits (d,), -inf and inf where there is none, equal where an input is fixed. Weights of

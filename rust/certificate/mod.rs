@@ -15,13 +15,11 @@
 //! # Ok::<(), stochens::Error>(())
 //! ```
 
-mod difference;
 mod drawn_misses;
 mod near;
 mod next_runs;
 mod noise;
 mod nuclear;
-mod older;
 mod outputs;
 mod pilot;
 mod plan;
@@ -34,7 +32,6 @@ pub use drawn_misses::{Aim, drawn_misses};
 pub use near::Near;
 pub use next_runs::{Design, Goal, NextRuns, next_runs};
 pub use noise::{Gaussian, ToCome};
-pub use older::{Apart, Fixed};
 pub use outputs::{Along, Outputs, Tube, outputs};
 pub use pilot::{Event, MainRuns, Pilot, Simulation};
 pub use plan::{Control, Plan, Task, Way, certify};

@@ -36,16 +36,13 @@ use super::pilot::{Event, Pilot, WHAT};
 use super::plan::Task;
 use super::powers::{Powers, deviations, first_order, in_units, largest_difference, product, products};
 use super::reference::{Reference, Shares};
-use super::several_steps::{Radii, Seen, Steps, norms, several_steps};
+use super::several_steps::{Radii, Seen, norms, several_steps};
 use super::trajectory::states;
-
-/// Shares of noise and of a declared difference that are tried: see `Difference::joined`.
-const SHARES: [f64; 5] = [1.0 / 16.0, 0.25, 1.0, 4.0, 16.0];
 
 /// What holds near a reference: `target`, `tube` and `components` are each a statement of its own.
 #[derive(Debug, Clone)]
 pub struct Near {
-    /// `||x(K) - xf|| <= target = reach + quantile + mismatch + rest + difference`.
+    /// `||x(K) - xf|| <= target = reach + quantile + mismatch + rest`.
     pub target: f64,
     /// `||xh(K) - xf||`.
     pub reach: f64,
@@ -55,8 +52,6 @@ pub struct Near {
     pub mismatch: f64,
     /// What is not of first order.
     pub rest: f64,
-    /// The declared difference of an older plant, of first order.
-    pub difference: f64,
     /// `||x(k) - predicted[k]|| <= tube[k]` for all k (K + 1).
     pub tube: Vec<f64>,
     /// `|x(K) - xf|_i <= components[i]` for all i (n).
@@ -75,36 +70,6 @@ fn powers(a: &[f64], root: &[f64], n: usize, count: usize) -> Result<Powers> {
     Ok(found)
 }
 
-/// The smallest of what several regions of one event say.
-struct Rest {
-    /// First order, in norm (K + 1).
-    linear: Vec<f64>,
-    /// What is not of first order, in norm (K + 1).
-    back: Vec<f64>,
-    /// The same of each row of the last state (n).
-    components: Vec<f64>,
-}
-
-impl Rest {
-    fn new(n: usize, count: usize) -> Result<Self> {
-        let [linear, back, components] = [count + 1, count + 1, n].map(|len| try_filled(WHAT, f64::INFINITY, len));
-        Ok(Self { linear: linear?, back: back?, components: components? })
-    }
-
-    /// `spectral` is the radius that the steps are for.
-    fn also(&mut self, steps: &Steps, spectral: f64) {
-        let (n, count) = (self.components.len(), self.back.len() - 1);
-        let least = |to: &mut [f64], other: &[f64]| to.iter_mut().zip(other).for_each(|(to, v)| *to = to.min(*v));
-        least(&mut self.linear, &steps.linear);
-        least(&mut self.back, &steps.back);
-        for (i, to) in self.components.iter_mut().enumerate() {
-            let each = steps.outside.all().zip(steps.rest[..count].iter().rev());
-            let rest: f64 = each.map(|(m, b)| times(norm(m[i * n..(i + 1) * n].iter().copied()), *b)).sum();
-            *to = to.min(spectral * rest);
-        }
-    }
-}
-
 /// Everything of first order of one plan and one reference.
 struct Work<'a> {
     n: usize,
@@ -120,8 +85,6 @@ struct Work<'a> {
     /// With noise to come: the covariances of `sum_{p<k} A0^p w` and of `sum_{p<k} (A^p - A0^p) w`, k = 1..K.
     through: Vec<Vec<f64>>,
     drift: Vec<Vec<f64>>,
-    /// What the difference of an older plant does: see `Difference::linear`.
-    difference: (Vec<f64>, Vec<f64>),
     s: f64,
     /// The s for what depends on no unit of the states: components, and `T_x e(j)`.
     even: f64,
@@ -174,7 +137,7 @@ impl Work<'_> {
     fn step(&self, k: usize) -> Result<f64> {
         let (n, count) = (self.n, self.plan.len() as f64);
         let quantile = self.s.abs() * coarse_normal_quantile(&self.covariance(k)?, n, self.shares.reference / count)?;
-        let mut first = quantile + self.mismatch(k)? + self.difference.0[k];
+        let mut first = quantile + self.mismatch(k)?;
         if self.noisy() {
             first += coarse_normal_quantile(&self.drift[k - 1], n, self.shares.noise / 2.0 / count)?;
         }
@@ -205,7 +168,7 @@ impl Work<'_> {
             } else {
                 first = row(&self.plan[count - 1], i, first)?;
             }
-            *to = first + self.difference.1[i] + rest;
+            *to = first + rest;
         }
         Ok(found)
     }
@@ -298,7 +261,6 @@ impl Pilot {
                 quantile: infinite,
                 mismatch: infinite,
                 rest: infinite,
-                difference: infinite,
                 tube,
                 components,
             })
@@ -336,10 +298,6 @@ impl Pilot {
         for (x, u) in at.chunks_exact(n).zip(inputs.chunks_exact(self.m)) {
             c.extend(product(&self.t, &region.regressor(x, u)?, d, d, 1)?);
         }
-        let difference = match &self.difference {
-            None => (try_zeros(WHAT, count + 1)?, try_zeros(WHAT, n)?),
-            Some(difference) => difference.linear(region, task.x0, inputs, stop)?,
-        };
         let mut work = Work {
             n,
             d,
@@ -351,7 +309,6 @@ impl Pilot {
             reference: first_order(&a0, &root, &reference.g, n, d)?,
             through: try_room(WHAT, count)?,
             drift: try_room(WHAT, count)?,
-            difference,
             s: 1.0,
             even: 1.0,
         };
@@ -371,49 +328,43 @@ impl Pilot {
         let scaled = try_collect(WHAT, reference.g.iter().map(|g| work.s * g))?;
         let largest = largest_difference([&work.own, &work.pilot], [&c, &scaled], EFFORT, mismatch / event.spectral)?;
         mismatch = mismatch.min(event.spectral * largest);
-        let mut difference = work.difference.0[count];
         let mut first = try_zeros(WHAT, count + 1)?;
         for (k, to) in first.iter_mut().enumerate().skip(1) {
             stop.check()?;
             *to = work.step(k)?;
         }
 
-        let along = |region: &Region, root: &[f64], spectral: f64, frobenius: f64, besides: [Option<&[f64]>; 2]| {
-            let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come, besides };
-            several_steps(region, root, at, inputs, radii, Seen { rows: n, gain: None }, stop)
-        };
-        let mut least = Rest::new(n, count)?;
-        if let Some(difference) = &self.difference {
-            for factor in SHARES {
-                let joined = self.joined(difference, event, factor)?;
-                let root = covariance_root(&joined.parts[0].shape, n)?;
-                least.also(&along(&joined, &root, 1.0, joined.frobenius(), [None; 2])?, 1.0);
-            }
-        } else {
-            let inner = work.between([&columns(&self.t)?, &columns(&self.t0)?], stop)?;
-            // with noise to come the first order of the plan alone does not count
-            let mut outer = if noisy { try_zeros(WHAT, count + 1)? } else { try_copy(WHAT, &first)? };
-            if !noisy {
-                outer[count] = outer[count].max(quantile + mismatch + difference);
-            }
-            let steps = along(region, &root, event.spectral, event.frobenius, [Some(&outer), Some(&inner)])?;
-            least.also(&steps, event.spectral);
+        let inner = work.between([&columns(&self.t)?, &columns(&self.t0)?], stop)?;
+        // with noise to come the first order of the plan alone does not count
+        let mut outer = if noisy { try_zeros(WHAT, count + 1)? } else { try_copy(WHAT, &first)? };
+        if !noisy {
+            outer[count] = outer[count].max(quantile + mismatch);
         }
+        let besides = [Some(outer.as_slice()), Some(inner.as_slice())];
+        let (spectral, frobenius) = (event.spectral, event.frobenius);
+        let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come, besides };
+        let steps = several_steps(region, &root, at, inputs, radii, Seen { rows: n, gain: None }, stop)?;
         if noisy {
             mismatch += normal_quantile(&work.drift[count - 1], n, half)?;
-        } else if least.linear[count] < quantile + mismatch + difference {
-            (quantile, mismatch, difference) = (0.0, least.linear[count], 0.0); // s = 0
+        } else if steps.linear[count] < quantile + mismatch {
+            (quantile, mismatch) = (0.0, steps.linear[count]); // s = 0
         }
         let mut tube = try_room(WHAT, count + 1)?;
         for (k, (x, predicted)) in at.chunks_exact(n).zip(task.predicted.chunks_exact(n)).enumerate() {
-            let first = if noisy { first[k] } else { first[k].min(least.linear[k]) };
-            tube.push(distance(x, predicted) + first + least.back[k]);
+            let first = if noisy { first[k] } else { first[k].min(steps.linear[k]) };
+            tube.push(distance(x, predicted) + first + steps.back[k]);
         }
-        let (rest, mut components) = (least.back[count], work.components(&least.components)?);
+        let mut later = try_room(WHAT, n)?; // what is not of first order of each row of the last state
+        for i in 0..n {
+            let each = steps.outside.all().zip(steps.rest[..count].iter().rev());
+            let sum: f64 = each.map(|(m, b)| times(norm(m[i * n..(i + 1) * n].iter().copied()), *b)).sum();
+            later.push(event.spectral * sum);
+        }
+        let (rest, mut components) = (steps.back[count], work.components(&later)?);
         let off = at[count * n..].iter().zip(task.xf).map(|(x, xf)| (x - xf).abs());
         components.iter_mut().zip(off).for_each(|(to, off)| *to += off);
         let reach = distance(&at[count * n..], task.xf);
-        let target = reach + quantile + mismatch + rest + difference;
-        Ok(Near { target, reach, quantile, mismatch, rest, difference, tube, components })
+        let target = reach + quantile + mismatch + rest;
+        Ok(Near { target, reach, quantile, mismatch, rest, tube, components })
     }
 }

@@ -25,7 +25,6 @@ use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_f
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region, times};
 
-use super::difference::Difference;
 use super::powers::{product, transposed_inverse};
 
 pub(super) const WHAT: &str = "a model by instruments";
@@ -54,27 +53,6 @@ pub struct Simulation<'a> {
     pub model: &'a [f64],
     /// (m, n), and the dither of each pair (N, m).
     pub feedback: Option<(&'a [f64], &'a [f64])>,
-}
-
-/// States, inputs, columns of a model, and pairs.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Sizes {
-    pub n: usize,
-    pub m: usize,
-    pub d: usize,
-    pub pairs: usize,
-}
-
-impl Sizes {
-    pub fn new(runs: MainRuns<'_>, simulation: Simulation<'_>) -> Self {
-        let d = simulation.model.len().checked_div(runs.n).unwrap_or(0);
-        Self { n: runs.n, m: runs.m, d, pairs: 0 }
-    }
-
-    /// Columns of `(zeta, z, y)`.
-    pub const fn width(self) -> usize {
-        2 * self.d + self.n
-    }
 }
 
 /// What holds in one event: bounds of the norms of Gamma, and of the covariance.
@@ -111,8 +89,6 @@ pub struct Pilot {
     residual: Vec<f64>,
     /// Rounding of each row of `H (Z' Q)` (n).
     rounding: Vec<f64>,
-    /// What runs of an older plant bring beside noise.
-    pub(super) difference: Option<Difference>,
 }
 
 impl Pilot {
@@ -121,15 +97,12 @@ impl Pilot {
     /// the range of doubles, [`Error::Memory`], [`Error::Interrupted`].
     pub fn new(runs: MainRuns<'_>, simulation: Simulation<'_>, threads: usize, stop: &Stop) -> Result<Self> {
         room_for_products()?;
-        let of = Sizes::new(runs, simulation);
-        let rows = simulated(runs, simulation, of.d, stop)?;
-        let r = triangle(&rows, of.width(), threads, stop)?;
-        Self::from_triangle(&r, of.width(), Sizes { pairs: rows.len() / of.width(), ..of }, simulation.model)
-    }
-
-    /// From the triangle of rows `(zeta, z, y, ..)` of this width.
-    pub(super) fn from_triangle(r: &[f64], width: usize, of: Sizes, model: &[f64]) -> Result<Self> {
-        let Sizes { n, m, d, pairs } = of;
+        let (n, m, model) = (runs.n, runs.m, simulation.model);
+        let d = model.len().checked_div(n).unwrap_or(0);
+        let rows = simulated(runs, simulation, d, stop)?;
+        let width = 2 * d + n;
+        let (r, pairs) = (triangle(&rows, width, threads, stop)?, rows.len() / width);
+        drop(rows);
         let block = |from: usize, to: usize, left: usize, right: usize| -> Result<Vec<f64>> {
             let mut found = try_room(WHAT, checked_len(WHAT, to - from, right - left)?)?;
             (from..to).for_each(|i| found.extend_from_slice(&r[i * width + left..i * width + right]));
@@ -177,8 +150,8 @@ impl Pilot {
             to.iter_mut().zip(along).for_each(|(to, value)| *to = value);
         }
         let tau = if ratio > SINGULAR { spectral_norm(&seen, d, d)? } else { f64::INFINITY };
-        let (model, difference) = (try_copy(WHAT, model)?, None);
-        Ok(Self { n, m, d, pairs, model, h, t, t0, root, ratio, tau, residual, rounding, difference })
+        let model = try_copy(WHAT, model)?;
+        Ok(Self { n, m, d, pairs, model, h, t, t0, root, ratio, tau, residual, rounding })
     }
 
     /// `H` (n, d).
@@ -295,19 +268,8 @@ impl Pilot {
         self.within(&self.event(covariance, (delta - noise, noise), both, stop)?)
     }
 
-    /// The models of an event with a declared difference: [`Difference::joined`].
-    pub(super) fn joined(&self, difference: &Difference, event: &Event, factor: f64) -> Result<Region> {
-        let sizes = (self.n, self.m, self.d);
-        difference.joined((&self.h, &self.t), sizes, (event.spectral, &event.covariance), factor)
-    }
-
     /// The models of an event.
     pub(super) fn within(&self, event: &Event) -> Result<Region> {
-        if let Some(difference) = &self.difference
-            && self.determined()
-        {
-            return self.joined(difference, event, 1.0);
-        }
         let (n, d) = (self.n, self.d);
         let [rows, columns] = [try_collect(WHAT, 0..n)?, try_collect(WHAT, 0..d)?];
         let known = event.covariance.iter().all(|v| v.is_finite());
@@ -327,7 +289,7 @@ impl Pilot {
 }
 
 /// The rows `(zeta, z, y)` (N, 2 d + n) of all pairs.
-pub(super) fn simulated(runs: MainRuns<'_>, simulation: Simulation<'_>, d: usize, stop: &Stop) -> Result<Vec<f64>> {
+fn simulated(runs: MainRuns<'_>, simulation: Simulation<'_>, d: usize, stop: &Stop) -> Result<Vec<f64>> {
     let (n, m, model) = (runs.n, runs.m, simulation.model);
     let (taken, width) = (2 * n + m, 2 * d + n);
     let pairs = runs.lengths.iter().try_fold(0usize, |sum, length| sum.checked_add(*length)).unwrap_or(0);

@@ -5,7 +5,6 @@ use faer::{Accum, MatMut, MatRef, Par};
 
 use crate::control::pseudoinverse;
 use crate::error::Result;
-use crate::fuse::norm;
 use crate::identify::{Symmetric, spectral_norm, squares, triangle};
 use crate::memory::{checked_len, try_collect, try_copy, try_room, try_zeros};
 use crate::parallel::Stop;
@@ -42,12 +41,6 @@ pub(super) fn in_units(covariance: &mut [f64], units: &[f64]) {
     for (row, own) in covariance.chunks_exact_mut(units.len()).zip(units) {
         row.iter_mut().zip(units).for_each(|(v, other)| *v /= own * other);
     }
-}
-
-/// The lengths of the d columns, 1 for those that are 0.
-pub(super) fn lengths(matrix: &[f64], d: usize) -> Result<Vec<f64>> {
-    let size = |j: usize| norm(matrix.iter().skip(j).step_by(d).copied());
-    try_collect(WHAT, (0..d).map(|j| Some(size(j)).filter(|size| *size > 0.0).unwrap_or(1.0)))
 }
 
 /// `(M^-1)'` (d, d) of a matrix with columns of these lengths, and the ratio of the singular values of it with columns of

@@ -7,11 +7,30 @@ use crate::memory::{checked_len, try_collect_all, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{Key, Purpose};
 
-use super::replicates::{Centre, write_model};
 use super::symmetric::covariance_root;
-use super::weighted_sums::BLOCK;
 
 const WHAT: &str = "the models of the law of the estimate";
+/// The most models that one thread makes at a time.
+const BLOCK: usize = 64;
+
+/// What becomes a model.
+#[derive(Debug, Clone, Copy)]
+pub struct Centre<'a> {
+    /// The model `H` (n, d).
+    pub model: &'a [f64],
+    /// `white` (rank, d) with `q = white z`.
+    pub white: &'a [f64],
+}
+
+/// `H + deviation white`, `deviation` the first `rank` columns of `lines`, which are `width` long.
+fn write_model(lines: &[f64], width: usize, centre: Centre<'_>, d: usize, model: &mut [f64]) {
+    model.copy_from_slice(centre.model);
+    for (row, deviation) in model.chunks_exact_mut(d).zip(lines.chunks_exact(width.max(1))) {
+        for (factor, white) in deviation.iter().zip(centre.white.chunks_exact(d)) {
+            row.iter_mut().zip(white).for_each(|(to, white)| *to += factor * white);
+        }
+    }
+}
 
 /// What is known of the covariance `Sigma` of the noise; the number is that of the degrees of freedom of the residuals.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

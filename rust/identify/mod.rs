@@ -16,15 +16,10 @@ mod legendre;
 mod levels;
 mod normal_norm;
 mod quantiles;
-mod replicates;
 mod residual_tests;
-mod robust_control;
-mod side_by_side;
-mod signs;
 mod symmetric;
 mod triangle;
 mod units;
-mod weighted_sums;
 
 pub use assumed::{Assumed, Covariance, Design, Method, Noise, Wish};
 pub use battery::{Declared, Explained, Given, Test, battery, noise_tests};
@@ -33,7 +28,7 @@ pub(crate) use confidence_radii::{By, Radius, adaptive, independent};
 pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit};
 pub(crate) use distributions::{level, positive_root, root};
 pub use estimate::{Data, Estimate};
-pub use estimate_law::{EstimateLaw, NoiseLaw};
+pub use estimate_law::{Centre, EstimateLaw, NoiseLaw};
 pub use kept::kept_quantiles;
 pub use least_squares::{Fitted, fit};
 pub(crate) use least_squares::{SLACK, cholesky, lengths, null_space};
@@ -45,12 +40,8 @@ pub use quantiles::{
     diagonal_quantile, joint_radii, log_multigamma, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,
     trace_quantile, wishart_quantile,
 };
-pub use replicates::{Centre, residual_models, weighted_models};
 pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
-pub use robust_control::robust_control;
-pub use signs::{SignTest, chance_of_infinity, sign_radii, sign_sizes, sign_statistics};
 pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm, squares};
 pub use triangle::{triangle, update};
 pub(crate) use units::Measured;
 pub use units::{MIXTURES, PRIOR_NOISE, Units, first_pairs};
-pub use weighted_sums::{Pairs, Weights};

@@ -443,13 +443,9 @@ fn call(name: &str) -> Option<Call> {
             })
         }
         "replicates" => {
-            let (rows, model, white) = (entries(150 * 30), entries(15 * 15), entries(15 * 15));
+            let (model, white) = (entries(15 * 15), entries(15 * 15));
             Box::new(move || {
-                let pairs = identify::Pairs::new(&rows, 15, 15, None)?;
                 let centre = identify::Centre { model: &model, white: &white };
-                let counts = identify::Weights::Counts(&key);
-                identify::weighted_models(&pairs, centre, counts, true, 70, 2, &stop)?;
-                identify::residual_models(&pairs, centre, &key, 3, 2, &stop)?;
                 let law = identify::EstimateLaw::new(centre, &white, identify::NoiseLaw::Full(40))?;
                 law.models(&key, 3, 2, &stop)?;
                 let (x0, inputs) = (&model[..15], &model[..3]);
@@ -465,9 +461,7 @@ fn call(name: &str) -> Option<Call> {
                     inputs,
                 };
                 let runs = NextRuns { starts: &model[..18], steps: 4, low: &[-1.0; 4], high: &[1.0; 4] };
-                next_runs(goal, runs, &key, &stop)?;
-
-                identify::sign_statistics(&pairs, identify::Weights::Signs(&key), 70, 2, &stop).map(drop)
+                next_runs(goal, runs, &key, &stop).map(drop)
             })
         }
         "residuals" => {

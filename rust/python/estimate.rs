@@ -4,15 +4,13 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::pybacked::PyBackedBytes;
 
-use super::convert::{array1, array2, key, slice};
+use super::convert::{array1, array2, slice};
 use super::error::InputError;
 use super::fitted::{PyFitted, copied};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
-use crate::Key;
-use crate::identify::{self, Assumed, Covariance, Data, Design, Estimate, Method, Noise, SignTest, Units, Wish};
+use crate::identify::{self, Assumed, Covariance, Data, Design, Estimate, Method, Noise, Units, Wish};
 use crate::memory::{try_collect, try_room};
 use crate::region::Region;
 
@@ -114,13 +112,6 @@ impl PyEstimate {
             run(py, UNTIL_STOPPED, |stop| Region::from_data(&self.estimate, assumed, wish, units, threads, stop))?;
         Ok(PyRegion(region))
     }
-
-    /// The ball around the set of a test of signs.
-    fn sign_region(&self, py: Python<'_>, test: SignOf<'_>, threads: usize) -> PyResult<PyRegion> {
-        let key = key(&test.5)?;
-        let test = sign_test(&test, &key)?;
-        Ok(PyRegion(run(py, UNTIL_STOPPED, |stop| Region::of_signs(&self.estimate, &test, threads, stop))?))
-    }
 }
 
 /// Sizes of states and inputs that were expected, or the estimate of the first part of the data.
@@ -129,9 +120,6 @@ enum UnitsOf<'py> {
     First(Bound<'py, PyEstimate>),
     Expected(Vector<'py>),
 }
-
-/// Pairs, a basis of the regressors, m, q and the key.
-type SignOf<'py> = (Matrix<'py>, Matrix<'py>, Matrix<'py>, usize, usize, PyBackedBytes);
 
 /// A covariance by its name, or the known one.
 pub(super) fn covariance<'a>(word: &str, known: Option<&'a Matrix<'_>>) -> PyResult<Covariance<'a>> {
@@ -145,38 +133,11 @@ pub(super) fn covariance<'a>(word: &str, known: Option<&'a Matrix<'_>>) -> PyRes
     }
 }
 
-fn sign_test<'a>(of: &'a SignOf<'_>, key: &'a Key) -> PyResult<SignTest<'a>> {
-    let (z, y, basis, m, q, _) = of;
-    let sizes = [z, y, basis].map(|one| one.as_array().dim().1);
-    let pairs = [slice("Z", z)?, slice("Y", y)?];
-    Ok(SignTest { pairs, basis: slice("basis", basis)?, sizes, of: (*m, *q), key })
-}
-
 /// How many of the first pairs `rows` `= [Z Y]` are to say the size of the others, d columns in Z; None: too few.
 #[pyfunction]
 pub(super) fn first_pairs(py: Python<'_>, rows: Matrix<'_>, d: usize, threads: usize) -> PyResult<Option<usize>> {
     let (width, values) = (rows.as_array().dim().1, slice("rows", &rows)?);
     run(py, 0.3 * (values.len() * width) as f64, |stop| identify::first_pairs(values, width, d, threads, stop))
-}
-
-/// Whether the exact set of a test of signs contains `theta` (n, d).
-#[pyfunction]
-pub(super) fn sign_contains(py: Python<'_>, test: SignOf<'_>, theta: Matrix<'_>, threads: usize) -> PyResult<bool> {
-    let (key, theta) = (key(&test.5)?, slice("Theta", &theta)?);
-    let test = sign_test(&test, &key)?;
-    run(py, UNTIL_STOPPED, |stop| test.contains(theta, threads, stop))
-}
-
-/// m and q with `q / m <= delta`.
-#[pyfunction]
-pub(super) fn sign_sizes(delta: f64) -> PyResult<(usize, usize)> {
-    Ok(identify::sign_sizes(delta)?)
-}
-
-/// P(one sign vector bounds nothing) for `d` columns in general position.
-#[pyfunction]
-pub(super) fn chance_of_infinity(size: usize, d: usize) -> f64 {
-    identify::chance_of_infinity(size, d)
 }
 
 /// What the event of a region of any design refers to: the mixtures, and the noise of the prior behind them.

@@ -1,13 +1,12 @@
 //! Identification from measured pairs: triangles, certificates, ensembles, tests.
 
-use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
+use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, key, slice};
 use super::error::{InputError, ShapeError};
-use super::run::{UNTIL_STOPPED, run, run_unstoppable};
-use crate::identify::{self, Centre, Pairs, Weights};
-use crate::memory::try_copy;
+use super::run::{UNTIL_STOPPED, run};
+use crate::identify;
 
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 type Vector<'py> = Bound<'py, PyArray1<f64>>;
@@ -43,84 +42,6 @@ pub(super) fn triangle_update<'py>(
     run(py, 0.3 * (size * k * k) as f64, |stop| identify::update(r, values, k, stop))
 }
 
-/// The `u` with the smallest `||H z - xf|| + beta ||white z||`, `z = (x0, u)` or `(x0, u, 1)`; `H` (n, d), `white` (rank, d).
-#[pyfunction]
-pub(super) fn robust_control<'py>(
-    py: Python<'py>,
-    h: PyReadonlyArray2<'py, f64>,
-    white: PyReadonlyArray2<'py, f64>,
-    x0: PyReadonlyArray1<'py, f64>,
-    xf: PyReadonlyArray1<'py, f64>,
-    offset: bool,
-    beta: f64,
-) -> PyResult<Vector<'py>> {
-    let ((n, d), (rank, columns)) = (h.as_array().dim(), white.as_array().dim());
-    if columns != d || xf.as_array().len() != n {
-        let found = format!("{columns} columns and {} entries", xf.as_array().len());
-        return Err(ShapeError::new_err(format!(
-            "`white` and `xf` must have {d} columns and {n} entries, got {found}"
-        )));
-    }
-    let cost = 20.0 * ((n + rank) * d) as f64 * (d + 60) as f64;
-    let [h, white] = [try_copy("H", slice("H", &h)?)?, try_copy("white", slice("white", &white)?)?];
-    let [x0, xf] = [try_copy("x0", slice("x0", &x0)?)?, try_copy("xf", slice("xf", &xf)?)?];
-    let u = run_unstoppable(py, cost, move || identify::robust_control(&h, &white, &x0, &xf, offset, beta))?;
-    array1(py, u)
-}
-
-/// A model and its `white` (rank, d).
-fn centre<'a>(h: &'a PyReadonlyArray2<'_, f64>, white: &'a PyReadonlyArray2<'_, f64>) -> PyResult<Centre<'a>> {
-    Ok(Centre { model: slice("H", h)?, white: slice("white", white)? })
-}
-
-/// Pairs `(q, e)` (N, rank + n), with the run of each where runs stay together.
-fn pairs<'a>(
-    rows: &'a PyReadonlyArray2<'_, f64>,
-    n: usize,
-    runs: Option<&'a PyReadonlyArray1<'_, u32>>,
-) -> PyResult<Pairs<'a>> {
-    let width = rows.as_array().dim().1;
-    if width < n {
-        return Err(ShapeError::new_err(format!("`rows` must have at least {n} columns, got {width}")));
-    }
-    let contiguous = |_| ShapeError::new_err("`runs` must be C-contiguous");
-    let runs = runs.map(|runs| runs.as_slice().map_err(contiguous)).transpose()?;
-    Ok(Pairs::new(slice("rows", rows)?, width - n, n, runs)?)
-}
-
-/// Models (size, n d) about `H` (n, d) from `rows` (N, rank + n) of whitened regressors and residuals: of `kind` "pairs"
-/// (NaN where a replicate has no estimate), "wild" or "residual". `weights` (size, N or runs) replace what `key` draws.
-#[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
-pub(super) fn bootstrap<'py>(
-    py: Python<'py>,
-    rows: PyReadonlyArray2<'py, f64>,
-    h: PyReadonlyArray2<'py, f64>,
-    white: PyReadonlyArray2<'py, f64>,
-    runs: Option<PyReadonlyArray1<'py, u32>>,
-    kind: &str,
-    size: usize,
-    key: &[u8],
-    weights: Option<PyReadonlyArray2<'py, f64>>,
-    threads: usize,
-) -> PyResult<Matrix<'py>> {
-    let (n, d) = h.as_array().dim();
-    let (pairs, centre, key) = (pairs(&rows, n, runs.as_ref())?, centre(&h, &white)?, self::key(key)?);
-    let given = weights.as_ref().map(|weights| slice("weights", weights)).transpose()?;
-    let models = run(py, UNTIL_STOPPED, |stop| match kind {
-        "pairs" => {
-            let weights = given.map_or(Weights::Counts(&key), Weights::Given);
-            identify::weighted_models(&pairs, centre, weights, true, size, threads, stop)
-        }
-        "wild" => {
-            let weights = given.map_or(Weights::Signs(&key), Weights::Given);
-            identify::weighted_models(&pairs, centre, weights, false, size, threads, stop)
-        }
-        _ => identify::residual_models(&pairs, centre, &key, size, threads, stop),
-    })?;
-    array2(py, models, size, n * d)
-}
-
 /// `(q (N, rank), residuals (N, n), leverages (N))` of the rows of `z` (N, d) and `y` (N, n) with `white` (rank, d).
 #[pyfunction]
 pub(super) fn residuals<'py>(
@@ -153,39 +74,4 @@ pub(super) fn residual_p_values<'py>(
         identify::residual_p_values(&found, n, draws, &key, threads, stop)
     })?;
     Ok((array1(py, p.into())?, array1(py, distances.into())?))
-}
-
-/// The radius (size) of each sign vector for pairs `rows` (N, rank + n), infinite where it bounds nothing. `signs` (size, N)
-/// replace what `key` draws.
-#[pyfunction]
-pub(super) fn sign_radii<'py>(
-    py: Python<'py>,
-    rows: PyReadonlyArray2<'py, f64>,
-    n: usize,
-    size: usize,
-    key: &[u8],
-    signs: Option<PyReadonlyArray2<'py, f64>>,
-    threads: usize,
-) -> PyResult<Vector<'py>> {
-    let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
-    let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
-    let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
-    array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_radii(&pairs, signs, size, threads, stop))?)
-}
-
-/// `||sum a e q'||_F` (size) of each sign vector for pairs `rows` (N, rank + n). `signs` (size, N) replace what `key` draws.
-#[pyfunction]
-pub(super) fn sign_statistics<'py>(
-    py: Python<'py>,
-    rows: PyReadonlyArray2<'py, f64>,
-    n: usize,
-    size: usize,
-    key: &[u8],
-    signs: Option<PyReadonlyArray2<'py, f64>>,
-    threads: usize,
-) -> PyResult<Vector<'py>> {
-    let (pairs, key) = (pairs(&rows, n, None)?, self::key(key)?);
-    let signs = signs.as_ref().map(|signs| slice("signs", signs)).transpose()?;
-    let signs = signs.map_or(Weights::Signs(&key), Weights::Given);
-    array1(py, run(py, UNTIL_STOPPED, |stop| identify::sign_statistics(&pairs, signs, size, threads, stop))?)
 }

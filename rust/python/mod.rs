@@ -52,9 +52,7 @@ mod _core {
     #[pymodule_export]
     use super::draws::{Draws, message_bits, sample_counts};
     #[pymodule_export]
-    use super::estimate::{
-        PyEstimate, chance_of_infinity, first_pairs, kept_quantiles, mixtures, sign_contains, sign_sizes,
-    };
+    use super::estimate::{PyEstimate, first_pairs, kept_quantiles, mixtures};
     #[pymodule_export]
     use super::feedback::{PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, widest_gain};
     #[pymodule_export]
@@ -73,9 +71,7 @@ mod _core {
     #[pymodule_export]
     use super::horizon_results::{Apart, HorizonControl};
     #[pymodule_export]
-    use super::identify::{
-        bootstrap, residual_p_values, residuals, robust_control, sign_radii, sign_statistics, triangle, triangle_update,
-    };
+    use super::identify::{residual_p_values, residuals, triangle, triangle_update};
     #[pymodule_export]
     use super::laws::{
         diagonal_quantile, f_upper, hull_between, hull_explained, hull_position, hull_radius, hull_share, joint_radii,

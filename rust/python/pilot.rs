@@ -7,14 +7,11 @@ use super::convert::{array1, array2, slice};
 use super::estimate::covariance;
 use super::region::{PyRegion, places};
 use super::run::{UNTIL_STOPPED, run};
-use crate::certificate::{Apart, MainRuns, Pilot, Reference, Shares, Simulation, Task};
+use crate::certificate::{MainRuns, Pilot, Reference, Shares, Simulation, Task};
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
-
-/// Rows `(x, u, x_next)`, and steps of each run.
-type Runs<'py> = (Matrix<'py>, PyReadonlyArray1<'py, i64>);
 
 const WHAT: &str = "a model by instruments";
 
@@ -33,8 +30,8 @@ pub(super) struct PyPilot {
 #[pyclass(frozen, module = "stochens_rs._core", name = "Reference")]
 pub(super) struct PyReference(Reference);
 
-/// `(target, reach, quantile, mismatch, rest, tube, components, difference)`.
-type FoundNear<'py> = (f64, f64, f64, f64, f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>, f64);
+/// `(target, reach, quantile, mismatch, rest, tube, components)`.
+type FoundNear<'py> = (f64, f64, f64, f64, f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
 #[pymethods]
 impl PyPilot {
@@ -57,44 +54,6 @@ impl PyPilot {
         let simulation = Simulation { model: slice("model", &model)?, feedback };
         let cost = (pairs * (2 * d + n).pow(2)) as f64;
         Ok(Self { pilot: run(py, cost, |stop| Pilot::new(runs, simulation, threads, stop))?, n, d })
-    }
-
-    /// The model of the runs and of those of an older plant (rows, lengths), and the weight of these; they are apart by eta or
-    /// along (scale, eta, directions), and `fixed` is the start and the inputs of a reference.
-    #[staticmethod]
-    #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
-    fn with_older(
-        py: Python<'_>,
-        newer: Runs<'_>,
-        older: Runs<'_>,
-        model: Matrix<'_>,
-        apart: (Vector<'_>, f64, Option<Matrix<'_>>),
-        covariance: Matrix<'_>,
-        fixed: Option<(Vector<'_>, Matrix<'_>)>,
-        weight: Option<f64>,
-        threads: usize,
-    ) -> PyResult<(Self, f64)> {
-        let (n, d) = model.as_array().dim();
-        let lengths = [places("lengths", &newer.1)?, places("lengths", &older.1)?];
-        let of = |rows: &'_ Matrix<'_>| rows.as_array().dim().1.saturating_sub(2 * n);
-        let runs = [
-            MainRuns { rows: slice("rows", &newer.0)?, lengths: &lengths[0], n, m: of(&newer.0) },
-            MainRuns { rows: slice("rows", &older.0)?, lengths: &lengths[1], n, m: of(&older.0) },
-        ];
-        let directions = match &apart.2 {
-            None => [].as_slice(),
-            Some(directions) => slice("directions", directions)?,
-        };
-        let apart = Apart { scale: slice("scale", &apart.0)?, eta: apart.1, directions };
-        let (model, covariance) = (slice("model", &model)?, slice("covariance", &covariance)?);
-        let fixed = match &fixed {
-            None => None,
-            Some((x0, inputs)) => Some((slice("x0", x0)?, slice("inputs", inputs)?)),
-        };
-        let found = run(py, UNTIL_STOPPED, |stop| {
-            Pilot::with_older(runs, model, apart, covariance, (fixed, weight), threads, stop)
-        })?;
-        Ok((Self { pilot: found.0, n, d }, found.1))
     }
 
     #[getter]
@@ -160,7 +119,6 @@ impl PyPilot {
             found.rest,
             array1(py, found.tube)?,
             array1(py, found.components)?,
-            found.difference,
         ))
     }
 }

@@ -285,10 +285,6 @@ impl PyRegion {
         Ok(self.0.spread(from, to)?)
     }
 
-    fn has_known(&self, theta: Matrix<'_>) -> PyResult<bool> {
-        Ok(self.0.has_known(slice("Theta", &theta)?)?)
-    }
-
     fn contains(&self, theta: Matrix<'_>) -> PyResult<bool> {
         Ok(self.0.contains(slice("Theta", &theta)?)?)
     }

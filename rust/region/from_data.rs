@@ -5,8 +5,8 @@ use std::sync::Arc;
 use crate::control::singular;
 use crate::error::{Error, Result};
 use crate::identify::{
-    Assumed, By, Covariance, Estimate, Fitted, Measured, Noise, Radius, SignTest, Units, Wish, adaptive, independent,
-    lengths, level, null_space,
+    Assumed, By, Covariance, Estimate, Fitted, Measured, Noise, Radius, Units, Wish, adaptive, independent, lengths,
+    level, null_space,
 };
 use crate::memory::{try_collect, try_copy, try_extend, try_push, try_room, try_zeros};
 use crate::parallel::Stop;
@@ -111,20 +111,6 @@ impl Region {
         }
         let region = Self::new(&estimate.model, n, estimate.m, parts, frobenius, wish.future > 0)?;
         Ok(region.with_noise(noise))
-    }
-
-    /// The ball around least squares that holds the set of a test of signs, for noise of symmetric law.
-    ///
-    /// # Errors
-    /// As [`Region::from_data`].
-    pub fn of_signs(estimate: &Estimate, test: &SignTest<'_>, threads: usize, stop: &Stop) -> Result<Self> {
-        let (n, block) = (estimate.n, &estimate.blocks[0]);
-        let radius = test.radius(&estimate.model, threads, stop)?;
-        let mut shape = try_zeros(WHAT, n * n)?;
-        shape.iter_mut().step_by(n + 1).for_each(|v| *v = 1.0);
-        let part = Arc::new(Part::around(block, &shape, radius.powi(2))?);
-        let radius = part.radius();
-        Self::new(&estimate.model, n, estimate.m, Vec::from([part]), Some(radius), false)
     }
 }
 

@@ -217,7 +217,7 @@ impl Region {
     ///
     /// # Errors
     /// [`Error::Shape`].
-    pub fn has_known(&self, theta: &[f64]) -> Result<bool> {
+    fn has_known(&self, theta: &[f64]) -> Result<bool> {
         if theta.len() != self.centre.len() {
             let found = theta.len().to_string();
             return Err(Error::Shape { name: "Theta", expected: format!("{} x {} entries", self.n, self.d), found });

@@ -54,7 +54,7 @@ def measured() -> se.Trajectories:
 
 @cache
 def model(count: int = 8) -> se.Model:
-    return se.identify(measured()[:count], sigma=0.005, rng=1)
+    return se.identify(measured()[:count], sigma=0.005)
 
 
 @cache

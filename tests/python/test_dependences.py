@@ -308,7 +308,7 @@ def test_tests_that_were_not_made_say_so(monkeypatch):
     assert model.check(99) is not None
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        tested = se.identify(se.Trajectories(x[:40], u[:39]), rng=1)
+        tested = se.identify(se.Trajectories(x[:40], u[:39]))
     assert tested.checks is not None
 
 

@@ -600,7 +600,7 @@ def test_models_of_states_cannot_be_weighed_by_readings():
 
 def test_models_about_an_estimate_are_refused_unless_declared():
     own = se.identify(some())
-    cloud = own.bootstrap(5, rng=1)
+    cloud = own.draw(5, rng=1)
     with pytest.raises(InputError, match=r"scatters about an estimate from data.*independent=True"):
         se.fuse(cloud, "alse", data=some(2), design="independent")
     with warnings.catch_warnings():

@@ -14,10 +14,9 @@ from identification_data import POINT, THETA, Y, Z, check, independent, noisy_st
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
 from twin import anytime as at
-from twin import laws, signs
+from twin import laws
 from twin import quantiles as qu
 from twin import regions as rg
-from twin import resampling as rs
 from twin import residual_tests as rt
 from twin import triangle as tr
 
@@ -259,53 +258,6 @@ def test_pooled_data_are_the_data():
     check(fixed(halves).region(DELTA).radius, fixed().region(DELTA).radius, rtol=1e-12)
 
 
-# -- signs -----------------------------------------------------------------------------------------
-
-
-def drawn_signs(region):
-    """The sign vectors of a region of N < 50 pairs, each up to its own sign, which never matters.
-
-    ``|sum a_t 2^t|`` tells all signs.
-    """
-    N = len(region.signs.Z)
-    rows = np.column_stack([np.ones(N), 2.0 ** np.arange(N)])
-    size, key = region.signs.size - 1, bytes(region.signs.key)
-    sums = _core.sign_statistics(rows, 1, size, key, None, 1)
-    bits = ((sums + 2.0**N - 1.0) / 2.0).astype(np.int64)
-    vectors = (bits[:, None] >> np.arange(N) & 1) * 2.0 - 1.0
-    np.testing.assert_array_equal(vectors @ rows[:, 1], sums)
-    return vectors
-
-
-def test_sign_perturbed_sums_are_those_of_the_twin():
-    gen = np.random.default_rng(6)
-    _, z, _ = independent(gen, n=2, d=3, N=40)
-    y = z @ THETA.T + 0.1 * gen.standard_t(1.5, (40, 2))
-    data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
-    region = fixed(data, noise="symmetric", checks=False, rng=1).region(DELTA)
-    vectors = drawn_signs(region)
-    twin = signs.ellipsoid(z, y, vectors, 5)
-    check(region.radius, rg.radius(twin), rtol=1e-6)
-    check(region.frobenius, region.radius)
-    for X in np.random.default_rng(7).standard_normal((60, 2, 3)):
-        other = twin.fitted.H + 0.3 * region.radius * X @ twin.fitted.white
-        errors = y - z @ other.T
-        own = signs.contains(errors, z @ twin.fitted.white.T, vectors, 5, gen)
-        assert region.contains(other[:, :2], other[:, 2:]) == own
-    assert "5 of 100 sign vectors, each without a bound with probability 1.5e-09" in (
-        region.assumption
-    )
-
-
-def test_sign_vectors_are_drawn_once_for_a_model():
-    model = fixed(noise="symmetric")
-    first, second = drawn_signs(model.region(0.1)), drawn_signs(model.region(0.1))
-    np.testing.assert_array_equal(first, second)
-    small = model.region(0.001).signs
-    assert (small.size, small.largest) == (1000, 1)
-    assert fixed(noise="symmetric").key != model.key
-
-
 # -- data that do not determine the model ----------------------------------------------------------
 
 
@@ -333,8 +285,6 @@ def test_what_the_data_do_not_show_is_named_and_has_no_bound():
     assert region.contains(TRUE[0] + K, TRUE[1] + [[1.0], [2.5]])
     assert "infinite along pos + 0.5 force" in repr(region)
     with pytest.raises(InputError, match="do not determine the model along pos"):
-        model.bootstrap(5)
-    with pytest.raises(InputError, match="do not determine"):
         model.draw(5)
 
 
@@ -422,11 +372,6 @@ REFUSED = {
         lambda: fixed(runs_of_two_steps()),
         "`design` must be 'adaptive' for runs of several steps",
     ),
-    "signs in closed loop": (
-        lambda: se.identify(DATA, noise="symmetric"),
-        "`noise` must not be 'symmetric' with design='adaptive'",
-    ),
-    "signs with sigma": (lambda: fixed(noise="symmetric", sigma=1.0), "uses no `covariance`"),
     "sub-Gaussian": (lambda: se.identify(DATA, noise="sub-gaussian"), "`sigma` must be given for"),
     "bounded": (
         lambda: se.identify(DATA, noise="bounded", covariance=np.eye(2)),
@@ -503,62 +448,6 @@ def test_regions_that_are_not_known_are_refused(what):
 # -- ensembles -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("method", ["pairs", "residual", "wild", "trajectories"])
-def test_bootstrap_models_have_the_moments_of_the_twin(method):
-    """Mean and covariance of the twin's models, up to five standard errors."""
-    _, z, y = independent(np.random.default_rng(15), n=2, d=3, N=30)
-    data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
-    model, size = fixed(data, checks=False), 4000
-    found = model.bootstrap(size, method=method, rng=1)
-    gen = np.random.default_rng(16)
-    if method in ("pairs", "trajectories"):
-        twin = rs.weighted_models(z, y, rs.bootstrap_counts(30, size, gen))
-    else:
-        twin = rs.residual_models(z, y, size, gen, signs=method == "wild")
-    mine = np.concatenate([found.A, found.B], axis=2).reshape(size, -1)
-    other = twin.reshape(size, -1)
-    deviation = other.std(axis=0)
-    assert np.all(abs(mine.mean(0) - other.mean(0)) < 5 * deviation * np.sqrt(2 / size))
-    ratio = mine.std(axis=0) / deviation
-    assert np.all(abs(ratio - 1) < 0.15)
-    assert found.centre == "estimate"
-    assert f"bootstrap of {method}" in found.about
-
-
-def test_residual_models_scatter_as_much_as_the_noise_of_all_unknowns():
-    """``E ||(M - H) V^1/2||^2 = d sum |e - mean|^2 / nu``, twice that without sqrt(N / nu).
-
-    N = 2 nu. 4000 models, sums of 12 squares each: the mean is within 5 %, 7 standard errors.
-    """
-    _, z, y = independent(np.random.default_rng(15), n=2, d=6, N=12)
-    model = fixed(se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y), checks=False)
-    found = model.bootstrap(4000, method="residual", rng=1)
-    m = tr.fit(tr.triangle(z, y))
-    away = np.concatenate([found.A, found.B], axis=2) - m.H
-    e = y - z @ m.H.T
-    expected = 6 * np.sum((e - e.mean(axis=0)) ** 2) / 6
-    squares = np.sum((away @ m.root.T) ** 2, axis=(1, 2))
-    assert squares.mean() == pytest.approx(expected, rel=0.05)
-
-
-def test_resamples_without_an_estimate_are_left_out_and_counted():
-    found = fixed(longer(N=4)[2], checks=False).bootstrap(500, rng=2)
-    # 3 or 4 different ones of 4 pairs: 1 - (4 + 84) / 256 of all resamples
-    assert abs(found.size - 500 * (1 - 88 / 256)) < 4.5 * np.sqrt(500 * 0.344 * 0.656)
-    assert f"{500 - found.size} of 500 left out" in found.about
-
-
-def test_whole_runs_are_resampled_together():
-    """Two runs: a resample has the first, the second, or both."""
-    gen = np.random.default_rng(17)
-    data = se.Trajectories(gen.standard_normal((2, 9, 1)), gen.standard_normal((2, 8, 1)))
-    found = se.identify(data, checks=False).bootstrap(200, method="trajectories", rng=3)
-    each = [theta(se.identify(part, checks=False)) for part in (data[:1], data[1:], data)]
-    three = {tuple(np.round(one.ravel(), 9)) for one in each}
-    models = np.concatenate([found.A, found.B], axis=2).reshape(200, -1)
-    assert {tuple(np.round(one, 9)) for one in models} == three
-
-
 @pytest.mark.parametrize(
     "options", [{}, {"covariance": "diagonal"}, {"covariance": "scalar"}, {"sigma": 0.3}]
 )
@@ -582,21 +471,19 @@ def test_drawn_models_have_the_covariance_of_their_law(options):
 
 def test_ensembles_repeat_with_their_key_and_keep_offset_and_known_columns():
     model = fixed(intercept=True, known_B=[[0.0], [1.0]])
-    for make in (model.bootstrap, model.draw):
-        found = make(20, rng=5)
-        assert found == make(20, rng=5)
-        assert found != make(20, rng=6)
-        assert found.c.shape == (20, 2)
-        np.testing.assert_array_equal(found.B, np.tile([[0.0], [1.0]], (20, 1, 1)))
-    more = model.bootstrap(40, rng=5)
-    np.testing.assert_array_equal(more.A[:20], model.bootstrap(20, rng=5).A)
+    found = model.draw(20, rng=5)
+    assert found == model.draw(20, rng=5)
+    assert found != model.draw(20, rng=6)
+    assert found.c.shape == (20, 2)
+    np.testing.assert_array_equal(found.B, np.tile([[0.0], [1.0]], (20, 1, 1)))
+    np.testing.assert_array_equal(model.draw(40, rng=5).A[:20], found.A)
 
 
 def test_ensembles_that_would_mislead_are_refused():
     with pytest.raises(InputError, match="single known entries"):
         fixed(known_B=[[0.0], [np.nan]]).draw(3)
     with pytest.raises(InputError, match="needs noise='gaussian'"):
-        fixed(noise="symmetric").draw(3)
+        fixed(noise="bounded", sigma=1.0).draw(3)
 
 
 # -- records ---------------------------------------------------------------------------------------
@@ -611,10 +498,10 @@ def test_models_and_regions_pickle():
     np.testing.assert_array_equal(theta(other), theta(model))
     assert (other.state_names, other.input_names, other.dt) == (("p", "v"), ("f",), 0.1)
     assert other.checks.p_values == model.checks.p_values
-    for region in (model.region(DELTA), fixed(noise="symmetric", rng=1).region(DELTA)):
-        same_region = pickle.loads(pickle.dumps(region))
-        assert same_region.radius == region.radius
-        assert same_region.contains(*TRUE) == region.contains(*TRUE)
+    region = model.region(DELTA)
+    same_region = pickle.loads(pickle.dumps(region))
+    assert same_region.radius == region.radius
+    assert same_region.contains(*TRUE) == region.contains(*TRUE)
     kind, parts = model.__reduce__()
     with pytest.raises(ShapeError, match="`triangle` must have shape"):
         kind(parts[0], np.eye(3), *parts[2:])
@@ -667,27 +554,6 @@ ASSUMPTIONS = {
 @pytest.mark.parametrize("said", ASSUMPTIONS)
 def test_the_assumption_is_said_in_words(said):
     assert ASSUMPTIONS[said]().region(DELTA).assumption == said
-
-
-@pytest.mark.parametrize("method", ["pairs", "residual", "wild", "trajectories"])
-def test_rows_with_known_entries_are_resampled_together(method):
-    """Each row is that of a model with whole known columns, of the same resamples."""
-    _, _, data = longer(N=60)
-    options = {"checks": False, "design": "adaptive"}
-    some = se.identify(data, known_B=[[np.nan], [1.5]], **options)
-    free, fixed_B = (
-        se.identify(data, **options),
-        se.identify(data, known_B=[[1.5], [1.5]], **options),
-    )
-    models, first, second = (
-        one.bootstrap(300, method=method, rng=4) for one in (some, free, fixed_B)
-    )
-    assert len(models) == len(first) == len(second) == 300
-    np.testing.assert_allclose(models.A[:, 0], first.A[:, 0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(models.B[:, 0], first.B[:, 0], rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(models.A[:, 1], second.A[:, 1], rtol=1e-9, atol=1e-12)
-    assert (models.B[:, 1] == 1.5).all()
-    assert models.A.std(axis=0).min() > 0.0
 
 
 @pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")

@@ -12,7 +12,6 @@ from twin import fusing_by_data as fd
 from twin import quantiles as qu
 from twin import regions as rg
 from twin import residual_tests as rt
-from twin import signs
 from twin import triangle as tr
 
 
@@ -200,16 +199,3 @@ def test_a_changing_covariance_breaks_the_region_of_one_covariance():
     failed = failures(case, runs, 70)
     assert coverage(failed[0], runs) < 0.6
     at_most(failed[1], runs)
-
-
-def test_sign_vectors_must_not_be_filtered():
-    runs = 700
-
-    def failed(gen):
-        z, w = gen.standard_normal((6, 3)), gen.standard_normal((6, 1))
-        basis = np.linalg.qr(z)[0]
-        vectors = signs.sign_vectors(200, 6, gen)
-        bounded = [a for a in vectors if 3 <= np.sum(a > 0) <= 3][:9]
-        return not signs.contains(w, basis, np.array(bounded), 1, gen)
-
-    assert coverage(failures(failed, runs, 71), runs) < 0.9 - 4 * np.sqrt(0.09 / runs)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import special, stats
+from scipy import special
 
 from core_regions import core_region
 from coverage_study import DELTA, exactly
@@ -14,10 +14,7 @@ from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
 from twin import anytime as at
 from twin import certified_control as cc
 from twin import quantiles as qu
-from twin import regions as rg
-from twin import resampling as rs
 from twin import residual_tests as rt
-from twin import signs as sg
 from twin import triangle as tr
 
 
@@ -262,112 +259,6 @@ def test_missing_directions_of_states_make_steps_infinite(gen, gain):
 # -- the input with the smallest certificate -------------------------------------------------------
 
 
-def value_and_bound(H, white, x0, xf, offset, beta, u):
-    """The sum of norms at u, a lower bound of it for all u by duality, and what rounding u changes.
-
-    max <g, a> + beta <w, b> over ||g||, ||w|| <= 1, G'g + beta L'w = 0. The gradients at u nearly
-    are such (g, w); where a residual is 0 its part is what the other asks for. Projected and shrunk
-    they are feasible.
-    """
-    z = np.concatenate([x0, u, np.ones(int(offset))])
-    inputs = slice(len(x0), len(x0) + len(u))
-    z0 = z.copy()
-    z0[inputs] = 0.0
-    r, s = H @ z - xf, beta * white @ z
-    G, L = H[:, inputs], beta * white[:, inputs]
-    both, fixed = np.vstack([G, L]), np.concatenate([H @ z0 - xf, beta * white @ z0])
-    lengths = np.linalg.norm(both, axis=0)
-    U, sigma, _ = np.linalg.svd(both / np.where(lengths > 0.0, lengths, 1.0))
-    U = U[:, : int(np.sum(sigma > 1e-12))]
-    g, w = r / np.linalg.norm(r), s / np.linalg.norm(s)
-    best = 0.0
-    for pair in (
-        (g, w),
-        (-np.linalg.pinv(G.T) @ (L.T @ w), w),
-        (g, -np.linalg.pinv(L.T) @ (G.T @ g)),
-    ):
-        both = np.concatenate(pair)
-        both -= U @ (U.T @ both)
-        longest = max(1.0, np.linalg.norm(both[: len(r)]), np.linalg.norm(both[len(r) :]))
-        best = max(best, both @ fixed / longest)
-    rounding = np.finfo(float).eps * (np.abs(fixed).sum() + lengths @ np.abs(u))
-    return np.linalg.norm(r) + np.linalg.norm(s), best, rounding
-
-
-@pytest.mark.parametrize("beta", [1e-9, 1e-2, 0.3, 1.0, 10.0, 1e6])
-@pytest.mark.parametrize(
-    "case", ["few", "many", "square", "offset", "units", "sparse", "collinear"]
-)
-def test_robust_controls_are_optimal(gen, case, beta):
-    for _ in range(20):
-        n, m = {"few": (5, 2), "many": (2, 6), "sparse": (6, 4)}.get(case, (3, 3))
-        offset = case == "offset"
-        _, z, y = independent(gen, n=n, d=n + m + offset, N=40)
-        if offset:
-            z[:, -1] = 1.0
-        if case == "units":
-            z, y = z * np.geomspace(1e-9, 1e9, n + m), y * 1e5
-        if case == "sparse":
-            z, y = z * (gen.random(z.shape) < 0.2), y * (gen.random(y.shape) < 0.2)
-            z[:, n] = 0.0
-        if case == "collinear":
-            z[:, -1] = z[:, -2] + 1e-6 * z[:, -1]
-        fitted = fitted_to(z, y)
-        x0, xf = gen.standard_normal(n), gen.standard_normal(n)
-        u = core.robust_control(fitted.H, fitted.white, x0, xf, offset, beta)
-        value, bound, rounding = value_and_bound(fitted.H, fitted.white, x0, xf, offset, beta, u)
-        assert bound <= value * (1.0 + 1e-9) + 100.0 * rounding
-        assert value <= bound * (1.0 + 1e-9) + 100.0 * rounding
-
-
-def test_robust_controls_agree_with_clarabel(gen):
-    pytest.importorskip("clarabel")
-    for n, m, offset in ((3, 2, False), (2, 4, True), (6, 6, False)):
-        _, z, y = independent(gen, n=n, d=n + m + offset, N=30)
-        if offset:
-            z[:, -1] = 1.0
-        region = rg.full(tr.triangle(z, y), DELTA)
-        x0, xf = gen.standard_normal(n), 3.0 * gen.standard_normal(n)
-        white = np.ascontiguousarray(region.fitted.white)
-        H = np.ascontiguousarray(region.fitted.H)
-        u = core.robust_control(H, white, x0, xf, offset, rg.radius(region))
-        theirs = cc.robust_control(region, x0, xf, offset=offset)
-        ours = cc.one_step(region, x0, u, xf).certificate
-        assert ours <= cc.one_step(region, x0, theirs, xf).certificate * (1.0 + 1e-12)
-        check(u, theirs, rtol=0, atol=1e-3)  # of a value that is known to 1e-8
-
-
-def test_robust_controls_without_uncertainty_are_least_squares(gen):
-    """And among all u that come as close, the one whose z the data know best."""
-    _, z, y = independent(gen, n=2, d=7, N=30)
-    fitted, x0, xf = fitted_to(z, y), np.ones(2), np.array([3.0, -1.0])
-    u = core.robust_control(fitted.H, fitted.white, x0, xf, False, 0.0)
-    check(fitted.H @ np.r_[x0, u], xf, atol=1e-12)
-    G, L = fitted.H[:, 2:], fitted.white[:, 2:]
-    null = np.linalg.svd(G)[2][2:].T
-    assert np.abs(null.T @ L.T @ fitted.white @ np.r_[x0, u]).max() < 1e-12
-    tall = fitted_to(z[:, :3], z[:, 3:])
-    u = core.robust_control(tall.H, tall.white, np.ones(2), np.ones(4), False, 0.0)
-    expected = np.linalg.lstsq(tall.H[:, 2:], 1.0 - tall.H[:, :2] @ np.ones(2), rcond=None)[0]
-    check(u, expected, rtol=1e-12)
-
-
-def test_robust_controls_refuse():
-    H, x0, xf = FIT.H, np.zeros(2), np.zeros(2)
-    for beta in (-1.0, np.inf, np.nan):
-        with pytest.raises(InputError, match="beta"):
-            core.robust_control(H, FIT.white, x0, xf, False, beta)
-    with pytest.raises(NonFiniteError, match="xf"):
-        core.robust_control(H, FIT.white, x0, np.array([1.0, np.inf]), False, 1.0)
-    for short in ((np.zeros(3), xf, False), (x0, xf, True), (x0, np.zeros(3), False)):
-        with pytest.raises(ShapeError):
-            core.robust_control(H, FIT.white, *short, 1.0)
-    with pytest.raises(ShapeError):
-        core.robust_control(H, FIT.white[:, :2].copy(), x0, xf, False, 1.0)
-    # no work for the bisection: all of it 0
-    assert np.array_equal(core.robust_control(0.0 * H, 0.0 * FIT.white, x0, xf, False, 1.0), [0.0])
-
-
 # -- replicates ------------------------------------------------------------------------------------
 
 KEY = bytes(range(32))
@@ -379,12 +270,6 @@ def whitened(z, y):
     return fitted, q, e, h
 
 
-def replicates(fitted, q, e, kind, size, weights=None, runs=None, threads=1):
-    rows = np.hstack([q, e])
-    found = core.bootstrap(rows, fitted.H, fitted.white, runs, kind, size, KEY, weights, threads)
-    return found.reshape(size, *fitted.H.shape)
-
-
 def test_residuals_and_leverages(gen):
     _, z, y = independent(gen, N=200)
     fitted, q, e, h = whitened(z, y)
@@ -393,83 +278,21 @@ def test_residuals_and_leverages(gen):
     check(h, tr.leverages(z), atol=1e-13)
 
 
-def test_models_with_given_weights(gen):
-    _, z, y = independent(gen, N=50)
-    fitted, q, e, _h = whitened(z, y)
-    counts = rs.bootstrap_counts(50, 130, gen).astype(float)
-    found = replicates(fitted, q, e, "pairs", 130, counts)
-    check(found, rs.weighted_models(z, y, counts), rtol=1e-10, atol=1e-11)
-    # whole runs
-    runs = np.repeat(np.arange(10), 5).astype(np.uint32)
-    counts = rs.bootstrap_counts(10, 40, gen).astype(float)
-    found = replicates(fitted, q, e, "pairs", 40, counts, runs)
-    check(found, rs.weighted_models(z, y, counts[:, runs]), rtol=1e-9, atol=1e-10)
-    few = replicates(fitted, q, e, "pairs", 1, np.eye(50)[:1] * 50.0)
-    assert np.all(np.isnan(few))
-
-
-def test_models_of_the_data_set():
-    fitted, q, e, _ = whitened(Z, Y)
-    counts = np.array([[2, 0, 1, 0, 3, 1, 1, 0, 1, 0, 2, 1.0]])
-    model = replicates(fitted, q, e, "pairs", 1, counts)[0]
-    check(model, [[0.91869790702, 0.195814039637, -0.00807556955],
-                  [-0.03629460001, 0.760799979794, 0.996257724494]], atol=6e-12)  # fmt: skip
-
-
-def test_laws_of_the_replicates():
-    fitted, q, e, h = whitened(Z, Y)
+def test_the_law_of_drawn_models():
+    fitted = fitted_to(Z, Y)
     size = 40_000
-    centred = (e - e.mean(axis=0)) * np.sqrt(12 / fitted.nu)
     V = fitted.white.T @ fitted.white
     law = fitted.H, fitted.white, fitted.S, "full", fitted.nu
     draws = core.estimate_draws(law, size, KEY, 1)
-    for models, spread in [
-        (
-            replicates(fitted, q, e / np.sqrt(1 - h)[:, None], "wild", size),
-            rs.wild_covariance(Z, Y),
-        ),
-        (draws.reshape(size, 2, 3), np.kron(V, fitted.S / (fitted.nu - 3))),
-        (replicates(fitted, q, centred, "residual", size), np.kron(V, centred.T @ centred / 12)),
-    ]:
-        error = models.mean(axis=0) - fitted.H
-        assert np.all(np.abs(error) < 5 * models.std(axis=0) / np.sqrt(size))
-        found = np.cov(models.transpose(0, 2, 1).reshape(size, -1).T)
-        scale = np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
-        assert np.max(np.abs(found - spread) / scale) < 0.05
-    pairs = replicates(fitted, q, e, "pairs", size)
-    own = rs.weighted_models(Z, Y, rs.bootstrap_counts(12, 4000, np.random.default_rng(1)))
-    # some take too few different pairs
-    pairs, own = (models[np.isfinite(models[:, 0, 0])] for models in (pairs, own))
-    assert abs(len(pairs) / size - len(own) / 4000) < 5 * np.sqrt(0.01 / 4000)
-    for i, j in np.ndindex(2, 3):
-        assert stats.ks_2samp(pairs[:, i, j], own[:, i, j]).pvalue > 1e-5
+    models, spread = draws.reshape(size, 2, 3), np.kron(V, fitted.S / (fitted.nu - 3))
+    error = models.mean(axis=0) - fitted.H
+    assert np.all(np.abs(error) < 5 * models.std(axis=0) / np.sqrt(size))
+    found = np.cov(models.transpose(0, 2, 1).reshape(size, -1).T)
+    scale = np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
+    assert np.max(np.abs(found - spread) / scale) < 0.05
 
 
-@pytest.mark.parametrize("kind", ["pairs", "wild", "residual"])
-def test_threads_change_no_replicate(kind):
-    fitted, q, e, _ = whitened(Z, Y)
-    one = replicates(fitted, q, e, kind, 3000)
-    assert np.array_equal(one, replicates(fitted, q, e, kind, 3000, threads=2), equal_nan=True)
-    assert np.array_equal(one[:90], replicates(fitted, q, e, kind, 90), equal_nan=True)
-
-
-# -- signs and tests of residuals ------------------------------------------------------------------
-
-
-def test_radii_of_sign_vectors(gen):
-    _, z, y = independent(gen, N=30)
-    _fitted, q, e, _ = whitened(z, y)
-    signs = sg.sign_vectors(80, 30, gen)
-    rows = np.hstack([q, e])
-    check(core.sign_radii(rows, 4, 79, KEY, signs, 1), sg.radii(z, y, signs), rtol=1e-9)
-    expected = sg.statistics(e, q, signs)
-    check(core.sign_statistics(rows, 4, 79, KEY, signs, 1), expected, rtol=1e-10)
-    drawn = core.sign_radii(rows, 4, 79, KEY, None, 1)
-    assert np.array_equal(drawn, core.sign_radii(rows, 4, 79, KEY, None, 2))
-    few = np.hstack(
-        whitened(z[:8], y[:8])[1:3]
-    )  # 8 pairs, 6 directions: one sign is in the minority
-    assert np.all(np.isinf(core.sign_radii(few, 4, 50, KEY, None, 1)))
+# -- tests of residuals ----------------------------------------------------------------------------
 
 
 def test_p_values_of_residuals(gen):

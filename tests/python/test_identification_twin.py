@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 from scipy import stats
@@ -14,7 +12,7 @@ from twin import anytime as at
 from twin import certified_control as cc
 from twin import fusing_by_data as fd
 from twin import input_error as ie
-from twin import laws, signs
+from twin import laws
 from twin import polynomial_roots as pr
 from twin import quantiles as qu
 from twin import regions as rg
@@ -213,35 +211,6 @@ def test_gaussian_noise_in_one_dimension_is_put_together_as_stated():
     check(at.gaussian_noise(longer, 0.05).factor, rho2 / (a - rho2))
 
 
-EIGHT_SIGNS = np.array([[1.0, *rest] for rest in itertools.product([1.0, -1.0], repeat=3)])
-
-
-def test_sign_perturbed_sums():
-    z, y = np.array([[1.0], [2.0], [-1.0], [3.0]]), np.array([[1.0], [3.0], [-1.0], [2.0]])
-    check(tr.fit(tr.triangle(z, y)).H, [[14 / 15]], rtol=1e-14)
-    r = [np.inf, 1.549193338483, 0.258198889747, 1.807392228230,
-         2.194690562851, 0.258198889747, 1.807392228230, 0.258198889747]  # fmt: skip
-    check(signs.radii(z, y, EIGHT_SIGNS), r, rtol=1e-11)
-    check(signs.sign_radius(1.3, 0.4), 1.3 / 0.6, rtol=1e-13)
-    check(signs.chance_of_infinity(15, 4), 0.03515625, rtol=1e-14)
-    check(signs.chance_of_infinity(12, 3), 0.03857421875, rtol=1e-14)
-    assert rg.radius(signs.ellipsoid(z, y, EIGHT_SIGNS, 1)) == np.inf
-    check(rg.radius(signs.ellipsoid(z, y, EIGHT_SIGNS, 2)), 2.194690562851, rtol=1e-11)
-
-
-def test_radius_of_a_sign_vector_is_the_maximum():
-    gen = np.random.default_rng(5)
-    s, K = gen.standard_normal((3, 2)), np.array([[0.5, 0.2], [0.2, -0.6]])
-    radius = signs.sign_radius(s, K)
-    X = gen.standard_normal((20_000, 3, 2))
-    X /= np.linalg.norm(X, axis=(1, 2), keepdims=True)
-    # on the ray r X:  r^2 = ||s - r X K||^2
-    XK = X @ K
-    a, b = 1 - np.sum(XK**2, axis=(1, 2)), np.sum(s * XK, axis=(1, 2))
-    r = (-b + np.sqrt(b * b + a * np.sum(s * s))) / a
-    assert 0.97 * radius < r.max() <= radius * (1 + 1e-9)
-
-
 def steps_of_the_data_set(**options):
     u = [[0.5], [0.0], [-0.5]]
     return cc.several_steps(FIT, [1.0, -1.0], u, spectral=np.sqrt(1.2), **options)
@@ -318,13 +287,6 @@ def test_leave_one_out_is_the_fit_without_the_pair():
 
 
 def test_ensembles_from_data():
-    check(rs.residual_shift(Z, Y), [[-0.000116785529, -0.000104686127, -0.000144140697],
-                                    [-0.004277269983, -0.003834129399, -0.005279153042]],
-          atol=6e-13)  # fmt: skip
-    counts = [2, 0, 1, 0, 3, 1, 1, 0, 1, 0, 2, 1]
-    model = rs.weighted_models(Z, Y, [counts])[0]
-    check(model, [[0.91869790702, 0.195814039637, -0.00807556955],
-                  [-0.03629460001, 0.760799979794, 0.996257724494]], atol=6e-12)  # fmt: skip
     S = [[0.075526894866, 0.00711002445], [0.00711002445, 0.010404645477]]
     check(FIT.S / (FIT.nu - 3), S, atol=6e-13)
     check(qu.order_quantile(np.arange(1.0, 20.0), 0.05), 19.0)
@@ -340,17 +302,12 @@ def test_laws_of_the_ensembles():
     V = FIT.white.T @ FIT.white
     for models, mean, spread in [
         (rs.region_draws(FIT, size, gen), FIT.H, np.kron(V, FIT.S / (FIT.nu - 3))),
-        (rs.residual_models(Z, Y, size, gen, signs=True), FIT.H, rs.wild_covariance(Z, Y)),
-        (rs.residual_models(Z, Y, size, gen), FIT.H, None),
-        (rs.residual_models(Z, Y, size, gen, centred=False), FIT.H + rs.residual_shift(Z, Y), None),
     ]:
         error = models.mean(axis=0) - mean
         assert np.all(np.abs(error) < 5 * models.std(axis=0) / np.sqrt(size))
         if spread is not None:
             scale = np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
             assert np.max(np.abs(covariance(models) - spread) / scale) < 0.05
-    few = rs.weighted_models(Z, Y, [[6, 6] + [0] * 10])
-    assert np.all(np.isnan(few))
 
 
 def test_pooling_beats_every_weight():

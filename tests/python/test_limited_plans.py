@@ -67,8 +67,6 @@ def test_a_model_with_an_offset(gen):
     for inputs in plan.u:
         states.append(model.A @ states[-1] + model.B @ inputs + model.c)
     np.testing.assert_allclose(plan.predicted_states, states, rtol=1e-12)
-    with pytest.raises(InputError, match="`guarantee` must be left out with limits"):
-        se.control(model, x0, xf, guarantee=0.05, limits=(-1.0, 1.0))
 
 
 # -- the plan --------------------------------------------------------------------------------------

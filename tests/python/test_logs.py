@@ -164,15 +164,7 @@ def test_several_steps_are_the_first_without_a_gap_of_each_run(K):
         data.k_step(40, open_loop=True)
 
 
-def test_runs_are_resampled_whole():
-    """Two runs, one in many pieces: a resample of runs has one, the other, or both."""
-    columns = several(np.random.default_rng(11), runs=2, lost=0.2)
-    model = se.identify(read(columns), checks=False)
-    drawn = model.bootstrap(60, method="trajectories", rng=1)
-    assert len(np.unique(drawn.A.round(9), axis=0)) <= 3
-
-
-def test_a_run_with_gaps_is_no_held_out_run():
+def test_a_run_with_gaps_is_no_held_out_run_and_no_design():
     gen = np.random.default_rng(12)
     data = read(several(gen, lost=0.2))
     plan = se.control((np.eye(2) / 2, np.ones((2, 1))), [1.0, 0.0], [0.0, 0.0], steps=2)

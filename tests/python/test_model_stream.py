@@ -387,7 +387,6 @@ def test_bad_pairs_are_refused_before_any_is_taken_in():
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"noise": "symmetric", "design": "independent"}, "must not be 'symmetric'"),
         ({"noise": "bounded", "sigma": 1.0, "design": "independent"}, "must be 'adaptive'"),
         ({"noise": "bounded"}, "`sigma` must be given"),
         ({"first": 10}, "`first` needs design='independent'"),
@@ -523,7 +522,6 @@ WRONG = [
 ]  # fmt: skip
 DECLARED = [
     {"noise": "bounded"},  # without sigma
-    {"noise": "symmetric"},
     {"covariance": "known"},
     {"design": "independent", "noise": "sub-gaussian"},
     {"design": "any"},

@@ -212,7 +212,7 @@ def test_the_names_of_an_ensemble_stay_with_it(tmp_path) -> None:
     made.save(tmp_path / "units")
     again = se.SystemEnsemble.load(tmp_path / "units")
     assert (again.labels, again == made) == (made.labels, True)
-    assert model(1.0).bootstrap(20, rng=1).mean().state_names == STATES
+    assert model(1.0).draw(20, rng=1).mean().state_names == STATES
     with pytest.raises(se.exceptions.ShapeError, match="`labels`"):
         se.SystemEnsemble(A[None, :2, :2], B[None, :2], labels=FIRST.labels)
 

@@ -173,8 +173,6 @@ def test_refusals() -> None:
     model = sharp()
     with pytest.raises(InputError, match="`delta` and `frobenius` only"):
         model.region(0.05, components=True)
-    with pytest.raises(InputError, match="not least squares"):
-        model.bootstrap(10)
 
 
 def test_a_pilot_that_says_nothing() -> None:

@@ -37,7 +37,6 @@ WORDS = {
     "offset": {"intercept": True},
     "known entries": {"known_B": np.full((3, 2), 0.5)},
     "scale": {"scale": 2.0},
-    "symmetric": {"noise": "symmetric", "rng": 3},
     "adaptive": {"design": "adaptive"},
 }
 

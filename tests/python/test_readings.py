@@ -128,7 +128,6 @@ def test_refusals():
         ({"record": (y, u), "x0": np.zeros(model.n)}, "`x0` must be left out"),
         ({"record": (y, u), "target": [5.0, 5.0, 5.0]}, "a point of rest"),
         ({"record": (y, u), "limits": se.Limits(x=(-1.0, 1.0))}, "limits` of states"),
-        ({"record": (y, u), "guarantee": 0.05}, "`guarantee` must be left out"),
     ):
         with pytest.raises(InputError, match=said):
             se.control(model, **{"steps": 10, **given})

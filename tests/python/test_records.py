@@ -94,7 +94,7 @@ PLANS = {
     ),
     "brought": lambda: control(se.Ensemble.from_samples(drawn("A", A).dense()), steps=2),
     "estimate": lambda: control(
-        se.Ensemble.from_samples(model().bootstrap(20, rng=1).A, centre="estimate"), steps=2
+        se.Ensemble.from_samples(model().draw(20, rng=1).A, centre="estimate"), steps=2
     ),
     "limits": lambda: control(drawn("A", A), drawn("x0", X0), steps=4, limits=(-2.0, 2.0)),
     "rows of limits": lambda: control(
@@ -112,7 +112,6 @@ PLANS = {
     "plan of a model": lambda: se.control(model(), X0, XF, steps=3),
     "model, one step": lambda: se.control(model(covariance="diagonal"), X0, XF),
     "model, limits": lambda: se.control(model(sigma=0.01), X0, XF, steps=3, limits=(-9.0, 9.0)),
-    "model, signs": lambda: se.control(model(noise="symmetric", rng=5), X0, XF),
     "model, known": lambda: se.control(model(known_B=B), X0, XF, steps=2),
     "model, intercept": lambda: se.control(model(intercept=True), X0, XF, steps=2),
     "fused model": lambda: se.control(fused(), X0, XF, steps=2),
@@ -133,19 +132,18 @@ PARTS = {
     "runs": lambda: se.simulate_ensemble(
         (A, B), X0, [[1.0]], 9, rng=1, covariance="full", return_runs=True
     ),
-    "models": lambda: se.simulate_ensemble(model().bootstrap(7, rng=1), X0, [[1.0]]),
+    "models": lambda: se.simulate_ensemble(model().draw(7, rng=1), X0, [[1.0]]),
     "tracking": lambda: se.track(SYSTEM, [[1.0, 1.0], [1.1, 1.0]], 10, rng=1),
     "ensemble": lambda: drawn("A", A, axis="rows"),
     "many entries": lambda: drawn("x", np.arange(1.0, 400.0)),
     "part": lambda: drawn("A", A, scheme="systematic").prefix(7),
     "given": lambda: se.Ensemble.from_indices([0, 1, 1], [1.0, -2.0]),
     "counts": lambda: se.sample_counts(A, 10**9, rng=1),
-    "bootstrap": lambda: model(intercept=True).bootstrap(5, rng=1),
+    "drawn models": lambda: model(intercept=True).draw(5, rng=1),
     "model": lambda: model(),
     "runs of a model": lambda: se.Trajectories(np.ones((3, 4, 2)), np.ones((3, 3, 1)), dt=0.1),
     "fused": fused,
     "region": lambda: model().region(0.1),
-    "region of signs": lambda: model(noise="symmetric", rng=5).region(0.1),
     "bound": lambda: PLANS["iid"]().bound(),
     "certificate": lambda: PLANS["plan of a model"]().bound(),
     "infinite certificate": lambda: unbounded(PLANS["plan of a model"]().bound()),

@@ -279,7 +279,7 @@ def test_random_contents_give_a_record_or_a_clear_error(tmp_path: Path) -> None:
 
 
 def test_memory_is_asked_for_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    ensemble = PARTS["bootstrap"]()
+    ensemble = PARTS["drawn models"]()
     ensemble.save(tmp_path / "a")
     monkeypatch.setattr(memory, "_SMALL", 0)
     monkeypatch.setattr(memory, "memory_left", lambda: 100)

@@ -41,7 +41,7 @@ def test_calls_in_threads_give_what_they_give_alone():
     data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.01 * w)
 
     def work(_=0):
-        model = se.identify(data, sigma=0.01, rng=1)
+        model = se.identify(data, sigma=0.01)
         plan = se.control(model, [1.0, 0.0], [0.0, 0.0], steps=8, limits=(-5.0, 5.0))
         drawn = se.sample(A, 2000, rng=2)
         fit = se.fuse(drawn, "alse", target=A)

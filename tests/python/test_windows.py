@@ -411,6 +411,5 @@ def test_what_is_for_states_says_so():
         se.fuse(systems, method="alse", data=model)
     with pytest.raises(InputError, match="must be runs of states"):
         se.ModelStream(1, 1, state_names=["y[0]"], sigma=0.1).update(data)
-    for method in (model.bootstrap, model.draw):
-        with pytest.raises(InputError, match="are not resampled"):
-            method(3)
+    with pytest.raises(InputError, match="are not resampled"):
+        model.draw(3)

@@ -37,7 +37,7 @@ def near_reference(
     if len(u) != model.pilot.steps or basis.x0_error or asked.open_loop or asked.x0_fixed:
         return None
     plain, share = model._of_any_design, ANY_DESIGN if model._of_any_design is not None else 0.0
-    target, *parts, tube, components, difference = model._piloted.near(
+    target, *parts, tube, components = model._piloted.near(
         model._reference,
         basis.x0,
         basis.xf,
@@ -48,11 +48,9 @@ def near_reference(
         asked.noise,
     )
     named = dict(zip(("reach", "quantile", "mismatch", "rest"), parts, strict=True))
-    if model.pilot.older is not None:
-        named["difference"] = difference
     method = f"near a reference, {'with' if asked.noise else 'without'} noise"
 
-    state: float = float(np.sum([*parts[1:], difference]))
+    state: float = float(np.sum(parts[1:]))
     if plain is not None:
         other = certificate(replace(basis, model=plain), u, predicted, delta * share, asked)
         if other.target < target:

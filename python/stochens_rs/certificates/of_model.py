@@ -206,9 +206,7 @@ def _regions(
     if asked.x0_fixed and K == 1:
         options["x0"] = basis.x0
         named.append("`x0_fixed`")
-    if K > 1 and not (
-        isinstance(model, Model) and (model.noise == "symmetric" or len(model._blocks) > 1)
-    ):
+    if K > 1 and not (isinstance(model, Model) and len(model._blocks) > 1):
         options["frobenius"] = True
     whole = delta
     if asked.noise and kind == "region":
@@ -256,7 +254,6 @@ def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:
         and len(region.parts) == 1
         and model.n > 1
         and model.pilot is None
-        and model.noise != "symmetric"
         and model.assumptions.covariance != "scalar"
     )
 

@@ -42,7 +42,6 @@ def control_command(
     noise: bool = False,
     open_loop: bool = False,
     gain: bool = False,
-    robust: bool = False,
     limits: tuple[str, ...] = (),
     rate: str | None = None,
     previous: str | None = None,
@@ -77,7 +76,6 @@ def control_command(
       noise  Include noise to come, with --steps fixed before the data.
       open_loop  The measured inputs did not react to the states.
       gain  Follow it with a certified feedback of --Q and --R (else 1).
-      robust  The control of least certificate; one step.
     Limits and weights:
       limits LOW,HIGH  Of all inputs, or INPUT=LOW,HIGH; repeatable.
       rate R  Largest change of an input in a step; one or each.
@@ -97,9 +95,9 @@ def control_command(
         known = Model.load(source)
         x0, xf, n = None, None, known.n_outputs
     else:
-        if noise or open_loop or gain or robust or x0_error:
+        if noise or open_loop or gain or x0_error:
             raise click.UsageError(
-                "--x0-error, --noise, --gain, --open-loop and --robust are for models of identify, "
+                "--x0-error, --noise, --gain and --open-loop are for models of identify, "
                 "not for a system that is known"
             )
         problem = cases.from_file(source)
@@ -125,14 +123,12 @@ def control_command(
             Q=each("--Q", Q, states), Qf=each("--Qf", Qf, states), R=each("--R", R, inputs)
         ),
     }
-    if robust:
-        asked["guarantee"] = delta
     xf = vector_of("--to", goal, n, np.zeros(n) if xf is None else xf)
     how = Text.checked(sep, decimal, skip)
     if read:
-        if record is None or start is not None or x0_error or robust:
+        if record is None or start is not None or x0_error:
             raise click.UsageError(
-                "give --record, without --from, --x0-error and --robust: a model of outputs starts "
+                "give --record, without --from and --x0-error: a model of outputs starts "
                 f"from readings of {listed(known.outputs)}, and the inputs between them"
             )
         asked |= {"record": last_rows(record, known, time, how), "target": xf}

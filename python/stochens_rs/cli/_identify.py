@@ -16,7 +16,6 @@ from ..exceptions import DataWarning
 from ..identification import Model, Trajectories, identify
 from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
 from ..identification.region import Region
-from ..rng import as_key
 from ._command import LEVEL, Choice, File, Share, command
 from ._output import Out, finite, note, show_result
 from ._values import names_of
@@ -53,7 +52,6 @@ def identify_command(
     pilot: str | None = None,
     reference: str | None = None,
     delta: Share = LEVEL,
-    seed: Annotated[int, click.IntRange(min=0)] = 1,
     out: tuple[File, ...] = (),
     force: bool = False,
     as_json: bool = False,
@@ -79,7 +77,7 @@ def identify_command(
       skip K  Lines above the names to skip.
     Assumptions:
       design D  adaptive, or independent of the noise.
-      noise LAW  Or subgaussian, bounded, symmetric.
+      noise LAW  Or sub-gaussian, bounded.
       sigma S  Known deviation of the noise; bounded: its largest 2-norm.
       covariance C  Of the noise: full, diagonal or scalar.
       exact A,B  States whose noise is 0, or follows from the others.
@@ -89,7 +87,6 @@ def identify_command(
       reference T  With --pilot: task of plans, like 1,0:0,0:10.
     Options:
       delta P  Probability that the region misses the system.
-      seed S  Seed of all random numbers.
       out OUT  Write identify.json and the figure to this directory; or the model to a file
           .safetensors; or both.
       force  Replace these files.
@@ -138,7 +135,6 @@ def identify_command(
             **_window(window),
             pilot=None if pilot is None else _pilot(pilot),
             reference=None if reference is None else _task(reference),
-            rng=as_key(seed),
         )
     region = model.region(delta)
     if files.file is not None:

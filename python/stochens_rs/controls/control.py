@@ -48,7 +48,6 @@ def control(
     limits: LimitsLike = None,
     cost: Cost | None = None,
     fusion: Fusion = "product",
-    guarantee: float | None = None,
     time_limit: float | None = None,
     record: Record | None = None,
     target: ArrayLike | None = None,
@@ -78,10 +77,6 @@ def control(
         "product": the control of the estimates. "diagonal", for one step: the average of the
         controls of the paired realizations, as in the paper; it needs ensembles of equal size (or
         arrays).
-    guarantee : float, optional
-        For a model from data and one step: take the u with the smallest bound of
-        ``||x(1) - xf||`` with this probability of failure, see `Plan.bound`, instead of the
-        smallest u that comes nearest according to the model.
     time_limit : float, optional
         The time for the control within limits [s]; the best one so far has status "user_limit".
     record : (outputs, inputs), optional
@@ -136,8 +131,7 @@ def control(
     the one returned need not be the smallest.
 
     A model from data takes the place of the exact system, its offset c included: ``xf`` less what
-    c adds over K steps. ``guarantee``: ``min ||H z - xf|| + radius ||z||`` in the norm of V^-1 with
-    ``z = (x0, u, 1)`` and the region of the model, a second-order cone problem.
+    c adds over K steps.
 
     Examples
     --------
@@ -161,7 +155,7 @@ def control(
     """
     within, weights = as_limits(limits), as_cost(cost)
     if isinstance(system, Model) and system.window is not None:
-        given: dict[str, Any] = {"x0": x0, "xf": xf, "guarantee": guarantee}
+        given: dict[str, Any] = {"x0": x0, "xf": xf}
         for name, value in given.items():
             if value is not None:
                 raise InputError(
@@ -176,9 +170,7 @@ def control(
     if x0 is None:
         raise InputError("`x0` must be the initial state, got None")
     if isinstance(system, Identified):
-        return model_control(system, x0, xf, steps, fusion, within, weights, guarantee, time_limit)
-    if guarantee is not None:
-        raise InputError("`guarantee` is for models from data, whose bound it makes small")
+        return model_control(system, x0, xf, steps, fusion, within, weights, time_limit)
     if isinstance(x0, Uncertain):
         raise InputError("`x0` may be Uncertain for models from data only; else pass a Fit")
     return _estimates_control(system, x0, xf, steps, fusion, within, weights, time_limit)

@@ -38,7 +38,7 @@ def control_fleet(
     ----------
     systems : SystemEnsemble or sequence of System or Identified
         The units ``x_s(k+1) = A_s x_s(k) + B_s u(k) (+ c_s)``: different plants, such as machines
-        of one series. Not realizations or bootstrap models of *one* plant: for these `control` is
+        of one series. Not realizations or drawn models of *one* plant: for these `control` is
         right, and models with ``centre="estimate"`` are refused. The names of the first unit in
         another order are brought into its order.
     x0 : array_like, shape (n,) or (N, n)

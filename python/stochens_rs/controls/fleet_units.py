@@ -124,7 +124,7 @@ def read_systems(systems: Systems) -> SystemEnsemble:
         return _of_models(given)
     if systems.centre == "estimate":
         raise InputError(
-            "`systems` scatter about an estimate, as bootstrap models of one plant do: they are no "
+            "`systems` scatter about an estimate, as drawn models of one plant do: they are no "
             "units of a fleet, and no risk of that plant follows; use control(model, ...), or "
             "SystemEnsemble(A, B) if these are units"
         )

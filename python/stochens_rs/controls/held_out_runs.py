@@ -227,7 +227,7 @@ def _systems(runs: Runs) -> SystemEnsemble | None:
     if isinstance(runs, SystemEnsemble):
         if runs.centre == "estimate":
             raise InputError(
-                "`runs` scatter about an estimate, as bootstrap models of one plant do: they are "
+                "`runs` scatter about an estimate, as drawn models of one plant do: they are "
                 "no fresh systems, and nothing of the plant follows from them"
             )
         return runs

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .. import _core
 from .._base import validation
 from .._base.numbers import ROUNDING
 from .._base.records import trusted
@@ -44,7 +43,6 @@ def model_control(
     fusion: str,
     limits: Limits,
     cost: Cost,
-    guarantee: float | None,
     time_limit: float | None,
     resting: Floats | None = None,
 ) -> Plan:
@@ -68,12 +66,6 @@ def model_control(
     drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]
     found = best_control(model.A, model.B, start, goal - drift, K)
     u, limited = found.u.reshape(K, m), None
-    if guarantee is not None and task is not None:
-        raise InputError("`guarantee` must be left out with limits or weights")
-    if guarantee is not None:
-        u = _least_bound(model, start, goal, K, validation.probability("guarantee", guarantee))[
-            None, :
-        ]
     if task is not None:
         end = None if time is None else monotonic() + time
         limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=time)
@@ -141,28 +133,3 @@ def _exact(name: str, value: Any, names: tuple[str, ...]) -> Floats:
             f"{validation.article(type(value))}: pass {mean}{rest}"
         )
     return validation.vector(name, value, length=len(names), labels=names).copy()
-
-
-def _least_bound(model: Identified, x0: Floats, xf: Floats, K: int, delta: float) -> Floats:
-    """The u with the smallest ``||C z - xf|| + radius ||z||``, in the norm of V^-1."""
-    if K > 1:
-        raise InputError(
-            f"`guarantee` must be left out over {K} steps with a model of one step: "
-            f"identify a model over {K} steps, "
-            f"se.identify(data.k_step({K}, open_loop=True), design='independent')"
-            ", and take one step of it"
-        )
-    region = model.region(delta)
-    if len(region.parts) > 1:
-        raise InputError("`guarantee` must be left out for a model with single known entries")
-    if not region.bounded:
-        off = f"along {'; '.join(region.missing)}" if region.missing else "there are too few data"
-        raise InputError(
-            f"`guarantee` must be left out: the region of the model is unbounded, {off}"
-        )
-    part, (n, d) = region.parts[0], region.centre.shape
-    white = np.zeros((len(part.white), d))
-    white[:, part.columns] = part.white
-    centre = np.ascontiguousarray(region.centre)
-    u: Floats = _core.robust_control(centre, white, x0, xf, d > n + region.m, part.radius)
-    return u

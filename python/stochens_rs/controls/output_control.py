@@ -133,6 +133,6 @@ def plan_from(
     time_limit: float | None = None,
 ) -> Plan:
     """The plan from a window to one at rest; weights of states, and of inputs from those there."""
-    given = as_limits(limits), cost, None, time_limit
+    given = as_limits(limits), cost, time_limit
     plan = model_control(model, start.x, rest.x, K, "product", *given, resting=rest.u)
     return replace(plan, basis=ModelBasis(model, start.x, rest.x, 0.0, start.read, start.at_rest))

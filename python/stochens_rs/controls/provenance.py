@@ -192,7 +192,7 @@ def completed(
     if isinstance(basis, ModelBasis):
         raise InputError(
             f"no {what} over draws is known for a model from data: use plan.bound(), or control "
-            "the models of model.bootstrap()"
+            "the models of model.draw()"
         )
     n = len(basis.B)
     names = None if labels is None else labels.states

@@ -280,7 +280,7 @@ class Trajectories(SavedRecord):
         on_gap : {"split", "raise"}, default "split"
             Where a row is lost, or a state or input missing, the run is divided into pieces, or an
             error names the row. A pair needs both its rows and its input. The pieces are still one
-            run for all that counts runs (`last_pairs`, `k_step`, `split`, resampling).
+            run for all that counts runs (`last_pairs`, `k_step`, `split`).
 
         Returns
         -------

@@ -35,7 +35,7 @@ class SystemEnsemble(SavedRecord, Tabled):
     centre : {"truth", "estimate"}, optional
         What the models scatter about. "truth": their mean is the true system, as for
         realizations drawn from it. "estimate": the mean is an estimate from data, as for
-        bootstrap models; then no statement about the distance to the truth follows from the
+        drawn models; then no statement about the distance to the truth follows from the
         scatter, and the bounds for realizations refuse them. None, the default: unknown.
     dt : float, optional
         The time between two steps [s].

@@ -121,10 +121,6 @@ class LoopCertificate(SavedRecord):
         doubt = model.doubts[0] if model.doubts else _no_effect(region, K, model)
         found = _core.Feedback(region._core, np.ascontiguousarray(K))
         status, member = found.status, found.member
-        n, m = region.n, region.m
-        if status == "refuted" and region.signs is not None and member is not None:
-            inside = region.contains(member[:, :n], member[:, n : n + m], *member[:, n + m :].T)
-            status, member = ("refuted", member) if inside else ("not provable", None)
         reason = None
         if doubt is not None:
             status, reason, member = "undetermined", doubt, None

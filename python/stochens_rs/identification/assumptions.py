@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 Design: TypeAlias = Literal["independent", "adaptive"]
-Noise: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded", "symmetric"]
+Noise: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded"]
 Covariance: TypeAlias = Literal["full", "diagonal", "scalar", "known"]
 
 DESIGNS: tuple[Design, ...] = get_args(Design)
@@ -61,7 +61,7 @@ class Assumptions(Record):
     ----------
     design : {"independent", "adaptive"}
         Whether all z are independent of all noise.
-    noise : {"gaussian", "sub-gaussian", "bounded", "symmetric"}
+    noise : {"gaussian", "sub-gaussian", "bounded"}
         The law of the noise.
     covariance : {"full", "diagonal", "scalar", "known"}
         What is known of its covariance.
@@ -93,13 +93,11 @@ class Assumptions(Record):
             _require_covariance("known", self.known)
         if self.known is None and self.noise in SIZES:
             raise InputError(f"`known` must be given for noise='{self.noise}'")
-        if self.noise == "symmetric" and self.covariance != "full":
-            raise InputError("noise='symmetric' uses no `known` and no `covariance`")
         if list(self.exact) != sorted({validation.size("exact", i, minimum=0) for i in self.exact}):
             raise InputError("`exact` must be different states in their order")
-        exact = self.design != "adaptive" or self.noise == "symmetric"
+        exact = self.design != "adaptive"
         if self.tail != 0.0 and (validation.positive("tail", self.tail, maximum=LARGEST) and exact):
-            raise InputError("`tail` must be 0 for an independent design and symmetric noise")
+            raise InputError("`tail` must be 0 for an independent design")
 
         if self.accept != checked_accept(self.accept):
             raise InputError("`accept` must be names of tests in their order")
@@ -112,8 +110,6 @@ class Assumptions(Record):
     @property
     def text(self) -> str:
         """The assumption on the noise in words."""
-        if self.noise == "symmetric":
-            return "independent noise of symmetric law"
         kind = {
             "full": "one unknown covariance",
             "diagonal": "one unknown diagonal covariance",
@@ -154,8 +150,6 @@ def checked_assumptions(
         known = _positive_definite("covariance", covariance, n, semi=singular)
     if law in SIZES and (known is None or (SIZES[law] and sigma is None)):
         raise InputError(f"`sigma` must be given for noise='{law}'{SIZES[law]}")
-    if law == "symmetric" and (known is not None or word != "full"):
-        raise InputError("noise='symmetric' uses no `covariance` and no `sigma`: leave them out")
     without = checked_exact(exact, names)
     found = checked_accept(accept)
     return Assumptions(plan, law, word, known, without, tail, found)  # type: ignore[arg-type]

@@ -129,7 +129,7 @@ def noise_tested(
 ) -> list[tuple[str, float, float, NDArray[np.int64], Floats]]:
     """The tests of what was declared of the noise, of the sum of squares of some rows."""
     word = assumed.covariance
-    if not len(rows) or assumed.noise == "symmetric" or word == "full":
+    if not len(rows) or word == "full":
         return []
     known = None
     if assumed.known is not None:

@@ -10,9 +10,7 @@ from .. import _core
 from .._base import validation
 from .._base.threads import get_num_threads
 from ..exceptions import InputError, ShapeError
-from ..rng import Key
 from .assumptions import Assumptions
-from .signs import SignTest
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -44,18 +42,6 @@ def region_of(
     if isinstance(units, np.ndarray):
         units = np.ascontiguousarray(units)
     return estimate.region(law, units, *wish, get_num_threads(), noise.tail)
-
-
-def sign_test(
-    block: _core.Fitted, Z: Floats, Y: Floats, delta: float, key: Key
-) -> tuple[SignTest, str]:
-    """The exact set of sign-perturbed sums, and what is said of its size."""
-    m, q = _core.sign_sizes(delta)
-    own = np.ascontiguousarray(Z[:, block.columns])
-    basis = _core.residuals(own, Y, block.white)[0]
-    chance = _core.chance_of_infinity(block.N, block.rank)
-    text = f"; {q} of {m} sign vectors, each without a bound with probability {chance:.2g}"
-    return SignTest(Z, Y, basis, m, q, key), text
 
 
 def directions(
@@ -95,14 +81,12 @@ def refuse(noise: Assumptions, wish: Wish, by_rows: bool) -> None:
                 f"`{name}` needs a region of all rows at once for design='independent', "
                 "noise='gaussian', without `components`"
             )
-    one_level = plain or noise.noise == "symmetric" or noise.known is not None
+    one_level = plain or noise.known is not None
     if one_level and (wish.method != "auto" or (wish.anytime and noise.design == "independent")):
         raise InputError(
             "`method` and `anytime` are for Gaussian noise of unknown covariance with "
             "design='adaptive'"
         )
-    if noise.noise == "symmetric" and (wish.components or wish.frobenius):
-        raise InputError("`components` and `frobenius` must be False for noise='symmetric'")
     if wish.frobenius and (by_rows or wish.components or wish.directions is not None):
         raise InputError("`frobenius` needs one region for all rows and directions")
 
@@ -110,7 +94,7 @@ def refuse(noise: Assumptions, wish: Wish, by_rows: bool) -> None:
 def said(noise: Assumptions, wish: Wish | None, first: int = 0) -> str:
     """The assumptions in words; the `first` pairs tell the scale."""
     text = noise.text
-    if noise.noise == "symmetric" or (noise.noise == "gaussian" and noise.design == "independent"):
+    if noise.noise == "gaussian" and noise.design == "independent":
         text += ", independent of all states and inputs"
     elif first:
         text += (

@@ -16,21 +16,13 @@ if TYPE_CHECKING:
     from .._base.types import Floats
 
 
-def refuse(assumed: Assumptions, known: Floats | None, single: bool) -> None:
+def refuse(assumed: Assumptions, single: bool) -> None:
     """Refuse assumptions that do not go together; `single`: every run is one pair."""
     if assumed.design == "independent" and not single:
         raise InputError(
             "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
             "noise; for 'independent' use data.last_pairs(), data.k_step(...) or from_pairs"
         )
-    if assumed.noise == "symmetric" and assumed.design != "independent":
-        raise InputError(
-            "`noise` must not be 'symmetric' with design='adaptive': where states follow from "
-            "earlier noise, the test of signs fails; declare sigma, or use data.last_pairs()"
-        )
-    rows = known is not None and not (np.isnan(known) == np.isnan(known[0])).all()
-    if rows and assumed.noise == "symmetric":
-        raise InputError("noise='symmetric' needs whole columns in `known_A` and `known_B`")
 
 
 def require_states(assumed: Assumptions, n: int) -> None:

@@ -13,7 +13,6 @@ from .._base import html, memory, validation
 from .._base.threads import get_num_threads
 from ..data.trajectories import Trajectories, pooled
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
-from ..rng import RngLike, as_key
 from .assumptions import (
     LARGEST,
     Covariance,
@@ -54,8 +53,6 @@ def identify(
     inputs: Literal["open loop"] | ArrayLike = "open loop",
     dither: ArrayLike | None = None,
     lengths_fixed: bool = False,
-    like: Trajectories | Sequence[Trajectories] | None = None,
-    apart: float | Sequence[ArrayLike] | None = None,
     lags: Lags = None,
     filters: tuple[float, int] | None = None,
     order: Order = None,
@@ -63,7 +60,6 @@ def identify(
     tail: float = 0.0,
     checks: bool = True,
     accept: str | Sequence[str] = (),
-    rng: RngLike = None,
 ) -> Model:
     """Fit ``x(k+1) = A x(k) + B u(k) + c + w(k)`` to measured runs.
 
@@ -80,10 +76,9 @@ def identify(
         step. "independent": your declaration that all states and inputs of the pairs are
         independent of all noise in `x_next`; for pairs only (`Trajectories.from_pairs`,
         `last_pairs`, `k_step`). Never inferred.
-    noise : {"gaussian", "sub-gaussian", "bounded", "symmetric"}, default "gaussian"
+    noise : {"gaussian", "sub-gaussian", "bounded"}, default "gaussian"
         The law of w(k), of mean 0. "sub-gaussian": ``E exp(l' w) <= exp(sigma^2 ||l||^2 / 2)``
-        given the past. "bounded": ``||w||_2 <= sigma``. "symmetric": w(k) independent of each
-        other and as likely as -w(k), of any law; needs ``design="independent"``.
+        given the past. "bounded": ``||w||_2 <= sigma``.
     covariance : {"full", "diagonal", "scalar"} or array_like of shape (n, n), default "full"
         Of Gaussian noise: one unknown matrix, an unknown diagonal one, an unknown multiple of I, or
         the matrix itself, which may be singular with a `pilot`. For "sub-gaussian" noise a matrix
@@ -127,18 +122,6 @@ def identify(
     lengths_fixed : bool, default False
         With `pilot`, your declaration that runs of unequal length are so by plan: their lengths
         were fixed beforehand, and no run was ended because of what was measured.
-    like : Trajectories or list of them, optional
-        Runs of an older, similar plant with the same known covariance, fixed in the same way as
-        the new ones and in open loop. A share or number of them is the `pilot`, 0.1 unless it is
-        given. They count with the weight that promises the smallest certificate of `reference`, or
-        without one the smallest bound of one step over the pairs, with states in deviations of
-        their noise, chosen without the noise of any run; not at all where the new runs promise
-        more without them.
-    apart : float or sequence of array_like of shape (n, n + m), optional
-        With `like`, your declaration of how far the plants are apart: at most this in the norm of
-        ``diag(scale_x)^-1 [A_old - A, B_old - B] diag(scale)``, scale_x that of the states, so that
-        0.02 is 2 % of the sizes in any units; without `scale` in that of the matrix itself. Or a
-        combination of these matrices with factors in [-1, 1]. No data can say it.
     lags, filters, order : int or "auto", (pole, int), "auto", optional
         For outputs, one of them: from which window of the past they are predicted. The last `lags`
         readings and inputs; or so many filters in a row of one pole in (0, 1), which reach further
@@ -162,9 +145,6 @@ def identify(
         Tests of the log, by the names in `Model.tests`, of which you take a failure: certificates
         are then made all the same, and say so. "no effect": gains for inputs of which no effect is
         seen.
-    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-        Source of the random sign vectors for ``noise="symmetric"``. They are drawn here, once: to
-        identify the same data again with other ones, and choose, breaks the region.
 
     Returns
     -------
@@ -221,7 +201,7 @@ def identify(
     runs = pooled(data)
     if validation.is_real(delay) and delay == -1:
         runs, delay = runs._moved(), 0
-    n, piloted = runs.n, pilot is not None or like is not None
+    n, piloted = runs.n, pilot is not None
     assumed = checked_assumptions(
         *(n, design, noise, covariance, sigma, exact, runs.state_names),
         piloted,
@@ -232,25 +212,21 @@ def identify(
     offset = validation.flag("intercept", intercept)
     window, first = chosen_window(runs, lags, filters, order, delay, offset)
     if window is not None:
-        _refuse_for_windows(bool(runs.outputs), known_A, known_B, pilot, like)
+        _refuse_for_windows(bool(runs.outputs), known_A, known_B, pilot)
     d = n + runs.m + offset if window is None else window.length
     known = _known(n, runs.m, offset, known_A, known_B)
     sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
     if window is not None:
         sizes, first = sized(runs, window, sizes, first)
-    source = as_key(rng)
-    key = source.child("sign vectors") if assumed.noise == "symmetric" else None
-    refuse(assumed, known, runs.single)
+    refuse(assumed, runs.single)
     guide = None
     if piloted:
-        given = pilot, offset, reference, inputs, dither, planned, like, apart, sizes
+        given = pilot, offset, reference, inputs, dither, planned
         guide, runs = made(runs, assumed, known is not None, *given)
     elif planned or not (reference is None and dither is None and _unsaid(inputs)):
         raise InputError(
             "`reference`, `inputs`, `dither` and `lengths_fixed` must be left out without `pilot`"
         )
-    elif apart is not None:
-        raise InputError("`apart` must be left out without `like`")
     Z = _rows(runs, offset) if window is None else window._rows(runs, first)[1]
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(Z, Z)):
@@ -263,7 +239,7 @@ def identify(
     triangle = _core.triangle(Z, get_num_threads())
     if not np.isfinite(triangle).all():
         raise NonFiniteError("the products of the data overflow: scale them down")
-    found = runs, triangle, assumed, sizes, offset, known, tested, key, guide, window, first
+    found = runs, triangle, assumed, sizes, offset, known, tested, guide, window, first
     model = Model(*found)
     if model.warnings:
         said, more = model.warnings[0], len(model.warnings) - 1
@@ -274,7 +250,7 @@ def identify(
 
 def _refuse_for_windows(outputs: bool, *given: Any) -> None:
     """Refuse what is for states whose inputs act at once."""
-    names = "known_A", "known_B", "pilot", "like"
+    names = "known_A", "known_B", "pilot"
     for name, one in zip(names, given, strict=True):
         if one is not None and outputs:
             raise InputError(

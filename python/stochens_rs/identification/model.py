@@ -17,11 +17,11 @@ from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..plots.certificates import draw_residuals
-from ..rng import Key, RngLike, as_key
+from ..rng import RngLike, as_key
 from . import battery
 from .assumptions import FAULTS, Assumptions, least_correlation
 from .cautions import cautions, missing_directions
-from .certifying import METHODS, Method, Wish, region_of, said, sign_test
+from .certifying import METHODS, Method, Wish, region_of, said
 from .certifying import directions as spanned_by
 from .certifying import refuse as refuse_region
 from .checks import DRAWS, WORK, Checks, checked_residuals
@@ -31,7 +31,6 @@ from .identified import Identified
 from .pilot import Pilot
 from .pilot import refuse as refuse_pilot
 from .region import Region
-from .resampling import BOOTSTRAPS, Bootstrap, Law, bootstrap_models, law_of_estimate, whitened
 from .window import Loop, Window
 
 if TYPE_CHECKING:
@@ -66,8 +65,6 @@ class Model(SavedRecord, Identified, Tabled):
     checks : Checks or None
         The tests of the residuals; None if there were too few pairs, too many to test them
         without being asked, or `identify` was told not to: see `check`.
-    key : Key or None
-        That of the sign vectors, for noise of symmetric law.
     pilot : Pilot or None
         What simulates the runs of `data` for a region that is exact, see `identify`; the model is
         then not least squares.
@@ -89,7 +86,6 @@ class Model(SavedRecord, Identified, Tabled):
     intercept: bool = False
     known: Floats | None = None
     checks: Checks | None = None
-    key: Key | None = None
     pilot: Pilot | None = None
     window: Window | None = None
     first: int = 0
@@ -109,21 +105,15 @@ class Model(SavedRecord, Identified, Tabled):
                 raise ShapeError(f"`known` must have shape ({n}, {d}), got {shape}")
         if self.checks is not None:
             validation.instance("checks", self.checks, Checks)
-        refuse(self.assumptions, self.known, self.data.single)
+        refuse(self.assumptions, self.data.single)
         require_sound(self.scale, self.known)
         require_states(self.assumptions, n)
-        if (self.noise == "symmetric") != (self.key is not None):
-            raise InputError("`key` must be given for noise='symmetric', and only there")
-        if self.key is not None:
-            validation.instance("key", self.key, Key)
         if self.pilot is not None:
             given = validation.instance("pilot", self.pilot, Pilot)
             refuse_pilot(self.assumptions, self.data, self.known is not None)
             validation.kept("pilot.model", given.model, shape=(n, d))
             if given.dither is not None:
                 validation.kept("pilot.dither", given.dither, shape=(self.size, self.m))
-            if given.older is not None and self.assumptions.known is None:
-                raise InputError("`pilot.older` needs a known covariance")
 
     @property
     def n(self) -> int:
@@ -235,8 +225,7 @@ class Model(SavedRecord, Identified, Tabled):
     def _first(self) -> int:
         """How many of the first pairs say the size of the others; 0 where none is asked for."""
         exact = self.design == "independent" and self.noise == "gaussian"
-        others = self.scale, self.key, self.pilot
-        if exact or any(one is not None for one in others):
+        if exact or self.scale is not None or self.pilot is not None:
             return 0
         if self.window is not None:
             return len(self.window._rows(self.data, self.first)[0])
@@ -297,7 +286,7 @@ class Model(SavedRecord, Identified, Tabled):
     @cached_property
     def _piloted(self) -> _core.Pilot:
         assert self.pilot is not None
-        return self.pilot._of(self.data, self.assumptions.known)
+        return self.pilot._of(self.data)
 
     @cached_property
     def _reference(self) -> _core.Reference:
@@ -530,8 +519,7 @@ class Model(SavedRecord, Identified, Tabled):
         over lines in the manner of Abbasi-Yadkori, Pal and Szepesvari (2011), without a bound on
         Theta. Without `scale`, ``kappa P`` takes the place of ``lam I``, with ``P = sum z z' / N1``
         of the N1 first pairs and kappa 1/6, 1/3 and 2/3 of the number of those after them, of which
-        H, V and S are then; the `centre` is their H. Symmetric noise: sign-perturbed sums (Csaji,
-        Campi and Weyer 2015).
+        H, V and S are then; the `centre` is their H.
 
         Examples
         --------
@@ -560,7 +548,6 @@ class Model(SavedRecord, Identified, Tabled):
     def _region(self, wish: Wish) -> Region:
         """The region whatever the tests of the log say."""
         refuse_region(self.assumptions, wish, len(self._blocks) > 1)
-        signs, text = None, ""
         first = 0 if wish.anytime else self._first
         assumption, missing = said(self.assumptions, wish, first), self.missing
         if self.pilot is not None:
@@ -569,28 +556,24 @@ class Model(SavedRecord, Identified, Tabled):
             law = self.assumptions.covariance, self.assumptions.known
             made = self._piloted.region(law, wish.delta, wish.frobenius)
             assumption = f"{self.assumptions.text}, {self.pilot.said}"
-        elif self.key is None:
+        else:
             scale = np.ones(self._d) if self.scale is None else self.scale
             units, estimate = self._divided if first else (scale, self._estimate)
             made, missing = (
                 region_of(estimate, self.assumptions, wish, units),
                 self._missing_in(estimate),
             )
-        else:
-            signs, text = sign_test(self._blocks[0], *self._pairs(), wish.delta, self.key)
-            made = self._estimate.sign_region(signs._of, get_num_threads())
         noise = made.noise if self.assumptions.noise == "gaussian" else None
         return trusted(
             Region,
             centre=validation.frozen(made.centre),
             m=self._free,
             delta=wish.delta,
-            assumption=assumption + text + self._assumed,
+            assumption=assumption + self._assumed,
             missing=missing,
             parts=made.parts,
             future=wish.future,
             frobenius=made.frobenius,
-            signs=signs,
             noise=None if noise is None else validation.frozen(noise),
         )
 
@@ -599,57 +582,6 @@ class Model(SavedRecord, Identified, Tabled):
         """What is assumed beside the law of the noise."""
         own = "" if self.window is None else self.window._assumed(self.assumptions.tail)
         return own + self.data._assumed + battery.accepted_text(self.assumptions)
-
-    def bootstrap(
-        self, size: int, *, method: Bootstrap = "pairs", rng: RngLike = None
-    ) -> SystemEnsemble:
-        """Fit models to resampled data.
-
-        Parameters
-        ----------
-        size : int
-            The number of models.
-        method : {"pairs", "residual", "wild", "trajectories"}, default "pairs"
-            "pairs": N pairs drawn with replacement. "trajectories": whole runs, for data with
-            feedback. "residual": the states and inputs are kept, residuals are drawn with
-            replacement (centred, times ``sqrt(N / nu)``). "wild": each residual keeps its place
-            and gets a random sign and the factor ``1 / sqrt(1 - h)``, for noise that is larger in
-            some places (MacKinnon and White 1985).
-        rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
-            Source of randomness.
-
-        Returns
-        -------
-        SystemEnsemble
-            Models that scatter about the estimate: ``centre`` is "estimate". A resample that does
-            not determine the model is left out; `about` says how many.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the data do not determine the model, or an argument cannot be used.
-
-        Notes
-        -----
-        An ensemble shows how the estimate scatters. It is not a region: no statement about the
-        distance to the true system follows from it.
-
-        Examples
-        --------
-        >>> import numpy as np, stochens_rs as se
-        >>> z = np.random.default_rng(1).standard_normal((40, 3))
-        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z[:, :1] + z[:, 2:])
-        >>> se.identify(data).bootstrap(100, rng=1)
-        <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
-        """
-        count = validation.size("size", size)
-        kind = validation.choice("method", method, BOOTSTRAPS)
-        self._refuse_resampling()
-        if self.pilot is not None:
-            raise InputError("a model by a pilot is not least squares: use draw()")
-        found, key = self._blocks, as_key(rng).child("bootstrap")
-        models = bootstrap_models(found, *self._pairs(), self._Theta, self.data, count, kind, key)
-        return self._ensemble(models, f"bootstrap of {kind}", count)
 
     def draw(self, size: int, *, rng: RngLike = None) -> SystemEnsemble:
         """Draw models from the law that the region is made of.
@@ -671,8 +603,8 @@ class Model(SavedRecord, Identified, Tabled):
         Raises
         ------
         InputError, InputTypeError
-            As `bootstrap`; or single entries were declared as known, the noise is not Gaussian, or
-            there are too few pairs.
+            If the data do not determine the model, single entries were declared as known, the noise
+            is not Gaussian, or there are too few pairs.
 
         Examples
         --------
@@ -689,21 +621,31 @@ class Model(SavedRecord, Identified, Tabled):
         models = found.reshape(count, *self._Theta.shape)
         return self._ensemble(models, "draws of the law of the estimate", count)
 
-    def _law(self, windows: bool = False) -> Law:
+    def _law(self, windows: bool = False) -> tuple[Floats, Floats, Floats, str, int]:
         """The law of the estimate, for the core; only with `windows` also of models of outputs."""
         self._refuse_resampling(windows)
         if self.noise != "gaussian":
-            raise InputError(f"draw() needs noise='gaussian', got '{self.noise}': use bootstrap()")
+            raise InputError(f"draw() needs noise='gaussian', got '{self.noise}'")
         if len(self._blocks) > 1:
-            raise InputError("draw() knows no law with single known entries: use bootstrap()")
-        return law_of_estimate(self._blocks[0], self.assumptions, self._H, self._white(windows))
+            raise InputError("draw() knows no law with single known entries")
+        fitted, noise = self._blocks[0], self.assumptions
+        least = self.n_outputs if noise.covariance == "full" else 1
+        if noise.known is None and fitted.nu < least:
+            raise InputError(f"draw() needs at least {fitted.rank + least} pairs, got {fitted.N}")
+        S = fitted.S if noise.known is None else noise.known
+        return self._H, self._white(windows), S, noise.covariance, fitted.nu
 
     def _white(self, windows: bool = False) -> Floats:
         """``white' white = V^-1`` of all columns, where the rows of Theta have one V."""
         self._refuse_resampling(windows)
         if len(self._blocks) > 1:
             raise InputError("the rows of a model with single known entries have no V in common")
-        return whitened(self._blocks[0], self._d) if self.pilot is None else self._piloted.white
+        if self.pilot is not None:
+            return self._piloted.white
+        fitted = self._blocks[0]
+        white = np.zeros((fitted.rank, self._d))  # 0 in columns that are known
+        white[:, fitted.columns] = fitted.white
+        return white
 
     def _refuse_resampling(self, windows: bool = False) -> None:
         if self.window is not None and not windows:
@@ -712,11 +654,6 @@ class Model(SavedRecord, Identified, Tabled):
             raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
         if self.pilot is not None and not self._piloted.determined:
             raise InputError("the runs that the pilot simulates do not determine the model")
-        if self.pilot is not None and self.pilot.older is not None and self.pilot.older.weight:
-            raise InputError(
-                "no law of the model is known: runs of an older plant count, and how far it is "
-                "apart was declared, not drawn"
-            )
 
     def _ensemble(self, models: Floats, about: str, asked: int) -> SystemEnsemble:
         n, m = self.n, self.m
@@ -770,7 +707,6 @@ class Model(SavedRecord, Identified, Tabled):
             "size": self.size,
             "design": self.design,
             "noise": self.noise,
-            "key": None if self.key is None else self.key.hex,
         }
         return Cube(variables, {}, attrs, self.labels)
 

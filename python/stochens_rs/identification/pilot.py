@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,14 +16,12 @@ from ..exceptions import InputError, InputTypeError, ShapeError
 from ..system import System
 from ..theory.dynamics import states
 from ..theory.exact import best_control
-from .older import Older, older_of, older_runs
 
 if TYPE_CHECKING:
     from ..data import Trajectories
     from .assumptions import Assumptions
 
 MOST = 100_000  # steps of a reference
-PILOT = 0.1  # share of the older runs that is the pilot
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +42,6 @@ class Pilot(Record):
         The initial state of the reference task; None without one.
     inputs : ndarray, shape (K, m), or None
         What the pilot would do.
-    older : Older or None
-        Runs of an older plant that count beside those of the model.
     """
 
     model: Floats
@@ -54,7 +50,6 @@ class Pilot(Record):
     dither: Floats | None = None
     start: Floats | None = None
     inputs: Floats | None = None
-    older: Older | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -73,12 +68,6 @@ class Pilot(Record):
             return
         if d not in (n + m, n + m + 1):
             raise ShapeError(f"`model` must have {n + m} columns, or one more, got {d}")
-        if self.older is not None:
-            if self.gain is not None:
-                raise InputError("`older` goes with inputs in open loop")
-            m = self.older.rows.shape[1] - 2 * n
-            if d not in (n + m, n + m + 1) or len(self.older.scale) != d:
-                raise ShapeError(f"`older` must be runs of a model of {d} columns")
 
     @property
     def steps(self) -> int:
@@ -90,32 +79,23 @@ class Pilot(Record):
         """What is assumed of the runs, in words."""
         how = "in open loop" if self.gain is None else "by the declared gain and dither"
         task = "; reference fixed without the runs of the model" if self.steps else ""
-        older = "" if self.older is None else f"; {self.older.said}"
         return (
             "number and lengths of runs fixed beforehand, states exact, starts independent of the "
-            f"noise of all runs, inputs {how}; pilot: {self.source}{task}{older}"
+            f"noise of all runs, inputs {how}; pilot: {self.source}{task}"
         )
 
-    def _of(self, data: Trajectories, known: Floats | None) -> _core.Pilot:
-        """The model of these runs; `known`: the covariance of the noise."""
-        if self.older is not None and known is not None:
-            return self.older._with(data, self.model, self._fixed(), known, self.older.weight)[0]
+    def _of(self, data: Trajectories) -> _core.Pilot:
+        """The model of these runs."""
         feedback = None
         if self.gain is not None and self.dither is not None:
             feedback = np.ascontiguousarray(self.gain), np.ascontiguousarray(self.dither)
         rows, model = np.ascontiguousarray(data._rows), np.ascontiguousarray(self.model)
         return _core.Pilot(rows, data.lengths, model, feedback, get_num_threads())
 
-    def _fixed(self) -> tuple[Floats, Floats] | None:
-        """Start and inputs of the reference task."""
-        if self.start is None or self.inputs is None:
-            return None
-        return self.start, np.ascontiguousarray(self.inputs)
-
     def _reference_of(self, model: _core.Pilot) -> _core.Reference:
-        fixed = self._fixed()
-        assert fixed is not None
-        return model.reference(*fixed)
+        assert self.start is not None
+        assert self.inputs is not None
+        return model.reference(self.start, np.ascontiguousarray(self.inputs))
 
 
 def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, Trajectories, int]:
@@ -204,36 +184,16 @@ def made(
     inputs: Any,
     dither: Any,
     lengths_fixed: bool,
-    like: Any,
-    apart: Any,
-    scale: Floats | None,
 ) -> tuple[Pilot, Trajectories]:
     """The pilot and the main runs, from the arguments of `identify`."""
     n, m = data.n, data.m
-    older = None if like is None else older_runs(like, apart, data)
-    for runs in [data] if older is None else [data, older]:
-        refuse(assumed, runs, entries)
-        if runs.lengths.min() != runs.lengths.max() and not lengths_fixed:
-            raise InputError(
-                "runs of unequal length need `lengths_fixed=True`: was any run ended because of "
-                "what was measured?"
-            )
-    if older is None:
-        model, source, main, before = divided(data, pilot, offset)
-    else:
-        if assumed.known is None:
-            raise InputError("`like` needs a known covariance or `sigma`, the same of both plants")
-        if not isinstance(inputs, str):
-            raise InputError("`like` needs inputs='open loop' of all runs")
-        pilot = PILOT if pilot is None else pilot
-        own = getattr(pilot, "data", None)
-        if own is not None and older._shares(own):
-            raise InputError("`like` runs were also the pilot: split them")
-        if validation.is_real(pilot):
-            model, source, older, _ = divided(older, pilot, offset)
-            source, main, before = f"of the older plant, {source.split(',')[0]}", data, 0
-        else:
-            model, source, main, before = divided(data, pilot, offset)
+    refuse(assumed, data, entries)
+    if data.lengths.min() != data.lengths.max() and not lengths_fixed:
+        raise InputError(
+            "runs of unequal length need `lengths_fixed=True`: was any run ended because of "
+            "what was measured?"
+        )
+    model, source, main, before = divided(data, pilot, offset)
     gain = None
     if isinstance(inputs, str):
         validation.choice("inputs", inputs, ("open loop",))
@@ -249,13 +209,7 @@ def made(
     start, u = None, None
     if reference is not None:
         start, u = _task(reference, model, n, m, main)
-    guide = Pilot(model, source, gain, dither, start, u)
-    if older is not None and assumed.known is not None:
-        sizes = np.ones(n + m + offset) if scale is None else scale
-        record = older_of(older, apart, sizes)
-        weight = record._with(main, guide.model, guide._fixed(), assumed.known, None)[1]
-        guide = replace(guide, older=replace(record, weight=weight))
-    return guide, main
+    return Pilot(model, source, gain, dither, start, u), main
 
 
 def _task(

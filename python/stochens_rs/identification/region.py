@@ -16,7 +16,6 @@ from .._base.weights import weight
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..plots.certificates import draw_region
 from .entry import chosen_entry, coefficient
-from .signs import SignTest
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -65,8 +64,6 @@ class Region(SavedRecord):
     frobenius : float or None
         ``||S^-1/2 (Theta - C) V^1/2||_F`` is at most this, in the same event; None where only the
         spectral norm is bounded.
-    signs : SignTest or None
-        The exact set for noise of symmetric law, which `contains` asks.
     noise : ndarray, shape (n, n), or None
         The covariance of Gaussian noise is at most this, in the same event; None where no bound is
         known.
@@ -80,7 +77,6 @@ class Region(SavedRecord):
     parts: tuple[_core.RegionPart, ...]
     future: int = 0
     frobenius: float | None = None
-    signs: SignTest | None = None
     noise: Floats | None = None
 
     def __post_init__(self) -> None:
@@ -160,7 +156,7 @@ class Region(SavedRecord):
         if B is None:
             if c is not None:
                 raise InputError("`c` must be left out without `B`: `A` is then the whole model")
-            return self._holds(validation.matrix("A", A, rows=n, cols=d))
+            return self._core.contains(validation.matrix("A", A, rows=n, cols=d))
         blocks = [
             validation.matrix("A", A, rows=n, cols=n),
             validation.matrix("B", B, rows=n, cols=self.m),
@@ -170,12 +166,7 @@ class Region(SavedRecord):
             blocks.append(offset[:, None])
         elif offset.any():
             raise InputError("`c` must be left out: the model has no intercept")
-        return self._holds(np.hstack(blocks))
-
-    def _holds(self, Theta: Floats) -> bool:
-        if self.signs is not None:
-            return self._core.has_known(Theta) and self.signs.contains(Theta)
-        return self._core.contains(Theta)
+        return self._core.contains(np.hstack(blocks))
 
     def bound(self, x: ArrayLike, u: ArrayLike, *, noise: bool = False) -> float:
         """Bound how far one step of the true system is from that of the `centre`.
@@ -282,10 +273,6 @@ class Region(SavedRecord):
         InputError, InputTypeError
             If there is no such coefficient, it is known, or the data do not determine it.
 
-        Notes
-        -----
-        For noise of symmetric law the exact set, which `contains` asks, is inside.
-
         Examples
         --------
         >>> import numpy as np, stochens_rs as se
@@ -316,7 +303,7 @@ class Region(SavedRecord):
         parts = tuple(_core.RegionPart(*own[:-1], np.inf) for own in fields)  # type: ignore[call-arg,arg-type]
         wide = None if self.frobenius is None else np.inf
         said = f"{self.assumption}; but {doubts[0]}"
-        return self._but(signs=None, frobenius=wide, parts=parts, assumption=said)
+        return self._but(frobenius=wide, parts=parts, assumption=said)
 
     def _but(self, **fields: Any) -> Region:
         """The same with other fields."""
@@ -329,7 +316,7 @@ class Region(SavedRecord):
         found, noise = _core.entered_region(self._core, (matrix, J, G, m), covariance)
         noise = None if noise is None else validation.frozen(noise)
         centre, parts = validation.frozen(found.centre), found.parts
-        return self._but(centre=centre, m=m, parts=parts, future=0, signs=None, noise=noise)
+        return self._but(centre=centre, m=m, parts=parts, future=0, noise=noise)
 
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``z = (x, u)``, with 1 behind it for a model with intercept."""

@@ -58,7 +58,7 @@ class ModelStream(Durable):
         that no state or input of a pair depends on the noise of any pair, nor on a look; regions
         are then exact and usually smaller, but looks are possible at planned numbers of pairs only.
     noise, covariance, sigma, intercept, scale, exact
-        As in `identify`; `noise` is not "symmetric". States must be measured without error.
+        As in `identify`. States must be measured without error.
     delta : float, default 0.05
         The probability that any look at the stream is wrong, at most, in (0, 1).
     first : int, optional

@@ -268,8 +268,6 @@ class Snapshot(SavedRecord, Identified):
 
 def refuse(assumed: Assumptions) -> None:
     """Refuse assumptions whose regions do not hold while data arrive."""
-    if assumed.noise == "symmetric":
-        raise InputError("`noise` must not be 'symmetric': its regions are for one set of pairs")
     if assumed.design == "independent" and assumed.noise != "gaussian":
         raise InputError(
             f"`design` must be 'adaptive' for noise='{assumed.noise}': the region is the same, "

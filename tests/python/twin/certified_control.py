@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .laws import f_upper, normal_quantile, scipy
+from .laws import f_upper, normal_quantile
 from .regions import Region, _times, bound, radius
 from .triangle import Fitted, fit, seen, triangle
 
@@ -63,39 +63,6 @@ def _one_step(
         W = np.linalg.norm(m.white[:, :n], 2) if known else np.inf
         start = float(np.linalg.norm(m.H[:, :n], 2) + radius(region) * W) * rho0
     return OneStep(reach + model + start, reach, model, start)
-
-
-def robust_control(region: Region, x0: ArrayLike, xf: ArrayLike, *, offset: bool = False) -> Array:
-    """The u with the smallest `one_step` certificate: two second-order cones, by Clarabel.
-
-    min t + sqrt(f ||S||) s  subject to  ||H z - xf|| <= t,  ||V^(-1/2) z|| <= s,  z = (x0, u).
-    """
-    try:
-        import clarabel  # type: ignore[import-untyped]
-    except ImportError:
-        raise ImportError("`robust_control` needs `clarabel` (extra `dev`)") from None
-    sparse = scipy().sparse
-    m, x0, xf = region.fitted, np.asarray(x0, float), np.asarray(xf, float)
-    n, d = m.H.shape
-    k = d - n - (1 if offset else 0)
-    inputs = slice(n, n + k)
-    fixed = state_and_input(m, x0, np.zeros(k))
-    zero = np.zeros((1, k))
-    rows = np.vstack([zero, -m.H[:, inputs], zero, -m.white[:, inputs]])
-    t, s = np.zeros((len(rows), 1)), np.zeros((len(rows), 1))
-    t[0], s[n + 1] = -1.0, -1.0
-    b = np.concatenate([[0.0], m.H @ fixed - xf, [0.0], m.white @ fixed])
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    found = clarabel.DefaultSolver(
-        sparse.csc_matrix((k + 2, k + 2)),
-        np.concatenate([np.zeros(k), [1.0, radius(region)]]),
-        sparse.csc_matrix(np.hstack([rows, t, s])),
-        b,
-        [clarabel.SecondOrderConeT(n + 1), clarabel.SecondOrderConeT(len(m.white) + 1)],
-        settings,
-    ).solve()
-    return np.array(found.x[:k])
 
 
 def fixed_noisy_radius(fitted: Fitted, z: ArrayLike, delta: float) -> float:

@@ -408,7 +408,6 @@ def swept():
 
 # Not swept: programs, pictures, long runs, abstract classes, and what the next tests try.
 SEPARATE = {"cli", "plots", "Ensemble"}
-SEPARATE |= {"System.from_mujoco"}  # an optional package: in a file of its own
 SEPARATE |= {"Bound", "Simulated", "Results.select", "Results.plot"}
 SEPARATE |= {"Study.resume", "Study.merge", "Plan.typical", "design"}
 SEPARATE |= {"Kept", "ReadingLoop"}  # made by `regulate`, which checks

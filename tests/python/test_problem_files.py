@@ -1,12 +1,10 @@
-"""Problems from .npz, .json, .mat and .csv files: the same problem, and hostile files refused."""
+"""Problems from .npz, .json and .mat files: the same problem, and hostile files refused."""
 
 from __future__ import annotations
 
 import json
 import struct
-import time
 import tracemalloc
-from contextlib import suppress
 
 import numpy as np
 import pytest
@@ -23,12 +21,6 @@ STATES, INPUTS, UNITS = ["p", "v"], ["F", "T_m3"], {"p": "m", "T_m3": "N m"}
 TEXTS = ["m", "", "", "N m"]
 WHOLE = {"A": A, "B": B, "x0": X0, "xf": XF, "dt": 0.1}
 SYSTEM = se.System(A, B, dt=0.1, states=STATES, inputs=INPUTS, units=UNITS)
-CSV = """# a cart
-# dt = 0.1
-state,p [m],v,F,T_m3 [N m],x0,xf
-p,1,0.1,0,1,2,0.5
-v,-0.2,0.9,1e-1,0,-1,0
-"""
 
 
 def cells(texts):
@@ -42,8 +34,6 @@ def write(path, **more):
     elif path.suffix == ".mat":
         texts = {"states": cells(STATES), "inputs": cells(INPUTS), "units": cells(TEXTS)}
         sio.savemat(path, {**WHOLE, **texts, **more}, do_compression=True)
-    elif path.suffix == ".csv":
-        path.write_text(CSV)
     else:
         lists = {name: np.asarray(value).tolist() for name, value in WHOLE.items()}
         names = {"states": STATES, "inputs": INPUTS, "units": UNITS}
@@ -51,7 +41,7 @@ def write(path, **more):
     return path
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".mat", ".csv", ".json", ".txt", ".MAT", ".CSV"])
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".json", ".txt", ".MAT"])
 def test_every_kind_is_the_same_problem(tmp_path, suffix):
     path = write(tmp_path / f"a{suffix.lower()}").rename(tmp_path / f"a{suffix}")
     found = se.cases.from_file(path)
@@ -289,127 +279,6 @@ def test_old_files_of_other_programs_are_refused(tmp_path):
             se.cases.from_file(path)
 
 
-# -- CSV -----------------------------------------------------------------------------------------
-
-
-def test_tables_without_names_of_rows(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("p,v,F\n1,2,3\n4,5,6\n")
-    found = se.cases.from_file(path)
-    assert found.system == se.System([[1, 2], [4, 5]], [[3], [6]])
-    assert (found.system.state_names, found.system.input_names) == (("p", "v"), ("F",))
-    assert (found.x0, found.xf, found.system.dt) == (None, None, None)
-
-
-def test_rows_are_aligned_by_their_names(tmp_path):
-    path = tmp_path / "a.csv"
-    lines = CSV.splitlines()
-    path.write_text("\n".join([*lines[:3], lines[4], "", lines[3]]))
-    found = se.cases.from_file(path)
-    assert found.system == SYSTEM
-    np.testing.assert_array_equal(found.x0, X0)
-
-
-def test_what_pandas_writes(tmp_path):
-    pd = pytest.importorskip("pandas")
-    of_A, of_B = SYSTEM.to_pandas()
-    pd.concat([of_A, of_B], axis=1).to_csv(tmp_path / "a.csv")
-    found = se.cases.from_file(tmp_path / "a.csv").system
-    np.testing.assert_array_equal(found.A, A)
-    np.testing.assert_array_equal(found.B, B)
-    assert found.state_names == SYSTEM.state_names
-
-
-@pytest.mark.parametrize(
-    ("line", "dt"),
-    [
-        ("dt = 0.1", 0.1), ("dt=.1 s", 0.1), ("Dt = 0.1", 0.1), ("DT: 1e-1S", 0.1),
-        ("dt = 100 ms", 0.1), ("dt = 100ms,,,", 0.1), ("dt [ms] = 100", 0.1), ("dt (s) = 0.1", 0.1),
-        ("dt = 250 [us]", 250e-6), ("dt = 250 \u00b5s", 250e-6), ("dt = 250 \u03bcs", 250e-6),
-        ("dt = 1.5 min", 90.0), ("dt = 2 H", 7200.0), ("dt = 2 d", 172800.0), ("# dt = 0.1", 0.1),
-        ("width 3, adt = 2", None), ("the mdt is 0.1", None), ("", None),
-    ],
-)  # fmt: skip
-def test_steps_with_units(tmp_path, line, dt):
-    path = tmp_path / "a.csv"
-    path.write_text(f"#{line}\np,F\n1,2\n", encoding="utf-8")
-    assert se.cases.from_file(path).system.dt == dt
-
-
-def test_many_columns_are_read_in_proportion(tmp_path):
-    """Comparing each of 1e5 names with each takes 200 s."""
-    path = tmp_path / "a.csv"
-    names = ",".join(f"c{k}" for k in range(100_000))
-    path.write_text(f"{names}\n{'1,' * 99_999}1\n")
-    before = time.process_time()
-    assert se.cases.from_file(path).system.m == 99_999
-    assert time.process_time() - before < 20.0
-
-
-BAD_CSV = {
-    "empty": ("", "is empty"),
-    "comments only": ("# dt = 1\n", "is empty"),
-    "no rows": ("p,v,F\n", "has no rows"),
-    "no names": ("1,2,3\n4,5,6\n", "must name its columns in the first row, got '1'"),
-    "a name is missing": ("p,,F\n1,2,3\n4,5,6\n", "must name its columns in the first row, got ''"),
-    "names twice": ("p,p,F\n1,2,3\n4,5,6\n", "has the column 'p' twice"),
-    "names twice with units": (
-        "p [m],p [s],F\n1,2,3\n4,5,6\n", "`states` must be different names, got 'p' twice"
-    ),
-    "no input": ("p,v\n1,2\n3,4\n", "got 2 rows and 2 such columns"),
-    "too few columns": ("p\n1\n2\n", "got 2 rows and 1 such columns"),
-    "ragged": ("p,v,F\n1,2,3\n4,5\n", "has 2 cells, not 3, in line 3"),
-    "decimal commas": ("p,v,F\n0,5,1,2\n", "has 4 cells, not 3"),
-    "text": ("p,v,F\n1,2,x\n4,5,6\n", "must have numbers in column 'F', got 'x'"),
-    "an empty cell": ("p,v,F\n1,2,\n4,5,6\n", "must have numbers in column 'F', got ''"),
-    "underscores": ("p,v,F\n1,2,1_0\n4,5,6\n", "got '1_0'"),
-    "nan": ("p,v,F\n1,nan,3\n4,5,6\n", r"`A\[0, 1\]` is nan"),
-    "x0 in front": ("x0,p,F\n1,2,3\n", "columns x0 and xf last"),
-    "xf before x0": ("p,F,xf,x0\n1,2,3,4\n", "columns x0 and xf last, in this order"),
-    "other rows": ("state,p,v,F\np,1,2,3\nw,4,5,6\n", "as names of its rows, each once, got 'v'"),
-    "rows twice": ("state,p,v,F\np,1,2,3\np,4,5,6\n", "got 'p' 2 times"),
-    "two steps": ("# dt = 1\n# dt = 2\np,F\n1,2\n", "must have one line '# dt"),
-    "a step that is none": (
-        "# dt = soon\np,F\n1,2\n", "the step as '# dt = 0.1', in s or with .* got '# dt = soon'"
-    ),
-    "a step in weeks": ("# dt = 2 w\np,F\n1,2\n", "the units ms, us, min and h, got '# dt = 2 w'"),
-    "a step with a comma": ("# dt = 0,1\np,F\n1,2\n", "got '# dt = 0,1'"),
-    "a step with an underscore": ("# dt = 1_5\np,F\n1,2\n", "got '# dt = 1_5'"),
-    "a step in words": ("# dt is 0.1 s\np,F\n1,2\n", "got '# dt is 0.1 s'"),
-    "a step among words": ("# cart, dt=0.1\np,F\n1,2\n", "got '# cart, dt=0.1'"),
-    "a step in two units": ("# dt [ms] = 1 s\np,F\n1,2\n", r"got '# dt \[ms\] = 1 s'"),
-    "a step of nan": ("# dt = nan\np,F\n1,2\n", "got '# dt = nan'"),
-    "no step": ("# DT =\np,F\n1,2\n", "got '# DT ='"),
-    "an escape": ("p\x1b[31m,F\n1,2\n", r"without control characters, got 'p\\x1b\[31m'"),
-    "a name of two lines": ('"p\nq",F\n1,2\n', r"one line of text .* got 'p\\nq'"),
-    "continuous time": ("# dt = 0\np,F\n1,2\n", "continuous time"),
-    "bytes": (b"p,F\n\xff,1\n", "must have numbers in column 'p', got '\u00ff' in line 2"),
-    "zeros": (b"p,F\n\0,1\n", "must be a CSV file, text in UTF-8, UTF-16 or"),
-    "a quote without end": ('p,F\n"1,2\n', "cells, not 2|CSV"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", BAD_CSV)
-def test_bad_tables_are_refused(tmp_path, what):
-    content, said = BAD_CSV[what]
-    path = tmp_path / "a.csv"
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(StochensError, match=said):
-        se.cases.from_file(path)
-
-
-def test_cut_tables_are_refused_unless_rows_are_whole(tmp_path):
-    """A table without its last rows is one with fewer states and more inputs."""
-    path, whole = tmp_path / "a.csv", CSV.strip().encode()
-    read = []
-    for cut in range(len(whole)):
-        path.write_bytes(whole[:cut])
-        with suppress(StochensError):
-            read.append(se.cases.from_file(path).system)
-    assert [(system.n, system.m) for system in read] == [(1, 3)] * len(read)
-    assert len(read) <= 4  # the last number of the first row has three characters
-
-
 # -- .npz and JSON -------------------------------------------------------------------------------
 
 JSON = {
@@ -459,7 +328,7 @@ def test_bad_names_in_archives_are_refused(tmp_path):
 # -- commands ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".mat", ".csv", ".json"])
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".json"])
 def test_commands_read_every_kind(tmp_path, capsys, suffix):
     path = str(write(tmp_path / f"a{suffix}"))
     for args in (
@@ -473,6 +342,6 @@ def test_commands_read_every_kind(tmp_path, capsys, suffix):
 
 
 def test_commands_use_the_names(tmp_path, capsys):
-    path = str(write(tmp_path / "a.csv"))
+    path = str(write(tmp_path / "a.json"))
     assert cli.main(["control", path, "--steps", "3"]) == 0
     assert "T_m3" in capsys.readouterr().out

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 # Bytes of memory for one of the file: a cell of few characters becomes an object of about 60.
 _PARSED = 30
-_WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
 _TITLE = re.compile(r"(.*\S)\s*[\[(]\s*(?![-+]?\d)[^\[\]()]+[\])]")
 _SEPARATORS = "\t;|, "
 _SEP_LINE = re.compile(r'"?sep=([^\r\n])"?\s*', re.IGNORECASE)
@@ -60,13 +59,12 @@ class Text(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Cells:
-    """The columns below their names, the line of each row, and the comments above the names."""
+    """The columns below their names, and the line of each row."""
 
     path: PathLike
     names: list[str]
     columns: dict[str, tuple[str, ...]]
     lines: Sequence[int]
-    comments: list[str]
     decimal: str
 
     def numbers(self, name: str, *, whole: bool = False) -> Floats:
@@ -142,7 +140,7 @@ def read_cells(path: PathLike, how: Text | None = None) -> Cells:
         raise InputError(f"{path} has no rows below the names of its columns")
     comma = sep == ";" and any("," in one and _DECIMAL_COMMA.search(one) for one in lines[at:])
     columns = dict(zip(names, zip(*rows, strict=True), strict=True))
-    return Cells(path, names, columns, places, comments, how.decimal or ("," if comma else "."))
+    return Cells(path, names, columns, places, how.decimal or ("," if comma else "."))
 
 
 def _decoded(path: PathLike) -> str:
@@ -340,12 +338,6 @@ def _files(source: Any) -> list[str]:
     if not found:
         raise FileNotFoundError(wanted)
     return sorted(found, key=natural)
-
-
-def name_and_unit(title: str) -> tuple[str, str]:
-    """``delta_1 [rad]``: the name, and the unit or ""."""
-    split = _WITH_UNIT.fullmatch(title)
-    return (title, "") if split is None else (split[1], split[2])
 
 
 def titled_as(title: str) -> str:

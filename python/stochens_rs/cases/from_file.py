@@ -16,14 +16,13 @@ from .._base import memory, state_file, validation
 from .._base.files import checked_path, regular_file
 from ..exceptions import InputError, ResourceError, ShapeError
 from ..system import System
-from ._from_csv import read_csv
 from ._from_mat import read_mat
 
 _NAMES = ("A", "B", "x0", "xf", "dt", "states", "inputs", "units")
 # Bytes of memory per byte of JSON in the worst case: the 3 bytes "{}," become a dict of 80 bytes
 # and a pointer of 8, 29 per byte; the text itself is in memory too.
 _PARSED = 36
-_MEMORY = {".npz": 1, ".mat": 1, ".csv": 1}  # their readers look at what is in them
+_MEMORY = {".npz": 1, ".mat": 1}  # their readers look at what is in them
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +43,12 @@ class Problem:
 
 
 def from_file(path: str | os.PathLike[str]) -> Problem:
-    """Read a problem from NumPy's ``.npz``, MATLAB's ``.mat``, ``.csv`` or JSON.
+    """Read a problem from NumPy's ``.npz``, MATLAB's ``.mat`` or JSON.
 
     Parameters
     ----------
     path : path
-        A ``.npz``, ``.mat`` or ``.csv`` file; a file with any other name is read as JSON. Entries:
+        A ``.npz`` or ``.mat`` file; a file with any other name is read as JSON. Entries:
         ``A`` (n, n), ``B`` (n, m), and optionally ``x0`` (n,), ``xf`` (n,), the step ``dt`` [s],
         the names ``states`` (n) and ``inputs`` (m), and their ``units``: in JSON an object with
         the units of some names, elsewhere texts in the order of states and inputs, "" for none.
@@ -79,18 +78,6 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     be called ``Ts``; objects such as ss and iddata are refused with what to save. Texts are cells
     or rows of characters.
 
-    A CSV file is the table [A B x0 xf] with a row for each state. Its first row has the
-    names of the states, then those of the inputs, each with its unit if it has one, then ``x0``
-    and ``xf`` if there are such columns. A first column with the title ``state`` or without one
-    has the names of the rows, which may then be in any order. Lines above the first row may begin
-    with # or %, one of them be ``# dt = 0.1`` (in s) or ``# dt = 100 ms`` (or us, min, h). A table
-    that has lost rows is one with fewer states and more inputs: look at n and m of the system. ::
-
-        # dt = 0.1
-        state,p [m],v,F [N],x0
-        p,1,0.1,0,2
-        v,0,0.9,0.1,0
-
     Examples
     --------
     >>> import json, tempfile, pathlib, stochens_rs as se
@@ -105,9 +92,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     if state_file.is_state(path):
         raise InputError(f"{path} must be a problem, got a saved object: Model.load reads a model")
     memory.need(f"to read {path}", about.st_size * _MEMORY.get(kind, _PARSED))
-    if kind == ".csv":
-        found = read_csv(path)
-    elif kind == ".mat":
+    if kind == ".mat":
         found = read_mat(path, _NAMES)
     else:
         found = _npz(path) if kind == ".npz" else _json(path, about.st_size)
@@ -173,7 +158,7 @@ def _json(path: Path, size: int) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:  # not text, not JSON, or nested too deeply
         meant = validation.nearest(path.suffix, _MEMORY)
         raise InputError(
-            f"{path} must be JSON, or end in .npz, .mat or .csv: {error}{meant}"
+            f"{path} must be JSON, or end in .npz or .mat: {error}{meant}"
         ) from error
     if not isinstance(found, dict):
         raise InputError(f"{path} must be a JSON object, got {type(found).__name__}")

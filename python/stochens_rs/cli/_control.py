@@ -105,7 +105,7 @@ def control_command(
 ) -> None:
     """Compute the control to a target, also within limits.
 
-    MODEL_OR_PROBLEM is a model of `identify --out`, or a known system: .npz, .mat, .csv or JSON
+    MODEL_OR_PROBLEM is a model of `identify --out`, or a known system: .npz, .mat or JSON
     with A, B and optionally x0, xf, names and units.
 
     For a model, prints how far from the target the true system, or its readings, can end with

@@ -62,7 +62,7 @@ class Choice(_Choice):
 
 
 FILE, DIRECTORY = Place("file"), Place("dir")
-ENDINGS = ".npz, .mat, .csv or JSON"
+ENDINGS = ".npz, .mat or JSON"
 
 
 def out_option(name: str, more: str = "") -> Callable[[F], F]:

@@ -82,7 +82,7 @@ def study_command(
 ) -> None:
     """Compare fusions by the errors of control and state, relative, over repeated samples.
 
-    PROBLEM is the name of an example system, or a file: .npz, .mat, .csv or JSON with A, B and
+    PROBLEM is the name of an example system, or a file: .npz, .mat or JSON with A, B and
     optionally x0, xf. With --checkpoint, the same command continues after Ctrl-C or a crash; the
     numbers are the same bits as without, with any number of workers. A file that ends in .study, of
     any study, is shown as it is, and written to --out.

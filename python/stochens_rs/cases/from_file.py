@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base import memory, state_file, validation
+from .._base.extras import extra
 from .._base.files import checked_path, regular_file
 from ..exceptions import InputError, ResourceError, ShapeError
 from ..system import System
-from ._from_mat import read_mat
 
 _NAMES = ("A", "B", "x0", "xf", "dt", "states", "inputs", "units")
 # Bytes of memory per byte of JSON in the worst case: the 3 bytes "{}," become a dict of 80 bytes
@@ -65,6 +66,8 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
         or `path` is a directory, a pipe or a device.
     InputTypeError
         If `path` is not a path.
+    ImportError
+        If it is a ``.mat`` file and SciPy is not installed.
     ResourceError
         If the content does not fit into the memory this process may use.
     OSError
@@ -74,9 +77,9 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     -----
     Reading executes nothing: arrays of Python objects are refused.
 
-    MATLAB files of versions 5 to 7.2 are read, ``save(name, 'A', 'B', '-v7')``, where the step may
-    be called ``Ts``; objects such as ss and iddata are refused with what to save. Texts are cells
-    or rows of characters.
+    SciPy (extra ``mat``) reads MATLAB files up to version 7.2, ``save(name, 'A', 'B', '-v7')``; the
+    step may be called ``Ts``. Texts are cells or rows of characters. A damaged file that is not
+    compressed (version 6) can end the process in SciPy: read files of others in a process apart.
 
     Examples
     --------
@@ -93,7 +96,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
         raise InputError(f"{path} must be a problem, got a saved object: Model.load reads a model")
     memory.need(f"to read {path}", about.st_size * _MEMORY.get(kind, _PARSED))
     if kind == ".mat":
-        found = read_mat(path, _NAMES)
+        found = _mat(path)
     else:
         found = _npz(path) if kind == ".npz" else _json(path, about.st_size)
     unknown = sorted(set(found) - set(_NAMES))
@@ -151,15 +154,48 @@ def _npz(path: Path) -> dict[str, Any]:
             raise InputError(f"{path} must be an archive of numeric arrays: {error}") from error
 
 
+def _mat(path: Path) -> dict[str, Any]:
+    with extra("SciPy reads .mat files", "mat"):
+        from scipy.io import loadmat
+    try:
+        with path.open("rb") as file, warnings.catch_warnings():
+            warnings.simplefilter("error")  # a variable that is there twice
+            loaded = loadmat(file)
+    except NotImplementedError:  # HDF5
+        raise InputError(
+            f"{path} must be a MATLAB file up to version 7.2, got 7.3: save it again with "
+            "save(name, 'A', 'B', '-v7')"
+        ) from None
+    except Exception as error:  # a damaged file raises anything
+        reason = " ".join(f"{error}".split())[:120]
+        raise InputError(f"{path} must be a whole MATLAB file: {reason}") from None
+    found: dict[str, Any] = {}
+    for name, value in loaded.items():
+        if name.startswith("__") and isinstance(value, (bytes, str, list)):  # about the file
+            continue
+        if not isinstance(value, np.ndarray) or value.dtype.names:
+            raise InputError(
+                f"{path} must have arrays of numbers and cells of text, got another kind in "
+                f"{name[:40]}: save full(A) of a sparse matrix, the fields of a struct, and of an "
+                f"ss object [A, B] = ssdata({name[:40]}) and dt"
+            )
+        if value.dtype.kind in "OU":  # cells, each with one row of text or none; rows of characters
+            cells = [np.asarray(one).ravel() for one in value.ravel()]
+            if all(one.dtype.kind == "U" and len(one) < 2 for one in cells):
+                value = ["".join(one).rstrip() for one in cells]
+        elif name in ("x0", "xf") and 1 in value.shape:  # MATLAB has no vectors
+            value = value.ravel()
+        found["dt" if name == "Ts" else name] = value
+    return found
+
+
 def _json(path: Path, size: int) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
             found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:  # not text, not JSON, or nested too deeply
         meant = validation.nearest(path.suffix, _MEMORY)
-        raise InputError(
-            f"{path} must be JSON, or end in .npz or .mat: {error}{meant}"
-        ) from error
+        raise InputError(f"{path} must be JSON, or end in .npz or .mat: {error}{meant}") from error
     if not isinstance(found, dict):
         raise InputError(f"{path} must be a JSON object, got {type(found).__name__}")
     return found

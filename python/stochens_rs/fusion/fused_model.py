@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from .._base.types import Floats
     from ..identification.trajectories import Trajectories
 
-DataMethod: TypeAlias = Literal["alse", "leave-one-out"]
-DATA_METHODS: tuple[DataMethod, ...] = get_args(DataMethod)
 # Least unit of a row, of the size of its outcomes: the weights of rows are then at most 1e6 apart,
 # and directions of the hull are seen in all of them (`hull.position` drops those below 1e-10).
 _LEAST = 1e-6
@@ -45,22 +43,18 @@ class FusedModel(SavedRecord, Identified):
         The models that were mixed.
     least_squares : Model
         Least squares of the data, with the assumptions on design and noise.
-    method : {"alse", "leave-one-out"}
-        How the weights were chosen.
     weights : ndarray, shape (M,)
         Of the models in their mixture F: nonnegative, with sum 1.
     share : float
         The share of least squares, from 0 to 1. Above 0.5 the data count more than the models.
     gap : float
-        No weights of the simplex have a squared distance (for "leave-one-out": a sum of squared
-        errors) that is smaller by more than this.
+        No weights of the simplex have a squared distance that is smaller by more than this.
     status : {"optimal", "optimal_inaccurate", "user_limit", "interrupted"}
         How the search for the weights ended, as in `Fit`. Regions hold for any weights.
     """
 
     models: SystemEnsemble
     least_squares: Model
-    method: DataMethod
     weights: Floats
     share: float
     gap: float
@@ -78,7 +72,6 @@ class FusedModel(SavedRecord, Identified):
             raise InputError("`least_squares` must have an intercept, as `models` have offsets")
         if data.known is not None:
             raise InputError("`least_squares` must have no known entries")
-        validation.choice("method", self.method, DATA_METHODS)
         weights = validation.kept("weights", self.weights, shape=(models.size,))
         if weights.min() < 0.0 or abs(float(weights.sum()) - 1.0) > 1e-6:
             raise InputError("`weights` must be nonnegative with sum 1")
@@ -150,11 +143,8 @@ class FusedModel(SavedRecord, Identified):
         """Whether the data are compatible with some weights, of any sign, with sum 1.
 
         A test of level 0.01 for a design that is independent of the noise, exact where its
-        covariance is known but for a factor. None where there is nothing to test, and for
-        "leave-one-out".
+        covariance is known but for a factor. None where there is nothing to test.
         """
-        if self.method != "alse":
-            return None
         noise = self._noise  # that of states without any is rounding
         rounding = ROUNDING * self._hull.largest
         return _core.hull_explained(
@@ -177,7 +167,7 @@ class FusedModel(SavedRecord, Identified):
                 f"{html.number_of(data.size, 'pair')} for {self._hull.k} free weights: the weights "
                 "follow the noise"
             )
-        if self.method == "alse" and self._noise.variance is None and self._noise.degrees == 0:
+        if self._noise.variance is None and self._noise.degrees == 0:
             said.append("there are too few pairs to estimate the noise: declare sigma if known")
         if data.design == "adaptive":
             said.append("design='adaptive': the region is that of least squares")
@@ -218,7 +208,7 @@ class FusedModel(SavedRecord, Identified):
         - s (1 - s) ||F - H||^2`` gives the smaller of both and less. The result is the smaller of
         that ball and the region of least squares, which `Plan.bound` uses both. Where the ball
         cannot be expected to be smaller, which the numbers of pairs and models decide, not the
-        outcomes, and for all other methods and designs, it is the region of least squares with the
+        outcomes, and for all other designs, it is the region of least squares with the
         whole delta.
 
         Examples
@@ -244,7 +234,7 @@ class FusedModel(SavedRecord, Identified):
     def _exact(self) -> bool:
         """Whether there is a ball around the mixture from the data alone."""
         data = self.least_squares
-        return self.method == "alse" and data.design == "independent" and one_variance(data)
+        return data.design == "independent" and one_variance(data)
 
     def _own(self, delta: float, level: float, **options: Any) -> Region:
         """The region of least squares at this level, as one of those that hold with `delta`."""
@@ -292,7 +282,7 @@ class FusedModel(SavedRecord, Identified):
     def __repr__(self) -> str:
         data = self.least_squares
         return (
-            f"<FusedModel {self.method}: {html.number_of(self.models.size, 'model')}, n={data.n} "
+            f"<FusedModel: {html.number_of(self.models.size, 'model')}, n={data.n} "
             f"m={data.m}, {html.number_of(data.size, 'pair')}, "
             f"{100 * self.share:.3g} % least squares{html.warned(self.warnings)}>"
         )

@@ -1,4 +1,4 @@
-"""Fusing realizations, models or experiments into one estimate."""
+"""Fusing realizations or models into one estimate."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from . import alse
 from .alse import WeightSet
 from .by_data import fuse_by_data
 from .fits import Fit
-from .fused_model import DATA_METHODS, DataMethod, FusedModel, stacked
-from .pooling import pool
+from .fused_model import FusedModel, stacked
 from .weighting import weighted
 
 if TYPE_CHECKING:
@@ -50,7 +49,7 @@ def fuse(
 @overload
 def fuse(
     ensemble: SystemEnsemble | Sequence[Any],
-    method: DataMethod,
+    method: Literal["alse"],
     *,
     data: Trajectories | Sequence[Trajectories] | Model,
     design: Design | None = None,
@@ -61,11 +60,9 @@ def fuse(
     time_limit: float | None = None,
     max_iter: int | None = None,
 ) -> FusedModel: ...
-@overload
-def fuse(ensemble: Sequence[Model], method: Literal["pooled"]) -> Model: ...
 def fuse(
     ensemble: Ensemble | SystemEnsemble | Sequence[Any],
-    method: Method | DataMethod | Literal["pooled"] = "uniform",
+    method: Method = "uniform",
     *,
     target: ArrayLike | None = None,
     data: Trajectories | Sequence[Trajectories] | Model | None = None,
@@ -79,8 +76,8 @@ def fuse(
     tol: float = 1e-9,
     time_limit: float | None = None,
     max_iter: int | None = None,
-) -> Fit | FusedModel | Model:
-    """Fuse realizations, models or experiments into one estimate.
+) -> Fit | FusedModel:
+    """Fuse realizations or models into one estimate.
 
     Parameters
     ----------
@@ -89,15 +86,13 @@ def fuse(
         list of Ensembles the realizations of all, as those of several senders. With
         `data`: models that were fixed before the data or made of other data, as a SystemEnsemble
         or a list of systems, pairs ``(A, B)`` and Models; the names of the data in another order
-        are brought into its order. For "pooled": a list of Models.
+        are brought into its order.
     method : str, default "uniform"
         "uniform": the average. "alse" (accumulated least squares): the weights that minimise
         ``||sum_s w_s E_s - target||``; with `data`, those of the mixture of models that is nearest
         to the data. "slse" (sequential least squares): one exact line search per realization.
         "slse-safeguarded": each followed by a line search towards the running average, so that the
-        error is never larger than that of "uniform". "leave-one-out": the mixture of models and
-        least squares with the smallest errors on pairs left out, for noise of any covariance; needs
-        `data`. "pooled": `identify` of the data of all models together.
+        error is never larger than that of "uniform".
     target : array_like, shape of a realization, optional
         The vector or matrix that the least-squares methods fit to, such as a nominal model or a
         held-out estimate; required for them without `data`. "uniform" uses it only for the
@@ -140,16 +135,15 @@ def fuse(
 
     Returns
     -------
-    Fit, FusedModel or Model
-        Estimate, weights, error, gap and status; with `data` a `FusedModel`, which has regions;
-        for "pooled" a Model. Ctrl-C during "alse" of a matrix returns the best weights so far,
-        with status "interrupted"; a second Ctrl-C raises KeyboardInterrupt.
+    Fit or FusedModel
+        Estimate, weights, error, gap and status; with `data` a `FusedModel`, which has regions.
+        Ctrl-C during "alse" of a matrix returns the best weights so far, with status
+        "interrupted"; a second Ctrl-C raises KeyboardInterrupt.
 
     Raises
     ------
     InputError, InputTypeError
-        If an argument cannot be used; the message names it. If models were fitted on `data`, or
-        the models to be pooled assume different things.
+        If an argument cannot be used; the message names it. If models were fitted on `data`.
     SolverError
         If the solver cannot solve the problem.
 
@@ -187,7 +181,7 @@ def fuse(
 
     *Weights*: for independent realizations with the truth as mean and these variances, the error
     of the average has the mean square ``sum_s w_s^2 variances[s] = rms^2``, least for "precision".
-    Where the data are at hand, "pooled" is better than any weights.
+    Where the data are at hand, `identify` of all of them together is better than any weights.
 
     Examples
     --------
@@ -210,7 +204,7 @@ def fuse(
     >>> models = [(1.1 * A, B), (0.9 * A, B)]
     >>> fused = se.fuse(models, "alse", data=data, design="independent", sigma=0.1)
     >>> fused
-    <FusedModel alse: 2 models, n=2 m=1, 30 pairs, 44.1 % least squares>
+    <FusedModel: 2 models, n=2 m=1, 30 pairs, 44.1 % least squares>
     >>> fused.region(0.05).contains(A, B)
     True
     """
@@ -221,16 +215,12 @@ def fuse(
         "independent": None if independent is False else independent,
     }
     of_realizations = {"target": target, "weights": weights, "variances": variances}
-    if isinstance(method, str) and method == "pooled":
-        _refuse("with method 'pooled'", data=data, **of_realizations, **of_data)
-        return pool(ensemble)
-    if data is not None or (isinstance(method, str) and method == "leave-one-out"):
-        if data is None:
-            raise InputError(f"`data` is required for method '{method}'")
-        kind = validation.choice("method", method, DATA_METHODS)
+    if data is not None:
+        if validation.choice("method", method, METHODS) != "alse":
+            raise InputError(f"`method` must be 'alse' with `data`, got '{method}'")
         _refuse("with `data`", **of_realizations)
-        limits = alse.checked_options(None, kind, weight_set, tol, time_limit, max_iter)
-        return fuse_by_data(ensemble, kind, data, design, sigma, shrink, independent, limits)
+        limits = alse.checked_options(None, "alse", weight_set, tol, time_limit, max_iter)
+        return fuse_by_data(ensemble, data, design, sigma, shrink, independent, limits)
     _refuse("without `data`", **of_data)
     if isinstance(ensemble, SystemEnsemble):
         matrices = stacked(ensemble, ensemble.c is not None)

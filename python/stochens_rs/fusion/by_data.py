@@ -17,8 +17,8 @@ from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model
-from . import alse, hull
-from .fused_model import FusedModel, noise_of, stacked, units
+from . import alse
+from .fused_model import FusedModel, coordinates, noise_of, position, stacked, units
 
 
 def fuse_by_data(
@@ -39,7 +39,7 @@ def fuse_by_data(
         raise InputError("`data` determine nothing: all states and inputs are 0")
     memory.need("the models", 4 * 8 * given.size * given.n * (f.rank + len(f.columns)))
     with np.errstate(over="ignore", invalid="ignore"):
-        S, t = hull.coordinates(stacked(given, least.intercept), f, units(least))
+        S, t = coordinates(stacked(given, least.intercept), f, units(least))
     if not np.isfinite(S).all() or not np.isfinite(np.vdot(S, S)):
         raise NonFiniteError("the squares of the data and the models overflow: scale them down")
     shrink = validation.flag("shrink", shrink)
@@ -47,7 +47,7 @@ def fuse_by_data(
     fit = alse.solve(Ensemble.from_samples(differences), np.zeros(differences.shape[1]), options)
     weights, share = fit.weights / fit.weights.sum(), 0.0
     if shrink:
-        share = _core.hull_share(hull.position(S, t, weights), noise_of(least))
+        share = _core.hull_share(position(S, t, weights), noise_of(least))
     assert fit.gap is not None
     fused = FusedModel(given, least, weights, share, fit.gap, fit.status)
     own = [text for text in fused.warnings if text not in least.warnings]

@@ -1,9 +1,18 @@
-"""`FusedModel`: a mixture of given models and least squares, with regions from the data alone."""
+"""`FusedModel`: a mixture of given models and least squares, with regions from the data alone.
+
+Models Theta_i (n, d) that are independent of the data; ``V = R' R`` with R = `root`. With
+``S_i = Theta_i R'`` and ``t = H R'``, H least squares,
+``||Y - Theta_w Z||^2 = ||sum w_i S_i - t||^2 + tr S``. For z independent of Gaussian noise of
+covariance sigma^2 I the noise of t is sigma times a standard normal in p = n rank dimensions, of
+which k belong to the affine hull of the S_i.
+Known covariances become I by a change of units; of unknown ones the units are the estimated
+deviations of the rows.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,15 +27,50 @@ from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.region import Region
-from . import hull
 
 if TYPE_CHECKING:
     from .._base.types import Floats
     from ..identification.trajectories import Trajectories
 
 # Least unit of a row, of the size of its outcomes: the weights of rows are then at most 1e6 apart,
-# and directions of the hull are seen in all of them (`hull.position` drops those below 1e-10).
+# and directions of the hull are seen in all of them (`position` drops those below 1e-10).
 _LEAST = 1e-6
+
+
+class Noise(NamedTuple):
+    """``sigma^2``, or None and what estimates it: the residual sum of squares and its degrees.
+
+    `rows` above 1: so many rows have variances of their own, estimated with `degrees` each.
+    """
+
+    variance: float | None
+    rss: float
+    degrees: int
+    rows: int = 1
+
+
+class Hull(NamedTuple):
+    """The mixture ``point = sum w_i S_i`` nearest to the data t; P projects on the affine hull.
+
+    `distance2` is ``||t - point||^2``, `off2` is ``||t - P t||^2``, `along` is ``||P t - point||``;
+    k and `face` are the dimensions of the affine hull and of the face that `point` lies in, p is
+    that of the space; `largest` is the largest norm of t and the S_i.
+    """
+
+    point: Floats
+    t: Floats
+    distance2: float
+    off2: float
+    along: float
+    k: int
+    face: int
+    p: int
+    largest: float
+
+    @property
+    def away(self) -> Floats:
+        """``t - point``."""
+        return self.t - self.point
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,10 +132,10 @@ class FusedModel(SavedRecord, Identified):
         return validation.frozen(F + self.share * away @ self._fitted.white)
 
     @cached_property
-    def _hull(self) -> hull.Hull:
+    def _hull(self) -> Hull:
         given = stacked(self.models, self.least_squares.intercept)
-        S, t = hull.coordinates(given, self._fitted, self._units)
-        return hull.position(S, t, self.weights)
+        S, t = coordinates(given, self._fitted, self._units)
+        return position(S, t, self.weights)
 
     @property
     def _fitted(self) -> _core.Fitted:
@@ -102,7 +146,7 @@ class FusedModel(SavedRecord, Identified):
         return units(self.least_squares)
 
     @property
-    def _noise(self) -> hull.Noise:
+    def _noise(self) -> Noise:
         return noise_of(self.least_squares)
 
     @property
@@ -339,10 +383,22 @@ def units(data: Model) -> Floats:
     return np.diag(np.where(sizes > 0.0, sizes, 1.0))
 
 
-def noise_of(data: Model) -> hull.Noise:
+def noise_of(data: Model) -> Noise:
     """The noise in the `units`: 1 where the covariance is known, else from the residuals."""
     fitted = data._blocks[0]
     if one_variance(data):
         variance = None if data.assumptions.known is None else 1.0
-        return hull.Noise(variance, float(np.trace(fitted.S)), data.n * fitted.nu)
-    return hull.Noise(None, float(data.n * fitted.nu), fitted.nu, data.n)
+        return Noise(variance, float(np.trace(fitted.S)), data.n * fitted.nu)
+    return Noise(None, float(data.n * fitted.nu), fitted.nu, data.n)
+
+
+def coordinates(models: Floats, fitted: _core.Fitted, units: Floats) -> tuple[Floats, Floats]:
+    """The S_i (M, n, rank) and t (n, rank), each row in `units` L: ``L^-1 Theta R'``."""
+    S: Floats = np.asarray(np.linalg.solve(units, models @ fitted.root.T))
+    return S, np.asarray(np.linalg.solve(units, fitted.H @ fitted.root.T))
+
+
+def position(S: Floats, t: Floats, weights: Floats) -> Hull:
+    """What the data t are relative to the S_i, for the best weights."""
+    point, numbers = _core.hull_position(S.reshape(len(S), -1), t.ravel(), weights)
+    return Hull(point.reshape(t.shape), t, *numbers)

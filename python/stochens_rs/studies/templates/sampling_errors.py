@@ -12,8 +12,7 @@ from ..._base.numbers import norm
 from ..._base.types import Floats
 from ...ensembles.sampling import sample
 from ...exceptions import InputError
-from ...fusion.fusing import Method
-from ...fusion.paths import fuse_path
+from ...fusion.fusing import Method, fuse_path
 from ...rng import Key
 from ...theory.dynamics import checked_ends
 from ...theory.exact import best_control

@@ -32,7 +32,7 @@ SIZE_OF_Z = np.concatenate([np.full(10, 0.2), np.full(10, 0.5), np.full(10, 1.0)
 KINDS = ("right hull", "near hull", "wrong hull")
 _GRID = se.cases.ieee39(dt=0.05, method="euler")
 BASE = np.hstack([_GRID.A, _GRID.B])
-METHODS = ("best single", "mean", "ridge", "least squares", "mixture", "fused", "leave-one-out")
+METHODS = ("best single", "mean", "ridge", "least squares", "mixture", "fused")
 
 
 def grid(gen: np.random.Generator, spread: float, base: np.ndarray = BASE) -> np.ndarray:
@@ -73,7 +73,6 @@ def errors(kind: str, N: int, seed: int) -> tuple[dict[str, float], float, float
     given = se.SystemEnsemble(models[:, :, :N_STATES], models[:, :, N_STATES:])
     words = {"data": data, "design": "independent", "sigma": SIGMA}
     fused = se.fuse(given, "alse", **words)
-    out = se.fuse(given, "leave-one-out", **words)
     alone = np.tensordot(fused.weights, models, 1)
     least = np.hstack([fused.least_squares.A, fused.least_squares.B])
     best = int(np.argmin([np.sum((Y - Z @ one.T) ** 2) for one in models]))
@@ -84,7 +83,6 @@ def errors(kind: str, N: int, seed: int) -> tuple[dict[str, float], float, float
         "least squares": least,
         "mixture": alone,
         "fused": np.hstack([fused.A, fused.B]),
-        "leave-one-out": np.hstack([out.A, out.B]),
     }
     rms = {k: np.linalg.norm((one - Theta) * SIZE_OF_Z) / SIGMA for k, one in estimates.items()}
     own = np.sqrt(chi2_upper(0.05, N_STATES * min(N, len(SIZE_OF_Z))))

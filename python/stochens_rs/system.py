@@ -13,7 +13,6 @@ from ._base import foreign, html, validation
 from ._base.align_labels import matrices
 from ._base.exports import Exported
 from ._base.signal_names import Labels, made_labels, order_of, texts
-from ._base.simulator import FromSimulator
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
 __all__ = ["System"]
 
 
-class System(Exported, FromSimulator):
+class System(Exported):
     """The system ``x(k+1) = A x(k) + B u(k)``; immutable and hashable.
 
     Parameters

@@ -92,7 +92,7 @@ impl NoiseArgument {
     }
 }
 
-/// Where data t (p,) lie from models (M, p) mixed by weights (M,): the mixture, and the numbers of `fusion.hull.Hull`.
+/// Where data t (p,) lie from models (M, p) mixed by weights (M,): the mixture, and the numbers of the `Hull` of a `FusedModel`.
 #[pyfunction]
 #[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
 pub(super) fn hull_position<'py>(

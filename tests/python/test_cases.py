@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import pickle
 
 import numpy as np
@@ -12,15 +11,21 @@ from hidden_systems import of_each_kind
 from stochens_rs import cases
 from stochens_rs._base import discretize as zero_order_hold
 from stochens_rs._base.discretize import discretize
-from stochens_rs.cases._swing import reduced_stiffness, swing
+from stochens_rs.cases.swing_models import MACHINES, continuous, reduced_stiffness, swing_matrices
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
 
-# The packages' functions carry the names of their modules, so the modules are fetched by name.
-ieee14 = importlib.import_module("stochens_rs.cases.ieee14")
-ieee39 = importlib.import_module("stochens_rs.cases.ieee39")
-
 STEP = 0.01  # s
+
+
+def ieee14(data, base):
+    rating, *others = MACHINES[data].T
+    return continuous(14, rating if base == "system" else np.full(5, 100.0), *others)
+
+
+def ieee39(damping):
+    rating, H, xd, D = MACHINES["pai"].T
+    return continuous(39, rating, H, xd, damping * D)
 
 
 def expm(X):
@@ -64,14 +69,14 @@ REFERENCE_14 = {
 
 @pytest.mark.parametrize(("base", "expected"), [("system", L_SYSTEM), ("machine", L_MACHINE)])
 def test_ieee14_stiffness(base, expected):
-    _, _, L = ieee14._continuous("classic", base)
+    _, _, L = ieee14("classic", base)
     np.testing.assert_allclose(L, expected, atol=6e-7)
 
 
 @pytest.mark.parametrize(("data", "base"), REFERENCE_14)
 def test_ieee14_reference_numbers(data, base):
     frequencies, (slowest, fastest), largest, condition, norm, two_steps = REFERENCE_14[data, base]
-    A_c, _, _ = ieee14._continuous(data, base)
+    A_c, _, _ = ieee14(data, base)
     found, decays = modes(A_c)
     np.testing.assert_allclose(found, frequencies, atol=6e-5)
     moving = np.sort(decays)[1:]  # without the common angle
@@ -116,7 +121,7 @@ def test_euler_keeps_the_zeros_and_zoh_fills_them():
     zoh, euler = cases.ieee14(), cases.ieee14(method="euler")
     assert np.count_nonzero(zoh.A) == 100
     assert np.count_nonzero(euler.A) == 40
-    A_c, B_c, _ = ieee14._continuous("classic", "system")
+    A_c, B_c, _ = ieee14("classic", "system")
     np.testing.assert_allclose(euler.A, np.eye(10) + STEP * A_c, atol=1e-15)
     np.testing.assert_allclose(euler.B, STEP * B_c, atol=1e-15)
     assert np.abs(np.linalg.eigvals(euler.A)).max() == pytest.approx(1.006, abs=5e-4)
@@ -126,7 +131,7 @@ def test_euler_keeps_the_zeros_and_zoh_fills_them():
 
 
 def test_ieee39_reference_numbers_without_damping():
-    A_c, B_c, L = ieee39._continuous(np.zeros(10))
+    A_c, B_c, L = ieee39(0.0)
     frequencies, decays = modes(A_c)
     expected = [0.68136, 0.99444, 1.07659, 1.14558, 1.26410, 1.28365, 1.45393, 1.47117, 1.50523]
     np.testing.assert_allclose(frequencies, expected, atol=6e-6)
@@ -145,7 +150,7 @@ def test_ieee39():
     assert np.linalg.matrix_rank(system.B) == 10
     assert np.linalg.matrix_rank(np.hstack([system.A @ system.B, system.B])) == 20
     # D = 50 enters as D / w0: a machine alone decays with D / (4 H), never faster than 0.52 / s.
-    _, decays = modes(ieee39._continuous(ieee39._D)[0])
+    _, decays = modes(ieee39(1.0)[0])
     assert np.sort(decays)[1] > 0.2
     assert decays.max() < 50.0 / (4.0 * 24.3)
 
@@ -153,10 +158,10 @@ def test_ieee39():
 # -- the model -----------------------------------------------------------------------------------
 
 NETWORKS = {
-    "14, system": lambda: ieee14._continuous("classic", "system"),
-    "14, machine": lambda: ieee14._continuous("classic", "machine"),
-    "14, andes": lambda: ieee14._continuous("andes", "system"),
-    "39": lambda: ieee39._continuous(ieee39._D),
+    "14, system": lambda: ieee14("classic", "system"),
+    "14, machine": lambda: ieee14("classic", "machine"),
+    "14, andes": lambda: ieee14("andes", "system"),
+    "39": lambda: ieee39(1.0),
 }
 
 
@@ -191,7 +196,7 @@ def test_two_machines_on_one_bus_and_parallel_lines():
 def test_swing_has_the_textbook_frequency_and_damping():
     # One machine on a stiff bus, delta'' + D/(2H) delta' + w0/(2H) K delta = 0.
     K, H, D, w0 = 1.5, 4.0, 2.0, 2.0 * np.pi * 60.0
-    A, B = swing(np.array([[K]]), np.array([H]), np.array([D]))
+    A, B = swing_matrices(np.array([[K]]), np.array([H]), np.array([D]))
     eigenvalue = np.linalg.eigvals(A)[0]
     decay = D / (4.0 * H)
     assert -eigenvalue.real == pytest.approx(decay, rel=1e-12)

@@ -162,28 +162,6 @@ def test_a_known_covariance_is_a_change_of_units():
     assert ours.region(DELTA).contains(Theta[:, :4], Theta[:, 4:])
 
 
-def test_leave_one_out_equals_the_reference():
-    gen = np.random.default_rng(7)
-    Theta, z, y = independent(gen, root=SKEWED)
-    models = hull(gen, Theta, 0.5, 0.3)
-    ours = se.fuse(
-        ensemble(models), "leave-one-out", data=pairs(z, y), design="independent", tol=1e-13
-    )
-    # each state in units of its noise
-    fit = np.linalg.lstsq(z, y, rcond=None)[0]
-    own = np.sqrt(np.sum((y - z @ fit) ** 2, axis=0) / (len(z) - z.shape[1]))
-    twin = fd.leave_one_out(models / own[:, None], z, y / own)
-    check(np.append((1 - ours.share) * ours.weights, ours.share), twin, atol=1e-5, rtol=1e-4)
-    H = ours.least_squares
-    own, moved = H.region(DELTA), ours.region(DELTA)
-    assert moved.radius == own.radius
-    assert "the region of least squares" in moved.assumption
-    alone = se.fuse(
-        ensemble(models), "leave-one-out", data=pairs(z, y), design="independent", shrink=False
-    )
-    assert alone.share == 0.0
-
-
 # --- coverage -------------------------------------------------------------------------------------
 
 
@@ -377,17 +355,6 @@ def test_the_region_is_no_wider_than_that_of_least_squares(sigma):
             assert plan.bound().target == pytest.approx(min(targets))
             assert np.isfinite(plan.bound(noise=True).target)
     assert narrower >= 1 or sigma is None
-
-
-def test_leave_one_out_regions_hold():
-    gen, runs, failed = np.random.default_rng(74), 100, 0
-    for _ in range(runs):
-        Theta, z, y = independent(gen, N=40, root=SKEWED)
-        models, data = ensemble(hull(gen, Theta, 0.5, 0.3)), pairs(z, y)
-        least = se.identify(data, design="independent", checks=False)
-        fused = se.fuse(models, "leave-one-out", data=least)
-        failed += not fused.region(DELTA).contains(Theta[:, :4], Theta[:, 4:])
-    at_most(failed, runs)
 
 
 def test_models_of_the_same_data_break_the_region_and_are_refused():
@@ -618,7 +585,7 @@ def test_models_about_an_estimate_are_refused_unless_declared():
         ({"target": THETA}, "`target` must be left out with `data`"),
         ({"weights": [0.5, 0.5]}, "`weights` must be left out with `data`"),
         ({"weight_set": "subsimplex"}, "`weight_set` must be 'simplex' with `data`"),
-        ({"method": "slse"}, "`method` must be one of 'alse', 'leave-one-out'"),
+        ({"method": "slse"}, "`method` must be 'alse' with `data`, got 'slse'"),
         ({"data": model(sigma=1.0), "sigma": 1.0}, "must be left out: `data`"),
         ({"data": model(noise="bounded", sigma=1.0)}, "noise='gaussian'"),
         ({"data": model(known_B=[[0.0], [1.0]], sigma=1.0)}, "known entries"),
@@ -654,5 +621,3 @@ def test_words_for_data_are_refused_without_data():
     ):
         with pytest.raises(InputError, match=r"must be left out without `data`"):
             se.fuse(realizations, **words)
-    with pytest.raises(InputError, match=r"`data` is required for method 'leave-one-out'"):
-        se.fuse(ensemble(MODELS), "leave-one-out")

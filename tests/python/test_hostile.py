@@ -163,7 +163,7 @@ def to_improve():
 
 @cache
 def fused_model():
-    return se.fuse([(A, B), (0.5 * A, B)], "leave-one-out", data=model())
+    return se.fuse([(A, B), (0.5 * A, B)], "alse", data=model())
 
 
 def drawn(key, a):

@@ -14,7 +14,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
-from stochens_rs.fusion import paths
+from stochens_rs.fusion import fusing
 
 nan, inf = float("nan"), float("inf")
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
@@ -67,7 +67,7 @@ def test_honest_fits_come_back_and_others_do_not():
 
 @pytest.mark.parametrize("drawn", [True, False])
 def test_a_path_of_a_method_that_is_not_written_is_no_average(monkeypatch, drawn):
-    monkeypatch.setattr(paths, "checked_ensemble", lambda ensemble, method: (ensemble, method))
+    monkeypatch.setattr(fusing, "checked_ensemble", lambda ensemble, method: (ensemble, method))
     ensemble = se.sample(A, 5, rng=1)
     given = ensemble if drawn else se.Ensemble.from_samples(ensemble.dense())
     with pytest.raises(InputError, match="`method` must be one of 'uniform', 'alse'"):

@@ -10,7 +10,7 @@ import pytest
 
 import stochens_rs as se
 from grids import MACHINES_9, MACHINES_39, admittances, modes, nine_buses, write_m
-from stochens_rs.cases import _classical, _machines, _network, _statements, _swing
+from stochens_rs.cases import _machines, _network, _statements, matpower, swing_models
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 
 NINE = nine_buses()
@@ -31,8 +31,8 @@ def solved_39():
 def test_nine_buses_have_the_printed_reduced_network():
     """Anderson and Fouad, examples 2.6 and 2.7: voltages behind x'd and reduced admittances."""
     network = _network.read_network(NINE)
-    data = _classical.matched(network, _machines.read_machines(MACHINES_9))
-    E, Y = _classical.internal(network, data.xd1)
+    data = matpower.matched(network, _machines.read_machines(MACHINES_9))
+    E, Y = matpower.internal(network, data.xd1)
     np.testing.assert_allclose(np.abs(E), [1.0566, 1.0502, 1.0170], atol=6e-5)
     np.testing.assert_allclose(np.rad2deg(np.angle(E)), [2.2717, 19.7315, 13.1752], atol=0.01)
     printed = [
@@ -107,9 +107,9 @@ def with_taps():
 @pytest.mark.parametrize("case", [NINE, with_taps()], ids=["plain", "taps"])
 def test_stiffness_is_the_derivative_of_the_powers(case):
     network = _network.read_network(case)
-    data = _classical.matched(network, _machines.read_machines(MACHINES_9))
-    E, _ = _classical.internal(network, data.xd1)
-    K = _classical.synchronizing(network, data.xd1)
+    data = matpower.matched(network, _machines.read_machines(MACHINES_9))
+    E, _ = matpower.internal(network, data.xd1)
+    K = matpower.synchronizing(network, data.xd1)
     start = np.angle(E)
     np.testing.assert_allclose(
         electrical(case, MACHINES_9, start, E), case["gen"][:, 1] / 100.0, atol=1e-9
@@ -128,8 +128,8 @@ def test_system_follows_the_nonlinear_machines():
     """x' of 20 000 Euler steps of the swing equations against the linear system, small push."""
     machines = {bus: {**row, "D": 5.0} for bus, row in MACHINES_9.items()}
     network = _network.read_network(NINE)
-    data = _classical.matched(network, _machines.read_machines(machines))
-    E, _ = _classical.internal(network, data.xd1)
+    data = matpower.matched(network, _machines.read_machines(machines))
+    E, _ = matpower.internal(network, data.xd1)
     start, power = np.angle(E), NINE["gen"][:, 1] / 100.0
     push, h = np.array([0.01, 0.0, -0.01]), 1e-4
     delta, omega = start.copy(), np.zeros(3)
@@ -182,18 +182,17 @@ def test_units_at_one_bus_keep_their_order():
     one = modes(se.cases.from_matpower(NINE, MACHINES_9))
     gap = np.abs(modes(two)[:, None] - one[None, :]).min(axis=0)
     np.testing.assert_allclose(gap, 0.0, atol=1e-8)
-    labels = _swing.swing_labels([1, 2, 2])
+    labels = swing_models.swing_labels([1, 2, 2])
     assert labels["states"][:3] == ["delta_1", "delta_2", "delta_2_2"]
     assert labels["inputs"] == ["T_m_1", "T_m_2", "T_m_2_2"]
     assert labels["units"]["omega_2_2"] == "rad/s"
 
 
 def test_swing_is_the_model_of_the_ieee_cases():
-    from stochens_rs.cases.ieee14 import _BRANCHES, _CLASSIC, _GENERATOR_BUSES
-
-    rating, H, xd1, D = _CLASSIC.T
-    machines = {"bus": _GENERATOR_BUSES, "H": H, "D": D, "xd1": xd1, "mva": rating}
-    system = se.cases.swing(np.array(_BRANCHES), machines, base="machine", dt=0.02)
+    branches, buses = swing_models.NETWORKS[14]
+    rating, H, xd1, D = swing_models.MACHINES["classic"].T
+    machines = {"bus": buses, "H": H, "D": D, "xd1": xd1, "mva": rating}
+    system = se.cases.swing(np.array(branches), machines, base="machine", dt=0.02)
     assert system == se.cases.ieee14(dt=0.02)
 
 

@@ -1,12 +1,9 @@
-"""Problems from .npz, .json, .mat and .csv files: the same problem, and hostile files refused."""
+"""Problems from .npz, .json and .mat files: the same problem, and hostile files refused."""
 
 from __future__ import annotations
 
 import json
-import struct
-import time
-import tracemalloc
-from contextlib import suppress
+import sys
 
 import numpy as np
 import pytest
@@ -16,6 +13,7 @@ from stochens_rs import cli
 from stochens_rs.exceptions import InputError, StochensError
 
 sio = pytest.importorskip("scipy.io")
+csc_matrix = pytest.importorskip("scipy.sparse").csc_matrix
 
 A, B = np.array([[1.0, 0.1], [-0.2, 0.9]]), np.array([[0.0, 1.0], [0.1, 0.0]])
 X0, XF = np.array([2.0, -1.0]), np.array([0.5, 0.0])
@@ -23,12 +21,6 @@ STATES, INPUTS, UNITS = ["p", "v"], ["F", "T_m3"], {"p": "m", "T_m3": "N m"}
 TEXTS = ["m", "", "", "N m"]
 WHOLE = {"A": A, "B": B, "x0": X0, "xf": XF, "dt": 0.1}
 SYSTEM = se.System(A, B, dt=0.1, states=STATES, inputs=INPUTS, units=UNITS)
-CSV = """# a cart
-# dt = 0.1
-state,p [m],v,F,T_m3 [N m],x0,xf
-p,1,0.1,0,1,2,0.5
-v,-0.2,0.9,1e-1,0,-1,0
-"""
 
 
 def cells(texts):
@@ -42,8 +34,6 @@ def write(path, **more):
     elif path.suffix == ".mat":
         texts = {"states": cells(STATES), "inputs": cells(INPUTS), "units": cells(TEXTS)}
         sio.savemat(path, {**WHOLE, **texts, **more}, do_compression=True)
-    elif path.suffix == ".csv":
-        path.write_text(CSV)
     else:
         lists = {name: np.asarray(value).tolist() for name, value in WHOLE.items()}
         names = {"states": STATES, "inputs": INPUTS, "units": UNITS}
@@ -51,7 +41,7 @@ def write(path, **more):
     return path
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".mat", ".csv", ".json", ".txt", ".MAT", ".CSV"])
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".json", ".txt", ".MAT"])
 def test_every_kind_is_the_same_problem(tmp_path, suffix):
     path = write(tmp_path / f"a{suffix.lower()}").rename(tmp_path / f"a{suffix}")
     found = se.cases.from_file(path)
@@ -78,49 +68,39 @@ def test_matlab_as_matlab_writes_it(tmp_path):
     assert se.cases.from_file(path).system.labels.states == ("T",)
 
 
-@pytest.mark.parametrize("seed", range(30))
-def test_matlab_numbers_are_those_that_scipy_reads(tmp_path, seed):
-    gen, path = np.random.default_rng(seed), tmp_path / "a.mat"
-    n, m = (int(k) for k in gen.integers(1, 9, 2))
-    kind = ["f8", "f4", "i1", "u1", "i2", "u2", "i4", "u4", "i8", "u8", ">f8", "bool"][seed % 12]
-    made = [np.asarray(abs(gen.normal(0, 60, shape)), dtype=kind) for shape in ((n, n), (n, m))]
-    names = [f"{'ä' * (seed % 3)}state {k}" * int(gen.integers(1, 5)) for k in range(n)]
-    mapped = {"A": made[0], "B": made[1], "x0": made[0][0], "states": cells(names)}
-    sio.savemat(path, mapped, do_compression=bool(seed % 2), oned_as="row")
-    found, wanted = se.cases.from_file(path), sio.loadmat(path)
-    np.testing.assert_array_equal(found.system.A, wanted["A"])
-    np.testing.assert_array_equal(found.system.B, wanted["B"])
-    np.testing.assert_array_equal(found.x0, wanted["x0"][0])
-    assert found.system.state_names == tuple(text[0] for text in wanted["states"][0])
+@pytest.mark.parametrize("kind", ["f8", "f4", "i1", "u2", "i8", ">f8", "bool"])
+def test_matlab_numbers_are_those_that_scipy_reads(tmp_path, kind):
+    gen, path = np.random.default_rng(1), tmp_path / "a.mat"
+    made = [np.asarray(abs(gen.normal(0, 60, shape)), dtype=kind) for shape in ((5, 5), (5, 3))]
+    names = [f"ä state {k}" for k in range(5)]
+    sio.savemat(path, {"A": made[0], "B": made[1], "x0": made[0][0], "states": cells(names)})
+    found = se.cases.from_file(path)
+    np.testing.assert_array_equal(found.system.A, made[0])
+    np.testing.assert_array_equal(found.system.B, made[1])
+    np.testing.assert_array_equal(found.x0, made[0][0])
+    assert found.system.state_names == tuple(names)
 
 
 MAT = {
-    "an unknown variable": ({"A": A, "B": B, "Q": A}, "got also 'Q'"),
-    "outputs": ({"A": A, "B": B, "C": A}, "no variable C: a problem has states and inputs, no out"),
-    "a log": ({"u": A, "y": A, "Ts": 0.1}, r"also 'u', as a log has: .* Trajectories\.from_csv"),
-    "a struct of arrays": ({"sys": {"A": A, "B": B}}, "got a struct in sys: .* '-struct', 'sys'"),
-    "a struct": ({"A": {"a": 1.0}, "B": B}, "A as an array of numbers, got struct"),
-    "cells of numbers": ({"A": cells([1.0, 2.0]), "B": B}, "array of numbers, got cell"),
-    "text": ({"A": "text", "B": B}, "A as an array of numbers, got char"),
-    "names as numbers": ({"A": A, "B": B, "states": [1.0, 2.0]}, "states as a cell of text, got"),
+    "outputs": ({"A": A, "B": B, "C": A}, "got also 'C'"),
+    "a struct": ({"sys": {"A": A, "B": B}}, "another kind in sys: .* the fields of a struct"),
+    "sparse": ({"A": csc_matrix(A), "B": B}, r"another kind in A: save full\(A\)"),
+    "cells of numbers": ({"A": cells([1.0, 2.0]), "B": B}, "`A` must contain integers or real fl"),
+    "text": ({"A": "text", "B": B}, "`A` must contain integers or real floats"),
+    "names as numbers": ({"A": A, "B": B, "states": [1.0, 2.0]}, "`states` must be a string"),
     "names in cells of cells": (
-        {"A": A, "B": B, "states": cells([cells(["p", "q"]), "v"])}, "text in all cells of states"
+        {"A": A, "B": B, "states": cells([cells(["p", "q"]), "v"])}, "`states` must be a string"
     ),
     "names in cells of numbers": (
-        {"A": A, "B": B, "states": cells([1.0, "v"])}, "text in all cells of states"
+        {"A": A, "B": B, "states": cells([1.0, "v"])}, "`states` must be a string"
     ),
     "no B": ({"A": A}, "B is missing"),
     "three dimensions": ({"A": np.ones((2, 2, 2)), "B": B}, r"`A` must have shape \(n, n\)"),
-    "wrong rows": ({"A": A, "B": B[:1]}, r"`B` must have shape \(2, m\)"),
-    "complex": ({"A": A * 1j, "B": B}, "real numbers in A, got complex ones"),
-    "empty": ({"A": np.zeros((0, 0)), "B": B}, "must have numbers in A, got shape"),
+    "complex": ({"A": A * 1j, "B": B}, "integers or real floats, got dtype complex"),
+    "empty": ({"A": np.zeros((0, 0)), "B": B}, "`A` must have at least one entry"),
     "nan": ({"A": A * np.nan, "B": B}, r"`A\[0, 0\]` is nan"),
     "two steps": ({"A": A, "B": B, "dt": [0.1, 0.2]}, "`dt` must be a real number"),
-    "continuous time": ({"A": A, "B": B, "dt": 0.0}, "continuous time"),
     "x0 as a matrix": ({"A": A, "B": B, "x0": A}, r"`x0` must have shape \(2,\)"),
-    "the same name twice": (
-        {"A": A, "B": B, "states": cells(["p", "p"])}, "`states` must be different names, got 'p'"
-    ),
     "too few units": ({"A": A, "B": B, "units": cells(["m"])}, "`units` must have 4 texts"),
 }  # fmt: skip
 
@@ -138,276 +118,25 @@ def test_ts_is_the_step(tmp_path):
     assert se.cases.from_file(tmp_path / "a.mat").system == se.System(A, B, dt=0.1)
 
 
-@pytest.mark.parametrize("old", [True, False])
-@pytest.mark.parametrize(("kind", "said"), [
-    ("ss", r"got an object ss in G: of an ss object save .* = ssdata\(G\)"),
-    ("iddata", r"got an object iddata in G: t = G\.SamplingInstants; .* Trajectories\.from_csv"),
-    ("tf", "got an object tf in G"),
-])  # fmt: skip
-def test_objects_of_matlab_are_refused_with_the_cure(tmp_path, kind, said, old):
-    """Of an older class: flags, shape, name, class; of a classdef: flags, name, system, class."""
-    flags, name = element(6, struct.pack("<II", 3 if old else 17, 0)), element(1, b"G")
-    parts = (
-        (element(5, np.array([1, 1], "<i4").tobytes()), name)
-        if old
-        else (name, element(1, b"MCOS"))
-    )
-    head = b"MATLAB 5.0".ljust(124) + struct.pack("<H", 0x100) + b"IM"
-    whole = head + element(
-        14, flags + b"".join(parts) + element(1, kind.encode()) + element(6, b"")
-    )
-    (tmp_path / "a.mat").write_bytes(whole)
-    with pytest.raises(InputError, match=said):
-        se.cases.from_file(tmp_path / "a.mat")
-
-
-def test_sparse_matrices_are_refused_with_the_cure(tmp_path):
-    sparse = pytest.importorskip("scipy.sparse")
-    sio.savemat(tmp_path / "a.mat", {"A": sparse.csc_matrix(A), "B": B})
-    with pytest.raises(InputError, match=r"got sparse: save full\(A\)"):
-        se.cases.from_file(tmp_path / "a.mat")
-
-
-def test_variables_that_appear_twice_are_refused(tmp_path):
+def test_other_and_damaged_matlab_files_are_refused_by_name(tmp_path):
+    """Each byte of a compressed file is guarded by its checksum; variables may be cut off whole."""
     path = tmp_path / "a.mat"
-    sio.savemat(path, {"A": A, "B": B})
+    sio.savemat(path, {"A": A, "B": B, "x0": X0}, do_compression=True)
     whole = path.read_bytes()
-    path.write_bytes(whole + whole[128:])  # the header of a file has 128 bytes
-    with pytest.raises(InputError, match="must have the variable 'A' once"):
-        se.cases.from_file(path)
-
-
-def test_new_matlab_files_are_refused_with_the_cure(tmp_path):
-    h5py = pytest.importorskip("h5py")
-    path = tmp_path / "a.mat"
-    with h5py.File(path, "w") as file:
-        file["A"] = A
-    with pytest.raises(InputError, match=r"got 7\.3 \(HDF5\): save it again with save\(name"):
-        se.cases.from_file(path)
-    path.write_bytes(b"MATLAB 7.3 MAT-file, Platform: GLNXA64" + path.read_bytes())
-    with pytest.raises(InputError, match=r"got 7\.3"):
-        se.cases.from_file(path)
-
-
-@pytest.mark.parametrize("compressed", [True, False])
-def test_cut_and_damaged_matlab_files_raise_one_kind_of_error(tmp_path, compressed):
-    """A file that is cut between two variables is a whole one with fewer of them."""
-    path = tmp_path / "a.mat"
-    made = {"A": A, "B": B, "states": cells(STATES), "inputs": ["F", "T"], "x0": X0}
-    sio.savemat(path, made, do_compression=compressed)
-    whole, gen, refused, fewer = path.read_bytes(), np.random.default_rng(3), 0, 0
-    for cut in range(len(whole)):
-        path.write_bytes(whole[:cut])
-        try:
-            fewer += se.cases.from_file(path).x0 is None
-        except StochensError:
-            refused += 1
-    assert fewer <= 3
-    assert refused + fewer == len(whole)
-    refused = 0
-    for _ in range(500):
-        data = bytearray(whole)
-        for k in gen.integers(120, len(whole), int(gen.integers(1, 4))):
-            data[k] = int(gen.integers(256))
-        path.write_bytes(data)
-        try:
-            se.cases.from_file(path)
-        except StochensError:
-            refused += 1
-    assert refused > (450 if compressed else 150)
-
-
-def element(kind, data):
-    return struct.pack("<II", kind, len(data)) + data + bytes(-len(data) % 8)
-
-
-def matlab_array(kind, dims, name, *parts):
-    """An array as MATLAB writes it, of any class and shape."""
-    shape = np.array(dims, "<i4").tobytes()
-    head = (element(6, struct.pack("<II", kind, 0)), element(5, shape), element(1, name))
-    return element(14, b"".join(head + parts))
-
-
-DOUBLE, CHARS, CELL, MOST = 6, 4, 1, 2**31 - 1
-ONE, NONE = element(9, struct.pack("<d", 1.0)), element(16, b"")
-HUGE_SHAPES = {
-    "rows of no text": matlab_array(CHARS, (20_000_000, 0), b"units", NONE),
-    "a cell of rows of no text": matlab_array(
-        CELL, (1, 1), b"states", matlab_array(CHARS, (20_000_000, 0), b"", NONE)
-    ),
-    "dimensions": matlab_array(DOUBLE, (1,) * 100_000, b"x0", ONE),
-    "large dimensions": matlab_array(DOUBLE, (MOST,) * 100_000, b"x0", ONE),
-    "dimensions of cells": matlab_array(CELL, (MOST,) * 100_000, b"states"),
-    "no numbers": matlab_array(DOUBLE, (MOST, MOST, 0), b"x0", element(9, b"")),
-}
-
-
-@pytest.mark.parametrize("what", HUGE_SHAPES)
-def test_shapes_that_no_bytes_stand_behind_are_refused(tmp_path, what):
-    """9.6 s and 758 MB for the first one before."""
-    path = tmp_path / "a.mat"
-    known = (matlab_array(DOUBLE, (1, 1), name, ONE) for name in (b"A", b"B"))
-    head = b"MATLAB 5.0".ljust(124) + struct.pack("<H", 0x100) + b"IM"
-    path.write_bytes(head + b"".join(known))
-    assert se.cases.from_file(path).system.m == 1
-    path.write_bytes(path.read_bytes() + HUGE_SHAPES[what])
-    tracemalloc.start()
-    try:
-        with pytest.raises(InputError, match=r"without characters|dimensions|got shape"):
-            se.cases.from_file(path)
-        assert tracemalloc.get_traced_memory()[1] < 20e6
-    finally:
-        tracemalloc.stop()
-
-
-def test_packed_files_are_not_unpacked_beyond_memory(tmp_path, monkeypatch):
-    from stochens_rs._base import memory
-    from stochens_rs.exceptions import ResourceError
-
-    path = tmp_path / "a.mat"
-    sio.savemat(path, {"A": np.zeros((1000, 1000)), "B": np.ones((1000, 1))}, do_compression=True)
-    assert path.stat().st_size < 50_000
-    wanted = []
-
-    def need(what, size):
-        wanted.append(size)
-        if size > 10**6:
-            raise ResourceError(what)
-
-    monkeypatch.setattr(memory, "need", need)
-    with pytest.raises(ResourceError, match="unpacked"):
-        se.cases.from_file(path)
-    assert max(wanted) > 8 * 10**6
-
-
-def test_old_files_of_other_programs_are_refused(tmp_path):
-    path = tmp_path / "a.mat"
-    sio.savemat(path, {"A": A, "B": B}, format="4")
-    for content in (path.read_bytes(), b"", b"text", b"\0" * 500):
+    hdf5 = b"MATLAB 7.3 MAT-file".ljust(124) + b"\0\x02IM"
+    damaged = [whole[:at] + bytes([whole[at] ^ 0x5A]) + whole[at + 1 :] for at in range(140, 220)]
+    cut = [whole[:end] for end in range(1, 230)]
+    for content in (b"", b"text", bytes(500), hdf5, whole + whole[128:], *damaged, *cut):
         path.write_bytes(content)
-        with pytest.raises(InputError, match=r"version 5 to 7\.2, got another file: save it again"):
+        with pytest.raises(InputError, match=r"a\.mat must (be a|have the entries)"):
             se.cases.from_file(path)
 
 
-# -- CSV -----------------------------------------------------------------------------------------
-
-
-def test_tables_without_names_of_rows(tmp_path):
-    path = tmp_path / "a.csv"
-    path.write_text("p,v,F\n1,2,3\n4,5,6\n")
-    found = se.cases.from_file(path)
-    assert found.system == se.System([[1, 2], [4, 5]], [[3], [6]])
-    assert (found.system.state_names, found.system.input_names) == (("p", "v"), ("F",))
-    assert (found.x0, found.xf, found.system.dt) == (None, None, None)
-
-
-def test_rows_are_aligned_by_their_names(tmp_path):
-    path = tmp_path / "a.csv"
-    lines = CSV.splitlines()
-    path.write_text("\n".join([*lines[:3], lines[4], "", lines[3]]))
-    found = se.cases.from_file(path)
-    assert found.system == SYSTEM
-    np.testing.assert_array_equal(found.x0, X0)
-
-
-def test_what_pandas_writes(tmp_path):
-    pd = pytest.importorskip("pandas")
-    of_A, of_B = SYSTEM.to_pandas()
-    pd.concat([of_A, of_B], axis=1).to_csv(tmp_path / "a.csv")
-    found = se.cases.from_file(tmp_path / "a.csv").system
-    np.testing.assert_array_equal(found.A, A)
-    np.testing.assert_array_equal(found.B, B)
-    assert found.state_names == SYSTEM.state_names
-
-
-@pytest.mark.parametrize(
-    ("line", "dt"),
-    [
-        ("dt = 0.1", 0.1), ("dt=.1 s", 0.1), ("Dt = 0.1", 0.1), ("DT: 1e-1S", 0.1),
-        ("dt = 100 ms", 0.1), ("dt = 100ms,,,", 0.1), ("dt [ms] = 100", 0.1), ("dt (s) = 0.1", 0.1),
-        ("dt = 250 [us]", 250e-6), ("dt = 250 \u00b5s", 250e-6), ("dt = 250 \u03bcs", 250e-6),
-        ("dt = 1.5 min", 90.0), ("dt = 2 H", 7200.0), ("dt = 2 d", 172800.0), ("# dt = 0.1", 0.1),
-        ("width 3, adt = 2", None), ("the mdt is 0.1", None), ("", None),
-    ],
-)  # fmt: skip
-def test_steps_with_units(tmp_path, line, dt):
-    path = tmp_path / "a.csv"
-    path.write_text(f"#{line}\np,F\n1,2\n", encoding="utf-8")
-    assert se.cases.from_file(path).system.dt == dt
-
-
-def test_many_columns_are_read_in_proportion(tmp_path):
-    """Comparing each of 1e5 names with each takes 200 s."""
-    path = tmp_path / "a.csv"
-    names = ",".join(f"c{k}" for k in range(100_000))
-    path.write_text(f"{names}\n{'1,' * 99_999}1\n")
-    before = time.process_time()
-    assert se.cases.from_file(path).system.m == 99_999
-    assert time.process_time() - before < 20.0
-
-
-BAD_CSV = {
-    "empty": ("", "is empty"),
-    "comments only": ("# dt = 1\n", "is empty"),
-    "no rows": ("p,v,F\n", "has no rows"),
-    "no names": ("1,2,3\n4,5,6\n", "must name its columns in the first row, got '1'"),
-    "a name is missing": ("p,,F\n1,2,3\n4,5,6\n", "must name its columns in the first row, got ''"),
-    "names twice": ("p,p,F\n1,2,3\n4,5,6\n", "has the column 'p' twice"),
-    "names twice with units": (
-        "p [m],p [s],F\n1,2,3\n4,5,6\n", "`states` must be different names, got 'p' twice"
-    ),
-    "no input": ("p,v\n1,2\n3,4\n", "got 2 rows and 2 such columns"),
-    "too few columns": ("p\n1\n2\n", "got 2 rows and 1 such columns"),
-    "ragged": ("p,v,F\n1,2,3\n4,5\n", "has 2 cells, not 3, in line 3"),
-    "decimal commas": ("p,v,F\n0,5,1,2\n", "has 4 cells, not 3"),
-    "text": ("p,v,F\n1,2,x\n4,5,6\n", "must have numbers in column 'F', got 'x'"),
-    "an empty cell": ("p,v,F\n1,2,\n4,5,6\n", "must have numbers in column 'F', got ''"),
-    "underscores": ("p,v,F\n1,2,1_0\n4,5,6\n", "got '1_0'"),
-    "nan": ("p,v,F\n1,nan,3\n4,5,6\n", r"`A\[0, 1\]` is nan"),
-    "x0 in front": ("x0,p,F\n1,2,3\n", "columns x0 and xf last"),
-    "xf before x0": ("p,F,xf,x0\n1,2,3,4\n", "columns x0 and xf last, in this order"),
-    "other rows": ("state,p,v,F\np,1,2,3\nw,4,5,6\n", "as names of its rows, each once, got 'v'"),
-    "rows twice": ("state,p,v,F\np,1,2,3\np,4,5,6\n", "got 'p' 2 times"),
-    "two steps": ("# dt = 1\n# dt = 2\np,F\n1,2\n", "must have one line '# dt"),
-    "a step that is none": (
-        "# dt = soon\np,F\n1,2\n", "the step as '# dt = 0.1', in s or with .* got '# dt = soon'"
-    ),
-    "a step in weeks": ("# dt = 2 w\np,F\n1,2\n", "the units ms, us, min and h, got '# dt = 2 w'"),
-    "a step with a comma": ("# dt = 0,1\np,F\n1,2\n", "got '# dt = 0,1'"),
-    "a step with an underscore": ("# dt = 1_5\np,F\n1,2\n", "got '# dt = 1_5'"),
-    "a step in words": ("# dt is 0.1 s\np,F\n1,2\n", "got '# dt is 0.1 s'"),
-    "a step among words": ("# cart, dt=0.1\np,F\n1,2\n", "got '# cart, dt=0.1'"),
-    "a step in two units": ("# dt [ms] = 1 s\np,F\n1,2\n", r"got '# dt \[ms\] = 1 s'"),
-    "a step of nan": ("# dt = nan\np,F\n1,2\n", "got '# dt = nan'"),
-    "no step": ("# DT =\np,F\n1,2\n", "got '# DT ='"),
-    "an escape": ("p\x1b[31m,F\n1,2\n", r"without control characters, got 'p\\x1b\[31m'"),
-    "a name of two lines": ('"p\nq",F\n1,2\n', r"one line of text .* got 'p\\nq'"),
-    "continuous time": ("# dt = 0\np,F\n1,2\n", "continuous time"),
-    "bytes": (b"p,F\n\xff,1\n", "must have numbers in column 'p', got '\u00ff' in line 2"),
-    "zeros": (b"p,F\n\0,1\n", "must be a CSV file, text in UTF-8, UTF-16 or"),
-    "a quote without end": ('p,F\n"1,2\n', "cells, not 2|CSV"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", BAD_CSV)
-def test_bad_tables_are_refused(tmp_path, what):
-    content, said = BAD_CSV[what]
-    path = tmp_path / "a.csv"
-    path.write_bytes(content if isinstance(content, bytes) else content.encode())
-    with pytest.raises(StochensError, match=said):
+def test_scipy_is_named_where_it_is_missing(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "scipy.io", None)
+    path = write(tmp_path / "a.mat")
+    with pytest.raises(ImportError, match=r"stochens_rs\[mat\]"):
         se.cases.from_file(path)
-
-
-def test_cut_tables_are_refused_unless_rows_are_whole(tmp_path):
-    """A table without its last rows is one with fewer states and more inputs."""
-    path, whole = tmp_path / "a.csv", CSV.strip().encode()
-    read = []
-    for cut in range(len(whole)):
-        path.write_bytes(whole[:cut])
-        with suppress(StochensError):
-            read.append(se.cases.from_file(path).system)
-    assert [(system.n, system.m) for system in read] == [(1, 3)] * len(read)
-    assert len(read) <= 4  # the last number of the first row has three characters
 
 
 # -- .npz and JSON -------------------------------------------------------------------------------
@@ -459,7 +188,7 @@ def test_bad_names_in_archives_are_refused(tmp_path):
 # -- commands ------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("suffix", [".npz", ".mat", ".csv", ".json"])
+@pytest.mark.parametrize("suffix", [".npz", ".mat", ".json"])
 def test_commands_read_every_kind(tmp_path, capsys, suffix):
     path = str(write(tmp_path / f"a{suffix}"))
     assert cli.main(["control", path, "--steps", "3", "--json"]) == 0
@@ -467,6 +196,6 @@ def test_commands_read_every_kind(tmp_path, capsys, suffix):
 
 
 def test_commands_use_the_names(tmp_path, capsys):
-    path = str(write(tmp_path / "a.csv"))
+    path = str(write(tmp_path / "a.json"))
     assert cli.main(["control", path, "--steps", "3"]) == 0
     assert "T_m3" in capsys.readouterr().out

@@ -34,7 +34,6 @@ def fits(data: se.Trajectories, ensemble: se.Ensemble, units: se.SystemEnsemble,
     assert_type(se.fuse([ensemble, ensemble]), se.Fit)
     assert_type(se.fuse(units), se.Fit)
     assert_type(se.fuse(units, "alse", data=data), FusedModel)
-    assert_type(se.fuse([se.identify(data)] * 2, "pooled"), se.Model)
 
 
 def loops(model: se.Model, A: Floats) -> None:

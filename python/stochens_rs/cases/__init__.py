@@ -12,11 +12,9 @@ from collections.abc import Callable
 
 from ..system import System
 from .from_file import Problem, from_file
-from .from_matpower import from_matpower, read_matpower
-from .ieee14 import ieee14
-from .ieee39 import ieee39
+from .matpower import from_matpower, read_matpower
 from .random_system import random_system
-from .swing import swing
+from .swing_models import ieee14, ieee39, swing
 
 #: The examples that the command line knows by name. Each can be called without arguments. States:
 #: angles in rad, then as many speeds in rad/s.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import warnings
 from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,17 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._base import memory, state_file, validation
+from .._base.extras import extra
 from .._base.files import checked_path, regular_file
 from ..exceptions import InputError, ResourceError, ShapeError
 from ..system import System
-from ._from_csv import read_csv
-from ._from_mat import read_mat
 
 _NAMES = ("A", "B", "x0", "xf", "dt", "states", "inputs", "units")
 # Bytes of memory per byte of JSON in the worst case: the 3 bytes "{}," become a dict of 80 bytes
 # and a pointer of 8, 29 per byte; the text itself is in memory too.
 _PARSED = 36
-_MEMORY = {".npz": 1, ".mat": 1, ".csv": 1}  # their readers look at what is in them
+_MEMORY = {".npz": 1, ".mat": 1}  # their readers look at what is in them
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +44,12 @@ class Problem:
 
 
 def from_file(path: str | os.PathLike[str]) -> Problem:
-    """Read a problem from NumPy's ``.npz``, MATLAB's ``.mat``, ``.csv`` or JSON.
+    """Read a problem from NumPy's ``.npz``, MATLAB's ``.mat`` or JSON.
 
     Parameters
     ----------
     path : path
-        A ``.npz``, ``.mat`` or ``.csv`` file; a file with any other name is read as JSON. Entries:
+        A ``.npz`` or ``.mat`` file; a file with any other name is read as JSON. Entries:
         ``A`` (n, n), ``B`` (n, m), and optionally ``x0`` (n,), ``xf`` (n,), the step ``dt`` [s],
         the names ``states`` (n) and ``inputs`` (m), and their ``units``: in JSON an object with
         the units of some names, elsewhere texts in the order of states and inputs, "" for none.
@@ -66,6 +66,8 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
         or `path` is a directory, a pipe or a device.
     InputTypeError
         If `path` is not a path.
+    ImportError
+        If it is a ``.mat`` file and SciPy is not installed.
     ResourceError
         If the content does not fit into the memory this process may use.
     OSError
@@ -75,21 +77,9 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     -----
     Reading executes nothing: arrays of Python objects are refused.
 
-    MATLAB files of versions 5 to 7.2 are read, ``save(name, 'A', 'B', '-v7')``, where the step may
-    be called ``Ts``; objects such as ss and iddata are refused with what to save. Texts are cells
-    or rows of characters.
-
-    A CSV file is the table [A B x0 xf] with a row for each state. Its first row has the
-    names of the states, then those of the inputs, each with its unit if it has one, then ``x0``
-    and ``xf`` if there are such columns. A first column with the title ``state`` or without one
-    has the names of the rows, which may then be in any order. Lines above the first row may begin
-    with # or %, one of them be ``# dt = 0.1`` (in s) or ``# dt = 100 ms`` (or us, min, h). A table
-    that has lost rows is one with fewer states and more inputs: look at n and m of the system. ::
-
-        # dt = 0.1
-        state,p [m],v,F [N],x0
-        p,1,0.1,0,2
-        v,0,0.9,0.1,0
+    SciPy (extra ``mat``) reads MATLAB files up to version 7.2, ``save(name, 'A', 'B', '-v7')``; the
+    step may be called ``Ts``. Texts are cells or rows of characters. A damaged file that is not
+    compressed (version 6) can end the process in SciPy: read files of others in a process apart.
 
     Examples
     --------
@@ -105,10 +95,8 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     if state_file.is_state(path):
         raise InputError(f"{path} must be a problem, got a saved object: Model.load reads a model")
     memory.need(f"to read {path}", about.st_size * _MEMORY.get(kind, _PARSED))
-    if kind == ".csv":
-        found = read_csv(path)
-    elif kind == ".mat":
-        found = read_mat(path, _NAMES)
+    if kind == ".mat":
+        found = _mat(path)
     else:
         found = _npz(path) if kind == ".npz" else _json(path, about.st_size)
     unknown = sorted(set(found) - set(_NAMES))
@@ -166,15 +154,48 @@ def _npz(path: Path) -> dict[str, Any]:
             raise InputError(f"{path} must be an archive of numeric arrays: {error}") from error
 
 
+def _mat(path: Path) -> dict[str, Any]:
+    with extra("SciPy reads .mat files", "mat"):
+        from scipy.io import loadmat
+    try:
+        with path.open("rb") as file, warnings.catch_warnings():
+            warnings.simplefilter("error")  # a variable that is there twice
+            loaded = loadmat(file)
+    except NotImplementedError:  # HDF5
+        raise InputError(
+            f"{path} must be a MATLAB file up to version 7.2, got 7.3: save it again with "
+            "save(name, 'A', 'B', '-v7')"
+        ) from None
+    except Exception as error:  # a damaged file raises anything
+        reason = " ".join(f"{error}".split())[:120]
+        raise InputError(f"{path} must be a whole MATLAB file: {reason}") from None
+    found: dict[str, Any] = {}
+    for name, value in loaded.items():
+        if name.startswith("__") and isinstance(value, (bytes, str, list)):  # about the file
+            continue
+        if not isinstance(value, np.ndarray) or value.dtype.names:
+            raise InputError(
+                f"{path} must have arrays of numbers and cells of text, got another kind in "
+                f"{name[:40]}: save full(A) of a sparse matrix, the fields of a struct, and of an "
+                f"ss object [A, B] = ssdata({name[:40]}) and dt"
+            )
+        if value.dtype.kind in "OU":  # cells, each with one row of text or none; rows of characters
+            cells = [np.asarray(one).ravel() for one in value.ravel()]
+            if all(one.dtype.kind == "U" and len(one) < 2 for one in cells):
+                value = ["".join(one).rstrip() for one in cells]
+        elif name in ("x0", "xf") and 1 in value.shape:  # MATLAB has no vectors
+            value = value.ravel()
+        found["dt" if name == "Ts" else name] = value
+    return found
+
+
 def _json(path: Path, size: int) -> dict[str, Any]:
     try:
         with path.open("rb") as file:
             found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:  # not text, not JSON, or nested too deeply
         meant = validation.nearest(path.suffix, _MEMORY)
-        raise InputError(
-            f"{path} must be JSON, or end in .npz, .mat or .csv: {error}{meant}"
-        ) from error
+        raise InputError(f"{path} must be JSON, or end in .npz or .mat: {error}{meant}") from error
     if not isinstance(found, dict):
         raise InputError(f"{path} must be a JSON object, got {type(found).__name__}")
     return found

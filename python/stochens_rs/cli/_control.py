@@ -10,10 +10,10 @@ import numpy as np
 
 from .. import cases
 from .._base import state_file
-from ..data.table import Text
 from .._base.html import listed, percent
 from .._base.numbers import ROUNDING
 from ..controls import Cost, Limits, Uncertain, control
+from ..data.table import Text
 from ..exceptions import DataWarning, InputError
 from ..identification import Model
 from ..identification.last_rows import last_rows

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from ..data.units import titled
 from .._base.reading import number
 from .._base.validation import nearest
+from ..data.units import titled
 from ..exceptions import SolverError
 from ..feedback import Loop, gain
 

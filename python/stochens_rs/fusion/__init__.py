@@ -2,7 +2,6 @@
 
 from .fits import Fit, Path
 from .fused_model import FusedModel
-from .fusing import fuse
-from .paths import fuse_path
+from .fusing import fuse, fuse_path
 
 __all__ = ["Fit", "FusedModel", "Path", "fuse", "fuse_path"]

@@ -120,19 +120,13 @@ def solve(ensemble: Ensemble, goal: Floats, options: AlseOptions) -> Fit:
         return _line_by_line(ensemble, goal, options, info)
     found = _core.alse(ensemble._core_realizations(), ensemble._lines_of(goal), options.for_core())
     info |= {"solver": found.solver, "iterations": found.iterations}
-    return Fit(
-        estimate=ensemble._from_core(found.estimate),
-        weights=found.weights,
-        error=found.error,
-        gap=found.gap,
-        status=found.status,
-        method="alse",
-        lower_bound=found.lower_bound,
-        exact=found.exact,
-        unseen=found.unseen,
-        info=info,
-        target=goal,
-    )._of(ensemble)
+    bounds: dict[str, Any] = {
+        "lower_bound": found.lower_bound,
+        "exact": found.exact,
+        "unseen": found.unseen,
+    }
+    estimate, ended = ensemble._from_core(found.estimate), (found.error, found.gap, found.status)
+    return Fit._of(ensemble, goal, "alse", found.weights, estimate, *ended, **bounds, info=info)
 
 
 def path(
@@ -164,19 +158,21 @@ def _closed_form(
     weights, estimate, error, gap, relative, unseen = _core.closed_form(
         draws, ensemble._lines_of(goal), options.subsimplex
     )
-    return Fit(
-        estimate=ensemble._from_core(estimate),
-        weights=weights if options.per_line else weights.ravel(),
-        error=error,
-        gap=gap,
-        status=options.status(relative),
-        method="alse",
-        lower_bound=_least_error(error, gap),
+    return Fit._of(
+        ensemble,
+        goal,
+        "alse",
+        weights if options.per_line else weights.ravel(),
+        ensemble._from_core(estimate),
+        error,
+        gap,
+        options.status(relative),
+        # sqrt(error^2 - gap), 0 where the gap is larger; no square overflows or vanishes
+        lower_bound=error and error * sqrt(max(0.0, 1.0 - gap / error / error)),
         exact=error <= _EXACT * norm(goal),
         unseen=unseen,
         info=info | {"solver": "closed form", "iterations": 0},
-        target=goal,
-    )._of(ensemble)
+    )
 
 
 def _line_by_line(
@@ -202,21 +198,17 @@ def _line_by_line(
     within = gap <= options.tol * norm(goal) * norm(goal) or set(statuses) == {"optimal"}
     within = within and "interrupted" not in statuses  # the caller must see Ctrl-C
     info |= {"solver": [fit.info["solver"] for fit in fits]}
-    return Fit(
-        estimate=np.stack([fit.estimate for fit in fits], axis=axis - 1),
-        weights=np.stack([fit.weights for fit in fits], axis=1),
-        error=error,
-        gap=gap,
-        status="optimal" if within else worst(statuses),
-        method="alse",
+    return Fit._of(
+        ensemble,
+        goal,
+        "alse",
+        np.stack([fit.weights for fit in fits], axis=1),
+        np.stack([fit.estimate for fit in fits], axis=axis - 1),
+        error,
+        gap,
+        "optimal" if within else worst(statuses),
         lower_bound=norm(np.array([fit.lower_bound for fit in fits])),
         exact=all(fit.exact for fit in fits),
         unseen=sum(fit.unseen or 0 for fit in fits),
         info=info | {"iterations": sum(fit.info["iterations"] for fit in fits)},
-        target=goal,
-    )._of(ensemble)
-
-
-def _least_error(error: float, gap: float) -> float:
-    """``sqrt(error^2 - gap)``, 0 where the gap is larger; no square overflows or vanishes."""
-    return 0.0 if error == 0.0 else error * sqrt(max(0.0, 1.0 - gap / error / error))
+    )

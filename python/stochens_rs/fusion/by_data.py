@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,19 +17,12 @@ from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model
-from . import alse, hull
-from .fused_model import DataMethod, FusedModel, noise_of, stacked, units
-
-if TYPE_CHECKING:
-    from .._base.types import Floats
-    from .fits import Fit
-
-_ALONE = 1e-10  # of 1 - leverage: below, a pair alone determines a direction
+from . import alse
+from .fused_model import FusedModel, coordinates, noise_of, position, stacked, units
 
 
 def fuse_by_data(
     models: object,
-    method: DataMethod,
     data: object,
     design: Any,
     sigma: Any,
@@ -39,27 +32,24 @@ def fuse_by_data(
 ) -> FusedModel:
     """Choose the weights by the data and mix; `fuse` says what the arguments are."""
     given = _models(models, data, validation.flag("independent", independent))
-    least = _least_squares(given, method, data, design, sigma)
+    least = _least_squares(given, data, design, sigma)
     given = given._in_order("ensemble", least.labels)
     f = least._blocks[0]
     if f.rank == 0:
         raise InputError("`data` determine nothing: all states and inputs are 0")
     memory.need("the models", 4 * 8 * given.size * given.n * (f.rank + len(f.columns)))
     with np.errstate(over="ignore", invalid="ignore"):
-        S, t = hull.coordinates(stacked(given, least.intercept), f, units(least))
+        S, t = coordinates(stacked(given, least.intercept), f, units(least))
     if not np.isfinite(S).all() or not np.isfinite(np.vdot(S, S)):
         raise NonFiniteError("the squares of the data and the models overflow: scale them down")
     shrink = validation.flag("shrink", shrink)
-    if method == "alse":
-        fit = _nearest(S - t, options)
-        weights, share = fit.weights / fit.weights.sum(), 0.0
-        if shrink:
-            share = _core.hull_share(hull.position(S, t, weights), noise_of(least))
-    else:
-        fit = _nearest(_left_out(given, least, shrink), options)
-        weights, share = _apart(fit.weights, given.size)
+    differences = (S - t).reshape(given.size, -1)
+    fit = alse.solve(Ensemble.from_samples(differences), np.zeros(differences.shape[1]), options)
+    weights, share = fit.weights / fit.weights.sum(), 0.0
+    if shrink:
+        share = _core.hull_share(position(S, t, weights), noise_of(least))
     assert fit.gap is not None
-    fused = FusedModel(given, least, method, weights, share, fit.gap, fit.status)
+    fused = FusedModel(given, least, weights, share, fit.gap, fit.status)
     own = [text for text in fused.warnings if text not in least.warnings]
     if own:
         more = len(own) - 1
@@ -68,41 +58,7 @@ def fuse_by_data(
     return fused
 
 
-def _nearest(differences: Floats, options: alse.AlseOptions) -> Fit:
-    """The weights for which the mixture of the differences is smallest."""
-    flat = Ensemble.from_samples(differences.reshape(len(differences), -1))
-    return alse.solve(flat, np.zeros(flat.shape), options)
-
-
-def _left_out(given: SystemEnsemble, least: Model, with_own: bool) -> Floats:
-    """Errors on pairs left out, (M + 1, N, n) with least squares last.
-
-    ``Y - Theta_i Z``, and ``e_t / (1 - h_t)`` for least squares, exactly those of a fit without
-    pair t (jackknife averaging: Hansen and Racine 2012). Without least squares where one pair alone
-    determines a direction, so that its error is unbounded.
-    """
-    Z, Y = least._pairs()
-    f = least._blocks[0]
-    memory.need("the errors of the models", 3 * 8 * (given.size + 1) * Y.size)
-    errors = [Y - Z @ Theta.T for Theta in stacked(given, least.intercept)]
-    free = 1.0 - np.sum((Z @ f.white.T) ** 2, axis=1)
-    if with_own and float(free.min()) > _ALONE:
-        errors.append((Y - Z @ f.H.T) / free[:, None])
-    return np.linalg.solve(units(least), np.array(errors).transpose(0, 2, 1))
-
-
-def _apart(weights: Floats, M: int) -> tuple[Floats, float]:
-    """The weights of the models in their mixture, and the share of least squares."""
-    total = float(weights.sum())
-    share = float(weights[M:].sum()) / total
-    if share >= 1.0:
-        return np.full(M, 1.0 / M), 1.0
-    return weights[:M] / float(weights[:M].sum()), share
-
-
-def _least_squares(
-    given: SystemEnsemble, method: DataMethod, data: object, design: Any, sigma: Any
-) -> Model:
+def _least_squares(given: SystemEnsemble, data: object, design: Any, sigma: Any) -> Model:
     """Least squares of the data, with what was declared; refused where the method needs more."""
     if isinstance(data, Model):
         if design is not None or sigma is not None:
@@ -133,11 +89,8 @@ def _least_squares(
     noise = least.assumptions
     if least.known is not None:
         raise InputError("`data` must be identified without known entries")
-    if method == "alse" and noise.noise != "gaussian":
-        raise InputError(
-            f"`data` must be identified with noise='gaussian' for method 'alse', got "
-            f"'{noise.noise}'; 'leave-one-out' takes any"
-        )
+    if noise.noise != "gaussian":
+        raise InputError(f"`data` must be identified with noise='gaussian', got '{noise.noise}'")
     return least
 
 

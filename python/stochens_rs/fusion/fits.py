@@ -105,9 +105,25 @@ class Fit(SavedRecord, Tabled):
             raise ShapeError(f"`weights` must have shape {lines}, got {self.weights.shape}")
         self._check_sum(self.ensemble)
 
-    def _of(self, ensemble: Ensemble) -> Fit:
-        """Take the realizations of which the estimate was just computed as the weighted sum."""
-        object.__setattr__(self, "ensemble", ensemble)
+    @classmethod
+    def _of(
+        cls,
+        ensemble: Ensemble,
+        goal: Floats | None,
+        method: str,
+        weights: Floats,
+        estimate: Floats,
+        error: float | None,
+        gap: float | None = None,
+        status: Status = "completed",
+        **more: Any,
+    ) -> Fit:
+        """The fit of these realizations; its estimate was just computed as the weighted sum."""
+        made = cls(estimate, weights, error, gap, status, method, target=goal, **more)
+        return made._about(ensemble)
+
+    def _about(self, ensemble: Ensemble) -> Fit:
+        object.__setattr__(self, "ensemble", ensemble)  # unchecked: the sum is of these
         return self
 
     def _check_sum(self, ensemble: Ensemble) -> None:

@@ -1,9 +1,18 @@
-"""`FusedModel`: a mixture of given models and least squares, with regions from the data alone."""
+"""`FusedModel`: a mixture of given models and least squares, with regions from the data alone.
+
+Models Theta_i (n, d) that are independent of the data; ``V = R' R`` with R = `root`. With
+``S_i = Theta_i R'`` and ``t = H R'``, H least squares,
+``||Y - Theta_w Z||^2 = ||sum w_i S_i - t||^2 + tr S``. For z independent of Gaussian noise of
+covariance sigma^2 I the noise of t is sigma times a standard normal in p = n rank dimensions, of
+which k belong to the affine hull of the S_i.
+Known covariances become I by a change of units; of unknown ones the units are the estimated
+deviations of the rows.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -18,17 +27,50 @@ from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.region import Region
-from . import hull
 
 if TYPE_CHECKING:
     from .._base.types import Floats
     from ..data import Trajectories
 
-DataMethod: TypeAlias = Literal["alse", "leave-one-out"]
-DATA_METHODS: tuple[DataMethod, ...] = get_args(DataMethod)
 # Least unit of a row, of the size of its outcomes: the weights of rows are then at most 1e6 apart,
-# and directions of the hull are seen in all of them (`hull.position` drops those below 1e-10).
+# and directions of the hull are seen in all of them (`position` drops those below 1e-10).
 _LEAST = 1e-6
+
+
+class Noise(NamedTuple):
+    """``sigma^2``, or None and what estimates it: the residual sum of squares and its degrees.
+
+    `rows` above 1: so many rows have variances of their own, estimated with `degrees` each.
+    """
+
+    variance: float | None
+    rss: float
+    degrees: int
+    rows: int = 1
+
+
+class Hull(NamedTuple):
+    """The mixture ``point = sum w_i S_i`` nearest to the data t; P projects on the affine hull.
+
+    `distance2` is ``||t - point||^2``, `off2` is ``||t - P t||^2``, `along` is ``||P t - point||``;
+    k and `face` are the dimensions of the affine hull and of the face that `point` lies in, p is
+    that of the space; `largest` is the largest norm of t and the S_i.
+    """
+
+    point: Floats
+    t: Floats
+    distance2: float
+    off2: float
+    along: float
+    k: int
+    face: int
+    p: int
+    largest: float
+
+    @property
+    def away(self) -> Floats:
+        """``t - point``."""
+        return self.t - self.point
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -45,22 +87,18 @@ class FusedModel(SavedRecord, Identified):
         The models that were mixed.
     least_squares : Model
         Least squares of the data, with the assumptions on design and noise.
-    method : {"alse", "leave-one-out"}
-        How the weights were chosen.
     weights : ndarray, shape (M,)
         Of the models in their mixture F: nonnegative, with sum 1.
     share : float
         The share of least squares, from 0 to 1. Above 0.5 the data count more than the models.
     gap : float
-        No weights of the simplex have a squared distance (for "leave-one-out": a sum of squared
-        errors) that is smaller by more than this.
+        No weights of the simplex have a squared distance that is smaller by more than this.
     status : {"optimal", "optimal_inaccurate", "user_limit", "interrupted"}
         How the search for the weights ended, as in `Fit`. Regions hold for any weights.
     """
 
     models: SystemEnsemble
     least_squares: Model
-    method: DataMethod
     weights: Floats
     share: float
     gap: float
@@ -78,7 +116,6 @@ class FusedModel(SavedRecord, Identified):
             raise InputError("`least_squares` must have an intercept, as `models` have offsets")
         if data.known is not None:
             raise InputError("`least_squares` must have no known entries")
-        validation.choice("method", self.method, DATA_METHODS)
         weights = validation.kept("weights", self.weights, shape=(models.size,))
         if not (0.0 <= weights.min() <= weights.max() <= 2.0 and abs(weights.sum() - 1.0) <= 1e-6):
             raise InputError("`weights` must be nonnegative with sum 1")
@@ -95,10 +132,10 @@ class FusedModel(SavedRecord, Identified):
         return validation.frozen(F + self.share * away @ self._fitted.white)
 
     @cached_property
-    def _hull(self) -> hull.Hull:
+    def _hull(self) -> Hull:
         given = stacked(self.models, self.least_squares.intercept)
-        S, t = hull.coordinates(given, self._fitted, self._units)
-        return hull.position(S, t, self.weights)
+        S, t = coordinates(given, self._fitted, self._units)
+        return position(S, t, self.weights)
 
     @property
     def _fitted(self) -> _core.Fitted:
@@ -109,7 +146,7 @@ class FusedModel(SavedRecord, Identified):
         return units(self.least_squares)
 
     @property
-    def _noise(self) -> hull.Noise:
+    def _noise(self) -> Noise:
         return noise_of(self.least_squares)
 
     @property
@@ -150,11 +187,8 @@ class FusedModel(SavedRecord, Identified):
         """Whether the data are compatible with some weights, of any sign, with sum 1.
 
         A test of level 0.01 for a design that is independent of the noise, exact where its
-        covariance is known but for a factor. None where there is nothing to test, and for
-        "leave-one-out".
+        covariance is known but for a factor. None where there is nothing to test.
         """
-        if self.method != "alse":
-            return None
         noise = self._noise  # that of states without any is rounding
         rounding = ROUNDING * self._hull.largest
         return _core.hull_explained(
@@ -177,7 +211,7 @@ class FusedModel(SavedRecord, Identified):
                 f"{html.number_of(data.size, 'pair')} for {self._hull.k} free weights: the weights "
                 "follow the noise"
             )
-        if self.method == "alse" and self._noise.variance is None and self._noise.degrees == 0:
+        if self._noise.variance is None and self._noise.degrees == 0:
             said.append("there are too few pairs to estimate the noise: declare sigma if known")
         if data.design == "adaptive":
             said.append("design='adaptive': the region is that of least squares")
@@ -218,7 +252,7 @@ class FusedModel(SavedRecord, Identified):
         - s (1 - s) ||F - H||^2`` gives the smaller of both and less. The result is the smaller of
         that ball and the region of least squares, which `Plan.bound` uses both. Where the ball
         cannot be expected to be smaller, which the numbers of pairs and models decide, not the
-        outcomes, and for all other methods and designs, it is the region of least squares with the
+        outcomes, and for all other designs, it is the region of least squares with the
         whole delta.
 
         Examples
@@ -244,7 +278,7 @@ class FusedModel(SavedRecord, Identified):
     def _exact(self) -> bool:
         """Whether there is a ball around the mixture from the data alone."""
         data = self.least_squares
-        return self.method == "alse" and data.design == "independent" and one_variance(data)
+        return data.design == "independent" and one_variance(data)
 
     def _own(self, delta: float, level: float, **options: Any) -> Region:
         """The region of least squares at this level, as one of those that hold with `delta`."""
@@ -292,7 +326,7 @@ class FusedModel(SavedRecord, Identified):
     def __repr__(self) -> str:
         data = self.least_squares
         return (
-            f"<FusedModel {self.method}: {html.number_of(self.models.size, 'model')}, n={data.n} "
+            f"<FusedModel: {html.number_of(self.models.size, 'model')}, n={data.n} "
             f"m={data.m}, {html.number_of(data.size, 'pair')}, "
             f"{100 * self.share:.3g} % least squares{html.warned(self.warnings)}>"
         )
@@ -349,10 +383,22 @@ def units(data: Model) -> Floats:
     return np.diag(np.where(sizes > 0.0, sizes, 1.0))
 
 
-def noise_of(data: Model) -> hull.Noise:
+def noise_of(data: Model) -> Noise:
     """The noise in the `units`: 1 where the covariance is known, else from the residuals."""
     fitted = data._blocks[0]
     if one_variance(data):
         variance = None if data.assumptions.known is None else 1.0
-        return hull.Noise(variance, float(np.trace(fitted.S)), data.n * fitted.nu)
-    return hull.Noise(None, float(data.n * fitted.nu), fitted.nu, data.n)
+        return Noise(variance, float(np.trace(fitted.S)), data.n * fitted.nu)
+    return Noise(None, float(data.n * fitted.nu), fitted.nu, data.n)
+
+
+def coordinates(models: Floats, fitted: _core.Fitted, units: Floats) -> tuple[Floats, Floats]:
+    """The S_i (M, n, rank) and t (n, rank), each row in `units` L: ``L^-1 Theta R'``."""
+    S: Floats = np.asarray(np.linalg.solve(units, models @ fitted.root.T))
+    return S, np.asarray(np.linalg.solve(units, fitted.H @ fitted.root.T))
+
+
+def position(S: Floats, t: Floats, weights: Floats) -> Hull:
+    """What the data t are relative to the S_i, for the best weights."""
+    point, numbers = _core.hull_position(S.reshape(len(S), -1), t.ravel(), weights)
+    return Hull(point.reshape(t.shape), t, *numbers)

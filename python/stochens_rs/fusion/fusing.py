@@ -1,26 +1,25 @@
-"""Fusing realizations, models or experiments into one estimate."""
+"""Fusing realizations or models into one estimate: `fuse`; of many sizes: `fuse_path`."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 
 from .. import _core
 from .._base import memory, numbers, validation
-from .._base.types import Floats
+from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import alse
 from .alse import WeightSet
 from .by_data import fuse_by_data
-from .fits import Fit
-from .fused_model import DATA_METHODS, DataMethod, FusedModel, stacked
-from .pooling import pool
-from .weighting import weighted
+from .fits import Fit, Path
+from .fused_model import FusedModel, stacked
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -50,7 +49,7 @@ def fuse(
 @overload
 def fuse(
     ensemble: SystemEnsemble | Sequence[Any],
-    method: DataMethod,
+    method: Literal["alse"],
     *,
     data: Trajectories | Sequence[Trajectories] | Model,
     design: Design | None = None,
@@ -61,11 +60,9 @@ def fuse(
     time_limit: float | None = None,
     max_iter: int | None = None,
 ) -> FusedModel: ...
-@overload
-def fuse(ensemble: Sequence[Model], method: Literal["pooled"]) -> Model: ...
 def fuse(
     ensemble: Ensemble | SystemEnsemble | Sequence[Any],
-    method: Method | DataMethod | Literal["pooled"] = "uniform",
+    method: Method = "uniform",
     *,
     target: ArrayLike | None = None,
     data: Trajectories | Sequence[Trajectories] | Model | None = None,
@@ -79,8 +76,8 @@ def fuse(
     tol: float = 1e-9,
     time_limit: float | None = None,
     max_iter: int | None = None,
-) -> Fit | FusedModel | Model:
-    """Fuse realizations, models or experiments into one estimate.
+) -> Fit | FusedModel:
+    """Fuse realizations or models into one estimate.
 
     Parameters
     ----------
@@ -89,15 +86,13 @@ def fuse(
         list of Ensembles the realizations of all, as those of several senders. With
         `data`: models that were fixed before the data or made of other data, as a SystemEnsemble
         or a list of systems, pairs ``(A, B)`` and Models; the names of the data in another order
-        are brought into its order. For "pooled": a list of Models.
+        are brought into its order.
     method : str, default "uniform"
         "uniform": the average. "alse" (accumulated least squares): the weights that minimise
         ``||sum_s w_s E_s - target||``; with `data`, those of the mixture of models that is nearest
         to the data. "slse" (sequential least squares): one exact line search per realization.
         "slse-safeguarded": each followed by a line search towards the running average, so that the
-        error is never larger than that of "uniform". "leave-one-out": the mixture of models and
-        least squares with the smallest errors on pairs left out, for noise of any covariance; needs
-        `data`. "pooled": `identify` of the data of all models together.
+        error is never larger than that of "uniform".
     target : array_like, shape of a realization, optional
         The vector or matrix that the least-squares methods fit to, such as a nominal model or a
         held-out estimate; required for them without `data`. "uniform" uses it only for the
@@ -140,16 +135,15 @@ def fuse(
 
     Returns
     -------
-    Fit, FusedModel or Model
-        Estimate, weights, error, gap and status; with `data` a `FusedModel`, which has regions;
-        for "pooled" a Model. Ctrl-C during "alse" of a matrix returns the best weights so far,
-        with status "interrupted"; a second Ctrl-C raises KeyboardInterrupt.
+    Fit or FusedModel
+        Estimate, weights, error, gap and status; with `data` a `FusedModel`, which has regions.
+        Ctrl-C during "alse" of a matrix returns the best weights so far, with status
+        "interrupted"; a second Ctrl-C raises KeyboardInterrupt.
 
     Raises
     ------
     InputError, InputTypeError
-        If an argument cannot be used; the message names it. If models were fitted on `data`, or
-        the models to be pooled assume different things.
+        If an argument cannot be used; the message names it. If models were fitted on `data`.
     SolverError
         If the solver cannot solve the problem.
 
@@ -187,7 +181,7 @@ def fuse(
 
     *Weights*: for independent realizations with the truth as mean and these variances, the error
     of the average has the mean square ``sum_s w_s^2 variances[s] = rms^2``, least for "precision".
-    Where the data are at hand, "pooled" is better than any weights.
+    Where the data are at hand, `identify` of all of them together is better than any weights.
 
     Examples
     --------
@@ -210,7 +204,7 @@ def fuse(
     >>> models = [(1.1 * A, B), (0.9 * A, B)]
     >>> fused = se.fuse(models, "alse", data=data, design="independent", sigma=0.1)
     >>> fused
-    <FusedModel alse: 2 models, n=2 m=1, 30 pairs, 44.1 % least squares>
+    <FusedModel: 2 models, n=2 m=1, 30 pairs, 44.1 % least squares>
     >>> fused.region(0.05).contains(A, B)
     True
     """
@@ -221,16 +215,12 @@ def fuse(
         "independent": None if independent is False else independent,
     }
     of_realizations = {"target": target, "weights": weights, "variances": variances}
-    if isinstance(method, str) and method == "pooled":
-        _refuse("with method 'pooled'", data=data, **of_realizations, **of_data)
-        return pool(ensemble)
-    if data is not None or (isinstance(method, str) and method == "leave-one-out"):
-        if data is None:
-            raise InputError(f"`data` is required for method '{method}'")
-        kind = validation.choice("method", method, DATA_METHODS)
+    if data is not None:
+        if validation.choice("method", method, METHODS) != "alse":
+            raise InputError(f"`method` must be 'alse' with `data`, got '{method}'")
         _refuse("with `data`", **of_realizations)
-        limits = alse.checked_options(None, kind, weight_set, tol, time_limit, max_iter)
-        return fuse_by_data(ensemble, kind, data, design, sigma, shrink, independent, limits)
+        limits = alse.checked_options(None, "alse", weight_set, tol, time_limit, max_iter)
+        return fuse_by_data(ensemble, data, design, sigma, shrink, independent, limits)
     _refuse("without `data`", **of_data)
     if isinstance(ensemble, SystemEnsemble):
         matrices = stacked(ensemble, ensemble.c is not None)
@@ -245,7 +235,7 @@ def fuse(
     if weights is not None or variances is not None:
         if name != "uniform":
             raise InputError(f"`weights` and `variances` must be left out for method '{name}'")
-        return weighted(given, goal, weights, variances)
+        return _weighted(given, goal, weights, variances)
     if goal is None or name == "uniform":
         estimate = given.mean()
         error = None if goal is None else numbers.norm(estimate - goal)
@@ -256,15 +246,143 @@ def fuse(
         of_core = given._core_realizations(), given._lines_of(goal)
         w, sums, errors, _ = _core.fuse_path(*of_core, name, [given.size], False)
         estimate, error = given._from_core(sums), float(errors[0])
-    return Fit(
-        estimate=estimate,
-        weights=w,
-        error=error,
-        gap=None,
-        status="completed",
-        method=name,
-        target=goal,
-    )._of(given)
+    return Fit._of(given, goal, name, w, estimate, error)
+
+
+def fuse_path(
+    ensemble: Ensemble,
+    sizes: ArrayLike,
+    method: Method = "uniform",
+    *,
+    target: ArrayLike,
+    weight_set: WeightSet = "simplex",
+    tol: float = 1e-9,
+    time_limit: float | None = None,
+    max_iter: int | None = None,
+    estimates: bool = False,
+) -> Path:
+    """Compute the error of the fusion of the first k realizations, for several k.
+
+    Parameters
+    ----------
+    ensemble : Ensemble
+        N realizations.
+    sizes : array_like of int, shape (k,)
+        Strictly increasing, from 1 to N.
+    method, weight_set, tol, max_iter
+        As in `fuse`; `max_iter` is per size.
+    time_limit : float, optional
+        As in `fuse`, for all sizes together [s]. The sizes after the limit keep the weights of
+        the last solved size (dense ensembles: of a solve without iterations) and have status
+        "user_limit"; after Ctrl-C, "interrupted".
+    target : array_like, shape of a realization
+        The vector or matrix that the errors are measured against and the least-squares methods
+        fit to.
+    estimates : bool, default False
+        Whether to keep the estimates.
+
+    Returns
+    -------
+    Path
+        Errors, statuses and gaps, and the estimates if ``estimates=True``.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+    SolverError
+        If the solver cannot solve a problem.
+
+    Notes
+    -----
+    All but ALSE of matrices and of dense ensembles take one pass over the realizations. ALSE of
+    matrices is solved for every size, starting from the last solution where that is faster; that of
+    dense ensembles is solved for every size separately.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> A = [[0.9, 0.2], [-0.1, 0.8]]
+    >>> path = se.fuse_path(se.sample(A, 1000, rng=1), [10, 100, 1000], "slse", target=A)
+    >>> bool(path.errors[0] > path.errors[2])
+    True
+    """
+    ensemble, name = checked_ensemble(ensemble, method)
+    options = alse.checked_options(ensemble, name, weight_set, tol, time_limit, max_iter)
+    grid = validation.sizes("sizes", sizes, maximum=ensemble.size)
+    goal = checked_goal(ensemble, target, name)
+    estimates = validation.flag("estimates", estimates)
+    if estimates:
+        # as the core returns them, transposed, and in the shape of the target
+        memory.need("the estimates of a path", 3 * grid.size * goal.nbytes)
+    counts: list[int] = grid.tolist()
+    draws, gaps = ensemble._draws, None
+    completed: Status = "completed"
+    statuses = (completed,) * grid.size
+    if name != "alse":
+        _, _, errors, stack = _core.fuse_path(
+            ensemble._core_realizations(), ensemble._lines_of(goal), name, counts, estimates
+        )
+    elif draws is not None:
+        errors, gaps, statuses, stack = alse.path(ensemble, draws, goal, options, counts, estimates)
+    else:
+        errors, gaps, statuses, stack = _one_by_one(ensemble, goal, options, counts)
+    kept = ensemble._stack_from_core(stack) if estimates else None
+    return Path(grid, errors, name, statuses, gaps, kept)
+
+
+def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variances: object) -> Fit:
+    """Average with these weights; `fuse` says what the arguments are."""
+    N, info = ensemble.size, dict[str, Any]()
+    spread = None
+    if variances is not None:
+        spread = validation.vector("variances", variances, length=N)
+        if spread.min() <= 0.0:
+            raise InputError(f"`variances` must be positive, got {spread.min():g}")
+        if ensemble.centre == "estimate":
+            raise InputError(
+                "`variances` must be left out: the realizations scatter about an estimate from "
+                "data, so that no error follows"
+            )
+    method, chosen = "uniform", np.full(N, 1.0 / N)
+    if isinstance(weights, str):
+        method = validation.choice("weights", weights, ("precision",))
+        if spread is None:
+            raise InputError("`variances` must be given for weights='precision'")
+        # w_s ~ 1 / v_s, the least sum w_s^2 v_s of all weights with sum 1
+        chosen = spread.min() / spread
+    elif weights is not None:
+        method, chosen = "weighted", validation.vector("weights", weights, length=N)
+        if chosen.min() < 0.0 or not chosen.any():
+            raise InputError("`weights` must be nonnegative and not all 0")
+        chosen = chosen / chosen.max()
+    chosen = chosen / chosen.sum()
+    if spread is not None:
+        # rms^2 = sum w_s^2 v_s for independent realizations with the truth as mean
+        largest = float(spread.max())
+        info["rms"] = float(np.sqrt(np.sum(chosen**2 * (spread / largest)))) * largest**0.5
+    estimate = ensemble.combine(chosen)
+    error = None if goal is None else numbers.norm(estimate - goal)
+    return Fit._of(ensemble, goal, method, chosen, estimate, error, info=info)
+
+
+def _one_by_one(
+    ensemble: Ensemble, goal: Floats, options: alse.AlseOptions, sizes: list[int]
+) -> tuple[Floats, Floats, tuple[Status, ...], Floats]:
+    """ALSE of every prefix separately, all within one time limit."""
+    clock, interrupted = alse.Clock(options), False
+    fits = []
+    for k in sizes:
+        fit = alse.solve(ensemble.prefix(k), goal, clock.left())
+        if interrupted and fit.status == "user_limit":
+            fit = replace(fit, status="interrupted")
+        elif fit.status == "interrupted":
+            interrupted = True
+            clock.end()
+        fits.append(fit)
+    errors, gaps = (np.array([getattr(fit, name) for fit in fits]) for name in ("error", "gap"))
+    stack = np.stack([fit.estimate.ravel() for fit in fits])
+    return errors, gaps, tuple(fit.status for fit in fits), stack
 
 
 def _refuse(where: str, **arguments: object) -> None:

@@ -11,8 +11,8 @@ from ..data.table import Table
 from ..exceptions import InputError
 
 if TYPE_CHECKING:
-    from ..data.table import Text
     from .._base.types import Floats
+    from ..data.table import Text
     from .model import Model
 
 

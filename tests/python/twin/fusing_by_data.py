@@ -17,7 +17,7 @@ from stochens_rs.reference.fusing import alse_dense
 
 from .laws import chi2_quantile, chi2_upper, f_upper, noncentrality_limit
 from .regions import Region
-from .triangle import Fitted, leverages, residuals
+from .triangle import Fitted
 
 Array = NDArray[np.float64]
 
@@ -159,16 +159,3 @@ def shrunken(fused: FusedModel, sigma: float | None = None, *, rule: str = "stei
         share = 0.0
     seen = (f.H - fused.F) @ f.root.T @ f.white
     return Shrunken(fused.F + share * seen, float(share))
-
-
-def leave_one_out(models: ArrayLike, Z: ArrayLike, Y: ArrayLike) -> Array:
-    """Weights by the errors on pairs left out: of the models and, last, of least squares, (M + 1,).
-
-    Residuals Y - Theta_i Z, for least squares e_t / (1 - h_t), which are exactly those of a fit
-    without pair t; nearest mixture to 0 (jackknife averaging: Hansen and Racine 2012). For noise of
-    any covariance.
-    """
-    Z, Y = np.asarray(Z, dtype=np.float64), np.asarray(Y, dtype=np.float64)
-    own = residuals(Z, Y) / (1.0 - leverages(Z))[:, None]
-    errors = [Y - Z @ Theta.T for Theta in np.asarray(models, dtype=np.float64)]
-    return alse_dense([*errors, own], np.zeros_like(Y)).weights

@@ -1,16 +1,12 @@
-"""Pooling of experiments, and weights that are given: equations, coverage, what is refused."""
+"""Weights that are given, or follow from variances: equations, what is refused."""
 
 from __future__ import annotations
-
-import pickle
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import DELTA, exactly
 from stochens_rs.exceptions import InputError, InputTypeError
-from stochens_rs.identification.assumptions import FAULTS
 
 INDEPENDENT = {"design": "independent", "checks": False}
 
@@ -25,102 +21,6 @@ def experiments(gen, counts, *, n=3, d=5, scales=None):
         y = z @ Theta.T + 0.1 * gen.standard_normal((N, n))
         found.append(se.Trajectories.from_pairs(z[:, :n], z[:, n:], y))
     return Theta, found
-
-
-# --- pooling --------------------------------------------------------------------------------------
-
-
-WORDS = {
-    "full": {},
-    "scalar": {"covariance": "scalar"},
-    "known": {"covariance": np.diag([0.01, 0.02, 0.01])},
-    "offset": {"intercept": True},
-    "known entries": {"known_B": np.full((3, 2), 0.5)},
-    "scale": {"scale": 2.0},
-    "adaptive": {"design": "adaptive"},
-}
-
-
-@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
-@pytest.mark.parametrize("case", WORDS)
-def test_pooled_is_identified_together(case):
-    words = {**INDEPENDENT, **WORDS[case]}
-    _, sets = experiments(np.random.default_rng(1), [12, 30, 3], scales=[1.0, 10.0, 0.1])
-    models = [se.identify(one, **words) for one in sets]
-    together = se.identify(sets, **words)
-    pooled = se.fuse(models, "pooled")
-    np.testing.assert_allclose(pooled.A, together.A, rtol=1e-11, atol=1e-12)
-    np.testing.assert_allclose(pooled.B, together.B, rtol=1e-11, atol=1e-12)
-    np.testing.assert_allclose(np.abs(pooled.triangle), np.abs(together.triangle), atol=1e-11)
-    assert pooled.data == together.data
-    assert pooled.region(DELTA).radius == pytest.approx(together.region(DELTA).radius, rel=1e-9)
-    assert pooled.assumptions.design == together.assumptions.design
-    assert np.array_equal(pickle.loads(pickle.dumps(pooled)).A, pooled.A)
-
-
-def test_pooled_regions_hold():
-    """600 runs, exact level."""
-    gen, failed = np.random.default_rng(3), 0
-    for _ in range(600):
-        Theta, sets = experiments(gen, [4, 6, 20], n=2, d=3, scales=[5.0, 1.0, 0.2])
-        models = [se.identify(one, **INDEPENDENT) for one in sets]
-        region = se.fuse(models, "pooled").region(DELTA)
-        failed += not region.contains(Theta[:, :2], Theta[:, 2:])
-    exactly(failed, 600)
-
-
-@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
-def test_pairs_that_count_twice_break_the_region_and_are_refused():
-    """Every pair twice: coverage far below 95 %."""
-    gen, failed = np.random.default_rng(4), 0
-    for _ in range(200):
-        Theta, (one, other) = experiments(gen, [20, 20], n=4, d=6)
-        first = se.identify(one, **INDEPENDENT)
-        with pytest.warns(se.exceptions.DataWarning, match="pairs are equal to others"):
-            twice = se.identify([one, one], accept=FAULTS, **INDEPENDENT)
-        region = twice.region(DELTA)
-        failed += not region.contains(Theta[:, :4], Theta[:, 4:])
-    assert failed > 100
-    both = se.identify([other, one], **INDEPENDENT)
-    with pytest.raises(InputError, match=r"`ensemble\[1\]`.*must not count twice"):
-        se.fuse([first, both], "pooled")
-
-
-@pytest.mark.parametrize(
-    ("other", "message"),
-    [
-        ({"covariance": "scalar"}, "must assume the same covariance as `ensemble[0]`, 'full', got"),
-        ({"design": "adaptive"}, "the same design as `ensemble[0]`, 'independent', got 'adaptive'"),
-        ({"sigma": 0.1}, "the same covariance"),
-        ({"intercept": True}, "must have the intercept of"),
-        ({"scale": 3.0}, "must have the scale of"),
-        ({"known_B": np.ones((3, 2))}, "must have the known entries of"),
-    ],
-)
-def test_experiments_that_assume_other_things_are_refused(other, message):
-    _, sets = experiments(np.random.default_rng(5), [20, 20])
-    models = [se.identify(sets[0], **INDEPENDENT), se.identify(sets[1], **{**INDEPENDENT, **other})]
-    with pytest.raises(InputError) as raised:
-        se.fuse(models, "pooled")
-    assert message in str(raised.value)
-
-
-def test_other_experiments_are_refused():
-    _, (one, other) = experiments(np.random.default_rng(6), [20, 20])
-    x, u, y = other.pairs()
-    named = se.Trajectories.from_pairs(x, u, y, state_names=["a", "b", "c"])
-    first = se.identify(one, **INDEPENDENT)
-    with pytest.raises(InputError, match=r"`ensemble\[1\]` must have the states.*the same names"):
-        se.fuse([first, se.identify(named, **INDEPENDENT)], "pooled")
-    with pytest.raises(InputError, match="at least one model"):
-        se.fuse([], "pooled")
-    with pytest.raises(InputTypeError, match="must be a Model"):
-        se.fuse([first, first.system], "pooled")
-    with pytest.raises(InputError, match="`data` must be left out with method 'pooled'"):
-        se.fuse([first], "pooled", data=one)
-
-
-# --- weights --------------------------------------------------------------------------------------
 
 
 def test_weights_that_are_given():
@@ -173,7 +73,7 @@ def test_precision_of_experiments():
         models = [se.identify(one, **INDEPENDENT) for one in sets]
         v = [np.sum(m._blocks[0].white ** 2) for m in models]
         apart = se.SystemEnsemble([m.A for m in models], [m.B for m in models], centre="truth")
-        pooled = se.fuse(models, "pooled")
+        pooled = se.identify(sets, **INDEPENDENT)
         found = [
             np.hstack([pooled.A, pooled.B]),
             se.fuse(apart, weights="precision", variances=v).estimate,

@@ -1,0 +1,395 @@
+"""Lossless swing models of power networks: `ieee14`, `ieee39`, and `swing` of your own.
+
+Each generator is a constant voltage behind its transient reactance ``x'd``. The network is
+lossless (resistances, line charging, loads and transformer taps are left out) and linearized at
+equal angles and unit voltages, so that a line of reactance ``x`` is a spring of stiffness ``1/x``.
+
+References
+----------
+P. M. Anderson and A. A. Fouad, *Power System Control and Stability*, ch. 2 (classical model).
+F. Doerfler and F. Bullo, "Kron reduction of graphs with applications to electrical networks",
+IEEE Trans. Circuits and Systems I 60(1), 2013.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._base import memory, validation
+from .._base.discretize import discretize
+from .._base.types import Floats
+from ..exceptions import InputError, SizeError
+from ..system import System
+from ._machines import read_machines
+
+__all__ = ["ieee14", "ieee39", "swing"]
+
+SYSTEM_MVA = 100.0  # base power of the IEEE test networks
+FREQUENCY_HZ = 60.0  # North America
+
+# Branches (from, to, x) with x in per unit on 100 MVA, and the buses of the generators.
+NETWORKS = {
+    14: ((
+        (1, 2, 0.05917), (1, 5, 0.22304), (2, 3, 0.19797), (2, 4, 0.17632), (2, 5, 0.17388),
+        (3, 4, 0.17103), (4, 5, 0.04211), (4, 7, 0.20912), (4, 9, 0.55618), (5, 6, 0.25202),
+        (6, 11, 0.1989), (6, 12, 0.25581), (6, 13, 0.13027), (7, 8, 0.17615), (7, 9, 0.11001),
+        (9, 10, 0.0845), (9, 14, 0.27038), (10, 11, 0.19207), (12, 13, 0.19988), (13, 14, 0.34802),
+    ), (1, 2, 3, 6, 8)),
+    39: ((
+        (1, 2, 0.0411), (1, 39, 0.025), (2, 3, 0.0151), (2, 25, 0.0086), (2, 30, 0.0181),
+        (3, 4, 0.0213), (3, 18, 0.0133), (4, 5, 0.0128), (4, 14, 0.0129), (5, 6, 0.0026),
+        (5, 8, 0.0112), (6, 7, 0.0092), (6, 11, 0.0082), (6, 31, 0.025), (7, 8, 0.0046),
+        (8, 9, 0.0363), (9, 39, 0.025), (10, 11, 0.0043), (10, 13, 0.0043), (10, 32, 0.02),
+        (12, 11, 0.0435), (12, 13, 0.0435), (13, 14, 0.0101), (14, 15, 0.0217), (15, 16, 0.0094),
+        (16, 17, 0.0089), (16, 19, 0.0195), (16, 21, 0.0135), (16, 24, 0.0059), (17, 18, 0.0082),
+        (17, 27, 0.0173), (19, 20, 0.0138), (19, 33, 0.0142), (20, 34, 0.018), (21, 22, 0.014),
+        (22, 23, 0.0096), (22, 35, 0.0143), (23, 24, 0.035), (23, 36, 0.0272), (25, 26, 0.0323),
+        (25, 37, 0.0232), (26, 27, 0.0147), (26, 28, 0.0474), (26, 29, 0.0625), (28, 29, 0.0151),
+        (29, 38, 0.0156),
+    ), tuple(range(30, 40))),
+}  # fmt: skip
+# Per generator: rating in MVA, H in s, x'd and D in per unit on that rating.
+MACHINES = {
+    "classic": np.array([
+        [615.0, 5.148, 0.2995, 2.0], [60.0, 6.54, 0.185, 2.0], [60.0, 6.54, 0.185, 2.0],
+        [25.0, 5.06, 0.232, 2.0], [25.0, 5.06, 0.232, 2.0],
+    ]),
+    "andes": np.array([
+        [100.0, 4.0, 0.6, 0.0], [100.0, 6.5, 0.6, 0.0], [100.0, 5.0, 0.6, 0.0],
+        [100.0, 5.0, 0.6, 0.0], [100.0, 5.0, 0.6, 0.0],
+    ]),
+    "pai": np.array([
+        [100.0, 42.0, 0.031, 50.0], [100.0, 30.3, 0.0697, 50.0], [100.0, 35.8, 0.0531, 50.0],
+        [100.0, 28.6, 0.0436, 50.0], [100.0, 26.0, 0.132, 50.0], [100.0, 34.8, 0.05, 50.0],
+        [100.0, 26.4, 0.049, 50.0], [100.0, 24.3, 0.057, 50.0], [100.0, 34.5, 0.057, 50.0],
+        [100.0, 500.0, 0.006, 50.0],
+    ]),
+}  # fmt: skip
+
+
+def ieee14(
+    *,
+    data: Literal["classic", "andes"] = "classic",
+    base: Literal["system", "machine"] = "system",
+    dt: float = 0.01,
+    method: Literal["zoh", "euler"] = "zoh",
+) -> System:
+    """IEEE 14-bus network: lossless classical swing model, Kron-reduced to its five generators.
+
+    Parameters
+    ----------
+    data : {"classic", "andes"}, default "classic"
+        Machine parameters (see References). The network is the same for both.
+    base : {"system", "machine"}, default "system"
+        ``"system"`` converts the machine parameters from the rating of each machine to 100 MVA.
+        ``"machine"`` does not: unphysical for the classic data, but found in published models.
+        All ratings of the ``"andes"`` data are 100 MVA, so both choices give the same system.
+    dt : float, default 0.01
+        Step in seconds.
+    method : {"zoh", "euler"}, default "zoh"
+        ``"zoh"`` is exact for inputs held over a step and fills all 100 entries of ``A``;
+        ``"euler"`` (``I + dt A``) has 40 nonzero entries, with another sampling variance.
+
+    Returns
+    -------
+    System
+        ``A`` (10, 10), ``B`` (10, 5). States: rotor angles of the generators at buses
+        1, 2, 3, 6, 8 in rad, then their speed deviations in rad/s. Inputs: mechanical powers in
+        per unit on 100 MVA.
+
+    Raises
+    ------
+    InputError
+        An unknown choice, or a ``dt`` that is not a positive number.
+
+    Notes
+    -----
+    Only angle differences matter, so ``A`` has the eigenvalue 1. This is the spectral radius with
+    ``"zoh"``; with ``"euler"`` the lightly damped modes are unstable (1.006 at 0.01 s). ``B`` has
+    rank 5: one step reaches a 5-dimensional subspace, with a distance to a random target of about
+    ``sqrt(1/2)`` of its norm; two steps reach every state.
+
+    References
+    ----------
+    Branch reactances: IEEE 14-bus test case, Power Systems Test Case Archive, University of
+    Washington (1962 AEP data), as distributed with MATPOWER (``case14``; Zimmerman,
+    Murillo-Sanchez and Thomas, IEEE Trans. Power Systems 26(1), 2011).
+    ``"classic"`` machines: Anderson and Fouad, *Power System Control and Stability*, and the
+    14-bus dynamic case of PSAT (Milano, IEEE Trans. Power Systems 20(3), 2005).
+    ``"andes"`` machines: 14-bus dynamic case of ANDES (Cui, Li and Tomsovic, IEEE Trans. Power
+    Systems 36(2), 2021), D = 0.
+
+    Examples
+    --------
+    >>> from stochens_rs.cases import ieee14
+    >>> system = ieee14(data="andes", dt=0.02)
+    >>> system.A.shape, system.B.shape
+    ((10, 10), (10, 5))
+    """
+    validation.choice("data", data, ("classic", "andes"))
+    validation.choice("base", base, ("system", "machine"))
+    machines = MACHINES[data].copy()
+    if base == "machine":
+        machines[:, 0] = SYSTEM_MVA
+    return _ieee(14, machines, dt, method, f"{data} data, {base} base")
+
+
+def ieee39(*, dt: float = 0.01, method: Literal["zoh", "euler"] = "zoh") -> System:
+    """New England network: lossless classical swing model, Kron-reduced to its ten generators.
+
+    Parameters
+    ----------
+    dt : float, default 0.01
+        Step in seconds.
+    method : {"zoh", "euler"}, default "zoh"
+        ``"zoh"`` is exact for inputs held over a step; ``"euler"`` is ``I + dt A``, which keeps
+        the zeros of the continuous-time ``A``.
+
+    Returns
+    -------
+    System
+        ``A`` (20, 20), ``B`` (20, 10). States: rotor angles of the generators at buses 30 to 39
+        in rad, then their speed deviations in rad/s. Inputs: mechanical powers in per unit on
+        100 MVA. Bus 39 stands for the rest of the interconnection (H = 500 s).
+
+    Raises
+    ------
+    InputError
+        An unknown ``method``, or a ``dt`` that is not a positive number.
+
+    Notes
+    -----
+    The damping is D = 50 per unit at every machine, as in the data set of Nishikawa and Motter;
+    the decay of a machine alone, ``D / (4 H)``, is 0.025 to 0.51 per second.
+    As in :func:`ieee14`, ``A`` has the eigenvalue 1 (the common angle), ``"euler"`` is slightly
+    unstable, and ``B`` has only half the rank needed to reach every state in one step.
+
+    References
+    ----------
+    Branch reactances: ``case39`` of MATPOWER (Zimmerman, Murillo-Sanchez and Thomas, IEEE Trans.
+    Power Systems 26(1), 2011), after Bills et al., EPRI report RP90-1, 1970, and Athay, Podmore
+    and Virmani, IEEE Trans. PAS-98(2), 1979.
+    Machines: M. A. Pai, *Energy Function Analysis for Power System Stability*, Kluwer, 1989.
+    Damping: data set of T. Nishikawa and A. E. Motter, "Comparative analysis of existing models
+    for power-grid synchronization", New J. Phys. 17, 2015.
+
+    Examples
+    --------
+    >>> from stochens_rs.cases import ieee39
+    >>> system = ieee39(method="euler")
+    >>> system.A.shape, system.B.shape
+    ((20, 20), (20, 10))
+    """
+    return _ieee(39, MACHINES["pai"], dt, method, "Pai data, system base")
+
+
+def _ieee(
+    buses: int, machines: Floats, dt: float, method: Literal["zoh", "euler"], about: str
+) -> System:
+    A_c, B_c, _ = continuous(buses, *machines.T)
+    A, B = discretize(A_c, B_c, dt, method)
+    name = f"IEEE {buses}-bus ({about}, {method})"
+    return System(A, B, dt=dt, name=name, **swing_labels(NETWORKS[buses][1]))
+
+
+def continuous(
+    buses: int, rating: Floats, H: Floats, xd: Floats, D: Floats
+) -> tuple[Floats, Floats, Floats]:
+    """Continuous-time ``A``, ``B`` of an IEEE network, and its reduced stiffness ``L_red``."""
+    # Reactances shrink and inertia and damping grow with the rating of the machine.
+    ratio = rating / SYSTEM_MVA
+    L_red = reduced_stiffness(buses, *NETWORKS[buses], xd / ratio)
+    return (*swing_matrices(L_red, H * ratio, D * ratio), L_red)
+
+
+def swing(
+    branches: ArrayLike,
+    machines: object,
+    *,
+    dt: float = 0.01,
+    method: Literal["zoh", "euler"] = "zoh",
+    base: Literal["system", "machine"] = "system",
+    base_mva: float = SYSTEM_MVA,
+    frequency: float = FREQUENCY_HZ,
+    name: str | None = None,
+) -> System:
+    """Lossless swing model of a network, reduced to its machines: the model of `ieee14`.
+
+    Parameters
+    ----------
+    branches : array_like, shape (b, 3)
+        Rows ``(from, to, x)``: two bus numbers and the series reactance of the line or
+        transformer [pu on `base_mva`], positive.
+    machines : mapping, DataFrame or path of a CSV file
+        As in :func:`from_matpower`: ``bus``, ``H`` [s], ``D`` [pu], ``xd1`` [pu], optionally
+        ``mva``.
+    dt : float, default 0.01
+        Step in seconds.
+    method : {"zoh", "euler"}, default "zoh"
+        ``"zoh"`` is exact for inputs held over a step, ``"euler"`` is ``I + dt A``.
+    base : {"system", "machine"}, default "system"
+        Whether the machines are given on `base_mva`, or each on its ``mva``.
+    base_mva : float, default 100
+        Base power of the system.
+    frequency : float, default 60
+        Nominal frequency [Hz].
+    name : str, optional
+        Label of the system.
+
+    Returns
+    -------
+    System
+        For g machines, in their order: ``A`` (2 g, 2 g), ``B`` (2 g, g). States: rotor angles
+        [rad], then speed deviations [rad/s]. Inputs: mechanical powers [pu on `base_mva`].
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+    ResourceError
+        If the stiffness matrix does not fit into the memory this process may use.
+
+    Notes
+    -----
+    ``M delta'' + D delta' + L delta = P`` with ``M = 2 H / w0``. A machine is a constant voltage
+    behind x'd. The network has no resistances, charging, taps and loads, all voltages are 1 pu,
+    and it is linearized at equal angles: a reactance x is a spring of stiffness 1/x, and ``L`` is
+    what remains of the springs when the buses are eliminated. Modes come out too fast where
+    machines are heavily loaded; :func:`from_matpower` keeps all that at an operating point.
+
+    References
+    ----------
+    F. Doerfler and F. Bullo, "Kron reduction of graphs with applications to electrical networks",
+    IEEE Trans. Circuits and Systems I 60(1), 2013.
+
+    Examples
+    --------
+    >>> from stochens_rs.cases import swing
+    >>> machines = {"bus": [1, 3], "H": [4.0, 6.0], "D": [2.0, 2.0], "xd1": [0.3, 0.2]}
+    >>> swing([[1, 2, 0.1], [2, 3, 0.2]], machines, dt=0.05, name="two machines")
+    <System two machines: n=4 m=2 dt=0.05>
+    """
+    validation.choice("base", base, ("system", "machine"))
+    given = validation.matrix("branches", branches, cols=3)
+    if not (given[:, 2] > 0.0).all():
+        k = int(np.argmin(given[:, 2]))
+        raise InputError(f"`branches[{k}]` must have a reactance > 0, got {given[k, 2]:g}")
+    data = read_machines(machines).on(base, validation.positive("base_mva", base_mva), None)
+    numbers, ends = np.unique(given[:, :2], return_inverse=True)
+    place = {float(number): k for k, number in enumerate(numbers)}
+    lost = [bus for bus in data.bus.tolist() if bus not in place]
+    if lost:
+        raise InputError(f"`machines` names bus {lost[0]}, which no branch has")
+    memory.need(f"the stiffness of {len(numbers)} buses", 8 * 3 * len(numbers) ** 2)
+    rows = np.column_stack([ends.reshape(-1, 2) + 1, given[:, 2]])
+    at = [place[bus] + 1 for bus in data.bus.tolist()]
+    hertz = checked_frequency(frequency)
+    with np.errstate(all="ignore"):  # what is not finite is refused
+        try:
+            L = reduced_stiffness(len(numbers), rows, at, data.xd1)
+        except np.linalg.LinAlgError:
+            raise InputError("`branches` must connect every bus to a machine") from None
+        A_c, B_c = swing_matrices(validation.matrix("L", L), data.H, data.D, hertz)
+    A, B = discretize(A_c, B_c, dt, method)
+    return System(A, B, dt=dt, name=name, **swing_labels(data.bus.tolist()))
+
+
+def checked_frequency(frequency: object) -> float:
+    """Return a nominal frequency in Hz."""
+    hertz = validation.positive("frequency", frequency, maximum=1000.0)
+    if hertz < 1.0:
+        raise SizeError(f"`frequency` must be at least 1 Hz, got {hertz:g}")
+    return hertz
+
+
+def reduced_stiffness(buses: int, branches: ArrayLike, at: Sequence[int], xd: Floats) -> Floats:
+    """Stiffness between the generators after the buses are eliminated (Kron reduction).
+
+    Parameters
+    ----------
+    buses : int
+        Number of buses, numbered from 1.
+    branches : rows (from, to, x)
+        Lines and transformers; ``x`` is the series reactance in per unit on the system base.
+    at : sequence of int
+        ``at[g]`` is the bus of generator ``g``.
+    xd : (generators,) array
+        Transient reactances in per unit on the system base.
+
+    Returns
+    -------
+    (generators, generators) array
+        ``L_red = L_gg - L_gl L_ll^-1 L_lg``: symmetric, rows sum to 0, off-diagonal ``<= 0``.
+    """
+    table = np.asarray(branches, dtype=float)
+    ends, stiffness = table[:, :2].astype(np.int64) - 1, 1.0 / table[:, 2]
+    L_ll = np.zeros((buses, buses))
+    np.add.at(L_ll, (ends.ravel(), ends.ravel()), np.repeat(stiffness, 2))
+    np.add.at(L_ll, (ends, ends[:, ::-1]), -stiffness[:, None])
+    bus = np.asarray(at) - 1
+    generators = np.arange(bus.size)
+    # The edge between a generator's internal node and its bus has stiffness 1/x'd.
+    L_gl = np.zeros((bus.size, buses))
+    L_gl[generators, bus] = -1.0 / xd
+    np.add.at(L_ll, (bus, bus), 1.0 / xd)
+    L_red = np.diag(1.0 / xd) - L_gl @ np.linalg.solve(L_ll, L_gl.T)
+    return np.asarray((L_red + L_red.T) / 2.0, dtype=np.float64)
+
+
+def swing_matrices(
+    L_red: Floats, H: Floats, D: Floats, frequency: float = FREQUENCY_HZ
+) -> tuple[Floats, Floats]:
+    """Continuous-time swing equations ``M delta'' + D_rad delta' + L_red delta = P``.
+
+    Parameters
+    ----------
+    L_red : (g, g) array
+        Reduced stiffness in per unit per radian.
+    H : (g,) array
+        Inertia constants in seconds.
+    D : (g,) array
+        Damping in per unit power per per-unit speed. (The state holds rad/s, so it enters as
+        ``D / w0``.)
+    frequency : float, default 60
+        Nominal frequency in Hz.
+
+    Returns
+    -------
+    A : (2 g, 2 g) array
+        ``[[0, I], [-M^-1 L_red, -M^-1 D_rad]]`` with ``M = 2 H / w0``, ``D_rad = D / w0`` and
+        ``w0 = 2 pi frequency`` rad/s. State: angles in rad, then speed deviations in rad/s.
+    B : (2 g, g) array
+        ``[[0], [M^-1]]``. Input: mechanical power in per unit.
+    """
+    g = H.size
+    w0 = 2.0 * np.pi * frequency
+    M = 2.0 * H / w0
+    A = np.zeros((2 * g, 2 * g))
+    A[:g, g:] = np.eye(g)
+    A[g:, :g] = -L_red / M[:, None]
+    A[g:, g:] = np.diag(-(D / w0) / M)
+    B = np.zeros((2 * g, g))
+    B[g:] = np.diag(1.0 / M)
+    return A, B
+
+
+def swing_labels(buses: Sequence[int]) -> dict[str, Any]:
+    """Names and units of states and inputs, as arguments of `System`.
+
+    Further machines at a bus are counted: 1, 1_2, 1_3.
+    """
+    seen: Counter[int] = Counter()
+    machines = []
+    for bus in buses:
+        seen[bus] += 1
+        machines.append(f"{bus}" if seen[bus] == 1 else f"{bus}_{seen[bus]}")
+    delta, omega, power = (
+        [f"{word}_{machine}" for machine in machines] for word in ("delta", "omega", "T_m")
+    )
+    units = dict.fromkeys(delta, "rad") | dict.fromkeys(omega, "rad/s") | dict.fromkeys(power, "pu")
+    return {"states": delta + omega, "inputs": power, "units": units}

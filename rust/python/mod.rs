@@ -50,7 +50,7 @@ mod _core {
     #[pymodule_export]
     use super::drawn::{drawn_misses, estimate_draws, next_runs};
     #[pymodule_export]
-    use super::draws::{Draws, message_bits, sample_counts};
+    use super::draws::{Draws, sample_counts};
     #[pymodule_export]
     use super::estimate::{
         PyEstimate, chance_of_infinity, first_pairs, kept_quantiles, mixtures, sign_contains, sign_sizes,

@@ -153,7 +153,6 @@ PAGES = (
     "README.md",
     "CONTRIBUTING.md",
     "docs/close-the-loop.md",
-    "docs/few-bits.md",
     "docs/compare.md",
     "docs/fleet.md",
     "docs/limits.md",

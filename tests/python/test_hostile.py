@@ -252,12 +252,6 @@ OWN = {
     "candidates": {"data": [(A, B), X0, XF]},
     "control": {"x0": X0, "xf": XF},
     "regulate": {"steps": 3},
-    "Ensemble.from_bytes": {
-        "data": se.sample(A, 5, rng=1).to_bytes(),
-        "shape": (2, 2),
-        "norm": np.abs(A).sum(axis=0),
-        "size": 5,
-    },
     "Window.loop": {"Theta": np.ones((2, 4))},
     "Window.state_of": {"outputs": np.ones((3, 2)), "inputs": np.ones((2, 2))},
     "ReadingLoop.start": {"record": (np.ones((3, 2)), np.ones((2, 2)))},

@@ -43,7 +43,6 @@ __all__ = [
     "closed_form",
     "diagonal_quantile",
     "drawn_bounds",
-    "drawn_level",
     "drawn_misses",
     "entered_region",
     "estimate_draws",
@@ -334,7 +333,6 @@ def simulate_plans(
 ) -> _Floats: ...
 def exceedances(runs: int, delta: float) -> int | None: ...
 def drawn_bounds(errors: _Floats, delta: float) -> list[float]: ...
-def drawn_level(runs: int, beyond: int) -> float: ...
 def simulate_estimates(
     values: _Floats,
     size: int,

@@ -94,7 +94,7 @@ mod _core {
     use super::region::{PyErrors, PyPart, PyRegion, certify, followed_inputs};
     #[pymodule_export]
     use super::simulate::{
-        drawn_bounds, drawn_level, exceedances, simulate_estimates, simulate_plans, simulate_runs, simulate_systems,
+        drawn_bounds, exceedances, simulate_estimates, simulate_plans, simulate_runs, simulate_systems,
         track, trajectory,
     };
     #[pymodule_export]

@@ -1,7 +1,7 @@
 """Errors and bounds that can be computed before sampling.
 
-:mod:`~stochens_rs.theory.bounds`
-    Tail bounds: radii that hold with a given probability, and the sizes they need.
+:func:`~stochens_rs.theory.drawn_bound`
+    A radius that an error exceeds with a given probability at most.
 :mod:`~stochens_rs.theory.moments`
     Exact means and covariances of realizations, estimates, controls and simulated ensembles.
 :mod:`~stochens_rs.theory.reachability`
@@ -14,6 +14,7 @@
 
 from __future__ import annotations
 
-from . import bounds, moments, reachability, scenario, tracking
+from . import moments, reachability, scenario, tracking
+from .drawn_bounds import drawn_bound
 
-__all__ = ["bounds", "moments", "reachability", "scenario", "tracking"]
+__all__ = ["drawn_bound", "moments", "reachability", "scenario", "tracking"]

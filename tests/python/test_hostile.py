@@ -289,8 +289,6 @@ OWN = {
     "ieee14": {"method": "zoh"},
     "swing": {"branches": [[1, 2, 0.1]], "machines": MACHINES, "base": "system", "method": "zoh"},
     "ieee39": {"method": "zoh"},
-    "tracking_moments": {"feedback": False},
-    "tracking_rms": {"feedback": False},
     "Stream.run": {"max_steps": 3},
     "Study.run": {"executor": None},
     "Study": {"function": drawn, "grid": {"a": [1, 2]}, "replicates": 2},

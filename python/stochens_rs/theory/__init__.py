@@ -8,13 +8,11 @@
     Which states K steps can reach: the controllability matrix and the Gramian.
 :mod:`~stochens_rs.theory.scenario`
     How often a fresh unit misses more than the units a design was made for.
-:mod:`~stochens_rs.theory.tracking`
-    Exact errors of tracking a reference with new estimates in every step.
 """
 
 from __future__ import annotations
 
-from . import moments, reachability, scenario, tracking
+from . import moments, reachability, scenario
 from .drawn_bounds import drawn_bound
 
-__all__ = ["drawn_bound", "moments", "reachability", "scenario", "tracking"]
+__all__ = ["drawn_bound", "moments", "reachability", "scenario"]

@@ -169,7 +169,6 @@ class Stream:
         xf: _Floats,
         a: _Floats,
         keys: list[bytes],
-        variant: str,
         safeguard: bool,
         slots: str,
     ) -> Stream: ...

@@ -19,7 +19,7 @@ from .._base.types import CENTRES, Axis, Centre, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
 from .dense import dense, dense_blocks
-from .law import Law, checked_axis, checked_scheme
+from .law import Law, checked_scheme
 from .lines import checked_target, from_lines, stack_from_lines, to_lines
 
 if TYPE_CHECKING:

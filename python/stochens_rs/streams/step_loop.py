@@ -32,7 +32,7 @@ class Stop:
 
 
 def checked_stop(
-    tol: float | None, max_steps: int | None, time_limit: float | None, rule: Rule, variant: str
+    tol: float | None, max_steps: int | None, time_limit: float | None, rule: Rule
 ) -> Stop:
     """Check the arguments of `Stream.run` that say when it ends."""
     name = validation.choice("rule", rule, RULES)
@@ -41,10 +41,6 @@ def checked_stop(
     seconds = None if time_limit is None else validation.positive("time_limit", time_limit)
     if limit is None and most is None and seconds is None:
         raise InputError("one of `tol`, `max_steps` and `time_limit` must be given")
-    if limit is not None and name == "certificate" and variant != "consistent":
-        raise InputError(
-            f"`tol` must be None with rule 'certificate': variant '{variant}' has no certificate"
-        )
     return Stop(None if limit is None else name, limit or 0.0, most, seconds)
 
 

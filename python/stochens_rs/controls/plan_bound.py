@@ -224,8 +224,10 @@ def distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, floa
             of = Bounded(what, (values,), axis=axis, scheme="systematic")
             found.append(of.least((entity.size,), delta)[0])
         else:
-            kind = matrix_norm if matrix else "2"
-            how = {"size": entity.size, "delta": delta / shares, "norm": kind, "axis": axis}
-            found.append(drawn_bound(what, values, **how)[0])
+            each, kind = delta / shares, matrix_norm if matrix else "2"
+            radius, _ = drawn_bound(
+                what, values, size=entity.size, delta=each, norm=kind, axis=axis
+            )
+            found.append(radius)
     e0, ef, eA = found
     return e0, ef, eA

@@ -18,9 +18,16 @@ from .._base.records import SavedRecord, trusted
 from .._base.types import CENTRES, Axis, Centre, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
-from .dense import dense, dense_blocks
-from .law import Law, checked_scheme
-from .lines import checked_target, from_lines, stack_from_lines, to_lines
+from .law import (
+    Law,
+    checked_scheme,
+    checked_target,
+    dense,
+    dense_blocks,
+    from_lines,
+    stack_from_lines,
+    to_lines,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,10 +17,9 @@ from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory.dynamics import checked_ends
-from .checkpoints import Checkpoints
 from .records import StreamRun, Trace
 from .state import ENTITIES, SLOTS, Identity, Slots, from_sections, to_sections
-from .step_loop import Rule, checked_stop, run_until
+from .step_loop import Checkpoints, Rule, checked_stop, run_until
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

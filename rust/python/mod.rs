@@ -94,8 +94,8 @@ mod _core {
     use super::region::{PyErrors, PyPart, PyRegion, certify, followed_inputs};
     #[pymodule_export]
     use super::simulate::{
-        drawn_bounds, exceedances, simulate_estimates, simulate_plans, simulate_runs, simulate_systems,
-        track, trajectory,
+        drawn_bounds, exceedances, simulate_estimates, simulate_plans, simulate_runs, simulate_systems, track,
+        trajectory,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};

@@ -125,11 +125,7 @@ impl Estimator {
 
     /// Calls `visit` for every line of `F` and its difference to the line of `E*`. Neighbouring doubles have an exact
     /// difference, so the second is exact once `F` is close. `room` is scratch space for the two.
-    pub(super) fn visit(
-        &self,
-        [line, off]: [&mut Vec<f64>; 2],
-        mut visit: impl FnMut(usize, &[f64], &[f64]),
-    ) {
+    pub(super) fn visit(&self, [line, off]: [&mut Vec<f64>; 2], mut visit: impl FnMut(usize, &[f64], &[f64])) {
         let length = self.run.length;
         let unit = self.scale.recip(); // exact: a power of two
         for (j, values) in self.law.values().chunks_exact(length).enumerate() {

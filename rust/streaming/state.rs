@@ -57,10 +57,7 @@ impl Stream {
         let format = from.take_u64("format", None)?;
         let (n, m, config) = match format[..] {
             [FORMAT, n, m, safeguard, order]
-                if (1..=LARGEST).contains(&n)
-                    && (1..=LARGEST).contains(&m)
-                    && safeguard < 2
-                    && order < 3 =>
+                if (1..=LARGEST).contains(&n) && (1..=LARGEST).contains(&m) && safeguard < 2 && order < 3 =>
             {
                 (n as usize, m as usize, Config { safeguard: safeguard == 1, order: ORDERS[order as usize] })
             }
@@ -123,16 +120,18 @@ impl Stream {
         let values = from.take_f64("trace.v", Some(at.len().saturating_mul(3)))?;
         let rising = at.windows(2).all(|pair| pair[0] < pair[1]);
         let within = at.iter().all(|step| *step <= self.steps && on_grid(*step));
-        let possible = |&[certificate, error, size]: &[f64; 3]| {
-            certificate >= 0.0 && error >= 0.0 && (0.0..=1.0).contains(&size)
-        };
+        let possible =
+            |&[certificate, error, size]: &[f64; 3]| certificate >= 0.0 && error >= 0.0 && (0.0..=1.0).contains(&size);
         let possible = values.as_chunks::<3>().0.iter().all(possible);
         if !rising || !within || !possible || at.first() != Some(&0) {
             return Err(damaged("a state with a trace of its steps", format!("{} entries", at.len())));
         }
         // increasing steps on the grid, so at most as many as there is room for
-        self.trace.extend(at.iter().zip(values.as_chunks::<3>().0).map(|(&step, &[certificate, error, size])| {
-            Entry { step, certificate, error, size }
+        self.trace.extend(at.iter().zip(values.as_chunks::<3>().0).map(|(&step, &[certificate, error, size])| Entry {
+            step,
+            certificate,
+            error,
+            size,
         }));
         Ok(())
     }

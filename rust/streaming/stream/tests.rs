@@ -33,7 +33,7 @@ fn carried_numbers_agree_with_the_entries() {
             }
             for slot in &stream.slots {
                 let (found, fresh, gg) = (slot.run.state, slot.run.sums(), slot.run.gg);
-                let er = slot.squared_error(false, [&mut line, &mut off]);
+                let er = slot.squared_error([&mut line, &mut off]);
                 // a step adds rounding errors of order eps t ||E||^2, and t is of order d / ||E||
                 let slack = 1e-12 * (er * gg).sqrt();
                 assert!((er - found.er).abs() <= slack, "{er:e} {:e}", found.er);

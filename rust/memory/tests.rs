@@ -490,7 +490,7 @@ fn call(name: &str) -> Option<Call> {
     })
 }
 
-const CALLS: [&str; 40] = [
+const CALLS: [&str; 38] = [
     "sample",
     "systematic",
     "counts",

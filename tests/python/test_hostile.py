@@ -163,7 +163,7 @@ def to_improve():
 
 @cache
 def fused_model():
-    return se.fuse([(A, B), (0.5 * A, B)], "leave-one-out", data=model())
+    return se.fuse([(A, B), (0.5 * A, B)], "alse", data=model())
 
 
 def drawn(key, a):
@@ -384,7 +384,7 @@ MADE = {
 OPTIONS = {"Limits", "Cost", "Uncertain", "Key"}  # records that users make
 SEPARATE = {"Ensemble", "ReadingLoop", "Kept", "Plan.typical"}  # made by functions
 # programs, and what ends in files of Matplotlib
-SEPARATE |= {"main", "save", "save_figures", "Bound", "Simulated"}
+SEPARATE |= {"main", "save", "save_figures"}
 STATEFUL = {"DataStream", "ModelStream", "Regulator", "ReadingLoop", "Stream", "Study"}
 MADE = {n: make if n in STATEFUL else cache(make) for n, make in MADE.items()}
 
@@ -409,33 +409,12 @@ def targets():
     with_arguments = {}
     for label, get in found.items():
         parameters = inspect.signature(get()).parameters.values()
-        if parameters and label not in SEPARATE and not label.startswith(("Bound.", "Simulated.")):
+        if parameters and label not in SEPARATE:
             with_arguments[label] = get, [p for p in parameters if p.name != "_"]
     return with_arguments
 
 
-<<<<<<< HEAD
 def call(label, get, parameters, tried=None, value=None):
-=======
-# Not swept: programs, pictures, long runs, abstract classes, and what the next tests try.
-SEPARATE = {"cli", "plots", "Ensemble"}
-SEPARATE |= {"System.from_mujoco"}  # an optional package: in a file of its own
-SEPARATE |= {"Results.select", "Results.plot"}
-SEPARATE |= {"Study.resume", "Study.merge", "Plan.typical", "design"}
-SEPARATE |= {"Kept", "ReadingLoop"}  # made by `regulate`, which checks
-SEPARATE |= {
-    f"{kind}.{name}"
-    for kind in ("Stream", "DataStream", "ModelStream")
-    for name in ("save", "load")
-}
-
-
-def is_record(obj):
-    return dataclasses.is_dataclass(obj) and obj is not se.Key
-
-
-def call(label, parameters, obj, owner, tried, value):
->>>>>>> ca4d530c (theory: one function drawn_bound in place of the objects, tables and candidates of bounds)
     """Call with one bad argument."""
     name = label.rpartition(".")[2]
     own = OWN.get(label, OWN.get(name, {}))

@@ -11,7 +11,7 @@ use stochens::control::{Entity, Memory, Realized, pseudoinverse};
 use stochens::fuse::{Method, Settings, Status, Weights, alse, closed_form, slse, slse_each};
 use stochens::sample::multinomial_counts;
 use stochens::simulate::{ClosedLoop, Drawn, Model, Second, mean_field, runs};
-use stochens::streaming::{Config, Geometry, Laws, Limits, Order, Stream, Variant};
+use stochens::streaming::{Config, Geometry, Laws, Limits, Order, Stream};
 use stochens::{Key, Law, Scheme, Singletons, Stop, sample};
 
 /// Entries of both signs and unequal magnitudes, the same in every run.
@@ -232,7 +232,7 @@ fn streaming(c: &mut Criterion) {
             let geometry = Geometry::new(entries(n * m), n, m).expect("finite entries");
             let keys = [1, 2, 3, 4].map(|k| Key([k; 32]));
             let laws = Laws { x0: entries(n), xf: entries(n), a: entries(n * n), keys };
-            let config = Config { variant: Variant::Consistent, safeguard, order: Order::Random };
+            let config = Config { safeguard, order: Order::Random };
             let mut stream = Stream::new(geometry, laws, config).expect("fitting shapes");
             let limits = Limits { steps, tolerance: None, deadline: None };
             group.throughput(Throughput::Elements(steps));

@@ -1,10 +1,10 @@
 """Ratios of bounds to the quantiles they bound, for the formulas and for simulation.
 
 Radius over empirical quantile at delta, the quantile from 40 000 errors with their own key;
-median and maximum over five systems and delta = 0.05, 0.01. The formulas: the smallest of
-`theory.bounds.candidates`; for systematic samples and for K steps the triangle inequality with the
-error of every estimate. `required_samples`: its size over the size at which the quantile meets the
-error, and seconds for a call.
+median and maximum over five systems and delta = 0.05, 0.01. The formulas: the smallest one of
+`theory.drawn_bound`; for systematic samples and for K steps the triangle inequality with the error
+of every estimate. `required_samples`: its size over the size at which the quantile meets the error,
+and seconds for a call.
 
     python benches/tightness.py
 """
@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 import stochens_rs as se
-from stochens_rs.theory import bounds
+from stochens_rs.theory.drawn_bounds import Bounded, drawn_bound
 
 DATA = Path(__file__).resolve().parents[1] / "docs" / "data" / "tightness.json"
 DELTAS = (0.05, 0.01)
@@ -47,17 +47,19 @@ def systems() -> dict[str, Problem]:
 
 
 def formula(quantity: str, data: tuple[Floats, ...], N: int, delta: float, **options: str) -> float:
-    return min(b.radius(N, delta) for b in bounds.candidates(quantity, *data, **options))
+    of = Bounded(quantity, data, **options)
+    return of.least(of.sizes(N), delta)[0]
 
 
 def sum_of_errors(problem: Problem, N: int, delta: float) -> float:
     """Triangle inequality for one step with systematic samples, whose errors are bounded surely."""
     A, B, x0, xf = problem
     e0, ef, eA = (
-        bounds.bound("systematic", quantity, w).radius(N, delta)
+        formula(quantity, (w,), N, delta, scheme="systematic")
         for quantity, w in (("vector", x0), ("vector", xf), ("matrix", A))
     )
-    return bounds.from_errors((A, B), x0, x0_error=e0, xf_error=ef, A_error=eA)[0]
+    reached = np.linalg.norm(B @ np.linalg.pinv(B) @ A, 2)
+    return float(ef + reached * e0 + eA * (np.linalg.norm(x0) + e0))
 
 
 def along_trajectory(problem: Problem, N: int, delta: float) -> float:
@@ -70,38 +72,41 @@ def along_trajectory(problem: Problem, N: int, delta: float) -> float:
     return ef + norms[STEPS] * e0 + formula("matrix", (A,), N, delta / 3) * along
 
 
-def quantities(problem: Problem) -> Iterator[tuple[str, bounds.Simulated, int, object]]:
-    """Quantity, simulated bound, its column, and the formula for N and delta."""
+def quantities(problem: Problem) -> Iterator[tuple[str, tuple[object, ...], dict, object]]:
+    """Quantity, what it is and its options, and the formula for N and delta."""
     A, B, x0, xf = problem
     data = (A, B), x0, xf
 
     def of(quantity: str, *some: Floats, **options: str) -> object:
         return lambda N, delta: formula(quantity, some, N, delta, **options)
 
-    yield "vector", bounds.bound("simulated", "vector", x0), 0, of("vector", x0)
-    matrix = bounds.bound("simulated", "matrix", A, norm="Frobenius")
-    yield "matrix, Frobenius", matrix, 0, of("matrix", A, norm="Frobenius")
+    yield "vector", ("vector", x0), {}, of("vector", x0)
+    frobenius = {"norm": "Frobenius"}
+    yield "matrix, Frobenius", ("matrix", A), frobenius, of("matrix", A, **frobenius)
     for fusion in ("product", "diagonal"):
-        for which, quantity in enumerate(("state", "control")):
-            simulated = bounds.bound("simulated", quantity, *data, fusion=fusion)
-            yield f"{quantity}, {fusion}", simulated, which, of(quantity, *data, fusion=fusion)
-    systematic = bounds.bound("simulated", "state", *data, scheme="systematic")
-    yield "state, systematic", systematic, 0, lambda N, d: sum_of_errors(problem, N, d)
-    several = bounds.bound("simulated", "state", *data, steps=STEPS)
-    yield f"state, {STEPS} steps", several, 0, lambda N, d: along_trajectory(problem, N, d)
+        for quantity in ("state", "control"):
+            how = {"fusion": fusion}
+            yield f"{quantity}, {fusion}", (quantity, *data), how, of(quantity, *data, **how)
+    how = {"scheme": "systematic"}
+    yield "state, systematic", ("state", *data), how, lambda N, d: sum_of_errors(problem, N, d)
+    how = {"steps": STEPS}
+    along = f"state, {STEPS} steps"
+    yield along, ("state", *data), how, lambda N, d: along_trajectory(problem, N, d)
 
 
 def measure() -> list[dict[str, object]]:
     found: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for name, problem in systems().items():
-        for quantity, simulated, which, other in quantities(problem):
+        for quantity, what, how, other in quantities(problem):
+            law = Bounded(what[0], what[1:], **how)
             for N in SIZES:
-                drawn = simulated.errors(N).draw(40_000, se.rng.as_key(7))[:, which]
+                drawn = law.law(law.sizes(N)).draw(40_000, se.rng.as_key(7))[:, law.which]
                 for delta in DELTAS:
                     quantile = float(np.quantile(drawn, 1.0 - delta))
                     if quantile < 1e-9:  # rounding only
                         continue
-                    ratios = other(N, delta) / quantile, simulated.radius(N, delta) / quantile
+                    simulated, _ = drawn_bound(*what, size=N, delta=delta, **how)
+                    ratios = other(N, delta) / quantile, simulated / quantile
                     found.setdefault((quantity, N), []).append(ratios)
         print(name, flush=True)
     rows = []
@@ -129,10 +134,11 @@ def sizes() -> list[dict[str, object]]:
                 start = time.perf_counter()
                 plan = se.required_samples((A, B), x0, xf, error, relative=False, rng=1, **options)
                 seconds.append(time.perf_counter() - start)
-            law = bounds.bound("simulated", "state", (A, B), x0, xf, **options).errors
+            of = Bounded("state", ((A, B), x0, xf), **options)
 
-            def quantile(N: int, law: object = law) -> float:
-                return float(np.quantile(law(N).draw(20_000, se.rng.as_key(8))[:, 0], 0.95))
+            def quantile(N: int, of: Bounded = of) -> float:
+                drawn = of.law((N,) * 3).draw(20_000, se.rng.as_key(8))
+                return float(np.quantile(drawn[:, 0], 0.95))
 
             low, high = 1, plan.size
             while high / low > 1.005 and high - low > 1:
@@ -163,8 +169,8 @@ def page() -> list[str]:
         "",
         "Radius over empirical quantile, median and, in brackets, maximum over five systems (IEEE "
         "14 and 39 buses, Gaussian, sparse, random walk) at delta = 0.05 and 0.01. *Formula*: the "
-        "smallest of `theory.bounds.candidates`, for systematic samples and several steps the sum "
-        "of the errors of the estimates. *Simulated*: the bound 'simulated'.",
+        "smallest formula of `theory.drawn_bound`, for systematic samples and several steps the "
+        "sum of the errors of the estimates. *Simulated*: `theory.drawn_bound`.",
         "",
         "| error of | N | formula | simulated |",
         "|---|---:|---:|---:|",

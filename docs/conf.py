@@ -43,7 +43,7 @@ myst_dmath_double_inline = True
 autosummary_generate = True
 autosummary_ignore_module_all = False
 # File systems that do not tell Study.html from study.html exist.
-CLASSES = ("theory.bounds.Best", "theory.bounds.Bound", "Study", "Stream", "Model")
+CLASSES = ("Study", "Stream", "Model")
 autosummary_filename_map = {f"stochens_rs.{name}": f"stochens_rs.{name}-class" for name in CLASSES}
 autodoc_typehints = "none"  # the types are in the sections of the docstring
 toc_object_entries_show_parents = "hide"

@@ -25,7 +25,6 @@ WORDS = {
     "outputs": "arx, outputs, kalman, kalman filter, observer, n4sid",
     "readings": "offset-free, integral action, output feedback",
     "limits": "mpc, model predictive control, constraints, saturation",
-    "few-bits": "quantization, compression",
 }
 LINK = re.compile(r"(?<=\]\()([^)#\s:]+)(?=[)#])")
 

@@ -28,8 +28,8 @@ sizes = [row.size for row in need.rows] + [need.expected_size]
 # On the right the error that one in a hundred repetitions exceeds, over the number of realizations.
 norm = np.linalg.norm(se.control(system, x0, xf).u)
 grid = np.geomspace(1000, 200_000, 6).astype(int)
-simulated = se.theory.bounds.bound("simulated", "control", system, x0, xf)
-radii = [simulated.radius(int(N), 0.01) / norm for N in grid]
+bound = [se.theory.drawn_bound("control", system, x0, xf, size=N, delta=0.01)[0] for N in grid]
+radii = np.array(bound) / norm
 rms = [se.theory.moments.control_rms(system, x0, xf, int(N)) / norm for N in grid]
 
 fig, (left, right) = plt.subplots(1, 2, figsize=(10, 3.6), width_ratios=(1.2, 1))

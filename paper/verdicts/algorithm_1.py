@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stochens_rs import Key, Stream, Study, System, control
+from stochens_rs import Key, Stream, Study, System, control, sample
 
 from .. import rationals as exact
 from ..bounds import Lemma42
@@ -25,6 +25,58 @@ if TYPE_CHECKING:
 ERROR_BOUND = 1e-9  # of the printed stopping rule
 ROUNDED = 1e-9  # relative rounding of controls by two ways, condition numbers below 1e6
 VARIANTS: tuple[Variant, ...] = ("consistent", "literal")
+ENTITIES = ("x0", "xf", "A")
+
+
+class PrintedLoop:
+    """Algorithm 1 as printed: old and new are the last two realizations of a slot.
+
+    The realizations and the choice of slots are those of a `Stream` with the same key.
+    """
+
+    most = 4096  # steps
+
+    def __init__(self, system: System, x0: Floats, xf: Floats, *, rng: Key) -> None:
+        self._targets = {"x0": x0, "xf": xf, "A": system.A}
+        self._drawn = {
+            name: sample(target, self.most, rng=rng.child(name)).dense()
+            for name, target in self._targets.items()
+        }
+        chosen = sample(np.ones(3), self.most, rng=rng.child("slots")).indices
+        assert chosen is not None
+        self._slots, self._pinv = chosen[:, 0], np.linalg.pinv(system.B)
+        self.steps, self.counts = 0, dict.fromkeys(ENTITIES, 1)
+        self.u = self._control()
+
+    @property
+    def estimates(self) -> dict[str, Floats]:
+        """The latest realizations."""
+        return {name: self._drawn[name][count - 1] for name, count in self.counts.items()}
+
+    def _control(self) -> Floats:
+        E = self.estimates
+        return np.asarray(self._pinv @ (E["xf"] - E["A"] @ E["x0"]))
+
+    def step(self, count: int = 1) -> None:
+        """``v <- (1 - t) v + t v'``, t and v' from the latest realizations."""
+        for _ in range(count):
+            name = ENTITIES[self._slots[self.steps]]
+            old, new = self._drawn[name][self.counts[name] - 1 : self.counts[name] + 1]
+            self.steps += 1
+            self.counts[name] += 1
+            way = new - old
+            if way.any():
+                t = float(((self._targets[name] - old) * way).sum() / (way * way).sum())
+                t = min(max(t, 0.0), 1.0)
+                self.u = (1.0 - t) * self.u + t * self._control()
+
+    def run(self, *, tol: float, max_steps: int) -> None:
+        """Stop when a step changes the control by at most `tol`, as printed."""
+        for _ in range(max_steps):
+            before = self.u
+            self.step()
+            if np.linalg.norm(self.u - before) <= tol:
+                break
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +134,12 @@ def _errors(
     v = control((A, B), x0, xf).u[0]
     found: dict[str, list[float]] = {"bound": [], "apart": []}
 
-    def error(stream: Stream) -> float:
+    def error(stream: Stream | PrintedLoop) -> float:
         return float(np.linalg.norm(stream.u - v) / np.linalg.norm(v))
 
     for variant in VARIANTS:
-        stream = Stream(system, x0, xf, rng=key, variant=variant)
+        kind = Stream if variant == "consistent" else PrintedLoop
+        stream = kind(system, x0, xf, rng=key)
         controls = found[f"control_{variant}"] = []
         state = found[f"state_{variant}"] = []
         for upto in steps:
@@ -98,8 +151,8 @@ def _errors(
                 F = stream.estimates
                 u = np.linalg.lstsq(B, F["xf"] - F["A"] @ F["x0"])[0]
                 found["apart"].append(float(np.linalg.norm(stream.u - u) / np.linalg.norm(u)))
-    printed = Stream(system, x0, xf, rng=key, variant="literal")
-    printed.run(tol=ERROR_BOUND, max_steps=steps[1], rule="printed")
+    printed = PrintedLoop(system, x0, xf, rng=key)
+    printed.run(tol=ERROR_BOUND, max_steps=steps[1])
     return {**found, "stops": [printed.steps, error(printed)]}
 
 

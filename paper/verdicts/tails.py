@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochens_rs import Key, Study, System
-from stochens_rs.theory import bounds
+from stochens_rs.theory import drawn_bound
 
 from .. import bounds as printed_bounds
 from ..common import Floats
@@ -44,7 +44,7 @@ class Tails:
     ours : ndarray, shape (k,)
         The smallest bound that holds.
     bounds : tuple of str, length k
-        Its name in `theory.bounds`, for each size.
+        How `theory.drawn_bound` has it, for each size.
     printed : ndarray, shape (k,)
         Lemma 4.2 with ``beta = max(||A||, 1, ||x0||)`` and ``C = n``.
     failures : ndarray of int, shape (k, 2)
@@ -132,13 +132,13 @@ def measure(
     found = complete(study, **where.of("tails"))["errors"][:, 0]
     rows, names = [], []
     for size, errors in zip(sizes.tolist(), found, strict=True):
-        ours = bounds.best("state", system, x0, xf, size=size, delta=delta, fusion="diagonal")
-        names.append(ours.bound.name)
+        radius, name = drawn_bound(
+            "state", system, x0, xf, size=size, delta=delta, fusion="diagonal"
+        )
+        names.append(name)
         theirs = printed.radius(size, delta)
         quantile = float(np.quantile(errors, 1.0 - delta))
-        rows.append(
-            (quantile, ours.radius, theirs, (errors > ours.radius).sum(), (errors > theirs).sum())
-        )
+        rows.append((quantile, radius, theirs, (errors > radius).sum(), (errors > theirs).sum()))
     table = np.array(rows)
     empirical, radii, printed_radii = table[:, :3].T
     failures = table[:, 3:].astype(np.int64)

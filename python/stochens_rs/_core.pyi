@@ -41,7 +41,6 @@ __all__ = [
     "closed_form",
     "diagonal_quantile",
     "drawn_bounds",
-    "drawn_level",
     "drawn_misses",
     "entered_region",
     "estimate_draws",
@@ -70,7 +69,6 @@ __all__ = [
     "loop_eigenvalues",
     "mean_difference",
     "mean_radius",
-    "message_bits",
     "mixtures",
     "next_runs",
     "noise_deviations",
@@ -136,9 +134,6 @@ class Draws:
     def sample(values: _Floats, size: int, scheme: str, key: bytes, threads: int) -> Draws: ...
     @staticmethod
     def from_indices(values: _Floats, indices: NDArray[np.uint32]) -> Draws: ...
-    @staticmethod
-    def from_bytes(data: bytes, norms: _Floats, length: int, size: int) -> Draws: ...
-    def to_bytes(self) -> bytes: ...
     @property
     def size(self) -> int: ...
     @property
@@ -167,7 +162,6 @@ class Stream:
         xf: _Floats,
         a: _Floats,
         keys: list[bytes],
-        variant: str,
         safeguard: bool,
         slots: str,
     ) -> Stream: ...
@@ -207,7 +201,6 @@ class DataStream:
 def mean_radius(
     count: int, deviation: float, diameter: float, delta: float, size: int | None
 ) -> float: ...
-def message_bits(length: int) -> int: ...
 def sample_counts(values: _Floats, size: int, scheme: str, key: bytes) -> NDArray[np.int64]: ...
 def closed_form(
     draws: Draws, target: _Floats, subsimplex: bool
@@ -332,7 +325,6 @@ def simulate_plans(
 ) -> _Floats: ...
 def exceedances(runs: int, delta: float) -> int | None: ...
 def drawn_bounds(errors: _Floats, delta: float) -> list[float]: ...
-def drawn_level(runs: int, beyond: int) -> float: ...
 def simulate_estimates(
     values: _Floats,
     size: int,

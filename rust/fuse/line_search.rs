@@ -57,7 +57,7 @@ impl State {
 }
 
 /// `t = clip(num / den, 0, 1)`, and 0 if `den` is not positive.
-pub(crate) fn clipped(num: f64, den: f64) -> f64 {
+pub(super) fn clipped(num: f64, den: f64) -> f64 {
     if den > 0.0 { (num / den).clamp(0.0, 1.0) } else { 0.0 }
 }
 

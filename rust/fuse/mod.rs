@@ -30,7 +30,7 @@ pub use uniform::{Weights, uniform};
 
 pub use crate::scaled::distance;
 
-pub(crate) use line_search::{clipped, step_towards};
+pub(crate) use line_search::step_towards;
 pub(crate) use slse_run::Run;
 pub(crate) use slse_tables::Apart;
 

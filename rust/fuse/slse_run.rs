@@ -6,7 +6,7 @@
 
 use super::line_search::{Move, State};
 use super::slse_sample::{Sample, squared_norm};
-use super::slse_tables::{Apart, Tables, WHAT};
+use super::slse_tables::{Tables, WHAT};
 use crate::error::Result;
 use crate::memory::{try_collect, try_zeros};
 use crate::sample::Index;
@@ -208,17 +208,9 @@ impl<T: Tables> Run<T> {
     }
 }
 
-impl Run<Apart> {
-    /// `<E*, E>` for a realization `E`.
-    pub(crate) fn toward<I: Index>(&self, realization: &[I]) -> f64 {
-        let sample = Sample::all(realization, self.gamma.len(), self.length).next();
-        sample.map_or(0.0, |sample| sample.sums(|k| (self.tables.a[k], 0.0)).0)
-    }
-}
-
 #[cfg(test)]
 mod tests {
-    use super::super::slse_tables::Beside;
+    use super::super::slse_tables::{Apart, Beside};
     use super::*;
 
     /// The same `F`, stored with a tiny `c`, takes the same steps, also across the refresh that follows, and whether or

@@ -19,7 +19,7 @@ use crate::region::{Part, PartOf, Region};
 use crate::sample::{multinomial_counts, systematic_counts};
 use crate::simulate::{self, Average, Drawn, Estimate, Exact, Model, Norm, Plans, Second, mean_field, runs};
 use crate::storage::{self, Section, Values};
-use crate::streaming::{Config, Data, Geometry, Laws, Limits, Order, Rule, Stream, Variant};
+use crate::streaming::{Config, Data, Geometry, Laws, Limits, Order, Rule, Stream};
 use crate::{Key, Law, Scheme, Singletons, Stop, sample};
 
 /// Smallest allocation that can fail, in bytes. The tested arrays are larger; everything of bounded size (messages,
@@ -161,13 +161,13 @@ fn call(name: &str) -> Option<Call> {
         let (model, stop) = (model(70), Stop::new());
         Box::new(move || runs(&model, drawn, 5, second, true, &key, 2, &stop).map(drop))
     };
-    let stream = |variant, safeguard, order| -> Call {
+    let stream = |safeguard, order| -> Call {
         let stop = Stop::new();
         Box::new(move || {
             let copy = |len| try_copy("an input", entries_of(len));
             let laws = Laws { x0: copy(N)?, xf: copy(N)?, a: copy(N * N)?, keys: [key; 4] };
             let geometry = Geometry::new(copy(2 * N)?, N, 2)?;
-            let mut stream = Stream::new(geometry, laws, Config { variant, safeguard, order })?;
+            let mut stream = Stream::new(geometry, laws, Config { safeguard, order })?;
             let limits = Limits { steps: 2500, tolerance: Some((Rule::Certificate, 0.0)), deadline: None };
             stream.advance(&limits, &stop)?;
             stream.advance(&Limits { steps: 3, tolerance: Some((Rule::Printed, 0.0)), deadline: None }, &stop)?;
@@ -365,10 +365,8 @@ fn call(name: &str) -> Option<Call> {
                 Ok(())
             })
         }
-        "stream" => stream(Variant::Consistent, false, Order::Gain),
-        "stream safeguarded" => stream(Variant::Consistent, true, Order::Random),
-        "stream semi" => stream(Variant::Semi, false, Order::Random),
-        "stream literal" => stream(Variant::Literal, false, Order::RoundRobin),
+        "stream" => stream(false, Order::Gain),
+        "stream safeguarded" => stream(true, Order::Random),
         "data stream" => Box::new(move || {
             let copy = |len| try_copy("an input", entries_of(len));
             let geometry = Geometry::new(copy(2 * N)?, N, 2)?;
@@ -486,7 +484,7 @@ fn call(name: &str) -> Option<Call> {
     })
 }
 
-const CALLS: [&str; 40] = [
+const CALLS: [&str; 38] = [
     "sample",
     "systematic",
     "counts",
@@ -517,8 +515,6 @@ const CALLS: [&str; 40] = [
     "plan errors",
     "stream",
     "stream safeguarded",
-    "stream semi",
-    "stream literal",
     "data stream",
     "triangle",
     "exact quantiles",

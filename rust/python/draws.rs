@@ -4,9 +4,8 @@ use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::types::PyBytes;
 
-use super::arrays::{array, bytes, over};
+use super::arrays::{array, over};
 use super::convert::{array1, array2, key, law, slice};
 use super::error::{InputError, ShapeError};
 use super::run::run;
@@ -123,26 +122,6 @@ impl Draws {
         })
     }
 
-    /// All realizations as messages of a few bits, see `sample::bits`.
-    fn to_bytes<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
-        let cost = self.inner.size() as f64 * self.lines() as f64;
-        bytes(py, &run(py, cost, |_| self.inner.to_bytes())?)
-    }
-
-    /// Reads `size` realizations from messages about lines with these 1-norms.
-    #[staticmethod]
-    fn from_bytes(
-        py: Python<'_>,
-        data: &[u8],
-        norms: PyReadonlyArray1<'_, f64>,
-        length: usize,
-        size: usize,
-    ) -> PyResult<Self> {
-        let norms = slice("norm", &norms)?;
-        let cost = size as f64 * norms.len() as f64;
-        Ok(Self { inner: run(py, cost, |_| Singletons::from_bytes(data, norms, length, size))? })
-    }
-
     /// The first `size` realizations, sharing the indices.
     fn prefix(&self, size: usize) -> Self {
         Self { inner: self.inner.prefix(size) }
@@ -179,12 +158,6 @@ fn counts_array(py: Python<'_>, counts: Vec<u64>, lines: usize, length: usize) -
     // at most 2^53 realizations: every count fits
     let counts: Vec<i64> = try_collect("the counts", counts.into_iter().map(|c| c as i64))?;
     array(py, counts, [lines, length])
-}
-
-/// Bits of a message about a line of so many entries.
-#[pyfunction]
-pub(super) fn message_bits(length: usize) -> u32 {
-    crate::sample::message_bits(length)
 }
 
 /// Hits of every entry (lines, length) in `size` realizations that are not drawn one by one.

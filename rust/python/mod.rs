@@ -50,7 +50,7 @@ mod _core {
     #[pymodule_export]
     use super::drawn::{drawn_misses, estimate_draws, next_runs};
     #[pymodule_export]
-    use super::draws::{Draws, message_bits, sample_counts};
+    use super::draws::{Draws, sample_counts};
     #[pymodule_export]
     use super::estimate::{PyEstimate, first_pairs, kept_quantiles, mixtures};
     #[pymodule_export]
@@ -90,8 +90,8 @@ mod _core {
     use super::region::{PyErrors, PyPart, PyRegion, certify, followed_inputs};
     #[pymodule_export]
     use super::simulate::{
-        drawn_bounds, drawn_level, exceedances, simulate_estimates, simulate_plans, simulate_runs, simulate_systems,
-        track, trajectory,
+        drawn_bounds, exceedances, simulate_estimates, simulate_plans, simulate_runs, simulate_systems, track,
+        trajectory,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};

@@ -244,9 +244,3 @@ pub(super) fn drawn_bounds(py: Python<'_>, errors: PyReadonlyArray2<'_, f64>, de
     let (columns, errors) = (errors.as_array().dim().1, slice("errors", &errors)?);
     run(py, 10.0 * errors.len() as f64, |_| simulate::drawn_bounds(errors, columns, delta))
 }
-
-/// The largest `log(1 / delta)` for which so many errors may exceed a bound.
-#[pyfunction]
-pub(super) fn drawn_level(py: Python<'_>, runs: usize, beyond: usize) -> PyResult<f64> {
-    run(py, 40.0 * runs as f64, |_| Ok(simulate::drawn_level(runs, beyond)))
-}

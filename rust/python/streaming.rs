@@ -13,7 +13,7 @@ use super::run::run_unstoppable;
 use super::shared::Shared;
 use super::storage::Array;
 use crate::memory::{try_collect, try_copy, try_room};
-use crate::streaming::{Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream, Variant};
+use crate::streaming::{Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream};
 use crate::{Key, Result};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
@@ -87,16 +87,9 @@ impl PyStream {
         xf: PyReadonlyArray1<'_, f64>,
         a: PyReadonlyArray2<'_, f64>,
         keys: [Vec<u8>; 4],
-        variant: &str,
         safeguard: bool,
         slots: &str,
     ) -> PyResult<Self> {
-        let variant = match variant {
-            "consistent" => Variant::Consistent,
-            "semi" => Variant::Semi,
-            "literal" => Variant::Literal,
-            other => return Err(InputError::new_err(format!("`variant` is unknown: '{other}'"))),
-        };
         let order = match slots {
             "random" => Order::Random,
             "round-robin" => Order::RoundRobin,
@@ -116,7 +109,7 @@ impl PyStream {
         let geometry = geometry(py, &b)?;
         let n = geometry.size().0;
         let cost = if order == Order::Gain { square(n) * n as f64 } else { 5.0 * square(n) };
-        let config = Config { variant, safeguard, order };
+        let config = Config { safeguard, order };
         run_unstoppable(py, cost, move || Stream::new(geometry, laws, config)).map(Self::of)
     }
 
@@ -169,7 +162,7 @@ impl PyStream {
         self.read(py, |stream| stream.residuals())
     }
 
-    /// The bound on `||B (v - v*)||` (nan for variants without one) and its value.
+    /// The bound on `||B (v - v*)||` and its value.
     fn certificate(&self, py: Python<'_>) -> PyResult<(f64, f64)> {
         self.read(py, |stream| stream.certificate())
     }

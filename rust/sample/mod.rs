@@ -4,7 +4,6 @@
 //! one index per line, with probability `p_i = |w_i| / g`, `g = ||w||_1`, and has the single value `g sign(w_i)` there, so
 //! that its mean is `w`. [`Singletons`] holds `N` realizations as `N x lines` indices of one, two or four bytes.
 
-mod bits;
 mod categorical;
 mod counts;
 mod iid;
@@ -15,7 +14,6 @@ mod singletons;
 mod statistics;
 mod systematic;
 
-pub use bits::message_bits;
 pub use categorical::AliasTable;
 pub use counts::multinomial_counts;
 pub use law::Law;

@@ -49,19 +49,6 @@ pub fn drawn_bounds(errors: &[f64], columns: usize, delta: f64) -> Result<Vec<f6
     Ok(found)
 }
 
-/// The largest `log(1 / delta)`, up to `log(runs)`, for which so many may exceed the bound; 0 if there is none.
-#[must_use]
-pub fn drawn_level(runs: usize, beyond: usize) -> f64 {
-    let (mut low, mut high) = (0.0, (runs as f64).ln());
-    // halvings: a level to 1e-11
-    for _ in 0..40 {
-        let middle = f64::midpoint(low, high);
-        let enough = exceedances(runs, (-middle).exp()).is_some_and(|allowed| beyond <= allowed);
-        if enough { low = middle } else { high = middle }
-    }
-    low
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -80,15 +67,5 @@ mod tests {
         assert_eq!(drawn_bounds(&both, 2, 0.2).unwrap(), [199.0 - allowed as f64, -(allowed as f64)]);
         assert!(drawn_bounds(&errors, 3, 0.2).is_err());
         assert!(drawn_bounds(&[], 1, 0.2).is_err());
-    }
-
-    #[test]
-    fn a_level_is_the_inverse() {
-        for beyond in [0, 3, 50] {
-            let level = drawn_level(1000, beyond);
-            assert!(exceedances(1000, (-level).exp()).unwrap() >= beyond);
-            assert!(exceedances(1000, (-level - 1e-6).exp()).is_none_or(|allowed| allowed < beyond));
-        }
-        assert_eq!(drawn_level(1000, 1000), 0.0);
     }
 }

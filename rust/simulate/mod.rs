@@ -24,7 +24,7 @@ mod validation;
 mod words;
 
 pub use closed_loop::{ClosedLoop, Followed};
-pub use drawn_bounds::{drawn_bounds, drawn_level, exceedances};
+pub use drawn_bounds::{drawn_bounds, exceedances};
 pub use mean_field::mean_field;
 pub use model::{Drawn, Model};
 pub use moments::{Ensemble, Second};

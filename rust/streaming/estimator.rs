@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
-use crate::fuse::{Apart, Run, clipped, power_of_two_scale};
+use crate::fuse::{Apart, Run, power_of_two_scale};
 use crate::memory::{try_collect, try_zeros};
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
@@ -78,18 +78,6 @@ impl Estimator {
         Move { t: t[0], s: s[0], k: (before + 1) as f64 }
     }
 
-    /// Draws the next realization in place of the last; the line search is between these two (*literal* variant).
-    pub(super) fn replace_next(&mut self) -> f64 {
-        let before = self.run.toward(&self.raw);
-        let sample = self.sequence.draw();
-        // <E, E'>: two realizations have the same value at entries that both hit, and no other common nonzero entries
-        let common: f64 =
-            sample.iter().zip(&self.raw).zip(&self.run.g2).map(|((a, b), g)| if a == b { *g } else { 0.0 }).sum();
-        let (after, gg) = (self.run.toward(sample), self.run.gg);
-        self.raw.copy_from_slice(sample);
-        clipped(after - before - common + gg, 2.0 * (gg - common)) // <E* - E, E' - E>, ||E' - E||^2
-    }
-
     /// The value of the latest realization in line `j`, in units of `scale`.
     pub(super) fn raw_value(&self, j: usize) -> f64 {
         let sign = self.signs[j * self.run.length + self.raw[j] as usize];
@@ -124,13 +112,10 @@ impl Estimator {
         }
     }
 
-    /// Line `j` of the estimate: `F`, or with `literal` the latest realization.
-    pub(super) fn entries(&self, j: usize, literal: bool, out: &mut [f64]) {
+    /// Line `j` of `F`.
+    pub(super) fn entries(&self, j: usize, out: &mut [f64]) {
         let (run, values) = (&self.run, self.law.line(j));
-        if literal {
-            out.fill(0.0);
-            out[self.raw[j] as usize] = self.raw_value(j);
-        } else if run.b != 0.0 || run.gamma[j] == 0.0 {
+        if run.b != 0.0 || run.gamma[j] == 0.0 {
             out.iter_mut().zip(run.line(j)).zip(values).for_each(|((out, f), w)| *out = signed(f, *w));
         } else {
             let (h, c, g) = (&run.tables.h[j * run.length..], run.c, run.gamma[j]); // the same without hits
@@ -140,16 +125,11 @@ impl Estimator {
 
     /// Calls `visit` for every line of `F` and its difference to the line of `E*`. Neighbouring doubles have an exact
     /// difference, so the second is exact once `F` is close. `room` is scratch space for the two.
-    pub(super) fn visit(
-        &self,
-        literal: bool,
-        [line, off]: [&mut Vec<f64>; 2],
-        mut visit: impl FnMut(usize, &[f64], &[f64]),
-    ) {
+    pub(super) fn visit(&self, [line, off]: [&mut Vec<f64>; 2], mut visit: impl FnMut(usize, &[f64], &[f64])) {
         let length = self.run.length;
         let unit = self.scale.recip(); // exact: a power of two
         for (j, values) in self.law.values().chunks_exact(length).enumerate() {
-            self.entries(j, literal, line);
+            self.entries(j, line);
             for ((off, f), w) in off.iter_mut().zip(&*line).zip(values) {
                 *off = f - w * unit;
             }
@@ -157,19 +137,19 @@ impl Estimator {
         }
     }
 
-    /// `F`, or with `literal` the latest realization, line by line, in units of `scale`.
-    pub(super) fn estimate(&self, literal: bool) -> Result<Vec<f64>> {
+    /// `F` line by line, in units of `scale`.
+    pub(super) fn estimate(&self) -> Result<Vec<f64>> {
         let mut out = try_zeros(WHAT, self.law.values().len())?;
         for (j, line) in out.chunks_exact_mut(self.run.length).enumerate() {
-            self.entries(j, literal, line);
+            self.entries(j, line);
         }
         Ok(out)
     }
 
     /// `||F - E*||^2`, summed from the entries.
-    pub(super) fn squared_error(&self, literal: bool, room: [&mut Vec<f64>; 2]) -> f64 {
+    pub(super) fn squared_error(&self, room: [&mut Vec<f64>; 2]) -> f64 {
         let mut er = 0.0;
-        self.visit(literal, room, |_, _, off| er += dot(off, off));
+        self.visit(room, |_, _, off| er += dot(off, off));
         er
     }
 
@@ -181,7 +161,7 @@ impl Estimator {
         let mut line = try_zeros(WHAT, length)?;
         for (j, g) in self.run.gamma.iter().enumerate() {
             let range = j * length..(j + 1) * length;
-            self.entries(j, false, &mut line);
+            self.entries(j, &mut line);
             let sum: f64 = line.iter().map(|f| f.abs()).sum();
             let off = range.clone().zip(&line).any(|(at, f)| {
                 // a mean of atoms has their signs; h alone may be negative with the safeguard
@@ -243,7 +223,7 @@ mod tests {
                 }
             }
             let (mut line, mut off) = (vec![0.0; n], vec![0.0; n]);
-            let er = slot.squared_error(false, [&mut line, &mut off]);
+            let er = slot.squared_error([&mut line, &mut off]);
             let (found, fresh) = (slot.run.state, slot.run.sums());
             assert!(er > 0.0 && er < 1e-12 * fresh.ff, "{er:e}");
             assert!((found.er - er).abs() < 1e-7 * er, "{:e} for {er:e}", found.er);

@@ -1,7 +1,7 @@
 //! Results of a stream: the control, the estimates, and their distances from the targets.
 
 use super::estimator::Estimator;
-use super::stream::{Config, Lines, Room, Stream, Variant};
+use super::stream::{Config, Lines, Room, Stream};
 use super::trace::Entry;
 use crate::control::Best;
 use crate::error::Result;
@@ -9,16 +9,7 @@ use crate::memory::try_zeros;
 use crate::vector::{dot, norm};
 
 impl Stream {
-    pub(super) fn literal(&self) -> bool {
-        self.config.variant == Variant::Literal
-    }
-
-    /// Whether the control follows from the estimates, `v = B^+ (Ff - FA F0)`.
-    pub fn consistent(&self) -> bool {
-        self.config.variant == Variant::Consistent
-    }
-
-    /// `z` with `v = B^+ z`: `Ff - FA F0`, or the running mean of the raw differences.
+    /// `z` with `v = B^+ z`: `Ff - FA F0`.
     ///
     /// # Errors
     /// [`crate::Error::Memory`].
@@ -30,14 +21,8 @@ impl Stream {
 
     fn difference_in(&self, out: &mut [f64]) {
         let [x0, xf, a] = &self.slots;
-        let free = if self.consistent() {
-            xf.entries(0, false, out);
-            &self.products.ff
-        } else {
-            out.copy_from_slice(&self.raw.goal);
-            &self.raw.free
-        };
-        out.iter_mut().zip(free).for_each(|(f, y)| *f = *f * xf.scale - y * x0.scale * a.scale);
+        xf.entries(0, out);
+        out.iter_mut().zip(&self.products.ff).for_each(|(f, y)| *f = *f * xf.scale - y * x0.scale * a.scale);
     }
 
     /// The control `v`, computed from the estimates, with its rounding.
@@ -46,10 +31,6 @@ impl Stream {
     /// [`crate::Error::Overflow`] if it is not representable, [`crate::Error::Memory`].
     pub fn control(&self) -> Result<Best> {
         let n = self.geometry.n;
-        if !self.consistent() {
-            let nothing = try_zeros("no free motion", n * n)?;
-            return self.geometry.best(&nothing, &nothing[..n], &self.difference()?);
-        }
         let [x0, xf, columns] = self.estimates()?;
         let mut a = try_zeros("A by rows", n * n)?;
         for (j, column) in columns.chunks_exact(n).enumerate() {
@@ -63,9 +44,8 @@ impl Stream {
     /// # Errors
     /// [`crate::Error::Memory`].
     pub fn residuals(&self) -> Result<[f64; 3]> {
-        let literal = self.literal();
         let [mut line, mut off, ..] = Room::lines(self.geometry.n)?;
-        let mut residual = |slot: &Estimator| slot.squared_error(literal, [&mut line, &mut off]).sqrt() * slot.scale;
+        let mut residual = |slot: &Estimator| slot.squared_error([&mut line, &mut off]).sqrt() * slot.scale;
         Ok([0, 1, 2].map(|k| residual(&self.slots[k])))
     }
 
@@ -76,8 +56,7 @@ impl Stream {
     }
 
     /// A bound on `||B (v - v*)||`, and its value for the control in doubles, in `O(n^2)`. The bound is
-    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||` with what rounding may add, NaN for the variants whose
-    /// control does not follow from their estimates.
+    /// `||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||` with what rounding may add.
     ///
     /// # Errors
     /// As [`Stream::control`].
@@ -103,15 +82,7 @@ impl Stream {
         let [x0, xf, a] = &self.slots;
         let n = self.geometry.n;
         let [line, off, start, moved, apart, matrix] = room;
-        if !self.consistent() {
-            self.difference_in(apart);
-            for (column, x) in a.law.values().chunks_exact(n).zip(x0.law.values()) {
-                apart.iter_mut().zip(column).for_each(|(off, a)| *off += a * x);
-            }
-            apart.iter_mut().zip(xf.law.values()).for_each(|(off, f)| *off -= f);
-            return (f64::NAN, self.geometry.projected_norm(apart, line));
-        }
-        x0.visit(false, [line, off], |_, line, off| {
+        x0.visit([line, off], |_, line, off| {
             start.copy_from_slice(line);
             moved.copy_from_slice(off);
         });
@@ -119,14 +90,14 @@ impl Stream {
         let mut er = 0.0;
         apart.fill(0.0);
         matrix.fill(0.0);
-        a.visit(false, [line, off], |j, _, off| {
+        a.visit([line, off], |j, _, off| {
             er += dot(off, off);
             let (f, d) = (start[j], moved[j]);
             matrix.iter_mut().zip(off).for_each(|(y, off)| *y += off * f);
             apart.iter_mut().zip(&a.law.values()[j * n..(j + 1) * n]).for_each(|(y, a)| *y -= a * d);
         });
         let mut goal = 0.0;
-        xf.visit(false, [line, off], |_, _, off| {
+        xf.visit([line, off], |_, _, off| {
             goal = norm(off) * xf.scale;
             apart.iter_mut().zip(off).for_each(|(y, off)| *y = *y * x0.scale + off * xf.scale);
         });
@@ -146,7 +117,7 @@ impl Stream {
     /// [`crate::Error::Memory`].
     pub fn estimates(&self) -> Result<[Vec<f64>; 3]> {
         let estimate = |slot: &Estimator| -> Result<Vec<f64>> {
-            let mut values = slot.estimate(self.literal())?;
+            let mut values = slot.estimate()?;
             values.iter_mut().for_each(|v| *v *= slot.scale);
             Ok(values)
         };

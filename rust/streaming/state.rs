@@ -5,9 +5,8 @@ use super::estimator::{Estimator, damaged};
 use super::geometry::Geometry;
 use super::products::Products;
 use super::sections::{LARGEST, NAMES, Sections};
-use super::stream::{Config, Laws, Order, Stream, Variant};
+use super::stream::{Config, Laws, Order, Stream};
 use super::trace::{Entry, on_grid};
-use super::variants::Raw;
 use crate::error::Result;
 use crate::fuse::distance;
 use crate::memory::{try_collect, try_copy};
@@ -15,9 +14,8 @@ use crate::stream::Key;
 use crate::vector::norm;
 
 /// Version of the sections. Others are refused, because their steps may differ in the last bits.
-const FORMAT: u64 = 2;
+const FORMAT: u64 = 3;
 
-const VARIANTS: [Variant; 3] = [Variant::Consistent, Variant::Semi, Variant::Literal];
 const ORDERS: [Order; 3] = [Order::Random, Order::RoundRobin, Order::Gain];
 
 impl Stream {
@@ -27,11 +25,9 @@ impl Stream {
     /// [`crate::Error::Memory`].
     pub fn to_sections(&self) -> Result<Sections> {
         let mut out = Sections::default();
-        let place = |found: Option<usize>| found.unwrap_or(0) as u64;
-        let variant = place(VARIANTS.iter().position(|v| *v == self.config.variant));
-        let order = place(ORDERS.iter().position(|o| *o == self.config.order));
+        let order = ORDERS.iter().position(|o| *o == self.config.order).unwrap_or(0) as u64;
         let (n, m) = (self.geometry.n as u64, self.geometry.m as u64);
-        out.put_u64("format", &[FORMAT, n, m, variant, u64::from(self.config.safeguard), order])?;
+        out.put_u64("format", &[FORMAT, n, m, u64::from(self.config.safeguard), order])?;
         out.put_u8("keys", self.keys.map(|key| key.0).as_flattened())?;
         out.put_f64("B", &self.geometry.b)?;
         let [c0, cf, ca] = self.counts();
@@ -45,13 +41,9 @@ impl Stream {
         }
         out.put_f64("products", &self.products.ff)?;
         out.put_f64("prod.sum", self.products.sums.as_flattened())?;
-        let raw = self.raw.goal.iter().chain(&self.raw.free).copied();
-        out.put_f64("raw", &try_collect("a state", raw)?)?;
         out.put_f64("drift", &[self.drift])?;
         out.put_u64("trace.k", &try_collect("a state", self.trace.iter().map(|e| e.step))?)?;
-        // NaN (no certificate) is written as -1
-        let certificate = |e: &Entry| if e.certificate.is_nan() { -1.0 } else { e.certificate };
-        let values = try_collect("a state", self.trace.iter().map(|e| [certificate(e), e.error, e.size]))?;
+        let values = try_collect("a state", self.trace.iter().map(|e| [e.certificate, e.error, e.size]))?;
         out.put_f64("trace.v", values.as_flattened())?;
         Ok(out)
     }
@@ -64,17 +56,12 @@ impl Stream {
     pub fn from_sections(mut from: Sections) -> Result<Self> {
         let format = from.take_u64("format", None)?;
         let (n, m, config) = match format[..] {
-            [FORMAT, n, m, variant, safeguard, order]
-                if (1..=LARGEST).contains(&n)
-                    && (1..=LARGEST).contains(&m)
-                    && variant < 3
-                    && safeguard < 2
-                    && order < 3 =>
+            [FORMAT, n, m, safeguard, order]
+                if (1..=LARGEST).contains(&n) && (1..=LARGEST).contains(&m) && safeguard < 2 && order < 3 =>
             {
-                let (variant, order) = (VARIANTS[variant as usize], ORDERS[order as usize]);
-                (n as usize, m as usize, Config { variant, safeguard: safeguard == 1, order })
+                (n as usize, m as usize, Config { safeguard: safeguard == 1, order: ORDERS[order as usize] })
             }
-            _ => return Err(damaged("of format 2", format!("{format:?}"))),
+            _ => return Err(damaged("of format 3", format!("{format:?}"))),
         };
         let bytes = from.take_u8("keys", 128)?;
         let mut keys = [Key([0; 32]); 4];
@@ -112,28 +99,13 @@ impl Stream {
     }
 
     fn load_products(&mut self, from: &mut Sections) -> Result<()> {
-        let (n, consistent) = (self.n(), self.consistent());
+        let n = self.n();
         let sums = if self.config.safeguard { 3 * n } else { 0 };
         let ff = from.take_f64("products", Some(n))?;
         let sums = from.take_f64("prod.sum", Some(sums))?;
-        let raw = from.take_f64("raw", Some(if consistent { 0 } else { 2 * n }))?;
-        if !consistent {
-            self.products.ff = ff;
-            let (goal, free) = raw.split_at(n);
-            // means of realizations: 1-norms of at most gf, and of at most g0 times the largest gA
-            let [x0, xf, a] = &self.slots;
-            let largest = a.run.gamma.iter().fold(0.0f64, |m, g| m.max(*g)) * x0.run.gamma[0];
-            let size = |v: &[f64]| v.iter().map(|v| v.abs()).sum::<f64>();
-            let slack = 1.0 + 1e-6;
-            if size(goal) > slack * xf.run.gamma[0] || size(free) > slack * largest {
-                return Err(damaged("a state with running means of realizations", "larger ones".into()));
-            }
-            self.raw = Raw { goal: try_copy("a state", goal)?, free: try_copy("a state", free)? };
-            return Ok(());
-        }
         self.products = Products { ff, sums: try_copy("a state", sums.as_chunks::<3>().0)? };
         let fresh = Products::direct(&self.slots[2], &self.start)?;
-        let size = norm(&self.slots[2].estimate(false)?) * norm(&self.start.f);
+        let size = norm(&self.slots[2].estimate()?) * norm(&self.start.f);
         let sizes = fresh.sums.iter().flatten().fold(0.0f64, |m, v| m.max(v.abs()));
         let apart = distance(&fresh.ff, &self.products.ff) > 1e-6 * size
             || distance(fresh.sums.as_flattened(), self.products.sums.as_flattened()) > 1e-6 * sizes;
@@ -148,18 +120,18 @@ impl Stream {
         let values = from.take_f64("trace.v", Some(at.len().saturating_mul(3)))?;
         let rising = at.windows(2).all(|pair| pair[0] < pair[1]);
         let within = at.iter().all(|step| *step <= self.steps && on_grid(*step));
-        let consistent = self.consistent();
-        let possible = values.as_chunks::<3>().0.iter().all(|&[certificate, error, size]| {
-            let known = if consistent { certificate >= 0.0 } else { certificate == -1.0 };
-            known && error >= 0.0 && (0.0..=1.0).contains(&size)
-        });
+        let possible =
+            |&[certificate, error, size]: &[f64; 3]| certificate >= 0.0 && error >= 0.0 && (0.0..=1.0).contains(&size);
+        let possible = values.as_chunks::<3>().0.iter().all(possible);
         if !rising || !within || !possible || at.first() != Some(&0) {
             return Err(damaged("a state with a trace of its steps", format!("{} entries", at.len())));
         }
         // increasing steps on the grid, so at most as many as there is room for
-        self.trace.extend(at.iter().zip(values.as_chunks::<3>().0).map(|(&step, &[certificate, error, size])| {
-            let certificate = if consistent { certificate } else { f64::NAN };
-            Entry { step, certificate, error, size }
+        self.trace.extend(at.iter().zip(values.as_chunks::<3>().0).map(|(&step, &[certificate, error, size])| Entry {
+            step,
+            certificate,
+            error,
+            size,
         }));
         Ok(())
     }
@@ -181,7 +153,7 @@ fn load_slot(slot: &mut Estimator, name: &str, count: u64, config: Config, from:
     if !(run.c > 0.0 && run.c <= 1.0 && run.b >= 0.0 && (config.safeguard || run.b == 0.0)) {
         return Err(damaged("a state with possible scale factors", format!("{} and {}", run.c, run.b)));
     }
-    if config.variant == Variant::Literal { Ok(()) } else { slot.check() }
+    slot.check()
 }
 
 #[cfg(test)]
@@ -219,7 +191,7 @@ mod tests {
 
         /// One number of a good state is replaced by any other: refused, or the stream works.
         #[test]
-        fn any_damage_is_survived(which in 0usize..1 << 20, at in 0usize..1 << 20, bits: u64, config in 0usize..10) {
+        fn any_damage_is_survived(which in 0usize..1 << 20, at in 0usize..1 << 20, bits: u64, config in 0usize..6) {
             let mut good = stream(4, every_config()[config]);
             (0..50).for_each(|_| {
                 good.step();

@@ -4,24 +4,12 @@ use super::estimator::Estimator;
 use super::geometry::{Geometry, scaled_norm};
 use super::products::{Products, Start};
 use super::trace::{Entry, on_grid};
-use super::variants::Raw;
 use crate::control::singular_values;
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, try_filled, try_room, try_zeros};
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
 use crate::vector::norm;
-
-/// The three readings of Algorithm 1 of the paper: the control that each step averages.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Variant {
-    /// From the new realization and the estimates of the other slots: converges.
-    Consistent,
-    /// From the latest realization of every slot, with the step sizes of the estimates: stops at a wrong control.
-    Semi,
-    /// As before, with step sizes from the realizations themselves: does not converge.
-    Literal,
-}
 
 /// The choice of the next slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,8 +25,6 @@ pub enum Order {
 /// Options of a stream; they never change.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Config {
-    /// The reading of the algorithm.
-    pub variant: Variant,
     /// Whether every step is followed by a line search towards the mean of all realizations.
     pub safeguard: bool,
     /// Which slot moves.
@@ -68,8 +54,6 @@ pub struct Stream {
     pub(super) choice: Sequence,
     pub(super) start: Start,
     pub(super) products: Products,
-    /// The running differences of the variants that do not fuse; otherwise unused.
-    pub(super) raw: Raw,
     pub(super) steps: u64,
     pub(super) drift: f64,
     pub(super) trace: Vec<Entry>,
@@ -118,17 +102,10 @@ impl Stream {
     pub fn new(geometry: Geometry, laws: Laws, config: Config) -> Result<Self> {
         let mut stream = Self::unstarted(geometry, laws, config)?;
         for slot in &mut stream.slots {
-            if config.variant == Variant::Literal {
-                slot.replace_next();
-            } else {
-                slot.fuse_next();
-            }
+            slot.fuse_next();
         }
         stream.start.update(&stream.slots[0]);
         stream.products = Products::direct(&stream.slots[2], &stream.start)?;
-        if config.variant != Variant::Consistent {
-            stream.raw = Raw::of(&stream.slots)?;
-        }
         stream.record(1.0);
         Ok(stream)
     }
@@ -136,14 +113,6 @@ impl Stream {
     /// The stream before its first realizations.
     pub(super) fn unstarted(geometry: Geometry, laws: Laws, config: Config) -> Result<Self> {
         let n = geometry.n;
-        if config.safeguard && config.variant != Variant::Consistent {
-            let expected = "off unless the variant is consistent";
-            return Err(Error::Value { name: "safeguard", expected, found: "on".into() });
-        }
-        if config.order == Order::Gain && config.variant == Variant::Literal {
-            let expected = "random or round-robin for the literal variant, which fuses nothing";
-            return Err(Error::Value { name: "slots", expected, found: "gain".into() });
-        }
         let shapes = [("x0", &laws.x0, n), ("xf", &laws.xf, n), ("A", &laws.a, checked_len("A", n, n)?)];
         for (name, values, len) in shapes {
             if values.len() != len {
@@ -171,7 +140,6 @@ impl Stream {
             choice: Sequence::new(&thirds.into(), laws.keys[3])?,
             start: Start::of(&slots[0])?,
             products: Products::none(n, &slots[0])?,
-            raw: Raw::none(),
             steps: 0,
             drift: 0.0,
             trace: try_room(WHAT, MOST_ENTRIES)?,
@@ -188,22 +156,7 @@ impl Stream {
     /// One step: chooses a slot, draws its next realization, moves. Returns the step size `t`.
     pub fn step(&mut self) -> f64 {
         let slot = self.next_slot();
-        let t = match self.config.variant {
-            Variant::Consistent => self.fused_step(slot),
-            Variant::Semi => {
-                let t = self.slots[slot].fuse_next().t;
-                if slot == 0 {
-                    self.start.update(&self.slots[0]);
-                }
-                self.raw.average(t, &self.slots);
-                t
-            }
-            Variant::Literal => {
-                let t = self.slots[slot].replace_next();
-                self.raw.average(t, &self.slots);
-                t
-            }
-        };
+        let t = self.fused_step(slot);
         self.steps += 1;
         if self.steps.is_multiple_of(self.refresh_every) {
             self.refresh();
@@ -257,15 +210,9 @@ impl Stream {
     /// Recomputes from the entries the numbers that steps update, and records their largest error, relative to
     /// `||FA|| ||F0||` (Frobenius).
     fn refresh(&mut self) {
-        if self.config.variant == Variant::Literal {
-            return;
-        }
         let Room { lines: [line, off, ..], fresh } = &mut self.room;
         self.slots.iter_mut().for_each(|slot| slot.run.refresh());
         self.start.update(&self.slots[0]);
-        if self.config.variant != Variant::Consistent {
-            return;
-        }
         fresh.sum_up(&self.slots[2], &self.start, line);
         let size = self.slots[2].run.state.ff.max(0.0).sqrt() * norm(&self.start.f);
         off.iter_mut().zip(&fresh.ff).zip(&self.products.ff).for_each(|((off, a), b)| *off = a - b);

@@ -5,7 +5,7 @@
 pub struct Entry {
     /// Number of steps so far.
     pub step: u64,
-    /// The certificate; NaN for the variants that have none.
+    /// The certificate.
     pub certificate: f64,
     /// `||B (v - v*)||`.
     pub error: f64,

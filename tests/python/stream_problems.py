@@ -7,16 +7,12 @@ import numpy as np
 import stochens_rs as se
 
 SLOTS = ("x0", "xf", "A", "slots")
-# variant, safeguard, slots
+# safeguard, slots
 OPTIONS = [
-    ("consistent", False, "random"),
-    ("consistent", True, "random"),
-    ("consistent", False, "round-robin"),
-    ("consistent", True, "gain"),
-    ("semi", False, "random"),
-    ("semi", False, "gain"),
-    ("literal", False, "random"),
-    ("literal", False, "round-robin"),
+    (False, "random"),
+    (True, "random"),
+    (False, "round-robin"),
+    (True, "gain"),
 ]
 
 

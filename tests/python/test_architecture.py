@@ -352,7 +352,7 @@ def test_the_core_stands() -> None:
     files = [p for p in root.rglob("*.rs") if "tests" not in p.with_suffix("").parts]
     core = Core({p.relative_to(root).as_posix(): p.read_text("utf-8") for p in files})
     needed = core.needs("streaming::estimator")
-    assert {"vector", "fuse", "fuse::line_search", "sample::law"} <= needed
+    assert {"vector", "fuse", "fuse::slse_run", "sample::law"} <= needed
     assert "error" in needed  # `crate::Error` and `crate::error::Error`
     assert list(core_faults(core)) == []
 

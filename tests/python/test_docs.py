@@ -153,7 +153,6 @@ PAGES = (
     "README.md",
     "CONTRIBUTING.md",
     "docs/close-the-loop.md",
-    "docs/few-bits.md",
     "docs/compare.md",
     "docs/fleet.md",
     "docs/limits.md",
@@ -278,7 +277,7 @@ def test_the_names_in_texts_exist():
 
 def test_the_search_for_names_sees_faults():
     good = "`se.Plan.bound`, ``theory.moments.control_rms(...)``, `Plan.u`, `control.StateSpace`"
-    assert missing_names(good + ", :mod:`~stochens_rs.theory.bounds`, `A.loc`, `plots.py`") == []
+    assert missing_names(good + ", :mod:`~stochens_rs.theory.moments`, `A.loc`, `plots.py`") == []
     bad = ["se.PlanBound", "Plan.control_steps", "theory.multistep", "stochens_rs.cases.ieee15"]
     assert missing_names(", ".join(f"`{name}`" for name in bad)) == bad
 

@@ -306,3 +306,20 @@ def test_threads_are_a_setting_not_a_result() -> None:
         assert drawn[0] == drawn[1] == drawn[2]
     finally:
         se.set_num_threads(None)
+
+
+def test_senders_with_vectors_of_their_own_are_averaged() -> None:
+    """Each of 3000 nodes sends one index of its own sparse histogram."""
+    rng, n = np.random.default_rng(5), 200
+    own = rng.dirichlet(np.full(n, 0.02), 3000)
+    nodes = [se.sample(p, 1, rng=rng) for p in own]
+    fused = se.fuse(nodes)
+    assert fused.estimate == pytest.approx(np.mean([one.mean() for one in nodes], axis=0))
+    error = np.sum((fused.estimate - own.mean(axis=0)) ** 2)
+    # sum_k (||p_k||_1^2 - ||p_k||^2) / N^2, four deviations above
+    assert error < 2.0 * np.sum(1.0 - np.sum(own**2, axis=1)) / 3000**2
+    assert se.fuse([nodes[0], se.sample(own[1], 3, rng=1)]).weights.shape == (4,)
+    with pytest.raises(ex.ShapeError, match=r"`ensemble\[1\]` must have shape \(200,\)"):
+        se.fuse([nodes[0], se.sample([1.0], 1, rng=1)])
+    with pytest.raises(ex.InputError, match="at least one Ensemble"):
+        se.fuse([])

@@ -20,13 +20,14 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
+import tail_bounds as bounds
 from coverage_study import ALARM, at_most
 from hidden_systems import KINDS, NOISES, covariance, drawn
 from limit_plans import within
 from stochens_rs.exceptions import DataWarning
 from stochens_rs.rng import as_key
-from stochens_rs.theory import bounds, moments
-from stochens_rs.theory.bounds import drawn_errors
+from stochens_rs.theory import drawn_bounds as drawn_errors
+from stochens_rs.theory import moments
 from stochens_rs.theory.exact import best_control
 
 DELTA = 0.1
@@ -108,7 +109,7 @@ def plans(*, formula=False, count=10, steps=1, fusion="product", **options):
 
 
 def every_formula(quantity, **options):
-    """Each formula of `bounds.candidates` beside 100 errors drawn from the law."""
+    """Each formula beside 100 errors drawn from the law."""
 
     def case(gen, system):
         x0, xf = ends(gen, system)

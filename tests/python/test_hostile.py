@@ -248,22 +248,14 @@ TWO_BUSES = {
 }
 MACHINES = {"bus": [1, 2], "H": [4.0, 5.0], "D": [2.0, 0.0], "xd1": [0.3, 0.2]}
 OWN = {
-    "best": {"size": 5, "data": [(A, B), X0, XF]},
-    "candidates": {"data": [(A, B), X0, XF]},
     "control": {"x0": X0, "xf": XF},
     "regulate": {"steps": 3},
-    "Ensemble.from_bytes": {
-        "data": se.sample(A, 5, rng=1).to_bytes(),
-        "shape": (2, 2),
-        "norm": np.abs(A).sum(axis=0),
-        "size": 5,
-    },
     "Window.loop": {"Theta": np.ones((2, 4))},
     "Window.state_of": {"outputs": np.ones((3, 2)), "inputs": np.ones((2, 2))},
     "ReadingLoop.start": {"record": (np.ones((3, 2)), np.ones((2, 2)))},
     "Plan.error": {"xf": XF},
     "Results.save": {"path": "results.json"},
-    "bound": {"name": "simulated", "data": [(A, B), X0, XF]},
+    "drawn_bound": {"quantity": "state", "size": 5, "data": [(A, B), X0, XF]},
     "Window.stretches": {"steps": 1},
     "predict": {"x0": X0, "inputs": np.ones((2, 2))},
     "coverage": {"noise": 0.1},
@@ -297,8 +289,6 @@ OWN = {
     "ieee14": {"method": "zoh"},
     "swing": {"branches": [[1, 2, 0.1]], "machines": MACHINES, "base": "system", "method": "zoh"},
     "ieee39": {"method": "zoh"},
-    "tracking_moments": {"feedback": False},
-    "tracking_rms": {"feedback": False},
     "Stream.run": {"max_steps": 3},
     "Study.run": {"executor": None},
     "Study": {"function": drawn, "grid": {"a": [1, 2]}, "replicates": 2},
@@ -386,8 +376,6 @@ MADE = {
     "Validation": lambda: se.control((A, B), X0, XF).validate([se.System(A, B)] * 20),
     "Stream": lambda: se.Stream((A, B), X0, XF, rng=1),
     "Study": study,
-    "Bound": lambda: se.theory.bounds.bound("McDiarmid", "state", (A, B), X0, XF),
-    "Simulated": lambda: se.theory.bounds.bound("simulated", "vector", X0),
     "Trajectory": lambda: se.simulate((A, B), X0, [[1.0, 0.0]]),
     "EnsembleTrajectory": lambda: se.simulate_ensemble((A, B), X0, [[1.0, 0.0]], 3, rng=1),
     "Results": lambda: study().run(),
@@ -396,7 +384,7 @@ MADE = {
 OPTIONS = {"Limits", "Cost", "Uncertain", "Key"}  # records that users make
 SEPARATE = {"Ensemble", "ReadingLoop", "Kept", "Plan.typical"}  # made by functions
 # programs, and what ends in files of Matplotlib
-SEPARATE |= {"main", "save", "save_figures", "Bound", "Simulated"}
+SEPARATE |= {"main", "save", "save_figures"}
 STATEFUL = {"DataStream", "ModelStream", "Regulator", "ReadingLoop", "Stream", "Study"}
 MADE = {n: make if n in STATEFUL else cache(make) for n, make in MADE.items()}
 
@@ -421,7 +409,7 @@ def targets():
     with_arguments = {}
     for label, get in found.items():
         parameters = inspect.signature(get()).parameters.values()
-        if parameters and label not in SEPARATE and not label.startswith(("Bound.", "Simulated.")):
+        if parameters and label not in SEPARATE:
             with_arguments[label] = get, [p for p in parameters if p.name != "_"]
     return with_arguments
 

@@ -10,7 +10,6 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs._base import html
-from stochens_rs.theory import bounds
 
 SYSTEM = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]], dt=0.1, name="a & <b>")
 X0, XF = [1.0, 2.0], [0.0, 0.0]
@@ -122,11 +121,6 @@ RECORDS = {
         lambda: se.required_samples(SYSTEM, X0, X0, 0.3, rng=1, runs=50),
         ["with probability", "0.95", "exact rms", "failures", "of 50"],
     ),
-    "Bound": (
-        lambda: bounds.bound("Weissman", "vector", X0),
-        ["Weissman", "vector", "2 norm", "from"],
-    ),
-    "Best": (lambda: bounds.best("vector", X0, size=9, delta=0.1), ["radius", "0.1"]),
 }
 
 

@@ -514,7 +514,7 @@ def test_a_model_is_not_taken_for_the_system():
         with pytest.raises(InputError, match="estimated from data: pass its `system`"):
             call(model)
     with pytest.raises(InputError, match="estimated from data"):
-        se.theory.bounds.best("state", model, X0, X0, size=9, delta=0.1)
+        se.theory.drawn_bound("state", model, X0, X0, size=9, delta=0.1)
     exact, known = se.control(model.system, X0, X0), se.control(model, X0, X0)
     assert exact.bound().kind == "certain"
     np.testing.assert_array_equal(exact.u, known.u)

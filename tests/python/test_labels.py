@@ -131,7 +131,7 @@ ENTRIES = {
     "DataStream.update": lambda: se.DataStream(B).update(x0=x0),
     "DataStream.update, one by one": lambda: se.DataStream(B).update(x0=iter([X0, x0])),
     "theory": lambda: se.theory.moments.vector_covariance(x0),
-    "bounds": lambda: se.theory.bounds.best("vector", x0, size=5, delta=0.1),
+    "drawn_bound": lambda: se.theory.drawn_bound("vector", x0, size=5, delta=0.1),
 }
 
 

@@ -11,7 +11,7 @@ import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from stochens_rs.fusion.fusing import METHODS
-from stochens_rs.theory import bounds, moments
+from stochens_rs.theory import drawn_bound, moments
 
 A, B = np.diag([0.9, 0.8, 0.7]), np.eye(3)
 X0, XF, U = np.ones(3), np.zeros(3), np.ones((2, 3))
@@ -67,15 +67,15 @@ CALLS = [
         "`u` must have shape (K, 3), one row per step, got (2, 4)",
     ),
     (
-        lambda: bounds.best("state", B, X0, XF, A, size=5, delta=0.1),
-        "`data` must be 3 arguments (system, x0, xf) for a state, got 4",
+        lambda: drawn_bound("state", B, X0, XF, A, size=5, delta=0.1),
+        "`data` must be system, x0, xf for a state, got 4 arguments",
     ),
     (
-        lambda: bounds.best("vector", size=5, delta=0.1),
-        "`data` must be 1 argument (w) for a vector, got 0",
+        lambda: drawn_bound("vector", size=5, delta=0.1),
+        "`data` must be one array for a vector, got 0 arguments",
     ),
     (
-        lambda: bounds.candidates("state", SYSTEM, X0, XF, norm="1"),
+        lambda: drawn_bound("state", SYSTEM, X0, XF, size=5, delta=0.1, norm="1"),
         "`norm` must be '2', got str '1'",
     ),
     (

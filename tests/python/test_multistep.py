@@ -17,7 +17,7 @@ from stochens_rs.exceptions import (
     ResourceError,
     ShapeError,
 )
-from stochens_rs.theory import bounds, moments
+from stochens_rs.theory import drawn_bound, moments
 from stochens_rs.theory.exact import best_control
 
 CART = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
@@ -47,7 +47,7 @@ def plug_in(A, B, x0, xf, K):
 
 
 def vector_radius(w, size, delta):
-    return bounds.best("vector", w, size=size, delta=delta).radius
+    return drawn_bound("vector", w, size=size, delta=delta)[0]
 
 
 def counts(targets, size, key):
@@ -198,7 +198,7 @@ def test_the_formula_for_rare_failures():
     norms = [np.linalg.norm(power(system.A, k), 2) for k in range(5)]
     along = sum(norms[3 - k] * np.linalg.norm(plan.predicted_states[k]) for k in range(4))
     e0, ef = vector_radius(x0, 500, share), vector_radius(xf, 500, share)
-    eA = bounds.best("matrix", system.A, size=500, delta=share, norm="spectral").radius
+    eA = drawn_bound("matrix", system.A, size=500, delta=share, norm="spectral")[0]
     model = np.linalg.norm(plan.predicted_states[-1] - drawn[1].mean())
     expected = ef + norms[4] * e0 + eA * along + model
     assert plan.bound(1e-9).state == pytest.approx(expected, rel=1e-9)

@@ -9,12 +9,13 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+import tail_bounds as bounds
 from hidden_systems import stable
 from stochens_rs._base.numbers import smallest_size
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from stochens_rs.rng import as_key
-from stochens_rs.theory import bounds, moments
-from stochens_rs.theory.bounds.drawn_errors import PlanErrors
+from stochens_rs.theory import moments
+from stochens_rs.theory.drawn_bounds import PlanErrors
 
 GEN = np.random.default_rng(0)
 SYSTEM = se.System(GEN.standard_normal((4, 4)), GEN.standard_normal((4, 2)))
@@ -31,9 +32,10 @@ def test_bounds_keep_their_word(quantity: str, fusion: str) -> None:
     assert sizes == sorted(sizes)
     # 400 runs: 4 standard errors above 5 % are 37 failures
     assert all(row.failures <= 37 for row in plan.rows)
-    best = bounds.best(quantity, SYSTEM, X0, XF, eps=plan.error, delta=0.05, fusion=fusion)
-    assert (plan.rows[0].name, best.bound.name) == ("simulated", "simulated")
-    assert plan.size == pytest.approx(best.size, rel=0.1)  # another stream
+    drawn = bounds.bound("simulated", quantity, SYSTEM, X0, XF, fusion=fusion)
+    assert plan.rows[0].name == "simulated"
+    size = drawn.required_size(plan.error, 0.05)
+    assert plan.size == pytest.approx(size, rel=0.1)  # another stream
     rms_of = moments.control_rms if quantity == "control" else moments.state_rms
     assert rms_of(SYSTEM, X0, XF, plan.expected_size, fusion=fusion) <= plan.error
     assert rms_of(SYSTEM, X0, XF, plan.expected_size - 1, fusion=fusion) > plan.error

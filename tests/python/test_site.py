@@ -146,9 +146,7 @@ def test_links_lead_to_the_page_that_shows_a_file():
 # -- notebooks ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "name", ["close-the-loop", "several-models", "fleet", "few-bits", "limits"]
-)
+@pytest.mark.parametrize("name", ["close-the-loop", "several-models", "fleet", "limits"])
 def test_notebooks_have_the_code_and_pictures_of_their_page(name):
     page = DOCS / f"{name}.md"
     made = json.loads(json.dumps(NOTEBOOKS.notebook(page)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from typing_extensions import assert_type
@@ -13,7 +11,7 @@ from stochens_rs.controls.fleet_plan import FleetPlan
 from stochens_rs.controls.reading_loop import ReadingLoop
 from stochens_rs.feedback import Loop, LoopCertificate
 from stochens_rs.fusion.fused_model import FusedModel
-from stochens_rs.theory import bounds
+from stochens_rs.theory import drawn_bound
 
 Floats = NDArray[np.float64]
 
@@ -43,6 +41,5 @@ def loops(model: se.Model, A: Floats) -> None:
     assert_type(se.regulate(model, 10, offset_free=True), ReadingLoop)
 
 
-def formulas(error: Any) -> None:
-    assert_type(bounds.bound("simulated", error), bounds.Simulated)
-    assert_type(bounds.bound("chebyshev", error), bounds.Bound)
+def formulas(w: Floats) -> None:
+    assert_type(drawn_bound("vector", w, size=9, delta=0.1), tuple[float, str])

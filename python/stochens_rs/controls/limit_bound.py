@@ -8,7 +8,7 @@ import numpy as np
 
 from .. import _core
 from ..exceptions import InputError
-from ..theory.bounds.drawn_errors import not_simulated, radii
+from ..theory.drawn_bounds import not_simulated, radii
 from .limit_certificate import HARD, SMALL
 from .limited import Horizon
 from .limited_errors import LimitedErrors, MovedTarget

@@ -13,7 +13,7 @@ from .._base.threads import get_num_threads
 if TYPE_CHECKING:
     from .._base.types import Floats
     from ..rng import Key
-    from ..theory.bounds.drawn_errors import PlanErrors
+    from ..theory.drawn_bounds import PlanErrors
     from .limited import Horizon, Limited
 
 # Costs [ns] of one control within limits, measured on one thread (x86-64), within a factor of

@@ -297,13 +297,13 @@ class Plan(SavedRecord, Timed):
         Notes
         -----
         *Estimates.* An order statistic of the errors of thousands of simulated draws
-        (`theory.bounds.Simulated`), the same in every call. It holds over the draws of the
+        (`theory.drawn_bound`), the same in every call. It holds over the draws of the
         realizations, and is within a few percent of the error that is exceeded with probability
         `delta`. Fits ("alse", "slse") are not drawn again: their distance from their targets is
         known. With fits and exact values only, nothing is random and the bound is the error itself,
         relative to the targets. If the ``4 / delta`` draws that are needed would take one thread
         more than 10 s (`delta` below 2e-6 for a few states, 3e-5 for n = 20 over four steps, 7e-4
-        for n = 100), the formulas of `theory.bounds` are used, which are often 4 to 40 times
+        for n = 100), the formulas of `theory.drawn_bound` are used, which are often 4 to 40 times
         larger; over several steps the triangle inequality along the predicted states ``xh``,
         ``||x(K) - xf|| <= ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + ||xh(K) -
         xf_hat||``. `method` and `reason` of each radius say so.

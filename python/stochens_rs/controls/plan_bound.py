@@ -14,16 +14,21 @@ from ..certificates.certificate import Certificate
 from ..certificates.radius import Radius
 from ..exceptions import InputError
 from ..rng import as_key
-from ..theory import bounds
-from ..theory.bounds.drawn_errors import DrawnEntity, PlanErrors, not_simulated, radii
+from ..theory.drawn_bounds import (
+    Bounded,
+    DrawnEntity,
+    PlanErrors,
+    drawn_bound,
+    not_simulated,
+    radii,
+)
 from ..theory.dynamics import matrix_powers, spectral_norms
 from ..theory.exact import EPS
 from ..theory.formulas import checked_finite
 from .provenance import Basis
 
 if TYPE_CHECKING:
-    from .._base.types import Fusion, Quantity
-    from ..theory.bounds import Best
+    from .._base.types import Fusion
 
 
 KEY = as_key(0).child("simulated bound")  # of the draws, which are the same in every call
@@ -136,17 +141,40 @@ def _formulas(
     if len(u) > 1:
         return _along_trajectory(basis, u, predicted, errors, delta), ("sum of errors",) * 2
     if all(entity.kind in ("exact", "iid") for entity in basis.entities):
-        state, control = (_best(basis, quantity, fusion, delta) for quantity in QUANTITIES)
-        return (state.radius, control.radius), (state.bound.name, control.bound.name)
+        x0, xf, A = basis.values
+        state, control = (
+            Bounded(quantity, ((A, basis.B), x0, xf), fusion=fusion, axis=basis.A.axis).least(
+                basis.sizes, delta
+            )
+            for quantity in QUANTITIES
+        )
+        return (state[0], control[0]), (state[1], control[1])
     if fusion == "diagonal":
         raise InputError(
             "no formula bounds paired systematic realizations, which are dependent (use "
             f"fusion='product'), and {not_simulated(delta, errors.cost)}"
         )
+    return _sum_of_errors(basis, errors, delta), ("sum of errors",) * 2
+
+
+def _sum_of_errors(basis: Basis, errors: PlanErrors, delta: float) -> tuple[float, float]:
+    """Bounds of ``||B (u - v)||`` and ``||u - v||`` by those of the estimates.
+
+    ``B (v - u) = P [(xf - xf_hat) - A_hat (x0 - x0_hat) - (A - A_hat) x0]`` with ``P = B B^+``, so
+    ``||B (u - v)|| <= ef + ||P A_hat|| e0 + eA (||x0_hat|| + e0)`` (the corrected proof of Lemma
+    3.2), and with ``B^+`` in place of P for the control.
+    """
     e0, ef, eA = distances(basis, delta, "Frobenius")
     x0_hat, _, A_hat = basis.estimates
-    found = bounds.from_errors((A_hat, basis.B), x0_hat, x0_error=e0, xf_error=ef, A_error=eA)
-    return found, ("sum of errors",) * 2
+    U, s = errors.best.factors.U, errors.best.factors.s
+    if s.size == 0:
+        return 0.0, 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        reached = U.T @ A_hat
+        free = ef + eA * (float(np.linalg.norm(x0_hat)) + e0)
+        state = free + float(np.linalg.norm(reached, 2)) * e0
+        control = free / float(s[-1]) + float(np.linalg.norm(reached / s[:, None], 2)) * e0
+    return checked_finite(state, "bound"), checked_finite(control, "bound")
 
 
 def _along_trajectory(
@@ -193,32 +221,13 @@ def distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, floa
         elif entity.kind == "fitted":
             found.append(float(np.linalg.norm(estimate - values, 2 if matrix else None)))
         elif entity.kind == "systematic":
-            sure = bounds.bound("systematic", what, values, axis=axis)
-            found.append(sure.radius(entity.size, delta))
+            of = Bounded(what, (values,), axis=axis, scheme="systematic")
+            found.append(of.least((entity.size,), delta)[0])
         else:
-            found.append(
-                bounds.best(
-                    what,
-                    values,
-                    size=entity.size,
-                    delta=delta / shares,
-                    norm=matrix_norm if matrix else "2",
-                    axis=axis,
-                ).radius
+            each, kind = delta / shares, matrix_norm if matrix else "2"
+            radius, _ = drawn_bound(
+                what, values, size=entity.size, delta=each, norm=kind, axis=axis
             )
+            found.append(radius)
     e0, ef, eA = found
     return e0, ef, eA
-
-
-def _best(basis: Basis, quantity: Quantity, fusion: Fusion, delta: float) -> Best:
-    x0, xf, A = basis.values
-    return bounds.best(
-        quantity,
-        (A, basis.B),
-        x0,
-        xf,
-        size=basis.sizes,
-        delta=delta,
-        fusion=fusion,
-        axis=basis.A.axis,
-    )

@@ -15,7 +15,8 @@ from .._base.types import DELTA, QUANTITIES, Fusion, Quantity
 from ..exceptions import InputError, SizeError
 from ..rng import RngLike, as_key
 from ..system import System
-from ..theory import bounds, moments
+from ..theory import moments
+from ..theory.drawn_bounds import Bounded, not_simulated, runs_for, searched_size
 from ..theory.dynamics import checked_ends
 from ..theory.exact import best_control
 from .arguments import fusion_over
@@ -28,10 +29,17 @@ if TYPE_CHECKING:
 
     from numpy.typing import ArrayLike
 
-    from ..theory.bounds import Bound
     from .limits import LimitsLike
 
 
+# Of the bounds, the inequality and the numbers that it is used with.
+_SOURCES = {
+    "simulated": "order statistic of errors drawn from the law; its own chance of failure is in "
+    "delta",
+    "McDiarmid": "bounded martingale differences, xf then x0 then A; mean at most the exact rms",
+    "Bousquet": "Bousquet for the linear part, McDiarmid for the product of two errors",
+    "Bousquet of pairs": "supremum of <v, M (average of pairs - mean)> over unit vectors v",
+}
 _START = 1000  # size at which a search starts if no bound has one
 _STEPS = 3  # q falls nearly like N^-1/2, so that few steps are enough
 
@@ -93,11 +101,10 @@ def required_samples(
 
     Notes
     -----
-    The bounds are those of `theory.bounds`, the exact root mean square that of `theory.moments`.
-    "simulated" is within a few percent of what is needed, a tenth where its draws are slow and
-    `delta` is small; the formulas hold for every delta. Over
-    several steps "simulated" is the only bound. The simulation draws counts, not realizations: its
-    cost does not depend on N.
+    The bounds are those of `theory.drawn_bound`, the exact root mean square is that of
+    `theory.moments`. "simulated" is within a few percent of what is needed, a tenth where its draws
+    are slow and `delta` is small; the formulas hold for every delta. Over several steps "simulated"
+    is the only bound. The simulation draws counts, not realizations: its cost does not depend on N.
 
     Within limits the error is ``||B (u - v)||`` with the best v within them. It is at most
     ``||B B^+ (b_hat - b)||``, ``b = xf - A x0``, the error without limits, for every weight R >= 0
@@ -136,32 +143,38 @@ def required_samples(
     rms_of(checked, start, goal, 1, fusion=how)  # refuses what overflows
     if allowed * allowed < np.finfo(np.float64).tiny:
         raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
-    simulated = bounds.bound(
-        "simulated", kind, checked, start, goal, fusion=how, steps=K, rng=key.child("bound")
-    )
-    if K > 1:
-        simulated.require(delta)  # the only bound
-    which, law = int(kind == "control"), simulated.errors
+    of = Bounded(kind, (checked, start, goal), fusion=how, steps=K)
+    which, bound_key = of.which, key.child("bound").child("simulated bound")
+    cost = of.law((1, 1, 1)).cost
+    possible = runs_for(delta, cost) is not None
+    if K > 1 and not possible:  # the only bound
+        raise SizeError(not_simulated(delta, cost))
 
     @cache
     def drawn(size: int) -> tuple[float, int]:
         """The quantile of the simulated errors, and how many exceed the error."""
-        errors = law(size).draw(runs, key.child("runs"))[:, which]
+        errors = of.law((size,) * 3).draw(runs, key.child("runs"))[:, which]
         return float(np.quantile(errors, 1.0 - delta)), int((errors > allowed).sum())
 
-    found: list[Bound] = [simulated]
-    if K == 1:
-        found += bounds.candidates(kind, checked, start, goal, fusion=how)
+    def smallest(name: str, eps: float) -> int | None:
+        """The size that a bound needs."""
+        if name != "simulated":
+            return of.required_size(name, eps, delta)
+        if not possible:
+            return None
+        return searched_size(lambda N: of.law((N,) * 3), which, eps, delta, bound_key)
+
     rows = []
     # what the rounding of a control like the exact one leaves of the error
     rounding = best.control_rounding if kind == "control" else best.state_rounding
-    for bound in found:
-        size = _size(bound, allowed - rounding, delta) if allowed > rounding else None
+    for name in ("simulated", *of.names((1, 1, 1))):
+        source = _SOURCES["Bousquet of pairs" if of.paired and name == "Bousquet" else name]
+        size = smallest(name, allowed - rounding) if allowed > rounding else None
         if size is None:
-            rows.append(Requirement(bound.name, bound.source, None, None, None, None))
+            rows.append(Requirement(name, source, None, None, None, None))
             continue
         rms = rms_of(checked, start, goal, size, fusion=how) if K == 1 else None
-        rows.append(Requirement(bound.name, bound.source, size, rms, *drawn(size)))
+        rows.append(Requirement(name, source, size, rms, *drawn(size)))
     rows.sort(key=lambda row: inf if row.size is None else row.size)
     expected = None
     if K == 1:
@@ -212,10 +225,3 @@ def _needed(share: Callable[[int], float], start: int) -> int:
     for _ in range(_STEPS):
         size = int(min(max(1, ceil(size * share(size) ** 2)), validation.EXACT))
     return size
-
-
-def _size(bound: Bound, error: float, delta: float) -> int | None:
-    try:
-        return bound.required_size(error, delta)
-    except SizeError:
-        return None

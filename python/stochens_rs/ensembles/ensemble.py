@@ -18,9 +18,16 @@ from .._base.records import SavedRecord, trusted
 from .._base.types import CENTRES, Axis, Centre, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
-from .dense import dense, dense_blocks
-from .law import Law, checked_axis, checked_scheme
-from .lines import checked_target, from_lines, stack_from_lines, to_lines
+from .law import (
+    Law,
+    checked_scheme,
+    checked_target,
+    dense,
+    dense_blocks,
+    from_lines,
+    stack_from_lines,
+    to_lines,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -145,89 +152,6 @@ class Ensemble(SavedRecord):
         lines = to_lines(values, axis)
         draws = _core.Draws.from_indices(lines, _checked_indices(indices, lines.shape))
         return cls._of_draws(draws, values.shape, axis, None, None)
-
-    @classmethod
-    def from_bytes(
-        cls,
-        data: bytes,
-        shape: int | tuple[int, ...],
-        norm: ArrayLike,
-        *,
-        size: int | None = None,
-        axis: Axis = "columns",
-    ) -> Ensemble:
-        """Read the messages of one sender, as `to_bytes` writes them.
-
-        Parameters
-        ----------
-        data : bytes
-            The messages.
-        shape : int or tuple of int
-            That of the vector or matrix, (n,) or (n, m).
-        norm : float or array_like, shape (lines,)
-            The 1-norm of the vector or of each column (row) of the matrix, which the receiver must
-            know beside the messages.
-        size : int, optional
-            The number of realizations; needed where one has less than 8 bits.
-        axis : {"columns", "rows"}, default "columns"
-            Whether the lines of a matrix are its columns or its rows.
-
-        Returns
-        -------
-        Ensemble
-            The realizations, with their signs and values; no law is known of them.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If no sender with these norms has written the data.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> sent = se.sample([3.0, -1.0, 0.0], 1000, rng=1)
-        >>> data = sent.to_bytes()
-        >>> read = se.Ensemble.from_bytes(data, 3, norm=4.0, size=1000)
-        >>> len(data), bool(abs(read.mean() - sent.mean()).max() < 1e-12)
-        (375, True)
-        """
-        given = validation.instance("data", data, bytes)
-        sides = shape if isinstance(shape, tuple) else (shape,)
-        sides = tuple(validation.size("shape", one) for one in sides)
-        if len(sides) not in (1, 2):
-            raise ShapeError(f"`shape` must be (n,) or (n, m), got {sides}")
-        axis = checked_axis(axis)
-        length = sides[0] if len(sides) == 1 or axis == "columns" else sides[1]
-        lines = 1 if len(sides) == 1 else sides[0] * sides[1] // length
-        norms = validation.array("norm", norm, ndim=(0, 1))
-        if norms.shape not in ((), (lines,)):
-            raise ShapeError(f"`norm` must be one number or {lines}, got shape {norms.shape}")
-        norms = np.broadcast_to(norms, lines)
-        bits = lines * _core.message_bits(length)
-        if size is None and bits < 8:
-            raise InputError(f"`size` must be given where a realization has {bits} bits, not 8")
-        count = 8 * len(given) // bits if size is None else validation.size("size", size)
-        draws = _core.Draws.from_bytes(given, np.ascontiguousarray(norms), length, count)
-        return cls._of_draws(draws, sides, axis, None, None)
-
-    def to_bytes(self) -> bytes:
-        """Pack each realization into the bits that tell its entry and sign.
-
-        Returns
-        -------
-        bytes
-            ``ceil(log2(2 n))`` bits for each line of n entries: the code ``2 index + sign`` (1:
-            negative), the lowest bit first, one after another. The 1-norm of the vector is not in
-            it.
-
-        Raises
-        ------
-        InputError
-            If the realizations are dense.
-        """
-        if self._draws is None:
-            raise InputError("`to_bytes` needs realizations with one entry each, these are dense")
-        return self._draws.to_bytes()
 
     @property
     def size(self) -> int:

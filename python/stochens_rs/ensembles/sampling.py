@@ -13,8 +13,7 @@ from .._base.types import Axis, Scheme
 from ..rng import RngLike, as_key
 from .counts import Counts
 from .ensemble import Ensemble
-from .law import Law, checked_scheme
-from .lines import checked_target, from_lines, to_lines
+from .law import Law, checked_scheme, checked_target, from_lines, to_lines
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -2,35 +2,133 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from copy import deepcopy
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from .. import _core
 from .._base import html, memory, validation
 from .._base.records import SavedRecord, require_shapes
+from .._base.signal_names import order_of
 from .._base.threads import get_num_threads
 from .._base.to_xarray import Cube, Tabled, named, over_time, padded
-from .._base.types import Floats, Status
-from ..exceptions import InputError, NonFiniteError, ShapeError
+from .._base.types import Floats, Status, worst
+from ..controls import Regulator
+from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from ..feedback import Loop
 from ..fusion.fusing import METHODS
 from ..plots.lines import draw_tracking
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory.exact import REACHABLE, factors
-from ..theory.tracking import checked_reference, reference_residuals
-from .controlled import Driven, check_info, controlled, made_by
 from .simulating import columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
+    from .._base.types import Floats, Status
     from ..controls import Regulator
     from ..fusion.fusing import Method
+    from ..rng import Key
+    from ..system import System
+
+
+class Driven(NamedTuple):
+    """States (R, K + 1, n) and inputs (R, K, m), and how the computations ended."""
+
+    states: Floats
+    inputs: Floats
+    status: Status
+    info: dict[str, Any]
+
+
+def controlled(
+    system: System,
+    start: Floats,
+    K: int,
+    controller: Callable[[Floats], Any],
+    noise: Any,
+    key: Key,
+    runs: int | None,
+) -> Driven:
+    """Simulate ``x(k+1) = A x(k) + B u(k) + w(k)`` with ``u(k) = controller(x(k))``."""
+    if not callable(controller) or isinstance(controller, type):
+        raise InputTypeError(
+            f"`controller` must be a function, u = f(x), got {validation.show(controller)}"
+        )
+    n, m = system.n, system.m
+    loop = controller if isinstance(controller, Regulator) else None
+    sizes, labels = (n, m), None
+    if loop is not None:
+        sizes, labels = (loop.n, loop.m), loop._labels
+    elif isinstance(controller, Loop):
+        sizes, labels = controller.B.shape, controller.labels
+    if sizes != (n, m):
+        raise InputError(
+            "`controller` must be for n={} and m={} as `system`, got n={} and m={}".format(
+                n, m, *sizes
+            )
+        )
+    # what the controller calls by the same names stands where it has it
+    order = order_of("system", system.labels, labels)
+    back = order.back()
+    sigma = validation.deviations("noise", 0.0 if noise is None else noise, n)
+    states, inputs = np.empty((runs or 1, K + 1, n)), np.empty((runs or 1, K, m))
+    seen: Counter[Status] = Counter()
+    for i, (x, u) in enumerate(zip(states, inputs, strict=True)):
+        # every run begins with the controller as it was given
+        act = controller if loop is None or runs is None else deepcopy(loop)
+        w = key.child(f"replicate-{i}").child("noise").generator().standard_normal((K, n)) * sigma
+        x[0] = start
+        for k in range(K):
+            found = validation.vector("controller(x)", act(order.of_states(x[k]).copy()), length=m)
+            u[k] = back.of_inputs(found)
+            if isinstance(act, Regulator):
+                seen[act.log[-1].status] += 1
+            with np.errstate(over="ignore", invalid="ignore"):
+                x[k + 1] = system.A @ x[k] + system.B @ u[k] + w[k]
+            if not np.isfinite(x[k + 1]).all():
+                raise NonFiniteError(f"the state overflows at step {k + 1} under `controller`")
+    info = {
+        "controller": type(controller).__name__,
+        "limits": None if loop is None else tuple(map(back.of_inputs, loop.limits)),
+        "statuses": dict(seen),
+        "noise": sigma,
+    }
+    return Driven(states, inputs, worst(seen) if seen else "completed", info)
+
+
+def check_info(info: dict[str, Any]) -> None:
+    """Refuse a description of what chose the inputs that `made_by` cannot read."""
+    for name in ("size", "runs"):
+        if info.get(name) is not None:
+            validation.size(f"info['{name}']", info[name])
+    limits = info.get("limits")
+    if limits is not None:
+        pair = isinstance(limits, tuple) and len(limits) == 2
+        if not pair or not all(isinstance(one, np.ndarray) and one.ndim == 1 for one in limits):
+            raise InputTypeError(
+                f"`info['limits']` must be (low, high), got {validation.show(limits)}"
+            )
+        validation.instance("info['statuses']", info.get("statuses"), dict)
+
+
+def made_by(info: dict[str, Any]) -> Iterator[tuple[str, object]]:
+    """Rows about what chose the inputs."""
+    if "size" in info:
+        yield "realizations N per step", html.grouped(info["size"])
+        return
+    yield "controller", info.get("controller")
+    if info.get("limits") is not None:
+        low, high = map(html.vector, info["limits"])
+        yield "limits", f"{low} to {high}"
+        yield "calls", ", ".join(f"{count} {what}" for what, count in info["statuses"].items())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -230,8 +328,7 @@ def track(
     -----
     ``u(k) = B^+ (r(k+1) - A_hat_k x(k))``, ``x(k+1) = A x(k) + B u(k)``, hence
     ``e(k+1) = (I - P)(A x(k) - r(k+1)) - P (A_hat_k - A) x(k)`` for ``e = x - r``,
-    ``P = B B^+``. `theory.tracking` has the exact mean squares for uniform weights (without
-    sampled states, or without feedback). The closed loop is stable in the mean square if and only
+    ``P = B B^+``. The closed loop is stable in the mean square if and only
     if N exceeds a threshold; for ``P = I`` that is the spectral radius of
     ``|A_ij| (sum_k |A_kj| - |A_ij|)``. For a reference that is not feasible, each step
     leads as near to ``r(k+1)`` as the estimates allow; see ``residuals``.
@@ -247,9 +344,6 @@ def track(
     >>> run = se.track(system, reference, 1000, rng=1, runs=50)
     >>> run.states.shape, run.inputs.shape, run.feasible
     ((50, 21, 2), (50, 20, 2), True)
-    >>> rms = se.theory.tracking.tracking_rms(system, reference, 1000)
-    >>> bool(abs(np.sqrt(run.mean_square.mean()) / np.sqrt((rms**2).mean()) - 1) < 0.1)
-    True
 
     Brought to rest within limits, with noise:
 
@@ -261,7 +355,11 @@ def track(
     """
     checked = System.from_any(system)
     n, m = checked.n, checked.m
-    r = checked_reference(reference, checked.state_names).copy()
+    names = checked.state_names
+    how: Any = {"cols": n, "rows": "K + 1", "empty": False, "labels": names}
+    r = validation.inputs("reference", reference, **how).copy()
+    if len(r) < 2:
+        raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
     if controller is not None:
         if size is not None or not feedback or sample_states or method != "uniform":
             raise InputError(
@@ -286,10 +384,14 @@ def track(
     K = len(r) - 1
     memory.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
     with np.errstate(over="ignore", invalid="ignore"):
-        residuals = reference_residuals(checked, r)
+        U = factors(checked.B).U
+        d = r[:-1] @ checked.A.T - r[1:]
+        d = d - (d @ U) @ U.T  # (I - P)(A r(k) - r(k+1))
         needed = np.linalg.norm(r[1:], axis=1) + np.linalg.norm(r[:-1] @ checked.A.T, axis=1)
-    if not np.isfinite(needed).all():
+    if not (np.isfinite(needed).all() and np.isfinite(d).all()):
         raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
+    unit = np.maximum(np.abs(d).max(axis=1), np.finfo(np.float64).tiny)
+    residuals = unit * np.linalg.norm(d / unit[:, None], axis=1)
     key = as_key(rng)
     if controller is not None:
         found = controlled(checked, start, K, controller, noise, key, R)

@@ -1,8 +1,7 @@
 """Controls and models that are updated with every realization or pair, and their state files."""
 
 from .data_stream import DataStream
-from .looks import Look
-from .loop_look import LoopLook
+from .looks import Look, LoopLook
 from .model_stream import ModelStream
 from .records import StreamRun, Trace
 from .snapshot import Snapshot

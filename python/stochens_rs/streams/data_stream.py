@@ -15,8 +15,8 @@ from .._base.types import DELTA, Floats
 from ..controls.typical import Typical, ranked
 from ..exceptions import InputError, InputTypeError
 from ..rng import as_key
-from .batches import blocks
 from .confidence import radii_of_means
+from .rows import blocks
 from .state import ENTITIES
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from ..certificates.certificate import Certificate
     from ..rng import RngLike
-    from .batches import FeedLike
+    from .rows import FeedLike
 
 
 class DataStream(Durable):

@@ -23,9 +23,8 @@ from ..identification.assumptions import (
     checked_assumptions,
     checked_scale,
 )
-from .looks import Look, look
-from .loop_look import LoopLook, look_at_loop
-from .pairs import pair_rows
+from .looks import Look, LoopLook, look, look_at_loop
+from .rows import pair_rows
 from .snapshot import Snapshot, refuse
 
 if TYPE_CHECKING:

@@ -31,7 +31,7 @@ class StreamRun:
     rule : str or None
         "certificate", "printed", or None if no tolerance was given.
     certificate : float or None
-        The bound on ``||B (v - v*)||`` at the end; None for the variants "semi" and "literal".
+        The bound on ``||B (v - v*)||`` at the end.
     error : float
         ``||B (v - v*)||`` at the end.
     """
@@ -40,7 +40,7 @@ class StreamRun:
     steps: int
     seconds: float
     rule: str | None
-    certificate: float | None
+    certificate: float
     error: float
 
     def _repr_html_(self) -> str:
@@ -56,7 +56,7 @@ class Trace:
     steps : ndarray of int64, shape (k,)
         Number of steps taken.
     certificates : ndarray, shape (k,)
-        The bound on ``||B (v - v*)||``; nan for the variants "semi" and "literal".
+        The bound on ``||B (v - v*)||``.
     errors : ndarray, shape (k,)
         ``||B (v - v*)||`` without the rounding of v to doubles.
     step_sizes : ndarray, shape (k,)

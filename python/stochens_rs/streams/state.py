@@ -16,10 +16,8 @@ from ..rng import Key
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-Variant: TypeAlias = Literal["consistent", "semi", "literal"]
 Slots: TypeAlias = Literal["random", "round-robin", "gain"]
 
-VARIANTS: tuple[Variant, ...] = get_args(Variant)
 SLOTS: tuple[Slots, ...] = get_args(Slots)
 ENTITIES = ("x0", "xf", "A")
 
@@ -29,7 +27,6 @@ class Identity:
     """Key, options and shape of a stream."""
 
     key: Key
-    variant: Variant
     safeguard: bool
     slots: Slots
     n: int
@@ -41,9 +38,9 @@ class Identity:
 
     def digest(self, *arrays: Floats) -> str:
         """Return the SHA-256 of the key, the options, and the shapes and entries of the arrays."""
-        options = (str(self.variant), self.safeguard, str(self.slots))
+        options = (self.safeguard, str(self.slots))
         text = f"{options}{[array.shape for array in arrays]}"
-        made = hashlib.sha256(b"stochens stream v1\0" + bytes(self.key) + text.encode() + b"\0")
+        made = hashlib.sha256(b"stochens stream v3\0" + bytes(self.key) + text.encode() + b"\0")
         for array in arrays:
             made.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
         return made.hexdigest()
@@ -63,9 +60,9 @@ def from_sections(sections: dict[str, Any]) -> tuple[Identity, str, _core.Stream
         if array.dtype != np.uint8 or array.shape != (32,):
             raise InputError(f"`state` must have 32 bytes in '{name}'")
     core = _core.Stream.from_sections(list(state.items()))
-    n, m, variant, safeguard, order = (int(v) for v in state["format"][1:])
+    n, m, safeguard, order = (int(v) for v in state["format"][1:])
     key = Key(own["key"].tobytes())
-    identity = Identity(key, VARIANTS[variant], bool(safeguard), SLOTS[order], n, m)
+    identity = Identity(key, bool(safeguard), SLOTS[order], n, m)
     if state["keys"].tobytes() != b"".join(identity.keys()):
         raise InputError("`state` must have the keys that follow from its key")
     arrays = (state["B"].reshape(n, m), state["x0"], state["xf"], state["A"].reshape(n, n))

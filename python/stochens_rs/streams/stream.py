@@ -17,10 +17,9 @@ from ..exceptions import InputError
 from ..rng import Key, RngLike, as_key
 from ..system import System
 from ..theory.dynamics import checked_ends
-from .checkpoints import Checkpoints
 from .records import StreamRun, Trace
-from .state import ENTITIES, SLOTS, VARIANTS, Identity, Slots, Variant, from_sections, to_sections
-from .step_loop import Rule, checked_stop, run_until
+from .state import ENTITIES, SLOTS, Identity, Slots, from_sections, to_sections
+from .step_loop import Checkpoints, Rule, checked_stop, run_until
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -45,13 +44,9 @@ class Stream(Durable):
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness. Realization k of x0 is realization k of
         ``sample(x0, ..., rng=key.child("x0"))``; "xf" and "A" alike.
-    variant : {"consistent", "semi", "literal"}, default "consistent"
-        Three readings of the printed algorithm; only "consistent" converges. "semi": v' comes
-        from the latest *realizations* of all slots. "literal": also, the line search starts at
-        the previous realization instead of the estimate.
     safeguard : bool, default False
-        For "consistent": a second line search per step, towards the mean of the realizations of
-        the slot. The error of each estimate is then never larger than that of this mean.
+        A second line search per step, towards the mean of the realizations of the slot. The error
+        of each estimate is then never larger than that of this mean.
     slots : {"random", "round-robin", "gain"}, default "random"
         Which slot the step is for. "random": each with probability 1/3, as in the paper.
         "round-robin": in turn. "gain": the slot with the largest guaranteed decrease of the mean
@@ -67,10 +62,10 @@ class Stream(Durable):
 
     Notes
     -----
-    *Invariant* (corrected Algorithm 1): in the consistent variant, ``v = B^+ (Ff - FA F0)`` after
-    every step. A step costs O(n) (more above n = 300 or so, where A leaves the processor's caches),
-    `u`, `certificate` and `error` O(n^2 + n m). All running sums are computed again every
-    ``16 max(n, 16)`` steps; `drift` is the largest correction so far.
+    *Invariant* (corrected Algorithm 1): ``v = B^+ (Ff - FA F0)`` after every step. A step
+    costs O(n) (more above n = 300 or so, where A leaves the processor's caches), `u`, `certificate`
+    and `error` O(n^2 + n m). All running sums are computed again every ``16 max(n, 16)`` steps;
+    `drift` is the largest correction so far.
 
     *Mean-square bound*, for ``n_i`` realizations in slot i, chosen independently of them, and
     ``V = E ||E - T||^2``: ``E ||B (v - v*)||^2 <= 3 [Vf / n_f + ||A||^2 V0 / n_0 +
@@ -101,37 +96,25 @@ class Stream(Durable):
         xf: ArrayLike,
         *,
         rng: RngLike = None,
-        variant: Variant = "consistent",
         safeguard: bool = False,
         slots: Slots = "random",
     ) -> None:
         checked, start, goal = checked_ends(system, x0, xf)
         inputs, n, m = checked.B, checked.n, checked.m
-        name = validation.choice("variant", variant, VARIANTS)
         order = validation.choice("slots", slots, SLOTS)
         safe = validation.flag("safeguard", safeguard)
-        if safe and name != "consistent":
-            raise InputError(f"`safeguard` must be False for variant '{name}', got True")
-        if order == "gain" and name == "literal":
-            expected = "'random' or 'round-robin' for variant 'literal'"
-            raise InputError(f"`slots` must be {expected}, got 'gain'")
         # laws, estimates, sums, tables of both matrices, and the pseudoinverse
         memory.need("a stream", (80 if safe else 64) * n * n + 40 * n * m)
         columns = np.ascontiguousarray(checked.A.T)
-        self._identity = Identity(as_key(rng), name, safe, order, n, m)
+        self._identity = Identity(as_key(rng), safe, order, n, m)
         self._digest = self._identity.digest(inputs, start, goal, columns)
         keys = self._identity.keys()
-        self._core = _core.Stream(inputs, start, goal, columns, keys, name, safe, order)
+        self._core = _core.Stream(inputs, start, goal, columns, keys, safe, order)
 
     @property
     def key(self) -> Key:
         """The key of all realizations."""
         return self._identity.key
-
-    @property
-    def variant(self) -> str:
-        """The variant: "consistent", "semi" or "literal"."""
-        return self._identity.variant
 
     @property
     def digest(self) -> str:
@@ -155,7 +138,7 @@ class Stream(Durable):
 
     @property
     def estimates(self) -> dict[str, Floats]:
-        """Estimates of "x0" (n,), "xf" (n,), "A" (n, n); "literal": the latest realizations."""
+        """Estimates of "x0" (n,), "xf" (n,), "A" (n, n)."""
         x0, xf, columns = self._core.estimates()
         return {"x0": x0, "xf": xf, "A": np.ascontiguousarray(columns.T)}
 
@@ -165,14 +148,12 @@ class Stream(Durable):
         return dict(zip(ENTITIES, self._core.residuals(), strict=True))
 
     @property
-    def certificate(self) -> float | None:
+    def certificate(self) -> float:
         """Upper bound on `error`: ``||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||``.
 
-        ``P = B B^+``; and what rounding may add, that of `u` to doubles included. None for the
-        variants "semi" and "literal".
+        ``P = B B^+``; and what rounding may add, that of `u` to doubles included.
         """
-        value = self._core.certificate()[0]
-        return None if np.isnan(value) else value
+        return self._core.certificate()[0]
 
     @property
     def error(self) -> float:
@@ -275,7 +256,7 @@ class Stream(Durable):
         >>> stream.run(max_steps=1000).status
         'max_steps'
         """
-        stop = checked_stop(tol, max_steps, time_limit, rule, self.variant)
+        stop = checked_stop(tol, max_steps, time_limit, rule)
         bar = progress_bar(progress, stop.max_steps, "stream", "step")
         started, first = time.monotonic(), self.steps
         with Checkpoints(self, checkpoint, every) as checkpoints:
@@ -286,7 +267,7 @@ class Stream(Durable):
             steps=self.steps - first,
             seconds=time.monotonic() - started,
             rule=stop.rule,
-            certificate=None if np.isnan(certificate) else certificate,
+            certificate=certificate,
             error=error,
         )
 
@@ -313,10 +294,10 @@ class Stream(Durable):
         return Stream._from_sections, (self._to_sections(),)
 
     def __repr__(self) -> str:
-        name = f"Stream ({self.variant}): n={self._identity.n}, m={self._identity.m}"
+        name = f"Stream: n={self._identity.n}, m={self._identity.m}"
         try:
             certificate, error = self._core.certificate()
-            bound = "" if np.isnan(certificate) else f" <= {certificate:.3g}"
-            return f"<{name}, {html.counted(self.steps)}, ||B (v - v*)|| = {error:.3g}{bound}>"
+            errors = f"||B (v - v*)|| = {error:.3g} <= {certificate:.3g}"
+            return f"<{name}, {html.counted(self.steps)}, {errors}>"
         except InputError:  # in a signal handler, or in a process forked while a thread used it
             return f"<{name}, in use>"

@@ -21,7 +21,7 @@ class Streamed(NamedTuple):
     """One row or entry per step, the start included."""
 
     controls: Array  # (steps + 1, m)
-    certificates: Array  # (steps + 1,), of the consistent variant
+    certificates: Array  # (steps + 1,)
     errors: Array  # (steps + 1,), ||B (v - v*)||
     sizes: Array  # (steps + 1,), the step sizes t, 1 at the start
     slots: NDArray[np.int64]  # (steps,)
@@ -53,7 +53,6 @@ def stream(
     *,
     keys: list[bytes],
     steps: int,
-    variant: str = "consistent",
     safeguard: bool = False,
     slots: str = "random",
 ) -> Streamed:
@@ -70,7 +69,6 @@ def stream(
         return pinv @ (Ef - EA @ E0)
 
     F = [E[0] for E in samples]
-    raw = [E[0] for E in samples]
     total = [E[0] for E in samples]
     counts = [1, 1, 1]
     v = control(*F)
@@ -92,26 +90,16 @@ def stream(
             i = int(np.argmax(gain)) if gain.max() > 0.0 else k % 3
         E = samples[i][counts[i]]
         counts[i] += 1
-        before = raw[i]
-        raw[i] = E
-        if variant == "literal":  # from the previous realization to the new one; nothing is fused
-            t = line_search(before, E, targets[i])
-            F[i] = E
-            v = (1.0 - t) * v + t * control(*raw)
-        elif variant == "semi":  # steps of the estimates, control of the latest realizations
-            t = line_search(F[i], E, targets[i])
-            F[i] = (1.0 - t) * F[i] + t * E
-            v = (1.0 - t) * v + t * control(*raw)
-        else:  # the new realization in its slot, the estimates in the others
-            t = line_search(F[i], E, targets[i])
-            v = (1.0 - t) * v + t * control(*[*F[:i], E, *F[i + 1 :]])
-            F[i] = (1.0 - t) * F[i] + t * E
-            if safeguard:  # the same once more, towards the mean of the slot's realizations
-                total[i] = total[i] + E
-                U = total[i] / counts[i]
-                s = line_search(F[i], U, targets[i])
-                v = (1.0 - s) * v + s * control(*[*F[:i], U, *F[i + 1 :]])
-                F[i] = (1.0 - s) * F[i] + s * U
+        # the new realization in its slot, the estimates in the others
+        t = line_search(F[i], E, targets[i])
+        v = (1.0 - t) * v + t * control(*[*F[:i], E, *F[i + 1 :]])
+        F[i] = (1.0 - t) * F[i] + t * E
+        if safeguard:  # the same once more, towards the mean of the slot's realizations
+            total[i] = total[i] + E
+            U = total[i] / counts[i]
+            s = line_search(F[i], U, targets[i])
+            v = (1.0 - s) * v + s * control(*[*F[:i], U, *F[i + 1 :]])
+            F[i] = (1.0 - s) * F[i] + s * U
         sizes.append(t)
         chosen.append(i)
     return Streamed(

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochens_rs import _core as core
-from stochens_rs.controls.constraints import Task
+from stochens_rs.limits.problem import Task
 
 Floats = NDArray[np.float64]
 WEIGHT = 0.1  # of the inputs, where the states have 1

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 
 import stochens_rs as se
-from stochens_rs._base import state_file
+from stochens_rs._base import saving as state_file
 
 WHOLE = [0, 1, 2, 127, 128, 255, 2**31 - 1, 2**31, 2**32, 2**53, 2**63 - 1, 2**63, 2**64 - 1]
 REAL = [0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e16, 1e154, 1e308, float("inf"), float("nan")]

@@ -24,28 +24,18 @@ except ImportError:
 
 if TYPE_CHECKING:
     from . import cases, exceptions, plots, studies, theory
-    from ._base.threads import get_num_threads, set_num_threads
+    from ._base.running import get_num_threads, set_num_threads
     from .certificates import Certificate
-    from .controls import (
-        Cost,
-        Limits,
-        Plan,
-        Regulator,
-        Uncertain,
-        control_fleet,
-        design,
-        predict,
-        realization_controls,
-        regulate,
-        required_samples,
-        steer,
-    )
+    from .controls import Plan, design, predict, realization_controls, required_samples, steer
     from .controls.control import control
     from .ensembles import Counts, Ensemble, SystemEnsemble, sample, sample_counts
     from .exceptions import StochensError
     from .feedback import gain
+    from .fleet import control_fleet
     from .fusion import Fit, fuse, fuse_path
     from .identification import Model, Trajectories, identify
+    from .limits import Cost, Limits, Uncertain
+    from .loops import Regulator, regulate
     from .rng import Key
     from .simulation import (
         EnsembleTrajectory,
@@ -57,7 +47,7 @@ if TYPE_CHECKING:
     )
     from .streams import DataStream, ModelStream, Stream
     from .studies import Study
-    from .system import System
+    from .system.system import System
 
 __version__ = _version()
 
@@ -115,15 +105,17 @@ __all__ = [
 # Where each name comes from. Nothing is imported before its first use: `import stochens_rs` then
 # adds a few milliseconds to that of NumPy.
 _ROOMS = {
-    "_base.threads": "get_num_threads set_num_threads",
+    "_base.running": "get_num_threads set_num_threads",
     "certificates": "Certificate",
-    "controls": "Cost Limits Plan Regulator Uncertain control control_fleet design predict "
-    "realization_controls regulate required_samples steer",
+    "controls": "Plan control design predict realization_controls required_samples steer",
     "ensembles": "Counts Ensemble SystemEnsemble sample sample_counts",
     "exceptions": "StochensError",
     "feedback": "gain",
+    "fleet": "control_fleet",
     "fusion": "Fit fuse fuse_path",
     "identification": "Model Trajectories identify",
+    "limits": "Cost Limits Uncertain",
+    "loops": "Regulator regulate",
     "rng": "Key",
     "simulation": "EnsembleTrajectory Tracking Trajectory simulate simulate_ensemble track",
     "streams": "DataStream ModelStream Stream",
@@ -137,7 +129,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME and name not in __all__ and name not in _ROOMS:
         raise AttributeError(f"{__name__} has no attribute {name!r}{_hint(name)}")
     room = importlib.import_module(f".{_HOME.get(name, name)}", __name__)
-    importlib.import_module("._base.memory", __name__).own_errors(__name__)
+    importlib.import_module("._base.running", __name__).own_errors(__name__)
     value = getattr(room, name) if name in _HOME else room
     globals()[name] = value
     return value
@@ -146,7 +138,7 @@ def __getattr__(name: str) -> Any:
 def _hint(name: str) -> str:
     """Say where a name that is not at the top can be found."""
     if not name.startswith("_"):
-        for room in sorted({*_ROOMS, *__all__} - {*_HOME, "_base.threads", "__version__"}):
+        for room in sorted({*_ROOMS, *__all__} - {*_HOME, "_base.running", "__version__"}):
             found = importlib.import_module(f".{room}", __name__)
             if name in getattr(found, "__all__", ()):
                 return f"; it is {__name__}.{room}.{name}"

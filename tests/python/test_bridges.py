@@ -11,7 +11,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import System
-from stochens_rs._base.signal_names import Labels
+from stochens_rs._base.names import Labels
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from test_validation import assert_one_short_line
 

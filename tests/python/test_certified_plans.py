@@ -13,7 +13,7 @@ import stochens_rs as se
 from core_regions import changed, region_errors
 from coverage_study import DELTA
 from identification_data import POINT, Y, Z, check, rolled, stable
-from stochens_rs.certificates.region_errors import trajectory
+from stochens_rs.certificates.of_model import trajectory
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.identification.assumptions import ACCEPTED
 from stochens_rs.identification.identified import Identified

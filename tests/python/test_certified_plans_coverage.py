@@ -12,7 +12,7 @@ import pytest
 import stochens_rs as se
 from coverage_study import DELTA, at_most, coverage, failures, repeated, sets
 from identification_data import SKEWED, stable
-from stochens_rs.certificates.region_errors import trajectory
+from stochens_rs.certificates.of_model import trajectory
 from test_certified_plans import measured, model_of, under
 
 SIGMA = 0.1

@@ -258,17 +258,13 @@ def leads(obj, parts):
 
 
 def texts():
-    """Texts of the project with their names; of the changelog, what it says of today's face."""
+    """Texts of the project with their names; of the changelog, what is there today."""
     for path in Path(stochens_rs.__file__).parent.rglob("*.py"):
         yield str(path), path.read_text(encoding="utf-8")
     for name in MARKDOWN:
         yield name, (ROOT / name).read_text(encoding="utf-8")
-    if (ROOT / "CHANGELOG.md").exists():
-        log = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-        face = log.partition("### One face")[2].partition("\n### ")[0]
-        face = re.sub(r"^  \|.*?\|(?= )", "", face, flags=re.MULTILINE)  # the column "before"
-        sentences = re.split(r"(?<=\.)\s", face)
-        yield "CHANGELOG.md", " ".join(s for s in sentences if not re.search(r"gone|Removed", s))
+    log = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8") if MARKDOWN else ""
+    yield "CHANGELOG.md", log.partition("### Removed")[0]
 
 
 def test_the_names_in_texts_exist():

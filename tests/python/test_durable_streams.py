@@ -179,7 +179,7 @@ def test_a_child_forked_in_a_run_does_not_end_its_lock(tmp_path: Path) -> None:
     def fork(done: int, total: int | None) -> None:
         child = os.fork()
         if child == 0:
-            from stochens_rs._base import state_file
+            from stochens_rs._base import saving as state_file
 
             for lock in list(state_file._held):
                 lock.release()
@@ -266,7 +266,7 @@ def test_damage_is_recovered_from_the_generation_before(small: Path) -> None:
 def test_numbers_that_cannot_be_a_stream_are_refused(
     tmp_path: Path, name: str, change: object
 ) -> None:
-    from stochens_rs._base import state_file
+    from stochens_rs._base import saving as state_file
 
     sections = make()._to_sections()
     sections[name] = change(sections[name])  # type: ignore[operator]
@@ -408,7 +408,7 @@ def test_ctrl_c_during_the_last_save(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: int
 ) -> None:
     """The first Ctrl-C ends and saves the run, with its status; the second one raises."""
-    from stochens_rs._base import state_file
+    from stochens_rs._base import saving as state_file
 
     path, stream, left, real = tmp_path / "a.state", make(), [signals], state_file.save
 

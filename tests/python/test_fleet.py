@@ -11,8 +11,8 @@ from scipy.optimize import linprog
 
 import stochens_rs as se
 from stochens_rs import _core
-from stochens_rs.controls.fleet_units import Units
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, SizeError
+from stochens_rs.fleet.units import Units
 from twin import populations as twin
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._base import html
+from stochens_rs._base import show as html
 
 SYSTEM = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]], dt=0.1, name="a & <b>")
 X0, XF = [1.0, 2.0], [0.0, 0.0]

@@ -11,8 +11,8 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from stochens_rs.controls.keeping import Kept
 from stochens_rs.exceptions import InputError
+from stochens_rs.loops.keep import Kept
 from test_feedback import RIG, WEIGHTS
 
 A, B = RIG[:, :4], RIG[:, 4:]

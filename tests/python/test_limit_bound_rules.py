@@ -14,13 +14,15 @@ import stochens_rs as se
 from limit_plans import within
 from limit_problems import draw_box, draw_map, draw_steps, weight
 from stochens_rs import _core
-from stochens_rs.certificates.model_basis import ModelBasis
-from stochens_rs.controls import limit_bound, limit_certificate, limited_errors
-from stochens_rs.controls.constraints import checked_task
-from stochens_rs.controls.limit_bound import FIRM
-from stochens_rs.controls.limited import Horizon, Limited
+from stochens_rs.certificates.of_model import ModelBasis
+from stochens_rs.controls import bounds as limit_bound
+from stochens_rs.controls import bounds as limit_certificate
+from stochens_rs.controls.bounds import FIRM
 from stochens_rs.exceptions import InputError
-from stochens_rs.theory.dynamics import states
+from stochens_rs.limits import solution as limited_errors
+from stochens_rs.limits.problem import checked_task
+from stochens_rs.limits.solution import Horizon, Limited
+from stochens_rs.theory.exact import states
 from test_bounds_coverage import exceeded_too_often, systems
 from test_limit_bounds import PLAIN, Planned, drawn, errors_of, measured, onto
 from twin import limit_bounds as lb

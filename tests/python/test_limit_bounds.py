@@ -16,14 +16,14 @@ import stochens_rs as se
 from hidden_systems import of_each_kind
 from limit_plans import within
 from limit_problems import draws, weight
-from stochens_rs.certificates.model_basis import ModelBasis
-from stochens_rs.certificates.of_model import Asked
-from stochens_rs.controls import limit_bound, limit_certificate, limited_errors
-from stochens_rs.controls.constraints import checked_task
-from stochens_rs.controls.limit_bound import FIRM, limited_bound
-from stochens_rs.controls.limit_certificate import limited_certificate
-from stochens_rs.controls.limited import Horizon
-from stochens_rs.theory.dynamics import states
+from stochens_rs.certificates.of_model import Asked, ModelBasis
+from stochens_rs.controls import bounds as limit_bound
+from stochens_rs.controls import bounds as limit_certificate
+from stochens_rs.controls.bounds import FIRM, limited_bound, limited_certificate
+from stochens_rs.limits import solution as limited_errors
+from stochens_rs.limits.problem import checked_task
+from stochens_rs.limits.solution import Horizon
+from stochens_rs.theory.exact import states
 from test_bounds_coverage import exceeded_too_often, matrices, systems, vectors
 from twin import limit_bounds as lb
 from twin import limited_control as lc

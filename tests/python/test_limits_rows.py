@@ -7,7 +7,7 @@ import pytest
 
 import stochens_rs as se
 from limit_plans import exactly, within
-from stochens_rs.controls.limited import loop_of
+from stochens_rs.limits.solution import loop_of
 from twin import limited_control as lc
 from twin import limited_problems as lp
 

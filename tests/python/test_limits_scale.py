@@ -13,8 +13,8 @@ from hidden_systems import KINDS, drawn
 from limit_plans import draw_case, within
 from limit_problems import draws
 from stochens_rs import _core as core
-from stochens_rs.controls.limited import OPTIMAL, Horizon
-from stochens_rs.theory.dynamics import states
+from stochens_rs.limits.solution import OPTIMAL, Horizon
+from stochens_rs.theory.exact import states
 
 INF = np.inf
 NOTHING = 1e-20  # squares of rounding, as in the core

@@ -8,7 +8,7 @@ from scipy import sparse
 
 import stochens_rs as se
 from stochens_rs import _core
-from stochens_rs.theory.dynamics import states
+from stochens_rs.theory.exact import states
 
 KINDS = ("none", "low", "high", "some", "both")
 

@@ -13,8 +13,9 @@ import stochens_rs as se
 from coverage_study import sets
 from hidden_outputs import Arx, Belt
 from stochens_rs import _core
-from stochens_rs.controls import gate, resting
+from stochens_rs.controls import rest as resting
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.loops import window as gate
 from test_feedback import S, V, white
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")

@@ -12,7 +12,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import _core
-from stochens_rs._base import state_file
+from stochens_rs._base import saving as state_file
 from stochens_rs.exceptions import (
     InputTypeError,
     StateError,

@@ -21,7 +21,7 @@ import pytest
 import stochens_rs as se
 from identification_data import SKEWED, Y, Z, check, rolled, tuned
 from stochens_rs import _core
-from stochens_rs._base import state_file
+from stochens_rs._base import saving as state_file
 from stochens_rs.exceptions import (
     DataWarning,
     InputError,

@@ -10,7 +10,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
-from stochens_rs._base.signal_names import Labels, default_labels
+from stochens_rs._base.names import Labels, default_labels
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, StochensError
 from test_validation import assert_one_short_line
 

@@ -16,10 +16,11 @@ import pytest
 
 import stochens_rs as se
 from hidden_systems import KINDS, drawn
-from stochens_rs.controls import Validation, held_out_runs
-from stochens_rs.controls.plan_validation import needed, rank_of
 from stochens_rs.exceptions import InputError, ShapeError, SizeError
 from stochens_rs.theory import scenario
+from stochens_rs.validation import Validation
+from stochens_rs.validation import held_out as held_out_runs
+from stochens_rs.validation.fresh_systems import needed, rank_of
 
 ALARM = 1e-6
 K = 5

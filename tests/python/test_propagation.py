@@ -17,7 +17,7 @@ from coverage_study import DELTA, at_most, coverage, exactly, repeated
 from hidden_systems import KINDS, NOISES, covariance, drawn, of_each_kind
 from stochens_rs import _core
 from stochens_rs.certificates import of_model
-from stochens_rs.certificates.region_errors import GaussianNoise, root_of, trajectory
+from stochens_rs.certificates.of_model import GaussianNoise, root_of, trajectory
 from twin import certified_control as cc
 from twin import laws
 from twin import triangle as tr

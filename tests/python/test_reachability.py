@@ -12,7 +12,8 @@ import stochens_rs as se
 from paper import reachability as notions
 from paper.verdicts import definitions
 from stochens_rs.exceptions import InputError, NonFiniteError
-from stochens_rs.theory import dynamics, moments, reachability
+from stochens_rs.theory import exact as dynamics
+from stochens_rs.theory import moments, reachability
 from stochens_rs.theory.exact import best_control
 
 # -- the exact system ------------------------------------------------------------------------------

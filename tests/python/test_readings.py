@@ -12,7 +12,7 @@ import pytest
 
 import stochens_rs as se
 from hidden_outputs import Arx, Rig
-from stochens_rs._base import html
+from stochens_rs._base import show as html
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.feedback import LoopCertificate
 

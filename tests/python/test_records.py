@@ -20,7 +20,7 @@ from hypothesis.extra import numpy as arrays
 
 import stochens_rs as se
 from stochens_rs import _core
-from stochens_rs._base import serialize
+from stochens_rs._base import saving as serialize
 from stochens_rs._base.records import Record, SavedRecord, trusted
 from stochens_rs.certificates import Radius
 from stochens_rs.exceptions import (

@@ -13,7 +13,9 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._base import memory, serialize, state_file
+from stochens_rs._base import running as memory
+from stochens_rs._base import saving as serialize
+from stochens_rs._base import saving as state_file
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,

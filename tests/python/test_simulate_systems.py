@@ -215,6 +215,6 @@ def test_a_system_still_needs_a_size():
 
 def test_memory_is_asked_for_first(monkeypatch):
     models, x0, u = problem(50_000, 2, 1, 4000, offset=False, each=False)
-    monkeypatch.setattr("stochens_rs._base.memory.memory_left", lambda: 1 << 30)
+    monkeypatch.setattr("stochens_rs._base.running.memory_left", lambda: 1 << 30)
     with pytest.raises(se.exceptions.ResourceError, match="and the runs of 50000 trajectories"):
         se.simulate_ensemble(models, x0, u, return_runs=True)

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from stochens_rs.system.system.system import System
 
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
-from stochens_rs.system import System
 
 A = np.array([[1.0, 0.1], [0.0, 1.0]])
 B = np.array([[0.0], [0.1]])
@@ -226,7 +226,7 @@ def test_from_any_takes_python_control_systems():
 
 def test_no_optional_package_is_imported():
     code = (
-        "import sys, stochens_rs.system; "
+        "import sys, stochens_rs.system.system; "
         "print({'scipy', 'control', 'matplotlib', 'pandas'} & set(sys.modules))"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

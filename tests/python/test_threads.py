@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._base.threads import interruptible
+from stochens_rs._base.running import interruptible
 from stochens_rs.exceptions import InputError
 
 A, B = np.array([[1.0, 0.1], [-0.2, 0.95]]), np.array([[0.0], [0.1]])

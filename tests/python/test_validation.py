@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from stochens_rs import exceptions
-from stochens_rs._base import memory, validation
+from stochens_rs._base import running as memory
+from stochens_rs._base import validation
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,

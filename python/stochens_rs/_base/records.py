@@ -1,23 +1,223 @@
-"""Records: pickled with their constructor, turned into plain data, and saved in state files."""
+"""The fields of a record: what a declaration says of each is checked here, or a clear error.
+
+``Annotated[Floats, "step+1 state"]`` is an array of shape (K + 1, n) of finite numbers in the units
+of the states; the first field with a dimension says how long it is. Further words: "infinite", the
+numbers may be; "own unit", they have not that of the last dimension. For a number or a text the
+word is a check of `validation`: `Probability` and the like.
+"""
 
 from __future__ import annotations
 
+import functools
 import json
 import re
+import sys
 from collections.abc import Callable, Mapping
 from dataclasses import fields
-from typing import TYPE_CHECKING, Any, ClassVar, ParamSpec, TypeVar, cast
+from functools import cache
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    ClassVar,
+    Literal,
+    NamedTuple,
+    ParamSpec,
+    TypeAlias,
+    TypeVar,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError, ShapeError
-from . import fields as fields_of
-from . import memory, serialize, validation
-from .durable import Durable, nothing_left
+from . import running, saving, types, validation
+from .saving import Durable, nothing_left
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
     from typing_extensions import Self
+
+
+Test: TypeAlias = Callable[[Any], bool]
+
+
+def _from_zero(name: str, value: float) -> None:
+    if not value >= 0.0:
+        raise InputError(f"`{name}` must be >= 0, got {value:g}")
+
+
+FromZero: TypeAlias = Annotated[float, _from_zero]  # infinite, too
+Probability: TypeAlias = Annotated[float, validation.probability]  # in (0, 1)
+Positive: TypeAlias = Annotated[float, validation.positive]
+Count: TypeAlias = Annotated[int, validation.size]  # >= 1
+
+
+class Rule(NamedTuple):
+    """What the declaration of a field says beside its type: dimensions and words, or a check."""
+
+    dims: tuple[str, ...] = ()
+    words: tuple[str, ...] = ()
+    check: Callable[[str, Any], Any] | None = None
+
+
+def check(record: Any) -> None:
+    """Refuse a record with a field that is not of its declared type, shape and range."""
+    own: Any = type(record)
+    for name, fits in _tests(own):
+        if not fits(getattr(record, name)):
+            _refuse(record, name)
+    sizes(record)
+
+
+def sizes(record: Any) -> dict[str, int]:
+    """The length of each dimension that the fields of a record name; refuses what does not fit."""
+    own: Any = type(record)
+    found: dict[str, int] = {}
+    for name, rule in rules(own).items():
+        value = getattr(record, name)
+        if value is None:
+            continue
+        if rule.check is not None:
+            rule.check(name, value)
+            continue
+        fits = value.ndim == len(rule.dims) and all(
+            _fits(dim, length, found) for dim, length in zip(rule.dims, value.shape, strict=True)
+        )
+        if not fits:
+            wanted = ", ".join(str(_length(dim, found) or dim) for dim in rule.dims)
+            raise ShapeError(f"`{name}` must have shape ({wanted}), got {value.shape}")
+        if value.dtype.kind == "f" and value.size and "infinite" not in rule.words:
+            validation.kept(name, value, ndim=(value.ndim,))
+    labels = getattr(record, "labels", None)
+    if labels is not None and {"state", "input"} <= found.keys():
+        labels.require(found["state"], found["input"])
+    return found
+
+
+@cache
+def rules(record: Any) -> dict[str, Rule]:
+    """What the declarations of a record say beside the types, by field."""
+    if saving.RECORDS.get(record.__name__) != record or hasattr(record, "_made_by"):
+        return {}
+    hints = get_type_hints(record, localns={**vars(types), **saving.RECORDS}, include_extras=True)
+    found = {}
+    for name in saving.declared(record):
+        for kind in (hints[name], *get_args(hints[name])):
+            if get_origin(kind) is Annotated:
+                first, *more = kind.__metadata__
+                text = isinstance(first, str)
+                found[name] = Rule(tuple(first.split()), (*more,)) if text else Rule(check=first)
+    return found
+
+
+def _fits(dim: str, length: int, known: dict[str, int]) -> bool:
+    """Whether a dimension, such as "step+1", has this length; a new name gets it."""
+    new = [part for part in dim.split("+") if not part.isdigit() and part not in known]
+    if len(new) == 1:
+        known[new[0]] = 0
+        known[new[0]] = length - (_length(dim, known) or 0)
+        return known[new[0]] >= 0
+    return length == _length(dim, known)
+
+
+def _length(dim: str, known: dict[str, int]) -> int | None:
+    """The length of a dimension; None where a name in it is not known."""
+    parts = dim.split("+")
+    if not all(part.isdigit() or part in known for part in parts):
+        return None
+    return sum(int(part) if part.isdigit() else known[part] for part in parts)
+
+
+def _refuse(record: Any, name: str) -> None:
+    kind, value = saving.declared(type(record))[name], getattr(record, name)
+    words = saving.words(kind)
+    if words and isinstance(value, str):
+        validation.choice(name, value, words)
+    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {validation.show(value)}")
+
+
+@cache
+def _tests(record: Any) -> tuple[tuple[str, Test], ...]:
+    """Name and test of each field; `serialize` knows their types."""
+    return tuple((name, _test(kind)) for name, kind in saving.declared(record).items())
+
+
+def _test(kind: Any) -> Test:
+    """Whether a value is of a declared type."""
+    tests = tuple(_test_one(one) for one in saving.kinds(kind))
+    if len(tests) == 1:
+        return tests[0]
+    return lambda value: any(test(value) for test in tests)
+
+
+def _test_one(kind: Any) -> Test:
+    outer, inner = get_origin(kind), get_args(kind)
+    if kind is Any:
+        return lambda _: True
+    if kind in _PLAIN:
+        return _PLAIN[kind]
+    if outer is Literal:
+        return lambda value: isinstance(value, str) and value in inner
+    if outer is np.ndarray:
+        wanted = get_args(inner[1])[0]
+        letters = "fiu" if wanted is Any else np.dtype(wanted).kind
+        return lambda value: (
+            isinstance(value, np.ndarray)
+            and value.dtype.kind in letters
+            and not isinstance(value, np.ma.MaskedArray)
+        )
+    if outer is tuple and len(inner) == 2 and inner[1] is Ellipsis:
+        each = _test(inner[0])
+        return lambda value: isinstance(value, tuple) and all(map(each, value))
+    if outer is tuple:
+        tests = [_test(one) for one in inner]
+        return lambda value: (
+            isinstance(value, tuple)
+            and len(value) == len(tests)
+            and all(test(item) for test, item in zip(tests, value, strict=True))
+        )
+    if outer is dict:
+        keys, items = map(_test, inner)
+        return lambda value: (
+            isinstance(value, dict) and all(map(keys, value)) and all(map(items, value.values()))
+        )
+    return lambda value: isinstance(value, outer or kind)
+
+
+def _is_int(value: Any) -> bool:
+    return isinstance(value, (int, np.integer)) and -(2**63) <= int(value) < 2**64
+
+
+def _is_number(value: Any) -> bool:
+    return _is_int(value) if isinstance(value, int) else bool(value == value)
+
+
+_PLAIN: dict[Any, Test] = {
+    bool: lambda value: isinstance(value, (bool, np.bool_)),
+    int: lambda value: validation.is_real(value) and _is_int(value),
+    # neither nan nor an integer beyond the largest number
+    float: lambda value: validation.is_real(value) and _is_number(value),
+    type(None): lambda value: value is None,
+}
+
+
+def _said(kind: Any) -> str:
+    """A declared type in words."""
+    words = []
+    for one in saving.kinds(kind):
+        of = get_origin(one) or one
+        if of is Literal:
+            words += [repr(word) for word in get_args(one)]
+        elif one in _PLAIN:
+            words.append("None" if of is type(None) else of.__name__)
+        else:
+            words.append(validation.article(of))
+    return " or ".join(words)
+
 
 SCHEMA = "stochens-record/1"
 P = ParamSpec("P")
@@ -43,12 +243,12 @@ class Record:
         if "_kind" not in vars(cls):
             cls._kind = re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
         if listed and cls.__module__.startswith(_ROOM):
-            serialize.RECORDS[cls.__name__] = cls
+            saving.RECORDS[cls.__name__] = cls
 
     def __post_init__(self) -> None:
         """Check that the fields are of their declared types; a class checks what else must hold."""
-        if serialize.RECORDS.get(type(self).__name__) is type(self):
-            fields_of.check(self)
+        if saving.RECORDS.get(type(self).__name__) is type(self):
+            check(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), tuple(getattr(self, one.name) for one in fields(self))  # type: ignore[arg-type]
@@ -81,7 +281,7 @@ class Record:
         >>> path.to_dict()["states"]
         [[2.0], [2.0]]
         """
-        found: dict[str, Any] = serialize.written("", self, Any, _put_lists)
+        found: dict[str, Any] = saving.written("", self, Any, _put_lists)
         return {"schema": SCHEMA, **found}
 
     @classmethod
@@ -148,12 +348,12 @@ class SavedRecord(Record, Durable, listed=False):
             dtype = _checked_dtype(name, array.dtype.name)
             at = name if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", name) else ""
             at = at or f"array.{len(sections)}"
-            memory.need("a state to be saved", array.nbytes)
+            running.need("a state to be saved", array.nbytes)
             flat = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1)
             sections[at] = array.ravel() if dtype == "float64" else flat.view(np.uint8)
             return {"type": "array", "name": at, "dtype": dtype, "shape": list(array.shape)}
 
-        tree = {"schema": SCHEMA, **serialize.written("", self, Any, put)}
+        tree = {"schema": SCHEMA, **saving.written("", self, Any, put)}
         text = json.dumps(tree, allow_nan=False, separators=(",", ":")).encode()
         return {**sections, "record": np.frombuffer(text, dtype=np.uint8)}
 
@@ -168,12 +368,12 @@ class SavedRecord(Record, Durable, listed=False):
             if dtype == "bool" and flat.size and flat.max() > 1:
                 raise InputError(f"`{name}` must have entries 0 and 1")
             array = flat.view(np.dtype(dtype).newbyteorder("<")).astype(dtype, copy=False)
-            return serialize.shaped(name, array, about.get("shape"))
+            return saving.shaped(name, array, about.get("shape"))
 
         text = sections.pop("record")
         if text.dtype != np.uint8:
             raise InputError(f"`record` must be of uint8, got {text.dtype.name}")
-        memory.need("the text of a saved record", _PARSED * text.size)
+        running.need("the text of a saved record", _PARSED * text.size)
         try:
             tree = json.loads(text.tobytes(), parse_constant=_refused)
             if not isinstance(tree, dict):
@@ -210,7 +410,7 @@ def require_shapes(record: Any, **wanted: tuple[int, ...]) -> None:
             raise ShapeError(f"`{name}` must have shape {shape}, got {np.shape(found)}")
 
 
-def _restored(cls: type[Any], tree: dict[str, Any], get: serialize.Get) -> Any:
+def _restored(cls: type[Any], tree: dict[str, Any], get: saving.Get) -> Any:
     schema = tree.pop("schema", None)
     if not isinstance(schema, str) or schema != SCHEMA:
         raise InputError(f"`schema` must be '{SCHEMA}', got {validation.show(schema)}")
@@ -218,15 +418,15 @@ def _restored(cls: type[Any], tree: dict[str, Any], get: serialize.Get) -> Any:
         raise InputError(
             f"`type` must be '{cls.__name__}', got {validation.show(tree.get('type'))}"
         )
-    return serialize.restored("", tree, cls, get)
+    return saving.restored("", tree, cls, get)
 
 
 def _put_lists(name: str, array: NDArray[Any], known: bool) -> Any:
-    memory.need("the numbers as lists", _IN_LIST * array.size)
+    running.need("the numbers as lists", _IN_LIST * array.size)
     if known and array.size and array.ndim:
-        return serialize.listed(array)
+        return saving.listed(array)
     dtype = _checked_dtype(name, array.dtype.name)
-    values = serialize.listed(array.reshape(-1))
+    values = saving.listed(array.reshape(-1))
     return {"type": "array", "dtype": dtype, "shape": list(array.shape), "values": values}
 
 
@@ -234,16 +434,16 @@ def _of_lists(name: str, about: dict[str, Any]) -> NDArray[Any]:
     dtype, values = np.dtype(_checked_dtype(name, about.get("dtype"))), about.get("values")
     if not isinstance(values, list):
         raise InputError(f"`{name}` must have a list of values, got {validation.show(values)}")
-    flat = serialize.of_list(name, values, dtype) if values else np.empty(0, dtype)
+    flat = saving.of_list(name, values, dtype) if values else np.empty(0, dtype)
     if flat.ndim != 1:
         raise InputError(f"`{name}` must have values in one list")
-    return serialize.shaped(name, flat, about.get("shape"))
+    return saving.shaped(name, flat, about.get("shape"))
 
 
 def _checked_dtype(name: str, dtype: object) -> str:
-    if dtype not in serialize.DTYPES:
+    if dtype not in saving.DTYPES:
         raise InputTypeError(
-            f"`{name}` must be an array of {serialize.DTYPES[0]} or another number "
+            f"`{name}` must be an array of {saving.DTYPES[0]} or another number "
             f"type, got {validation.show(dtype)}"
         )
     return str(dtype)
@@ -251,3 +451,22 @@ def _checked_dtype(name: str, dtype: object) -> str:
 
 def _refused(text: str) -> None:
     raise InputError(f"`record` must have no {text}")
+
+
+if TYPE_CHECKING or sys.version_info >= (3, 12):
+    from functools import cached_property as cached_property
+else:
+
+    class cached_property(functools.cached_property):
+        """As of Python 3.12, without the lock of one class, which a fork leaves held for ever.
+
+        Two threads may both compute the value: they keep the same one.
+        """
+
+        def __get__(self, instance: Any, owner: type | None = None) -> Any:
+            if instance is None:
+                return self
+            kept = instance.__dict__
+            if self.attrname not in kept:
+                return kept.setdefault(self.attrname, self.func(instance))
+            return kept[self.attrname]

@@ -17,9 +17,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
-from .align_labels import aligned
+from .reading import aligned, found_shape, origin, printable, shown_labels, shown_shape, whole
 from .reading import article as article
-from .reading import found_shape, origin, printable, shown_labels, shown_shape, whole
 from .reading import read as read
 from .reading import show as show
 from .types import Floats
@@ -137,6 +136,14 @@ def inputs(
     if empty and not len(given):
         return np.zeros((0, cols))
     return matrix(name, given, cols=cols)
+
+
+def starts(x0: object, N: int, n: int, names: Sequence[str] = ()) -> Floats:
+    """Where the units begin, as (1, n) or (N, n); a series or table by the names of the states."""
+    given = read("x0", aligned("x0", x0, names) if names else x0)
+    if given.ndim == 2:
+        return frozen(matrix("x0", given, rows=N, cols=n))
+    return frozen(vector("x0", given, length=n)[None, :])
 
 
 def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:

@@ -10,11 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from ..system import System
+from ..system.system import System
 from .from_file import Problem, from_file
 from .matpower import from_matpower, read_matpower
-from .random_system import random_system
-from .swing_models import ieee14, ieee39, swing
+from .swing_models import ieee14, ieee39, random_system, swing
 
 #: The examples that the command line knows by name. Each can be called without arguments. States:
 #: angles in rad, then as many speeds in rad/s.

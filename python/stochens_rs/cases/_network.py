@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import memory, validation
-from .._base.extras import extra
+from .._base import running, validation
 from .._base.files import checked_path
+from .._base.tables import extra
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ._statements import execute
@@ -169,7 +169,7 @@ def _network(
         raise InputError("`case['bus']` must have every bus number once")
     at = _indices("case['gen']", gen[:, GEN_BUS], index)
     f, t = (_indices("case['branch']", branch[:, column], index) for column in (FROM, TO))
-    memory.need(f"the admittances of {len(bus)} buses", 16 * 4 * len(bus) ** 2)
+    running.need(f"the admittances of {len(bus)} buses", 16 * 4 * len(bus) ** 2)
     Y = _admittances(branch, places, f, t, len(bus))
     np.fill_diagonal(Y, Y.diagonal() + (bus[:, GS] + 1j * bus[:, BS]) / mva)
     if not (bus[:, VM] > 0.0).all():

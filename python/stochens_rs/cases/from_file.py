@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import memory, state_file, validation
-from .._base.extras import extra
+from .._base import running, saving, validation
 from .._base.files import checked_path, regular_file
+from .._base.tables import extra
 from ..exceptions import InputError, ResourceError, ShapeError
-from ..system import System
+from ..system.system import System
 
 _NAMES = ("A", "B", "x0", "xf", "dt", "states", "inputs", "units")
 # Bytes of memory per byte of JSON in the worst case: the 3 bytes "{}," become a dict of 80 bytes
@@ -92,9 +92,9 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     path = Path(checked_path("path", path))
     about = regular_file(path)
     kind = path.suffix.lower()
-    if state_file.is_state(path):
+    if saving.is_state(path):
         raise InputError(f"{path} must be a problem, got a saved object: Model.load reads a model")
-    memory.need(f"to read {path}", about.st_size * _MEMORY.get(kind, _PARSED))
+    running.need(f"to read {path}", about.st_size * _MEMORY.get(kind, _PARSED))
     if kind == ".mat":
         found = _mat(path)
     else:
@@ -145,7 +145,7 @@ def _npz(path: Path) -> dict[str, Any]:
         try:
             with np.load(file, allow_pickle=False) as archive:
                 unpacked = sum(entry.file_size for entry in archive.zip.infolist())
-                memory.need(f"{path}, unpacked,", unpacked)
+                running.need(f"{path}, unpacked,", unpacked)
                 _once(archive.files)
                 return {name: archive[name] for name in archive.files}
         except ResourceError:

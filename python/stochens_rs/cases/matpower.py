@@ -9,11 +9,11 @@ from typing import Any, Literal
 import numpy as np
 
 from .._base import validation
-from .._base.discretize import discretize
 from .._base.files import checked_path
 from .._base.types import Floats
 from ..exceptions import InputError
-from ..system import System
+from ..system.discretization import discretize
+from ..system.system import System
 from ._machines import Machines, read_machines
 from ._network import Complex, Network, read_file, read_network
 from .swing_models import FREQUENCY_HZ, checked_frequency, swing_labels, swing_matrices

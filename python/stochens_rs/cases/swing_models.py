@@ -1,31 +1,92 @@
-"""Lossless swing models of power networks: `ieee14`, `ieee39`, and `swing` of your own.
-
-Each generator is a constant voltage behind its transient reactance ``x'd``. The network is
-lossless (resistances, line charging, loads and transformer taps are left out) and linearized at
-equal angles and unit voltages, so that a line of reactance ``x`` is a spring of stiffness ``1/x``.
-
-References
-----------
-P. M. Anderson and A. A. Fouad, *Power System Control and Stability*, ch. 2 (classical model).
-F. Doerfler and F. Bullo, "Kron reduction of graphs with applications to electrical networks",
-IEEE Trans. Circuits and Systems I 60(1), 2013.
-"""
+"""Gaussian systems of a given size and spectral radius."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._base import memory, validation
-from .._base.discretize import discretize
+from .._base import running, validation
+from .._base.running import interruptible
 from .._base.types import Floats
 from ..exceptions import InputError, SizeError
-from ..system import System
+from ..rng import RngLike, as_key
+from ..system.discretization import discretize
+from ..system.system import System
 from ._machines import read_machines
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+__all__ = ["random_system"]
+
+
+def random_system(
+    n: int,
+    m: int,
+    rng: RngLike = None,
+    *,
+    spectral_radius: float = 1.0,
+) -> System:
+    """Draw a Gaussian ``A`` with a given spectral radius and a Gaussian ``B``.
+
+    Parameters
+    ----------
+    n : int
+        Number of states.
+    m : int
+        Number of inputs. With ``m < n`` a random target is not reachable in one step.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness.
+    spectral_radius : float, default 1.0
+        Largest modulus of an eigenvalue of ``A``, positive.
+
+    Returns
+    -------
+    System
+        ``A`` (n, n) is ``G * spectral_radius / rho(G)`` and ``B`` (n, m), with the entries of
+        ``G``, then those of ``B``, independent standard normal in row-major order. ``dt`` is True
+        (discrete time, no unit).
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+    ResourceError
+        If the matrices do not fit into the memory this process may use.
+
+    Notes
+    -----
+    The normal variates are NumPy's (``Generator(Philox).standard_normal``). Another version of
+    NumPy may give another system for the same ``rng``; save ``A`` and ``B`` to keep them.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from stochens_rs.cases import random_system
+    >>> system = random_system(4, 2, rng=7, spectral_radius=0.9)
+    >>> bool(np.isclose(np.abs(np.linalg.eigvals(system.A)).max(), 0.9))
+    True
+    """
+    n = validation.size("n", n)
+    m = validation.size("m", m)
+    spectral_radius = validation.positive("spectral_radius", spectral_radius)
+    # A, its copy in the eigenvalue routine, the scaled A, and B
+    running.need("the random system", 8 * (3 * n * n + n * m))
+    normal = as_key(rng).child("random_system").generator()
+
+    def matrices() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        G = normal.standard_normal((n, n))
+        B = normal.standard_normal((n, m))
+        return G * (spectral_radius / float(np.abs(np.linalg.eigvals(G)).max())), B
+
+    A, B = interruptible(matrices)
+    return System(A, B, dt=True, name=f"random ({n} x {n}, spectral radius {spectral_radius:g})")
+
 
 __all__ = ["ieee14", "ieee39", "swing"]
 
@@ -285,7 +346,7 @@ def swing(
     lost = [bus for bus in data.bus.tolist() if bus not in place]
     if lost:
         raise InputError(f"`machines` names bus {lost[0]}, which no branch has")
-    memory.need(f"the stiffness of {len(numbers)} buses", 8 * 3 * len(numbers) ** 2)
+    running.need(f"the stiffness of {len(numbers)} buses", 8 * 3 * len(numbers) ** 2)
     rows = np.column_stack([ends.reshape(-1, 2) + 1, given[:, 2]])
     at = [place[bus] + 1 for bus in data.bus.tolist()]
     hertz = checked_frequency(frequency)

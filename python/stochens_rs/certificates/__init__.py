@@ -1,6 +1,5 @@
 """How wrong a control, a prediction or an estimate can be: one record for all of them."""
 
-from .certificate import Certificate
-from .radius import Radius
+from .certificate import Certificate, Radius
 
 __all__ = ["Certificate", "Radius"]

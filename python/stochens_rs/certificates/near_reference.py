@@ -9,13 +9,12 @@ import numpy as np
 
 from .._base.records import trusted
 from ..identification.model import Model
-from .certificate import Certificate
+from .certificate import Certificate, Radius
 from .of_model import Asked, certificate
-from .radius import Radius
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from .model_basis import ModelBasis
+    from .of_model import ModelBasis
 
 # The share of the probability of failure for the regions of any design, of the same pairs. Their
 # radii depend on it by a logarithm: 1/10 costs them 2 % and what is near the reference 2 %. Fixed

@@ -1,31 +1,148 @@
-"""The certificate of a control of a model from data."""
+"""What a plan for a model from data keeps for its certificate."""
 
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from math import sqrt
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from .. import _core
-from .._base import html
+from .._base import show, validation
 from .._base.numbers import norm
-from .._base.records import trusted
-from ..exceptions import DataWarning, InputError
+from .._base.records import Record, trusted
+from .._base.types import Floats
+from ..exceptions import DataWarning, InputError, InputTypeError, ShapeError
+from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model
-from .certificate import Certificate
-from .radius import Radius
-from .region_errors import GaussianNoise, SizedNoise, ToCome, root_of
+from ..theory.exact import states
+from .certificate import Certificate, Radius
 
 if TYPE_CHECKING:
-    from .._base.types import Floats
     from ..identification.assumptions import Assumptions
-    from ..identification.identified import Identified
     from ..identification.region import Region
-    from .model_basis import ModelBasis
+    from ..identification.window import Window
 
+
+@dataclass(frozen=True, eq=False)
+class ModelBasis(Record):
+    """What a plan for a model from data keeps.
+
+    Attributes
+    ----------
+    model : Identified
+        The model, with its regions.
+    x0, xf : ndarray, shape (n,)
+        Initial state and target.
+    x0_error : float
+        How far the true initial state may be from `x0`, in the 2-norm.
+    read : ndarray, shape (n_outputs,), or None
+        For a model of outputs, the last readings of the record that led to `x0`.
+    at_rest : bool
+        Whether that record was not measured: the plant was declared to be at rest.
+    given : bool
+        Whether the inputs were given, and `xf` is where the model ends: there is no target then.
+    """
+
+    model: Identified
+    x0: Floats
+    xf: Floats
+    x0_error: float = 0.0
+    read: Floats | None = None
+    at_rest: bool = False
+    given: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.model, Identified):
+            raise InputTypeError(
+                f"`model` must be a model from data, got {validation.show(self.model)}"
+            )
+        super().__post_init__()
+        n = len(self.model.A)
+        for name, value in (("x0", self.x0), ("xf", self.xf)):
+            if validation.kept(name, value, ndim=(1,)).shape != (n,):
+                raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
+        validation.nonnegative("x0_error", self.x0_error)
+        for name, flag in (("at_rest", self.at_rest), ("given", self.given)):
+            validation.flag(name, flag)
+        outputs = (self.model.n_outputs,) if isinstance(self.model, Model) and self.window else ()
+        if (() if self.read is None else self.read.shape) != outputs:
+            raise ShapeError("`read` must have the last readings of a model of outputs, else None")
+
+    @property
+    def window(self) -> Window | None:
+        """That of a model of outputs."""
+        return self.model.window if isinstance(self.model, Model) else None
+
+    @property
+    def target(self) -> Floats | None:
+        """Where the states, or the outputs, are to end; None where the inputs were given."""
+        if self.given:
+            return None
+        return self.xf if self.read is None else self.xf[: len(self.read)]
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the outputs, or of the states."""
+        return self.model.outputs if isinstance(self.model, Model) else self.model.state_names
+
+    def outputs(self, states: Floats, u: Floats) -> Floats | None:
+        """What was read, and what a model of outputs leads to from each of the states but the last.
+
+        (K + 1, n_outputs); None for a model of states.
+        """
+        if not isinstance(self.model, Model) or self.read is None:
+            return None
+        ones = np.ones((len(u), int(self.model.intercept)))
+        ahead = np.hstack([states[:-1], u, ones]) @ (self.model._H @ self.model._loop.J).T
+        return np.vstack([self.read, ahead])
+
+
+class SizedNoise(NamedTuple):
+    """Noise to come that is not in the region: ``||[w(0) .. w(K-1)]|| <= radius`` after `root`^-1.
+
+    `root` (n, n) is a root of the known covariance.
+    """
+
+    radius: float
+    root: Floats
+
+
+class GaussianNoise(NamedTuple):
+    """Gaussian noise to come, independent of the data, of covariance at most ``root root'``.
+
+    Given the data, its part ``sum_i A^(k-1-i) w(i)`` of e(k) is Gaussian, A that of the centre.
+    `end` is the level of its quantile for the last state, `before` that of each earlier one, and
+    again of what the error of the model makes of it.
+    """
+
+    root: Floats
+    end: float
+    before: float
+
+
+ToCome: TypeAlias = SizedNoise | GaussianNoise
+
+
+def trajectory(Theta: Floats, x0: Floats, u: Floats) -> Floats:
+    """The states (K + 1, n) of ``x(k+1) = Theta (x(k), u(k), 1)``."""
+    n = len(Theta)
+    ones = np.ones((len(u), Theta.shape[1] - n - u.shape[1]))
+    return states(Theta[:, :n], Theta[:, n:], x0, np.hstack([u, ones]))
+
+
+def root_of(S: Floats) -> Floats:
+    """A root of S, `root root' = S`; the rounding of each row is relative to its own size."""
+    sizes = np.sqrt(np.maximum(np.diag(S), 0.0))[:, None]
+    units = np.where(sizes == 0.0, 1.0, sizes)
+    values, vectors = np.linalg.eigh(S / units / units.T)
+    return np.ascontiguousarray(sizes * vectors * np.sqrt(np.maximum(values, 0.0)))
+
+
+if TYPE_CHECKING:
     _Way: TypeAlias = tuple[Region, Floats, ToCome | None, bool]
 
 # Of the probability of failure with Gaussian noise to come: the region, the noise of the last
@@ -276,7 +393,7 @@ def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
     if data.size < needed:
         raise InputError(
             f"`open_loop` must be False: regression over {K} steps needs {needed} runs of so many "
-            f"steps, the data have {html.number_of(data.size, 'run')}"
+            f"steps, the data have {show.number_of(data.size, 'run')}"
         )
     with warnings.catch_warnings():  # the region names what the data do not determine
         warnings.simplefilter("ignore", DataWarning)

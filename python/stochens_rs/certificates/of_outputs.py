@@ -7,18 +7,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import html
+from .._base import show
 from .._base.numbers import norm
 from .._base.records import trusted
 from ..exceptions import InputError
 from ..identification.model import Model
-from .certificate import Certificate
+from .certificate import Certificate, Radius
 from .of_model import REGION
-from .radius import Radius
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from .model_basis import ModelBasis
+    from .of_model import ModelBasis
 
 
 def output_certificate(
@@ -69,7 +68,7 @@ def output_certificate(
     def radius(value: float | Floats, distance_from: str) -> Radius:
         return Radius._at(value, distance_from, delta, method, reason)
 
-    of = f"{what} of {html.listed(model.outputs)} at step {len(u)}"
+    of = f"{what} of {show.listed(model.outputs)} at step {len(u)}"
     goal = "the predicted outputs" if r is None else "the target"
     quantities = {
         "last": radius((off + components[1:])[-1], f"{goal}, {of}"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import click
 import numpy as np
 
-from .._base.html import at_most
+from .._base.show import at_most
 from ..identification import Model
 from ._command import LEVEL, Count, File, Share, command
 from ._output import finite, grid, show_result

@@ -9,17 +9,17 @@ import click
 import numpy as np
 
 from .. import cases
-from .._base import state_file
-from .._base.html import listed, percent
+from .._base import saving
 from .._base.numbers import ROUNDING
-from ..controls import Cost, Limits, Uncertain, control
+from .._base.show import listed, percent
+from ..controls import control
 from ..data.table import Text
 from ..exceptions import DataWarning, InputError
 from ..identification import Model
-from ..identification.last_rows import last_rows
+from ..limits import Cost, Limits, Uncertain
 from ._command import LEVEL, Count, File, Share, command
 from ._output import Out, finite, grid, show_result
-from ._values import entries_of, feedback_for, sides_of, vector_of
+from ._values import entries_of, feedback_for, last_rows, sides_of, vector_of
 
 
 @command(x0="start", xf="goal", target="goal", radius="x0_error")
@@ -91,7 +91,7 @@ def control_command(
     """
     files = Out(out, "control", force)
     known: Any
-    if source.endswith(".safetensors") or state_file.is_state(source):
+    if source.endswith(".safetensors") or saving.is_state(source):
         known = Model.load(source)
         x0, xf, n = None, None, known.n_outputs
     else:

@@ -13,8 +13,7 @@ import numpy as np
 
 from .. import _core, reference
 from .._base.files import versions
-from .._base.memory import left_by_source
-from .._base.threads import VARIABLE, threads_by
+from .._base.running import VARIABLE, left_by_source, threads_by
 from ..controls import control
 from ..ensembles.sampling import sample
 from ..studies.tasks import fingerprint

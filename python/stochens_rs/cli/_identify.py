@@ -8,8 +8,8 @@ from typing import Annotated, Any
 import click
 import numpy as np
 
-from .._base.html import listed
 from .._base.reading import number
+from .._base.show import listed
 from ..data.gaps import ON_GAP
 from ..data.table import Table, Text, csv_files, natural
 from ..exceptions import DataWarning

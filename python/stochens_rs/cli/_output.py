@@ -16,7 +16,7 @@ import click
 import numpy as np
 
 from .._base import files
-from .._base.columns import columns
+from .._base.tables import columns
 from .._base.validation import nearest
 from ..exceptions import InputError
 from ..plots import save_figures

@@ -7,16 +7,15 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 from .. import _core
 from .._base import validation
-from .._base.signal_names import Labels, default_labels
+from .._base.names import Labels, default_labels
 from .._base.types import FUSIONS, Floats, Fusion, Status
-from ..ensembles.counts import Counts
 from ..ensembles.ensemble import Ensemble
+from ..ensembles.law import Counts
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..fusion.fits import Fit
-from ..system import System
-from ..theory import dynamics
-from ..theory.exact import Best, factors
+from ..system.system import System
+from ..theory.exact import Best, checked_steps, controllability, factors, matrix_powers
 
 if TYPE_CHECKING:
     from typing import TypeGuard
@@ -164,7 +163,7 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
     K = validation.size("steps", steps)
     if validation.choice("fusion", fusion, FUSIONS) == "product":
         # one step needs no powers of A
-        return K if K == 1 else dynamics.checked_steps(K, n, m), "product"
+        return K if K == 1 else checked_steps(K, n, m), "product"
     if K > 1:
         raise InputError(
             f"`fusion` must be 'product' with steps={K}, got 'diagonal': the control over K >= 2 "
@@ -181,7 +180,7 @@ def step_warnings(found: Best, *, exact: bool) -> tuple[str, ...]:
     """
     (n, m), K, rank = found.B.shape, found.steps, len(found.factors.s)
     if rank < n < K:
-        C = dynamics.controllability(dynamics.matrix_powers(found.A, n - 1), found.B)
+        C = controllability(matrix_powers(found.A, n - 1), found.B)
         rank = max(rank, len(factors(C).s))
     if rank < n and K > 1:
         return (

@@ -8,24 +8,22 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from .. import _core
-from .._base import html, memory, validation
-from .._base.fields import Probability
-from .._base.records import SavedRecord
+from .._base import running, show, validation
+from .._base.records import Probability, SavedRecord
 from .._base.types import DELTA, Floats
-from ..certificates.model_basis import ModelBasis
+from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError
 from ..identification.model import Model
+from ..limits.limits import as_limits
+from ..limits.problem import sides
 from ..rng import as_key
-from .constraints import sides
-from .fleet_units import read_starts
-from .limits import as_limits
 from .plan import Plan
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from ..limits.limits import LimitsLike
     from ..rng import RngLike
-    from .limits import LimitsLike
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -59,20 +57,20 @@ class NextRuns(SavedRecord):
     def __repr__(self) -> str:
         runs, L, _ = self.inputs.shape
         return (
-            f"<NextRuns: {html.number_of(runs, 'run')} of {html.counted(L)}, {self._said} "
+            f"<NextRuns: {show.number_of(runs, 'run')} of {show.counted(L)}, {self._said} "
             "(forecast, not a bound)>"
         )
 
     def _repr_html_(self) -> str:
         rows = [
             ("distance from the target", self._said),
-            ("a forecast", f"not a bound, of the {html.percent(self.delta)} certificate"),
+            ("a forecast", f"not a bound, of the {show.percent(self.delta)} certificate"),
             ("largest |u|", float(np.abs(self.inputs).max())),
         ]
-        drawn = html.states(
+        drawn = show.states(
             np.arange(len(self.forecast)), self.forecast[:, None], "forecast over the runs"
         )
-        return html.card(self, rows, drawn)
+        return show.card(self, rows, drawn)
 
 
 def design(
@@ -161,12 +159,12 @@ def design(
         )
     count = validation.size("runs", runs)
     length = plan.steps if steps is None else validation.size("steps", steps)
-    memory.need(f"`runs` = {count}: their inputs and starts", 16 * count * (length + model.n))
+    running.need(f"`runs` = {count}: their inputs and starts", 16 * count * (length + model.n))
     low, high = sides("limits", as_limits(limits).only("u").u, length, model.labels)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise InputError("`limits` must be finite: the best inputs are at them")
     first = model.data.pairs()[0][model.data._pieces.starts()].mean(axis=0)
-    given = read_starts(first if x0 is None else x0, count, model.n, model.labels.states)
+    given = validation.starts(first if x0 is None else x0, count, model.n, model.labels.states)
     begin = np.ascontiguousarray(np.broadcast_to(given, (count, model.n)))
     white, covariance = model._white(), model.covariance
     if covariance is None:

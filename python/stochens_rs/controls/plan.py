@@ -8,36 +8,30 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from .._base import html, validation
+from .._base import show, validation
+from .._base.names import Labels, default_labels, fitting, two_states
 from .._base.records import SavedRecord, require_shapes
-from .._base.signal_names import Labels, default_labels, fitting, two_states
-from .._base.to_xarray import Cube, Timed, named, over_time, padded
+from .._base.tables import Cube, Timed, named, over_time, padded
 from .._base.types import DELTA, Floats, Fusion, Quantity, Status
 from ..certificates.certificate import Certificate
-from ..certificates.model_basis import ModelBasis
 from ..certificates.near_reference import near_reference
-from ..certificates.of_model import Asked, certificate
+from ..certificates.of_model import Asked, ModelBasis, certificate
 from ..certificates.of_outputs import output_certificate
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..feedback import Loop, LoopCertificate
+from ..fusion.provenance import Basis, completed
+from ..limits.solution import Limited
 from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
 from ..rng import Key
-from ..system import System
-from ..theory.dynamics import checked_ends, states
-from ..theory.exact import best_control
+from ..system.system import System
+from ..theory.exact import best_control, checked_ends, states
 from ..theory.records import PlanError, Reachability
-from .followed import followed
-from .held_out_runs import Predicted, Runs, validated
-from .limit_bound import limited_bound
-from .limit_certificate import limited_certificate
-from .limited import Limited
-from .plan_bound import plan_bound
-from .plan_covariance import plan_covariance
-from .plan_error import limited_error
-from .plan_summary import cost_rows, cost_text, expectation, made_from, worst_state
-from .plan_validation import Validation
-from .provenance import Basis, completed
+from ..validation.fresh_systems import Validation
+from ..validation.held_out import Predicted, Runs, validated
+from .bounds import limited_bound, limited_certificate, plan_bound
+from .errors import followed, limited_error, plan_covariance
+from .summary import cost_rows, cost_text, expectation, made_from, worst_state
 from .typical import Typical, known_model, typical
 
 if TYPE_CHECKING:
@@ -797,8 +791,8 @@ class Plan(SavedRecord, Timed):
             tube = validation.instance("certificate", certificate, Certificate).tube
             if len(tube) != len(predicted):
                 raise ShapeError(
-                    f"`certificate` must be of this plan, over {html.counted(len(predicted) - 1)}, "
-                    f"got one over {html.counted(len(tube) - 1)}"
+                    f"`certificate` must be of this plan, over {show.counted(len(predicted) - 1)}, "
+                    f"got one over {show.counted(len(tube) - 1)}"
                 )
             says, known = certificate.share, certificate.quantities
             if "readings" in known:
@@ -881,14 +875,14 @@ class Plan(SavedRecord, Timed):
         return Cube(variables, times, attrs, labels)
 
     def _repr_html_(self) -> str:
-        first = ("control u(0)", html.vector(self.u[0]))
-        drawn = html.states(
+        first = ("control u(0)", show.vector(self.u[0]))
+        drawn = show.states(
             np.arange(self.steps + 1), self.predicted_states, "states of the model over the steps"
         )
         cost = () if self.limited is None else cost_rows(self.limited)
         named = () if self.labels is None else self.labels.rows()
-        rows = [first, html.largest(self.u), *cost, *made_from(self.info), *named]
-        return html.card(self, rows, drawn)
+        rows = [first, show.largest(self.u), *cost, *made_from(self.info), *named]
+        return show.card(self, rows, drawn)
 
     def __repr__(self) -> str:
         K, m = self.u.shape
@@ -898,6 +892,6 @@ class Plan(SavedRecord, Timed):
         if self.limited is not None:
             worst = worst_state(self.limited, self.predicted_states, self.labels)
             text = f"without limits {text}; {cost_text(self.limited, worst)}"
-        text += html.careful(self.warnings)
+        text += show.careful(self.warnings)
         fusion = "" if self.fusion == "product" else f" {self.fusion}"
-        return f"<Plan{fusion}: {html.counted(K)}, m={m}, {self.status}, {text}>"
+        return f"<Plan{fusion}: {show.counted(K)}, m={m}, {self.status}, {text}>"

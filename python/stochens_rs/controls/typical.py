@@ -6,16 +6,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from .. import _core
-from .._base import html, validation
-from .._base.fields import Count, FromZero, Probability
-from .._base.records import SavedRecord
-from .._base.threads import get_num_threads
-from ..certificates.model_basis import ModelBasis
+from .._base import show, validation
+from .._base.records import Count, FromZero, Probability, SavedRecord
+from .._base.running import get_num_threads
+from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, SizeError
+from ..fusion.provenance import Basis
 from ..identification.model import Model
 from ..rng import as_key
-from .plan_validation import needed, rank_of
-from .provenance import Basis
+from ..validation.fresh_systems import needed, rank_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,9 +55,9 @@ class Typical(SavedRecord):
     @property
     def text(self) -> str:
         """Both numbers, and what each is, in one sentence."""
-        share = html.percent(self.delta)
+        share = show.percent(self.delta)
         return (
-            f"certified {html.at_most(self.certified)}, typical {self.miss:.3g}: {share} of the "
+            f"certified {show.at_most(self.certified)}, typical {self.miss:.3g}: {share} of the "
             "models drawn from the confidence distribution of the data miss by less than the "
             "second (approximate)"
         )
@@ -66,13 +65,13 @@ class Typical(SavedRecord):
     def __repr__(self) -> str:
         run = "with noise" if self.noise else "without noise"
         return (
-            f"<Typical: certified {html.at_most(self.certified)}, typical {self.miss:.3g}, "
-            f"{html.percent(self.delta)}, {run}>"
+            f"<Typical: certified {show.at_most(self.certified)}, typical {self.miss:.3g}, "
+            f"{show.percent(self.delta)}, {run}>"
         )
 
     def _repr_html_(self) -> str:
         rows = [("both", self.text), ("drawn models", self.draws), ("for", self.assumption)]
-        return html.card(self, rows)
+        return show.card(self, rows)
 
 
 def typical(

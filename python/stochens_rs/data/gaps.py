@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 
-from .._base import memory, validation
+from .._base import running, validation
 from ..exceptions import DataWarning, InputError
 from .pieces import Pieces
 from .units import LATEST
@@ -204,7 +204,7 @@ def joined(
     stamps = checked_stamps(runs, dt, tolerance)
     rows, pieces = [], []
     entries = len(names) + runs[0].x.shape[1]  # of (x, u, x_next)
-    memory.need("the pairs", 2 * 8 * entries * sum(len(run.x) for run in runs))
+    running.need("the pairs", 2 * 8 * entries * sum(len(run.x) for run in runs))
     for run in runs:
         own, acting, lost = _kept(run, names, stamps, back, split)
         rows.append(np.hstack([run.x[own], run.u[acting], run.x[own + 1]]))

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base import memory, validation
+from .._base import running, validation
 from .._base.files import PathLike, checked_path, regular_file
 from .._base.reading import printable
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -115,7 +115,7 @@ class Table:
         end are left out.
         """
         how, about = how or Text(), regular_file(path)
-        memory.need(f"to read {path}", about.st_size * _PARSED)
+        running.need(f"to read {path}", about.st_size * _PARSED)
         comma = None if how.decimal is None else how.decimal == ","
         file = _core.Table(str(path), _decoded(path), how.sep, comma, how.skip)
         odd = next((name for name in file.names if printable(name) != name), None)

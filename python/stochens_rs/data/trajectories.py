@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from .._base import html, memory, validation
+from .._base import running, show, validation
+from .._base.names import Labels, checked_names
 from .._base.records import SavedRecord
-from .._base.signal_names import Labels, checked_names
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
@@ -369,7 +369,7 @@ class Trajectories(SavedRecord):
         N, n = before.shape
         acting = validation.matrix("u", u, rows=N)
         after = validation.matrix("x_next", x_next, rows=N, cols=n)
-        memory.need("the pairs", (2 * before.nbytes) + acting.nbytes)
+        running.need("the pairs", (2 * before.nbytes) + acting.nbytes)
         rows = np.hstack([before, acting, after])
         pieces = Pieces.whole(np.ones(N, dtype=np.int64))
         return cls._of(rows, pieces, n, dt, state_names, input_names)
@@ -438,7 +438,7 @@ class Trajectories(SavedRecord):
     def runs(self) -> list[tuple[Floats, Floats]]:
         """The states (T + 1, n) and inputs (T, m) of each run; nan for what is lost at a gap."""
         n, found, skipped = self._n, [], self._pieces.skipped()
-        memory.need("the runs", 8 * (self.size + len(self) + int(skipped.sum())) * (n + self.m))
+        running.need("the runs", 8 * (self.size + len(self) + int(skipped.sum())) * (n + self.m))
         for T, end in zip(self.lengths, np.cumsum(self.lengths), strict=True):
             part = self._rows[end - T : end]
             at = np.arange(T) + np.cumsum(skipped[end - T : end])  # the step of each pair
@@ -555,7 +555,7 @@ class Trajectories(SavedRecord):
         if not len(ends):
             raise InputError(
                 f"`steps` is {K}, but the longest {'piece' if len(self._pieces.gaps) else 'run'} "
-                f"has {html.counted(int(places.max()) + 1)}"
+                f"has {show.counted(int(places.max()) + 1)}"
             )
         runs, where = np.unique(self._pieces.runs()[ends], return_index=True)
         start = ends[where] - (K - 1)  # one for each run
@@ -756,8 +756,8 @@ class Trajectories(SavedRecord):
         gaps = len(self._pieces.gaps)
         if gaps:
             raise InputError(
-                f"`{name}` must have no gaps, got {html.number_of(gaps, 'gap')} in "
-                f"{html.number_of(len(self), 'run')}: {why}"
+                f"`{name}` must have no gaps, got {show.number_of(gaps, 'gap')} in "
+                f"{show.number_of(len(self), 'run')}: {why}"
             )
 
     @property
@@ -798,10 +798,10 @@ class Trajectories(SavedRecord):
     @property
     def _counts(self) -> str:
         """``2 runs in 5 pieces, 40 pairs, 3 rows lost``."""
-        runs, pairs = html.number_of(len(self), "run"), html.number_of(self.size, "pair")
+        runs, pairs = show.number_of(len(self), "run"), show.number_of(self.size, "pair")
         if len(self._pieces.gaps):
-            runs += f" in {html.number_of(len(self.pieces), 'piece')}"
-        lost = f", {html.number_of(self.lost, 'row')} lost" if self.lost else ""
+            runs += f" in {show.number_of(len(self.pieces), 'piece')}"
+        lost = f", {show.number_of(self.lost, 'row')} lost" if self.lost else ""
         return f"{runs}, {pairs}{lost}"
 
     def __repr__(self) -> str:
@@ -825,7 +825,7 @@ class Trajectories(SavedRecord):
         single = self.single and len(self) > 1
         states = self._rows[:, : self._n] if single else self._rows[: pieces[0], : self._n]
         about = "states over the pairs" if single else f"states of the first {kind}"
-        return html.card(self, rows, html.states(np.arange(len(states)), states, about))
+        return show.card(self, rows, show.states(np.arange(len(states)), states, about))
 
 
 def pooled(data: object, name: str = "data") -> Trajectories:
@@ -848,7 +848,7 @@ def pooled(data: object, name: str = "data") -> Trajectories:
             )
     if len(sets) == 1:
         return sets[0]
-    memory.need("the pooled data", sum(one._rows.nbytes for one in sets))
+    running.need("the pooled data", sum(one._rows.nbytes for one in sets))
     parents = [one._whole for one in sets]
     if all(one is not None for one in parents):
         return pooled(parents, name).last_pairs()

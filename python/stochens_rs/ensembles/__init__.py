@@ -1,8 +1,7 @@
 """Realizations of vectors, matrices and systems, and counts of realizations."""
 
-from .counts import Counts
 from .ensemble import Ensemble
-from .law import Law
+from .law import Counts, Law
 from .sampling import sample, sample_counts
 from .systems import SystemEnsemble
 

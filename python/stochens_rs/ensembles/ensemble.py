@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import html, memory, validation
+from .._base import running, show, validation
 from .._base.records import SavedRecord, trusted
 from .._base.types import CENTRES, Axis, Centre, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
@@ -110,7 +110,7 @@ class Ensemble(SavedRecord):
         array([0.5, 1.5])
         """
         values = validation.array("samples", samples, ndim=(2, 3))
-        memory.need("a copy of the samples", values.nbytes)
+        running.need("a copy of the samples", values.nbytes)
         if centre is not None:
             validation.choice("centre", centre, CENTRES)
         return cls._of_samples(validation.frozen(values), centre)
@@ -261,7 +261,7 @@ class Ensemble(SavedRecord):
         """
         if self._draws is not None:
             return dense(self._draws, self._shape, self._axis)
-        memory.need("the dense realizations", self._dense().nbytes)
+        running.need("the dense realizations", self._dense().nbytes)
         return self._dense().copy()
 
     def prefix(self, size: int) -> Ensemble:
@@ -348,12 +348,12 @@ class Ensemble(SavedRecord):
         if self.is_singleton:
             nonzero = "one" if len(self.shape) == 1 else f"one in each of the {self.axis}"
         rows = [
-            ("realizations N", html.grouped(self.size)),
-            ("shape of each", html.shape(self.shape)),
+            ("realizations N", show.grouped(self.size)),
+            ("shape of each", show.shape(self.shape)),
             ("nonzero entries", nonzero),
             ("scheme", self.scheme or "not drawn here"),
         ]
-        return html.card(self, rows)
+        return show.card(self, rows)
 
     def __repr__(self) -> str:
         kind = "dense"

@@ -1,7 +1,4 @@
-"""What realizations are: their law, their lines as the core has them, and dense.
-
-A line is what is drawn independently: a vector, or a column (or row) of a matrix.
-"""
+"""`Law` and `Counts`: the distribution of realizations, and how many hit each entry."""
 
 from __future__ import annotations
 
@@ -11,9 +8,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import memory, validation
-from .._base.records import Record
+from .._base import running, validation
+from .._base.records import Record, SavedRecord
 from .._base.types import AXES, SCHEMES, Axis, Floats, Scheme
+from ..exceptions import InputError, InputTypeError, ShapeError
+from ..rng import Key
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -104,10 +103,68 @@ def dense(draws: _core.Draws, shape: tuple[int, ...], axis: Axis) -> Floats:
     rows = max(1, _BLOCK // entries)
     # the result, and four arrays of the size of a block
     largest = min(rows, draws.size) * entries
-    memory.need("the dense realizations", (draws.size * entries + 4 * largest) * 8)
+    running.need("the dense realizations", (draws.size * entries + 4 * largest) * 8)
     out = np.empty((draws.size, *shape))
     first = 0
     for block in dense_blocks(draws, shape, axis, rows):
         out[first : first + len(block)] = block
         first += len(block)
     return out
+
+
+@dataclass(frozen=True, eq=False)
+class Counts(SavedRecord):
+    """How many of N realizations hit each entry.
+
+    Attributes
+    ----------
+    counts : ndarray of int64, shape (n,) or (n, m)
+        ``counts[i, j]``: how many realizations hit entry (i, j); 0 in a zero line.
+    estimate : ndarray, same shape
+        The uniform average ``g_j sign(A_ij) counts[i, j] / N``.
+    size : int
+        Number of realizations N.
+    key : Key
+        The key to repeat the draw.
+    law : Law or None
+        The law of the realizations; None if unknown.
+    """
+
+    counts: NDArray[np.int64]
+    estimate: Floats
+    size: int
+    key: Key
+    law: Law | None = None
+
+    def __post_init__(self) -> None:
+        if type(self.counts) is not np.ndarray or self.counts.dtype != np.int64:
+            raise InputTypeError(
+                f"`counts` must be a numpy.ndarray of int64, got {validation.show(self.counts)}"
+            )
+        validation.kept("estimate", self.estimate, shape=self.counts.shape)
+        validation.size("size", self.size)
+        validation.instance("key", self.key, Key)
+        if self.counts.min() < 0:
+            raise InputError(f"`counts` must be >= 0, got {self.counts.min()}")
+        if self.law is not None:
+            self._check_law(validation.instance("law", self.law, Law))
+
+    def _check_law(self, law: Law) -> None:
+        """Refuse a law that cannot give these counts."""
+        if law.values.shape != self.shape:
+            raise ShapeError(
+                f"`law` must have values of shape {self.shape}, got {law.values.shape}"
+            )
+        along = 1 if law.axis == "rows" and law.values.ndim == 2 else 0
+        # Sums up to 2^53 are exact. Converted in one step: NumPy's buffered loops, which mix
+        # types, crash if memory runs out.
+        hits = self.counts.astype(np.float64).sum(axis=along)
+        expected = np.where(law.values.any(axis=along), float(self.size), 0.0)
+        outside = (law.values == 0.0) & (self.counts != 0)
+        if (hits != expected).any() or outside.any():
+            raise InputError(f"`counts` must add up to {self.size} in every nonzero line")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the vector or matrix."""
+        return self.counts.shape

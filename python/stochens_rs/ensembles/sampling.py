@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import memory, validation
-from .._base.threads import get_num_threads
+from .._base import running, validation
+from .._base.running import get_num_threads
 from .._base.types import Axis, Scheme
 from ..rng import RngLike, as_key
-from .counts import Counts
 from .ensemble import Ensemble
-from .law import Law, checked_scheme, checked_target, from_lines, to_lines
+from .law import Counts, Law, checked_scheme, checked_target, from_lines, to_lines
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -89,7 +88,7 @@ def sample(
     table = 8 << (length - 1).bit_length()  # bytes of the table of a line, a power of two of cells
     # the indices, the law with its atoms, one table per line, and five to build one
     needed = count * number * width + 4 * lines.nbytes + (number + 5) * table
-    memory.need(f"a sample of {count} realizations", needed)
+    running.need(f"a sample of {count} realizations", needed)
     key = as_key(rng)
     draws = _core.Draws.sample(lines, count, scheme, bytes(key), get_num_threads())
     return Ensemble._of_draws(draws, values.shape, axis, scheme, key)

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
 
-from .._base import html, validation
+from .._base import show, validation
+from .._base.names import Labels, fitting, order_of
 from .._base.records import SavedRecord
-from .._base.signal_names import Labels, fitting, order_of
-from .._base.to_xarray import Cube, Tabled, named
+from .._base.tables import Cube, Tabled, named
 from .._base.types import CENTRES, Centre
 from ..exceptions import InputError, ShapeError
-from ..system import System, _rebuild
+from ..system.system import System, _rebuild
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -218,11 +218,11 @@ class SystemEnsemble(SavedRecord, Tabled):
 
     def __repr__(self) -> str:
         about = "" if self.centre is None else f", about the {self.centre}"
-        count = html.number_of(self.size, "model")
+        count = show.number_of(self.size, "model")
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         return f"<SystemEnsemble: {count}, n={self.n} m={self.m}{dt}{about}>"
 
     def _repr_html_(self) -> str:
         dt = None if self.dt is None else f"{self.dt:g} s"
-        rows = [("models", html.grouped(self.size)), ("step dt", dt), ("from", self.about or None)]
-        return html.card(self, rows)
+        rows = [("models", show.grouped(self.size)), ("step dt", dt), ("from", self.about or None)]
+        return show.card(self, rows)

@@ -8,19 +8,16 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import html, validation
-from .._base.cached import cached_property
+from .._base import show, validation
+from .._base.names import Labels, weight
 from .._base.reading import read
-from .._base.records import SavedRecord, require_shapes, trusted
-from .._base.signal_names import Labels
-from .._base.threads import get_num_threads
-from .._base.weights import weight
+from .._base.records import SavedRecord, cached_property, require_shapes, trusted
+from .._base.running import get_num_threads
 from ..exceptions import InputError, NonFiniteError
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.region import Region
-from .rest import Rest
-from .tube import Tube
+from .tube import Rest, Tube
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -490,10 +487,10 @@ class LoopCertificate(SavedRecord):
         return level if scale is None else scale
 
     def __repr__(self) -> str:
-        share = html.percent(self.region.delta)
+        share = show.percent(self.region.delta)
         if self.status == "certified":
             what = f"certified for every system of the region ({share}): stable, "
-            what += f"margin at least {html.margin(self.margin)}"
+            what += f"margin at least {show.margin(self.margin)}"
         elif self.status == "refuted":
             what = (
                 f"refuted: this gain leaves a system of the region ({share}) unstable, see "
@@ -505,17 +502,17 @@ class LoopCertificate(SavedRecord):
             what = f"undecided: {self.least:.6g} to {self.norm:.6g} of 1, too near for the proof"
         else:
             what = f"{self.status}: {self.least:.3g} of 1 allowed; try gain(model)"
-        return f"<LoopCertificate: {what}{html.careful(self.warnings)}>"
+        return f"<LoopCertificate: {what}{show.careful(self.warnings)}>"
 
     def _repr_html_(self) -> str:
         rows = [
-            ("holds with", f"{html.percent(self.region.delta)} at least"),
+            ("holds with", f"{show.percent(self.region.delta)} at least"),
             ("for", self.region.assumption),
             ("spectral radius of the centre", self.spectral_radius),
             ("rho g", f"{self.least:.6g} to {self.norm:.6g}"),
             *(("warning", text) for text in self.warnings),
         ]
-        return html.card(self, rows)
+        return show.card(self, rows)
 
 
 def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -> Floats:

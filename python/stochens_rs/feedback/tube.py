@@ -1,4 +1,4 @@
-"""`Tube`: where every system of a region goes under a certified feedback."""
+"""`Tube` and `Rest`: where every system of a region goes, and where it comes to rest."""
 
 from __future__ import annotations
 
@@ -7,15 +7,60 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from .._base import html, validation
-from .._base.fields import Probability
-from .._base.records import SavedRecord
-from .._base.signal_names import Labels
+from .._base import show, validation
+from .._base.names import Labels
+from .._base.records import Probability, SavedRecord
 from .._base.types import Floats
 from ..plots.panels import Inputs, draw_tube
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Rest(SavedRecord):
+    """How far the point of rest of any system of a region is from a set point.
+
+    Made by `LoopCertificate.rest`; the feedback is ``u = inputs + K (x - states)``.
+
+    Attributes
+    ----------
+    states : ndarray, shape (n,)
+        The set point.
+    inputs : ndarray, shape (m,)
+        The inputs that hold it at the centre of the region.
+    components : ndarray, shape (n,)
+        Each state rests within this of `states`; infinite where nothing is certified.
+    input_components : ndarray, shape (m,)
+        The same for the inputs.
+    radius : float
+        The same for the 2-norm of the states.
+    delta : float
+        The true system is outside of the region with at most this probability.
+    labels : Labels
+        The names of states and inputs.
+    """
+
+    states: Annotated[Floats, "state"]
+    inputs: Annotated[Floats, "input"]
+    components: Annotated[Floats, "state", "infinite"]
+    input_components: Annotated[Floats, "input", "infinite"]
+    radius: float
+    delta: float
+    labels: Labels
+
+    def __repr__(self) -> str:
+        size, share = show.at_most(self.radius), show.percent(self.delta)
+        return f"<Rest: every system rests within {size} of {show.vector(self.states)}, {share}>"
+
+    def _repr_html_(self) -> str:
+        each = zip(
+            (*self.labels.states, *self.labels.inputs),
+            (*self.states, *self.inputs),
+            (*self.components, *self.input_components),
+            strict=True,
+        )
+        return show.card(self, [(name, f"{v:.4g} ± {show.at_most(s)}") for name, v, s in each][:12])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,17 +206,17 @@ class Tube(SavedRecord):
 
     @property
     def _share(self) -> str:
-        return html.percent(self.delta, self.eps or 0.0)
+        return show.percent(self.delta, self.eps or 0.0)
 
     def __repr__(self) -> str:
         noise = "without noise" if self.eps is None else "with noise"
-        K = html.counted(len(self.inputs))
+        K = show.counted(len(self.inputs))
         if not np.isfinite(self.radii).all():
             return f"<Tube: {K}, unbounded>"
-        far = f"every system within {html.at_most(float(self.radii.max()))} of the centre"
+        far = f"every system within {show.at_most(float(self.radii.max()))} of the centre"
         n, m = self.states.shape[1], self.inputs.shape[1]
         if m == 1 and np.isfinite(self.reach[n]):
-            size = html.at_most(float(self.reach[n]))
+            size = show.at_most(float(self.reach[n]))
             far += f", |{self.labels.inputs[0]}| at most {size} for ever without noise"
         return f"<Tube: {K}, {far}, {self._share} {noise}>"
 
@@ -182,7 +227,7 @@ class Tube(SavedRecord):
             for name, size in zip(names, self.reach, strict=True)
             if np.isfinite(size)
         ]
-        drawn = html.states(
+        drawn = show.states(
             np.arange(len(self.states)), self.radii[:, None], "radius around the centre"
         )
-        return html.card(self, rows[:12], drawn)
+        return show.card(self, rows[:12], drawn)

@@ -10,9 +10,9 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from .. import _core
-from .._base import memory, validation
+from .._base import running, validation
 from .._base.numbers import norm
-from .._base.threads import get_num_threads
+from .._base.running import get_num_threads
 from .._base.types import Floats, Status, worst
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError
@@ -154,7 +154,7 @@ def _closed_form(
     ensemble: Ensemble, draws: _core.Draws, goal: Floats, options: AlseOptions, info: dict[str, Any]
 ) -> Fit:
     # the weights in the core, and their copy in NumPy's
-    memory.need("the weights", 2 * 8 * draws.size * draws.lines)
+    running.need("the weights", 2 * 8 * draws.size * draws.lines)
     weights, estimate, error, gap, relative, unseen = _core.closed_form(
         draws, ensemble._lines_of(goal), options.subsimplex
     )

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base import html, memory, numbers, validation
-from .._base.signal_names import Labels, order_of
+from .._base import numbers, running, show, validation
+from .._base.names import Labels, order_of
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
@@ -37,7 +37,7 @@ def fuse_by_data(
     f = least._blocks[0]
     if f.rank == 0:
         raise InputError("`data` determine nothing: all states and inputs are 0")
-    memory.need("the models", 4 * 8 * given.size * given.n * (f.rank + len(f.columns)))
+    running.need("the models", 4 * 8 * given.size * given.n * (f.rank + len(f.columns)))
     with np.errstate(over="ignore", invalid="ignore"):
         S, t = coordinates(stacked(given, least.intercept), f, units(least))
     if not np.isfinite(S).all() or not np.isfinite(np.vdot(S, S)):
@@ -53,7 +53,7 @@ def fuse_by_data(
     own = [text for text in fused.warnings if text not in least.warnings]
     if own:
         more = len(own) - 1
-        said = f"; {html.number_of(more, 'more warning')}: see fused.warnings" if more else ""
+        said = f"; {show.number_of(more, 'more warning')}: see fused.warnings" if more else ""
         warnings.warn(DataWarning(own[0] + said), stacklevel=3)
     return fused
 

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import html, validation
+from .._base import show, validation
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, require_shapes
-from .._base.to_xarray import Cube, Tabled
+from .._base.tables import Cube, Tabled
 from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
@@ -177,14 +177,14 @@ class Fit(SavedRecord, Tabled):
 
     def _repr_html_(self) -> str:
         rows = [
-            ("realizations N", html.grouped(len(self.weights))),
-            ("shape", html.shape(self.shape)),
+            ("realizations N", show.grouped(len(self.weights))),
+            ("shape", show.shape(self.shape)),
             ("distance to the target", self.error),
             ("least possible distance", self.lower_bound),
             ("gap of the squared distance", self.gap),
             ("nonzero entries never hit", self.unseen or None),
         ]
-        return html.card(self, rows)
+        return show.card(self, rows)
 
     def __repr__(self) -> str:
         error = "" if self.error is None else f", error {self.error:.3g}"
@@ -230,13 +230,13 @@ class Path(SavedRecord, Tabled):
         return Cube(variables, {"size": (self.sizes, None)}, {"method": self.method})
 
     def _repr_html_(self) -> str:
-        first, last = (html.grouped(int(self.sizes[k])) for k in (0, -1))
+        first, last = (show.grouped(int(self.sizes[k])) for k in (0, -1))
         rows = [
             ("realizations N", f"{first} to {last}, {len(self.sizes)} sizes"),
             ("error", f"{self.errors[0]:.4g} at the first, {self.errors[-1]:.4g} at the last"),
         ]
         about = "error over N, both logarithmic"
-        return html.card(self, rows, html.lines(self.sizes, [self.errors], about, log=True))
+        return show.card(self, rows, show.lines(self.sizes, [self.errors], about, log=True))
 
     def __post_init__(self) -> None:
         super().__post_init__()

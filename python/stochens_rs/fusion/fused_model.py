@@ -17,10 +17,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base import html, validation
-from .._base.cached import cached_property
+from .._base import show, validation
 from .._base.numbers import ROUNDING
-from .._base.records import SavedRecord
+from .._base.records import SavedRecord, cached_property
 from .._base.types import STATUSES, Status
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
@@ -208,7 +207,7 @@ class FusedModel(SavedRecord, Identified):
             said.append("no mixture of the models explains the data")
         if data.size <= self._hull.k:
             said.append(
-                f"{html.number_of(data.size, 'pair')} for {self._hull.k} free weights: the weights "
+                f"{show.number_of(data.size, 'pair')} for {self._hull.k} free weights: the weights "
                 "follow the noise"
             )
         if self._noise.variance is None and self._noise.degrees == 0:
@@ -326,9 +325,9 @@ class FusedModel(SavedRecord, Identified):
     def __repr__(self) -> str:
         data = self.least_squares
         return (
-            f"<FusedModel: {html.number_of(self.models.size, 'model')}, n={data.n} "
-            f"m={data.m}, {html.number_of(data.size, 'pair')}, "
-            f"{100 * self.share:.3g} % least squares{html.warned(self.warnings)}>"
+            f"<FusedModel: {show.number_of(self.models.size, 'model')}, n={data.n} "
+            f"m={data.m}, {show.number_of(data.size, 'pair')}, "
+            f"{100 * self.share:.3g} % least squares{show.warned(self.warnings)}>"
         )
 
     def _repr_html_(self) -> str:
@@ -340,7 +339,7 @@ class FusedModel(SavedRecord, Identified):
             ("gap of its square", self.gap),
             *(("warning", text) for text in self.warnings),
         ]
-        return html.card(self, rows)
+        return show.card(self, rows)
 
 
 def stacked(models: SystemEnsemble, intercept: bool) -> Floats:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 import numpy as np
 
 from .. import _core
-from .._base import memory, numbers, validation
+from .._base import numbers, running, validation
 from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.systems import SystemEnsemble
@@ -231,7 +231,7 @@ def fuse(
     options = alse.checked_options(given, name, weight_set, tol, time_limit, max_iter)
     goal = None if target is None and name == "uniform" else checked_goal(given, target, name)
     # the weights, and at most two copies on the way
-    memory.need("the weights", 3 * 8 * given.size)
+    running.need("the weights", 3 * 8 * given.size)
     if weights is not None or variances is not None:
         if name != "uniform":
             raise InputError(f"`weights` and `variances` must be left out for method '{name}'")
@@ -314,7 +314,7 @@ def fuse_path(
     estimates = validation.flag("estimates", estimates)
     if estimates:
         # as the core returns them, transposed, and in the shape of the target
-        memory.need("the estimates of a path", 3 * grid.size * goal.nbytes)
+        running.need("the estimates of a path", 3 * grid.size * goal.nbytes)
     counts: list[int] = grid.tolist()
     draws, gaps = ensemble._draws, None
     completed: Status = "completed"
@@ -403,7 +403,7 @@ def of_senders(ensembles: Sequence[object]) -> Ensemble:
                 f"`ensemble[{k}]` must have shape {given[0].shape} as the first, got {one.shape}"
             )
     entries = sum(one.size for one in given) * math.prod(given[0].shape)
-    memory.need("the realizations of all senders", 3 * 8 * entries)
+    running.need("the realizations of all senders", 3 * 8 * entries)
     centres = {one.centre for one in given}
     centre = centres.pop() if len(centres) == 1 else None
     return Ensemble.from_samples(np.concatenate([one.dense() for one in given]), centre=centre)

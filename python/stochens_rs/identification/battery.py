@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base import html
-from .._base.threads import get_num_threads
+from .._base import show
+from .._base.running import get_num_threads
 from .assumptions import FAULTS
-from .dependences import spanned
+from .checks import spanned
 from .window import FAR
 
 if TYPE_CHECKING:
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from .._base.types import Floats
     from ..data import Trajectories
     from .assumptions import Assumptions
-    from .dependences import Range
+    from .checks import Range
 
 LEVEL = 5e-4  # of each test: together below 0.01
 FEW = 5  # runs that end beyond one limit, from which it ended them
@@ -151,7 +151,7 @@ def _of_noise(name: str, test: Tested, assumed: Assumptions, state: str) -> str:
         of = f"of {state} " if state else ""
         what = "noise" if assumed.noise == "gaussian" else "bound of the noise"
         text = (
-            f"residuals {of}are {html.two(test.share)} times as large as the declared {what}: "
+            f"residuals {of}are {show.two(test.share)} times as large as the declared {what}: "
             "declare what it is, or leave `sigma` or `covariance` out"
         )
     else:
@@ -190,16 +190,16 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         return _of_noise(name, test, model.assumptions, state)
     signals = ""
     if name == "nonlinear":
-        signals = html.listed([model._regressors[i] for i in test.at.tolist()])
+        signals = show.listed([model._regressors[i] for i in test.at.tolist()])
     values = {
-        "share": f"{html.two(100 * test.share)} % of the variance",
+        "share": f"{show.two(100 * test.share)} % of the variance",
         "most": _of(test, names),
         "rows": _listed(test.at),
         "count": str(len(test.at)),
         "state": state,
         "jump": f"{test.share:.4g}",
         "lag": str(first),
-        "steps": html.number_of(first, "step"),
+        "steps": show.number_of(first, "step"),
         "longer": f", or a longer window: lags={first + 1}" if window is not None else "",
         "signals": signals,
         "part": _part(test) if name == "change" else "",
@@ -258,7 +258,7 @@ def _of(test: Tested, names: Sequence[str]) -> str:
     if not len(test.each) or not test.each.max() > 0.0:
         return ""
     most = np.flatnonzero(test.each >= 0.5 * test.each.max()).tolist()
-    return f" of {html.listed([names[i] for i in most])}"
+    return f" of {show.listed([names[i] for i in most])}"
 
 
 def _explained(z: Floats, y: Floats, extra: Floats) -> dict[str, Tested]:

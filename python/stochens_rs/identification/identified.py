@@ -5,13 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Literal
 
-from .._base import html
-from .._base.columns import columns
+from .._base import show
+from .._base.names import Labels
 from .._base.records import Record
-from .._base.signal_names import Labels
+from .._base.tables import columns
 from .._base.types import DELTA
 from ..exceptions import StochensError
-from ..system import System
+from ..system.system import System
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -120,7 +120,7 @@ class Identified(Record, ABC, listed=False):
     def _table(self) -> str:
         """``[A B c]`` as HTML; empty if it is large."""
         cells, about = self._cells()
-        return html.grid(cells[0], cells[1:]) + "".join(map(html.note, about)) if cells else ""
+        return show.grid(cells[0], cells[1:]) + "".join(map(show.note, about)) if cells else ""
 
     @property
     def _coefficients(self) -> tuple[tuple[str, ...], tuple[str, ...], Floats]:
@@ -141,7 +141,7 @@ class Identified(Record, ABC, listed=False):
             about = []
         else:
             pairs = zip(region.centre, region.entry_bounds, strict=True)
-            rows = [[*map(html.within, centre, bound)] for centre, bound in pairs]
-            about = [f"all within ± with {html.percent(region.delta)}, see region()"]
+            rows = [[*map(show.within, centre, bound)] for centre, bound in pairs]
+            about = [f"all within ± with {show.percent(region.delta)}, see region()"]
         body = [[f"{name}(k+1)", *row] for name, row in zip(names, rows, strict=True)]
         return [head, *body], about

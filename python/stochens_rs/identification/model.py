@@ -8,29 +8,43 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import html, memory, validation
-from .._base.cached import cached_property
-from .._base.records import SavedRecord, trusted
-from .._base.threads import get_num_threads
-from .._base.to_xarray import Cube, Tabled
+from .._base import running, show, validation
+from .._base.records import SavedRecord, cached_property, trusted
+from .._base.running import get_num_threads
+from .._base.tables import Cube, Tabled
 from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..plots.certificates import draw_residuals
 from ..rng import RngLike, as_key
 from . import battery
-from .assumptions import FAULTS, Assumptions, least_correlation
-from .cautions import cautions, missing_directions
-from .certifying import METHODS, Method, Wish, region_of, said
-from .certifying import directions as spanned_by
-from .certifying import refuse as refuse_region
-from .checks import DRAWS, WORK, Checks, checked_residuals
-from .consistency import refuse, require_sound, require_states, require_triangle_of
-from .dependences import Range, exact_relations, spanned, tested_rows
+from .assumptions import (
+    FAULTS,
+    Assumptions,
+    least_correlation,
+    refuse,
+    require_sound,
+    require_states,
+    require_triangle_of,
+)
+from .checks import (
+    DRAWS,
+    WORK,
+    Checks,
+    Range,
+    cautions,
+    checked_residuals,
+    exact_relations,
+    missing_directions,
+    spanned,
+    tested_rows,
+)
 from .identified import Identified
 from .pilot import Pilot
 from .pilot import refuse as refuse_pilot
-from .region import Region
+from .region import METHODS, Method, Region, Wish, region_of, said
+from .region import directions as spanned_by
+from .region import refuse as refuse_region
 from .window import Loop, Window
 
 if TYPE_CHECKING:
@@ -345,7 +359,7 @@ class Model(SavedRecord, Identified, Tabled):
         large = self._tested.get("noise too large")
         if large is not None and large.p_value <= battery.LEVEL and large.share < 0.9:
             said.append(
-                f"the residuals are {html.two(large.share)} of the declared noise: bounds are "
+                f"the residuals are {show.two(large.share)} of the declared noise: bounds are "
                 "larger than needed"
             )
         if self.checks is not None:
@@ -616,7 +630,7 @@ class Model(SavedRecord, Identified, Tabled):
         """
         count = validation.size("size", size)
         law, key = self._law(), as_key(rng).child("draw")
-        memory.need("the models", 3 * 8 * count * self._Theta.size)
+        running.need("the models", 3 * 8 * count * self._Theta.size)
         found = _core.estimate_draws(law, count, bytes(key), get_num_threads())
         models = found.reshape(count, *self._Theta.shape)
         return self._ensemble(models, "draws of the law of the estimate", count)
@@ -712,20 +726,20 @@ class Model(SavedRecord, Identified, Tabled):
 
     def _verify(self) -> None:
         """Refuse a triangle that is not that of the data."""
-        memory.need("the pairs", 3 * self.data._rows.nbytes)
+        running.need("the pairs", 3 * self.data._rows.nbytes)
         require_triangle_of(np.hstack(self._pairs()), self.triangle)
 
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         over = "" if self.data.steps == 1 else f" over {self.data.steps} steps"
-        pairs = html.number_of(self.size, "pair")
+        pairs = show.number_of(self.size, "pair")
         sizes = f"n={self.n} m={self.m}"
         if self.window is not None:
             sizes = f"outputs={self.n_outputs} m={self.m}, {self.window.text}"
         return (
             f"<Model: {sizes}{dt}{over}, {pairs}{self.assumptions.design_text}{rank}"
-            f"{html.warned(self.warnings)}>"
+            f"{show.warned(self.warnings)}>"
         )
 
     def _repr_html_(self) -> str:
@@ -735,4 +749,4 @@ class Model(SavedRecord, Identified, Tabled):
             ("residuals", checks),
             *(("warning", text) for text in self.warnings),
         ]
-        return html.card(self, rows, self._table())
+        return show.card(self, rows, self._table())

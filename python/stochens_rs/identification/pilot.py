@@ -8,14 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import html, validation
+from .._base import show, validation
 from .._base.records import Record
-from .._base.threads import get_num_threads
+from .._base.running import get_num_threads
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
-from ..system import System
-from ..theory.dynamics import states
-from ..theory.exact import best_control
+from ..system.system import System
+from ..theory.exact import best_control, states
 
 if TYPE_CHECKING:
     from ..data import Trajectories
@@ -149,7 +148,7 @@ def _first(data: Trajectories, pilot: float, d: int) -> int:
         first = max(2, few, min(enough, 3 * count // 10), round(pilot * count))
     if first >= count:
         raise InputError(
-            f"`pilot` must leave runs for the model: {html.number_of(count, 'run')}, of which it "
+            f"`pilot` must leave runs for the model: {show.number_of(count, 'run')}, of which it "
             f"takes {first}"
         )
     return first

@@ -1,21 +1,22 @@
-"""`Region`: a set of models that contains the true one with a stated probability."""
+"""Single coefficients of ``[A B c]``: their names, and whether they are estimated."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from .._base import html, serialize, types, validation
-from .._base.cached import cached_property
-from .._base.records import SavedRecord, trusted
-from .._base.weights import weight
+from .._base import saving, show, types, validation
+from .._base.names import weight
+from .._base.records import SavedRecord, cached_property, trusted
+from .._base.running import get_num_threads
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..plots.certificates import draw_region
-from .entry import chosen_entry, coefficient
+from .assumptions import Assumptions
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +24,29 @@ if TYPE_CHECKING:
 
     from .._base.types import Floats
 
-serialize.enter(
+
+def coefficient(entry: tuple[int, int], n: int, m: int) -> str:
+    """The name of an entry of ``[A B c]``."""
+    i, j = entry
+    return f"A[{i}, {j}]" if j < n else f"B[{i}, {j - n}]" if j < n + m else f"c[{i}]"
+
+
+def chosen_entry(
+    argument: str, entry: object, size: tuple[int, int, int], parts: Sequence[_core.RegionPart]
+) -> tuple[int, int]:
+    """Row and column of a coefficient that is not known; `size` is n, m and the columns."""
+    n, m, d = size
+    pair = validation.items(argument, entry)
+    if len(pair) != 2:
+        raise ShapeError(f"`{argument}` must be (row, column), got {len(pair)} items")
+    i = validation.size(argument, pair[0], minimum=0, maximum=n - 1)
+    j = validation.size(argument, pair[1], minimum=0, maximum=d - 1)
+    if not any(i in part.rows and j in part.columns for part in parts):
+        raise InputError(f"`{argument}` must be estimated, {coefficient((i, j), n, m)} is known")
+    return i, j
+
+
+saving.enter(
     _core.RegionPart,
     rows=NDArray[np.int64],
     columns=NDArray[np.int64],
@@ -291,7 +314,7 @@ class Region(SavedRecord):
         if corners is None:
             raise InputError("the data do not determine these coefficients: there is no edge")
         centre = np.array([self.centre[one], self.centre[other]])
-        said = html.percent(self.delta) if label is None else validation.text("label", label)
+        said = show.percent(self.delta) if label is None else validation.text("label", label)
         across_, up_ = (coefficient(entry, self.n, self.m) for entry in (one, other))
         return draw_region(centre, corners + centre, said, across_, up_, ax)
 
@@ -327,15 +350,15 @@ class Region(SavedRecord):
     def __repr__(self) -> str:
         what = f"radius {self.radius:.4g}" if np.isfinite(self.radius) else "unbounded"
         off = f", infinite along {', '.join(self.missing[:3])}" if self.missing else ""
-        return f"<Region: {html.percent(self.delta)}, {what}{off}>"
+        return f"<Region: {show.percent(self.delta)}, {what}{off}>"
 
     def _repr_html_(self) -> str:
         rows = [
-            ("holds with", f"{html.percent(self.delta)} at least"),
+            ("holds with", f"{show.percent(self.delta)} at least"),
             ("for", self.assumption),
             ("not determined", "; ".join(self.missing) or None),
         ]
-        return html.card(self, rows)
+        return show.card(self, rows)
 
 
 def _require_one_set(part: _core.RegionPart) -> None:
@@ -350,3 +373,98 @@ def _require_one_set(part: _core.RegionPart) -> None:
         raise InputError("`parts.root` must be the inverse of `parts.white` in its directions")
     if not 0.0 <= part.ratio <= 1.0:
         raise InputError(f"`parts.ratio` must be in [0, 1], got {part.ratio:.3g}")
+
+
+Method: TypeAlias = Literal["auto", "mixture", "universal"]
+METHODS: tuple[Method, ...] = ("auto", "mixture", "universal")
+
+
+class Wish(NamedTuple):
+    """What is asked of a region; `Model.region` says what each means."""
+
+    delta: float
+    components: bool = False
+    directions: Floats | None = None
+    future: int = 0
+    frobenius: bool = False
+    method: Method = "auto"
+    anytime: bool = False
+
+
+def region_of(
+    estimate: _core.Estimate, noise: Assumptions, wish: Wish, units: Floats | _core.Estimate
+) -> _core.Region:
+    """The region of the core; `units`: a scale, or the estimate of the first pairs."""
+    known = None if noise.known is None else np.ascontiguousarray(noise.known)
+    law = noise.design, noise.noise, noise.covariance, known
+    if isinstance(units, np.ndarray):
+        units = np.ascontiguousarray(units)
+    return estimate.region(law, units, *wish, get_num_threads(), noise.tail)
+
+
+def directions(
+    d: int, n: int, m: int, x0: ArrayLike | None, given: ArrayLike | None
+) -> Floats | None:
+    """The columns that span all z asked for: given, or those of one x0 and every u."""
+    if x0 is None and given is None:
+        return None
+    if x0 is None:
+        Q = validation.matrix("directions", given)
+        if len(Q) != d:
+            raise ShapeError(
+                f"`directions` must have {d} rows, (x, u{', 1' if d > n + m else ''}), got {len(Q)}"
+            )
+    else:
+        if given is not None:
+            raise InputError("`x0` and `directions` must not be given both")
+        start = validation.vector("x0", x0, length=n)
+        largest = max(1.0, float(np.abs(start).max()))
+        fixed = np.concatenate([start / largest, np.zeros(m), np.ones(d - n - m) / largest])
+        Q = np.column_stack([fixed, np.eye(d)[:, n : n + m]])
+    if not Q.any():
+        raise InputError("`directions` must have an entry other than 0")
+    sizes = np.abs(Q).max(axis=0)
+    return Q / np.where(sizes == 0.0, 1.0, sizes)
+
+
+def refuse(noise: Assumptions, wish: Wish, by_rows: bool) -> None:
+    """Refuse a region that the assumptions do not have."""
+    plain = noise.design == "independent" and noise.noise == "gaussian"
+    for name, asked in (
+        ("directions", wish.directions is not None),
+        ("future", wish.future > 0),
+    ):
+        if asked and (not plain or by_rows or wish.components):
+            raise InputError(
+                f"`{name}` needs a region of all rows at once for design='independent', "
+                "noise='gaussian', without `components`"
+            )
+    one_level = plain or noise.known is not None
+    if one_level and (wish.method != "auto" or (wish.anytime and noise.design == "independent")):
+        raise InputError(
+            "`method` and `anytime` are for Gaussian noise of unknown covariance with "
+            "design='adaptive'"
+        )
+    if wish.frobenius and (by_rows or wish.components or wish.directions is not None):
+        raise InputError("`frobenius` needs one region for all rows and directions")
+
+
+def said(noise: Assumptions, wish: Wish | None, first: int = 0) -> str:
+    """The assumptions in words; the `first` pairs tell the scale."""
+    text = noise.text
+    if noise.noise == "gaussian" and noise.design == "independent":
+        text += ", independent of all states and inputs"
+    elif first:
+        text += (
+            ", any design, for a number of pairs fixed beforehand and in the order of time, of "
+            f"which the first {first} tell the scale"
+        )
+    elif noise.known is not None or (wish is not None and wish.anytime):
+        text += ", any design, valid for all N at once"
+    else:
+        text += ", any design, for a number of pairs fixed beforehand"
+    if noise.tail:
+        text += f", beside it a declared tail of {noise.tail:g} deviations"
+    if wish is not None and wish.directions is not None:
+        text += "; states and inputs in a span fixed before the outcomes"
+    return text

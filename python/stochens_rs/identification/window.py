@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base import html, validation
-from .._base.cached import cached_property
-from .._base.records import Record
-from .._base.signal_names import Labels, order_of
+from .._base import show, validation
+from .._base.names import Labels, order_of
+from .._base.records import Record, cached_property
 from ..data import Trajectories
 from ..exceptions import InputError
 
@@ -137,8 +136,8 @@ class Window(Record):
         """``6 filters of pole 0.8``."""
         delay = f", delay {self.delay}" if self.delay else ""
         if self.pole is None:
-            return html.number_of(self.count, "lag") + delay
-        return f"{html.number_of(self.count, 'filter')} of pole {self.pole:g}{delay}"
+            return show.number_of(self.count, "lag") + delay
+        return f"{show.number_of(self.count, 'filter')} of pole {self.pole:g}{delay}"
 
     def _assumed(self, tail: float) -> str:
         """What the region of a model with this window assumes, behind the law of the noise."""
@@ -265,7 +264,7 @@ class Window(Record):
         what = "lags" if self.pole is None else "filters"
         take = "take " if self.found is not None else "take order='auto', "
         return (
-            f"a window of {self.count + 1} {what} explains {html.two(100 * explained)} % more: "
+            f"a window of {self.count + 1} {what} explains {show.two(100 * explained)} % more: "
             f"certificates assume that {self.count} suffice; {take}more {what}, or declare tail="
         )
 
@@ -323,5 +322,5 @@ class Window(Record):
         return self._core.state_of(y, np.ascontiguousarray(u))
 
     def __repr__(self) -> str:
-        of = html.number_of(len(self.outputs), "output"), html.number_of(len(self.inputs), "input")
+        of = show.number_of(len(self.outputs), "output"), show.number_of(len(self.inputs), "input")
         return f"<Window: {self.text} of {of[0]} and {of[1]}>"

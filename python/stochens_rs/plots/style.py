@@ -14,8 +14,8 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .._base import validation
-from .._base.extras import extra
-from .._base.progress import in_ipython
+from .._base.running import in_ipython
+from .._base.tables import extra
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base import html, memory, validation
+from .._base import running, show, validation
+from .._base.names import order_of
 from .._base.records import SavedRecord, require_shapes
-from .._base.signal_names import order_of
-from .._base.threads import get_num_threads
-from .._base.to_xarray import Cube, Tabled, named, over_time, padded
+from .._base.running import get_num_threads
+from .._base.tables import Cube, Tabled, named, over_time, padded
 from .._base.types import Floats, Status, worst
-from ..controls import Regulator
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..feedback import Loop
 from ..fusion.fusing import METHODS
+from ..loops import Regulator
 from ..plots.lines import draw_tracking
 from ..rng import Key, RngLike, as_key
-from ..system import System
+from ..system.system import System
 from ..theory.exact import REACHABLE, factors
 from .simulating import columns
 
@@ -33,10 +33,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats, Status
-    from ..controls import Regulator
     from ..fusion.fusing import Method
+    from ..loops import Regulator
     from ..rng import Key
-    from ..system import System
+    from ..system.system import System
 
 
 class Driven(NamedTuple):
@@ -122,11 +122,11 @@ def check_info(info: dict[str, Any]) -> None:
 def made_by(info: dict[str, Any]) -> Iterator[tuple[str, object]]:
     """Rows about what chose the inputs."""
     if "size" in info:
-        yield "realizations N per step", html.grouped(info["size"])
+        yield "realizations N per step", show.grouped(info["size"])
         return
     yield "controller", info.get("controller")
     if info.get("limits") is not None:
-        low, high = map(html.vector, info["limits"])
+        low, high = map(show.vector, info["limits"])
         yield "limits", f"{low} to {high}"
         yield "calls", ", ".join(f"{count} {what}" for what, count in info["statuses"].items())
 
@@ -200,7 +200,7 @@ class Tracking(SavedRecord, Tabled):
         last = float(np.sqrt(self.mean_square[-1]))
         feasible = "" if self.feasible else ", reference not feasible"
         return (
-            f"<Tracking: {times}{html.counted(K)}, m={m}, {self.status}, last error "
+            f"<Tracking: {times}{show.counted(K)}, m={m}, {self.status}, last error "
             f"{last:.3g}{feasible}>"
         )
 
@@ -250,14 +250,14 @@ class Tracking(SavedRecord, Tabled):
         distance = np.sqrt(self.mean_square)
         rms = " (rms)" * (self.states.ndim == 3)
         rows = [
-            ("steps", html.grouped(len(self.residuals))),
+            ("steps", show.grouped(len(self.residuals))),
             *made_by(self.info),
             ("runs", self.info.get("runs")),
             (f"off by{rms}", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
             ("out of reach in one step", f"{self.residuals.max():.4g} at most"),
         ]
         about = f"distance from the reference{rms} over the steps"
-        return html.card(self, rows, html.lines(np.arange(len(distance)), [distance], about))
+        return show.card(self, rows, show.lines(np.arange(len(distance)), [distance], about))
 
 
 def track(
@@ -382,7 +382,7 @@ def track(
     name = validation.choice("method", method, METHODS)
     R = None if runs is None else validation.size("runs", runs)
     K = len(r) - 1
-    memory.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
+    running.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
     with np.errstate(over="ignore", invalid="ignore"):
         U = factors(checked.B).U
         d = r[:-1] @ checked.A.T - r[1:]
@@ -433,7 +433,7 @@ def _estimated(
     """Control by a new estimate of A in every step, in the core."""
     n, m, K, threads = system.n, system.m, len(r) - 1, get_num_threads()
     if method != "uniform":  # per step: the indices, which have up to 4 bytes, and the weights
-        memory.need("the realizations of a step", threads * size * (4 * n + 24))
+        running.need("the realizations of a step", threads * size * (4 * n + 24))
     of_B = factors(np.ascontiguousarray(system.B))
     states, inputs, optimal = _core.track(
         *columns(system),

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from .._base import html
-from .._base.fields import Count, Positive
-from .._base.records import SavedRecord
-from .._base.signal_names import Labels, default_labels, two_states
-from .._base.to_xarray import Timed
+from .._base import show
+from .._base.names import Labels, default_labels, two_states
+from .._base.records import Count, Positive, SavedRecord
+from .._base.tables import Timed
 from .._base.types import Centre, Floats
 from ..exceptions import ShapeError
 from ..plots.lines import draw_phase, draw_states
@@ -158,15 +157,15 @@ class Trajectory(_OverTime):
 
     def _repr_html_(self) -> str:
         rows = [
-            ("steps", html.duration(self.steps, self.dt)),
-            html.ends(self.states),
-            html.largest(self.inputs),
+            ("steps", show.duration(self.steps, self.dt)),
+            show.ends(self.states),
+            show.largest(self.inputs),
             *(self.labels.rows() if self.labels else ()),
         ]
-        return html.card(self, rows, html.states(self.times, self.states, "states over time"))
+        return show.card(self, rows, show.states(self.times, self.states, "states over time"))
 
     def __repr__(self) -> str:
-        return f"<Trajectory: n={self.states.shape[1]}, {html.counted(self.steps)}>"
+        return f"<Trajectory: n={self.states.shape[1]}, {show.counted(self.steps)}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -290,20 +289,20 @@ class EnsembleTrajectory(_OverTime):
         end = None if error is None else f"at most {error[-1].max():.4g}"
         of_models = self.averaging == "systems"
         rows = [
-            ("steps", html.duration(self.steps, self.dt)),
-            ("trajectories", html.grouped(self.replicates)),
-            ("realizations N per step", None if of_models else html.grouped(self.size)),
+            ("steps", show.duration(self.steps, self.dt)),
+            ("trajectories", show.grouped(self.replicates)),
+            ("realizations N per step", None if of_models else show.grouped(self.size)),
             ("drawn", None if of_models else ", ".join(self.sampled)),
             ("models about the", self.centre),
-            html.ends(self.mean, "mean state"),
+            show.ends(self.mean, "mean state"),
             ("standard error at the end", end),
             *(self.labels.rows() if self.labels else ()),
         ]
-        return html.card(self, rows, html.states(self.times, self.mean, "mean states over time"))
+        return show.card(self, rows, show.states(self.times, self.mean, "mean states over time"))
 
     def __repr__(self) -> str:
         about = "" if self.centre is None else f", about the {self.centre}"
         return (
             f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, "
-            f"{html.counted(self.steps)}, N={self.size}, {self.replicates} trajectories{about}>"
+            f"{show.counted(self.steps)}, N={self.size}, {self.replicates} trajectories{about}>"
         )

@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import memory, validation
-from .._base.align_labels import aligned
-from .._base.signal_names import default_labels
-from .._base.threads import get_num_threads
+from .._base import running, validation
+from .._base.names import default_labels
+from .._base.reading import aligned
+from .._base.running import get_num_threads
 from .._base.types import AVERAGINGS, Averaging, Floats
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..rng import RngLike, as_key
-from ..system import System
-from ..theory.dynamics import checked_motion
+from ..system.system import System
+from ..theory.exact import checked_motion
 from .records import EnsembleTrajectory, Trajectory
 
 if TYPE_CHECKING:
@@ -69,7 +69,7 @@ def simulate(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Trajectory:
            [0.1, 0. ]])
     """
     checked, start, inputs = checked_motion(system, x0, u)
-    memory.need("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)  # and a copy
+    running.need("the trajectory", 2 * 8 * (len(inputs) + 1) * checked.n)  # and a copy
     states = _core.trajectory(*columns(checked), start.reshape(1, -1), inputs)
     dt = _dt(checked)
     return Trajectory(states, inputs.copy(), _times(dt, len(inputs)), dt, checked.labels)
@@ -310,7 +310,7 @@ def _check_memory(
     partial = threads + trajectories.bit_length() + 2  # one per thread and level of the tree
     kept = 8 * trajectories * (steps + 1) * n if keep else 0
     work = 1024 * n * threads  # states of the runs of a thread
-    memory.need(
+    running.need(
         f"the moments{' and the runs' if keep else ''} of {trajectories} trajectories",
         sums * partial + tables + kept + work,
     )

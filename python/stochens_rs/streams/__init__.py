@@ -3,8 +3,8 @@
 from .data_stream import DataStream
 from .looks import Look, LoopLook
 from .model_stream import ModelStream
-from .records import StreamRun, Trace
 from .snapshot import Snapshot
+from .state import StreamRun, Trace
 from .stream import Stream
 
 __all__ = [

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .. import _core
-from .._base import html, memory, validation
-from .._base.durable import Durable
+from .._base import running, show, validation
+from .._base.saving import Durable
 from .._base.types import DELTA, Floats
 from ..controls.typical import Typical, ranked
 from ..exceptions import InputError, InputTypeError
 from ..rng import as_key
-from .confidence import radii_of_means
 from .rows import blocks
-from .state import ENTITIES
+from .state import ENTITIES, radii_of_means
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -96,7 +95,7 @@ class DataStream(Durable):
         matrix = None if A is None else validation.matrix("A", A, rows=n, cols=n)
         self._ranges, self._sizes = _checked_ranges(ranges), _checked_sizes(sizes)
         # estimates, targets, sums, and the pseudoinverse
-        memory.need("a stream", 176 * n * n + 40 * n * m)
+        running.need("a stream", 176 * n * n + 40 * n * m)
         self._shape = (n, m)
         self._targets = tuple(value is not None for value in (start, goal, matrix))
         self._core = _core.DataStream(inputs, start, goal, matrix)
@@ -341,11 +340,11 @@ class DataStream(Durable):
         counts = self.counts
         known = all(counts.values())
         rows = [
-            ("realizations", html.counts(counts)),
-            ("control u", html.vector(self.u) if known else "needs a realization of x0, xf and A"),
+            ("realizations", show.counts(counts)),
+            ("control u", show.vector(self.u) if known else "needs a realization of x0, xf and A"),
             ("certificate", self.certificate if known else None),
         ]
-        return html.card(self, rows)
+        return show.card(self, rows)
 
     def _seen(self, what: str) -> None:
         missing = [name for name, count in self.counts.items() if count == 0]

@@ -9,13 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base import html, validation
+from .._base import show, validation
 from .._base.records import Record, trusted
 from .._base.types import Floats
 from ..certificates.certificate import Certificate
-from ..certificates.model_basis import ModelBasis
-from ..certificates.of_model import Asked, certificate
-from ..certificates.region_errors import trajectory
+from ..certificates.of_model import Asked, ModelBasis, certificate, trajectory
 from ..controls.control import control
 from ..exceptions import DataWarning, InputError
 from ..feedback import Loop, LoopCertificate
@@ -81,18 +79,18 @@ class Look(Record):
         return "never" if isfinite(self.certificate.parts["model error"]) else "unknown"
 
     def __repr__(self) -> str:
-        pairs = html.number_of(self.size, "pair")
+        pairs = show.number_of(self.size, "pair")
         then = "enough" if self.stop else f"forecast: {self._more()}"
-        then += html.warned(self.certificate.warnings)
+        then += show.warned(self.certificate.warnings)
         target = self.certificate.target
         return f"<Look: within {target:.4g} after {pairs}, tol {self.tol:g}, {then}>"
 
     def _repr_html_(self) -> str:
         rows = [
             ("forecast", None if self.stop else self._more()),
-            ("control u", html.vector(self.u.ravel())),
+            ("control u", show.vector(self.u.ravel())),
         ]
-        return html.card(self, rows, self.certificate._repr_html_())
+        return show.card(self, rows, self.certificate._repr_html_())
 
 
 def more(pairs: float, runs: float) -> str:
@@ -225,15 +223,15 @@ class LoopLook(Record):
         return self.proof.status == "certified"
 
     def __repr__(self) -> str:
-        pairs = html.number_of(self.size, "pair")
+        pairs = show.number_of(self.size, "pair")
         if self.stop:
-            margin = html.margin(self.proof.margin)
+            margin = show.margin(self.proof.margin)
             return f"<LoopLook: certified after {pairs}, margin at least {margin}>"
         then = more(self.forecast, self.runs) if isfinite(self.forecast) else "unknown"
         return f"<LoopLook: {self.proof.status} after {pairs}, forecast: {then}>"
 
     def _repr_html_(self) -> str:
-        return html.card(self, [], self.proof._repr_html_())
+        return show.card(self, [], self.proof._repr_html_())
 
 
 def look_at_loop(model: Snapshot, gain: Loop | ArrayLike) -> LoopLook:

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .. import _core
-from .._base import html, memory, validation
-from .._base.durable import Durable
-from .._base.signal_names import checked_names
+from .._base import running, show, validation
+from .._base.names import checked_names
+from .._base.saving import Durable
 from .._base.types import DELTA
 from ..exceptions import InputError
 from ..identification.assumptions import (
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
-    from ..controls import Cost
-    from ..controls.limits import LimitsLike
     from ..data import Trajectories
     from ..feedback import Loop
+    from ..limits import Cost
+    from ..limits.limits import LimitsLike
 
 
 # The event of a stream refers to these: a stream must not go on with others.
@@ -125,7 +125,7 @@ class ModelStream(Durable):
         states, inputs = validation.size("n", n), validation.size("m", m)
         offset = validation.flag("intercept", intercept)
         d = states + inputs + offset
-        memory.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
+        running.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
         names = checked_names(states, inputs, state_names, input_names)
         declared = design, noise, covariance, sigma, exact, names[0]
         assumed = checked_assumptions(states, *declared)
@@ -349,7 +349,7 @@ class ModelStream(Durable):
     def __repr__(self) -> str:
         about = self._about
         dt = "" if about.dt is None else f" dt={about.dt:g}"
-        pairs = html.number_of(self.size, "pair")
+        pairs = show.number_of(self.size, "pair")
         return f"<ModelStream: n={self.n} m={self.m}{dt}, {pairs}{self.assumptions.design_text}>"
 
     def _repr_html_(self) -> str:
@@ -360,7 +360,7 @@ class ModelStream(Durable):
             ("next look at", f"{model.next_look} pairs" if model.next_look != self.size else None),
             ("not determined", "; ".join(model.missing) or None),
         ]
-        return html.card(self, rows)
+        return show.card(self, rows)
 
     def _to_sections(self) -> dict[str, Any]:
         state = self._state

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
-from .._base import memory, validation
-from .._base.signal_names import Labels, checked_names, order_of
+from .._base import running, validation
+from .._base.names import Labels, checked_names, order_of
 from .._base.types import Floats
 from ..data import Trajectories
 from ..ensembles.ensemble import Ensemble
@@ -97,7 +97,7 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
         before = validation.matrix("x", x, cols=n)
         inputs = validation.matrix("u", u, rows=len(before), cols=m)
         after = validation.matrix("x_next", x_next, rows=len(before), cols=n)
-    memory.need("the pairs", 8 * len(before) * len(about.triangle))
+    running.need("the pairs", 8 * len(before) * len(about.triangle))
     return np.hstack([before, inputs, np.ones((len(before), int(about.intercept))), after])
 
 

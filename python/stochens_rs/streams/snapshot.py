@@ -9,19 +9,21 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from .. import _core
-from .._base import html, validation
-from .._base.cached import cached_property
-from .._base.records import SavedRecord
-from .._base.signal_names import checked_names
+from .._base import show, validation
+from .._base.names import checked_names
+from .._base.records import SavedRecord, cached_property
 from ..exceptions import InputError
-from ..identification.assumptions import Assumptions, checked_scale
+from ..identification.assumptions import Assumptions, checked_scale, require_states
 from ..identification.battery import noise_doubts
-from ..identification.cautions import cautions, missing_directions
-from ..identification.certifying import Wish, region_of
-from ..identification.consistency import require_states
-from ..identification.dependences import exact_relations, spanned, tested_rows
+from ..identification.checks import (
+    cautions,
+    exact_relations,
+    missing_directions,
+    spanned,
+    tested_rows,
+)
 from ..identification.identified import Identified
-from ..identification.region import Region
+from ..identification.region import Region, Wish, region_of
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -256,14 +258,14 @@ class Snapshot(SavedRecord, Identified):
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
         dt = "" if self.dt is None else f" dt={self.dt:g}"
-        pairs = html.number_of(self.size, "pair")
+        pairs = show.number_of(self.size, "pair")
         design = self.assumptions.design_text
-        warned = html.warned(self.warnings)
+        warned = show.warned(self.warnings)
         return f"<Snapshot: n={self.n} m={self.m}{dt}, {pairs}{design}{rank}{warned}>"
 
     def _repr_html_(self) -> str:
         rows = [("assumed", self.assumptions.text), *(("warning", text) for text in self.warnings)]
-        return html.card(self, rows, self._table())
+        return show.card(self, rows, self._table())
 
 
 def refuse(assumed: Assumptions) -> None:

@@ -1,28 +1,169 @@
-"""`Stream`: the sequential algorithm, whose control improves with every realization."""
+"""Steps until a stopping rule or a limit is met, with checkpoints."""
 
 from __future__ import annotations
 
+import os
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .. import _core
-from .._base import html, memory, validation
-from .._base.durable import Durable
+from .._base import files, running, saving, show, validation
 from .._base.files import PathLike
-from .._base.progress import Progress, progress_bar
-from .._base.types import Floats
-from ..exceptions import InputError
+from .._base.running import Progress, progress_bar
+from .._base.saving import Durable
+from .._base.types import Floats, Status
+from ..exceptions import InputError, StateError, StateIOError
 from ..rng import Key, RngLike, as_key
-from ..system import System
-from ..theory.dynamics import checked_ends
-from .records import StreamRun, Trace
-from .state import ENTITIES, SLOTS, Identity, Slots, from_sections, to_sections
-from .step_loop import Checkpoints, Rule, checked_stop, run_until
+from ..system.system import System
+from ..theory.exact import checked_ends
+from .state import ENTITIES, SLOTS, Identity, Slots, StreamRun, Trace, from_sections, to_sections
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
+    from typing_extensions import Self
+
+
+class Checkpoints:
+    """Saves a stream during a run; locks the file from the start of the run to its end."""
+
+    def __init__(self, stream: Durable, path: PathLike | None, every: float) -> None:
+        self._stream = stream
+        self._path = None if path is None else files.checked_path("checkpoint", path)
+        self._every = validation.positive("every", every)
+        self._lock: _core.StateLock | None = None
+        self._last = time.monotonic()
+
+    def __enter__(self) -> Self:
+        if self._path is not None:
+            self._lock = saving.lock(self._path)
+            try:
+                self._check_earlier(self._path)
+            except BaseException:  # the caller may handle it and use the file again
+                self._lock.release()
+                raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._lock is not None:
+            self._lock.release()
+
+    def _check_earlier(self, path: str) -> None:
+        """Raise if the file is anything else than an earlier state of the same stream."""
+        previous = path + ".prev"
+        if not (os.path.lexists(path) or os.path.lexists(previous)):
+            return
+        _, theirs = saving.load(path, self._stream._kind)
+        ours = self._stream._to_sections()
+        if "digest" not in theirs or theirs["digest"].tobytes() != ours["digest"].tobytes():
+            raise StateError(
+                f"{path} must be a state of this problem, key and options, got another"
+            )
+        there, here = int(theirs["steps"][0]), int(ours["steps"][0])
+        if there > here:
+            raise StateError(
+                f"{path} is at step {there}, ahead of this stream at step {here}: load it "
+                "(`Stream.load`, `stochens stream --resume`), choose another path, or remove it "
+                f"and {previous}"
+            )
+
+    def due(self) -> None:
+        """Save if the time between two checkpoints has passed."""
+        if self._path is not None and time.monotonic() - self._last >= self._every:
+            self.save()
+
+    def save(self) -> None:
+        """Save now."""
+        if self._path is not None:
+            sections = self._stream._to_sections()
+            saving.save(self._path, self._stream._kind, sections, self._lock)
+            self._last = time.monotonic()
+
+
+Rule: TypeAlias = Literal["certificate", "printed"]
+RULES: tuple[Rule, ...] = get_args(Rule)
+
+_ENDLESS = 2**62  # more steps than any run can take
+_SLICE = 0.2  # seconds between two calls of the progress bar
+
+
+@dataclass(frozen=True)
+class Stop:
+    """When a run ends; `rule` is None without a tolerance."""
+
+    rule: Rule | None
+    tol: float
+    max_steps: int | None
+    time_limit: float | None
+
+
+def checked_stop(
+    tol: float | None, max_steps: int | None, time_limit: float | None, rule: Rule
+) -> Stop:
+    """Check the arguments of `Stream.run` that say when it ends."""
+    name = validation.choice("rule", rule, RULES)
+    limit = None if tol is None else validation.positive("tol", tol)
+    most = None if max_steps is None else validation.size("max_steps", max_steps)
+    seconds = None if time_limit is None else validation.positive("time_limit", time_limit)
+    if limit is None and most is None and seconds is None:
+        raise InputError("one of `tol`, `max_steps` and `time_limit` must be given")
+    return Stop(None if limit is None else name, limit or 0.0, most, seconds)
+
+
+def run_until(
+    core: _core.Stream,
+    stop: Stop,
+    bar: AbstractContextManager[Callable[[int], object]],
+    checkpoints: Checkpoints,
+) -> Status:
+    """Take steps until `stop`, and save at the end, also after an exception in a callback."""
+    status: Status = "interrupted"
+    try:
+        with bar as report:
+            status = _take_steps(core, stop, report, checkpoints)
+    except KeyboardInterrupt:
+        pass  # the core stops between two steps
+    except (StateError, StateIOError):
+        raise  # from a checkpoint
+    except BaseException:  # from `bar` or a signal handler
+        checkpoints.save()
+        raise
+    try:
+        checkpoints.save()
+    except KeyboardInterrupt:
+        if status == "interrupted":
+            raise  # the second one
+        status = "interrupted"
+        checkpoints.save()
+    return status
+
+
+def _take_steps(
+    core: _core.Stream, stop: Stop, report: Callable[[int], object], checkpoints: Checkpoints
+) -> Status:
+    def steps() -> int:
+        return core.counts()[0]
+
+    def satisfied() -> bool:
+        return stop.rule == "certificate" and core.certificate()[0] <= stop.tol
+
+    if satisfied():
+        return "converged"
+    first, started = steps(), time.monotonic()
+    while True:
+        left = _ENDLESS if stop.max_steps is None else stop.max_steps - (steps() - first)
+        rest = _SLICE
+        if stop.time_limit is not None:
+            rest = stop.time_limit - (time.monotonic() - started)
+        end = core.advance(left, stop.rule, stop.tol, min(_SLICE, max(rest, 0.0)))
+        report(steps() - first)
+        checkpoints.due()
+        if end != "time_limit" or (stop.time_limit is not None and rest <= _SLICE):
+            return "converged" if satisfied() else end
 
 
 class Stream(Durable):
@@ -104,7 +245,7 @@ class Stream(Durable):
         order = validation.choice("slots", slots, SLOTS)
         safe = validation.flag("safeguard", safeguard)
         # laws, estimates, sums, tables of both matrices, and the pseudoinverse
-        memory.need("a stream", (80 if safe else 64) * n * n + 40 * n * m)
+        running.need("a stream", (80 if safe else 64) * n * n + 40 * n * m)
         columns = np.ascontiguousarray(checked.A.T)
         self._identity = Identity(as_key(rng), safe, order, n, m)
         self._digest = self._identity.digest(inputs, start, goal, columns)
@@ -273,13 +414,13 @@ class Stream(Durable):
 
     def _repr_html_(self) -> str:
         rows = [
-            ("steps", html.grouped(self.steps)),
-            ("realizations", html.counts(self.counts)),
+            ("steps", show.grouped(self.steps)),
+            ("realizations", show.counts(self.counts)),
             ("error of the state", self.error),
             ("certificate", self.certificate),
-            ("control u", html.vector(self.u)),
+            ("control u", show.vector(self.u)),
         ]
-        return html.card(self, rows, html.errors(self.trace.steps, self.trace.errors))
+        return show.card(self, rows, show.errors(self.trace.steps, self.trace.errors))
 
     def _to_sections(self) -> dict[str, Any]:
         return to_sections(self._identity, self._digest, self._core)
@@ -298,6 +439,6 @@ class Stream(Durable):
         try:
             certificate, error = self._core.certificate()
             errors = f"||B (v - v*)|| = {error:.3g} <= {certificate:.3g}"
-            return f"<{name}, {html.counted(self.steps)}, {errors}>"
+            return f"<{name}, {show.counted(self.steps)}, {errors}>"
         except InputError:  # in a signal handler, or in a process forked while a thread used it
             return f"<{name}, in use>"

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import files, html, serialize, validation
-from .._base.cached import cached_property
-from .._base.extras import extra
+from .._base import files, saving, show, validation
 from .._base.files import PathLike
+from .._base.records import cached_property
+from .._base.tables import extra
 from .._base.types import Floats, Status
 from .grid import Label
 
@@ -167,7 +167,7 @@ class Results:
             **self.about,
             "grid": {name: list(labels) for name, labels in self.grid.items()},
             "replicates": [self.replicates.start, self.replicates.stop],
-            "values": {name: serialize.listed(rows) for name, rows in self.values.items()},
+            "values": {name: saving.listed(rows) for name, rows in self.values.items()},
             "units": self.units,
             "failures": [asdict(one) for one in self.failures],
             "seconds": self.seconds,
@@ -236,7 +236,7 @@ class Results:
                 np.median(own[where][ran]) if ran.any() else np.nan for own in entries.values()
             ]
             cells = [*labels, int(ran.sum()), int(self.failed[where].sum()), *map(float, middles)]
-            rows.append([html.text(cell) for cell in cells])
+            rows.append([show.text(cell) for cell in cells])
         return rows
 
     def __str__(self) -> str:
@@ -247,7 +247,7 @@ class Results:
 
     def _repr_html_(self) -> str:
         head, *body = self._medians()
-        return html.card(self, list(self.about.items()), html.grid(head, body[:40]))
+        return show.card(self, list(self.about.items()), show.grid(head, body[:40]))
 
 
 def _numbers(labels: tuple[Label, ...]) -> NDArray[Any]:

@@ -25,7 +25,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from .._base.threads import one_thread
+from .._base.running import one_thread
 from .._base.types import Status
 from .._base.validation import show
 from ..exceptions import InputError, InputTypeError

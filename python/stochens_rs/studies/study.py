@@ -15,7 +15,7 @@ import numpy as np
 
 from .._base import files, validation
 from .._base.files import PathLike
-from .._base.progress import Progress, progress_bar
+from .._base.running import Progress, progress_bar
 from .._base.types import Status
 from .._base.validation import show
 from .._core import version as package_version

@@ -22,7 +22,7 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import files, memory, state_file, validation
+from .._base import files, running, saving, validation
 from ..exceptions import InputError, InputTypeError, StateError, StateIOError, StateNotFoundError
 from .tasks import DONE, FAILED, Block, Layout
 
@@ -39,7 +39,7 @@ class StudyFile:
 
     def __init__(self, path: str) -> None:
         self.path = path
-        self._lock = state_file.lock(path)
+        self._lock = saving.lock(path)
         self._file: BinaryIO | None = None
         self._waiting: list[Block] = []
         self._bytes = 0
@@ -162,9 +162,9 @@ def records(path: str) -> Iterator[tuple[int, int, dict[str, Any] | list[Block]]
                 begin = file.read(9)  # of a state file: the length of its JSON, and that
                 if begin[8:] != b"{" or int.from_bytes(begin[:8], "little") > length - 8:
                     raise StateError(f"{path} has no record at byte {at}")
-                memory.need("a block of a study", 4 * length)
+                running.need("a block of a study", 4 * length)
                 content = begin + file.read(length - 9)
-                generation, sections = state_file.decode(path, content, kind)
+                generation, sections = saving.decode(path, content, kind)
             except StateError as error:
                 if not number:
                     raise StateError(f"{path} is not the file of a study: {error}") from error
@@ -214,7 +214,7 @@ def _marked(file: BinaryIO, at: int) -> bool:
 
 
 def _framed(kind: str, number: int, sections: dict[str, NDArray[Any]]) -> bytes:
-    content = state_file.encode(kind, number, sections)
+    content = saving.encode(kind, number, sections)
     return len(content).to_bytes(8, "little") + content
 
 

@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import memory, validation
+from .._base import running, validation
 from .._base.types import Floats
 from .._base.validation import show
 from .._core import version
@@ -113,7 +113,7 @@ class Table:
 
     def __init__(self, span: Span) -> None:
         self.span = span
-        memory.need("the states of the replicates", span[1] - span[0])
+        running.need("the states of the replicates", span[1] - span[0])
         self.states: NDArray[np.uint8] = np.zeros(span[1] - span[0], np.uint8)
         self.layout: Layout = {}
         self.values: dict[str, Floats] = {}
@@ -128,7 +128,7 @@ class Table:
         if block.layout and not self.layout:
             count = len(self.states)
             entries = sum(math.prod(shape) for shape in block.layout.values())
-            memory.need("the numbers of the replicates", 8 * count * entries)
+            running.need("the numbers of the replicates", 8 * count * entries)
             room = {k: np.full((count, *shape), np.nan) for k, shape in block.layout.items()}
             self.layout, self.values = dict(block.layout), room
         if block.layout and block.layout != self.layout:

@@ -28,14 +28,13 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import _core
-from .._base import memory, validation
+from .._base import running, validation
 from .._base.numbers import norm, smallest_size
-from .._base.threads import get_num_threads
+from .._base.running import get_num_threads
 from .._base.types import AXES, FUSIONS, QUANTITIES, SCHEMES, Axis, Floats, Fusion, Scheme
 from ..exceptions import InputError, InputTypeError, SizeError
 from ..rng import Key, RngLike, as_key
-from .dynamics import checked_ends
-from .exact import best_control
+from .exact import best_control, checked_ends
 from .formulas import Sizes, checked_finite, count, lines_of, one_each
 
 # The norms of the error of each quantity, the default first.
@@ -270,7 +269,7 @@ class Bounded:
                 self._cores[norm] = _core.TailBounds(self.lines, norm)
             else:
                 x0, xf, A = (entity.values for entity in self.plan.entities)
-                memory.need("the moments of the control", 20 * A.nbytes)  # that live at once
+                running.need("the moments of the control", 20 * A.nbytes)  # that live at once
                 how = self.rows, self.quantity == "control", self.paired
                 data = A, self.plan.B, x0.copy(), xf.copy()
                 self._cores[norm] = _core.TailBounds(*data, *how)

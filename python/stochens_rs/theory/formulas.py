@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from .._base import validation
 from .._base.types import AXES, FUSIONS, SCHEMES, Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError
-from ..system import System
-from .dynamics import checked_ends
-from .exact import factors
+from ..system.system import System
+from .exact import checked_ends, factors
 
 Size: TypeAlias = "int | float | None"
 Sizes: TypeAlias = "Size | tuple[Size, Size, Size]"

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from .._base.types import Floats
-from ..system import System
-from .dynamics import checked_steps, controllability, matrix_powers
+from ..system.system import System
+from .exact import checked_steps, controllability, matrix_powers
 from .formulas import checked_finite
 
 __all__ = ["controllability_matrix", "gramian"]

@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from .._base import html
+from .._base import show
 from .._base.records import Record
 
 EPS = float(np.finfo(np.float64).eps)
@@ -85,7 +85,7 @@ class Reachability(Record):
         return f"undecided whether reachable: {self.upper:.2g} ({share}) away, {low} at least"
 
     def _repr_html_(self) -> str:
-        return html.record(self)
+        return show.record(self)
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ class PlanError(Record):
             ("objective above the least by", self.objective),
             ("rounding", rounding),
         ]
-        return html.card(self, rows)
+        return show.card(self, rows)
 
 
 def _share(value: float, relative: float, relative_to: str) -> str:

@@ -22,24 +22,23 @@ cancellation: ``g - |w_i| = sum_{k != i} |w_k|``, and for the product of a line 
 These are the exact values of the variances that Lemmas 4.2 and 4.3 of the paper bound.
 """
 
-from .controls import (
+from .errors import (
     control_covariance,
     control_rms,
-    realization_control_covariance,
-    state_covariance,
-    state_rms,
-)
-from .estimates import (
+    final_state_covariance,
     matrix_covariance,
     matrix_mse,
     product_covariance,
+    realization_control_covariance,
     second_moment,
+    state_covariance,
+    state_rms,
+    systematic_covariance,
+    systematic_mse,
     transition,
     vector_covariance,
     vector_mse,
 )
-from .several_steps import final_state_covariance
-from .systematic import systematic_covariance, systematic_mse
 from .trajectories import trajectory_covariance, trajectory_mean, trajectory_rms
 
 __all__ = [

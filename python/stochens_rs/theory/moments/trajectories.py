@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..._base import memory, validation
+from ..._base import running, validation
 from ..._base.types import AVERAGINGS, AXES, Averaging, Axis, Floats
 from ...exceptions import NonFiniteError
-from ...system import System
-from ..dynamics import checked_motion, states
+from ...system.system import System
+from ..exact import checked_motion, states
 from ..formulas import Size, inverse_size, matrix_excess, realization_covariance, vector_excess
 
 
@@ -132,7 +132,7 @@ def trajectory_covariance(
         for name, flag in (("sample_A", sample_A), ("sample_B", sample_B), ("sample_x0", sample_x0))
     )
     mu = states(A, B, x0, u)
-    memory.need("the covariances", (len(u) + 5) * n * n * 8)  # and four products of a step
+    running.need("the covariances", (len(u) + 5) * n * n * 8)  # and four products of a step
     S = np.empty((len(u) + 1, n, n))
     with np.errstate(over="ignore", invalid="ignore"):
         S[0] = r0 * realization_covariance(x0)

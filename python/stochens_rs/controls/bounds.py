@@ -1,0 +1,450 @@
+"""Bounds of plans: of estimates, and within limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from math import inf, sqrt
+from time import monotonic
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from .. import _core
+from .._base.numbers import ROUNDING, norm
+from .._base.records import trusted
+from .._base.types import QUANTITIES, Floats
+from ..certificates.certificate import Certificate, Radius
+from ..certificates.of_model import certificate, step_regions, trajectory
+from ..exceptions import InputError
+from ..fusion.provenance import Basis
+from ..limits.solution import Horizon, LimitedErrors, MovedTarget
+from ..rng import as_key
+from ..theory.drawn_bounds import (
+    Bounded,
+    DrawnEntity,
+    PlanErrors,
+    drawn_bound,
+    not_simulated,
+    radii,
+)
+from ..theory.exact import EPS, matrix_powers, spectral_norms
+from ..theory.formulas import checked_finite
+
+if TYPE_CHECKING:
+    from .._base.types import Fusion
+    from ..certificates.of_model import Asked, ModelBasis
+    from ..limits.problem import Task
+    from ..limits.solution import Limited
+
+
+KEY = as_key(0).child("simulated bound")  # of the draws, which are the same in every call
+LAWS = "the exact values are those that the realizations were drawn from, independently"
+TARGETS = "the targets of the fits are the exact values that were fitted"
+
+
+def plan_bound(
+    basis: Basis, u: Floats, predicted: Floats, fusion: Fusion, delta: float
+) -> Certificate:
+    """Bound the errors of the control `u`, which leads the model along `predicted`."""
+    errors = plan_errors(basis, len(u), fusion)
+    found: tuple[float, ...]
+    reason = None
+    if not errors.random:
+        error = errors.best.error(u.ravel(), basis.values[0])
+        names = ("exact error",) * 2
+        found = error.state + error.state_rounding, error.control + error.control_rounding
+    elif drawn := radii(errors, delta, KEY):
+        found, names = drawn, ("simulated",) * 2
+    else:
+        reason = not_simulated(delta, errors.cost)
+        found, names = _formulas(basis, u, predicted, errors, delta, fusion)
+    state, control = _handed_out(basis, errors, *found) if errors.random else found
+    if errors.best.gap > 0.0 and np.isfinite(basis.rounding).all():
+        checked_finite(np.array([state, control]), "bound")
+    else:
+        reason = _DIGITS
+    target = float(np.hypot(state, errors.best.upper)) * (1.0 + 4.0 * EPS)
+    quantities = {
+        "target": (target, "xf", names[0], reason),
+        "state": (state, "where the exact control leads", names[0], reason),
+        "control": (control, "the exact control", names[1], reason),
+    }
+    parts = {"estimates": state, "out of reach": errors.best.upper * (1.0 + 4.0 * EPS)}
+    return certificate_of_laws(basis, delta, errors.random, quantities, parts)
+
+
+def certificate_of_laws(
+    basis: Basis,
+    delta: float,
+    random: bool,
+    quantities: dict[str, tuple[float, str, str, str | None]],
+    parts: dict[str, float],
+) -> Certificate:
+    """The certificate of a plan of estimates: radius, what it is from, method, reason of each."""
+    sure = 1.0 - delta if random else 1.0
+    fitted = any(entity.kind == "fitted" for entity in basis.entities)
+    each = "control and state each, target with state, over the draws of the realizations"
+    return trusted(
+        Certificate,
+        kind="guaranteed" if random else "certain",
+        delta=delta,
+        quantities={
+            name: trusted(Radius, radius, distance_from, sure, method, reason)
+            for name, (radius, distance_from, method, reason) in quantities.items()
+        },
+        covers=each if random else "nothing was drawn",
+        assumption=TARGETS if fitted else LAWS if random else "what was given is exact",
+        parts=parts,
+    )
+
+
+_DIGITS = "the condition of C_K is so large that rounding leaves no digit of the control for sure"
+
+
+def _handed_out(
+    basis: Basis, errors: PlanErrors, state: float, control: float
+) -> tuple[float, float]:
+    """The radii of the exact control of the estimates, with the rounding of that in doubles.
+
+    The one place where it is added, whatever the method. ``||C_K (u - v)||`` is known for the
+    estimates, which is all over one step; over several it is at most ``||C_K|| ||u - v||``. The
+    averages themselves are rounded like ``xf - A^K x0``.
+    """
+    best = errors.best
+    state, control = state + 2.0 * best.unsure, control + best.amplified(2.0 * best.unsure)
+    off_state, off_control = basis.rounding
+    if errors.several:
+        off_state = float(errors.best.factors.singular_values[0]) * off_control
+    return state + off_state, control + off_control
+
+
+def plan_errors(basis: Basis, steps: int, fusion: Fusion) -> PlanErrors:
+    """The law of the errors of a plan whose entities are all known.
+
+    Averages of realizations are random, fits and exact values are not.
+    """
+    entities = []
+    for entity, values in zip(basis.entities, basis.values, strict=True):
+        if entity.kind == "iid" or entity.kind == "systematic":
+            entities.append(DrawnEntity(values, None, entity.size, entity.kind))
+        else:
+            entities.append(
+                DrawnEntity(values, entity.estimate if entity.kind == "fitted" else None)
+            )
+    x0, xf, A = entities
+    rows = basis.A.axis == "rows"
+    if fusion == "diagonal" and basis.A.kind == "systematic" and rows:
+        raise InputError(
+            "no bound is known for paired systematic realizations of rows: use fusion='product'"
+        )
+    return PlanErrors(basis.B, x0, xf, A, steps=steps, paired=fusion == "diagonal", rows=rows)
+
+
+def _formulas(
+    basis: Basis, u: Floats, predicted: Floats, errors: PlanErrors, delta: float, fusion: Fusion
+) -> tuple[tuple[float, float], tuple[str, str]]:
+    """Bounds of the state and of the control for a `delta` that cannot be simulated."""
+    if len(u) > 1:
+        return _along_trajectory(basis, u, predicted, errors, delta), ("sum of errors",) * 2
+    if all(entity.kind in ("exact", "iid") for entity in basis.entities):
+        x0, xf, A = basis.values
+        state, control = (
+            Bounded(quantity, ((A, basis.B), x0, xf), fusion=fusion, axis=basis.A.axis).least(
+                basis.sizes, delta
+            )
+            for quantity in QUANTITIES
+        )
+        return (state[0], control[0]), (state[1], control[1])
+    if fusion == "diagonal":
+        raise InputError(
+            "no formula bounds paired systematic realizations, which are dependent (use "
+            f"fusion='product'), and {not_simulated(delta, errors.cost)}"
+        )
+    return _sum_of_errors(basis, errors, delta), ("sum of errors",) * 2
+
+
+def _sum_of_errors(basis: Basis, errors: PlanErrors, delta: float) -> tuple[float, float]:
+    """Bounds of ``||B (u - v)||`` and ``||u - v||`` by those of the estimates.
+
+    ``B (v - u) = P [(xf - xf_hat) - A_hat (x0 - x0_hat) - (A - A_hat) x0]`` with ``P = B B^+``, so
+    ``||B (u - v)|| <= ef + ||P A_hat|| e0 + eA (||x0_hat|| + e0)`` (the corrected proof of Lemma
+    3.2), and with ``B^+`` in place of P for the control.
+    """
+    e0, ef, eA = distances(basis, delta, "Frobenius")
+    x0_hat, _, A_hat = basis.estimates
+    U, s = errors.best.factors.U, errors.best.factors.s
+    if s.size == 0:
+        return 0.0, 0.0
+    with np.errstate(over="ignore", invalid="ignore"):
+        reached = U.T @ A_hat
+        free = ef + eA * (float(np.linalg.norm(x0_hat)) + e0)
+        state = free + float(np.linalg.norm(reached, 2)) * e0
+        control = free / float(s[-1]) + float(np.linalg.norm(reached / s[:, None], 2)) * e0
+    return checked_finite(state, "bound"), checked_finite(control, "bound")
+
+
+def _along_trajectory(
+    basis: Basis, u: Floats, predicted: Floats, errors: PlanErrors, delta: float
+) -> tuple[float, float]:
+    """``ef + ||A^K|| e0 + eA sum_k ||A^{K-1-k}|| ||xh(k)|| + ||xh(K) - xf_hat||``.
+
+    This bounds ``||x(K) - xf||`` along the predicted states ``xh``; by Pythagoras
+    ``||C (u - v)||^2`` is smaller by the squared residual.
+    """
+    _, xf_hat, _ = basis.estimates
+    e0, ef, eA = distances(basis, delta, "spectral")
+    norms = spectral_norms(matrix_powers(basis.values[2], len(u)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
+        total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - xf_hat)
+        # A xh + B u is rounded by (n + m) eps (||A||_F ||xh|| + ||B||_F ||u||) at most
+        A, B = basis.values[2], basis.B
+        sizes = np.linalg.norm(predicted[:-1], axis=1), np.linalg.norm(u, axis=1)
+        terms = sum(B.shape) * EPS * ((norm(A) + eA) * sizes[0] + norm(B) * sizes[1])
+        total += float(norms[-2::-1] @ terms)
+        # total^2 - missed^2, of factors that do not overflow
+        missed = max(0.0, norm(errors.best.missed) - errors.best.state_rounding)
+        state = sqrt(max(0.0, total - missed)) * sqrt(total + missed)
+        # u - v = C^+ C (u - v) + (I - C^+ C) u
+        aside, gap = errors.best.aside(u.ravel()), errors.best.gap
+        if gap <= 0.0:
+            return errors.rounded((state, np.inf))
+        # the rows of the factors are turned by at most off / gap
+        turned = errors.best.off / gap * norm(u) if errors.best.factors.s.size < u.size else 0.0
+        return errors.rounded((state, float(np.hypot(state / gap, norm(aside) + turned))))
+
+
+def distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
+    """Bounds on the errors of the three estimates, all valid with probability 1 - delta."""
+    shares = sum(entity.kind == "iid" for entity in basis.entities)
+    found = []
+    for entity, values, estimate in zip(basis.entities, basis.values, basis.estimates, strict=True):
+        matrix = entity.name == "A"
+        what: Literal["matrix", "vector"] = "matrix" if matrix else "vector"
+        axis = entity.axis if matrix else "columns"
+        if entity.kind == "exact":
+            found.append(0.0)
+        elif entity.kind == "fitted":
+            found.append(float(np.linalg.norm(estimate - values, 2 if matrix else None)))
+        elif entity.kind == "systematic":
+            of = Bounded(what, (values,), axis=axis, scheme="systematic")
+            found.append(of.least((entity.size,), delta)[0])
+        else:
+            each, kind = delta / shares, matrix_norm if matrix else "2"
+            radius, _ = drawn_bound(
+                what, values, size=entity.size, delta=each, norm=kind, axis=axis
+            )
+            found.append(radius)
+    e0, ef, eA = found
+    return e0, ef, eA
+
+
+HARD = "with hard limits of the states the best control may move by any multiple of an error"
+SMALL = "the inputs have too little weight for what is known of the system: give a larger R"
+ALONE, MOVED = "the limits alone", "how far the best control moves in the region"
+_DIRECT = "a region over all steps at once says nothing of single steps"
+
+ROUNDS = 8  # of moving limits inward; the radii settled after 2 to 4 in 300 random plans
+AHEAD = 1e-6  # the solver keeps limits to 1e-9 of the states, which must not undo a round
+
+
+def limited_certificate(
+    basis: ModelBasis, limited: Limited, predicted: Floats, delta: float, asked: Asked
+) -> Certificate:
+    """Bound where the true system ends, and how far the control is from the best within limits.
+
+    The certificate holds for any control that was chosen after the data; what is new is the
+    comparison with the best control of the true system, in the same event: "excess", "control",
+    and "states", ``(sum_k ||x(k) - y(k)||_{Q_k}^2)^(1/2)`` for the states x under u and y under it.
+    """
+    known = None if basis.model.doubts else step_regions(basis, delta, len(limited.u), asked)
+    found = certificate(basis, limited.u, predicted, delta, asked, known)
+    task, tube = limited.task, found.tube[1:]
+    model = Horizon(task, basis.model.A, basis.model.B, R=limited.R)
+    horizon, farthest = model.core, model.core.farthest(limited.u)
+    region, control, excess, states = None, np.inf, np.inf, np.inf
+    reason = found["target"].reason
+    if task.state_low is not None and task.soft is None:
+        reason = HARD
+    elif known is not None:
+        region, reason = (known[1][0], reason) if known[1] else (None, _DIRECT)
+    if region is not None and np.isfinite(tube).all():
+        at = np.ascontiguousarray(predicted[1:]), limited.u
+        sure = len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise
+        alpha = horizon.alpha(region._core, tube, *at, basis.x0 if sure else None)
+        by = horizon.apart(region._core, *at, alpha, limited.gap)
+        control, excess, states, reason = by.control, by.excess, by.state, SMALL
+
+    def radius(value: float, distance_from: str, method: str = MOVED) -> Radius:
+        return Radius._at(value, distance_from, delta, method, reason)
+
+    best = "the best control within the limits"
+    alone = farthest < control
+    return found._with(
+        control=radius(min(control, farthest), best, ALONE if alone else MOVED),
+        excess=radius(excess, "the least J within the limits"),
+        states=radius(states, f"the states under {best}, in the norm of Q"),
+    )
+
+
+def tightened(task: Task, radii: Floats) -> Task:
+    """The task with limits of ``x(k)`` moved inward by ``radii[k]``, k = 0, ..., K; (K + 1, n).
+
+    Each state within the new limits may be wrong by its radius.
+    """
+    if task.state_low is None or task.state_high is None:
+        return task
+    room = radii[1:]
+    return replace(task, state_low=task.state_low + room, state_high=task.state_high - room)
+
+
+def lacking(task: Task, states: Floats, radii: Floats) -> float:
+    """By how much the states (K + 1, n), each wrong by its radius, may leave the limits; or 0."""
+    if task.state_low is None or task.state_high is None:
+        return 0.0
+    room = radii[1:]
+    over = np.maximum(states[1:] + room - task.state_high, task.state_low - states[1:] + room)
+    return max(0.0, float(over.max()))
+
+
+def within_state_limits(
+    basis: ModelBasis,
+    first: Limited,
+    delta: float,
+    asked: Asked,
+    time_limit: float | None = None,
+) -> tuple[Limited, Certificate]:
+    """A control under which the true system keeps hard limits of its states, and its certificate.
+
+    `first` is the best control without a margin. The bands around its states say by how much to
+    move the limits inward, and those of the control within them whether that was enough; if not,
+    the limits move on. If that ends nowhere, its status is "infeasible" and `missing` says by
+    how much. After `time_limit` seconds the limits move no further: then it is "user_limit".
+    """
+    end = inf if time_limit is None else monotonic() + time_limit
+    model, task, found = basis.model, first.task, first
+    at, bound, radii = _certified(basis, first, delta, asked)
+    missing = lacking(task, at, radii)
+    for _ in range(ROUNDS):
+        inward = tightened(replace(task, R=first.R), radii * (1.0 + AHEAD))
+        assert inward.state_low is not None
+        assert inward.state_high is not None
+        if not 0.0 < missing < np.inf or np.any(inward.state_low > inward.state_high):
+            break
+        left = end - monotonic()
+        if left <= 0.0:
+            found = replace(found, status="user_limit")
+            break
+        horizon = Horizon(inward, model.A, model.B, model.c)
+        found = horizon.solve(basis.x0, time_limit=None if time_limit is None else left)
+        at, bound, own = _certified(basis, found, delta, asked)
+        missing, radii = lacking(task, at, own), np.maximum(radii, own)
+    if missing > ROUNDING * float(np.abs(at).max()):
+        status = found.status if found.status in ("user_limit", "interrupted") else "infeasible"
+        found = replace(found, status=status, missing=missing)
+    return replace(found, task=task), bound
+
+
+def _certified(
+    basis: ModelBasis, limited: Limited, delta: float, asked: Asked
+) -> tuple[Floats, Certificate, Floats]:
+    """The states of the model, the certificate, and the radius of each state, (K + 1, n)."""
+    at = trajectory(basis.model._Theta, basis.x0, limited.u)
+    found = certificate(basis, limited.u, at, delta, asked._replace(bands=True))
+    bands = found.quantities.get("bands")
+    radii = found.tube[:, None] if bands is None else np.asarray(bands.radius)
+    return at, found, np.broadcast_to(radii, at.shape)
+
+
+FIRM = "limits: firm nonexpansiveness"
+_MANY = "without a weight of the inputs more than one control is the best"
+
+
+def limited_bound(
+    basis: Basis,
+    limited: Limited,
+    predicted: Floats,
+    delta: float,
+    fusion: Fusion = "product",
+) -> Certificate:
+    """Bound the errors of a control within limits, which leads the model along `predicted`."""
+    errors = plan_errors(basis, len(limited.u), fusion)
+    task, (x0, xf, A) = limited.task, basis.values
+    wanted = None if task.follows else np.tile(xf, (task.steps, 1))
+    exact = Horizon(task, A, basis.B, wanted=wanted, R=limited.R)
+    name, reason = "none", None
+    cause: float | tuple[float, ...] | _core.Apart | None = None
+    off: Floats | None = None
+    hard = task.state_low is not None and task.soft is None and errors.random
+    if hard:
+        state, control, excess, missed = (np.inf,) * 4
+        reason = HARD
+    else:
+        exact.need()
+        if not errors.random:
+            name = "exact error"
+        elif task.steps == 1 or basis.A.kind == "exact":
+            # ||du||_H <= d and ||du||_R <= d / 2 for d = ||P_Q (b^ - b)||_Q
+            name, off = FIRM, np.ascontiguousarray(task.reference - predicted[1:])
+            moved = MovedTarget(errors, exact)
+            if drawn := radii(moved, delta, KEY):
+                cause = drawn[0]
+            else:
+                reason = not_simulated(delta, moved.cost)
+                cause = _formula(basis, exact, delta, fusion, reason)
+        else:
+            follows = basis.xf.kind != "exact" and not task.follows
+            law = LimitedErrors(errors, exact, limited, follows)
+            if task.boxed:
+                cause = radii(law, delta, KEY)
+                reason = None if cause else not_simulated(delta, law.cost)
+            name = "simulated" if cause else "uncertain map"
+            cause = cause or _apart(basis, limited, predicted, exact, delta)
+        x0 = np.ascontiguousarray(x0)
+        state, control, excess, missed = exact.core.error(x0, limited, cause, off)
+    # in the 2-norm where only the last state counts, with one weight
+    scale = float(task.terminal[0, 0])
+    plain = not task.stage.any() and np.array_equal(task.terminal, scale * np.eye(len(x0)))
+    size = np.sqrt(scale) if plain else 1.0
+    norm = "" if plain else ", in the norm of Q"
+    best = "the best control within the limits"
+    goal = "the reference" if task.follows else "xf"
+    quantities = {
+        "target": ((state + missed) / size, f"{goal}{norm}", name, reason),
+        "state": (state / size, f"where {best} leads{norm}", name, reason),
+        "control": (control, best, name, reason),
+        "excess": (excess, "the least J within the limits", name, reason),
+    }
+    if np.isinf(control) and not hard:
+        why = SMALL if name == "uncertain map" else _MANY
+        quantities["control"] = (control, best, "none", why)
+    parts = {"estimates": state / size, "out of reach": missed / size}
+    return certificate_of_laws(basis, delta, errors.random, quantities, parts)
+
+
+def _formula(basis: Basis, exact: Horizon, delta: float, fusion: Fusion, why: str) -> float:
+    """A bound of the distance of `MovedTarget` that needs no simulation."""
+    if fusion == "diagonal":
+        raise InputError(
+            "no formula bounds a control within limits of paired realizations (use "
+            f"fusion='product'), and {why}"
+        )
+    errors = distances(basis, delta, "Frobenius")
+    x0_hat, _, A_hat = (np.ascontiguousarray(estimate) for estimate in basis.estimates)
+    return exact.core.moved_target(errors, A_hat, x0_hat)
+
+
+def _apart(
+    basis: Basis, limited: Limited, predicted: Floats, exact: Horizon, delta: float
+) -> _core.Apart:
+    """How far the control is from the best where the map moves with A."""
+    e0, ef, eA = distances(basis, delta, "spectral")
+    alpha = exact.core.along(np.ascontiguousarray(predicted), (e0, ef, eA))
+    model = Horizon(limited.task, basis.estimates[2], basis.B, R=limited.R)
+    n, m = basis.B.shape
+    every, unit = np.arange(n), np.eye(n)
+    part = _core.RegionPart(every, every, unit, unit, unit[:, :0].copy(), 1.0, unit, eA * eA)
+    centre = np.hstack([basis.estimates[2], basis.B])
+    region = _core.Region(centre, m, (part,), None, False)  # ||A - A^|| <= eA
+    states = np.ascontiguousarray(predicted[1:])
+    return model.core.apart(region, states, limited.u, alpha, limited.gap)

@@ -1,0 +1,402 @@
+"""`required_samples`: how many realizations a given error takes."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from math import ceil, inf
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .._base import show, validation
+from .._base.names import Labels
+from .._base.numbers import smallest_size
+from .._base.types import DELTA, QUANTITIES, Fusion, Quantity
+from ..exceptions import InputError, SizeError
+from ..limits.limits import as_limits
+from ..limits.problem import checked_task
+from ..rng import Key, RngLike, as_key
+from ..system.system import System
+from ..theory import moments
+from ..theory.drawn_bounds import Bounded, not_simulated, runs_for, searched_size
+from ..theory.exact import best_control, checked_ends
+from ..theory.records import RELATIVE_TO
+from .arguments import fusion_over
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import ArrayLike
+
+    from ..limits.limits import LimitsLike
+
+
+_UPPER = "the errors are those without limits, which are no smaller"
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """The number of realizations that one bound requires, and the errors with that number.
+
+    Attributes
+    ----------
+    name : str
+        Name of the bound.
+    source : str
+        The inequality and the numbers that it is used with.
+    size : int or None
+        The smallest sufficient number of realizations ("simulated": within 1 to 5 %); None if that
+        is above 2^53, or `delta` too small to simulate.
+    rms : float or None
+        Exact root mean square error at `size`; None over several steps.
+    quantile : float or None
+        The ``1 - delta`` quantile of the simulated errors at `size`.
+    failures : int or None
+        Number of simulated errors above `error`.
+    """
+
+    name: str
+    source: str
+    size: int | None
+    rms: float | None
+    quantile: float | None
+    failures: int | None
+
+
+@dataclass(frozen=True, eq=False)
+class SamplePlan:
+    """Numbers of realizations for a given error; what `required_samples` returns.
+
+    Attributes
+    ----------
+    error : float
+        The error that may be exceeded with probability `delta`, absolute.
+    delta : float
+        The probability of failure.
+    reference : float
+        The norm that a relative error is divided by.
+    relative_to : str
+        The vector with that norm, as in `PlanError`: "x_actual", the state that the exact control
+        leads to, or if that is zero "x0"; for the control "v", the exact one, or if that is zero
+        "B^+ A x0", which takes x0 to the origin; "nothing" if all of these are zero.
+    quantity, fusion : str
+        As given.
+    steps : int
+        Number of steps K.
+    rows : tuple of Requirement
+        One per bound, smallest size first. All hold; use the first.
+    expected_size : int or None
+        Smallest size whose exact root mean square error is at most `error`: no guarantee. None
+        over several steps.
+    simulated_size : int
+        The size needed in the simulation (no guarantee): there a share `delta` of the simulated
+        errors exceeds `error`.
+    runs : int
+        Simulated fusions per size.
+    key : Key
+        The key of the simulation.
+    limited : bool, default False
+        Whether the control has limits: then all errors are those without, which are no smaller.
+    """
+
+    error: float
+    delta: float
+    reference: float
+    relative_to: str
+    quantity: str
+    fusion: str
+    steps: int
+    rows: tuple[Requirement, ...]
+    expected_size: int | None
+    simulated_size: int
+    runs: int
+    key: Key
+    limited: bool = False
+
+    @property
+    def size(self) -> int:
+        """The smallest size that a bound guarantees."""
+        smallest = self.rows[0].size
+        if smallest is None:
+            raise SizeError("no bound is satisfied by up to 2^53 realizations")
+        return smallest
+
+    def to_dict(self) -> dict[str, Any]:
+        """The plan as a dict of plain numbers and text."""
+        return {
+            "schema": "stochens-plan/1",
+            "error": self.error,
+            "relative_error": self.error / self.reference if self.reference else None,
+            "relative_to": self.relative_to,
+            "delta": self.delta,
+            "quantity": self.quantity,
+            "fusion": self.fusion,
+            "steps": self.steps,
+            "expected_size": self.expected_size,
+            "simulated_size": self.simulated_size,
+            "runs": self.runs,
+            "key": self.key.hex,
+            "bounds": [vars(row) for row in self.rows],
+        }
+
+    def _repr_html_(self) -> str:
+        head = ("bound", "N", "exact rms", "quantile", "failures")
+        body = [
+            (
+                one.name,
+                "more than 2^53" if one.size is None else show.grouped(one.size),
+                show.text(one.rms),
+                show.text(one.quantile),
+                "" if one.failures is None else f"{one.failures} of {self.runs}",
+            )
+            for one in self.rows
+        ]
+        size, expected = self.rows[0].size, self.expected_size
+        rows = [
+            ("enough", "nothing up to 2^53" if size is None else f"N = {show.grouped(size)}"),
+            (f"error of the {self.quantity}", self._limit),
+            ("with probability", f"{1.0 - self.delta:g}"),
+            ("fusion", self.fusion),
+            ("within limits", _UPPER if self.limited else None),
+            (
+                "no guarantee, exact rms",
+                None if expected is None else f"N = {show.grouped(expected)}",
+            ),
+            ("no guarantee, simulated", f"N = {show.grouped(self.simulated_size)}"),
+        ]
+        return show.card(self, rows, show.grid(head, body))
+
+    @property
+    def _limit(self) -> str:
+        """The error, and what it is relative to."""
+        words = RELATIVE_TO.get(self.relative_to)
+        text = f"at most {self.error:.3g}"
+        if words is None:
+            return text
+        share = 100 * self.error / self.reference
+        return f"{text} ({share:.3g} % of {self.reference:.3g}, the norm of {words})"
+
+    def __str__(self) -> str:
+        over = "" if self.steps == 1 else f" over {show.counted(self.steps)}"
+        lines = [
+            f"error of the {self.quantity}{over}: {self._limit},",
+            f"with probability {1.0 - self.delta:g}, {self.fusion} fusion",
+            *([f"within limits: {_UPPER}"] if self.limited else []),
+            "",
+            f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
+        ]
+        for row in self.rows:
+            if row.size is None:
+                lines.append(f"{row.name:<24}{'none up to 2^53':>16}")
+                continue
+            size, failed = _grouped(row.size), f"{row.failures} of {self.runs}"
+            rms = "" if row.rms is None else f"{row.rms:.3g}"
+            lines.append(f"{row.name:<24}{size:>16}{rms:>12}{row.quantile:>12.3g}{failed:>18}")
+        lines += ["", "no guarantee:"]
+        if self.expected_size is not None:
+            lines.append(
+                f"the exact rms comes down to this error at N = {_grouped(self.expected_size)},"
+            )
+        lines.append(f"the simulated quantile at N = {_grouped(self.simulated_size)}")
+        return "\n".join(lines)
+
+
+def _grouped(size: int) -> str:
+    """A number with spaces between the thousands."""
+    return f"{size:,}".replace(",", " ")
+
+
+# Of the bounds, the inequality and the numbers that it is used with.
+_SOURCES = {
+    "simulated": "order statistic of errors drawn from the law; its own chance of failure is in "
+    "delta",
+    "McDiarmid": "bounded martingale differences, xf then x0 then A; mean at most the exact rms",
+    "Bousquet": "Bousquet for the linear part, McDiarmid for the product of two errors",
+    "Bousquet of pairs": "supremum of <v, M (average of pairs - mean)> over unit vectors v",
+}
+_START = 1000  # size at which a search starts if no bound has one
+_STEPS = 3  # q falls nearly like N^-1/2, so that few steps are enough
+
+
+def required_samples(
+    system: System | Any,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    error: float,
+    *,
+    steps: int = 1,
+    delta: float = DELTA,
+    relative: bool = True,
+    quantity: Quantity = "state",
+    fusion: Fusion = "product",
+    limits: LimitsLike = None,
+    runs: int = 1000,
+    rng: RngLike = None,
+) -> SamplePlan:
+    """Find how many realizations of x0, xf and A give a control of a given accuracy.
+
+    Parameters
+    ----------
+    system : System
+        The exact (or nominal) system, or anything `System.from_any` takes.
+    x0, xf : array_like, shape (n,)
+        Initial state and target.
+    error : float
+        The error that may be exceeded with probability `delta`.
+    steps : int, default 1
+        Number of steps K of the control.
+    delta : float, default 0.05
+        Probability of failure, in (0, 1).
+    relative : bool, default True
+        Whether `error` is relative to the norm of the state that the exact control leads to; if
+        that is zero, to the norm of x0. For "control": to the norm of the exact control; if that is
+        zero, to that of the control that takes x0 to the origin. See `SamplePlan.relative_to`.
+    quantity : {"state", "control"}, default "state"
+        ``||B (u - v)||``, the distance from the state that the exact control ``v`` leads to, or
+        ``||u - v||``; over several steps with ``C_K`` in place of ``B``.
+    fusion : {"product", "diagonal"}, default "product"
+        How the realizations are fused, with uniform weights; "diagonal" for one step only.
+    limits : tuple (low, high), optional
+        Limits of the inputs, as in `control`: for one step, relative=False and quantity="state".
+    runs : int, default 1000
+        Simulated fusions per bound, for the columns `quantile` and `failures`.
+    rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
+        Source of randomness for the simulation.
+
+    Returns
+    -------
+    SamplePlan
+        For every bound the number of realizations, with the exact and the simulated error there.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; the message names it.
+
+    Notes
+    -----
+    The bounds are those of `theory.drawn_bound`, the exact root mean square is that of
+    `theory.moments`. "simulated" is within a few percent of what is needed, a tenth where its draws
+    are slow and `delta` is small; the formulas hold for every delta. Over several steps "simulated"
+    is the only bound. The simulation draws counts, not realizations: its cost does not depend on N.
+
+    Within limits the error is ``||B (u - v)||`` with the best v within them. It is at most
+    ``||B B^+ (b_hat - b)||``, ``b = xf - A x0``, the error without limits, for every weight R >= 0
+    and Q = I: for u, v the best of two targets ``||B (u - v)||^2 + ||u - v||_R^2 <=
+    <B (u - v), b_hat - b>``. So the sizes hold as they are, and the simulated errors, quantiles and
+    the root mean square, all of the error without limits, are upper bounds. Over several steps A
+    changes the map from inputs to states, and no size is known.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
+    >>> plan = se.required_samples(system, [1.0, 2.0], [1.0, 1.0], 0.1, rng=1, runs=100)
+    >>> plan.simulated_size < plan.size, plan.rows[0].name
+    (True, 'simulated')
+    """
+    checked, start, goal = checked_ends(system, x0, xf)
+    error = validation.positive("error", error)
+    delta = validation.probability("delta", delta)
+    runs = validation.size("runs", runs, maximum=10**6)
+    kind = validation.choice("quantity", quantity, QUANTITIES)
+    K, how = fusion_over(steps, fusion, checked.n, checked.m)
+    relative = validation.flag("relative", relative)
+    if limits is not None:
+        _limited(checked.labels, K, limits, kind, relative)
+    key = as_key(rng)
+    best = best_control(checked.A, checked.B, start, goal, K)
+    relative_to, reference = best.compared(kind, start)
+    if relative and not reference:
+        raise InputError(
+            f"`error` cannot be relative here: the exact {kind} is zero, and so is what x0 would "
+            "be compared with (use relative=False, on the command line --absolute)"
+        )
+    allowed = error * reference if relative else error
+    rms_of = moments.control_rms if kind == "control" else moments.state_rms
+    rms_of(checked, start, goal, 1, fusion=how)  # refuses what overflows
+    if allowed * allowed < np.finfo(np.float64).tiny:
+        raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
+    of = Bounded(kind, (checked, start, goal), fusion=how, steps=K)
+    which, bound_key = of.which, key.child("bound").child("simulated bound")
+    cost = of.law((1, 1, 1)).cost
+    possible = runs_for(delta, cost) is not None
+    if K > 1 and not possible:  # the only bound
+        raise SizeError(not_simulated(delta, cost))
+
+    @cache
+    def drawn(size: int) -> tuple[float, int]:
+        """The quantile of the simulated errors, and how many exceed the error."""
+        errors = of.law((size,) * 3).draw(runs, key.child("runs"))[:, which]
+        return float(np.quantile(errors, 1.0 - delta)), int((errors > allowed).sum())
+
+    def smallest(name: str, eps: float) -> int | None:
+        """The size that a bound needs."""
+        if name != "simulated":
+            return of.required_size(name, eps, delta)
+        if not possible:
+            return None
+        return searched_size(lambda N: of.law((N,) * 3), which, eps, delta, bound_key)
+
+    rows = []
+    # what the rounding of a control like the exact one leaves of the error
+    rounding = best.control_rounding if kind == "control" else best.state_rounding
+    for name in ("simulated", *of.names((1, 1, 1))):
+        source = _SOURCES["Bousquet of pairs" if of.paired and name == "Bousquet" else name]
+        size = smallest(name, allowed - rounding) if allowed > rounding else None
+        if size is None:
+            rows.append(Requirement(name, source, None, None, None, None))
+            continue
+        rms = rms_of(checked, start, goal, size, fusion=how) if K == 1 else None
+        rows.append(Requirement(name, source, size, rms, *drawn(size)))
+    rows.sort(key=lambda row: inf if row.size is None else row.size)
+    expected = None
+    if K == 1:
+        expected = smallest_size(lambda N: rms_of(checked, start, goal, N, fusion=how) <= allowed)
+        if expected is None:
+            raise SizeError("`error` is so small that more than 2^53 realizations are needed")
+    return SamplePlan(
+        error=allowed,
+        delta=delta,
+        reference=reference,
+        relative_to=relative_to,
+        quantity=kind,
+        fusion=how,
+        steps=K,
+        rows=tuple(rows),
+        expected_size=expected,
+        simulated_size=_needed(lambda N: drawn(N)[0] / allowed, rows[0].size or expected or _START),
+        runs=runs,
+        key=key,
+        limited=limits is not None,
+    )
+
+
+def _limited(labels: Labels, K: int, limits: Any, quantity: str, relative: bool) -> None:
+    """Refuse limits where the sizes without them do not hold."""
+    if K > 1:
+        raise InputError(
+            f"`limits` must be None with steps={K}: over several steps an estimated A changes the "
+            "map from inputs to states, and no number of realizations is known to be enough"
+        )
+    if quantity != "state":
+        raise InputError(
+            "`limits` must be None with quantity='control': within limits the error of the control "
+            "has another bound than without"
+        )
+    if relative:
+        raise InputError(
+            "`relative` must be False with `limits`: the state that an error would be relative to "
+            "is another one within them"
+        )
+    n, m = len(labels.states), len(labels.inputs)
+    checked_task(n, m, K, np.zeros(n), as_limits(limits).only("u"), labels=labels)
+
+
+def _needed(share: Callable[[int], float], start: int) -> int:
+    """The size at which the simulated quantile is the error, by ``N <- N share^2``."""
+    size = start
+    for _ in range(_STEPS):
+        size = int(min(max(1, ceil(size * share(size) ** 2)), validation.EXACT))
+    return size

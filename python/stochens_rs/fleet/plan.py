@@ -1,0 +1,534 @@
+"""`FleetPlan` and `control_fleet`: one command for many units."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
+
+import numpy as np
+
+from .. import _core
+from .._base import running, show, validation
+from .._base.numbers import ROUNDING
+from .._base.records import SavedRecord, require_shapes
+from .._base.running import get_num_threads
+from .._base.tables import Cube, Tabled, named, over_time
+from .._base.types import Floats, Status
+from ..exceptions import InputError, ShapeError
+from ..plots.lines import draw_misses
+from ..theory import scenario
+from .risk import METHODS, Made, Radii, RiskBound, checked_radii, design_risk, quantile
+from .units import Systems, Units, read_systems, read_units
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike, NDArray
+
+    from .._base.names import Labels
+    from ..limits.limits import Cost, LimitsLike
+
+
+Risk: TypeAlias = Literal["mean", "worst"]
+RISKS: tuple[Risk, ...] = get_args(Risk)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class FleetPlan(SavedRecord, Tabled):
+    """One command for many units, made by `control_fleet`.
+
+    Attributes
+    ----------
+    u : ndarray, shape (K, m)
+        The command; ``u[k]`` acts in the step from k to k + 1, within its limits exactly.
+    risk : {"mean", "worst"}
+        What was minimised.
+    misses : ndarray, shape (N,)
+        ``(sum_k ||x_s(k) - r(k)||_Q^2)^(1/2)`` of every unit, also of those that were left out.
+    excess : ndarray, shape (N,)
+        By how much a state of the unit is beyond its limit, at most; 0 up to 1e-8 of the largest
+        number among the limits and the target.
+    value : float
+        What was minimised, with the weight of the inputs in it. "mean":
+        ``(mean_s miss_s^2 + ||u||_R^2)^(1/2)``. "worst": the largest
+        ``(miss_s^2 + ||u||_R^2)^(1/2)`` of the units that were not left out; their largest miss
+        alone is `threshold`.
+    lower_bound : float
+        No command within the limits has a smaller value; recomputed from all units.
+    gap : float
+        ``value - lower_bound``, relative to the value at 0 (clipped into the limits).
+    status : str
+        "optimal", or why it is not. "worst": `gap` is at most 1e-6, or ``value^2 - lower_bound^2``
+        at most 1e-9 of the sum of the squares of the values at u and at 0. "infeasible": limits of
+        states cannot be kept; the command is the best one within limits wider by `missing`.
+    active : ndarray of int8, shape (K, m)
+        -1 at the lower limit, 1 at the upper one.
+    support : tuple of int
+        "worst": the units that alone give the command: it was solved for these and no others. All
+        that were not left out, where a stop left no such command. "mean": none.
+    removed : tuple of int
+        The units that were left out, in their order.
+    units : Units
+        The units, their starts, and the task: what is wanted of all, and the limits.
+    R : ndarray, shape (m, m), or None
+        The weight of the inputs in one step; of "worst" also where none was given.
+    widest : int or None
+        The unit that R was taken from, where none was given; it is one of `support`.
+    discard : int
+        How many units were allowed to miss more, and to leave the limits of states.
+    missing : float
+        By how much the limits of states cannot be kept, at least by one unit; `lower_bound` is then
+        for limits that are wider by this.
+    """
+
+    u: Annotated[Floats, "step input"]
+    risk: Risk
+    misses: Annotated[Floats, "unit"]
+    excess: Annotated[Floats, "unit"]
+    value: float
+    lower_bound: float
+    status: Status
+    support: tuple[int, ...]
+    removed: tuple[int, ...]
+    units: Units
+    R: Annotated[Floats, "input input"] | None = None
+    widest: int | None = None
+    discard: int = 0
+    missing: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        size, shape = self.units.size, self.units.task.low.shape
+        require_shapes(self, u=shape, misses=(size,))
+        for name in ("support", "removed"):
+            for unit in getattr(self, name):
+                validation.size(name, unit, minimum=0, maximum=size - 1)
+        if self.widest is not None:
+            validation.size("widest", self.widest, minimum=0, maximum=size - 1)
+        validation.size("discard", self.discard, minimum=len(self.removed), maximum=size - 1)
+
+    @property
+    def dt(self) -> float | None:
+        """The time between two steps [s]; None if the units state none."""
+        return self.units.systems.dt
+
+    @property
+    def labels(self) -> Labels | None:
+        """Names and units of states and inputs, those of the units."""
+        return self.units.systems.labels
+
+    @property
+    def low(self) -> Floats:
+        """Lower limits of the inputs, (K, m)."""
+        return self.units.task.low
+
+    @property
+    def high(self) -> Floats:
+        """Upper limits of the inputs, (K, m)."""
+        return self.units.task.high
+
+    @property
+    def gap(self) -> float:
+        """How far the value can be from the least one, relative to the value at 0.
+
+        0 is clipped into the limits. A value that can be 0 has no other scale.
+        """
+        zero = np.clip(0.0, self.low, self.high)
+        misses = np.delete(self.units.misses(zero)[0], self.removed)
+        beside = 0.0 if self.R is None else float(np.sum(zero @ self.R * zero))
+        square = np.mean(misses**2) if self.risk == "mean" else misses.max() ** 2
+        scale = float(np.sqrt(square + beside))
+        return (self.value - self.lower_bound) / scale if scale > 0.0 else 0.0
+
+    @property
+    def active(self) -> NDArray[np.int8]:
+        """Which inputs are at a limit: -1 at the lower one, 1 at the upper one."""
+        near = 1e-6 * float(np.abs(self.u).max())
+        high = (self.high - self.u <= near).astype(np.int8)
+        return np.where(self.u - self.low <= near, np.int8(-1), high)
+
+    @property
+    def threshold(self) -> float:
+        """The largest miss of the units that were not left out."""
+        return float(np.delete(self.misses, self.removed).max())
+
+    @property
+    def _rms(self) -> float:
+        return float(np.sqrt(np.mean(self.misses**2)))
+
+    @property
+    def scores(self) -> Floats:
+        """The misses (N,), infinite for a unit that leaves its limits of states."""
+        return np.where(self.excess > 0.0, np.inf, self.misses)
+
+    def certify(
+        self,
+        beta: float,
+        *,
+        method: Literal["compression", "a priori", "discarding"] = "compression",
+        radius: ArrayLike | None = None,
+        delta: float | None = None,
+    ) -> RiskBound:
+        """Bound how often a fresh unit misses more than the units of the design, or leaves limits.
+
+        Parameters
+        ----------
+        beta : float
+            Probability that the bound fails, in (0, 1).
+        method : {"compression", "a priori", "discarding"}, default "compression"
+            As in `theory.scenario`. "compression" holds for the command as it is. "a priori" and
+            "discarding" hold for the exact optimum and take the command for it. Choose before you
+            see the numbers: the smallest of several fails more often.
+        radius : array_like, shape (N,), optional
+            For units known by models: bounds of the distance between the miss of each model and
+            that of its plant under this command, from regions. They are added to the misses.
+        delta : float, optional
+            With `radius`: the probability that such a bound fails for a fresh unit, in (0, 1).
+
+        Returns
+        -------
+        RiskBound
+            Its number is about fresh units of the law that the units of the design were drawn from,
+            independently.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the plan is for the mean, or `method` does not hold for it. For these there is
+            `validate`.
+
+        Notes
+        -----
+        By compression: the command is a function of the k units of `support` alone, and the
+        threshold is the largest miss of all units that were not left out. For k units that are
+        fixed beforehand the others are fresh to their command, and at most `discard` of these miss
+        more than the threshold; every choice of k units is counted, see
+        `theory.scenario.compression`. So the optimum, its uniqueness and the status do not matter.
+
+        A unit that leaves its limits of states counts as one that misses infinitely: the number is
+        about both. The units whose limits the command rests on are in the support.
+
+        Where R was not given it is that of one unit, `widest`, which is in the support. For the
+        other methods it counts as one more variable: given that unit, the others are independent
+        draws with smaller maps, and a fresh unit with a larger map is one of at most N + 1 that has
+        the largest.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> B = 1.0 + 0.2 * np.random.default_rng(1).standard_normal((500, 1, 1))
+        >>> plan = se.control_fleet(se.SystemEnsemble(0 * B, B), [0.0], [1.0], 1, risk="worst")
+        >>> risk = plan.certify(1e-6)
+        >>> risk.count, bool(risk.epsilon < 0.07)
+        (2, True)
+        """
+        beta = validation.probability("beta", beta)
+        if self.risk == "mean":
+            raise InputError("`certify` needs risk='worst'; for a mean use validate(new_units)")
+        validation.choice("method", method, METHODS[:3])
+        radii = self._radii(radius, delta, self.units.size)
+        # the inputs that are not fixed, the value, and R
+        free = int(np.count_nonzero(self.low < self.high)) + 1 + (self.widest is not None)
+        made = Made(self.scores, self.removed, self.discard, len(self.support), free, self.status)
+        found = design_risk(method, beta, made, radii)
+        return replace(found, keeps=self.units.task.state_low is not None)
+
+    def validate(
+        self,
+        new_units: Systems,
+        beta: float,
+        *,
+        threshold: float | None = None,
+        epsilon: float | None = None,
+        x0: ArrayLike | None = None,
+        radius: ArrayLike | None = None,
+        delta: float | None = None,
+    ) -> RiskBound:
+        """Bound how often a fresh unit misses more than a threshold, from fresh units.
+
+        Parameters
+        ----------
+        new_units : SystemEnsemble or sequence of System or Identified
+            Units that had no part in the design, drawn independently from the law in question. The
+            names of the plan in another order are brought into its order.
+        beta : float
+            Probability that the bound fails, in (0, 1).
+        threshold : float, optional
+            Fixed before the fresh units were seen. The default is `threshold` of this plan.
+        epsilon : float, optional
+            In place of a threshold the risk, in (0, 1): the `RiskBound.threshold` is then the least
+            miss that is shown to be exceeded by at most this share of all units.
+        x0 : array_like, shape (n,) or (N', n), optional
+            Where they begin; the default is that of the plan, if it is the same for all units.
+        radius : array_like, shape (N',), optional
+            As in `certify`, of the fresh units.
+        delta : float, optional
+            As in `certify`.
+
+        Returns
+        -------
+        RiskBound
+            Of Clopper and Pearson (1934); it holds for any command, and needs neither an optimal
+            nor a convex design.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the units do not fit the plan or are those of the design, or if they are too few for
+            `epsilon`.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> B = 1.0 + 0.2 * np.random.default_rng(1).standard_normal((1500, 1, 1))
+        >>> units, fresh = se.SystemEnsemble(0 * B[:500], B[:500]), B[500:]
+        >>> plan = se.control_fleet(units, [0.0], [1.0], 1, risk="worst")
+        >>> risk = plan.validate(se.SystemEnsemble(0 * fresh, fresh), 1e-6)
+        >>> risk.size, bool(risk.epsilon < 0.05)
+        (1000, True)
+        >>> plan.validate(se.SystemEnsemble(0 * fresh, fresh), 0.05, epsilon=0.05)
+        <RiskBound hold-out: a fresh unit misses more than 0.4191 with at most 4.951 %, 38 of 1000>
+        """
+        beta = validation.probability("beta", beta)
+        if epsilon is not None and threshold is not None:
+            raise InputError("`threshold` must be left out with `epsilon`, which gives one")
+        share = None if epsilon is None else validation.probability("epsilon", epsilon)
+        limit = (
+            self.threshold if threshold is None else validation.nonnegative("threshold", threshold)
+        )
+        fresh, mine = read_systems(new_units), self.units.systems
+        if (fresh.n, fresh.m) != (mine.n, mine.m):
+            raise ShapeError(
+                f"`new_units` must have n={mine.n} and m={mine.m}, got n={fresh.n} and m={fresh.m}"
+            )
+        validation.same_dt("new_units", fresh.dt, mine.dt, "this plan")
+        fresh = fresh._in_order("new_units", mine.labels)
+        if x0 is None and len(self.units.x0) > 1:
+            raise InputError(
+                "`x0` must be given: the units of the design began at different states"
+            )
+        starts = self.units.x0 if x0 is None else validation.starts(x0, fresh.size, fresh.n)
+        units = Units(fresh, starts, self.units.task)
+        if old := units.of_design(self.units):
+            raise InputError(
+                f"`new_units` must be fresh, got {old} of {units.size} that had a part in the "
+                "design: leave these out"
+            )
+        misses, excess = units.misses(self.u)
+        radii, failing = self._radii(radius, delta, fresh.size)
+        if radii is not None:
+            misses = misses + radii
+        scores = np.where(excess > 0.0, np.inf, misses)
+        if share is None:
+            above = int(np.count_nonzero(scores > limit))
+        else:
+            limit, above = quantile(scores, share, beta)
+        found = scenario.hold_out(fresh.size, above, beta)
+        kept = self.units.task.state_low is not None
+        return RiskBound(found, beta, "hold-out", fresh.size, above, limit, failing, misses, kept)
+
+    def _radii(self, radius: Any, delta: Any, size: int) -> Radii:
+        if radius is not None and self.units.task.state_low is not None:
+            raise InputError(
+                "`radius` must be left out with limits of states: it is about misses alone"
+            )
+        return checked_radii(radius, delta, size)
+
+    def plot(self, ax: Axes | None = None, *, validated: RiskBound | None = None) -> Axes:
+        """Draw the misses of all units, from the least to the largest.
+
+        Parameters
+        ----------
+        ax : matplotlib.axes.Axes, optional
+            Where to draw; the default is a new figure.
+        validated : RiskBound, optional
+            Of `validate`, whose fresh units are drawn as well.
+
+        Returns
+        -------
+        matplotlib.axes.Axes
+            With the threshold as a line; support and units left out are marked.
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is missing.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> B = 1.0 + 0.2 * np.random.default_rng(1).standard_normal((500, 1, 1))
+        >>> plan = se.control_fleet(se.SystemEnsemble(0 * B, B), [0.0], [1.0], 1, risk="worst")
+        >>> plan.plot().get_ylabel()
+        'miss'
+        """
+        fresh = None
+        if validated is not None:
+            fresh = validation.instance("validated", validated, RiskBound).misses
+        marks = np.zeros((2, self.units.size), dtype=bool)
+        marks[0, list(self.support)] = True
+        marks[1, list(self.removed)] = True
+        worst = self.risk == "worst"
+        line = self.threshold if worst else self._rms
+        named = "threshold" if worst else "rms of the units"
+        return draw_misses(self.misses, line, *marks, named=named, fresh=fresh, ax=ax)
+
+    def _cube(self) -> Cube:
+        systems = self.units.systems
+        clock, times = over_time(len(self.u) - 1, systems.dt)
+        variables = {
+            "u": ((clock, "input"), self.u, "input"),
+            "low": ((clock, "input"), self.low, "input"),
+            "high": ((clock, "input"), self.high, "input"),
+            "misses": (("unit",), self.misses, None),
+            "excess": (("unit",), self.excess, None),
+        }
+        names = ("risk", "status", "value", "lower_bound", "threshold")
+        attrs = {name: getattr(self, name) for name in names}
+        attrs["dt"] = systems.dt
+        return Cube(variables, times, attrs, named(systems.labels, systems.n, systems.m))
+
+    def __repr__(self) -> str:
+        K, m = self.u.shape
+        N = show.number_of(self.units.size, "unit")
+        what, miss = "largest miss", self.threshold
+        if self.risk == "mean":
+            what, miss = "rms miss", self._rms
+        less = f" without {len(self.removed)}" if self.removed else ""
+        return (
+            f"<FleetPlan {self.risk}: {N}, {show.counted(K)}, m={m}, {self.status}, {what} "
+            f"{miss:.4g}{less}, gap {self.gap if self.gap > ROUNDING else 0.0:.1g}>"
+        )
+
+    def _repr_html_(self) -> str:
+        at = int(np.count_nonzero(self.active))
+        rows = [
+            ("control u(0)", show.vector(self.u[0])),
+            show.largest(self.u),
+            ("inputs at a limit", f"{at} of {self.u.size}"),
+            ("units that alone give the command", len(self.support) or None),
+            ("units left out", len(self.removed) or None),
+            ("largest miss", self.threshold),
+            ("largest excess of a state", float(self.excess.max()) or None),
+            *(() if self.labels is None else self.labels.rows()),
+        ]
+        return show.card(self, rows)
+
+
+MATRICES = 72  # of (K m + 1)^2 numbers, at most: moments in parts, factors, a program
+
+
+def control_fleet(
+    systems: Systems,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    steps: int,
+    *,
+    limits: LimitsLike = None,
+    cost: Cost | None = None,
+    risk: Risk = "mean",
+    discard: int = 0,
+    time_limit: float | None = None,
+) -> FleetPlan:
+    """Compute one command that steers all units of a population to a target.
+
+    Parameters
+    ----------
+    systems : SystemEnsemble or sequence of System or Identified
+        The units ``x_s(k+1) = A_s x_s(k) + B_s u(k) (+ c_s)``: different plants, such as machines
+        of one series. Not realizations or drawn models of *one* plant: for these `control` is
+        right, and models with ``centre="estimate"`` are refused. The names of the first unit in
+        another order are brought into its order.
+    x0 : array_like, shape (n,) or (N, n)
+        Where the units begin: all at one state, or each at its own.
+    xf : array_like, shape (n,)
+        The target.
+    steps : int
+        Number of steps K.
+    limits : Limits, or tuple (low, high), optional
+        Of the inputs, of their changes, and of the states of every unit. Limits of states are hard
+        and need ``soft=False``: with status "infeasible" no command keeps them for all units.
+    cost : Cost, optional
+        The miss of a unit is ``(sum_k ||x_s(k) - r(k)||_Q^2)^(1/2)`` with Qf at K; without weights
+        ``||x_s(K) - xf||``. ``||u||_R^2 = sum_k u(k)'R u(k)``; the default of R is 0 for the mean.
+        For the largest miss it is ``1e-8 max_s tr(G_s'Q G_s) / (K m)`` times I, with G_s the map
+        from the inputs to the weighed states: of commands that miss about as much, the smallest.
+        With ``R=0`` the miss alone counts, however large the inputs.
+    risk : {"mean", "worst"}, default "mean"
+        Minimise ``mean_s miss_s^2 + ||u||_R^2``, or the largest ``miss_s^2 + ||u||_R^2``.
+    discard : int, default 0
+        With "worst": how many units may miss more. They are chosen one by one, each time the unit
+        without which the value falls most: that takes a new optimum for every unit that carries
+        the command, so that a few units out can take a hundred times as long as none. For a
+        certificate fix the number before the units are seen.
+    time_limit : float, optional
+        Seconds after which the search ends, with status "user_limit". With "worst" the command is
+        then solved for the units found so far, which takes at most as long again. While units are
+        left out it is the last command that was found, without those in `FleetPlan.removed`.
+
+    Returns
+    -------
+    FleetPlan
+        With the misses of all units, a bound of the optimality gap that is recomputed from all
+        units, and `certify` and `validate` for fresh units. After Ctrl-C the best command so far,
+        with status "interrupted".
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used, the models scatter about an estimate, or something overflows.
+    ResourceError
+        If there is not enough memory.
+
+    Notes
+    -----
+    The mean needs ``H = mean_s G_s'Q G_s + R``: the spread of the units is in it, so that it needs
+    no R to be regular.
+
+    The largest miss is found by active units: a second-order cone problem for a few of them, then
+    the misses and states of all, then those that miss most and the limits that are exceeded most
+    are taken in. The lower bound is a value of the dual, recomputed. In the end the command is
+    solved once more for `FleetPlan.support` alone.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> units = [([[0.0]], [[1.0]]), ([[0.0]], [[2.0]])]
+    >>> se.control_fleet(units, [0.0], [1.0], 1).u.round(6)
+    array([[0.6]])
+    >>> se.control_fleet(units, [0.0], [1.0], 1, risk="worst").u.round(6)
+    array([[0.666667]])
+    """
+    units = read_units(systems, x0, xf, steps, limits, cost)
+    task = units.task
+    validation.choice("risk", risk, RISKS)
+    out = validation.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
+    limit = None if time_limit is None else validation.positive("time_limit", time_limit)
+    running.need("a command for a fleet", 8 * MATRICES * (task.low.size + 1) ** 2)
+    threads = get_num_threads()
+    support: list[int] = []
+    removed: list[int] = []
+    R, widest = task.R, None
+    if risk == "mean":
+        if out:
+            raise InputError("`discard` needs risk='worst', got risk='mean'")
+        found = _core.fleet_mean(units.arrays, task, limit, threads)
+    else:
+        found, support, removed, R, widest = _core.fleet_worst(
+            units.arrays, task, R is None, out, limit, threads
+        )
+    u, value, lower_bound, missing, status = found
+    return FleetPlan(
+        u,
+        risk,
+        *units.misses(u),
+        value,
+        lower_bound,
+        status,
+        tuple(support),
+        tuple(removed),
+        units,
+        R,
+        widest,
+        out,
+        missing,
+    )

@@ -1,0 +1,192 @@
+"""The risk of a fresh unit, by the units of the design."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
+
+import numpy as np
+
+from .._base import show, validation
+from .._base.records import Probability, SavedRecord
+from .._base.types import Floats
+from ..exceptions import InputError
+from ..theory import scenario
+from ..validation.fresh_systems import needed, rank_of
+
+if TYPE_CHECKING:
+    from .._base.types import Status
+
+
+Method: TypeAlias = Literal["compression", "a priori", "discarding", "hold-out"]
+METHODS: tuple[Method, ...] = get_args(Method)
+
+_COUNTED = {
+    "compression": "units that alone give the command",
+    "a priori": "variables",
+    "discarding": "variables, after units were left out",
+    "hold-out": "of the fresh units above the threshold",
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RiskBound(SavedRecord):
+    """A fresh unit misses more than `threshold` with probability at most `epsilon` (+ `delta`).
+
+    Attributes
+    ----------
+    epsilon : float
+        The bound of the risk, with confidence ``1 - beta``.
+    beta : float
+        The bound fails with at most this probability, over the units it was computed from.
+    method : str
+        "compression", "a priori", "discarding": from the units of the design, see
+        `theory.scenario`. "hold-out": from fresh units.
+    size : int
+        The number of these units.
+    count : int
+        What `method` counts: the units that alone give the command (compression), the variables
+        (a priori, discarding), the units above the threshold (hold-out).
+    threshold : float
+        The miss that is spoken of; with regions, of the plants behind the models.
+    delta : float
+        With regions of models, the probability that the region of a fresh unit fails; else 0.
+    misses : ndarray, shape (size,), or None
+        The misses of the fresh units of a hold-out.
+    keeps : bool
+        Whether a unit that leaves its limits of states counts as one that misses more.
+    """
+
+    epsilon: float
+    beta: Probability
+    method: Method
+    size: int
+    count: int
+    threshold: float
+    delta: float = 0.0
+    misses: Floats | None = None
+    keeps: bool = False
+
+    @property
+    def covers(self) -> str:
+        """Which units the number is about, in words."""
+        which = "these fresh units" if self.method == "hold-out" else "the units of the design"
+        text = (
+            f"a fresh unit, drawn independently from the same law as {which}, which were drawn "
+            f"independently; with confidence {1.0 - self.beta:.9g} over their draws"
+        )
+        if self.delta:
+            return f"{text}; the miss is that of the plant behind the model of the unit"
+        return text
+
+    def __repr__(self) -> str:
+        how = f"{100 * self.epsilon:.4g} %"
+        if self.delta:
+            how += f" + {100 * self.delta:.4g} %"
+        leaves = " or leaves its limits" if self.keeps else ""
+        return (
+            f"<RiskBound {self.method}: a fresh unit misses more than {self.threshold:.4g}{leaves} "
+            f"with at most {how}, {self.count} of {self.size}>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [
+            ("holds for", self.covers),
+            (_COUNTED[self.method], show.grouped(self.count)),
+            ("units", show.grouped(self.size)),
+        ]
+        return show.card(self, rows)
+
+
+# Radii (N,) or None, and the probability that one of them fails.
+Radii: TypeAlias = "tuple[Floats | None, float]"
+
+
+def threshold_of(misses: Floats, removed: Sequence[int]) -> float:
+    """The largest miss of the units that were not left out."""
+    return float(np.delete(misses, removed).max())
+
+
+class Made(NamedTuple):
+    """What a bound of the risk takes of a plan; `variables` of the convex problem.
+
+    `misses` are infinite where limits of states were left.
+    """
+
+    misses: Floats
+    removed: Sequence[int]
+    discard: int
+    support: int
+    variables: int
+    status: Status
+
+
+def design_risk(method: Method, beta: float, plan: Made, radii: Radii) -> RiskBound:
+    """Bound the risk of a fresh unit, from the units of the design."""
+    N, (radius, failing) = len(plan.misses), radii
+    threshold = threshold_of(plan.misses, plan.removed)
+    if threshold == np.inf:
+        raise InputError(
+            "units of the design leave the limits of states, so that no bound follows from them: "
+            "use validate(new_units)"
+        )
+    if method == "compression":
+        if radius is not None:
+            threshold = threshold_of(plan.misses + radius, plan.removed)
+        count = plan.support
+        found = scenario.compression(N, count, beta, violations=plan.discard)
+        return RiskBound(found, beta, method, N, count, threshold, failing)
+    if plan.status != "optimal":
+        raise InputError(
+            f"`method` {method!r} needs an optimal plan, this one is {plan.status!r}: use "
+            "'compression', or validate(new_units)"
+        )
+    if radius is not None:
+        raise InputError("`radius` needs method='compression', or validate(new_units)")
+    count = plan.variables
+    if method == "discarding":
+        if any(plan.misses[s] <= threshold for s in plan.removed):
+            raise InputError(
+                "a unit that was left out misses no more than the threshold, so that this bound "
+                "does not hold: use 'compression', or validate(new_units)"
+            )
+        found = scenario.discarding(N, len(plan.removed), count, beta)
+        return RiskBound(found, beta, method, N, count, threshold)
+    if plan.discard:
+        raise InputError(
+            f"`method` {method!r} does not hold after units were left out: use 'compression', "
+            "'discarding' or validate(new_units)"
+        )
+    return RiskBound(scenario.a_priori(N, count, beta), beta, method, N, count, threshold)
+
+
+def quantile(scores: Floats, epsilon: float, beta: float) -> tuple[float, int]:
+    """The miss that at most the share `epsilon` of all units exceeds, and how many of these do."""
+    size, rank = len(scores), rank_of(len(scores), epsilon, beta)
+    if rank > size:
+        raise InputError(
+            f"`epsilon` {epsilon:g} with `beta` {beta:g} needs {needed(epsilon, beta)} fresh units "
+            f"at least, got {size}"
+        )
+    limit = float(np.partition(scores, rank - 1)[rank - 1])
+    if limit == np.inf:
+        raise InputError(
+            f"`epsilon` {epsilon:g} allows for {size - rank} of these units: more of them leave "
+            "their limits of states"
+        )
+    return limit, size - rank
+
+
+def checked_radii(radius: Any, delta: Any, size: int) -> Radii:
+    """Radii (N,) and the probability that one of them fails, or (None, 0)."""
+    if radius is None:
+        if delta is not None:
+            raise InputError("`delta` must be left out without `radius`")
+        return None, 0.0
+    if delta is None:
+        raise InputError("`delta` must be given with `radius`: how often a radius fails")
+    radii = validation.vector("radius", radius, length=size)
+    if (radii < 0.0).any():
+        raise InputError(f"`radius` must be >= 0, got {radii.min():.3g}")
+    return radii, validation.probability("delta", delta)

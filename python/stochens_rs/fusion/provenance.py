@@ -1,0 +1,292 @@
+"""What a plan keeps about its arguments for its bound and its covariance.
+
+`Known` is what is known about one of x0, xf and A: its estimate, the exact values behind it where
+they are known, and how many realizations were drawn how. `Basis` is B with the three of them. Both
+hold arrays of the size of the problem, never the realizations.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from .._base import validation
+from .._base.records import Record, trusted
+from .._base.types import Floats
+from ..certificates.of_model import ModelBasis
+from ..ensembles.ensemble import Ensemble
+from ..ensembles.law import Counts
+from ..exceptions import InputError, ShapeError
+from ..rng import Key
+from ..system.system import System
+from .fits import Fit
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from .._base.names import Labels
+    from .._base.types import Axis
+
+
+Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown", "estimate"]
+
+# Up to this relative difference the 1-norms of an average of singletons and of its law count as
+# equal: far above the rounding of pairwise sums, far below what another law makes of them.
+_SAME_NORM = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Known(Record):
+    """What is known about x0, xf or A: the estimate, and the exact values it stands for.
+
+    Attributes
+    ----------
+    name : str
+        "x0", "xf" or "A".
+    kind : str
+        "iid", "systematic": the average of `size` realizations that `sample` drew from `values`.
+        "exact": `values` itself. "fitted": fitted to `values`, the target. "unknown": the average
+        of `size` realizations that the user brought. "estimate": the same, where these are known to
+        scatter about an estimate from data.
+    estimate : ndarray, shape (n,) or (n, n), or None
+        What the control was computed from; None if it is not kept: A, for diagonal fusion.
+    values : ndarray, shape (n,) or (n, n), or None
+        The exact values that `kind` names; None if they are unknown.
+    size : int or None
+        Number of realizations.
+    axis : str
+        "columns" or "rows": which lines of a matrix were drawn independently.
+    key : Key or None
+        The key of the draw.
+    """
+
+    name: str
+    kind: Kind
+    estimate: Floats | None
+    values: Floats | None = None
+    size: int | None = None
+    axis: Axis = "columns"
+    key: Key | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for what in ("estimate", "values"):
+            if getattr(self, what) is not None:
+                validation.kept(f"{what} of {self.name}", getattr(self, what))
+        if self.size is not None:
+            validation.size("size", self.size)
+        drawn = self.kind in ("iid", "systematic")
+        for what, missing in (
+            ("values", self.values is None and (drawn or self.kind in ("exact", "fitted"))),
+            ("estimate", self.estimate is None and self.kind == "fitted"),
+            ("size", self.size is None and drawn),
+        ):
+            if missing:
+                raise InputError(f"`{what} of {self.name}` must be known for kind '{self.kind}'")
+
+
+@dataclass(frozen=True, eq=False)
+class Basis(Record):
+    """What is known about x0, xf and A.
+
+    Attributes
+    ----------
+    B : ndarray, shape (n, m)
+        The input matrix.
+    x0, xf, A : Known
+        What is known about x0, xf and A.
+    rounding : tuple of float, default (0, 0)
+        How far the control u, in doubles, can be from the exact one of the estimates, v:
+        ``||C_K (u - v)||`` for their ``C_K``, and ``||u - v||``.
+    """
+
+    B: Floats
+    x0: Known
+    xf: Known
+    A: Known
+    rounding: tuple[float, float] = (0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for off in self.rounding:
+            if not (isinstance(off, float) and off >= 0.0):
+                raise InputError(f"`rounding` must be two numbers >= 0, got {validation.show(off)}")
+        n = len(validation.kept("B", self.B, ndim=(2,)))
+        for name, shape in (("x0", (n,)), ("xf", (n,)), ("A", (n, n))):
+            one = validation.instance(name, getattr(self, name), Known)
+            if one.name != name:
+                raise InputError(f"`{name}` must be what is known of {name}, got {one.name!r:.40}")
+            for what, array in (("estimate", one.estimate), ("values", one.values)):
+                if array is not None and array.shape != shape:
+                    raise ShapeError(
+                        f"`{what} of {name}` must have shape {shape}, got {array.shape}"
+                    )
+
+    @property
+    def entities(self) -> tuple[Known, Known, Known]:
+        """In the order of the sizes ``(N0, Nf, NA)``."""
+        return self.x0, self.xf, self.A
+
+    @property
+    def values(self) -> tuple[Floats, Floats, Floats]:
+        """The exact values of x0, xf and A; all three must be known, as `completed` makes sure."""
+        x0, xf, A = (entity.values for entity in self.entities if entity.values is not None)
+        return x0, xf, A
+
+    @property
+    def estimates(self) -> tuple[Floats, Floats, Floats]:
+        """The estimates of x0, xf and A, as product fusion has them."""
+        x0, xf, A = (entity.estimate for entity in self.entities if entity.estimate is not None)
+        return x0, xf, A
+
+    @property
+    def sizes(self) -> tuple[int | None, int | None, int | None]:
+        """Numbers of realizations ``(N0, Nf, NA)``; None for what is exact."""
+        N0, Nf, NA = (None if e.kind == "exact" else e.size for e in self.entities)
+        return N0, Nf, NA
+
+
+def known(name: str, value: Fit | Ensemble | Counts | Floats, estimate: Floats | None) -> Known:
+    """Collect what is known about an argument of `control`; `estimate` is what it used."""
+    if isinstance(value, Ensemble | Counts):
+        return _drawn(name, value, estimate)
+    if isinstance(value, Fit):
+        if value.method == "uniform" and value.ensemble is not None:
+            drawn = _drawn(name, value.ensemble, estimate)
+            if drawn.kind != "unknown" or value.target is None:
+                return drawn
+        if value.target is not None:
+            key = None if value.ensemble is None else value.ensemble.key
+            return trusted(Known, name, "fitted", value.estimate, value.target, key=key)
+        size = None if value.method in ("weighted", "precision") else len(value.weights)
+        return trusted(Known, name, "unknown", value.estimate, size=size)
+    return trusted(Known, name, "exact", estimate, value)
+
+
+def _drawn(name: str, value: Ensemble | Counts, estimate: Floats | None) -> Known:
+    law = value.law
+    if law is not None:
+        return trusted(
+            Known, name, law.scheme, estimate, law.values, value.size, law.axis, value.key
+        )
+    if isinstance(value, Counts):
+        return trusted(Known, name, "unknown", value.estimate, size=value.size)
+    mean = value.mean() if estimate is None else estimate
+    kind: Kind = "estimate" if value.centre == "estimate" else "unknown"
+    return trusted(Known, name, kind, mean, size=value.size, axis=value.axis)
+
+
+def completed(
+    basis: Basis | ModelBasis | None,
+    system: System | None,
+    x0: ArrayLike | None,
+    xf: ArrayLike | None,
+    what: str,
+    labels: Labels | None = None,
+) -> Basis:
+    """The basis of a plan, in which the given exact values complete the unknown laws."""
+    if basis is None:
+        raise InputError(f"this plan was not made by `control`: it has no {what}")
+    if isinstance(basis, ModelBasis):
+        raise InputError(
+            f"no {what} over draws is known for a model from data: use plan.bound(), or control "
+            "the models of model.draw()"
+        )
+    n = len(basis.B)
+    names = None if labels is None else labels.states
+    declared: dict[str, Floats] = {
+        name: validation.vector(name, value, length=n, labels=names)
+        for name, value in (("x0", x0), ("xf", xf))
+        if value is not None
+    }
+    if system is not None:
+        checked = System.from_any(system)
+        if checked.B.shape == basis.B.shape:
+            checked = checked._in_order("system", labels)
+        if checked.B.shape != basis.B.shape:
+            raise ShapeError(f"`system.B` must have shape {basis.B.shape}, got {checked.B.shape}")
+        if not np.array_equal(checked.B, basis.B):
+            raise InputError("`system.B` differs from the `B` of this plan")
+        declared["A"] = np.asarray(checked.A)
+    entities = {e.name: _declare(e, declared.get(e.name), what) for e in basis.entities}
+    seen: dict[Key, str] = {}
+    for entity in entities.values():
+        if entity.key is None:
+            continue
+        if entity.key in seen:
+            raise InputError(
+                f"`{seen[entity.key]}` and `{entity.name}` were drawn with the same key, so they "
+                "are not independent: draw with key.child(name), or with one Generator"
+            )
+        seen[entity.key] = entity.name
+    x0_known, xf_known, A_known = (entities[entity.name] for entity in basis.entities)
+    return trusted(Basis, basis.B, x0_known, xf_known, A_known, basis.rounding)
+
+
+def _declare(entity: Known, values: Floats | None, what: str) -> Known:
+    """Replace an unknown law by the declared one; refuse values that contradict the plan."""
+    label = "system.A" if entity.name == "A" else entity.name
+    argument = "system" if entity.name == "A" else entity.name
+    if entity.kind == "estimate":
+        raise InputError(
+            f"the realizations of `{entity.name}` scatter about an estimate from data, not about "
+            f"the truth, so no {what} follows from them: use the region of the model"
+        )
+    if entity.kind == "unknown":
+        if values is None:
+            raise InputError(
+                f"the law of `{entity.name}` is unknown (realizations brought by the user), and "
+                f"the {what} depends on it. Are they independent singletons of a known mean, with "
+                f"one nonzero entry in every line? Then pass `{argument}=`. How far fresh ones of "
+                "any other law miss: plan.validate(fresh)"
+            )
+        if entity.size is None:
+            raise InputError(
+                f"`{entity.name}` is a fit with weights of its own: no {what} is known for it"
+            )
+        if entity.estimate is None or not _possible(entity.estimate, values, entity.axis):
+            raise InputError(
+                f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from: "
+                "their average has other signs, zeros or 1-norms"
+            )
+        if not _counted(entity.estimate, values, entity.axis, entity.size):
+            raise InputError(
+                f"the realizations of `{entity.name}` are no singletons, with one nonzero entry in "
+                f"every line, so that no {what} follows from `{argument}`: their average is none "
+                "of such entries; how far fresh ones miss: plan.validate(fresh)"
+            )
+        return replace(entity, kind="iid", values=values)
+    if values is None:
+        return entity
+    if entity.kind == "fitted":
+        raise InputError(
+            f"`{argument}` must not be given: `{entity.name}` is a fit, bounded by its own error"
+        )
+    if entity.values is None or not np.array_equal(values, entity.values):
+        raise InputError(f"`{label}` differs from what this plan knows of `{entity.name}`")
+    return entity
+
+
+def _possible(estimate: Floats, values: Floats, axis: Axis) -> bool:
+    """Whether `estimate` can be an average of singletons drawn from `values`."""
+    found, wanted = _norms(estimate, axis), _norms(values, axis)
+    signs = (estimate == 0.0) | (np.sign(estimate) == np.sign(values))
+    return bool(signs.all() and (np.abs(found - wanted) <= _SAME_NORM * wanted).all())
+
+
+def _counted(estimate: Floats, values: Floats, axis: Axis, size: int) -> bool:
+    """Whether ``size |estimate_ij| / ||values_j||_1`` is how often an entry was drawn, an integer.
+
+    Up to rounding, which leaves nothing to see of a billion realizations.
+    """
+    norms = np.broadcast_to(_norms(values, axis), values.shape)
+    counts = size * np.divide(np.abs(estimate), norms, out=np.zeros(values.shape), where=norms > 0)
+    return bool((np.abs(counts - np.rint(counts)) <= _SAME_NORM * size).all())
+
+
+def _norms(values: Floats, axis: Axis) -> Floats:
+    """The 1-norms of the lines that are drawn on their own, along an axis that is kept."""
+    along = 0 if values.ndim == 1 or axis == "columns" else 1
+    return np.asarray(np.abs(values).sum(axis=along, keepdims=True))

@@ -1,0 +1,296 @@
+"""`Limits`, `Cost` and `Uncertain`: what is allowed, what it costs, what is not known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+
+from .._base import validation
+from .._base.reading import aligned, aligned_weight, labels_along, shown_labels
+from .._base.records import Record, SavedRecord
+from .._base.types import Floats
+from ..exceptions import InputError, InputTypeError, NonFiniteError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+    from typing_extensions import Self
+
+
+@dataclass(frozen=True, eq=False)
+class Named(Record):
+    """An array with names along its last axis."""
+
+    values: Floats
+    names: tuple[str, ...]
+
+    @property
+    def index(self) -> tuple[str, ...] | None:
+        """The names of a vector, as pandas has them."""
+        return self.names if self.values.ndim == 1 else None
+
+    @property
+    def columns(self) -> tuple[str, ...] | None:
+        """The names of the columns of a matrix, as pandas has them."""
+        return None if self.values.ndim == 1 else self.names
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        return np.array(self.values, dtype=dtype)
+
+
+Entries: TypeAlias = float | Floats | Named | None
+
+
+class Asked(SavedRecord, listed=False):
+    """Numbers, arrays and arrays with names, which a system brings into its order."""
+
+    def _keep(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The names of what was given."""
+        return tuple(one.name for one in fields(self) if getattr(self, one.name) is not None)  # type: ignore[arg-type]
+
+    def only(self, *names: str) -> Self:
+        """Refuse what is not among `names`, where a function has no use for it."""
+        for name in self.given:
+            if name not in names:
+                kind = type(self).__name__
+                raise InputError(
+                    f"`{kind.lower()}` must have {' and '.join(names)} only here, got "
+                    f"{kind}({name}={_shown(getattr(self, name))})"
+                )
+        return self
+
+    def __repr__(self) -> str:
+        shown = (f"{name}={_shown(getattr(self, name))}" for name in self.given)
+        return f"{type(self).__name__}({', '.join(shown)})"
+
+
+def pair_of(name: str, value: Any) -> Any:
+    """A pair (low, high) of `entries`, or None; from pairs by name two arrays with these names."""
+    if value is None:
+        return None
+    if isinstance(value, Mapping):
+        return _sides_by_name(name, value)
+    try:
+        pair = validation.items(name, value)
+    except InputTypeError:
+        raise InputTypeError(
+            f"`{name}` must be a pair (low, high), got {validation.show(value)}"
+        ) from None
+    if len(pair) != 2:
+        raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
+    return tuple(entries(f"{name}[{k}]", side) for k, side in enumerate(pair))
+
+
+def _sides_by_name(name: str, value: Mapping[Any, Any]) -> tuple[Named, Named]:
+    """``{"force": (-8, 8)}`` as (low, high), each of these names."""
+    names = tuple(value)
+    if not names or not all(isinstance(one, str) for one in names):
+        raise InputTypeError(f"`{name}` must name what has limits by texts, got {names!s:.60}")
+    sides = np.array([[-np.inf], [np.inf]]) * np.ones(len(names))
+    for k, one in enumerate(names):
+        of = f"{name}[{one!r:.30}]"
+        for side, end in zip(sides, pair_of(of, value[one]) or (), strict=False):
+            if end is not None and not isinstance(end, float):
+                raise InputTypeError(
+                    f"`{of}` must be a pair of numbers, got {validation.show(end)}"
+                )
+            side[k] = side[k] if end is None else end
+    return Named(sides[0], names), Named(sides[1], names)
+
+
+def entries(name: str, value: Any, *, square: bool = False) -> Any:
+    """A number as it is, numbers as an array, and with the labels of a table.
+
+    A `square` table has the same names along both axes, and is kept in the order of its columns.
+    """
+    if value is None or isinstance(value, (str, Named)):
+        return value
+    found = _named(name, value, square)
+    given = validation.read(name, value) if found is None else found.values
+    if given.dtype.kind not in "iuf":
+        raise InputTypeError(
+            f"`{name}` must be a number or an array of numbers, got {validation.show(value)}"
+        )
+    if np.isnan(given).any():
+        raise NonFiniteError(f"`{name}` has nan: leave out what is not known, or pass None")
+    if found is not None:
+        return found
+    return float(given) if given.ndim == 0 else given.astype(np.float64)
+
+
+def _named(name: str, value: Any, square: bool) -> Named | None:
+    """A table with names along its last axis, or None for anything else."""
+    if isinstance(value, (np.ndarray, list, tuple, int, float)):
+        return None
+    along = labels_along(value)
+    if not along or not along[-1] or not all(isinstance(label, str) for label in along[-1]):
+        return None
+    names = tuple(map(str, along[-1]))
+    found = (aligned_weight if square else aligned)(name, value, names)
+    if found is value:  # rows that are no times: `read` says what is wrong
+        return None
+    return Named(np.asarray(found, dtype=np.float64), names)
+
+
+def _shown(value: Any) -> str:
+    """A number as it is, an array by its entries where they are few, else by its shape."""
+    if isinstance(value, Named):
+        return f"{_shown(value.values)} of {shown_labels(value.names)}"
+    if isinstance(value, tuple):
+        return f"({', '.join(map(_shown, value))})"
+    if not isinstance(value, np.ndarray):
+        return repr(value)
+    return f"array {value.shape}" if value.size > 6 else str(value.tolist())
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Limits(Asked):
+    """Limits of inputs, of their changes and of states.
+
+    Parameters
+    ----------
+    u : tuple (low, high) or mapping, optional
+        Limits of the inputs, each a number, (m,) or (K, m), infinite or None where there is none;
+        equal ones fix an input. Or ``{"force": (-8, 8)}``, numbers for some of the names: the
+        others have none.
+    rate, previous : float or array_like, shape (m,), optional
+        ``|u(k) - u(k-1)| <= rate`` with ``u(-1) = previous``, the input that is applied now.
+    x : tuple (low, high) or mapping, optional
+        Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None; or by name.
+    soft : float or bool, optional
+        The weight of the squares of what is beyond `x`; default: 1000 times the largest entry of
+        Q and Qf. False: hard limits, with status "infeasible" if they cannot be kept; with a model
+        from data the true system keeps them with probability 95 %, that of its looks for a
+        `ModelStream`, without noise to come. For a fleet they are hard, and False must be given.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument is no number, no array and no pair of such; or labels differ.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> limits = se.Limits(u=(-1.0, 1.0), rate=0.2, previous=0.0)
+    >>> plan = se.control(([[1.0]], [[1.0]]), [1.0], [0.0], steps=3, limits=limits)
+    >>> plan.u.ravel().round(2)
+    array([-0.2, -0.4, -0.4])
+    """
+
+    u: tuple[Entries, Entries] | None = None
+    rate: Entries = None
+    previous: Entries = None
+    x: tuple[Entries, Entries] | None = None
+    soft: float | bool | None = None
+
+    def __post_init__(self) -> None:
+        self._keep(
+            u=pair_of("limits", self.u),
+            rate=entries("rate", self.rate),
+            previous=entries("previous", self.previous),
+            x=pair_of("limits.x", self.x),
+        )
+        super().__post_init__()
+
+
+LimitsLike: TypeAlias = "Limits | tuple[Any, Any] | Mapping[str, tuple[Any, Any]] | None"
+
+
+def as_limits(value: Any) -> Limits:
+    """`value` itself, or the limits of inputs for a pair or pairs by name, or none for None."""
+    return value if isinstance(value, Limits) else Limits(u=value)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Cost(Asked):
+    """Weights of states and inputs, and the states wanted.
+
+    ``J(u) = sum_k ||x(k) - r(k)||^2_Q + ||u(k-1)||^2_R`` over k = 1, ..., K, with Qf at K.
+
+    Parameters
+    ----------
+    Q, Qf : float or array_like, shape (n,) or (n, n), optional
+        Weights of the states x(1), ..., x(K-1), and of x(K): numbers, diagonals or matrices, >= 0.
+        Default: Q is 0, and Qf is Q, or I without Q. Tables with the names of the states, of a
+        matrix along both axes, may be in any order; so may R with the names of the inputs.
+    R : "auto", float or array_like, shape (m,) or (m, m), optional
+        Weight of each input. "auto", the default with limits or other weights:
+        ``1e-8 tr(G'QG) / (m K)``, G from inputs to states.
+    reference : array_like, shape (K + 1, n), optional
+        The states wanted at the times 0, ..., K, instead of a target xf at all of them.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument is no number and no array; or labels differ.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> cost = se.Cost(Q=1.0, R=0.5)
+    >>> se.control(([[1.0]], [[1.0]]), [1.0], [0.0], steps=2, cost=cost).u.ravel().round(3)
+    array([-0.727, -0.182])
+    """
+
+    Q: Entries = None
+    Qf: Entries = None
+    R: Entries | str = None
+    reference: Floats | Named | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("Q", "Qf", "R"):
+            self._keep(**{name: entries(name, getattr(self, name), square=True)})
+        self._keep(reference=entries("reference", self.reference))
+        super().__post_init__()
+
+
+def as_cost(value: Any) -> Cost:
+    """`value` itself, or no weights for None."""
+    return Cost() if value is None else validation.instance("cost", value, Cost)
+
+
+@dataclass(frozen=True, eq=False)
+class Uncertain(SavedRecord):
+    """The initial state of a plan for a model from data, where it is known up to a distance.
+
+    Parameters
+    ----------
+    values : array_like, shape (n,)
+        The state, as far as it is known.
+    radius : float
+        The true state is within this distance of `values`, in the 2-norm; 0 or more.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> se.Uncertain([1.0, 2.0], 0.1)
+    Uncertain([1.0, 2.0], 0.1)
+    """
+
+    values: Entries
+    radius: float
+
+    def __post_init__(self) -> None:
+        given: object = self.values
+        if given is None or isinstance(given, str):
+            raise InputTypeError(f"`values` must be a state, got {validation.show(given)}")
+        object.__setattr__(self, "values", entries("values", self.values))
+        if not np.isfinite(self.values).all():  # type: ignore[arg-type]
+            raise NonFiniteError(f"`values` is {np.asarray(self.values)!s:.60}: it must be finite")
+        object.__setattr__(self, "radius", validation.nonnegative("radius", self.radius))
+        super().__post_init__()
+
+    def __repr__(self) -> str:
+        return f"Uncertain({np.asarray(self.values).tolist()}, {self.radius:.6g})"

@@ -1,0 +1,261 @@
+"""`regulate`: a loop for a system, a model, or a model of readings."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+
+from .._base import validation
+from ..controls.of_model import cost_of_outputs, output_weights
+from ..controls.rest import rest_of
+from ..exceptions import InputError
+from ..feedback import Loop
+from ..identification.model import Model
+from ..limits.limits import Cost, as_cost, as_limits
+from ..limits.problem import checked_task, sides
+from .keep import kept_of
+from .readings import ReadingLoop
+from .regulator import Regulator, checked_model
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from ..feedback import LoopCertificate
+    from ..identification.identified import Identified
+    from ..limits.limits import LimitsLike
+    from ..system.system import System
+
+
+@overload
+def regulate(
+    system: System | Identified | Any,
+    steps: int,
+    xf: ArrayLike | None = None,
+    *,
+    limits: LimitsLike = None,
+    cost: Cost | None = None,
+    time_limit: float | None = None,
+    gain: Loop | LoopCertificate | None = None,
+    keep: float = 0.95,
+    calls: int | None = None,
+) -> Regulator: ...
+@overload
+def regulate(
+    system: Model | Loop,
+    steps: int | None = None,
+    *,
+    limits: LimitsLike = None,
+    cost: Cost | None = None,
+    offset_free: bool | float,
+    target: ArrayLike | None = None,
+    hold: ArrayLike | None = None,
+    max_missing: int = 3,
+) -> ReadingLoop: ...
+
+
+def regulate(
+    system: System | Identified | Any,
+    steps: int | None = None,
+    xf: ArrayLike | None = None,
+    *,
+    limits: LimitsLike = None,
+    cost: Cost | None = None,
+    time_limit: float | None = None,
+    gain: Loop | LoopCertificate | None = None,
+    keep: float = 0.95,
+    calls: int | None = None,
+    offset_free: bool | float | None = None,
+    target: ArrayLike | None = None,
+    hold: ArrayLike | None = None,
+    max_missing: int = 3,
+) -> Regulator | ReadingLoop:
+    """Make a feedback that plans K steps ahead at every state and returns the first input.
+
+    Parameters
+    ----------
+    system : System, model or Loop
+        A System, anything `System.from_any` takes, or a model from data. Or the `Loop` of a model
+        of outputs, whose gain then takes the place of plans.
+    steps : int
+        The number of steps K of each plan; left out for a Loop.
+    xf : array_like, shape (n,), optional
+        The target; default: the origin.
+    limits : Limits, tuple (low, high) or mapping, optional
+        As in `control`. What differs from step to step belongs to the steps of each plan: the
+        input that is returned is always that of the first one. With a rate, `previous` is the input
+        applied before the first call; later it is the one returned last.
+    cost : Cost, optional
+        As in `control`; a reference has the states wanted over the steps of each plan.
+    time_limit : float, optional
+        Seconds after which a call returns the best plan so far, with status "user_limit"; looked
+        at within factorizations.
+    gain : Loop or LoopCertificate, optional
+        For a model from data: a gain that is certified for all systems its region allows. The
+        limits are then kept with probability `keep`; see Notes.
+    keep : float, default 0.95
+        With `gain`: the probability, of the region and the noise together.
+    calls : int, optional
+        With `gain`: for how many calls T that holds, fixed before the run.
+    offset_free : bool or float, optional
+        For a model of outputs, as all that follows, and to be given there: whether constant
+        disturbances at the inputs are estimated and taken off. True: as one that drifts by 1 % of
+        the rms of the input in the data in a step; a number: by this much.
+    target : array_like, shape (n_outputs,), optional
+        Where the outputs are to stay, in place of xf; default 0. One that is a point of rest of no
+        system in the region raises, with the nearest one.
+    hold : array_like, shape (m,), optional
+        The input while the window fills; default 0.
+    max_missing : int, default 3
+        In how many calls in a row no reading may come: the prediction of the model counts in their
+        place. Behind them the loop holds its last input.
+
+    Returns
+    -------
+    Regulator or ReadingLoop
+        ``u = loop(x)``; ``loop(hold=True)`` where the state is not known. For a model of outputs
+        ``u = loop(y)``, see `ReadingLoop`.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used; or a power of A overflows, named by its exponent.
+    ResourceError
+        If the problem does not fit into the memory this process may use.
+    SolverError
+        With a gain: what is kept back for noise leaves no room within the limits.
+
+    Notes
+    -----
+    Limits of single inputs: all that does not depend on the state is computed here, and a call
+    begins at the active limits of the call before, shifted by one step. Its work is bounded: at
+    most 20 exchanges of active limits, 25 factorizations of an interior point and 5 more exchanges,
+    and the same once more with orthogonal factors where rounding asks for them. Each plan's gap is
+    computed from the data, and is in the log.
+
+    With limits of rates or states a call begins at the active limits of the call before, too, and
+    exchanges them at most 10 times; where that does not lead to a plan whose gap is certified, the
+    plan is solved from no earlier one: milliseconds in place of tenths of one.
+
+    A feedback corrects errors of the model at the next state. That the loop is stable does not
+    follow: it needs a K that is long enough, or a weight Qf that continues the cost.
+
+    With a gain a plan from x(j) is followed by ``u = v + K (x - xb)``. Its states and inputs are
+    off by at most ``sqrt(h'L h) ||c|| / (1 - theta)`` for the model (`LoopCertificate.tube`) and
+    ``zeta sqrt(h'Y h)`` for noise, with zeta for the union over all sides of limits and all pairs
+    ``j < k <= T``, as plans begin at states that noise has moved. `Kept` says which plans are
+    accepted; where the newest is not, the status is "kept"; where none was yet, "infeasible": the
+    log says which limit lacks how much, and the input is ``K x`` within the limits, without the
+    promise. The noise must be Gaussian, white and
+    independent of the data, the states read exactly, and the system the linear one of the data.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> cost = se.Cost(Q=1.0, R=1.0)
+    >>> loop, x = se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), cost=cost), [5.0]
+    >>> for _ in range(6):
+    ...     u = loop(x)
+    ...     x = x + u
+    >>> [float(call.u[0]) for call in loop.log]
+    [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25]
+
+    With a gain:
+
+    >>> import numpy as np
+    >>> x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
+    >>> data = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.05 * w)
+    >>> model = se.identify(data, sigma=0.05)
+    >>> gain = se.gain(model, 1.0, 1.0)
+    >>> loop = se.regulate(model, 5, limits=(-1.0, 1.0), gain=gain, calls=50)
+    >>> loop([2.0]).round(2), loop.kept.tightening.round(2)
+    (array([-0.23]), array([0.23, 0.12]))
+    """
+    read = isinstance(system, Loop) or (isinstance(system, Model) and system.window is not None)
+    if read or offset_free is not None:
+        none = "no limit is promised for so many calls from readings"
+        own = "it has its own" if isinstance(system, Loop) else "regulate gain(model, Q, R) itself"
+        for name, value, why in (
+            ("xf", xf, "`target` says where the outputs are to stay"),
+            ("time_limit", time_limit, "the work of a call is bounded as it is"),
+            ("gain", gain, own),
+            ("calls", calls, none),
+        ):
+            if value is not None:
+                what = "a Loop" if isinstance(system, Loop) else "a model of outputs"
+                raise InputError(f"`{name}` must be left out for {what}: {why}")
+        return reading_loop(system, steps, limits, cost, offset_free, target, hold, max_missing)
+    for name, given_too in (("target", target), ("hold", hold)):
+        if given_too is not None:
+            raise InputError(f"`{name}` is for models of outputs: must be left out")
+    validation.size("max_missing", max_missing, minimum=0)
+    validation.probability("keep", keep)
+    checked = checked_model(system)
+    n, m = checked.B.shape
+    K = validation.size("steps", steps)
+    goal = None if xf is None else validation.vector("xf", xf, length=n, labels=checked.state_names)
+    weights = as_cost(cost)
+    if goal is not None and weights.reference is not None:
+        raise InputError("`xf` must be None with a reference, whose last row takes its place")
+    if weights.R is None:  # a task also without limits
+        weights = replace(weights, R="auto")
+    goal = np.zeros(n) if goal is None else goal
+    task = checked_task(n, m, K, goal, limits, weights, checked.labels)
+    assert task is not None
+    if gain is None and calls is not None:
+        raise InputError("`calls` must be left out without `gain`")
+    kept = None if gain is None else kept_of(checked, task, gain, keep, calls)
+    return Regulator(checked, task, time_limit, kept=kept)
+
+
+def reading_loop(
+    system: Any,
+    steps: int | None,
+    limits: LimitsLike,
+    cost: Cost | None,
+    offset_free: bool | float | None,
+    target: ArrayLike | None,
+    hold: ArrayLike | None,
+    max_missing: int,
+) -> ReadingLoop:
+    """Make the feedback from readings; the arguments are those of `regulate`."""
+    model = system.model if isinstance(system, Loop) else system
+    if not isinstance(model, Model) or model.window is None:
+        raise InputError("`offset_free` is for models of outputs and loops of them")
+    if offset_free is None:
+        raise InputError(
+            "`offset_free` must be given for a model of outputs: True where a constant disturbance "
+            "may act at the inputs, else False"
+        )
+    m, labels, within = model.m, model.labels, as_limits(limits)
+    if within.x is not None or within.rate is not None:
+        raise InputError("`limits` must be of the inputs alone for a model of outputs")
+    policy: Any
+    if isinstance(system, Loop):
+        if steps is not None or cost is not None:
+            raise InputError("`steps` and `cost` must be left out for a Loop, which has its gain")
+        low, high = (side[0] for side in sides("limits", within.u, 1, labels))
+        policy = system.K
+    else:
+        weights = cost_of_outputs(model, as_cost(cost))
+        if weights.reference is not None:
+            raise InputError("`cost` must have no reference for a model of outputs: give `target`")
+        if weights.R is None:
+            weights = replace(weights, R="auto")
+        K = validation.size("steps", steps)
+        policy = checked_task(model.n, m, K, np.zeros(model.n), limits, weights, labels)
+        low, high = policy.low[0], policy.high[0]
+    drift = None
+    if isinstance(offset_free, bool | np.bool_):
+        if offset_free:
+            # a copy: NumPy can crash on strided arrays where memory runs out
+            drift = 0.01 * np.sqrt(np.square(model.data.pairs()[1].copy()).mean(axis=0))
+    else:
+        drift = np.full(m, validation.positive("offset_free", offset_free))
+    held = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
+    most = validation.size("max_missing", max_missing, minimum=0)
+    asked = None if isinstance(system, Loop) else (K, limits, weights)
+    outputs = None if isinstance(system, Loop) else output_weights(model, weights)
+    rest = rest_of(model, target, outputs, low, high)
+    return ReadingLoop(model, rest, policy, low, high, drift, held, most, asked)

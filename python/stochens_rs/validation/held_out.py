@@ -1,0 +1,336 @@
+"""A plan or a loop on runs that were held out."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import running, validation
+from .._base.names import Labels, order_of
+from .._base.running import get_num_threads
+from .._base.types import Floats
+from ..certificates.of_model import ModelBasis
+from ..ensembles import SystemEnsemble
+from ..exceptions import InputError, ShapeError
+from ..fusion.provenance import Basis
+from ..identification import Model, Trajectories
+from ..identification.identified import Identified
+from ..system.system import System
+from .fresh_systems import Source, Validation, rank_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import ArrayLike
+
+    from ..limits.solution import Limited
+
+
+Runs: TypeAlias = "Trajectories | SystemEnsemble | Sequence[System] | Sequence[ArrayLike] | Any"
+
+# Of the size of a state: the least unit of its deviations, also where no noise acts on it.
+_LEAST = 1e-3
+# Recorded inputs may be rounded: by this much of the largest one they are those of the plan.
+_INPUTS = 1e-6
+
+
+class PredictedLoop(NamedTuple):
+    """A loop: the states that its model predicts from a start, and its inputs along a run."""
+
+    path: Callable[[Floats, int], Floats]
+    inputs: Callable[[Floats], Floats]
+    n: int
+    m: int
+    target: Floats
+    scale: Floats
+    labels: Labels
+    dt: float | None
+
+
+class Predicted(NamedTuple):
+    """What a plan predicts, and of what."""
+
+    u: Floats
+    states: Floats
+    basis: Basis | ModelBasis | None
+    limited: Limited | None
+    labels: Labels
+    dt: float | None
+
+    @property
+    def read(self) -> bool:
+        """Whether these are outputs, whose start says nothing of how they move on."""
+        return isinstance(self.basis, ModelBasis) and self.basis.window is not None
+
+    @property
+    def A(self) -> Floats:
+        """How a deviation of the start moves on; 0 where the plan does not know."""
+        n = self.states.shape[1]
+        known = self.basis
+        if self.read:
+            return np.zeros((n, n))
+        found = known.model.A if isinstance(known, ModelBasis) else known and known.A.estimate
+        return np.zeros((n, n)) if found is None else np.ascontiguousarray(found)
+
+    @property
+    def xf(self) -> Floats:
+        """The target; the last predicted state where the plan has none."""
+        found: Floats | None = None
+        if self.limited is not None and self.limited.task.follows and not self.read:
+            found = self.limited.task.reference[-1]
+        elif isinstance(self.basis, ModelBasis):
+            found = self.basis.target
+        elif self.basis is not None:
+            goal = self.basis.xf
+            found = goal.estimate if goal.values is None else goal.values
+        return validation.frozen(self.states[-1] if found is None else found)
+
+    @property
+    def x0(self) -> Floats | None:
+        """Where the plan begins; None if that is an estimate."""
+        if isinstance(self.basis, ModelBasis):
+            exact = self.basis.x0_error == 0.0
+        else:
+            exact = self.basis is None or self.basis.x0.kind == "exact"
+        return self.states[0] if exact else None
+
+    def scale(self) -> Floats:
+        """Units of the deviations of x(1), ..., x(K), known before any run: (K, n).
+
+        The largest predicted size of each state. For a model from data the deviation that its
+        noise gives, ``sum_{p<k} A^p Sigma A^p'``, if that is not smaller by a factor of 1000.
+        """
+        K, n = self.u.shape[0], self.states.shape[1]
+        size = np.abs(self.states).max(axis=0)
+        size = np.where(size > 0.0, size, size.max() or 1.0)
+        units = np.tile(size, (K, 1))
+        if not isinstance(self.basis, ModelBasis) or not isinstance(self.basis.model, Model):
+            return units
+        covariance = self.basis.model.covariance
+        if covariance is None:
+            return units
+        A, added = map(np.ascontiguousarray, self.basis.model._with_outputs(covariance))
+        units = _core.noise_deviations(A, added, K)[:, :n]
+        floor = np.maximum(_LEAST * size, np.finfo(float).tiny)
+        return np.where(np.isfinite(units), np.maximum(units, floor), size)
+
+
+def validated(
+    plan: Predicted,
+    runs: Runs,
+    delta: float,
+    beta: float | None,
+    x0: ArrayLike | None,
+    scale: ArrayLike | None,
+    weights: ArrayLike | None,
+) -> Validation:
+    """Check the arguments of `Plan.validate` and compute the order statistics."""
+    delta = validation.probability("delta", delta)
+    sure = None if beta is None else validation.probability("beta", beta)
+    units = plan.scale() if scale is None else _scale(scale, plan.states)
+    target = plan.xf
+    told = plan.states, plan.A, units, target
+    source: Source = "runs"
+    systems = _systems(runs)
+    if systems is not None:
+        if plan.read:
+            raise InputError("`runs` must be runs for a plan of outputs: systems have no record")
+        source = "fresh systems"
+        deviations, misses = _of_systems(plan, told, systems, x0)
+    else:
+        if x0 is not None:
+            raise InputError("`x0` is for fresh systems: runs have their own starts")
+        states = _states(plan, runs)
+        deviations, misses = _core.validation_runs(told, states, get_num_threads())
+    free = None
+    if (
+        source == "runs"
+        and not plan.read
+        and (states[:, 0] == states[0, 0]).all()
+        and np.isfinite(states).all()
+    ):
+        ends = np.ascontiguousarray(states[:, -1])
+        free = _core.validation_mean(ends, target, delta)
+    return _judged((deviations, misses), units, target, delta, sure, weights, source, free)
+
+
+def validated_loop(
+    loop: PredictedLoop,
+    runs: Runs,
+    delta: float,
+    beta: float | None,
+    scale: ArrayLike | None,
+    weights: ArrayLike | None,
+) -> Validation:
+    """The same for runs of a loop, each predicted by the loop from its own start."""
+    delta = validation.probability("delta", delta)
+    sure = None if beta is None else validation.probability("beta", beta)
+    if isinstance(runs, Trajectories):
+        K = int(runs.lengths.max())
+    else:
+        single = isinstance(runs, np.ndarray) and runs.ndim == 2
+        given = [runs] if single else validation.items("runs", runs)
+        read = [validation.read(f"runs[{r}]", one) for r, one in enumerate(given)]
+        K = max((len(one) for one in read if one.ndim), default=0) - 1
+    if K < 1:
+        raise ShapeError("`runs` must have one step at least")
+    nothing = np.zeros((K, loop.m)), np.zeros((K + 1, loop.n))
+    like = Predicted(*nothing, None, None, loop.labels, loop.dt)
+    if isinstance(runs, Trajectories):
+        states = _of_trajectories(like, runs, loop)
+    else:
+        states = _states(like, runs)
+    units = np.tile(loop.scale, (K, 1)) if scale is None else _scale(scale, like.states)
+    running.need("the predictions", states.nbytes)
+    starts = np.nan_to_num(states[:, 0])  # of a run without any state: it diverged
+    paths = np.array([loop.path(start, K) for start in starts])
+    told = paths.reshape(-1, loop.n), np.zeros((loop.n, loop.n)), units, loop.target
+    scores = _core.validation_runs(told, states, get_num_threads())
+    return _judged(scores, units, loop.target, delta, sure, weights, "runs of a loop", None)
+
+
+def _judged(
+    scores: tuple[Floats, Floats],
+    units: Floats,
+    target: Floats,
+    delta: float,
+    sure: float | None,
+    weights: ArrayLike | None,
+    source: Source,
+    free: float | None,
+) -> Validation:
+    """The order statistics of the scores."""
+    deviations, misses = scores
+    size, rank = len(misses), None
+    if weights is None:
+        rank = rank_of(size, delta, sure)
+        factor, miss = (_core.validation_rank(one, rank) for one in (deviations, misses))
+    else:
+        if sure is not None:
+            raise InputError("`beta` must be left out with `weights`: no confidence is known")
+        given = _weights(weights, size)
+        factor, miss = (
+            _core.validation_weighted(one, given, delta) for one in (deviations, misses)
+        )
+    with np.errstate(all="ignore"):
+        # a radius that is compared in doubles must not lose its own order statistic to rounding
+        radii = factor * units * (1.0 + 4.0 * np.finfo(float).eps)
+    tube = np.vstack([np.zeros((1, len(target))), radii])  # the start of a run is known
+    found = factor, tube, miss, target, delta, sure, source, deviations, misses, rank, free
+    return Validation(*found)
+
+
+def _systems(runs: Runs) -> SystemEnsemble | None:
+    """The fresh systems, if it is systems that are given."""
+    if isinstance(runs, SystemEnsemble):
+        if runs.centre == "estimate":
+            raise InputError(
+                "`runs` scatter about an estimate, as drawn models of one plant do: they are "
+                "no fresh systems, and nothing of the plant follows from them"
+            )
+        return runs
+    if isinstance(runs, (np.ndarray, Trajectories)) or not hasattr(runs, "__iter__"):
+        return None
+    given = validation.items("runs", runs)
+    if any(isinstance(one, Identified) for one in given):
+        raise InputError(
+            "`runs` must not be models from data: a model is off its plant, and no error of it is "
+            "in the number"
+        )
+    if given and all(isinstance(one, System) for one in given):
+        return SystemEnsemble.from_systems(given)
+    return None
+
+
+def _of_systems(
+    plan: Predicted, told: Any, systems: SystemEnsemble, x0: ArrayLike | None
+) -> tuple[Floats, Floats]:
+    n, m = plan.states.shape[1], plan.u.shape[1]
+    if (systems.n, systems.m) != (n, m):
+        raise ShapeError(
+            f"`runs` must have n={n} and m={m}, got systems with n={systems.n} and m={systems.m}"
+        )
+    validation.same_dt("runs", systems.dt, plan.dt, "this plan")
+    fresh, N = systems._in_order("runs", plan.labels), systems.size
+    start = plan.x0 if x0 is None else x0
+    if start is None:
+        raise InputError("`x0` must be given: this plan begins at an estimate of it")
+    running.need("the fresh systems", fresh.A.nbytes + fresh.B.nbytes)
+    A, B = (np.ascontiguousarray(M.transpose(0, 2, 1)) for M in (fresh.A, fresh.B))
+    starts = validation.starts(start, N, n, plan.labels.states)
+    matrices = A.reshape(N, n * n), B.reshape(N, m * n), fresh.c
+    return _core.validation_systems(told, *matrices, starts, plan.u, get_num_threads())
+
+
+def _states(plan: Predicted, runs: Runs) -> Floats:
+    """The states of all runs, (M, K + 1, n), nan after the end of a run that ended early."""
+    shape = plan.states.shape
+    if isinstance(runs, Trajectories):
+        return _of_trajectories(plan, runs)
+    if isinstance(runs, np.ndarray) and runs.shape[-2:] != shape:
+        raise ShapeError(f"`runs` must be runs of shape {shape}, got an array of {runs.shape}")
+    single = isinstance(runs, np.ndarray) and runs.ndim == 2
+    given = [runs] if single else validation.items("runs", runs)
+    if not given:
+        raise ShapeError(f"`runs` must be runs of shape {shape}, got none")
+    running.need("the runs", 8 * len(given) * shape[0] * shape[1])
+    states = np.full((len(given), *shape), np.nan)
+    for r, one in enumerate(given):
+        run = validation.read(f"runs[{r}]", one)
+        if run.ndim != 2 or run.shape[1] != shape[1] or not 0 < len(run) <= shape[0]:
+            raise ShapeError(
+                f"`runs[{r}]` must have shape {shape}, or fewer rows if it ended early, got "
+                f"{run.shape}"
+            )
+        ended = run.dtype.kind == "f" and ~np.isfinite(run).all(axis=1)
+        rows = int(np.argmax(ended)) if np.any(ended) else len(run)
+        if rows:
+            states[r, :rows] = validation.matrix(f"runs[{r}]", run[:rows])
+    return states
+
+
+def _of_trajectories(
+    plan: Predicted, runs: Trajectories, loop: PredictedLoop | None = None
+) -> Floats:
+    (rows, n), (K, m) = plan.states.shape, plan.u.shape
+    if (runs.n, runs.m) != (n, m):
+        raise ShapeError(f"`runs` must have n={n} and m={m}, got n={runs.n} and m={runs.m}")
+    if runs.steps != 1:
+        raise InputError("`runs` must have every step, not the pairs of `k_step`")
+    validation.same_dt("runs", runs.dt, plan.dt, "this plan" if loop is None else "this loop")
+    runs._require_whole("runs", "whether a run stayed inside is not known where rows are lost")
+    order = order_of("runs", Labels(runs.state_names, runs.input_names), plan.labels)
+    running.need("the runs", 8 * len(runs) * rows * n)
+    states = np.full((len(runs), rows, n), np.nan)
+    for r, (x, u) in enumerate(runs.runs):
+        T = min(len(u), K)
+        states[r, : T + 1] = order.of_states(x[: T + 1])
+        wanted = plan.u[:T] if loop is None else loop.inputs(states[r, :T])
+        if (np.abs(order.of_inputs(u[:T]) - wanted) > _INPUTS * np.abs(wanted).max()).any():
+            of = "plan" if loop is None else "loop"
+            raise InputError(
+                f"`runs` must have the inputs of this {of}, run {r} has others: what runs under "
+                "other inputs did says nothing of this one"
+            )
+    return states
+
+
+def _scale(scale: ArrayLike, states: Floats) -> Floats:
+    rows, n = states.shape
+    given = validation.array("scale", scale, ndim=(1, 2))
+    if given.shape == (rows, n):
+        given = given[1:]
+    elif given.shape != (n,):
+        raise ShapeError(f"`scale` must have shape ({n},) or ({rows}, {n}), got {given.shape}")
+    if (given <= 0.0).any():
+        raise InputError("`scale` must be > 0 after the start")
+    return np.ascontiguousarray(np.broadcast_to(given, (rows - 1, n)))
+
+
+def _weights(weights: ArrayLike, size: int) -> Floats:
+    given = validation.vector("weights", weights, length=size + 1)
+    if (given < 0.0).any():
+        raise InputError("`weights` must be >= 0")
+    return given

@@ -32,7 +32,7 @@ def pairs(gen: np.random.Generator, A: np.ndarray, B: np.ndarray, size: int, K: 
     for k in range(K):
         x = x @ A.T + u[:, k] @ B.T + SIGMA * gen.standard_normal((size, N))
     data = se.Trajectories.from_pairs(start, u.reshape(size, -1), x)
-    return se.identify(data, design="independent", checks=False)
+    return se.identify(data, noise=se.Noise(design="independent"), checks=False)
 
 
 def row(K: int, size: int, runs: int, noise: bool) -> list[float]:
@@ -63,7 +63,7 @@ def speed(n: int = 10, m: int = 5, K: int = 6) -> float:
     z = gen.standard_normal((1000, n + m))
     y = z @ np.hstack([A, gen.standard_normal((n, m))]).T + gen.standard_normal((1000, n))
     data = se.Trajectories.from_pairs(z[:, :n], z[:, n:], y)
-    model = se.identify(data, design="independent", checks=False)
+    model = se.identify(data, noise=se.Noise(design="independent"), checks=False)
     plan = se.control(model, gen.standard_normal(n), np.zeros(n), steps=K)
     plan.bound()  # the quantile of these sizes is kept
     times = []

@@ -141,7 +141,7 @@ def promised() -> Iterator[Line]:
     x = gen.standard_normal((300, 4)) * [0.2, 0.05, 0.2, 0.1]
     u = gen.standard_normal((300, 1))
     y = x @ A.T + u @ B.T + 0.0005 * gen.standard_normal((300, 4))
-    model = se.identify(se.Trajectories.from_pairs(x, u, y), sigma=0.0005, checks=False)
+    model = se.identify(se.Trajectories.from_pairs(x, u, y), noise=0.0005, checks=False)
     cost, noise = se.Cost(Q=[1, 10, 0.1, 1], R=0.01), 0.0005 * gen.standard_normal((100, 4))
     gain = se.gain(model, [1, 10, 0.1, 1], 0.01)
     plain = se.regulate(model, 20, limits=(-1, 1), cost=cost)

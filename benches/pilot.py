@@ -114,7 +114,7 @@ def designed(sets: int) -> None:
                 first = max(2, round(0.1 * N), -(-2 * sum(plant.B.shape) // plant.length))
                 white = np.clip(gen.standard_normal((N, *shape)), -1.0, 1.0)
                 before = executed(plant, white[:first], gen)
-                model = se.identify(before, sigma=plant.sigma, checks=False)
+                model = se.identify(before, noise=plant.sigma, checks=False)
                 plan = se.control(model, plant.x0, plant.xf, steps=plant.steps)
                 best = se.design(plan, N - first, limits=(-1.0, 1.0), steps=plant.length).inputs
                 for u, to in zip((white[first:], best), found, strict=True):
@@ -139,7 +139,7 @@ def with_older(sets: int) -> None:
             for apart in (0.01, 0.05):
                 A, B = cart_pole(1.0, 0.2 * (1.0 + apart), 1.0 + apart)
                 old = taken(own._replace(A=A, B=B), 100, gen)
-                pilot = se.identify(old, sigma=own.sigma, checks=False)
+                pilot = se.identify(old, noise=own.sigma, checks=False)
                 ways[f"an older one, {apart:.0%}"] = near(own, pilot)
             for name, options in ways.items():
                 found.setdefault(name, []).append(certified(own, data, **options))

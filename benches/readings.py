@@ -136,7 +136,7 @@ def compared(slicot: ModuleType, rng: np.random.Generator, feedback: float) -> l
     works: list[Callable[[], Predictor]] = [
         lambda: n4sid(slicot, y, u, len(hidden.A)),
         lambda: Predictor.window(se.identify(data, checks=False)),
-        lambda: Predictor.window(se.identify(data, lags=12, checks=False)),
+        lambda: Predictor.window(se.identify(data, window=se.Window(lags=12), checks=False)),
     ]
 
     def rms(model: Predictor) -> float:
@@ -197,7 +197,9 @@ def plans(samples: int = 100, steps: int = 20, calls: int = 300) -> None:
         return
     low, high, weight = -0.5, 0.5, 0.1
     y, u = logged(samples, 2)
-    model = se.identify(se.Trajectories([y], [u], outputs=True), lags=2, checks=False)
+    model = se.identify(
+        se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2), checks=False
+    )
     cost = se.Cost(Q=[1.0, 1.0], R=weight)
     ours = se.regulate(model, steps, limits=(low, high), cost=cost, offset_free=False)
     given = {"n": 2, "m": 1, "p": 2, "L": steps, "u_d": u, "y_d": y[:-1]}
@@ -239,7 +241,7 @@ def calls() -> None:
     print("\n| lags | states | gain, us | plan of 20 steps, us |")
     print("|---:|---:|---:|---:|")
     for lags in (4, 8, 16):
-        model = se.identify(data, lags=lags, checks=False)
+        model = se.identify(data, window=se.Window(lags=lags), checks=False)
         times = []
         for made, steps in ((se.gain(model, 1.0, 1.0), None), (model, 20)):
             loop = se.regulate(made, steps, limits=(-1.0, 1.0), offset_free=True)

@@ -101,11 +101,13 @@ class Way:
 SCALE = (*START, FORCE)
 WAYS = {
     "last pairs, Gaussian": Way(
-        lambda data, seed: se.identify(data.last_pairs(), design="independent", checks=False),
+        lambda data, seed: se.identify(
+            data.last_pairs(), noise=se.Noise(design="independent"), checks=False
+        ),
         ("Gaussian",),
     ),
     "all pairs, sigma known": Way(
-        lambda data, seed: se.identify(data, sigma=SIGMA, scale=SCALE, checks=False),
+        lambda data, seed: se.identify(data, noise=SIGMA, scale=SCALE, checks=False),
         ("Gaussian",),
     ),
     "all pairs, sigma unknown": Way(
@@ -113,13 +115,16 @@ WAYS = {
     ),
     "all pairs, sub-Gaussian": Way(
         lambda data, seed: se.identify(
-            data, noise="sub-gaussian", sigma=WIDEST * SIGMA, scale=SCALE, checks=False
+            data,
+            noise=se.Noise(law="sub-gaussian", sigma=WIDEST * SIGMA),
+            scale=SCALE,
+            checks=False,
         ),
         ("Gaussian", "mixture"),
     ),
     "direct over 10 steps": Way(
         lambda data, seed: se.identify(
-            data.k_step(STEPS, open_loop=True), design="independent", checks=False
+            data.k_step(STEPS, open_loop=True), noise=se.Noise(design="independent"), checks=False
         ),
         ("Gaussian",),
         direct=True,
@@ -222,7 +227,7 @@ def main() -> None:
 def example(images: Path) -> None:
     """The figures of one model: a run that was kept apart, and the residuals."""
     data = runs(31, np.random.default_rng(3), gaussian)
-    model = se.identify(data[:30], sigma=SIGMA, scale=SCALE)
+    model = se.identify(data[:30], noise=SIGMA, scale=SCALE)
     states, inputs = data[30]
     plan = se.predict(model, states[0], inputs)
     plan.plot(plan.bound(DELTA, noise=True), measured=states).savefig(images / "tube.png", dpi=110)
@@ -243,7 +248,7 @@ def first_control(images: Path) -> None:
 def within_limits(images: Path) -> None:
     """The figures of limits.md: a plan within limits, and the feedback."""
     data = runs(30, np.random.default_rng(1), gaussian)
-    model = se.identify(data, sigma=SIGMA, scale=SCALE)
+    model = se.identify(data, noise=SIGMA, scale=SCALE)
     cost = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], R=0.01)
     task: dict[str, Any] = {"limits": (-1.0, 1.0), "cost": cost}
     plan = se.control(model, X0, XF, steps=20, **task)
@@ -262,9 +267,9 @@ def which_number(images: Path, sets: int = 60) -> None:
         for seed in range(sets):
             rng = np.random.default_rng([seed, N, 7])
             data = runs(N, rng, gaussian)
-            plain = se.identify(data, sigma=SIGMA, scale=SCALE, checks=False)
+            plain = se.identify(data, noise=SIGMA, scale=SCALE, checks=False)
             model = se.identify(
-                data, sigma=SIGMA, pilot=0.1, reference=(X0, XF, STEPS), checks=False
+                data, noise=SIGMA, pilot=se.Pilot(0.1, reference=(X0, XF, STEPS)), checks=False
             )
             if plain.warnings or model.warnings:
                 continue

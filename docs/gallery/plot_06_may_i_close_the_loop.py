@@ -41,10 +41,10 @@ def runs(count, rng, steps=10):
 # is allowed, also feedback; without a known size of the noise it takes more runs. The last pair of
 # each run is independent of the noise in it, and has an exact region, but there are few of them.
 ways = {
-    "noise of known size": lambda data: se.identify(data, sigma=SIGMA, scale=SCALE, checks=False),
+    "noise of known size": lambda data: se.identify(data, noise=SIGMA, scale=SCALE, checks=False),
     "unknown size": lambda data: se.identify(data, scale=SCALE, checks=False),
     "last pairs only": lambda data: se.identify(
-        data.last_pairs(), design="independent", checks=False
+        data.last_pairs(), noise=se.Noise(design="independent"), checks=False
     ),
 }
 sizes, seeds = np.array([10, 20, 50, 100, 400]), 15

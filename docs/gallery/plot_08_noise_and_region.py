@@ -21,9 +21,9 @@ plt.style.use("stochens_rs.style")
 a, b, sigma = 0.9, 0.5, 0.2
 free = {"design": "independent", "checks": False}
 ways = {
-    "size known": lambda data: se.identify(data, sigma=sigma, **free),
+    "size known": lambda data: se.identify(data, noise=sigma, **free),
     "size unknown": lambda data: se.identify(data, **free),
-    "size known, any design": lambda data: se.identify(data, sigma=sigma, checks=False),
+    "size known, any design": lambda data: se.identify(data, noise=sigma, checks=False),
 }
 
 

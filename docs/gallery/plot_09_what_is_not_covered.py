@@ -46,7 +46,7 @@ found = {}
 for excursion in (0.02, 0.3):
     with warnings.catch_warnings(record=True) as said:
         warnings.simplefilter("always")
-        model = se.identify(runs(excursion, np.random.default_rng(1)), sigma=SIGMA)
+        model = se.identify(runs(excursion, np.random.default_rng(1)), noise=SIGMA)
     print(f"runs of {excursion} rad: {len(said)} warning", *(str(one.message) for one in said))
     rows = []
     for angle in angles:

@@ -47,7 +47,7 @@ def errors(N, rng, mixed):
     y = z @ truth.T + SIGMA * rng.standard_normal((N, 20))
     data = se.Trajectories.from_pairs(z[:, :20], z[:, 20:], y)
     given = se.SystemEnsemble(models[:, :, :20], models[:, :, 20:])
-    fused = se.fuse(given, "alse", data=data, design="independent", sigma=SIGMA)
+    fused = se.fuse(given, "alse", data=data, noise=se.Noise(sigma=SIGMA, design="independent"))
     least = fused.least_squares
     best = min(models, key=lambda one: np.linalg.norm(y - z @ one.T))
     found = best, models.mean(axis=0), np.hstack([least.A, least.B]), np.hstack([fused.A, fused.B])

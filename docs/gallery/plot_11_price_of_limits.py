@@ -27,7 +27,7 @@ for k in range(10):
     noise = 0.0005 * rng.standard_normal((30, 4))
     states.append(states[-1] @ A.T + inputs[:, k] @ B.T + noise)
 data = se.Trajectories(np.stack(states, axis=1), inputs, dt=0.1)
-model = se.identify(data, sigma=0.0005, scale=SCALE)
+model = se.identify(data, noise=0.0005, scale=SCALE)
 
 # %%
 # One plan of 20 steps for each limit; ``missed`` is what the limit adds to the cost ``objective``.

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .feedback import gain
     from .fleet import control_fleet
     from .fusion import Fit, fuse, fuse_path
-    from .identification import Model, Trajectories, identify
+    from .identification import Model, Noise, Pilot, Trajectories, Window, identify
     from .limits import Cost, Limits, Uncertain
     from .loops import Regulator, regulate
     from .rng import Key
@@ -63,6 +63,8 @@ __all__ = [
     "Limits",
     "Model",
     "ModelStream",
+    "Noise",
+    "Pilot",
     "Plan",
     "Regulator",
     "StochensError",
@@ -74,6 +76,7 @@ __all__ = [
     "Trajectories",
     "Trajectory",
     "Uncertain",
+    "Window",
     "__version__",
     "cases",
     "control",
@@ -113,7 +116,7 @@ _ROOMS = {
     "feedback": "gain",
     "fleet": "control_fleet",
     "fusion": "Fit fuse fuse_path",
-    "identification": "Model Trajectories identify",
+    "identification": "Model Noise Pilot Trajectories Window identify",
     "limits": "Cost Limits Uncertain",
     "loops": "Regulator regulate",
     "rng": "Key",

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy import linalg
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs.exceptions import InputError, SolverError
 
 Array = NDArray[np.float64]
@@ -172,7 +173,7 @@ def outcome(plant: Plant, log: Log) -> tuple[str, str]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            model = se.identify(log.data(outputs), **options)
+            model = se.identify(log.data(outputs), **opts(**options))
             region = model.region(DELTA)
         except InputError as error:
             return "refused", str(error)

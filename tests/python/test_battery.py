@@ -11,6 +11,7 @@ from scipy import stats
 import hidden_systems as hidden
 import stochens_rs as se
 from coverage_study import sets
+from declarations import opts
 from stochens_rs.exceptions import InputError
 from stochens_rs.identification import battery
 from twin import battery as twin
@@ -164,7 +165,9 @@ def test_each_fault_is_refused_and_named(fault):
     """In each set nothing is bounded, and the first reason is that of the fault."""
     make, options, names = FAULTS[fault]
     for seed in range(sets(40, 5)):
-        model = se.identify(make(np.random.default_rng([920, seed])), **options, checks=False)
+        model = se.identify(
+            make(np.random.default_rng([920, seed])), **opts(**options, checks=False)
+        )
         assert model.doubts
         assert any(name in names for name in model._faults), (seed, list(model._faults))
         assert np.isinf(model.region(0.05).radius)
@@ -203,7 +206,7 @@ def test_less_than_one_in_a_hundred_clean_logs_is_refused():
         sizes = int(gen.integers(1, 5)), int(gen.integers(1, 3))
         for system in hidden.of_each_kind(gen, *sizes, without=("mixed_state_units",)):
             for data, options in clean(gen, system):
-                model = se.identify(data, **options, checks=False)
+                model = se.identify(data, **opts(**options, checks=False))
                 asked += 1
                 refused += [(system.kind, seed, name) for name in list(model._faults)[:1]]
     assert len(refused) <= stats.binom.isf(1e-3, asked, 0.01), refused
@@ -270,4 +273,7 @@ def test_last_pairs_keep_the_rows_before(tmp_path):
     assert loaded == data.last_pairs()
     assert loaded._whole == data
     assert data.last_pairs()[:5]._whole == data[:5]
-    assert se.identify(data.last_pairs(), **EXACT, checks=False).tests["memory"] > battery.LEVEL
+    assert (
+        se.identify(data.last_pairs(), **opts(**EXACT, checks=False)).tests["memory"]
+        > battery.LEVEL
+    )

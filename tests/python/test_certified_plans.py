@@ -12,6 +12,7 @@ import pytest
 import stochens_rs as se
 from core_regions import changed, region_errors
 from coverage_study import DELTA
+from declarations import opts
 from identification_data import POINT, Y, Z, check, rolled, stable
 from stochens_rs.certificates.of_model import trajectory
 from stochens_rs.exceptions import InputError, InputTypeError
@@ -36,7 +37,7 @@ def model_of(z, y, n=None, **options):
     pairs = se.Trajectories.from_pairs(z[:, :n], z[:, n:], y)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", se.exceptions.DataWarning)  # few pairs, equal ones
-        return se.identify(pairs, accept=ACCEPTED, **options)
+        return se.identify(pairs, **opts(accept=ACCEPTED, **options))
 
 
 def case(seed, N=40, sigma=0.3, n=4, m=2):
@@ -279,7 +280,7 @@ def test_direct_regression_is_the_exact_region_of_its_pairs():
     model = se.identify(data, checks=False)
     plan = se.control(model, [1.0, 0.0], [0.0, 1.0], steps=K)
     found = plan.bound(open_loop=True)
-    direct = se.identify(data.k_step(K, open_loop=True), design="independent", checks=False)
+    direct = se.identify(data.k_step(K, open_loop=True), **opts(design="independent", checks=False))
     one = under(se.control(direct, [1.0, 0.0], [0.0, 1.0]), plan.u.reshape(1, -1)).bound(DELTA / 2)
     method = f"direct regression over {K} steps without noise"
     assert found["target"].method == one["target"].method == method
@@ -400,7 +401,7 @@ def refusals():
     runs = se.control(se.identify(data, checks=False), x0, xf, steps=3)
     drawn = se.sample(x0, 9, rng=1)
     exact = se.control((A, B), x0, xf)
-    bounded = se.identify(data, noise="bounded", sigma=1.0, checks=False)
+    bounded = se.identify(data, **opts(noise="bounded", sigma=1.0, checks=False))
     yield InputTypeError, "`x0` .* Uncertain", lambda: se.control(model, drawn, xf)
     yield InputTypeError, "`xf` must be an array", lambda: se.control(model, x0, se.fuse(drawn))
     yield InputError, "`fusion`", lambda: se.control(model, x0, xf, fusion="diagonal")

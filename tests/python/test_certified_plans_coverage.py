@@ -11,6 +11,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import DELTA, at_most, coverage, failures, repeated, sets
+from declarations import opts
 from identification_data import SKEWED, stable
 from stochens_rs.certificates.of_model import trajectory
 from test_certified_plans import measured, model_of, under
@@ -194,7 +195,7 @@ def test_noise_of_known_size_to_come(noise):
         for t in range(60):
             u[t] = -0.1 * x[t, :1] + gen.standard_normal()
             x[t + 1] = Theta @ np.concatenate([x[t], u[t]]) + w[t]
-        model = se.identify(se.Trajectories(x, u), noise=noise, sigma=SIGMA, checks=False)
+        model = se.identify(se.Trajectories(x, u), **opts(noise=noise, sigma=SIGMA, checks=False))
         wrong = []
         for K in (1, 3):
             plan = se.control(model, x[-1], [0.0, 0.0], steps=K)
@@ -220,7 +221,9 @@ def test_feedback_must_not_be_declared_as_open_loop():
 
     def failed(gen):
         data = measured(gen, Theta, 60, K, sigma=0.3, feedback=np.array([[-0.6, -0.9]]))
-        direct = se.identify(data.k_step(K, open_loop=True), design="independent", checks=False)
+        direct = se.identify(
+            data.k_step(K, open_loop=True), **opts(design="independent", checks=False)
+        )
         z = worst(direct, true)
         xf = np.hstack([direct.A, direct.B]) @ z
         plan = se.control(se.identify(data, checks=False), z[:2], xf, steps=K)
@@ -242,7 +245,7 @@ def test_runs_must_not_be_declared_as_independent_pairs():
         pairs = se.Trajectories.from_pairs(x[:-1], gen.standard_normal((60, 1)), x[1:])
         scalar = {"design": "independent", "covariance": "scalar"}
         for declared in (scalar, {"sigma": 1.0}):
-            model = se.identify(pairs, intercept=True, checks=False, **declared)
+            model = se.identify(pairs, **opts(intercept=True, checks=False, **declared))
             z = worst(model, true)
             z /= z[-1]
             plan = under(se.control(model, z[:3], z[:3]), z[None, 3:4])

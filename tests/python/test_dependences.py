@@ -13,6 +13,7 @@ from scipy import linalg, stats
 import hidden_systems as hidden
 import stochens_rs as se
 from coverage_study import at_most, failures, repeated
+from declarations import opts
 from stochens_rs.exceptions import DataWarning, InputError
 from stochens_rs.identification import battery
 from stochens_rs.identification import checks as residual_checks
@@ -180,7 +181,7 @@ def test_states_with_few_sources_of_noise_can_be_declared(kind):
     def case(gen):
         x, _, u = draw(gen, 10)
         data = trajectories(x, u)
-        model = se.identify(data, scale=SCALE, exact=exact, checks=False)
+        model = se.identify(data, **opts(scale=SCALE, exact=exact, checks=False))
         refused = not se.identify(data, scale=SCALE, checks=False).doubts
         plan = se.control(model, X0, XF, steps=10)
         bound = plan.bound(0.05)
@@ -281,7 +282,7 @@ def test_fused_models_and_files_keep_what_was_found(tmp_path):
     assert se.control(fused, X0, XF, steps=5).bound(0.05).target == np.inf
     path = tmp_path / "model.safetensors"
     exact = ["speed", "angle", "position"]
-    se.identify(data, exact=exact).save(path)
+    se.identify(data, **opts(exact=exact)).save(path)
     loaded = se.Model.load(path)
     assert loaded.assumptions.exact == (0, 1, 2)
     assert loaded.doubts == ()
@@ -291,9 +292,9 @@ def test_fused_models_and_files_keep_what_was_found(tmp_path):
 def test_what_cannot_be_exact_is_refused():
     data = differenced(np.random.default_rng(109), 2, "backward")
     with pytest.raises(InputError, match=r"`exact` must be one of .* did you mean 'speed'"):
-        se.identify(data, exact=["sped"])
+        se.identify(data, **opts(exact=["sped"]))
     with pytest.raises(InputError, match=r"`exact` must be in .0, 3., got int 4"):
-        se.identify(data, exact=[4])
+        se.identify(data, **opts(exact=[4]))
 
 
 def test_tests_that_were_not_made_say_so(monkeypatch):
@@ -347,12 +348,12 @@ def pushed(force, gen, runs=8):
 def test_a_constant_that_is_left_out_is_said(options):
     gen = np.random.default_rng(8)
     data = pushed(0.5, gen)
-    said = se.identify(data, checks=False, **options).warnings
+    said = se.identify(data, **opts(checks=False, **options)).warnings
     assert any(
         re.match(r"a constant explains \d+(\.\d)? % of .*intercept=True", one) for one in said
     )
-    said = se.identify(data, checks=False, intercept=True, **options).warnings
+    said = se.identify(data, **opts(checks=False, intercept=True, **options)).warnings
     assert not any("a constant" in one for one in said)
     quiet = [pushed(0.0, gen) for _ in range(40)]  # 40 false alarms in 1e4 at most
-    found = [se.identify(one, checks=False, **options).warnings for one in quiet]
+    found = [se.identify(one, **opts(checks=False, **options)).warnings for one in quiet]
     assert not any("a constant" in one for some in found for one in some)

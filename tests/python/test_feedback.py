@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, SolverError
 from stochens_rs.feedback import LoopCertificate, Tube
@@ -331,7 +332,7 @@ def model(N=60, seed=1, *, a=1.2, sigma=0.1, **options):
     u = gen.standard_normal((N, 1))
     A, B = np.array([[a, 0.3], [0.0, 0.7]]), np.array([[0.5], [1.0]])
     data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + sigma * w)
-    return se.identify(data, **{"sigma": sigma, **options})
+    return se.identify(data, **opts(**{"sigma": sigma, **options}))
 
 
 def test_from_data_to_a_tube():
@@ -420,7 +421,7 @@ def test_what_the_data_do_not_determine():
     A, B = np.array([[1.1, 0.3], [0.0, 0.7]]), np.array([[0.5], [1.0]])
     data = se.Trajectories.from_pairs(x, x @ own.T, x @ (A + B @ own).T + 0.05 * w)
     with pytest.warns(se.exceptions.DataWarning, match="do not determine"):
-        one = se.identify(data, sigma=0.05)
+        one = se.identify(data, **opts(sigma=0.05))
     other = se.gain(se.System(A, B), 1.0, 1.0).K
     region = one.region(0.05)
     assert _core.Feedback(region._core, own).status == "certified"
@@ -447,7 +448,9 @@ def test_an_offset_leaves_no_statement_for_all_time():
     gen = np.random.default_rng(6)
     x, u, w = gen.standard_normal((3, 60, 1))
     data = se.Trajectories.from_pairs(x, u, 1.1 * x + u + 0.3 + 0.05 * w)
-    proof = se.gain(se.identify(data, sigma=0.05, intercept=True), 1.0, 1.0).certificate(0.05)
+    proof = se.gain(se.identify(data, **opts(sigma=0.05, intercept=True)), 1.0, 1.0).certificate(
+        0.05
+    )
     assert proof.status == "certified"
     tube = proof.tube([1.0], 20)
     assert np.isfinite(tube.radii).all()
@@ -515,7 +518,7 @@ def of_runs(count=20, error=0.0, sigma=0.05, seed=0, **options):
         noise = sigma * rng.standard_normal((count, 2))
         x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + noise
     x += error * rng.standard_normal(x.shape)
-    return se.identify(se.Trajectories(x, u), checks=False, **options)
+    return se.identify(se.Trajectories(x, u), **opts(checks=False, **options))
 
 
 def test_nothing_holds_where_the_data_are_doubted():
@@ -579,7 +582,7 @@ def test_every_field_of_a_forged_file_is_checked(path):
     model = of_runs()
     if path[0] in ("residual", "degrees"):
         pairs = se.Trajectories.from_pairs(*of_runs().data.pairs())
-        model = se.identify(pairs, design="independent", checks=False)
+        model = se.identify(pairs, **opts(design="independent", checks=False))
     loop = se.gain(model, 1.0, 1.0)
     fields = loop.certificate(model.region(0.05, frobenius="parts" not in path)).to_dict()
     *above, last = path

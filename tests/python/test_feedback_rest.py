@@ -7,6 +7,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import at_most
+from declarations import opts
 from stochens_rs.exceptions import InputError
 from test_feedback import CENTRE, K, S, V, judged, white
 
@@ -19,7 +20,7 @@ def of_data(gen, *, N=60, sigma=0.05, intercept=False, declared=True, bound=1.0,
     y = x @ A.T + u @ B.T + sigma * gen.standard_normal((N, 2)) + intercept * SHIFT
     known = {"sigma": bound * sigma} if declared else {"design": "independent"}
     data = se.Trajectories.from_pairs(x, u, y)
-    return se.identify(data, intercept=intercept, checks=False, **known, **options)
+    return se.identify(data, **opts(intercept=intercept, checks=False, **known, **options))
 
 
 def rows_at_rest(centre, V, S, rho, K, xs, us, r):

@@ -9,6 +9,7 @@ import pytest
 import scipy.optimize
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, ShapeError
 from twin import region_from_data as twin
@@ -128,7 +129,7 @@ def runs(rng, n=2, m=1, count=10, length=30, sigma=0.1, units=1.0, radius=0.9):
 def test_core_is_the_twin(sizes, noise, frobenius):
     n, m, count = sizes
     data, _, _ = runs(np.random.default_rng(1), n, m, count)
-    model = se.identify(data, checks=False, **noise)
+    model = se.identify(data, **opts(checks=False, **noise))
     assert model._first == max(data.size // 8, 2 * (n + m))
     for method in ("auto",) if "sigma" in noise else ("auto", "mixture", "universal"):
         if method == "universal" and frobenius:
@@ -155,21 +156,24 @@ def test_units_do_not_matter():
     other = scaled_by(data, units, of_u)
     for options in ({"covariance": "full"}, {"covariance": "diagonal"}):
         mine, found = (
-            se.identify(one, checks=False, **options).region(DELTA).parts[0].factor
+            se.identify(one, **opts(checks=False, **options)).region(DELTA).parts[0].factor
             for one in (data, other)
         )
         assert found == pytest.approx(mine, rel=1e-7)
     known = 0.01 * np.eye(3)
-    mine = se.identify(data, covariance=known, checks=False).region(DELTA)
+    mine = se.identify(data, **opts(covariance=known, checks=False)).region(DELTA)
     scaled = known * np.outer(units, units)
-    found = se.identify(other, covariance=scaled, checks=False).region(DELTA)
+    found = se.identify(other, **opts(covariance=scaled, checks=False)).region(DELTA)
     assert found.parts[0].factor == pytest.approx(mine.parts[0].factor, rel=1e-7)
     assert found.contains(A * units[:, None] / units, B * units[:, None] / of_u)
 
 
 def test_a_scale_and_all_times_take_the_old_units():
     data, _, _ = runs(np.random.default_rng(3))
-    told, plain = se.identify(data, sigma=0.1, scale=1.0), se.identify(data, sigma=0.1)
+    told, plain = (
+        se.identify(data, **opts(sigma=0.1, scale=1.0)),
+        se.identify(data, **opts(sigma=0.1)),
+    )
     assert told._first == 0
     assert plain._first == 37
     always = plain.region(DELTA, anytime=True)
@@ -188,9 +192,9 @@ def test_few_pairs_take_no_first_part():
     z = np.random.default_rng(4).standard_normal((12, 5))
     for size, first in ((11, 0), (12, 6)):
         data = se.Trajectories.from_pairs(z[:size, :2], z[:size, 2:3], z[:size, 3:])
-        assert se.identify(data, sigma=1.0)._first == first
-    assert se.identify(data, design="independent", sigma=1.0)._first == 0
-    assert se.identify(data, design="independent", noise="bounded", sigma=9.0)._first == 6
+        assert se.identify(data, **opts(sigma=1.0))._first == first
+    assert se.identify(data, **opts(design="independent", sigma=1.0))._first == 0
+    assert se.identify(data, **opts(design="independent", noise="bounded", sigma=9.0))._first == 6
 
 
 def test_the_first_part_grows_until_it_determines_all():
@@ -202,19 +206,21 @@ def test_the_first_part_grows_until_it_determines_all():
         late = u.copy()
         late[:begin, 1] = 0.0
         data = se.Trajectories.from_pairs(x, late, 0.5 * x + late + 0.1 * w)
-        model = se.identify(data, sigma=0.1)
+        model = se.identify(data, **opts(sigma=0.1))
         assert model._first == first
         assert model.region(DELTA).contains(0.5 * np.eye(2), np.eye(2))
     late[:250, 1] = 0.0
     data = se.Trajectories.from_pairs(x, late, 0.5 * x + late + 0.1 * w)
     with pytest.warns(DataWarning, match="the first 200 pairs do not determine what later"):
-        model = se.identify(data, sigma=0.1, checks=False)
+        model = se.identify(data, **opts(sigma=0.1, checks=False))
     assert model.region(DELTA).radius == np.inf
-    assert se.identify(data, sigma=0.1, checks=False, scale=1.0).region(DELTA).radius < np.inf
+    assert (
+        se.identify(data, **opts(sigma=0.1, checks=False, scale=1.0)).region(DELTA).radius < np.inf
+    )
     late[:, 1] = 0.0
     known = {"sigma": 0.1, "checks": False, "accept": "noise size"}
     with pytest.warns(DataWarning):
-        model = se.identify(se.Trajectories.from_pairs(x, late, y), **known)
+        model = se.identify(se.Trajectories.from_pairs(x, late, y), **opts(**known))
     assert any("do not determine the model along u" in text for text in model.warnings)
     region = model.region(DELTA)
     assert region.missing == ("u[1]",)
@@ -226,7 +232,7 @@ def test_known_entries_and_rows():
     data, A, B = runs(gen, 3, 1, 20)
     some = np.where([[1, 1, 0], [1, 1, 1], [0, 1, 1]], np.nan, A)
     for model, wish in (
-        (se.identify(data, sigma=0.1, known_A=some), {}),
+        (se.identify(data, **opts(sigma=0.1, known_A=some)), {}),
         (se.identify(data, known_A=some), {"method": "universal"}),
         (se.identify(data), {"components": True}),
     ):
@@ -257,7 +263,7 @@ def test_huge_and_tiny_numbers(size):
     data, _, _ = runs(np.random.default_rng(7))
     other = scaled_by(data, size, 1.0)
     mine, found = (
-        se.identify(one, sigma=s, checks=False).region(DELTA)
+        se.identify(one, **opts(sigma=s, checks=False)).region(DELTA)
         for one, s in ((data, 0.1), (other, 0.1 * size))
     )
     assert found.parts[0].factor == pytest.approx(mine.parts[0].factor, rel=1e-9)
@@ -318,7 +324,7 @@ def test_coverage_of_states(kind):
             options["covariance"] = np.diag((UNLIKE[kind].get("sigma", 0.1) * sizes) ** 2)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)
-            model = se.identify(data, checks=False, **options)
+            model = se.identify(data, **opts(checks=False, **options))
         missed += not model.region(0.2).contains(A, B)
     assert missed <= 47
 

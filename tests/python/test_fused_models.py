@@ -17,6 +17,7 @@ import pytest
 import stochens_rs as se
 from core_regions import region_errors
 from coverage_study import DELTA, at_most, coverage, sets
+from declarations import opts
 from identification_data import SKEWED, THETA, Y, Z, check, hull, independent, tuned
 from stochens_rs import _core
 from stochens_rs.exceptions import (
@@ -48,7 +49,7 @@ def model(**options):
     """Of data by formulas, whose outcomes repeat."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return se.identify(pairs(Z, Y), **options)
+        return se.identify(pairs(Z, Y), **opts(**options))
 
 
 def pairs(z, y, offset=False):
@@ -58,14 +59,16 @@ def pairs(z, y, offset=False):
 
 def declared(z, y, sigma=None, offset=False, **words):
     words = {"design": "independent", "covariance": "scalar", **words}
-    return se.identify(pairs(z, y, offset), sigma=sigma, intercept=offset, checks=False, **words)
+    return se.identify(
+        pairs(z, y, offset), **opts(sigma=sigma, intercept=offset, checks=False, **words)
+    )
 
 
 def fused_by(models, z, y, sigma=None, offset=False, **words):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
         data = declared(z, y, sigma, offset)
-        return se.fuse(ensemble(models, offset=offset), "alse", data=data, **words)
+        return se.fuse(ensemble(models, offset=offset), "alse", **opts(data=data, **words))
 
 
 def Theta_of(model):
@@ -153,7 +156,7 @@ def test_a_known_covariance_is_a_change_of_units():
     Sigma = SKEWED @ SKEWED.T
     words = {"design": "independent", "checks": False}
     ours = se.fuse(
-        ensemble(models), "alse", data=se.identify(pairs(z, y), covariance=Sigma, **words)
+        ensemble(models), "alse", data=se.identify(pairs(z, y), **opts(covariance=Sigma, **words))
     )
     L = np.linalg.cholesky(Sigma)
     white = fd.fuse(np.linalg.solve(L, models), tr.fit(tr.triangle(z, np.linalg.solve(L, y.T).T)))
@@ -237,7 +240,7 @@ def test_regions_of_noise_that_nothing_is_declared_of_hold(alike, off):
             for ratio in (1.0, 1e5):
                 Theta, models, z, y = mixed([75, seed], ratio, alike, off)
                 data = pairs(z, y)
-                fused = se.fuse(ensemble(models), "alse", data=data, design="independent")
+                fused = se.fuse(ensemble(models), "alse", **opts(data=data, design="independent"))
                 found.append((contains(fused.region(DELTA), Theta, 5, 2), fused))
             (inside, one), (also, other) = found
             assert (inside, one.explained) == (also, other.explained)
@@ -275,7 +278,7 @@ def test_a_single_state_without_noise_is_explained():
         Theta = share * models[0] + (1.0 - share) * models[1]
         z = gen.integers(-16, 17, (20, 2)) / 8.0
         data = pairs(z, z @ Theta.T)
-        fused = se.fuse(ensemble(models), "alse", data=data, design="independent")
+        fused = se.fuse(ensemble(models), "alse", **opts(data=data, design="independent"))
         assert fused.explained is not False
 
 
@@ -320,7 +323,7 @@ def test_regions_in_closed_loop_hold():
         models = ensemble(hull(gen, Theta, 0.3, 0.1))
         data = se.Trajectories(*run)
         with pytest.warns(DataWarning):
-            fused = se.fuse(models, "alse", data=data, sigma=1.0)
+            fused = se.fuse(models, "alse", **opts(data=data, sigma=1.0))
         assert any("the region is that of least squares" in text for text in fused.warnings)
         region = fused.region(DELTA)
         failed += not region.contains(Theta[:, :2], Theta[:, 2:])
@@ -428,7 +431,7 @@ def test_table_of_the_grid():
 
 def test_the_record():
     data = pairs(Z, Y)
-    fused = se.fuse(ensemble(MODELS), "alse", data=data, design="independent", sigma=0.2)
+    fused = se.fuse(ensemble(MODELS), "alse", **opts(data=data, design="independent", sigma=0.2))
     assert isinstance(fused, FusedModel)
     assert fused.status == "optimal"
     assert fused.centre == "estimate"
@@ -508,7 +511,7 @@ def test_exact_data_inside_the_hull():
     data = pairs(Z, Z @ (MODELS.mean(axis=0)).T)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
-        fused = se.fuse(ensemble(MODELS), "alse", data=data, design="independent")
+        fused = se.fuse(ensemble(MODELS), "alse", **opts(data=data, design="independent"))
     check(Theta_of(fused), MODELS.mean(axis=0), atol=1e-6)
     assert fused.region(DELTA).radius < 1e-4
 
@@ -517,11 +520,11 @@ def test_offsets():
     x, u, w = np.random.default_rng(3).standard_normal((3, 30, 1))
     data = se.Trajectories.from_pairs(x, u, 0.8 * x + u + 2.0 + 0.1 * w)
     models = se.SystemEnsemble([[[0.9]], [[0.7]]], [[[1.0]], [[1.0]]], [[1.9], [2.1]])
-    fused = se.fuse(models, "alse", data=data, design="independent", sigma=0.1)
+    fused = se.fuse(models, "alse", **opts(data=data, design="independent", sigma=0.1))
     assert fused.c == pytest.approx([2.0], abs=0.1)
     assert fused.region(DELTA).contains([[0.8]], [[1.0]], [2.0])
     with pytest.raises(InputError, match=r"must be a model with intercept"):
-        se.fuse(models, "alse", data=se.identify(data, sigma=0.1, checks=False))
+        se.fuse(models, "alse", data=se.identify(data, **opts(sigma=0.1, checks=False)))
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -569,14 +572,16 @@ def test_models_about_an_estimate_are_refused_unless_declared():
     own = se.identify(some())
     cloud = own.draw(5, rng=1)
     with pytest.raises(InputError, match=r"scatters about an estimate from data.*independent=True"):
-        se.fuse(cloud, "alse", data=some(2), design="independent")
+        se.fuse(cloud, "alse", **opts(data=some(2), design="independent"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
-        fused = se.fuse(cloud, "alse", data=some(2), design="independent", independent=True)
+        fused = se.fuse(cloud, "alse", **opts(data=some(2), design="independent", independent=True))
         assert fused.models.size == 5
-        other = se.fuse([own, se.identify(some(3))], "alse", data=some(2), design="independent")
+        other = se.fuse(
+            [own, se.identify(some(3))], "alse", **opts(data=some(2), design="independent")
+        )
         with pytest.raises(InputError, match=r"`ensemble\[1\]` was fitted on pairs"):
-            se.fuse([own, other], "alse", data=[some(2), some(4)], design="independent")
+            se.fuse([own, other], "alse", **opts(data=[some(2), some(4)], design="independent"))
 
 
 @pytest.mark.parametrize(
@@ -586,15 +591,14 @@ def test_models_about_an_estimate_are_refused_unless_declared():
         ({"weights": [0.5, 0.5]}, "`weights` must be left out with `data`"),
         ({"weight_set": "subsimplex"}, "`weight_set` must be 'simplex' with `data`"),
         ({"method": "slse"}, "`method` must be 'alse' with `data`, got 'slse'"),
-        ({"data": model(sigma=1.0), "sigma": 1.0}, "must be left out: `data`"),
-        ({"data": model(noise="bounded", sigma=1.0)}, "noise='gaussian'"),
+        ({"data": model(sigma=1.0), "noise": 1.0}, "must be left out: `data`"),
+        ({"data": model(noise="bounded", sigma=1.0)}, "Gaussian noise"),
         ({"data": model(known_B=[[0.0], [1.0]], sigma=1.0)}, "known entries"),
         ({"data": some(n=3)}, "must have n=2 m=1 as the models, got n=3 m=1"),
         ({"data": THETA}, "`data` must"),
         ({"shrink": 1}, "`shrink` must be True or False"),
         ({"independent": None}, "`independent` must be True or False"),
         ({"data": pairs(0.0 * Z, Y)}, "`data` determine nothing"),
-        ({"design": "exogenous"}, "`design` must be one of"),
     ],
 )
 @pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -608,14 +612,13 @@ def test_refused(words, message):
 
 def test_models_whose_squares_overflow_are_refused():
     with pytest.raises(NonFiniteError, match="overflow"):
-        se.fuse(ensemble(1e200 * MODELS), "alse", data=pairs(Z, Y), design="independent")
+        se.fuse(ensemble(1e200 * MODELS), "alse", **opts(data=pairs(Z, Y), design="independent"))
 
 
 def test_words_for_data_are_refused_without_data():
     realizations = se.sample([1.0, 2.0], 5, rng=1)
     for words in (
-        {"design": "independent"},
-        {"sigma": 1.0},
+        {"noise": 1.0},
         {"shrink": False},
         {"independent": True},
     ):

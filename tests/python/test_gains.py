@@ -9,6 +9,7 @@ import pytest
 import scipy.linalg
 
 import stochens_rs as se
+from declarations import opts
 from hidden_systems import KINDS, drawn
 from stochens_rs.exceptions import InputError, SolverError
 
@@ -206,7 +207,9 @@ def test_a_guaranteed_gain_in_other_units():
 
     def of(unit):
         pairs = se.Trajectories.from_pairs(x / unit, u, y / unit)
-        model = se.identify(pairs, covariance=np.diag([0.05, 0.1]) ** 2 / unit[:, None] / unit)
+        model = se.identify(
+            pairs, **opts(covariance=np.diag([0.05, 0.1]) ** 2 / unit[:, None] / unit)
+        )
         weight = Q * unit[:, None] * unit
         return se.gain(model, weight, 1.0, guarantee=0.05), se.gain(model, 0.0, 1.0, guarantee=0.05)
 

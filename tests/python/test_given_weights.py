@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs.exceptions import InputError, InputTypeError
 
 INDEPENDENT = {"design": "independent", "checks": False}
@@ -70,10 +71,10 @@ def test_precision_of_experiments():
     gen, errors = np.random.default_rng(8), []
     for _ in range(200):
         Theta, sets = experiments(gen, [8, 10, 60], n=2, d=3, scales=[0.2, 1.0, 1.0])
-        models = [se.identify(one, **INDEPENDENT) for one in sets]
+        models = [se.identify(one, **opts(**INDEPENDENT)) for one in sets]
         v = [np.sum(m._blocks[0].white ** 2) for m in models]
         apart = se.SystemEnsemble([m.A for m in models], [m.B for m in models], centre="truth")
-        pooled = se.identify(sets, **INDEPENDENT)
+        pooled = se.identify(sets, **opts(**INDEPENDENT))
         found = [
             np.hstack([pooled.A, pooled.B]),
             se.fuse(apart, weights="precision", variances=v).estimate,

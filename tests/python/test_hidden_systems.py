@@ -22,6 +22,7 @@ from scipy import stats
 import stochens_rs as se
 import tail_bounds as bounds
 from coverage_study import ALARM, at_most
+from declarations import opts
 from hidden_systems import KINDS, NOISES, covariance, drawn
 from limit_plans import within
 from stochens_rs.exceptions import DataWarning
@@ -267,7 +268,9 @@ def regions(design, known):
     def case(gen, system):
         runs = measured(gen, system, pairs=design == "independent", known=known)
         how = {"covariance": runs.covariance} if known else {}
-        model = se.identify(runs.data, design=design, checks=False, scale=scale(runs), **how)
+        model = se.identify(
+            runs.data, **opts(design=design, checks=False, scale=scale(runs), **how)
+        )
         yield [outside(model, system, model.region(DELTA))]
 
     return case
@@ -279,7 +282,9 @@ def certificates(*, design="adaptive", noise=False, **options):
     def case(gen, system):
         runs = measured(gen, system, pairs=design == "independent", known=noise)
         how = {"covariance": runs.covariance} if noise else {}
-        model = se.identify(runs.data, design=design, checks=False, scale=scale(runs), **how)
+        model = se.identify(
+            runs.data, **opts(design=design, checks=False, scale=scale(runs), **how)
+        )
         x0, xf = ends(gen, system, runs.sizes)
         for steps in (1, 3):
             plan = se.control(model, x0, xf, steps=steps, **within(**options))
@@ -301,7 +306,9 @@ def looks(gen, system):
     """`ModelStream.look`: any of three, with feedback from the looks themselves."""
     n, m = system.B.shape
     runs, worst = measured(gen, system, known=True), np.zeros(2)
-    stream = se.ModelStream(n, m, covariance=runs.covariance, scale=scale(runs), delta=DELTA)
+    stream = se.ModelStream(
+        n, m, **opts(covariance=runs.covariance, scale=scale(runs), delta=DELTA)
+    )
     for first, last in ((0, 3), (3, 10), (10, 40)):
         for x, u in runs.data.runs[first:last]:
             stream.update(x[:-1], u, x[1:])

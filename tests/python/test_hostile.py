@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs._base.records import Record
 from stochens_rs.exceptions import NonFiniteError, ResourceError, StochensError
 from test_docs import PUBLIC
@@ -152,12 +153,12 @@ def runs():
 
 @cache
 def model():
-    return se.identify(runs(), design="independent")
+    return se.identify(runs(), **opts(design="independent"))
 
 
 @cache
 def to_improve():
-    known = se.identify(runs(), sigma=1.0, checks=False)
+    known = se.identify(runs(), **opts(sigma=1.0, checks=False))
     return se.control(known, X0, XF, steps=2)
 
 
@@ -186,7 +187,7 @@ def read_model():
     u, x = gen.standard_normal((400, 2)), np.zeros((401, 2))
     for k in range(400):
         x[k + 1] = A @ x[k] + B @ u[k] + 0.01 * gen.standard_normal(2)
-    return se.identify(se.Trajectories(x, u, outputs=True), lags=1)
+    return se.identify(se.Trajectories(x, u, outputs=True), **opts(lags=1))
 
 
 def reading_loop():
@@ -203,7 +204,7 @@ def proof():
         + 0.1 * np.random.default_rng(2).standard_normal((60, 2))
     )
     data = se.Trajectories.from_pairs(x, u, y)
-    return se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate()
+    return se.gain(se.identify(data, **opts(sigma=0.1)), 1.0, 1.0).certificate()
 
 
 TASK = loop()._task
@@ -250,13 +251,13 @@ MACHINES = {"bus": [1, 2], "H": [4.0, 5.0], "D": [2.0, 0.0], "xd1": [0.3, 0.2]}
 OWN = {
     "control": {"x0": X0, "xf": XF},
     "regulate": {"steps": 3},
-    "Window.loop": {"Theta": np.ones((2, 4))},
-    "Window.state_of": {"outputs": np.ones((3, 2)), "inputs": np.ones((2, 2))},
+    "Regressors.loop": {"Theta": np.ones((2, 4))},
+    "Regressors.state_of": {"outputs": np.ones((3, 2)), "inputs": np.ones((2, 2))},
     "ReadingLoop.start": {"record": (np.ones((3, 2)), np.ones((2, 2)))},
     "Plan.error": {"xf": XF},
     "Results.save": {"path": "results.json"},
     "drawn_bound": {"quantity": "state", "size": 5, "data": [(A, B), X0, XF]},
-    "Window.stretches": {"steps": 1},
+    "Regressors.stretches": {"steps": 1},
     "predict": {"x0": X0, "inputs": np.ones((2, 2))},
     "coverage": {"noise": 0.1},
     "fleet": {"units": [(A, B), (A, B)]},
@@ -366,7 +367,7 @@ MADE = {
     "Plan": lambda: se.control((ensemble(), B), se.sample(X0, 5, rng=2), XF),
     "Regulator": loop,
     "ReadingLoop": reading_loop,
-    "Window": lambda: read_model().window,
+    "Regressors": lambda: read_model().window,
     "Certificate": lambda: se.control(model(), X0, XF).bound(),
     "Loop": lambda: se.gain(model(), 1.0, 1.0),
     "LoopCertificate": proof,

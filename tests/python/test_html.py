@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs._base import show as html
 
 SYSTEM = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]], dt=0.1, name="a & <b>")
@@ -30,7 +31,7 @@ def data_stream():
 def model(**options):
     draws = np.random.default_rng(1).standard_normal((20, 5))
     data = se.Trajectories.from_pairs(draws[:, :2], draws[:, 2:3], draws[:, 3:], dt=0.1)
-    return se.identify(data, design="independent", **options)
+    return se.identify(data, **opts(design="independent", **options))
 
 
 DATA = se.Trajectories.from_pairs(
@@ -79,7 +80,7 @@ RECORDS = {
     ),
     "NextRuns": (
         lambda: se.design(
-            se.control(se.identify(DATA, sigma=1.0), X0, XF, steps=2), 3, limits=(-1.0, 1.0)
+            se.control(se.identify(DATA, **opts(sigma=1.0)), X0, XF, steps=2), 3, limits=(-1.0, 1.0)
         ),
         ["forecast", "not a bound", "<polyline"],
     ),

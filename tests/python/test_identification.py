@@ -10,6 +10,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import DELTA
+from declarations import opts
 from identification_data import POINT, THETA, Y, Z, check, independent, noisy_states, tuned
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
@@ -31,7 +32,7 @@ TRUE = THETA[:, :2], THETA[:, 2:]
 
 def fixed(data=DATA, **options):
     """A model of independent pairs."""
-    return se.identify(data, design="independent", **options)
+    return se.identify(data, **opts(design="independent", **options))
 
 
 def theta(model):
@@ -148,7 +149,7 @@ def test_regions_for_any_design_are_those_of_the_twin(scale):
     scaled = tr.triangle(Z / sizes, Y)
     lams = list(_core.mixtures()[:-1])
     for noise in ("gaussian", "sub-gaussian", "bounded"):
-        region = se.identify(DATA, noise=noise, sigma=0.3, scale=scale).region(DELTA)
+        region = se.identify(DATA, **opts(noise=noise, sigma=0.3, scale=scale)).region(DELTA)
         check(region.radius, rg.radius(at.known_noise(scaled, 0.3, DELTA, lams)), rtol=1e-10)
         check(
             region.bound(X0, U0),
@@ -171,7 +172,9 @@ def test_regions_of_unknown_noise_for_any_design_are_those_of_the_twin():
         # 1 - delta / (N (N + 1)) has 7 digits less
         check(region.radius, rg.radius(expected), rtol=1e-7 if anytime else 1e-9)
         assert np.isfinite(region.radius)
-    region = se.identify(data, covariance="scalar", scale=1.0).region(DELTA, method="mixture")
+    region = se.identify(data, **opts(covariance="scalar", scale=1.0)).region(
+        DELTA, method="mixture"
+    )
     check(region.radius, rg.radius(at.scalar_noise(twin, DELTA, lams)), rtol=1e-9)
     prior = {"l0": 1.0, "psi": _core.mixtures()[-1], "nu0": 4.0}
     region = se.identify(data, scale=1.0).region(DELTA, method="universal")
@@ -236,7 +239,11 @@ def test_single_known_entries_are_fitted_row_by_row():
     check(region.bound(X0, U0), np.linalg.norm(rg.pattern_bounds(rows, POINT)), rtol=1e-10)
     assert region.contains(model.A, model.B)
     assert not region.contains(model.A, model.B + np.array([[0.0], [1.0]]))
-    assert se.identify(DATA, sigma=0.3, known_B=[[0.0], [np.nan]]).region(DELTA).contains(*TRUE)
+    assert (
+        se.identify(DATA, **opts(sigma=0.3, known_B=[[0.0], [np.nan]]))
+        .region(DELTA)
+        .contains(*TRUE)
+    )
 
 
 def test_components_are_sharper_one_by_one():
@@ -372,9 +379,9 @@ REFUSED = {
         lambda: fixed(runs_of_two_steps()),
         "`design` must be 'adaptive' for runs of several steps",
     ),
-    "sub-Gaussian": (lambda: se.identify(DATA, noise="sub-gaussian"), "`sigma` must be given for"),
+    "sub-Gaussian": (lambda: se.identify(DATA, **opts(noise="sub-gaussian"),,), "`sigma` must be given for"),
     "bounded": (
-        lambda: se.identify(DATA, noise="bounded", covariance=np.eye(2)),
+        lambda: se.identify(DATA, **opts(noise="bounded", covariance=np.eye(2))),
         "`sigma` must be given for noise",
     ),
     "both": (
@@ -385,7 +392,7 @@ REFUSED = {
     ),
     "not symmetric": (lambda: fixed(covariance=[[1.0, 2.0], [0.0, 9.0]]), "must be symmetric"),
     "word": (lambda: fixed(covariance="ful"), "did you mean 'full'?"),
-    "design": (lambda: se.identify(DATA, design="open"), "`design` must be one of 'independent'"),
+    "design": (lambda: se.identify(DATA, **opts(design="open"),,), "`design` must be one of 'independent'"),
     "everything known": (
         lambda: fixed(known_A=np.eye(2), known_B=np.ones((2, 1))), "leave nothing to estimate"
     ),
@@ -438,7 +445,7 @@ def test_regions_that_are_not_known_are_refused(what):
     options, wish, said = NO_REGION[what]
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
-        model = se.identify(DATA, **options)
+        model = se.identify(DATA, **opts(**options))
     with pytest.raises(InputError) as caught:
         model.region(**{"delta": DELTA, **wish})
     assert said in str(caught.value)
@@ -528,7 +535,7 @@ def test_estimates_cannot_be_changed():
 
 def test_what_is_shown():
     _, run = tuned(np.random.default_rng(18), 50)
-    model = se.identify(se.Trajectories(*run, dt=0.1, state_names=["a<b", "c"]), sigma=1.0)
+    model = se.identify(se.Trajectories(*run, dt=0.1, state_names=["a<b", "c"]), **opts(sigma=1.0))
     assert repr(model) == "<Model: n=2 m=1 dt=0.1, 50 pairs>"
     shown = model._repr_html_()
     assert "a&lt;b" in shown
@@ -547,7 +554,7 @@ ASSUMPTIONS = {
     "and in the order of time, of which the first 6 tell the scale":
         lambda: se.identify(DATA),
     "bounded noise of a known bound, any design, valid for all N at once":
-        lambda: se.identify(DATA, noise="bounded", sigma=1.0, scale=1.0),
+        lambda: se.identify(DATA, **opts(noise="bounded", sigma=1.0, scale=1.0)),
 }  # fmt: skip
 
 
@@ -562,8 +569,8 @@ def test_a_region_of_rounding_bounds_nothing_that_the_data_do_not_determine():
     exact = se.Trajectories.from_pairs(x, 0.0 * x, 2.0 * x)  # no residual
     still = se.Trajectories.from_pairs(0.0 * x, 0.0 * x, x)
     for region, known, rounding in (
-        (se.identify(exact, design="independent").region(), [1.0], 1e-11),
-        (se.identify(still, sigma=0.1).region(), [0.0], 0.0),
+        (se.identify(exact, **opts(design="independent")).region(), [1.0], 1e-11),
+        (se.identify(still, **opts(sigma=0.1)).region(), [0.0], 0.0),
     ):
         assert region.radius <= rounding
         assert region.bound(known, [0.0]) <= rounding

@@ -11,6 +11,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import DELTA, at_most, coverage, exactly, failures, sets
+from declarations import opts
 from identification_data import SKEWED, independent, noisy_states, rolled, stable, tuned
 from stochens_rs.identification.assumptions import ACCEPTED
 from twin import regions as rg
@@ -22,7 +23,7 @@ RUNS = sets(4000, 1000)
 def model_of(z, y, **options):
     n = y.shape[1]
     data = se.Trajectories.from_pairs(z[:, :n], z[:, n:], y)
-    return se.identify(data, design="independent", checks=False, **options)
+    return se.identify(data, **opts(design="independent", checks=False, **options))
 
 
 def misses(region, Theta):
@@ -142,10 +143,10 @@ def test_regions_for_any_design_hold_at_all_looks():
         now = np.zeros(4, dtype=bool)
         for N in (8, 20, 60, 150):
             data = se.Trajectories(x[: N + 1], u[:N])
-            known = se.identify(data, sigma=1.0, checks=False)
+            known = se.identify(data, **opts(sigma=1.0, checks=False))
             unknown = se.identify(data, checks=False)
             pairs = se.Trajectories.from_pairs(*data.pairs())
-            exact = se.identify(pairs, design="independent", checks=False)
+            exact = se.identify(pairs, **opts(design="independent", checks=False))
             now |= [
                 misses(known.region(DELTA), Theta),
                 misses(unknown.region(DELTA, anytime=True), Theta),
@@ -170,7 +171,7 @@ def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
             states.append(x + 0.0)
             inputs.append(u)
         data = se.Trajectories(states, inputs).last_pairs()
-        model = se.identify(data, design="independent", checks=False)
+        model = se.identify(data, **opts(design="independent", checks=False))
         return misses(model.region(DELTA), Theta)
 
     exactly(failures(failed, runs, 93), runs)
@@ -187,7 +188,7 @@ def test_direct_regression_over_several_steps():
             for k in range(K):
                 run[k + 1] = rolled(Theta, run[k], inputs[k : k + 1]) + 0.3 * run[k + 1]
         data = se.Trajectories(x, u).k_step(K, open_loop=True)
-        region = se.identify(data, design="independent", checks=False).region(DELTA)
+        region = se.identify(data, **opts(design="independent", checks=False)).region(DELTA)
         powers = [np.linalg.matrix_power(A, p) for p in range(K + 1)]
         direct = np.hstack([powers[K - 1 - k] @ B for k in range(K)])
         return not region.contains(powers[K], direct)
@@ -209,7 +210,9 @@ def test_scalar_covariance_must_be_scalar():
 def test_data_must_not_be_pooled_with_themselves():
     def failed(gen, Theta, z, y):
         data = se.Trajectories.from_pairs(z[:, :4], z[:, 4:], y)
-        model = se.identify([data, data], design="independent", checks=False, accept=ACCEPTED)
+        model = se.identify(
+            [data, data], **opts(design="independent", checks=False, accept=ACCEPTED)
+        )
         return misses(model.region(DELTA), Theta)
 
     assert coverage(count(96, 500, failed), 500) < 0.5
@@ -235,7 +238,7 @@ def test_a_random_walk_with_offset_breaks_the_exact_region():
         x, u = np.cumsum(w, axis=0), gen.standard_normal((100, 1))
         data = se.Trajectories.from_pairs(x[:-1], u, x[1:])
         model = se.identify(
-            data, design="independent", intercept=True, known_B=[[0.0]], checks=False
+            data, **opts(design="independent", intercept=True, known_B=[[0.0]], checks=False)
         )
         return not model.region(DELTA).contains([[1.0]], [[0.0]])
 
@@ -263,7 +266,7 @@ def test_states_read_with_error_break_the_region_and_warn():
     def case(gen):
         Theta, (x, u) = noisy_states(gen, 400, 0.3)
         pairs = se.Trajectories.from_pairs(x[:-1], u, x[1:])
-        model = se.identify(pairs, design="independent", checks=False)
+        model = se.identify(pairs, **opts(design="independent", checks=False))
         warned = "correlation at lag 1" in model.check(rng=1).failed(0.05)
         return misses(model.region(DELTA), Theta), warned
 

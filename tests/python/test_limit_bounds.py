@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from hidden_systems import of_each_kind
 from limit_plans import within
 from limit_problems import draws, weight
@@ -205,7 +206,9 @@ def measured(gen, A, B, count, noise):
     n, m = B.shape
     x, u = gen.normal(size=(count, n)), gen.normal(size=(count, m))
     later = x @ A.T + u @ B.T + noise * gen.normal(size=(count, n))
-    return se.identify(se.Trajectories.from_pairs(x, u, later), design="independent", checks=False)
+    return se.identify(
+        se.Trajectories.from_pairs(x, u, later), **opts(design="independent", checks=False)
+    )
 
 
 def certified(model, x0, xf, K, delta=0.1, x0_error=0.0, asked=PLAIN, **limits):

@@ -8,6 +8,7 @@ from scipy import stats
 
 import stochens_rs as se
 from coverage_study import ALARM, DELTA, at_most, exactly, failures
+from declarations import opts
 from identification_data import stable, tuned
 from stochens_rs.exceptions import DataWarning, InputError
 
@@ -42,7 +43,7 @@ def test_adaptive_regions_hold_with_rows_lost_by_chance():
         data = read([(0, run)], gen, 0.1)
         assert len(data.pieces) > 5
         return [
-            missed(se.identify(data, sigma=1.0, checks=False), Theta),
+            missed(se.identify(data, **opts(sigma=1.0, checks=False)), Theta),
             missed(se.identify(data, checks=False), Theta),
         ]
 
@@ -55,7 +56,7 @@ def test_last_pairs_of_runs_with_gaps_have_the_exact_region():
     def failed(gen):
         made = [tuned(gen, 8) for _ in range(12)]
         data = read([(r, run) for r, (_, run) in enumerate(made)], gen, 0.1)
-        model = se.identify(data.last_pairs(), design="independent", checks=False)
+        model = se.identify(data.last_pairs(), **opts(design="independent", checks=False))
         return missed(model, made[0][0])
 
     exactly(failures(failed, runs, 302), runs)
@@ -70,7 +71,7 @@ def test_several_steps_of_runs_with_gaps_have_the_exact_region():
         for k in range(8):
             x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + 0.3 * x[:, k + 1]
         data = read(list(enumerate(zip(x, u, strict=True))), gen, 0.1).k_step(K, open_loop=True)
-        region = se.identify(data, design="independent", checks=False).region(DELTA)
+        region = se.identify(data, **opts(design="independent", checks=False)).region(DELTA)
         return not region.contains(A @ A, np.hstack([A @ B, B]))
 
     exactly(failures(failed, runs, 303), runs)
@@ -91,9 +92,9 @@ def test_pieces_taken_for_runs_have_no_exact_region():
         ends = np.cumsum(data.pieces) - 1
         assert data.pieces.tolist() == [1] * 50
         with pytest.raises(InputError, match="`design` must be 'adaptive'"):
-            se.identify(data, design="independent")
+            se.identify(data, **opts(design="independent"))
         pairs = se.Trajectories.from_pairs(*(one[ends] for one in data.pairs()))
-        model = se.identify(pairs, design="independent", intercept=True, checks=False)
+        model = se.identify(pairs, **opts(design="independent", intercept=True, checks=False))
         return not model.region(DELTA).contains(np.eye(n), B, np.zeros(n))
 
     assert failures(failed, runs, 304) > stats.binom.ppf(1 - ALARM, runs, 2 * DELTA)
@@ -114,7 +115,7 @@ def test_rows_lost_for_what_they_read_make_the_region_miss():
             read = np.where(lost, nan, y)
             table = {"y": read[1:], "before": read[:-1], "u": u[1:]}
             data = se.Trajectories.from_table(table, states=["y", "before"], inputs=["u"])
-            model = se.identify(data, **known, checks=False)
+            model = se.identify(data, **opts(**known, checks=False))
             found.append(not model.region(DELTA).contains(A, B))
         clipped = np.clip(y, -1.5, 1.5)
         table = {"y": clipped[1:], "before": clipped[:-1], "u": u[1:]}

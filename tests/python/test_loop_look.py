@@ -7,6 +7,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import at_most
+from declarations import opts
 from stochens_rs.exceptions import InputError, SolverError
 
 A, B = np.array([[1.05, 0.3], [-0.1, 0.9]]), np.array([[0.0], [0.4]])
@@ -37,7 +38,7 @@ def test_what_is_certified_at_any_look_is_stable(design):
     """100 streams with up to 40 looks, stopped at the first that certifies, delta = 10 %."""
     gen, found, missed, unstable = np.random.default_rng(1), 0, 0, 0
     for _ in range(100):
-        stream = se.ModelStream(2, 1, sigma=0.3, delta=0.1, design=design)
+        stream = se.ModelStream(2, 1, **opts(sigma=0.3, delta=0.1, design=design))
         look = first_certified(stream, gen, 40 if design == "adaptive" else 14)
         if look is None:
             continue
@@ -51,7 +52,7 @@ def test_what_is_certified_at_any_look_is_stable(design):
 
 
 def test_the_forecast_and_the_words():
-    gen, stream = np.random.default_rng(2), se.ModelStream(2, 1, sigma=0.3)
+    gen, stream = np.random.default_rng(2), se.ModelStream(2, 1, **opts(sigma=0.3))
     stream.update(*pairs(gen, 30))
     K = se.gain((A, B), 1.0, 1.0).K
     look = stream.look(gain=K)
@@ -66,13 +67,13 @@ def test_the_forecast_and_the_words():
     assert later.proof.region.delta == stream.model.delta
     tube = later.proof.tube([1.0, 0.0], 10, noise=0.05)
     assert np.isfinite(tube.radii).all()
-    one = se.ModelStream(2, 1, sigma=0.3)
+    one = se.ModelStream(2, 1, **opts(sigma=0.3))
     one.update(*pairs(gen, 1))
     assert one.look(gain=K).forecast == np.inf
 
 
 def test_arguments():
-    stream = se.ModelStream(2, 1, sigma=0.3)
+    stream = se.ModelStream(2, 1, **opts(sigma=0.3))
     stream.update(*pairs(np.random.default_rng(3), 30))
     with pytest.raises(InputError, match="`tol` must be left out"):
         stream.look(gain=[[0.0, 0.0]], tol=1.0)
@@ -82,7 +83,7 @@ def test_arguments():
         stream.look(gain=[[0.0]])
     with pytest.raises(InputError, match="`gain` must be of shape"):
         stream.look(gain=se.gain(([[0.5]], [[1.0]]), 1.0, 1.0))
-    bounded = se.ModelStream(2, 1, sigma=0.3, noise="bounded")
+    bounded = se.ModelStream(2, 1, **opts(sigma=0.3, noise="bounded"))
     bounded.update(*pairs(np.random.default_rng(3), 300))
     proof = bounded.look(gain=se.gain(bounded.model, 1.0, 1.0)).proof
     with pytest.raises(InputError, match="`noise` needs a bound"):

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs import _core
 from stochens_rs._base import saving as state_file
 from stochens_rs.exceptions import (
@@ -47,22 +48,22 @@ def runs() -> se.Trajectories:
 def identify(data: se.Trajectories, **options) -> se.Model:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return se.identify(data, **options)
+        return se.identify(data, **opts(**options))
 
 
 NAN = np.nan
 MODELS = {
     "plain": lambda: identify(runs()),
-    "independent": lambda: identify(pairs(**NAMED), design="independent", checks=False),
-    "intercept": lambda: identify(runs(), intercept=True, sigma=0.1, scale=[1.0, 2.0, 3.0]),
-    "known columns": lambda: identify(runs(), known_B=B, covariance="diagonal"),
+    "independent": lambda: identify(pairs(**NAMED), **opts(design="independent", checks=False)),
+    "intercept": lambda: identify(runs(), **opts(intercept=True, sigma=0.1, scale=[1.0, 2.0, 3.0])),
+    "known columns": lambda: identify(runs(), **opts(known_B=B, covariance="diagonal")),
     "known entries": lambda: identify(runs(), known_A=[[NAN, 0.2], [NAN, NAN]]),
-    "covariance": lambda: identify(runs(), covariance=[[0.01, 0.001], [0.001, 0.02]]),
-    "sub-gaussian": lambda: identify(runs(), noise="sub-gaussian", sigma=0.2),
-    "bounded": lambda: identify(runs(), noise="bounded", sigma=1e-60),
-    "scalar": lambda: identify(pairs(), design="independent", covariance="scalar"),
+    "covariance": lambda: identify(runs(), **opts(covariance=[[0.01, 0.001], [0.001, 0.02]])),
+    "sub-gaussian": lambda: identify(runs(), **opts(noise="sub-gaussian", sigma=0.2)),
+    "bounded": lambda: identify(runs(), **opts(noise="bounded", sigma=1e-60)),
+    "scalar": lambda: identify(pairs(), **opts(design="independent", covariance="scalar")),
     "rank deficient": lambda: identify(pairs(2)),
-    "two steps": lambda: identify(runs().k_step(2, open_loop=True), design="independent"),
+    "two steps": lambda: identify(runs().k_step(2, open_loop=True), **opts(design="independent")),
 }
 
 

@@ -19,6 +19,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from identification_data import SKEWED, Y, Z, check, rolled, tuned
 from stochens_rs import _core
 from stochens_rs._base import saving as state_file
@@ -43,7 +44,7 @@ def filled(N=40, n=4, m=2, seed=1, **options):
     gen = np.random.default_rng(seed)
     Theta, z = 0.5 * gen.standard_normal((n, n + m)), gen.standard_normal((N, n + m))
     y = z @ Theta.T + 0.1 * gen.standard_normal((N, n))
-    stream = se.ModelStream(n, m, **({"sigma": 0.1} | options))
+    stream = se.ModelStream(n, m, **opts(**({"sigma": 0.1} | options)))
     stream.update(z[:, :n], z[:, n:], y)
     return stream, z, y
 
@@ -60,7 +61,7 @@ def same(a, b):
 
 def test_regions_are_those_of_the_twin():
     data = tr.triangle(Z, Y)
-    known = se.ModelStream(2, 1, sigma=0.3)
+    known = se.ModelStream(2, 1, **opts(sigma=0.3))
     unknown = se.ModelStream(2, 1)
     for stream in (known, unknown):
         for z, y in zip(Z, Y, strict=True):
@@ -87,10 +88,10 @@ def test_regions_for_more_pairs_are_those_of_the_twin_and_of_identify():
         {"sigma": 2.0},
         {"covariance": SKEWED @ SKEWED.T},
     ):
-        stream = se.ModelStream(4, 2, **options)
+        stream = se.ModelStream(4, 2, **opts(**options))
         stream.update(pairs)
         ours = stream.model.region(0.02, frobenius=True)
-        model = se.identify(pairs, **options, checks=False)
+        model = se.identify(pairs, **opts(**options, checks=False))
         theirs = model.region(0.02, frobenius=True, anytime=True)
         check(ours.parts[0].factor, theirs.parts[0].factor, rtol=1e-10)
         check(ours.frobenius, theirs.frobenius, rtol=1e-10)
@@ -106,10 +107,12 @@ def test_an_intercept_is_a_column():
     gen = np.random.default_rng(4)
     x, u = gen.standard_normal((30, 2)), gen.standard_normal((30, 1))
     y = 0.5 * x + u + [1.0, -2.0] + 0.1 * gen.standard_normal((30, 2))
-    stream = se.ModelStream(2, 1, sigma=0.1, intercept=True, scale=[2.0, 2.0, 1.0])
+    stream = se.ModelStream(2, 1, **opts(sigma=0.1, intercept=True, scale=[2.0, 2.0, 1.0]))
     stream.update(x, u, y)
     data = se.Trajectories.from_pairs(x, u, y)
-    model = se.identify(data, sigma=0.1, intercept=True, scale=[2.0, 2.0, 1.0], checks=False)
+    model = se.identify(
+        data, **opts(sigma=0.1, intercept=True, scale=[2.0, 2.0, 1.0], checks=False)
+    )
     check(stream.model.c, model.c)
     check(stream.model.region().radius, model.region().radius)
     # x(2) = A x(1) + B u(1) + c
@@ -204,7 +207,7 @@ def test_the_covariance_is_bounded_for_any_number_of_pairs():
 def test_nothing_is_certain_without_data():
     """Neither without pairs, nor along directions that the data do not show."""
     for options in ({"sigma": 0.1}, {}, {"covariance": "scalar"}):
-        stream = se.ModelStream(2, 1, **options)
+        stream = se.ModelStream(2, 1, **opts(**options))
         look = stream.look([1.0, 0.0], [0.0, 0.0], tol=1.0)
         assert (look.certificate.target, look.forecast, look.stop) == (np.inf, np.inf, False)
         assert "after 0 pairs, tol 1, forecast: unknown" in repr(look)
@@ -212,14 +215,14 @@ def test_nothing_is_certain_without_data():
         assert stream.model.region().bound([0.0, 1.0], [0.0]) == np.inf
         stream.update([1.0, 0.0], [0.0], [1.0, 0.0])
         assert stream.look([0.0, 1.0], [0.0, 0.0], tol=1.0, steps=3).certificate.target == np.inf
-    stream = se.ModelStream(1, 1, design="independent", first=5)
+    stream = se.ModelStream(1, 1, **opts(design="independent", first=5))
     stream.update(np.arange(5.0)[:, None], np.zeros((5, 1)), 2.0 * np.arange(5.0)[:, None])
     with pytest.warns(DataWarning, match="certificate is infinite: .* has no residual"):
         look = stream.look([1.0], [2.0], tol=1.0, u=[[0.0]])
     assert look.certificate.target == look.forecast == np.inf
     assert look.certificate["target"].reason == stream.model.doubts[0]
     assert "2 warnings" in repr(look)
-    stream = se.ModelStream(1, 1, design="independent", first=5, exact=[0])
+    stream = se.ModelStream(1, 1, **opts(design="independent", first=5, exact=[0]))
     stream.update(np.arange(5.0)[:, None], np.zeros((5, 1)), 2.0 * np.arange(5.0)[:, None])
     assert stream.look([1.0], [2.0], tol=1.0, u=[[0.0]]).certificate.target < 1e-9
     assert stream.look([0.0], [1.0], tol=1.0, u=[[1.0]]).certificate.target == np.inf
@@ -286,7 +289,7 @@ def test_the_forecast_of_runs_is_what_it_takes(kind, sigma):
     tol, found = 0.12, []
     for seed in range(6):
         gen = np.random.default_rng([seed, 71])
-        stream = se.ModelStream(2, 1, sigma=sigma, delta=0.04)
+        stream = se.ModelStream(2, 1, **opts(sigma=sigma, delta=0.04))
 
         task = {"tol": tol, "steps": 12, "xf": None if kind == "path" else [0.3, 0.1]}
         system, data = measured(gen, 20)
@@ -313,7 +316,7 @@ def test_runs_are_told_apart():
     """Whole runs, single pairs of one run, and pairs that have nothing to do with each other."""
     gen = np.random.default_rng(5)
     _, data = measured(gen, 7)
-    whole, single = se.ModelStream(2, 1, sigma=0.1), se.ModelStream(2, 1, sigma=0.1)
+    whole, single = se.ModelStream(2, 1, **opts(sigma=0.1)), se.ModelStream(2, 1, **opts(sigma=0.1))
     whole.update(data)
     for pair in zip(*data.pairs(), strict=True):
         single.update(*pair)
@@ -329,7 +332,7 @@ def test_runs_are_told_apart():
 
 def test_what_cannot_be_reached_within_limits_has_no_forecast():
     _, data = measured(np.random.default_rng(6), 20)
-    stream = se.ModelStream(2, 1, sigma=0.05)
+    stream = se.ModelStream(2, 1, **opts(sigma=0.05))
     stream.update(data)
     options = {"tol": 0.1, "steps": 12}
     far = stream.look([1.0, 0.0], [0.3, 0.1], limits=(-0.01, 0.01), **options)
@@ -377,7 +380,7 @@ def test_bad_pairs_are_refused_before_any_is_taken_in():
     other = se.ModelStream(4, 2, state_names=list("efgh"))
     with pytest.raises(InputError, match=r"got states 'a'.*pass state_names=\['e'.* to the runs"):
         other.update(named)
-    independent = se.ModelStream(4, 2, design="independent")
+    independent = se.ModelStream(4, 2, **opts(design="independent"))
     with pytest.raises(InputError, match=r"single pairs for design='independent'"):
         independent.update(run)
     stream.update(run)
@@ -397,7 +400,7 @@ def test_bad_pairs_are_refused_before_any_is_taken_in():
 )
 def test_options_that_do_not_go_together(options, text):
     with pytest.raises(StochensError, match=text):
-        se.ModelStream(1, 1, **options)
+        se.ModelStream(1, 1, **opts(**options))
 
 
 def test_regions_share_the_delta_of_the_stream():
@@ -445,7 +448,7 @@ OPTIONS = {
 @pytest.mark.parametrize("kind", OPTIONS)
 def test_resuming_is_never_having_stopped(tmp_path: Path, kind: str) -> None:
     gen = np.random.default_rng(9)
-    whole, part = (se.ModelStream(2, 1, **OPTIONS[kind]) for _ in range(2))
+    whole, part = (se.ModelStream(2, 1, **opts(**OPTIONS[kind])) for _ in range(2))
     assert same(whole, part)
     for count in (1, 4, 300, 1, 14):
         x, u, y = (gen.standard_normal((count, k)) for k in (2, 1, 2))
@@ -564,7 +567,7 @@ def test_forty_kills(tmp_path: Path) -> None:
     """A stream that is killed repeatedly goes on as an undisturbed one."""
     path, moments = tmp_path / "a.state", random.Random(4)
     _, (x, u) = tuned(np.random.default_rng(10), 4000)
-    se.ModelStream(2, 1, sigma=1.0).save(path)
+    se.ModelStream(2, 1, **opts(sigma=1.0)).save(path)
     acknowledged = 0
     for _ in range(40):
         read, write = os.pipe()
@@ -590,7 +593,7 @@ def test_forty_kills(tmp_path: Path) -> None:
             warnings.simplefilter("ignore", StateRecoveredWarning)
             assert se.ModelStream.load(path).size >= acknowledged
     assert acknowledged >= 40
-    survived, whole = se.ModelStream.load(path), se.ModelStream(2, 1, sigma=1.0)
+    survived, whole = se.ModelStream.load(path), se.ModelStream(2, 1, **opts(sigma=1.0))
     for k in range(survived.size):
         whole.update(x[k], u[k], x[k + 1])
     assert same(whole, survived)

@@ -11,6 +11,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import DELTA, at_most, coverage, exactly, failures, repeated, sets
+from declarations import opts
 from identification_data import SKEWED, rolled, stable
 from stochens_rs import _core
 from stochens_rs.streams.snapshot import planned
@@ -70,8 +71,8 @@ def test_regions_hold_at_all_looks(system):
     known = root @ root.T
     failed, finite = np.zeros(2, dtype=int), 0
     for states, inputs in zip(x, u, strict=True):
-        streams = [se.ModelStream(n, B.shape[1], covariance=known, **options)]
-        streams.append(se.ModelStream(n, B.shape[1], **options))
+        streams = [se.ModelStream(n, B.shape[1], **opts(covariance=known, **options))]
+        streams.append(se.ModelStream(n, B.shape[1], **opts(**options)))
         wrong = [False, False]
         for start, stop in ((0, 6), (6, 12), (12, 25), (25, 60), (60, 150)):
             for k, stream in enumerate(streams):
@@ -107,7 +108,7 @@ def test_stopping_by_the_certificate_is_valid(sigma, steps, runs, every, tol, lo
         while np.abs(np.linalg.eigvals(A - 0.03 * B @ B.T)).max() > 0.95:
             A, B = stable(gen, size=0.7)
         (x,), (u,) = closed_loop(gen, 1, 400, A, B, 0.03 * B.T, 0.1 * np.eye(4))
-        stream = se.ModelStream(4, 2, sigma=sigma)
+        stream = se.ModelStream(4, 2, **opts(sigma=sigma))
         x0, bad, told = gen.standard_normal(4), False, np.nan
         for N in range(every, 401, every):
             stream.update(x[N - every : N], u[N - every : N], x[N - every + 1 : N + 1])
@@ -141,7 +142,7 @@ def test_planned_looks_hold_together():
     sizes = [planned(12, j) for j in range(6)]
 
     def case(gen):
-        stream = se.ModelStream(2, 1, design="independent", first=12, delta=0.1)
+        stream = se.ModelStream(2, 1, **opts(design="independent", first=12, delta=0.1))
         wrong = []
         for N in sizes:
             z = gen.standard_normal((N - stream.size, 3))
@@ -173,7 +174,7 @@ def test_exact_regions_at_every_number_of_pairs_fail():
     assert coverage(np.sum((roots > q).any(axis=1)), runs) < 0.7
     exactly(np.sum(roots[:, 40] > q[40]), runs)  # one of them alone does hold
     # the stream refuses such looks
-    stream = se.ModelStream(n, 1, design="independent", first=8, delta=DELTA)
+    stream = se.ModelStream(n, 1, **opts(design="independent", first=8, delta=DELTA))
     looks = 0
     for k in range(300):
         y = Theta @ z[0, k] + w[0, k]
@@ -192,7 +193,7 @@ def test_a_design_that_depends_on_the_noise_is_not_independent():
         late = size[10:] > 2.35
         if late.any():
             u[11 + int(np.argmax(late)) :] = 0.0
-        declared = se.ModelStream(1, 1, design="independent", first=N), se.ModelStream(1, 1)
+        declared = se.ModelStream(1, 1, **opts(design="independent", first=N)), se.ModelStream(1, 1)
         for stream in declared:
             stream.update(np.zeros((N, 1)), u[:, None], (0.5 * u + w)[:, None])
         return [not stream.model.region().contains([[0.0]], [[0.5]]) for stream in declared]
@@ -208,7 +209,7 @@ def test_noise_that_is_larger_than_declared_fails():
 
     def failed(gen):
         z = gen.standard_normal((60, 2))
-        stream = se.ModelStream(1, 1, sigma=0.1)
+        stream = se.ModelStream(1, 1, **opts(sigma=0.1))
         stream.update(z[:, :1], z[:, 1:], z @ Theta.T + 0.4 * gen.standard_normal((60, 1)))
         return not stream.model.region().contains(Theta[:, :1], Theta[:, 1:])
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs.exceptions import InputError
 
 A = np.array([[1.0, 0.1, 0.02], [0.0, 0.93, 0.11], [0.05, -0.2, 0.8]])
@@ -81,7 +82,7 @@ def regulated(other: Any) -> list[Any]:
 
 def fused(given: list[Any], **options: Any) -> list[Any]:
     options = {"sigma": 0.01, "independent": True} | options
-    found = se.fuse(given, "alse", data=runs(0.95), **options)
+    found = se.fuse(given, "alse", **opts(data=runs(0.95), **options))
     return [found.weights, found.A, found.B, found.state_names, found.region(0.1).radius]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs import _core
 from stochens_rs.controls import NextRuns
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
@@ -100,7 +101,7 @@ def test_many_runs_against_the_definition() -> None:
 
 
 def planned(runs: int = 10, **options) -> se.Plan:
-    model = se.identify(data(runs, 8), **{"sigma": 0.1, "checks": False, **options})
+    model = se.identify(data(runs, 8), **opts(**{"sigma": 0.1, "checks": False, **options}))
     return se.control(model, [1.0, 0.5], [0.0, 0.0], steps=5)
 
 
@@ -109,7 +110,7 @@ def test_the_forecast_and_what_is_gained() -> None:
     gen, ratios, gains = np.random.default_rng(2), [], []
     for seed in range(40):
         before = data(6, 8, seed=100 + seed)
-        model = se.identify(before, sigma=0.1, checks=False)
+        model = se.identify(before, **opts(sigma=0.1, checks=False))
         plan = se.control(model, [1.0, 0.5], [0.0, 0.0], steps=5)
         more = se.design(plan, 20, limits=(-1.0, 1.0), x0=[0.0, 0.0])
         assert more.forecast[0] == pytest.approx(plan.bound().target, rel=1e-12)
@@ -121,7 +122,7 @@ def test_the_forecast_and_what_is_gained() -> None:
                 x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + 0.1 * gen.standard_normal((20, 2))
             states = [*(x for x, _ in before.runs), *x]
             both = se.Trajectories(states, [*(u for _, u in before.runs), *u])
-            later = se.identify(both, sigma=0.1, checks=False)
+            later = se.identify(both, **opts(sigma=0.1, checks=False))
             found.append(se.control(later, [1.0, 0.5], [0.0, 0.0], steps=5).bound().target)
         ratios.append(found[0] / more.forecast[-1])
         gains.append(found[0] / found[1])
@@ -155,7 +156,7 @@ def test_the_record(tmp_path) -> None:
 
 def test_what_cannot_be_designed() -> None:
     exact = se.control((A, B), [1.0, 0.0], [0.0, 0.0], steps=3)
-    pairs = se.identify(data(20, 8).last_pairs(), design="independent", checks=False)
+    pairs = se.identify(data(20, 8).last_pairs(), **opts(design="independent", checks=False))
     independent = se.control(pairs, [1.0, 0.0], [0.0, 0.0], steps=3)
     for plan, options, text in (
         ("plan", {}, "`plan`"),

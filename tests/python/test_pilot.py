@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from pilot_sets import led, measured, rig
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from stochens_rs.identification.assumptions import checked_assumptions, least_correlation
@@ -31,7 +32,7 @@ def runs(count: int = 30, seed: int = 0, length: int = 10) -> se.Trajectories:
 def sharp(**options: object) -> se.Model:
     """With a tenth of the runs as pilot and the task as reference."""
     options = {"pilot": 0.1, "reference": TASK, "sigma": PLANT.sigma, "checks": False, **options}
-    return se.identify(runs(), **options)
+    return se.identify(runs(), **opts(**options))
 
 
 def test_a_plan_near_the_reference() -> None:
@@ -45,7 +46,7 @@ def test_a_plan_near_the_reference() -> None:
     assert bound.largest == "quantile"
     assert "reference fixed" in bound.assumption
     assert "runs 0 to 2" in bound.assumption
-    plain = se.identify(runs(), sigma=PLANT.sigma, checks=False)
+    plain = se.identify(runs(), **opts(sigma=PLANT.sigma, checks=False))
     other = se.control(plain, PLANT.x0, PLANT.xf, steps=10).bound(0.05)
     assert bound.target < other.target / 3
     # without a reference, or for other steps, that of any plan: between the two
@@ -93,7 +94,7 @@ def test_limits_keep_their_comparison() -> None:
 def test_every_pilot() -> None:
     data = runs()
     near = (A * 1.02, B)
-    older = se.identify(runs(40, 5), sigma=PLANT.sigma, checks=False)
+    older = se.identify(runs(40, 5), **opts(sigma=PLANT.sigma, checks=False))
     for pilot in (3, 0.1, near, se.System(*near), older):
         bound = _bound(data, pilot=pilot, reference=TASK)
         assert np.isfinite(bound.target)
@@ -107,7 +108,7 @@ def test_every_pilot() -> None:
 
 
 def _bound(data: se.Trajectories, **options: object) -> se.Certificate:
-    model = se.identify(data, sigma=PLANT.sigma, checks=False, **options)
+    model = se.identify(data, **opts(sigma=PLANT.sigma, checks=False, **options))
     return se.control(model, PLANT.x0, PLANT.xf, steps=10).bound()
 
 
@@ -141,20 +142,20 @@ def test_refusals() -> None:
 
     def refused(match: str, error: type[Exception] = InputError, **options: object) -> None:
         with pytest.raises(error, match=match):
-            se.identify(options.pop("data", data), **{**fit, **options})
+            se.identify(options.pop("data", data), **opts(**{**fit, **options}))
 
     refused("share in", pilot=1.5)
     refused("leave runs", pilot=30)
     refused("pilot", pilot=0)
     refused("share or number", InputTypeError, pilot="first")
     refused("n=4", ShapeError, pilot=([[1.0]], [[1.0]]))
-    refused("without `pilot`", reference=TASK)
+    refused("`source` must be", reference=TASK)
     refused("goes with a gain", pilot=3, dither=np.ones((300, 1)))
     refused("dither", pilot=3, inputs=np.ones((1, 4)))
     refused("x0, xf, steps", ShapeError, pilot=3, reference=(PLANT.x0, 10))
     refused("Gaussian", pilot=3, noise="sub-gaussian")
     refused("known entries", pilot=3, known_B=B)
-    refused("shares runs", pilot=se.identify(data[:5], **fit))
+    refused("shares runs", pilot=se.identify(data[:5], **opts(**fit)))
     one = runs(1, 3, 60).runs[0]
     cut = se.Trajectories(
         [one[0][k : k + 11] for k in range(0, 60, 10)],
@@ -165,10 +166,9 @@ def test_refusals() -> None:
         [*(r[0] for r in data.runs), one[0]], [*(r[1] for r in data.runs), one[1]]
     )
     refused("runs of unequal length need `lengths_fixed=True`", data=uneven, pilot=2)
-    refused("without `pilot`", lengths_fixed=True)
     refused("lengths_fixed", InputTypeError, data=uneven, pilot=2, lengths_fixed=1)
-    older = se.identify(runs(40, 5), **fit)
-    plan = se.control(se.identify(data, **fit), PLANT.x0, PLANT.xf, steps=10)
+    older = se.identify(runs(40, 5), **opts(**fit))
+    plan = se.control(se.identify(data, **opts(**fit)), PLANT.x0, PLANT.xf, steps=10)
     refused("must not come from", pilot=older, reference=plan)
     model = sharp()
     with pytest.raises(InputError, match="`delta` and `frobenius` only"):
@@ -180,7 +180,9 @@ def test_a_pilot_that_says_nothing() -> None:
     states = [run[0] for run in data.runs]
     still = se.Trajectories(states, [0.0 * run[1] for run in data.runs])
     with pytest.warns(se.exceptions.DataWarning):
-        model = se.identify(still, sigma=PLANT.sigma, pilot=(A, B), reference=TASK, checks=False)
+        model = se.identify(
+            still, **opts(sigma=PLANT.sigma, pilot=(A, B), reference=TASK, checks=False)
+        )
     assert any("pilot" in text for text in model.warnings)
     assert model.region(0.05).radius == np.inf
 
@@ -193,7 +195,7 @@ def test_unequal_lengths_that_were_planned() -> None:
         each = [runs(1, 1000 * number + k, int(gen.integers(3, 15))).runs[0] for k in range(14)]
         data = se.Trajectories([x for x, _ in each], [u for _, u in each])
         options = {"pilot": 4, "checks": False, "lengths_fixed": True}
-        model = se.identify(data, covariance=np.eye(4) * PLANT.sigma**2, **options)
+        model = se.identify(data, **opts(covariance=np.eye(4) * PLANT.sigma**2, **options))
         missed += not model.region(0.2).contains(A, B)
     assert 20 <= missed <= 60  # exact up to the halves of the two norms
     rows, lengths = data[4:]._rows, data[4:].lengths
@@ -217,9 +219,9 @@ def test_a_singular_known_covariance() -> None:
         inputs.append(u)
     data, known = se.Trajectories(states, inputs), root @ root.T
     with pytest.raises(InputError, match="positive definite"):
-        se.identify(data, covariance=known, checks=False)
+        se.identify(data, **opts(covariance=known, checks=False))
     model = se.identify(
-        data, covariance=known, pilot=0.1, reference=TASK, exact=[0, 1, 2, 3], checks=False
+        data, **opts(covariance=known, pilot=0.1, reference=TASK, exact=[0, 1, 2, 3], checks=False)
     )
     bound = se.control(model, PLANT.x0, PLANT.xf, steps=10).bound(0.05)
     plan = se.control(model, PLANT.x0, PLANT.xf, steps=10)
@@ -228,7 +230,7 @@ def test_a_singular_known_covariance() -> None:
     assert model.region(0.05).contains(A, B)
     assert plan.bound(0.05, noise=True).target < np.inf
     with pytest.raises(InputError, match="positive semidefinite"):
-        se.identify(data, covariance=known - 1e-8 * np.eye(4), pilot=0.1, checks=False)
+        se.identify(data, **opts(covariance=known - 1e-8 * np.eye(4), pilot=0.1, checks=False))
 
 
 @pytest.mark.parametrize("units", [1.0, np.array([1e-9, 1.0, 1e7, 3.0])])
@@ -239,14 +241,14 @@ def test_covariances_that_are_singular_up_to_rounding(units: Any) -> None:
         root = np.random.default_rng(seed).standard_normal((4, 2)) * np.reshape(units, (-1, 1))
         known = root @ root.T
         least.append(least_correlation(known))
-        found = checked_assumptions(4, "adaptive", "gaussian", known, None, singular=True)
+        found = checked_assumptions(4, se.Noise(covariance=known), singular=True)
         np.testing.assert_allclose(found.known, known, rtol=1e-15)
         with pytest.raises(InputError, match="`covariance` must be positive definite"):
-            checked_assumptions(4, "adaptive", "gaussian", known, None)
+            checked_assumptions(4, se.Noise(covariance=known))
     assert min(least) < 0.0 < max(least)
     wrong = (np.eye(4) - (1.0 + 1e-14) / 4.0) * (np.reshape(units, (-1, 1)) * units)
     with pytest.raises(InputError, match=r"positive semidefinite, .* is -1.3"):
-        checked_assumptions(4, "adaptive", "gaussian", wrong, None, singular=True)
+        checked_assumptions(4, se.Noise(covariance=wrong), singular=True)
 
 
 @pytest.mark.parametrize("delta", [1e-12, 1e-14, 1e-100])

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs._base.types import DELTA
 from stochens_rs.cli._control import control_command as command
 from stochens_rs.exceptions import InputError, ShapeError
@@ -401,9 +402,9 @@ def certificates():
         gen.standard_normal((60, 3)),
     )
     x_next = x @ A.T + u @ B.T + 0.1 * w
-    few = se.ModelStream(3, 2, sigma=0.1)
+    few = se.ModelStream(3, 2, **opts(sigma=0.1))
     few.update(x[:2], u[:2], x_next[:2])
-    model = se.identify(se.Trajectories.from_pairs(x, u, x_next), sigma=0.1)
+    model = se.identify(se.Trajectories.from_pairs(x, u, x_next), **opts(sigma=0.1))
     x0, xf, matrix = ensembles()
     weights, hard = se.Cost(Q=1.0, R=1.0), se.Limits(x=(-9.0, 9.0), soft=False)
     stream = se.DataStream(B, ranges={"x0": 9.0})
@@ -461,7 +462,7 @@ def test_arguments_for_plans_of_the_other_kind_are_refused_by_name():
         with pytest.raises(InputError, match=f"`{name}` must be left out for a plan of estimates"):
             plan.bound(**{name: True})
     data = se.Trajectories.from_pairs(np.eye(3)[:, :1], np.eye(3)[:, 1:2], np.ones((3, 1)))
-    model = se.control(se.identify(data, sigma=1.0, checks=False), [1.0], [0.0])
+    model = se.control(se.identify(data, **opts(sigma=1.0, checks=False)), [1.0], [0.0])
     for name, value in (("system", SYSTEM), ("x0", [1.0]), ("xf", [0.0])):
         with pytest.raises(InputError, match=f"`{name}` must be left out for a model from data"):
             model.bound(**{name: value})

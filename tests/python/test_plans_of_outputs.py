@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
+from declarations import opts
 from hidden_outputs import Arx, Rig
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, ShapeError
@@ -20,7 +21,7 @@ def planned(seed, runs=14, steps=50, **options):
     """A system, a plan for a model of it, its record, and the source of its noise."""
     rng = np.random.default_rng([17, seed])
     system = Arx(rng)
-    model = se.identify(system.data(runs, steps, rng), lags=system.lags, **options)
+    model = se.identify(system.data(runs, steps, rng), **opts(lags=system.lags, **options))
     record = system.run(20, rng)
     return system, se.control(model, record=record, steps=8), record, rng
 
@@ -120,7 +121,7 @@ def test_rest_is_that_of_the_twin(how, delay, intercept):
     for p, m in ((1, 1), (2, 1), (1, 2), (3, 2)):
         pole, count = how.get("filters", (None, 3))
         names = tuple(f"y{i}" for i in range(p)), tuple(f"u{j}" for j in range(m))
-        window = se.identification.Window(*names, count, pole, delay, intercept)
+        window = se.identification.Regressors(*names, count, pole, delay, intercept)
         H, r = gen.standard_normal((p, window.length)), gen.standard_normal(p)
         x, z, u, states, outputs, off, rounding = window._core.rest(H, r)
         expected = twin.rest(H, r, m, delay=delay, intercept=intercept, **how)
@@ -145,7 +146,7 @@ def test_rest_is_that_of_the_twin(how, delay, intercept):
 
 def test_a_plant_that_is_declared_to_be_at_rest():
     rng = np.random.default_rng(2)
-    model = se.identify(Rig().data(40, rng), lags=8, accept="memory", checks=False)
+    model = se.identify(Rig().data(40, rng), **opts(lags=8, accept="memory", checks=False))
     cost = se.Cost(Q=[1.0, 1.0], R=0.01)
     plan = se.control(model, record="rest", target=[0.1, 0.0], steps=60, cost=cost)
     assert "declared: the plant was at rest" in plan.bound(0.05).assumption
@@ -227,7 +228,7 @@ def test_readings_are_in_the_tubes_of_the_plans_of_a_loop():
 def test_loops_of_long_windows_are_certified(filters):
     """Up to 30 states that nearly depend on each other: .35, .62 and .74 of 1 by frequencies."""
     data = Rig().data(200, np.random.default_rng(1))
-    model = se.identify(data, filters=filters, accept="memory", checks=False)
+    model = se.identify(data, **opts(filters=filters, accept="memory", checks=False))
     gain = se.gain(model, [1.0, 1.0], 0.01)
     for proof in (
         gain.certificate(0.05),

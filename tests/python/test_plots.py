@@ -17,6 +17,7 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
 from stochens_rs.plots.certificates import draw_residuals
 from stochens_rs.plots.panels import draw_tube
@@ -114,7 +115,7 @@ def identified(n=2, runs=20, sigma=0.01):
         x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + sigma * rng.standard_normal((runs + 1, n))
     names = [f"state {i}" for i in range(n)]
     data = se.Trajectories(x, u, dt=0.1, state_names=names)
-    return se.identify(data[:runs], sigma=sigma, checks=n < 5), data[runs]
+    return se.identify(data[:runs], **opts(sigma=sigma, checks=n < 5)), data[runs]
 
 
 def test_residuals_are_drawn_with_their_p_values():

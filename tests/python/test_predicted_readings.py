@@ -9,6 +9,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import at_most
+from declarations import opts
 from hidden_outputs import Arx
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.identification.assumptions import ACCEPTED
@@ -50,7 +51,7 @@ def left(seed, deltas, **window):
     """Whether readings of a run that was kept apart leave the tubes; its inputs last longer."""
     gen = np.random.default_rng([21, seed])
     plant = Plant(gen, delay=3)
-    model = se.identify(plant.runs(gen, 15, 80, 1.0), checks=False, **window)
+    model = se.identify(plant.runs(gen, 15, 80, 1.0), **opts(checks=False, **window))
     apart = plant.runs(gen, 1, model.window.fill + STEPS, 30.0, hold=8)
     ((record, inputs, readings),) = model.window.stretches(apart, STEPS)
     plan = se.predict(model, record=record, inputs=inputs)
@@ -77,7 +78,7 @@ def kept(lags=None, seed=3, **how):
     system = Arx(gen)
     data = system.data(14, 50, gen)
     how = how or {"lags": system.lags if lags is None else lags}
-    model = se.identify(data, checks=False, **how)
+    model = se.identify(data, **opts(checks=False, **how))
     return system, model, model.window.stretches(system.data(1, 60, gen), 8)
 
 
@@ -176,13 +177,15 @@ def test_bad_input(change, error, text):
 def two_lags():
     gen = np.random.default_rng(1)
     y, u = gen.standard_normal((30, 9, 1)), gen.standard_normal((30, 8, 1))
-    return se.identify(se.Trajectories(list(y), list(u), outputs=True), lags=2, checks=False)
+    return se.identify(
+        se.Trajectories(list(y), list(u), outputs=True), **opts(lags=2, checks=False)
+    )
 
 
 def test_a_model_of_states_takes_no_record():
     z = np.random.default_rng(1).standard_normal((40, 3))
     data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], 0.5 * z[:, :1] + 0.1 * z[:, 2:])
-    model = se.identify(data, sigma=0.1, checks=False)
+    model = se.identify(data, **opts(sigma=0.1, checks=False))
     with pytest.raises(InputError, match="`record` must be left out: it is for models of outputs"):
         se.predict(model, [1.0], [[0.0]], record="rest")
     with pytest.raises(InputError, match="`x0` must be the initial state, got None"):
@@ -197,7 +200,7 @@ def test_stretches_follow_on_each_other_within_pieces():
     lost = np.where(np.arange(21) == 7, np.nan, k)  # pieces of 6, 3 and 8 pairs
     table = {"run": np.repeat([0, 1], [12, 9]), "y": lost, "u": 100.0 + k}
     data = se.Trajectories.from_table(table, outputs=["y"], inputs=["u"], by="run")
-    window = se.identification.Window(data.outputs, data.input_names, 3)
+    window = se.identification.Regressors(data.outputs, data.input_names, 3)
     found = window.stretches(data, 2)
     ends = [(record[0][-1, 0], len(record[0]), len(record[1])) for record, _, _ in found]
     assert ends == [(2.0, 3, 2), (4.0, 5, 4), (2.0, 3, 2), (4.0, 5, 4), (6.0, 7, 6)]
@@ -218,7 +221,7 @@ def test_stretches_bring_names_into_order():
     y, u = gen.standard_normal((9, 2)), gen.standard_normal((8, 1))
     names = {"input_names": ["F"], "outputs": True}
     data = se.Trajectories([y], [u], state_names=["b", "a"], **names)
-    window = se.identification.Window(("a", "b"), ("F",), 2)
+    window = se.identification.Regressors(("a", "b"), ("F",), 2)
     np.testing.assert_array_equal(window.stretches(data, 7)[0].readings, y[1:, ::-1])
     with pytest.raises(InputError, match="`data` must have the"):
         window.stretches(se.Trajectories([y], [u], state_names=["b", "c"], **names), 7)

@@ -14,6 +14,7 @@ import pytest
 import stochens_rs as se
 from core_regions import core_region, region_errors
 from coverage_study import DELTA, at_most, coverage, exactly, repeated
+from declarations import opts
 from hidden_systems import KINDS, NOISES, covariance, drawn, of_each_kind
 from stochens_rs import _core
 from stochens_rs.certificates import of_model
@@ -172,7 +173,7 @@ def measured(gen, A, B, N=60, scale=0.1, z=None, **options):
     y = z @ np.hstack([A, B]).T + sizes * gen.standard_normal((N, n))
     data = se.Trajectories.from_pairs(z[:, :n], z[:, n:], y)
     options = options or {"covariance": np.diag(sizes**2)}
-    return se.identify(data, design="adaptive", checks=False, **options), sizes
+    return se.identify(data, **opts(design="adaptive", checks=False, **options)), sizes
 
 
 def largest(region, x0, u, weigh, gen, starts=3, rounds=25):
@@ -302,7 +303,7 @@ def test_certificates_with_noise_hold(declared, noise):
         y = z @ np.hstack([A, B]).T + gen.standard_normal((120, n)) @ root.T
         data = se.Trajectories.from_pairs(z[:, :n], z[:, n:], y)
         options = {"design": "adaptive"} | DECLARED[declared](S, B)
-        model = se.identify(data, checks=False, **options)
+        model = se.identify(data, **opts(checks=False, **options))
         failed = []
         for K in (1, 5):
             plan = se.control(model, gen.standard_normal(n), np.zeros(n), steps=K)

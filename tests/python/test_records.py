@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs import _core
 from stochens_rs._base import saving as serialize
 from stochens_rs._base.records import Record, SavedRecord, trusted
@@ -52,11 +53,11 @@ def data(N: int = 60) -> se.Trajectories:
 def model(**options: Any) -> se.Model:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return se.identify(data(), **({"design": "independent"} | options))
+        return se.identify(data(), **opts(**({"design": "independent"} | options)))
 
 
 def snapshot() -> Any:
-    stream = se.ModelStream(2, 1, sigma=0.1)
+    stream = se.ModelStream(2, 1, **opts(sigma=0.1))
     rows = data()._rows
     stream.update(rows[:, :2], rows[:, 2:3], rows[:, 3:])
     return stream.model
@@ -77,7 +78,7 @@ def control(A_: Any = A, x0: Any = X0, xf: Any = XF, **options: Any) -> se.Plan:
 
 
 def fused() -> Any:
-    return se.fuse([(A, B), (0.9 * A, B)], "alse", data=data(), design="independent")
+    return se.fuse([(A, B), (0.9 * A, B)], "alse", **opts(data=data(), design="independent"))
 
 
 PLANS = {

@@ -10,6 +10,7 @@ import pytest
 
 import stochens_rs as se
 from core_regions import changed
+from declarations import opts
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, NonFiniteError
 from stochens_rs.identification.assumptions import ACCEPTED
@@ -113,7 +114,7 @@ def check(found: se.Region, twin: rd.Region, least: float = 1e-5) -> None:
 @pytest.mark.parametrize("name", DECLARED)
 @pytest.mark.parametrize("design", ["adaptive", "independent"])
 def test_regions_are_those_of_the_twin(kind: str, N: int, name: str, design: str) -> None:
-    model = identify(data(kind, N), design=design, **DECLARED[name])
+    model = identify(data(kind, N), **opts(design=design, **DECLARED[name]))
     tried = 0
     for wish in EXACT if design == "independent" else ANY:
         asked = dict(wish)
@@ -142,7 +143,7 @@ def test_least_squares_from_rows_and_from_their_triangle() -> None:
 
 
 def test_a_part_with_other_fields_and_a_pickled_one() -> None:
-    part = identify(data("deficient", 40), sigma=0.1).region().parts[0]
+    part = identify(data("deficient", 40), **opts(sigma=0.1)).region().parts[0]
     again = pickle.loads(pickle.dumps(part))
     wider = changed(part, factor=4.0 * part.factor)
     for name in ("rows", "columns", "white", "root", "missing", "S"):
@@ -155,4 +156,4 @@ def test_a_part_with_other_fields_and_a_pickled_one() -> None:
 def identify(runs: se.Trajectories, **options) -> se.Model:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
-        return se.identify(runs, checks=False, accept=ACCEPTED, **options)
+        return se.identify(runs, **opts(checks=False, accept=ACCEPTED, **options))

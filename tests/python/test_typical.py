@@ -10,6 +10,7 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs import _core
 from stochens_rs.controls import Typical
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, SizeError
@@ -34,7 +35,7 @@ def data(runs: int = 6, steps: int = 6, seed: int = 1, c: float = 0.0) -> se.Tra
 def planned(**options) -> se.Plan:
     options = {"checks": False, **options}
     runs = data(c=0.3 if "intercept" in options else 0.0)
-    return se.control(se.identify(runs, **options), [1.0, 0.5], [0.0, 0.2], steps=4)
+    return se.control(se.identify(runs, **opts(**options)), [1.0, 0.5], [0.0, 0.2], steps=4)
 
 
 LAWS = {
@@ -112,7 +113,7 @@ def test_it_stands_beside_the_certificate(tmp_path) -> None:
 def test_where_no_law_is_known_it_is_refused() -> None:
     model = planned().basis.model
     few = se.identify(data(2, 3), checks=False)
-    stream = se.ModelStream(2, 1, sigma=0.1)
+    stream = se.ModelStream(2, 1, **opts(sigma=0.1))
     stream.update(data())
     gen = np.random.default_rng(1)
     with warnings.catch_warnings():
@@ -121,7 +122,7 @@ def test_where_no_law_is_known_it_is_refused() -> None:
         noisy = se.identify(
             se.Trajectories(x + gen.standard_normal(x.shape), [u for _, u in data(40, 10).runs])
         )
-        same = se.identify(se.Trajectories([np.ones((5, 2))], [np.ones((4, 1))]), sigma=1.0)
+        same = se.identify(se.Trajectories([np.ones((5, 2))], [np.ones((4, 1))]), **opts(sigma=1.0))
     assert noisy.warnings
     for plan, text in (
         (se.control((A, B), [1.0, 0.0], [0.0, 0.0], steps=3), "a model by `identify`"),

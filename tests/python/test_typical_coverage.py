@@ -16,6 +16,7 @@ from scipy import stats
 
 import stochens_rs as se
 from coverage_study import sets
+from declarations import opts
 from stochens_rs.exceptions import DataWarning
 
 SETS = sets(300, 120)
@@ -72,7 +73,7 @@ def exceeded(
         options = {"sigma": sigma * declared} if known else {}
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)
-            model = se.identify(measured(which, N, gen, feedback), checks=False, **options)
+            model = se.identify(measured(which, N, gen, feedback), **opts(checks=False, **options))
         if model.warnings:
             continue
         plan = se.control(model, x0, np.zeros(len(x0)), steps=K)

@@ -8,7 +8,8 @@ import pytest
 import hidden_systems as hidden
 import stochens_rs as se
 from coverage_study import at_most, sets
-from stochens_rs.identification import Window
+from declarations import opts
+from stochens_rs.identification import Regressors
 from stochens_rs.identification.assumptions import ACCEPTED
 from twin.predictors import kalman, unbiased
 
@@ -65,7 +66,7 @@ def test_systems_with_lags_and_feedback():
         system = hidden_arx(gen)
         data = se.Trajectories(*arx_runs(gen, system, 10, 70), outputs=True)
         lags = system[2] + 2 * (seed % 2)
-        model = se.identify(data, lags=lags, checks=False)
+        model = se.identify(data, **opts(lags=lags, checks=False))
         assert np.isfinite(model.region(0.05).radius)
         misses += missed(model, padded(system, lags))
     at_most(misses, runs)
@@ -96,7 +97,7 @@ def test_150_systems_with_filters():
         ny, m, r = (int(gen.integers(1, most + 1)) for most in (2, 2, 3))
         pole = float(gen.choice([0.2, 0.5, 0.7, 0.85]))
         names = tuple(f"y{i}" for i in range(ny)), tuple(f"u{j}" for j in range(m))
-        window = Window(*names, r, pole)
+        window = Regressors(*names, r, pole)
         while True:
             Theta = gen.standard_normal((ny, window.length)) / r
             radius = np.abs(np.linalg.eigvals(window.loop(Theta).ABc[:, :-m])).max()
@@ -104,7 +105,7 @@ def test_150_systems_with_filters():
                 break
         # starts at rest, the first reading and input 0: the filters are exact from the first row
         data = se.Trajectories(*filter_runs(gen, window, Theta, 10, 90, 0.3), outputs=True)
-        model = se.identify(data, filters=(pole, r), checks=False)
+        model = se.identify(data, **opts(filters=(pole, r), checks=False))
         misses += missed(model, Theta)
     assert misses <= 8
 
@@ -127,7 +128,9 @@ def share_of_late_inputs(declared, sets_, accept=()):
                 states.append(np.array(x))
                 inputs.append(np.array(u[delay:]))
             data = se.Trajectories(states, inputs)
-            model = se.identify(data, delay=delay if declared else 0, accept=accept, checks=False)
+            model = se.identify(
+                data, **opts(delay=delay if declared else 0, accept=accept, checks=False)
+            )
             region = model.region(0.05)
             missed_ += region.bounded and not region.contains(system.A, system.B)
             found += 1
@@ -184,7 +187,7 @@ def share_missed(lags, count, accept=(), **options):
         if lags * len(system[2]) < len(system[0]):
             continue
         data = state_runs(gen, system, 15, 120, **options)
-        model = se.identify(data, lags=lags, accept=accept, checks=False)
+        model = se.identify(data, **opts(lags=lags, accept=accept, checks=False))
         misses += missed(model, unbiased(*system, lags)[0])
         found += 1
     return misses / found
@@ -224,7 +227,7 @@ def test_a_controller_that_sees_what_is_not_logged_breaks_every_region():
         system = A, np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), 0.1 * np.eye(2), np.eye(1)
         gain = np.array([[0.1, 0.5]])
         data = state_runs(gen, system, 15, 120, unlogged=gain)
-        misses += missed(se.identify(data, lags=12, checks=False), unbiased(*system, 12)[0])
+        misses += missed(se.identify(data, **opts(lags=12, checks=False)), unbiased(*system, 12)[0])
     assert misses / 12 > 0.4
 
 
@@ -237,7 +240,7 @@ def share_broken(count, **how):
     for seed in range(count):
         gen = np.random.default_rng([15, seed])
         system = hidden_states(gen)
-        model = se.identify(state_runs(gen, system, 20, 140), checks=False, **how)
+        model = se.identify(state_runs(gen, system, 20, 140), **opts(checks=False, **how))
         A, B, C, Q, R = system
         silent = state_runs(gen, (A, B, C, 0.0 * Q, 0.0 * R), 1, 140)
         rows = model.window._rows(silent)[1]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from stochens_rs import _core
-from stochens_rs.identification import Window
+from stochens_rs.identification import Regressors
 from stochens_rs.identification.assumptions import ACCEPTED
 from test_window_coverage import arx_runs, filter_runs, hidden_arx, missed, padded
 
@@ -45,7 +46,7 @@ def test_masks(mask, most, least):
     for seed in range(60):
         y, u = ar2(np.random.default_rng([11, seed]), 3000)
         data = se.Trajectories(y[:, None], u[: len(y) - 1, None], outputs=True)
-        rows = Window(("y",), ("u",), 2)._rows(data)[1]
+        rows = Regressors(("y",), ("u",), 2)._rows(data)[1]
         misses += missed_by(rows[mask(y, rows)])
     assert least <= misses <= most
 
@@ -58,7 +59,7 @@ def test_runs_cut_before_a_bad_reading():
         y[np.abs(y) > 2.0] = np.nan
         table = {"y": y, "u": np.append(u, np.nan)}
         data = se.Trajectories.from_table(table, outputs=["y"], inputs=["u"])
-        misses += missed_by(Window(("y",), ("u",), 2)._rows(data)[1])
+        misses += missed_by(Regressors(("y",), ("u",), 2)._rows(data)[1])
     assert misses > 0.1 * 60
 
 
@@ -72,7 +73,7 @@ def test_the_smallest_tube_over_all_lags_is_no_choice():
         y, u = data.last_record()
         found = []
         for lags in range(1, 9):
-            model = se.identify(data, lags=lags, accept=ACCEPTED, checks=False)
+            model = se.identify(data, **opts(lags=lags, accept=ACCEPTED, checks=False))
             x0 = model.window.state_of(y[:-10], u[:-10])
             around = model._loop.ABc, model._loop.J, model._loop.G, model.m
             core = model.region(0.05)._core
@@ -94,12 +95,14 @@ def test_filters_need_a_burn_in_units_of_the_noise():
     Theta = np.array([[1.2, -0.4, 1.0, 1.0]])
     for seed in range(20):
         gen = np.random.default_rng([14, seed])
-        runs = filter_runs(gen, Window(("y",), ("u",), r, pole), Theta, 20, 150, sigma)
+        runs = filter_runs(gen, Regressors(("y",), ("u",), r, pole), Theta, 20, 150, sigma)
         # logs that begin inside the runs: the filters are not at rest
         data = se.Trajectories(*([one[20:] for one in some] for some in runs), outputs=True)
         short += missed_by(
-            Window(("y",), ("u",), r, pole, 0, False, 31)._rows(data)[1], Theta, sigma
+            Regressors(("y",), ("u",), r, pole, 0, False, 31)._rows(data)[1], Theta, sigma
         )
-        misses += missed(se.identify(data, filters=(pole, r), sigma=sigma, checks=False), Theta)
+        misses += missed(
+            se.identify(data, **opts(filters=(pole, r), sigma=sigma, checks=False)), Theta
+        )
     assert short > 0.9 * 20
     assert misses == 0

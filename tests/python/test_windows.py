@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from declarations import opts
 from hidden_outputs import Rig
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
-from stochens_rs.identification import Window, battery
+from stochens_rs.identification import Regressors, battery
 from twin import windows as twin
 
 
@@ -49,7 +50,7 @@ def window_of(kind, outputs, inputs):
     pole, count = kind.get("filters", (None, kind.get("lags")))
     names = tuple(f"y{i}" for i in range(outputs)), tuple(f"u{j}" for j in range(inputs))
     burn = 4 if pole is not None else 0
-    return Window(*names, count, pole, kind.get("delay", 0), kind.get("intercept", False), burn)
+    return Regressors(*names, count, pole, kind.get("delay", 0), kind.get("intercept", False), burn)
 
 
 @pytest.mark.parametrize("sizes", [(1, 1), (2, 1), (1, 2), (3, 2)])
@@ -92,7 +93,7 @@ def test_the_loop_predicts_as_the_window_does(kind, sizes):
 
 
 def test_oracle_of_lags():
-    model = se.identify(one_run(), lags=2, scale=1.0, checks=False)
+    model = se.identify(one_run(), **opts(lags=2, scale=1.0, checks=False))
     block = model._blocks[0]
     H = [1.204062117397, -0.4862093371455, 1.018049204415, 0.4159845872933]
     np.testing.assert_allclose(model._H[0], H, rtol=1e-10)
@@ -128,7 +129,7 @@ def test_oracle_of_lost_rows():
     keep = np.setdiff1d(np.arange(61), [10, 11, 30])
     table = {name: column[keep] for name, column in table.items()}
     data = se.Trajectories.from_table(table, outputs=["y"], inputs=["u"], time="t")
-    model = se.identify(data, lags=2, scale=1.0, checks=False)
+    model = se.identify(data, **opts(lags=2, scale=1.0, checks=False))
     H = [1.18569387532, -0.4779681122702, 1.034331191496, 0.4330868101888]
     np.testing.assert_allclose(model._H[0], H, rtol=1e-10)
     np.testing.assert_allclose(model._blocks[0].S, 0.957983156482, rtol=1e-10)
@@ -136,7 +137,7 @@ def test_oracle_of_lost_rows():
 
 
 def test_oracle_of_filters():
-    window = Window(("y",), ("u",), 2, 0.5, 0, False, 5)
+    window = Regressors(("y",), ("u",), 2, 0.5, 0, False, 5)
     rows = window._rows(one_run())[1]
     first = [-0.1426266666667, 0.01380833333333, -0.53125, -0.25]
     np.testing.assert_allclose(rows[0, :4], first, rtol=1e-11)
@@ -148,7 +149,7 @@ def test_oracle_of_filters():
 
 
 def test_model_of_outputs_has_the_matrices_of_its_window():
-    model = se.identify(arx(np.random.default_rng(1)), lags=2)
+    model = se.identify(arx(np.random.default_rng(1)), **opts(lags=2))
     a, b, c, d = model._H[0]
     np.testing.assert_array_equal(model.A, [[a, b, d], [1, 0, 0], [0, 0, 0]])
     np.testing.assert_array_equal(model.B, [[c], [0], [1]])
@@ -167,7 +168,7 @@ def test_model_of_outputs_has_the_matrices_of_its_window():
 )
 @pytest.mark.filterwarnings("ignore:a window of")
 def test_models_of_outputs_are_kept(how, tmp_path):
-    model = se.identify(arx(np.random.default_rng(1)), checks=False, **how)
+    model = se.identify(arx(np.random.default_rng(1)), **opts(checks=False, **how))
     model.save(tmp_path / "m.safetensors")
     for other in (pickle.loads(pickle.dumps(model)), se.Model.load(tmp_path / "m.safetensors")):
         assert (other.window, other.first, other.data) == (model.window, model.first, model.data)
@@ -179,11 +180,11 @@ def test_what_goes_with_outputs_only():
     states = se.Trajectories(*map(list, zip(*data.runs, strict=True)))
     for how in ({"lags": 2}, {"filters": (0.5, 2)}, {"order": "auto"}):
         with pytest.raises(InputError, match="is for outputs"):
-            se.identify(states, **how)
+            se.identify(states, **opts(**how))
     with pytest.raises(InputError, match="only one of"):
-        se.identify(data, lags=2, order="auto")
+        se.identify(data, **opts(lags=2, order="auto"))
     with pytest.raises(InputError, match="must be left out for outputs"):
-        se.identify(data, lags=2, known_A=[[1.0]])
+        se.identify(data, **opts(lags=2, known_A=[[1.0]]))
     with pytest.raises(InputError, match="exactly one of `states` and `outputs`"):
         se.Trajectories.from_table({}, inputs=["u"])
     with pytest.raises(InputError, match="needs states"):
@@ -191,7 +192,7 @@ def test_what_goes_with_outputs_only():
 
 
 def test_records_that_do_not_fill_the_window_are_refused():
-    window = Window(("a", "b"), ("u",), 12)
+    window = Regressors(("a", "b"), ("u",), 12)
     with pytest.raises(
         InputError, match=r"needs 12 rows of outputs and 11 of inputs .* got 1 and 0"
     ):
@@ -199,12 +200,12 @@ def test_records_that_do_not_fill_the_window_are_refused():
     with pytest.raises(
         InputError, match="needs pieces of more than 59 pairs, but the longest has 11"
     ):
-        se.identify(arx(np.random.default_rng(1), steps=10), lags=60)
+        se.identify(arx(np.random.default_rng(1), steps=10), **opts(lags=60))
 
 
 def test_oracle_of_a_tail():
     """rho^2 = 18.92955190225, a = 26.78537416554, N = 43, tail .05: 13.6045151291."""
-    rows = Window(("y",), ("u",), 2)._rows(one_run())[1]
+    rows = Regressors(("y",), ("u",), 2)._rows(one_run())[1]
     first, later = (
         _core.Estimate(_core.triangle(np.ascontiguousarray(part), 1), len(part), 1, 3, False)
         for part in (rows[:16], rows[16:])
@@ -232,7 +233,7 @@ def test_a_declared_tail_widens_the_region_and_is_printed(tmp_path):
     data = arx(np.random.default_rng(1))
     regions = []
     for tail in (0.0, 0.05):
-        model = se.identify(data, lags=2, tail=tail)
+        model = se.identify(data, **opts(lags=2, tail=tail))
         model.save(tmp_path / f"{tail}.safetensors")
         assert se.Model.load(tmp_path / f"{tail}.safetensors").assumptions.tail == tail
         regions.append(model.region(0.05))
@@ -241,10 +242,10 @@ def test_a_declared_tail_widens_the_region_and_is_printed(tmp_path):
     assert "tail" not in regions[0].assumption
     for bad in (-1.0, np.nan, np.inf, "much"):
         with pytest.raises(se.exceptions.StochensError, match="tail"):
-            se.identify(data, lags=2, tail=bad)
+            se.identify(data, **opts(lags=2, tail=bad))
     pairs = se.Trajectories.from_pairs([[1.0], [2.0]], [[1.0], [0.0]], [[0.0], [1.0]])
     with pytest.raises(InputError, match="`tail` must be 0"):
-        se.identify(pairs, design="independent", tail=0.1)
+        se.identify(pairs, **opts(design="independent", tail=0.1))
 
 
 # -- which window --------------------------------------------------------------------------------
@@ -256,7 +257,7 @@ def test_the_first_part_alone_chooses():
     one, other = arx(gen, runs=12), arx(gen, runs=12)
     runs = [*one.runs[:4], *other.runs[4:]]
     mixed = se.Trajectories(*map(list, zip(*runs, strict=True)), outputs=True)
-    models = [se.identify(data, order="auto", checks=False) for data in (one, mixed)]
+    models = [se.identify(data, **opts(order="auto", checks=False)) for data in (one, mixed)]
     assert models[0].window == models[1].window
     assert models[0].first == models[1].first == -(-one.size // 4)
 
@@ -284,7 +285,7 @@ def test_delays_are_found(delay):
         outputs.append(np.array(y)[:, None])
         inputs.append(u[:, None])
     data = se.Trajectories(outputs, inputs, outputs=True)
-    model = se.identify(data, delay=(0, 4), checks=False)
+    model = se.identify(data, **opts(delay=(0, 4), checks=False))
     assert model.window.delay == delay
     assert model.window.count == np.ceil(1.5 * model.window.found) + 1
 
@@ -306,7 +307,7 @@ def test_units_of_readings_make_no_difference(scale):
         ),
         outputs=True,
     )
-    plain, scaled = (se.identify(one, lags=3, checks=False) for one in (data, other))
+    plain, scaled = (se.identify(one, **opts(lags=3, checks=False)) for one in (data, other))
     bounds = [one.region(0.05).entry_bounds[0] for one in (plain, scaled)]
     units = np.array([1, 1, 1, scale, scale, scale])
     np.testing.assert_allclose(bounds[1] / units, bounds[0], rtol=1e-6)
@@ -333,7 +334,7 @@ def test_units_of_readings_make_no_difference(scale):
 )
 def test_bad_windows_are_named(how):
     with pytest.raises(se.exceptions.StochensError, match="|".join(["window", *how])):
-        se.identify(arx(np.random.default_rng(1), runs=4), checks=False, **how)
+        se.identify(arx(np.random.default_rng(1), runs=4), **opts(checks=False, **how))
 
 
 def late(gen, delay, runs=8, steps=40):
@@ -355,7 +356,7 @@ def test_states_with_a_dead_time(delay, noise):
     """All verbs on the states now and the inputs under way; the twin is least squares."""
     gen = np.random.default_rng(delay)
     A, B, data = late(gen, delay)
-    model = se.identify(data, delay=delay, intercept=True, scale=[1.0, 1.0, 5.0], **noise)
+    model = se.identify(data, **opts(delay=delay, intercept=True, scale=[1.0, 1.0, 5.0], **noise))
     assert model.state_names == ("p", "v", *(f"F(-{k})" for k in range(1, delay + 1)))
     assert not model.doubts
     assert model.region(0.05).contains(A, B, 3.0 * B[:, 0])
@@ -366,7 +367,9 @@ def test_states_with_a_dead_time(delay, noise):
         Y.append(x[delay + 1 :])
     H = np.linalg.lstsq(np.vstack(Z), np.vstack(Y), rcond=None)[0].T
     np.testing.assert_allclose(model._H, H, rtol=1e-8, atol=1e-10)
-    assert se.identify(data, delay=(0, 5), intercept=True, checks=False).window.delay == delay
+    assert (
+        se.identify(data, **opts(delay=(0, 5), intercept=True, checks=False)).window.delay == delay
+    )
     loop = se.gain(model, 1.0, 1.0)
     assert loop.certificate(0.05).status == "certified"
     record = data.last_record()
@@ -381,9 +384,9 @@ def test_states_with_a_dead_time(delay, noise):
         x = A @ x + B @ ((u[k - delay] if k >= delay else 0.0) + np.array([3.0]))
     assert np.abs(x).max() < 0.05
     with pytest.raises(InputError, match="`known_A` must be left out with `delay`"):
-        se.identify(data, delay=1, known_A=A)
+        se.identify(data, **opts(delay=1, known_A=A))
     with pytest.raises(InputError, match="`pilot` must be left out with `delay`"):
-        se.identify(data, delay=1, pilot=0.5)
+        se.identify(data, **opts(delay=1, pilot=0.5))
 
 
 def test_rows_that_hold_the_state_after_its_input():
@@ -393,23 +396,23 @@ def test_rows_that_hold_the_state_after_its_input():
         [x[1:] for x, _ in data.runs], [u[:-1] for _, u in data.runs],
         state_names=["p", "v"], input_names=["F"],
     )  # fmt: skip
-    model = se.identify(moved, delay=-1, intercept=True, checks=False)
+    model = se.identify(moved, **opts(delay=-1, intercept=True, checks=False))
     for (x, u), (before, acted) in zip(model.data.runs, data.runs, strict=True):
         np.testing.assert_array_equal(x, before[1:-1])
         np.testing.assert_array_equal(u, acted[1:-1])
     assert model.window is None
     with pytest.raises(InputError, match="`delay` of -1 needs runs of two steps"):
-        se.identify(data.last_pairs(), delay=-1)
+        se.identify(data.last_pairs(), **opts(delay=-1))
 
 
 def test_what_is_for_states_says_so():
     gen = np.random.default_rng(1)
     data = arx(gen)
-    model = se.identify(data, lags=2)
+    model = se.identify(data, **opts(lags=2))
     systems = se.SystemEnsemble(gen.standard_normal((5, 1, 1)), gen.standard_normal((5, 1, 1)))
     with pytest.raises(InputError, match="`data` must be a model of states"):
         se.fuse(systems, method="alse", data=model)
     with pytest.raises(InputError, match="must be runs of states"):
-        se.ModelStream(1, 1, state_names=["y[0]"], sigma=0.1).update(data)
+        se.ModelStream(1, 1, **opts(state_names=["y[0]"], sigma=0.1)).update(data)
     with pytest.raises(InputError, match="are not resampled"):
         model.draw(3)

@@ -320,6 +320,29 @@ class Record:
         return made
 
 
+class Options(Record, listed=False):
+    """Base of the records that users make to say what they want; shown as they would be typed."""
+
+    __slots__ = ()
+
+    def _keep(self, **values: Any) -> None:
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        own: Any = type(self)
+        said = [
+            f"{one.name}={getattr(self, one.name)!r}"
+            for one in fields(own)
+            if not _is_default(one.default, getattr(self, one.name))
+        ]
+        return f"{own.__name__}({', '.join(said)})"
+
+
+def _is_default(default: object, value: object) -> bool:
+    return value is default or (type(value) is type(default) and value == default)
+
+
 class SavedRecord(Record, Durable, listed=False):
     """Base of the records that have files of their own.
 

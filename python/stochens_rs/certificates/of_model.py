@@ -18,13 +18,14 @@ from ..exceptions import DataWarning, InputError, InputTypeError, ShapeError
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model
+from ..identification.options import Noise
 from ..theory.exact import states
 from .certificate import Certificate, Radius
 
 if TYPE_CHECKING:
     from ..identification.assumptions import Assumptions
     from ..identification.region import Region
-    from ..identification.window import Window
+    from ..identification.window import Regressors
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +74,7 @@ class ModelBasis(Record):
             raise ShapeError("`read` must have the last readings of a model of outputs, else None")
 
     @property
-    def window(self) -> Window | None:
+    def window(self) -> Regressors | None:
         """That of a model of outputs."""
         return self.model.window if isinstance(self.model, Model) else None
 
@@ -386,7 +387,7 @@ def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
     if model.noise != "gaussian":
         raise InputError(
             "`open_loop` must be False: regression over several steps needs Gaussian noise, this "
-            f"model has noise='{model.noise}'"
+            f"model has {model.noise} noise"
         )
     data = model.data.k_step(K, open_loop=True)
     needed = K * model.m + model.intercept + 2 * model.n
@@ -397,6 +398,8 @@ def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
         )
     with warnings.catch_warnings():  # the region names what the data do not determine
         warnings.simplefilter("ignore", DataWarning)
-        direct = identify(data, design="independent", intercept=model.intercept, checks=False)
+        direct = identify(
+            data, noise=Noise(design="independent"), intercept=model.intercept, checks=False
+        )
     x0 = basis.x0 if asked.x0_fixed else None
     return direct.region(delta, x0=x0, future=int(asked.noise))

@@ -13,8 +13,8 @@ from .._base.show import listed
 from ..data.gaps import ON_GAP
 from ..data.table import Table, Text, csv_files, natural
 from ..exceptions import DataWarning
-from ..identification import Model, Trajectories, identify
-from ..identification.assumptions import COVARIANCES, DESIGNS, NOISES
+from ..identification import Model, Noise, Pilot, Trajectories, Window, identify
+from ..identification.options import DESIGNS, LAWS, UNKNOWN
 from ..identification.region import Region
 from ._command import LEVEL, Choice, File, Share, command
 from ._output import Out, finite, note, show_result
@@ -22,8 +22,8 @@ from ._values import names_of
 
 _Gap = Annotated[Any, Choice(ON_GAP)]
 _Design = Annotated[Any, Choice(DESIGNS)]
-_Law = Annotated[Any, Choice(NOISES)]
-_Covariance = Annotated[Any, Choice([one for one in COVARIANCES if one != "known"])]
+_Law = Annotated[Any, Choice(LAWS)]
+_Covariance = Annotated[Any, Choice(UNKNOWN)]
 
 
 @command()
@@ -125,16 +125,12 @@ def identify_command(
         warnings.simplefilter("ignore", DataWarning)  # the text lists them
         model = identify(
             data,
-            design=design,
-            noise=noise,
-            sigma=sigma,
-            covariance=covariance,
-            exact=() if exact is None else names_of("--exact", exact),
+            noise=Noise(
+                noise, covariance, sigma, tuple(names_of("--exact", exact)) if exact else (), design
+            ),
+            window=Window(**_window(window), delay=0 if outputs is None else delay),
+            pilot=None if pilot is None else Pilot(_pilot(pilot), reference and _task(reference)),
             intercept=intercept,
-            delay=0 if outputs is None else delay,
-            **_window(window),
-            pilot=None if pilot is None else _pilot(pilot),
-            reference=None if reference is None else _task(reference),
         )
     region = model.region(delta)
     if files.file is not None:

@@ -144,7 +144,7 @@ def control(
     >>> z = np.random.default_rng(3).standard_normal((100, 5))
     >>> x, u, w = z[:, :2], z[:, 2:3], 0.01 * z[:, 3:]
     >>> data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + w)
-    >>> model = se.identify(data, design="independent")
+    >>> model = se.identify(data, noise=se.Noise(design="independent"))
     >>> found = se.control(model, [1.0, 2.0], [0.0, 0.0], steps=4).bound(0.05)
     >>> found["target"].method, found.target < 0.1
     ('several steps without noise', True)

@@ -134,7 +134,7 @@ def design(
     >>> x, u = np.zeros((5, 9, 1)), rng.uniform(-1.0, 1.0, (5, 8, 1))
     >>> for k in range(8):
     ...     x[:, k + 1] = 0.9 * x[:, k] + u[:, k] + 0.1 * rng.standard_normal((5, 1))
-    >>> model = se.identify(se.Trajectories(x, u), sigma=0.1)
+    >>> model = se.identify(se.Trajectories(x, u), noise=0.1)
     >>> plan = se.control(model, [1.0], [0.0], steps=3)
     >>> more = se.design(plan, 10, limits=(-1.0, 1.0))
     >>> more.inputs.shape

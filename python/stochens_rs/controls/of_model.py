@@ -270,7 +270,7 @@ def predict(
         those of a run that was kept apart may come from a feedback.
     record : (outputs, inputs)
         For a model of outputs, in place of x0: what was read before the first of `inputs`, as for
-        `control`. `Window.stretches` cuts runs that were kept apart.
+        `control`. `Regressors.stretches` cuts runs that were kept apart.
 
     Returns
     -------
@@ -295,7 +295,7 @@ def predict(
     >>> z = np.random.default_rng(1).standard_normal((40, 3))
     >>> x_next = 0.5 * z[:, :1] + z[:, 1:2] + 0.01 * z[:, 2:]
     >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], x_next)
-    >>> model = se.identify(data, sigma=0.01)
+    >>> model = se.identify(data, noise=0.01)
     >>> plan = se.predict(model, [1.0], [[0.0], [1.0]])
     >>> plan.predicted_states.round(1).ravel()
     array([1. , 0.5, 1.3])

@@ -420,7 +420,7 @@ class Plan(SavedRecord, Timed):
         >>> z = np.random.default_rng(1).standard_normal((40, 3))
         >>> x_next = 0.5 * z[:, :1] + z[:, 1:2] + 0.01 * z[:, 2:]
         >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], x_next)
-        >>> model = se.identify(data, sigma=0.01)
+        >>> model = se.identify(data, noise=0.01)
         >>> se.control(model, [1.0], [0.0], steps=2).typical()
         <Typical: certified 0.00677, typical 0.00335, 95 %, without noise>
         """

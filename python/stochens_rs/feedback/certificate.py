@@ -194,7 +194,7 @@ class LoopCertificate(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
-        >>> se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05).check()
+        >>> se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05).check()
         True
         """
         unknown = [part for part in self.region.parts if len(part.columns)]
@@ -265,7 +265,7 @@ class LoopCertificate(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
-        >>> loop = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0)
+        >>> loop = se.gain(se.identify(data, noise=0.1), 1.0, 1.0)
         >>> tube = loop.certificate(0.05).tube([1.0], 10)
         >>> tube.radii[:2].round(2), tube.settles(0.01)
         (array([0.  , 0.12]), 8)
@@ -358,7 +358,7 @@ class LoopCertificate(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
-        >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> rest = proof.rest([1.0])
         >>> rest, proof.tube([0.0], 10, rest=rest).settles(0.1)
         (<Rest: every system rests within 0.137 of (1), 95 %>, 5)
@@ -463,7 +463,7 @@ class LoopCertificate(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
-        >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> round(proof.holds((-1.0, 1.0), [1.0]), 2)
         1.26
         """

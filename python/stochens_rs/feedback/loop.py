@@ -116,7 +116,7 @@ class Loop(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
-        >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> proof.status, round(proof.margin, 2)
         ('certified', 6.07)
         """

@@ -159,7 +159,7 @@ class Tube(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
-        >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> proof.tube([1.0], 10).settles(0.1)
         4
         """
@@ -188,7 +188,7 @@ class Tube(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
-        >>> proof = se.gain(se.identify(data, sigma=0.1), 1.0, 1.0).certificate(0.05)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> len(proof.tube([1.0], 10).plot().axes)
         2
         """

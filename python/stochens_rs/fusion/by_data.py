@@ -24,15 +24,14 @@ from .fused_model import FusedModel, coordinates, noise_of, position, stacked, u
 def fuse_by_data(
     models: object,
     data: object,
-    design: Any,
-    sigma: Any,
+    noise: Any,
     shrink: bool,
     independent: bool,
     options: alse.AlseOptions,
 ) -> FusedModel:
     """Choose the weights by the data and mix; `fuse` says what the arguments are."""
     given = _models(models, data, validation.flag("independent", independent))
-    least = _least_squares(given, data, design, sigma)
+    least = _least_squares(given, data, noise)
     given = given._in_order("ensemble", least.labels)
     f = least._blocks[0]
     if f.rank == 0:
@@ -58,13 +57,11 @@ def fuse_by_data(
     return fused
 
 
-def _least_squares(given: SystemEnsemble, data: object, design: Any, sigma: Any) -> Model:
+def _least_squares(given: SystemEnsemble, data: object, noise: Any) -> Model:
     """Least squares of the data, with what was declared; refused where the method needs more."""
     if isinstance(data, Model):
-        if design is not None or sigma is not None:
-            raise InputError(
-                "`design` and `sigma` must be left out: `data` is a model that has them"
-            )
+        if noise is not None:
+            raise InputError("`noise` must be left out: `data` is a model that has it")
         least = data
     elif isinstance(data, Identified):
         raise InputTypeError(f"`data` must be Trajectories or a Model, got {validation.show(data)}")
@@ -75,9 +72,7 @@ def _least_squares(given: SystemEnsemble, data: object, design: Any, sigma: Any)
                     "`data` must have states, got readings: models of states cannot be weighed by "
                     "readings of some of them; pass runs with all states of the models, states="
                 )
-        words: dict[str, Any] = {} if design is None else {"design": design}
-        words |= {"sigma": sigma, "intercept": given.c is not None}
-        least = identify(data, **words)  # type: ignore[arg-type]
+        least = identify(data, noise=noise, intercept=given.c is not None)  # type: ignore[arg-type]
     least._require_states("data")
     if (least.n, least.m) != (given.n, given.m):
         raise ShapeError(
@@ -86,11 +81,11 @@ def _least_squares(given: SystemEnsemble, data: object, design: Any, sigma: Any)
     if given.c is not None and not least.intercept:
         raise InputError("`data` must be a model with intercept, as the models have offsets")
     validation.same_dt("data", least.dt, given.dt, "the models")
-    noise = least.assumptions
+    assumed = least.assumptions
     if least.known is not None:
         raise InputError("`data` must be identified without known entries")
-    if noise.noise != "gaussian":
-        raise InputError(f"`data` must be identified with noise='gaussian', got '{noise.noise}'")
+    if assumed.noise != "gaussian":
+        raise InputError(f"`data` must be identified with Gaussian noise, got '{assumed.noise}'")
     return least
 
 

@@ -260,7 +260,8 @@ class FusedModel(SavedRecord, Identified):
         >>> models = [([[0.9]], [[1.0]]), ([[0.7]], [[1.2]])]
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 0.8 * x + 1.1 * u + 0.1 * w)
-        >>> fused = se.fuse(models, "alse", data=data, design="independent", sigma=0.1)
+        >>> noise = se.Noise(sigma=0.1, design="independent")
+        >>> fused = se.fuse(models, "alse", data=data, noise=noise)
         >>> fused.region(0.05).contains([[0.8]], [[1.1]])
         True
         """

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..data import Trajectories
-    from ..identification.assumptions import Design
     from ..identification.model import Model
+    from ..identification.options import Noise
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
 
@@ -52,8 +52,7 @@ def fuse(
     method: Literal["alse"],
     *,
     data: Trajectories | Sequence[Trajectories] | Model,
-    design: Design | None = None,
-    sigma: float | None = None,
+    noise: Noise | float | None = None,
     shrink: bool = True,
     independent: bool = False,
     tol: float = 1e-9,
@@ -68,8 +67,7 @@ def fuse(
     data: Trajectories | Sequence[Trajectories] | Model | None = None,
     weights: ArrayLike | Literal["precision"] | None = None,
     variances: ArrayLike | None = None,
-    design: Design | None = None,
-    sigma: float | None = None,
+    noise: Noise | float | None = None,
     shrink: bool = True,
     independent: bool = False,
     weight_set: WeightSet = "simplex",
@@ -107,11 +105,8 @@ def fuse(
         ``1 / variances``.
     variances : array_like, shape (N,), optional
         ``E ||E_s - mean||^2`` of each realization. Then `Fit.info` has "rms".
-    design : {"adaptive", "independent"}, optional
-        As in `identify`, for `data`. "independent", for pairs only, gives the sharper region.
-    sigma : float, optional
-        The known size of the noise in `data`. The default is noise of one unknown covariance, as in
-        `identify`; for another one give ``data=identify(..., covariance=)``.
+    noise : Noise or float, optional
+        For runs as `data`, as in `identify`.
     shrink : bool, default True
         With `data`: whether least squares takes part, with the share that the data call for.
         False: a mixture of the models alone.
@@ -202,15 +197,14 @@ def fuse(
     >>> x, u, w = z[:, :2], z[:, 2:3], 0.1 * z[:, 3:]
     >>> data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + w)
     >>> models = [(1.1 * A, B), (0.9 * A, B)]
-    >>> fused = se.fuse(models, "alse", data=data, design="independent", sigma=0.1)
+    >>> fused = se.fuse(models, "alse", data=data, noise=se.Noise(sigma=0.1, design="independent"))
     >>> fused
     <FusedModel: 2 models, n=2 m=1, 30 pairs, 44.1 % least squares>
     >>> fused.region(0.05).contains(A, B)
     True
     """
     of_data = {
-        "design": design,
-        "sigma": sigma,
+        "noise": noise,
         "shrink": None if shrink is True else shrink,
         "independent": None if independent is False else independent,
     }
@@ -220,7 +214,7 @@ def fuse(
             raise InputError(f"`method` must be 'alse' with `data`, got '{method}'")
         _refuse("with `data`", **of_realizations)
         limits = alse.checked_options(None, "alse", weight_set, tol, time_limit, max_iter)
-        return fuse_by_data(ensemble, data, design, sigma, shrink, independent, limits)
+        return fuse_by_data(ensemble, data, noise, shrink, independent, limits)
     _refuse("without `data`", **of_data)
     if isinstance(ensemble, SystemEnsemble):
         matrices = stacked(ensemble, ensemble.c is not None)

@@ -5,7 +5,19 @@ from .assumptions import Assumptions
 from .checks import Checks
 from .identifying import identify
 from .model import Model
+from .options import Noise, Pilot, Window
 from .region import Region
-from .window import Window
+from .window import Regressors
 
-__all__ = ["Assumptions", "Checks", "Model", "Region", "Trajectories", "Window", "identify"]
+__all__ = [
+    "Assumptions",
+    "Checks",
+    "Model",
+    "Noise",
+    "Pilot",
+    "Region",
+    "Regressors",
+    "Trajectories",
+    "Window",
+    "identify",
+]

@@ -14,6 +14,7 @@ from .._base.records import Record
 from .._base.running import get_num_threads
 from ..exceptions import InputError
 from ..theory.exact import EPS
+from .options import DESIGNS, LARGEST, LAWS, SIZES, SMALLEST, Design, Noise, NoiseLaw
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -21,15 +22,8 @@ if TYPE_CHECKING:
     from .._base.types import Floats
 
 
-Design: TypeAlias = Literal["independent", "adaptive"]
-Noise: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded"]
 Covariance: TypeAlias = Literal["full", "diagonal", "scalar", "known"]
 
-DESIGNS: tuple[Design, ...] = get_args(Design)
-NOISES: tuple[Noise, ...] = get_args(Noise)
-#: What `sigma` is for the laws that need it.
-SIZES: dict[Noise, str] = {"sub-gaussian": "", "bounded": ", the largest norm of the noise"}
-SMALLEST, LARGEST = 1e-100, 1e100  # of sizes that are squared
 COVARIANCES: tuple[Covariance, ...] = get_args(Covariance)
 #: The tests in the order in which they are named: first what explains the others.
 FAULTS = (
@@ -78,7 +72,7 @@ class Assumptions(Record):
     """
 
     design: Design
-    noise: Noise
+    noise: NoiseLaw
     covariance: Covariance
     known: Floats | None = None
     exact: tuple[int, ...] = ()
@@ -87,14 +81,14 @@ class Assumptions(Record):
 
     def __post_init__(self) -> None:
         validation.choice("design", self.design, DESIGNS)
-        validation.choice("noise", self.noise, NOISES)
+        validation.choice("noise", self.noise, LAWS)
         validation.choice("covariance", self.covariance, COVARIANCES)
         if (self.covariance == "known") != (self.known is not None):
             raise InputError("`known` must be the covariance where it is known, and only there")
         if self.known is not None:
             _require_covariance("known", self.known)
         if self.known is None and self.noise in SIZES:
-            raise InputError(f"`known` must be given for noise='{self.noise}'")
+            raise InputError(f"`known` must be given for {self.noise} noise")
         if list(self.exact) != sorted({validation.size("exact", i, minimum=0) for i in self.exact}):
             raise InputError("`exact` must be different states in their order")
         exact = self.design != "adaptive"
@@ -123,38 +117,22 @@ class Assumptions(Record):
 
 def checked_assumptions(
     n: int,
-    design: object,
-    noise: object,
-    covariance: Any,
-    sigma: object,
-    exact: object = (),
+    noise: Noise,
     names: Sequence[str] = (),
     singular: bool = False,
     tail: float = 0.0,
     accept: object = (),
 ) -> Assumptions:
-    """Check the arguments of `identify` that are declarations; `names` are those of the states;
-    `singular`: whether the known covariance may be so.
-    """
-    law = validation.choice("noise", noise, NOISES)
-    plan = validation.choice("design", design, DESIGNS)
+    """What is declared of n states of these names; `singular`: the known covariance may be so."""
     known, word = None, "known"
-    if sigma is not None:
-        if not isinstance(covariance, str) or covariance not in ("full", "scalar"):
-            raise InputError("`sigma` and `covariance` must not be given both")
-        size = validation.positive("sigma", sigma, maximum=LARGEST)
-        if size < SMALLEST:
-            raise InputError(f"`sigma` must be at least {SMALLEST:g}, got {size:g}")
-        known = size**2 * np.eye(n)
-    elif isinstance(covariance, str):
-        word = validation.choice("covariance", covariance, COVARIANCES[:-1])
+    if noise.sigma is not None:
+        known = noise.sigma**2 * np.eye(n)
+    elif isinstance(noise.covariance, str):
+        word = noise.covariance
     else:
-        known = _positive_definite("covariance", covariance, n, semi=singular)
-    if law in SIZES and (known is None or (SIZES[law] and sigma is None)):
-        raise InputError(f"`sigma` must be given for noise='{law}'{SIZES[law]}")
-    without = checked_exact(exact, names)
-    found = checked_accept(accept)
-    return Assumptions(plan, law, word, known, without, tail, found)  # type: ignore[arg-type]
+        known = _positive_definite("covariance", noise.covariance, n, semi=singular)
+    exact, found = checked_exact(noise.exact, names), checked_accept(accept)
+    return Assumptions(noise.design, noise.law, word, known, exact, tail, found)  # type: ignore[arg-type]
 
 
 def checked_accept(accept: object) -> tuple[str, ...]:
@@ -164,10 +142,10 @@ def checked_accept(accept: object) -> tuple[str, ...]:
     return tuple(one for one in ACCEPTED if one in names)
 
 
-def checked_exact(exact: object, names: Sequence[str]) -> tuple[int, ...]:
+def checked_exact(exact: Sequence[str | int], names: Sequence[str]) -> tuple[int, ...]:
     """The numbers of the states in `exact`, which are given by name or number."""
     found = set()
-    for one in [exact] if isinstance(exact, str) else validation.items("exact", exact):
+    for one in exact:
         if isinstance(one, str):
             found.add(names.index(validation.choice("exact", one, tuple(names))))
         else:

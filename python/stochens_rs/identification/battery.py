@@ -46,9 +46,9 @@ TEXTS = {
     "clipped": "residuals depend on whether a reading is at its largest or least value{most}: the "
     "end of the range of a sensor; cut these rows",
     "late rows": "inputs of the next row explain {share}, more than by a feedback: rows hold "
-    "the state after their action; pass delay=-1",
-    "dead time": "inputs {steps} earlier explain {share}: a dead time; pass delay={lag}{longer}",
-    "delay": "inputs {steps} earlier explain {share}: the delay is shorter; pass delay={lag}",
+    "the state after their action; read them with delay=-1",
+    "dead time": "inputs {steps} earlier explain {share}: a dead time; pass Window(delay={lag}){longer}",
+    "delay": "inputs {steps} earlier explain {share}: the delay is shorter; pass Window(delay={lag})",
     "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
     "point other than 0: pass intercept=True",
     "ends": "the last pairs of the runs have a model of their own: runs that ended for what was "
@@ -64,7 +64,7 @@ TEXTS = {
     "drift": "the model changes over each run ({share} explained), as of what warms up or wears: "
     "use a part of the runs, or measure more states",
     "variance": "the size of the residuals depends on states, inputs, time or run: one covariance "
-    "is assumed; declare noise='sub-gaussian' with the largest sigma",
+    "is assumed; declare Noise('sub-gaussian', sigma=) with the largest sigma",
 }
 
 
@@ -200,7 +200,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         "jump": f"{test.share:.4g}",
         "lag": str(first),
         "steps": show.number_of(first, "step"),
-        "longer": f", or a longer window: lags={first + 1}" if window is not None else "",
+        "longer": f", or a longer window: Window(lags={first + 1})" if window is not None else "",
         "signals": signals,
         "part": _part(test) if name == "change" else "",
     }

@@ -40,12 +40,12 @@ from .checks import (
     tested_rows,
 )
 from .identified import Identified
-from .pilot import Pilot
+from .pilot import PilotModel
 from .pilot import refuse as refuse_pilot
 from .region import METHODS, Method, Region, Wish, region_of, said
 from .region import directions as spanned_by
 from .region import refuse as refuse_region
-from .window import Loop, Window
+from .window import Loop, Regressors
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -79,10 +79,10 @@ class Model(SavedRecord, Identified, Tabled):
     checks : Checks or None
         The tests of the residuals; None if there were too few pairs, too many to test them
         without being asked, or `identify` was told not to: see `check`.
-    pilot : Pilot or None
+    pilot : PilotModel or None
         What simulates the runs of `data` for a region that is exact, see `identify`; the model is
         then not least squares.
-    window : Window or None
+    window : Regressors or None
         For models of outputs, the past readings and inputs from which they are predicted; the
         states are then the contents of the window. With a dead time the states now and the inputs
         under way. None for models of states whose inputs act at once.
@@ -100,8 +100,8 @@ class Model(SavedRecord, Identified, Tabled):
     intercept: bool = False
     known: Floats | None = None
     checks: Checks | None = None
-    pilot: Pilot | None = None
-    window: Window | None = None
+    pilot: PilotModel | None = None
+    window: Regressors | None = None
     first: int = 0
 
     def __post_init__(self) -> None:
@@ -123,7 +123,7 @@ class Model(SavedRecord, Identified, Tabled):
         require_sound(self.scale, self.known)
         require_states(self.assumptions, n)
         if self.pilot is not None:
-            given = validation.instance("pilot", self.pilot, Pilot)
+            given = validation.instance("pilot", self.pilot, PilotModel)
             refuse_pilot(self.assumptions, self.data, self.known is not None)
             validation.kept("pilot.model", given.model, shape=(n, d))
             if given.dither is not None:
@@ -207,7 +207,7 @@ class Model(SavedRecord, Identified, Tabled):
         if self.window is None and self.data.outputs:
             raise InputError("`window` must be given for outputs")
         if self.window is not None:
-            validation.instance("window", self.window, Window)
+            validation.instance("window", self.window, Regressors)
             if not self.data.outputs and (self.window.count, self.window.pole) != (1, None):
                 raise InputError("`window` of states must have one lag, and a dead time")
             own = self.window.outputs, self.window.inputs, self.window.intercept
@@ -541,7 +541,7 @@ class Model(SavedRecord, Identified, Tabled):
         >>> z = np.random.default_rng(2).standard_normal((40, 5))
         >>> x, u, w = z[:, :2], z[:, 2:3], 0.1 * z[:, 3:]
         >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + w)
-        >>> model = se.identify(data, design="independent", sigma=0.1)
+        >>> model = se.identify(data, noise=se.Noise(sigma=0.1, design="independent"))
         >>> region = model.region(0.05)
         >>> region.contains([[0.5, 0.0], [0.0, 0.5]], [[1.0], [1.0]])
         True
@@ -639,7 +639,7 @@ class Model(SavedRecord, Identified, Tabled):
         """The law of the estimate, for the core; only with `windows` also of models of outputs."""
         self._refuse_resampling(windows)
         if self.noise != "gaussian":
-            raise InputError(f"draw() needs noise='gaussian', got '{self.noise}'")
+            raise InputError(f"draw() needs Gaussian noise, got '{self.noise}'")
         if len(self._blocks) > 1:
             raise InputError("draw() knows no law with single known entries")
         fitted, noise = self._blocks[0], self.assumptions

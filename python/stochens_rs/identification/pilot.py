@@ -1,4 +1,4 @@
-"""`Pilot`: the model that simulates the instruments of another one, fixed without its data."""
+"""`PilotModel`: the model that simulates the instruments of another one, fixed without its data."""
 
 from __future__ import annotations
 
@@ -19,12 +19,13 @@ from ..theory.exact import best_control, states
 if TYPE_CHECKING:
     from ..data import Trajectories
     from .assumptions import Assumptions
+    from .options import Pilot
 
 MOST = 100_000  # steps of a reference
 
 
 @dataclass(frozen=True, eq=False)
-class Pilot(Record):
+class PilotModel(Record):
     """What repeats the runs of a model on paper, and the plan it has for a task fixed beforehand.
 
     Attributes
@@ -174,41 +175,25 @@ def refuse(assumed: Assumptions, data: Trajectories, entries: bool) -> None:
 
 
 def made(
-    data: Trajectories,
-    assumed: Assumptions,
-    entries: bool,
-    pilot: Any,
-    offset: bool,
-    reference: Any,
-    inputs: Any,
-    dither: Any,
-    lengths_fixed: bool,
-) -> tuple[Pilot, Trajectories]:
-    """The pilot and the main runs, from the arguments of `identify`."""
+    data: Trajectories, assumed: Assumptions, entries: bool, asked: Pilot, offset: bool
+) -> tuple[PilotModel, Trajectories]:
+    """The pilot and the main runs."""
     n, m = data.n, data.m
     refuse(assumed, data, entries)
-    if data.lengths.min() != data.lengths.max() and not lengths_fixed:
+    if data.lengths.min() != data.lengths.max() and not asked.lengths_fixed:
         raise InputError(
             "runs of unequal length need `lengths_fixed=True`: was any run ended because of "
             "what was measured?"
         )
-    model, source, main, before = divided(data, pilot, offset)
-    gain = None
-    if isinstance(inputs, str):
-        validation.choice("inputs", inputs, ("open loop",))
-        if dither is not None:
-            raise InputError("`dither` goes with a gain as `inputs`, not with 'open loop'")
-    else:
-        gain = validation.matrix("inputs", inputs, rows=m, cols=n)
-        if dither is None:
-            raise InputError(
-                "`dither` must be given with a gain as `inputs`: what was added to it, as recorded"
-            )
-        dither = validation.matrix("dither", dither, rows=data.size, cols=m)[before:]
+    model, source, main, before = divided(data, asked.source, offset)
+    gain = dither = None
+    if asked.dither is not None:
+        gain = validation.matrix("inputs", asked.inputs, rows=m, cols=n)
+        dither = validation.matrix("dither", asked.dither, rows=data.size, cols=m)[before:]
     start, u = None, None
-    if reference is not None:
-        start, u = _task(reference, model, n, m, main)
-    return Pilot(model, source, gain, dither, start, u), main
+    if asked.reference is not None:
+        start, u = _task(asked.reference, model, n, m, main)
+    return PilotModel(model, source, gain, dither, start, u), main
 
 
 def _task(

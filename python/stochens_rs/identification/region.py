@@ -171,7 +171,7 @@ class Region(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 20, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
-        >>> region = se.identify(data, sigma=0.1).region(0.05)
+        >>> region = se.identify(data, noise=0.1).region(0.05)
         >>> region.contains([[0.5]], [[1.0]]), region.contains([[0.9]], [[1.0]])
         (True, False)
         """
@@ -220,7 +220,7 @@ class Region(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 20, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
-        >>> region = se.identify(data, sigma=0.1).region(0.05)
+        >>> region = se.identify(data, noise=0.1).region(0.05)
         >>> region.bound([0.0], [0.0]), region.bound([1.0], [0.0]) < 0.3
         (0.0, True)
         """
@@ -252,7 +252,7 @@ class Region(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 20, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
-        >>> se.identify(data, sigma=0.1).region(0.05).component_bounds([0.0], [0.0])
+        >>> se.identify(data, noise=0.1).region(0.05).component_bounds([0.0], [0.0])
         array([0.])
         """
         return self._core.component_bounds(self._z(x, u))
@@ -301,7 +301,7 @@ class Region(SavedRecord):
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 20, 1))
         >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
-        >>> ax = se.identify(data, sigma=0.1).region(0.05).plot()
+        >>> ax = se.identify(data, noise=0.1).region(0.05).plot()
         >>> ax.get_xlabel(), ax.get_ylabel()
         ('A[0, 0]', 'B[0, 0]')
         """

@@ -1,4 +1,4 @@
-"""`Window`: what a model of readings takes as regressors, and the system that follows from it."""
+"""`Regressors`: what a model of readings is made of, and the system that follows from it."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Loop(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Window(Record):
+class Regressors(Record):
     """Past readings and inputs from which a model predicts the next readings.
 
     Attributes
@@ -70,9 +70,9 @@ class Window(Record):
     Examples
     --------
     >>> import stochens_rs as se
-    >>> window = se.identification.Window(("pos",), ("force",), 3, 0.8)
+    >>> window = se.identification.Regressors(("pos",), ("force",), 3, 0.8)
     >>> window, window.length
-    (<Window: 3 filters of pole 0.8 of 1 output and 1 input>, 6)
+    (<Regressors: 3 filters of pole 0.8 of 1 output and 1 input>, 6)
     """
 
     outputs: tuple[str, ...]
@@ -165,7 +165,7 @@ class Window(Record):
         Examples
         --------
         >>> import numpy as np, stochens_rs as se
-        >>> window = se.identification.Window(("y",), ("u",), 1)
+        >>> window = se.identification.Regressors(("y",), ("u",), 1)
         >>> window.loop(np.array([[0.5, 1.0]])).ABc
         array([[0.5, 1. ]])
         """
@@ -200,7 +200,7 @@ class Window(Record):
         --------
         >>> import numpy as np, stochens_rs as se
         >>> data = se.Trajectories([np.zeros((9, 1))], [np.ones((8, 1))], outputs=True)
-        >>> window = se.identification.Window(data.outputs, data.input_names, 2)
+        >>> window = se.identification.Regressors(data.outputs, data.input_names, 2)
         >>> [len(record[0]) for record, inputs, readings in window.stretches(data, 3)]
         [2, 5]
         """
@@ -262,10 +262,10 @@ class Window(Record):
     def _short(self, explained: float) -> str:
         """What is said of a window to which one lag or filter more adds this share."""
         what = "lags" if self.pole is None else "filters"
-        take = "take " if self.found is not None else "take order='auto', "
+        take = "take " if self.found is not None else "take Window(order='auto'), "
         return (
             f"a window of {self.count + 1} {what} explains {show.two(100 * explained)} % more: "
-            f"certificates assume that {self.count} suffice; {take}more {what}, or declare tail="
+            f"certificates assume that {self.count} suffice; {take}more {what}, or declare Window(tail=)"
         )
 
     @property
@@ -273,7 +273,11 @@ class Window(Record):
         """What is said where the region of a window that the data chose is too large."""
         if self.found is None:
             return ()
-        few = f"lags={self.found}" if self.pole is None else f"filters={(self.pole, self.found)}"
+        few = (
+            f"Window(lags={self.found})"
+            if self.pole is None
+            else f"Window(filters={(self.pole, self.found)})"
+        )
         return (
             f"the data chose the window of {self.text}: a shorter one, declared beforehand (as "
             f"{few}), has a smaller region",
@@ -306,7 +310,7 @@ class Window(Record):
         Examples
         --------
         >>> import stochens_rs as se
-        >>> window = se.identification.Window(("y",), ("u",), 2)
+        >>> window = se.identification.Regressors(("y",), ("u",), 2)
         >>> window.state_of([[1.0], [2.0]], [[0.5]])
         array([2. , 1. , 0.5])
         """
@@ -323,4 +327,4 @@ class Window(Record):
 
     def __repr__(self) -> str:
         of = show.number_of(len(self.outputs), "output"), show.number_of(len(self.inputs), "input")
-        return f"<Window: {self.text} of {of[0]} and {of[1]}>"
+        return f"<Regressors: {self.text} of {of[0]} and {of[1]}>"

@@ -111,7 +111,7 @@ class ReadingLoop(ControlLoop[Reading]):
     >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
     >>> for t in range(1, 199):
     ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
-    >>> model = se.identify(se.Trajectories([y], [u], outputs=True), lags=2)
+    >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
     >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
     >>> loop([0.0]), loop([1.0]).round(1), loop.full
     (array([0.]), array([-0.7]), True)

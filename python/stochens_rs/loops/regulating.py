@@ -166,7 +166,7 @@ def regulate(
     >>> import numpy as np
     >>> x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
     >>> data = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.05 * w)
-    >>> model = se.identify(data, sigma=0.05)
+    >>> model = se.identify(data, noise=0.05)
     >>> gain = se.gain(model, 1.0, 1.0)
     >>> loop = se.regulate(model, 5, limits=(-1.0, 1.0), gain=gain, calls=50)
     >>> loop([2.0]).round(2), loop.kept.tightening.round(2)

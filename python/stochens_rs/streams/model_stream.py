@@ -15,14 +15,8 @@ from .._base.names import checked_names
 from .._base.saving import Durable
 from .._base.types import DELTA
 from ..exceptions import InputError
-from ..identification.assumptions import (
-    Assumptions,
-    Covariance,
-    Design,
-    Noise,
-    checked_assumptions,
-    checked_scale,
-)
+from ..identification.assumptions import Assumptions, checked_assumptions, checked_scale
+from ..identification.options import Noise, as_noise
 from .looks import Look, LoopLook, look, look_at_loop
 from .rows import pair_rows
 from .snapshot import Snapshot, refuse
@@ -52,12 +46,12 @@ class ModelStream(Durable):
     ----------
     n, m : int
         The numbers of states and inputs.
-    design : {"adaptive", "independent"}, default "adaptive"
-        "adaptive": inputs may depend on all that was seen before. "independent": your declaration
-        that no state or input of a pair depends on the noise of any pair, nor on a look; regions
-        are then exact and usually smaller, but looks are possible at planned numbers of pairs only.
-    noise, covariance, sigma, intercept, scale, exact
-        As in `identify`. States must be measured without error.
+    noise : Noise or float, optional
+        As in `identify`, with states measured without error. With ``design="independent"`` no state
+        or input of a pair may depend on the noise of any pair, nor on a look; regions are then
+        exact and usually smaller, but looks are possible at planned numbers of pairs only.
+    intercept, scale
+        As in `identify`.
     delta : float, default 0.05
         The probability that any look at the stream is wrong, at most, in (0, 1).
     first : int, optional
@@ -88,7 +82,7 @@ class ModelStream(Durable):
 
     >>> import numpy as np, stochens_rs as se
     >>> rng = np.random.default_rng(1)
-    >>> stream = se.ModelStream(1, 1, sigma=0.1)
+    >>> stream = se.ModelStream(1, 1, noise=0.1)
     >>> x = np.array([0.0])
     >>> while True:
     ...     u = -0.5 * x + rng.standard_normal(1)
@@ -109,13 +103,9 @@ class ModelStream(Durable):
         n: int,
         m: int,
         *,
-        design: Design = "adaptive",
-        noise: Noise = "gaussian",
-        covariance: Covariance | ArrayLike = "full",
-        sigma: float | None = None,
+        noise: Noise | float | None = None,
         intercept: bool = False,
         scale: ArrayLike = 1.0,
-        exact: Sequence[str | int] = (),
         delta: float = DELTA,
         first: int | None = None,
         dt: float | None = None,
@@ -127,8 +117,7 @@ class ModelStream(Durable):
         d = states + inputs + offset
         running.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
         names = checked_names(states, inputs, state_names, input_names)
-        declared = design, noise, covariance, sigma, exact, names[0]
-        assumed = checked_assumptions(states, *declared)
+        assumed = checked_assumptions(states, as_noise(noise), names[0])
         refuse(assumed)
         if first is not None and assumed.design == "adaptive":
             raise InputError("`first` needs design='independent': others may be looked at any time")
@@ -182,7 +171,7 @@ class ModelStream(Durable):
         Examples
         --------
         >>> import stochens_rs as se
-        >>> stream = se.ModelStream(1, 1, sigma=0.1)
+        >>> stream = se.ModelStream(1, 1, noise=0.1)
         >>> stream.update([0.0], [1.0], [1.0])
         >>> stream.update([[1.0], [1.5]], [[1.0], [0.0]], [[1.5], [0.7]])
         >>> stream.size
@@ -319,7 +308,7 @@ class ModelStream(Durable):
         >>> import numpy as np, stochens_rs as se
         >>> z = np.random.default_rng(1).standard_normal((300, 5))
         >>> x, u, w = z[:, :2], z[:, 2:3], 0.1 * z[:, 3:]
-        >>> stream = se.ModelStream(2, 1, sigma=0.1)
+        >>> stream = se.ModelStream(2, 1, noise=0.1)
         >>> stream.update(x, u, 0.5 * x + u + w)
         >>> stream.look([1.0, 1.0], [0.0, 0.0], tol=0.1)
         <Look: within 0.04648 after 300 pairs, tol 0.1, enough>

@@ -188,7 +188,7 @@ class Snapshot(SavedRecord, Identified):
         --------
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 50, 1))
-        >>> stream = se.ModelStream(1, 1, sigma=0.1)
+        >>> stream = se.ModelStream(1, 1, noise=0.1)
         >>> stream.update(x, u, 0.5 * x + u + 0.1 * w)
         >>> stream.model.region().contains([[0.5]], [[1.0]])
         True

@@ -379,7 +379,9 @@ REFUSED = {
         lambda: fixed(runs_of_two_steps()),
         "`design` must be 'adaptive' for runs of several steps",
     ),
-    "sub-Gaussian": (lambda: se.identify(DATA, **opts(noise="sub-gaussian"),,), "`sigma` must be given for"),
+    "sub-Gaussian": (
+        lambda: se.identify(DATA, **opts(noise="sub-gaussian")), "`sigma` must be given for"
+    ),
     "bounded": (
         lambda: se.identify(DATA, **opts(noise="bounded", covariance=np.eye(2))),
         "`sigma` must be given for noise",
@@ -392,7 +394,9 @@ REFUSED = {
     ),
     "not symmetric": (lambda: fixed(covariance=[[1.0, 2.0], [0.0, 9.0]]), "must be symmetric"),
     "word": (lambda: fixed(covariance="ful"), "did you mean 'full'?"),
-    "design": (lambda: se.identify(DATA, **opts(design="open"),,), "`design` must be one of 'independent'"),
+    "design": (
+        lambda: se.identify(DATA, **opts(design="open")), "`design` must be one of 'independent'"
+    ),
     "everything known": (
         lambda: fixed(known_A=np.eye(2), known_B=np.ones((2, 1))), "leave nothing to estimate"
     ),
@@ -489,7 +493,7 @@ def test_ensembles_repeat_with_their_key_and_keep_offset_and_known_columns():
 def test_ensembles_that_would_mislead_are_refused():
     with pytest.raises(InputError, match="single known entries"):
         fixed(known_B=[[0.0], [np.nan]]).draw(3)
-    with pytest.raises(InputError, match="needs noise='gaussian'"):
+    with pytest.raises(InputError, match="needs Gaussian noise"):
         fixed(noise="bounded", sigma=1.0).draw(3)
 
 

@@ -71,7 +71,7 @@ def errors(kind: str, N: int, seed: int) -> tuple[dict[str, float], float, float
     Y = Z @ Theta.T + SIGMA * gen.standard_normal((N, N_STATES))
     data = se.Trajectories.from_pairs(Z[:, :N_STATES], Z[:, N_STATES:], Y)
     given = se.SystemEnsemble(models[:, :, :N_STATES], models[:, :, N_STATES:])
-    words = {"data": data, "design": "independent", "sigma": SIGMA}
+    words = {"data": data, "noise": se.Noise(sigma=SIGMA, design="independent")}
     fused = se.fuse(given, "alse", **words)
     alone = np.tensordot(fused.weights, models, 1)
     least = np.hstack([fused.least_squares.A, fused.least_squares.B])

@@ -462,7 +462,7 @@ def test_models_that_cannot_be_read(tmp_path, table, capsys):
     assert cli.main(["control", str(damaged), "--from", "1,0"]) == 5
     capsys.readouterr()
     error = failed(capsys, "control", table, "--from", "1,0")
-    assert "measured runs become a model" in error
+    assert "measured runs become a model by identify" in error
 
 
 @pytest.fixture

@@ -384,7 +384,7 @@ REFUSED = {
     ),
     "bounded": (
         lambda: se.identify(DATA, **opts(noise="bounded", covariance=np.eye(2))),
-        "`sigma` must be given for noise",
+        "`sigma` must be given for law",
     ),
     "both": (
         lambda: fixed(sigma=1.0, covariance=np.eye(2)), "`sigma` and `covariance` must not be"

@@ -292,7 +292,7 @@ def test_delays_are_found(delay):
 
 def test_too_little_for_a_choice_is_said():
     data = se.Trajectories(np.eye(3)[:, :1], np.ones((2, 1)), outputs=True)
-    with pytest.raises(InputError, match=r"Window\(lags=\) or"):
+    with pytest.raises(InputError, match=r"`data` must be longer"):
         se.identify(data)
 
 

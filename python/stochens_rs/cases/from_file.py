@@ -195,6 +195,7 @@ def _json(path: Path, size: int) -> dict[str, Any]:
             found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
     except (ValueError, RecursionError) as error:  # not text, not JSON, or nested too deeply
         meant = validation.nearest(path.suffix, _MEMORY)
+        meant += "; measured runs become a model by identify" * (path.suffix == ".csv")
         raise InputError(f"{path} must be JSON, or end in .npz or .mat: {error}{meant}") from error
     if not isinstance(found, dict):
         raise InputError(f"{path} must be a JSON object, got {type(found).__name__}")

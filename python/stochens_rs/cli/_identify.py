@@ -121,6 +121,8 @@ def identify_command(
             "--design independent is for single steps, since later states of a run contain its "
             "earlier noise: add --last-pairs, or leave --design out"
         )
+    if reference is not None and pilot is None:
+        raise click.UsageError("--reference goes with --pilot")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)  # the text lists them
         model = identify(

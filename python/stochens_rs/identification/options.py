@@ -227,7 +227,7 @@ class Pilot(Options):
             self._keep(inputs=validation.matrix("inputs", self.inputs))
             if self.dither is None:
                 raise InputError(
-                    "`dither` must be given with a gain as `inputs`: what was added to it, as recorded"
+                    "`dither` must be given with a gain as `inputs`: what was added, as recorded"
                 )
             self._keep(dither=validation.matrix("dither", self.dither))
         super().__post_init__()

@@ -265,7 +265,8 @@ class Regressors(Record):
         take = "take " if self.found is not None else "take Window(order='auto'), "
         return (
             f"a window of {self.count + 1} {what} explains {show.two(100 * explained)} % more: "
-            f"certificates assume that {self.count} suffice; {take}more {what}, or declare Window(tail=)"
+            f"certificates assume that {self.count} suffice; {take}more {what}, or declare "
+            "Window(tail=)"
         )
 
     @property

@@ -69,15 +69,16 @@ def said(found: Iterable[tuple[float, bool, float]], unit: float = 1.0) -> str:
 
 def near(plant: Plant, pilot: object = 0.1, *, known: bool = True) -> dict[str, object]:
     """The arguments for a plan near its reference."""
-    noise = {"sigma": plant.sigma} if known else {"covariance": "scalar"}
-    return {**noise, "pilot": pilot, "reference": (plant.x0, plant.xf, plant.steps)}
+    noise = plant.sigma if known else se.Noise(covariance="scalar")
+    task = plant.x0, plant.xf, plant.steps
+    return {"noise": noise, "pilot": se.Pilot(pilot, reference=task)}
 
 
 def compared(plant: Plant, sizes: tuple[int, ...], sets: int, share: float) -> None:
     """Certificates over the 95 % quantile of the miss."""
     ways = {
-        "any design": {"sigma": plant.sigma},
-        "pilot": {"sigma": plant.sigma, "pilot": share},
+        "any design": {"noise": plant.sigma},
+        "pilot": {"noise": plant.sigma, "pilot": share},
         "pilot, reference": near(plant, share),
         "the same, sigma unknown": near(plant, share, known=False),
     }
@@ -133,7 +134,7 @@ def with_older(sets: int) -> None:
         for seed in range(sets):
             gen = np.random.default_rng([seed, N, 7703])
             data = taken(own, N, gen)
-            ways = {"any design": {"sigma": own.sigma}}
+            ways = {"any design": {"noise": own.sigma}}
             if N > 3:
                 ways["own pilot"] = near(own)
             for apart in (0.01, 0.05):

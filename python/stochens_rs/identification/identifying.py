@@ -79,8 +79,9 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
     needed = 2 * (min(told + 1, COMPARED) * (runs.n + runs.m) + offset + runs.n)
     if rows < needed:
         raise InputError(
-            f"`data` must be longer, or its window declared as Window(lags=) or Window(filters=), got "
-            f"{runs.size} pairs, and needs {SHARE * (first + needed - rows)} to choose one by its first quarter"
+            "`data` must be longer, or its window declared as Window(lags=) or Window(filters=), "
+            f"got {runs.size} pairs, and needs {SHARE * (first + needed - rows)} to choose one by "
+            "its first quarter"
         )
     return Regressors(*names, count, one, back, offset, burn, told), first
 

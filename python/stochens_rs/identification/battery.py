@@ -49,7 +49,8 @@ TEXTS = {
     "the state after their action; read them with delay=-1",
     "dead time": "inputs {steps} earlier explain {share}: a dead time; "
     "pass Window(delay={lag}){longer}",
-    "delay": "inputs {steps} earlier explain {share}: the delay is shorter; pass Window(delay={lag})",
+    "delay": "inputs {steps} earlier explain {share}: the delay is shorter; "
+    "pass Window(delay={lag})",
     "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
     "point other than 0: pass intercept=True",
     "ends": "the last pairs of the runs have a model of their own: runs that ended for what was "

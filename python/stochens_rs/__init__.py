@@ -124,6 +124,7 @@ _ROOMS = {
     "streams": "DataStream ModelStream Stream",
     "studies": "Study",
     "system": "System",
+    "validation": "",
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
 

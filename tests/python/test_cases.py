@@ -6,14 +6,14 @@ import pickle
 
 import numpy as np
 import pytest
-from stochens_rs.system.system.discretization import discretize
 
 from hidden_systems import of_each_kind
 from stochens_rs import cases
 from stochens_rs.cases.swing_models import MACHINES, continuous, reduced_stiffness, swing_matrices
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.rng import as_key
-from stochens_rs.system.system import discretization as zero_order_hold
+from stochens_rs.system import discretization as zero_order_hold
+from stochens_rs.system.discretization import discretize
 
 STEP = 0.01  # s
 

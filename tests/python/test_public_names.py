@@ -14,21 +14,24 @@ import stochens_rs as se
 
 TOP = """
     Certificate Cost Counts DataStream Ensemble EnsembleTrajectory Fit Key Limits Model ModelStream
-    Plan Regulator StochensError Stream Study System SystemEnsemble Tracking Trajectories Trajectory
-    Uncertain
+    Noise Pilot Plan Regulator StochensError Stream Study System SystemEnsemble Tracking
+    Trajectories Trajectory
+    Uncertain Window
     __version__ cases control control_fleet design exceptions fuse fuse_path gain get_num_threads
     identify plots predict realization_controls reference regulate required_samples sample
     sample_counts set_num_threads simulate simulate_ensemble steer studies theory track
 """
 ROOMS = {
     "certificates": "Radius",
-    "controls": "Call FleetPlan NextRuns PlanError Reachability RiskBound SamplePlan Typical "
-    "Validation",
+    "controls": "NextRuns PlanError Reachability SamplePlan Typical",
     "feedback": "Loop LoopCertificate Tube",
+    "fleet": "FleetPlan RiskBound",
     "fusion": "FusedModel Path",
     "identification": "Checks Region",
+    "loops": "Call Kept Reading ReadingLoop",
     "studies": "Failure Results",
     "streams": "Look Snapshot StreamRun Trace",
+    "validation": "Validation",
 }
 
 

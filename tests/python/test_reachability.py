@@ -208,7 +208,7 @@ def test_the_controllability_matrix_takes_no_object_per_block():
 @pytest.mark.parametrize(("n", "m"), [(3, 1), (20, 1), (10, 10)])
 def test_the_memory_check_covers_a_control_over_many_steps(n, m, monkeypatch):
     needed = []
-    monkeypatch.setattr(dynamics.memory, "need", lambda _, count: needed.append(count))
+    monkeypatch.setattr(dynamics.running, "need", lambda _, count: needed.append(count))
     K = dynamics.checked_steps(1000, n, m)
     B, x = np.eye(n, m) + 0.1, np.ones(n)
     assert peak(lambda: best_control(0.99 * np.eye(n), B, x, 0.0 * x, K)) < needed[0]

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from stochens_rs.system.system.system import System
 
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
+from stochens_rs.system.system import System
 
 A = np.array([[1.0, 0.1], [0.0, 1.0]])
 B = np.array([[0.0], [0.1]])

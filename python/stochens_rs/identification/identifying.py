@@ -17,7 +17,7 @@ from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError
 from .assumptions import checked_assumptions, checked_scale, refuse
 from .checks import DRAWS, WORK, checked_residuals, tested_rows
 from .model import Model
-from .options import LARGEST, Noise, PilotLike, Window, as_noise, as_pilot, as_window
+from .options import LARGEST, Noise, Pilot, Window, as_noise, as_pilot, as_window
 from .pilot import made
 from .window import Regressors
 
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
+    from ..system.system import System
+    from .identified import Identified
 
 
 POLES = (0.2, 0.4, 0.6, 0.8, 0.9)  # of filters that are tried
@@ -110,7 +112,7 @@ def identify(
     *,
     noise: Noise | float | None = None,
     window: Window | None = None,
-    pilot: PilotLike = None,
+    pilot: Pilot | float | Identified | System | tuple[ArrayLike, ArrayLike] | None = None,
     intercept: bool = False,
     known_A: ArrayLike | None = None,
     known_B: ArrayLike | None = None,

@@ -3,18 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 from .._base import validation
 from .._base.records import Options
 from .._base.types import Floats
 from ..exceptions import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ..system.system import System
-    from .identified import Identified
 
 Design: TypeAlias = Literal["independent", "adaptive"]
 NoiseLaw: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded"]
@@ -252,9 +246,6 @@ def _delay(delay: Any) -> int | tuple[int, int]:
         )
     least = validation.size("delay[0]", delay[0], minimum=0)
     return least, validation.size("delay[1]", delay[1], minimum=least, maximum=LONGEST)
-
-
-PilotLike: TypeAlias = "Pilot | float | Identified | System | tuple[ArrayLike, ArrayLike] | None"
 
 
 def as_noise(noise: Any) -> Noise:

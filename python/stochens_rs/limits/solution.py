@@ -11,7 +11,7 @@ import numpy as np
 from .. import _core
 from .._base import running, validation
 from .._base.numbers import ROUNDING
-from .._base.records import Record, require_shapes
+from .._base.records import MaybeNan, Record, require_shapes
 from .._base.running import get_num_threads
 from .._base.types import Floats, Status
 from ..exceptions import InputError, NonFiniteError
@@ -83,7 +83,7 @@ class Limited(Record):
     gap: float
     distance: float
     objective: float
-    missed: float
+    missed: MaybeNan
     status: Status
     missing: float = 0.0
     state_active: Annotated[NDArray[np.int8], "step state"] | None = None

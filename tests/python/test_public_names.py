@@ -22,13 +22,15 @@ TOP = """
 """
 ROOMS = {
     "certificates": "Radius",
-    "controls": "Call FleetPlan NextRuns PlanError Reachability RiskBound SamplePlan Typical "
-    "Validation",
+    "controls": "NextRuns PlanError Reachability SamplePlan Typical",
     "feedback": "Loop LoopCertificate Tube",
+    "fleet": "FleetPlan RiskBound",
     "fusion": "FusedModel Path",
     "identification": "Checks Region",
+    "loops": "Call Kept Reading ReadingLoop",
     "studies": "Failure Results",
     "streams": "Look Snapshot StreamRun Trace",
+    "validation": "Validation",
 }
 
 

@@ -156,26 +156,35 @@ PAGES = (
     "docs/compare.md",
     "docs/fleet.md",
     "docs/limits.md",
+    "docs/logs.md",
     "docs/measured-runs.md",
-    "docs/which-number.md",
-    "docs/broken-logs.md",
-    "docs/messy-logs.md",
-    "docs/outputs.md",
-    "docs/networks.md",
     "docs/readings.md",
     "docs/saving.md",
     "docs/several-models.md",
     "docs/studies.md",
     "docs/systems.md",
+    "docs/theory/certificates.md",
+    "docs/theory/estimates.md",
+    "docs/theory/limits.md",
+    "docs/theory/regions.md",
     "docs/tour.md",
 )
 # Packages of the extras `dev` that a page needs.
 NEEDED = {
     "README.md": ("matplotlib", "pandas"),
-    "docs/networks.md": ("matpowercaseframes", "pypower"),
-    "docs/saving.md": ("h5netcdf", "pandas", "xarray"),
+    "docs/saving.md": ("h5netcdf", "pandas", "safetensors", "xarray"),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
-    "docs/systems.md": ("control", "matplotlib", "pandas", "scipy", "xarray"),
+    "docs/systems.md": (
+        "control",
+        "matplotlib",
+        "matpowercaseframes",
+        "pandas",
+        "pypower",
+        "scipy",
+        "xarray",
+    ),
+    "docs/theory/limits.md": ("scipy",),
+    "docs/theory/regions.md": ("scipy",),
 }
 MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 

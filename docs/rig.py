@@ -260,7 +260,7 @@ def within_limits(images: Path) -> None:
 
 
 def which_number(images: Path, sets: int = 60) -> None:
-    """The figure and the table of which-number.md: all with the noise of the run, medians."""
+    """The figure and the table of "Which number should I trust?": medians, noise included."""
     rows = []
     for N in SIZES:
         numbers, ends = [], []

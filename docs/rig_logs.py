@@ -1,4 +1,4 @@
-"""The logs of messy-logs.md and outputs.md: python docs/rig_logs.py writes them, always the same.
+"""The logs of logs.md and readings.md: python docs/rig_logs.py writes them, always the same.
 
 A pendulum on a cart, not linearized, is held upright at 50 Hz by a feedback with 1 N of dither, for
 16 runs of 3 s. The force acts one sample late. The logger loses rows and cells by chance, and its

@@ -21,9 +21,9 @@ WORDS = {
     "index": "csv, installation",
     "close-the-loop": "feedback, lqr, gain, stability, robust control",
     "measured-runs": "identification, system identification, least squares",
-    "messy-logs": "delay, missing data",
-    "outputs": "arx, outputs, kalman, kalman filter, observer, n4sid",
-    "readings": "offset-free, integral action, output feedback",
+    "logs": "delay, missing data",
+    "readings": "arx, outputs, kalman, kalman filter, observer, n4sid, "
+    "offset-free, integral action, output feedback",
     "limits": "mpc, model predictive control, constraints, saturation",
 }
 LINK = re.compile(r"(?<=\]\()([^)#\s:]+)(?=[)#])")

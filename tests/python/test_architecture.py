@@ -394,11 +394,24 @@ def test_a_sound_core_has_no_faults() -> None:
     assert list(core_faults(Core(sound))) == []
 
 
-def test_the_files_that_the_page_for_contributors_names_are_there() -> None:
+def test_the_page_for_contributors_names_every_room_and_only_files_that_exist() -> None:
     root = Path(__file__).parents[2]
     text = (root / "CONTRIBUTING.md").read_text("utf-8")
-    named = set(re.findall(r"`([\w/]+/\w+\.(?:py|rs|rst|md|toml|ini))`", text))
-    rooms = (root, root / "python" / "stochens_rs", root / "rust")
-    assert len(named) > 50
-    missing = {name for name in named if not any((room / name).exists() for room in rooms)}
-    assert missing == {"docs/gallery/plot_NN_name.py"}
+    spans = re.findall(r"`([^`\n]+)`", re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S))
+    words = {word for span in spans for word in span.split()}
+    named = {
+        word for word in words if re.fullmatch(r"[\w./-]+(/|\.(py|rs|rst|md|toml|txt|yml))", word)
+    }
+    house = root / "python" / "stochens_rs"
+    missing = [
+        n for n in named if not any((at / n).exists() for at in (root, house, root / "rust"))
+    ]
+    assert missing == []
+    face = {"": "__init__.py", APART: f"{APART}/"}
+    rooms = [
+        *(room for row in LAYERS for room in row),
+        APART,
+        *(room for row in CORE for room in row),
+    ]
+    ways = {room: {face.get(room, f"{room}/"), f"{room}.py", f"{room}.rs"} for room in rooms}
+    assert [room for room in rooms if not ways[room] & named] == []

@@ -1,4 +1,4 @@
-"""Records as plain data and as state files, in the format of `docs/state-format.md`."""
+"""Records as plain data and as state files, in the format of `docs/saving.md`."""
 
 from __future__ import annotations
 
@@ -486,7 +486,7 @@ class Durable:
         Notes
         -----
         The format is safetensors, with a version and a SHA-256 digest; loading executes nothing
-        (``docs/state-format.md``). The file is written under another name, synced and renamed, and
+        (``docs/saving.md``). The file is written under another name, synced and renamed, and
         the directory is synced: a complete state is on the disk at any time.
 
         Examples

@@ -53,7 +53,7 @@ def control_command(
 ) -> None:
     """Compute a control; certify where it leads.
 
-    MODEL_OR_PROBLEM is a model of `identify --out`, or a known system: .npz, .mat, .csv or JSON
+    MODEL_OR_PROBLEM is a model of `identify --out`, or a known system: .npz, .mat or JSON
     with A, B and optionally x0, xf. For a model, says how far from the target the true system ends.
     With limits or weights, minimizes weighted squares of distances from the target and inputs.
 

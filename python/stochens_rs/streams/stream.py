@@ -67,7 +67,7 @@ class Checkpoints:
         if there > here:
             raise StateError(
                 f"{path} is at step {there}, ahead of this stream at step {here}: load it "
-                "(`Stream.load`, `stochens stream --resume`), choose another path, or remove it "
+                "(`Stream.load`), choose another path, or remove it "
                 f"and {previous}"
             )
 

@@ -1,6 +1,6 @@
 """The file of a study: what the study is, then blocks of numbers as they are done.
 
-Each record is a state file of `docs/state-format.md` with its length (8 bytes, little-endian)
+Each record is a state file of `docs/saving.md` with its length (8 bytes, little-endian)
 before it, and a mark behind it that is written when the record is on the disk: first the manifest,
 then blocks, numbered by their generation. Records are only ever appended. A last one that cannot be
 read is replaced by the next if no mark follows: its writer was killed. With a mark it is damaged.

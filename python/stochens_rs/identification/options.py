@@ -22,7 +22,7 @@ SMALLEST, LARGEST = 1e-100, 1e100  # of sizes that are squared
 LONGEST = 2**16  # of lags, filters and delays
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Noise(Options):
     """The noise w(k) of ``x(k+1) = A x(k) + B u(k) + c + w(k)``, of mean 0, as you declare it.
 
@@ -89,7 +89,7 @@ class Noise(Options):
         super().__post_init__()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Window(Options):
     """From which part of the past a model predicts, as you declare it.
 
@@ -162,7 +162,7 @@ class Window(Options):
         return [name for name in ("lags", "filters", "order") if getattr(self, name) is not None]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Pilot(Options):
     """Runs whose error has an exact law, whatever their length, as you declare it.
 

@@ -458,7 +458,7 @@ def test_a_radius_says_why_it_is_infinite_and_is_no_negative_number():
 
 def test_arguments_for_plans_of_the_other_kind_are_refused_by_name():
     plan = planned()
-    for name in ("noise", "open_loop", "x0_fixed"):
+    for name in ("noise", "bands"):
         with pytest.raises(InputError, match=f"`{name}` must be left out for a plan of estimates"):
             plan.bound(**{name: True})
     data = se.Trajectories.from_pairs(np.eye(3)[:, :1], np.eye(3)[:, 1:2], np.ones((3, 1)))

@@ -143,7 +143,7 @@ def test_refusals():
     with pytest.raises(InputError, match="starts from `record`"):
         se.predict(model, np.zeros(model.n), np.zeros((3, model.m)))
     plan = se.control(model, record=(y, u), steps=10)
-    for act in (lambda: plan.plot_phase(0, 1), lambda: plan.bound(open_loop=True)):
+    for act in (lambda: plan.plot_phase(0, 1), lambda: plan.bound(bands=True)):
         with pytest.raises(InputError):
             act()
 

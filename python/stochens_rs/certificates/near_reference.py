@@ -33,7 +33,7 @@ def near_reference(
     model = basis.model
     if not isinstance(model, Model) or model.pilot is None or model.doubts:
         return None
-    if len(u) != model.pilot.steps or basis.x0_error or asked.open_loop or asked.x0_fixed:
+    if len(u) != model.pilot.steps or basis.x0_error:
         return None
     plain, share = model._of_any_design, ANY_DESIGN if model._of_any_design is not None else 0.0
     target, *parts, tube, components = model._piloted.near(

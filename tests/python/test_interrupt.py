@@ -32,7 +32,7 @@ LONG_CALLS = {
     "trajectory": "se.simulate((A1200 / 100, A1200), np.ones(1200), np.ones((9000, 1200)))",
     "runs": "se.simulate_ensemble((A / 99, A), np.ones(100), np.ones((50, 100)), 10**8, rng=1)",
     "full covariance": "se.simulate_ensemble((A1200 / 100, A1200), np.ones(1200), "
-    "np.ones((3, 1200)), 10**6, covariance='full', rng=1)",
+    "np.ones((3, 1200)), 10**6, keep='covariance', rng=1)",
     "mean field": "se.simulate_ensemble((A / 99, A), np.ones(100), np.ones((9999, 100)), 10**6, "
     "averaging='mean-field', rng=1)",
     "systems": "se.simulate_ensemble(models, np.ones(100), np.ones((20_000, 100)))",

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from .rng import Key
     from .simulation import (
         EnsembleTrajectory,
+        StepEstimate,
         Tracking,
         Trajectory,
         simulate,
@@ -67,6 +68,7 @@ __all__ = [
     "Pilot",
     "Plan",
     "Regulator",
+    "StepEstimate",
     "StochensError",
     "Stream",
     "Study",
@@ -120,7 +122,8 @@ _ROOMS = {
     "limits": "Cost Limits Uncertain",
     "loops": "Regulator regulate",
     "rng": "Key",
-    "simulation": "EnsembleTrajectory Tracking Trajectory simulate simulate_ensemble track",
+    "simulation": "EnsembleTrajectory StepEstimate Tracking Trajectory simulate "
+    "simulate_ensemble track",
     "streams": "DataStream ModelStream Stream",
     "studies": "Study",
     "system": "System",

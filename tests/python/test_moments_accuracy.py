@@ -10,9 +10,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from stochens_rs.system.system import System
 
 from stochens_rs import _core
+from stochens_rs.system.system import System
 from stochens_rs.theory import moments
 
 TOLERANCE = 1e-13

@@ -578,10 +578,7 @@ def test_track_calls_any_function():
 
 
 REFUSED = {
-    "size": ({"size": 5}, InputError, "must be left out with `controller`"),
-    "feedback": ({"feedback": False}, InputError, "must be left out with `controller`"),
-    "method": ({"method": "alse"}, InputError, "must be left out with `controller`"),
-    "not callable": ({"controller": 3}, InputTypeError, "`controller` must be a function"),
+    "not callable": ({"controller": [3]}, InputTypeError, "`controller` must be a number"),
     "shape": ({"controller": lambda x: [1.0, 2.0]}, ShapeError, r"`controller\(x\)`.*\(1,\)"),
     "nan": ({"controller": lambda x: [np.nan]}, NonFiniteError, r"`controller\(x\)\[0\]` is nan"),
     "grows": ({"controller": lambda x: 1e100 * x[:1]}, NonFiniteError, "overflows at step"),
@@ -592,8 +589,7 @@ REFUSED = {
     ),
     "noise": ({"noise": -1.0}, InputError, "`noise`"),
     "noise of a state": ({"noise": [0.1, -1.0]}, InputError, "`noise`"),
-    "noise without": ({"controller": None, "size": 5, "noise": 1.0}, InputError, "without"),
-    "neither": ({"controller": None}, InputError, "`size` must be given"),
+    "noise without": ({"controller": 5, "noise": 1.0}, InputError, "`noise` must be None"),
 }
 
 

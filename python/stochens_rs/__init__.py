@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from .fusion import Fit, fuse, fuse_path
     from .identification import Model, Noise, Pilot, Trajectories, Window, identify
     from .limits import Cost, Limits, Uncertain
-    from .loops import Regulator, regulate
+    from .loops import Keep, Regulator, regulate
     from .rng import Key
     from .simulation import (
         EnsembleTrajectory,
@@ -60,6 +60,7 @@ __all__ = [
     "Ensemble",
     "EnsembleTrajectory",
     "Fit",
+    "Keep",
     "Key",
     "Limits",
     "Model",
@@ -120,7 +121,7 @@ _ROOMS = {
     "fusion": "Fit fuse fuse_path",
     "identification": "Model Noise Pilot Trajectories Window identify",
     "limits": "Cost Limits Uncertain",
-    "loops": "Regulator regulate",
+    "loops": "Keep Regulator regulate",
     "rng": "Key",
     "simulation": "EnsembleTrajectory StepEstimate Tracking Trajectory simulate "
     "simulate_ensemble track",

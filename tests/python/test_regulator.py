@@ -416,9 +416,12 @@ def test_a_power_that_overflows_is_named():
 
 WRONG = {
     "steps": ({"steps": 0}, "`steps`"),
-    "xf": ({"xf": [1.0]}, "`xf`"),
+    "target": ({"target": [1.0]}, "`target`"),
     "limits": ({"limits": (1.0, -1.0)}, "low <= high"),
-    "target twice": ({"xf": [0.0, 0.0], "reference": np.zeros((4, 2))}, "`xf` must be None"),
+    "target twice": (
+        {"target": [0.0, 0.0], "reference": np.zeros((4, 2))},
+        "`target` must be None",
+    ),
     "reference": ({"reference": np.zeros((3, 2))}, "`reference`"),
     "R": ({"R": -1.0}, "`R`"),
     "rate": ({"rate": 0.1}, "`previous` must be given"),

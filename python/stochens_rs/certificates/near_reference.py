@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base.records import trusted
 from ..identification.model import Model
-from .certificate import Certificate, Radius
+from .certificate import Certificate, Radius, radius_at
 from .of_model import Asked, certificate
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def near_reference(
 
     def radius(value: float | Floats, distance_from: str) -> Radius:
         reason = "too few data for this probability, or a pilot that says too little"
-        return Radius._at(value, distance_from, delta, method, reason)
+        return radius_at(value, distance_from, delta, method, reason)
 
     return trusted(
         Certificate,

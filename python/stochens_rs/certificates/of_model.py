@@ -17,7 +17,7 @@ from ..exceptions import InputError, InputTypeError, ShapeError
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..theory.exact import states
-from .certificate import Certificate, Radius
+from .certificate import Certificate, Radius, radius_at
 
 if TYPE_CHECKING:
     from ..identification.assumptions import Assumptions
@@ -200,7 +200,7 @@ def certificate(
     method = f"{name} {'with' if asked.noise else 'without'} noise"
 
     def radius(value: float | Floats, distance_from: str, reason: str = reason) -> Radius:
-        return Radius._at(value, distance_from, delta, method, reason)
+        return radius_at(value, distance_from, delta, method, reason)
 
     alone = "; components and bands are a statement of their own" if own else ""
     each = {}

@@ -13,7 +13,7 @@ from .. import _core
 from .._base.numbers import ROUNDING, norm
 from .._base.records import trusted
 from .._base.types import QUANTITIES, Floats
-from ..certificates.certificate import Certificate, Radius
+from ..certificates.certificate import Certificate, Radius, radius_at
 from ..certificates.of_model import certificate, step_regions, trajectory
 from ..exceptions import InputError
 from ..fusion.provenance import Basis
@@ -275,15 +275,17 @@ def limited_certificate(
         control, excess, states, reason = by.control, by.excess, by.state, SMALL
 
     def radius(value: float, distance_from: str, method: str = MOVED) -> Radius:
-        return Radius._at(value, distance_from, delta, method, reason)
+        return radius_at(value, distance_from, delta, method, reason)
 
     best = "the best control within the limits"
     alone = farthest < control
-    return found._with(
-        control=radius(min(control, farthest), best, ALONE if alone else MOVED),
-        excess=radius(excess, "the least J within the limits"),
-        states=radius(states, f"the states under {best}, in the norm of Q"),
-    )
+    further = {
+        "control": radius(min(control, farthest), best, ALONE if alone else MOVED),
+        "excess": radius(excess, "the least J within the limits"),
+        "states": radius(states, f"the states under {best}, in the norm of Q"),
+    }
+    fields = {**vars(found), "quantities": {**found.quantities, **further}}
+    return trusted(Certificate, **fields)
 
 
 def tightened(task: Task, radii: Floats) -> Task:

@@ -206,7 +206,7 @@ class Plan(SavedRecord, Timed):
 
     @property
     def missed(self) -> float | None:
-        """What the limits cost: ``J(u)`` less the least J without limits; nan if time was out."""
+        """What the limits cost: ``J(u)`` less the least J without limits; None if time was out."""
         return None if self.limited is None else self.limited.missed
 
     @property

@@ -210,7 +210,7 @@ class Keep:
     >>> import numpy as np, stochens_rs as se
     >>> x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
     >>> data = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.05 * w)
-    >>> gain = se.gain(se.identify(data, sigma=0.05), 1.0, 1.0)
+    >>> gain = se.gain(se.identify(data, noise=se.Noise(sigma=0.05)), 1.0, 1.0)
     >>> se.Keep(gain, calls=50, probability=0.9).probability
     0.9
     """

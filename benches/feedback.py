@@ -145,7 +145,7 @@ def promised() -> Iterator[Line]:
     cost, noise = se.Cost(Q=[1, 10, 0.1, 1], R=0.01), 0.0005 * gen.standard_normal((100, 4))
     gain = se.gain(model, [1, 10, 0.1, 1], 0.01)
     plain = se.regulate(model, 20, limits=(-1, 1), cost=cost)
-    kept = se.regulate(model, 20, limits=(-1, 1), cost=cost, gain=gain, keep=0.9, calls=100)
+    kept = se.regulate(model, 20, limits=(-1, 1), cost=cost, keep=se.Keep(gain, 100, 0.9))
 
     def ride(loop: se.Regulator) -> None:
         state = np.array([0.05, 0.02, 0.0, 0.0])

@@ -35,10 +35,11 @@ if TYPE_CHECKING:
     from .fusion import Fit, fuse, fuse_path
     from .identification import Model, Noise, Pilot, Trajectories, Window, identify
     from .limits import Cost, Limits, Uncertain
-    from .loops import Regulator, regulate
+    from .loops import Keep, Regulator, regulate
     from .rng import Key
     from .simulation import (
         EnsembleTrajectory,
+        StepEstimate,
         Tracking,
         Trajectory,
         simulate,
@@ -59,6 +60,7 @@ __all__ = [
     "Ensemble",
     "EnsembleTrajectory",
     "Fit",
+    "Keep",
     "Key",
     "Limits",
     "Model",
@@ -67,6 +69,7 @@ __all__ = [
     "Pilot",
     "Plan",
     "Regulator",
+    "StepEstimate",
     "StochensError",
     "Stream",
     "Study",
@@ -118,9 +121,10 @@ _ROOMS = {
     "fusion": "Fit fuse fuse_path",
     "identification": "Model Noise Pilot Trajectories Window identify",
     "limits": "Cost Limits Uncertain",
-    "loops": "Regulator regulate",
+    "loops": "Keep Regulator regulate",
     "rng": "Key",
-    "simulation": "EnsembleTrajectory Tracking Trajectory simulate simulate_ensemble track",
+    "simulation": "EnsembleTrajectory StepEstimate Tracking Trajectory simulate "
+    "simulate_ensemble track",
     "streams": "DataStream ModelStream Stream",
     "studies": "Study",
     "system": "System",

@@ -595,7 +595,12 @@ def test_trajectory_bounds_on_exact_distributions():
             for draws in itertools.product(runs, repeat=2)
         ]
         errors, exceeded = tail(law, lambda x, m=mean: np.linalg.norm(x - m))
-        V = moments.trajectory_rms((A, B), x0, u, sample_B=sample_B, axis=axis)[-1] ** 2
+        V = (
+            moments.trajectory_rms(
+                (A, B), x0, u, sampled="A B x0" if sample_B else "A x0", axis=axis
+            )[-1]
+            ** 2
+        )
         assert pytest.approx(variance, rel=1e-12) == V
         if axis == "columns":  # an exact B moves no run more than a drawn one
             assert_valid(several_steps(A, B, x0, u), 2, errors, exceeded)

@@ -315,7 +315,7 @@ USES = {
         se.realization_controls(PLANT, x, y, limits=low, cost=se.Cost(Q=np.eye(3)))
     ),
     "required_samples": lambda x, y, u, r, low: (
-        se.required_samples(PLANT, x, y, 0.5, rng=1, runs=50).size
+        se.required_samples(PLANT, x, y, 0.5, rng=1).size
     ),
     "Stream": lambda x, y, u, r, low: ran(se.Stream(PLANT, x, y, rng=1)),
     "theory": lambda x, y, u, r, low: (

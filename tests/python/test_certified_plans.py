@@ -270,42 +270,6 @@ def test_noise_of_known_size_joins_the_radii(law, K):
     np.testing.assert_allclose(plan.bound(noise=True).tube[-1], twin.radii[-1] + added, rtol=1e-6)
 
 
-# -- regression over all steps ---------------------------------------------------------------------
-
-
-def test_direct_regression_is_the_exact_region_of_its_pairs():
-    gen = np.random.default_rng(5)
-    Theta, K = np.hstack(stable(gen, 2, 1)), 4
-    data = measured(gen, Theta, 30, K)
-    model = se.identify(data, checks=False)
-    plan = se.control(model, [1.0, 0.0], [0.0, 1.0], steps=K)
-    found = plan.bound(open_loop=True)
-    direct = se.identify(data.k_step(K, open_loop=True), **opts(design="independent", checks=False))
-    one = under(se.control(direct, [1.0, 0.0], [0.0, 1.0]), plan.u.reshape(1, -1)).bound(DELTA / 2)
-    method = f"direct regression over {K} steps without noise"
-    assert found["target"].method == one["target"].method == method
-    assert found.target == pytest.approx(one.target)
-    assert found.target < plan.bound().target
-    np.testing.assert_allclose(found.tube[:-1], plan.bound(DELTA / 2).tube[:-1])
-    assert "independent of all noise" in found.assumption
-    fixed = plan.bound(open_loop=True, x0_fixed=True)
-    assert fixed.target < found.target
-    noisy = plan.bound(open_loop=True, noise=True)  # what the pairs cannot bound, at full delta
-    once = under(se.control(direct, [1.0, 0.0], [0.0, 1.0]), plan.u.reshape(1, -1))
-    assert noisy.target == pytest.approx(once.bound(noise=True).target)
-    assert np.isinf(noisy.tube[1:-1]).all()
-
-
-def test_the_smaller_of_both_is_taken():
-    """Many pairs of long runs, few runs: the region of one step is smaller."""
-    gen = np.random.default_rng(6)
-    model = se.identify(measured(gen, np.hstack(stable(gen, 2, 1)), 12, 60), checks=False)
-    plan = se.control(model, [1.0, 0.0], [0.0, 1.0], steps=3)
-    found = plan.bound(open_loop=True)
-    assert found["target"].method == "several steps without noise"
-    assert found.target == plan.bound(DELTA / 2).target
-
-
 # -- what a plan says ------------------------------------------------------------------------------
 
 
@@ -345,10 +309,6 @@ def test_a_region_with_another_centre(K):
     np.testing.assert_allclose(found.tube, own.bound().tube + beside)
     assert found.target == pytest.approx(own.bound().target)
     assert plan.bound(noise=True).target > found.target
-    for name in ("open_loop", "x0_fixed"):
-        if K > 1 or name == "x0_fixed":
-            with pytest.raises(InputError, match=f"`{name}`"):
-                plan.bound(**{name: True})
 
 
 def test_infinite_is_an_answer():
@@ -396,12 +356,10 @@ def refusals():
     gen, Theta, z, y = case(31)
     A, B = Theta[:, :4], Theta[:, 4:]
     x0, xf = gen.standard_normal((2, 4))
-    model, data = model_of(z, y), measured(gen, Theta, 10, 3)
-    plan, two = se.control(model, x0, xf), se.control(model, x0, xf, steps=2)
-    runs = se.control(se.identify(data, checks=False), x0, xf, steps=3)
+    model = model_of(z, y)
+    plan = se.control(model, x0, xf)
     drawn = se.sample(x0, 9, rng=1)
     exact = se.control((A, B), x0, xf)
-    bounded = se.identify(data, **opts(noise="bounded", sigma=1.0, checks=False))
     yield InputTypeError, "`x0` .* Uncertain", lambda: se.control(model, drawn, xf)
     yield InputTypeError, "`xf` must be an array", lambda: se.control(model, x0, se.fuse(drawn))
     yield InputError, "`fusion`", lambda: se.control(model, x0, xf, fusion="diagonal")
@@ -411,18 +369,6 @@ def refusals():
     yield InputError, "models from data", lambda: exact.bound(noise=True)
     yield InputError, "`system` must be left out", lambda: plan.bound(system=se.System(A, B))
     yield InputError, "model from data", plan.covariance
-    yield InputError, "`open_loop` must be False for one", lambda: plan.bound(open_loop=True)
-    yield InputError, "`x0_fixed` must be False over 2", lambda: two.bound(x0_fixed=True)
-    yield InputError, "longest run", lambda: two.bound(open_loop=True)
-    yield InputError, "needs 14 runs", lambda: runs.bound(open_loop=True)
-    yield (
-        InputError, "noise='bounded'",
-        lambda: se.control(bounded, x0, xf, steps=3).bound(open_loop=True),
-    )  # fmt: skip
-    yield (
-        InputError, "`x0_fixed` must be False with an Uncertain x0",
-        lambda: se.control(model, se.Uncertain(x0, 0.1), xf).bound(x0_fixed=True),
-    )  # fmt: skip
     known = np.where(gen.random((4, 4)) < 0.5, np.nan, A)
     rows = model_of(z, y, known_A=known)
     yield InputError, "single known", lambda: se.control(rows, x0, xf).bound(noise=True)

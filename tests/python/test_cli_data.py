@@ -232,9 +232,6 @@ def test_a_model_is_known_by_its_content(table, tmp_path, capsys):
     assert ran(capsys, *where, 2)["certificate"] is not None
     with pytest.raises(se.exceptions.InputError, match="a saved object"):
         se.cases.from_file(file)
-    assert ran(capsys, *where, 2, "--noise", "--open-loop")["certificate"]["quantities"]["target"][
-        "method"
-    ].endswith("with noise")
     for options in ([], ["--sigma", 0.01], ["--last-pairs", "--design", "independent"]):
         file.unlink()
         ran(capsys, "identify", table, *OPTIONS, *options, "--out", file)
@@ -247,9 +244,8 @@ def test_a_model_is_known_by_its_content(table, tmp_path, capsys):
     data = se.Trajectories.from_csv(table, **how)
     se.identify(data, known_B=[[0.0], [np.nan]], checks=False).save(file)
     error = failed(capsys, *where, 2, "--noise")
-    for word in ("--sigma S", "--last-pairs --design independent", "--open-loop"):
+    for word in ("--sigma S", "--last-pairs --design independent"):
         assert word in error
-    assert "--open-loop" not in failed(capsys, *where, 1, "--noise")
     se.ModelStream(1, 1).save(tmp_path / "stream.state")
     assert cli.main(["control", str(tmp_path / "stream.state"), "--from", "1,0"]) == 5
     assert "pairs" in capsys.readouterr().err
@@ -415,11 +411,11 @@ def test_control_prints_a_table(table, tmp_path, capsys):
     text = capsys.readouterr().out
     for word in ("torque", "tube", "<Certificate: ", "mostly reach", "one step", "any design"):
         assert word in text
-    args = ["control", str(file), "--from", "1,0", "--steps", "3", "--open-loop"]
+    args = ["control", str(file), "--from", "1,0", "--steps", "3"]
     assert cli.main(args) == 0
     captured = capsys.readouterr()
     assert captured.err == ""
-    assert "inputs independent of all noise" in captured.out
+    assert "several steps" in captured.out
 
 
 def test_control_of_a_known_system(tmp_path, capsys):
@@ -441,7 +437,6 @@ def test_control_of_a_known_system(tmp_path, capsys):
         (["--from", "1,nan"], ["--from", "finite"]),
         (["--from", "1,up"], ["--from", "'1,up'"]),
         (["--from", "1,0", "--steps", "0"], ["--steps"]),
-        (["--from", "1,0", "--open-loop"], ["--open-loop"]),
         (["--from", "1,0", "--record", "now.csv"], ["--record and --time are for models of out"]),
         (["--from", "1,0", "--limits", "force=-1,1"], ["--limits", "'force'", "torque"]),
     ],

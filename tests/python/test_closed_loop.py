@@ -152,7 +152,8 @@ def test_runs_have_the_exact_mean_square(m, feedback, sampled, seed):
     system = gaussian(6, m, 30 + m)
     u = 0.5 * np.random.default_rng(5).standard_normal((5, m))
     r = feasible(system, np.ones(6), u)
-    run = se.track(system, r, 100, feedback=feedback, sample_states=sampled, rng=seed, runs=2500)
+    how = se.StepEstimate(100, feedback=feedback, sample_states=sampled)
+    run = se.track(system, r, how, rng=seed, runs=2500)
     assert run.feasible
     assert run.status == "completed"
     exact = tracking_rms(system, r, 100, feedback=feedback, sample_states=sampled)
@@ -241,7 +242,7 @@ def test_shapes_and_definitions():
 
 
 def test_the_estimates_are_those_of_the_named_streams():
-    run = se.track(SYSTEM, REFERENCE, 50, rng=1, sample_states=True, runs=2)
+    run = se.track(SYSTEM, REFERENCE, se.StepEstimate(50, sample_states=True), rng=1, runs=2)
     step = run.key.child("replicate-1").child("step-2")
     A, x, r = (
         se.sample_counts(target, 50, rng=step.child(name)).estimate
@@ -268,7 +269,7 @@ def test_runs_are_those_of_the_twin(method, feedback, sampled, m):
         return se.fuse(se.sample(target, 40, rng=se.Key(key)), method, target=target).estimate
 
     flags = {"feedback": feedback, "sample_states": sampled}
-    run = se.track(system, r, 40, x0=start, method=method, rng=1, runs=3, **flags)
+    run = se.track(system, r, se.StepEstimate(40, method, **flags), x0=start, rng=1, runs=3)
     for i in range(3):
         key = twin.child(bytes(run.key), f"replicate-{i}")
         states, inputs = twin.track(system.A, system.B, r, start, estimate, key=key, **flags)
@@ -286,7 +287,9 @@ def test_threads_change_nothing_and_the_first_run_that_overflows_is_reported():
             se.set_num_threads(before)
 
     before = se.get_num_threads()
-    one, three = (run(k, SYSTEM, REFERENCE, 50, sample_states=True) for k in (1, 3))
+    one, three = (
+        run(k, SYSTEM, REFERENCE, se.StepEstimate(50, sample_states=True)) for k in (1, 3)
+    )
     np.testing.assert_array_equal(one.states, three.states)
     steps = set()
     for threads in (1, 2, 3):
@@ -300,7 +303,7 @@ def test_threads_change_nothing_and_the_first_run_that_overflows_is_reported():
 def test_other_methods(method):
     system = se.System(0.5 * A2, I2)
     r = feasible(system, [1.0, 2.0], np.zeros((10, 2)))
-    run = se.track(system, r, 200, method=method, rng=2)
+    run = se.track(system, r, se.StepEstimate(200, method), rng=2)
     assert run.status == ("optimal" if method == "alse" else "completed")
     # Fits to the exact matrix are far better than averages (N = 200: rms 0.1 and more).
     assert run.errors.max() < 0.02
@@ -330,9 +333,9 @@ def test_wrong_input_is_refused():
     with pytest.raises(InputError, match="`runs`"):
         se.track(SYSTEM, REFERENCE, 10, runs=0)
     with pytest.raises(InputTypeError, match="`feedback`"):
-        se.track(SYSTEM, REFERENCE, 10, feedback="yes")
+        se.StepEstimate(10, feedback="yes")
     with pytest.raises(InputError, match="`method`"):
-        se.track(SYSTEM, REFERENCE, 10, method="als")
+        se.StepEstimate(10, "als")
     with pytest.raises(ShapeError, match="`x0`"):
         se.track(SYSTEM, REFERENCE, 10, x0=[1.0])
     with pytest.raises(InputTypeError, match="`rng`"):

@@ -84,8 +84,8 @@ def test_what_is_refused_or_infinite():
     plan, gain = planned()
     with pytest.raises(InputError, match="must be the model"):
         plan.bound(gain=se.gain(model_of_runs(31), *WEIGHTS))
-    with pytest.raises(InputError, match="`open_loop` must be False with `gain`"):
-        plan.bound(gain=gain, open_loop=True)
+    with pytest.raises(InputError, match="`bands` must be False with `gain`"):
+        plan.bound(gain=gain, bands=True)
     with pytest.raises(InputError, match="`delta` must be at least"):
         plan.bound(0.04, gain=gain.certificate(0.05))
     with pytest.raises(InputError, match="`delta` must be above"):

@@ -119,7 +119,7 @@ RECORDS = {
         ["2", "realizations N per step", "off by", "<polyline"],
     ),
     "SamplePlan": (
-        lambda: se.required_samples(SYSTEM, X0, X0, 0.3, rng=1, runs=50),
+        lambda: se.required_samples(SYSTEM, X0, X0, 0.3, rng=1),
         ["with probability", "0.95", "exact rms", "failures", "of 50"],
     ),
 }

@@ -25,14 +25,15 @@ LONG_CALLS = {
     "alse path": "cut_path(se.fuse_path(hard, [18_900, 19_000], 'alse', target=A))",
     "dense path": "cut_path(se.fuse_path(dense, [1840, 1850], 'alse', target=A30))",
     "dense rows": "cut_rows(se.fuse(rows, 'alse', target=[A30.ravel()] * 4, weight_set='per-row'))",
-    "tracking": "se.track((A / 99, np.eye(100)), np.ones((3, 100)), 19_000, method='alse')",
+    "tracking": "se.track((A / 99, np.eye(100)), np.ones((3, 100)), "
+    "se.StepEstimate(19_000, 'alse'))",
     "exact matrices": "se.control((A600, np.eye(600)), x600, many600, fusion='diagonal')",
     "wide path": "se.fuse_path(wide, np.arange(1, 3901), 'uniform', target=A300)",
     "pseudoinverse": "se.control((A1200, A1200), np.ones(1200), np.ones(1200))",
     "trajectory": "se.simulate((A1200 / 100, A1200), np.ones(1200), np.ones((9000, 1200)))",
     "runs": "se.simulate_ensemble((A / 99, A), np.ones(100), np.ones((50, 100)), 10**8, rng=1)",
     "full covariance": "se.simulate_ensemble((A1200 / 100, A1200), np.ones(1200), "
-    "np.ones((3, 1200)), 10**6, covariance='full', rng=1)",
+    "np.ones((3, 1200)), 10**6, keep='covariance', rng=1)",
     "mean field": "se.simulate_ensemble((A / 99, A), np.ones(100), np.ones((9999, 100)), 10**6, "
     "averaging='mean-field', rng=1)",
     "systems": "se.simulate_ensemble(models, np.ones(100), np.ones((20_000, 100)))",

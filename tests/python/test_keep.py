@@ -39,7 +39,7 @@ def model_of_runs(N, *, seed=1, noise=0.0005, declared=0.0005, accept=()):
 def kept_loop(N, *, calls=60, limits=(-1.0, 1.0), **options):
     model = model_of_runs(N, **options)
     proof = se.gain(model, *WEIGHTS).certificate(0.05)
-    return se.regulate(model, 20, limits=limits, cost=COST, gain=proof, keep=0.9, calls=calls)
+    return se.regulate(model, 20, limits=limits, cost=COST, keep=se.Keep(proof, calls, 0.9))
 
 
 # three systems unlike the rig: A, B, limits of states, of inputs, start
@@ -69,7 +69,7 @@ def plant_loop(name, *, kept=True, N=100, calls=25):
     limits = se.Limits(u=(-inputs, inputs), x=(-states, states), soft=False)
     given = {"limits": limits, "cost": se.Cost(Q=1.0, R=0.1)}
     if kept:
-        given |= {"gain": se.gain(model, 1.0, 1.0), "keep": 0.9, "calls": calls}
+        given["keep"] = se.Keep(se.gain(model, 1.0, 1.0), calls, 0.9)
     return se.regulate(model, 12, 3.0 * np.eye(n)[0], **given)
 
 
@@ -226,16 +226,18 @@ def test_copies_and_pickles_go_on():
 def test_arguments_that_cannot_be_kept():
     model = model_of_runs(30)
     gain = se.gain(model, *WEIGHTS)
-    given = {"gain": gain, "calls": 60, "limits": (-1.0, 1.0)}
+    given = {"keep": se.Keep(gain, 60), "limits": (-1.0, 1.0)}
+    for wrong, name in (((gain, 0), "calls"), ((gain, 9, 1.0), "probability")):
+        with pytest.raises(InputError, match=f"`{name}`"):
+            se.Keep(*wrong)
+    with pytest.raises(se.exceptions.InputTypeError, match="`gain`"):
+        se.Keep(1.0, 60)
 
     def refused(match, system=model, kind=InputError, **changed):
         with pytest.raises(kind, match=match):
             se.regulate(system, 20, **{**given, **changed})
 
-    refused("`calls` must be given", calls=None)
-    refused("`calls`", calls=0)
-    refused("`keep`", keep=1.0)
-    refused("`keep` must be below", gain=gain.certificate(0.05), keep=0.96)
+    refused("`probability` must be below", keep=se.Keep(gain.certificate(0.05), 60, 0.96))
     refused("low < 0 < high", limits=(0.0, 1.0))
     refused("finite", limits=(None, None))
     refused("finite", limits=None)
@@ -244,9 +246,7 @@ def test_arguments_that_cannot_be_kept():
     refused("same in all steps", limits=(-1.0, np.linspace(1, 2, 20)[:, None]))
     refused("must be the model", system=model_of_runs(31))
     refused("must be the model", system=se.System(A, B))
-    refused("`gain`", kind=se.exceptions.InputTypeError, gain=1.0)
-    with pytest.raises(InputError, match="`calls` must be left out"):
-        se.regulate(model, 20, calls=3)
+    refused("`keep`", kind=se.exceptions.InputTypeError, keep=0.9)
     loop = se.regulate(model, 20, **given)
     with pytest.raises(InputError, match="`hold`"):
         loop(hold=True)
@@ -263,7 +263,7 @@ def test_without_a_plan_the_call_ends_with_its_time(monkeypatch):
     model, rounds = model_of_runs(10), []
     own = Kept._widened
     monkeypatch.setattr(Kept, "_widened", lambda *given: rounds.append(1) or own(*given))
-    given = {"gain": se.gain(model, *WEIGHTS), "calls": 60, "limits": (-1.0, 1.0)}
+    given = {"keep": se.Keep(se.gain(model, *WEIGHTS), 60), "limits": (-1.0, 1.0)}
     for limit in (1e-5, 60.0):
         loop = se.regulate(model, 30, time_limit=limit, **given)
         rounds.clear()

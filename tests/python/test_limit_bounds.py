@@ -31,7 +31,7 @@ from twin import limited_control as lc
 from twin import limited_problems as lp
 
 ONCE = 1.0 + 1e-9
-PLAIN = Asked(noise=False, open_loop=False, x0_fixed=False)
+PLAIN = Asked(noise=False)
 
 
 class Planned:
@@ -230,7 +230,7 @@ def test_alpha_and_gamma_are_those_of_the_twin(K):
         R = 10.0 ** gen.uniform(-1, 1)
         Q = np.eye(n) if K > 1 else weight(gen, n)
         limited, found, predicted = certified(model, x0, xf, K, limits=(-0.5, 0.5), Q=Q, R=R)
-        region = limit_certificate.step_regions(ModelBasis(model, x0, xf), 0.1, K, PLAIN)[1][0]
+        region = limit_certificate.step_regions(ModelBasis(model, x0, xf), 0.1, K, PLAIN)[0][0]
         part = region.parts[0]
         S = part.factor * part.S
         alpha = np.sqrt(np.sum(found.tube[1:] ** 2))

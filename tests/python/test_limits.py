@@ -277,7 +277,7 @@ def test_one_number_is_the_previous_input_of_all():
         plan = se.control(INPUTS, [1.0, 0.0], [3.0, 3.0], **within(**more, previous=given))
         assert np.array_equal(plan.limited.task.previous, [0.2, 0.2])
         np.testing.assert_allclose(plan.u[0], 0.6, atol=1e-9)
-        loop = se.regulate(INPUTS, 1, xf=[3.0, 3.0], **within(**more, previous=given))
+        loop = se.regulate(INPUTS, 1, [3.0, 3.0], **within(**more, previous=given))
         np.testing.assert_allclose(loop([1.0, 0.0]), 0.6, atol=1e-9)
 
 

@@ -47,7 +47,7 @@ def loops(belt):
         "gain": (one, np.ones(1)),
         "plans": (se.regulate(states, 5, limits=LIMITS), np.ones(1)),
         "rate": (se.regulate(states, 5, limits=rate), np.ones(1)),
-        "kept": (se.regulate(states, 5, limits=LIMITS, gain=one, calls=99), np.ones(1)),
+        "kept": (se.regulate(states, 5, limits=LIMITS, keep=se.Keep(one, 99)), np.ones(1)),
         "readings": (se.regulate(gain, offset_free=True, target=TARGET, limits=LIMITS), far),
         "plans of readings": (
             se.regulate(model, 20, offset_free=True, target=TARGET, limits=LIMITS, cost=cost),

@@ -91,7 +91,7 @@ calls = {
         system, x0, u, 40, averaging="mean-field", rng=1, replicates=3
     ),
     "simulate_ensemble of systems": lambda: se.simulate_ensemble(
-        models, x0, u, covariance="full", return_runs=True
+        models, x0, u, keep="covariance runs"
     ),
     "Stream": run_stream,
     "Stream pickled": lambda: __import__("pickle").loads(__import__("pickle").dumps(stream)),

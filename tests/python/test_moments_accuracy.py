@@ -113,7 +113,9 @@ def test_trajectories_by_rows(sample_x0):
     B, u, worst = np.array([[1.0, 1e-14]]), np.array([[1.0, -1.0]]), 0.0
     for x0, A in systems():
         rows = np.repeat(B, len(x0), axis=0)
-        found = moments.trajectory_covariance((A, rows), x0, u, sample_x0=sample_x0, axis="rows")
+        found = moments.trajectory_covariance(
+            (A, rows), x0, u, sampled="A B x0" if sample_x0 else "A B", axis="rows"
+        )
         F, G, w, v = (fractions(array) for array in (A, rows, x0, u[0]))
         S = vector_covariance(w) * int(sample_x0)
         grown = excess(F, S + np.outer(w, w), "rows") + excess(G, np.outer(v, v), "rows")

@@ -345,7 +345,7 @@ def test_diagonal_fusion_over_several_steps_is_refused():
     for call in (
         lambda **options: se.control(CART, *ends, **options),
         lambda **options: se.steer(CART, *ends, 10, **options),
-        lambda **options: se.required_samples(CART, *ends, 0.5, runs=20, rng=1, **options),
+        lambda **options: se.required_samples(CART, *ends, 0.5, rng=1, **options),
     ):
         for steps in (2, 7):
             with pytest.raises(InputError, match=f"`fusion` must be 'product' with steps={steps}"):

@@ -143,7 +143,7 @@ def test_refusals():
     with pytest.raises(InputError, match="starts from `record`"):
         se.predict(model, np.zeros(model.n), np.zeros((3, model.m)))
     plan = se.control(model, record=(y, u), steps=10)
-    for act in (lambda: plan.plot_phase(0, 1), lambda: plan.bound(open_loop=True)):
+    for act in (lambda: plan.plot_phase(0, 1), lambda: plan.bound(bands=True)):
         with pytest.raises(InputError):
             act()
 
@@ -285,7 +285,7 @@ def test_refusals_of_loops():
     _, model, _, _ = arx(3)
     for options, said in (
         ({}, "`offset_free` must be given"),
-        ({"offset_free": True, "xf": np.zeros(3)}, "`xf` must be left out"),
+        ({"offset_free": True, "time_limit": 1.0}, "`time_limit` must be left out"),
         ({"offset_free": True, "limits": se.Limits(u=(-1.0, 1.0), rate=1.0)}, "inputs alone"),
         ({"offset_free": -0.1}, "`offset_free`"),
         ({"offset_free": True, "target": [9.0, 9.0, 9.0]}, "point of rest"),
@@ -296,11 +296,9 @@ def test_refusals_of_loops():
         se.regulate(([[1.0]], [[1.0]]), 10, offset_free=True)
     with pytest.raises(InputError, match="which has its gain"):
         se.regulate(se.gain(model, 1.0, 1.0), 10, offset_free=True)
-    for name, value in {"calls": 10, "gain": se.gain(model, 1.0, 1.0)}.items():
-        with pytest.raises(InputError, match=f"`{name}` must be left out for a Loop: "):
-            se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, **{name: value})
-    with pytest.raises(InputError, match=r"out for a model of outputs: regulate gain\(model, Q, R"):
-        se.regulate(model, 10, offset_free=True, gain=se.gain(model, 1.0, 1.0))
+    keep = se.Keep(se.gain(model, 1.0, 1.0), 10)
+    with pytest.raises(InputError, match="`keep` must be left out for a Loop: "):
+        se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, keep=keep)
     with pytest.raises(InputError, match="needs a loop with a gain"):
         se.regulate(model, 10, offset_free=True).certificate()
 

@@ -130,9 +130,7 @@ PARTS = {
     "trajectory": lambda: se.simulate(SYSTEM, X0, [[1.0], [0.0]]),
     "no steps": lambda: se.simulate((A, B), X0, np.zeros((0, 1))),
     "mean": lambda: se.simulate_ensemble(SYSTEM, X0, [[1.0], [0.0]], 9, rng=1),
-    "runs": lambda: se.simulate_ensemble(
-        (A, B), X0, [[1.0]], 9, rng=1, covariance="full", return_runs=True
-    ),
+    "runs": lambda: se.simulate_ensemble((A, B), X0, [[1.0]], 9, rng=1, keep="covariance runs"),
     "models": lambda: se.simulate_ensemble(model().draw(7, rng=1), X0, [[1.0]]),
     "tracking": lambda: se.track(SYSTEM, [[1.0, 1.0], [1.1, 1.0]], 10, rng=1),
     "ensemble": lambda: drawn("A", A, axis="rows"),

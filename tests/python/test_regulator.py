@@ -416,9 +416,12 @@ def test_a_power_that_overflows_is_named():
 
 WRONG = {
     "steps": ({"steps": 0}, "`steps`"),
-    "xf": ({"xf": [1.0]}, "`xf`"),
+    "target": ({"target": [1.0]}, "`target`"),
     "limits": ({"limits": (1.0, -1.0)}, "low <= high"),
-    "target twice": ({"xf": [0.0, 0.0], "reference": np.zeros((4, 2))}, "`xf` must be None"),
+    "target twice": (
+        {"target": [0.0, 0.0], "reference": np.zeros((4, 2))},
+        "`target` must be None",
+    ),
     "reference": ({"reference": np.zeros((3, 2))}, "`reference`"),
     "R": ({"R": -1.0}, "`R`"),
     "rate": ({"rate": 0.1}, "`previous` must be given"),
@@ -578,10 +581,7 @@ def test_track_calls_any_function():
 
 
 REFUSED = {
-    "size": ({"size": 5}, InputError, "must be left out with `controller`"),
-    "feedback": ({"feedback": False}, InputError, "must be left out with `controller`"),
-    "method": ({"method": "alse"}, InputError, "must be left out with `controller`"),
-    "not callable": ({"controller": 3}, InputTypeError, "`controller` must be a function"),
+    "not callable": ({"controller": [3]}, InputTypeError, "`controller` must be a number"),
     "shape": ({"controller": lambda x: [1.0, 2.0]}, ShapeError, r"`controller\(x\)`.*\(1,\)"),
     "nan": ({"controller": lambda x: [np.nan]}, NonFiniteError, r"`controller\(x\)\[0\]` is nan"),
     "grows": ({"controller": lambda x: 1e100 * x[:1]}, NonFiniteError, "overflows at step"),
@@ -592,8 +592,7 @@ REFUSED = {
     ),
     "noise": ({"noise": -1.0}, InputError, "`noise`"),
     "noise of a state": ({"noise": [0.1, -1.0]}, InputError, "`noise`"),
-    "noise without": ({"controller": None, "size": 5, "noise": 1.0}, InputError, "without"),
-    "neither": ({"controller": None}, InputError, "`size` must be given"),
+    "noise without": ({"controller": 5, "noise": 1.0}, InputError, "`noise` must be None"),
 }
 
 

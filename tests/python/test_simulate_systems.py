@@ -44,7 +44,7 @@ SHAPES = [(1, 3, 2, 4), (2, 1, 1, 1), (31, 2, 3, 6), (32, 4, 1, 3), (33, 3, 2, 0
 @pytest.mark.parametrize("shape", SHAPES)
 def test_runs_are_those_of_a_loop_bit_for_bit_and_moments_those_of_the_runs(shape, offset, each):
     models, x0, u = problem(*shape, offset=offset, each=each)
-    found = se.simulate_ensemble(models, x0, u, return_runs=True, covariance="full")
+    found = se.simulate_ensemble(models, x0, u, keep="covariance runs")
     expected = loop(models, x0, u)
     assert found.runs.tobytes() == expected.tobytes()
     # against a mean in double-double: both sums have an error of some ulp of the largest run
@@ -66,15 +66,15 @@ def test_runs_are_those_of_a_loop_bit_for_bit_and_moments_those_of_the_runs(shap
     np.testing.assert_array_equal(found.variance, variances)
 
 
-@pytest.mark.parametrize("covariance", ["diagonal", "full"])
-def test_no_number_of_threads_changes_a_bit(covariance):
+@pytest.mark.parametrize("keep", ["runs", "covariance runs"])
+def test_no_number_of_threads_changes_a_bit(keep):
     models, x0, u = problem(517, 4, 2, 9, offset=True, each=True)
     results = []
     for threads in (1, 2, 3, 7):
         before = se.get_num_threads()
         se.set_num_threads(threads)
         try:
-            found = se.simulate_ensemble(models, x0, u, return_runs=True, covariance=covariance)
+            found = se.simulate_ensemble(models, x0, u, keep=keep)
         finally:
             se.set_num_threads(before)
         moments = (found.mean, found.variance, found.runs)
@@ -84,7 +84,7 @@ def test_no_number_of_threads_changes_a_bit(covariance):
 
 def test_one_system_runs_as_simulate_does():
     models, x0, u = problem(3, 6, 2, 8, offset=False, each=False)
-    runs = se.simulate_ensemble(models, x0, u, return_runs=True).runs
+    runs = se.simulate_ensemble(models, x0, u, keep="runs").runs
     for s, system in enumerate(models):
         np.testing.assert_array_equal(runs[s], se.simulate(system, x0, u).states)
 
@@ -172,16 +172,14 @@ MODELS, X0, U = problem(4, 2, 1, 3, offset=False, each=False)
     ("change", "said"),
     [
         ({"size": 4}, "`size` must be left out"),
-        ({"sample_A": False}, "`sample_A` must be left out"),
-        ({"sample_B": False}, "`sample_B` must be left out"),
-        ({"sample_x0": False}, "`sample_x0` must be left out"),
-        ({"sample_x0": None}, "`sample_x0` must be left out"),
+        ({"sampled": "B"}, "`sampled` must be left out"),
+        ({"sampled": None}, "`sampled` must be left out"),
         ({"averaging": "mean-field"}, "`averaging` must be left out"),
         ({"replicates": 2}, "`replicates` must be left out"),
         ({"rng": 1}, "`rng` must be left out"),
         ({"rng": np.ones(3)}, "`rng` must be left out"),
-        ({"covariance": "half"}, "`covariance` must be"),
-        ({"return_runs": 1}, "`return_runs` must be"),
+        ({"keep": "half"}, "`keep` must be"),
+        ({"keep": 1}, "`keep` must"),
     ],
 )
 def test_other_arguments_are_refused(change, said):
@@ -218,4 +216,4 @@ def test_memory_is_asked_for_first(monkeypatch):
     models, x0, u = problem(50_000, 2, 1, 4000, offset=False, each=False)
     monkeypatch.setattr("stochens_rs._base.running.memory_left", lambda: 1 << 30)
     with pytest.raises(se.exceptions.ResourceError, match="and the runs of 50000 trajectories"):
-        se.simulate_ensemble(models, x0, u, return_runs=True)
+        se.simulate_ensemble(models, x0, u, keep="runs")

@@ -127,21 +127,21 @@ def test_runs_equal_the_twin(name: str) -> None:
     """Integer matrices: their 1-norms are exact in any order of summation."""
     A, B, u, x0 = problem(name)
     for A_, B_, x0_ in FLAGS if len(A) < 20 else [(True, True, True)]:
-        flags = {"sample_A": A_, "sample_B": B_, "sample_x0": x0_}
-        found = se.simulate_ensemble((A, B), x0, u, 70, rng=7, return_runs=True, **flags)
-        expected = twin.simulate_runs(A, B, x0, u, 70, key=root_key(7), **flags)
+        sampled = tuple(itertools.compress(("A", "B", "x0"), (A_, B_, x0_)))
+        found = se.simulate_ensemble((A, B), x0, u, 70, rng=7, keep="runs", sampled=sampled)
+        expected = twin.simulate_runs(A, B, x0, u, 70, key=root_key(7), sampled=sampled)
         assert found.runs.shape == (70, len(u) + 1, len(A))
         if A_ and B_:
             assert np.array_equal(found.runs, expected)
         else:  # a product with an exact matrix may be rounded in another order
             assert_allclose(found.runs, expected, rtol=0, atol=1e-13 * np.abs(expected).max())
-        assert found.sampled == tuple(name[7:] for name, drawn in flags.items() if drawn)
+        assert found.sampled == sampled
 
 
 def test_golden_runs() -> None:
     """A change here changes every ensemble ever simulated: it needs a new stream version."""
     A, B, u, x0 = problem("first inputs zero")
-    runs = se.simulate_ensemble((A, B), x0, u, 40, rng=2024, return_runs=True).runs
+    runs = se.simulate_ensemble((A, B), x0, u, 40, rng=2024, keep="runs").runs
     found = hashlib.sha256((runs + 0.0).astype("<f8").tobytes()).hexdigest()
     assert found == "5f47907b500f59f55a208a990b642ff24e03add23fdfbb9e62ac389474b76f14"
 
@@ -154,7 +154,7 @@ def test_the_twin_of_the_mean_field_has_its_moments() -> None:
         [twin.simulate_mean_field(A, B, x0, u, 30, generator=gen) for _ in range(4000)]
     )
     ours = se.simulate_ensemble(
-        (A, B), x0, u, 30, averaging="mean-field", replicates=4000, return_runs=True, rng=5
+        (A, B), x0, u, 30, averaging="mean-field", replicates=4000, keep="runs", rng=5
     )
     for values in (theirs, ours.runs):
         error = values.std(axis=0) / np.sqrt(4000)
@@ -172,7 +172,7 @@ def test_the_twin_of_the_mean_field_has_its_moments() -> None:
 @pytest.mark.parametrize("name", ["plain", "first inputs zero"])
 def test_moments_are_those_of_the_runs(name: str, size: int) -> None:
     A, B, u, x0 = problem(name)
-    full = se.simulate_ensemble((A, B), x0, u, size, rng=3, return_runs=True, covariance="full")
+    full = se.simulate_ensemble((A, B), x0, u, size, rng=3, keep="covariance runs")
     covariance = np.array([np.cov(x.T) for x in full.runs.transpose(1, 0, 2)])
     scale = np.abs(covariance).max(axis=(1, 2), keepdims=True)
     mean = full.runs.mean(axis=0)
@@ -197,8 +197,7 @@ def test_moments_of_a_mean_field_are_those_of_its_replicates() -> None:
         9,
         averaging="mean-field",
         replicates=37,
-        covariance="full",
-        return_runs=True,
+        keep="covariance runs",
         rng=3,
     )
     assert found.runs.shape == (37, 7, 5)
@@ -214,9 +213,7 @@ def test_moments_of_a_mean_field_are_those_of_its_replicates() -> None:
 def test_one_trajectory_has_no_variance() -> None:
     A, B, u, x0 = problem("plain")
     for options in ({}, {"averaging": "mean-field"}):
-        found = se.simulate_ensemble(
-            (A, B), x0, u, 1, covariance="full", return_runs=True, rng=1, **options
-        )
+        found = se.simulate_ensemble((A, B), x0, u, 1, keep="covariance runs", rng=1, **options)
         assert (found.variance, found.covariance, found.standard_error) == (None, None, None)
         largest = np.abs(found.runs).max()
         assert_allclose(found.mean, found.runs[0], rtol=0, atol=1e-14 * largest)
@@ -226,9 +223,7 @@ def test_a_large_mean_does_not_hide_the_variance() -> None:
     """Sums of squares would lose it: the mean is 1e9, the variance about 1."""
     A, B = np.eye(2), np.array([[1.0, -0.5], [0.25, 1.0]])
     u, x0 = np.ones((3, 2)), np.array([1e9, -1e9])
-    found = se.simulate_ensemble(
-        (A, B), x0, u, 5000, sample_A=False, sample_x0=False, return_runs=True, rng=1
-    )
+    found = se.simulate_ensemble((A, B), x0, u, 5000, sampled="B", keep="runs", rng=1)
     expected = found.runs.var(axis=0, ddof=1)
     assert_allclose(found.variance, expected, rtol=1e-6, atol=1e-12)
     assert np.all(found.variance[1:] > 0.1)
@@ -245,9 +240,7 @@ def test_nothing_drawn_is_the_exact_trajectory() -> None:
             x0,
             u,
             40,
-            sample_A=False,
-            sample_B=False,
-            sample_x0=False,
+            sampled=(),
             averaging=averaging,
             replicates=1 if averaging == "runs" else 3,
             rng=1,
@@ -269,7 +262,7 @@ def threads_restored() -> Iterator[None]:
 @pytest.mark.parametrize("averaging", ["runs", "mean-field"])
 def test_threads_do_not_change_a_bit(averaging: str) -> None:
     A, B, u, x0 = problem("first inputs zero")
-    options: dict[str, Any] = {"averaging": averaging, "covariance": "full", "return_runs": True}
+    options: dict[str, Any] = {"averaging": averaging, "keep": ("covariance", "runs")}
     if averaging == "mean-field":
         options["replicates"] = 100
     results = []
@@ -283,9 +276,9 @@ def test_threads_do_not_change_a_bit(averaging: str) -> None:
 
 def test_a_larger_ensemble_starts_with_the_smaller_one() -> None:
     A, B, u, x0 = problem("plain")
-    whole = se.simulate_ensemble((A, B), x0, u, 2100, rng=1, return_runs=True).runs
+    whole = se.simulate_ensemble((A, B), x0, u, 2100, rng=1, keep="runs").runs
     for size in (1, 31, 33, 1024, 1025):
-        part = se.simulate_ensemble((A, B), x0, u, size, rng=1, return_runs=True).runs
+        part = se.simulate_ensemble((A, B), x0, u, size, rng=1, keep="runs").runs
         assert np.array_equal(part, whole[:size])
 
 
@@ -415,7 +408,7 @@ def test_runs_have_the_law(name: str) -> None:
     n, m, K = SMALL[name]
     A, B, u, x0 = integers(11, n, n), integers(12, n, m), integers(13, K, m), integers(14, n)
     laws = enumerate_runs(A, B, u, x0)
-    runs = se.simulate_ensemble((A, B), x0, u, 200_000, return_runs=True, rng=1).runs
+    runs = se.simulate_ensemble((A, B), x0, u, 200_000, keep="runs", rng=1).runs
     for k, law in enumerate(laws):
         if len(law) > 1:
             assert excess(hits(runs[:, k], law), np.array(list(law.values()))) < 1.0
@@ -487,7 +480,7 @@ def test_covariances_follow_the_recursion(averaging: str) -> None:
         size, options = 1.0, {"size": count}
     else:
         size, options = float(N), {"size": N, "averaging": averaging, "replicates": count}
-    runs = se.simulate_ensemble((A, B), x0, u, rng=1, return_runs=True, **options).runs
+    runs = se.simulate_ensemble((A, B), x0, u, rng=1, keep="runs", **options).runs
     mu, S = recursion(A, B, u, x0, size)
     assert np.all(z_scores(runs, mu, S) < 6.0)
     _, wrong = recursion(A, B, u, x0, 1.1 * size)
@@ -504,7 +497,7 @@ def test_growth_of_the_error() -> None:
     assert_allclose(np.einsum("kii->k", S), exact, rtol=1e-12)
     key = se.rng.as_key(1)
     found = [
-        se.simulate_ensemble((A, B), x0, u, N, rng=key.child(str(i)), return_runs=i == 0)
+        se.simulate_ensemble((A, B), x0, u, N, rng=key.child(str(i)), keep="runs" * (i == 0))
         for i in range(seeds)
     ]
     squares = (found[0].runs ** 2).sum(axis=2)
@@ -562,15 +555,14 @@ BAD_OPTIONS: list[tuple[dict[str, Any], type[Exception], str]] = [
     ({"size": 0}, SizeError, "`size`"),
     ({"size": 2.5}, InputTypeError, "`size`"),
     ({"averaging": "mean"}, InputError, "`averaging`"),
-    ({"covariance": None}, InputTypeError, "`covariance`"),
-    ({"covariance": "ful"}, InputError, "did you mean 'full'"),
+    ({"keep": None}, InputTypeError, "`keep`"),
+    ({"keep": "run"}, InputError, "did you mean 'runs'"),
     ({"replicates": 2}, InputError, "`replicates` must be 1 for averaging='runs'"),
     ({"replicates": 0, "averaging": "mean-field"}, SizeError, "`replicates`"),
-    ({"sample_A": 1}, InputTypeError, "`sample_A` must be True or False"),
-    ({"sample_B": "yes"}, InputTypeError, "`sample_B`"),
-    ({"sample_x0": None}, InputTypeError, "`sample_x0`"),
-    ({"return_runs": 0}, InputTypeError, "`return_runs`"),
-    ({"return_runs": True, "size": 10**12}, ResourceError, "the runs of 1000000000000"),
+    ({"sampled": 1}, InputTypeError, "`sampled`"),
+    ({"sampled": "A C"}, InputError, "`sampled` must be one of 'A', 'B', 'x0'"),
+    ({"keep": (True,)}, InputTypeError, "`keep` must be one of"),
+    ({"keep": "runs", "size": 10**12}, ResourceError, "the runs of 1000000000000"),
     ({"rng": -1}, InputError, "`rng`"),
 ]
 
@@ -590,9 +582,9 @@ def test_overflow_of_runs_is_named() -> None:
     for averaging in ("runs", "mean-field"):
         with pytest.raises(NonFiniteError, match="a state of the ensemble overflows"):
             se.simulate_ensemble(grows, [1.0, 1.0], u, 10, averaging=averaging, rng=1)
-    for covariance in ("diagonal", "full"):
+    for keep in ((), "covariance"):
         with pytest.raises(NonFiniteError, match="a second moment of the ensemble overflows"):
-            se.simulate_ensemble(grows, [1.0, 1.0], u[:3], 10, covariance=covariance, rng=1)
+            se.simulate_ensemble(grows, [1.0, 1.0], u[:3], 10, keep=keep, rng=1)
 
 
 # -- figures ---------------------------------------------------------------------------------------

@@ -50,11 +50,6 @@ def _from_zero(name: str, value: float) -> None:
         raise InputError(f"`{name}` must be >= 0, got {value:g}")
 
 
-def _unknown(name: str, value: float) -> None:
-    """Check nothing: nan where the number is not known."""
-
-
-MaybeNan: TypeAlias = Annotated[float, _unknown]
 FromZero: TypeAlias = Annotated[float, _from_zero]  # infinite, too
 Probability: TypeAlias = Annotated[float, validation.probability]  # in (0, 1)
 Positive: TypeAlias = Annotated[float, validation.positive]
@@ -148,11 +143,7 @@ def _refuse(record: Any, name: str) -> None:
 @cache
 def _tests(record: Any) -> tuple[tuple[str, Test], ...]:
     """Name and test of each field; `serialize` knows their types."""
-    free = {name for name, rule in rules(record).items() if rule.check is _unknown}
-    return tuple(
-        (name, validation.is_real if name in free else _test(kind))
-        for name, kind in saving.declared(record).items()
-    )
+    return tuple((name, _test(kind)) for name, kind in saving.declared(record).items())
 
 
 def _test(kind: Any) -> Test:

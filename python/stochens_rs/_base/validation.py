@@ -250,6 +250,13 @@ def choice(name: str, value: object, allowed: tuple[W, ...]) -> W:
     raise InputError(f"`{name}` must be {listed}, got {show(value)}{nearest(value, allowed)}")
 
 
+def subset(name: str, value: object, allowed: tuple[W, ...]) -> tuple[W, ...]:
+    """Return the words of `value`, "A B" or several, each one of `allowed`, in its order."""
+    words = value.split() if isinstance(value, str) else items(name, value)
+    found = {choice(name, word, allowed) for word in words}
+    return tuple(word for word in allowed if word in found)
+
+
 def nearest(value: str, allowed: Iterable[str]) -> str:
     """The end of a message that asks whether one of `allowed` was meant; "" if none is near."""
     names = {name.lower(): name for name in islice(allowed, 1000)}

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias, get_args
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from .._base import show, validation
-from .._base.records import Record, SavedRecord, trusted
+from .._base.records import Probability, Record, SavedRecord, trusted
 from .._base.types import Floats
 from ..exceptions import InputError, ShapeError
 from ..plots.certificates import draw_radii
@@ -55,19 +55,6 @@ class Radius(Record):
         if np.isinf(found).any() and not self.reason:
             raise InputError("`reason` must say why `radius` is infinite, got None")
 
-    @classmethod
-    def _at(
-        cls,
-        radius: float | Floats,
-        distance_from: str,
-        delta: float,
-        method: str,
-        reason: str | None,
-    ) -> Radius:
-        """One that holds with probability ``1 - delta``; its `reason` only where it is infinite."""
-        because = None if np.isfinite(radius).all() else reason
-        return trusted(Radius, radius, distance_from, 1.0 - delta, method, because)
-
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Radius) and self.to_dict() == other.to_dict()
 
@@ -93,8 +80,15 @@ class Radius(Record):
         return show.card(self, [("with probability", self.probability)])
 
 
+def radius_at(
+    radius: float | Floats, distance_from: str, delta: float, method: str, reason: str | None
+) -> Radius:
+    """One that holds with probability ``1 - delta``; its `reason` only where it is infinite."""
+    because = None if np.isfinite(radius).all() else reason
+    return trusted(Radius, radius, distance_from, 1.0 - delta, method, because)
+
+
 Kind: TypeAlias = Literal["guaranteed", "certain", "estimated"]
-KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True, repr=False)
@@ -125,7 +119,7 @@ class Certificate(SavedRecord):
     """
 
     kind: Kind
-    delta: float
+    delta: Probability
     quantities: dict[str, Radius]
     covers: str
     assumption: str
@@ -134,8 +128,6 @@ class Certificate(SavedRecord):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        validation.choice("kind", self.kind, KINDS)
-        validation.probability("delta", self.delta)
         if not self.quantities:
             raise InputError("`quantities` must have at least one radius, got none")
         for name, part in self.parts.items():
@@ -240,11 +232,6 @@ class Certificate(SavedRecord):
         further = validation.instance("other", other, Certificate).quantities
         fields = {**vars(self), "quantities": {**further, **self.quantities}}
         return trusted(Certificate, **{**fields, "covers": f"{self.covers}; others on their own"})
-
-    def _with(self, **radii: Radius) -> Certificate:
-        """The same with further radii, or others in place of those of these names."""
-        fields = {**vars(self), "quantities": {**self.quantities, **radii}}
-        return trusted(Certificate, **fields)
 
     def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
         """Draw the parts of the target, the tube over the steps, and the components.

@@ -9,7 +9,7 @@ import numpy as np
 
 from .._base.records import trusted
 from ..identification.model import Model
-from .certificate import Certificate, Radius
+from .certificate import Certificate, Radius, radius_at
 from .of_model import Asked, certificate
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def near_reference(
     model = basis.model
     if not isinstance(model, Model) or model.pilot is None or model.doubts:
         return None
-    if len(u) != model.pilot.steps or basis.x0_error or asked.open_loop or asked.x0_fixed:
+    if len(u) != model.pilot.steps or basis.x0_error:
         return None
     plain, share = model._of_any_design, ANY_DESIGN if model._of_any_design is not None else 0.0
     target, *parts, tube, components = model._piloted.near(
@@ -61,7 +61,7 @@ def near_reference(
 
     def radius(value: float | Floats, distance_from: str) -> Radius:
         reason = "too few data for this probability, or a pilot that says too little"
-        return Radius._at(value, distance_from, delta, method, reason)
+        return radius_at(value, distance_from, delta, method, reason)
 
     return trusted(
         Certificate,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from math import sqrt
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
@@ -10,17 +9,15 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
+from .._base import validation
 from .._base.numbers import norm
 from .._base.records import Record, trusted
 from .._base.types import Floats
-from ..exceptions import DataWarning, InputError, InputTypeError, ShapeError
+from ..exceptions import InputError, InputTypeError, ShapeError
 from ..identification.identified import Identified
-from ..identification.identifying import identify
 from ..identification.model import Model
-from ..identification.options import Noise
 from ..theory.exact import states
-from .certificate import Certificate, Radius
+from .certificate import Certificate, Radius, radius_at
 
 if TYPE_CHECKING:
     from ..identification.assumptions import Assumptions
@@ -143,9 +140,6 @@ def root_of(S: Floats) -> Floats:
     return np.ascontiguousarray(sizes * vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-if TYPE_CHECKING:
-    _Way: TypeAlias = tuple[Region, Floats, ToCome | None, bool]
-
 # Of the probability of failure with Gaussian noise to come: the region, the noise of the last
 # state, and that of earlier states with what the error of the model makes of it. For one step the
 # last share goes to the noise, too. Fixed before the data.
@@ -156,8 +150,6 @@ class Asked(NamedTuple):
     """The arguments of `Plan.bound` for a model."""
 
     noise: bool
-    open_loop: bool
-    x0_fixed: bool
     bands: bool = False
 
 
@@ -167,7 +159,7 @@ def certificate(
     predicted: Floats,
     delta: float,
     asked: Asked,
-    known: tuple[float, tuple[Region, ...], ToCome | None] | None = None,
+    known: tuple[tuple[Region, ...], ToCome | None] | None = None,
 ) -> Certificate:
     """Bound where the true system ends under `u`; `predicted` are the states of the model.
 
@@ -176,7 +168,6 @@ def certificate(
     model, K, own = basis.model, len(u), False
     bands: Floats | None
     if model.doubts:
-        _refuse(basis, K, asked)
         reason, said = model.doubts[0], "none that would do"
         name = "several steps" if K > 1 else "one step"
         tube, bands = np.full(K + 1, np.inf), np.full(predicted.shape, np.inf)
@@ -185,35 +176,31 @@ def certificate(
         parts = [norm(predicted[-1] - basis.xf), np.inf, basis.x0_error]
         target, control, why = np.inf, np.inf, None
     else:
-        share, regions, to_come = known or step_regions(basis, delta, K, asked)
+        regions, to_come = known or step_regions(basis, delta, K, asked)
         steps = model.data.steps if isinstance(model, Model) else 1
-        name = "several steps" if K > 1 else "one step" if steps == 1 else _direct_name(steps)
-        # a region, the inputs in its form, and whether it says how far the control is from the best
-        ways: list[_Way] = [(region, u, to_come, K == 1) for region in regions]
-        if asked.open_loop:
-            ways.append((_direct(basis, u, share, asked), u.reshape(1, -1), None, True))
+        name = "several steps" if K > 1 else "one step"
+        if K == 1 and steps > 1:
+            name = f"direct regression over {steps} steps"
         apart: Region | None = None
-        if K == 1 and _sharper_by_rows(basis, ways[0][0], asked):
+        if K == 1 and _sharper_by_rows(basis, regions[0], asked):
             apart = model.region(delta, components=True)  # type: ignore[call-arg]
         own = apart is not None or isinstance(to_come, GaussianNoise)
         best, (target, *parts), components, tube, bands, control, why = _core.certify(
             (basis.x0, basis.x0_error),
             basis.xf,
             predicted,
-            [(region._core, inputs, noise, asks) for region, inputs, noise, asks in ways],
+            [(region._core, u, to_come, K == 1) for region in regions],
             None if apart is None else (apart._core, u, None, False),
             asked.bands,
         )
-        if best == len(regions):
-            name = _direct_name(K)
-        said, missing = _said(basis, ways[0], asked), ways[best][0].missing
+        said, missing = _said(basis, regions[0], to_come), regions[best].missing
         reason = "too few data, or too many steps"
         if missing:
             reason = f"the data do not determine the system along {', '.join(missing[:3])}"
     method = f"{name} {'with' if asked.noise else 'without'} noise"
 
     def radius(value: float | Floats, distance_from: str, reason: str = reason) -> Radius:
-        return Radius._at(value, distance_from, delta, method, reason)
+        return radius_at(value, distance_from, delta, method, reason)
 
     alone = "; components and bands are a statement of their own" if own else ""
     each = {}
@@ -238,34 +225,9 @@ def certificate(
     )
 
 
-def step_regions(
-    basis: ModelBasis, delta: float, K: int, asked: Asked
-) -> tuple[float, tuple[Region, ...], ToCome | None]:
-    """The level of each event, the regions for single steps that hold in it, and noise to come."""
-    _refuse(basis, K, asked)
-    kind = _noise_to_come(basis.model)
-    # with a covariance from the data the direct regression is sharper: it has the whole level
-    estimated = (
-        kind == "Gaussian"
-        and isinstance(basis.model, Model)
-        and basis.model.assumptions.known is None
-    )
-    able = not asked.noise or (kind != "unknown" and not estimated)
-    share = delta / 2.0 if asked.open_loop and able else delta
-    if asked.open_loop and not able:
-        return share, (), None
-    return share, *_regions(basis, share, K, asked)
-
-
-def _said(basis: ModelBasis, way: _Way, asked: Asked) -> str:
+def _said(basis: ModelBasis, region: Region, to_come: ToCome | None) -> str:
     """The assumptions in words."""
-    region, _, to_come, _ = way
     text = region.assumption
-    if asked.open_loop:
-        text += (
-            "; runs independent of each other, of lengths fixed beforehand, with Gaussian noise "
-            "and inputs independent of all noise"
-        )
     if basis.x0_error:
         text += f"; x0 within {basis.x0_error:.4g}"
     if isinstance(to_come, SizedNoise):
@@ -273,30 +235,6 @@ def _said(basis: ModelBasis, way: _Way, asked: Asked) -> str:
     if isinstance(to_come, GaussianNoise):
         text += "; noise to come independent of the data, at half of the probability of failure"
     return text
-
-
-def _direct_name(steps: int) -> str:
-    return f"direct regression over {steps} steps"
-
-
-def _refuse(basis: ModelBasis, K: int, asked: Asked) -> None:
-    """Refuse declarations that do not go with the plan."""
-    if asked.open_loop and K == 1:
-        raise InputError("`open_loop` must be False for one step, which asks nothing of the runs")
-    if asked.x0_fixed:
-        if basis.x0_error:
-            raise InputError("`x0_fixed` must be False with an Uncertain x0")
-        if K > 1 and not asked.open_loop:
-            raise InputError(
-                f"`x0_fixed` must be False over {K} steps, whose later states depend on the data; "
-                "it is for one step, or together with open_loop=True"
-            )
-    for name, value in (("open_loop", asked.open_loop), ("x0_fixed", asked.x0_fixed)):
-        if value and not isinstance(basis.model, Model):
-            raise InputError(
-                f"`{name}` must be False for a plan from a {type(basis.model).__name__}: it needs "
-                "the runs, which a Model by `identify` keeps"
-            )
 
 
 def _noise_to_come(model: Identified) -> Literal["Gaussian", "sized", "region", "unknown"]:
@@ -314,22 +252,17 @@ def _noise_to_come(model: Identified) -> Literal["Gaussian", "sized", "region", 
     return "region" if assumed.design == "independent" else "Gaussian"
 
 
-def _regions(
+def step_regions(
     basis: ModelBasis, delta: float, K: int, asked: Asked
 ) -> tuple[tuple[Region, ...], ToCome | None]:
     """The regions for K steps, in one event, and the noise to come where that is not in them."""
     model, kind = basis.model, _noise_to_come(basis.model)
     options: dict[str, Any] = {}
-    named: list[str] = []
-    if asked.x0_fixed and K == 1:
-        options["x0"] = basis.x0
-        named.append("`x0_fixed`")
     if K > 1 and not (isinstance(model, Model) and len(model._blocks) > 1):
         options["frobenius"] = True
     whole = delta
     if asked.noise and kind == "region":
         options["future"] = K
-        named.append("`noise`")
     elif asked.noise and kind == "Gaussian":
         delta *= REGION
         if isinstance(model, Model) and model.assumptions.known is None and model.pilot is None:
@@ -339,15 +272,15 @@ def _regions(
     elif asked.noise:
         raise InputError(
             "`noise` must be False: noise to come is bounded for noise of known covariance or "
-            "size (`sigma` of identify), for Gaussian noise without single known entries, and over "
-            "several steps with open_loop=True; this model has none of these"
+            "size (`sigma` of identify), and for Gaussian noise without single known entries; this "
+            "model has none of these"
         )
     try:
         regions = model._regions(delta, **options)
     except InputError as error:
-        if not named:
+        if "future" not in options:
             raise
-        raise InputError(f"{' and '.join(named)} must be False: {error}") from None
+        raise InputError(f"`noise` must be False: {error}") from None
     if not asked.noise or kind == "region":
         return regions, None
     n, bound = regions[0].n, regions[0].noise
@@ -368,38 +301,8 @@ def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:
     return (
         isinstance(model, Model)
         and not asked.noise
-        and not asked.x0_fixed
         and len(region.parts) == 1
         and model.n > 1
         and model.pilot is None
         and model.assumptions.covariance != "scalar"
     )
-
-
-def _direct(basis: ModelBasis, u: Floats, delta: float, asked: Asked) -> Region:
-    """The region of ``(x(0), u(0), .., u(K-1)) -> x(K)``, from one row of each run.
-
-    The noise of a row is ``sum A^(K-1-k) w(k)``: Gaussian of one covariance, independent of x(0)
-    and of inputs in open loop, so that the exact region of one step applies.
-    """
-    model, K = basis.model, len(u)
-    assert isinstance(model, Model)
-    if model.noise != "gaussian":
-        raise InputError(
-            "`open_loop` must be False: regression over several steps needs Gaussian noise, this "
-            f"model has {model.noise} noise"
-        )
-    data = model.data.k_step(K, open_loop=True)
-    needed = K * model.m + model.intercept + 2 * model.n
-    if data.size < needed:
-        raise InputError(
-            f"`open_loop` must be False: regression over {K} steps needs {needed} runs of so many "
-            f"steps, the data have {show.number_of(data.size, 'run')}"
-        )
-    with warnings.catch_warnings():  # the region names what the data do not determine
-        warnings.simplefilter("ignore", DataWarning)
-        direct = identify(
-            data, noise=Noise(design="independent"), intercept=model.intercept, checks=False
-        )
-    x0 = basis.x0 if asked.x0_fixed else None
-    return direct.region(delta, x0=x0, future=int(asked.noise))

@@ -12,7 +12,7 @@ from .._base.numbers import norm
 from .._base.records import trusted
 from ..exceptions import InputError
 from ..identification.model import Model
-from .certificate import Certificate, Radius
+from .certificate import Certificate, Radius, radius_at
 from .of_model import REGION
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def output_certificate(
         reason = f"the data do not determine the system along {', '.join(region.missing[:3])}"
 
     def radius(value: float | Floats, distance_from: str) -> Radius:
-        return Radius._at(value, distance_from, delta, method, reason)
+        return radius_at(value, distance_from, delta, method, reason)
 
     of = f"{what} of {show.listed(model.outputs)} at step {len(u)}"
     goal = "the predicted outputs" if r is None else "the target"

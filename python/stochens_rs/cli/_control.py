@@ -40,7 +40,6 @@ def control_command(
     delta: Share = LEVEL,
     x0_error: float | None = None,
     noise: bool = False,
-    open_loop: bool = False,
     gain: bool = False,
     limits: tuple[str, ...] = (),
     rate: str | None = None,
@@ -74,7 +73,6 @@ def control_command(
       delta P  Probability that the certificate does not hold.
       x0_error E  The true initial state is within E of --from.
       noise  Include noise to come, with --steps fixed before the data.
-      open_loop  The measured inputs did not react to the states.
       gain  Follow it with a certified feedback of --Q and --R (else 1).
     Limits and weights:
       limits LOW,HIGH  Of all inputs, or INPUT=LOW,HIGH; repeatable.
@@ -95,10 +93,10 @@ def control_command(
         known = Model.load(source)
         x0, xf, n = None, None, known.n_outputs
     else:
-        if noise or open_loop or gain or x0_error:
+        if noise or gain or x0_error:
             raise click.UsageError(
-                "--x0-error, --noise, --gain and --open-loop are for models of identify, "
-                "not for a system that is known"
+                "--x0-error, --noise and --gain are for models of identify, not for a system that "
+                "is known"
             )
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
@@ -145,7 +143,7 @@ def control_command(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
             loop = feedback_for(known, Q, R) if gain else None
-            found = _certified(plan, delta, noise=counted, open_loop=open_loop, gain=loop)
+            found = _certified(plan, delta, noise=counted, gain=loop)
         if not gain:
             try:
                 near = finite(plan.typical(delta, noise=counted).miss)
@@ -177,11 +175,9 @@ def _certified(plan: Any, delta: float, **options: Any) -> Any:
         unbounded = str(error).startswith("`noise` must be False")
         if options["gain"] is not None or not options["noise"] or not unbounded:
             raise
-        steps = "; or give --open-loop, if the measured inputs did not react"
         raise click.UsageError(
             "--noise needs a bound on the noise to come, and this model has none: identify with "
             "--sigma S, or with --last-pairs --design independent"
-            + ("" if plan.steps == 1 or options["open_loop"] else steps)
         ) from error
 
 

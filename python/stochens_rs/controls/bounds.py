@@ -13,7 +13,7 @@ from .. import _core
 from .._base.numbers import ROUNDING, norm
 from .._base.records import trusted
 from .._base.types import QUANTITIES, Floats
-from ..certificates.certificate import Certificate, Radius
+from ..certificates.certificate import Certificate, Radius, radius_at
 from ..certificates.of_model import certificate, step_regions, trajectory
 from ..exceptions import InputError
 from ..fusion.provenance import Basis
@@ -242,7 +242,6 @@ def distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, floa
 HARD = "with hard limits of the states the best control may move by any multiple of an error"
 SMALL = "the inputs have too little weight for what is known of the system: give a larger R"
 ALONE, MOVED = "the limits alone", "how far the best control moves in the region"
-_DIRECT = "a region over all steps at once says nothing of single steps"
 
 ROUNDS = 8  # of moving limits inward; the radii settled after 2 to 4 in 300 random plans
 AHEAD = 1e-6  # the solver keeps limits to 1e-9 of the states, which must not undo a round
@@ -267,7 +266,7 @@ def limited_certificate(
     if task.state_low is not None and task.soft is None:
         reason = HARD
     elif known is not None:
-        region, reason = (known[1][0], reason) if known[1] else (None, _DIRECT)
+        region = known[0][0]
     if region is not None and np.isfinite(tube).all():
         at = np.ascontiguousarray(predicted[1:]), limited.u
         sure = len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise
@@ -276,15 +275,17 @@ def limited_certificate(
         control, excess, states, reason = by.control, by.excess, by.state, SMALL
 
     def radius(value: float, distance_from: str, method: str = MOVED) -> Radius:
-        return Radius._at(value, distance_from, delta, method, reason)
+        return radius_at(value, distance_from, delta, method, reason)
 
     best = "the best control within the limits"
     alone = farthest < control
-    return found._with(
-        control=radius(min(control, farthest), best, ALONE if alone else MOVED),
-        excess=radius(excess, "the least J within the limits"),
-        states=radius(states, f"the states under {best}, in the norm of Q"),
-    )
+    further = {
+        "control": radius(min(control, farthest), best, ALONE if alone else MOVED),
+        "excess": radius(excess, "the least J within the limits"),
+        "states": radius(states, f"the states under {best}, in the norm of Q"),
+    }
+    fields = {**vars(found), "quantities": {**found.quantities, **further}}
+    return trusted(Certificate, **fields)
 
 
 def tightened(task: Task, radii: Floats) -> Task:

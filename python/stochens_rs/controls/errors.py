@@ -11,7 +11,7 @@ from .._base import validation
 from .._base.numbers import norm
 from .._base.records import trusted
 from .._base.types import QUANTITIES, Floats
-from ..certificates.certificate import Certificate, Radius
+from ..certificates.certificate import Certificate, Radius, radius_at
 from ..exceptions import InputError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis
@@ -152,7 +152,7 @@ def followed(
     method = f"a certified feedback, {'with' if noise else 'without'} noise"
 
     def radius(value: float | Floats, distance_from: str) -> Radius:
-        return Radius._at(value, distance_from, delta, method, reason)
+        return radius_at(value, distance_from, delta, method, reason)
 
     aside = np.linalg.norm(tube.states - predicted, axis=1)
     tubes, state = tube.radii + aside, float(tube.radii[-1] + aside[-1])

@@ -76,7 +76,7 @@ def model_control(
         end = None if time is None else monotonic() + time
         limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=time)
         if task.state_low is not None and task.soft is None:
-            basis, plain = trusted(ModelBasis, model, start, goal, off), Asked(False, False, False)
+            basis, plain = trusted(ModelBasis, model, start, goal, off), Asked(noise=False)
             left = None if end is None else end - monotonic()
             limited, _ = within_state_limits(basis, limited, model._delta, plain, left)
         u = limited.u

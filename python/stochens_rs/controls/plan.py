@@ -206,7 +206,7 @@ class Plan(SavedRecord, Timed):
 
     @property
     def missed(self) -> float | None:
-        """What the limits cost: ``J(u)`` less the least J without limits; nan if time was out."""
+        """What the limits cost: ``J(u)`` less the least J without limits; None if time was out."""
         return None if self.limited is None else self.limited.missed
 
     @property
@@ -226,8 +226,6 @@ class Plan(SavedRecord, Timed):
         x0: ArrayLike | None = None,
         xf: ArrayLike | None = None,
         noise: bool | None = None,
-        open_loop: bool = False,
-        x0_fixed: bool = False,
         bands: bool | None = None,
         gain: Loop | LoopCertificate | None = None,
     ) -> Certificate:
@@ -248,14 +246,6 @@ class Plan(SavedRecord, Timed):
             included; by default for a model of outputs only, whose bound is then of the readings,
             else of their mean. With several steps, an independent design and noise of unknown
             covariance their number must then have been fixed before the data.
-        open_loop : bool, default False
-            For several steps, your declaration that the inputs of the measured runs were
-            independent of all noise, and the runs of each other, with lengths fixed beforehand.
-            Regression over all K steps at once (`Trajectories.k_step`) then competes, each of the
-            two with delta / 2. With feedback in the runs the bound is wrong.
-        x0_fixed : bool, default False
-            Your declaration that x0 was fixed before the data, which makes the bound smaller: for
-            one step, or with `open_loop`, and Gaussian noise of independent design.
         bands : bool, optional
             Whether to bound each state at each step too, as `plot` draws them: ``|x(k) - xh(k)|_i``
             is at most ``certificate["bands"].radius[k, i]``. The default is yes, but for outputs,
@@ -334,7 +324,7 @@ class Plan(SavedRecord, Timed):
         model = isinstance(self.basis, ModelBasis)
         if bands is None:
             bands = model and not window and gain is None
-        flags = {"noise": noise, "open_loop": open_loop, "x0_fixed": x0_fixed, "bands": bands}
+        flags = {"noise": noise, "bands": bands}
         asked = Asked(*(validation.flag(name, value) for name, value in flags.items()))
         other = {"system": system, "x0": x0, "xf": xf} if model else {**flags, "gain": gain}
         for name, value in other.items():
@@ -356,10 +346,9 @@ class Plan(SavedRecord, Timed):
     ) -> Certificate:
         predicted, window = self.predicted_states, basis.window is not None
         if window or gain is not None:
-            for name in ("open_loop", "x0_fixed", "bands"):
-                if getattr(asked, name):
-                    other_than = "for a model of outputs" if window else "with `gain`"
-                    raise InputError(f"`{name}` must be False {other_than}")
+            if asked.bands:
+                other_than = "for a model of outputs" if window else "with `gain`"
+                raise InputError(f"`bands` must be False {other_than}")
             K = None if gain is None else self._gain(gain)
             if gain is None or window:  # without a gain it is a window
                 return output_certificate(basis, self.u, delta, asked.noise, K)

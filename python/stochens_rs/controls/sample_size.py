@@ -10,12 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import show, validation
-from .._base.names import Labels
 from .._base.numbers import smallest_size
 from .._base.types import DELTA, QUANTITIES, Fusion, Quantity
 from ..exceptions import InputError, SizeError
-from ..limits.limits import as_limits
-from ..limits.problem import checked_task
 from ..rng import Key, RngLike, as_key
 from ..system.system import System
 from ..theory import moments
@@ -28,11 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import ArrayLike
-
-    from ..limits.limits import LimitsLike
-
-
-_UPPER = "the errors are those without limits, which are no smaller"
 
 
 @dataclass(frozen=True)
@@ -96,8 +88,6 @@ class SamplePlan:
         Simulated fusions per size.
     key : Key
         The key of the simulation.
-    limited : bool, default False
-        Whether the control has limits: then all errors are those without, which are no smaller.
     """
 
     error: float
@@ -112,7 +102,6 @@ class SamplePlan:
     simulated_size: int
     runs: int
     key: Key
-    limited: bool = False
 
     @property
     def size(self) -> int:
@@ -158,7 +147,6 @@ class SamplePlan:
             (f"error of the {self.quantity}", self._limit),
             ("with probability", f"{1.0 - self.delta:g}"),
             ("fusion", self.fusion),
-            ("within limits", _UPPER if self.limited else None),
             (
                 "no guarantee, exact rms",
                 None if expected is None else f"N = {show.grouped(expected)}",
@@ -182,7 +170,6 @@ class SamplePlan:
         lines = [
             f"error of the {self.quantity}{over}: {self._limit},",
             f"with probability {1.0 - self.delta:g}, {self.fusion} fusion",
-            *([f"within limits: {_UPPER}"] if self.limited else []),
             "",
             f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
         ]
@@ -216,6 +203,7 @@ _SOURCES = {
     "Bousquet of pairs": "supremum of <v, M (average of pairs - mean)> over unit vectors v",
 }
 _START = 1000  # size at which a search starts if no bound has one
+_RUNS = 1000  # simulated fusions per bound, for its quantile and failures
 _STEPS = 3  # q falls nearly like N^-1/2, so that few steps are enough
 
 
@@ -230,8 +218,6 @@ def required_samples(
     relative: bool = True,
     quantity: Quantity = "state",
     fusion: Fusion = "product",
-    limits: LimitsLike = None,
-    runs: int = 1000,
     rng: RngLike = None,
 ) -> SamplePlan:
     """Find how many realizations of x0, xf and A give a control of a given accuracy.
@@ -257,10 +243,6 @@ def required_samples(
         ``||u - v||``; over several steps with ``C_K`` in place of ``B``.
     fusion : {"product", "diagonal"}, default "product"
         How the realizations are fused, with uniform weights; "diagonal" for one step only.
-    limits : tuple (low, high), optional
-        Limits of the inputs, as in `control`: for one step, relative=False and quantity="state".
-    runs : int, default 1000
-        Simulated fusions per bound, for the columns `quantile` and `failures`.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness for the simulation.
 
@@ -281,37 +263,34 @@ def required_samples(
     are slow and `delta` is small; the formulas hold for every delta. Over several steps "simulated"
     is the only bound. The simulation draws counts, not realizations: its cost does not depend on N.
 
-    Within limits the error is ``||B (u - v)||`` with the best v within them. It is at most
+    Within limits of the inputs, over one step, the sizes for an absolute error of the state hold as
+    they are: ``||B (u - v)||`` with the best v within them is at most
     ``||B B^+ (b_hat - b)||``, ``b = xf - A x0``, the error without limits, for every weight R >= 0
     and Q = I: for u, v the best of two targets ``||B (u - v)||^2 + ||u - v||_R^2 <=
-    <B (u - v), b_hat - b>``. So the sizes hold as they are, and the simulated errors, quantiles and
-    the root mean square, all of the error without limits, are upper bounds. Over several steps A
-    changes the map from inputs to states, and no size is known.
+    <B (u - v), b_hat - b>``. Over several steps A changes the map from inputs to states, and no
+    size is known.
 
     Examples
     --------
     >>> import stochens_rs as se
     >>> system = se.System([[0.9, 0.2], [-0.1, 0.8]], [[1.0, 0.0], [0.5, 1.0]])
-    >>> plan = se.required_samples(system, [1.0, 2.0], [1.0, 1.0], 0.1, rng=1, runs=100)
+    >>> plan = se.required_samples(system, [1.0, 2.0], [1.0, 1.0], 0.1, rng=1)
     >>> plan.simulated_size < plan.size, plan.rows[0].name
     (True, 'simulated')
     """
     checked, start, goal = checked_ends(system, x0, xf)
     error = validation.positive("error", error)
     delta = validation.probability("delta", delta)
-    runs = validation.size("runs", runs, maximum=10**6)
     kind = validation.choice("quantity", quantity, QUANTITIES)
     K, how = fusion_over(steps, fusion, checked.n, checked.m)
     relative = validation.flag("relative", relative)
-    if limits is not None:
-        _limited(checked.labels, K, limits, kind, relative)
     key = as_key(rng)
     best = best_control(checked.A, checked.B, start, goal, K)
     relative_to, reference = best.compared(kind, start)
     if relative and not reference:
         raise InputError(
             f"`error` cannot be relative here: the exact {kind} is zero, and so is what x0 would "
-            "be compared with (use relative=False, on the command line --absolute)"
+            "be compared with (use relative=False)"
         )
     allowed = error * reference if relative else error
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
@@ -328,7 +307,7 @@ def required_samples(
     @cache
     def drawn(size: int) -> tuple[float, int]:
         """The quantile of the simulated errors, and how many exceed the error."""
-        errors = of.law((size,) * 3).draw(runs, key.child("runs"))[:, which]
+        errors = of.law((size,) * 3).draw(_RUNS, key.child("runs"))[:, which]
         return float(np.quantile(errors, 1.0 - delta)), int((errors > allowed).sum())
 
     def smallest(name: str, eps: float) -> int | None:
@@ -367,31 +346,9 @@ def required_samples(
         rows=tuple(rows),
         expected_size=expected,
         simulated_size=_needed(lambda N: drawn(N)[0] / allowed, rows[0].size or expected or _START),
-        runs=runs,
+        runs=_RUNS,
         key=key,
-        limited=limits is not None,
     )
-
-
-def _limited(labels: Labels, K: int, limits: Any, quantity: str, relative: bool) -> None:
-    """Refuse limits where the sizes without them do not hold."""
-    if K > 1:
-        raise InputError(
-            f"`limits` must be None with steps={K}: over several steps an estimated A changes the "
-            "map from inputs to states, and no number of realizations is known to be enough"
-        )
-    if quantity != "state":
-        raise InputError(
-            "`limits` must be None with quantity='control': within limits the error of the control "
-            "has another bound than without"
-        )
-    if relative:
-        raise InputError(
-            "`relative` must be False with `limits`: the state that an error would be relative to "
-            "is another one within them"
-        )
-    n, m = len(labels.states), len(labels.inputs)
-    checked_task(n, m, K, np.zeros(n), as_limits(limits).only("u"), labels=labels)
 
 
 def _needed(share: Callable[[int], float], start: int) -> int:

@@ -117,7 +117,7 @@ def cost_text(limited: Limited, worst: str = "") -> str:
     `worst`: the state that misses hard limits most.
     """
     text = f"J={limited.objective:.3g}"
-    if limited.missed > 0.0:
+    if limited.missed is not None and limited.missed > 0.0:
         text += f", {limited.missed:.2g} of it for the limits"
     text += f"; {at_limits(limited)}"
     if limited.missing > 0.0:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from math import isnan
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import numpy as np
 from .. import _core
 from .._base import running, validation
 from .._base.numbers import ROUNDING
-from .._base.records import MaybeNan, Record, require_shapes
+from .._base.records import Record, require_shapes
 from .._base.running import get_num_threads
 from .._base.types import Floats, Status
 from ..exceptions import InputError, NonFiniteError
@@ -52,8 +53,8 @@ class Limited(Record):
         ``(||G (u - u*)||_Q^2 + ||u - u*||_R^2)^(1/2)`` is at most this.
     objective : float
         ``J(u)``.
-    missed : float
-        What the limits cost: ``J(u)`` less the least J without limits; 0 if none is active, nan if
+    missed : float or None
+        What the limits cost: ``J(u)`` less the least J without limits; 0 if none is active, None if
         the time limit came before.
     status : str
         "optimal", or why it is not.
@@ -83,7 +84,7 @@ class Limited(Record):
     gap: float
     distance: float
     objective: float
-    missed: MaybeNan
+    missed: float | None
     status: Status
     missing: float = 0.0
     state_active: Annotated[NDArray[np.int8], "step state"] | None = None
@@ -214,7 +215,7 @@ class Horizon:
             gap=found.gap,
             distance=found.distance,
             objective=found.objective,
-            missed=found.missed,
+            missed=None if isnan(found.missed) else found.missed,
             status=found.status,
             missing=found.missing,
             state_active=found.state_active,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
@@ -12,14 +12,14 @@ from .._base import show, validation
 from .._base.numbers import ROUNDING
 from .._base.records import cached_property
 from ..controls.errors import proof_of
-from ..exceptions import InputError, SolverError
+from ..exceptions import InputError, InputTypeError, SolverError
+from ..feedback import Loop, LoopCertificate
 from ..identification.identified import Identified
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from .._base.types import Floats, Status
-    from ..feedback import Loop, LoopCertificate
     from ..limits.problem import Task
     from ..system.system import System
 
@@ -187,41 +187,79 @@ class Kept:
         )
 
 
-def kept_of(
-    system: System | Identified, task: Task, gain: LoopCertificate | Loop, keep: float, calls: Any
-) -> Kept:
-    """What the arguments of `regulate` ask for, checked."""
-    n, m = task.reference.shape[1], task.low.shape[1]
-    share = validation.probability("keep", keep)
-    if calls is None:
-        raise InputError("`calls` must be given with `gain`: the number of calls it is about")
-    T = validation.size("calls", calls, maximum=1_000_000)
+@dataclass(frozen=True)
+class Keep:
+    """That limits are kept by a certified gain over so many calls; an option of `regulate`.
+
+    Parameters
+    ----------
+    gain : Loop or LoopCertificate
+        A gain that is certified for all systems the region of the model allows.
+    calls : int
+        For how many calls T the limits hold, fixed before the run.
+    probability : float, default 0.95
+        The probability of all of it, of the region and the noise together.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used.
+
+    Examples
+    --------
+    >>> import numpy as np, stochens_rs as se
+    >>> x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
+    >>> data = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.05 * w)
+    >>> gain = se.gain(se.identify(data, noise=se.Noise(sigma=0.05)), 1.0, 1.0)
+    >>> se.Keep(gain, calls=50, probability=0.9).probability
+    0.9
+    """
+
+    gain: Loop | LoopCertificate
+    calls: int
+    probability: float = 0.95
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.gain, Loop | LoopCertificate):
+            raise InputTypeError(
+                f"`gain` must be a Loop or a LoopCertificate, got {validation.show(self.gain)}"
+            )
+        validation.size("calls", self.calls, maximum=1_000_000)
+        validation.probability("probability", self.probability)
+
+
+def kept_of(system: System | Identified, task: Task, keep: Keep) -> Kept:
+    """What `regulate` is to keep, for its model and its limits."""
+    validation.instance("keep", keep, Keep)
+    n, m, share = task.reference.shape[1], task.low.shape[1], keep.probability
     if not isinstance(system, Identified):
-        raise InputError("`system` must be the model that `gain` was made for")
-    proof = proof_of("system", system, gain, (1.0 - share) / 2.0)
+        raise InputError("`system` must be the model that the gain of `keep` was made for")
+    proof = proof_of("system", system, keep.gain, (1.0 - share) / 2.0)
     region = proof.region
     if proof.status != "certified":
-        raise InputError(f"`gain` must be certified, got {proof!r}")
+        raise InputError(f"`keep` must have a certified gain, got {proof!r}")
     if region.centre.shape[1] > n + m:
         raise InputError("`system` must be without an intercept: with one 0 is no point of rest")
     eps = 1.0 - share - region.delta
     if eps <= 0.0:
-        raise InputError(f"`keep` must be below 1 - delta = {1.0 - region.delta:g}, got {share:g}")
+        raise InputError(
+            f"`probability` must be below 1 - delta = {1.0 - region.delta:g}, got {share:g}"
+        )
     if task.rate is not None or (task.state_low is not None and task.soft is not None):
         what = "`rate`" if task.rate is not None else "soft limits of states: give soft=False"
-        raise InputError(f"`limits` must be without {what}, with `gain`")
+        raise InputError(f"`limits` must be without {what}, with `keep`")
     sides = []
     for states, inputs in ((task.state_low, task.low), (task.state_high, task.high)):
         free = np.full((task.steps, n), -np.inf if inputs is task.low else np.inf)
         sides.append(np.hstack([free if states is None else states, inputs]))
     low, high = sides
     if not ((low == low[0]).all() and (high == high[0]).all()):
-        raise InputError("`limits` must be the same in all steps, with `gain`")
+        raise InputError("`limits` must be the same in all steps, with `keep`")
     low, high = low[0].copy(), high[0].copy()
     if not (np.isfinite(low).any() or np.isfinite(high).any()):
-        raise InputError("`limits` must have a finite one, with `gain`")
+        raise InputError("`limits` must have a finite one, with `keep`")
     if not ((low < 0.0).all() and (high > 0.0).all()):
-        raise InputError("`limits` must have low < 0 < high, with `gain`")
-    made = Kept(proof, low, high, eps, T)
+        raise InputError("`limits` must have low < 0 < high, with `keep`")
+    made = Kept(proof, low, high, eps, keep.calls)
     made.noise  # noqa: B018  refuses what has no bound of the noise
     return made

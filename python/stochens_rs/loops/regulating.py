@@ -15,14 +15,13 @@ from ..feedback import Loop
 from ..identification.model import Model
 from ..limits.limits import Cost, as_cost, as_limits
 from ..limits.problem import checked_task, sides
-from .keep import kept_of
+from .keep import Keep, kept_of
 from .readings import ReadingLoop
 from .regulator import Regulator, checked_model
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..feedback import LoopCertificate
     from ..identification.identified import Identified
     from ..limits.limits import LimitsLike
     from ..system.system import System
@@ -32,24 +31,22 @@ if TYPE_CHECKING:
 def regulate(
     system: System | Identified | Any,
     steps: int,
-    xf: ArrayLike | None = None,
+    target: ArrayLike | None = None,
     *,
     limits: LimitsLike = None,
     cost: Cost | None = None,
     time_limit: float | None = None,
-    gain: Loop | LoopCertificate | None = None,
-    keep: float = 0.95,
-    calls: int | None = None,
+    keep: Keep | None = None,
 ) -> Regulator: ...
 @overload
 def regulate(
     system: Model | Loop,
     steps: int | None = None,
+    target: ArrayLike | None = None,
     *,
     limits: LimitsLike = None,
     cost: Cost | None = None,
     offset_free: bool | float,
-    target: ArrayLike | None = None,
     hold: ArrayLike | None = None,
     max_missing: int = 3,
 ) -> ReadingLoop: ...
@@ -58,16 +55,13 @@ def regulate(
 def regulate(
     system: System | Identified | Any,
     steps: int | None = None,
-    xf: ArrayLike | None = None,
+    target: ArrayLike | None = None,
     *,
     limits: LimitsLike = None,
     cost: Cost | None = None,
     time_limit: float | None = None,
-    gain: Loop | LoopCertificate | None = None,
-    keep: float = 0.95,
-    calls: int | None = None,
+    keep: Keep | None = None,
     offset_free: bool | float | None = None,
-    target: ArrayLike | None = None,
     hold: ArrayLike | None = None,
     max_missing: int = 3,
 ) -> Regulator | ReadingLoop:
@@ -80,8 +74,9 @@ def regulate(
         of outputs, whose gain then takes the place of plans.
     steps : int
         The number of steps K of each plan; left out for a Loop.
-    xf : array_like, shape (n,), optional
-        The target; default: the origin.
+    target : array_like, shape (n,), or (n_outputs,) for a model of outputs, optional
+        Where the states or the outputs are to stay; default: the origin. Of outputs one that is a
+        point of rest of no system in the region raises, with the nearest one.
     limits : Limits, tuple (low, high) or mapping, optional
         As in `control`. What differs from step to step belongs to the steps of each plan: the
         input that is returned is always that of the first one. With a rate, `previous` is the input
@@ -91,20 +86,13 @@ def regulate(
     time_limit : float, optional
         Seconds after which a call returns the best plan so far, with status "user_limit"; looked
         at within factorizations.
-    gain : Loop or LoopCertificate, optional
-        For a model from data: a gain that is certified for all systems its region allows. The
-        limits are then kept with probability `keep`; see Notes.
-    keep : float, default 0.95
-        With `gain`: the probability, of the region and the noise together.
-    calls : int, optional
-        With `gain`: for how many calls T that holds, fixed before the run.
+    keep : Keep, optional
+        For a model from data: a gain that is certified for all systems its region allows, with
+        which the limits are kept in so many calls, with its probability; see Notes.
     offset_free : bool or float, optional
         For a model of outputs, as all that follows, and to be given there: whether constant
         disturbances at the inputs are estimated and taken off. True: as one that drifts by 1 % of
         the rms of the input in the data in a step; a number: by this much.
-    target : array_like, shape (n_outputs,), optional
-        Where the outputs are to stay, in place of xf; default 0. One that is a point of rest of no
-        system in the region raises, with the nearest one.
     hold : array_like, shape (m,), optional
         The input while the window fills; default 0.
     max_missing : int, default 3
@@ -124,7 +112,7 @@ def regulate(
     ResourceError
         If the problem does not fit into the memory this process may use.
     SolverError
-        With a gain: what is kept back for noise leaves no room within the limits.
+        With `keep`: what is kept back for noise leaves no room within the limits.
 
     Notes
     -----
@@ -141,7 +129,7 @@ def regulate(
     A feedback corrects errors of the model at the next state. That the loop is stable does not
     follow: it needs a K that is long enough, or a weight Qf that continues the cost.
 
-    With a gain a plan from x(j) is followed by ``u = v + K (x - xb)``. Its states and inputs are
+    With `keep` a plan from x(j) is followed by ``u = v + K (x - xb)``. Its states and inputs are
     off by at most ``sqrt(h'L h) ||c|| / (1 - theta)`` for the model (`LoopCertificate.tube`) and
     ``zeta sqrt(h'Y h)`` for noise, with zeta for the union over all sides of limits and all pairs
     ``j < k <= T``, as plans begin at states that noise has moved. `Kept` says which plans are
@@ -161,51 +149,44 @@ def regulate(
     >>> [float(call.u[0]) for call in loop.log]
     [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25]
 
-    With a gain:
+    With `keep`:
 
     >>> import numpy as np
     >>> x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
     >>> data = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.05 * w)
     >>> model = se.identify(data, noise=0.05)
     >>> gain = se.gain(model, 1.0, 1.0)
-    >>> loop = se.regulate(model, 5, limits=(-1.0, 1.0), gain=gain, calls=50)
+    >>> loop = se.regulate(model, 5, limits=(-1.0, 1.0), keep=se.Keep(gain, calls=50))
     >>> loop([2.0]).round(2), loop.kept.tightening.round(2)
     (array([-0.23]), array([0.23, 0.12]))
     """
     read = isinstance(system, Loop) or (isinstance(system, Model) and system.window is not None)
     if read or offset_free is not None:
-        none = "no limit is promised for so many calls from readings"
-        own = "it has its own" if isinstance(system, Loop) else "regulate gain(model, Q, R) itself"
         for name, value, why in (
-            ("xf", xf, "`target` says where the outputs are to stay"),
             ("time_limit", time_limit, "the work of a call is bounded as it is"),
-            ("gain", gain, own),
-            ("calls", calls, none),
+            ("keep", keep, "no limit is promised for so many calls from readings"),
         ):
             if value is not None:
                 what = "a Loop" if isinstance(system, Loop) else "a model of outputs"
                 raise InputError(f"`{name}` must be left out for {what}: {why}")
         return reading_loop(system, steps, limits, cost, offset_free, target, hold, max_missing)
-    for name, given_too in (("target", target), ("hold", hold)):
-        if given_too is not None:
-            raise InputError(f"`{name}` is for models of outputs: must be left out")
+    if hold is not None:
+        raise InputError("`hold` is for models of outputs: must be left out")
     validation.size("max_missing", max_missing, minimum=0)
-    validation.probability("keep", keep)
     checked = checked_model(system)
     n, m = checked.B.shape
     K = validation.size("steps", steps)
-    goal = None if xf is None else validation.vector("xf", xf, length=n, labels=checked.state_names)
+    goal = np.zeros(n)
+    if target is not None:
+        goal = validation.vector("target", target, length=n, labels=checked.state_names)
     weights = as_cost(cost)
-    if goal is not None and weights.reference is not None:
-        raise InputError("`xf` must be None with a reference, whose last row takes its place")
+    if target is not None and weights.reference is not None:
+        raise InputError("`target` must be None with a reference, whose last row takes its place")
     if weights.R is None:  # a task also without limits
         weights = replace(weights, R="auto")
-    goal = np.zeros(n) if goal is None else goal
     task = checked_task(n, m, K, goal, limits, weights, checked.labels)
     assert task is not None
-    if gain is None and calls is not None:
-        raise InputError("`calls` must be left out without `gain`")
-    kept = None if gain is None else kept_of(checked, task, gain, keep, calls)
+    kept = None if keep is None else kept_of(checked, task, keep)
     return Regulator(checked, task, time_limit, kept=kept)
 
 

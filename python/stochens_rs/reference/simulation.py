@@ -41,14 +41,11 @@ def simulate_runs(
     size: int,
     *,
     key: bytes,
-    sample_A: bool = True,
-    sample_B: bool = True,
-    sample_x0: bool = True,
+    sampled: tuple[str, ...] = ("A", "B", "x0"),
 ) -> Array:
     """`size` independent runs, (size, K + 1, n); deterministic."""
     A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
     u, x0 = np.asarray(u, dtype=np.float64), np.asarray(x0, dtype=np.float64)
-    sampled = (sample_A, sample_B, sample_x0)
     blocks = [_block(A, B, u, x0, key, block, sampled) for block in range(-(-size // BLOCK))]
     return np.concatenate(blocks)[:size]
 
@@ -60,10 +57,10 @@ def _block(
     x0: Array,
     key: bytes,
     block: int,
-    sampled: tuple[bool, bool, bool],
+    sampled: tuple[str, ...],
 ) -> Array:
     """The runs 32 b, ..., 32 b + 31; they take the words of line b in the order of the loops."""
-    sample_A, sample_B, sample_x0 = sampled
+    sample_A, sample_B, sample_x0 = (name in sampled for name in ("A", "B", "x0"))
     words = iid_words(key, block, BLOCK * (1 + len(u) * sum(B.shape)), PURPOSE)
     taken = 0
 

@@ -1,7 +1,15 @@
 """Simulation of systems under controls: open loop, and tracking of a reference."""
 
-from .closed_loop import Tracking, track
+from .closed_loop import StepEstimate, Tracking, track
 from .records import EnsembleTrajectory, Trajectory
 from .simulating import simulate, simulate_ensemble
 
-__all__ = ["EnsembleTrajectory", "Tracking", "Trajectory", "simulate", "simulate_ensemble", "track"]
+__all__ = [
+    "EnsembleTrajectory",
+    "StepEstimate",
+    "Tracking",
+    "Trajectory",
+    "simulate",
+    "simulate_ensemble",
+    "track",
+]

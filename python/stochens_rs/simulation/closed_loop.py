@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -39,6 +39,49 @@ if TYPE_CHECKING:
     from ..system.system import System
 
 
+@dataclass(frozen=True)
+class StepEstimate:
+    """A `controller` of `track` that estimates A anew in every step, from B and realizations of A.
+
+    Parameters
+    ----------
+    size : int
+        Number of realizations N in every step.
+    method : str, default "uniform"
+        As in `fuse`; the least-squares methods fit to the exact entity, as in the paper's analysis.
+        "uniform" draws counts instead of realizations: O(n^2) a step for every `size`.
+    feedback : bool, default True
+        Whether the control uses the measured state ``x(k)``, or ``r(k)`` in its place, as in
+        section 5.2 of the paper: errors then accumulate.
+    sample_states : bool, default False
+        Whether ``x(k)`` (without feedback ``r(k)``) and ``r(k+1)`` are sampled too, with N
+        realizations each and product fusion.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If an argument cannot be used.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> se.StepEstimate(100, feedback=False)
+    StepEstimate(size=100, method='uniform', feedback=False, sample_states=False)
+    """
+
+    size: int
+    method: Method = "uniform"
+    _: KW_ONLY
+    feedback: bool = True
+    sample_states: bool = False
+
+    def __post_init__(self) -> None:
+        validation.size("size", self.size)
+        validation.choice("method", self.method, METHODS)
+        for name in ("feedback", "sample_states"):
+            validation.flag(name, getattr(self, name))
+
+
 class Driven(NamedTuple):
     """States (R, K + 1, n) and inputs (R, K, m), and how the computations ended."""
 
@@ -60,7 +103,8 @@ def controlled(
     """Simulate ``x(k+1) = A x(k) + B u(k) + w(k)`` with ``u(k) = controller(x(k))``."""
     if not callable(controller) or isinstance(controller, type):
         raise InputTypeError(
-            f"`controller` must be a function, u = f(x), got {validation.show(controller)}"
+            "`controller` must be a number of realizations, a StepEstimate or a function, "
+            f"u = f(x), got {validation.show(controller)}"
         )
     n, m = system.n, system.m
     loop = controller if isinstance(controller, Regulator) else None
@@ -263,14 +307,10 @@ class Tracking(SavedRecord, Tabled):
 def track(
     system: System | Any,
     reference: ArrayLike,
-    size: int | None = None,
+    controller: int | StepEstimate | Regulator | Callable[[Floats], ArrayLike],
     *,
-    controller: Regulator | Callable[[Floats], ArrayLike] | None = None,
     noise: ArrayLike | None = None,
-    feedback: bool = True,
-    sample_states: bool = False,
     x0: ArrayLike | None = None,
-    method: Method = "uniform",
     rng: RngLike = None,
     runs: int | None = None,
 ) -> Tracking:
@@ -279,31 +319,20 @@ def track(
     Parameters
     ----------
     system : System
-        The system, or anything `System.from_any` takes; it is simulated exactly. The controls are
-        computed from ``B`` and realizations of ``A``.
+        The system, or anything `System.from_any` takes; it is simulated exactly.
     reference : array_like, shape (K + 1, n)
         The states ``r(0), ..., r(K)`` to track; K >= 1.
-    size : int, optional
-        Number of realizations N in every step; left out with a `controller`, as `feedback`,
-        `sample_states` and `method`.
-    controller : Regulator or callable, optional
-        ``u(k) = controller(x(k))``, for example what `regulate` makes. With `runs` every run begins
+    controller : int, StepEstimate, Regulator or callable
+        A number N: ``StepEstimate(N)``, controls by a new estimate of A in every step. Else ``u(k)
+        = controller(x(k))``, for example what `regulate` makes. With `runs` every run begins
         with a copy of the Regulator; without, it goes on itself, and its log has the run. One with
         the names of `system` in another order gets the states in its own order. Another callable is
         called as it is.
     noise : float or array_like, shape (n,), optional
-        With a `controller`: standard deviations of Gaussian noise w(k), added to every x(k + 1).
-    feedback : bool, default True
-        Whether the control uses the measured state ``x(k)``, or ``r(k)`` in its place, as in
-        section 5.2 of the paper: errors then accumulate.
-    sample_states : bool, default False
-        Whether ``x(k)`` (without feedback ``r(k)``) and ``r(k+1)`` are sampled too, with N
-        realizations each and product fusion.
+        With a Regulator or callable: standard deviations of Gaussian noise w(k), added to every
+        x(k + 1).
     x0 : array_like, shape (n,), optional
         The initial state; ``r(0)`` by default.
-    method : str, default "uniform"
-        As in `fuse`; the least-squares methods fit to the exact entity, as in the paper's analysis.
-        "uniform" draws counts instead of realizations: O(n^2) a step for every `size`.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness. Run i draws from the child "replicate-i" (i = 0 without `runs`), its
         step k from the child "step-k" of that, and the entities from the children "A", "state"
@@ -319,8 +348,8 @@ def track(
     Raises
     ------
     InputError, InputTypeError
-        If an argument cannot be used, or an error overflows, as it may if `size` does not exceed
-        the threshold of stability. What a controller raises is passed on.
+        If an argument cannot be used, or an error overflows, as it may if N does not exceed the
+        threshold of stability. What a controller raises is passed on.
     ResourceError
         If the states do not fit into the memory this process may use.
 
@@ -360,26 +389,13 @@ def track(
     r = validation.inputs("reference", reference, **how).copy()
     if len(r) < 2:
         raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
-    if controller is not None:
-        if size is not None or not feedback or sample_states or method != "uniform":
-            raise InputError(
-                "`size`, `feedback`, `sample_states` and `method` must be left out with "
-                "`controller`, which decides from the state alone"
-            )
-    elif size is None:
-        raise InputError("`size` must be given without `controller`")
-    elif noise is not None:
-        raise InputError("`noise` must be left out without `controller`")
-    else:
-        size = validation.size("size", size)
-    fed, sampled = (
-        validation.flag("feedback", feedback),
-        validation.flag("sample_states", sample_states),
-    )
+    if validation.is_real(controller):
+        controller = StepEstimate(controller)  # type: ignore[arg-type]
+    if isinstance(controller, StepEstimate) and noise is not None:
+        raise InputError("`noise` must be None with a StepEstimate, got one")
     start = (
         r[0] if x0 is None else validation.vector("x0", x0, length=n, labels=checked.state_names)
     )
-    name = validation.choice("method", method, METHODS)
     R = None if runs is None else validation.size("runs", runs)
     K = len(r) - 1
     running.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
@@ -393,17 +409,17 @@ def track(
     unit = np.maximum(np.abs(d).max(axis=1), np.finfo(np.float64).tiny)
     residuals = unit * np.linalg.norm(d / unit[:, None], axis=1)
     key = as_key(rng)
-    if controller is not None:
-        found = controlled(checked, start, K, controller, noise, key, R)
+    estimated = isinstance(controller, StepEstimate)
+    if isinstance(controller, StepEstimate):
+        found = _estimated(checked, start, r, controller, key, R)
     else:
-        assert size is not None
-        found = _estimated(checked, start, r, size, name, fed, sampled, key, R)
+        found = controlled(checked, start, K, controller, noise, key, R)  # type: ignore[arg-type]
     with np.errstate(over="ignore"):
         # run by run: NumPy 2.4 ends the process where a broadcast finds no memory for its buffer
         errors = np.array([np.linalg.norm(run - r, axis=1) for run in found.states])
     lost = np.argwhere(~np.isfinite(errors[:, 1:]))  # the first run comes first
     if lost.size:
-        cure = "" if size is None else ": is `size` above the threshold of stability (see track)?"
+        cure = "" if not estimated else ": is `size` above the threshold of stability (see track)?"
         raise NonFiniteError(f"the squared error overflows at step {lost[0, 1] + 1}{cure}")
     first = 0 if R is None else slice(None)  # without `runs`, there is no axis for them
     return Tracking(
@@ -423,32 +439,29 @@ def _estimated(
     system: System,
     start: Floats,
     r: Floats,
-    size: int,
-    method: Method,
-    feedback: bool,
-    sampled: bool,
+    how: StepEstimate,
     key: Key,
     runs: int | None,
 ) -> Driven:
     """Control by a new estimate of A in every step, in the core."""
     n, m, K, threads = system.n, system.m, len(r) - 1, get_num_threads()
-    if method != "uniform":  # per step: the indices, which have up to 4 bytes, and the weights
-        running.need("the realizations of a step", threads * size * (4 * n + 24))
+    if how.method != "uniform":  # per step: the indices, which have up to 4 bytes, and the weights
+        running.need("the realizations of a step", threads * how.size * (4 * n + 24))
     of_B = factors(np.ascontiguousarray(system.B))
     states, inputs, optimal = _core.track(
         *columns(system),
         start,
         r,
         (of_B.U.T, of_B.V.T, of_B.s),
-        size,
-        method,
-        feedback,
-        sampled,
+        how.size,
+        how.method,
+        how.feedback,
+        how.sample_states,
         runs or 1,
         bytes(key),
         threads,
     )
-    best: Status = "optimal" if method == "alse" else "completed"
-    info = {"method": method, "size": size, "feedback": feedback, "sample_states": sampled}
+    best: Status = "optimal" if how.method == "alse" else "completed"
+    info = {name: getattr(how, name) for name in ("method", "size", "feedback", "sample_states")}
     status = best if optimal else "optimal_inaccurate"
     return Driven(states.reshape(-1, K + 1, n), inputs.reshape(-1, K, m), status, info)

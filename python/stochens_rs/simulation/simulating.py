@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -23,9 +24,10 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
 
-Moments: TypeAlias = Literal["diagonal", "full"]
+Words: TypeAlias = str | Iterable[str]
 
-_MOMENTS = ("diagonal", "full")
+SAMPLED = ("A", "B", "x0")
+_KEEP = ("covariance", "runs")
 
 
 def simulate(system: System | Any, x0: ArrayLike, u: ArrayLike) -> Trajectory:
@@ -81,13 +83,10 @@ def simulate_ensemble(
     u: ArrayLike,
     size: int | None = None,
     *,
-    sample_A: bool = True,
-    sample_B: bool = True,
-    sample_x0: bool = True,
+    sampled: Words = SAMPLED,
     averaging: Averaging = "runs",
     replicates: int = 1,
-    covariance: Moments = "diagonal",
-    return_runs: bool = False,
+    keep: Words = (),
     rng: RngLike = None,
 ) -> EnsembleTrajectory:
     """Simulate random realizations of a system, or several models of it, under given inputs.
@@ -96,8 +95,8 @@ def simulate_ensemble(
     ----------
     system : System or SystemEnsemble
         The system, or anything `System.from_any` takes. Of a SystemEnsemble each model
-        ``(A_s, B_s, c_s)`` is run once, as it is; then `x0`, `u`, `covariance` and `return_runs`
-        are the only other arguments.
+        ``(A_s, B_s, c_s)`` is run once, as it is; then `x0`, `u` and `keep` are the only other
+        arguments.
     x0 : array_like, shape (n,)
         Initial state; for a SystemEnsemble also (N, n), one for each model.
     u : array_like, shape (K, m)
@@ -105,19 +104,18 @@ def simulate_ensemble(
     size : int
         Number of realizations N of every entity at every step, at least 1. Of a SystemEnsemble N
         is the number of models: leave it out.
-    sample_A, sample_B, sample_x0 : bool, default True
-        Whether an entity is drawn, column by column; otherwise it is exact.
+    sampled : str or sequence of str, default ("A", "B", "x0")
+        What is drawn, column by column, such as "A x0"; the rest is exact.
     averaging : {"runs", "mean-field"}, default "runs"
         "runs": N independent runs, averaged at the end. "mean-field": the N realizations of a
         step are averaged before they are applied, which gives one trajectory; for K > 1 its error
         grows much more slowly.
     replicates : int, default 1
         Number of independent trajectories of a mean field; from 2 on, their variance is computed.
-    covariance : {"diagonal", "full"}, default "diagonal"
-        "full" keeps ``n (K + 1)`` times n numbers and costs ``n^2`` operations per run and step
-        instead of n.
-    return_runs : bool, default False
-        Keep the trajectories, ``8 N (K + 1) n`` bytes. Otherwise the memory does not grow with N.
+    keep : str or sequence of str, default ()
+        "covariance": ``n (K + 1)`` times n numbers, for ``n^2`` operations per run and step instead
+        of n. "runs": the trajectories, ``8 N (K + 1) n`` bytes; otherwise the memory does not grow
+        with N. Or "covariance runs".
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, optional
         Source of randomness; it becomes a 256-bit key that is kept as ``.key``.
 
@@ -167,21 +165,20 @@ def simulate_ensemble(
     >>> bool(np.all(abs(found.mean - exact) <= 5 * found.standard_error))
     True
     """
-    flags = {"A": sample_A, "B": sample_B, "x0": sample_x0}
     if isinstance(system, SystemEnsemble):
         unused: dict[str, tuple[object, object]] = {
             "size": (size, None),
-            **{f"sample_{name}": (flag, True) for name, flag in flags.items()},
+            "sampled": (sampled, SAMPLED),
             "averaging": (averaging, "runs"),
             "replicates": (replicates, 1),
             "rng": (rng, None),
         }
-        return _each(system, x0, u, unused, covariance, return_runs)
+        return _each(system, x0, u, unused, keep)
     checked, start, inputs = checked_motion(system, x0, u)
     count = validation.size("size", size)
-    drawn = tuple(validation.flag(f"sample_{name}", value) for name, value in flags.items())
-    keep = validation.flag("return_runs", return_runs)
-    full = validation.choice("covariance", covariance, _MOMENTS) == "full"
+    names = validation.subset("sampled", sampled, SAMPLED)
+    kept = validation.subset("keep", keep, _KEEP)
+    full, all_runs = "covariance" in kept, "runs" in kept
     mean_field = validation.choice("averaging", averaging, AVERAGINGS) == "mean-field"
     repeats = validation.size("replicates", replicates)
     if not mean_field and repeats != 1:
@@ -193,25 +190,27 @@ def simulate_ensemble(
     threads = get_num_threads()
     n, m = checked.n, checked.m
     tables = 8 * (n + m) * (n + (1 << (n - 1).bit_length()))  # laws of the columns of A and B
-    _check_memory(n, len(inputs), trajectories, 2 * tables, full=full, keep=keep, threads=threads)
+    _check_memory(
+        n, len(inputs), trajectories, 2 * tables, full=full, keep=all_runs, threads=threads
+    )
     key = as_key(rng)
     problem = (*columns(checked), start.reshape(1, -1), inputs)
-    A, B, first = drawn
     times = repeats if mean_field else None
+    drawn = "A" in names, "B" in names, "x0" in names
     mean, variance, flat, runs = _core.simulate_runs(
-        *problem, (A, B, first), count, times, full, keep, bytes(key), threads
+        *problem, drawn, count, times, full, all_runs, bytes(key), threads
     )
     return EnsembleTrajectory(
         mean=mean,
         variance=variance,
         covariance=None if flat is None else flat.reshape(-1, checked.n, checked.n),
-        runs=runs.reshape(trajectories, *mean.shape) if keep else None,
+        runs=runs.reshape(trajectories, *mean.shape) if all_runs else None,
         inputs=inputs.copy(),
         times=_times(_dt(checked), len(inputs)),
         size=count,
         replicates=trajectories,
         averaging="mean-field" if mean_field else "runs",
-        sampled=tuple(name for name, flag in zip(flags, drawn, strict=True) if flag),
+        sampled=names,
         dt=_dt(checked),
         key=key,
         labels=checked.labels,
@@ -223,8 +222,7 @@ def _each(
     x0: ArrayLike,
     u: ArrayLike,
     unused: dict[str, tuple[object, object]],
-    covariance: object,
-    return_runs: object,
+    keep: object,
 ) -> EnsembleTrajectory:
     """Run each of several systems once; `unused`: arguments with the values they must have."""
     for name, (given, default) in unused.items():
@@ -241,11 +239,11 @@ def _each(
             f"`x0` must have shape ({n},), or ({N}, {n}) with one for each model, got {start.shape}"
         )
     inputs = validation.inputs("u", u, cols=m, labels=names.inputs)
-    keep = validation.flag("return_runs", return_runs)
-    full = validation.choice("covariance", covariance, _MOMENTS) == "full"
+    kept = validation.subset("keep", keep, _KEEP)
+    full, all_runs = "covariance" in kept, "runs" in kept
     threads, steps = get_num_threads(), len(inputs)
     transposed = models.A.nbytes + models.B.nbytes
-    _check_memory(n, steps, N, transposed, full=full, keep=keep, threads=threads)
+    _check_memory(n, steps, N, transposed, full=full, keep=all_runs, threads=threads)
     A, B = (np.ascontiguousarray(M.transpose(0, 2, 1)) for M in (models.A, models.B))
     mean, variance, flat, runs = _core.simulate_systems(
         A.reshape(N, n * n),
@@ -254,14 +252,14 @@ def _each(
         start.reshape(-1, n),
         inputs,
         full,
-        keep,
+        all_runs,
         threads,
     )
     return EnsembleTrajectory(
         mean=mean,
         variance=variance,
         covariance=None if flat is None else flat.reshape(-1, n, n),
-        runs=runs.reshape(N, *mean.shape) if keep else None,
+        runs=runs.reshape(N, *mean.shape) if all_runs else None,
         inputs=inputs.copy(),
         times=_times(models.dt, steps),
         size=N,

@@ -153,7 +153,7 @@ def _bound(basis: ModelBasis, u: Floats) -> Certificate:
     model = basis.model
     assert isinstance(model, Snapshot)
     predicted = trajectory(model._Theta, basis.x0, u)
-    return certificate(basis, u, predicted, model.delta, Asked(False, False, False))
+    return certificate(basis, u, predicted, model.delta, Asked(noise=False))
 
 
 def _forecast(

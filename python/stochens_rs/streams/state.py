@@ -13,7 +13,7 @@ from .._base import show
 from .._base.records import trusted
 from .._base.running import interruptible
 from .._base.types import Floats, Status
-from ..certificates.certificate import Certificate, Radius
+from ..certificates.certificate import Certificate, radius_at
 from ..exceptions import InputError
 from ..plots.lines import draw_trace
 from ..rng import Key
@@ -169,7 +169,7 @@ def radii_of_means(
         kind="guaranteed" if len(ranges) == len(ENTITIES) else "estimated",
         delta=delta,
         quantities={
-            name: Radius._at(radius, mean, delta, method, reason)
+            name: radius_at(radius, mean, delta, method, reason)
             for name, radius, mean, method in said
         },
         covers="all together, at all numbers of realizations at once",

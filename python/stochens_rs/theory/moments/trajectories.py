@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -60,9 +61,7 @@ def trajectory_covariance(
     u: ArrayLike,
     size: Size = 1,
     *,
-    sample_A: bool = True,
-    sample_B: bool = True,
-    sample_x0: bool = True,
+    sampled: str | Iterable[str] = ("A", "B", "x0"),
     averaging: Averaging = "runs",
     axis: Axis = "columns",
 ) -> Floats:
@@ -79,8 +78,8 @@ def trajectory_covariance(
     size : int or None, default 1
         Number of runs, or of new realizations per step with ``averaging="mean-field"``. 1: the
         covariance of one run. None or inf: no sampling error.
-    sample_A, sample_B, sample_x0 : bool, default True
-        Whether the entity is sampled, or known exactly.
+    sampled : str or sequence of str, default ("A", "B", "x0")
+        What is sampled, such as "A x0"; the rest is known exactly.
     averaging : {"runs", "mean-field"}, default "runs"
         ``"runs"``: N runs ``x^s(k+1) = A^s_k x^s(k) + B^s_k u(k)`` are averaged at the end.
         ``"mean-field"``: the realizations are averaged in every step,
@@ -127,10 +126,8 @@ def trajectory_covariance(
     validation.choice("axis", axis, AXES)
     reciprocal = inverse_size("size", size)
     step = reciprocal if per_step else 1.0
-    rA, rB, r0 = (
-        step * validation.flag(name, flag)
-        for name, flag in (("sample_A", sample_A), ("sample_B", sample_B), ("sample_x0", sample_x0))
-    )
+    drawn = validation.subset("sampled", sampled, ("A", "B", "x0"))
+    rA, rB, r0 = (step * (name in drawn) for name in ("A", "B", "x0"))
     mu = states(A, B, x0, u)
     running.need("the covariances", (len(u) + 5) * n * n * 8)  # and four products of a step
     S = np.empty((len(u) + 1, n, n))
@@ -150,9 +147,7 @@ def trajectory_rms(
     u: ArrayLike,
     size: Size = 1,
     *,
-    sample_A: bool = True,
-    sample_B: bool = True,
-    sample_x0: bool = True,
+    sampled: str | Iterable[str] = ("A", "B", "x0"),
     averaging: Averaging = "runs",
     axis: Axis = "columns",
 ) -> Floats:
@@ -160,7 +155,7 @@ def trajectory_rms(
 
     Parameters
     ----------
-    system, x0, u, size, sample_A, sample_B, sample_x0, averaging, axis
+    system, x0, u, size, sampled, averaging, axis
         As in :func:`trajectory_covariance`.
 
     Returns
@@ -183,10 +178,7 @@ def trajectory_rms(
     >>> (rms**2).round(6)
     array([ 1.,  3.,  7., 15.])
     """
-    S = trajectory_covariance(
-        system, x0, u, size, sample_A=sample_A, sample_B=sample_B, sample_x0=sample_x0,
-        averaging=averaging, axis=axis,
-    )  # fmt: skip
+    S = trajectory_covariance(system, x0, u, size, sampled=sampled, averaging=averaging, axis=axis)
     with np.errstate(over="ignore"):
         squares = _finite("mean squared error", np.trace(S, axis1=1, axis2=2))
     return np.asarray(np.sqrt(np.maximum(squares, 0.0)), dtype=np.float64)

@@ -79,7 +79,7 @@ def test_several_steps_of_runs_with_gaps_have_the_exact_region():
 
 def test_pieces_taken_for_runs_have_no_exact_region():
     """One walk in 50 pieces of one pair each, as if these were independent."""
-    runs, n, T = sets(300, 150), 8, 100
+    runs, n, T = 300, 8, 100
     B = np.full((n, 1), 0.1)
 
     def failed(gen):
@@ -102,7 +102,7 @@ def test_pieces_taken_for_runs_have_no_exact_region():
 
 def test_rows_lost_for_what_they_read_make_the_region_miss():
     """y(k+1) = 1.2 y(k) - 0.5 y(k-1) + u(k) + w(k): the log is split where |y| > 1.5."""
-    runs, N = sets(100, 20), 3000
+    runs, N = sets(100, 40), 3000
     A, B = np.array([[1.2, -0.5], [1.0, 0.0]]), np.array([[1.0], [0.0]])
     known = {"known_A": [[nan, nan], [1.0, 0.0]], "known_B": [[nan], [0.0]]}
 

@@ -110,7 +110,7 @@ def test_certificates_hold(kind, noise):
 
 @pytest.mark.parametrize("K", [1, 2])
 def test_certificates_hold_for_the_worst_control(K):
-    """100 data sets, in `make test` 30, each with the worst of 8 controls for x0 that knows the true system."""
+    """100 data sets, each with the worst of 8 controls for x0 that knows the true system."""
     runs = sets(100, 30)
 
     def case(gen):
@@ -164,7 +164,7 @@ def test_an_x0_that_was_fixed_has_a_smaller_certificate_that_holds():
 
 @pytest.mark.parametrize("noise", [False, True])
 def test_regression_over_all_steps_holds(noise):
-    """300 sets of 30 runs, in `make test` 80; n = 2, m = 1, K = 4, both regions at half the level."""
+    """300 sets of 30 runs; n = 2, m = 1, K = 4, both regions at half the level."""
     runs, seed = sets(300, 80), [14, noise]
     Theta = np.hstack(stable(np.random.default_rng(seed), 2, 1))
 
@@ -296,7 +296,7 @@ def test_noise_that_is_left_out_shows():
 
 
 def test_the_level_is_that_of_the_region():
-    """1000 data sets, in `make test` 300, at the worst z under scalar noise: about delta, neither more nor far less."""
+    """1000 data sets, at the worst z under scalar noise: about delta, neither more nor far less."""
     runs = sets(1000, 300)
 
     def case(gen):

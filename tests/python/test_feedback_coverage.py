@@ -226,7 +226,7 @@ def test_certified_and_stable_on_hidden_systems():
 
 
 def test_the_true_system_stays_in_the_tube():
-    """60 data sets, in `make test` 40, 5 noisy runs of each: outside in 10 % of the data sets and 5 % of the runs."""
+    """60 data sets, 5 noisy runs of each: outside in 10 % of the data sets and 5 % of the runs."""
     gen = np.random.default_rng(6)
     A, B, sigma = np.array([[1.1, 0.2], [-0.3, 0.9]]), np.array([[0.0], [1.0]]), 0.05
     misses, finite, count = 0, 0, sets(60, 40)

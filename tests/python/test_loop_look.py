@@ -35,7 +35,7 @@ def first_certified(stream, gen, most=40):
 
 @pytest.mark.parametrize("design", ["adaptive", "independent"])
 def test_what_is_certified_at_any_look_is_stable(design):
-    """100 streams, in `make test` 15, with up to 40 looks, stopped at the first that certifies, delta = 10 %."""
+    """100 streams, with up to 40 looks, stopped at the first that certifies, delta = 10 %."""
     gen, found, missed, unstable = np.random.default_rng(1), 0, 0, 0
     count = sets(100, 15)
     for _ in range(count):

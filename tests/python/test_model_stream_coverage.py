@@ -61,7 +61,7 @@ def walk(gen):
 
 @pytest.mark.parametrize("system", [unstable, sparse, walk])
 def test_regions_hold_at_all_looks(system):
-    """200 runs each, in `make test` 50, of feedback tuned by past noise, looks that begin with too few pairs."""
+    """200 runs each, of feedback tuned by past noise, looks that begin with too few pairs."""
     gen, runs = np.random.default_rng(110), sets(200, 50)
     A, B, K, root, c = system(gen)
     n, offset = len(A), system is walk

@@ -62,7 +62,7 @@ def test_the_law_of_the_error_is_exact() -> None:
 
 @pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
 def test_regions_with_feedback_and_without(delta: float) -> None:
-    """Unstable, held by a gain, and unit roots: 400 sets each, in `make test` 200; regions are nearly exact."""
+    """Unstable, held by a gain, and unit roots: 400 sets each; regions are nearly exact."""
     held, count = family(2, 1, 1.2, 5), sets(400, 200)
     gain = np.array([[-0.3, 0.2]])
     for plant in (held._replace(gain=gain, length=6), family(3, 2, 1.0, 5)):
@@ -130,7 +130,7 @@ HIDDEN = {
 
 @pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
 def test_hidden_systems(delta: float) -> None:
-    """Twelve kinds of systems and five of noise, 15 data sets each, in `make test` 5: target, tube, components.
+    """Twelve kinds of systems and five of noise, 15 data sets each: target, tube, components.
 
     Known and unknown covariances, with noise to come and without, with a reference and without.
     """
@@ -213,7 +213,7 @@ def _root(S: Array) -> Array:
 
 
 def test_a_reference_chosen_after_the_data_fails() -> None:
-    """The worst of 400 tasks, in `make test` 200, for one step of four inputs: more than a quarter, for .05."""
+    """The worst of 400 tasks, for one step of four inputs: more than a quarter, for .05."""
     plant, failed = FAMILIES["n4 one step"], 0
     count, tasks = sets(40, 20), sets(400, 200)
     Theta, S = np.hstack([plant.A, plant.B]), covariance(plant)

@@ -32,7 +32,7 @@ def last(y, window):
 
 
 def test_drawn_models_miss_as_fresh_runs_do():
-    """80 systems, in `make test` 20, 5 runs each: one in five misses by more than what 80 % of the models do."""
+    """80 systems, 5 runs each: one in five misses by more than what 80 % of the models do."""
     beyond = {True: 0, False: 0}
     counted, count = 0, sets(80, 20)
     for seed in range(count):
@@ -80,7 +80,7 @@ def test_typical_refuses_a_model_with_a_tail(noise):
 
 
 def test_held_out_runs_say_where_the_next_one_is():
-    """150 systems, in `make test` 40, 9 runs of each at 10 %: the next one is outside in about one of ten."""
+    """150 systems, 9 runs of each at 10 %: the next one is outside in about one of ten."""
     outside, missed, count = 0, 0, sets(150, 40)
     for seed in range(count):
         system, plan, record, rng = planned(seed, runs=6, steps=40, checks=False)

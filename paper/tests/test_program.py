@@ -121,11 +121,11 @@ def test_only_own_files_are_replaced(tmp_path, capsys):
 
 def test_a_killed_run_continues_with_the_same_numbers(tmp_path):
     command = [sys.executable, "-m", "paper", "reproduce", "--quick", "--no-claims"]
-    command += ["--replicates", "60", "--samples", "200", "--out"]
+    command += ["--replicates", "8", "--samples", "30", "--out"]
     made = subprocess.Popen([*command, str(tmp_path / "out")], cwd=ROOT, start_new_session=True)
     while not list(tmp_path.glob("out/unfinished/*.study")) and made.poll() is None:
         time.sleep(0.01)
-    time.sleep(0.5)
+    time.sleep(0.1)
     os.killpg(made.pid, signal.SIGKILL)
     made.wait()
     subprocess.run([*command, str(tmp_path / "out"), "--resume"], cwd=ROOT, check=True)

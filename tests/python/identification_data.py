@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from coverage_study import failures
+from coverage_study import failures, sets
 from twin import triangle as tr
 
-RUNS = 1500
+RUNS = sets(1500, 300)
 LAMS = tuple(4.0**j for j in range(6))
 
 # y = Theta z + w by integer formulas, so that every number below can be checked anywhere.

@@ -79,8 +79,8 @@ REFUSED = ("known entries", True)
 )
 @pytest.mark.filterwarnings("ignore:the data do not determine")
 def test_certificates_hold(kind, noise):
-    """100 data sets, in `make test` 60, for K = 1, 4, 6 each, with x0 off as far as it may be."""
-    runs = sets(100, 60)
+    """100 data sets, in `make test` 25, for K = 1, 4, 6 each, with x0 off as far as it may be."""
+    runs = sets(100, 25)
 
     def case(gen):
         failed, finite = np.zeros((3, 2)), 0
@@ -111,7 +111,7 @@ def test_certificates_hold(kind, noise):
 @pytest.mark.parametrize("K", [1, 2])
 def test_certificates_hold_for_the_worst_control(K):
     """100 data sets, each with the worst of 8 controls for x0 that knows the true system."""
-    runs = 100
+    runs = sets(100, 30)
 
     def case(gen):
         Theta, z, y, _ = system(gen, "dense")
@@ -144,8 +144,8 @@ def test_components_by_rows_are_the_sharper_ones():
 
 @pytest.mark.parametrize("noise", ["bounded", "sub-gaussian"])
 def test_noise_of_known_size_to_come(noise):
-    """200 runs with feedback; noise of +-sigma / sqrt(n), which is both."""
-    runs = 200
+    """200 runs with feedback, in `make test` 80; noise of +-sigma / sqrt(n), which is both."""
+    runs = sets(200, 80)
 
     def case(gen):
         A, B = stable(gen, 2, 1, size=1.05)
@@ -173,7 +173,7 @@ def test_noise_of_known_size_to_come(noise):
 
 def test_runs_must_not_be_declared_as_independent_pairs():
     """A random walk with offset: the certificate at the worst state and input fails too often."""
-    runs = 300
+    runs = sets(300, 120)
     true = np.hstack([np.eye(3), np.zeros((3, 2))])
 
     def case(gen):
@@ -205,7 +205,7 @@ def at_the_worst(gen):
 
 
 def test_noise_that_is_left_out_shows():
-    runs = 200
+    runs = sets(200, 100)
 
     def case(gen):
         Theta, z, y, root = system(gen, "sparse B")
@@ -220,8 +220,8 @@ def test_noise_that_is_left_out_shows():
 
 
 def test_the_level_is_that_of_the_region():
-    """1000 data sets at the worst z under scalar noise: about delta, neither more nor far less."""
-    runs = 1000
+    """1000 data sets, at the worst z under scalar noise: about delta, neither more nor far less."""
+    runs = sets(1000, 300)
 
     def case(gen):
         plan, off = at_the_worst(gen)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from coverage_study import DELTA, at_most, exactly, failures, repeated
+from coverage_study import DELTA, at_most, exactly, failures, repeated, sets
 from identification_data import (
     LAMS,
     RUNS,
@@ -125,7 +125,7 @@ def test_coverage_with_known_entries():
             good.append(x @ x <= rows.quantiles[i] * m.S[0, 0] + 1e-20)
         return all(good)
 
-    at_most(misses(31, 800, holds, root=SKEWED), 800)
+    at_most(misses(31, RUNS, holds, root=SKEWED), RUNS)
 
 
 def test_coverage_where_the_data_miss_directions():
@@ -156,13 +156,13 @@ def test_supermartingale_of_the_sphere_mixture():
         c = np.linalg.eigvalsh(M @ V @ M.T)[-1] / 2.0
         return {"M": np.exp(laws.log_hyp1f1(0.5, 1.0, c) - at.information(data, 4.0).ld / 2)}
 
-    values = repeated(value, 1500, 34)["M"]
+    values = repeated(value, sets(1500, 400), 34)["M"]
     assert np.mean(values) <= 1.0 + 4.0 * np.std(values) / np.sqrt(len(values))
     assert np.mean(values) > 0.3  # not empty
 
 
 def test_level_of_the_residual_tests():
-    runs = 600
+    runs = sets(600, 150)
 
     def low(gen):
         _, z, y = independent(gen, n=2, d=3, N=14, root=SKEWED[:2, :2])
@@ -173,7 +173,7 @@ def test_level_of_the_residual_tests():
 
 def test_regions_for_any_design_hold_at_all_looks():
     """Feedback tuned by past noise, unstable plant, four looks; exogenous regions fail here."""
-    runs = 100
+    runs = sets(100, 30)
 
     def failed(gen):
         Theta, run = tuned(gen, 150)
@@ -195,7 +195,7 @@ def test_regions_for_any_design_hold_at_all_looks():
 
 @pytest.mark.parametrize("noise", [False, True])
 def test_certificates_of_several_steps_hold(noise):
-    runs = 150
+    runs = sets(150, 40)
 
     def case(gen):
         Theta, data, x0, u = k_step_case(gen, 5)
@@ -222,7 +222,7 @@ def test_certificates_of_several_steps_hold(noise):
 
 def test_direct_regression_over_several_steps():
     """(x0, u0, .., u(K-1)) to x(K) of independent open-loop runs: exact pairs of one step."""
-    runs = 600
+    runs = sets(600, 200)
     A, B = stable(np.random.default_rng(41), n=2, m=1)
     Theta, K = np.hstack([A, B]), 3
     powers = [np.linalg.matrix_power(A, p) for p in range(K + 1)]
@@ -243,7 +243,7 @@ def test_direct_regression_over_several_steps():
 
 @pytest.mark.parametrize("off", [0.0, 0.3, 3.0])
 def test_certificates_of_models_fused_by_data_hold(off):
-    runs = 60
+    runs = sets(60, 12)
 
     def case(gen):
         Theta, z, y = independent(gen, n=4, d=6, N=30)
@@ -270,7 +270,7 @@ def test_shrinking_towards_the_hull_beats_least_squares():
             models = [m.H, fd.shrunken(fused, 1.0).model, fd.shrunken(fused).model]
             return {"risk": [np.sum(((H - Theta) @ m.root.T) ** 2) for H in models]}
 
-        mean = repeated(case, 250, 43)["risk"].mean(axis=0)
+        mean = repeated(case, sets(250, 120), 43)["risk"].mean(axis=0)
         assert np.all(mean[1:] <= gain * mean[0])
 
 
@@ -296,15 +296,16 @@ def stopped(gen, sigma=0.1, tolerance=0.15):
 
 
 def test_stopping_by_the_certificate_is_valid():
-    found = repeated(lambda gen: dict(zip(("N", "error"), stopped(gen), strict=True)), 60, 44)
-    at_most(np.sum(found["error"] > 0.15), 60)
+    runs = sets(60, 15)
+    found = repeated(lambda gen: dict(zip(("N", "error"), stopped(gen), strict=True)), runs, 44)
+    at_most(np.sum(found["error"] > 0.15), runs)
     assert np.median(found["N"]) < 400
     check(at.look_shares(2000, DELTA).sum(), DELTA * (1 - 1 / 2001))
 
 
 def test_coverage_of_the_correction_from_a_second_half():
     """For noise sigma^2 I the first-order correction has an exact ball; here the last direction."""
-    runs = 500
+    runs = sets(500, 200)
 
     def failed(gen):
         Theta, first, x0, u = k_step_case(gen, 3, N=40)
@@ -323,7 +324,7 @@ def test_coverage_of_the_correction_from_a_second_half():
 
 
 def test_error_of_the_input_holds():
-    runs = 400
+    runs = sets(400, 200)
 
     def case(gen):
         Theta, data, x0, _ = k_step_case(gen, 1)

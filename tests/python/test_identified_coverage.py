@@ -17,7 +17,7 @@ from stochens_rs.identification.assumptions import ACCEPTED
 from twin import regions as rg
 from twin import triangle as tr
 
-RUNS = sets(4000, 1000)
+RUNS = sets(4000, 300)
 
 
 def model_of(z, y, **options):
@@ -37,8 +37,8 @@ def count(seed, runs, failed, **options):
 
 
 def test_coverage_of_the_full_region():
-    """20 000 data sets, in `make test` 4000."""
-    runs = sets(20_000, 4000)
+    """20 000 data sets, in `make test` 1000."""
+    runs = sets(20_000, 1000)
     failed = count(
         80, runs, lambda gen, T, z, y: misses(model_of(z, y).region(DELTA), T), root=SKEWED
     )
@@ -106,7 +106,7 @@ def test_bounds_of_one_noisy_step_hold():
         error = np.linalg.norm(there - model.A @ x - model.B @ u)
         return error > model.region(DELTA, future=1).bound(x, u, noise=True)
 
-    at_most(count(85, 1000, failed, root=SKEWED), 1000)
+    at_most(count(85, RUNS, failed, root=SKEWED), RUNS)
 
 
 def test_coverage_with_known_entries():
@@ -118,12 +118,12 @@ def test_coverage_with_known_entries():
         model = model_of(z, y, known_A=known[:, :4], known_B=known[:, 4:])
         return misses(model.region(DELTA), Theta)
 
-    at_most(count(87, 2000, failed, root=SKEWED), 2000)
+    at_most(count(87, RUNS, failed, root=SKEWED), RUNS)
 
 
 def test_coverage_where_the_data_miss_directions():
     mix = np.random.default_rng(88).standard_normal((3, 6))
-    runs = 2000
+    runs = sets(2000, 500)
 
     def failed(gen):
         Theta, z = gen.standard_normal((2, 6)), gen.standard_normal((8, 3)) @ mix
@@ -136,7 +136,7 @@ def test_coverage_where_the_data_miss_directions():
 
 def test_regions_for_any_design_hold_at_all_looks():
     """Feedback tuned by past noise, unstable plant, four looks; at one look the exact one fails."""
-    runs = 200
+    runs = sets(200, 30)
 
     def case(gen):
         Theta, (x, u) = tuned(gen, 150)
@@ -161,7 +161,7 @@ def test_regions_for_any_design_hold_at_all_looks():
 
 
 def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
-    runs = 800
+    runs = sets(800, 150)
 
     def failed(gen):
         Theta = None
@@ -178,7 +178,7 @@ def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
 
 
 def test_direct_regression_over_several_steps():
-    runs = 500
+    runs = sets(500, 150)
     A, B = stable(np.random.default_rng(94), n=2, m=1)
     Theta, K = np.hstack([A, B]), 3
 
@@ -204,7 +204,7 @@ def test_scalar_covariance_must_be_scalar():
         return misses(model_of(z, y, covariance="scalar", accept=ACCEPTED).region(DELTA), Theta)
 
     root = np.diag([1.0, 0.1, 0.1, 0.1])
-    assert coverage(count(95, 500, failed, root=root), 500) < 0.7
+    assert coverage(count(95, 100, failed, root=root), 100) < 0.7
 
 
 def test_data_must_not_be_pooled_with_themselves():
@@ -215,7 +215,7 @@ def test_data_must_not_be_pooled_with_themselves():
         )
         return misses(model.region(DELTA), Theta)
 
-    assert coverage(count(96, 500, failed), 500) < 0.5
+    assert coverage(count(96, 100, failed), 100) < 0.5
 
 
 def test_directions_must_not_be_chosen_by_the_outcomes():
@@ -226,12 +226,12 @@ def test_directions_must_not_be_chosen_by_the_outcomes():
         factor = model.region(DELTA, directions=np.eye(6)[:, :1]).parts[0].factor
         return rg.pivot(rg.full(tr.triangle(z, y), DELTA), Theta)[-1] > factor
 
-    assert coverage(count(97, 500, failed), 500) < 0.5
+    assert coverage(count(97, 100, failed), 100) < 0.5
 
 
 def test_a_random_walk_with_offset_breaks_the_exact_region():
     """Which is why runs are refused: here they are passed off as pairs."""
-    runs = 500
+    runs = sets(500, 250)
 
     def failed(gen):
         w = gen.standard_normal((101, 1))
@@ -246,7 +246,7 @@ def test_a_random_walk_with_offset_breaks_the_exact_region():
 
 
 def test_noise_that_grows_breaks_the_region_and_warns():
-    runs = 60
+    runs = sets(60, 20)
 
     def case(gen):
         Theta, z = gen.standard_normal((4, 6)), gen.standard_t(3, (100, 6))
@@ -261,7 +261,7 @@ def test_noise_that_grows_breaks_the_region_and_warns():
 
 
 def test_states_read_with_error_break_the_region_and_warn():
-    runs = 40
+    runs = sets(40, 15)
 
     def case(gen):
         Theta, (x, u) = noisy_states(gen, 400, 0.3)

@@ -115,8 +115,9 @@ def on_plant(loop, name, runs, noise=0.01):
 
 @pytest.mark.parametrize("N", [30, 100])
 def test_the_rig_keeps_its_limit(N):
-    loop = kept_loop(N)
-    assert on_the_rig(loop, 100) <= 10
+    """10 % may violate the limit in one of 60 calls."""
+    loop, count = kept_loop(N), sets(10_000, 50)
+    assert on_the_rig(loop, count) <= count // 10
     assert {call.status for call in loop.log} == {"optimal", "kept"}
     kept = loop.kept
     np.testing.assert_array_equal(kept.tightening, kept.model + kept.noise)
@@ -126,20 +127,17 @@ def test_the_rig_keeps_its_limit(N):
     assert repr(kept).startswith("<Kept: every limit in 60 steps together with 0.9,")
 
 
-@pytest.mark.slow
-def test_thousands_of_runs_of_the_rig():
-    """10 % may violate the limit in one of 60 calls; with noise ten times as large more do."""
-    loop, count = kept_loop(30), sets(10_000, 3_000)
-    assert on_the_rig(loop, count) <= count // 10
-    assert on_the_rig(loop, 200, noise=0.005) > 20
+def test_noise_ten_times_as_large_breaks_the_limit():
+    count = sets(200, 50)
+    assert on_the_rig(kept_loop(30), count, noise=0.005) > count // 10
 
 
 @pytest.mark.parametrize("name", PLANTS)
 def test_limits_of_states_of_other_systems(name):
-    """40 runs, nominally 4 violations; without a gain, or with more noise, there are more."""
-    loop = plant_loop(name)
-    assert on_plant(loop, name, 40) <= 4
-    assert on_plant(plant_loop(name, kept=False), name, 10) == 10
+    """Nominally 10 % of violations; without a gain, or with more noise, there are more."""
+    loop, count = plant_loop(name), sets(200, 20)
+    assert on_plant(loop, name, count) <= count // 10
+    assert on_plant(plant_loop(name, kept=False), name, 5) == 5
     assert on_plant(plant_loop(name), name, 10, noise=0.06) > 1
 
 

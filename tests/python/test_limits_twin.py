@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from coverage_study import sets
 from limit_problems import draw_steps, draws, feasible
 from stochens_rs.reference import pinv
 from twin import limited_control as lc
@@ -367,7 +368,7 @@ def test_a_unit_on_top_that_no_input_moves():
 
 def test_fleets_are_certified_over_all_units(gen):
     pytest.importorskip("clarabel")
-    for i in range(30):
+    for i in range(sets(30, 6)):
         N, n, d = 20, 3, int(gen.integers(1, 4))
         fleet = [pop.unit(gen.normal(size=(n, d)) + np.eye(n, d), gen.normal(size=n), R=0.01)
                  for _ in range(N)]  # fmt: skip

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
-from coverage_study import ALARM, DELTA, at_most, exactly, failures
+from coverage_study import ALARM, DELTA, at_most, exactly, failures, sets
 from declarations import opts
 from identification_data import stable, tuned
 from stochens_rs.exceptions import DataWarning, InputError
@@ -36,7 +36,7 @@ def missed(model, Theta):
 
 def test_adaptive_regions_hold_with_rows_lost_by_chance():
     """Feedback tuned by past noise, about 36 % of the pairs lost."""
-    runs = 250
+    runs = sets(250, 60)
 
     def case(gen):
         Theta, run = tuned(gen, 150)
@@ -51,7 +51,7 @@ def test_adaptive_regions_hold_with_rows_lost_by_chance():
 
 
 def test_last_pairs_of_runs_with_gaps_have_the_exact_region():
-    runs = 800
+    runs = sets(800, 150)
 
     def failed(gen):
         made = [tuned(gen, 8) for _ in range(12)]
@@ -63,7 +63,7 @@ def test_last_pairs_of_runs_with_gaps_have_the_exact_region():
 
 
 def test_several_steps_of_runs_with_gaps_have_the_exact_region():
-    runs, K = 500, 2
+    runs, K = sets(500, 150), 2
     A, B = stable(np.random.default_rng(303), n=2, m=1)
 
     def failed(gen):
@@ -102,7 +102,7 @@ def test_pieces_taken_for_runs_have_no_exact_region():
 
 def test_rows_lost_for_what_they_read_make_the_region_miss():
     """y(k+1) = 1.2 y(k) - 0.5 y(k-1) + u(k) + w(k): the log is split where |y| > 1.5."""
-    runs, N = 100, 3000
+    runs, N = sets(100, 40), 3000
     A, B = np.array([[1.2, -0.5], [1.0, 0.0]]), np.array([[1.0], [0.0]])
     known = {"known_A": [[nan, nan], [1.0, 0.0]], "known_B": [[nan], [0.0]]}
 

@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
-from coverage_study import exactly
+from coverage_study import exactly, sets
 from stochens_rs.exceptions import InputError, ShapeError
 
 A, B = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[0.005], [0.1]])
@@ -58,16 +58,17 @@ def test_the_scores_by_their_definition() -> None:
 
 
 def test_coverage_and_a_mutant() -> None:
-    """300 draws of 19 runs and a next one at 5 %; starts that grow for the last run fail more."""
+    """300 draws, of 19 runs and a next one at 5 %; starts that grow for the last run fail more."""
     gen, failed, moved = np.random.default_rng(2), np.zeros(2, dtype=int), 0
-    for _ in range(300):
+    count = sets(300, 60)
+    for _ in range(count):
         x, _ = ridden(loop(), 20, gen)
         held = loop().validate(x[:19], scale=[0.1, 0.2])
         last = loop().validate(x[19:], 0.5, scale=[0.1, 0.2])
         failed += [last.deviations[0] > held.factor, last.misses[0] > held.target]
         moved += 3.0 * last.misses[0] > held.target
-    exactly(failed, 300)
-    assert moved > stats.binom.ppf(1 - 1e-5, 300, 0.05)
+    exactly(failed, count)
+    assert moved > stats.binom.ppf(1 - 1e-5, count, 0.05)
 
 
 def test_what_is_void_is_refused() -> None:
@@ -95,12 +96,12 @@ def test_what_is_void_is_refused() -> None:
 
 
 def test_the_mean_of_the_last_state() -> None:
-    """2000 draws of 9 runs of one plan: the mean is further off in 5 % at most, by the formula."""
+    """2000 draws, of 9 runs of one plan: the mean is further off in 5 % at most, by the formula."""
     plan = se.control((A, B), [1.0, 0.0], [0.0, 0.0], steps=3)
     gen, failed = np.random.default_rng(4), 0
     off = np.array([0.03, -0.02])
-    M, n = 9, 2
-    for r in range(2000):
+    M, n, count = 9, 2, sets(2000, 300)
+    for r in range(count):
         runs = np.repeat(plan.predicted_states[None], M, axis=0)
         ends = off + gen.standard_normal((M, 2)) @ [[0.1, 0.05], [0.0, 0.02]]
         runs[:, -1] += ends
@@ -112,7 +113,7 @@ def test_the_mean_of_the_last_state() -> None:
             expected = np.linalg.norm(runs[:, -1].mean(axis=0)) + size
             assert held.noise_free == pytest.approx(expected, rel=1e-9)
         failed += np.linalg.norm(off) > held.noise_free
-    assert failed <= stats.binom.ppf(1 - 1e-5, 2000, 0.05)
+    assert failed <= stats.binom.ppf(1 - 1e-5, count, 0.05)
     assert plan.validate(runs[:2]).noise_free == np.inf
     runs[0, 0] += 0.1
     assert plan.validate(runs).noise_free is None

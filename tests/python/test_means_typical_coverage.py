@@ -10,7 +10,7 @@ import stochens_rs as se
 from coverage_study import sets
 from stochens_rs.exceptions import InputError, SizeError
 
-SETS = sets(300, 120)
+SETS = sets(300, 40)
 LAWS = {
     "normal": lambda gen, shape: gen.standard_normal(shape),
     "uniform": lambda gen, shape: gen.uniform(-1.7, 1.7, shape),

@@ -61,8 +61,8 @@ def walk(gen):
 
 @pytest.mark.parametrize("system", [unstable, sparse, walk])
 def test_regions_hold_at_all_looks(system):
-    """200 runs each of feedback tuned by past noise, looks that begin with too few pairs."""
-    gen, runs = np.random.default_rng(110), 200
+    """200 runs each, of feedback tuned by past noise, looks that begin with too few pairs."""
+    gen, runs = np.random.default_rng(110), sets(200, 50)
     A, B, K, root, c = system(gen)
     n, offset = len(A), system is walk
     x, u = closed_loop(gen, runs, 150, A, B, K, root, c)
@@ -90,10 +90,10 @@ def test_regions_hold_at_all_looks(system):
 @pytest.mark.parametrize(
     ("sigma", "steps", "runs", "every", "tol", "loose"),
     [
-        (0.1, 1, sets(300, 100), 10, 0.2, 6.0),
-        (None, 1, 50, 20, 0.3, 12.0),
-        (0.1, 3, 50, 20, 0.3, 15.0),
-        (None, 3, 30, 40, 0.45, 30.0),
+        (0.1, 1, sets(300, 40), 10, 0.2, 6.0),
+        (None, 1, sets(50, 20), 20, 0.3, 12.0),
+        (0.1, 3, sets(50, 20), 20, 0.3, 15.0),
+        (None, 3, sets(30, 15), 40, 0.45, 30.0),
     ],
 )
 def test_stopping_by_the_certificate_is_valid(sigma, steps, runs, every, tol, loose):
@@ -129,7 +129,7 @@ def test_stopping_by_the_certificate_is_valid(sigma, steps, runs, every, tol, lo
     assert np.median(found["N"]) < 400
     assert 1.0 < np.nanmedian(found["ratio"]) < loose
     told = found["told"][~np.isnan(found["told"])]
-    assert len(told) > 15
+    assert len(told) > runs / 4
     assert 0.7 < np.median(told) < 2.0
 
 
@@ -138,7 +138,7 @@ def test_planned_looks_hold_together():
 
     The shares of 9 looks sum to 0.9 delta; failures are fewer, as those of looks are related.
     """
-    runs, Theta = 2000, np.random.default_rng(112).standard_normal((2, 3))
+    runs, Theta = sets(2000, 250), np.random.default_rng(112).standard_normal((2, 3))
     sizes = [planned(12, j) for j in range(6)]
 
     def case(gen):
@@ -185,7 +185,7 @@ def test_exact_regions_at_every_number_of_pairs_fail():
 
 def test_a_design_that_depends_on_the_noise_is_not_independent():
     """Whoever stops exploring when the estimate is wrong keeps it so: u = 0 from then on."""
-    runs, N = 400, 500
+    runs, N = sets(400, 150), 500
 
     def case(gen):
         u, w = gen.standard_normal(N), gen.standard_normal(N)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from declarations import opts
 from hidden_systems import KINDS, drawn
 from stochens_rs.exceptions import InputError, ShapeError, SizeError
@@ -158,8 +159,8 @@ def noise(w: np.ndarray) -> np.ndarray:
 
 
 def test_the_confidence_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
-    """1000 draws of 59 runs: the law Beta(59, 1) of the coverage, .0485 below .95."""
-    plan, gen, repeats = scalar(), np.random.default_rng(5), 1000
+    """1000 draws, in `make test` 250, of 59 runs: Beta(59, 1), .0485 below .95."""
+    plan, gen, repeats = scalar(), np.random.default_rng(5), sets(1000, 250)
     draws = noise(gen.standard_normal((repeats, 59)))
 
     def below() -> tuple[int, int]:
@@ -176,12 +177,12 @@ def test_the_confidence_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
     assert low <= late <= high, (late, low, high)
     # mutant: the rank without the confidence
     monkeypatch.setattr(held_out_runs, "rank_of", lambda size, delta, beta: rank_of(size, delta))
-    assert below()[0] > 5 * high
+    assert below()[0] > sets(5, 2) * high
 
 
 def test_weights_are_needed_where_the_starts_differ() -> None:
-    """1500 draws of 60 runs from N(0, 1), the next from N(1, 1); the size of w grows with x0."""
-    plan, gen, repeats, M = scalar(), np.random.default_rng(6), 1500, 60
+    """1500 draws, of 60 runs from N(0, 1), the next from N(1, 1); the size of w grows with x0."""
+    plan, gen, repeats, M = scalar(), np.random.default_rng(6), sets(1500, 300), 60
     starts = gen.standard_normal((repeats, M + 1)) + (np.arange(M + 1) == M)
     runs = np.stack([starts, np.exp(starts) * gen.standard_normal(starts.shape)], axis=-1)[
         ..., None

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 import stochens_rs as se
+from coverage_study import sets
 from declarations import opts
 from hidden_outputs import Arx, Rig
 from stochens_rs import _core
@@ -33,8 +34,8 @@ def last(y, window):
 def test_drawn_models_miss_as_fresh_runs_do():
     """80 systems, 5 runs each: one in five misses by more than what 80 % of the models do."""
     beyond = {True: 0, False: 0}
-    counted = 0
-    for seed in range(80):
+    counted, count = 0, sets(80, 20)
+    for seed in range(count):
         system, plan, record, rng = planned(seed)
         if plan.basis.model.warnings:
             continue
@@ -45,7 +46,7 @@ def test_drawn_models_miss_as_fresh_runs_do():
             assert found.miss < found.certified
             runs = [system.follow(*record, plan.u, rng, noise=float(noise)) for _ in range(5)]
             beyond[noise] += np.mean([last(y, window) > found.miss for y in runs])
-    assert counted > 70
+    assert counted > 0.85 * count
     for share in beyond.values():  # between the quantiles of 12 and 28 %
         assert stats.binom.ppf(1e-4, counted, 0.12) <= share <= stats.binom.isf(1e-4, counted, 0.28)
 
@@ -80,8 +81,8 @@ def test_typical_refuses_a_model_with_a_tail(noise):
 
 def test_held_out_runs_say_where_the_next_one_is():
     """150 systems, 9 runs of each at 10 %: the next one is outside in about one of ten."""
-    outside = missed = 0
-    for seed in range(150):
+    outside, missed, count = 0, 0, sets(150, 40)
+    for seed in range(count):
         system, plan, record, rng = planned(seed, runs=6, steps=40, checks=False)
         begun, p = record[0][-1:], system.p
         held = [np.vstack([begun, system.follow(*record, plan.u, rng)]) for _ in range(10)]
@@ -91,7 +92,7 @@ def test_held_out_runs_say_where_the_next_one_is():
         assert found.rank == 9
         outside += (np.abs(held[-1] - plan.predicted_outputs) > found.tube).any()
         missed += np.linalg.norm(held[-1][-1]) > found.target
-    least, most = stats.binom.ppf(1e-4, 150, 0.1), stats.binom.isf(1e-4, 150, 0.1)
+    least, most = (stats.binom.ppf(q, count, 0.1) for q in (1e-4, 1 - 1e-4))
     assert least <= outside <= most
     assert least <= missed <= most
 

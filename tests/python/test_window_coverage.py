@@ -60,7 +60,7 @@ def padded(system, lags):
 
 
 def test_systems_with_lags_and_feedback():
-    misses, runs = 0, sets(240, 80)
+    misses, runs = 0, sets(240, 25)
     for seed in range(runs):
         gen = np.random.default_rng([7, seed])
         system = hidden_arx(gen)
@@ -90,9 +90,9 @@ def filter_runs(gen, window, Theta, runs, steps, size):
     return outputs, inputs
 
 
-def test_150_systems_with_filters():
-    misses = 0
-    for seed in range(150):
+def test_systems_with_filters():
+    misses, runs = 0, sets(150, 25)
+    for seed in range(runs):
         gen = np.random.default_rng([8, seed])
         ny, m, r = (int(gen.integers(1, most + 1)) for most in (2, 2, 3))
         pole = float(gen.choice([0.2, 0.5, 0.7, 0.85]))
@@ -107,7 +107,7 @@ def test_150_systems_with_filters():
         data = se.Trajectories(*filter_runs(gen, window, Theta, 10, 90, 0.3), outputs=True)
         model = se.identify(data, **opts(filters=(pole, r), checks=False))
         misses += missed(model, Theta)
-    assert misses <= 8
+    at_most(misses, runs)
 
 
 def share_of_late_inputs(declared, sets_, accept=()):
@@ -138,12 +138,13 @@ def share_of_late_inputs(declared, sets_, accept=()):
 
 
 def test_states_with_a_declared_dead_time():
-    at_most(*share_of_late_inputs(True, sets(60, 10)))
+    at_most(*share_of_late_inputs(True, sets(60, 3)))
 
 
 def test_states_with_a_dead_time_that_is_not_declared_have_no_region():
-    assert share_of_late_inputs(False, 3)[0] == 0
-    missed_, found = share_of_late_inputs(False, 3, ACCEPTED)
+    count = sets(3, 2)
+    assert share_of_late_inputs(False, count)[0] == 0
+    missed_, found = share_of_late_inputs(False, count, ACCEPTED)
     assert missed_ > 0.5 * found
 
 
@@ -208,7 +209,7 @@ def test_the_predictor_of_the_twin():
 @pytest.mark.slow
 @pytest.mark.parametrize(("lags", "most"), [(12, 0.05), (16, 0.05)])
 def test_systems_with_errors_of_reading(lags, most):
-    assert share_missed(lags, sets(120, 40)) <= most
+    assert share_missed(lags, sets(120, 12)) <= most
 
 
 # -- what breaks them ----------------------------------------------------------------------------
@@ -216,19 +217,19 @@ def test_systems_with_errors_of_reading(lags, most):
 
 @pytest.mark.slow
 def test_windows_that_are_too_short_fail():
-    assert share_missed(3, sets(120, 40), ACCEPTED) > 0.3
+    assert share_missed(3, sets(120, 12), ACCEPTED) > 0.3
 
 
 def test_a_controller_that_sees_what_is_not_logged_breaks_every_region():
-    misses = 0
-    for seed in range(12):
+    misses, runs = 0, sets(12, 8)
+    for seed in range(runs):
         gen = np.random.default_rng([10, seed])
         A = np.array([[0.95, 0.3], [0.0, 0.9]])
         system = A, np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), 0.1 * np.eye(2), np.eye(1)
         gain = np.array([[0.1, 0.5]])
         data = state_runs(gen, system, 15, 120, unlogged=gain)
         misses += missed(se.identify(data, **opts(lags=12, checks=False)), unbiased(*system, 12)[0])
-    assert misses / 12 > 0.4
+    assert misses / runs > 0.4
 
 
 # -- windows that the data chose -----------------------------------------------------------------
@@ -254,8 +255,9 @@ def share_broken(count, **how):
 
 def test_windows_that_the_first_part_chooses():
     """Of 340 sets 6 are broken, 5 by the same rule in plain NumPy; a tube of 10 steps in one."""
-    assert share_broken(60) <= 0.05
+    count = sets(60, 12)
+    assert share_broken(count) <= max(0.05, 1 / count)
 
 
 def test_one_lag_is_no_window():
-    assert share_broken(30, lags=1, accept=ACCEPTED) > 0.3
+    assert share_broken(sets(30, 8), lags=1, accept=ACCEPTED) > 0.3

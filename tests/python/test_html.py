@@ -120,7 +120,7 @@ RECORDS = {
     ),
     "SamplePlan": (
         lambda: se.required_samples(SYSTEM, X0, X0, 0.3, rng=1),
-        ["with probability", "0.95", "exact rms", "failures", "of 50"],
+        ["with probability", "0.95", "exact rms", "failures", "of 1000"],
     ),
 }
 

@@ -16,6 +16,8 @@ use crate::error::{Error, Result};
 use crate::memory::{covered, try_collect, try_collect_all, try_push};
 use cell::{Comma, has_unit, is_missing, is_number_with_comma, is_value, number, shown};
 
+/// Bytes of the buffers of a CSV reader.
+const READER: u128 = 1 << 14;
 const WHAT: &str = "a table";
 /// Rows up to which one of another length says that the names stand further down.
 const FIRST: usize = 5;
@@ -41,7 +43,7 @@ impl Table {
     /// # Errors
     /// [`Error::File`] if the text is no table; [`Error::Memory`].
     pub fn read(path: &str, text: &str, style: &Style) -> Result<Self> {
-        covered(WHAT, 24 * text.len() as u128, || Self::of_text(path, text, style))?
+        covered(WHAT, READER + 24 * text.len() as u128, || Self::of_text(path, text, style))?
     }
 
     fn of_text(path: &str, text: &str, style: &Style) -> Result<Self> {

@@ -19,10 +19,13 @@ plt.style.use("stochens_rs.style")
 # and inputs were chosen without a look at the noise; *any design* also allows feedback, and asking
 # again after every pair.
 a, b, sigma = 0.9, 0.5, 0.2
-free = {"design": "independent", "checks": False}
 ways = {
-    "size known": lambda data: se.identify(data, noise=sigma, **free),
-    "size unknown": lambda data: se.identify(data, **free),
+    "size known": lambda data: se.identify(
+        data, noise=se.Noise(sigma=sigma, design="independent"), checks=False
+    ),
+    "size unknown": lambda data: se.identify(
+        data, noise=se.Noise(design="independent"), checks=False
+    ),
     "size known, any design": lambda data: se.identify(data, noise=sigma, checks=False),
 }
 

@@ -375,7 +375,7 @@ def test_a_chosen_window_that_is_refuted_points_to_a_shorter_one():
     assert model.window.found is not None
     proof = se.gain(model, [1.0, 10.0], 0.01).certificate(0.05)
     assert proof.status == "refuted"
-    few = f"lags={model.window.found}"
+    few = f"Window(lags={model.window.found})"
     assert f"; careful: the data chose the window of {model.window.text}: a shorter" in repr(proof)
     assert f"declared beforehand (as {few}), has a smaller region" in proof.warnings[0]
     assert proof.warnings[1:] == model.warnings

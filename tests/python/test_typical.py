@@ -107,7 +107,7 @@ def test_it_stands_beside_the_certificate(tmp_path) -> None:
     ):
         assert repr(other) == repr(found)
     with pytest.raises(InputError, match="`miss` must be >= 0"):
-        Typical(np.nan, 1.0, 0.05, 19, False, "")
+        Typical(-1.0, 1.0, 0.05, 19, False, "")
 
 
 def test_where_no_law_is_known_it_is_refused() -> None:
@@ -131,7 +131,7 @@ def test_where_no_law_is_known_it_is_refused() -> None:
         (se.control(few, [1.0, 0.0], [0.0, 0.0], steps=3), "4 more pairs than unknowns"),
         (se.control(noisy, [1.0, 0.0], [0.0, 0.0], steps=3), "beside a warning"),
         (se.control(same, [1.0, 0.0], [0.0, 0.0], steps=3), "beside a warning"),
-        (planned(noise="sub-gaussian", sigma=0.1), "noise='gaussian'"),
+        (planned(noise="sub-gaussian", sigma=0.1), "Gaussian noise"),
         (planned(known_B=[[0.0], [np.nan]]), "single known entries"),
     ):
         with pytest.raises(InputError, match=text):

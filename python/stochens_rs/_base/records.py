@@ -1,9 +1,9 @@
-"""The fields of a record: what a declaration says of each is checked here, or a clear error.
+"""Records: their fields are checked by declarations, made plain, pickled, and saved in state files.
 
 ``Annotated[Floats, "step+1 state"]`` is an array of shape (K + 1, n) of finite numbers in the units
-of the states; the first field with a dimension says how long it is. Further words: "infinite", the
-numbers may be; "own unit", they have not that of the last dimension. For a number or a text the
-word is a check of `validation`: `Probability` and the like.
+of the states; the first field with a dimension says how long it is. After the
+dimensions "infinite" allows infinite numbers, and "own unit" says that the unit is not that of the
+last dimension. For a number or a text it is a check of `validation`, as in `Probability`.
 """
 
 from __future__ import annotations
@@ -142,7 +142,7 @@ def _refuse(record: Any, name: str) -> None:
 
 @cache
 def _tests(record: Any) -> tuple[tuple[str, Test], ...]:
-    """Name and test of each field; `serialize` knows their types."""
+    """Name and test of each field, by the type that `saving.declared` gives."""
     return tuple((name, _test(kind)) for name, kind in saving.declared(record).items())
 
 
@@ -253,6 +253,11 @@ class Record:
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), tuple(getattr(self, one.name) for one in fields(self))  # type: ignore[arg-type]
 
+    def _keep(self, **values: Any) -> None:
+        """Set fields to what the constructor made of its arguments."""
+        for name, value in values.items():
+            object.__setattr__(self, name, value)
+
     def _verify(self) -> None:
         """Check what the constructor trusts, after the fields came from plain data."""
 
@@ -324,10 +329,6 @@ class Options(Record, listed=False):
     """Base of the records that users make to say what they want; shown as they would be typed."""
 
     __slots__ = ()
-
-    def _keep(self, **values: Any) -> None:
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
         own: Any = type(self)

@@ -133,8 +133,6 @@ def interruptible(work: Callable[[], T]) -> T:
     return found[0]  # type: ignore[no-any-return]
 
 
-__all__ = ["Progress", "in_ipython", "progress_bar", "watched"]
-
 # None, a flag, or a function f(done, total).
 Progress: TypeAlias = bool | Callable[[int, int | None], object] | None
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _LEAST = 1e-6
 
 
-class Noise(NamedTuple):
+class NoiseSize(NamedTuple):
     """``sigma^2``, or None and what estimates it: the residual sum of squares and its degrees.
 
     `rows` above 1: so many rows have variances of their own, estimated with `degrees` each.
@@ -145,7 +145,7 @@ class FusedModel(SavedRecord, Identified):
         return units(self.least_squares)
 
     @property
-    def _noise(self) -> Noise:
+    def _noise(self) -> NoiseSize:
         return noise_of(self.least_squares)
 
     @property
@@ -383,13 +383,13 @@ def units(data: Model) -> Floats:
     return np.diag(np.where(sizes > 0.0, sizes, 1.0))
 
 
-def noise_of(data: Model) -> Noise:
+def noise_of(data: Model) -> NoiseSize:
     """The noise in the `units`: 1 where the covariance is known, else from the residuals."""
     fitted = data._blocks[0]
     if one_variance(data):
         variance = None if data.assumptions.known is None else 1.0
-        return Noise(variance, float(np.trace(fitted.S)), data.n * fitted.nu)
-    return Noise(None, float(data.n * fitted.nu), fitted.nu, data.n)
+        return NoiseSize(variance, float(np.trace(fitted.S)), data.n * fitted.nu)
+    return NoiseSize(None, float(data.n * fitted.nu), fitted.nu, data.n)
 
 
 def coordinates(models: Floats, fitted: _core.Fitted, units: Floats) -> tuple[Floats, Floats]:

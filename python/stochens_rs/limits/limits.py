@@ -46,10 +46,6 @@ Entries: TypeAlias = float | Floats | Named | None
 class Asked(SavedRecord, listed=False):
     """Numbers, arrays and arrays with names, which a system brings into its order."""
 
-    def _keep(self, **values: Any) -> None:
-        for name, value in values.items():
-            object.__setattr__(self, name, value)
-
     @property
     def given(self) -> tuple[str, ...]:
         """The names of what was given."""
@@ -286,10 +282,10 @@ class Uncertain(SavedRecord):
         given: object = self.values
         if given is None or isinstance(given, str):
             raise InputTypeError(f"`values` must be a state, got {validation.show(given)}")
-        object.__setattr__(self, "values", entries("values", self.values))
+        self._keep(values=entries("values", self.values))
         if not np.isfinite(self.values).all():  # type: ignore[arg-type]
             raise NonFiniteError(f"`values` is {np.asarray(self.values)!s:.60}: it must be finite")
-        object.__setattr__(self, "radius", validation.nonnegative("radius", self.radius))
+        self._keep(radius=validation.nonnegative("radius", self.radius))
         super().__post_init__()
 
     def __repr__(self) -> str:

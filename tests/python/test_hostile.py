@@ -272,7 +272,6 @@ OWN = {
     "from_pairs": {"x": np.ones((3, 2)), "u": np.ones((3, 1)), "x_next": np.ones((3, 2))},
     "from_table": {"table": TABLE, "states": ["x"], "inputs": ["u"]},
     "from_csv": {"source": LOG, "states": ["position"], "inputs": ["force"]},
-    "Trajectories.k_step": {"steps": 1},
     "from_systems": {"systems": [(A, B), (A, B)]},
     "identify": {"checks": False},
     "simulate_ensemble": {"size": 5},

@@ -220,27 +220,6 @@ def test_certificates_of_several_steps_hold(noise):
     assert 3.0 < np.median(ratios) < 20.0
 
 
-def test_direct_regression_over_several_steps():
-    """(x0, u0, .., u(K-1)) to x(K) of independent open-loop runs: exact pairs of one step."""
-    runs = sets(600, 200)
-    A, B = stable(np.random.default_rng(41), n=2, m=1)
-    Theta, K = np.hstack([A, B]), 3
-    powers = [np.linalg.matrix_power(A, p) for p in range(K + 1)]
-    direct = np.hstack([powers[K], *[powers[K - 1 - k] @ B for k in range(K)]])
-
-    def failed(gen):
-        some = []
-        for _ in range(14):
-            x, u = [gen.standard_normal(2)], gen.standard_normal((K + 1, 1))
-            for k in range(K + 1):
-                x.append(Theta @ np.concatenate([x[-1], u[k]]) + 0.3 * gen.standard_normal(2))
-            some.append((np.array(x), u))
-        region = rg.full(tr.triangle(*tr.k_step(some, K)), DELTA)
-        return not rg.contains(region, direct)
-
-    exactly(failures(failed, runs, 41), runs)
-
-
 @pytest.mark.parametrize("off", [0.0, 0.3, 3.0])
 def test_certificates_of_models_fused_by_data_hold(off):
     runs = sets(60, 12)

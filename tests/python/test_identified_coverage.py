@@ -12,7 +12,7 @@ import pytest
 import stochens_rs as se
 from coverage_study import DELTA, at_most, coverage, exactly, failures, sets
 from declarations import opts
-from identification_data import SKEWED, independent, noisy_states, rolled, stable, tuned
+from identification_data import SKEWED, independent, noisy_states, tuned
 from stochens_rs.identification.assumptions import ACCEPTED
 from twin import regions as rg
 from twin import triangle as tr
@@ -175,25 +175,6 @@ def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
         return misses(model.region(DELTA), Theta)
 
     exactly(failures(failed, runs, 93), runs)
-
-
-def test_direct_regression_over_several_steps():
-    runs = sets(500, 150)
-    A, B = stable(np.random.default_rng(94), n=2, m=1)
-    Theta, K = np.hstack([A, B]), 3
-
-    def failed(gen):
-        x, u = gen.standard_normal((14, K + 1, 2)), gen.standard_normal((14, K, 1))
-        for run, inputs in zip(x, u, strict=True):
-            for k in range(K):
-                run[k + 1] = rolled(Theta, run[k], inputs[k : k + 1]) + 0.3 * run[k + 1]
-        data = se.Trajectories(x, u).k_step(K, open_loop=True)
-        region = se.identify(data, **opts(design="independent", checks=False)).region(DELTA)
-        powers = [np.linalg.matrix_power(A, p) for p in range(K + 1)]
-        direct = np.hstack([powers[K - 1 - k] @ B for k in range(K)])
-        return not region.contains(powers[K], direct)
-
-    exactly(failures(failed, runs, 94), runs)
 
 
 # -- without an assumption -------------------------------------------------------------------------

@@ -144,27 +144,6 @@ def test_what_counts_runs_counts_no_pieces():
     assert (len(pooled), len(pooled.pieces)) == (8, 2 * len(data.pieces))
 
 
-@pytest.mark.parametrize("K", [3, 4])
-def test_several_steps_are_the_first_without_a_gap_of_each_run(K):
-    columns = several(np.random.default_rng(9), runs=12, rows=5, lost=0.5)
-    direct = read(columns).k_step(K, open_loop=True)
-    expected = []
-    for run in by_hand(columns):
-        steps = [step for step, _ in run]
-        begin = next(
-            (k for k in range(len(run)) if steps[k : k + K] == [*range(steps[k], steps[k] + K)]),
-            None,
-        )
-        if begin is not None:
-            rows = [row for _, row in run[begin : begin + K]]
-            expected.append([*rows[0][:2], *(row[2] for row in rows), *rows[-1][3:]])
-    assert 0 < len(expected) < 12
-    np.testing.assert_array_equal(direct._rows, expected)
-    data = read(several(np.random.default_rng(7), lost=0.15))
-    with pytest.raises(InputError, match=f"the longest piece has {data.pieces.max()} steps"):
-        data.k_step(40, open_loop=True)
-
-
 def test_a_run_with_gaps_is_no_held_out_run_and_no_design():
     gen = np.random.default_rng(12)
     data = read(several(gen, lost=0.2))

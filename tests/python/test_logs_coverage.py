@@ -9,7 +9,7 @@ from scipy import stats
 import stochens_rs as se
 from coverage_study import ALARM, DELTA, at_most, exactly, failures, sets
 from declarations import opts
-from identification_data import stable, tuned
+from identification_data import tuned
 from stochens_rs.exceptions import DataWarning, InputError
 
 nan = np.nan
@@ -60,21 +60,6 @@ def test_last_pairs_of_runs_with_gaps_have_the_exact_region():
         return missed(model, made[0][0])
 
     exactly(failures(failed, runs, 302), runs)
-
-
-def test_several_steps_of_runs_with_gaps_have_the_exact_region():
-    runs, K = sets(500, 150), 2
-    A, B = stable(np.random.default_rng(303), n=2, m=1)
-
-    def failed(gen):
-        x, u = gen.standard_normal((24, 9, 2)), gen.standard_normal((24, 8, 1))
-        for k in range(8):
-            x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + 0.3 * x[:, k + 1]
-        data = read(list(enumerate(zip(x, u, strict=True))), gen, 0.1).k_step(K, open_loop=True)
-        region = se.identify(data, **opts(design="independent", checks=False)).region(DELTA)
-        return not region.contains(A @ A, np.hstack([A @ B, B]))
-
-    exactly(failures(failed, runs, 303), runs)
 
 
 def test_pieces_taken_for_runs_have_no_exact_region():

@@ -63,7 +63,6 @@ MODELS = {
     "bounded": lambda: identify(runs(), **opts(noise="bounded", sigma=1e-60)),
     "scalar": lambda: identify(pairs(), **opts(design="independent", covariance="scalar")),
     "rank deficient": lambda: identify(pairs(2)),
-    "two steps": lambda: identify(runs().k_step(2, open_loop=True), **opts(design="independent")),
 }
 
 
@@ -110,7 +109,7 @@ def test_a_loaded_model_is_the_saved_one_bit_for_bit(name: str, tmp_path: Path) 
     ]
 
 
-@pytest.mark.parametrize("data", [runs(), pairs(), runs().k_step(2, open_loop=True), pairs(1)])
+@pytest.mark.parametrize("data", [runs(), pairs(), pairs(1)])
 def test_loaded_trajectories_are_the_saved_ones(data: se.Trajectories, tmp_path: Path) -> None:
     data.save(tmp_path / "data")
     loaded = se.Trajectories.load(tmp_path / "data")
@@ -243,7 +242,6 @@ HOSTILE = [
     ("plain", {"more": 1}, "more.* is no field of"),
     ("plain", {"data/n": 0}, "`n` must be in"),
     ("plain", {"data/n": BIG}, "`n` must be in"),
-    ("plain", {"data/steps": 0}, "`steps` must be in"),
     ("plain", {"data.rows": np.zeros(0)}, "`data.rows` must have 0 entries"),
     ("plain", {"data/rows/shape": [50, 4]}, "do not fit together"),
     ("plain", {"data.rows": put(7, NAN)}, r"`rows\[1, 2\]` is nan"),

@@ -371,7 +371,6 @@ def test_bad_pairs_are_refused_before_any_is_taken_in():
         ((named,), InputError, r"the names of the stream, states 'x\[0\]'.*got states 'a', 'b'"),
         ((named,), InputError, r"pass state_names=\['a', .*input_names=\['u\[0\]'.* to ModelStr"),
         ((timed,), InputError, r"with dt=None, got dt=0\.1: pass dt=0\.1 to ModelStream"),
-        ((run.k_step(2, open_loop=True),), InputError, "one step a pair, got 2 steps"),
         ((run, z[:, 4:], y), InputError, "must be left out with Trajectories"),
     ):
         with pytest.raises(error, match=text):

@@ -324,7 +324,6 @@ def test_what_the_numbers_would_be_void_for_is_refused() -> None:
         (lambda: plan.validate(data), "`runs` must have the inputs of this plan, run 0"),
         (lambda: plan.validate([model] * 20), "`runs` must not be models from data"),
         (lambda: plan.validate(model.draw(20, rng=1)), "`runs` scatter about an estimate"),
-        (lambda: plan.validate(runs.k_step(2, open_loop=True)), "`runs` must have n=2 and m=1"),
         (lambda: plan.validate(se.Trajectories(states, [plan.u] * 20, dt=1.0)), "dt=0.1"),
         (lambda: plan.validate(runs, x0=[1.0, 0.0]), "`x0` is for fresh systems"),
         (lambda: plan.validate(runs, scale=[1.0, 0.0]), "`scale` must be > 0"),

@@ -38,29 +38,12 @@ def test_pairs_are_those_of_the_twin(gen):
         np.testing.assert_array_equal(mine[1], given[1])
 
 
-def test_last_pairs_and_direct_steps_are_those_of_the_twin(gen):
+def test_last_pairs_are_those_of_the_twin(gen):
     runs = some_runs(gen)
     x, u, y = made(runs).last_pairs().pairs()
     z, outcomes = tr.last_pairs(runs)
     np.testing.assert_array_equal(np.hstack([x, u]), z)
     np.testing.assert_array_equal(y, outcomes)
-    direct = made(runs, dt=0.5).k_step(3, open_loop=True)
-    z, outcomes = tr.k_step(runs, 3)
-    np.testing.assert_array_equal(np.hstack(direct.pairs()[:2]), z)
-    np.testing.assert_array_equal(direct.pairs()[2], outcomes)
-    assert (direct.steps, direct.dt, direct.m) == (3, 1.5, 3)
-    assert direct.input_names == ("u[0](0)", "u[0](1)", "u[0](2)")
-    assert "over 3 steps" in repr(direct)
-
-
-def test_direct_steps_must_be_open_loop(gen):
-    data = made(some_runs(gen))
-    with pytest.raises(InputError, match="`open_loop` must be True: inputs that react"):
-        data.k_step(2, open_loop=False)
-    with pytest.raises(TypeError):
-        data.k_step(2)
-    with pytest.raises(InputError, match="`steps` is 6, but the longest run has 5 steps"):
-        data.k_step(6, open_loop=True)
 
 
 def test_one_run_and_arrays_of_runs(gen):
@@ -161,7 +144,7 @@ def test_bad_shares_are_refused(gen, share):
 def test_pooled_sets_are_one_after_the_other(gen):
     runs = some_runs(gen)
     assert pooled([made(runs[:1]), made(runs[1:])]) == made(runs)
-    with pytest.raises(InputError, match=r"`data\[1\]` must have the states, inputs, steps and dt"):
+    with pytest.raises(InputError, match=r"`data\[1\]` must have the states, inputs and dt"):
         pooled([made(runs), made(runs, dt=0.1)])
     with pytest.raises(InputTypeError, match="`data` must be a list"):
         pooled(runs[0][0][0, 0])

@@ -187,8 +187,6 @@ def test_what_goes_with_outputs_only():
         se.identify(data, **opts(lags=2, known_A=[[1.0]]))
     with pytest.raises(InputError, match="exactly one of `states` and `outputs`"):
         se.Trajectories.from_table({}, inputs=["u"])
-    with pytest.raises(InputError, match="needs states"):
-        data.k_step(2, open_loop=True)
 
 
 def test_records_that_do_not_fill_the_window_are_refused():

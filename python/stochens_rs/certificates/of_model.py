@@ -166,10 +166,10 @@ def certificate(
     `known` is what `step_regions` returns for these arguments.
     """
     model, K, own = basis.model, len(u), False
+    name = "several steps" if K > 1 else "one step"
     bands: Floats | None
     if model.doubts:
         reason, said = model.doubts[0], "none that would do"
-        name = "several steps" if K > 1 else "one step"
         tube, bands = np.full(K + 1, np.inf), np.full(predicted.shape, np.inf)
         tube[0], bands[0] = basis.x0_error, basis.x0_error
         components = bands[-1]
@@ -177,10 +177,6 @@ def certificate(
         target, control, why = np.inf, np.inf, None
     else:
         regions, to_come = known or step_regions(basis, delta, K, asked)
-        steps = model.data.steps if isinstance(model, Model) else 1
-        name = "several steps" if K > 1 else "one step"
-        if K == 1 and steps > 1:
-            name = f"direct regression over {steps} steps"
         apart: Region | None = None
         if K == 1 and _sharper_by_rows(basis, regions[0], asked):
             apart = model.region(delta, components=True)  # type: ignore[call-arg]

@@ -152,10 +152,10 @@ def design(
             "`plan` must be for a model without a pilot: inputs chosen from its runs are not "
             "independent of their noise; plan by the pilot, and let it be that of the next runs"
         )
-    if model.design != "adaptive" or model.data.steps > 1:
+    if model.design != "adaptive":
         raise InputError(
-            "`plan` must be for a model of single steps with design='adaptive': inputs that follow "
-            "from earlier runs are not independent of their noise"
+            "`plan` must be for a model with design='adaptive': inputs that follow from earlier "
+            "runs are not independent of their noise"
         )
     count = validation.size("runs", runs)
     length = plan.steps if steps is None else validation.size("steps", steps)

@@ -18,7 +18,7 @@ from ..exceptions import InputError, InputTypeError, ShapeError
 from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
 from .gaps import OnGap, joined, warn_of_ends
-from .pieces import NO_GAPS, Pieces
+from .pieces import Pieces
 from .table import Chosen, Run, Table, Text, chosen_columns, read_files, read_table
 
 if TYPE_CHECKING:
@@ -38,7 +38,6 @@ def _rebuild(
     dt: float | None,
     state_names: tuple[str, ...],
     input_names: tuple[str, ...],
-    steps: int,
     outputs: bool = False,
     whole: Trajectories | None = None,
 ) -> Trajectories:
@@ -49,11 +48,8 @@ def _rebuild(
     )
     if checked.shape[1] <= 2 * count or each.sum() != len(checked):
         raise InputTypeError("the fields of these Trajectories do not fit together")
-    size = validation.size("steps", steps)
     pieces = Pieces.checked(each, np.asarray(gaps), np.asarray(lost))
-    made = Trajectories._of(
-        checked, pieces, count, dt, state_names, input_names, size, bool(outputs)
-    )
+    made = Trajectories._of(checked, pieces, count, dt, state_names, input_names, bool(outputs))
     if whole is None:
         return made
     last = validation.instance("whole", whole, Trajectories).last_pairs()
@@ -113,7 +109,6 @@ class Trajectories(SavedRecord):
         "_pieces",
         "_rows",
         "_state_names",
-        "_steps",
         "_whole",
     )
 
@@ -123,7 +118,6 @@ class Trajectories(SavedRecord):
     _dt: float | None
     _state_names: tuple[str, ...]
     _input_names: tuple[str, ...]
-    _steps: int
     _outputs: bool
     _whole: Trajectories | None  # the runs of which these are the last pairs
 
@@ -157,7 +151,7 @@ class Trajectories(SavedRecord):
         lengths = np.array([len(part) for part in rows], dtype=np.int64)
         assert n is not None
         read = validation.flag("outputs", outputs)
-        self._set(np.vstack(rows), Pieces.whole(lengths), n, dt, state_names, input_names, 1, read)
+        self._set(np.vstack(rows), Pieces.whole(lengths), n, dt, state_names, input_names, read)
         warn_of_ends(checked, self._state_names, stacklevel=3)
 
     @classmethod
@@ -280,7 +274,7 @@ class Trajectories(SavedRecord):
         on_gap : {"split", "raise"}, default "split"
             Where a row is lost, or a state or input missing, the run is divided into pieces, or an
             error names the row. A pair needs both its rows and its input. The pieces are still one
-            run for all that counts runs (`last_pairs`, `k_step`, `split`).
+            run for all that counts runs (`last_pairs`, `split`).
 
         Returns
         -------
@@ -425,11 +419,6 @@ class Trajectories(SavedRecord):
         return self._state_names if self._outputs else ()
 
     @property
-    def steps(self) -> int:
-        """How many steps of the system a pair spans: 1, or the number given to `k_step`."""
-        return self._steps
-
-    @property
     def single(self) -> bool:
         """Whether every run is one pair."""
         return len(self) == self.size
@@ -509,68 +498,6 @@ class Trajectories(SavedRecord):
         x, u, after = self.pairs()
         first = len(u) - int(self.pieces[-1])
         return np.vstack([x[first:], after[-1:]]), u[first:].copy()
-
-    def k_step(self, steps: int, *, open_loop: bool) -> Self:
-        """Take the first K steps of each run as one step: ``(x(0), u(0), ..., u(K-1)) -> x(K)``.
-
-        Parameters
-        ----------
-        steps : int
-            The number of steps K. Of a run with gaps: the first K steps without one. Runs without
-            so many are left out.
-        open_loop : bool
-            Your declaration that the inputs were independent of the noise of all runs: chosen
-            beforehand or drawn apart. With feedback no region holds, so False is refused.
-
-        Returns
-        -------
-        Trajectories
-            Pairs with ``K m`` inputs. `identify` makes of them the matrices ``A^K`` and
-            ``[A^{K-1} B, ..., A B, B]``; with ``design="independent"`` if the runs are independent
-            of each other.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If no run has K steps, or the inputs are not declared to be open loop.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> states, inputs = [[[0.0], [1.0], [1.5]], [[1.0], [0.5]]], [[[1.0], [1.0]], [[0.0]]]
-        >>> data = se.Trajectories(states, inputs)
-        >>> data.k_step(2, open_loop=True).pairs()
-        (array([[0.]]), array([[1., 1.]]), array([[1.5]]))
-        """
-        K = validation.size("steps", steps)
-        if self._outputs:
-            raise InputError("k_step() needs states: of outputs none is where a run starts")
-        if not validation.flag("open_loop", open_loop):
-            raise InputError(
-                "`open_loop` must be True: inputs that react to the noise inside a run break "
-                "every region over several steps; with feedback use last_pairs()"
-            )
-        n, places = self._n, self._pieces.places()
-        ends = np.flatnonzero(places >= K - 1)  # pairs with K - 1 before them in their piece
-        if not len(ends):
-            raise InputError(
-                f"`steps` is {K}, but the longest {'piece' if len(self._pieces.gaps) else 'run'} "
-                f"has {show.counted(int(places.max()) + 1)}"
-            )
-        runs, where = np.unique(self._pieces.runs()[ends], return_index=True)
-        start = ends[where] - (K - 1)  # one for each run
-        acting = [self._rows[start + k, n:-n] for k in range(K)]
-        rows = np.hstack([self._rows[start, :n], *acting, self._rows[start + K - 1, -n:]])
-        names = [f"{name}({k})" for k in range(K) for name in self._input_names]
-        return self._of(
-            rows,
-            Pieces(np.ones(len(rows), dtype=np.int64), NO_GAPS, self._pieces.lost[runs]),
-            n,
-            None if self._dt is None else K * self._dt,
-            self._state_names,
-            names if K > 1 else self._input_names,
-            K * self._steps,
-        )
 
     def split(self, share: float, *, rng: RngLike = None) -> tuple[Self, Self]:
         """Divide the runs at random into two parts; no run is cut.
@@ -696,7 +623,6 @@ class Trajectories(SavedRecord):
         dt: object,
         state_names: Sequence[str] | None,
         input_names: Sequence[str] | None,
-        steps: int,
         outputs: bool,
         whole: Trajectories | None = None,
     ) -> None:
@@ -712,7 +638,6 @@ class Trajectories(SavedRecord):
             ("_dt", None if dt is None else validation.positive("dt", dt)),
             ("_state_names", of_states),
             ("_input_names", of_inputs),
-            ("_steps", steps),
             ("_outputs", outputs),
             ("_whole", whole),
         ):
@@ -735,12 +660,11 @@ class Trajectories(SavedRecord):
         dt: float | None,
         state_names: Sequence[str] | None,
         input_names: Sequence[str] | None,
-        steps: int = 1,
         outputs: bool = False,
         whole: Trajectories | None = None,
     ) -> Self:
         self = object.__new__(cls)
-        self._set(rows, pieces, n, dt, state_names, input_names, steps, outputs, whole)
+        self._set(rows, pieces, n, dt, state_names, input_names, outputs, whole)
         return self
 
     def _part(self, rows: Floats, pieces: Pieces) -> Self:
@@ -791,9 +715,9 @@ class Trajectories(SavedRecord):
 
     def _about(
         self,
-    ) -> tuple[int, float | None, tuple[str, ...] | None, tuple[str, ...] | None, int, bool]:
+    ) -> tuple[int, float | None, tuple[str, ...] | None, tuple[str, ...] | None, bool]:
         names = self._state_names, self._input_names
-        return (self._n, self._dt, *names, self._steps, self._outputs)
+        return (self._n, self._dt, *names, self._outputs)
 
     @property
     def _counts(self) -> str:
@@ -806,10 +730,9 @@ class Trajectories(SavedRecord):
 
     def __repr__(self) -> str:
         dt = "" if self._dt is None else f" dt={self._dt:g}"
-        over = "" if self._steps == 1 else f" over {self._steps} steps"
         shown = self._counts.partition(", ")[2] if self.single else self._counts
         read = f"outputs={self.n}" if self._outputs else f"n={self.n}"
-        return f"<Trajectories: {shown}{over}, {read} m={self.m}{dt}>"
+        return f"<Trajectories: {shown}, {read} m={self.m}{dt}>"
 
     def _repr_html_(self) -> str:
         pieces, kind = self.pieces, "piece" if len(self._pieces.gaps) else "run"
@@ -843,7 +766,7 @@ def pooled(data: object, name: str = "data") -> Trajectories:
     for k, one in enumerate(sets[1:], start=1):
         if one._about() != sets[0]._about():
             raise InputError(
-                f"`{name}[{k}]` must have the states, inputs, steps and dt of `{name}[0]`: "
+                f"`{name}[{k}]` must have the states, inputs and dt of `{name}[0]`: "
                 f"{sets[0]!r} and {one!r}, with the same names"
             )
     if len(sets) == 1:

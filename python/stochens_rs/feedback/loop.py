@@ -192,8 +192,7 @@ def gain(
     Raises
     ------
     InputError, InputTypeError
-        If an argument cannot be used; the model is one over several steps; or the region is that
-        of a system without weights.
+        If an argument cannot be used; or the region is that of a system without weights.
     SolverError
         If there is none: the inputs do not move a mode of A that does not decay, or Q gives no
         weight to one on the unit circle; it is named with its largest states. Or rounding decides.
@@ -221,8 +220,6 @@ def gain(
     known = System.from_any(system) if model is None else model
     A, B = (np.ascontiguousarray(matrix) for matrix in (known.A, known.B))
     n, m = B.shape
-    if isinstance(model, Model) and model.data.steps > 1:
-        raise InputError("`system` must be a model of one step: one over K steps has no feedback")
     if (Q is None) != (R is None):
         raise InputError("`Q` and `R` must be given both or neither")
     if model is None and (guarantee is not None or Q is None):

@@ -118,8 +118,6 @@ def _apart_from(k: int, one: Identified, data: object, independent: bool) -> Non
                 "independent=True if they are other data than `data`"
             )
         return
-    if own.steps != 1:
-        raise InputError(f"`ensemble[{k}]` is a model over {own.steps} steps, not one")
     sets = [data] if not isinstance(data, (list, tuple)) else data
     for other in sets:
         rows = getattr(other, "data", other)

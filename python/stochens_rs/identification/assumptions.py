@@ -200,7 +200,7 @@ def refuse(assumed: Assumptions, single: bool) -> None:
     if assumed.design == "independent" and not single:
         raise InputError(
             "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
-            "noise; for 'independent' use data.last_pairs(), data.k_step(...) or from_pairs"
+            "noise; for 'independent' use data.last_pairs() or from_pairs"
         )
 
 

@@ -51,8 +51,6 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
             )
         if most == 0:
             return None, 0
-        if runs.steps > 1:
-            raise InputError("`delay` must be left out for pairs over several steps")
         if least == most:
             lags = 1
     # for filters that are declared the first part says only how long they fill

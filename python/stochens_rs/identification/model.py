@@ -694,7 +694,7 @@ class Model(SavedRecord, Identified, Tabled):
 
     @cached_property
     def _largest(self) -> Floats | None:
-        if self.data.steps > 1 or self.window is not None:
+        if self.window is not None:
             return None
         x, u, _ = self.data.pairs()
         return np.hstack([np.abs(x).max(axis=0), np.abs(u).max(axis=0)])
@@ -732,13 +732,12 @@ class Model(SavedRecord, Identified, Tabled):
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
         dt = "" if self.dt is None else f" dt={self.dt:g}"
-        over = "" if self.data.steps == 1 else f" over {self.data.steps} steps"
         pairs = show.number_of(self.size, "pair")
         sizes = f"n={self.n} m={self.m}"
         if self.window is not None:
             sizes = f"outputs={self.n_outputs} m={self.m}, {self.window.text}"
         return (
-            f"<Model: {sizes}{dt}{over}, {pairs}{self.assumptions.design_text}{rank}"
+            f"<Model: {sizes}{dt}, {pairs}{self.assumptions.design_text}{rank}"
             f"{show.warned(self.warnings)}>"
         )
 

@@ -161,8 +161,6 @@ def refuse(assumed: Assumptions, data: Trajectories, entries: bool) -> None:
         raise InputError("`pilot` needs Gaussian noise, and design='adaptive', which is then exact")
     if entries:
         raise InputError("`pilot` goes without known entries")
-    if data.steps > 1:
-        raise InputError("`pilot` needs the runs themselves, not pairs over several steps")
     data._require_whole("data", "a pilot simulates whole runs from their starts")
     n, first = data.n, data._pieces.starts()
     starts, ends = data._rows[first, :n], data._rows[first + data.lengths - 1, -n:]

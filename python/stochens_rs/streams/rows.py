@@ -105,8 +105,6 @@ def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
     """Refuse runs of another system."""
     if runs.outputs:
         raise InputError("`x` must be runs of states, got outputs: see identify")
-    if runs.steps != 1:
-        raise InputError(f"`x` must be runs with one step a pair, got {runs.steps} steps a pair")
     if (runs.n, runs.m) != (about.n, about.m):
         raise InputError(
             f"`x` must be runs with n={about.n} m={about.m}, got n={runs.n} m={runs.m}"

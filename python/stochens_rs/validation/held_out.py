@@ -297,8 +297,6 @@ def _of_trajectories(
     (rows, n), (K, m) = plan.states.shape, plan.u.shape
     if (runs.n, runs.m) != (n, m):
         raise ShapeError(f"`runs` must have n={n} and m={m}, got n={runs.n} and m={runs.m}")
-    if runs.steps != 1:
-        raise InputError("`runs` must have every step, not the pairs of `k_step`")
     validation.same_dt("runs", runs.dt, plan.dt, "this plan" if loop is None else "this loop")
     runs._require_whole("runs", "whether a run stayed inside is not known where rows are lost")
     order = order_of("runs", Labels(runs.state_names, runs.input_names), plan.labels)

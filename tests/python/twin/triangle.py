@@ -176,17 +176,3 @@ def last_pairs(runs: Sequence[Run], *, offset: bool = False) -> tuple[Array, Arr
     """
     ends = [(np.asarray(x)[-2:], np.asarray(u)[-1:]) for x, u in runs]
     return pairs(ends, offset=offset)
-
-
-def k_step(runs: Sequence[Run], steps: int, *, offset: bool = False) -> tuple[Array, Array]:
-    """((x(0), u(0), .., u(K - 1)), x(K)) of each run that is long enough: exact pairs again.
-
-    x(K) = A^K x(0) + sum_k A^(K-1-k) (B u(k) + w(k)); the inputs must be open loop.
-    """
-    Z, Y = [], []
-    for states, inputs in runs:
-        x, u = np.asarray(states, dtype=np.float64), np.asarray(inputs, dtype=np.float64)
-        if len(u) >= steps:
-            Z.append(np.concatenate([x[0], u[:steps].ravel(), np.ones(1 if offset else 0)]))
-            Y.append(x[steps])
-    return np.array(Z), np.array(Y)

@@ -41,9 +41,13 @@ FALSE = {
 }
 
 
+SEEN: list[tuple[int, int | None]] = []
+
+
 @pytest.fixture(scope="module")
 def found() -> paper.Claims:
-    return paper.claims(quick=True)
+    SEEN.clear()
+    return paper.claims(quick=True, progress=lambda *counts: SEEN.append(counts))
 
 
 def test_every_statement_has_its_row_and_its_evidence(found: paper.Claims) -> None:
@@ -62,10 +66,8 @@ def test_the_evidence_supports_every_verdict(found: paper.Claims) -> None:
     assert found.confirmed
 
 
-def test_progress_counts_the_statements() -> None:
-    seen: list[tuple[int, int | None]] = []
-    found = paper.claims(quick=True, progress=lambda *told: seen.append(told))
-    assert seen == [(k, len(found.rows)) for k in range(1, len(found.rows) + 1)]
+def test_progress_counts_the_statements(found: paper.Claims) -> None:
+    assert [(k, len(found.rows)) for k in range(1, len(found.rows) + 1)] == SEEN
 
 
 def test_executors_and_files_change_nothing(found: paper.Claims, tmp_path: Path) -> None:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import ast
-import doctest
-import importlib
+import contextlib
 import io
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -38,102 +38,119 @@ def numbers(out: Path) -> list[dict]:
     return found
 
 
-@pytest.fixture
-def begun(tmp_path, monkeypatch):
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
+    """The folder of a run, and what it printed."""
+    out, text = tmp_path_factory.mktemp("finished"), io.StringIO()
+    with contextlib.redirect_stdout(text):
+        assert run(out) == 0
+    return out, text.getvalue()
+
+
+@pytest.fixture(scope="module")
+def stopped(tmp_path_factory):
     """The folder of a run that was interrupted after the first experiment."""
 
     def interrupted(**_):
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch:
+    out = tmp_path_factory.mktemp("stopped") / "out"
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr(program, "tracking", interrupted)
-        assert run(tmp_path / "out") == 130
-    return tmp_path / "out"
+        assert run(out) == 130
+    return out
 
 
-def test_a_report_with_its_table(tmp_path, capsys):
-    assert run(tmp_path) == 0
-    text = capsys.readouterr().out
+@pytest.fixture
+def begun(stopped, tmp_path):
+    return Path(shutil.copytree(stopped, tmp_path / "out"))
+
+
+@pytest.fixture(scope="module")
+def checked():
+    """The verdicts, and what a terminal shows meanwhile."""
+    stderr = io.StringIO()
+    stderr.isatty = lambda: True
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "stderr", stderr)
+        return paper.claims(quick=True, progress=True), stderr.getvalue()
+
+
+def test_a_report_with_its_table(finished):
+    out, text = finished
     assert "exact rms" in text
     assert "3b  relative error of the state x(2)" in text
-    assert {"report.html", "results.json", "power-figure-1.png"} <= set(os.listdir(tmp_path))
+    assert {"report.html", "results.json", "power-figure-1.png"} <= set(os.listdir(out))
 
 
-def test_any_number_of_workers_finds_the_same(tmp_path):
-    assert run(tmp_path / "one") == run(tmp_path / "two", "--workers", "2") == 0
-    assert numbers(tmp_path / "one") == numbers(tmp_path / "two")
+def test_any_number_of_workers_finds_the_same(finished, tmp_path):
+    assert run(tmp_path / "two", "--workers", "2") == 0
+    assert numbers(finished[0]) == numbers(tmp_path / "two")
 
 
-def test_what_is_done_is_not_computed_again(begun, tmp_path, monkeypatch):
+def test_what_is_done_is_not_computed_again(begun, finished, monkeypatch):
     honest, sizes = Step.draw, []
 
     def sometimes(self, *args):
         sizes.append(len(self.x0))
         return honest(self, *args)
 
-    with monkeypatch.context() as patch:
-        patch.setattr(Step, "draw", sometimes)
-        (begun / "unfinished" / "notes.txt").write_text("mine")
-        assert run(begun, "--resume") == 0
+    monkeypatch.setattr(Step, "draw", sometimes)
+    (begun / "unfinished" / "notes.txt").write_text("mine")
+    assert run(begun, "--resume") == 0
     assert [path.name for path in (begun / "unfinished").iterdir()] == ["notes.txt"]
     (begun / "unfinished" / "notes.txt").unlink()
     (begun / "unfinished").rmdir()
     assert set(sizes) == {30}  # the states of the second experiment
-    assert run(tmp_path / "fresh") == 0
-    assert numbers(begun) == numbers(tmp_path / "fresh")
+    assert numbers(begun) == numbers(finished[0])
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
+def test_another_run_and_a_damaged_list_of_options_are_refused(begun, capsys):
+    before = {path: path.read_bytes() for path in begun.rglob("*") if path.is_file()}
+    for options, text in (
         ([], "has an unfinished run: --resume or --force"),
         (["--resume", "--seed", "4"], "has other options"),
         (["--resume", "--claims"], "has other options"),
-    ],
-)
-def test_another_run_is_refused(begun, options, text, capsys):
-    before = {path: path.read_bytes() for path in begun.rglob("*") if path.is_file()}
-    assert run(begun, *options) == 1
-    assert text in capsys.readouterr().err
+    ):
+        assert run(begun, *options) == 1
+        assert text in capsys.readouterr().err
     assert {path: path.read_bytes() for path in begun.rglob("*") if path.is_file()} == before
+    for damaged in (b"", b"[1]", b"\xff"):
+        (begun / "unfinished" / "options.json").write_bytes(damaged)
+        assert run(begun, "--resume") == 1
     assert run(begun, "--force", "--seed", "4") == 0
 
 
-@pytest.mark.parametrize("text", [b"", b"[1]", b"\xff"])
-def test_a_damaged_list_of_options_is_refused(begun, text):
-    (begun / "unfinished" / "options.json").write_bytes(text)
-    assert run(begun, "--resume") == 1
-    assert run(begun, "--force") == 0
-
-
-def test_only_own_files_are_replaced(tmp_path, capsys):
-    assert run(tmp_path) == 0
-    assert run(tmp_path) == 0
-    assert run(tmp_path, "--replicates", "3") == 1
+def test_only_own_files_are_replaced(finished, tmp_path, capsys):
+    out = Path(shutil.copytree(finished[0], tmp_path / "out"))
+    assert run(out) == 0
+    assert run(out, "--replicates", "3") == 1
     assert "results of other options" in capsys.readouterr().err
-    assert run(tmp_path, "--replicates", "3", "--force") == 0
     for name in ("claims.png", "report.html"):
-        (tmp_path / name).write_text("mine")
-        assert run(tmp_path, "--replicates", "3", "--force") == 1
-        assert (tmp_path / name).read_text() == "mine"
-        (tmp_path / name).unlink()
+        kept = (out / name).read_bytes() if (out / name).exists() else None
+        (out / name).write_text("mine")
+        assert run(out, "--replicates", "3", "--force") == 1
+        assert (out / name).read_text() == "mine"
+        (out / name).unlink() if kept is None else (out / name).write_bytes(kept)
+    assert run(out, "--replicates", "3", "--force") == 0
 
 
 def test_a_killed_run_continues_with_the_same_numbers(tmp_path):
-    command = [sys.executable, "-m", "paper", "reproduce", "--quick", "--no-claims"]
-    command += ["--replicates", "8", "--samples", "30", "--out"]
-    made = subprocess.Popen([*command, str(tmp_path / "out")], cwd=ROOT, start_new_session=True)
+    options = ["reproduce", "--quick", "--no-claims", "--replicates", "8", "--samples", "30"]
+    command = [sys.executable, "-m", "paper", *options, "--out", str(tmp_path / "out")]
+    made = subprocess.Popen(command, cwd=ROOT, start_new_session=True)
     while not list(tmp_path.glob("out/unfinished/*.study")) and made.poll() is None:
         time.sleep(0.01)
     time.sleep(0.1)
     os.killpg(made.pid, signal.SIGKILL)
     made.wait()
-    subprocess.run([*command, str(tmp_path / "out"), "--resume"], cwd=ROOT, check=True)
-    subprocess.run([*command, str(tmp_path / "fresh")], cwd=ROOT, check=True)
+    assert program.run([*options, "--out", str(tmp_path / "out"), "--resume"]) == 0
+    assert program.run([*options, "--out", str(tmp_path / "fresh")]) == 0
     assert numbers(tmp_path / "out") == numbers(tmp_path / "fresh")
 
 
-def test_claims_as_text_json_and_files(tmp_path, capsys, monkeypatch):
+def test_claims_as_text_json_and_files(checked, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(program, "checked_claims", lambda *_, **options: checked[0])
     assert program.run(["claims", "--quick", "--out", str(tmp_path)]) == 0
     assert "all verdicts confirmed" in capsys.readouterr().out
     files = json.loads((tmp_path / "claims.json").read_text())["files"]
@@ -141,7 +158,7 @@ def test_claims_as_text_json_and_files(tmp_path, capsys, monkeypatch):
     (tmp_path / "claims.svg").write_text("mine")
     assert program.run(["claims", "--quick", "--out", str(tmp_path)]) == 1
     assert "claims.svg was changed since it was written" in capsys.readouterr().err
-    monkeypatch.setattr(type(program.checked_claims(quick=True)), "confirmed", False)
+    monkeypatch.setattr(type(checked[0]), "confirmed", False)
     assert program.run(["claims", "--quick", "--json"]) == 3
 
 
@@ -151,14 +168,13 @@ def test_wrong_options(options, capsys):
 
 
 @pytest.mark.parametrize("terminal", [True, False])
-def test_bars_are_for_terminals(terminal, monkeypatch):
+def test_bars_are_for_terminals(terminal, checked, monkeypatch):
     stderr = io.StringIO()
     stderr.isatty = lambda: terminal
     monkeypatch.setattr(sys, "stderr", stderr)
     paper.power(rng=1, replicates=2, samples=5, progress=True)
-    paper.claims(quick=True, progress=True)
-    for word in ("power network", "claims"):
-        assert (word in stderr.getvalue()) == terminal
+    assert ("power network" in stderr.getvalue()) == terminal
+    assert "claims" in checked[1]
 
 
 SOURCES = [path for path in (ROOT / "paper").rglob("*.py") if "tests" not in path.parts]
@@ -178,12 +194,3 @@ def test_only_public_rooms_of_the_package_are_used():
     assert used <= public
     package = (ROOT / "python" / "stochens_rs").rglob("*.py")
     assert not [path for path in package if "import paper" in path.read_text("utf-8")]
-
-
-@pytest.mark.parametrize("path", [p for p in SOURCES if ">>>" in p.read_text("utf-8")], ids=str)
-def test_examples_print_what_they_say(path):
-    name = ".".join(path.relative_to(ROOT).with_suffix("").parts)
-    options = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
-    found = doctest.testmod(importlib.import_module(name), optionflags=options)
-    assert found.attempted > 0
-    assert found.failed == 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from coverage_study import failures, sets
-from twin import triangle as tr
 
 RUNS = sets(1500, 300)
 LAMS = tuple(4.0**j for j in range(6))
@@ -76,14 +75,6 @@ def noisy_states(gen, T, sv, sw=0.1):
     for t in range(T):
         x[t + 1] = A @ x[t] + B @ u[t] + w[t]
     return np.hstack([A, B]), (x + sv * gen.standard_normal(x.shape), u)
-
-
-def k_step_case(gen, K, N=60):
-    A, B = stable(gen)
-    Theta = np.hstack([A, B])
-    z = gen.standard_normal((N, 6))
-    data = tr.triangle(z, z @ Theta.T + 0.1 * gen.standard_normal((N, 4)))
-    return Theta, data, gen.standard_normal(4), gen.standard_normal((K, 2))
 
 
 def rolled(Theta, x0, inputs, noise=None):

@@ -80,8 +80,3 @@ def draw_steps(gen, index):
     if index % 5 == 0:
         more |= {"S": 0.3}
     return A, B, 3.0 * gen.normal(size=n), K, more
-
-
-def feasible(gen, p, u, size=1.0):
-    """A point near u that keeps the limits of the box."""
-    return np.clip(u + size * gen.normal(size=len(u)), p.low, p.high)

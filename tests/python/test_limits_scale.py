@@ -14,7 +14,6 @@ from stochens_rs import _core as core
 from stochens_rs.limits.solution import OPTIMAL, Horizon
 from stochens_rs.theory.exact import states
 
-INF = np.inf
 NOTHING = 1e-20  # squares of rounding, as in the core
 A, B = np.array([[0.9, 0.2], [0.0, 0.8]]), np.array([[1.0, 1.0], [0.5, -2.0]])
 

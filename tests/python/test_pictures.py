@@ -30,9 +30,27 @@ from stochens_rs.plots.style import COLORS, DARK, LIGHT, contrast, look_of, numb
 
 
 @pytest.mark.parametrize("name", pictures.NAMES)
-def test_a_plot_looks_as_it_did(name: str) -> None:
-    found = pictures.difference(pictures.pixels(pictures.drawn(name)), pictures.kept(name))
+def test_a_plot_looks_as_it_did_and_its_texts_can_be_read(name: str) -> None:
+    """Texts stand out from the background, lie within the figure and cover no other."""
+    figure = pictures.drawn(name)
+    found = pictures.difference(pictures.pixels(figure), pictures.kept(name))
     assert found <= pictures.SLACK
+    face = to_rgb(figure.get_facecolor())
+    for text in figure.findobj(matplotlib.text.Text):
+        if text.get_text().strip() and text.get_visible():
+            assert contrast(text.get_color(), face) >= 4.4, text.get_text()
+    boxes = [
+        (text.get_window_extent(), text.get_text())
+        for ax in figure.axes
+        for text in [
+            *ax.texts, ax.xaxis.label, ax.yaxis.label, ax.title, ax._left_title,
+            *ax.get_xticklabels(), *ax.get_yticklabels(),
+        ]
+        if text.get_text().strip() and inside(text, ax)
+    ]  # fmt: skip
+    for (one, first), (two, second) in itertools.combinations(boxes, 2):
+        assert not (one.padded(-1).overlaps(two.padded(-1))), (first, second)
+        assert figure.bbox.padded(1).count_contains([one.p0, one.p1]) == 2, first
 
 
 @pytest.mark.parametrize("name", [*pictures.AXES, *pictures.FIGURES])
@@ -160,35 +178,6 @@ def test_colours_stand_out_from_the_background() -> None:
         assert contrast(look.ink, look.face) > 15.0
         assert contrast(look.pale, look.face) > 5.0
     assert contrast("#ffffff", "#000000") == pytest.approx(21.0)
-
-
-def test_texts_can_be_read_on_light_and_dark() -> None:
-    """Every text in every picture, also those at the ends of orange lines."""
-    for name in pictures.NAMES:
-        figure = pictures.drawn(name)
-        pictures.pixels(figure)
-        face = to_rgb(figure.get_facecolor())
-        for text in figure.findobj(matplotlib.text.Text):
-            if text.get_text().strip() and text.get_visible():
-                assert contrast(text.get_color(), face) >= 4.4, (name, text.get_text())
-
-
-def test_no_text_covers_another_one() -> None:
-    for name in pictures.NAMES:
-        figure = pictures.drawn(name)
-        pictures.pixels(figure)
-        boxes = [
-            (text.get_window_extent(), text.get_text())
-            for ax in figure.axes
-            for text in [
-                *ax.texts, ax.xaxis.label, ax.yaxis.label, ax.title, ax._left_title,
-                *ax.get_xticklabels(), *ax.get_yticklabels(),
-            ]
-            if text.get_text().strip() and inside(text, ax)
-        ]  # fmt: skip
-        for (one, first), (two, second) in itertools.combinations(boxes, 2):
-            assert not (one.padded(-1).overlaps(two.padded(-1))), (name, first, second)
-            assert figure.bbox.padded(1).count_contains([one.p0, one.p1]) == 2, (name, first)
 
 
 def inside(text: matplotlib.text.Text, ax: matplotlib.axes.Axes) -> bool:

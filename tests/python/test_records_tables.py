@@ -16,7 +16,6 @@ from test_records import PARTS, PLANS, SYSTEM, X0, A, B, data, key
 
 pandas = pytest.importorskip("pandas")
 xarray = pytest.importorskip("xarray")
-TABLED = ("to_xarray", "to_pandas")
 ALL = PLANS | PARTS
 CUBES = [name for name, make in ALL.items() if hasattr(make(), "to_xarray")]
 

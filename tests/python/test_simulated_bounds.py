@@ -18,9 +18,6 @@ from stochens_rs.theory import drawn_bounds as drawn_errors
 from stochens_rs.theory.drawn_bounds import DrawnEntity as Entity
 from stochens_rs.theory.drawn_bounds import PlanErrors
 
-GEN = np.random.default_rng(3)
-
-
 # -- the order statistic ---------------------------------------------------------------------------
 
 

@@ -12,9 +12,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .laws import f_upper, normal_quantile
+from .laws import normal_quantile
 from .regions import Region, _times, bound, radius
-from .triangle import Fitted, fit, seen, triangle
+from .triangle import Fitted, seen
 
 Array = NDArray[np.float64]
 
@@ -63,16 +63,6 @@ def _one_step(
         W = np.linalg.norm(m.white[:, :n], 2) if known else np.inf
         start = float(np.linalg.norm(m.H[:, :n], 2) + radius(region) * W) * rho0
     return OneStep(reach + model + start, reach, model, start)
-
-
-def fixed_noisy_radius(fitted: Fitted, z: ArrayLike, delta: float) -> float:
-    """||D z + w|| for one z fixed before the data: Hotelling's bound times sqrt(1 + ||z||^2)."""
-    n, nu = len(fitted.H), fitted.nu
-    if nu < n:
-        return np.inf
-    q = n / (nu - n + 1) * f_upper(delta, n, nu - n + 1)
-    size = np.hypot(1.0, _times(1.0, fitted, z))
-    return float(np.sqrt(q * np.linalg.norm(fitted.S, 2)) * size)
 
 
 def state_and_input(fitted: Fitted, x: ArrayLike, u: ArrayLike) -> Array:
@@ -289,34 +279,3 @@ def scalar_steps(
 
 
 # -- a correction from a second half of the data ---------------------------------------------------
-
-
-class Split(NamedTuple):
-    """x(K) - correction - (rest) is within `radius` of the model's x(K)."""
-
-    correction: Array
-    radius: float
-
-
-def split_correction(
-    first: Fitted, Z: ArrayLike, Y: ArrayLike, x0: ArrayLike, inputs: ArrayLike, delta: float
-) -> Split:
-    """First-order error of the model `first` by data that it has not seen, noise sigma^2 I.
-
-    sum_j A^{K-1-j} (H2 - H1) z_j has the error N(0, C(Sigma)), C(X) = sum_jk (z_j' V2^-1 z_k)
-    A^{K-1-j} X A^{K-1-k}', so its norm is at most sqrt(||C(I)|| n F_{n, n nu} tr S2 / (n nu)).
-    What is left, of second order, is `several_steps` without its first order.
-    """
-    second = fit(triangle(Z, Y))
-    n = len(first.H)
-    x, zs = np.asarray(x0, dtype=np.float64), []
-    for u in np.asarray(inputs, dtype=np.float64):
-        zs.append(state_and_input(first, x, u))
-        x = first.H @ zs[-1]
-    K = len(zs)
-    back = [np.linalg.matrix_power(first.H[:, :n], K - 1 - j) for j in range(K)]
-    correction = sum((back[j] @ (second.H - first.H) @ zs[j] for j in range(K)), np.zeros(n))
-    total = sum(np.kron((second.white @ zs[j])[None, :], back[j]) for j in range(K))
-    sigma2 = np.trace(second.S) / (n * second.nu)
-    size = np.linalg.norm(np.atleast_2d(total), 2)
-    return Split(correction, float(size * np.sqrt(n * f_upper(delta, n, n * second.nu) * sigma2)))

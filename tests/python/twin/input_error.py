@@ -14,31 +14,6 @@ from .regions import Region, _times, radius
 Array = NDArray[np.float64]
 
 
-def separate_bound(
-    A: ArrayLike,
-    B: ArrayLike,
-    x0: ArrayLike,
-    xf: ArrayLike,
-    u: ArrayLike,
-    *,
-    eA: float,
-    eB: float,
-    e0: float,
-    ef: float,
-) -> float:
-    """||x(1) - xf|| for any u, from estimates with errors of their own.
-
-    With b-hat = xf-hat - A-hat x0-hat:  xf - A x0 - B u = (xf - xf-hat) - A (x0 - x0-hat)
-    - (A - A-hat) x0-hat - (B - B-hat) u + (b-hat - B-hat u), and ||A|| <= ||A-hat|| + eA.
-    """
-    A, B = np.asarray(A, dtype=np.float64), np.asarray(B, dtype=np.float64)
-    x0, xf, u = (np.asarray(v, dtype=np.float64) for v in (x0, xf, u))
-    norm = np.linalg.norm
-    left = norm(xf - A @ x0 - B @ u)
-    start = (norm(A, 2) + eA) * e0 if e0 > 0.0 else 0.0
-    return float(ef + start + eA * norm(x0) + eB * norm(u) + left)
-
-
 def input_bound(region: Region, x0: ArrayLike, u: ArrayLike, xf: ArrayLike) -> float:
     """||u - v||, v = pinv(B) (xf - A x0) the exact best input; infinite if B may lose rank.
 
@@ -61,14 +36,6 @@ def input_bound(region: Region, x0: ArrayLike, u: ArrayLike, xf: ArrayLike) -> f
     model = _times(radius(region), f, z)
     across = float(np.linalg.norm(B.T @ r)) + eB * float(np.linalg.norm(r))
     return float((model + across / (s - eB)) / (s - eB))
-
-
-def limited_excess(eb: float, eB: float, size: float) -> float:
-    """How much worse the best u of the estimates is than the best of the truth, ||u|| <= size.
-
-    ||B u-hat - b|| <= min ||B u - b|| + 2 eb + 2 eB size.
-    """
-    return 2.0 * eb + 2.0 * eB * size
 
 
 def mean_pseudoinverse(b: ArrayLike, s: float) -> Array:

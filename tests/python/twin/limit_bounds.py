@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .certified_control import _product, state_and_input
-from .limited_problems import Problem, matrix, norm, powers, residual_form, root
+from .limited_problems import Problem, matrix, norm, root
 from .regions import Region, _times
 from .triangle import Fitted, seen
 
@@ -41,61 +41,12 @@ def in_two_norm(bound: float, weight: ArrayLike) -> float:
 # -- the map is exact, only b moves ----------------------------------------------------------------
 
 
-def moved_target(delta: float, D: float = 0.0) -> Bounds:
-    """delta >= ||b^ - b||_Q, or ||P_Q (b^ - b)||_Q: state delta + D, input delta / 2 + D.
-
-    The inequalities of the two best points, each tested at the other and added:
-    ||G (u - u')||_Q^2 + ||u - u'||_R^2 <= <G (u - u'), b - b'>_Q. So with p = ||G (u - u')||_Q,
-    p <= delta and ||u - u'||_R^2 <= p (delta - p) <= delta^2 / 4. D: u~ is not quite the best.
-    """
-    return Bounds(delta + D, delta / 2.0 + D, delta + D)
-
-
 def projected(p: Problem, db: ArrayLike) -> float:
     """||P_Q db||_Q: the part of db in the range of G, all that <G du, db>_Q sees."""
     half = root(p.Q)
     U, s, _ = np.linalg.svd(half @ p.G, full_matrices=False)
     keep = s > max(p.G.shape) * np.finfo(float).eps * np.max(s, initial=0.0)
     return float(np.linalg.norm(U[:, keep].T @ (half @ np.asarray(db, dtype=np.float64))))
-
-
-def start_and_reference(A: ArrayLike, weights: list[Array], dx0: ArrayLike, dr: ArrayLike) -> float:
-    """(sum_k ||dr_k - A^k dx0||_{Q_k}^2)^(1/2), k = 1 .. K, with one weight and one dr_k each."""
-    moved = [P @ np.asarray(dx0, dtype=np.float64) for P in powers(A, len(weights))[1:]]
-    parts = zip(np.atleast_2d(dr), moved, weights, strict=True)
-    return float(np.sqrt(sum(norm(r - x, Q) ** 2 for r, x, Q in parts)))
-
-
-def start_and_reference_radii(
-    A: ArrayLike, weights: list[Array], rho0: float, rho: ArrayLike
-) -> float:
-    """The same for all ||dx0|| <= rho0 and ||dr_k|| <= rho_k.
-
-    ||(Q_k^(1/2) A^k)_k|| rho0 + (sum_k ||Q_k|| rho_k^2)^(1/2).
-    """
-    moved = powers(A, len(weights))[1:]
-    tall = np.vstack([root(Q) @ P for Q, P in zip(weights, moved, strict=True)])
-    sizes = [np.linalg.norm(Q, 2) for Q in weights]
-    return float(np.linalg.norm(tall, 2) * rho0 + np.sqrt(sizes @ np.asarray(rho) ** 2))
-
-
-def input_without_weight(p: Problem, u: ArrayLike, delta: float) -> float:
-    """||u~ - u||_2 for R = 0, u~ the best of least norm, delta >= ||P_Q db||_Q.
-
-    Q^(1/2) G of full column rank: delta / sigma_min, limits active or not. Else only if every
-    u~_i +- ||e_i' (Q^(1/2) G)^+|| delta keeps the limits: ||(Q^(1/2) G)^+|| delta. Else infinite:
-    the best u may move by any multiple of delta, or jump.
-    """
-    X = root(p.Q) @ p.G
-    s = np.linalg.svd(X, compute_uv=False)
-    tiny = max(X.shape) * np.finfo(float).eps
-    if len(s) == X.shape[1] and s[-1] > tiny * s[0]:
-        return delta / float(s[-1])
-    inverse = np.linalg.pinv(X, rcond=tiny)
-    reach, u = np.linalg.norm(inverse, axis=1) * delta, np.asarray(u, dtype=np.float64)
-    if np.all(u - reach >= p.low) and np.all(u + reach <= p.high) and len(p.c) == 0:
-        return float(np.linalg.norm(inverse, 2)) * delta
-    return np.inf
 
 
 # -- the map is uncertain --------------------------------------------------------------------------
@@ -121,11 +72,6 @@ def uncertain_map(alpha: float, gamma: float, gap: float = 0.0) -> Bounds:
     return Bounds(float(sides[0]), float(sides[1]), float(sides[2]), float(h2 + gap))
 
 
-def uncertain_map_best(alpha: float, gamma: float) -> float:
-    """D <= alpha + gamma at the best estimated point; `uncertain_map` is sharper."""
-    return alpha + gamma
-
-
 def in_inverse(c: ArrayLike, R: ArrayLike) -> float:
     """||c||_{R^-1}, R > 0."""
     return float(np.sqrt(np.asarray(c) @ np.linalg.solve(np.asarray(R), np.asarray(c))))
@@ -146,15 +92,6 @@ def uncertain_map_small_weight(
     least = max(smallest - map_radius, 0.0) ** 2 + lowest
     e = alpha + (0.0 if c == 0.0 else c / np.sqrt(least) if least > 0.0 else np.inf)
     return float((e + np.sqrt(e * e + 2.0 * gap)) / 2.0)
-
-
-def root_value(p: Problem, u: Array) -> float:
-    """N(u) = J(u)^(1/2); N(u~) <= N^(u~) + alpha(u~), and N(u^) <= N(u) + alpha(u^) + alpha(u).
-
-    The second for u^ the best of the estimated problem and any u: regret, which needs no R.
-    """
-    M, t = residual_form(p)
-    return float(np.linalg.norm(M @ u - t))
 
 
 # -- a map known by a region -----------------------------------------------------------------------
@@ -244,43 +181,10 @@ def region_steps(
 # -- limits of the state ---------------------------------------------------------------------------
 
 
-def soft_change(dc: ArrayLike, dxf: ArrayLike, Q: ArrayLike, C: ArrayLike, rho: float) -> float:
-    """delta for `moved_target` with J = ||y - xf||_Q^2 + ||u||_R^2 + rho ||max(0, C y - h)||^2.
-
-    y = c + G u: delta = ||dc||_W + ||dxf||_Q, W = Q + rho C' C, since gradients differ by T dy with
-    Q <= T = Q + rho C' diag(theta) C <= W, theta in [0, 1]. dc whole: P_Q is of no use here.
-    """
-    Q, C = np.asarray(Q, dtype=np.float64), np.asarray(C, dtype=np.float64)
-    return norm(dc, Q + rho * C.T @ C) + norm(dxf, Q)
-
-
 def soft_price(Q: ArrayLike, C: ArrayLike, rho: float) -> float:
     """kappa = sqrt(1 + rho ||C Q^(-1/2)||^2): ||.||_W <= kappa ||.||_Q, Q > 0."""
     X = np.asarray(C) @ np.linalg.inv(root(Q))
     return float(np.sqrt(1.0 + rho * np.linalg.norm(X, 2) ** 2))
-
-
-def soft_map_error(
-    y: ArrayLike,
-    y_model: ArrayLike,
-    dG: Array,
-    xf: ArrayLike,
-    Q: ArrayLike,
-    C: Array,
-    h: ArrayLike,
-    rho: float,
-) -> tuple[float, Array]:
-    """alpha and c for `uncertain_map` with soft limits: y, y~ by the true map and the model at u~.
-
-    alpha = ||y - y~||_W and c = (G - G^)' f'(y~) / 2, f = ||. - xf||_Q^2 + the penalty. Proof:
-    f'(y~) - f'(y_u) = 2 T (G du - (y - y~)) for du = u~ - u, the states y_u under u, and one T with
-    Q <= T <= W; so p^2 + q^2 <= alpha p + gamma q + gap / 2 for p = ||G du||_T >= ||G du||_Q. And
-    f(y) - f(y_u) <= f'(y~)' G du + ||y - y~||_W^2 gives the value alpha^2 + gamma^2 + gap.
-    """
-    Q, y_model = np.asarray(Q, dtype=np.float64), np.asarray(y_model, dtype=np.float64)
-    alpha = norm(y - y_model, Q + rho * C.T @ C)
-    force = Q @ (y_model - xf) + rho * C.T @ np.maximum(0.0, C @ y_model - h)
-    return alpha, np.asarray(dG.T @ force)
 
 
 def tightened(C: ArrayLike, h: ArrayLike, radii: ArrayLike) -> Array:

@@ -91,13 +91,6 @@ def frobenius_norm(first: list[tuple[Array, Array]]) -> float:
     return float(np.linalg.norm(sum(np.kron(c[None, :], M) for M, c in first), 2))
 
 
-def nuclear(first: list[tuple[Array, Array]], T: Array) -> float:
-    """``nuc(T)`` of pairs (M_j, c_j)."""
-    inverse = np.linalg.inv(T)
-    G = sum((c @ inverse @ e) * M @ L.T for M, c in first for L, e in first)
-    return float(np.sqrt(np.trace(T) * np.linalg.eigvalsh(G)[-1]))
-
-
 @dataclass(frozen=True)
 class Problem:
     """A plan and a reference, with the radii of the event."""

@@ -139,20 +139,3 @@ def support(
         if rest and same(solver([units[j] for j in rest]), target, tolerance):
             kept = rest
     return kept
-
-
-def discarded(
-    units: Sequence[Unit], r: int, solver: Callable[[list[Unit]], Worst]
-) -> tuple[list[int], Worst]:
-    """r units left out, each time the one whose absence lowers the value most: greedy."""
-    kept, gone = list(range(len(units))), list[int]()
-    now = solver(list(units))
-    for _ in range(r):
-        top = [i for i, x in zip(kept, misses([units[i] for i in kept], now.u), strict=True)
-               if x >= (1.0 - 1e-6) * now.value]  # fmt: skip
-        trials = {i: solver([units[j] for j in kept if j != i]) for i in top}
-        best = min(trials, key=lambda i: trials[i].value)
-        now = trials[best]
-        kept.remove(best)
-        gone.append(best)
-    return gone, now

@@ -19,8 +19,6 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
-TRUSTED = 1e-8  # smallest over largest singular value below which a rank decision is delicate
-
 
 class Triangle(NamedTuple):
     """What is kept of N pairs: R (d + n, d + n), upper triangular, R' R = [Z Y]' [Z Y]."""
@@ -58,12 +56,6 @@ def update(data: Triangle, z: ArrayLike, y: ArrayLike) -> Triangle:
     """One pair more."""
     row = np.concatenate([np.asarray(z, dtype=np.float64), np.asarray(y, dtype=np.float64)])
     return Triangle(r_factor(np.vstack([data.R, row])), data.d, data.N + 1)
-
-
-def merge(*data: Triangle) -> Triangle:
-    """Exactly the triangle of all pairs together: pooling, for one common Theta."""
-    R = r_factor(np.vstack([part.R for part in data]))
-    return Triangle(R, data[0].d, sum(part.N for part in data))
 
 
 def r_factor(rows: Array) -> Array:

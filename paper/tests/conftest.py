@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import paper
+
 SLOW = ("experiments", "claims", "program", "report_page")
 
 
@@ -12,6 +14,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.parent.parent.name == "paper" and any(s in item.path.stem for s in SLOW):
             item.add_marker("slow")
+
+
+@pytest.fixture(scope="session")
+def claimed() -> tuple[paper.Claims, list[tuple[int, int | None]]]:
+    """All verdicts, and what their progress was."""
+    seen: list[tuple[int, int | None]] = []
+    return paper.claims(quick=True, progress=lambda *counts: seen.append(counts)), seen
 
 
 @pytest.fixture

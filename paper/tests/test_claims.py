@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import runpy
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 import pytest
@@ -26,6 +30,8 @@ from stochens_rs import reference
 from stochens_rs.rng import as_key
 from stochens_rs.theory import moments
 
+ROOT = Path(__file__).resolve().parents[2]
+Claimed: TypeAlias = "tuple[paper.Claims, list[tuple[int, int | None]]]"
 FALSE = {
     "Contribution vi",
     "Lemma 3.1",
@@ -41,13 +47,9 @@ FALSE = {
 }
 
 
-SEEN: list[tuple[int, int | None]] = []
-
-
-@pytest.fixture(scope="module")
-def found() -> paper.Claims:
-    SEEN.clear()
-    return paper.claims(quick=True, progress=lambda *counts: SEEN.append(counts))
+@pytest.fixture
+def found(claimed: Claimed) -> paper.Claims:
+    return claimed[0]
 
 
 def test_every_statement_has_its_row_and_its_evidence(found: paper.Claims) -> None:
@@ -66,8 +68,9 @@ def test_the_evidence_supports_every_verdict(found: paper.Claims) -> None:
     assert found.confirmed
 
 
-def test_progress_counts_the_statements(found: paper.Claims) -> None:
-    assert [(k, len(found.rows)) for k in range(1, len(found.rows) + 1)] == SEEN
+def test_progress_counts_the_statements(claimed: Claimed) -> None:
+    found, seen = claimed
+    assert seen == [(k, len(found.rows)) for k in range(1, len(found.rows) + 1)]
 
 
 def test_executors_and_files_change_nothing(found: paper.Claims, tmp_path: Path) -> None:
@@ -91,6 +94,7 @@ def test_executors_and_files_change_nothing(found: paper.Claims, tmp_path: Path)
         paper.claims(2, quick=True, path=folder)
 
 
+@pytest.mark.skipif("SOAK" not in os.environ, reason="make soak: seconds for one more seed")
 def test_another_seed_gives_the_same_verdicts() -> None:
     # the Monte Carlo parts decide at 4 standard errors or at margins of factors
     key = as_key(12345)
@@ -167,6 +171,21 @@ def test_the_row_of_the_figure_names_the_bound_that_is_drawn(found: se.Claims) -
     row = found["Lemma 4.2"]
     assert "the simulated bound in at most" in row.evidence[1].text
     assert "Sharper, among formulas: P(" in row.corrected
+
+
+def test_page_of_claims_has_every_statement(claimed: Claimed) -> None:
+    names = runpy.run_path(str(ROOT / "docs" / "theory" / "_claims.py"))
+    claims = claimed[0]
+    text = names["page"](claims)
+    assert text == names["page"](claims)
+    for k, row in enumerate(claims.rows, start=1):
+        assert f"](#claim-{k}) | {row.verdict} |" in text
+        assert (
+            f"(claim-{k})=\n## {names['readable'](row.item)}\n\n**{row.verdict.capitalize()}"
+            in text
+        )
+        assert all(names["readable"](one.text) in text for one in row.evidence)
+    assert len(re.findall(r"^## ", text, re.M)) == len(claims.rows)
 
 
 # -- the evidence could be contrary ----------------------------------------------------------------

@@ -31,8 +31,8 @@ def test_plain_formulas_become_readable(plain, html):
     assert readable(plain) == html
 
 
-def test_no_plain_formula_is_left_in_a_statement():
-    for row in paper.claims(quick=True).rows:
+def test_no_plain_formula_is_left_in_a_statement(claimed):
+    for row in claimed[0].rows:
         for text in (row.says, row.corrected, *(one.text for one in row.evidence)):
             shown = readable(text)
             assert re.findall(r"[_^`]|\|\||&[lg]t;=|\beps\b|\de[+-]\d", shown) == [], text

@@ -11,8 +11,6 @@ from pathlib import Path
 
 import pytest
 
-import paper
-
 pytest.importorskip("matplotlib")
 
 GALLERY = Path(__file__).resolve().parents[2] / "docs" / "gallery"
@@ -80,21 +78,6 @@ def test_blocks_of_theory_run_and_print_what_they_say(path, capsys):
         expected = re.findall(r"^print\(.*\)\s+# (.*)$", block, re.M)
         assert expected
         assert capsys.readouterr().out.splitlines() == expected
-
-
-def test_page_of_claims_has_every_statement(tmp_path):
-    names = runpy.run_path(str(THEORY / "_claims.py"))
-    claims = paper.claims(rng=1, quick=True)
-    text = names["page"](claims)
-    assert text == names["page"](claims)
-    for k, row in enumerate(claims.rows, start=1):
-        assert f"](#claim-{k}) | {row.verdict} |" in text
-        assert (
-            f"(claim-{k})=\n## {names['readable'](row.item)}\n\n**{row.verdict.capitalize()}"
-            in text
-        )
-        assert all(names["readable"](one.text) in text for one in row.evidence)
-    assert len(re.findall(r"^## ", text, re.M)) == len(claims.rows)
 
 
 @pytest.mark.parametrize("path", sorted(THEORY.glob("[a-z]*.md")), ids=lambda path: path.stem)

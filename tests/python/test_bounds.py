@@ -14,7 +14,7 @@ import pytest
 
 import tail_bounds as bounds
 from paper import bounds as paper
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
+from stochens_rs.exceptions import NonFiniteError
 from stochens_rs.theory import drawn_bound, moments
 
 AXES = ("columns", "rows")
@@ -483,31 +483,6 @@ def test_units(scale):
 # -- the paper's formulas --------------------------------------------------------------------------
 
 
-def hadamard(n):
-    H = np.ones((1, 1))
-    while len(H) < n:
-        H = np.block([[H, H], [H, -H]])
-    return H
-
-
-def test_one_vector_as_printed_is_refuted_by_the_binomial_distribution():
-    exact = {}
-    for N, eps in ((200, 0.3), (20, 0.5)):
-        law = vector_law([0.5, 0.5], N)
-        exact[N] = sum(q for q, v in law if np.linalg.norm(v - 0.5) > eps)
-    printed = paper.OneVector([0.5, 0.5], C=4.0)
-    assert exact[200] == pytest.approx(1.03e-9, rel=0.01)
-    assert printed.probability(200, 0.3) == pytest.approx(1.9e-15, rel=0.05)
-    assert exact[20] == pytest.approx(4.0e-4, rel=0.02)
-    assert printed.probability(20, 0.5) == pytest.approx(3.6e-4, rel=0.02)
-    for N, eps in ((200, 0.3), (20, 0.5)):
-        assert printed.probability(N, eps) < exact[N]
-        for bound in bounds.candidates("vector", [0.5, 0.5]):
-            assert bound.probability(N, eps) >= exact[N]
-    # no C repairs it: the ratio grows geometrically
-    assert exact[200] / math.exp(-2 * 200 * 0.3**2) > 1e6
-
-
 def paired(A, B, x0, xf):
     """What holds in place of Lemma 4.2 for paired realizations."""
     g0, gf, gA = np.abs(x0).sum(), np.abs(xf).sum(), np.abs(A).sum(axis=0).max()
@@ -523,149 +498,10 @@ def several_steps(A, B, x0, u):
     return paper.Corrected(moments.trajectory_rms((A, B), x0, u)[-1] ** 2, 2.0 * R**2)
 
 
-def test_lemma_42_holds_with_two_for_paired_realizations():
-    """Implied by the sharp exponent: compared on a grid, for several systems."""
-    H = hadamard(16) / 4.0
-    cases = [(x0, xf, A) for _, x0, xf, A in CONTROLS.values()] + [
-        (np.full(16, 0.25), np.zeros(16), H),
-        (np.ones(16), np.arange(16.0), np.eye(16)),
-    ]
-    for x0, xf, A in cases:
-        x0, xf, A = (np.array(x) for x in (x0, xf, A))
-        data = (A, np.eye(len(x0))), x0, xf
-        sharp = paired(*data[0], x0, xf)
-        product = bounds.bound("McDiarmid", "state", *data)
-        lemma, larger = paper.Lemma42(*data, C=2.0), paper.Lemma42(*data, C=28.0)
-        for N, eps in itertools.product((1, 10, 1000), np.geomspace(1e-3, 1e3, 40)):
-            assert sharp.probability(N, eps) <= lemma.probability(N, eps) * (1.0 + 1e-9)
-            claimed = larger.probability(N, eps)
-            assert product.probability(N, eps) <= claimed * (1.0 + 1e-9) or claimed < 1e-300
-
-
-def test_lemma_43_says_nothing_about_the_number_of_steps():
-    A, x0 = hadamard(2) / math.sqrt(2.0), np.full(2, math.sqrt(0.5))
-    for K in (1, 2, 4, 6, 8, 10):
-        data = (A, [[1.0], [0.0]]), x0, np.zeros((K, 1))
-        V = moments.trajectory_rms(*data)[-1] ** 2
-        assert pytest.approx(2.0 ** (K + 1) - 1.0) == V
-        one = paper.Lemma43(*data[:2], np.zeros((1, 1))).radius(100, 0.01)
-        assert paper.Lemma43(*data).radius(100, 0.01) == pytest.approx(one)
-
-
-@pytest.mark.parametrize("n", [16, 32])
-def test_lemma_43_exponent_is_beaten_by_one_atom(n):
-    """All N runs hit one atom n e_i: probability (2n - 2)(2n)^-N, deviation^2 = n^2 + 1."""
-    A, x0 = hadamard(n) / math.sqrt(n), np.full(n, 1.0 / math.sqrt(n))
-    eps = math.sqrt(n**2 + 1.0) * (1.0 - 1e-12)
-    rate = math.log(2.0 * n)
-    data = (A, np.eye(n)), x0, np.zeros((1, n))
-    printed = paper.Lemma43(*data, C=1.0)
-    exponent = (printed._level(10**4, eps) + math.log(4.0)) / 10**4  # 2 C, two equal terms
-    assert exponent == pytest.approx(2.0 * (n**2 + 1) / (9.0 * n), rel=1e-6)
-    expected = {16: (3.466, 3.569), 32: (4.16, 7.12)}[n]
-    assert (rate, exponent) == pytest.approx(expected, abs=6e-3)
-    assert rate < exponent
-    corrected = several_steps(*data[0], *data[1:])
-    for N in (1, 10, 100):
-        log_exact = math.log(2 * n - 2) - N * rate
-        assert math.log(corrected.probability(N, eps)) >= log_exact
-    if n == 32:
-        ratio = math.exp(math.log(62.0) - 10 * rate + 10 * exponent) / 4.0
-        assert ratio == pytest.approx(1.1e14, rel=0.05)  # over C, the factor 4 = 2 * 2 equal terms
-
-
-def test_trajectory_bounds_on_exact_distributions():
-    """K = 1, 2 with n = 2: every run enumerated, averages of three runs."""
-    A, B, x0 = np.array([[1.0, -2.0], [0.5, 1.0]]), np.array([[1.0], [0.5]]), np.array([1.0, -0.5])
-    for K, sample_B, axis in ((1, True, "columns"), (1, False, "rows"), (2, False, "columns")):
-        u = np.array([[0.7], [-0.4]])[:K]
-        runs = vector_law(x0, 1)
-        mean = x0
-        for control in u:
-            mean = A @ mean + B @ control
-            Bs = matrix_law(B, 1) if sample_B else [(1.0, B)]
-            runs = merged([
-                (p * q * r, a @ x + b @ control)
-                for (p, x), (q, a), (r, b) in itertools.product(runs, matrix_law(A, 1, axis), Bs)
-            ])  # fmt: skip
-        assert np.allclose(sum(p * x for p, x in runs), mean)
-        variance = sum(p * np.sum((x - mean) ** 2) for p, x in runs)
-        law = [
-            (math.prod(p for p, _ in draws), sum(x for _, x in draws) / 2)
-            for draws in itertools.product(runs, repeat=2)
-        ]
-        errors, exceeded = tail(law, lambda x, m=mean: np.linalg.norm(x - m))
-        V = (
-            moments.trajectory_rms(
-                (A, B), x0, u, sampled="A B x0" if sample_B else "A x0", axis=axis
-            )[-1]
-            ** 2
-        )
-        assert pytest.approx(variance, rel=1e-12) == V
-        if axis == "columns":  # an exact B moves no run more than a drawn one
-            assert_valid(several_steps(A, B, x0, u), 2, errors, exceeded)
-
-
-def test_lemma_43_for_one_step_follows_with_other_constants():
-    for A, B, x0 in (
-        (np.ones((3, 3)), np.eye(3), np.ones(3)),
-        (hadamard(4), np.eye(4), np.ones(4)),
-    ):
-        u = np.arange(len(x0), dtype=float)[None, :]
-        g0, gA, gB = (np.abs(x).sum(axis=0).max() for x in (x0, A, B))
-        # a run of one step consists of A^s x0^s and of the columns of B^s
-        V = moments.trajectory_rms((A, B), x0, u)[-1] ** 2
-        W = 2.0 * (g0 * gA) ** 2 + (u**2 @ np.abs(B).sum(axis=0) ** 2).item()
-        sharp = paper.Corrected(V, W)
-        for N, eps in itertools.product((1, 100), np.geomspace(1e-2, 1e3, 60)):
-            widths = np.linalg.norm(u) * gB, gA * g0
-            corrected = 4.0 * sum(np.exp(-2.0 * N * (eps / (3.0 * c)) ** 2) for c in widths)
-            assert sharp.probability(N, eps) <= max(corrected, 5e-324) * (1.0 + 1e-9)
-
-
-def test_every_printed_formula_says_what_is_wrong():
-    for name in ("OneVector", "Lemma42", "Lemma43"):
-        assert len(getattr(paper, name).wrong) > 100
-
-
 # -- input -----------------------------------------------------------------------------------------
 
 B2, START, GOAL, A2 = CONTROLS["m < n"]
 DATA = (A2, B2), START, GOAL
-
-
-@pytest.mark.parametrize("delta", [0.0, 1.0, -0.1, math.nan, "0.1", True, None])
-def test_delta(delta):
-    with pytest.raises((InputError, InputTypeError), match="`delta`"):
-        drawn_bound("vector", [1.0, 2.0], size=10, delta=delta)
-
-
-@pytest.mark.parametrize("size", [0, -1, 1.5, True, "2", 1e16])
-def test_size(size):
-    for quantity, data in (("vector", ([1.0, 2.0],)), ("state", DATA)):
-        with pytest.raises((InputError, InputTypeError), match="`size`"):
-            drawn_bound(quantity, *data, size=size, delta=0.1)
-
-
-@pytest.mark.parametrize(
-    ("quantity", "data", "options", "message"),
-    [
-        ("error", DATA, {}, "`quantity`"),
-        ("state", DATA[:1], {}, "`data` must be system, x0, xf for a state, got 1 arguments"),
-        ("state", DATA, {"norm": "1"}, "`norm`"),
-        ("state", DATA, {"fusion": "diagonal", "size": (2, 3, 2)}, "N0, Nf, NA = 2, 3, 2"),
-        ("state", DATA, {"fusion": "diagonal", "steps": 2}, "`fusion` must be 'product' over"),
-        ("state", DATA, {"steps": 2, "delta": 1e-9}, "`delta` must be at least 2.4e-06 to be s"),
-        ("vector", ([1.0, 2.0],), {"fusion": "diagonal"}, "`fusion` must be 'product' for a vec"),
-        ("vector", ([1.0, 2.0],), {"axis": "rows"}, "`axis` must be 'columns' for a vector, got"),
-        ("matrix", (A2,), {"steps": 2}, "`steps` must be 1 for a matrix, got int 2"),
-        ("matrix", (A2,), {"axis": "row"}, "`axis`"),
-        ("vector", ([[1.0]],), {}, "`w`"),
-    ],
-)
-def test_choices_and_shapes(quantity, data, options, message):
-    with pytest.raises((InputError, InputTypeError), match=message):
-        drawn_bound(quantity, *data, **({"size": 3, "delta": 0.1} | options))
 
 
 def test_what_overflows_is_refused():

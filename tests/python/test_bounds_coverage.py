@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 
 import tail_bounds as bounds
-from paper import bounds as paper
 from stochens_rs.cases import ieee14, ieee39
 from stochens_rs.theory import moments
 
@@ -207,82 +206,6 @@ def test_trajectories(name, K, axis):
 
 
 # -- the paper's statements ------------------------------------------------------------------------
-
-
-def hadamard_errors(n, N, replicates, seed):
-    """||mean of A^s x0^s - A x0|| for A = H/sqrt(n), x0 = 1/sqrt(n): atoms +-n e_i.
-
-    The first row of H is positive, the others have as many plus as minus signs: +n e_1 with
-    probability 1/n, each +-n e_i with 1/(2n).
-    """
-    gen = np.random.default_rng(seed)
-    p = np.full(2 * n - 1, 0.5 / n)
-    p[0] = 1.0 / n
-    hits = gen.multinomial(N, p, size=replicates)
-    mean = n / N * np.hstack([hits[:, :1], hits[:, 1:n] - hits[:, n:]])
-    mean[:, 0] -= 1.0  # A x0 = e_1
-    return np.linalg.norm(mean, axis=1)
-
-
-def test_lemma_42_with_the_norm_of_A_is_refuted():
-    """n = 64, N = 50: C = n^2 = 4096 is too small by more than two orders of magnitude."""
-    n, N = 64, 50
-    A, x0 = hadamard(n) / 8.0, np.full(n, 0.125)
-    errors = hadamard_errors(n, N, 20_000, 12)
-    lemma = paper.Lemma42((A, np.eye(n)), x0, np.zeros(n), C=1.0, reading="matrix")
-    assert lemma.beta == pytest.approx(1.0)
-    grid = np.quantile(errors, [0.5, 0.9, 0.99, 0.999])
-    # x0 and A give one term each: 2 C (1 + 1) exp(.) = -level
-    needed = [np.log((errors > eps).mean()) + lemma._level(N, eps) for eps in grid]
-    assert max(needed) > np.log(1e6)
-    # all N runs hit one atom: no C that depends on n only
-    for size in (50, 100, 200):
-        log_exact = np.log(2 * n - 2) - size * np.log(2 * n)
-        log_needed = log_exact + lemma._level(size, np.sqrt(n**2 + 1.0) * (1.0 - 1e-12))
-        assert log_needed > 9.0 * size
-    valid = paper.Lemma42((A, np.eye(n)), x0, np.zeros(n), C=2.0)
-    assert valid.beta == pytest.approx(64.0)
-    sharp = paper.Corrected(n**2 - 1.0, 2.0 * n**2)
-    for eps in grid:
-        share = (errors > eps).mean()
-        assert share <= sharp.probability(N, eps) <= valid.probability(N, eps)
-    for delta in DELTAS:
-        assert not exceeded_too_often(errors, sharp.radius(N, delta), delta)
-
-
-@pytest.mark.parametrize(("n", "share", "printed"), [(64, 0.86, 0.16), (128, 0.94, 6.5e-6)])
-def test_lemma_43_is_refuted_in_one_step(n, share, printed):
-    """N = 100, eps = 0.9 rms: the error is likely, C = n^2 and the bound small.
-
-    Shares of 5000 replicates: standard error below 0.005.
-    """
-    A, x0 = hadamard(n) / np.sqrt(n), np.full(n, n**-0.5)
-    errors = hadamard_errors(n, 100, 5000, 13)
-    eps = 0.9 * np.sqrt((n**2 - 1.0) / 100)
-    lemma = paper.Lemma43((A, np.eye(n)), x0, np.zeros((1, n)), C=float(n**2))
-    assert (errors > eps).mean() == pytest.approx(share, abs=0.02)
-    assert lemma.probability(100, eps) == pytest.approx(printed, rel=0.1)
-    assert paper.Corrected(n**2 - 1.0, 2.0 * n**2).probability(100, eps) == 1.0
-
-
-def test_lemma_43_is_refuted_in_ten_steps():
-    """n = 2, N = 100: the error 0.9 ||..|| of one step, ten steps later, in 79 % of the cases."""
-    A, x0 = hadamard(2) / np.sqrt(2.0), np.full(2, 0.5**0.5)
-    gen, K, N = np.random.default_rng(14), 10, 100
-    B, u = np.array([[1.0], [1.0]]), np.zeros((K, 1))
-    exact = np.linalg.matrix_power(A, K) @ x0
-    errors = np.linalg.norm(run_averages(gen, A, B, x0, u, N, 1000) - exact, axis=1)
-    rms = np.sqrt((2.0 ** (K + 1) - 1.0) / N)
-    # heavy tails: the mean square of 1000 averages of 100 runs within 15 %
-    assert np.sqrt((errors**2).mean()) == pytest.approx(rms, rel=0.15)
-    lemma = paper.Lemma43((A, B), x0, u, C=4.0)
-    eps = 0.5 * rms
-    assert (errors > eps).mean() > 0.7
-    assert lemma.probability(N, eps) < 1e-20
-    valid = paper.Corrected(2.0 ** (K + 1) - 1.0, 2.0 ** (K + 1))  # R_K^2 = 2^K
-    for delta in DELTAS:
-        radius = valid.radius(N, delta)
-        assert not exceeded_too_often(errors, radius, delta)
 
 
 # -- what the comparison is worth ------------------------------------------------------------------

@@ -248,12 +248,6 @@ def test_other_labels_are_refused(what):
         assert part in str(caught.value)
 
 
-def test_numbers_as_labels_are_refused():
-    frame = pd.DataFrame(A, index=[3, 1, 2], columns=[3, 1, 2])
-    with pytest.raises(InputError, match="has labels"):
-        System(frame, pd.DataFrame(B, index=[3, 1, 2], columns=INPUTS))
-
-
 def test_data_sets_are_aligned_by_dimension_and_label():
     data = PLANT.to_xarray().sel(state=ORDERS[1], state_next=ORDERS[2], input=["P", "F"])
     found = System.from_any(data.transpose("input", "state", "state_next"))
@@ -347,12 +341,6 @@ REFUSED = {
     "unhashable": SimpleNamespace(index=pd.Index(["a", "b", "c"]), columns=None),
     "coordinates": xr.DataArray([1.0, 2.0, 3.0], coords={"state": ["a", "b", "c"]}),
 }
-
-
-@pytest.mark.parametrize("what", REFUSED)
-def test_other_names_of_vectors_are_refused(what):
-    with pytest.raises(InputError, match=r"`x0` has the labels .*, expected the names 'p', 'v'"):
-        se.control(PLANT, REFUSED[what], XF)
 
 
 def test_labels_of_numpy_are_shown_as_text():

@@ -11,7 +11,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import _core, reference
-from stochens_rs.exceptions import InputError, SizeError
+from stochens_rs.exceptions import InputError
 
 A30 = np.random.default_rng(0).standard_normal((30, 30))
 # near twice the dimension of the hull: some 20 to 600 ms of work, never less than a millisecond
@@ -164,43 +164,6 @@ def test_weights_per_column_go_with_product_fusion_only() -> None:
     assert plan.u[0] == pytest.approx(-(fit.estimate @ x0.mean()), abs=1e-12)
     with pytest.raises(InputError, match="fusion='product'"):
         se.control((fit, system.B), x0, np.zeros(5), fusion="diagonal")
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
-    [
-        (
-            {"weight_set": "per-row"},
-            InputError,
-            "must be 'per-column' for realizations sampled by col",
-        ),
-        ({"time_limit": 0.0}, SizeError, "`time_limit` must be > 0"),
-        ({"max_iter": 0}, SizeError, "`max_iter` must be in"),
-        (
-            {"method": "slse", "time_limit": 1.0},
-            InputError,
-            "`time_limit` must be None for method 'slse'",
-        ),
-        (
-            {"method": "slse", "max_iter": 5},
-            InputError,
-            "`max_iter` must be None for method 'slse'",
-        ),
-        (
-            {"method": "uniform", "weight_set": "per-column"},
-            InputError,
-            "`weight_set` must be 'simplex'",
-        ),
-    ],
-)
-def test_bad_options(change: dict[str, object], error: type[Exception], words: str) -> None:
-    with pytest.raises(error, match=words):
-        se.fuse(HARD, **{"method": "alse", "target": A30, **change})
-
-
-def test_a_vector_has_one_column() -> None:
-    with pytest.raises(InputError, match="or 'subsimplex' for vectors"):
-        se.fuse(se.sample([1.0, 2.0], 3, rng=1), "alse", target=[1.0, 2.0], weight_set="per-column")
 
 
 # -- memory ---------------------------------------------------------------------------------------

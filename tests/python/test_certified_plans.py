@@ -15,7 +15,6 @@ from coverage_study import DELTA
 from declarations import opts
 from identification_data import POINT, Y, Z, check, rolled, stable
 from stochens_rs.certificates.of_model import trajectory
-from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.identification.assumptions import ACCEPTED
 from stochens_rs.identification.identified import Identified
 from twin import certified_control as cc
@@ -350,35 +349,6 @@ def test_plans_and_certificates_are_kept():
     exact = se.System(*np.split(np.hstack(stable(gen)), [4], axis=1))
     assert plan.error(exact, plan.basis.x0, plan.basis.xf).state > 0.0
     assert plan.states(exact, plan.basis.x0).shape == (3, 4)
-
-
-def refusals():
-    gen, Theta, z, y = case(31)
-    A, B = Theta[:, :4], Theta[:, 4:]
-    x0, xf = gen.standard_normal((2, 4))
-    model = model_of(z, y)
-    plan = se.control(model, x0, xf)
-    drawn = se.sample(x0, 9, rng=1)
-    exact = se.control((A, B), x0, xf)
-    yield InputTypeError, "`x0` .* Uncertain", lambda: se.control(model, drawn, xf)
-    yield InputTypeError, "`xf` must be an array", lambda: se.control(model, x0, se.fuse(drawn))
-    yield InputError, "`fusion`", lambda: se.control(model, x0, xf, fusion="diagonal")
-
-    yield se.exceptions.SizeError, "radius", lambda: se.control(model, se.Uncertain(x0, -1.0), xf)
-    yield InputError, "models from data", lambda: se.control((A, B), se.Uncertain(x0, 1.0), xf)
-    yield InputError, "models from data", lambda: exact.bound(noise=True)
-    yield InputError, "`system` must be left out", lambda: plan.bound(system=se.System(A, B))
-    yield InputError, "model from data", plan.covariance
-    known = np.where(gen.random((4, 4)) < 0.5, np.nan, A)
-    rows = model_of(z, y, known_A=known)
-    yield InputError, "single known", lambda: se.control(rows, x0, xf).bound(noise=True)
-
-
-def test_what_makes_no_sense_is_refused():
-    for error, text, call in refusals():
-        with pytest.raises(error, match=text) as seen:
-            call()
-        assert "\n" not in str(seen.value)
 
 
 def test_true_systems_of_one_step_are_rolled():

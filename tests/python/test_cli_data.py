@@ -160,30 +160,6 @@ def test_bad_tables_are_named(table, lines, capsys, change, words):
         assert word in error
 
 
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (COLUMNS[:2], ["give --states or --outputs, and --inputs, of the columns run, t, angle"]),
-        ([*COLUMNS, "--by", "rig"], ["'rig'", "--by", "run, t, angle"]),
-        ([*COLUMNS, "--time", "clock"], ["'clock'", "--time"]),
-        (["--states", "angle,speed", "--inputs", "torque"], ["'speed'", "--states"]),
-        (["--states", "angle,", "--inputs", "torque"], ["--states", "empty"]),
-        (["--states", "angle"], ["--inputs"]),
-        ([*OPTIONS, "--design", "independent"], ["--last-pairs"]),
-        ([*OPTIONS, "--design", "best"], ["best"]),
-        ([*OPTIONS, "--noise", "bounded"], ["sigma"]),
-        ([*OPTIONS, "--sigma", "-1"], ["sigma", "-1"]),
-        ([*OPTIONS, "--delta", "5"], ["--delta"]),
-        ([*OPTIONS, "--delta", "0"], ["delta"]),
-        ([*OPTIONS, "--out", ""], ["--out"]),
-    ],
-)
-def test_bad_options_are_named(table, capsys, args, words):
-    error = failed(capsys, "identify", table, *args)
-    for word in words:
-        assert word in error
-
-
 def test_a_forgotten_by_is_named(table, lines, capsys):
     error = failed(capsys, "identify", table, *COLUMNS, "--time", "t")
     assert "another run begins: cut the log there, or give --by for its runs" in error
@@ -429,26 +405,6 @@ def test_control_of_a_known_system(tmp_path, capsys):
     assert "for models" in failed(capsys, "control", path, "--noise")
 
 
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        ([], ["--from", "2 numbers"]),
-        (["--from", "1"], ["--from", "2 finite numbers"]),
-        (["--from", "1,nan"], ["--from", "finite"]),
-        (["--from", "1,up"], ["--from", "'1,up'"]),
-        (["--from", "1,0", "--steps", "0"], ["--steps"]),
-        (["--from", "1,0", "--record", "now.csv"], ["--record and --time are for models of out"]),
-        (["--from", "1,0", "--limits", "force=-1,1"], ["--limits", "'force'", "torque"]),
-    ],
-)
-def test_bad_controls_are_named(table, tmp_path, capsys, args, words):
-    file = tmp_path / "model.safetensors"
-    ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--out", file)
-    error = failed(capsys, "control", file, *args)
-    for word in words:
-        assert word in error
-
-
 def test_models_that_cannot_be_read(tmp_path, table, capsys):
     missing = tmp_path / "none.safetensors"
     assert cli.main(["control", str(missing), "--from", "1,0"]) == 5
@@ -539,27 +495,6 @@ def test_control_of_a_model_within_limits(table, tmp_path, capsys):
     assert np.abs(found["u"]).max() == 0.1
     assert found["certificate"]["quantities"]["tube"]["radius"][1] > 0.0
     assert found["limited"]["missed"] > 0.0
-
-
-@pytest.mark.parametrize(
-    ("args", "words"),
-    [
-        (["--limits", "1"], "LOW,HIGH"),
-        (["--limits", "1,0"], "low <= high"),
-        (["--limits", "a,b"], "numbers with commas"),
-        (["--limits", "0,1_5"], "numbers with commas"),
-        (["--to", "0,1_5"], "numbers with commas"),
-        (["--limits", "nan,1"], "LOW,HIGH"),
-        (["--limits", "speed=-1,1"], "'speed' must be one of u[0], u[1]"),
-        (["--state-limits", "u[0]=-1,1"], "must be one of x[0], x[1]"),
-        (["--R", "1,2,3"], "1 or 2 finite numbers"),
-        (["--Q", "inf"], "1 or 2 finite numbers"),
-        (["--rate", "0.1"], "--previous must be given"),
-        (["--hard"], "--hard is for --state-limits"),
-    ],
-)
-def test_bad_limits_are_named(rig, capsys, args, words):
-    assert words in failed(capsys, "control", rig[0], "--steps", 3, *args)
 
 
 def test_an_underscore_is_no_part_of_a_number(tmp_path, capsys):

@@ -14,7 +14,7 @@ import hidden_systems as hidden
 import stochens_rs as se
 from coverage_study import at_most, failures, repeated
 from declarations import opts
-from stochens_rs.exceptions import DataWarning, InputError
+from stochens_rs.exceptions import DataWarning
 from stochens_rs.identification import battery
 from stochens_rs.identification import checks as residual_checks
 
@@ -287,14 +287,6 @@ def test_fused_models_and_files_keep_what_was_found(tmp_path):
     assert loaded.assumptions.exact == (0, 1, 2)
     assert loaded.doubts == ()
     assert loaded.checks.distances.keys() == loaded.checks.p_values.keys()
-
-
-def test_what_cannot_be_exact_is_refused():
-    data = differenced(np.random.default_rng(109), 2, "backward")
-    with pytest.raises(InputError, match=r"`exact` must be one of .* did you mean 'speed'"):
-        se.identify(data, **opts(exact=["sped"]))
-    with pytest.raises(InputError, match=r"`exact` must be in .0, 3., got int 4"):
-        se.identify(data, **opts(exact=[4]))
 
 
 def test_tests_that_were_not_made_say_so(monkeypatch):

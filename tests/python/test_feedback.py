@@ -472,41 +472,6 @@ def test_a_changed_plant_is_not_covered():
     assert not proof.region.contains(1.5 * A, B)
 
 
-@pytest.mark.parametrize(
-    ("call", "text"),
-    [
-        (lambda: se.gain(([[1.0]], [[1.0]])), "need a model from data"),
-        (lambda: se.gain(([[1.0]], [[1.0]]), 1.0), "`Q` and `R` must be given both"),
-        (lambda: se.gain(([[1.0]], [[1.0]]), -1.0, 1.0), "`Q` must be >= 0"),
-        (lambda: se.gain(([[1.0]], [[1.0]]), 1.0, 0.0), "`R` must be positive definite"),
-        (lambda: se.gain(([[2.0]], [[0.0]]), 1.0, 1.0), "no gain was found"),
-        (lambda: se.gain(([[1.0]], [[1.0]]), 1.0, 1.0).certificate(), "needs a loop for a model"),
-        (lambda: se.gain(model(), 1.0, 1.0).certificate(1.5), "`delta` must be"),
-        (lambda: se.gain(model(), 1.0, 1.0, guarantee=2.0), "`guarantee` must be"),
-    ],
-)
-def test_what_is_refused(call, text):
-    with pytest.raises(se.StochensError, match=re.escape(text)):
-        call()
-
-
-def test_refusals_of_a_certificate():
-    proof = se.gain(model(), 1.0, 1.0).certificate(0.05)
-    for call, text in (
-        (lambda: proof.tube([1.0], 5), "`x0` must have"),
-        (lambda: proof.tube([1.0, 0.0], 0), "`steps` must be"),
-        (lambda: proof.tube([1.0, 0.0], 5, noise=1.0), "`noise` must be"),
-        (lambda: proof.tube([1.0, 0.0], 5, start=-1.0), "`start` must be"),
-        (lambda: proof.holds(), "must have a finite limit"),
-        (lambda: proof.holds((1.0, 2.0)), "must have low < 0 < high"),
-        (lambda: proof.holds(3.0), "must be (low, high)"),
-    ):
-        with pytest.raises(se.StochensError, match=re.escape(text)):
-            call()
-    unknown = se.gain(model(sigma=0.1, design="independent"), 1.0, 1.0)
-    assert unknown.certificate(0.05).status == "certified"
-
-
 def of_runs(count=20, error=0.0, sigma=0.05, seed=0, **options):
     """A model of an oscillator, whose states are read with an error that is not declared."""
     rng = np.random.default_rng(seed)

@@ -11,7 +11,7 @@ import scipy.optimize
 import stochens_rs as se
 from declarations import opts
 from stochens_rs import _core
-from stochens_rs.exceptions import DataWarning, ShapeError
+from stochens_rs.exceptions import DataWarning
 from twin import region_from_data as twin
 
 DELTA = 0.05
@@ -241,21 +241,6 @@ def test_known_entries_and_rows():
         assert found.contains(A, B)
         for part, other in zip(found.parts, expected.parts, strict=True):
             assert part.factor == pytest.approx(other.factor, rel=1e-8)
-
-
-def test_wrong_arguments_of_the_core():
-    rows = np.ones((8, 3))
-    assert _core.first_pairs(rows, 2, 1) == 4
-    assert _core.first_pairs(rows[:7], 2, 1) is None
-    for d in (0, 3, 4):
-        with pytest.raises(ShapeError):
-            _core.first_pairs(rows, d, 1)
-    none = region(np.ones((20, 2)), np.arange(20.0)[:, None], 0, UNKNOWN)
-    assert none.parts[0].factor == np.inf
-    one, _ = divided(np.eye(2)[[0, 1] * 4], np.ones((8, 1)), 4)
-    _, other = divided(np.eye(3)[[0, 1, 2] * 4], np.ones((12, 1)), 6)
-    with pytest.raises(ShapeError, match="units"):
-        other.region(UNKNOWN, one, DELTA, False, None, 0, False, "auto", False, 1)
 
 
 @pytest.mark.parametrize("size", [1e-90, 1e90])

@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 
 import stochens_rs as se
 from stochens_rs import _core
-from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, SizeError
+from stochens_rs.exceptions import InputError, ShapeError
 from stochens_rs.fleet.units import Units
 from twin import populations as twin
 
@@ -323,36 +323,6 @@ def test_plans_are_pickled_and_shown() -> None:
     pytest.importorskip("matplotlib")
     labels = [text.get_text() for text in plan.plot(validated=risk).get_legend().get_texts()]
     assert labels == ["3 fresh units", "2 units of the design", "support", "threshold"]
-
-
-def test_bad_arguments_are_named() -> None:
-    two = gains(1.0, 2.0)
-    plan = se.control_fleet(two, [0.0], [1.0], 1)
-    replicates = se.SystemEnsemble(two.A, two.B, centre="estimate")
-    for call, kind, text in (
-        (lambda: se.control_fleet(replicates, [0.0], [1.0], 1), InputError, "scatter about"),
-        (lambda: se.control_fleet([], [0.0], [1.0], 1), InputError, "`systems`"),
-        (lambda: se.control_fleet(two, [0.0, 1.0], [1.0], 1), ShapeError, "`x0`"),
-        (lambda: se.control_fleet(two, np.zeros((3, 1)), [1.0], 1), ShapeError, "`x0`"),
-        (lambda: se.control_fleet(two, [0.0], [np.nan], 1), InputError, "`xf"),
-        (lambda: se.control_fleet(two, [0.0], [1.0], 0), SizeError, "`steps`"),
-        (lambda: se.control_fleet(two, [0.0], [1.0], 1, limits=(1, -1)), InputError, "low <= high"),
-        (lambda: se.control_fleet(two, [0.0], [1.0], 1, cost=se.Cost(Qf=0.0)), InputError, "`Qf`"),
-        (lambda: se.control_fleet(two, [0.0], [1.0], 1, cost=se.Cost(R=-1.0)), InputError, "`R`"),
-        (lambda: se.control_fleet(two, [0.0], [1.0], 1, risk="best"), InputError, "`risk`"),  # type: ignore[arg-type]
-        (lambda: se.control_fleet(two, [0.0], [1.0], 1, discard=1), InputError, "`discard`"),
-        (lambda: se.control_fleet(two, [0.0], [1.0], 1, time_limit=0), InputError, "`time_limit`"),
-        (lambda: plan.certify(0.1), InputError, "validate"),
-        (lambda: plan.validate(two, 0.1), InputError, "fresh"),
-        (lambda: plan.validate(replicates, 0.1), InputError, "scatter about"),
-        (lambda: plan.validate(gains(1.0), 1.0), InputError, "`beta`"),
-        (lambda: plan.validate(gains(1.0), "a"), InputTypeError, "`beta`"),  # type: ignore[arg-type]
-    ):
-        with pytest.raises(kind, match=text):
-            call()
-    huge = se.SystemEnsemble(1e200 * np.ones((2, 1, 1)), np.ones((2, 1, 1)))
-    with pytest.raises(InputError, match="overflows"):
-        se.control_fleet(huge, [1.0], [0.0], 3)
 
 
 @pytest.mark.parametrize("limits", [None, (None, 5.0)])

@@ -258,17 +258,3 @@ def test_names_and_bits_survive(gen: np.random.Generator) -> None:
     assert plans[1].labels.states == ("level", "flow")
     assert plans[1].dt == 0.1
     assert plans[1].units.task.state_high[0].tolist() == [0.9, np.inf]
-
-
-def test_limits_that_fleets_do_not_have_are_named() -> None:
-    fleet = se.SystemEnsemble(np.ones((2, 1, 1)), np.ones((2, 1, 1)))
-    for soft in (None, 10.0):
-        with pytest.raises(InputError, match="`soft` must be False"):
-            se.control_fleet(fleet, [0.0], [1.0], 2, limits=se.Limits(x=(0, 1), soft=soft))
-    with pytest.raises(InputError, match="`previous` must be given"):
-        se.control_fleet(fleet, [0.0], [1.0], 2, limits=se.Limits(rate=1.0))
-    plan = se.control_fleet(
-        fleet, [0.0], [1.0], 2, limits=se.Limits(x=(-5, 5), soft=False), risk="worst"
-    )
-    with pytest.raises(InputError, match="`radius` must be left out"):
-        plan.certify(0.1, radius=np.zeros(2), delta=0.01)

@@ -18,14 +18,12 @@ import stochens_rs as se
 from core_regions import region_errors
 from coverage_study import DELTA, at_most, coverage, sets
 from declarations import opts
-from identification_data import SKEWED, THETA, Y, Z, check, hull, independent, tuned
+from identification_data import SKEWED, Y, Z, check, hull, independent, tuned
 from stochens_rs import _core
 from stochens_rs.exceptions import (
     DataWarning,
     InputError,
-    InputTypeError,
     NonFiniteError,
-    ShapeError,
 )
 from stochens_rs.fusion import FusedModel
 from twin import fusing_by_data as fd
@@ -560,14 +558,6 @@ def test_pairs_are_the_same_under_names_in_another_order():
         assert se.fuse([model, exact], "alse", data=other).models.size == 2
 
 
-def test_models_of_states_cannot_be_weighed_by_readings():
-    y, u = np.random.default_rng(6).standard_normal((2, 40, 1))
-    readings = se.Trajectories(y, u[1:], outputs=True)
-    for data in (readings, [readings]):
-        with pytest.raises(InputError, match="cannot be weighed by readings of some of them"):
-            se.fuse([(np.eye(2), np.ones((2, 1)))], "alse", data=data)
-
-
 def test_models_about_an_estimate_are_refused_unless_declared():
     own = se.identify(some())
     cloud = own.draw(5, rng=1)
@@ -584,43 +574,6 @@ def test_models_about_an_estimate_are_refused_unless_declared():
             se.fuse([own, other], "alse", **opts(data=[some(2), some(4)], design="independent"))
 
 
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ({"target": THETA}, "`target` must be left out with `data`"),
-        ({"weights": [0.5, 0.5]}, "`weights` must be left out with `data`"),
-        ({"weight_set": "subsimplex"}, "`weight_set` must be 'simplex' with `data`"),
-        ({"method": "slse"}, "`method` must be 'alse' with `data`, got 'slse'"),
-        ({"data": model(sigma=1.0), "noise": 1.0}, "must be left out: `data`"),
-        ({"data": model(noise="bounded", sigma=1.0)}, "Gaussian noise"),
-        ({"data": model(known_B=[[0.0], [1.0]], sigma=1.0)}, "known entries"),
-        ({"data": some(n=3)}, "must have n=2 m=1 as the models, got n=3 m=1"),
-        ({"data": THETA}, "`data` must"),
-        ({"shrink": 1}, "`shrink` must be True or False"),
-        ({"independent": None}, "`independent` must be True or False"),
-        ({"data": pairs(0.0 * Z, Y)}, "`data` determine nothing"),
-    ],
-)
-@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
-def test_refused(words, message):
-    words = {"method": "alse", "data": pairs(Z, Y), **words}
-    with pytest.raises((InputError, InputTypeError, ShapeError)) as raised:
-        se.fuse(ensemble(MODELS), **words)
-    assert message in str(raised.value)
-    assert "\n" not in str(raised.value)
-
-
 def test_models_whose_squares_overflow_are_refused():
     with pytest.raises(NonFiniteError, match="overflow"):
         se.fuse(ensemble(1e200 * MODELS), "alse", **opts(data=pairs(Z, Y), design="independent"))
-
-
-def test_words_for_data_are_refused_without_data():
-    realizations = se.sample([1.0, 2.0], 5, rng=1)
-    for words in (
-        {"noise": 1.0},
-        {"shrink": False},
-        {"independent": True},
-    ):
-        with pytest.raises(InputError, match=r"must be left out without `data`"):
-            se.fuse(realizations, **words)

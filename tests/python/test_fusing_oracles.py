@@ -121,12 +121,6 @@ def exact_errors(samples: Sequence[Sequence[Any]], target: Sequence[Any], method
     return out
 
 
-def exact_singletons(indices: Sequence[int], w: Sequence[int]) -> list[Exact]:
-    gamma = Fraction(sum(abs(x) for x in w))
-    sign = [(x > 0) - (x < 0) for x in w]
-    return [[gamma * sign[k] if i == k else Fraction(0) for i in range(len(w))] for k in indices]
-
-
 def sequences(w: Sequence[int], N: int) -> Iterator[tuple[tuple[int, ...], Fraction]]:
     """All index sequences of length N that can occur, with their exact probabilities."""
     gamma = sum(abs(x) for x in w)
@@ -141,99 +135,7 @@ def sequences(w: Sequence[int], N: int) -> Iterator[tuple[tuple[int, ...], Fract
 # --- SLSE: exact values, and where it loses -------------------------------------------------------
 
 
-def test_slse_loses_in_the_plane(engine: Any) -> None:
-    samples, target = [[1, 0], [0, 2], [-1, -2]], [0, 0]
-    assert exact_errors(samples, target, "slse")[-1] == Fraction(4, 25)
-    assert abs(engine.dense(samples, "slse", target).error ** 2 - 4 / 25) < 1e-14
-    assert engine.dense(samples, "uniform", target).error < 1e-14
-    assert engine.dense(samples, "slse-safeguarded", target).error < 1e-14
-    assert engine.dense(samples, "alse", target).error ** 2 < 5e-9
-
-
-def test_slse_loses_for_a_sampled_matrix(engine: Any) -> None:
-    A = [[1, 1], [2, 2]]
-    samples = [[[0, 0], [3, 3]], [[3, 0], [0, 3]], [[0, 3], [3, 0]]]
-    flat = np.reshape(samples, (3, 4)).tolist()
-    assert exact_errors(flat, np.ravel(A).tolist(), "slse")[-1] == Fraction(1, 5)
-    indices = [[1, 1], [0, 1], [1, 0]]
-    for result in (
-        engine.dense(samples, "slse", A),
-        engine.singleton(indices, np.array(A), "slse"),
-    ):
-        assert abs(result.error**2 - 1 / 5) < 1e-14
-    assert engine.dense(samples, "uniform", A).error < 1e-14
-    assert engine.singleton(indices, np.array(A), "uniform").error < 1e-14
-    assert engine.singleton(indices, np.array(A), "slse-safeguarded").error < 1e-14
-
-
-@pytest.mark.parametrize(
-    ("indices", "value"),
-    [((0, 0, 1, 2), Fraction(3, 98)), ((0, 1, 2, 0), Fraction(75, 7154))],
-)
-def test_slse_loses_for_a_sampled_vector(
-    engine: Any, indices: tuple[int, ...], value: Fraction
-) -> None:
-    w = [2, 1, 1]
-    assert exact_errors(exact_singletons(indices, w), w, "slse")[-1] == value
-    assert abs(engine.singleton(indices, np.array(w), "slse").error ** 2 - float(value)) < 1e-14
-    assert engine.singleton(indices, np.array(w), "uniform").error < 1e-14
-    assert engine.singleton(indices, np.array(w), "slse-safeguarded").error < 1e-14
-
-
-def test_probability_that_slse_loses(engine: Any) -> None:
-    """Exactly 5/32 at N = 4 for w = (2, 1, 1), with margin on each of the 81 sequences."""
-    w, total, by_engine = [2, 1, 1], Fraction(0), Fraction(0)
-    for idx, p in sequences(w, 4):
-        samples = exact_singletons(idx, w)
-        slse = exact_errors(samples, w, "slse")[-1]
-        uniform = exact_errors(samples, w, "uniform")[-1]
-        total += p * (slse > uniform)
-        ours = engine.singleton(idx, np.array(w), "slse").error
-        theirs = engine.singleton(idx, np.array(w), "uniform").error
-        assert abs(ours**2 - float(slse)) < 1e-13
-        by_engine += p * (ours > theirs + 1e-9)
-    assert total == by_engine == Fraction(5, 32)
-
-
-def test_slse_never_loses_with_two_samples_or_three_singletons(engine: Any) -> None:
-    rng = np.random.default_rng(5)
-    for _ in range(50):
-        samples, target = rng.normal(size=(2, 3)), rng.normal(size=3)
-        slse, uniform = (engine.dense(samples, k, target).error for k in ("slse", "uniform"))
-        assert slse <= uniform + 1e-14
-    for w in ([2, 1, 1], [3, -2, 1], [5, 3, -1]):
-        for idx, _ in sequences(w, 3):
-            exact = exact_singletons(idx, w)
-            assert exact_errors(exact, w, "slse")[-1] <= exact_errors(exact, w, "uniform")[-1]
-            slse = engine.singleton(idx, np.array(w), "slse").error
-            assert slse <= engine.singleton(idx, np.array(w), "uniform").error + 1e-12
-
-
 # --- SLSE: what is true ---------------------------------------------------------------------------
-
-
-def test_mean_square_of_slse_is_below_that_of_the_mean(engine: Any) -> None:
-    """E d_n^2 for w = (2, 1, 1): 10, 19/4, 4073/1568, ... <= V / n with V = 10 (Lemma 4.5')."""
-    w, V = [2, 1, 1], 10
-    mean_square, by_engine = [Fraction(0)] * 4, np.zeros(4)
-    for idx, p in sequences(w, 4):
-        errors = exact_errors(exact_singletons(idx, w), w, "slse")
-        mean_square = [a + p * e for a, e in zip(mean_square, errors, strict=True)]
-        by_engine += float(p) * engine.singleton_errors(idx, np.array(w), "slse") ** 2
-    assert mean_square[:3] == [Fraction(10), Fraction(19, 4), Fraction(4073, 1568)]
-    assert abs(float(mean_square[3]) - 1.569) < 5e-4
-    assert all(e <= Fraction(V, n) for n, e in enumerate(mean_square, start=1))
-    assert_allclose(by_engine, [float(e) for e in mean_square], rtol=1e-13)
-
-
-def test_slse_reaches_zero_with_known_probability(engine: Any) -> None:
-    """w = (2, 1, 1): exactly zero at N = 3 with probability 1/16; w = (3, 2, 1): never."""
-    for w, expected in (([2, 1, 1], Fraction(1, 16)), ([3, 2, 1], Fraction(0))):
-        exact, by_engine = Fraction(0), Fraction(0)
-        for idx, p in sequences(w, 3):
-            exact += p * (exact_errors(exact_singletons(idx, w), w, "slse")[-1] == 0)
-            by_engine += p * (engine.singleton(idx, np.array(w), "slse").error < 1e-12)
-        assert exact == by_engine == expected
 
 
 @pytest.mark.parametrize("method", ["uniform", "slse", "slse-safeguarded"])
@@ -375,17 +277,6 @@ def test_closed_form_for_the_exact_target(engine: Any) -> None:
         assert_allclose(sub.error**2, np.sum(w[~seen] ** 2), rtol=1e-12, atol=1e-28 * np.sum(w**2))
 
 
-def test_the_printed_formula_is_wrong_and_ours_is_not(engine: Any) -> None:
-    # w = (1, 1), one sample: the printed minimum is 1, on the simplex it is 2.
-    assert abs(engine.singleton([0], np.array([1.0, 1.0]), "alse").error ** 2 - 2.0) < 1e-14
-    sub = engine.singleton([0], np.array([1.0, 1.0]), "alse", weight_set="subsimplex")
-    assert abs(sub.error**2 - 1.0) < 1e-14
-    assert_allclose(sub.weights, [0.5], atol=1e-15)
-    both = engine.singleton([0, 1], np.array([3.0, 4.0]), "alse")
-    assert_allclose(both.weights, [3 / 7, 4 / 7], atol=1e-15)
-    assert both.error < 1e-14
-
-
 def test_alse_of_nothing(engine: Any) -> None:
     """A zero vector: every sample is 0, the weights are uniform, the error is that of 0."""
     result = engine.singleton([0, 0, 0], np.zeros(2), "alse")
@@ -500,27 +391,6 @@ def test_projections_are_projections() -> None:
 
 
 # --- the coupon law -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("w", [[2, 1, 1], [3, 0, -2, 1]])
-def test_coupon_law(engine: Any, w: list[int]) -> None:
-    """P(ALSE exact) = sum_T (-1)^|T| (1 - p(T))^N, E J_sub = sum_k w_k^2 (1 - p_k)^N, exactly."""
-    gamma, support = sum(map(abs, w)), [i for i, x in enumerate(w) if x]
-    for N in (1, 3, 5):
-        law = Fraction(0)
-        for size in range(len(support) + 1):
-            for T in itertools.combinations(support, size):
-                p_T = Fraction(sum(abs(w[i]) for i in T), gamma)
-                law += (-1) ** size * (1 - p_T) ** N
-        exact_hits, mean = Fraction(0), 0.0
-        for idx, p in sequences(w, N):
-            exact_hits += p * (engine.singleton(idx, np.array(w), "alse").error < 1e-12)
-            sub = engine.singleton(idx, np.array(w), "alse", weight_set="subsimplex")
-            mean += float(p) * sub.error**2
-        assert exact_hits == law
-        expected = sum(x * x * (1 - Fraction(abs(x), gamma)) ** N for x in w)
-        assert_allclose(mean, float(expected), rtol=1e-13)
-        assert expected <= Fraction(gamma**2, 2 * (N + 1))
 
 
 # --- every p-norm at once -------------------------------------------------------------------------

@@ -168,24 +168,6 @@ def test_what_rounding_decides_is_said_to_be_so():
         se.gain((A, gen.standard_normal((26, 1))), 1.0, 1.0)
 
 
-@pytest.mark.parametrize(
-    ("Q", "R", "text"),
-    [
-        (1.0, 0.0, "`R` must be positive definite, got float 0.0"),
-        (1.0, -1.0, "`R` must be positive definite, got float -1.0"),
-        (1.0, [0.0], "`R` must be positive definite, got the entry 0"),
-        (1.0, [[-2.0]], "`R` must be positive definite, its least eigenvalue is -2"),
-        (1.0, [[0.0]], "`R` must be positive definite, its least eigenvalue is 0"),
-        ([1.0, -1.0], 1.0, "`Q` must have entries >= 0, got the entry -1"),
-        ([[1.0, 2.0], [2.0, 1.0]], 1.0, "`Q` must be positive semidefinite, .* eigenvalue is -1"),
-        ([[1.0, 2.0], [0.5, 9.0]], 1.0, r"`Q` must be symmetric, got \[0, 1\] = 2 and \[1, 0\] ="),
-    ],
-)
-def test_weights_that_are_none(Q, R, text):
-    with pytest.raises(InputError, match=text):
-        se.gain(([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]]), Q, R)
-
-
 def test_weights_in_units_far_apart():
     """In its own units the smallest eigenvalue of this one is rounding of the largest entry."""
     x = np.array([1e8, 1e-8])

@@ -7,7 +7,7 @@ import pytest
 
 import stochens_rs as se
 from declarations import opts
-from stochens_rs.exceptions import InputError, InputTypeError
+from stochens_rs.exceptions import InputError
 
 INDEPENDENT = {"design": "independent", "checks": False}
 
@@ -91,25 +91,6 @@ def test_a_bound_needs_more_than_weights_of_its_own():
     plan = se.control(([[0.9, 0.2], [-0.1, 0.8]], [[0.0], [1.0]]), fit, [0.0, 1.0])
     with pytest.raises(InputError, match="weights of its own"):
         plan.bound(0.05, x0=[1.0, 2.0])
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        ({"weights": [1.0, -1.0]}, "must be nonnegative and not all 0"),
-        ({"weights": [0.0, 0.0]}, "must be nonnegative and not all 0"),
-        ({"weights": [1.0]}, "`weights` must have"),
-        ({"weights": "equal"}, "`weights` must be 'precision'"),
-        ({"weights": "precision"}, "`variances` must be given"),
-        ({"weights": "precision", "variances": [1.0, 0.0]}, "`variances` must be positive"),
-        ({"variances": [1.0]}, "`variances` must have"),
-        ({"weights": [1.0, 1.0], "method": "slse", "target": [1.0]}, "must be left out for method"),
-    ],
-)
-def test_weights_refused(words, message):
-    with pytest.raises((InputError, InputTypeError)) as raised:
-        se.fuse(se.Ensemble.from_samples([[1.0], [2.0]]), **words)
-    assert message in str(raised.value)
 
 
 def test_no_error_follows_about_an_estimate():

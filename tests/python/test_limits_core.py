@@ -7,7 +7,6 @@ import pytest
 from scipy.optimize import lsq_linear
 
 from stochens_rs import _core as core
-from stochens_rs.exceptions import InputError, NonFiniteError, ShapeError
 
 INF = np.inf
 
@@ -66,17 +65,3 @@ def test_batches_are_equal_for_any_number_of_threads() -> None:
         assert none is None
         assert gaps is not None
         assert gaps.max() <= 1e-11 * np.sum(Y**2, axis=1).max()
-
-
-def test_bad_limits_and_penalties_are_refused() -> None:
-    M, y, r = np.eye(2), np.ones(2), np.zeros(2)
-    with pytest.raises(InputError, match="`low`"):
-        core.box_control(M, y, r, np.ones(2), np.zeros(2), None, None)
-    with pytest.raises(InputError, match="positive semidefinite"):
-        core.box_control(M, y, -np.ones(2), -np.ones(2), np.ones(2), None, None)
-    with pytest.raises(NonFiniteError, match="`M`"):
-        core.box_control(M * np.nan, y, r, -np.ones(2), np.ones(2), None, None)
-    with pytest.raises(NonFiniteError, match="overflows"):
-        core.box_control(M * 1e200, y, r, -np.ones(2), np.ones(2), None, None)
-    with pytest.raises(ShapeError, match="`warm`"):
-        core.box_control(M, y, r, -np.ones(2), np.ones(2), np.zeros(3, dtype=np.int8), None)

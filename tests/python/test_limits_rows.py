@@ -7,24 +7,12 @@ import pytest
 
 import stochens_rs as se
 from declarations import opts
-from limit_plans import exactly, within
+from limit_plans import within
 from stochens_rs.limits.solution import loop_of
 from twin import limited_control as lc
 from twin import limited_problems as lp
 
 ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
-TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator
-
-
-def test_two_steps_with_a_limit_on_changes_by_hand():
-    ends = [1.0, 0.0], [0.0, 0.0]
-    sides = {"limits": (-0.5, 0.5), "R": 0.0, "rate": 0.5, "previous": [0.0]}
-    plan = se.control(TWO, *ends, steps=2, **within(**sides))
-    np.testing.assert_allclose([*plan.u.ravel(), plan.objective], [-0.4, 0.1, 0.45], atol=1e-13)
-    assert (plan.status, plan.limits_active, plan.limited.missing) == ("optimal", True, 0.0)
-    assert not plan.active.any()
-    assert plan.rate_active.tolist() == [[0], [1]]  # -0.4 from 0, then 0.5 up
-    assert plan.missed == pytest.approx(0.45)  # without limits the target is reached
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -75,21 +63,6 @@ def test_active_rates_are_those_with_multipliers(gen, scale):
         assert plan.limits_active == plan.rate_active.any()
         seen += np.count_nonzero(plan.rate_active)
     assert seen > 30
-
-
-def test_state_limits_that_cannot_be_kept_by_hand():
-    sides = {"limits": (-1.0, 1.0), "state_limits": (None, 1.0)}
-    plan = se.control(ONE, [3.0], [0.0], **within(**sides, soft=False))
-    assert plan.status == "infeasible"
-    assert plan.limited.missing == pytest.approx(1.0, abs=1e-9)
-    np.testing.assert_allclose(plan.u, [[-1.0]], atol=1e-6)
-    kept = se.control(ONE, [2.5], [2.0], limits=se.Limits(u=(-2.0, 2.0), x=(None, 1.0), soft=False))
-    assert (kept.status, kept.limited.missing) == ("optimal", 0.0)
-    np.testing.assert_allclose(kept.u, [[-1.5]], atol=1e-12)
-    exactly(
-        se.control(ONE, [3.0], [0.0], **within(**sides, soft=2.0, R=0.0)).u,
-        [[-1.0]],
-    )
 
 
 @pytest.mark.parametrize("soft", [False, 1e-2, 10.0, 1e6])

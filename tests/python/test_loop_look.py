@@ -8,7 +8,7 @@ import pytest
 import stochens_rs as se
 from coverage_study import at_most, sets
 from declarations import opts
-from stochens_rs.exceptions import InputError, SolverError
+from stochens_rs.exceptions import SolverError
 
 A, B = np.array([[1.05, 0.3], [-0.1, 0.9]]), np.array([[0.0], [0.4]])
 
@@ -71,21 +71,3 @@ def test_the_forecast_and_the_words():
     one = se.ModelStream(2, 1, **opts(sigma=0.3))
     one.update(*pairs(gen, 1))
     assert one.look(gain=K).forecast == np.inf
-
-
-def test_arguments():
-    stream = se.ModelStream(2, 1, **opts(sigma=0.3))
-    stream.update(*pairs(np.random.default_rng(3), 30))
-    with pytest.raises(InputError, match="`tol` must be left out"):
-        stream.look(gain=[[0.0, 0.0]], tol=1.0)
-    with pytest.raises(InputError, match="`xf` must be given"):
-        stream.look([0.0, 0.0], tol=1.0)
-    with pytest.raises(InputError, match="`gain`"):
-        stream.look(gain=[[0.0]])
-    with pytest.raises(InputError, match="`gain` must be of shape"):
-        stream.look(gain=se.gain(([[0.5]], [[1.0]]), 1.0, 1.0))
-    bounded = se.ModelStream(2, 1, **opts(sigma=0.3, noise="bounded"))
-    bounded.update(*pairs(np.random.default_rng(3), 300))
-    proof = bounded.look(gain=se.gain(bounded.model, 1.0, 1.0)).proof
-    with pytest.raises(InputError, match="`noise` needs a bound"):
-        proof.tube([1.0, 0.0], 5, noise=0.05)

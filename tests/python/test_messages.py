@@ -11,7 +11,7 @@ import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from stochens_rs.fusion.fusing import METHODS
-from stochens_rs.theory import drawn_bound, moments
+from stochens_rs.theory import drawn_bound, moments, scenario
 
 A, B = np.diag([0.9, 0.8, 0.7]), np.eye(3)
 X0, XF, U = np.ones(3), np.zeros(3), np.ones((2, 3))
@@ -82,6 +82,43 @@ CALLS = [
         lambda: moments.final_state_covariance((A, B[:, :1]), X0, XF, 1),
         "`steps` must be large enough for C_K to have rank n=3, got rank 1 with steps=1:",
     ),
+]
+
+W, PAIRS, GAINS = np.array([1.0, -2.0]), se.sample([1.0, -2.0], 5, rng=1), np.ones((2, 1, 1))
+ONE, TWO = ([[1.0]], [[1.0]]), se.SystemEnsemble(GAINS, GAINS)
+# A prefix of the message.
+CALLS += [
+    (lambda: se.cases.ieee14(method="zo"), "`method` must be one of 'zoh', 'euler', got str 'zo'"),
+    (lambda: se.cases.ieee14(dt=0.0), "`dt` must be > 0"),
+    (lambda: se.System(A[:2], B), "`A` must have shape (n, n), got (2, 3)"),
+    (lambda: se.System(A, B[:2]), "`B` must have shape (3, m), got (2, 3)"),
+    (lambda: se.System.from_any((A,)), "`system` must be "),
+    (lambda: se.sample([np.nan, 1.0], 5), "`target[0]` is nan: entries must be finite"),
+    (lambda: se.sample([1.0], 0), "`size` must be in [1, 9007199254740992], got int 0"),
+    (lambda: se.sample([1.0], 5, scheme="idd"), "`scheme` must be one of 'iid', 'systematic'"),
+    (lambda: se.sample([1.0], 5, rng=-1), "`rng` must be an integer in [0, 2**4096), got int -1"),
+    (lambda: se.sample([1.0], 2**50), "a sample of 1125899906842624 realizations needs "),
+    (lambda: se.Key(b"short"), "`bytes32` must have 32 bytes, got 5"),
+    (lambda: se.fuse(PAIRS, "alse"), "`target` is required"),
+    (lambda: se.fuse(PAIRS, "als", target=W), "`method` must be one of "),
+    (lambda: se.fuse(PAIRS, "slse", target=W, time_limit=1.0), "`time_limit` must be None for me"),
+    (lambda: se.fuse_path(PAIRS, [3, 2], target=W), "`sizes[1]` is 2 after 3: sizes must increa"),
+    (lambda: PAIRS.combine([1.0]), "`weights` must have shape (5,), got (1,)"),
+    (lambda: se.control(SYSTEM, X0, XF, steps=0), "`steps` must be in [1, "),
+    (lambda: se.track(SYSTEM, U, 0), "`size` must be in [1, "),
+    (lambda: PLAN.bound(delta=0.0), "`delta` must be > 0, got float 0.0"),
+    (lambda: se.gain(ONE, 1.0), "`Q` and `R` must be given both"),
+    (lambda: se.gain(ONE, 1.0, 0.0), "`R` must be positive definite, got float 0.0"),
+    (lambda: se.gain(ONE, 1.0, 1.0).certificate(), "`certificate` needs a loop for a model"),
+    (lambda: se.control_fleet([], [0.0], [1.0], 1), "`systems` must"),
+    (lambda: se.control_fleet(TWO, [0.0], [1.0], 1, discard=1), "`discard` needs risk='worst'"),
+    (lambda: se.SystemEnsemble(A, B), "`A` must have 3 dimensions, got shape (3, 3)"),
+    (lambda: se.Trajectories(np.ones((4, 2)), np.ones((4, 1))), "`inputs` must have "),
+    (lambda: se.Window(lags=0), "`lags` must be "),
+    (lambda: se.Noise("gauss"), "`law` must be one of "),
+    (lambda: se.regulate(ONE, 0), "`steps` must be in [1, "),
+    (lambda: se.simulate_ensemble(TWO, [1.0], [[1.0]], 4), "`size` must be left out"),
+    (lambda: scenario.judged(5, 6, 0.1), "`support` must be in [0, 5], got int 6"),
 ]
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import math
 import pickle
 
 import numpy as np
@@ -12,10 +11,6 @@ import pytest
 import stochens_rs as se
 from stochens_rs.exceptions import (
     InputError,
-    InputTypeError,
-    NonFiniteError,
-    ResourceError,
-    ShapeError,
 )
 from stochens_rs.theory import drawn_bound, moments
 from stochens_rs.theory.exact import best_control
@@ -354,83 +349,6 @@ def test_diagonal_fusion_over_several_steps_is_refused():
 
 
 # -- input ---------------------------------------------------------------------------------------
-
-
-def test_wrong_input_is_refused():
-    A, B, x0, xf = CART.A, CART.B, [1.0, 0.0], [0.0, 0.0]
-    for steps in (0, -1, 1.5, "2", True):
-        with pytest.raises((InputError, InputTypeError), match="`steps`"):
-            se.control((A, B), x0, xf, steps=steps)
-        with pytest.raises((InputError, InputTypeError), match="`steps`"):
-            se.steer(CART, x0, xf, 10, steps=steps)
-    with pytest.raises(ShapeError, match="`x0`"):
-        se.control((A, B), [1.0], xf, steps=2)
-    with pytest.raises(NonFiniteError, match="`A` to the power 3 overflows"):
-        se.control((1e150 * np.eye(2), B), x0, xf, steps=3)
-    with pytest.raises(NonFiniteError, match="`A_hat` to the power 3 overflows"):
-        se.control((se.sample(1e150 * np.eye(2), 3, rng=1), B), x0, xf, steps=3)
-    with pytest.raises(NonFiniteError, match="`A` to a power times `B` overflows"):
-        se.control((1e150 * np.eye(2), 1e200 * B), x0, xf, steps=2)
-    with pytest.raises(NonFiniteError, match="overflows"):
-        se.control((1e100 * np.eye(2), B), [1e300, 0.0], xf, steps=2)
-    with pytest.raises(ResourceError, match="control over"):
-        se.control((A, B), x0, xf, steps=2**50)
-    with pytest.raises(InputError, match="rank n=2, got rank 1"):
-        moments.final_state_covariance((A, B), x0, xf, 1)
-    with pytest.raises(InputError, match=r"`size\[1\]`"):
-        moments.final_state_covariance((A, B), x0, xf, 2, (1, 0, 1))
-
-
-def test_a_plan_refuses_what_does_not_fit():
-    plan = se.steer(CART, [1.0, 0.0], [0.0, 0.0], 100, steps=4, rng=1)
-    for delta in (0.0, 1.0, -0.1, 2, math.nan, "0.1"):
-        with pytest.raises((InputError, InputTypeError), match="`delta`"):
-            plan.bound(delta)
-    far = se.System(1e308 * np.array([[1.0, 1.0], [1.0, 1.0]]), CART.B)
-    with pytest.raises(NonFiniteError, match="overflow"):
-        plan.error(far, [1.0, 0.0], [0.0, 0.0])
-    large = se.steer((1e150 * CART.A, CART.B), [1.0, 0.0], [0.0, 0.0], 100, steps=2, rng=1)
-    assert 1e298 < large.bound(0.1).state < 1e308
-    other = se.System(CART.A, 2.0 * CART.B)
-    with pytest.raises(InputError, match=r"`system.B` differs"):
-        plan.bound(system=other)
-    with pytest.raises(ShapeError, match="n=2 and m=1"):
-        plan.error((np.eye(3), np.ones((3, 1))), [1.0, 0.0], [0.0, 0.0])
-    with pytest.raises(ShapeError, match="`xf`"):
-        plan.error(CART, [1.0, 0.0], [0.0])
-    brought = se.Ensemble.from_samples([[1.0, 0.0], [0.5, 0.5]])
-    for x0 in (brought, se.fuse(brought)):
-        unknown = se.control(CART, x0, [0.0, 0.0], steps=4)
-        with pytest.raises(InputError, match="the law of `x0` is unknown"):
-            unknown.bound(0.1)
-        with pytest.raises(InputError, match="the law of `x0` is unknown"):
-            unknown.covariance()
-    fitted = se.steer(CART, [1.0, 0.0], [0.0, 0.0], 100, steps=4, method="slse", rng=1)
-    with pytest.raises(InputError, match="weights of `x0` depend"):
-        fitted.covariance()
-    with pytest.raises(InputError, match="must be 'state' over 4 steps, got 'control'"):
-        plan.covariance("control")
-    declared = se.control(CART, se.Ensemble.from_samples(se.sample([1.0, 0.5], 9, rng=1).dense()),
-                          [0.0, 0.0], steps=4)  # fmt: skip
-    known = se.control(CART, se.sample([1.0, 0.5], 9, rng=1), [0.0, 0.0], steps=4)
-    np.testing.assert_array_equal(declared.covariance(x0=[1.0, 0.5]), known.covariance())
-    systematic = se.sample([1.0, 0.5], 9, rng=1, scheme="systematic")
-    with pytest.raises(InputError, match="over 4 steps of systematic samples"):
-        se.control(CART, systematic, [0.0, 0.0], steps=4).covariance()
-    # Counts know what was counted.
-    counted = counts(([1.0, 0.5], [0.0, 1.0], CART.A), 50, se.rng.as_key(1))
-    known = se.control((counted[2], CART.B), *counted[:2], steps=4)
-    assert known.bound(0.1).delta == 0.1
-    assert known.covariance().shape == (2, 2)
-    shared = [se.sample(w, 20, rng=1) for w in ([1.0, 0.5], [0.0, 1.0], CART.A)]
-    with pytest.raises(InputError, match="drawn with the same key"):
-        se.control((shared[2], CART.B), *shared[:2], steps=4).covariance()
-    with pytest.raises(InputError, match="drawn with the same key"):
-        se.control((shared[2], CART.B), *shared[:2], steps=4).bound()
-    # A part of a systematic sample is no systematic sample.
-    part = se.sample([1.0, 0.5], 10, rng=1, scheme="systematic").prefix(5)
-    with pytest.raises(InputError, match="is unknown"):
-        se.control(CART, part, [0.0, 0.0], steps=4).bound(0.1)
 
 
 def test_a_plan_keeps_no_realizations_and_survives_pickling():

@@ -12,7 +12,6 @@ import stochens_rs as se
 from stochens_rs import cli
 from stochens_rs._base.names import Labels, default_labels
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, StochensError
-from test_validation import assert_one_short_line
 
 A, B = [[1.0, 0.1], [0.0, 0.9]], [[0.0], [0.1]]
 NAMED = {"states": ["p", "v"], "inputs": ["F"], "units": {"F": "N", "p": "m"}}
@@ -85,34 +84,12 @@ BAD = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("what", BAD)
-def test_wrong_names_are_refused(what):
-    given, kind, said = BAD[what]
-    with pytest.raises(kind) as caught:
-        se.System(A, B, **given)
-    assert said in str(caught.value)
-    assert_one_short_line(caught.value)
-
-
 def test_text_of_axes_and_errors():
     assert LABELS.state_axes == ("p [m]", "v")
     assert LABELS.input_axes == ("F [N]",)
     assert (LABELS.state(1), LABELS.input(0)) == ("state 'v'", "input 'F'")
     assert default_labels(2, 1).state(1) == "state 1"
     assert Labels(("p", "v"), ("F",), (("F", " N\n/m "), ("p", ""))).units == (("F", "N /m"),)
-
-
-def test_records_refuse_labels_of_another_size():
-    plan = se.control(CART, [1.0, 0.0], [0.0, 0.0], steps=2)
-    wrong = default_labels(3, 1)
-    for record in (plan, se.simulate(CART, [1.0, 0.0], plan.u)):
-        from dataclasses import replace
-
-        assert record.labels == LABELS
-        with pytest.raises(ShapeError, match="`labels` must name 2 states and 1 inputs, got 3"):
-            replace(record, labels=wrong)
-        with pytest.raises(InputTypeError, match="`labels` must be a Labels"):
-            replace(record, labels="p, v")
 
 
 def model():

@@ -447,27 +447,3 @@ def test_bus_without_generator_is_refused():
         se.cases.from_matpower(case, MACHINES_9)
     case["bus"][9, 1] = 4  # isolated, and said to be
     assert se.cases.from_matpower(case, MACHINES_9) == se.cases.from_matpower(NINE, MACHINES_9)
-
-
-def test_arguments_are_checked(tmp_path):
-    machines = {"bus": [1, 3], "H": [4.0, 6.0], "D": [2.0, 2.0], "xd1": [0.3, 0.2]}
-    lines, tiny = [[1, 2, 0.1], [2, 3, 0.2]], {**MACHINES_9, 1: {**ROW, "xd1": 1e-320}}
-    for call, text in (
-        (lambda: se.cases.from_matpower(NINE, MACHINES_9, base="mva"), "`base` must be one of"),
-        (lambda: se.cases.from_matpower(NINE, MACHINES_9, dt=0.0), "`dt` must be > 0"),
-        (lambda: se.cases.from_matpower(NINE, MACHINES_9, method="tustin"), "`method` must be"),
-        (lambda: se.cases.from_matpower(NINE, MACHINES_9, mismatch=0), "`mismatch` must be > 0"),
-        (lambda: se.cases.from_matpower(tmp_path / "a.raw", {}), "for some only"),
-        (lambda: se.cases.from_matpower(tmp_path / "a.raw", MACHINES_9), "MATPOWER .m file"),
-        (lambda: se.cases.swing(lines, machines, frequency=0.1), "`frequency` must be at least 1"),
-        (lambda: se.cases.swing(lines, {**machines, "xd1": [1e-320, 1.0]}), "is nan"),
-        (lambda: se.cases.from_matpower(NINE, tiny), "`K[0, 0]` is nan"),
-        (lambda: se.cases.swing([[1, 2, -0.1]], machines), "must have a reactance > 0"),
-        (lambda: se.cases.swing([[1, 2, 0.1]], machines), "names bus 3, which no branch has"),
-        (lambda: se.cases.swing([*lines, [8, 9, 0.1]], machines), "connect every bus"),
-        (lambda: se.cases.swing(lines, machines, base="machine"), "must have a column mva"),
-    ):  # fmt: skip
-        with pytest.raises(InputError, match=re.escape(text)):
-            call()
-    with pytest.raises(FileNotFoundError):
-        se.cases.from_matpower(tmp_path / "a.m", MACHINES_9)

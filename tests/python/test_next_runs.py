@@ -12,7 +12,7 @@ import stochens_rs as se
 from declarations import opts
 from stochens_rs import _core
 from stochens_rs.controls import NextRuns
-from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from stochens_rs.exceptions import ShapeError
 from test_typical import A, B, data
 
 pytestmark = pytest.mark.usefixtures("noise_by_formula")
@@ -152,27 +152,3 @@ def test_the_record(tmp_path) -> None:
     assert (np.diff(known.forecast) < 0.0).all()
     with pytest.raises(ShapeError, match="must have shape"):
         NextRuns(found.inputs, found.starts[:3], found.forecast, 0.05)
-
-
-def test_what_cannot_be_designed() -> None:
-    exact = se.control((A, B), [1.0, 0.0], [0.0, 0.0], steps=3)
-    pairs = se.identify(data(20, 8).last_pairs(), **opts(design="independent", checks=False))
-    independent = se.control(pairs, [1.0, 0.0], [0.0, 0.0], steps=3)
-    for plan, options, text in (
-        ("plan", {}, "`plan`"),
-        (exact, {}, "a model by `identify`"),
-        (independent, {}, "not independent of their noise"),
-        (planned(known_B=[[0.0], [np.nan]]), {}, "no V in common"),
-        (planned(), {"limits": (-1.0, None)}, "`limits` must be finite"),
-        (planned(), {"limits": (1.0, -1.0)}, "low <= high"),
-        (planned(), {"limits": se.Limits(u=(-1, 1), x=(-1, 1))}, "only here"),
-        (planned(), {"x0": [[0.0, 0.0]] * 3}, "`x0`"),
-        (planned(), {"runs": 0}, "`runs`"),
-        (planned(), {"runs": 2.5}, "`runs`"),
-        (planned(), {"steps": 0}, "`steps`"),
-        (planned(), {"delta": 1.0}, "`delta`"),
-        (planned(), {"x0": [np.nan, 0.0]}, "`x0"),
-        (planned(), {"limits": "wide"}, "`limits`"),
-    ):
-        with pytest.raises((InputError, InputTypeError), match=text):
-            se.design(plan, **{"runs": 2, "limits": (-1.0, 1.0), **options})

@@ -11,7 +11,7 @@ import pytest
 import stochens_rs as se
 from declarations import opts
 from pilot_sets import led, measured, rig
-from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from stochens_rs.exceptions import InputError
 from stochens_rs.identification.assumptions import checked_assumptions, least_correlation
 from twin.pilot import estimate, simulated
 
@@ -134,45 +134,6 @@ def test_saved_and_copied(tmp_path: Path) -> None:
         assert back.pilot.said == model.pilot.said
         plans = [se.control(one, PLANT.x0, PLANT.xf, steps=10) for one in (model, back)]
         assert plans[0].bound().target == plans[1].bound().target
-
-
-def test_refusals() -> None:
-    data = runs()
-    fit = {"sigma": PLANT.sigma, "checks": False}
-
-    def refused(match: str, error: type[Exception] = InputError, **options: object) -> None:
-        with pytest.raises(error, match=match):
-            se.identify(options.pop("data", data), **opts(**{**fit, **options}))
-
-    refused("share in", pilot=1.5)
-    refused("leave runs", pilot=30)
-    refused("pilot", pilot=0)
-    refused("share or number", InputTypeError, pilot="first")
-    refused("n=4", ShapeError, pilot=([[1.0]], [[1.0]]))
-    refused("`source` must be", reference=TASK)
-    refused("goes with a gain", pilot=3, dither=np.ones((300, 1)))
-    refused("dither", pilot=3, inputs=np.ones((1, 4)))
-    refused("x0, xf, steps", ShapeError, pilot=3, reference=(PLANT.x0, 10))
-    refused("Gaussian", pilot=3, noise="sub-gaussian")
-    refused("known entries", pilot=3, known_B=B)
-    refused("shares runs", pilot=se.identify(data[:5], **opts(**fit)))
-    one = runs(1, 3, 60).runs[0]
-    cut = se.Trajectories(
-        [one[0][k : k + 11] for k in range(0, 60, 10)],
-        [one[1][k : k + 10] for k in range(0, 60, 10)],
-    )
-    refused("starts where another one ended", data=cut, pilot=2)
-    uneven = se.Trajectories(
-        [*(r[0] for r in data.runs), one[0]], [*(r[1] for r in data.runs), one[1]]
-    )
-    refused("runs of unequal length need `lengths_fixed=True`", data=uneven, pilot=2)
-    refused("lengths_fixed", InputTypeError, data=uneven, pilot=2, lengths_fixed=1)
-    older = se.identify(runs(40, 5), **opts(**fit))
-    plan = se.control(se.identify(data, **opts(**fit)), PLANT.x0, PLANT.xf, steps=10)
-    refused("must not come from", pilot=older, reference=plan)
-    model = sharp()
-    with pytest.raises(InputError, match="`delta` and `frobenius` only"):
-        model.region(0.05, components=True)
 
 
 def test_a_pilot_that_says_nothing() -> None:

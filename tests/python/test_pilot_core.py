@@ -19,7 +19,6 @@ from pilot_sets import (
     steered,
 )
 from stochens_rs import _core
-from stochens_rs.exceptions import InputError, ShapeError
 from test_pilot_twin import H0, SIGMA, integer_runs, problem
 from twin import pilot as twin
 
@@ -232,36 +231,3 @@ def test_without_enough_data_it_is_infinite() -> None:
     region = model.region(("full", None), 0.01, True)
     assert region.noise is None
     assert region.radius == np.inf
-
-
-def test_bad_arguments() -> None:
-    plant = FAMILIES["n3"]
-    rows, _ = measured(plant, 6, np.random.default_rng(0))
-    pilot = np.hstack([plant.A, plant.B])
-    with pytest.raises(ShapeError, match="runs"):
-        _core.Pilot(rows, np.array([10, 10]), pilot, None, 1)
-    with pytest.raises(ShapeError, match="runs"):
-        _core.Pilot(rows, np.full(6, 10), pilot[:, :2].copy(), None, 1)
-    with pytest.raises(InputError, match="overflow"):
-        _core.Pilot(rows, np.full(6, 10), 1e200 * pilot, None, 1)
-    model = piloted(pilot, rows, plant)
-    with pytest.raises(ShapeError, match="reference"):
-        model.reference(np.ones(2), np.ones((3, 1)))
-    reference = model.reference(plant.x0, np.ones((3, 1)))
-    u = np.ones((4, 1))
-    xs = led(model.centre, plant.x0, u)
-    with pytest.raises(ShapeError, match="3 steps"):
-        model.near(reference, plant.x0, plant.xf, u, xs, covariance(plant), 0.05, False)
-    with pytest.raises(InputError, match="delta"):
-        model.near(
-            reference,
-            plant.x0,
-            plant.xf,
-            u[:3].copy(),
-            xs[:4].copy(),
-            covariance(plant),
-            1.5,
-            False,
-        )
-    with pytest.raises(InputError, match="covariance"):
-        model.region(("some", None), 0.05, True)

@@ -14,7 +14,7 @@ import stochens_rs as se
 from declarations import opts
 from stochens_rs._base.types import DELTA
 from stochens_rs.cli._control import control_command as command
-from stochens_rs.exceptions import InputError, ShapeError
+from stochens_rs.exceptions import InputError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import drawn_bound, moments
 
@@ -299,27 +299,6 @@ def test_a_declared_law_must_be_possible():
         se.control((A, B), drawn, XF).bound(x0=2.0 * X0)
 
 
-def test_arguments_that_contradict_the_plan():
-    plan = planned()
-    with pytest.raises(InputError, match="`x0` differs"):
-        plan.bound(x0=X0 + 1.0)
-    with pytest.raises(InputError, match=r"`system.A` differs"):
-        plan.bound(system=se.System(A + 1.0, B))
-    with pytest.raises(InputError, match=r"`system.B` differs"):
-        plan.bound(system=se.System(A, 2.0 * B))
-    with pytest.raises(ShapeError, match=r"`system.B`"):
-        plan.bound(system=se.System(A, B[:, :1]))
-    with pytest.raises(ShapeError, match="`xf`"):
-        plan.bound(xf=[1.0])
-    assert plan.bound(x0=X0, xf=XF, system=SYSTEM).to_dict() == plan.bound().to_dict()
-    fitted = se.control((A, B), se.fuse(ensembles()[0], "alse", target=X0), XF)
-    with pytest.raises(InputError, match="`x0` must not be given"):
-        fitted.bound(x0=X0)
-    for delta in (0.0, 1.0, float("nan"), "0.1"):
-        with pytest.raises((InputError, se.exceptions.InputTypeError), match="`delta`"):
-            plan.bound(delta)
-
-
 def test_entities_with_one_key_are_not_independent():
     plan = se.control((A, B), se.sample(X0, N, rng=1), se.sample(XF, N, rng=1))
     for call in (plan.bound, plan.covariance):
@@ -453,15 +432,3 @@ def test_a_radius_says_why_it_is_infinite_and_is_no_negative_number():
         replace(found, parts={"x": -1.0})
     with pytest.raises(InputError, match="`quantities` must have at least one"):
         replace(found, quantities={})
-
-
-def test_arguments_for_plans_of_the_other_kind_are_refused_by_name():
-    plan = planned()
-    for name in ("noise", "bands"):
-        with pytest.raises(InputError, match=f"`{name}` must be left out for a plan of estimates"):
-            plan.bound(**{name: True})
-    data = se.Trajectories.from_pairs(np.eye(3)[:, :1], np.eye(3)[:, 1:2], np.ones((3, 1)))
-    model = se.control(se.identify(data, **opts(sigma=1.0, checks=False)), [1.0], [0.0])
-    for name, value in (("system", SYSTEM), ("x0", [1.0]), ("xf", [0.0])):
-        with pytest.raises(InputError, match=f"`{name}` must be left out for a model from data"):
-            model.bound(**{name: value})

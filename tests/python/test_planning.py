@@ -12,7 +12,7 @@ import stochens_rs as se
 import tail_bounds as bounds
 from hidden_systems import stable
 from stochens_rs._base.numbers import smallest_size
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
+from stochens_rs.exceptions import InputError, InputTypeError, SizeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import moments
 from stochens_rs.theory.drawn_bounds import PlanErrors
@@ -139,28 +139,6 @@ def test_a_known_problem_needs_one_realization() -> None:
     plan = se.required_samples(se.System(np.eye(2), np.eye(2)), [0.0, 2.0], [1.0, 0.0], 0.1, rng=1)
     assert plan.size == 1
     assert plan.simulated_size == 1
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "words"),
-    [
-        ({"error": 0.0}, InputError, "`error` must be > 0"),
-        ({"delta": 1.0}, InputError, "`delta` must"),
-        ({"x0": [1.0]}, ShapeError, "`x0` must"),
-        ({"xf": [np.nan] * 4}, NonFiniteError, "xf"),
-        ({"quantity": "stat"}, InputError, "state"),
-        ({"fusion": "both"}, InputError, "`fusion`"),
-    ],
-)
-def test_bad_input(change: dict[str, object], error: type[Exception], words: str) -> None:
-    arguments: dict[str, object] = {"x0": X0, "xf": XF, "error": 0.1, **change}
-    with pytest.raises(error, match=words):
-        se.required_samples(SYSTEM, **arguments)
-
-
-def test_no_relative_error_of_zero() -> None:
-    with pytest.raises(InputError, match="relative=False"):
-        se.required_samples(SYSTEM, [0.0] * 4, [0.0] * 4, 0.1)
 
 
 def test_the_origin_within_reach_is_zero_up_to_rounding() -> None:

@@ -9,7 +9,6 @@ import pytest
 
 import stochens_rs as se
 from declarations import opts
-from stochens_rs.exceptions import InputError, InputTypeError
 
 A, B, C = np.array([[0.9, 0.3], [-0.2, 1.05]]), np.array([[0.0], [1.0]]), np.array([0.1, 0.0])
 
@@ -70,27 +69,6 @@ def test_an_uncertain_start_widens_the_tube():
     wide = se.predict(model, se.Uncertain([0.0, 0.0], 0.1), u[0]).bound().tube
     assert wide[0] == 0.1
     assert np.all(wide > sharp)
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "text"),
-    [
-        ({"model": (A, B)}, InputTypeError, "`model` must be a model from data, got an? .*tuple"),
-        ({"x0": [1.0]}, InputError, r"`x0` must have shape \(2,\), got \(1,\)"),
-        ({"x0": [1.0, np.nan]}, InputError, r"`x0\[1\]` is nan"),
-        ({"inputs": [1.0, 2.0]}, InputError, r"`inputs` must have shape \(K, 1\)"),
-        ({"inputs": np.zeros((0, 1))}, InputError, "`inputs`"),
-        ({"inputs": "text"}, InputError, "`inputs`.*str 'text'"),
-        ({"x0": [1e308, 1e308], "inputs": np.zeros((3000, 1))}, InputError, "overflow"),
-    ],
-)
-def test_bad_input(change, error, text):
-    x, u = runs(np.random.default_rng(1), 20)
-    model = se.identify(se.Trajectories(x, u), **opts(sigma=0.05))
-    arguments = {"model": model, "x0": [0.0, 0.0], "inputs": [[1.0]], **change}
-    with pytest.raises(error, match=text) as caught:
-        se.predict(**arguments)
-    assert "\n" not in str(caught.value)
 
 
 def test_no_argument_is_modified_or_kept():

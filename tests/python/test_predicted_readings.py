@@ -11,7 +11,7 @@ import stochens_rs as se
 from coverage_study import at_most
 from declarations import opts
 from hidden_outputs import Arx
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from stochens_rs.identification.assumptions import ACCEPTED
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -151,35 +151,6 @@ def test_the_misses_of_drawn_models_are_from_what_is_predicted():
         assert miss == pytest.approx(np.linalg.norm(np.array(y[-rows:]) - goal), rel=1e-9)
     with pytest.raises(ShapeError):
         se._core.drawn_misses(law, *begin, goal.ravel()[1:], *end)
-
-
-@pytest.mark.parametrize(
-    ("change", "error", "text"),
-    [
-        ({"x0": [0.0]}, InputError, "`x0` must be left out for a model of outputs"),
-        ({"record": None}, InputError, r"`record` needs \d+ rows of outputs and \d+ of inputs"),
-        ({"record": "still"}, InputError, "'rest'"),
-        ({"record": ([[0.0]], [])}, InputError, "`record`|`outputs`"),
-        ({"inputs": None}, ShapeError, r"`inputs` must have shape \(K, 1\).* got None"),
-        ({"inputs": np.zeros((0, 1))}, InputError, "`inputs`"),
-        ({"inputs": np.full((3, 1), np.nan)}, NonFiniteError, "`inputs"),
-    ],
-)
-def test_bad_input(change, error, text):
-    model = two_lags()
-    record = np.zeros((4, 1)), np.zeros((3, 1))
-    arguments = {"record": record, "inputs": np.ones((3, 1)), **change}
-    with pytest.raises(error, match=text) as caught:
-        se.predict(model, **arguments)
-    assert "\n" not in str(caught.value)
-
-
-def two_lags():
-    gen = np.random.default_rng(1)
-    y, u = gen.standard_normal((30, 9, 1)), gen.standard_normal((30, 8, 1))
-    return se.identify(
-        se.Trajectories(list(y), list(u), outputs=True), **opts(lags=2, checks=False)
-    )
 
 
 def test_a_model_of_states_takes_no_record():

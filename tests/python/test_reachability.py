@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import tracemalloc
-from fractions import Fraction
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
-from paper import reachability as notions
-from paper.verdicts import definitions
-from stochens_rs.exceptions import InputError, NonFiniteError
 from stochens_rs.theory import exact as dynamics
-from stochens_rs.theory import moments, reachability
+from stochens_rs.theory import reachability
 from stochens_rs.theory.exact import best_control
 
 # -- the exact system ------------------------------------------------------------------------------
@@ -84,56 +80,7 @@ def test_uncontrollable_and_empty_problems():
     assert tiny.rank == 1
 
 
-def test_the_realizations_behind_definition_2_4(gen):
-    """n = 10, m = 5: xf is reachable, none of the realizations is; rms from the covariance."""
-    A, B, x0 = gen.normal(size=(10, 10)), gen.normal(size=(10, 5)), gen.normal(size=10)
-    xf = A @ x0 + B @ gen.normal(size=5)
-    atoms, reached, rms = definitions._realizations(A, B, x0, xf)
-    assert reach((A, B), x0, xf).reachable
-    assert (atoms, reached) == (1000, 0)
-    Q = np.eye(10) - B @ np.linalg.pinv(B)
-    C = moments.vector_covariance(xf) + moments.product_covariance(A, x0)
-    assert rms == pytest.approx(np.sqrt(np.trace(Q @ C @ Q)), rel=1e-9)
-
-
 # -- counterexamples -------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("size", [3, 10, 100])
-def test_lemma_3_1_is_refuted(size):
-    rng = np.random.default_rng(size)
-    for weights, controls in (
-        (None, None),
-        ([1] + [0] * (size - 1), [5] * size),
-        (rng.integers(1, 9, size).tolist(), rng.integers(-50, 50, size).tolist()),
-    ):
-        found = notions.lemma_3_1(size, weights=weights, controls=controls)
-        assert set(found.approximation_errors.values()) == {Fraction(0)}
-        assert set(found.approximation_errors) == {"A", "B", "x0"}
-        assert found.hypothesis == Fraction(0)
-        assert found.claim == Fraction(1)
-
-
-@pytest.mark.parametrize("size", [2, 10, 100])
-def test_lemma_3_2_is_refuted(size):
-    rng = np.random.default_rng(size)
-    for weights in (None, [0, 1] + [0] * (size - 2), rng.integers(1, 9, size).tolist()):
-        found = notions.lemma_3_2(size, weights=weights)
-        assert set(found.approximation_errors.values()) == {Fraction(0)}
-        assert found.hypothesis == Fraction(0)
-        assert found.claim == Fraction(1)
-
-
-def test_the_counterexamples_in_floating_point():
-    """The same through the package: every weighted control is 0, the exact one is -1."""
-    N = 6
-    x0, A = np.zeros((N, 1)), np.zeros((N, 1, 1))
-    x0[0], A[1] = 1.0, 1.0
-    u = se.realization_controls(
-        (se.Ensemble.from_samples(A), [[1.0]]), se.Ensemble.from_samples(x0), [0.0]
-    )
-    assert not u.any()
-    assert se.control(([[1.0]], [[1.0]]), [1.0], [0.0]).u == [-1.0]
 
 
 def test_where_the_system_goes_by_itself_is_reachable():
@@ -159,30 +106,6 @@ def test_more_steps_need_not_reach_what_fewer_do():
 
 
 # -- input -----------------------------------------------------------------------------------------
-
-
-def test_wrong_input_is_refused():
-    A, B, xf = [[1.0, -2.0], [0.5, 3.0]], [[1.0], [2.0]], [0.5, 2.0]
-    with pytest.raises(InputError, match="`A`"):
-        reachability.gramian(([[1.0, 2.0]], B), 2)
-    with pytest.raises(InputError, match="`B`"):
-        reachability.gramian((A, [[1.0]]), 2)
-    with pytest.raises(InputError, match="`steps`"):
-        reachability.controllability_matrix((A, B), 0)
-    with pytest.raises(NonFiniteError, match="overflow"):
-        reachability.gramian((np.array(A) * 1e200, B), 3)
-    with pytest.raises(NonFiniteError, match="overflow"):
-        reachability.gramian((A, np.array(B) * 1e200), 1)
-    with pytest.raises(NonFiniteError, match="overflow"):
-        best((np.array(A) * 1e200, B), [1e200, 1e200], xf)
-    with pytest.raises(InputError, match="`size`"):
-        notions.lemma_3_1(2)
-    with pytest.raises(InputError, match="`weights` must have length 3"):
-        notions.lemma_3_2(3, weights=[1])
-    with pytest.raises(InputError, match="`weights` must be nonnegative"):
-        notions.lemma_3_2(2, weights=[1, -1])
-    with pytest.raises(InputError, match="`controls`"):
-        notions.lemma_3_1(3, controls=[1])
 
 
 def peak(call):

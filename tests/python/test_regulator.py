@@ -414,28 +414,6 @@ def test_a_power_that_overflows_is_named():
         se.regulate(([[1e30]], [[1e200]]), 6, limits=(-1.0, 1.0))
 
 
-WRONG = {
-    "steps": ({"steps": 0}, "`steps`"),
-    "target": ({"target": [1.0]}, "`target`"),
-    "limits": ({"limits": (1.0, -1.0)}, "low <= high"),
-    "target twice": (
-        {"target": [0.0, 0.0], "reference": np.zeros((4, 2))},
-        "`target` must be None",
-    ),
-    "reference": ({"reference": np.zeros((3, 2))}, "`reference`"),
-    "R": ({"R": -1.0}, "`R`"),
-    "rate": ({"rate": 0.1}, "`previous` must be given"),
-    "time": ({"time_limit": 0.0}, "`time_limit`"),
-}
-
-
-@pytest.mark.parametrize("name", WRONG)
-def test_wrong_arguments_are_named(name):
-    more, text = WRONG[name]
-    with pytest.raises(InputError, match=text):
-        se.regulate((A, B), **within(**{"steps": 3, **more}))
-
-
 def test_a_second_thread_gets_an_error():
     loop = made()
     inside, go, seen = threading.Event(), threading.Event(), []
@@ -578,27 +556,3 @@ def test_track_calls_any_function():
     assert np.array_equal(
         se.track((A, B), np.zeros((2, 2)), controller=spoils, x0=[1.0, 0.0]).states[0], [1.0, 0.0]
     )
-
-
-REFUSED = {
-    "not callable": ({"controller": [3]}, InputTypeError, "`controller` must be a number"),
-    "shape": ({"controller": lambda x: [1.0, 2.0]}, ShapeError, r"`controller\(x\)`.*\(1,\)"),
-    "nan": ({"controller": lambda x: [np.nan]}, NonFiniteError, r"`controller\(x\)\[0\]` is nan"),
-    "grows": ({"controller": lambda x: 1e100 * x[:1]}, NonFiniteError, "overflows at step"),
-    "other system": (
-        {"controller": se.regulate(([[1.0]], [[1.0]]), 2)},
-        InputError,
-        "must be for n=2 and m=1",
-    ),
-    "noise": ({"noise": -1.0}, InputError, "`noise`"),
-    "noise of a state": ({"noise": [0.1, -1.0]}, InputError, "`noise`"),
-    "noise without": ({"controller": 5, "noise": 1.0}, InputError, "`noise` must be None"),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_track_refuses(name):
-    more, error, text = REFUSED[name]
-    given = {"controller": lambda x: [0.0], "x0": [1.0, 0.0], **more}
-    with pytest.raises(error, match=text):
-        se.track((A, B), np.zeros((6, 2)), **given)

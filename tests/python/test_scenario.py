@@ -7,7 +7,6 @@ import math
 import numpy as np
 import pytest
 
-from stochens_rs.exceptions import InputError, InputTypeError, SizeError
 from stochens_rs.theory import scenario
 from twin import scenario as twin
 
@@ -107,19 +106,3 @@ def test_after_discarding_only_the_bound_of_2011_holds() -> None:
     assert np.mean(risk > scenario.discarding(N, r, d, beta)) <= beta
     # the bound for relaxed designs, taken with all that were left out and the support, fails
     assert np.mean(risk > scenario.relaxed(N, r + d, beta)[1]) > 0.2
-
-
-def test_bad_arguments_are_named() -> None:
-    for call, kind, text in (
-        (lambda: scenario.a_priori(0, 1, 0.1), SizeError, "`size`"),
-        (lambda: scenario.a_priori(5, 0, 0.1), SizeError, "`dimension`"),
-        (lambda: scenario.judged(5, 6, 0.1), SizeError, "`support`"),
-        (lambda: scenario.compression(5, 2, 0.0), InputError, "`beta`"),
-        (lambda: scenario.relaxed(5, -1, 0.1), SizeError, "`support`"),
-        (lambda: scenario.discarding(5, 6, 1, 0.1), SizeError, "`discarded`"),
-        (lambda: scenario.hold_out(5, 1, "0.1"), InputTypeError, "`beta`"),
-        (lambda: scenario.required_scenarios(1.0, 1, 0.1), InputError, "`epsilon`"),
-        (lambda: scenario.required_scenarios(1e-300, 1, 0.1), InputError, "`epsilon`"),
-    ):
-        with pytest.raises(kind, match=text):
-            call()

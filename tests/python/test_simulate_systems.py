@@ -9,7 +9,7 @@ import pytest
 
 import stochens_rs as se
 from declarations import opts
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.exceptions import InputError
 
 
 def problem(N: int, n: int, m: int, K: int, *, offset: bool, each: bool, seed: int = 1):
@@ -163,53 +163,6 @@ def test_slices_of_models():
     assert models[::-1][::-1] == models
     with pytest.raises(InputError, match="at least one model"):
         models[7:]
-
-
-MODELS, X0, U = problem(4, 2, 1, 3, offset=False, each=False)
-
-
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"size": 4}, "`size` must be left out"),
-        ({"sampled": "B"}, "`sampled` must be left out"),
-        ({"sampled": None}, "`sampled` must be left out"),
-        ({"averaging": "mean-field"}, "`averaging` must be left out"),
-        ({"replicates": 2}, "`replicates` must be left out"),
-        ({"rng": 1}, "`rng` must be left out"),
-        ({"rng": np.ones(3)}, "`rng` must be left out"),
-        ({"keep": "half"}, "`keep` must be"),
-        ({"keep": 1}, "`keep` must"),
-    ],
-)
-def test_other_arguments_are_refused(change, said):
-    with pytest.raises((InputError, InputTypeError), match=said):
-        se.simulate_ensemble(**{"system": MODELS, "x0": X0, "u": U, **change})
-
-
-@pytest.mark.parametrize(
-    ("x0", "u", "error", "said"),
-    [
-        (np.ones(3), U, ShapeError, r"`x0` must have shape \(2,\), or \(4, 2\)"),
-        (np.ones((3, 2)), U, ShapeError, r"`x0` must have shape \(2,\), or \(4, 2\)"),
-        (np.ones((1, 2)), U, ShapeError, r"`x0` must have shape \(2,\), or \(4, 2\)"),
-        (1.0, U, ShapeError, "`x0` must have 1 or 2 dimensions"),
-        ([np.nan, 0.0], U, NonFiniteError, r"`x0\[0\]` is nan"),
-        (X0, np.ones((3, 2)), ShapeError, "`u` must have shape"),
-        (X0, [[np.inf]], NonFiniteError, "`u"),
-        ([1e200, 0.0], np.zeros((1, 1)), NonFiniteError, "second moment of the ensemble overflows"),
-        ([1e308, 1e308], np.zeros((9, 1)), NonFiniteError, "state of the ensemble overflows"),
-    ],
-)
-def test_bad_arguments_are_named(x0, u, error, said):
-    models = se.SystemEnsemble(np.arange(4.0)[:, None, None] * np.ones((2, 2)), MODELS.B)
-    with pytest.raises(error, match=said):
-        se.simulate_ensemble(models, x0, u)
-
-
-def test_a_system_still_needs_a_size():
-    with pytest.raises(InputTypeError, match="`size` must be a whole number, got None"):
-        se.simulate_ensemble(MODELS[0], X0, U)
 
 
 def test_memory_is_asked_for_first(monkeypatch):

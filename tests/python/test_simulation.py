@@ -22,12 +22,7 @@ from numpy.typing import NDArray
 import stochens_rs as se
 from stochens_rs import reference as twin
 from stochens_rs.exceptions import (
-    InputError,
-    InputTypeError,
     NonFiniteError,
-    ResourceError,
-    ShapeError,
-    SizeError,
 )
 
 Array = NDArray[np.float64]
@@ -523,57 +518,6 @@ def test_a_mean_field_beats_runs_over_several_steps() -> None:
 
 
 # -- what is refused -----------------------------------------------------------------------------
-
-GOOD: dict[str, Any] = {"system": (np.eye(2), np.ones((2, 1))), "u": [[1.0]], "x0": [1.0, 2.0]}
-REFUSED: list[tuple[dict[str, Any], type[Exception], str]] = [
-    ({"u": [1.0]}, ShapeError, "`u` must have shape (K, 1), one row per step"),
-    ({"u": [[1.0, 2.0]]}, ShapeError, "`u` must have shape (K, 1)"),
-    ({"u": np.zeros((0, 2))}, ShapeError, "`u` must have shape (K, 1)"),
-    ({"u": [[np.nan]]}, NonFiniteError, "`u[0, 0]` is nan"),
-    ({"u": [["a"]]}, InputTypeError, "`u`"),
-    ({"x0": [1.0]}, ShapeError, "`x0` must have shape (2,)"),
-    ({"x0": [1.0, np.inf]}, NonFiniteError, "`x0[1]` is inf"),
-    ({"system": 3}, InputTypeError, "System"),
-    ({"system": (np.full((2, 2), 1e308), np.ones((2, 1)))}, NonFiniteError, "`A[:, 0]`"),
-    ({"system": (np.eye(2), np.full((2, 1), 1e308))}, NonFiniteError, "`B[:, 0]`"),
-    ({"system": (1e200 * np.eye(2), [[1.0], [1.0]]), "u": [[0]] * 2}, NonFiniteError, "overflow"),
-]  # fmt: skip
-
-
-@pytest.mark.parametrize(("change", "error", "words"), REFUSED)
-def test_bad_problems_are_refused(
-    change: dict[str, Any], error: type[Exception], words: str
-) -> None:
-    given = {**GOOD, **change}
-    for call in (se.simulate, lambda **k: se.simulate_ensemble(**k, size=3, rng=1)):
-        with pytest.raises(error) as caught:
-            call(**given)
-        assert words in str(caught.value)
-
-
-BAD_OPTIONS: list[tuple[dict[str, Any], type[Exception], str]] = [
-    ({"size": 0}, SizeError, "`size`"),
-    ({"size": 2.5}, InputTypeError, "`size`"),
-    ({"averaging": "mean"}, InputError, "`averaging`"),
-    ({"keep": None}, InputTypeError, "`keep`"),
-    ({"keep": "run"}, InputError, "did you mean 'runs'"),
-    ({"replicates": 2}, InputError, "`replicates` must be 1 for averaging='runs'"),
-    ({"replicates": 0, "averaging": "mean-field"}, SizeError, "`replicates`"),
-    ({"sampled": 1}, InputTypeError, "`sampled`"),
-    ({"sampled": "A C"}, InputError, "`sampled` must be one of 'A', 'B', 'x0'"),
-    ({"keep": (True,)}, InputTypeError, "`keep` must be one of"),
-    ({"keep": "runs", "size": 10**12}, ResourceError, "the runs of 1000000000000"),
-    ({"rng": -1}, InputError, "`rng`"),
-]
-
-
-@pytest.mark.parametrize(("change", "error", "words"), BAD_OPTIONS)
-def test_bad_options_are_refused(
-    change: dict[str, Any], error: type[Exception], words: str
-) -> None:
-    with pytest.raises(error) as caught:
-        se.simulate_ensemble(**{**GOOD, "size": 3, "rng": 1, **change})
-    assert words in str(caught.value)
 
 
 def test_overflow_of_runs_is_named() -> None:

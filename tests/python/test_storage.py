@@ -23,8 +23,6 @@ import stochens_rs as se
 from stochens_rs import exceptions
 from stochens_rs._base import saving as state_file
 from stochens_rs.exceptions import (
-    InputError,
-    InputTypeError,
     StateError,
     StateIOError,
     StateLockedError,
@@ -430,30 +428,6 @@ def test_unusual_names(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatc
     with pytest.raises(StateError) as caught:
         state_file.load(name, "k")
     assert "\n" not in str(caught.value)
-
-
-def test_wrong_arguments(tmp_path: Path) -> None:
-    path = tmp_path / "state"
-    for wrong in (None, 3, b"state", object()):
-        with pytest.raises(InputTypeError, match="`path` must be a path"):
-            state_file.save(wrong, "k", {})
-    for wrong in ("", "a\0b", "\ud800"):
-        with pytest.raises(InputError, match="`path` must be the name of a file"):
-            state_file.load(wrong, "k")
-    for wrong in ("a.prev", "a.lock", "a.tmp", "..", "/"):
-        with pytest.raises((InputError, StateError)):
-            state_file.save(wrong, "k", {})
-    for wrong in ("", "x" * 65, "a b", "é", "__metadata__", 'a"'):
-        with pytest.raises(InputError, match="`kind` must be 1 to 64 letters"):
-            state_file.save(path, wrong, {})
-        with pytest.raises(InputError, match="`name` must be 1 to 64 letters"):
-            state_file.save(path, "k", {wrong: np.ones(1)})
-    for wrong in ([1.0], np.ones((2, 2)), np.ones(2, dtype=np.float32), np.array(["a"])):
-        with pytest.raises(InputTypeError, match="uint8, uint64 or float64"):
-            state_file.save(path, "k", {"u": wrong})
-    with pytest.raises(InputTypeError):
-        state_file.save(path, "k", {"u": np.ones(2).astype(">f8")})
-    assert os.listdir(tmp_path) == []
 
 
 def test_the_errors_can_be_pickled() -> None:

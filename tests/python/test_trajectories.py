@@ -12,7 +12,7 @@ import pytest
 import stochens_rs as se
 from identification_data import noisy_states
 from stochens_rs.data.trajectories import pooled
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
+from stochens_rs.exceptions import InputError, InputTypeError
 from twin import triangle as tr
 
 
@@ -76,47 +76,6 @@ def test_copies_and_pickles_are_equal(gen):
         kind(parts[0], [1, 1], *parts[2:])
 
 
-BAD = {
-    "another number of runs": (lambda x, u: se.Trajectories([x, x], [u]), "`inputs` must have 2 r"),
-    "one state": (lambda x, u: se.Trajectories([x[:1]], [u[:0]]), "`states[0]` must have at least"),
-    "too many inputs": (lambda x, u: se.Trajectories([x], [x]), r"`inputs[0]` must have shape (3,"),
-    "another n": (lambda x, u: se.Trajectories([x, x[:, :1]], [u, u]), "`states[1]` must have sha"),
-    "names": (lambda x, u: se.Trajectories(x, u, state_names=["a"]), "`state_names` must have 2"),
-    "equal names": (lambda x, u: se.Trajectories(x, u, state_names=["a", "a"]), "got 'a' twice"),
-    "shared name": (
-        lambda x, u: se.Trajectories(x, u, state_names=["a", "b"], input_names=["b"]),
-        "`input_names` must differ from `state_names`, got 'b'",
-    ),
-    "dt": (lambda x, u: se.Trajectories(x, u, dt=0.0), "`dt` must be > 0"),
-    "labels": (
-        lambda x, u: se.Trajectories(pd.DataFrame(x, columns=["a", "b"]), u),
-        "`states` has labels",
-    ),
-    "labels in a list": (
-        lambda x, u: se.Trajectories([x], [pd.DataFrame(u, columns=["f"])]),
-        "`inputs[0]` has labels",
-    ),
-    "pairs": (lambda x, u: se.Trajectories.from_pairs(x, u, x), "`u` must have shape (4, m)"),
-}
-
-
-@pytest.mark.parametrize("what", BAD)
-def test_bad_runs_are_refused(what):
-    call, said = BAD[what]
-    with pytest.raises(InputError) as caught:
-        call(np.ones((4, 2)), np.ones((3, 1)))
-    assert said in str(caught.value)
-    assert "\n" not in str(caught.value)
-    assert len(str(caught.value)) < 300
-
-
-def test_what_is_not_finite_is_named():
-    x = np.ones((4, 2))
-    x[2, 1] = np.inf
-    with pytest.raises(NonFiniteError, match=r"`states\[1\]\[2, 1\]` is inf"):
-        se.Trajectories([np.ones((4, 2)), x], np.ones((2, 3, 1)))
-
-
 # -- parts and pools -------------------------------------------------------------------------------
 
 
@@ -133,12 +92,6 @@ def test_parts_keep_whole_runs(gen):
     np.testing.assert_array_equal(data[-1][0], data.runs[-1][0])
     with pytest.raises(InputError, match="at least one run"):
         data[5:5]
-
-
-@pytest.mark.parametrize("share", [0, 8, 0.01, 1.0, True, "half"])
-def test_bad_shares_are_refused(gen, share):
-    with pytest.raises((InputError, InputTypeError), match="`share`"):
-        made(some_runs(gen, range(1, 9))).split(share, rng=1)
 
 
 def test_pooled_sets_are_one_after_the_other(gen):

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from atoms import averages, matrix_atoms, vector_atoms
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.theory import moments
 
 TOLERANCE = 1e-12
@@ -150,25 +149,6 @@ def test_a_rotation_loses_its_signal_in_k_steps():
     system, x0 = (H, np.zeros((2, 1))), np.full(2, np.sqrt(0.5))
     rms = moments.trajectory_rms(system, x0, np.zeros((10, 1)), 50)
     np.testing.assert_allclose(50 * rms**2, 2.0 ** np.arange(1, 12) - 1.0, rtol=1e-12)
-
-
-def test_wrong_input_is_refused():
-    system, x0, u = CASES["n=2"]
-    A, B = system
-    with pytest.raises(ShapeError, match="`u`"):
-        moments.trajectory_covariance(system, x0, [[1.0, 2.0]])
-    with pytest.raises(ShapeError, match="`x0`"):
-        moments.trajectory_mean(system, [1.0], u)
-    with pytest.raises(InputError, match=r"`averaging`.*did you mean 'mean-field'"):
-        moments.trajectory_covariance(system, x0, u, averaging="mean_field")
-    with pytest.raises(InputError, match="`size`"):
-        moments.trajectory_rms(system, x0, u, 0)
-    with pytest.raises(InputTypeError, match="`sampled`"):
-        moments.trajectory_rms(system, x0, u, sampled=1)
-    with pytest.raises(NonFiniteError, match="state overflows at step 2"):
-        moments.trajectory_mean((1e200 * A, B), x0, u)
-    with pytest.raises(NonFiniteError, match="covariance overflows at step 1"):
-        moments.trajectory_covariance((1e160 * A, B), x0, u[:1])
 
 
 def test_no_steps_at_all():

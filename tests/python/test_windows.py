@@ -175,20 +175,6 @@ def test_models_of_outputs_are_kept(how, tmp_path):
         np.testing.assert_array_equal(other._Theta, model._Theta)
 
 
-def test_what_goes_with_outputs_only():
-    data = arx(np.random.default_rng(1))
-    states = se.Trajectories(*map(list, zip(*data.runs, strict=True)))
-    for how in ({"lags": 2}, {"filters": (0.5, 2)}, {"order": "auto"}):
-        with pytest.raises(InputError, match="is for outputs"):
-            se.identify(states, **opts(**how))
-    with pytest.raises(InputError, match="only one of"):
-        se.identify(data, **opts(lags=2, order="auto"))
-    with pytest.raises(InputError, match="must be left out for outputs"):
-        se.identify(data, **opts(lags=2, known_A=[[1.0]]))
-    with pytest.raises(InputError, match="exactly one of `states` and `outputs`"):
-        se.Trajectories.from_table({}, inputs=["u"])
-
-
 def test_records_that_do_not_fill_the_window_are_refused():
     window = Regressors(("a", "b"), ("u",), 12)
     with pytest.raises(
@@ -311,30 +297,6 @@ def test_units_of_readings_make_no_difference(scale):
     np.testing.assert_allclose(bounds[1] / units, bounds[0], rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    "how",
-    [
-        {"lags": 0},
-        {"lags": 1.5},
-        {"lags": "all"},
-        {"filters": (1.0, 2)},
-        {"filters": (0.5, 0)},
-        {"filters": 0.5},
-        {"order": "best"},
-        {"delay": -2},
-        {"delay": (2, 1)},
-        {"delay": (1, 2, 3)},
-        {"lags": 2, "delay": (0, 1)},
-        {"lags": 10**9},
-        {"filters": (float("nan"), 2)},
-    ],
-    ids=str,
-)
-def test_bad_windows_are_named(how):
-    with pytest.raises(se.exceptions.StochensError, match="|".join(["window", *how])):
-        se.identify(arx(np.random.default_rng(1), runs=4), **opts(checks=False, **how))
-
-
 def late(gen, delay, runs=8, steps=40):
     """Runs of two states whose input acts `delay` steps late, its own matrices, and what acts."""
     A, B = np.array([[1.0, 0.1], [0.05, 1.02]]), np.array([[0.005], [0.1]])
@@ -401,16 +363,3 @@ def test_rows_that_hold_the_state_after_its_input():
     assert model.window is None
     with pytest.raises(InputError, match="`delay` of -1 needs runs of two steps"):
         se.identify(data.last_pairs(), **opts(delay=-1))
-
-
-def test_what_is_for_states_says_so():
-    gen = np.random.default_rng(1)
-    data = arx(gen)
-    model = se.identify(data, **opts(lags=2))
-    systems = se.SystemEnsemble(gen.standard_normal((5, 1, 1)), gen.standard_normal((5, 1, 1)))
-    with pytest.raises(InputError, match="`data` must be a model of states"):
-        se.fuse(systems, method="alse", data=model)
-    with pytest.raises(InputError, match="must be runs of states"):
-        se.ModelStream(1, 1, **opts(state_names=["y[0]"], sigma=0.1)).update(data)
-    with pytest.raises(InputError, match="are not resampled"):
-        model.draw(3)

@@ -55,7 +55,7 @@ def gen(seed: int) -> np.random.Generator:
     return np.random.default_rng(seed)
 
 
-@pytest.fixture(autouse=True)
+@pytest.fixture(autouse=True, scope="module")
 def _global_random_state_is_left_alone():
     """The package may neither use nor change NumPy's global generator."""
     before = np.random.get_state(legacy=False)  # noqa: NPY002

@@ -43,13 +43,13 @@ def one_line(text):
     return text.startswith("stochens: ") and text.count("\n") == 1 and "Traceback" not in text
 
 
-def test_json_and_nothing_else_on_stdout(tmp_path):
+def test_json_and_nothing_else_on_stdout(tmp_path, capfd):
     pytest.importorskip("matplotlib")
     out = tmp_path / "deep" / "er"
-    done = run(*TINY, "--json", "--out", str(out), cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert json.loads((out / "control.json").read_text()) == json.loads(done.stdout)
-    assert "control.json" in done.stderr
+    assert cli.main([*TINY, "--json", "--out", str(out)]) == 0
+    shown = capfd.readouterr()
+    assert json.loads((out / "control.json").read_text()) == json.loads(shown.out)
+    assert "control.json" in shown.err
 
 
 @pytest.mark.parametrize(
@@ -170,7 +170,6 @@ def test_module_runs_as_a_program():
     done = run("--version")
     assert done.returncode == 0
     assert done.stdout.startswith("stochens ")
-    assert run("nothing-like-this").returncode == 2
 
 
 @pytest.mark.parametrize("terminal", [True, False])
@@ -208,13 +207,12 @@ def test_closed_stdout_is_refused_before_anything_is_done(numbers, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="descriptors differ")
-@pytest.mark.parametrize("numbers", [(2,), (0, 2)])
-def test_closed_stderr_changes_nothing(numbers, tmp_path):
-    done = run(*TINY, "--out", str(tmp_path / "out"), **closed(*numbers))
+def test_closed_stderr_changes_nothing(tmp_path):
+    done = run(*TINY, "--out", str(tmp_path / "out"), **closed(0, 2))
     assert done.returncode == 0
     assert "at the target" in done.stdout
     assert json.loads((tmp_path / "out" / "control.json").read_text())["reach"] == "reachable"
-    assert run("nonsense", **closed(*numbers)).returncode == 2
+    assert run("nonsense", **closed(2)).returncode == 2
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/fd"), reason="needs /proc")

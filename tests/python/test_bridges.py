@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
@@ -107,19 +105,6 @@ def test_a_realization_with_other_poles_is_named(package):
         System.from_any(given, dt=10.0)
 
 
-@pytest.mark.filterwarnings("error::stochens_rs.exceptions.DataWarning")
-def test_realizations_with_their_poles_go_without_a_word():
-    s = control.tf("s")
-    for plant in (
-        1 / (s + 1) ** 4, 1 / s**2, 1 / (s**2 * (s + 1) ** 2), 5 / (0.5 * s + 1) / (1e-3 * s + 1),
-        1 / (1e-13 * s**2 + 1e-8 * s + 1), (s + 2) / (s**2 + 1e-4 * s + 1), 1 / (s - 1),
-        control.tf(*control.pade(0.01, 5)) / (s + 1),
-    ):  # fmt: skip
-        for dt in (1e-4, 0.01, 1.0):
-            System.from_any(plant, dt=dt)
-            System.from_any(signal.TransferFunction(plant.num[0][0], plant.den[0][0]), dt=dt)
-
-
 def test_discrete_transfer_functions():
     for given in (control.tf([1.0], [1.0, -0.5], 0.1), signal.dlti([1.0], [1.0, -0.5], dt=0.1)):
         found = System.from_any(given)
@@ -208,15 +193,6 @@ def test_tables_are_aligned(rows, columns):
         (found.A, found.B, 0), dt=0.1
     )
     assert System.from_any((of_A, of_B, 0), dt=0.1).state_names == tuple(rows)
-
-
-def test_one_table_needs_the_names():
-    of_A, of_B = frames(ORDERS[1], ORDERS[1])
-    assert System(of_A, B, dt=0.1, states=STATES) == PLANT
-    assert System(A, of_B, dt=0.1, states=STATES, inputs=INPUTS) == PLANT
-    for pair in ((of_A, B), (A, of_B)):
-        with pytest.raises(InputError, match=r"has labels .*to_numpy\(\) if the order is right"):
-            System(*pair)
 
 
 of_A, of_B = PLANT.to_pandas()
@@ -332,24 +308,6 @@ def test_named_vectors_are_aligned(what):
         np.testing.assert_array_equal(use(*given), expected)
 
 
-REFUSED = {
-    "other names": X0.rename({"p": "q"}),
-    "fewer names": X0[["p", "v"]],
-    "twice": pd.Series([1.0, 2.0, 3.0], index=["p", "v", "v"]),
-    "numbers": pd.Series([1.0, 2.0, 3.0], index=[2, 1, 0]),
-    "mixed": pd.Series([1.0, 2.0, 3.0], index=["p", "v", 1]),
-    "unhashable": SimpleNamespace(index=pd.Index(["a", "b", "c"]), columns=None),
-    "coordinates": xr.DataArray([1.0, 2.0, 3.0], coords={"state": ["a", "b", "c"]}),
-}
-
-
-def test_labels_of_numpy_are_shown_as_text():
-    with pytest.raises(InputError, match="has the labels 'a', 'b', 'c', expected the names 'p'"):
-        se.control(PLANT, REFUSED["coordinates"], XF)
-    named = System(A, B, states=np.array(STATES))
-    assert [type(name) for name in named.state_names] == [str] * 3
-
-
 def test_a_system_without_names_takes_no_other_order():
     plain = System(A, B, dt=0.1)
     with pytest.raises(InputError, match=r"`x0` has labels .*to_numpy\(\) if the order is right"):
@@ -373,30 +331,6 @@ def test_rows_in_time_must_be_in_order():
 
 
 # -- messages ----------------------------------------------------------------------------------
-
-
-def test_messages_name_the_input_or_state():
-    x, y = np.ones(3), np.zeros(3)
-    for system, who in ((PLANT, "input 'P'"), (System(A, B), "input 1")):
-        with pytest.raises(InputError, match=f"for {who} in step 0"):
-            se.control(system, x, y, limits=([0.0, 2.0], [1.0, 1.0]))
-        with pytest.raises(InputError, match=f"{who} is 4 too far"):
-            se.control(system, x, y, limits=se.Limits(u=(-1, 1), rate=1.0, previous=[0.0, 6.0]))
-        low = np.array([[0.0, 0.0], [0.0, 9.0]])
-        with pytest.raises(InputError, match=f"{who} cannot be within those of step 0"):
-            se.control(
-                system, x, y, steps=2, limits=se.Limits(u=(low, low), rate=1.0, previous=[0.0, 0.0])
-            )
-    high = np.array([[9.0, 9.0, 9.0], [9.0, -9.0, 9.0]])
-    with pytest.raises(InputError, match="for state 'v' in step 1"):
-        se.control(PLANT, x, y, steps=2, limits=se.Limits(x=(-1.0, high)))
-    plan = se.control(
-        PLANT, x, y, steps=2, limits=se.Limits(u=(-0.1, 0.1), x=([-9, -9, -0.01], 0.01), soft=False)
-    )
-    assert plan.status == "infeasible"
-    assert "state limits missed by" in repr(plan)
-    over = (plan.predicted_states[1:] - 0.01).max(axis=0)
-    assert f"(state '{STATES[int(np.argmax(over))]}' most)" in repr(plan)
 
 
 # -- out of the package ------------------------------------------------------------------------
@@ -440,17 +374,3 @@ def test_round_trip_through_pandas_and_xarray(tmp_path):
     plain = System.from_any(System(A, B).to_xarray())
     assert plain == System(A, B)
     assert not plain.labels.given
-
-
-def test_missing_packages_are_named():
-    code = (
-        "import sys\n"
-        "for name in ('control', 'pandas', 'xarray'): sys.modules[name] = None\n"
-        "import stochens_rs as se\n"
-        "for word in ('to_control', 'to_pandas', 'to_xarray'):\n"
-        "    try: getattr(se.System([[1.0]], [[1.0]]), word)()\n"
-        "    except ImportError as error: print(error)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    lines = done.stdout.splitlines()
-    assert [line.split("[")[1][:6] for line in lines] == ["bridge", "tables", "tables"]

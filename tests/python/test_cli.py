@@ -274,18 +274,6 @@ def test_an_archive_that_unpacks_to_more_than_there_is(tmp_path, capsys):
     assert "GiB" in err
 
 
-@pytest.mark.parametrize(
-    "text", ['{"A": [[1]], "B": [[1]], "A": [[2]]}', '{"A": {"b": 1, "b": 2}}']
-)
-def test_an_entry_that_is_there_twice(text, tmp_path, capsys):
-    path = tmp_path / "p.json"
-    path.write_text(text)
-    assert cli.main(["control", str(path)]) == 2
-    err = capsys.readouterr().err
-    assert one_line(err)
-    assert "twice" in err
-
-
 def test_files_are_replaced_with_force_only(tmp_path, capsys):
     pytest.importorskip("matplotlib")
     line = [*TINY, "--out", str(tmp_path)]

@@ -89,21 +89,6 @@ def test_identify_says_what_python_says(table, capsys):
     assert found["checks"] == model.checks.p_values
 
 
-def test_entry_bounds_are_attained_on_the_boundary(table):
-    """For one entry, the largest distance inside the region, by the ellipsoid itself."""
-    region = se.identify(in_python(table), **opts(sigma=0.01)).region(0.05)
-    (part,) = region.parts
-    # max e_i' D e_j subject to D V D' <= factor S: D = sqrt(factor S_ii) e_i w' V^-1 / ||w||
-    e = np.eye(3)[1]
-    D = np.zeros((2, 3))
-    inverse = np.linalg.inv(part.root.T @ part.root)
-    D[0] = np.sqrt(part.factor * part.S[0, 0]) * inverse @ e / np.sqrt(e @ inverse @ e)
-    assert D[0, 1] == pytest.approx(region.entry_bounds[0, 1], rel=1e-9)
-    for share, inside in ((0.999, True), (1.001, False)):
-        Theta = region.centre + share * D
-        assert region.contains(Theta[:, :2], Theta[:, 2:]) is inside
-
-
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -193,14 +178,6 @@ def test_bounds_that_say_nothing_come_with_a_cure(table, lines, capsys):
     assert "--sigma" not in found["warnings"][-1]
 
 
-def test_another_name_of_the_model_is_no_other_run(table, tmp_path, capsys):
-    pytest.importorskip("matplotlib")
-    args = ["identify", table, *OPTIONS, "--force", "--out", tmp_path / "out", "--out"]
-    for name in ("a.state", "b.state"):
-        assert ran(capsys, *args, tmp_path / name)["saved"] == str(tmp_path / name)
-    assert (tmp_path / "b.state").exists()
-
-
 def test_a_model_is_known_by_its_content(table, tmp_path, capsys):
     file = tmp_path / "m.state"
     ran(capsys, "identify", table, *OPTIONS, "--out", file)
@@ -225,24 +202,6 @@ def test_a_model_is_known_by_its_content(table, tmp_path, capsys):
     se.ModelStream(1, 1).save(tmp_path / "stream.state")
     assert cli.main(["control", str(tmp_path / "stream.state"), "--from", "1,0"]) == 5
     assert "pairs" in capsys.readouterr().err
-
-
-def test_files_that_cannot_be_read(tmp_path, capsys):
-    for path in (tmp_path / "none.csv", tmp_path):
-        assert cli.main(["identify", str(path), *OPTIONS]) == 5
-        assert str(path) in capsys.readouterr().err
-    binary = tmp_path / "binary.csv"
-    binary.write_bytes(b"\x00\x01\x00\x00")
-    assert "UTF-8" in failed(capsys, "identify", binary, *OPTIONS)
-
-
-def test_dates_and_a_byte_order_mark(table, lines, capsys):
-    dated = [lines[0]] + [
-        line.replace(f",{line.split(',')[1]},", f",2026-01-01T00:00:0{line.split(',')[1]},", 1)
-        for line in lines[1:]
-    ]
-    table.write_text("\ufeff" + "\n".join(dated))
-    assert ran(capsys, "identify", table, *OPTIONS)["dt"] == pytest.approx(0.1)
 
 
 def test_from_runs_to_a_certified_control(table, tmp_path, capsys):
@@ -394,28 +353,6 @@ def test_control_prints_a_table(table, tmp_path, capsys):
     assert "several steps" in captured.out
 
 
-def test_control_of_a_known_system(tmp_path, capsys):
-    path = tmp_path / "problem.json"
-    path.write_text(json.dumps({"A": A.tolist(), "B": B.tolist(), "x0": [1, 0]}))
-    found = ran(capsys, "control", path, "--steps", 2)
-    assert found["certificate"] is None
-    assert np.abs(found["predicted_states"][-1]).max() < 1e-12
-    assert cli.main(["control", str(path)]) == 0
-    assert "from the target; the system is taken as known" in capsys.readouterr().out
-    assert "for models" in failed(capsys, "control", path, "--noise")
-
-
-def test_models_that_cannot_be_read(tmp_path, table, capsys):
-    missing = tmp_path / "none.safetensors"
-    assert cli.main(["control", str(missing), "--from", "1,0"]) == 5
-    damaged = tmp_path / "damaged.safetensors"
-    damaged.write_bytes(b"\x10" + bytes(40))
-    assert cli.main(["control", str(damaged), "--from", "1,0"]) == 5
-    capsys.readouterr()
-    error = failed(capsys, "control", table, "--from", "1,0")
-    assert "measured runs become a model by identify" in error
-
-
 @pytest.fixture
 def rig(tmp_path):
     """A known system with two inputs."""
@@ -495,27 +432,3 @@ def test_control_of_a_model_within_limits(table, tmp_path, capsys):
     assert np.abs(found["u"]).max() == 0.1
     assert found["certificate"]["quantities"]["tube"]["radius"][1] > 0.0
     assert found["limited"]["missed"] > 0.0
-
-
-def test_an_underscore_is_no_part_of_a_number(tmp_path, capsys):
-    path = tmp_path / "runs.csv"
-    path.write_text("x,u\n0,1\n1_5,1\n2,1\n")
-    words = failed(capsys, "identify", path, "--states", "x", "--inputs", "u")
-    assert "must have numbers in column 'x', got '1_5' in line 3" in words
-
-
-def test_lines_are_as_wide_as_the_terminal(table, tmp_path, capsys, monkeypatch):
-    monkeypatch.setenv("COLUMNS", "60")
-    model = str(tmp_path / "model.safetensors")
-    assert cli.main(["identify", str(table), *OPTIONS, "--out", model]) == 0
-    assert cli.main(["control", model, "--from", "1,0", "--steps", "3", "--limits=-1,1"]) == 0
-    lines = capsys.readouterr().out.splitlines()
-    assert max(map(len, lines)) <= 60
-    last = max(k for k, line in enumerate(lines) if line.startswith("for        "))
-    assert lines[last + 1].startswith(" " * 11)
-
-
-def test_a_file_that_is_missing_is_named_first(tmp_path, capsys):
-    missing = str(tmp_path / "none.csv")
-    assert cli.main(["identify", missing, *OPTIONS]) == 5
-    assert capsys.readouterr().err == f"stochens: {missing}: no such file or directory\n"

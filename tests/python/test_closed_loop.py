@@ -169,16 +169,6 @@ def test_runs_have_the_exact_mean_square(m, feedback, sampled, seed):
     np.testing.assert_allclose(run.mean_square, (run.errors**2).mean(axis=0), rtol=1e-13)
 
 
-def test_without_feedback_errors_accumulate():
-    system = gaussian(6, 6, 41)
-    r = np.broadcast_to(np.ones(6), (41, 6))
-    with_feedback = tracking_rms(system, r, 100)
-    without = tracking_rms(system, r, 100, feedback=False)
-    assert with_feedback[-1] == pytest.approx(with_feedback[3], rel=0.05)
-    assert without[-1] > 2.0 * with_feedback[-1]
-    assert (np.diff(without) > 0.0).all()
-
-
 # -- stability -----------------------------------------------------------------------------------
 
 
@@ -321,13 +311,3 @@ def test_a_feasible_reference_is_recognised_to_rounding():
         assert not run.feasible
         assert (run.residuals > 1e-8).sum() == 2  # the steps to and from r(3)
     assert se.track(SYSTEM, np.zeros((3, 2)), 5, rng=1).feasible
-
-
-def test_the_distance_is_drawn():
-    pytest.importorskip("matplotlib")
-    run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 50, runs=3, rng=1)
-    ax = run.plot()
-    distance, residuals = ax.get_lines()
-    np.testing.assert_array_equal(distance.get_ydata(), np.sqrt(run.mean_square))
-    np.testing.assert_array_equal(residuals.get_xdata(), [1, 2])
-    assert run.plot(ax=ax) is ax

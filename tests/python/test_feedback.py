@@ -600,17 +600,3 @@ def test_limits_from_starts_of_any_size():
             expected = min(one / size, np.finfo(float).max) if size > 1e-309 else scale
             assert scale == pytest.approx(expected, rel=1e-3)
             assert np.isfinite(scale)
-
-
-def test_a_loop_with_names_in_another_order_is_brought_into_that_of_the_system():
-    A, B, other = np.array([[1.1, 0.2], [0.0, 0.9]]), np.array([[0.0], [1.0]]), [1, 0]
-    system = se.System(A, B, states=("p", "v"))
-    turned = se.System(A[np.ix_(other, other)], B[other], states=("v", "p"))
-    rides = [
-        se.track(system, np.zeros((31, 2)), controller=se.gain(one, 1.0, 1.0), x0=[1.0, -0.5])
-        for one in (system, turned)
-    ]
-    np.testing.assert_allclose(rides[0].states, rides[1].states, atol=1e-12)
-    small = se.gain(([[0.5]], [[1.0]]), 1.0, 1.0)
-    with pytest.raises(InputError, match="`controller` must be for n=2"):
-        se.track(system, np.zeros((31, 2)), controller=small, x0=[1.0, -0.5])

@@ -141,13 +141,6 @@ def test_a_notebook_shows_the_record(name):
     assert not re.search(r"<script|<style|<b>b|\son\w+=|https?:|nan|color:|background", page)
 
 
-def test_the_states_with_the_largest_range_are_drawn():
-    states = np.outer([0.0, 1.0], np.arange(8.0))
-    page = html.states(np.arange(2), states, "states")
-    assert page.count("<polyline") == 6
-    assert "the 6 that change most, from 0 to 7" in page
-
-
 def test_one_step_is_no_steps():
     system, key = SYSTEM, 1
     one = [
@@ -184,22 +177,6 @@ def test_text_from_outside_is_escaped():
     assert hostile not in system._repr_html_()
     tree = ElementTree.fromstring(system._repr_html_())
     assert hostile in "".join(tree.itertext())
-
-
-def test_extremes_can_be_drawn():
-    huge = np.array([[-1e308, 0.0], [1e308, np.inf], [np.nan, 0.0]])
-    zeros = np.zeros((3, 1))
-    x = np.arange(3.0)
-    for curves, log in ((huge.T, False), (zeros.T, False), (zeros.T, True), (huge.T[:, :0], True)):
-        drawn = html.lines(x[: curves.shape[1]], list(curves), "text", log=log)
-        assert "nan" not in drawn
-        ElementTree.fromstring(f"<p>{drawn}</p>")
-    assert "<polyline" in html.lines(x, list(huge.T), "text")
-    still = se.simulate(([[2.0]], [[1.0]]), [0.0], [[0.0]] * 3)
-    ElementTree.fromstring(still._repr_html_())
-    new = se.Stream(([[2.0]], [[1.0]]), [1.0], [0.0], rng=1)
-    ElementTree.fromstring(new._repr_html_())
-    ElementTree.fromstring(se.DataStream([[1.0]])._repr_html_())
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import warnings
 
 import numpy as np
@@ -11,9 +10,9 @@ import pytest
 import stochens_rs as se
 from coverage_study import DELTA
 from declarations import opts
-from identification_data import POINT, THETA, Y, Z, check, independent, noisy_states, tuned
+from identification_data import POINT, THETA, Y, Z, check, independent, noisy_states
 from stochens_rs import _core
-from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
+from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
 from twin import anytime as at
 from twin import laws
 from twin import quantiles as qu
@@ -259,12 +258,6 @@ def test_components_are_sharper_one_by_one():
     check(found, np.sqrt(q * np.diag(FIT.S)) * 0.178749950455, rtol=1e-10)
 
 
-def test_pooled_data_are_the_data():
-    halves = [DATA[:5], DATA[5:]]
-    check(theta(fixed(halves)), FIT.H, atol=1e-13)
-    check(fixed(halves).region(DELTA).radius, fixed().region(DELTA).radius, rtol=1e-12)
-
-
 # -- data that do not determine the model ----------------------------------------------------------
 
 
@@ -500,24 +493,6 @@ def test_ensembles_that_would_mislead_are_refused():
 # -- records ---------------------------------------------------------------------------------------
 
 
-def test_models_and_regions_pickle():
-    data = se.Trajectories.from_pairs(
-        Z[:, :2], Z[:, 2:], Y, dt=0.1, state_names=["p", "v"], input_names=["f"]
-    )
-    model = fixed(data, intercept=True)
-    other = pickle.loads(pickle.dumps(model))
-    np.testing.assert_array_equal(theta(other), theta(model))
-    assert (other.state_names, other.input_names, other.dt) == (("p", "v"), ("f",), 0.1)
-    assert other.checks.p_values == model.checks.p_values
-    region = model.region(DELTA)
-    same_region = pickle.loads(pickle.dumps(region))
-    assert same_region.radius == region.radius
-    assert same_region.contains(*TRUE) == region.contains(*TRUE)
-    kind, parts = model.__reduce__()
-    with pytest.raises(ShapeError, match="`triangle` must have shape"):
-        kind(parts[0], np.eye(3), *parts[2:])
-
-
 def test_a_model_is_not_taken_for_the_system():
     """A bound would be relative to the estimate, which `model.system` asks for."""
     model = fixed()
@@ -535,36 +510,6 @@ def test_a_model_is_not_taken_for_the_system():
 def test_estimates_cannot_be_changed():
     with pytest.raises(ValueError, match="read-only"):
         fixed().A[0, 0] = 1.0
-
-
-def test_what_is_shown():
-    _, run = tuned(np.random.default_rng(18), 50)
-    model = se.identify(se.Trajectories(*run, dt=0.1, state_names=["a<b", "c"]), **opts(sigma=1.0))
-    assert repr(model) == "<Model: n=2 m=1 dt=0.1, 50 pairs>"
-    shown = model._repr_html_()
-    assert "a&lt;b" in shown
-    assert "the first 6 tell the scale" in shown
-    region = model.region(DELTA)
-    assert repr(region) == f"<Region: 95 %, radius {region.radius:.4g}>"
-    assert "known covariance" in region._repr_html_()
-    assert "tails" in model.checks._repr_html_()
-
-
-ASSUMPTIONS = {
-    "Gaussian noise of one unknown covariance, independent of all states and inputs": fixed,
-    "Gaussian noise of one unknown covariance, any design, for a number of pairs fixed beforehand":
-        lambda: se.identify(DATA, scale=1.0),
-    "Gaussian noise of one unknown covariance, any design, for a number of pairs fixed beforehand "
-    "and in the order of time, of which the first 6 tell the scale":
-        lambda: se.identify(DATA),
-    "bounded noise of a known bound, any design, valid for all N at once":
-        lambda: se.identify(DATA, **opts(noise="bounded", sigma=1.0, scale=1.0)),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("said", ASSUMPTIONS)
-def test_the_assumption_is_said_in_words(said):
-    assert ASSUMPTIONS[said]().region(DELTA).assumption == said
 
 
 @pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")

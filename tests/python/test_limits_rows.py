@@ -9,8 +9,6 @@ import stochens_rs as se
 from declarations import opts
 from limit_plans import within
 from stochens_rs.limits.solution import loop_of
-from twin import limited_control as lc
-from twin import limited_problems as lp
 
 ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
 
@@ -63,51 +61,6 @@ def test_active_rates_are_those_with_multipliers(gen, scale):
         assert plan.limits_active == plan.rate_active.any()
         seen += np.count_nonzero(plan.rate_active)
     assert seen > 30
-
-
-@pytest.mark.parametrize("soft", [False, 1e-2, 10.0, 1e6])
-def test_rates_and_state_limits_equal_the_twin(gen, soft):
-    """40 systems each, up to 12 steps; the state limits have room around some control."""
-    for i in range(40):
-        n, m, K = int(gen.integers(1, 4)), int(gen.integers(1, 3)), int(gen.integers(1, 13))
-        A, B = gen.normal(size=(n, n)), gen.normal(size=(n, m))
-        A *= gen.uniform(0.5, 1.1) / np.abs(np.linalg.eigvals(A)).max()
-        x0, reference = 2.0 * gen.normal(size=n), gen.normal(size=(K + 1, n))
-        low, high = -gen.random(m), gen.random(m)
-        rate, previous = gen.uniform(0.05, 0.5, size=m), gen.uniform(low, high)
-        some = lc.forward_clip(gen.normal(size=(K, m)), low, high, rate, previous)
-        x = (lp.stacked_map(A, B, K) @ some.ravel() + lp.stacked_start(A, x0, K)).reshape(K, n)
-        room = 0.0 if soft is False else -1.0
-        above = x + gen.uniform(room, 0.5, size=x.shape)
-        above[gen.random(x.shape) < 0.5] = np.inf
-        R = 10.0 ** gen.uniform(-3, 0)
-        plan = se.control(
-            (A, B),
-            x0,
-            None,
-            steps=K,
-            limits=se.Limits(
-                u=(low, high), rate=rate, previous=previous, x=(None, above), soft=soft
-            ),
-            cost=se.Cost(reference=reference, Q=1.0, R=R),
-        )
-        sides = {"low": low, "high": high, "rate": rate, "previous": previous}
-        p = lp.several_steps(A, B, x0, reference[1:], K, Q=1.0, R=R, **sides)
-        C, c = lp.state_rows(A, B, x0, K, np.eye(n), above)
-        C, c = C[np.isfinite(c)], c[np.isfinite(c)]
-        q = lp.with_rows(p, C, c) if soft is False else lp.softened(p, C, c, soft)
-        best = lc.solve(q)
-        u, J = plan.u.ravel(), lp.objective(p, plan.u.ravel())
-        J += 0.0 if soft is False else soft * np.sum(np.maximum(0.0, C @ u - c) ** 2)
-        size = best.objective + lp.objective(p, np.zeros(K * m))
-        assert plan.status == "optimal", i
-        assert plan.objective == pytest.approx(J, rel=1e-9)
-        assert plan.objective - best.objective <= plan.gap + 1e-9 * size
-        assert best.objective - plan.objective <= 1e-9 * size
-        assert lp.norm(u - best.u[: K * m], p.H) <= plan.limited.distance + 1e-5 * np.sqrt(size)
-        assert np.all(np.abs(np.diff(np.vstack([previous, plan.u]), axis=0)) <= rate + 1e-12)
-        if soft is False:
-            assert np.all(C @ u <= c + 1e-9 * (1.0 + np.abs(x).max()))
 
 
 def test_states_wait_for_time():

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import copy
-import dataclasses
 import pickle
-import threading
-import time
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
-from stochens_rs.fusion import fusing
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
 
 nan, inf = float("nan"), float("inf")
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
@@ -63,26 +59,6 @@ def test_honest_fits_come_back_and_others_do_not():
                     pickle.loads(pickle.dumps(forged(one, estimate=wrong)))
                 count += 1
     assert count > 80
-
-
-@pytest.mark.parametrize("drawn", [True, False])
-def test_a_path_of_a_method_that_is_not_written_is_no_average(monkeypatch, drawn):
-    monkeypatch.setattr(fusing, "checked_ensemble", lambda ensemble, method: (ensemble, method))
-    ensemble = se.sample(A, 5, rng=1)
-    given = ensemble if drawn else se.Ensemble.from_samples(ensemble.dense())
-    with pytest.raises(InputError, match="`method` must be one of 'uniform', 'alse'"):
-        se.fuse_path(given, [1, 5], "median", target=A)
-
-
-@pytest.mark.parametrize("shape", [(2, 2), (3, 3), (2,)])
-def test_hand_made_fit_of_the_right_kind_is_used(shape):
-    made = fit(estimate=np.ones(shape))
-    if shape == (2, 2):
-        assert se.control((made, B), X0, XF).u.shape == (1, 2)
-        return
-    wrong = "A" if len(shape) == 1 else "B"  # has not as many rows as A
-    with pytest.raises(ShapeError, match=f"`{wrong}` must have shape"):
-        se.control((made, B), X0, XF)
 
 
 # -- pickles -----------------------------------------------------------------------------------
@@ -242,49 +218,7 @@ def test_dense_realizations_cannot_be_changed_from_outside(how):
     np.testing.assert_array_equal(made.dense(), before)
 
 
-def test_two_threads_cannot_write_to_one_out():
-    """The second call gets an error; either may be the second."""
-    n, m, N = 40, 40, 20_000
-    gen = np.random.default_rng(1)
-    big, inputs = gen.normal(size=(n, n)), gen.normal(size=(n, m))
-    entities = [se.sample(v, N, rng=k) for k, v in enumerate((big[0], big[1], big))]
-    x0, xf, matrix = entities
-    expected = se.realization_controls((matrix, inputs), x0, xf)
-    out, outcomes = np.empty((N, m)), []
-    start, end = threading.Barrier(2), time.monotonic() + 30.0
-
-    def work():
-        start.wait()
-        while not any(isinstance(one, Exception) for one in outcomes) and time.monotonic() < end:
-            try:
-                se.realization_controls((matrix, inputs), x0, xf, out=out)
-                outcomes.append("done")
-            except Exception as error:
-                outcomes.append(error)
-
-    threads = [threading.Thread(target=work) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    refused = [one for one in outcomes if isinstance(one, Exception)]
-    assert all(type(error) is InputError for error in refused), refused
-    assert refused, "the two never met: the test shows nothing"
-    assert all("`out` is in use by another call" in str(error) for error in refused)
-    np.testing.assert_array_equal(
-        se.realization_controls((matrix, inputs), x0, xf, out=out), expected
-    )
-
-
 # -- what is not finite ------------------------------------------------------------------------
-
-LARGE = 1.7e308
-
-
-def test_the_mean_of_large_realizations_is_right():
-    made = se.Ensemble.from_samples([[LARGE, -LARGE], [LARGE, LARGE], [LARGE, LARGE]])
-    np.testing.assert_allclose(made.mean(), [LARGE, LARGE / 3.0], rtol=1e-15)
-    np.testing.assert_array_equal(se.fuse(made).estimate, made.mean())
 
 
 @pytest.mark.parametrize(
@@ -341,8 +275,3 @@ def test_what_overflows_in_fuse_is_named():
         se.fuse(made, "alse", target=target)
     with pytest.raises(NonFiniteError, match=r"gap of the fit overflows"):
         se.fuse_path(made, [2, 5], "alse", target=target)
-
-
-def test_a_tracking_without_a_word_of_its_making_is_shown():
-    run = dataclasses.replace(se.track((A, B), [X0, XF], 10, rng=1), info={})
-    assert "completed" in run._repr_html_()

@@ -104,16 +104,6 @@ def test_a_loaded_model_is_the_saved_one_bit_for_bit(name: str, tmp_path: Path) 
     ]
 
 
-@pytest.mark.parametrize("data", [runs(), pairs(), pairs(1)])
-def test_loaded_trajectories_are_the_saved_ones(data: se.Trajectories, tmp_path: Path) -> None:
-    data.save(tmp_path / "data")
-    loaded = se.Trajectories.load(tmp_path / "data")
-    assert loaded == data
-    assert same_bits(loaded._rows, data._rows)
-    assert not loaded._rows.flags.writeable
-    assert len(loaded) == len(data)
-
-
 def test_a_file_says_what_it_is(tmp_path: Path) -> None:
     identify(runs()).save(tmp_path / "model")
     runs().save(tmp_path / "data")
@@ -131,12 +121,6 @@ def test_a_file_says_what_it_is(tmp_path: Path) -> None:
     for wrong in (3, None, b"x"):
         with pytest.raises(InputTypeError, match="`path` must be a path"):
             se.Model.load(wrong)
-
-
-def test_the_same_model_gives_the_same_bytes(tmp_path: Path) -> None:
-    for name in ("a", "b"):
-        MODELS["intercept"]().save(tmp_path / name)
-    assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_any_safetensors_reader_reads_a_model(tmp_path: Path) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import pickle
 
 import numpy as np
 import pytest
@@ -211,31 +210,6 @@ def test_what_is_exact_takes_no_part_of_delta():
 # -- the limit for large N -----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("n", "m", "K"), [(6, 2, 4), (5, 3, 3)])
-def test_the_leading_order(n, m, K):
-    """R = 1500 plans, N = 1e5: N times the mean square of x(K) - xf, to 4 standard errors.
-
-    Two-sided normal tail 6e-5; a standard error is about 2 %.
-    """
-    system, x0, xf = case(n, m, 12)
-    key, size, R = se.rng.as_key(13), 10**5, 1500
-    squares = np.empty(R)
-    for i in range(R):
-        start, goal, A = counts((x0, xf, system.A), size, key.child(str(i)))
-        plan = se.control((A, system.B), start, goal, steps=K)
-        squares[i] = np.sum((roll(system.A, system.B, plan.u, x0)[-1] - xf) ** 2)
-    C = moments.final_state_covariance(system, x0, xf, K, size)
-    error = squares.std() / np.sqrt(R)
-    assert error < 0.03 * squares.mean()
-    assert abs(squares.mean() - np.trace(C)) < 4.0 * error
-    # The mutants: one entity forgotten.
-    for sizes in ((None, size, size), (size, None, size), (size, size, None)):
-        less = moments.final_state_covariance(system, x0, xf, K, sizes)
-        assert abs(squares.mean() - np.trace(less)) > 4.0 * error or np.trace(
-            C - less
-        ) < 0.1 * np.trace(C)
-
-
 def test_the_leading_order_is_a_derivative():
     # sum over the atoms of p * (derivative of x(K) in the direction of the atom)^2, by differences
     system, x0, xf = case(3, 2, 14)
@@ -308,33 +282,6 @@ def test_the_average_of_controls_has_another_mean():
         assert bias < 1e-12 if unbiased else bias > 0.1
 
 
-@pytest.mark.parametrize(("batch", "low", "high"), [(5, 0.7, 1.1), (20, 0.5, 0.8)])
-def test_the_bias_does_not_shrink_with_the_number_of_samples(batch, low, high):
-    """Averages of batches of realizations of x0, xf, A; R = 1000 and 4000 controls averaged.
-
-    Standard errors of the relative bias: 0.08 and 0.04 (5), 0.06 and 0.04 (20).
-    """
-    n, m, K = 6, 2, 4
-    system = se.cases.random_system(n, m, rng=3)
-    gen = np.random.default_rng(0)
-    x0, xf = gen.standard_normal(n), gen.standard_normal(n)
-    best = plug_in(system.A, system.B, x0, xf, K).ravel()
-    R, key = 4000, se.rng.as_key(5).child(str(batch))
-    hats = []
-    for name, w in (("A", system.A), ("x0", x0), ("xf", xf)):
-        drawn = se.sample(w, batch * R, rng=key.child(name)).dense()
-        hats.append(drawn.reshape(R, batch, *w.shape).mean(axis=1))
-    As, starts, goals = hats
-    powers = [np.broadcast_to(np.eye(n), As.shape)]
-    for _ in range(K):
-        powers.append(powers[-1] @ As)
-    C = np.concatenate([powers[K - 1 - k] @ system.B for k in range(K)], axis=2)
-    d = goals - np.einsum("rij,rj->ri", powers[K], starts)
-    u = np.einsum("rij,rj->ri", np.linalg.pinv(C), d)
-    for R in (1000, 4000):
-        assert low < np.linalg.norm(u[:R].mean(axis=0) - best) / np.linalg.norm(best) < high
-
-
 def test_diagonal_fusion_over_several_steps_is_refused():
     ends = [1.0, 0.0], [0.0, 0.0]
     for call in (
@@ -349,15 +296,6 @@ def test_diagonal_fusion_over_several_steps_is_refused():
 
 
 # -- input ---------------------------------------------------------------------------------------
-
-
-def test_a_plan_keeps_no_realizations_and_survives_pickling():
-    plan = se.steer(CART, [1.0, 0.5], [0.0, 0.0], 200_000, steps=4, rng=1)
-    stored = pickle.dumps(plan)
-    assert len(stored) < 5_000
-    again = pickle.loads(stored)
-    assert again.bound(0.1).to_dict() == plan.bound(0.1).to_dict()
-    np.testing.assert_array_equal(again.covariance(), plan.covariance())
 
 
 def test_input_is_not_modified_and_not_shared():

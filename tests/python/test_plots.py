@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import subprocess
 import sys
@@ -20,7 +19,6 @@ import stochens_rs as se
 from declarations import opts
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
 from stochens_rs.plots.certificates import draw_residuals
-from stochens_rs.plots.panels import draw_tube
 from stochens_rs.plots.style import look_of
 
 
@@ -116,44 +114,6 @@ def identified(n=2, runs=20, sigma=0.01):
     names = [f"state {i}" for i in range(n)]
     data = se.Trajectories(x, u, dt=0.1, state_names=names)
     return se.identify(data[:runs], **opts(sigma=sigma, checks=n < 5)), data[runs]
-
-
-def test_residuals_are_drawn_with_their_p_values():
-    model, _ = identified()
-    figure = model.plot()
-    titles = [ax.get_title(loc="left") for ax in figure.axes]
-    tests = ("change", "correlation in time", "tails", "heteroscedasticity")
-    for title, test in zip(titles, tests, strict=True):
-        assert f"{model.checks.p_values[test]:.2g}" in title
-    assert all(ax.get_xlabel() and ax.get_ylabel() for ax in figure.axes)
-    (legend,) = figure.legends
-    assert [text.get_text() for text in legend.get_texts()] == list(model.state_names)
-    x, u, after = model.data.pairs()
-    e = after - x @ model.A.T - u @ model.B.T
-    e /= np.sqrt(np.mean(e**2, axis=0))
-    time, lags, tails, leverages = figure.axes
-    assert np.allclose(time.lines[1].get_ydata(), e[:, 1])
-    # the dots of each state at lag 1
-    first = [float(line.get_ydata()[0]) for line in lags.lines if line.get_marker() == "o"]
-    assert np.allclose(first, np.sum(e[1:] * e[:-1], axis=0) / np.sum(e**2, axis=0))
-    assert np.allclose(tails.lines[0].get_ydata(), np.sort(e[:, 0]))
-    Z = np.hstack([x, u])
-    h = np.einsum("ti,ij,tj->t", Z, np.linalg.inv(Z.T @ Z), Z)
-    assert np.allclose(leverages.lines[0].get_xdata(), h)
-    figure.canvas.draw()
-
-
-def test_labels_of_leverages_are_apart():
-    """Long numbers, as of thousands of pairs of a long window."""
-    residuals = np.random.default_rng(1).standard_normal((500, 2))
-    figure = draw_residuals(residuals, np.linspace(0.005, 0.025, 500), ["a", "b"], None)
-    figure.canvas.draw()
-    ax = figure.axes[3]
-    low, high = ax.get_xlim()
-    shown = [t for t in ax.get_xticklabels() if low <= t.get_position()[0] <= high]
-    boxes = [label.get_window_extent() for label in shown]
-    assert len(boxes) > 1
-    assert all(one.x1 < other.x0 for one, other in itertools.pairwise(boxes))
 
 
 def test_residuals_of_many_states_and_pairs_and_of_none():
@@ -260,30 +220,6 @@ def labels_of(figure):
     return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
-def test_a_plan_within_limits_draws_its_inputs():
-    """Steps, thick where an input is at a limit; one-sided limits as bands to the edge."""
-    low, high = [-0.5, -np.inf], [1.0, np.inf]
-    plan = se.control(
-        PUSHED, [3.0, 1.0], [0.0, 0.0], steps=8, limits=(low, high), cost=se.Cost(Q=1.0, R=0.1)
-    )
-    figure = plan.plot()
-    assert [ax.get_ylabel() for ax in figure.axes] == ["x[0]", "x[1]", "u[0]", "u[1]"]
-    assert labels_of(figure) == ["predicted", "target", "limits", "input", "at its limit"]
-    limited, free = figure.axes[2:]
-    thin, thick = (patch.get_data().values for patch in limited.patches)
-    assert np.array_equal(thin, plan.u[:, 0])
-    assert np.array_equal(np.isfinite(thick), plan.active[:, 0] != 0)
-    assert 0 < np.isfinite(thick).sum() < 8
-    assert limited.collections[0].get_paths()[0].vertices[:, 1].tolist().count(-0.5) > 8
-    assert len(free.patches) == 1
-    assert len(free.collections) == 0
-    one_sided = se.control(PUSHED, [3.0, 1.0], [0.0, 0.0], steps=8, limits=(-0.5, np.inf)).plot()
-    band = one_sided.axes[2].collections[0].get_paths()[0].vertices[:, 1]
-    assert band.min() == -0.5
-    assert band.max() > one_sided.axes[2].get_ylim()[1]
-    assert np.isfinite(band).all()
-
-
 def test_inputs_at_their_rate_are_thick_in_another_colour():
     limits = se.Limits(u=(-1.0, 1.0), rate=0.4, previous=0.0)
     how = {"steps": 4, "limits": limits, "cost": se.Cost(R=0.01)}
@@ -295,13 +231,6 @@ def test_inputs_at_their_rate_are_thick_in_another_colour():
     assert np.isfinite(rate.get_data().values).tolist() == [True, True, False, False]
     assert np.isfinite(limit.get_data().values).tolist() == [False, False, True, True]
     assert rate.get_edgecolor() != limit.get_edgecolor()
-
-
-def test_the_distance_of_one_run_is_no_mean():
-    for runs, says in ((None, "distance"), (3, "distance (rms)")):
-        run = se.track(([[0.5]], [[1.0]]), [[0.0], [1.0], [2.0]], 100, runs=runs, rng=1)
-        assert run.plot().lines[0].get_label() == says
-        assert ("(rms)" in run._repr_html_()) == (runs is not None)
 
 
 def test_far_limits_do_not_hide_the_inputs():
@@ -327,19 +256,6 @@ def test_a_reference_is_drawn_and_a_plan_without_limits_is_as_it_was():
     assert len(plain.axes) == 4
 
 
-def test_limits_of_states_are_bands():
-    figure = draw_tube(
-        np.array([[0.0], [1.0], [2.0]]),
-        None,
-        ["height"],
-        limits=(np.full((2, 1), -np.inf), np.array([[1.5], [2.5]])),
-    )
-    band = figure.axes[0].collections[0].get_paths()[0].vertices
-    assert {1.0, 2.0} == set(band[:, 0])  # x(0) has no limits
-    assert {1.5, 2.5} <= set(band[:, 1])
-    assert labels_of(figure) == ["limits", "predicted"]
-
-
 # -- one rule for all of them ----------------------------------------------------------------------
 
 
@@ -360,16 +276,6 @@ def test_panels_go_where_the_user_wants_them():
         assert (len(left.axes), len(right.axes)) == (0, count)
         assert len(right.legends) == 1
         whole.savefig(os.devnull, format="png")
-
-
-def test_sphinx_gallery_collects_the_figures(monkeypatch):
-    plt.close("all")
-    monkeypatch.setitem(sys.modules, "sphinx_gallery.gen_rst", object())
-    try:
-        figure = se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=2).plot()
-        assert [plt.figure(number) for number in plt.get_fignums()] == [figure]
-    finally:
-        plt.close("all")
 
 
 def test_one_call_saves_both_files(tmp_path):
@@ -421,41 +327,6 @@ def test_some_states_with_the_unit_they_share():
             path.plot([3])
         with pytest.raises(InputError, match="`up` must differ from `across`"):
             path.plot_phase("a", 0)
-
-
-def test_labels_at_the_ends_of_lines_keep_apart():
-    system = se.System(0.1 * np.eye(5), np.ones((5, 1)))
-    ax = se.simulate(system, np.arange(5.0), np.zeros((9, 1))).plot()  # all of them end at 0
-    ax.figure.canvas.draw()
-    boxes = sorted((text.get_window_extent() for text in ax.texts), key=lambda box: box.y0)
-    assert len(boxes) == 5
-    assert all(low.y1 <= high.y0 + 3.0 for low, high in itertools.pairwise(boxes))
-    ax.set_ylim(0.01, 5.0)  # the ends leave, and the labels go where the lines do
-    assert {text.get_visible() for text in ax.texts} == {True, False}
-    assert all(0.01 <= text.xy[1] <= 5.0 for text in ax.texts if text.get_visible())
-    free = Figure().add_subplot()  # without a layout there is no room for them
-    se.simulate(system, np.arange(5.0), np.zeros((9, 1))).plot(ax=free)
-    assert len(free.get_legend().get_texts()) == 5
-    assert len(free.texts) == 0
-
-
-def test_phase_portraits_show_the_way_and_the_tube():
-    model, (states, inputs) = identified()
-    plan = se.predict(model, states[0], inputs)
-    found = plan.bound(0.05, noise=True)
-    ax = plan.plot_phase("state 0", 1, found, measured=states)
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("state 0", "state 1")
-    way = ax.lines[0].get_xydata()
-    assert np.array_equal(way, plan.predicted_states)
-    discs = [one for one in ax.patches if one.get_fill()]
-    for disc, state, radius, true in zip(discs, way, found.tube, states, strict=True):
-        assert disc.center == tuple(state)
-        assert disc.radius == radius
-        assert np.hypot(*(true - state)) <= radius
-    assert ax.lines[1].get_xydata().tolist() == [way[0].tolist()]
-    assert ax.lines[2].get_xydata().tolist() == [way[-1].tolist()]
-    path = se.simulate(se.System(model.A, model.B), states[0], inputs)
-    assert np.array_equal(path.plot_phase(1, 0).lines[0].get_xydata(), path.states[:, ::-1])
 
 
 @pytest.mark.parametrize("options", [{}, {"components": True}, {"frobenius": True}])

@@ -447,50 +447,7 @@ def test_the_log_is_a_ring():
     assert loop.log[0].x[0] == 5.0
 
 
-def test_what_is_shown():
-    loop = made()
-    assert repr(loop) == "<Regulator: n=2 m=1, 6 steps, 0 calls>"
-    assert "held in a row" not in loop._repr_html_()
-    loop([3.0, 1.0])
-    loop(hold=True)
-    assert repr(loop) == ("<Regulator: n=2 m=1, 6 steps, 2 calls, the last: 1 optimal, 1 held>")
-    shown = loop._repr_html_()
-    assert "(-0.5) to (1)" in shown
-    assert "held in a row" in shown
-    assert "µs" in shown
-
-
 # -- figures ---------------------------------------------------------------------------------------
-
-
-def test_the_figure_of_a_loop():
-    pytest.importorskip("matplotlib")
-    loop = made()
-    with pytest.raises(InputError, match=r"^the log is empty"):
-        loop.plot()
-    driven(loop, np.array([3.0, 1.0]), 40)
-    loop(hold=True)
-    figure = loop.plot()
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["target", "state", "limits", "input", "at its limit", "held"]
-    assert [ax.get_ylabel() for ax in figure.axes] == [
-        "x[0]",
-        "x[1]",
-        "u[0]",
-        "time of a call [µs]",
-    ]
-    inputs = figure.axes[2]
-    thin, thick = (patch.get_data().values for patch in inputs.patches)
-    assert np.array_equal(thin, [call.u[0] for call in loop.log])
-    active = (thin == -0.5) | (thin == 1.0)
-    assert 0 < active.sum() < 41
-    assert np.array_equal(np.isfinite(thick), active)
-    assert np.array_equal(thick[active], thin[active])
-    held = next(line for line in inputs.lines if line.get_label() == "held")
-    assert held.get_xdata().tolist() == [40.5]
-    band = inputs.collections[0].get_paths()[0].vertices[:, 1]
-    assert (band.min(), band.max()) == (-0.5, 1.0)
-    assert np.isnan(figure.axes[0].lines[1].get_ydata()[-1])  # no state is known there
 
 
 # -- the closed loop -------------------------------------------------------------------------------
@@ -529,15 +486,6 @@ def test_track_draws_the_noise_of_each_run_from_the_key():
     one = se.track((A, B), rest, controller=made(), x0=start, noise=[0.1, 0.0], rng=7)
     assert np.array_equal(one.states, first.states[0])
     assert first.info["statuses"] == {"optimal": 30}
-
-
-def test_noise_has_its_deviation():
-    """20 000 draws of deviation 0.3: mean square within 5 standard errors, false alarms 1e-6."""
-    run = se.track(
-        ([[0.0]], [[1.0]]), np.zeros((20001, 1)), controller=lambda x: 0.0 * x, noise=0.3
-    )
-    square = np.mean(run.states[1:] ** 2)
-    assert abs(square / 0.09 - 1.0) < 5.0 * np.sqrt(2.0 / 20000)
 
 
 def test_track_calls_any_function():

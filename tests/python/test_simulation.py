@@ -141,25 +141,6 @@ def test_golden_runs() -> None:
     assert found == "5f47907b500f59f55a208a990b642ff24e03add23fdfbb9e62ac389474b76f14"
 
 
-def test_the_twin_of_the_mean_field_has_its_moments() -> None:
-    """4000 replicates each; 18 means, |z| > 6 with probability 2e-9 each in the normal limit."""
-    A, B, u, x0 = integers(1, 3, 3), integers(2, 3, 2), integers(3, 5, 2), integers(4, 3)
-    gen = np.random.default_rng(5)
-    theirs = np.array(
-        [twin.simulate_mean_field(A, B, x0, u, 30, generator=gen) for _ in range(4000)]
-    )
-    ours = se.simulate_ensemble(
-        (A, B), x0, u, 30, averaging="mean-field", replicates=4000, keep="runs", rng=5
-    )
-    for values in (theirs, ours.runs):
-        error = values.std(axis=0) / np.sqrt(4000)
-        assert np.all(np.abs(values.mean(axis=0) - twin.simulate(A, B, x0, u)) <= 6 * error)
-    ratio = theirs.var(axis=0) / ours.variance
-    assert np.all(
-        np.abs(ratio - 1.0) < 0.25
-    )  # a standard deviation of 2.2 % each, were they normal
-
-
 # -- moments over the runs -----------------------------------------------------------------------
 
 
@@ -361,20 +342,6 @@ SMALL = {
 }
 
 
-@pytest.mark.parametrize("name", SMALL)
-def test_recursion_equals_the_enumeration(name: str) -> None:
-    n, m, K = SMALL[name]
-    A, B, u, x0 = integers(11, n, n), integers(12, n, m), integers(13, K, m) + 0.5, integers(14, n)
-    means, covariances = recursion(A, B, u, x0)
-    for law, mean, covariance in zip(enumerate_runs(A, B, u, x0), means, covariances, strict=True):
-        x, p = np.array(list(law)), np.array(list(law.values()))
-        assert abs(p.sum() - 1.0) < 1e-12
-        found = p @ x
-        scale = max(1.0, np.abs(covariance).max())
-        assert_allclose(found, mean, rtol=0, atol=1e-12 * scale)
-        assert_allclose((x - found).T @ ((x - found) * p[:, None]), covariance, atol=1e-12 * scale)
-
-
 def excess(observed: NDArray[np.int64], p: Array) -> float:
     """Chi-square over its quantile at 1e-6 (Wilson-Hilferty, z = 4.75); rare cells are pooled."""
     expected = observed.sum() * p
@@ -482,27 +449,6 @@ def test_covariances_follow_the_recursion(averaging: str) -> None:
     assert np.any(z_scores(runs, mu, wrong) > 6.0)
 
 
-def test_growth_of_the_error() -> None:
-    """A = H / sqrt(2), x0 = (1, 1) / sqrt(2): N MSE = 2^(K+1) - 1, and ||x^s(k)||^2 = 2^(k+1)."""
-    A, x0 = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2), np.ones(2) / np.sqrt(2)
-    K, N, seeds = 4, 100, 400
-    u, B = np.zeros((K, 1)), np.zeros((2, 1))
-    exact = 2.0 ** (np.arange(K + 1) + 1) - 1
-    mu, S = recursion(A, B, u, x0)
-    assert_allclose(np.einsum("kii->k", S), exact, rtol=1e-12)
-    key = se.rng.as_key(1)
-    found = [
-        se.simulate_ensemble((A, B), x0, u, N, rng=key.child(str(i)), keep="runs" * (i == 0))
-        for i in range(seeds)
-    ]
-    squares = (found[0].runs ** 2).sum(axis=2)
-    assert_allclose(squares, np.tile(2.0 ** (np.arange(K + 1) + 1), (N, 1)), rtol=1e-12)
-    errors = N * np.array([((f.mean - mu) ** 2).sum(axis=1) for f in found])
-    # the mean of 400 nearly exponential errors: 5 % standard deviation at most 1.5 times that
-    assert np.all(np.abs(errors.mean(axis=0) / exact - 1.0) < 0.35)
-    assert abs(errors[:, K].mean() / exact[K - 1] - 1.0) > 0.35  # one step too few is seen
-
-
 def test_a_mean_field_beats_runs_over_several_steps() -> None:
     """n = 10, N = 200, K = 6, 500 replicates: the traces that the recursion predicts."""
     A, B, x0 = gaussian(10, 5, 1)
@@ -532,26 +478,3 @@ def test_overflow_of_runs_is_named() -> None:
 
 
 # -- figures ---------------------------------------------------------------------------------------
-
-
-def test_plots_show_every_state() -> None:
-    pytest.importorskip("matplotlib")
-    A, B, u, x0 = problem("plain")
-    timed = se.simulate(se.System(A, B, dt=0.5), x0, u)
-    ax = timed.plot()
-    assert len(ax.lines) == 5
-    assert np.array_equal(ax.lines[2].get_ydata(), timed.states[:, 2])
-    assert ax.get_xlabel() == "time [s]"
-    assert len(ax.collections) == 0
-    found = se.simulate_ensemble((A, B), x0, u, 50, rng=1)
-    legend = [text.get_text() for text in found.plot().get_legend().get_texts()]
-    assert legend[-1] == "± 2 standard errors"
-    assert ax.get_legend() is None
-    assert [text.get_text() for text in ax.texts] == [f"$x_{{{i}}}$" for i in range(5)]
-    again = found.plot(ax=ax)
-    assert again is ax
-    assert len(ax.collections) == 5
-    assert ax.get_xlabel() == "step k"
-    assert "5" in repr(found)
-    single = se.simulate_ensemble((A, B), x0, u, 1, rng=1)
-    assert len(single.plot().collections) == 0

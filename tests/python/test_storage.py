@@ -416,20 +416,6 @@ def test_a_symbolic_link_is_read_and_not_written_through(tmp_path: Path) -> None
         state_file.load(tmp_path / "dangling", "k")
 
 
-@pytest.mark.parametrize("name", ["état \u6f22 \U0001f600", "a\nb", "a.b.c", "-x", "state%s{}"])
-def test_unusual_names(tmp_path: Path, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    for path in (Path(name), tmp_path / name):  # relative and absolute, text and object
-        state_file.save(str(path), "k", {"u": np.ones(2)})
-        assert state_file.load(path, "k")[1]["u"].tolist() == [1.0, 1.0]
-    assert sorted(os.listdir()) == sorted([name, name + ".lock", name + ".prev"])
-    flip(Path(name), 0)
-    Path(name + ".prev").unlink()
-    with pytest.raises(StateError) as caught:
-        state_file.load(name, "k")
-    assert "\n" not in str(caught.value)
-
-
 def test_the_errors_can_be_pickled() -> None:
     for name in ("StateError", "StateIOError", "StateLockedError", "StateNotFoundError"):
         kind = getattr(exceptions, name)

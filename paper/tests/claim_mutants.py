@@ -106,9 +106,7 @@ def both(*patches: Patch) -> Patch:
 def scaled_atoms(factor: Callable[[Any], Any]) -> Patch:
     """Realizations with atoms multiplied by a factor."""
     return change(
-        rationals,
-        "atoms",
-        lambda honest, w: [(p, factor(w) * atom) for p, atom in honest(w)],
+        rationals, "atoms", lambda honest, w: [(p, factor(w) * atom) for p, atom in honest(w)]
     )
 
 
@@ -146,11 +144,7 @@ fused_loop = put(algorithm_1, "PrintedLoop", se.Stream)
 printed_loop = put(algorithm_1, "Stream", algorithm_1.PrintedLoop)
 aligned = put(reachability, "_GOOD", {"x0": 0, "A": 0, "B": 0, "xf": 0})
 deterministic = both(put(rationals, "atoms", certain), put(rationals, "matrix_atoms", certain))
-unsigned = change(
-    rationals,
-    "atoms",
-    lambda honest, w: [(p, abs(atom)) for p, atom in honest(w)],
-)
+unsigned = change(rationals, "atoms", lambda honest, w: [(p, abs(atom)) for p, atom in honest(w)])
 double = scaled_atoms(lambda w: 2)
 unit = scaled_atoms(lambda w: 1 / (abs(w).sum() or rationals.ONE))
 rows_like_columns = put(rationals, "row_atoms", rationals.matrix_atoms)
@@ -218,7 +212,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Definition 2.1, eq. (3)", 0): {
         "products from left to right": change(
             definitions, "_product", lambda honest, factors: honest(factors[::-1])
-        ),
+        )
     },
     ("Definition 2.2", 0): {"no randomness": put(rationals, "matrix_atoms", certain)},
     ("Definition 2.3", 0): {
@@ -232,13 +226,13 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             lambda honest, system, *args, **kwargs: honest(
                 System(1.5 * system.A, system.B), *args, **kwargs
             ),
-        ),
+        )
     },
     ("Definition 2.4", 0): {
         "no randomness": both(
             put(definitions, "_atoms_of_vector", lambda x: (x[None], np.ones(1))),
             put(definitions, "_atoms_of_product", lambda A, x0: ((A @ x0)[None], np.ones(1))),
-        ),
+        )
     },
     ("Lemma 3.1", 0): {"good realizations in one run": aligned},
     ("Remark after Lemma 3.1", 0): {"good realizations in one run": aligned},
@@ -274,7 +268,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             lemmas_on_sampling,
             "_second_moment",
             lambda w, q: sum(abs(x) / p for x, p in zip(w, q, strict=True) if x),
-        ),
+        )
     },
     ("Remark after Lemma 4.1, rows", 0): {
         "rows drawn by columns": rows_like_columns,
@@ -299,9 +293,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             printed_bounds, "OneVector", lambda w, C: printed_bounds.Corrected(0.5, 1.0)
         ),
         "a bound of ours that does not": put(
-            printed_bounds,
-            "Corrected",
-            lambda *_: printed_bounds.OneVector([0.5, 0.5], C=4.0),
+            printed_bounds, "Corrected", lambda *_: printed_bounds.OneVector([0.5, 0.5], C=4.0)
         ),
     },
     ("Lemma 4.2", 1): {
@@ -315,7 +307,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Lemma 4.2", 2): {
         "||A|| for the largest realization": put(
             printed_bounds, "largest_realization", lambda A: float(np.linalg.norm(A, 2))
-        ),
+        )
     },
     ("Lemma 4.2", 3): {"McDiarmid's radius halved": half_of_mcdiarmid},
     ("Proof of Lemma 4.2, norm", 0): {
@@ -331,7 +323,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             printed_bounds,
             "Lemma43",
             lambda system, x0, u, C: printed_bounds.Corrected(255.0, 512.0),  # n = 16
-        ),
+        )
     },
     ("Lemma 4.3", 1): {
         "a system without randomness": change(
@@ -340,25 +332,19 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
             lambda honest, system, *args, **kwargs: honest(
                 System(np.eye(2), system.B), *args, **kwargs
             ),
-        ),
+        )
     },
     ("Lemma 4.3", 2): {"McDiarmid's radius halved": half_of_mcdiarmid},
     ("Lemma 4.4", 0): {"realizations of length 1": unit},
     ("Lemma 4.4", 1): {"realizations of length 1": unit},
     ("Remark after Lemma 4.4", 0): {
-        "weights for every column": put(rationals, "slse", lambda samples, w: [rationals.ZERO]),
+        "weights for every column": put(rationals, "slse", lambda samples, w: [rationals.ZERO])
     },
     ("Remark after Lemma 4.4", 1): {
-        "ALSE is the mean": as_method(lemmas_on_weights, "fuse", "alse", "uniform"),
+        "ALSE is the mean": as_method(lemmas_on_weights, "fuse", "alse", "uniform")
     },
-    ("Algorithm 1, lines 3 and 16", 0): {
-        "no randomness": deterministic,
-        "another length": double,
-    },
-    ("Algorithm 1", 0): {
-        "both with fused estimates": fused_loop,
-        "both as printed": printed_loop,
-    },
+    ("Algorithm 1, lines 3 and 16", 0): {"no randomness": deterministic, "another length": double},
+    ("Algorithm 1", 0): {"both with fused estimates": fused_loop, "both as printed": printed_loop},
     ("Algorithm 1", 1): {
         "every control 3 % too large": put(algorithm_1, "Stream", WrongStream),
         "both as printed": printed_loop,
@@ -381,21 +367,19 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "SLSE is ALSE": as_method(lemmas_on_weights, "fuse", "slse", "alse"),
     },
     ("Lemma 4.5, second inequality", 0): {
-        "SLSE is no worse than the mean": slse_no_worse_than_the_mean,
+        "SLSE is no worse than the mean": slse_no_worse_than_the_mean
     },
     ("Lemma 4.5, second inequality", 1): {
-        "SLSE is no worse than the mean": slse_no_worse_than_the_mean,
+        "SLSE is no worse than the mean": slse_no_worse_than_the_mean
     },
     ("Lemma 4.5, second inequality", 2): {
         "V / n is too small": change(
             comparison, "vector_mse", lambda honest, w, N: 0.3 * honest(w, N)
-        ),
+        )
     },
     ("Lemma 4.5, norm", 0): {
         "Frobenius norms": put(
-            rationals,
-            "spectral_at_most",
-            lambda M, bound: rationals.square(M) <= bound,
+            rationals, "spectral_at_most", lambda M, bound: rationals.square(M) <= bound
         ),
         "ALSE is not the optimum": put(rationals, "towards", lambda F, E, target: F),
     },
@@ -415,22 +399,20 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     },
     ("Section 5.2, one step", 1): {
         "no more realizations": change(
-            section_5_2,
-            "sample_counts",
-            lambda honest, A, N, **kwargs: honest(A, 100, **kwargs),
-        ),
+            section_5_2, "sample_counts", lambda honest, A, N, **kwargs: honest(A, 100, **kwargs)
+        )
     },
     ("Figure 3", 0): {
         "the same error in all dimensions": put(
             printed_figures,
             "state_rms",
             lambda system, x0, xf, N, **_: 0.2 * float(np.linalg.norm(system.A @ x0)),
-        ),
+        )
     },
     ("Figure 3", 1): {
         "longer realizations": change(
             replicate, "sample", lambda honest, M, *args, **kwargs: honest(2.0 * M, *args, **kwargs)
-        ),
+        )
     },
     ("Figure 3, order", 0): {"A = I": put(section_5_2, "_GAINS", (1, 1, 1))},
     ("Figure 3, order", 1): {"ALSE and SLSE are exact": exact_path("alse", "slse")},

@@ -8,12 +8,7 @@ import stochens_rs as se
 
 SLOTS = ("x0", "xf", "A", "slots")
 # safeguard, slots
-OPTIONS = [
-    (False, "random"),
-    (True, "random"),
-    (False, "round-robin"),
-    (True, "gain"),
-]
+OPTIONS = [(False, "random"), (True, "random"), (False, "round-robin"), (True, "gain")]
 
 
 def system(seed, n=10, m=5):

@@ -239,10 +239,7 @@ FAULTS = [
     ("hidden", {"cli/x.py": "def f():\n    import stochens_rs.rng", "rng.py": ""}),
     ("hidden", {"cli/x.py": "import importlib\nimportlib.import_module('stochens_rs.rng')"}),
     ("attached", {"rng.py": "def f(plan):\n    object.__setattr__(plan, 'basis', 1)"}),
-    (
-        "attached",
-        {"rng.py": "class A:\n def f(self, b):\n  object.__setattr__(b, 'c', 1)"},
-    ),
+    ("attached", {"rng.py": "class A:\n def f(self, b):\n  object.__setattr__(b, 'c', 1)"}),
     ("attached", {"rng.py": "def f(self):\n    object.__setattr__(self, 'basis', 1)"}),
     ("attached", {"rng.py": "def f(plan):\n    super(Plan, plan).__setattr__('basis', 1)"}),
 ]

@@ -338,19 +338,6 @@ def test_an_input_without_effect_in_the_data_stays_at_rest():
         assert np.isfinite(plan.bound().target)
 
 
-def test_plans_and_certificates_are_kept():
-    gen, _, z, y = case(29)
-    plan = se.control(model_of(z, y), *uncertain(*gen.standard_normal((2, 4)), 0.1), steps=2)
-    again = pickle.loads(pickle.dumps(plan))
-    assert again.bound().target == plan.bound().target
-    assert pickle.loads(pickle.dumps(plan.bound())) == plan.bound()
-    first, *rest = plan.warnings
-    assert f"see bound(); careful: {first} (and {len(rest)} more)>" in repr(plan)
-    exact = se.System(*np.split(np.hstack(stable(gen)), [4], axis=1))
-    assert plan.error(exact, plan.basis.x0, plan.basis.xf).state > 0.0
-    assert plan.states(exact, plan.basis.x0).shape == (3, 4)
-
-
 def test_true_systems_of_one_step_are_rolled():
     """`rolled` of the tests is `trajectory` of the package."""
     gen, Theta, *_ = case(37)

@@ -6,7 +6,6 @@ Statistics with fixed seeds; each check states its number of runs R and its rate
 from __future__ import annotations
 
 import itertools
-import pickle
 
 import numpy as np
 import pytest
@@ -204,33 +203,6 @@ SYSTEM = se.System(0.5 * A2, B1)
 REFERENCE = REFERENCES["not feasible"]
 
 
-def test_shapes_and_definitions():
-    one = se.track(SYSTEM, REFERENCE, 50, rng=1)
-    many = se.track(SYSTEM, REFERENCE, 50, rng=1, runs=3)
-    assert (one.states.shape, one.inputs.shape, one.errors.shape) == ((4, 2), (3, 1), (4,))
-    assert many.states.shape == (3, 4, 2)
-    assert many.inputs.shape == (3, 3, 1)
-    assert many.errors.shape == (3, 4)
-    assert one.mean_square.shape == many.mean_square.shape == (4,)
-    assert se.track(SYSTEM, REFERENCE, 50, rng=1, runs=1).states.shape == (1, 4, 2)
-    # Run i is a pure function of the key and i.
-    np.testing.assert_array_equal(one.states, many.states[0])
-    again = se.track(SYSTEM, REFERENCE, 50, rng=many.key, runs=2)
-    np.testing.assert_array_equal(again.states, many.states[:2])
-    # The system was followed exactly, from r(0), and the errors are what they say.
-    for x, u in zip(many.states, many.inputs, strict=True):
-        np.testing.assert_array_equal(x[0], REFERENCE[0])
-        np.testing.assert_allclose(x[1:], x[:-1] @ SYSTEM.A.T + u @ SYSTEM.B.T, rtol=1e-14)
-    np.testing.assert_allclose(many.errors, np.linalg.norm(many.states - REFERENCE, axis=2))
-    assert not one.feasible
-    P = SYSTEM.B @ np.linalg.pinv(SYSTEM.B)
-    missed = (REFERENCE[1:] - REFERENCE[:-1] @ SYSTEM.A.T) @ (np.eye(2) - P).T
-    np.testing.assert_allclose(one.residuals, np.linalg.norm(missed, axis=1), rtol=1e-12)
-    assert "not feasible" in repr(one)
-    assert "3 runs" in repr(many)
-    assert pickle.loads(pickle.dumps(one)).states.tolist() == one.states.tolist()
-
-
 def test_the_estimates_are_those_of_the_named_streams():
     run = se.track(SYSTEM, REFERENCE, se.StepEstimate(50, sample_states=True), rng=1, runs=2)
     step = run.key.child("replicate-1").child("step-2")
@@ -287,17 +259,6 @@ def test_threads_change_nothing_and_the_first_run_that_overflows_is_reported():
             run(threads, ([[0.0, 9.0], [6.0, 3.0]], I2), np.ones((900, 2)), 1)
         steps.add(str(told.value))
     assert len(steps) == 1
-
-
-@pytest.mark.parametrize("method", ["alse", "slse", "slse-safeguarded"])
-def test_other_methods(method):
-    system = se.System(0.5 * A2, I2)
-    r = feasible(system, [1.0, 2.0], np.zeros((10, 2)))
-    run = se.track(system, r, se.StepEstimate(200, method), rng=2)
-    assert run.status == ("optimal" if method == "alse" else "completed")
-    # Fits to the exact matrix are far better than averages (N = 200: rms 0.1 and more).
-    assert run.errors.max() < 0.02
-    assert se.track(system, r, 200, rng=2).errors.max() > 0.05
 
 
 def test_a_feasible_reference_is_recognised_to_rounding():

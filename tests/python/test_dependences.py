@@ -274,21 +274,6 @@ def test_warnings_travel_to_plan_certificate_and_pages():
     assert np.isfinite(bound.target)
 
 
-def test_fused_models_and_files_keep_what_was_found(tmp_path):
-    x, _, u = logged(np.random.default_rng(108), 10)
-    data = trajectories(x, u)
-    fused = se.fuse([(A, B), (0.9 * A, B)], "alse", data=data)
-    assert fused.doubts == se.identify(data, checks=False).doubts != ()
-    assert se.control(fused, X0, XF, steps=5).bound(0.05).target == np.inf
-    path = tmp_path / "model.safetensors"
-    exact = ["speed", "angle", "position"]
-    se.identify(data, **opts(exact=exact)).save(path)
-    loaded = se.Model.load(path)
-    assert loaded.assumptions.exact == (0, 1, 2)
-    assert loaded.doubts == ()
-    assert loaded.checks.distances.keys() == loaded.checks.p_values.keys()
-
-
 def test_tests_that_were_not_made_say_so(monkeypatch):
     gen = np.random.default_rng(110)
     x, u = gen.standard_normal((41, 2)), gen.standard_normal((40, 1))

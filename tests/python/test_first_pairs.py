@@ -90,11 +90,7 @@ def test_oracle_of_two_outputs():
 
 @pytest.mark.parametrize(
     ("n", "d", "delta", "expected"),
-    [
-        (4, 5, 0.025, 42.411508467928),
-        (1, 1, 0.04, 9.711012166172),
-        (2, 3, 0.05, 18.864644917404),
-    ],
+    [(4, 5, 0.025, 42.411508467928), (1, 1, 0.04, 9.711012166172), (2, 3, 0.05, 18.864644917404)],
 )
 def test_best_multiple_of_the_prior_for_the_frobenius_norm(n, d, delta, expected):
     def level(log_c):

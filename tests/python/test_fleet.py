@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from time import perf_counter
 
 import numpy as np
@@ -309,22 +308,6 @@ def alone(plan: se.FleetPlan) -> np.ndarray:
     return _core.fleet_alone(part, task, task.R is None, list(range(len(few))), 1).ravel()
 
 
-def test_plans_are_pickled_and_shown() -> None:
-    plan = se.control_fleet(gains(1, 2), [0.0], [1.0], 1, risk="worst")
-    again = pickle.loads(pickle.dumps(plan))
-    assert repr(again) == repr(plan)
-    assert "2 units" in repr(plan)
-    assert again.certify(0.1).epsilon == plan.certify(0.1).epsilon
-    assert "largest miss" in plan._repr_html_()
-    risk = plan.validate(gains(1.5, 1.2, 3.0), 0.1)
-    assert risk.count == 1
-    assert "hold-out" in repr(risk)
-    assert risk._repr_html_()
-    pytest.importorskip("matplotlib")
-    labels = [text.get_text() for text in plan.plot(validated=risk).get_legend().get_texts()]
-    assert labels == ["3 fresh units", "2 units of the design", "support", "threshold"]
-
-
 @pytest.mark.parametrize("limits", [None, (None, 5.0)])
 def test_a_working_set_that_can_be_reached_gives_no_bound(limits):
     """One state: a few units are all led to the target, and the dual vectors are rounding."""
@@ -374,15 +357,6 @@ def test_fresh_units_of_another_step_or_of_other_names_are_refused() -> None:
     for compare in (plan.states, lambda system, x0: plan.error(system, x0, [0.0])):
         with pytest.raises(ShapeError, match="`system` must have dt"):
             compare(([[0.5]], [[1.0]], 0.1), [1.0])
-
-
-def test_the_miss_that_is_shown_is_without_the_weight_of_the_inputs() -> None:
-    units, cost = gains(0.5, 2.0), se.Cost(R=0.3)
-    worst = se.control_fleet(units, [0.0], [1.0], 1, cost=cost, risk="worst")
-    assert f"largest miss {worst.misses.max():.4g}," in repr(worst)
-    mean = se.control_fleet(units, [0.0], [1.0], 1, cost=cost)
-    assert f"rms miss {np.sqrt(np.mean(mean.misses**2)):.4g}," in repr(mean)
-    assert worst.value > 1.01 * worst.threshold
 
 
 @pytest.mark.parametrize("risk", ["mean", "worst"])

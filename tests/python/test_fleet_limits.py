@@ -235,26 +235,3 @@ def test_the_risk_holds_for_misses_and_limits_together() -> None:
     assert found["more"].mean() > 0.5
     assert found["by_misses"].mean() > 0.5  # fresh units do leave limits
     assert found["wrong"].mean() > 0.3  # as if the units were fixed beforehand: too often
-
-
-def test_names_and_bits_survive(gen: np.random.Generator) -> None:
-    systems = [
-        se.System(A, B, dt=0.1, states=["level", "flow"], inputs=["valve"])
-        for A, B in zip(*(lambda f: (f.A, f.B))(drawn(gen, 30, 2, 1)), strict=True)
-    ]
-    asked = se.Limits(u=(-1.0, 1.0), rate=[0.5], previous=0.0, x=(None, [0.9, np.inf]), soft=False)
-    plans = []
-    for threads in (1, 3):
-        se.set_num_threads(threads)
-        try:
-            plans += [
-                se.control_fleet(systems, [0.8, 0.3], [0, 0], 5, limits=asked, risk=risk)
-                for risk in ("mean", "worst")
-            ]
-        finally:
-            se.set_num_threads(None)
-    assert plans[0].u.tobytes() == plans[2].u.tobytes()
-    assert plans[1].u.tobytes() == plans[3].u.tobytes()
-    assert plans[1].labels.states == ("level", "flow")
-    assert plans[1].dt == 0.1
-    assert plans[1].units.task.state_high[0].tolist() == [0.9, np.inf]

@@ -6,7 +6,6 @@ quantile of the binomial law.
 
 from __future__ import annotations
 
-import pickle
 import runpy
 import warnings
 from pathlib import Path
@@ -20,12 +19,7 @@ from coverage_study import DELTA, at_most, coverage, most, sets
 from declarations import opts
 from identification_data import SKEWED, Y, Z, check, hull, independent, tuned
 from stochens_rs import _core
-from stochens_rs.exceptions import (
-    DataWarning,
-    InputError,
-    NonFiniteError,
-)
-from stochens_rs.fusion import FusedModel
+from stochens_rs.exceptions import DataWarning, InputError, NonFiniteError
 from twin import fusing_by_data as fd
 from twin import laws
 from twin import triangle as tr
@@ -425,24 +419,6 @@ def test_table_of_the_grid():
 
 
 # --- what it says ---------------------------------------------------------------------------------
-
-
-def test_the_record():
-    data = pairs(Z, Y)
-    fused = se.fuse(ensemble(MODELS), "alse", **opts(data=data, design="independent", sigma=0.2))
-    assert isinstance(fused, FusedModel)
-    assert fused.status == "optimal"
-    assert fused.centre == "estimate"
-    assert fused.explained is True
-    assert fused.warnings == ()
-    assert "2 models, n=2 m=1, 12 pairs, 69.5 % least squares" in repr(fused)
-    assert "share of least squares" in fused._repr_html_()
-    copy = pickle.loads(pickle.dumps(fused))
-    assert np.array_equal(copy.A, fused.A)
-    assert copy.region(0.1).radius == fused.region(0.1).radius
-    assert not fused.A.flags.writeable
-    assert fused.state_names == ("x[0]", "x[1]")
-    assert fused.system.n == 2
 
 
 def test_a_point_between_is_where_the_weights_say():

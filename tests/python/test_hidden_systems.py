@@ -368,10 +368,7 @@ GUARANTEES = {
     "formula, systematic": Guarantee(
         plans(formula=True, count=4, scheme="systematic"), (0.08, 0.07, 0.5)
     ),
-    "formula, three steps": Guarantee(
-        plans(formula=True, count=4, steps=3),
-        (0.06, 0.03, 0.06),
-    ),
+    "formula, three steps": Guarantee(plans(formula=True, count=4, steps=3), (0.06, 0.03, 0.06)),
     "fits": Guarantee(fits, 0.99, rate=0.0),
     "limits": Guarantee(limited(steps=1, uncertain=True), (0.2, 0.05, 0.05)),
     "limits, exact A": Guarantee(limited(steps=3, uncertain=False), (0.2, 0.05, 0.05)),
@@ -388,19 +385,12 @@ GUARANTEES = {
     "regions": Guarantee(regions("adaptive", False), 0.5, 8),
     # states of 1e10 are rounded by more than a noise of 1e-7
     "regions, known noise": Guarantee(
-        regions("adaptive", True),
-        0.5,
-        8,
-        without=("one_huge_entry",),
+        regions("adaptive", True), 0.5, 8, without=("one_huge_entry",)
     ),
     "regions, pairs": Guarantee(regions("independent", False), 0.5, 8),
     "certificates": Guarantee(certificates(), (0.1, 0.05, 0.08, 0.15), 3),
     "certificates, pairs": Guarantee(certificates(design="independent"), (0.1, 0.15, 0.2, 0.7), 3),
-    "certificates, noise": Guarantee(
-        certificates(noise=True),
-        (0.4, 0.15, 0.2, 0.6),
-        3,
-    ),
+    "certificates, noise": Guarantee(certificates(noise=True), (0.4, 0.15, 0.2, 0.6), 3),
     "certificates, limits": Guarantee(
         certificates(limits=LIMITS, R=0.1), (0.7, 0.08, 0.12, 0.8), 2
     ),

@@ -193,13 +193,3 @@ def test_what_is_shown_as_within_contains_what_is_known(value, bound, text):
     centre, radius = map(float, text.split(" ± "))
     assert centre - radius <= value - bound
     assert value + bound <= centre + radius
-
-
-def test_margins_keep_their_digits():
-    assert [html.margin(v) for v in (1.0049, 3.0, 123.9, 0.5, np.inf)] == [
-        "1.00",
-        "3.00",
-        "123",
-        "0.500",
-        "inf",
-    ]

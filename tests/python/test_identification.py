@@ -473,16 +473,6 @@ def test_drawn_models_have_the_covariance_of_their_law(options):
     assert abs(error).max() < 0.12
 
 
-def test_ensembles_repeat_with_their_key_and_keep_offset_and_known_columns():
-    model = fixed(intercept=True, known_B=[[0.0], [1.0]])
-    found = model.draw(20, rng=5)
-    assert found == model.draw(20, rng=5)
-    assert found != model.draw(20, rng=6)
-    assert found.c.shape == (20, 2)
-    np.testing.assert_array_equal(found.B, np.tile([[0.0], [1.0]], (20, 1, 1)))
-    np.testing.assert_array_equal(model.draw(40, rng=5).A[:20], found.A)
-
-
 def test_ensembles_that_would_mislead_are_refused():
     with pytest.raises(InputError, match="single known entries"):
         fixed(known_B=[[0.0], [np.nan]]).draw(3)

@@ -256,10 +256,6 @@ def test_order_and_units_do_not_matter(gen):
         )
         np.testing.assert_allclose(scaled.u / units, u, atol=1e-7 * (1 + np.abs(u).max()))
         larger = se.control(
-            (A, B),
-            4.0 * x0,
-            4.0 * xf,
-            steps=K,
-            **within(limits=(4.0 * low, 4.0 * high), **more),
+            (A, B), 4.0 * x0, 4.0 * xf, steps=K, **within(limits=(4.0 * low, 4.0 * high), **more)
         )
         np.testing.assert_allclose(larger.u / 4.0, u, atol=1e-7 * (1 + np.abs(u).max()))

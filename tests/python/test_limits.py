@@ -141,10 +141,7 @@ def test_references_equal_the_twin(gen):
         A, B, x0, K, low, high, weights = draw_case(gen, i)
         reference = gen.normal(size=(K + 1, len(A)))
         plan = se.control(
-            (A, B),
-            x0,
-            steps=K,
-            **within(**weights, limits=(low, high), reference=reference),
+            (A, B), x0, steps=K, **within(**weights, limits=(low, high), reference=reference)
         )
         p = lp.several_steps(A, B, x0, reference[1:], K, low=low, high=high, **weights)
         check(plan, p)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 from pathlib import Path
 
 import numpy as np
@@ -170,19 +168,6 @@ def cut(x, u):
 
 
 # -- saved and copied ------------------------------------------------------------------------------
-
-
-def test_gaps_are_saved_and_copied(tmp_path):
-    data = read(several(np.random.default_rng(14), lost=0.2))
-    data.save(tmp_path / "runs.state")
-    model = se.identify(data, checks=False)
-    model.save(tmp_path / "model.state")
-    loaded = se.Trajectories.load(tmp_path / "runs.state")
-    for other in (loaded, pickle.loads(pickle.dumps(data)), copy.deepcopy(data)):
-        assert other == data
-        assert (other.lost, other.pieces.tolist()) == (data.lost, data.pieces.tolist())
-    assert se.Model.load(tmp_path / "model.state").data == data
-    assert data != read(several(np.random.default_rng(14), lost=0.2), on_gap="split")[0:3]
 
 
 @pytest.mark.parametrize(

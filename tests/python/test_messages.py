@@ -36,10 +36,7 @@ CALLS = [
     ),
     (lambda: se.simulate(SYSTEM, X0, PLAN), "`u` must be an array, got a Plan: pass plan.u"),
     (lambda: se.DataStream(SYSTEM), "`B` must be an array, got a System: pass system.B"),
-    (
-        lambda: se.DataStream((A, B)),
-        "`B` must be an array, got a tuple of arrays: pass B alone",
-    ),
+    (lambda: se.DataStream((A, B)), "`B` must be an array, got a tuple of arrays: pass B alone"),
     (
         lambda: se.control((FIT, B, 0.1, 2), X0, XF),
         "`system` must be a pair (A, B) or (A, B, dt) when A is a Fit, got 4 items",
@@ -48,10 +45,7 @@ CALLS = [
         lambda: se.realization_controls((ENSEMBLE, B, 0.1, 2), X0, XF),
         "`system` must be a pair (A, B) or (A, B, dt) when A is an Ensemble, got 4 items",
     ),
-    (
-        lambda: se.control(se.System, X0, XF),
-        "`system` must be a System, got the class System",
-    ),
+    (lambda: se.control(se.System, X0, XF), "`system` must be a System, got the class System"),
     (lambda: se.steer(SYSTEM, 10, X0, XF), "`x0` must have shape (3,), got int 10"),
     (lambda: se.simulate(SYSTEM, X0, 2.0), "`u` must have shape (K, 3), one row per step, got fl"),
     (

@@ -12,11 +12,7 @@ import pytest
 import stochens_rs as se
 from declarations import opts
 from stochens_rs._base import saving as state_file
-from stochens_rs.exceptions import (
-    InputTypeError,
-    StateError,
-    StateNotFoundError,
-)
+from stochens_rs.exceptions import InputTypeError, StateError, StateNotFoundError
 
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
 NAMED = {"state_names": ["Größe", ""], "input_names": ["u 0"], "dt": 0.1}

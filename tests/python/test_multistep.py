@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import (
-    InputError,
-)
+from stochens_rs.exceptions import InputError
 from stochens_rs.theory import drawn_bound, moments
-from stochens_rs.theory.exact import best_control
 
 CART = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
 
@@ -71,38 +66,6 @@ def test_the_exact_system_gets_to_its_target(n, m, K):
     C = np.hstack([power(system.A, K - 1 - k) @ system.B for k in range(K)])
     free = np.eye(K * m) - np.linalg.pinv(C) @ C
     np.testing.assert_allclose(free @ plan.u.ravel(), 0.0, atol=1e-9)
-
-
-def test_one_step_is_the_first_of_several():
-    system, x0, xf = case(5, 3, 1)
-    start, goal, A = (se.fuse(se.sample(w, 100, rng=i)) for i, w in enumerate((x0, xf, system.A)))
-    plan = se.control((A, system.B), start, goal)
-    several = best_control(A.estimate, system.B, start.estimate, goal.estimate)
-    np.testing.assert_allclose(plan.u, several.u[None], rtol=1e-12)
-    np.testing.assert_allclose(plan.predicted_states[1], several.reached, rtol=1e-12)
-    np.testing.assert_array_equal(plan.predicted_states[0], start.estimate)
-    assert plan.steps == 1
-    assert plan.info["warnings"] == ()  # C_1 = B is exact
-    reach = several.reachability()
-    assert plan.reachability.residual == pytest.approx(reach.residual, rel=1e-12)
-    assert plan.reachability.rank == reach.rank == 3
-    best = best_control(system.A, system.B, x0, xf)
-    found, expected = plan.error(system, x0, xf), best.error(plan.u[0], x0)
-    for name in ("control", "control_relative", "state", "state_relative", "residual"):
-        assert getattr(found, name) == pytest.approx(getattr(expected, name), rel=1e-12)
-
-
-def test_paired_realizations_predict_their_average():
-    system, x0, xf = case(5, 3, 1)
-    drawn = [se.sample(w, 40, rng=i) for i, w in enumerate((x0, xf, system.A))]
-    plan = se.control((drawn[2], system.B), *drawn[:2], fusion="diagonal")
-    start, goal, A = (one.dense() for one in drawn)
-    pairs = np.einsum("sij,sj->i", A, start) / 40
-    u = np.linalg.pinv(system.B) @ (goal.mean(axis=0) - pairs)
-    np.testing.assert_allclose(plan.u[0], u, rtol=1e-9)
-    np.testing.assert_allclose(
-        plan.predicted_states, [start.mean(axis=0), pairs + system.B @ u], atol=1e-9
-    )
 
 
 def test_steer_samples_fuses_and_controls():
@@ -261,25 +224,6 @@ def test_the_error_shrinks_with_the_root_of_n():
 
 
 # -- the average of the controls of the realizations ---------------------------------------------
-
-
-def test_the_average_of_controls_has_another_mean():
-    # Exactly, over all realizations of A (n = 2, K = 2): it is unbiased for one step only.
-    A = np.array([[0.9, 0.4], [-0.3, 0.8]])
-    B, x0, xf = np.array([[1.0], [0.5]]), np.array([1.0, 2.0]), np.array([0.5, -1.0])
-    g = np.abs(A).sum(axis=0)
-    for K, unbiased in ((1, True), (2, False), (3, False)):
-        mean = 0.0
-        for rows in itertools.product(range(2), repeat=2):
-            S = np.zeros((2, 2))
-            p = 1.0
-            for j, i in enumerate(rows):
-                S[i, j] = g[j] * np.sign(A[i, j])
-                p *= abs(A[i, j]) / g[j]
-            mean = mean + p * plug_in(S, B, x0, xf, K)
-        best = plug_in(A, B, x0, xf, K)
-        bias = np.linalg.norm(mean - best) / np.linalg.norm(best)
-        assert bias < 1e-12 if unbiased else bias > 0.1
 
 
 def test_diagonal_fusion_over_several_steps_is_refused():

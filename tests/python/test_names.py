@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import pickle
 
 import numpy as np
@@ -27,24 +26,6 @@ def test_a_system_keeps_names_and_units():
     assert CART.labels.given
     CART.units["v"] = "a copy"
     assert "v" not in CART.units
-
-
-def test_defaults_are_those_of_models():
-    plain = se.System(A, B)
-    assert plain.state_names == ("x[0]", "x[1]")
-    assert plain.input_names == ("u[0]",)
-    assert plain.units == {}
-    assert not plain.labels.given
-    data = se.Trajectories([np.eye(3)[:, :2]], [[[1.0], [0.0]]])
-    assert (data.state_names, data.input_names) == (plain.state_names, plain.input_names)
-
-
-@pytest.mark.parametrize(
-    "again", [copy.copy, copy.deepcopy, lambda s: pickle.loads(pickle.dumps(s))]
-)
-def test_copies_keep_them(again):
-    assert again(CART).labels == LABELS
-    assert again(se.System(A, B)).labels == default_labels(2, 1)
 
 
 def test_systems_are_compared_by_their_numbers():

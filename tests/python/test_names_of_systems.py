@@ -42,10 +42,7 @@ def runs(factor: float, at=(0, 1, 2), acts=(0, 1), states=STATES, inputs=INPUTS,
         x[k + 1] = factor * (A @ x[k] + B @ u[k]) + 0.01 * gen.standard_normal(3)
     names: dict[str, Any] = {}
     if states is not None:
-        names = {
-            "state_names": [states[i] for i in at],
-            "input_names": [inputs[j] for j in acts],
-        }
+        names = {"state_names": [states[i] for i in at], "input_names": [inputs[j] for j in acts]}
     return se.Trajectories(x[:, at], u[:, acts], dt=0.1, **names)
 
 
@@ -110,7 +107,7 @@ ROUTES: dict[str, Callable[[se.System], Any]] = {
     "Regulator.swap": regulated,
     "fuse": lambda b: fused([FIRST, b, system(0.9)]),
     "fuse an ensemble": lambda b: fused(
-        se.SystemEnsemble.from_systems([b, system(0.9)]),  # type: ignore[arg-type]
+        se.SystemEnsemble.from_systems([b, system(0.9)])  # type: ignore[arg-type]
     ),
 }
 # what takes a model

@@ -10,7 +10,7 @@ import pytest
 
 import stochens_rs as se
 from grids import MACHINES_9, MACHINES_39, admittances, modes, nine_buses, write_m
-from stochens_rs.cases import _machines, _network, _statements, matpower, swing_models
+from stochens_rs.cases import _machines, _network, matpower, swing_models
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 
 NINE = nine_buses()
@@ -188,14 +188,6 @@ def test_units_at_one_bus_keep_their_order():
     assert labels["units"]["omega_2_2"] == "rad/s"
 
 
-def test_swing_is_the_model_of_the_ieee_cases():
-    branches, buses = swing_models.NETWORKS[14]
-    rating, H, xd1, D = swing_models.MACHINES["classic"].T
-    machines = {"bus": buses, "H": H, "D": D, "xd1": xd1, "mva": rating}
-    system = se.cases.swing(np.array(branches), machines, base="machine", dt=0.02)
-    assert system == se.cases.ieee14(dt=0.02)
-
-
 # -- the real packages ---------------------------------------------------------------------------
 
 
@@ -279,17 +271,6 @@ def test_other_statements_are_refused_with_their_line(tmp_path, statement):
     with pytest.raises(InputError, match=said) as caught:
         se.cases.read_matpower(path)
     assert "\n" not in str(caught.value)
-
-
-def test_columns_have_the_numbers_of_matpower():
-    from importlib import import_module
-
-    pytest.importorskip("pypower", reason="it has the numbers of the columns")
-    for name, columns in _statements.COLUMNS.items():
-        theirs = import_module(f"pypower.{name}")
-        kinds = ("PQ", "PV", "REF", "NONE")  # counted from 1 there too
-        for column, number in columns.items():
-            assert getattr(theirs, column) + (column not in kinds) == number
 
 
 def test_what_is_at_an_isolated_bus_is_out_of_service():

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import pickle
 
 import numpy as np
 import pytest
@@ -11,8 +10,6 @@ import pytest
 import stochens_rs as se
 from declarations import opts
 from stochens_rs import _core
-from stochens_rs.controls import NextRuns
-from stochens_rs.exceptions import ShapeError
 from test_typical import A, B, data
 
 pytestmark = pytest.mark.usefixtures("noise_by_formula")
@@ -100,11 +97,6 @@ def test_many_runs_against_the_definition() -> None:
     assert np.mean(lost) < 0.02
 
 
-def planned(runs: int = 10, **options) -> se.Plan:
-    model = se.identify(data(runs, 8), **opts(**{"sigma": 0.1, "checks": False, **options}))
-    return se.control(model, [1.0, 0.5], [0.0, 0.0], steps=5)
-
-
 def test_the_forecast_and_what_is_gained() -> None:
     """40 sets: the executed certificate near the forecast, and below that of random inputs."""
     gen, ratios, gains = np.random.default_rng(2), [], []
@@ -128,27 +120,3 @@ def test_the_forecast_and_what_is_gained() -> None:
         gains.append(found[0] / found[1])
     assert 0.85 < np.median(ratios) < 1.15
     assert np.median(gains) < 0.9
-
-
-def test_the_record(tmp_path) -> None:
-    found = se.design(planned(), 4, limits=(-1.0, 2.0), steps=3)
-    assert found.inputs.shape == (4, 3, 1)
-    assert set(np.unique(found.inputs)) <= {-1.0, 2.0}
-    first = np.mean([x[0] for x, _ in data(10, 8).runs], axis=0)
-    np.testing.assert_allclose(found.starts, np.tile(first, (4, 1)), rtol=1e-14)
-    assert "(forecast, not a bound)" in repr(found)
-    assert "a forecast" in found._repr_html_()
-    found.save(tmp_path / "next.state")
-    for other in (
-        pickle.loads(pickle.dumps(found)),
-        NextRuns.from_dict(found.to_dict()),
-        NextRuns.load(tmp_path / "next.state"),
-    ):
-        assert repr(other) == repr(found)
-        assert np.array_equal(other.inputs, found.inputs)
-    again = se.design(planned(), 4, limits=(-1.0, 2.0), steps=3)
-    assert np.array_equal(again.inputs, found.inputs)
-    known = se.design(planned(known_B=[[0.0], [1.0]]), 3, limits=(-1.0, 1.0))
-    assert (np.diff(known.forecast) < 0.0).all()
-    with pytest.raises(ShapeError, match="must have shape"):
-        NextRuns(found.inputs, found.starts[:3], found.forecast, 0.05)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -122,18 +121,6 @@ def test_feedback_with_dither() -> None:
     bound = _bound(data, pilot=3, reference=TASK, inputs=gain, dither=dither)
     assert "gain" in bound.assumption
     assert bound.target < 0.2
-
-
-def test_saved_and_copied(tmp_path: Path) -> None:
-    gain, dither = np.zeros((1, 4)), runs().pairs()[1]
-    for model in (sharp(), sharp(reference=None), sharp(inputs=gain, dither=dither)):
-        model.save(tmp_path / "model.safetensors")
-        back = se.Model.load(tmp_path / "model.safetensors")
-        assert np.array_equal(back.A, model.A)
-        assert back.pilot is not None
-        assert back.pilot.said == model.pilot.said
-        plans = [se.control(one, PLANT.x0, PLANT.xf, steps=10) for one in (model, back)]
-        assert plans[0].bound().target == plans[1].bound().target
 
 
 def test_a_pilot_that_says_nothing() -> None:

@@ -8,7 +8,6 @@ draws of fixed seeds; each comparison has a mutant that does not pass it.
 from __future__ import annotations
 
 import math
-import pickle
 from collections.abc import Callable
 
 import numpy as np
@@ -370,20 +369,3 @@ def test_a_prediction_and_the_units_of_its_model() -> None:
     certificate = plan.bound(noise=True)
     assert not isinstance(held, type(certificate))
     assert certificate.target != held.target
-
-
-def test_the_record_is_saved_and_shown(tmp_path) -> None:
-    held = scalar().validate(noise(np.arange(1.0, 21.0)))
-    held.save(tmp_path / "held.state")
-    few = scalar().validate(noise(np.arange(1.0, 9.0)))
-    for one in (held, few):
-        back = pickle.loads(pickle.dumps(one)), Validation.from_dict(one.to_dict())
-        for other in back:
-            assert repr(other) == repr(one)
-            assert np.array_equal(other.tube, one.tube)
-    assert Validation.load(tmp_path / "held.state").target == held.target
-    assert repr(held) == ("<Validation: 20 runs, x(K) within 20 of xf, tube 20 scales, 95 % each>")
-    shown = held._repr_html_()
-    for text in ("holds for", "No run was left out", "largest radius of the tube", "86.0891 %"):
-        assert text in shown
-    assert "why not" in few._repr_html_()

@@ -231,10 +231,7 @@ def test_loops_of_long_windows_are_certified(filters):
     data = Rig().data(200, np.random.default_rng(1))
     model = se.identify(data, **opts(filters=filters, accept="memory", checks=False))
     gain = se.gain(model, [1.0, 1.0], 0.01)
-    for proof in (
-        gain.certificate(0.05),
-        se.regulate(gain, offset_free=True).certificate(0.05),
-    ):
+    for proof in (gain.certificate(0.05), se.regulate(gain, offset_free=True).certificate(0.05)):
         assert proof.status == "certified"
         assert proof.check()
         assert proof.norm < 1.2 * proof.least

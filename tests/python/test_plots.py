@@ -19,7 +19,6 @@ import stochens_rs as se
 from declarations import opts
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
 from stochens_rs.plots.certificates import draw_residuals
-from stochens_rs.plots.style import look_of
 
 
 def drawn(**options):
@@ -213,69 +212,8 @@ def test_an_infinite_tube_and_many_states_can_be_drawn():
 
 # -- within limits ---------------------------------------------------------------------------------
 
-PUSHED = [[1.0, 0.3], [-0.1, 0.9]], [[0.0, 0.1], [0.1, 0.0]]
-
-
-def labels_of(figure):
-    return [text.get_text() for text in figure.legends[0].get_texts()]
-
-
-def test_inputs_at_their_rate_are_thick_in_another_colour():
-    limits = se.Limits(u=(-1.0, 1.0), rate=0.4, previous=0.0)
-    how = {"steps": 4, "limits": limits, "cost": se.Cost(R=0.01)}
-    plan = se.control(([[1.0]], [[1.0]]), [0.0], [9.0], **how)
-    assert plan.rate_active.ravel().tolist() == [1, 1, 0, 0]
-    figure = plan.plot()
-    assert labels_of(figure)[-2:] == ["at its rate", "at its limit"]
-    _, rate, limit = figure.axes[1].patches
-    assert np.isfinite(rate.get_data().values).tolist() == [True, True, False, False]
-    assert np.isfinite(limit.get_data().values).tolist() == [False, False, True, True]
-    assert rate.get_edgecolor() != limit.get_edgecolor()
-
-
-def test_far_limits_do_not_hide_the_inputs():
-    figure = se.control(PUSHED, [1.0, 0.0], [0.0, 0.0], steps=8, limits=(-1e9, 1e9)).plot()
-    u = figure.axes[2].patches[0].get_data().values
-    assert labels_of(figure) == ["predicted", "limits", "input"]
-    low, high = figure.axes[2].get_ylim()
-    assert high - low < 20.0 * np.ptp(u)
-
-
-def test_a_reference_is_drawn_and_a_plan_without_limits_is_as_it_was():
-    reference = np.linspace([3.0, 1.0], [0.0, 0.0], 6)
-    given = se.control(
-        PUSHED, [3.0, 1.0], None, steps=5, cost=se.Cost(reference=reference, Q=1.0, R=0.1)
-    )
-    figure = given.plot()
-    assert labels_of(figure) == ["reference", "predicted", "input"]
-    line = next(one for one in figure.axes[0].lines if one.get_label() == "reference")
-    assert line.get_xdata().tolist() == [1.0, 2.0, 3.0, 4.0, 5.0]
-    assert np.array_equal(line.get_ydata(), reference[1:, 0])
-    plain = se.control(PUSHED, [3.0, 1.0], [0.0, 0.0], steps=5).plot()
-    assert labels_of(plain) == ["predicted", "target", "input"]
-    assert len(plain.axes) == 4
-
 
 # -- one rule for all of them ----------------------------------------------------------------------
-
-
-def test_panels_go_where_the_user_wants_them():
-    """Into a figure or a part of one; the figure that is returned can be saved."""
-    model, (states, inputs) = identified()
-    plan = se.predict(model, states[0], inputs)
-    loop = se.regulate(model, 3, limits=(-1.0, 1.0))
-    loop([1.0, 0.0])
-    for result, count in ((plan, 3), (loop, 4), (model, 4)):
-        own = Figure()
-        assert result.plot(figure=own) is own
-        assert own.get_layout_engine() is not None
-        assert len(own.axes) == count
-        whole = Figure(layout="constrained")
-        left, right = whole.subfigures(1, 2)
-        assert result.plot(figure=right) is whole
-        assert (len(left.axes), len(right.axes)) == (0, count)
-        assert len(right.legends) == 1
-        whole.savefig(os.devnull, format="png")
 
 
 def test_one_call_saves_both_files(tmp_path):
@@ -414,19 +352,3 @@ def test_of_many_states_those_that_change_most_are_drawn():
         for ax, i in zip(figure.axes, (i for i in range(14) if i not in still), strict=False):
             (curve,) = (line for line in ax.lines if line.get_label() == "predicted")
             assert curve.get_ydata()[0] == x0[i]
-
-
-def test_of_many_curves_those_that_change_most_have_names_and_colours():
-    system, x0, _ = many()
-    units = se.SystemEnsemble.from_systems([system, system])
-    for path in (
-        se.simulate(system, x0, np.zeros((3, 13))),
-        se.simulate_ensemble(units, x0, np.zeros((3, 13))),
-    ):
-        ax = path.plot()
-        assert [text.get_text() for text in ax.texts] == [f"s{i}" for i in range(8, 14)]
-        named = [line for line in ax.lines if str(line.get_label()).startswith("s")]
-        assert len({line.get_color() for line in named}) == 6
-        assert {line.get_color() for line in ax.lines if line not in named} == {look_of(ax).pale}
-        said = [text.get_text() for text in ax.get_legend().get_texts()]
-        assert said[0] == "8 that change less"

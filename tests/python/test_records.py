@@ -24,10 +24,7 @@ from stochens_rs import _core
 from stochens_rs._base import saving as serialize
 from stochens_rs._base.records import Record, SavedRecord, trusted
 from stochens_rs.certificates import Radius
-from stochens_rs.exceptions import (
-    InputTypeError,
-    StochensError,
-)
+from stochens_rs.exceptions import InputTypeError, StochensError
 
 SYSTEM = se.System(
     [[1.0, 0.1], [0.0, 0.9]],

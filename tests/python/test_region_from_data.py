@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import pickle
 import warnings
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
-from core_regions import changed
 from declarations import opts
 from stochens_rs import _core
-from stochens_rs.exceptions import DataWarning, InputError, NonFiniteError
+from stochens_rs.exceptions import DataWarning, InputError
 from stochens_rs.identification.assumptions import ACCEPTED
 from twin import region_from_data as rd
 
@@ -140,17 +138,6 @@ def test_least_squares_from_rows_and_from_their_triangle() -> None:
     np.testing.assert_allclose(f.S, E.T @ E, rtol=1e-12, atol=1e-13)
     np.testing.assert_allclose(f.root.T @ f.root, Z.T @ Z, rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(f.combinations(), [[1.0, 0.0, 0.0, -0.5, 0.5]], atol=1e-12)
-
-
-def test_a_part_with_other_fields_and_a_pickled_one() -> None:
-    part = identify(data("deficient", 40), **opts(sigma=0.1)).region().parts[0]
-    again = pickle.loads(pickle.dumps(part))
-    wider = changed(part, factor=4.0 * part.factor)
-    for name in ("rows", "columns", "white", "root", "missing", "S"):
-        assert (getattr(again, name) == getattr(part, name)).all()
-    assert (again.ratio, again.factor, wider.radius) == (part.ratio, part.factor, 2.0 * part.radius)
-    with pytest.raises(NonFiniteError, match="`S` has a non-finite"):
-        changed(part, S=np.full((n, n), np.nan))
 
 
 def identify(runs: se.Trajectories, **options) -> se.Model:

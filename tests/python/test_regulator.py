@@ -16,12 +16,7 @@ from limit_problems import draw_steps
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.limits.solution import Horizon, loop_of
 from twin.limited_control import solve
-from twin.limited_problems import (
-    objective,
-    several_steps,
-    softened,
-    state_rows,
-)
+from twin.limited_problems import objective, several_steps, softened, state_rows
 from twin.receding import regulate as twin
 
 A, B = np.array([[1.0, 0.3], [-0.1, 0.9]]), np.array([[0.0], [0.1]])

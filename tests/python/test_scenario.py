@@ -50,10 +50,7 @@ def test_all_bounds_equal_the_sums_of_the_reference(gen: np.random.Generator) ->
             (scenario.a_priori(N, d, beta), twin.a_priori(N, d, beta)),
             (scenario.judged(N, k, beta), twin.judged(N, k, beta)),
             (scenario.compression(N, k, beta), twin.compression(N, k, beta)),
-            (
-                scenario.compression(N, k, beta, violations=r),
-                twin.compression(N, k, beta, r),
-            ),
+            (scenario.compression(N, k, beta, violations=r), twin.compression(N, k, beta, r)),
             (scenario.discarding(N, r, d, beta), twin.discarding(N, r, d, beta)),
             (scenario.hold_out(N, k, beta), twin.hold_out(N, k, beta)),
             *zip(scenario.relaxed(N, k, beta), twin.relaxed(N, k, beta), strict=True),

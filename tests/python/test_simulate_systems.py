@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -110,32 +108,6 @@ def test_a_first_run_far_off_costs_no_more_than_its_number_of_units():
         found = se.simulate_ensemble(one, order, np.zeros((1, 1)))
         exact = np.var(order.astype(np.longdouble), ddof=1)
         np.testing.assert_allclose(found.variance, exact, rtol=1000 * np.finfo(float).eps)
-
-
-def test_what_the_result_says():
-    models, x0, u = problem(20, 2, 1, 3, offset=False, each=False)
-    found = se.simulate_ensemble(models, x0, u)
-    assert (found.averaging, found.size, found.replicates) == ("systems", 20, 20)
-    assert (found.centre, found.sampled, found.key, found.dt) == ("estimate", (), None, 0.5)
-    assert found.times.tolist() == [0.0, 0.5, 1.0, 1.5]
-    assert repr(found) == (
-        "<EnsembleTrajectory systems: n=2, 3 steps, N=20, 20 trajectories, about the estimate>"
-    )
-    assert "estimate" in found._repr_html_()
-    assert pickle.loads(pickle.dumps(found)).centre == "estimate"
-    assert se.simulate_ensemble(models[0], x0, u, 5, rng=1).centre is None
-
-
-def test_the_band_of_the_figure_is_the_spread_of_the_models():
-    pytest.importorskip("matplotlib")
-    models, x0, u = problem(20, 1, 1, 3, offset=False, each=False)
-    found = se.simulate_ensemble(models, x0, u)
-    ax = found.plot()
-    low, high = ax.collections[0].get_paths()[0].get_extents().intervaly
-    spread = 2 * np.sqrt(found.variance)
-    np.testing.assert_allclose(low, (found.mean - spread).min())
-    np.testing.assert_allclose(high, (found.mean + spread).max())
-    assert "standard deviations" in ax.get_legend().get_texts()[-1].get_text()
 
 
 def test_models_of_a_bootstrap_are_run():

@@ -380,13 +380,7 @@ def test_fixed_estimates_are_not_drawn_again():
     A, B, x0, xf = strange_systems()["big column"]
     fit = A + 0.1
     errors = PlanErrors(
-        B,
-        Entity(x0),
-        Entity(xf, None, 20),
-        Entity(A, fit),
-        steps=1,
-        paired=False,
-        rows=False,
+        B, Entity(x0), Entity(xf, None, 20), Entity(A, fit), steps=1, paired=False, rows=False
     )
     assert errors.random
     exact = PlanErrors(B, Entity(x0), Entity(xf), Entity(A, fit), steps=1, paired=False, rows=False)

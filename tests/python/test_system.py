@@ -105,14 +105,6 @@ def test_pickle_and_copy(system):
     assert copy.deepcopy([system])[0] is system
 
 
-def test_travels_to_another_process(system):
-    code = "import pickle, sys; s = pickle.load(sys.stdin.buffer); print(s, s.A.tolist())"
-    sent = pickle.dumps(system)
-    done = subprocess.run([sys.executable, "-c", code], input=sent, stdout=subprocess.PIPE)
-    assert done.returncode == 0
-    assert done.stdout.decode().strip() == f"{system} {A.tolist()}"
-
-
 def test_repr():
     assert repr(System(A, B, dt=0.01, name="IEEE 14")) == "<System IEEE 14: n=2 m=1 dt=0.01>"
     assert repr(System(A, B)) == "<System: n=2 m=1 dt=None>"

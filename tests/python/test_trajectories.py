@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -64,16 +61,6 @@ def test_inputs_are_copied_and_nothing_can_be_changed(gen):
         data.pairs()[0][0] = 1.0
     with pytest.raises(AttributeError, match="immutable"):
         data.dt = 1.0
-
-
-def test_copies_and_pickles_are_equal(gen):
-    data = made(some_runs(gen), dt=0.1, state_names=["p", "v"], input_names=["f"])
-    for other in (pickle.loads(pickle.dumps(data)), copy.deepcopy(data)):
-        assert other == data
-        assert (other.state_names, other.input_names, other.dt) == (("p", "v"), ("f",), 0.1)
-    kind, parts = data.__reduce__()
-    with pytest.raises(InputTypeError, match="do not fit together"):
-        kind(parts[0], [1, 1], *parts[2:])
 
 
 # -- parts and pools -------------------------------------------------------------------------------

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import re
 
 import numpy as np
@@ -161,18 +160,6 @@ def test_model_of_outputs_has_the_matrices_of_its_window():
     assert region.contains([[1.2, -0.5, 1.0, 0.4]])
     assert not region.contains([[0.2, -0.5, 1.0, 0.4]])
     assert "inputs from logged signals only" in region.assumption
-
-
-@pytest.mark.parametrize(
-    "how", [{"lags": 3}, {"filters": (0.3, 2)}, {"order": "auto"}, {}], ids=str
-)
-@pytest.mark.filterwarnings("ignore:a window of")
-def test_models_of_outputs_are_kept(how, tmp_path):
-    model = se.identify(arx(np.random.default_rng(1)), **opts(checks=False, **how))
-    model.save(tmp_path / "m.safetensors")
-    for other in (pickle.loads(pickle.dumps(model)), se.Model.load(tmp_path / "m.safetensors")):
-        assert (other.window, other.first, other.data) == (model.window, model.first, model.data)
-        np.testing.assert_array_equal(other._Theta, model._Theta)
 
 
 def test_records_that_do_not_fill_the_window_are_refused():

@@ -23,12 +23,6 @@ def core_region(fitted, S, *, spectral=1.0, frobenius=np.inf, noise=False, offse
     return _core.Region(centre, d - n - offset, (part,), frobenius, noise), part
 
 
-def changed(part, **fields):
-    """The part of a region with other fields."""
-    names = ("rows", "columns", "white", "root", "missing", "ratio", "S", "factor")
-    return _core.RegionPart(*(fields.get(name, getattr(part, name)) for name in names))
-
-
 def region_errors(region, x0, u, *, rho0=0.0, to_come=None):
     """The errors of a trajectory of the centre of a `Region` of the package."""
     return region._core.errors(x0, np.ascontiguousarray(u), rho0, to_come)

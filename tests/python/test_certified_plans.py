@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from core_regions import changed, region_errors
+from core_regions import region_errors
 from coverage_study import DELTA
 from declarations import opts
 from identification_data import POINT, Y, Z, check, rolled, stable
@@ -87,38 +87,6 @@ def test_one_step_of_the_formula_data():
 
 def scalar_end(plan):
     return plan.predicted_states[-1]
-
-
-def test_three_steps_of_the_formula_data():
-    model = model_of(Z, Y)
-    region = model.region(frobenius=True)
-    part = changed(region.parts[0], factor=1.2)
-    region = replace(region, parts=(part,), frobenius=np.sqrt(1.5))
-    errors = region_errors(region, POINT[:2], np.array([[0.5], [0.0], [-0.5]]), rho0=0.0)
-    twin = cc.several_steps(
-        tr.fit(tr.triangle(Z, Y)),
-        POINT[:2],
-        [[0.5], [0.0], [-0.5]],
-        spectral=np.sqrt(1.2),
-        frobenius=np.sqrt(1.5),
-    )
-    np.testing.assert_allclose(errors.radii, twin.radii, rtol=1e-9)
-    assert errors.radii[-1] < 0.260230790267  # by the weighted inequality
-    check(errors.states[-1], [0.491473192146, -0.693577119257])
-    assert (errors.components <= errors.radii[-1] * (1 + 1e-12)).all()
-    # row by row: never worse than the recursion with norms throughout
-    u = np.array([[0.5], [0.0], [-0.5]])
-    apart = tuple(
-        changed(part, rows=part.rows[[i]], S=np.ascontiguousarray(part.S[[i]][:, [i]]))
-        for i in range(len(part.rows))
-    )
-    rows = region_errors(replace(region, parts=apart), POINT[:2], u)
-    fitted = tr.fit(tr.triangle(Z, Y))
-    steps = cc.several_steps(fitted, POINT[:2], u, spectral=1.0)
-    beta = np.sqrt(1.2 * np.trace(fitted.S))
-    scalar = cc.scalar_steps(fitted, steps.states, steps.sizes, beta=beta)
-    assert (rows.radii <= scalar * (1 + 1e-12)).all()
-    assert rows.radii[1] == pytest.approx(scalar[1])
 
 
 # -- the twin --------------------------------------------------------------------------------------

@@ -308,37 +308,6 @@ def test_control_by_a_model_with_a_pilot(table, tmp_path, capsys):
     assert str(bound) in capsys.readouterr().out
 
 
-def test_identify_with_a_pilot(table, tmp_path, capsys):
-    file, older = tmp_path / "model.safetensors", tmp_path / "older.safetensors"
-    where = ["--from", "-1,0", "--to", "0,0.5", "--steps", "4"]
-    task = ["--reference", "-1,0:0,0.5:4"]
-    ran(
-        capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--pilot", "0.1", *task, "--out", file
-    )
-    printed = ran(capsys, "control", file, *where)["certificate"]
-    reference = ([-1.0, 0.0], [0.0, 0.5], 4)
-    model = se.identify(in_python(table), **opts(sigma=0.01, pilot=0.1, reference=reference))
-    bound = se.control(model, *reference[:2], steps=4).bound()
-    assert printed["parts"] == bound.parts
-    assert "mismatch" in bound.parts
-
-    assert "shares runs" in failed(capsys, "identify", table, *OPTIONS, "--pilot", file)
-    earlier = tmp_path / "earlier.csv"
-    earlier.write_text("\n".join(rows(runs=3, seed=2)) + "\n")
-    ran(capsys, "identify", earlier, *OPTIONS, "--out", older)
-    again = ran(capsys, "identify", table, *OPTIONS, "--pilot", older, "--sigma", 0.01)
-    assert again["pairs"] == 30 * 20
-    assert "pilot" in again["region"]["assumption"]
-
-    assert "--reference" in failed(capsys, "identify", table, *OPTIONS, *task)
-    assert "like 1,0:0,0:10" in failed(
-        capsys, "identify", table, *OPTIONS, "--pilot", "3", "--reference", "1,0:0,x:4"
-    )
-    assert "--pilot" in failed(capsys, "identify", table, *OPTIONS, "--pilot", "nan")
-    assert cli.main(["identify", str(table), *OPTIONS, "--pilot", "nowhere.safetensors"]) == 5
-    assert "nowhere.safetensors" in capsys.readouterr().err
-
-
 def test_control_prints_a_table(table, tmp_path, capsys):
     file = tmp_path / "model.safetensors"
     ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--out", file)

@@ -13,38 +13,6 @@ from stochens_rs.limits.solution import loop_of
 ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
 
 
-@pytest.mark.parametrize("sign", [1, -1])
-def test_what_limits_of_rates_and_states_are_active(sign):
-    """Rises of 0.4 are at the rate though rounding takes them beyond it; wide rates are not."""
-    goal, sides = [sign * 5.0], {"steps": 4, "previous": 0.0, "R": 0.01}
-    plan = se.control(ONE, [0.0], goal, **within(**sides, rate=0.4))
-    np.testing.assert_allclose(plan.u.ravel(), sign * np.array([0.4, 0.8, 1.2, 1.6]), rtol=1e-14)
-    assert plan.rate_active.dtype == np.int8
-    assert plan.rate_active.tolist() == [[sign]] * 4
-    assert plan.limits_active
-    assert not plan.active.any()
-    assert "none of 4 inputs at a limit, 4 at their rate" in repr(plan)
-    said = f"{2 * (1 - sign)} falling, {2 * (1 + sign)} rising, of 4"
-    assert said in plan._repr_html_()
-    back = type(plan).from_dict(plan.to_dict())
-    assert np.array_equal(back.rate_active, plan.rate_active)
-    wide = se.control(ONE, [0.0], goal, **within(**sides, rate=9.0))
-    assert not wide.limits_active
-    assert not wide.rate_active.any()
-    assert wide.state_active is None
-    # the states stop at 1 of 5
-    walls = {"state_limits": (-1.0, 1.0), "soft": False, "Q": 1.0, "R": 0.01}
-    stopped = se.control(ONE, [0.0], goal, steps=4, **within(**walls))
-    assert stopped.state_active.tolist() == [[sign]] * 4
-    assert stopped.limits_active
-    assert "4 of 4 states at a limit" in repr(stopped)
-    inside = se.control(ONE, [0.0], [0.5], steps=4, **within(**walls))
-    assert not inside.limits_active
-    assert inside.state_active.tolist() == [[0]] * 4
-    assert se.control(ONE, [0.0], goal).state_active is None
-    assert se.control(ONE, [0.0], goal).rate_active is None
-
-
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_active_rates_are_those_with_multipliers(gen, scale):
     """30 systems, one input in 3 steps or two in 12; the core's multipliers say the same."""

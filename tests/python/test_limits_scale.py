@@ -8,9 +8,7 @@ from scipy import optimize
 
 import stochens_rs as se
 from hidden_systems import KINDS, drawn
-from limit_plans import draw_case, within
-from limit_problems import draws
-from stochens_rs import _core as core
+from limit_plans import within
 from stochens_rs.limits.solution import OPTIMAL, Horizon
 from stochens_rs.theory.exact import states
 
@@ -113,35 +111,7 @@ def test_the_status_follows_the_gap_in_every_kind_of_system(gen, kind):
         assert found == {"optimal"}
 
 
-def test_the_status_follows_the_gap_of_drawn_problems(gen):
-    for p in draws(gen, 300):
-        F = core.weight_root(p.Q)
-        M, y = np.ascontiguousarray(F @ p.G), F @ p.b
-        found = core.box_control(M, y, np.ascontiguousarray(p.R), p.low, p.high, None, None)
-        assert (found.status == "optimal") == (
-            found.gap <= OPTIMAL * found.objective + NOTHING * found.at_zero
-        )
-        assert found.status == "optimal"
-    for i in range(60):
-        F, X, x0, K, low, high, weights = draw_case(gen, i)
-        goal = np.ones(len(F))
-        plan = se.control((F, X), x0, goal, steps=K, **within(limits=(low, high), **weights))
-        assert follows_the_gap(plan, F, X, x0)
-
-
 # -- sizes -----------------------------------------------------------------------------------------
-
-
-def test_the_way_follows_the_work():
-    """Riccati's recursion for many steps of few states, condensed matrices for few of many."""
-    for n, m, K, recursion in ((10, 5, 50, True), (520, 26, 10, False), (4, 2, 300, True)):
-        F, X = np.zeros((n, n)), np.zeros((n, m))
-        X[:m] = np.eye(m)
-        plan = se.control(
-            (F, X), np.ones(n), np.zeros(n), steps=K, limits=(-0.3, 0.3), cost=se.Cost(R=0.1)
-        )
-        assert Horizon(plan.limited.task, F, X).core.long == recursion
-        assert plan.status == "optimal"
 
 
 # -- time ------------------------------------------------------------------------------------------
@@ -165,37 +135,6 @@ def test_without_time_nothing_is_factored(gen):
             assert np.all(np.abs(plan.u) <= 0.2)
             assert plan.missed is None
             assert "nan" not in repr(plan)
-
-
-@pytest.mark.parametrize("most", [2, 5])
-def test_hard_limits_of_states_in_unlike_units(gen, most):
-    """What can be kept, and by how much it cannot, does not depend on the units of the states."""
-    found = set()
-    for _ in range(20):
-        n, steps = 3, 8
-        F, X = 0.5 * gen.standard_normal((n, n)) + 0.4 * np.eye(n), gen.standard_normal((n, 1))
-        x0, limit = gen.standard_normal(n), gen.uniform(0.2, 1.2, n)
-        plans = []
-        for D in (np.ones(n), 10.0 ** gen.uniform(-most, most, n)):
-            side = np.full((steps, n), np.inf)
-            side[3:] = limit * D
-            limits = se.Limits(u=(-2.0, 2.0), x=(-side, side), soft=False)
-            cost = se.Cost(Q=1.0 / D**2, R=0.1)
-            system = (F * D[:, None] / D, X * D[:, None])
-            plan = se.control(system, x0 * D, 0 * x0, steps=steps, limits=limits, cost=cost)
-            over = np.abs(plan.predicted_states[1:]) - side
-            if plan.status == "optimal":
-                assert (over / D).max() <= 1e-9
-            else:
-                assert plan.status == "infeasible"
-                assert plan.limited.missing > 0.0
-                assert (over / D).max() > 0.0
-            plans.append(plan)
-        assert plans[0].status == plans[1].status
-        if plans[0].status == "optimal":
-            np.testing.assert_allclose(plans[1].u, plans[0].u, atol=1e-7)
-        found.add(plans[0].status)
-    assert found == {"optimal", "infeasible"}
 
 
 def test_limits_of_states_from_data_leave_what_each_state_can_be_wrong_by(gen):

@@ -67,27 +67,6 @@ def plan_terms():
     return back, np.hstack([at[:-1], INPUTS]) @ T.T
 
 
-def test_first_order_of_the_formula_data():
-    """U1."""
-    M, c = plan_terms()
-    least = 0.187719702819  # the largest nuclear norm
-    assert steps(1e3, 1.0)[2][-1] == pytest.approx(0.181143374127, rel=1e-11)
-    found = steps(1.0, np.inf)[2][-1]
-    assert least <= found <= min(0.188184223266, np.sqrt(2.0) * 0.181143374127)
-    assert found == pytest.approx(0.1877197, abs=1e-6)
-    best = cc.over_spectral_ball(M, c)
-    assert best == pytest.approx(0.1877197, abs=3e-7)
-    assert best >= least
-    lengths = np.linalg.norm(c, axis=1)
-    assert cc.weighted_cauchy_schwarz(M, lengths) == pytest.approx(0.188184223266, rel=1e-11)
-    # one round is nuc(T_0), not above the weighted inequality
-    once = cc.over_spectral_ball(M, c, rounds=1)
-    assert once == pytest.approx(0.188184223266, rel=1e-8)
-    # two rotations of unit vectors: the largest value is 2
-    turn = np.array([[0.0, -1.0], [1.0, 0.0]])
-    assert cc.over_spectral_ball([np.eye(2), turn], np.eye(2)) == pytest.approx(2.0, rel=1e-8)
-
-
 def test_noise_to_come_of_the_formula_data():
     """U2 and U3."""
     A, N, tilted = H[:, :2], np.zeros((2, 2)), T[:, :2]

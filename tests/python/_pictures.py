@@ -18,7 +18,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs.plots.lines import draw_trace
 from stochens_rs.plots.panels import Inputs, draw_calls
 
@@ -55,7 +54,7 @@ def measured() -> se.Trajectories:
 
 @cache
 def model(count: int = 8) -> se.Model:
-    return se.identify(measured()[:count], **opts(sigma=0.005))
+    return se.identify(measured()[:count], noise=se.Noise(sigma=0.005))
 
 
 @cache

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs import cli
 
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
@@ -75,7 +74,7 @@ def in_python(table):
 
 def test_identify_says_what_python_says(table, capsys):
     found = ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--delta", "1%")
-    model = se.identify(in_python(table), **opts(sigma=0.01))
+    model = se.identify(in_python(table), noise=se.Noise(sigma=0.01))
     region = model.region(0.01)
     assert np.array_equal(found["A"], model.A)
     assert np.array_equal(found["B"], model.B)
@@ -210,7 +209,7 @@ def test_from_runs_to_a_certified_control(table, tmp_path, capsys):
     ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--out", file, "--out", out)
     where = ["--from", "-1,0", "--to", "0,0.5", "--steps", 4]
     found = ran(capsys, "control", file, *where, "--delta", "1%", "--out", out)
-    model = se.identify(in_python(table), **opts(sigma=0.01))
+    model = se.identify(in_python(table), noise=se.Noise(sigma=0.01))
     plan = se.control(model, [-1.0, 0.0], [0.0, 0.5], steps=4)
     bound = plan.bound(0.01)
     assert np.array_equal(found["u"], plan.u)
@@ -298,7 +297,10 @@ def test_the_record_is_what_follows_on_each_other(read, tmp_path, capsys):
 def test_control_by_a_model_with_a_pilot(table, tmp_path, capsys):
     file, task = tmp_path / "model.safetensors", ([-1.0, 0.0], [0.0, 0.5], 4)
     model = se.identify(
-        in_python(table), **opts(sigma=0.01, pilot=0.1, reference=task, checks=False)
+        in_python(table),
+        checks=False,
+        noise=se.Noise(sigma=0.01),
+        pilot=se.Pilot(0.1, reference=task),
     )
     model.save(file)
     where = ["--from", "-1,0", "--to", "0,0.5", "--steps", "4"]

@@ -181,7 +181,7 @@ def test_states_with_few_sources_of_noise_can_be_declared(kind):
     def case(gen):
         x, _, u = draw(gen, 10)
         data = trajectories(x, u)
-        model = se.identify(data, **opts(scale=SCALE, exact=exact, checks=False))
+        model = se.identify(data, scale=SCALE, checks=False, noise=se.Noise(exact=exact))
         refused = not se.identify(data, scale=SCALE, checks=False).doubts
         plan = se.control(model, X0, XF, steps=10)
         bound = plan.bound(0.05)

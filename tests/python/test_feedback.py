@@ -421,7 +421,7 @@ def test_what_the_data_do_not_determine():
     A, B = np.array([[1.1, 0.3], [0.0, 0.7]]), np.array([[0.5], [1.0]])
     data = se.Trajectories.from_pairs(x, x @ own.T, x @ (A + B @ own).T + 0.05 * w)
     with pytest.warns(se.exceptions.DataWarning, match="do not determine"):
-        one = se.identify(data, **opts(sigma=0.05))
+        one = se.identify(data, noise=se.Noise(sigma=0.05))
     other = se.gain(se.System(A, B), 1.0, 1.0).K
     region = one.region(0.05)
     assert _core.Feedback(region._core, own).status == "certified"
@@ -448,9 +448,9 @@ def test_an_offset_leaves_no_statement_for_all_time():
     gen = np.random.default_rng(6)
     x, u, w = gen.standard_normal((3, 60, 1))
     data = se.Trajectories.from_pairs(x, u, 1.1 * x + u + 0.3 + 0.05 * w)
-    proof = se.gain(se.identify(data, **opts(sigma=0.05, intercept=True)), 1.0, 1.0).certificate(
-        0.05
-    )
+    proof = se.gain(
+        se.identify(data, intercept=True, noise=se.Noise(sigma=0.05)), 1.0, 1.0
+    ).certificate(0.05)
     assert proof.status == "certified"
     tube = proof.tube([1.0], 20)
     assert np.isfinite(tube.radii).all()
@@ -547,7 +547,7 @@ def test_every_field_of_a_forged_file_is_checked(path):
     model = of_runs()
     if path[0] in ("residual", "degrees"):
         pairs = se.Trajectories.from_pairs(*of_runs().data.pairs())
-        model = se.identify(pairs, **opts(design="independent", checks=False))
+        model = se.identify(pairs, checks=False, noise=se.Noise(design="independent"))
     loop = se.gain(model, 1.0, 1.0)
     fields = loop.certificate(model.region(0.05, frobenius="parts" not in path)).to_dict()
     *above, last = path

@@ -8,7 +8,6 @@ import pytest
 import hidden_systems
 import stochens_rs as se
 from coverage_study import at_most, sets
-from declarations import opts
 from stochens_rs import _core
 from test_feedback import region, white
 from twin import feedback as twin
@@ -203,7 +202,7 @@ def test_certified_and_stable_on_hidden_systems():
             y = x @ A.T + u @ B.T + sigma * gen.standard_normal((N, n))
             data = se.Trajectories.from_pairs(x, u, y)
             design = ("adaptive", "independent")[trial // 2]
-            one = se.identify(data, **opts(sigma=sigma, design=design, checks=False))
+            one = se.identify(data, checks=False, noise=se.Noise(sigma=sigma, design=design))
             try:
                 proof = se.gain(one, 1.0, 1.0).certificate(0.1)
             except se.exceptions.SolverError:
@@ -233,7 +232,9 @@ def test_the_true_system_stays_in_the_tube():
     for _ in range(count):
         x, u = gen.standard_normal((40, 2)), gen.standard_normal((40, 1))
         y = x @ A.T + u @ B.T + sigma * gen.standard_normal((40, 2))
-        one = se.identify(se.Trajectories.from_pairs(x, u, y), **opts(sigma=sigma, checks=False))
+        one = se.identify(
+            se.Trajectories.from_pairs(x, u, y), checks=False, noise=se.Noise(sigma=sigma)
+        )
         proof = se.gain(one, 1.0, 0.1).certificate(0.1)
         tube = proof.tube([1.0, -1.0], 40, noise=0.05)
         finite += np.isfinite(tube.radii).all()

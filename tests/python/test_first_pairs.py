@@ -157,9 +157,9 @@ def test_units_do_not_matter():
         )
         assert found == pytest.approx(mine, rel=1e-7)
     known = 0.01 * np.eye(3)
-    mine = se.identify(data, **opts(covariance=known, checks=False)).region(DELTA)
+    mine = se.identify(data, checks=False, noise=se.Noise(covariance=known)).region(DELTA)
     scaled = known * np.outer(units, units)
-    found = se.identify(other, **opts(covariance=scaled, checks=False)).region(DELTA)
+    found = se.identify(other, checks=False, noise=se.Noise(covariance=scaled)).region(DELTA)
     assert found.parts[0].factor == pytest.approx(mine.parts[0].factor, rel=1e-7)
     assert found.contains(A * units[:, None] / units, B * units[:, None] / of_u)
 
@@ -167,8 +167,8 @@ def test_units_do_not_matter():
 def test_a_scale_and_all_times_take_the_old_units():
     data, _, _ = runs(np.random.default_rng(3))
     told, plain = (
-        se.identify(data, **opts(sigma=0.1, scale=1.0)),
-        se.identify(data, **opts(sigma=0.1)),
+        se.identify(data, scale=1.0, noise=se.Noise(sigma=0.1)),
+        se.identify(data, noise=se.Noise(sigma=0.1)),
     )
     assert told._first == 0
     assert plain._first == 37
@@ -188,9 +188,12 @@ def test_few_pairs_take_no_first_part():
     z = np.random.default_rng(4).standard_normal((12, 5))
     for size, first in ((11, 0), (12, 6)):
         data = se.Trajectories.from_pairs(z[:size, :2], z[:size, 2:3], z[:size, 3:])
-        assert se.identify(data, **opts(sigma=1.0))._first == first
-    assert se.identify(data, **opts(design="independent", sigma=1.0))._first == 0
-    assert se.identify(data, **opts(design="independent", noise="bounded", sigma=9.0))._first == 6
+        assert se.identify(data, noise=se.Noise(sigma=1.0))._first == first
+    assert se.identify(data, noise=se.Noise(design="independent", sigma=1.0))._first == 0
+    assert (
+        se.identify(data, noise=se.Noise(law="bounded", design="independent", sigma=9.0))._first
+        == 6
+    )
 
 
 def test_the_first_part_grows_until_it_determines_all():
@@ -202,16 +205,17 @@ def test_the_first_part_grows_until_it_determines_all():
         late = u.copy()
         late[:begin, 1] = 0.0
         data = se.Trajectories.from_pairs(x, late, 0.5 * x + late + 0.1 * w)
-        model = se.identify(data, **opts(sigma=0.1))
+        model = se.identify(data, noise=se.Noise(sigma=0.1))
         assert model._first == first
         assert model.region(DELTA).contains(0.5 * np.eye(2), np.eye(2))
     late[:250, 1] = 0.0
     data = se.Trajectories.from_pairs(x, late, 0.5 * x + late + 0.1 * w)
     with pytest.warns(DataWarning, match="the first 200 pairs do not determine what later"):
-        model = se.identify(data, **opts(sigma=0.1, checks=False))
+        model = se.identify(data, checks=False, noise=se.Noise(sigma=0.1))
     assert model.region(DELTA).radius == np.inf
     assert (
-        se.identify(data, **opts(sigma=0.1, checks=False, scale=1.0)).region(DELTA).radius < np.inf
+        se.identify(data, checks=False, scale=1.0, noise=se.Noise(sigma=0.1)).region(DELTA).radius
+        < np.inf
     )
     late[:, 1] = 0.0
     known = {"sigma": 0.1, "checks": False, "accept": "noise size"}
@@ -228,7 +232,7 @@ def test_known_entries_and_rows():
     data, A, B = runs(gen, 3, 1, 20)
     some = np.where([[1, 1, 0], [1, 1, 1], [0, 1, 1]], np.nan, A)
     for model, wish in (
-        (se.identify(data, **opts(sigma=0.1, known_A=some)), {}),
+        (se.identify(data, known_A=some, noise=se.Noise(sigma=0.1)), {}),
         (se.identify(data, known_A=some), {"method": "universal"}),
         (se.identify(data), {"components": True}),
     ):
@@ -244,7 +248,7 @@ def test_huge_and_tiny_numbers(size):
     data, _, _ = runs(np.random.default_rng(7))
     other = scaled_by(data, size, 1.0)
     mine, found = (
-        se.identify(one, **opts(sigma=s, checks=False)).region(DELTA)
+        se.identify(one, checks=False, noise=se.Noise(sigma=s)).region(DELTA)
         for one, s in ((data, 0.1), (other, 0.1 * size))
     )
     assert found.parts[0].factor == pytest.approx(mine.parts[0].factor, rel=1e-9)

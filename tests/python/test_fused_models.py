@@ -232,7 +232,9 @@ def test_regions_of_noise_that_nothing_is_declared_of_hold(alike, off):
             for ratio in (1.0, 1e5):
                 Theta, models, z, y = mixed([75, seed], ratio, alike, off)
                 data = pairs(z, y)
-                fused = se.fuse(ensemble(models), "alse", **opts(data=data, design="independent"))
+                fused = se.fuse(
+                    ensemble(models), "alse", data=data, noise=se.Noise(design="independent")
+                )
                 found.append((contains(fused.region(DELTA), Theta, 5, 2), fused))
             (inside, one), (also, other) = found
             assert (inside, one.explained) == (also, other.explained)
@@ -270,7 +272,7 @@ def test_a_single_state_without_noise_is_explained():
         Theta = share * models[0] + (1.0 - share) * models[1]
         z = gen.integers(-16, 17, (20, 2)) / 8.0
         data = pairs(z, z @ Theta.T)
-        fused = se.fuse(ensemble(models), "alse", **opts(data=data, design="independent"))
+        fused = se.fuse(ensemble(models), "alse", data=data, noise=se.Noise(design="independent"))
         assert fused.explained is not False
 
 
@@ -315,7 +317,7 @@ def test_regions_in_closed_loop_hold():
         models = ensemble(hull(gen, Theta, 0.3, 0.1))
         data = se.Trajectories(*run)
         with pytest.warns(DataWarning):
-            fused = se.fuse(models, "alse", **opts(data=data, sigma=1.0))
+            fused = se.fuse(models, "alse", data=data, noise=se.Noise(sigma=1.0))
         assert any("the region is that of least squares" in text for text in fused.warnings)
         region = fused.region(DELTA)
         failed += not region.contains(Theta[:, :2], Theta[:, 2:])
@@ -485,7 +487,7 @@ def test_exact_data_inside_the_hull():
     data = pairs(Z, Z @ (MODELS.mean(axis=0)).T)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
-        fused = se.fuse(ensemble(MODELS), "alse", **opts(data=data, design="independent"))
+        fused = se.fuse(ensemble(MODELS), "alse", data=data, noise=se.Noise(design="independent"))
     check(Theta_of(fused), MODELS.mean(axis=0), atol=1e-6)
     assert fused.region(DELTA).radius < 1e-4
 
@@ -494,11 +496,11 @@ def test_offsets():
     x, u, w = np.random.default_rng(3).standard_normal((3, 30, 1))
     data = se.Trajectories.from_pairs(x, u, 0.8 * x + u + 2.0 + 0.1 * w)
     models = se.SystemEnsemble([[[0.9]], [[0.7]]], [[[1.0]], [[1.0]]], [[1.9], [2.1]])
-    fused = se.fuse(models, "alse", **opts(data=data, design="independent", sigma=0.1))
+    fused = se.fuse(models, "alse", data=data, noise=se.Noise(design="independent", sigma=0.1))
     assert fused.c == pytest.approx([2.0], abs=0.1)
     assert fused.region(DELTA).contains([[0.8]], [[1.0]], [2.0])
     with pytest.raises(InputError, match=r"must be a model with intercept"):
-        se.fuse(models, "alse", data=se.identify(data, **opts(sigma=0.1, checks=False)))
+        se.fuse(models, "alse", data=se.identify(data, checks=False, noise=se.Noise(sigma=0.1)))
 
 
 # --- what is refused ------------------------------------------------------------------------------
@@ -538,18 +540,24 @@ def test_models_about_an_estimate_are_refused_unless_declared():
     own = se.identify(some())
     cloud = own.draw(5, rng=1)
     with pytest.raises(InputError, match=r"scatters about an estimate from data.*independent=True"):
-        se.fuse(cloud, "alse", **opts(data=some(2), design="independent"))
+        se.fuse(cloud, "alse", data=some(2), noise=se.Noise(design="independent"))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
-        fused = se.fuse(cloud, "alse", **opts(data=some(2), design="independent", independent=True))
+        fused = se.fuse(
+            cloud, "alse", data=some(2), independent=True, noise=se.Noise(design="independent")
+        )
         assert fused.models.size == 5
         other = se.fuse(
-            [own, se.identify(some(3))], "alse", **opts(data=some(2), design="independent")
+            [own, se.identify(some(3))], "alse", data=some(2), noise=se.Noise(design="independent")
         )
         with pytest.raises(InputError, match=r"`ensemble\[1\]` was fitted on pairs"):
-            se.fuse([own, other], "alse", **opts(data=[some(2), some(4)], design="independent"))
+            se.fuse(
+                [own, other], "alse", data=[some(2), some(4)], noise=se.Noise(design="independent")
+            )
 
 
 def test_models_whose_squares_overflow_are_refused():
     with pytest.raises(NonFiniteError, match="overflow"):
-        se.fuse(ensemble(1e200 * MODELS), "alse", **opts(data=pairs(Z, Y), design="independent"))
+        se.fuse(
+            ensemble(1e200 * MODELS), "alse", data=pairs(Z, Y), noise=se.Noise(design="independent")
+        )

@@ -9,7 +9,6 @@ import pytest
 import scipy.linalg
 
 import stochens_rs as se
-from declarations import opts
 from hidden_systems import KINDS, drawn
 from stochens_rs.exceptions import InputError, SolverError
 
@@ -190,7 +189,7 @@ def test_a_guaranteed_gain_in_other_units():
     def of(unit):
         pairs = se.Trajectories.from_pairs(x / unit, u, y / unit)
         model = se.identify(
-            pairs, **opts(covariance=np.diag([0.05, 0.1]) ** 2 / unit[:, None] / unit)
+            pairs, noise=se.Noise(covariance=np.diag([0.05, 0.1]) ** 2 / unit[:, None] / unit)
         )
         weight = Q * unit[:, None] * unit
         return se.gain(model, weight, 1.0, guarantee=0.05), se.gain(model, 0.0, 1.0, guarantee=0.05)

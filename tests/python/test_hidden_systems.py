@@ -307,7 +307,7 @@ def looks(gen, system):
     n, m = system.B.shape
     runs, worst = measured(gen, system, known=True), np.zeros(2)
     stream = se.ModelStream(
-        n, m, **opts(covariance=runs.covariance, scale=scale(runs), delta=DELTA)
+        n, m, scale=scale(runs), delta=DELTA, noise=se.Noise(covariance=runs.covariance)
     )
     for first, last in ((0, 3), (3, 10), (10, 40)):
         for x, u in runs.data.runs[first:last]:

@@ -18,7 +18,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs._base.records import Record
 from stochens_rs.exceptions import NonFiniteError, ResourceError, StochensError
 from test_docs import PUBLIC
@@ -153,12 +152,12 @@ def runs():
 
 @cache
 def model():
-    return se.identify(runs(), **opts(design="independent"))
+    return se.identify(runs(), noise=se.Noise(design="independent"))
 
 
 @cache
 def to_improve():
-    known = se.identify(runs(), **opts(sigma=1.0, checks=False))
+    known = se.identify(runs(), checks=False, noise=se.Noise(sigma=1.0))
     return se.control(known, X0, XF, steps=2)
 
 
@@ -187,7 +186,7 @@ def read_model():
     u, x = gen.standard_normal((400, 2)), np.zeros((401, 2))
     for k in range(400):
         x[k + 1] = A @ x[k] + B @ u[k] + 0.01 * gen.standard_normal(2)
-    return se.identify(se.Trajectories(x, u, outputs=True), **opts(lags=1))
+    return se.identify(se.Trajectories(x, u, outputs=True), window=se.Window(lags=1))
 
 
 def reading_loop():
@@ -204,7 +203,7 @@ def proof():
         + 0.1 * np.random.default_rng(2).standard_normal((60, 2))
     )
     data = se.Trajectories.from_pairs(x, u, y)
-    return se.gain(se.identify(data, **opts(sigma=0.1)), 1.0, 1.0).certificate()
+    return se.gain(se.identify(data, noise=se.Noise(sigma=0.1)), 1.0, 1.0).certificate()
 
 
 TASK = loop()._task

@@ -80,7 +80,9 @@ RECORDS = {
     ),
     "NextRuns": (
         lambda: se.design(
-            se.control(se.identify(DATA, **opts(sigma=1.0)), X0, XF, steps=2), 3, limits=(-1.0, 1.0)
+            se.control(se.identify(DATA, noise=se.Noise(sigma=1.0)), X0, XF, steps=2),
+            3,
+            limits=(-1.0, 1.0),
         ),
         ["forecast", "not a bound", "<polyline"],
     ),

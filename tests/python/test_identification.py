@@ -171,7 +171,7 @@ def test_regions_of_unknown_noise_for_any_design_are_those_of_the_twin():
         # 1 - delta / (N (N + 1)) has 7 digits less
         check(region.radius, rg.radius(expected), rtol=1e-7 if anytime else 1e-9)
         assert np.isfinite(region.radius)
-    region = se.identify(data, **opts(covariance="scalar", scale=1.0)).region(
+    region = se.identify(data, scale=1.0, noise=se.Noise(covariance="scalar")).region(
         DELTA, method="mixture"
     )
     check(region.radius, rg.radius(at.scalar_noise(twin, DELTA, lams)), rtol=1e-9)
@@ -239,7 +239,7 @@ def test_single_known_entries_are_fitted_row_by_row():
     assert region.contains(model.A, model.B)
     assert not region.contains(model.A, model.B + np.array([[0.0], [1.0]]))
     assert (
-        se.identify(DATA, **opts(sigma=0.3, known_B=[[0.0], [np.nan]]))
+        se.identify(DATA, known_B=[[0.0], [np.nan]], noise=se.Noise(sigma=0.3))
         .region(DELTA)
         .contains(*TRUE)
     )
@@ -373,10 +373,10 @@ REFUSED = {
         "`design` must be 'adaptive' for runs of several steps",
     ),
     "sub-Gaussian": (
-        lambda: se.identify(DATA, **opts(noise="sub-gaussian")), "`sigma` must be given for"
+        lambda: se.identify(DATA, noise=se.Noise(law="sub-gaussian")), "`sigma` must be given for"
     ),
     "bounded": (
-        lambda: se.identify(DATA, **opts(noise="bounded", covariance=np.eye(2))),
+        lambda: se.identify(DATA, noise=se.Noise(law="bounded", covariance=np.eye(2))),
         "`sigma` must be given for law",
     ),
     "both": (
@@ -388,7 +388,8 @@ REFUSED = {
     "not symmetric": (lambda: fixed(covariance=[[1.0, 2.0], [0.0, 9.0]]), "must be symmetric"),
     "word": (lambda: fixed(covariance="ful"), "did you mean 'full'?"),
     "design": (
-        lambda: se.identify(DATA, **opts(design="open")), "`design` must be one of 'independent'"
+        lambda: se.identify(DATA, noise=se.Noise(design="open")),
+        "`design` must be one of 'independent'",
     ),
     "everything known": (
         lambda: fixed(known_A=np.eye(2), known_B=np.ones((2, 1))), "leave nothing to estimate"
@@ -508,8 +509,8 @@ def test_a_region_of_rounding_bounds_nothing_that_the_data_do_not_determine():
     exact = se.Trajectories.from_pairs(x, 0.0 * x, 2.0 * x)  # no residual
     still = se.Trajectories.from_pairs(0.0 * x, 0.0 * x, x)
     for region, known, rounding in (
-        (se.identify(exact, **opts(design="independent")).region(), [1.0], 1e-11),
-        (se.identify(still, **opts(sigma=0.1)).region(), [0.0], 0.0),
+        (se.identify(exact, noise=se.Noise(design="independent")).region(), [1.0], 1e-11),
+        (se.identify(still, noise=se.Noise(sigma=0.1)).region(), [0.0], 0.0),
     ):
         assert region.radius <= rounding
         assert region.bound(known, [0.0]) <= rounding

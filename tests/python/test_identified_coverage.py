@@ -143,10 +143,10 @@ def test_regions_for_any_design_hold_at_all_looks():
         now = np.zeros(4, dtype=bool)
         for N in (8, 20, 60, 150):
             data = se.Trajectories(x[: N + 1], u[:N])
-            known = se.identify(data, **opts(sigma=1.0, checks=False))
+            known = se.identify(data, checks=False, noise=se.Noise(sigma=1.0))
             unknown = se.identify(data, checks=False)
             pairs = se.Trajectories.from_pairs(*data.pairs())
-            exact = se.identify(pairs, **opts(design="independent", checks=False))
+            exact = se.identify(pairs, checks=False, noise=se.Noise(design="independent"))
             now |= [
                 misses(known.region(DELTA), Theta),
                 misses(unknown.region(DELTA, anytime=True), Theta),
@@ -171,7 +171,7 @@ def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
             states.append(x + 0.0)
             inputs.append(u)
         data = se.Trajectories(states, inputs).last_pairs()
-        model = se.identify(data, **opts(design="independent", checks=False))
+        model = se.identify(data, checks=False, noise=se.Noise(design="independent"))
         return misses(model.region(DELTA), Theta)
 
     exactly(failures(failed, runs, 93), runs)
@@ -192,7 +192,7 @@ def test_data_must_not_be_pooled_with_themselves():
     def failed(gen, Theta, z, y):
         data = se.Trajectories.from_pairs(z[:, :4], z[:, 4:], y)
         model = se.identify(
-            [data, data], **opts(design="independent", checks=False, accept=ACCEPTED)
+            [data, data], checks=False, accept=ACCEPTED, noise=se.Noise(design="independent")
         )
         return misses(model.region(DELTA), Theta)
 
@@ -219,7 +219,11 @@ def test_a_random_walk_with_offset_breaks_the_exact_region():
         x, u = np.cumsum(w, axis=0), gen.standard_normal((100, 1))
         data = se.Trajectories.from_pairs(x[:-1], u, x[1:])
         model = se.identify(
-            data, **opts(design="independent", intercept=True, known_B=[[0.0]], checks=False)
+            data,
+            intercept=True,
+            known_B=[[0.0]],
+            checks=False,
+            noise=se.Noise(design="independent"),
         )
         return not model.region(DELTA).contains([[1.0]], [[0.0]])
 
@@ -247,7 +251,7 @@ def test_states_read_with_error_break_the_region_and_warn():
     def case(gen):
         Theta, (x, u) = noisy_states(gen, 400, 0.3)
         pairs = se.Trajectories.from_pairs(x[:-1], u, x[1:])
-        model = se.identify(pairs, **opts(design="independent", checks=False))
+        model = se.identify(pairs, checks=False, noise=se.Noise(design="independent"))
         warned = "correlation at lag 1" in model.check(rng=1).failed(0.05)
         return misses(model.region(DELTA), Theta), warned
 

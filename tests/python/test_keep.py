@@ -11,7 +11,6 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from declarations import opts
 from stochens_rs.exceptions import InputError
 from stochens_rs.loops.keep import Kept
 from test_feedback import RIG, WEIGHTS
@@ -33,7 +32,9 @@ def model_of_runs(N, *, seed=1, noise=0.0005, declared=0.0005, accept=()):
         inputs.append(force)
     data = se.Trajectories(states, inputs, dt=0.1)
     scale = [0.1, 0.01, 0.1, 0.03, 1.0]
-    return se.identify(data, **opts(sigma=declared, scale=scale, accept=accept, checks=False))
+    return se.identify(
+        data, scale=scale, accept=accept, checks=False, noise=se.Noise(sigma=declared)
+    )
 
 
 def kept_loop(N, *, calls=60, limits=(-1.0, 1.0), **options):
@@ -65,7 +66,9 @@ def plant_loop(name, *, kept=True, N=100, calls=25):
     (n, m), gen = B.shape, np.random.default_rng(1)
     x, u = gen.standard_normal((N, n)), gen.standard_normal((N, m))
     y = x @ A.T + u @ B.T + 0.01 * gen.standard_normal((N, n))
-    model = se.identify(se.Trajectories.from_pairs(x, u, y), **opts(sigma=0.01, checks=False))
+    model = se.identify(
+        se.Trajectories.from_pairs(x, u, y), checks=False, noise=se.Noise(sigma=0.01)
+    )
     limits = se.Limits(u=(-inputs, inputs), x=(-states, states), soft=False)
     given = {"limits": limits, "cost": se.Cost(Q=1.0, R=0.1)}
     if kept:

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from hidden_systems import of_each_kind
 from limit_plans import within
 from limit_problems import draws, weight
@@ -207,7 +206,7 @@ def measured(gen, A, B, count, noise):
     x, u = gen.normal(size=(count, n)), gen.normal(size=(count, m))
     later = x @ A.T + u @ B.T + noise * gen.normal(size=(count, n))
     return se.identify(
-        se.Trajectories.from_pairs(x, u, later), **opts(design="independent", checks=False)
+        se.Trajectories.from_pairs(x, u, later), checks=False, noise=se.Noise(design="independent")
     )
 
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from limit_plans import WAYS, check, draw_case, exactly, within
 from limit_problems import draw_box, draw_map, weight
 from stochens_rs import _core
@@ -54,7 +53,7 @@ def test_a_model_with_an_offset(gen):
     x, u = gen.normal(size=(60, 2)), gen.normal(size=(60, 1))
     noise = 0.01 * gen.normal(size=(60, 2))
     data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + c + noise)
-    model = se.identify(data, **opts(intercept=True, design="independent"))
+    model = se.identify(data, intercept=True, noise=se.Noise(design="independent"))
     x0, xf, K = np.array([1.0, 2.0]), np.array([0.5, 0.0]), 5
     plan = se.control(model, x0, xf, steps=K, limits=(-0.4, 0.1), cost=se.Cost(Q=1.0, R=0.1))
     drift, at = [], np.zeros(2)

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from limit_plans import within
 from stochens_rs.limits.solution import loop_of
 
@@ -50,7 +49,7 @@ def test_the_true_system_keeps_hard_limits_of_a_plan_from_data(highest):
         z = gen.standard_normal((40, 3))
         y = z @ np.hstack([A, B]).T + 0.02 * gen.standard_normal((40, 2))
         data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
-        model = se.identify(data, **opts(design="independent", checks=False))
+        model = se.identify(data, checks=False, noise=se.Noise(design="independent"))
         sides = [-np.inf, -highest], [np.inf, highest]
         asked = {"steps": 8, "limits": (-6.0, 6.0), "state_limits": sides, "soft": False}
         plan = se.control(model, [1.0, 0.0], [0.0, 0.0], **within(**asked))
@@ -75,7 +74,7 @@ def test_hard_limits_without_room_for_the_tube_say_what_is_missing():
     noisy = se.Trajectories.from_pairs(
         z[:, :1], z[:, 1:], z.sum(1)[:, None] + gen.standard_normal((12, 1))
     )
-    model = se.identify(noisy, **opts(design="independent", checks=False))
+    model = se.identify(noisy, checks=False, noise=se.Noise(design="independent"))
     plan = se.control(
         model, [1.0], [0.0], steps=2, limits=se.Limits(u=(-3, 3), x=(-0.1, 0.1), soft=False)
     )

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs import cli
 from stochens_rs.exceptions import DataWarning, InputError
 
@@ -114,7 +113,7 @@ def test_least_squares_of_an_integer_log_with_lost_rows():
     table = {"y": y[1:], "y before": y[:-1], "u before": u[:-1], "u": u[1:]}
     data = se.Trajectories.from_table(table, states=list(table)[:3], inputs=["u"])
     assert data.size == 52
-    model = se.identify(data, **opts(exact=["y before", "u before"], checks=False))
+    model = se.identify(data, checks=False, noise=se.Noise(exact=["y before", "u before"]))
     found = np.hstack([model.A, model.B])[0, [0, 1, 3, 2]]
     expected = [1.18569387532, -0.4779681122702, 1.034331191496, 0.4330868101888]
     np.testing.assert_allclose(found, expected, rtol=1e-11)
@@ -136,7 +135,7 @@ def test_what_counts_runs_counts_no_pieces():
     assert len(data[1:3].pieces) == sum(one_step(run).count(False) for run in expected[1:3])
     assert data[1:3].lengths.tolist() == [len(run) for run in expected[1:3]]
     with pytest.raises(InputError, match="must be 'adaptive' for runs of several steps"):
-        se.identify(data, **opts(design="independent"))
+        se.identify(data, noise=se.Noise(design="independent"))
     with pytest.warns(DataWarning, match="pairs are equal to others to the last digit"):
         pooled = se.identify([data, data], checks=False).data
     assert (len(pooled), len(pooled.pieces)) == (8, 2 * len(data.pieces))

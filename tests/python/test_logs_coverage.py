@@ -43,7 +43,7 @@ def test_adaptive_regions_hold_with_rows_lost_by_chance():
         data = read([(0, run)], gen, 0.1)
         assert len(data.pieces) > 5
         return [
-            missed(se.identify(data, **opts(sigma=1.0, checks=False)), Theta),
+            missed(se.identify(data, checks=False, noise=se.Noise(sigma=1.0)), Theta),
             missed(se.identify(data, checks=False), Theta),
         ]
 
@@ -56,7 +56,7 @@ def test_last_pairs_of_runs_with_gaps_have_the_exact_region():
     def failed(gen):
         made = [tuned(gen, 8) for _ in range(12)]
         data = read([(r, run) for r, (_, run) in enumerate(made)], gen, 0.1)
-        model = se.identify(data.last_pairs(), **opts(design="independent", checks=False))
+        model = se.identify(data.last_pairs(), checks=False, noise=se.Noise(design="independent"))
         return missed(model, made[0][0])
 
     exactly(failures(failed, runs, 302), runs)
@@ -77,9 +77,11 @@ def test_pieces_taken_for_runs_have_no_exact_region():
         ends = np.cumsum(data.pieces) - 1
         assert data.pieces.tolist() == [1] * 50
         with pytest.raises(InputError, match="`design` must be 'adaptive'"):
-            se.identify(data, **opts(design="independent"))
+            se.identify(data, noise=se.Noise(design="independent"))
         pairs = se.Trajectories.from_pairs(*(one[ends] for one in data.pairs()))
-        model = se.identify(pairs, **opts(design="independent", intercept=True, checks=False))
+        model = se.identify(
+            pairs, intercept=True, checks=False, noise=se.Noise(design="independent")
+        )
         return not model.region(DELTA).contains(np.eye(n), B, np.zeros(n))
 
     assert failures(failed, runs, 304) > stats.binom.ppf(1 - ALARM, runs, 2 * DELTA)

@@ -7,7 +7,6 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import at_most, sets
-from declarations import opts
 from stochens_rs.exceptions import SolverError
 
 A, B = np.array([[1.05, 0.3], [-0.1, 0.9]]), np.array([[0.0], [0.4]])
@@ -39,7 +38,7 @@ def test_what_is_certified_at_any_look_is_stable(design):
     gen, found, missed, unstable = np.random.default_rng(1), 0, 0, 0
     count = sets(100, 15)
     for _ in range(count):
-        stream = se.ModelStream(2, 1, **opts(sigma=0.3, delta=0.1, design=design))
+        stream = se.ModelStream(2, 1, delta=0.1, noise=se.Noise(sigma=0.3, design=design))
         look = first_certified(stream, gen, 40 if design == "adaptive" else 14)
         if look is None:
             continue
@@ -53,7 +52,7 @@ def test_what_is_certified_at_any_look_is_stable(design):
 
 
 def test_the_forecast_and_the_words():
-    gen, stream = np.random.default_rng(2), se.ModelStream(2, 1, **opts(sigma=0.3))
+    gen, stream = np.random.default_rng(2), se.ModelStream(2, 1, noise=se.Noise(sigma=0.3))
     stream.update(*pairs(gen, 30))
     K = se.gain((A, B), 1.0, 1.0).K
     look = stream.look(gain=K)
@@ -68,6 +67,6 @@ def test_the_forecast_and_the_words():
     assert later.proof.region.delta == stream.model.delta
     tube = later.proof.tube([1.0, 0.0], 10, noise=0.05)
     assert np.isfinite(tube.radii).all()
-    one = se.ModelStream(2, 1, **opts(sigma=0.3))
+    one = se.ModelStream(2, 1, noise=se.Noise(sigma=0.3))
     one.update(*pairs(gen, 1))
     assert one.look(gain=K).forecast == np.inf

@@ -11,7 +11,6 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from declarations import opts
 from hidden_outputs import Arx, Belt
 from stochens_rs import _core
 from stochens_rs.controls import rest as resting
@@ -28,7 +27,7 @@ TAKEN = "rejected 3 times in a row: now taken for true"
 def belt():
     plant = Belt()
     data = plant.data(8, np.random.default_rng(1))
-    model = se.identify(data, **opts(filters=(0.6, 4), accept="memory", checks=False))
+    model = se.identify(data, accept="memory", checks=False, window=se.Window(filters=(0.6, 4)))
     return plant, model, se.gain(model, [100.0, 1.0], 1.0)
 
 
@@ -38,7 +37,7 @@ def loops(belt):
     _, model, gain = belt
     x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
     states = se.identify(
-        se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.05 * w), **opts(sigma=0.05)
+        se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.05 * w), noise=se.Noise(sigma=0.05)
     )
     one = se.gain(states, 1.0, 1.0)
     cost, far = se.Cost(Q=[1.0, 0.01], R=0.1), np.array(TARGET)
@@ -155,7 +154,9 @@ def test_true_readings_pass_the_gate_as_often_as_said(monkeypatch):
     for seed in range(8):
         rng = np.random.default_rng([11, seed])
         system = Arx(rng)
-        model = se.identify(system.data(14, 50, rng), **opts(lags=system.lags, checks=False))
+        model = se.identify(
+            system.data(14, 50, rng), checks=False, window=se.Window(lags=system.lags)
+        )
         own, J, window = gate.gate_of(model), model._loop.J, model.window
         for noise in rejected:
             y, u = system.run(20, rng)
@@ -177,7 +178,7 @@ def test_true_readings_pass_the_gate_as_often_as_said(monkeypatch):
 
 def test_the_gate_stands_where_the_tests_of_the_log_withhold_certificates(belt):
     _, model, _ = belt
-    doubted = se.identify(model.data, **opts(filters=(0.6, 4), checks=False))
+    doubted = se.identify(model.data, checks=False, window=se.Window(filters=(0.6, 4)))
     assert "memory" in doubted._faults
     given = np.ones(model.window.length), np.ones(2), np.ones(2, dtype=bool), None
     one, other = (gate.gate_of(m).excess(given[1], given[0], *given[2:]) for m in (model, doubted))
@@ -363,7 +364,9 @@ def test_the_nearest_point_of_rest_is_within_the_limits():
     y, u = np.zeros((300, 1)), rng.standard_normal((299, 1))
     for t in range(299):
         y[t + 1] = 0.5 * y[t] + u[t] + 0.05 * rng.standard_normal(1)
-    model = se.identify(se.Trajectories([y], [u], outputs=True), **opts(lags=1, checks=False))
+    model = se.identify(
+        se.Trajectories([y], [u], outputs=True), checks=False, window=se.Window(lags=1)
+    )
     gain = se.gain(model, 1.0, 1.0)
     assert se.regulate(gain, offset_free=True, target=[2.0]).log == ()
     with pytest.raises(InputError, match=r"the nearest is \(.*held by the limit of u\[0\]"):
@@ -418,7 +421,9 @@ def test_true_points_of_rest_are_not_refused():
         if system.p <= system.m:
             continue
         count += 1
-        model = se.identify(system.data(14, 50, rng), **opts(lags=system.lags, checks=False))
+        model = se.identify(
+            system.data(14, 50, rng), checks=False, window=se.Window(lags=system.lags)
+        )
         A, B = system.A.sum(axis=0), system.B.sum(axis=0)
         y = np.linalg.lstsq(np.eye(system.p) - A, B @ np.ones(system.m), rcond=None)[0]
         away = np.linalg.svd(np.hstack([np.eye(system.p) - A, -B]))[0][:, -1] * np.linalg.norm(y)
@@ -439,7 +444,9 @@ def test_control_weighs_inputs_from_those_that_hold_the_target():
     y, u = np.zeros((400, 1)), 30.0 * rng.standard_normal((399, 1))
     for t in range(399):
         y[t + 1] = 0.9 * y[t] + 0.1 * u[t] + 0.01 * rng.standard_normal(1)
-    model = se.identify(se.Trajectories([y], [u], outputs=True), **opts(lags=1, checks=False))
+    model = se.identify(
+        se.Trajectories([y], [u], outputs=True), checks=False, window=se.Window(lags=1)
+    )
     for limits in (None, (-20.0, 80.0)):
         plan = se.control(
             model, record="rest", target=[50.0], steps=120, cost=se.Cost(Q=1.0, R=1.0),

@@ -45,14 +45,20 @@ def identify(data: se.Trajectories, **options) -> se.Model:
 NAN = np.nan
 MODELS = {
     "plain": lambda: identify(runs()),
-    "independent": lambda: identify(pairs(**NAMED), **opts(design="independent", checks=False)),
-    "intercept": lambda: identify(runs(), **opts(intercept=True, sigma=0.1, scale=[1.0, 2.0, 3.0])),
-    "known columns": lambda: identify(runs(), **opts(known_B=B, covariance="diagonal")),
+    "independent": lambda: identify(
+        pairs(**NAMED), checks=False, noise=se.Noise(design="independent")
+    ),
+    "intercept": lambda: identify(
+        runs(), intercept=True, scale=[1.0, 2.0, 3.0], noise=se.Noise(sigma=0.1)
+    ),
+    "known columns": lambda: identify(runs(), known_B=B, noise=se.Noise(covariance="diagonal")),
     "known entries": lambda: identify(runs(), known_A=[[NAN, 0.2], [NAN, NAN]]),
-    "covariance": lambda: identify(runs(), **opts(covariance=[[0.01, 0.001], [0.001, 0.02]])),
-    "sub-gaussian": lambda: identify(runs(), **opts(noise="sub-gaussian", sigma=0.2)),
-    "bounded": lambda: identify(runs(), **opts(noise="bounded", sigma=1e-60)),
-    "scalar": lambda: identify(pairs(), **opts(design="independent", covariance="scalar")),
+    "covariance": lambda: identify(
+        runs(), noise=se.Noise(covariance=[[0.01, 0.001], [0.001, 0.02]])
+    ),
+    "sub-gaussian": lambda: identify(runs(), noise=se.Noise(law="sub-gaussian", sigma=0.2)),
+    "bounded": lambda: identify(runs(), noise=se.Noise(law="bounded", sigma=1e-60)),
+    "scalar": lambda: identify(pairs(), noise=se.Noise(design="independent", covariance="scalar")),
     "rank deficient": lambda: identify(pairs(2)),
 }
 

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs import _core
 from test_typical import A, B, data
 
@@ -102,7 +101,7 @@ def test_the_forecast_and_what_is_gained() -> None:
     gen, ratios, gains = np.random.default_rng(2), [], []
     for seed in range(40):
         before = data(6, 8, seed=100 + seed)
-        model = se.identify(before, **opts(sigma=0.1, checks=False))
+        model = se.identify(before, checks=False, noise=se.Noise(sigma=0.1))
         plan = se.control(model, [1.0, 0.5], [0.0, 0.0], steps=5)
         more = se.design(plan, 20, limits=(-1.0, 1.0), x0=[0.0, 0.0])
         assert more.forecast[0] == pytest.approx(plan.bound().target, rel=1e-12)
@@ -114,7 +113,7 @@ def test_the_forecast_and_what_is_gained() -> None:
                 x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + 0.1 * gen.standard_normal((20, 2))
             states = [*(x for x, _ in before.runs), *x]
             both = se.Trajectories(states, [*(u for _, u in before.runs), *u])
-            later = se.identify(both, **opts(sigma=0.1, checks=False))
+            later = se.identify(both, checks=False, noise=se.Noise(sigma=0.1))
             found.append(se.control(later, [1.0, 0.5], [0.0, 0.0], steps=5).bound().target)
         ratios.append(found[0] / more.forecast[-1])
         gains.append(found[0] / found[1])

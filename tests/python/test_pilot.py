@@ -45,7 +45,7 @@ def test_a_plan_near_the_reference() -> None:
     assert bound.largest == "quantile"
     assert "reference fixed" in bound.assumption
     assert "runs 0 to 2" in bound.assumption
-    plain = se.identify(runs(), **opts(sigma=PLANT.sigma, checks=False))
+    plain = se.identify(runs(), checks=False, noise=se.Noise(sigma=PLANT.sigma))
     other = se.control(plain, PLANT.x0, PLANT.xf, steps=10).bound(0.05)
     assert bound.target < other.target / 3
     # without a reference, or for other steps, that of any plan: between the two
@@ -93,7 +93,7 @@ def test_limits_keep_their_comparison() -> None:
 def test_every_pilot() -> None:
     data = runs()
     near = (A * 1.02, B)
-    older = se.identify(runs(40, 5), **opts(sigma=PLANT.sigma, checks=False))
+    older = se.identify(runs(40, 5), checks=False, noise=se.Noise(sigma=PLANT.sigma))
     for pilot in (3, 0.1, near, se.System(*near), older):
         bound = _bound(data, pilot=pilot, reference=TASK)
         assert np.isfinite(bound.target)
@@ -129,7 +129,10 @@ def test_a_pilot_that_says_nothing() -> None:
     still = se.Trajectories(states, [0.0 * run[1] for run in data.runs])
     with pytest.warns(se.exceptions.DataWarning):
         model = se.identify(
-            still, **opts(sigma=PLANT.sigma, pilot=(A, B), reference=TASK, checks=False)
+            still,
+            checks=False,
+            noise=se.Noise(sigma=PLANT.sigma),
+            pilot=se.Pilot((A, B), reference=TASK),
         )
     assert any("pilot" in text for text in model.warnings)
     assert model.region(0.05).radius == np.inf
@@ -167,9 +170,12 @@ def test_a_singular_known_covariance() -> None:
         inputs.append(u)
     data, known = se.Trajectories(states, inputs), root @ root.T
     with pytest.raises(InputError, match="positive definite"):
-        se.identify(data, **opts(covariance=known, checks=False))
+        se.identify(data, checks=False, noise=se.Noise(covariance=known))
     model = se.identify(
-        data, **opts(covariance=known, pilot=0.1, reference=TASK, exact=[0, 1, 2, 3], checks=False)
+        data,
+        checks=False,
+        noise=se.Noise(covariance=known, exact=[0, 1, 2, 3]),
+        pilot=se.Pilot(0.1, reference=TASK),
     )
     bound = se.control(model, PLANT.x0, PLANT.xf, steps=10).bound(0.05)
     plan = se.control(model, PLANT.x0, PLANT.xf, steps=10)
@@ -178,7 +184,9 @@ def test_a_singular_known_covariance() -> None:
     assert model.region(0.05).contains(A, B)
     assert plan.bound(0.05, noise=True).target < np.inf
     with pytest.raises(InputError, match="positive semidefinite"):
-        se.identify(data, **opts(covariance=known - 1e-8 * np.eye(4), pilot=0.1, checks=False))
+        se.identify(
+            data, checks=False, noise=se.Noise(covariance=known - 1e-8 * np.eye(4)), pilot=0.1
+        )
 
 
 @pytest.mark.parametrize("units", [1.0, np.array([1e-9, 1.0, 1e7, 3.0])])

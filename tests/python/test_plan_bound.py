@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs._base.types import DELTA
 from stochens_rs.cli._control import control_command as command
 from stochens_rs.exceptions import InputError
@@ -366,9 +365,9 @@ def certificates():
         gen.standard_normal((60, 3)),
     )
     x_next = x @ A.T + u @ B.T + 0.1 * w
-    few = se.ModelStream(3, 2, **opts(sigma=0.1))
+    few = se.ModelStream(3, 2, noise=se.Noise(sigma=0.1))
     few.update(x[:2], u[:2], x_next[:2])
-    model = se.identify(se.Trajectories.from_pairs(x, u, x_next), **opts(sigma=0.1))
+    model = se.identify(se.Trajectories.from_pairs(x, u, x_next), noise=se.Noise(sigma=0.1))
     x0, xf, matrix = ensembles()
     weights, hard = se.Cost(Q=1.0, R=1.0), se.Limits(x=(-9.0, 9.0), soft=False)
     stream = se.DataStream(B, ranges={"x0": 9.0})

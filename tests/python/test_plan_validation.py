@@ -15,7 +15,6 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from declarations import opts
 from hidden_systems import KINDS, drawn
 from stochens_rs.exceptions import InputError, ShapeError, SizeError
 from stochens_rs.theory import scenario
@@ -315,7 +314,7 @@ def test_what_the_numbers_would_be_void_for_is_refused() -> None:
     data = se.Trajectories(states, np.random.default_rng(1).standard_normal((20, 4, 1)))
     z = np.random.default_rng(1).standard_normal((30, 5))
     pairs = se.Trajectories.from_pairs(z[:, :2], z[:, 2:3], z[:, 3:])
-    model = se.identify(pairs, **opts(design="independent", sigma=1.0))
+    model = se.identify(pairs, noise=se.Noise(design="independent", sigma=1.0))
     estimated = se.steer((A, B), [1.0, 0.0], [0.0, 0.0], 100, steps=4, rng=1)
     off = se.control(model, se.Uncertain([1.0, 0.0], 0.1), [0.0, 0.0], steps=4)
     one = se.System(A, B)
@@ -352,7 +351,7 @@ def test_a_prediction_and_the_units_of_its_model() -> None:
     z = gen.standard_normal((200, 3))
     after = z[:, :2] @ A.T + z[:, 2:] @ B.T + sigma * gen.standard_normal((200, 2))
     data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], after)
-    model = se.identify(data, **opts(design="independent", sigma=sigma))
+    model = se.identify(data, noise=se.Noise(design="independent", sigma=sigma))
     plan = se.predict(model, [1.0, 0.0], np.ones((6, 1)))
     runs = np.tile([1.0, 0.0], (40, 7, 1))
     for k in range(6):

@@ -147,7 +147,9 @@ def test_rest_is_that_of_the_twin(how, delay, intercept):
 
 def test_a_plant_that_is_declared_to_be_at_rest():
     rng = np.random.default_rng(2)
-    model = se.identify(Rig().data(40, rng), **opts(lags=8, accept="memory", checks=False))
+    model = se.identify(
+        Rig().data(40, rng), accept="memory", checks=False, window=se.Window(lags=8)
+    )
     cost = se.Cost(Q=[1.0, 1.0], R=0.01)
     plan = se.control(model, record="rest", target=[0.1, 0.0], steps=60, cost=cost)
     assert "declared: the plant was at rest" in plan.bound(0.05).assumption
@@ -229,7 +231,7 @@ def test_readings_are_in_the_tubes_of_the_plans_of_a_loop():
 def test_loops_of_long_windows_are_certified(filters):
     """Up to 30 states that nearly depend on each other: .35, .62 and .74 of 1 by frequencies."""
     data = Rig().data(200, np.random.default_rng(1))
-    model = se.identify(data, **opts(filters=filters, accept="memory", checks=False))
+    model = se.identify(data, accept="memory", checks=False, window=se.Window(filters=filters))
     gain = se.gain(model, [1.0, 1.0], 0.01)
     for proof in (gain.certificate(0.05), se.regulate(gain, offset_free=True).certificate(0.05)):
         assert proof.status == "certified"

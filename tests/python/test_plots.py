@@ -16,7 +16,6 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
 from stochens_rs.plots.certificates import draw_residuals
 
@@ -112,7 +111,7 @@ def identified(n=2, runs=20, sigma=0.01):
         x[:, k + 1] = x[:, k] @ A.T + u[:, k] @ B.T + sigma * rng.standard_normal((runs + 1, n))
     names = [f"state {i}" for i in range(n)]
     data = se.Trajectories(x, u, dt=0.1, state_names=names)
-    return se.identify(data[:runs], **opts(sigma=sigma, checks=n < 5)), data[runs]
+    return se.identify(data[:runs], checks=n < 5, noise=se.Noise(sigma=sigma)), data[runs]
 
 
 def test_residuals_of_many_states_and_pairs_and_of_none():

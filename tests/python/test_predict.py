@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 
 A, B, C = np.array([[0.9, 0.3], [-0.2, 1.05]]), np.array([[0.0], [1.0]]), np.array([0.1, 0.0])
 
@@ -27,7 +26,9 @@ def runs(rng, count, offset=0.0, steps=6, sigma=0.05):
 @pytest.mark.parametrize("intercept", [False, True])
 def test_the_bounds_are_those_of_a_plan_with_these_inputs(intercept):
     x, u = runs(np.random.default_rng(1), 20, offset=intercept)
-    model = se.identify(se.Trajectories(x, u), **opts(sigma=0.05, intercept=intercept, scale=1.0))
+    model = se.identify(
+        se.Trajectories(x, u), intercept=intercept, scale=1.0, noise=se.Noise(sigma=0.05)
+    )
     plan = se.control(model, [1.0, 0.0], [0.0, 0.5], steps=4)
     same = se.predict(model, [1.0, 0.0], plan.u)
     assert np.array_equal(same.predicted_states, plan.predicted_states)
@@ -52,7 +53,9 @@ def test_tubes_contain_whole_runs_under_feedback():
     left, small = 0, 0
     for seed in range(300):
         x, u = runs(np.random.default_rng(seed), 13)
-        model = se.identify(se.Trajectories(x[:12], u[:12]), **opts(sigma=0.05, checks=False))
+        model = se.identify(
+            se.Trajectories(x[:12], u[:12]), checks=False, noise=se.Noise(sigma=0.05)
+        )
         plan = se.predict(model, x[12, 0], u[12])
         off = np.linalg.norm(x[12] - plan.predicted_states, axis=1)
         tube = plan.bound(0.05, noise=True).tube
@@ -64,7 +67,7 @@ def test_tubes_contain_whole_runs_under_feedback():
 
 def test_an_uncertain_start_widens_the_tube():
     x, u = runs(np.random.default_rng(1), 20)
-    model = se.identify(se.Trajectories(x, u), **opts(sigma=0.05))
+    model = se.identify(se.Trajectories(x, u), noise=se.Noise(sigma=0.05))
     sharp = se.predict(model, [0.0, 0.0], u[0]).bound().tube
     wide = se.predict(model, se.Uncertain([0.0, 0.0], 0.1), u[0]).bound().tube
     assert wide[0] == 0.1
@@ -73,7 +76,7 @@ def test_an_uncertain_start_widens_the_tube():
 
 def test_no_argument_is_modified_or_kept():
     x, u = runs(np.random.default_rng(1), 20)
-    model = se.identify(se.Trajectories(x, u), **opts(sigma=0.05))
+    model = se.identify(se.Trajectories(x, u), noise=se.Noise(sigma=0.05))
     start, inputs = np.array([1.0, 0.0]), np.ones((2, 1))
     plan = se.predict(model, start, inputs)
     start[:], inputs[:] = 7.0, 7.0
@@ -85,13 +88,15 @@ def test_entry_bounds_of_known_entries_and_missing_directions():
     x, u = runs(np.random.default_rng(1), 20)
     x, u = x[:, :2], u[:, :1]
     known = np.array([[0.9, np.nan], [np.nan, np.nan]])
-    model = se.identify(se.Trajectories(x, u), **opts(known_A=known, sigma=0.05, checks=False))
+    model = se.identify(
+        se.Trajectories(x, u), known_A=known, checks=False, noise=se.Noise(sigma=0.05)
+    )
     bounds = model.region(0.05).entry_bounds
     assert bounds[0, 0] == 0.0
     assert np.all(bounds.ravel()[1:] > 0.0)
     x[:, 1] -= u[:, 0] @ B.T
     still = se.Trajectories(x, 0.0 * u)
     with pytest.warns(se.exceptions.DataWarning, match="do not determine"):
-        region = se.identify(still, **opts(sigma=0.05, checks=False)).region(0.05)
+        region = se.identify(still, checks=False, noise=se.Noise(sigma=0.05)).region(0.05)
     assert np.all(np.isinf(region.entry_bounds[:, 2]))
     assert np.all(np.isfinite(region.entry_bounds[:, :2]))

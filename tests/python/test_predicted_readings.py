@@ -156,7 +156,7 @@ def test_the_misses_of_drawn_models_are_from_what_is_predicted():
 def test_a_model_of_states_takes_no_record():
     z = np.random.default_rng(1).standard_normal((40, 3))
     data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], 0.5 * z[:, :1] + 0.1 * z[:, 2:])
-    model = se.identify(data, **opts(sigma=0.1, checks=False))
+    model = se.identify(data, checks=False, noise=se.Noise(sigma=0.1))
     with pytest.raises(InputError, match="`record` must be left out: it is for models of outputs"):
         se.predict(model, [1.0], [[0.0]], record="rest")
     with pytest.raises(InputError, match="`x0` must be the initial state, got None"):

@@ -12,7 +12,6 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from declarations import opts
 from hidden_outputs import Arx, Rig
 from stochens_rs._base import show as html
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
@@ -24,7 +23,9 @@ def arx(seed, runs=14, steps=50):
     """A system, a model of it, a record, and the source of its noise."""
     rng = np.random.default_rng([7, seed])
     system = Arx(rng)
-    model = se.identify(system.data(runs, steps, rng), **opts(lags=system.lags, checks=False))
+    model = se.identify(
+        system.data(runs, steps, rng), checks=False, window=se.Window(lags=system.lags)
+    )
     return system, model, system.run(20, rng), rng
 
 
@@ -88,7 +89,9 @@ def test_an_offset_in_the_model():
     for t in range(1, 399):
         w = 0.02 * rng.standard_normal(1)
         y[t + 1] = 1.1 * y[t] - 0.3 * y[t - 1] + u[t] + 0.4 + w
-    model = se.identify(se.Trajectories([y], [u], outputs=True), **opts(lags=2, intercept=True))
+    model = se.identify(
+        se.Trajectories([y], [u], outputs=True), intercept=True, window=se.Window(lags=2)
+    )
     plan = se.control(model, record=(y[-9:], u[-8:]), target=[1.0], steps=6, limits=(-2.0, 2.0))
     np.testing.assert_allclose(plan.predicted_outputs[-2:, 0], 1.0, atol=1e-5)
     loop = se.regulate(model, 10, offset_free=False, target=[1.0], cost=se.Cost(Q=[1.0], R=1.0))
@@ -102,7 +105,7 @@ def test_filters():
     _, _, record, rng = arx(3)
     system = Arx(np.random.default_rng([7, 3]))
     data = system.data(14, 80, rng)
-    model = se.identify(data, **opts(filters=(0.3, system.lags + 2), checks=False))
+    model = se.identify(data, checks=False, window=se.Window(filters=(0.3, system.lags + 2)))
     record = system.run(60, rng)
     plan = se.control(model, record=record, steps=8, limits=(-3.0, 3.0))
     ahead = model._H @ model._loop.J @ np.concatenate([plan.predicted_states[0], plan.u[0]])
@@ -117,7 +120,7 @@ def test_filters_that_fill_too_slowly_are_refused_at_once(filters):
     data = arx(3)[1].data
     began = time.perf_counter()
     with pytest.raises(InputError, match=r"`filters` must be a pole .* got \(0\.\d+, \d+\)"):
-        se.identify(data, **opts(filters=filters, checks=False))
+        se.identify(data, checks=False, window=se.Window(filters=filters))
     assert time.perf_counter() - began < 1.0
 
 
@@ -143,7 +146,7 @@ def plant(system, loop, steps, rng=None, force=0.0, noise=0.0, missing=()):
 
 
 def test_mismatched_plants_rest_at_the_target():
-    """50 plants, in `make test` 15, off by 3 % from their models; a constant of .3 at the inputs."""
+    """50 plants, in `make test` 15, 3 % off their models; a constant of .3 at the inputs."""
     rested, plants = 0, sets(50, 15)
     for seed in range(plants):
         system, model, _, rng = arx(seed, runs=6)
@@ -179,7 +182,7 @@ def rig_loop(model, policy, offset_free, seed=2, **options):
 @pytest.fixture(scope="module")
 def rig_model():
     data = Rig().data(40, np.random.default_rng(1))
-    return se.identify(data, **opts(lags=8, accept="memory", checks=False))
+    return se.identify(data, accept="memory", checks=False, window=se.Window(lags=8))
 
 
 def test_a_constant_force_on_the_rig(rig_model):
@@ -312,7 +315,9 @@ def test_gains_of_outputs():
 def test_the_widest_margin_of_long_windows(lags, intercept):
     """Their states nearly depend on each other: the proof needs more room for its rounding."""
     data = Rig().data(40, np.random.default_rng(2))
-    model = se.identify(data, **opts(lags=lags, intercept=intercept, accept="memory", checks=False))
+    model = se.identify(
+        data, intercept=intercept, accept="memory", checks=False, window=se.Window(lags=lags)
+    )
     loop = se.gain(model)
     proof = loop.certificate(0.05)
     assert proof.status == "certified"
@@ -330,7 +335,9 @@ def test_a_chosen_window_that_is_refuted_points_to_a_shorter_one():
     assert f"; careful: the data chose the window of {model.window.text}: a shorter" in repr(proof)
     assert f"declared beforehand (as {few}), has a smaller region" in proof.warnings[0]
     assert proof.warnings[1:] == model.warnings
-    declared = se.identify(data, **opts(lags=model.window.count, accept="memory", checks=False))
+    declared = se.identify(
+        data, accept="memory", checks=False, window=se.Window(lags=model.window.count)
+    )
     proof = se.gain(declared, [1.0, 10.0], 0.01).certificate(0.05)
     assert proof.status == "refuted"
     assert proof.warnings == declared.warnings
@@ -339,7 +346,7 @@ def test_a_chosen_window_that_is_refuted_points_to_a_shorter_one():
 def test_windows_in_statements_about_states():
     """A window is known exactly; the tube is that of the mean of the readings."""
     data = Rig().data(40, np.random.default_rng(2))
-    model = se.identify(data, **opts(lags=8, accept="memory", checks=False))
+    model = se.identify(data, accept="memory", checks=False, window=se.Window(lags=8))
     proof = se.gain(model, [1.0, 10.0], 0.01).certificate(0.05)
     record = data.last_record()
     with pytest.raises(InputError, match=r"got a record: pass the window, model.window.state_of"):
@@ -347,7 +354,9 @@ def test_windows_in_statements_about_states():
     x = model.window.state_of(*record)
     assert np.isfinite(proof.tube(x, 10).reach).all()
     assert proof.holds((-10.0, 10.0), x) > 0.0
-    offset = se.identify(data, **opts(lags=8, accept="memory", intercept=True, checks=False))
+    offset = se.identify(
+        data, accept="memory", intercept=True, checks=False, window=se.Window(lags=8)
+    )
     with pytest.raises(InputError, match="`holds` needs a loop that rests at 0"):
         se.gain(offset, [1.0, 10.0], 0.01).certificate(0.05).holds((-10.0, 10.0), x)
 
@@ -402,7 +411,7 @@ def test_from_a_folder_of_logs_to_a_certified_loop(tmp_path):
 
     columns = {"outputs": ["pos", "angle"], "inputs": ["force"], "time": "time"}
     data = se.Trajectories.from_csv(tmp_path, **columns, dt=0.02)
-    model = se.identify(data, **opts(lags=8, accept="memory", checks=False))
+    model = se.identify(data, accept="memory", checks=False, window=se.Window(lags=8))
     loop = se.regulate(se.gain(model, [1.0, 10.0], 0.01), limits=(-8.0, 8.0), offset_free=True)
     assert loop.certificate(0.05).status == "certified"
 
@@ -451,7 +460,9 @@ def test_what_is_not_bounded_is_infinite():
     for k in range(8):
         y.append([x[0] + 0.01 * gen.standard_normal()])
         x = A @ x + B[:, 0] * u[min(k, 6)]
-    model = se.identify(se.Trajectories(np.array(y), u, outputs=True), **opts(lags=2, checks=False))
+    model = se.identify(
+        se.Trajectories(np.array(y), u, outputs=True), checks=False, window=se.Window(lags=2)
+    )
     plan = se.control(model, record=(y[-5:], u[-4:]), target=[0.3], steps=6)
     bound = plan.bound(0.05)
     assert bound.target == bound.parts["noise"] == np.inf

@@ -54,7 +54,7 @@ def model(**options: Any) -> se.Model:
 
 
 def snapshot() -> Any:
-    stream = se.ModelStream(2, 1, **opts(sigma=0.1))
+    stream = se.ModelStream(2, 1, noise=se.Noise(sigma=0.1))
     rows = data()._rows
     stream.update(rows[:, :2], rows[:, 2:3], rows[:, 3:])
     return stream.model
@@ -75,7 +75,9 @@ def control(A_: Any = A, x0: Any = X0, xf: Any = XF, **options: Any) -> se.Plan:
 
 
 def fused() -> Any:
-    return se.fuse([(A, B), (0.9 * A, B)], "alse", **opts(data=data(), design="independent"))
+    return se.fuse(
+        [(A, B), (0.9 * A, B)], "alse", data=data(), noise=se.Noise(design="independent")
+    )
 
 
 PLANS = {

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs.exceptions import InputError
 from test_records import PARTS, PLANS, SYSTEM, X0, A, B, data, key
 
@@ -123,7 +122,7 @@ def test_a_fit_and_a_model() -> None:
     np.testing.assert_array_equal(made["weights"], fit.weights)
     assert made.attrs["key"] == key("A").hex
     assert PARTS["fit per column"]().to_xarray()["weights"].dims == ("realization", "column")
-    model = se.identify(data(), **opts(design="independent", intercept=True))
+    model = se.identify(data(), intercept=True, noise=se.Noise(design="independent"))
     found = model.to_xarray()
     np.testing.assert_array_equal(found["A"].sel(state="x[1]", from_state="x[0]"), model.A[1, 0])
     np.testing.assert_array_equal(found["B"].sel(input="u[0]"), model.B[:, 0])

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from limit_plans import within
 from limit_problems import draw_steps
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
@@ -287,7 +286,7 @@ def test_the_active_limits_survive_a_swap():
 
 def test_a_model_of_a_stream_swaps_in():
     gen = np.random.default_rng(3)
-    stream = se.ModelStream(2, 1, **opts(sigma=0.01))
+    stream = se.ModelStream(2, 1, noise=se.Noise(sigma=0.01))
     x = np.zeros(2)
     for _ in range(60):
         u = gen.normal(size=1)

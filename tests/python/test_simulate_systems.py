@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs.exceptions import InputError
 
 
@@ -115,7 +114,7 @@ def test_models_of_a_bootstrap_are_run():
     gen = np.random.default_rng(8)
     x, u, w = gen.standard_normal((3, 400, 1))
     data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
-    model = se.identify(data, **opts(design="independent", sigma=0.1))
+    model = se.identify(data, noise=se.Noise(design="independent", sigma=0.1))
     models = model.draw(20_000, rng=1)
     found = se.simulate_ensemble(models, [1.0], [[2.0]])
     V = np.hstack([x, u]).T @ np.hstack([x, u])

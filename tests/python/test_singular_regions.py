@@ -14,7 +14,6 @@ import pytest
 import hidden_systems as hidden
 import stochens_rs as se
 from coverage_study import DELTA, at_most, exactly, failures
-from declarations import opts
 
 UNITS = np.array([1e8, 1e-8, 1.0, 1e4])
 RUNS = 80
@@ -49,7 +48,7 @@ def a_run(gen, noise, units, T=120):
 def test_the_true_system_is_in_as_often_as_said(noise, units):
     def outside(gen):
         A, B, data = pairs(gen, noise, units)
-        model = se.identify(data, **opts(design="independent", checks=False))
+        model = se.identify(data, checks=False, noise=se.Noise(design="independent"))
         rows = model.region(DELTA, components=True)
         return [not model.region(DELTA).contains(A, B), not rows.contains(A, B)]
 
@@ -78,7 +77,9 @@ def test_membership_does_not_depend_on_units_nor_accept_what_is_far():
         for units in (None, UNITS, 1.0 / UNITS):
             gen = np.random.default_rng([92, seed])
             A, B, data = pairs(gen, "one_force", units)
-            region = se.identify(data, **opts(design="independent", checks=False)).region(DELTA)
+            region = se.identify(data, checks=False, noise=se.Noise(design="independent")).region(
+                DELTA
+            )
             S, size = region.parts[0].S, np.ones(4) if units is None else units
             noise = np.sqrt(np.diag(S))
             null = np.linalg.eigh(S / noise[:, None] / noise)[1][:, 0]
@@ -101,7 +102,7 @@ def test_the_widening_by_rounding_holds_in_rationals():
         y = np.array([[float(v) for v in row] for row in exact])
         y[:, 0] += gen.standard_normal(300)
         data = se.Trajectories.from_pairs(z[:, :2], z[:, 2:], y)
-        model = se.identify(data, **opts(design="independent", checks=False))
+        model = se.identify(data, checks=False, noise=se.Noise(design="independent"))
         region = model.region(DELTA, components=True)
         # the error of the second state at a z, in rationals, within what the region says
         for _ in range(20):
@@ -119,7 +120,7 @@ def test_residual_tests_of_singular_noise_have_their_level_and_never_raise():
 
     def fires(gen):
         _, _, data = pairs(gen, "one_force", UNITS, N=24)
-        checks = se.identify(data, **opts(design="independent")).check(19, rng=gen)
+        checks = se.identify(data, noise=se.Noise(design="independent")).check(19, rng=gen)
         return [p <= 0.0501 for p in checks.p_values.values()]
 
     exactly(failures(fires, 200, 94), 200)
@@ -128,7 +129,9 @@ def test_residual_tests_of_singular_noise_have_their_level_and_never_raise():
         for units in (None, UNITS):
             data = pairs(np.random.default_rng(95), noise, units)[2]
             found.append(
-                list(se.identify(data, **opts(design="independent")).checks.p_values.values())
+                list(
+                    se.identify(data, noise=se.Noise(design="independent")).checks.p_values.values()
+                )
             )
         np.testing.assert_allclose(*found, atol=0.0041)
 

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs._base.running import interruptible
 from stochens_rs.exceptions import InputError
 
@@ -42,7 +41,7 @@ def test_calls_in_threads_give_what_they_give_alone():
     data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.01 * w)
 
     def work(_=0):
-        model = se.identify(data, **opts(sigma=0.01))
+        model = se.identify(data, noise=se.Noise(sigma=0.01))
         plan = se.control(model, [1.0, 0.0], [0.0, 0.0], steps=8, limits=(-5.0, 5.0))
         drawn = se.sample(A, 2000, rng=2)
         fit = se.fuse(drawn, "alse", target=A)
@@ -68,7 +67,7 @@ def test_one_object_in_many_threads():
 
 
 def test_pairs_from_many_threads_are_all_counted_or_refused():
-    stream, refused = se.ModelStream(2, 1, **opts(sigma=0.1)), []
+    stream, refused = se.ModelStream(2, 1, noise=se.Noise(sigma=0.1)), []
 
     def work(k):
         rng = np.random.default_rng(k)
@@ -128,7 +127,7 @@ def test_one_plan_and_one_model_are_asked_by_many_threads():
         return np.array([*found, *model.A.flat, *model.covariance.flat]).tobytes()
 
     def fresh():
-        model = se.identify(data, **opts(sigma=0.01))
+        model = se.identify(data, noise=se.Noise(sigma=0.01))
         return model, se.control(model, [1.0, 0.0], [0.0, 0.0], steps=5)
 
     shared = fresh()
@@ -141,7 +140,7 @@ def test_a_child_forked_while_a_thread_computes_a_value(monkeypatch):
     """What a record computes once is no lock of its class, which the child would wait for."""
     x, u, w = np.split(np.random.default_rng(1).standard_normal((60, 5)), [2, 3], axis=1)
     data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.01 * w)
-    one, other = (se.identify(data, **opts(sigma=0.01, checks=False)) for _ in range(2))
+    one, other = (se.identify(data, checks=False, noise=se.Noise(sigma=0.01)) for _ in range(2))
     began, end = threading.Event(), threading.Event()
 
     def slow(model):

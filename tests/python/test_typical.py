@@ -113,7 +113,7 @@ def test_it_stands_beside_the_certificate(tmp_path) -> None:
 def test_where_no_law_is_known_it_is_refused() -> None:
     model = planned().basis.model
     few = se.identify(data(2, 3), checks=False)
-    stream = se.ModelStream(2, 1, **opts(sigma=0.1))
+    stream = se.ModelStream(2, 1, noise=se.Noise(sigma=0.1))
     stream.update(data())
     gen = np.random.default_rng(1)
     with warnings.catch_warnings():
@@ -122,7 +122,9 @@ def test_where_no_law_is_known_it_is_refused() -> None:
         noisy = se.identify(
             se.Trajectories(x + gen.standard_normal(x.shape), [u for _, u in data(40, 10).runs])
         )
-        same = se.identify(se.Trajectories([np.ones((5, 2))], [np.ones((4, 1))]), **opts(sigma=1.0))
+        same = se.identify(
+            se.Trajectories([np.ones((5, 2))], [np.ones((4, 1))]), noise=se.Noise(sigma=1.0)
+        )
     assert noisy.warnings
     for plan, text in (
         (se.control((A, B), [1.0, 0.0], [0.0, 0.0], steps=3), "a model by `identify`"),

@@ -66,7 +66,7 @@ def test_systems_with_lags_and_feedback():
         system = hidden_arx(gen)
         data = se.Trajectories(*arx_runs(gen, system, 10, 70), outputs=True)
         lags = system[2] + 2 * (seed % 2)
-        model = se.identify(data, **opts(lags=lags, checks=False))
+        model = se.identify(data, checks=False, window=se.Window(lags=lags))
         assert np.isfinite(model.region(0.05).radius)
         misses += missed(model, padded(system, lags))
     at_most(misses, runs)
@@ -105,7 +105,7 @@ def test_systems_with_filters():
                 break
         # starts at rest, the first reading and input 0: the filters are exact from the first row
         data = se.Trajectories(*filter_runs(gen, window, Theta, 10, 90, 0.3), outputs=True)
-        model = se.identify(data, **opts(filters=(pole, r), checks=False))
+        model = se.identify(data, checks=False, window=se.Window(filters=(pole, r)))
         misses += missed(model, Theta)
     at_most(misses, runs)
 
@@ -129,7 +129,7 @@ def share_of_late_inputs(declared, sets_, accept=()):
                 inputs.append(np.array(u[delay:]))
             data = se.Trajectories(states, inputs)
             model = se.identify(
-                data, **opts(delay=delay if declared else 0, accept=accept, checks=False)
+                data, accept=accept, checks=False, window=se.Window(delay=delay if declared else 0)
             )
             region = model.region(0.05)
             missed_ += region.bounded and not region.contains(system.A, system.B)
@@ -188,7 +188,7 @@ def share_missed(lags, count, accept=(), **options):
         if lags * len(system[2]) < len(system[0]):
             continue
         data = state_runs(gen, system, 15, 120, **options)
-        model = se.identify(data, **opts(lags=lags, accept=accept, checks=False))
+        model = se.identify(data, accept=accept, checks=False, window=se.Window(lags=lags))
         misses += missed(model, unbiased(*system, lags)[0])
         found += 1
     return misses / found
@@ -228,7 +228,9 @@ def test_a_controller_that_sees_what_is_not_logged_breaks_every_region():
         system = A, np.array([[0.0], [1.0]]), np.array([[1.0, 0.0]]), 0.1 * np.eye(2), np.eye(1)
         gain = np.array([[0.1, 0.5]])
         data = state_runs(gen, system, 15, 120, unlogged=gain)
-        misses += missed(se.identify(data, **opts(lags=12, checks=False)), unbiased(*system, 12)[0])
+        misses += missed(
+            se.identify(data, checks=False, window=se.Window(lags=12)), unbiased(*system, 12)[0]
+        )
     assert misses / runs > 0.4
 
 

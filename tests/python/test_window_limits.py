@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from declarations import opts
 from stochens_rs import _core
 from stochens_rs.identification import Regressors
 from stochens_rs.identification.assumptions import ACCEPTED
@@ -73,7 +72,7 @@ def test_the_smallest_tube_over_all_lags_is_no_choice():
         y, u = data.last_record()
         found = []
         for lags in range(1, 9):
-            model = se.identify(data, **opts(lags=lags, accept=ACCEPTED, checks=False))
+            model = se.identify(data, accept=ACCEPTED, checks=False, window=se.Window(lags=lags))
             x0 = model.window.state_of(y[:-10], u[:-10])
             around = model._loop.ABc, model._loop.J, model._loop.G, model.m
             core = model.region(0.05)._core
@@ -102,7 +101,10 @@ def test_filters_need_a_burn_in_units_of_the_noise():
             Regressors(("y",), ("u",), r, pole, 0, False, 31)._rows(data)[1], Theta, sigma
         )
         misses += missed(
-            se.identify(data, **opts(filters=(pole, r), sigma=sigma, checks=False)), Theta
+            se.identify(
+                data, checks=False, noise=se.Noise(sigma=sigma), window=se.Window(filters=(pole, r))
+            ),
+            Theta,
         )
     assert short > 0.9 * 20
     assert misses == 0

@@ -92,7 +92,7 @@ def test_the_loop_predicts_as_the_window_does(kind, sizes):
 
 
 def test_oracle_of_lags():
-    model = se.identify(one_run(), **opts(lags=2, scale=1.0, checks=False))
+    model = se.identify(one_run(), scale=1.0, checks=False, window=se.Window(lags=2))
     block = model._blocks[0]
     H = [1.204062117397, -0.4862093371455, 1.018049204415, 0.4159845872933]
     np.testing.assert_allclose(model._H[0], H, rtol=1e-10)
@@ -128,7 +128,7 @@ def test_oracle_of_lost_rows():
     keep = np.setdiff1d(np.arange(61), [10, 11, 30])
     table = {name: column[keep] for name, column in table.items()}
     data = se.Trajectories.from_table(table, outputs=["y"], inputs=["u"], time="t")
-    model = se.identify(data, **opts(lags=2, scale=1.0, checks=False))
+    model = se.identify(data, scale=1.0, checks=False, window=se.Window(lags=2))
     H = [1.18569387532, -0.4779681122702, 1.034331191496, 0.4330868101888]
     np.testing.assert_allclose(model._H[0], H, rtol=1e-10)
     np.testing.assert_allclose(model._blocks[0].S, 0.957983156482, rtol=1e-10)
@@ -148,7 +148,7 @@ def test_oracle_of_filters():
 
 
 def test_model_of_outputs_has_the_matrices_of_its_window():
-    model = se.identify(arx(np.random.default_rng(1)), **opts(lags=2))
+    model = se.identify(arx(np.random.default_rng(1)), window=se.Window(lags=2))
     a, b, c, d = model._H[0]
     np.testing.assert_array_equal(model.A, [[a, b, d], [1, 0, 0], [0, 0, 0]])
     np.testing.assert_array_equal(model.B, [[c], [0], [1]])
@@ -171,7 +171,7 @@ def test_records_that_do_not_fill_the_window_are_refused():
     with pytest.raises(
         InputError, match="needs pieces of more than 59 pairs, but the longest has 11"
     ):
-        se.identify(arx(np.random.default_rng(1), steps=10), **opts(lags=60))
+        se.identify(arx(np.random.default_rng(1), steps=10), window=se.Window(lags=60))
 
 
 def test_oracle_of_a_tail():
@@ -204,7 +204,7 @@ def test_a_declared_tail_widens_the_region_and_is_printed(tmp_path):
     data = arx(np.random.default_rng(1))
     regions = []
     for tail in (0.0, 0.05):
-        model = se.identify(data, **opts(lags=2, tail=tail))
+        model = se.identify(data, window=se.Window(lags=2, tail=tail))
         model.save(tmp_path / f"{tail}.safetensors")
         assert se.Model.load(tmp_path / f"{tail}.safetensors").assumptions.tail == tail
         regions.append(model.region(0.05))
@@ -213,10 +213,10 @@ def test_a_declared_tail_widens_the_region_and_is_printed(tmp_path):
     assert "tail" not in regions[0].assumption
     for bad in (-1.0, np.nan, np.inf, "much"):
         with pytest.raises(se.exceptions.StochensError, match="tail"):
-            se.identify(data, **opts(lags=2, tail=bad))
+            se.identify(data, window=se.Window(lags=2, tail=bad))
     pairs = se.Trajectories.from_pairs([[1.0], [2.0]], [[1.0], [0.0]], [[0.0], [1.0]])
     with pytest.raises(InputError, match="`tail` must be 0"):
-        se.identify(pairs, **opts(design="independent", tail=0.1))
+        se.identify(pairs, noise=se.Noise(design="independent"), window=se.Window(tail=0.1))
 
 
 # -- which window --------------------------------------------------------------------------------
@@ -228,7 +228,9 @@ def test_the_first_part_alone_chooses():
     one, other = arx(gen, runs=12), arx(gen, runs=12)
     runs = [*one.runs[:4], *other.runs[4:]]
     mixed = se.Trajectories(*map(list, zip(*runs, strict=True)), outputs=True)
-    models = [se.identify(data, **opts(order="auto", checks=False)) for data in (one, mixed)]
+    models = [
+        se.identify(data, checks=False, window=se.Window(order="auto")) for data in (one, mixed)
+    ]
     assert models[0].window == models[1].window
     assert models[0].first == models[1].first == -(-one.size // 4)
 
@@ -256,7 +258,7 @@ def test_delays_are_found(delay):
         outputs.append(np.array(y)[:, None])
         inputs.append(u[:, None])
     data = se.Trajectories(outputs, inputs, outputs=True)
-    model = se.identify(data, **opts(delay=(0, 4), checks=False))
+    model = se.identify(data, checks=False, window=se.Window(delay=(0, 4)))
     assert model.window.delay == delay
     assert model.window.count == np.ceil(1.5 * model.window.found) + 1
 
@@ -278,7 +280,9 @@ def test_units_of_readings_make_no_difference(scale):
         ),
         outputs=True,
     )
-    plain, scaled = (se.identify(one, **opts(lags=3, checks=False)) for one in (data, other))
+    plain, scaled = (
+        se.identify(one, checks=False, window=se.Window(lags=3)) for one in (data, other)
+    )
     bounds = [one.region(0.05).entry_bounds[0] for one in (plain, scaled)]
     units = np.array([1, 1, 1, scale, scale, scale])
     np.testing.assert_allclose(bounds[1] / units, bounds[0], rtol=1e-6)
@@ -315,7 +319,8 @@ def test_states_with_a_dead_time(delay, noise):
     H = np.linalg.lstsq(np.vstack(Z), np.vstack(Y), rcond=None)[0].T
     np.testing.assert_allclose(model._H, H, rtol=1e-8, atol=1e-10)
     assert (
-        se.identify(data, **opts(delay=(0, 5), intercept=True, checks=False)).window.delay == delay
+        se.identify(data, intercept=True, checks=False, window=se.Window(delay=(0, 5))).window.delay
+        == delay
     )
     loop = se.gain(model, 1.0, 1.0)
     assert loop.certificate(0.05).status == "certified"
@@ -331,9 +336,9 @@ def test_states_with_a_dead_time(delay, noise):
         x = A @ x + B @ ((u[k - delay] if k >= delay else 0.0) + np.array([3.0]))
     assert np.abs(x).max() < 0.05
     with pytest.raises(InputError, match="`known_A` must be left out with `delay`"):
-        se.identify(data, **opts(delay=1, known_A=A))
+        se.identify(data, known_A=A, window=se.Window(delay=1))
     with pytest.raises(InputError, match="`pilot` must be left out with `delay`"):
-        se.identify(data, **opts(delay=1, pilot=0.5))
+        se.identify(data, window=se.Window(delay=1), pilot=0.5)
 
 
 def test_rows_that_hold_the_state_after_its_input():
@@ -343,10 +348,10 @@ def test_rows_that_hold_the_state_after_its_input():
         [x[1:] for x, _ in data.runs], [u[:-1] for _, u in data.runs],
         state_names=["p", "v"], input_names=["F"],
     )  # fmt: skip
-    model = se.identify(moved, **opts(delay=-1, intercept=True, checks=False))
+    model = se.identify(moved, intercept=True, checks=False, window=se.Window(delay=-1))
     for (x, u), (before, acted) in zip(model.data.runs, data.runs, strict=True):
         np.testing.assert_array_equal(x, before[1:-1])
         np.testing.assert_array_equal(u, acted[1:-1])
     assert model.window is None
     with pytest.raises(InputError, match="`delay` of -1 needs runs of two steps"):
-        se.identify(data.last_pairs(), **opts(delay=-1))
+        se.identify(data.last_pairs(), window=se.Window(delay=-1))

@@ -70,7 +70,7 @@ def counted(root: Path = ROOT) -> dict[str, tuple[int, int]]:
         parts = path.relative_to(root / "rust").parts
         room = parts[0] if len(parts) > 1 else "*.rs"
         code, tests = rust_lines(path.read_text(encoding="utf-8"))
-        if "tests" in path.with_suffix("").parts:
+        if "tests" in (*parts[:-1], path.stem):
             code, tests = 0, code + tests
         if code:
             add(("core", f"core/{room}"), code)

@@ -233,11 +233,12 @@ def test_loops_of_long_windows_are_certified(filters):
     data = Rig().data(200, np.random.default_rng(1))
     model = se.identify(data, accept="memory", checks=False, window=se.Window(filters=filters))
     gain = se.gain(model, [1.0, 1.0], 0.01)
-    for proof in (gain.certificate(0.05), se.regulate(gain, offset_free=True).certificate(0.05)):
+    proofs = gain.certificate(0.05), se.regulate(gain, offset_free=True).certificate(0.05)
+    for number, proof in enumerate(proofs):
         assert proof.status == "certified"
         assert proof.check()
         assert proof.norm < 1.2 * proof.least
-        if filters == (0.7, 7):  # in rational numbers
+        if filters == (0.7, 7) and number < sets(2, 1):  # in rational numbers
             part, (n, d) = proof.region.parts[0], proof.region.centre.shape
             W, S = np.zeros((len(part.white), d)), np.zeros((n, n))
             W[:, part.columns], S[np.ix_(part.rows, part.rows)] = part.white, part.S

@@ -108,7 +108,6 @@ def test_after_discarding_only_the_bound_of_2011_holds() -> None:
     assert np.mean(risk > scenario.relaxed(N, r + d, beta)[1]) > 0.2
 
 
-
 def allowed(fleets, beta=BETA):
     """The share that an event of probability beta exceeds three times in two thousand."""
     return beta + 3.0 * math.sqrt(beta * (1.0 - beta) / fleets)
@@ -127,7 +126,9 @@ def test_binomial_tails_are_incomplete_betas(N, d, beta):
         twin.hold_out(N, k, beta), stats.beta.isf(beta, k + 1, N - k), rtol=1e-10
     )
     # nothing was discarded: the form for discarded units is the one before the data
-    np.testing.assert_allclose(twin.discarding(N, 0, d, beta), twin.a_priori(N, d, beta), rtol=1e-12)
+    np.testing.assert_allclose(
+        twin.discarding(N, 0, d, beta), twin.a_priori(N, d, beta), rtol=1e-12
+    )
 
 
 # -- coverage --------------------------------------------------------------------------------------

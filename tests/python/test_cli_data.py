@@ -121,29 +121,6 @@ def changed(lines, row, column, text):
     return [*lines[:row], ",".join(cells), *lines[row + 1 :]]
 
 
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        (lambda lines: changed(lines, 40, 2, "fast"), ["'angle'", "'fast'", "line 41"]),
-        (lambda lines: changed(lines, 40, 4, "inf"), ["torque", "inf", "r1"]),
-        (lambda lines: changed(lines, 40, 1, "9.9"), ["must increase", "r1"]),
-        (lambda lines: changed(lines, 40, 1, "soon"), ["'t'", "'soon'", "line 41", "dates"]),
-        (lambda lines: changed(lines, 40, 0, ""), ["'run'", "line 41"]),
-        (lambda lines: [*lines[:40], "r1,3.0"], ["2 cells, not 5", "line 41"]),
-        (lambda lines: ["run,t,angle,angle,torque", *lines[1:]], ["'angle' twice"]),
-        (lambda lines: lines[:1], ["no rows"]),
-        (lambda lines: [""], ["empty"]),
-        (lambda lines: [*lines, 'r9,"0.0'], ["2 cells"]),
-    ],
-)
-def test_bad_tables_are_named(table, lines, capsys, change, words):
-    table.write_text("\n".join(change(lines)))
-    error = failed(capsys, "identify", table, *OPTIONS)
-    assert str(table) in error
-    for word in words:
-        assert word in error
-
-
 def test_a_forgotten_by_is_named(table, lines, capsys):
     error = failed(capsys, "identify", table, *COLUMNS, "--time", "t")
     assert "another run begins: cut the log there, or give --by for its runs" in error
@@ -175,32 +152,6 @@ def test_bounds_that_say_nothing_come_with_a_cure(table, lines, capsys):
     found = ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01)
     assert "measure more runs, or declare --last-pairs --design" in found["warnings"][-1]
     assert "--sigma" not in found["warnings"][-1]
-
-
-def test_a_model_is_known_by_its_content(table, tmp_path, capsys):
-    file = tmp_path / "m.state"
-    ran(capsys, "identify", table, *OPTIONS, "--out", file)
-    where = ["control", file, "--from", "1,0", "--steps"]
-    assert ran(capsys, *where, 2)["certificate"] is not None
-    with pytest.raises(se.exceptions.InputError, match="a saved object"):
-        se.cases.from_file(file)
-    for options in ([], ["--sigma", 0.01], ["--last-pairs", "--design", "independent"]):
-        file.unlink()
-        ran(capsys, "identify", table, *OPTIONS, *options, "--out", file)
-        assert ran(capsys, *where, 2, "--noise")["certificate"]["quantities"]["target"][
-            "method"
-        ].endswith("with noise")
-    # the noise to come has no bound: said in options
-    file.unlink()
-    how = {"states": ["angle", "rate"], "inputs": ["torque"], "by": "run", "time": "t"}
-    data = se.Trajectories.from_csv(table, **how)
-    se.identify(data, known_B=[[0.0], [np.nan]], checks=False).save(file)
-    error = failed(capsys, *where, 2, "--noise")
-    for word in ("--sigma S", "--last-pairs --design independent"):
-        assert word in error
-    se.ModelStream(1, 1).save(tmp_path / "stream.state")
-    assert cli.main(["control", str(tmp_path / "stream.state"), "--from", "1,0"]) == 5
-    assert "pairs" in capsys.readouterr().err
 
 
 def test_from_runs_to_a_certified_control(table, tmp_path, capsys):
@@ -257,17 +208,6 @@ def test_control_from_readings(read, tmp_path, capsys):
     bound = se.control(model, record=record, target=[0.1], steps=6, limits=(-1, 1)).bound(0.05)
     assert f"{bound} {bound['last']}" in text
     assert "the record happened" in text
-
-
-def test_the_record_is_written_as_any_other_file(read, tmp_path, capsys):
-    file, now = read
-    where = ["control", file, "--steps", 6, "--record"]
-    lines = now.read_text().replace(",", ";").replace(".", ",")
-    now.write_text("of the rig\n" + lines)
-    again = ran(capsys, *where, now, "--sep", ";", "--decimal", ",", "--skip", 1, "--time", "t")
-    now.write_text("\n".join(rows(1, 11, seed=5)) + "\n")
-    assert again["u"] == ran(capsys, *where, now, "--time", "t")["u"]
-    assert "--sep must be one character" in failed(capsys, *where, now, "--sep", "::")
 
 
 def test_the_record_is_what_follows_on_each_other(read, tmp_path, capsys):

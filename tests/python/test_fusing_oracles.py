@@ -277,14 +277,6 @@ def test_closed_form_for_the_exact_target(engine: Any) -> None:
         assert_allclose(sub.error**2, np.sum(w[~seen] ** 2), rtol=1e-12, atol=1e-28 * np.sum(w**2))
 
 
-def test_alse_of_nothing(engine: Any) -> None:
-    """A zero vector: every sample is 0, the weights are uniform, the error is that of 0."""
-    result = engine.singleton([0, 0, 0], np.zeros(2), "alse")
-    assert result.error == 0.0
-    assert result.estimate.tolist() == [0.0, 0.0]
-    assert_allclose(result.weights, np.full(3, 1 / 3), rtol=1e-15)
-
-
 def test_weights_are_on_the_simplex_whatever_the_sizes() -> None:
     """Targets far beyond or below the realizations: weights, and a status that is their gap's.
 

@@ -54,8 +54,8 @@ x600 = se.Ensemble.from_samples(np.ones((20_000 if {needs_exact} else 2, 600)))
 many600 = np.zeros(600)
 A600 = np.ones((600, 600))
 A300 = np.random.default_rng(3).standard_normal((300, 300))
-wide = se.sample(A300, 3900, rng=4)
-A1200 = np.random.default_rng(5).standard_normal((1200, 1200))
+wide = se.sample(A300, 3900 if {needs_wide} else 2, rng=4)
+A1200 = np.random.default_rng(5).standard_normal((1200,) * 2 if {needs_1200} else (2, 2))
 A30 = np.random.default_rng(0).standard_normal((30, 30))
 written = se.sample(A30, 1850 if {needs_dense} else 2, rng=3).dense()  # more than a second
 dense = se.Ensemble.from_samples(written)
@@ -113,6 +113,8 @@ def test_interrupt(name: str) -> None:
         call=LONG_CALLS[name],
         needs_big=name in ("dense", "slse", "controls"),
         needs_fed=name == "confidence",
+        needs_wide=name == "wide path",
+        needs_1200="A1200" in LONG_CALLS[name],
         needs_hard=name.startswith("alse"),
         needs_dense=name.startswith("dense"),
         needs_exact=name == "exact matrices",

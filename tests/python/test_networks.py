@@ -402,24 +402,6 @@ def test_bad_machines_are_refused(machines, error, text):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize(
-    ("text", "found"),
-    [
-        ("", "is empty"),
-        ("bus,H,D,xd1\n", "has no rows below the names of its columns"),
-        ("bus,H,D,xd1\n1,2,3\n", "has 3 cells, not 4, in line 2"),
-        ("bus,H,D,xd1\n1,2,3,\n", "must have numbers in column 'xd1', got '' in line 2"),
-        ("bus,H,H,xd1\n1,2,3,4\n", "has the column 'H' twice"),
-        ("bus,H,D\n1,2,3\n", "xd1 is missing"),
-    ],
-)
-def test_bad_csv_is_refused(tmp_path, text, found):
-    path = tmp_path / "machines.csv"
-    path.write_text(text)
-    with pytest.raises(InputError, match=re.escape(found)):
-        se.cases.from_matpower(NINE, path)
-
-
 def test_bus_without_generator_is_refused():
     case = copy.deepcopy(NINE)
     case["bus"] = np.vstack([case["bus"], case["bus"][0]])

@@ -174,39 +174,6 @@ def test_scales() -> None:
 # -- files and the command line --------------------------------------------------------------------
 
 
-def test_problems_from_files(tmp_path: Path) -> None:
-    np.savez(tmp_path / "a.npz", A=SYSTEM.A, B=SYSTEM.B, x0=X0, dt=0.5)
-    found = se.cases.from_file(tmp_path / "a.npz")
-    assert found.system == se.System(SYSTEM.A, SYSTEM.B, dt=0.5)
-    assert np.array_equal(found.x0, X0)
-    assert found.xf is None
-    text = json.dumps({"A": SYSTEM.A.tolist(), "B": SYSTEM.B.tolist(), "xf": XF.tolist()})
-    (tmp_path / "a.json").write_text(text)
-    found = se.cases.from_file(tmp_path / "a.json")
-    assert np.array_equal(found.xf, XF)
-    assert found.x0 is None
-
-
-@pytest.mark.parametrize(
-    ("name", "content", "words"),
-    [
-        ("a.json", b"{", "JSON"),
-        ("a.json", b"[1]", "JSON object"),
-        ("a.json", b'{"A": [[1]]}', "B is missing"),
-        ("a.json", b'{"A": [[1]], "B": [[1]], "C": 1}', "'C'"),
-        ("a.json", b'{"A": [[1]], "B": [["x"]]}', "`B`"),
-        ("a.npz", b"not a zip", "archive of numeric arrays"),
-        ("a.json", b"\xff\xfe", "JSON"),
-        ("a.json", b"[" * 100_000, "JSON"),
-        ("a.json", b'{"A": [[' + b"1" * 5000 + b']], "B": [[1]]}', "JSON"),
-    ],
-)
-def test_bad_files_are_refused(tmp_path: Path, name: str, content: bytes, words: str) -> None:
-    (tmp_path / name).write_bytes(content)
-    with pytest.raises((InputError, InputTypeError), match=words):
-        se.cases.from_file(tmp_path / name)
-
-
 def test_damaged_archives_are_refused(tmp_path: Path) -> None:
     np.savez_compressed(tmp_path / "a.npz", A=GEN.standard_normal((30, 30)), B=np.eye(30))
     whole, gen = (tmp_path / "a.npz").read_bytes(), np.random.default_rng(1)

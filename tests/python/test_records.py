@@ -294,44 +294,6 @@ def test_a_loaded_fit_goes_into_control_as_the_saved_one(tmp_path: Path) -> None
 
 # -- any values ------------------------------------------------------------------------------------
 
-FLOATS = st.floats(allow_nan=True, allow_infinity=True)
-PLAIN = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(-(2**63) + 1, 2**63 - 1),
-    FLOATS,
-    st.text(),
-    st.sampled_from(["nan", "inf", "type", "array"]),
-    arrays.arrays(
-        st.sampled_from([np.float64, np.int64, np.int8, np.bool_, np.uint8, np.uint16, np.uint32]),
-        arrays.array_shapes(min_dims=0, max_dims=3, min_side=0, max_side=3),
-    ),
-    st.binary(min_size=32, max_size=32).map(se.Key),
-)
-NAMES = st.one_of(st.text(), st.just("type"))
-INFO = st.dictionaries(
-    NAMES,
-    st.recursive(
-        PLAIN,
-        lambda inner: st.one_of(
-            st.lists(inner, max_size=3),
-            st.lists(inner, max_size=3).map(tuple),
-            st.dictionaries(NAMES, inner, max_size=3),
-        ),
-        max_leaves=8,
-    ),
-    max_size=4,
-)
-
-
-@given(INFO)
-def test_any_entries_of_a_dict_come_back(info: dict[str, Any]) -> None:
-    plan = replace(EXACT, info=info)
-    text = json.dumps(plan.to_dict(), allow_nan=False)
-    assert canonical(se.Plan.from_dict(json.loads(text)).info) == canonical(info)
-    sections = plan._to_sections()
-    assert canonical(se.Plan._from_sections(dict(sections)).info) == canonical(info)
-
 
 def canonical(value: Any) -> str:
     """A text that tells types and values apart; all nan are one, as JSON has it."""

@@ -205,9 +205,6 @@ def test_trajectories(name, K, axis):
         assert np.sqrt((errors**2).mean()) == pytest.approx(radius, rel=0.25)
 
 
-# -- the paper's statements ------------------------------------------------------------------------
-
-
 # -- what the comparison is worth ------------------------------------------------------------------
 
 

@@ -1,9 +1,8 @@
 """Weights against independent solutions: exact rationals, enumeration, a QP by all supports.
 
-Each fact is checked through two engines: the NumPy twin and the public API. Sections: the exact
-values of SLSE and where it loses to the uniform mean; what is true of SLSE instead (Lemma 4.5,
-corrected); the closed form of ALSE (Lemma 4.4, corrected) against quadratic programs; the coupon
-law; the order of the methods on every path; every p-norm at once.
+The reference in NumPy has the same weights (`test_against_reference`). Sections: errors of every
+prefix; the closed form of ALSE (Lemma 4.4, corrected) against quadratic programs; the order of the
+methods on every path.
 """
 
 from __future__ import annotations
@@ -31,33 +30,8 @@ class Result(NamedTuple):
     error: float
 
 
-class Twin:
-    """The reference, with the two calls used below."""
-
-    def dense(self, samples: Any, method: str, target: Any, weight_set: str = "simplex") -> Result:
-        E = np.asarray(samples, dtype=float)
-        more = {"weight_set": weight_set} if method == "alse" else {}
-        fused = twin.fusing.METHODS[method](E, target, **more)
-        return Result(fused.estimate, fused.weights, fused.error)
-
-    def singleton(
-        self, indices: Any, w: Any, method: str, target: Any = None, weight_set: str = "simplex"
-    ) -> Result:
-        atoms, goal = twin.atoms(w), np.asarray(w if target is None else target, dtype=float)
-        if method == "alse" and np.ndim(w) == 1:
-            fused = twin.alse_singleton(indices, atoms, goal, weight_set)
-            return Result(fused.estimate, fused.weights, fused.error)
-        return self.dense(twin.dense(indices, atoms), method, goal, weight_set)
-
-    def errors(self, samples: Any, method: str, target: Any) -> Array:
-        return twin.fuse_path(samples, np.arange(1, len(samples) + 1), method, target=target)
-
-    def singleton_errors(self, indices: Any, w: Any, method: str) -> Array:
-        return self.errors(twin.dense(indices, twin.atoms(w)), method, w)
-
-
-class Api:
-    """The same calls through the package."""
+class Engine:
+    """The calls used below."""
 
     def dense(self, samples: Any, method: str, target: Any, weight_set: str = "simplex") -> Result:
         ensemble = se.Ensemble.from_samples(np.asarray(samples, dtype=float))
@@ -83,9 +57,9 @@ class Api:
         return np.asarray(path.errors)
 
 
-@pytest.fixture(params=[Twin, Api], ids=["twin", "api"])
-def engine(request: pytest.FixtureRequest) -> Any:
-    return request.param()
+@pytest.fixture
+def engine() -> Engine:
+    return Engine()
 
 
 # --- exact arithmetic -----------------------------------------------------------------------------
@@ -130,9 +104,6 @@ def sequences(w: Sequence[int], N: int) -> Iterator[tuple[tuple[int, ...], Fract
         for i in idx:
             p *= Fraction(abs(w[i]), gamma)
         yield idx, p
-
-
-# --- SLSE: exact values, and where it loses -------------------------------------------------------
 
 
 # --- SLSE: what is true ---------------------------------------------------------------------------
@@ -352,9 +323,6 @@ def test_projections_are_projections() -> None:
         q = twin.project_subsimplex(tau)
         clipped = np.maximum(tau, 0)
         assert_allclose(q, clipped if clipped.sum() <= 1 else p, atol=1e-15)
-
-
-# --- the coupon law -------------------------------------------------------------------------------
 
 
 # --- every p-norm at once -------------------------------------------------------------------------

@@ -256,9 +256,6 @@ def test_missing_directions_of_states_make_steps_infinite(gen, gain):
     assert np.isinf(found[1][2])
 
 
-# -- the input with the smallest certificate -------------------------------------------------------
-
-
 # -- replicates ------------------------------------------------------------------------------------
 
 KEY = bytes(range(32))

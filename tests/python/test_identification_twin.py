@@ -1,4 +1,4 @@
-"""Identification in plain NumPy: the formulas against known numbers and each other."""
+"""Identification in plain NumPy: the formulas against known numbers."""
 
 from __future__ import annotations
 

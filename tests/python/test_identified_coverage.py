@@ -1,7 +1,7 @@
 """Regions of `identify` hold as often as they say, and fail where an assumption is broken.
 
-Every count is of runs at 5 %; what is accepted is in `coverage_study`. The twin has the same
-tests for its own regions; here they go through the public face, with more runs.
+Every count is of runs at 5 %; what is accepted is in `coverage_study`. At the end the twin, where
+the package refuses the data or has no switch for the fault.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Least squares over limits in plain NumPy: known answers, two solvers, certificates, fleets."""
+"""Least squares over limits in plain NumPy, against enumeration and an interior point."""
 
 from __future__ import annotations
 
@@ -8,9 +8,6 @@ import pytest
 from limit_problems import draw_steps, draws
 from twin import limited_control as lc
 from twin import limited_problems as lp
-
-# -- known answers ---------------------------------------------------------------------------------
-
 
 # -- the stacked problem ---------------------------------------------------------------------------
 
@@ -87,9 +84,3 @@ def test_soft_rows_are_the_quadratic_penalty(gen):
             assert gap <= 1e-9 * zero
         inside = (u > p.low) & (u < p.high)
         assert np.all(np.abs(g[inside]) <= 1e-7 * (1.0 + rho) * np.sqrt(zero))
-
-
-# -- certificates ----------------------------------------------------------------------------------
-
-
-# -- populations -----------------------------------------------------------------------------------

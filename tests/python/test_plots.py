@@ -209,9 +209,6 @@ def test_an_infinite_tube_and_many_states_can_be_drawn():
     assert all(np.isfinite(ax.get_ylim()).all() for ax in figure.axes)
 
 
-# -- within limits ---------------------------------------------------------------------------------
-
-
 # -- one rule for all of them ----------------------------------------------------------------------
 
 

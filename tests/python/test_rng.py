@@ -101,9 +101,6 @@ def test_bit_generator_is_its_generator():
     assert as_key(bits) != as_key(np.random.default_rng(5))  # it has advanced
 
 
-# -- refusals ----------------------------------------------------------------------------------
-
-
 # -- the object --------------------------------------------------------------------------------
 
 

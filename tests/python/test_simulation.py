@@ -297,6 +297,3 @@ def test_overflow_of_runs_is_named() -> None:
     for keep in ((), "covariance"):
         with pytest.raises(NonFiniteError, match="a second moment of the ensemble overflows"):
             se.simulate_ensemble(grows, [1.0, 1.0], u[:3], 10, keep=keep, rng=1)
-
-
-# -- figures ---------------------------------------------------------------------------------------

@@ -276,6 +276,3 @@ def scalar_steps(
             a[k + 1] * rho0 + beta * sum(a[k - j] * (sizes[j] + s * r[j]) for j in range(k + 1))
         )
     return np.array(r)
-
-
-# -- a correction from a second half of the data ---------------------------------------------------

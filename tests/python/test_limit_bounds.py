@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from hidden_systems import of_each_kind
 from limit_plans import within
 from limit_problems import draws, weight
@@ -24,7 +25,7 @@ from stochens_rs.limits import solution as limited_errors
 from stochens_rs.limits.problem import checked_task
 from stochens_rs.limits.solution import Horizon
 from stochens_rs.theory.exact import states
-from test_bounds_coverage import exceeded_too_often, matrices, systems, vectors
+from test_bounds_coverage import matrices, systems, vectors
 from twin import limit_bounds as lb
 from twin import limited_control as lc
 from twin import limited_problems as lp
@@ -176,28 +177,6 @@ LIMITS = [
 ]
 
 
-@pytest.mark.parametrize("more", LIMITS)
-@pytest.mark.parametrize("K", [1, 3])
-@pytest.mark.parametrize("name", ["Gaussian", "sparse", "big column", "random walk", "nonnegative"])
-def test_coverage(name, K, more):
-    """200 replicates for each of 5 systems, 2 horizons, 3 weights, 2 deltas: 60 comparisons."""
-    gen, N, count = np.random.default_rng(7), 50, 200
-    more = more | {"Q": 1.0 if K > 1 else None}
-    size = 0.5 * np.abs(drawn(name, N, K, limits=(-1e3, 1e3), **more)[0].limited.u).max()
-    planned, system = drawn(name, N, K, limits=(-size, size), **more)
-    state, control, excess = errors_of(gen, system, planned.task, N, K, count)
-    assert planned.limited.limits_active
-    for delta in (0.3, 0.05):
-        bound = planned.bound(delta)
-        assert bound["state"].method == (FIRM if K == 1 else "simulated")
-        assert not exceeded_too_often(state, bound.state, delta)
-        assert not exceeded_too_often(control, bound.control, delta)
-        assert not exceeded_too_often(excess, bound.excess, delta)
-        assert np.isfinite(bound.control) or bound["control"].reason
-        if K > 1:
-            assert bound.state < 1.5 * np.quantile(state, 1 - delta)
-
-
 # -- a model from data -----------------------------------------------------------------------------
 
 
@@ -294,8 +273,8 @@ def true_system(gen, name):
 @pytest.mark.parametrize("K", [1, 3])
 @pytest.mark.parametrize("name", MODELS)
 def test_coverage_of_certificates(name, K, more):
-    """60 data sets for each of 4 systems, 2 horizons, 3 weights: 1440, delta = 0.3."""
-    gen, delta, count = np.random.default_rng(11), 0.3, 60
+    """60 data sets, in `make test` 25, for each of 4 systems, 2 horizons, 3 weights; delta = 0.3."""
+    gen, delta, count = np.random.default_rng(11), 0.3, sets(60, 25)
     A, B, x0, xf = true_system(gen, name)
     wrong = np.zeros(4)
     for i in range(count):

@@ -11,7 +11,6 @@ from scipy import stats
 
 import stochens_rs as se
 import tail_bounds as bounds
-from coverage_study import most, sets
 from stochens_rs import _core
 from stochens_rs.exceptions import SizeError
 from stochens_rs.rng import as_key
@@ -289,22 +288,6 @@ def strange_systems():
         "rank 1": (np.ones((3, 3)), np.ones((3, 2)), np.array([0.0, 1.0, -1.0]), np.ones(3)),
         "one entry": (np.diag([2.0, 0.0]), np.eye(2), np.array([1.0, 0.0]), np.array([0.0, 3.0])),
     }
-
-
-@pytest.mark.parametrize("name", strange_systems())
-@pytest.mark.parametrize("options", [{}, {"fusion": "diagonal"}, {"steps": 2}], ids=str)
-def test_coverage(name, options):
-    """300 plans at delta 0.2, in `make test` 120: as often exceeded as a binomial number may be."""
-    A, B, x0, xf = strange_systems()[name]
-    system, runs = se.System(A, B), sets(300, 120)
-    for size in (1, 40):
-        errors = plans(system, x0, xf, size, runs, **options)
-        for k, quantity in enumerate(("state", "control")):
-            bound = bounds.bound("simulated", quantity, system, x0, xf, **options)
-            failed = int((errors[:, k] > bound.radius(size, 0.2)).sum())
-            assert failed <= most(runs, 0.2), (quantity, size)
-            # as near to the quantile as so many errors can tell
-            assert bound.radius(size, 0.2) <= 1.5 * np.quantile(errors[:, k], 0.87) + 1e-9
 
 
 def test_a_wrong_law_is_no_bound():

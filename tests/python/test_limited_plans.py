@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from limit_plans import WAYS, check, draw_case, within
+from limit_plans import WAYS, check, draw_case, exactly, within
 from limit_problems import draw_box, draw_map, weight
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
@@ -237,3 +237,17 @@ def test_order_and_units_do_not_matter(gen):
             (A, B), 4.0 * x0, 4.0 * xf, steps=K, **within(limits=(4.0 * low, 4.0 * high), **more)
         )
         np.testing.assert_allclose(larger.u / 4.0, u, atol=1e-7 * (1 + np.abs(u).max()))
+
+
+def test_paired_realizations_give_the_control_of_their_average(gen):
+    A, B = 0.5 * gen.normal(size=(3, 3)), gen.normal(size=(3, 2))
+    x0, xf = gen.normal(size=(2, 3))
+    drawn, start = se.sample(A, 30, rng=1), se.sample(x0, 30, rng=2)
+    limits = (-0.2, 0.2)
+    plan = se.control((drawn, B), start, xf, fusion="diagonal", limits=limits, cost=se.Cost(R=0.1))
+    free = np.mean([a @ x for a, x in zip(drawn.dense(), start.dense(), strict=True)], axis=0)
+    p = lp.one_step(B, xf - free, R=0.1, low=-0.2, high=0.2)
+    check(plan, p)
+    exactly(plan.predicted_states[1], free + B @ plan.u[0])
+    each = se.realization_controls((drawn, B), start, xf, limits=limits, cost=se.Cost(R=0.1))
+    assert np.linalg.norm(each.mean(axis=0) - plan.u[0]) > 1e-3  # the average is another control

@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-import paper
-
 SLOW = ("experiments", "claims", "program", "report_page")
 
 
@@ -17,8 +15,10 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 @pytest.fixture(scope="session")
-def claimed() -> tuple[paper.Claims, list[tuple[int, int | None]]]:
+def claimed():
     """All verdicts, and what their progress was."""
+    import paper  # needs matplotlib, without which its tests are skipped
+
     seen: list[tuple[int, int | None]] = []
     return paper.claims(quick=True, progress=lambda *counts: seen.append(counts)), seen
 

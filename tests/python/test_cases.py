@@ -9,13 +9,20 @@ import pytest
 
 from hidden_systems import of_each_kind
 from stochens_rs import cases
-from stochens_rs.cases.swing_models import MACHINES, continuous, reduced_stiffness, swing_matrices
+from stochens_rs.cases import swing_models
+from stochens_rs.cases.swing_models import MACHINES, reduced_stiffness, swing_matrices
 from stochens_rs.exceptions import InputError
 from stochens_rs.rng import as_key
 from stochens_rs.system import discretization as zero_order_hold
 from stochens_rs.system.discretization import discretize
 
 STEP = 0.01  # s
+
+
+def continuous(buses, rating, H, xd, D):
+    """A, B in continuous time and the stiffness between the machines."""
+    L = reduced_stiffness(buses, *swing_models.NETWORKS[buses], xd * 100.0 / rating)
+    return (*swing_matrices(L, H * rating / 100.0, D * rating / 100.0), L)
 
 
 def ieee14(data, base):

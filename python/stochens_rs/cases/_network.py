@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from .._base.files import checked_path
 from .._base.tables import extra
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
-from ._statements import execute
 
 Complex = NDArray[np.complex128]
 Indices = NDArray[np.int64]
@@ -37,10 +36,19 @@ USED = {
 }
 ISOLATED = 4  # type of a bus without connection
 _TEXTS = ("bus_name", "branch_name", "gen_name")
+# Comments and what is behind the dots of a continued line; or a text in quotation marks.
+_COMMENT = re.compile(
+    r"^[ \t]*%\{[ \t]*$.*?^[ \t]*%\}[ \t]*$|%[^\n]*|\.\.\.[^\n]*|('[^'\n]*'|\"[^\"\n]*\")",
+    re.DOTALL | re.MULTILINE,
+)
+# `function mpc = case9`, `end`, and a name of `mpc` that is a table, a cell, a text or a number.
+_PLAIN = re.compile(
+    r"(?<![^\s;,])(?:function\s+mpc\s*=\s*\w+|end|return|"
+    r"mpc\.([\w.]+)\s*=\s*(?:\[[^\[\]]*\]|\{[^{}]*\}|(?:'')+|[-+\d.eE]+))(?![^\s;,])"
+)
 
 
-@dataclass(frozen=True, eq=False)
-class Network:
+class Network(NamedTuple):
     """Buses 0, 1, ... with all values in per unit on `mva`; generators in service only.
 
     Attributes
@@ -96,7 +104,7 @@ def read_network(case: object) -> Network:
 
 
 def read_file(path: Path) -> dict[str, Any]:
-    """All tables of a MATPOWER file, as its statements leave them."""
+    """All tables of a MATPOWER file that computes nothing."""
     if path.suffix.lower() != ".m":
         raise InputError(f"`case` must be a MATPOWER .m file, got {path}")
     path.stat()  # a missing file is an OSError
@@ -119,8 +127,30 @@ def read_file(path: Path) -> dict[str, Any]:
             f"{path} must be a MATPOWER case with numbers in bus, gen and branch "
             f"({type(error).__name__}: {str(error)[:80]})"
         ) from error
-    execute(path, tables)
+    _refuse_statements(path)
     return tables
+
+
+def _refuse_statements(path: Path) -> None:
+    """Refuse a file with more than one table of each name: what it computes is not executed."""
+    seen: set[str] = set()
+
+    def without(found: re.Match[str]) -> str:
+        if found[1] in seen:
+            return found[0]
+        seen.update(filter(None, (found[1],)))
+        return "\n" * found[0].count("\n")
+
+    text = path.read_text(encoding="utf-8", errors="replace")
+    text = _COMMENT.sub(lambda one: "''" if one[1] else "\n" * one[0].count("\n"), text)
+    text = _PLAIN.sub(without, text)
+    statement = re.search(r"[^\s;,][^\n]*", text)
+    if statement is not None:
+        line = text.count("\n", 0, statement.start()) + 1
+        raise InputError(
+            f"{path}, line {line}: {statement[0][:60]!r} is no table of numbers, and nothing is "
+            "computed here: run loadcase and savecase in MATPOWER and pass that file"
+        )
 
 
 def _pandapower(net: Any) -> Network:
@@ -129,7 +159,7 @@ def _pandapower(net: Any) -> Network:
         solved = bool(net.converged) and tables is not None
         frequency, name = float(net.f_hz), net.name
     except Exception:  # anything a foreign object raises
-        tables, solved = None, False
+        solved = False
     if not solved:
         raise InputError("`case` has no solved power flow: call pandapower.runpp(net) first")
     # Buses joined by a closed switch are one bus; -1 stands for no bus.
@@ -145,21 +175,27 @@ def _network(
     frequency: float | None = None,
 ) -> Network:
     """`numbers` are names of the buses that differ from those in the tables."""
-    missing = [key for key in ("baseMVA", *WIDTH) if key not in case]
-    if missing:
+    missing = next((key for key in ("baseMVA", *WIDTH) if key not in case), None)
+    if missing is not None:
         raise InputError(
             "`case` must have baseMVA, bus, gen and branch, as a MATPOWER case has; "
-            f"{missing[0]} is missing"
+            f"{missing} is missing"
         )
     base = case["baseMVA"]
-    mva = validation.positive(
-        "case['baseMVA']", base.item() if isinstance(base, np.ndarray) else base
-    )
+    base = base.item() if isinstance(base, np.ndarray) else base
+    mva = validation.positive("case['baseMVA']", base)
     (bus, _), (gen, _), (branch, places) = (_table(case, key) for key in WIDTH)
-    _no_dc_lines(case.get("dcline"))
+    lines = case.get("dcline")
+    for row in np.atleast_2d(np.asarray([] if lines is None else lines, dtype=float)):
+        if len(row) and row[2] > 0:
+            raise InputError(
+                "`case['dcline']` must have no DC lines in service, got one from bus "
+                f"{row[0]:g} to bus {row[1]:g}: make it a load at the one and a negative load at "
+                "the other, with the powers of the solved case, and set its status to 0"
+            )
     # as MATPOWER: what is at an isolated bus is out of service
-    all_buses = np.asarray(case["bus"], dtype=float)
-    isolated = all_buses[all_buses[:, TYPE] == ISOLATED, BUS]
+    every = np.asarray(case["bus"], dtype=float)
+    isolated = every[every[:, TYPE] == ISOLATED, BUS]
     gen = gen[~np.isin(gen[:, GEN_BUS], isolated)]
     joined = ~np.isin(branch[:, [FROM, TO]], isolated).any(axis=1)
     branch, places = branch[joined], places[joined]
@@ -175,40 +211,14 @@ def _network(
     if not (bus[:, VM] > 0.0).all():
         k = int(np.argmin(bus[:, VM]))
         raise InputError(f"`case` must have voltages > 0, got {bus[k, VM]:g} at bus {label[k]}")
-    bus_of = index
+    V = np.asarray(bus[:, VM] * np.exp(1j * np.deg2rad(bus[:, VA])), dtype=np.complex128)
+    load = (bus[:, PD] + 1j * bus[:, QD]) / mva
+    power = (gen[:, PG] + 1j * gen[:, QG]) / mva
     if numbers is not None:
-        bus_of = {outer: index[inner] for outer, inner in numbers.items() if inner in index}
-        for outer in reversed(bus_of):  # the first of several names of one bus
-            label[bus_of[outer]] = outer
-    return Network(
-        name=name,
-        mva=mva,
-        frequency=frequency,
-        bus_of=bus_of,
-        label=label,
-        Y=Y,
-        V=_complex(bus[:, VM] * np.exp(1j * np.deg2rad(bus[:, VA]))),
-        load=_complex((bus[:, PD] + 1j * bus[:, QD]) / mva),
-        at=at,
-        power=_complex((gen[:, PG] + 1j * gen[:, QG]) / mva),
-        rating=gen[:, MBASE],
-    )
-
-
-def _no_dc_lines(lines: Any) -> None:
-    if lines is None or not np.size(lines):
-        return
-    for row in np.atleast_2d(np.asarray(lines, dtype=float)):
-        if row[2] > 0:
-            raise InputError(
-                "`case['dcline']` must have no DC lines in service, got one from bus "
-                f"{row[0]:g} to bus {row[1]:g}: make it a load at the one and a negative load at "
-                "the other, with the powers of the solved case, and set its status to 0"
-            )
-
-
-def _complex(values: NDArray[Any]) -> Complex:
-    return values.astype(np.complex128)
+        index = {outer: index[inner] for outer, inner in numbers.items() if inner in index}
+        for outer in reversed(index):  # the first of several names of one bus
+            label[index[outer]] = outer
+    return Network(name, mva, frequency, index, label, Y, V, load, at, power, gen[:, MBASE])
 
 
 def _table(case: Mapping[str, Any], key: str) -> tuple[Floats, Indices]:
@@ -234,9 +244,9 @@ def _table(case: Mapping[str, Any], key: str) -> tuple[Floats, Indices]:
 
 
 def _indices(name: str, numbers: Floats, index: dict[int, int]) -> Indices:
-    unknown = [number for number in numbers if number not in index]
-    if unknown:
-        raise InputError(f"`{name}` names bus {unknown[0]:g}, which is not in `case['bus']`")
+    unknown = next((number for number in numbers if number not in index), None)
+    if unknown is not None:
+        raise InputError(f"`{name}` names bus {unknown:g}, which is not in `case['bus']`")
     return np.array([index[int(number)] for number in numbers], dtype=np.int64)
 
 

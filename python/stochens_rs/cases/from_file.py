@@ -90,54 +90,42 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     <System: n=1 m=1 dt=None>
     """
     path = Path(checked_path("path", path))
-    about = regular_file(path)
+    size = regular_file(path).st_size
     kind = path.suffix.lower()
     if saving.is_state(path):
         raise InputError(f"{path} must be a problem, got a saved object: Model.load reads a model")
-    running.need(f"to read {path}", about.st_size * _MEMORY.get(kind, _PARSED))
-    if kind == ".mat":
-        found = _mat(path)
-    else:
-        found = _npz(path) if kind == ".npz" else _json(path, about.st_size)
+    running.need(f"to read {path}", size * _MEMORY.get(kind, _PARSED))
+    found = {".mat": _mat, ".npz": _npz}.get(kind, _json)(path)
     unknown = sorted(set(found) - set(_NAMES))
     if unknown:
         raise InputError(
             f"{path} must have the entries A and B, and optionally x0, xf, dt, states, inputs and "
             f"units, got also {unknown[0][:40]!r}{validation.nearest(unknown[0], _NAMES)}"
         )
-    missing = [name for name in ("A", "B") if name not in found]
-    if missing:
-        raise InputError(f"{path} must have the entries A and B, {missing[0]} is missing")
-    dt: Any = found.get("dt")
-    if isinstance(dt, np.ndarray):
-        dt = dt.item() if dt.size == 1 else dt
-    names = {word: _texts(found.get(word)) for word in ("states", "inputs")}
-    plain = System(found["A"], found["B"], dt=dt, **names)
-    units = _units(plain, _texts(found.get("units")))
-    system = System(plain.A, plain.B, dt=dt, **names, units=units) if units else plain
+    missing = next((name for name in ("A", "B") if name not in found), None)
+    if missing is not None:
+        raise InputError(f"{path} must have the entries A and B, {missing} is missing")
+    about: dict[str, Any] = {name: found.get(name) for name in ("dt", "states", "inputs", "units")}
+    for name, value in about.items():
+        if isinstance(value, np.ndarray) and (name != "dt" or value.size == 1):
+            about[name] = value.item() if name == "dt" else value.tolist()
+    units = about.pop("units")
+    system = System(found["A"], found["B"], **about)
+    if not isinstance(units, dict) and units is not None:  # in the order of states and inputs
+        names, units = system.state_names + system.input_names, validation.items("units", units)
+        if len(units) != len(names):
+            raise ShapeError(
+                f"`units` must have {len(names)} texts, one for each state and input, "
+                f"got {len(units)}"
+            )
+        units = {name: unit for name, unit in zip(names, units, strict=True) if unit != ""}
+    if units:
+        system = System(system.A, system.B, **about, units=units)
     x0, xf = (
         None if found.get(name) is None else validation.vector(name, found[name], length=system.n)
         for name in ("x0", "xf")
     )
     return Problem(system, x0, xf)
-
-
-def _texts(value: Any) -> Any:
-    """An array of text as a list; anything else as it is."""
-    return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-def _units(system: System, given: Any) -> Any:
-    """Units by name, from such an object or from texts in the order of states and inputs."""
-    if given is None or isinstance(given, dict):
-        return given
-    names = system.state_names + system.input_names
-    units = validation.items("units", given)
-    if len(units) != len(names):
-        raise ShapeError(
-            f"`units` must have {len(names)} texts, one for each state and input, got {len(units)}"
-        )
-    return {name: unit for name, unit in zip(names, units, strict=True) if unit != ""}
 
 
 def _npz(path: Path) -> dict[str, Any]:
@@ -146,8 +134,7 @@ def _npz(path: Path) -> dict[str, Any]:
             with np.load(file, allow_pickle=False) as archive:
                 unpacked = sum(entry.file_size for entry in archive.zip.infolist())
                 running.need(f"{path}, unpacked,", unpacked)
-                _once(archive.files)
-                return {name: archive[name] for name in archive.files}
+                return _once([(name, archive[name]) for name in archive.files])
         except ResourceError:
             raise
         except Exception as error:  # a damaged archive raises anything from three libraries
@@ -189,10 +176,9 @@ def _mat(path: Path) -> dict[str, Any]:
     return found
 
 
-def _json(path: Path, size: int) -> dict[str, Any]:
+def _json(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            found = json.loads(file.read(size).decode("utf-8"), object_pairs_hook=_object)
+        found = json.loads(path.read_bytes().decode("utf-8"), object_pairs_hook=_once)
     except (ValueError, RecursionError) as error:  # not text, not JSON, or nested too deeply
         meant = validation.nearest(path.suffix, _MEMORY)
         meant += "; measured runs become a model by identify" * (path.suffix == ".csv")
@@ -202,12 +188,9 @@ def _json(path: Path, size: int) -> dict[str, Any]:
     return found
 
 
-def _object(entries: list[tuple[str, Any]]) -> dict[str, Any]:
-    _once([name for name, _ in entries])
+def _once(entries: list[tuple[str, Any]]) -> dict[str, Any]:
+    """The entries, of which each has a name of its own."""
+    name, count = Counter(name for name, _ in entries).most_common(1)[0] if entries else ("", 0)
+    if count > 1:
+        raise ValueError(f"the entry {name!r} appears twice")
     return dict(entries)
-
-
-def _once(names: list[str]) -> None:
-    twice = [name for name, count in Counter(names).items() if count > 1]
-    if twice:
-        raise ValueError(f"the entry {twice[0]!r} appears twice")

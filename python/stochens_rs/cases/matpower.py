@@ -38,18 +38,13 @@ def read_matpower(path: str | os.PathLike[str]) -> dict[str, Any]:
     Raises
     ------
     InputError, InputTypeError
-        If the file is no MATPOWER case, or computes something else than the notes say.
+        If the file is no MATPOWER case; or computes something beside its tables, as those of
+        distribution networks in Ohm and kW do, with the line: ``loadcase`` and ``savecase`` of
+        MATPOWER write the tables that such a file stands for.
     ImportError
         If matpowercaseframes is not installed (extra ``grids``).
     OSError
         If the file cannot be read.
-
-    Notes
-    -----
-    Of what a file computes beside its tables, assignments to their entries are executed, in order:
-    ``mpc.bus(:, [PD, QD]) = mpc.bus(:, [PD, QD]) / 1e3``, ``mpc.branch(7, BR_STATUS) = 0``, with
-    numbers, named numbers, ``idx_bus``, ``idx_brch``, ``idx_gen`` and ``define_constants``. All
-    other statements are refused with their line.
 
     Examples
     --------
@@ -207,24 +202,22 @@ def matched(network: Network, machines: Machines) -> Machines:
         found = rows.get(int(bus), [])
         if len(found) != units[bus]:
             hint = (
-                ""
-                if found
-                else (
-                    "; a plant without inertia is a negative load: take it out of gen and subtract "
-                    "its power from PD and QD"
-                )
+                "; a plant without inertia is a negative load: take it out of gen and subtract its "
+                "power from PD and QD"
             )
             raise InputError(
                 "`machines` must have one row per generator in service: bus "
-                f"{network.label[bus]} has {units[bus]}, got {len(found)}{hint}"
+                f"{network.label[bus]} has {units[bus]}, got {len(found)}{'' if found else hint}"
             )
         if len({int(machines.bus[row]) for row in found}) > 1:
             raise InputError(
                 f"`machines` names one bus ({network.label[bus]}) by two numbers: use one for "
                 "all its rows, in the order of the generators"
             )
-    ordered = [rows[int(bus)].pop(0) for bus in network.at]
-    return machines.take(ordered)
+    order = [rows[int(bus)].pop(0) for bus in network.at]
+    mva = None if machines.mva is None else machines.mva[order]
+    H, D, xd1 = (column[order] for column in (machines.H, machines.D, machines.xd1))
+    return Machines(machines.bus[order], H, D, xd1, mva)
 
 
 def internal(network: Network, xd1: Floats) -> tuple[Complex, Complex]:

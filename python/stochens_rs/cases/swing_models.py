@@ -1,10 +1,9 @@
-"""Gaussian systems of a given size and spectral radius."""
+"""Networks of swinging machines without losses; Gaussian systems of a given spectral radius."""
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,20 +17,49 @@ from ..system.discretization import discretize
 from ..system.system import System
 from ._machines import read_machines
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
+SYSTEM_MVA = 100.0  # base power of the IEEE test networks
+FREQUENCY_HZ = 60.0  # North America
+# Branches (from, to, x) with x in per unit on 100 MVA, and the buses of the generators.
+NETWORKS = {
+    14: ((
+        (1, 2, 0.05917), (1, 5, 0.22304), (2, 3, 0.19797), (2, 4, 0.17632), (2, 5, 0.17388),
+        (3, 4, 0.17103), (4, 5, 0.04211), (4, 7, 0.20912), (4, 9, 0.55618), (5, 6, 0.25202),
+        (6, 11, 0.1989), (6, 12, 0.25581), (6, 13, 0.13027), (7, 8, 0.17615), (7, 9, 0.11001),
+        (9, 10, 0.0845), (9, 14, 0.27038), (10, 11, 0.19207), (12, 13, 0.19988), (13, 14, 0.34802),
+    ), (1, 2, 3, 6, 8)),
+    39: ((
+        (1, 2, 0.0411), (1, 39, 0.025), (2, 3, 0.0151), (2, 25, 0.0086), (2, 30, 0.0181),
+        (3, 4, 0.0213), (3, 18, 0.0133), (4, 5, 0.0128), (4, 14, 0.0129), (5, 6, 0.0026),
+        (5, 8, 0.0112), (6, 7, 0.0092), (6, 11, 0.0082), (6, 31, 0.025), (7, 8, 0.0046),
+        (8, 9, 0.0363), (9, 39, 0.025), (10, 11, 0.0043), (10, 13, 0.0043), (10, 32, 0.02),
+        (12, 11, 0.0435), (12, 13, 0.0435), (13, 14, 0.0101), (14, 15, 0.0217), (15, 16, 0.0094),
+        (16, 17, 0.0089), (16, 19, 0.0195), (16, 21, 0.0135), (16, 24, 0.0059), (17, 18, 0.0082),
+        (17, 27, 0.0173), (19, 20, 0.0138), (19, 33, 0.0142), (20, 34, 0.018), (21, 22, 0.014),
+        (22, 23, 0.0096), (22, 35, 0.0143), (23, 24, 0.035), (23, 36, 0.0272), (25, 26, 0.0323),
+        (25, 37, 0.0232), (26, 27, 0.0147), (26, 28, 0.0474), (26, 29, 0.0625), (28, 29, 0.0151),
+        (29, 38, 0.0156),
+    ), tuple(range(30, 40))),
+}  # fmt: skip
+# Per generator: rating in MVA, H in s, x'd and D in per unit on that rating.
+MACHINES = {
+    "classic": np.array([
+        [615.0, 5.148, 0.2995, 2.0], [60.0, 6.54, 0.185, 2.0], [60.0, 6.54, 0.185, 2.0],
+        [25.0, 5.06, 0.232, 2.0], [25.0, 5.06, 0.232, 2.0],
+    ]),
+    "andes": np.array([
+        [100.0, 4.0, 0.6, 0.0], [100.0, 6.5, 0.6, 0.0], [100.0, 5.0, 0.6, 0.0],
+        [100.0, 5.0, 0.6, 0.0], [100.0, 5.0, 0.6, 0.0],
+    ]),
+    "pai": np.array([
+        [100.0, 42.0, 0.031, 50.0], [100.0, 30.3, 0.0697, 50.0], [100.0, 35.8, 0.0531, 50.0],
+        [100.0, 28.6, 0.0436, 50.0], [100.0, 26.0, 0.132, 50.0], [100.0, 34.8, 0.05, 50.0],
+        [100.0, 26.4, 0.049, 50.0], [100.0, 24.3, 0.057, 50.0], [100.0, 34.5, 0.057, 50.0],
+        [100.0, 500.0, 0.006, 50.0],
+    ]),
+}  # fmt: skip
 
 
-__all__ = ["random_system"]
-
-
-def random_system(
-    n: int,
-    m: int,
-    rng: RngLike = None,
-    *,
-    spectral_radius: float = 1.0,
-) -> System:
+def random_system(n: int, m: int, rng: RngLike = None, *, spectral_radius: float = 1.0) -> System:
     """Draw a Gaussian ``A`` with a given spectral radius and a Gaussian ``B``.
 
     Parameters
@@ -72,65 +100,18 @@ def random_system(
     >>> bool(np.isclose(np.abs(np.linalg.eigvals(system.A)).max(), 0.9))
     True
     """
-    n = validation.size("n", n)
-    m = validation.size("m", m)
+    n, m = validation.size("n", n), validation.size("m", m)
     spectral_radius = validation.positive("spectral_radius", spectral_radius)
     # A, its copy in the eigenvalue routine, the scaled A, and B
     running.need("the random system", 8 * (3 * n * n + n * m))
     normal = as_key(rng).child("random_system").generator()
 
-    def matrices() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        G = normal.standard_normal((n, n))
-        B = normal.standard_normal((n, m))
+    def matrices() -> tuple[Floats, Floats]:
+        G, B = normal.standard_normal((n, n)), normal.standard_normal((n, m))
         return G * (spectral_radius / float(np.abs(np.linalg.eigvals(G)).max())), B
 
     A, B = interruptible(matrices)
     return System(A, B, dt=True, name=f"random ({n} x {n}, spectral radius {spectral_radius:g})")
-
-
-__all__ = ["ieee14", "ieee39", "swing"]
-
-SYSTEM_MVA = 100.0  # base power of the IEEE test networks
-FREQUENCY_HZ = 60.0  # North America
-
-# Branches (from, to, x) with x in per unit on 100 MVA, and the buses of the generators.
-NETWORKS = {
-    14: ((
-        (1, 2, 0.05917), (1, 5, 0.22304), (2, 3, 0.19797), (2, 4, 0.17632), (2, 5, 0.17388),
-        (3, 4, 0.17103), (4, 5, 0.04211), (4, 7, 0.20912), (4, 9, 0.55618), (5, 6, 0.25202),
-        (6, 11, 0.1989), (6, 12, 0.25581), (6, 13, 0.13027), (7, 8, 0.17615), (7, 9, 0.11001),
-        (9, 10, 0.0845), (9, 14, 0.27038), (10, 11, 0.19207), (12, 13, 0.19988), (13, 14, 0.34802),
-    ), (1, 2, 3, 6, 8)),
-    39: ((
-        (1, 2, 0.0411), (1, 39, 0.025), (2, 3, 0.0151), (2, 25, 0.0086), (2, 30, 0.0181),
-        (3, 4, 0.0213), (3, 18, 0.0133), (4, 5, 0.0128), (4, 14, 0.0129), (5, 6, 0.0026),
-        (5, 8, 0.0112), (6, 7, 0.0092), (6, 11, 0.0082), (6, 31, 0.025), (7, 8, 0.0046),
-        (8, 9, 0.0363), (9, 39, 0.025), (10, 11, 0.0043), (10, 13, 0.0043), (10, 32, 0.02),
-        (12, 11, 0.0435), (12, 13, 0.0435), (13, 14, 0.0101), (14, 15, 0.0217), (15, 16, 0.0094),
-        (16, 17, 0.0089), (16, 19, 0.0195), (16, 21, 0.0135), (16, 24, 0.0059), (17, 18, 0.0082),
-        (17, 27, 0.0173), (19, 20, 0.0138), (19, 33, 0.0142), (20, 34, 0.018), (21, 22, 0.014),
-        (22, 23, 0.0096), (22, 35, 0.0143), (23, 24, 0.035), (23, 36, 0.0272), (25, 26, 0.0323),
-        (25, 37, 0.0232), (26, 27, 0.0147), (26, 28, 0.0474), (26, 29, 0.0625), (28, 29, 0.0151),
-        (29, 38, 0.0156),
-    ), tuple(range(30, 40))),
-}  # fmt: skip
-# Per generator: rating in MVA, H in s, x'd and D in per unit on that rating.
-MACHINES = {
-    "classic": np.array([
-        [615.0, 5.148, 0.2995, 2.0], [60.0, 6.54, 0.185, 2.0], [60.0, 6.54, 0.185, 2.0],
-        [25.0, 5.06, 0.232, 2.0], [25.0, 5.06, 0.232, 2.0],
-    ]),
-    "andes": np.array([
-        [100.0, 4.0, 0.6, 0.0], [100.0, 6.5, 0.6, 0.0], [100.0, 5.0, 0.6, 0.0],
-        [100.0, 5.0, 0.6, 0.0], [100.0, 5.0, 0.6, 0.0],
-    ]),
-    "pai": np.array([
-        [100.0, 42.0, 0.031, 50.0], [100.0, 30.3, 0.0697, 50.0], [100.0, 35.8, 0.0531, 50.0],
-        [100.0, 28.6, 0.0436, 50.0], [100.0, 26.0, 0.132, 50.0], [100.0, 34.8, 0.05, 50.0],
-        [100.0, 26.4, 0.049, 50.0], [100.0, 24.3, 0.057, 50.0], [100.0, 34.5, 0.057, 50.0],
-        [100.0, 500.0, 0.006, 50.0],
-    ]),
-}  # fmt: skip
 
 
 def ieee14(
@@ -252,20 +233,10 @@ def ieee39(*, dt: float = 0.01, method: Literal["zoh", "euler"] = "zoh") -> Syst
 def _ieee(
     buses: int, machines: Floats, dt: float, method: Literal["zoh", "euler"], about: str
 ) -> System:
-    A_c, B_c, _ = continuous(buses, *machines.T)
-    A, B = discretize(A_c, B_c, dt, method)
+    branches, at = NETWORKS[buses]
     name = f"IEEE {buses}-bus ({about}, {method})"
-    return System(A, B, dt=dt, name=name, **swing_labels(NETWORKS[buses][1]))
-
-
-def continuous(
-    buses: int, rating: Floats, H: Floats, xd: Floats, D: Floats
-) -> tuple[Floats, Floats, Floats]:
-    """Continuous-time ``A``, ``B`` of an IEEE network, and its reduced stiffness ``L_red``."""
-    # Reactances shrink and inertia and damping grow with the rating of the machine.
-    ratio = rating / SYSTEM_MVA
-    L_red = reduced_stiffness(buses, *NETWORKS[buses], xd / ratio)
-    return (*swing_matrices(L_red, H * ratio, D * ratio), L_red)
+    data = dict(zip(("bus", "mva", "H", "xd1", "D"), (at, *machines.T), strict=True))
+    return swing(branches, data, dt=dt, method=method, base="machine", name=name)
 
 
 def swing(
@@ -341,14 +312,15 @@ def swing(
         k = int(np.argmin(given[:, 2]))
         raise InputError(f"`branches[{k}]` must have a reactance > 0, got {given[k, 2]:g}")
     data = read_machines(machines).on(base, validation.positive("base_mva", base_mva), None)
+    buses = data.bus.tolist()
     numbers, ends = np.unique(given[:, :2], return_inverse=True)
     place = {float(number): k for k, number in enumerate(numbers)}
-    lost = [bus for bus in data.bus.tolist() if bus not in place]
-    if lost:
-        raise InputError(f"`machines` names bus {lost[0]}, which no branch has")
+    lost = next((bus for bus in buses if bus not in place), None)
+    if lost is not None:
+        raise InputError(f"`machines` names bus {lost}, which no branch has")
     running.need(f"the stiffness of {len(numbers)} buses", 8 * 3 * len(numbers) ** 2)
     rows = np.column_stack([ends.reshape(-1, 2) + 1, given[:, 2]])
-    at = [place[bus] + 1 for bus in data.bus.tolist()]
+    at = [place[bus] + 1 for bus in buses]
     hertz = checked_frequency(frequency)
     with np.errstate(all="ignore"):  # what is not finite is refused
         try:
@@ -357,7 +329,7 @@ def swing(
             raise InputError("`branches` must connect every bus to a machine") from None
         A_c, B_c = swing_matrices(validation.matrix("L", L), data.H, data.D, hertz)
     A, B = discretize(A_c, B_c, dt, method)
-    return System(A, B, dt=dt, name=name, **swing_labels(data.bus.tolist()))
+    return System(A, B, dt=dt, name=name, **swing_labels(buses))
 
 
 def checked_frequency(frequency: object) -> float:
@@ -393,10 +365,9 @@ def reduced_stiffness(buses: int, branches: ArrayLike, at: Sequence[int], xd: Fl
     np.add.at(L_ll, (ends.ravel(), ends.ravel()), np.repeat(stiffness, 2))
     np.add.at(L_ll, (ends, ends[:, ::-1]), -stiffness[:, None])
     bus = np.asarray(at) - 1
-    generators = np.arange(bus.size)
     # The edge between a generator's internal node and its bus has stiffness 1/x'd.
     L_gl = np.zeros((bus.size, buses))
-    L_gl[generators, bus] = -1.0 / xd
+    L_gl[np.arange(bus.size), bus] = -1.0 / xd
     np.add.at(L_ll, (bus, bus), 1.0 / xd)
     L_red = np.diag(1.0 / xd) - L_gl @ np.linalg.solve(L_ll, L_gl.T)
     return np.asarray((L_red + L_red.T) / 2.0, dtype=np.float64)
@@ -427,16 +398,11 @@ def swing_matrices(
     B : (2 g, g) array
         ``[[0], [M^-1]]``. Input: mechanical power in per unit.
     """
-    g = H.size
     w0 = 2.0 * np.pi * frequency
     M = 2.0 * H / w0
-    A = np.zeros((2 * g, 2 * g))
-    A[:g, g:] = np.eye(g)
-    A[g:, :g] = -L_red / M[:, None]
-    A[g:, g:] = np.diag(-(D / w0) / M)
-    B = np.zeros((2 * g, g))
-    B[g:] = np.diag(1.0 / M)
-    return A, B
+    zero, one = np.zeros((H.size, H.size)), np.eye(H.size)
+    A = np.block([[zero, one], [-L_red / M[:, None], np.diag(-(D / w0) / M)]])
+    return A, np.vstack([zero, np.diag(1.0 / M)])
 
 
 def swing_labels(buses: Sequence[int]) -> dict[str, Any]:
@@ -444,13 +410,12 @@ def swing_labels(buses: Sequence[int]) -> dict[str, Any]:
 
     Further machines at a bus are counted: 1, 1_2, 1_3.
     """
-    seen: Counter[int] = Counter()
-    machines = []
-    for bus in buses:
-        seen[bus] += 1
-        machines.append(f"{bus}" if seen[bus] == 1 else f"{bus}_{seen[bus]}")
-    delta, omega, power = (
-        [f"{word}_{machine}" for machine in machines] for word in ("delta", "omega", "T_m")
-    )
-    units = dict.fromkeys(delta, "rad") | dict.fromkeys(omega, "rad/s") | dict.fromkeys(power, "pu")
-    return {"states": delta + omega, "inputs": power, "units": units}
+    again = [list(buses[: k + 1]).count(bus) for k, bus in enumerate(buses)]
+    machines = [f"{b}" if k == 1 else f"{b}_{k}" for b, k in zip(buses, again, strict=True)]
+    units = {
+        f"{word}_{machine}": unit
+        for word, unit in (("delta", "rad"), ("omega", "rad/s"), ("T_m", "pu"))
+        for machine in machines
+    }
+    names = list(units)
+    return {"states": names[: -len(machines)], "inputs": names[-len(machines) :], "units": units}

@@ -109,7 +109,7 @@ def closed_form() -> Iterator[Line]:
         "NumPy, same formula",
         lambda: se.fuse(ensemble, "alse", target=w),
         1,
-        lambda: reference.alse_singleton(indices, atoms, w),
+        lambda: reference.fusing.alse_singleton(indices, atoms, w),
         1,
     )
 
@@ -141,7 +141,7 @@ def slse() -> Iterator[Line]:
             "NumPy twin, dense",
             lambda e=ensemble, A=A: se.fuse(e, "slse", target=A),
             ensemble.size,
-            lambda d=dense, A=A: reference.slse(d, A),
+            lambda d=dense, A=A: reference.fusing.slse(d, A),
             few,
         )
         jitted = numba_slse()
@@ -254,7 +254,7 @@ def stream() -> Iterator[Line]:
 def alias_arrays(target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Thresholds and aliases of every column, (columns, cells)."""
     columns = np.atleast_2d(target.T) if target.ndim > 1 else target[None, :]
-    made = [reference.alias_table(column) for column in columns]
+    made = [reference.streams.alias_table(column) for column in columns]
     thresholds = np.array([table.threshold for table in made], dtype=np.float64) / 2.0**32
     return thresholds, np.array([table.alias for table in made], dtype=np.int32)
 
@@ -472,7 +472,9 @@ def simulate() -> Iterator[Line]:
             "NumPy twin, 32 runs at a time",
             ours,
             size,
-            lambda B=B, u=u: reference.simulate_runs(A, B, x0, u, twin_runs, key=bytes(32)),
+            lambda B=B, u=u: reference.simulation.simulate_runs(
+                A, B, x0, u, twin_runs, key=bytes(32)
+            ),
             twin_runs,
         )
         yield (
@@ -498,17 +500,17 @@ def track() -> Iterator[Line]:
     """A closed loop, 50 runs of 100 steps; the peer does one run, with NumPy's multinomial."""
     system, gen = se.cases.ieee39(), np.random.default_rng(0)
     u, x0 = 0.1 * gen.standard_normal((100, system.m)), 0.1 * gen.standard_normal(system.n)
-    r = reference.simulate(system.A, system.B, x0, u)
+    r = reference.simulation.simulate(system.A, system.B, x0, u)
 
     def estimate(target: np.ndarray, key: bytes) -> np.ndarray:
-        return reference.average(target, 10_000, gen)
+        return reference.simulation.average(target, 10_000, gen)
 
     yield (
         f"track, n={system.n} m={system.m}, K=100",
         "NumPy twin, run by run",
         lambda: se.track(system, r, 10_000, rng=1, runs=50),
         50,
-        lambda: reference.track(system.A, system.B, r, x0, estimate, key=bytes(32)),
+        lambda: reference.simulation.track(system.A, system.B, r, x0, estimate, key=bytes(32)),
         1,
     )
 
@@ -588,8 +590,8 @@ def reproduce() -> Iterator[Line]:
                     w = cp.Variable(k, nonneg=True)
                     objective = cp.Minimize(cp.sum_squares(S @ w - matrix.ravel()))
                     cp.Problem(objective, [cp.sum(w) == 1]).solve(solver=cp.CLARABEL)
-                reference.slse(E, matrix)
-                reference.slse_safeguarded(E, matrix)
+                reference.fusing.slse(E, matrix)
+                reference.fusing.slse_safeguarded(E, matrix)
 
         yield (
             f"{name}: all methods, N up to {sizes[-1]} ({len(sizes)} sizes)",

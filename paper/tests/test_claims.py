@@ -247,7 +247,7 @@ def test_exact_slse_is_the_references() -> None:
     gen = np.random.default_rng(0)
     samples = exact.array(gen.integers(-5, 6, (12, 3)))
     target = exact.array([1, -2, 1])
-    errors = reference.slse(exact.floats(samples), exact.floats(target)).errors
+    errors = reference.fusing.slse(exact.floats(samples), exact.floats(target)).errors
     assert np.allclose(errors**2, exact.floats(exact.slse(samples, target)), atol=1e-12)
 
 

@@ -147,18 +147,18 @@ def ensembles(p: Problem) -> dict[str, Any]:
 def test_ensemble(problem: Problem, name: str, axis: str) -> None:
     target: Array = getattr(problem, name)
     ens = se.sample(problem.given[name], problem.N, rng=9, axis=axis)
-    atoms = twin.atoms(target, axis)
-    lines = twin.to_lines(target, axis)
+    atoms = twin.sampling.atoms(target, axis)
+    lines = twin.sampling.to_lines(target, axis)
     assert ens.shape == target.shape
     assert ens.indices.shape == (problem.N, lines.shape[1])
     assert_allclose(ens.atoms, atoms, rtol=1e-14)
     gamma = np.abs(lines).sum(axis=0).max()
     assert_allclose(np.max(ens.gamma), gamma, rtol=1e-14)
-    samples = twin.dense(ens.indices, ens.atoms, axis)
+    samples = twin.sampling.dense(ens.indices, ens.atoms, axis)
     assert np.array_equal(ens.dense(), samples)
-    assert np.array_equal(ens.counts(), twin.counts(ens.indices, target, axis))
+    assert np.array_equal(ens.counts(), twin.sampling.counts(ens.indices, target, axis))
     y = np.random.default_rng(0).normal(size=problem.N)
-    expected = twin.combine(ens.indices, ens.atoms, y, axis)
+    expected = twin.sampling.combine(ens.indices, ens.atoms, y, axis)
     slack = 1e-14 * problem.N * (gamma + 1.0) * np.abs(y).max()
     assert_allclose(ens.combine(y), expected, atol=slack)
     assert_allclose(np.tensordot(y, samples, axes=1), expected, atol=slack)
@@ -172,11 +172,13 @@ def test_ensemble(problem: Problem, name: str, axis: str) -> None:
 @pytest.mark.parametrize("axis", ["columns", "rows"])
 def test_sample_counts(problem: Problem, scheme: str, axis: str) -> None:
     c = se.sample_counts(problem.given["A"], 10_000, rng=1, scheme=scheme, axis=axis)
-    drawn = np.any(twin.to_lines(problem.A, axis) != 0, axis=0)  # a zero line is hit nowhere
-    assert np.array_equal(twin.to_lines(c.counts, axis).sum(axis=0), 10_000 * drawn)
-    nonzero_line = np.any(twin.to_lines(problem.A, axis), axis=0)
-    assert np.all(twin.to_lines(c.counts * (problem.A == 0), axis)[:, nonzero_line] == 0)
-    expected = twin.atoms(problem.A, axis) * c.counts / 10_000
+    drawn = np.any(
+        twin.sampling.to_lines(problem.A, axis) != 0, axis=0
+    )  # a zero line is hit nowhere
+    assert np.array_equal(twin.sampling.to_lines(c.counts, axis).sum(axis=0), 10_000 * drawn)
+    nonzero_line = np.any(twin.sampling.to_lines(problem.A, axis), axis=0)
+    assert np.all(twin.sampling.to_lines(c.counts * (problem.A == 0), axis)[:, nonzero_line] == 0)
+    expected = twin.sampling.atoms(problem.A, axis) * c.counts / 10_000
     assert_allclose(c.estimate, expected, rtol=1e-14, atol=0)
 
 
@@ -193,7 +195,7 @@ def check_feasible(y: Array, weight_set: str) -> None:
 
 def check_alse(fit: Any, samples: Array, target: Array, weight_set: str) -> None:
     """Feasible, consistent, within the tolerance of the exact minimum, and with the correct gap."""
-    exact = twin.alse_dense(samples, target, weight_set)
+    exact = twin.fusing.alse_dense(samples, target, weight_set)
     unit = scale_of(target, samples)
     check_feasible(fit.weights, weight_set)
     assert fit.status == "optimal"
@@ -204,7 +206,7 @@ def check_alse(fit: Any, samples: Array, target: Array, weight_set: str) -> None
     assert fit.error**2 >= exact.error**2 - 1e-12 * unit
     assert fit.error**2 - exact.error**2 <= fit.gap + 1e-12 * unit
     assert fit.gap <= TOL * unit
-    honest = twin.frank_wolfe_gap(samples, fit.weights, target, weight_set)
+    honest = twin.fusing.frank_wolfe_gap(samples, fit.weights, target, weight_set)
     assert_allclose(fit.gap, honest, atol=1e-12 * unit)
 
 
@@ -232,7 +234,7 @@ def test_fuse(problem: Problem, method: str, weight_set: str) -> None:
     for name in ("x0", "xf", "A"):
         target: Array = getattr(problem, name)
         ens = se.sample(problem.given[name], problem.N, rng=2)
-        samples = twin.dense(ens.indices, ens.atoms)
+        samples = twin.sampling.dense(ens.indices, ens.atoms)
         shifted = target * 0.7 + 0.4 * np.cos(np.arange(target.size)).reshape(target.shape)
         for goal, given in ((target, problem.given[name]), (shifted, shifted)):
             fit = se.fuse(ens, method, target=given, weight_set=weight_set)
@@ -254,7 +256,7 @@ def test_alse_of_a_vector_is_the_closed_form(problem: Problem, weight_set: str) 
         unit = float(np.abs(target).sum()) + 1.0
         for goal in (target, 0.6 * target, -target, np.ones_like(target)):
             fit = se.fuse(ens, "alse", target=goal, weight_set=weight_set)
-            exact = twin.alse_singleton(ens.indices, ens.atoms, goal, weight_set)
+            exact = twin.fusing.alse_singleton(ens.indices, ens.atoms, goal, weight_set)
             assert_allclose(fit.weights, exact.weights, atol=1e-13)
             assert_allclose(fit.estimate, exact.estimate, atol=1e-13 * unit)
             assert_allclose(fit.error, exact.error, atol=1e-13 * unit)
@@ -275,9 +277,9 @@ def test_fuse_path(problem: Problem, method: str) -> None:
     for name in ("x0", "A"):
         target: Array = getattr(problem, name)
         ens = se.sample(problem.given[name], problem.N, rng=4)
-        samples = twin.dense(ens.indices, ens.atoms)
+        samples = twin.sampling.dense(ens.indices, ens.atoms)
         unit = scale_of(target, samples)
-        expected = twin.fuse_path(samples, sizes, method, target=target)
+        expected = twin.fusing.fuse_path(samples, sizes, method, target=target)
         for source in (ens, se.Ensemble.from_samples(samples)):
             path = se.fuse_path(source, sizes, method, target=problem.given[name], estimates=True)
             assert path.sizes.tolist() == sizes.tolist()
@@ -303,7 +305,7 @@ def test_pinv_cutoff_is_clear(problem: Problem) -> None:
     sigma = np.linalg.svd(problem.B, compute_uv=False)
     if sigma[0] > 0:
         assert not np.any((sigma > 1e-16 * sigma[0]) & (sigma < 1e-3 * sigma[0]))
-    Bp, B = twin.pinv(problem.B), problem.B
+    Bp, B = twin.controls.pinv(problem.B), problem.B
     for left, right in (
         (B @ Bp @ B, B),
         (Bp @ B @ Bp, Bp),
@@ -316,11 +318,13 @@ def test_pinv_cutoff_is_clear(problem: Problem) -> None:
 def test_realization_controls(problem: Problem) -> None:
     e = ensembles(problem)
     u = se.realization_controls((e["A"], problem.given["B"]), e["x0"], e["xf"])
-    d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
-    expected = twin.realization_controls(d["A"], problem.B, d["x0"], d["xf"])
+    d = {k: twin.sampling.dense(v.indices, v.atoms) for k, v in e.items()}
+    expected = twin.controls.realization_controls(d["A"], problem.B, d["x0"], d["xf"])
     for s in (0, problem.N - 1):
         y = d["xf"][s] - d["A"][s] @ d["x0"][s]
-        assert_allclose(expected[s], twin.pinv(problem.B) @ y, atol=1e-12 * size_of(expected))
+        assert_allclose(
+            expected[s], twin.controls.pinv(problem.B) @ y, atol=1e-12 * size_of(expected)
+        )
     assert u.shape == (problem.N, problem.B.shape[1])
     assert_allclose(u, expected, atol=1e-12 * size_of(expected))
     dense = {k: se.Ensemble.from_samples(v) for k, v in d.items()}
@@ -332,19 +336,19 @@ def test_realization_controls(problem: Problem) -> None:
 def test_control_from_ensembles(problem: Problem, fusion: str) -> None:
     e = ensembles(problem)
     plan = se.control((e["A"], problem.given["B"]), e["x0"], e["xf"], fusion=fusion)
-    d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
-    expected = twin.control(d["A"], problem.B, d["x0"], d["xf"], fusion=fusion)
+    d = {k: twin.sampling.dense(v.indices, v.atoms) for k, v in e.items()}
+    expected = twin.controls.control(d["A"], problem.B, d["x0"], d["xf"], fusion=fusion)
     assert plan.fusion == fusion
     assert plan.u.shape == (1, problem.B.shape[1])
     assert_allclose(plan.u[0], expected, atol=1e-12 * size_of(expected))
 
 
 def check_product(plan: Any, A: Array, B: Array, x0: Array, xf: Array) -> None:
-    expected = twin.control(A, B, x0, xf)
+    expected = twin.controls.control(A, B, x0, xf)
     assert_allclose(plan.u[0], expected, atol=1e-11 * size_of(expected))
     state = A @ x0 + B @ expected
     assert_allclose(plan.predicted_states[-1], state, atol=1e-11 * size_of(state))
-    reach = twin.reachability(A, B, x0, xf)
+    reach = twin.controls.reachability(A, B, x0, xf)
     unit = size_of(xf - A @ x0)
     assert_allclose(plan.reachability.residual, reach.residual, atol=1e-11 * unit)
     assert plan.reachability.rank == reach.rank
@@ -367,7 +371,7 @@ def test_plan_error(problem: Problem) -> None:
     for fusion in ("product", "diagonal"):
         plan = se.control((e["A"], g["B"]), e["x0"], e["xf"], fusion=fusion)
         got = plan.error(se.System(g["A"], g["B"]), g["x0"], g["xf"])
-        want = twin.plan_error(problem.A, problem.B, problem.x0, problem.xf, plan.u[0])
+        want = twin.controls.plan_error(problem.A, problem.B, problem.x0, problem.xf, plan.u[0])
         unit = size_of(plan.u) * size_of(problem.B) + size_of(problem.xf)
         for field in ("control", "state", "residual"):
             assert_allclose(getattr(got, field), getattr(want, field), atol=1e-11 * unit)
@@ -386,8 +390,8 @@ def test_product_weights(problem: Problem) -> None:
     The sums s are those of the weights; only if they are 1 this is the control of the estimates.
     """
     e = {k: v.prefix(min(problem.N, 12)) for k, v in ensembles(problem).items()}
-    d = {k: twin.dense(v.indices, v.atoms) for k, v in e.items()}
-    rng, Bp = np.random.default_rng(1), twin.pinv(problem.B)
+    d = {k: twin.sampling.dense(v.indices, v.atoms) for k, v in e.items()}
+    rng, Bp = np.random.default_rng(1), twin.controls.pinv(problem.B)
     for total in (1.0, 0.7):
         w = {k: total * rng.dirichlet(np.ones(v.size)) for k, v in e.items()}
         y = d["xf"][:, None, None, :] - np.einsum("cij,aj->aci", d["A"], d["x0"])
@@ -408,9 +412,11 @@ def test_steer(problem: Problem, fusion: str) -> None:
     for name in ("x0", "xf", "A"):
         key = hashlib.sha256(b"stochens child v1\0" + root + name.encode()).digest()
         target = getattr(problem, name)
-        indices = twin.sample_indices(target, problem.N, key=key)
-        samples[name] = twin.dense(indices, twin.atoms(target))
-    expected = twin.control(samples["A"], problem.B, samples["x0"], samples["xf"], fusion=fusion)
+        indices = twin.sampling.sample_indices(target, problem.N, key=key)
+        samples[name] = twin.sampling.dense(indices, twin.sampling.atoms(target))
+    expected = twin.controls.control(
+        samples["A"], problem.B, samples["x0"], samples["xf"], fusion=fusion
+    )
     g = problem.given
     plan = se.steer(se.System(g["A"], g["B"]), g["x0"], g["xf"], problem.N, fusion=fusion, rng=12)
     assert plan.fusion == fusion

@@ -69,7 +69,7 @@ def test_the_lower_bound_holds_and_is_not_vacuous(seed: int) -> None:
     ensemble = se.sample(A, int(gen.integers(1, 7)), rng=seed)
     target = A if seed % 2 else gen.standard_normal((4, 4))
     fit = se.fuse(ensemble, "alse", target=target)
-    best = reference.alse_dense(
+    best = reference.fusing.alse_dense(
         ensemble.dense(), target
     ).error  # active set on the samples written out
     rounding = 1e-12 * (1.0 + best)
@@ -127,7 +127,7 @@ def test_every_line_is_its_own_vector_problem(axis: str) -> None:
     for j in lines:
         own = (slice(None), j) if axis == "columns" else (j,)
         seen = dense[(slice(None), *own)]
-        best = reference.alse_dense(seen, target[own])
+        best = reference.fusing.alse_dense(seen, target[own])
         assert np.allclose(fit.estimate[own], best.estimate, atol=1e-9)
         assert np.allclose(fit.weights[:, j] @ seen, fit.estimate[own], atol=1e-12)
     assert fit.status == "optimal"

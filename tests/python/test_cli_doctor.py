@@ -74,7 +74,7 @@ def test_doctor_finds_what_is_broken(capsys, monkeypatch):
 
 def test_the_draws_of_doctor_are_those_of_the_twin():
     key = hashlib.sha256(b"stochens key v1\0int\x001").digest()
-    drawn = twin.sample_indices(np.arange(1.0, 6.0), 1000, key=key, scheme="iid", axis=0)
+    drawn = twin.sampling.sample_indices(np.arange(1.0, 6.0), 1000, key=key, scheme="iid", axis=0)
     assert hashlib.sha256(drawn.astype("<i8").tobytes()).hexdigest() == cli._doctor._DRAWS
 
 

@@ -233,8 +233,10 @@ def test_runs_are_those_of_the_twin(method, feedback, sampled, m):
     flags = {"feedback": feedback, "sample_states": sampled}
     run = se.track(system, r, se.StepEstimate(40, method, **flags), x0=start, rng=1, runs=3)
     for i in range(3):
-        key = twin.child(bytes(run.key), f"replicate-{i}")
-        states, inputs = twin.track(system.A, system.B, r, start, estimate, key=key, **flags)
+        key = twin.streams.child(bytes(run.key), f"replicate-{i}")
+        states, inputs = twin.simulation.track(
+            system.A, system.B, r, start, estimate, key=key, **flags
+        )
         scale = np.abs(states).max()
         np.testing.assert_allclose(run.states[i], states, rtol=0, atol=1e-13 * scale)
         np.testing.assert_allclose(run.inputs[i], inputs, rtol=0, atol=1e-12 * np.abs(inputs).max())

@@ -51,7 +51,9 @@ def test_controls_equal_the_reference(n: int, m: int, kind: str) -> None:
     (A, B), x0, xf = problem(n, m, kind)
     out = np.full((N, m), np.nan)
     assert se.realization_controls((A, B), x0, xf, out=out) is out
-    expected = twin.realization_controls(written_out(A), B, written_out(x0), written_out(xf))
+    expected = twin.controls.realization_controls(
+        written_out(A), B, written_out(x0), written_out(xf)
+    )
     assert np.abs(out - expected).max() <= 1e-12 * np.abs(expected).max()
     assert np.array_equal(out, se.realization_controls((A, B), x0, xf))
 

@@ -83,7 +83,7 @@ def test_targets_are_fitted_as_in_the_reference():
     for size in (1, 2, 30):
         fed = stream.counts["x0"]
         stream.update(**{name: data[fed:size] for name, data in DATA.items()})
-        F = {name: reference.slse(data[:size], targets[name]) for name, data in DATA.items()}
+        F = {name: reference.fusing.slse(data[:size], targets[name]) for name, data in DATA.items()}
         for name, fused in F.items():
             np.testing.assert_allclose(stream.estimates[name], fused.estimate, atol=1e-12)
             assert stream.residuals[name] == pytest.approx(fused.errors[-1], rel=1e-9)

@@ -215,7 +215,7 @@ def singleton_cases(count: int) -> Iterator[tuple[list[int], Array, Array]]:
 def test_closed_form_solves_the_quadratic_program(engine: Any, weight_set: str) -> None:
     for indices, w, target in singleton_cases(200):
         result = engine.singleton(indices, w, "alse", target, weight_set)
-        atoms = twin.atoms(w)
+        atoms = twin.sampling.atoms(w)
         points = np.vstack([np.diag(atoms)[np.unique(indices)] - target, -target])
         best, unit = brute_force(points, weight_set), float(np.sum(atoms**2) + np.sum(target**2))
         assert abs(result.error**2 - best) <= 1e-9 * max(best, 1e-3 * unit)
@@ -314,13 +314,13 @@ def test_projections_are_projections() -> None:
     rng = np.random.default_rng(16)
     for _ in range(200):
         tau = rng.normal(size=int(rng.integers(1, 8))) * rng.choice([0.1, 1.0, 10.0])
-        p = twin.project_simplex(tau)
+        p = twin.fusing.project_simplex(tau)
         assert p.min() >= 0
         assert abs(p.sum() - 1) < 1e-14
         shift = (p - tau)[p > 0]
         assert np.ptp(shift) < 1e-14
         assert np.all((p - tau)[p == 0] >= shift[0] - 1e-14)
-        q = twin.project_subsimplex(tau)
+        q = twin.fusing.project_subsimplex(tau)
         clipped = np.maximum(tau, 0)
         assert_allclose(q, clipped if clipped.sum() <= 1 else p, atol=1e-15)
 

@@ -46,7 +46,9 @@ def test_recursion_equals_the_product_formula(
             (power(A, k - 1 - i) @ B @ u[i] for i in range(k)), np.zeros(n)
         )
         assert_allclose(states[k], formula, rtol=0, atol=1e-12 * max(1.0, np.abs(formula).max()))
-    assert_allclose(states, twin.simulate(A, B, x0, u), rtol=0, atol=1e-12 * np.abs(states).max())
+    assert_allclose(
+        states, twin.simulation.simulate(A, B, x0, u), rtol=0, atol=1e-12 * np.abs(states).max()
+    )
 
 
 def test_no_steps() -> None:
@@ -107,7 +109,7 @@ def test_runs_equal_the_twin(name: str) -> None:
     for A_, B_, x0_ in FLAGS if len(A) < 20 else [(True, True, True)]:
         sampled = tuple(itertools.compress(("A", "B", "x0"), (A_, B_, x0_)))
         found = se.simulate_ensemble((A, B), x0, u, 70, rng=7, keep="runs", sampled=sampled)
-        expected = twin.simulate_runs(A, B, x0, u, 70, key=root_key(7), sampled=sampled)
+        expected = twin.simulation.simulate_runs(A, B, x0, u, 70, key=root_key(7), sampled=sampled)
         assert found.runs.shape == (70, len(u) + 1, len(A))
         if A_ and B_:
             assert np.array_equal(found.runs, expected)

@@ -72,18 +72,18 @@ def test_chacha8_known_answers() -> None:
         "289d04f43c7518db56eb4433e498a1238cd8464d3763ddbb9222ee3bd8fae3c8",
     }
     for first_byte, stream in expected.items():
-        words = twin.chacha_blocks(bytes([first_byte]) + bytes(31), 0, 0, 1)
+        words = twin.streams.chacha_blocks(bytes([first_byte]) + bytes(31), 0, 0, 1)
         assert words.astype("<u4").tobytes().hex() == stream
 
 
 def test_chacha20_known_answers() -> None:
     # RFC 8439, appendix A.1: vector 1 (block 0), vector 2 (block 1) and vector 5, whose 96-bit
     # nonce ends in 2: as a 64-bit stream id that is 2 << 56.
-    block0 = twin.chacha_blocks(bytes(32), 0, 0, 2, rounds=20)
+    block0 = twin.streams.chacha_blocks(bytes(32), 0, 0, 2, rounds=20)
     assert block0[0, :4].tolist() == [0xADE0B876, 0x903DF1A0, 0xE56A5D40, 0x28BD8653]
     assert block0[0, 12:].tolist() == [0xF4B8436A, 0x1CA11815, 0x69B687C3, 0x8665EEB2]
     assert block0[1, :4].tolist() == [0xBEE7079F, 0x7A385155, 0x7C97BA98, 0x0D082D73]
-    nonce2 = twin.chacha_blocks(bytes(32), 2 << 56, 0, 1, rounds=20)
+    nonce2 = twin.streams.chacha_blocks(bytes(32), 2 << 56, 0, 1, rounds=20)
     assert nonce2[0, :4].tolist() == [0x374DC6C2, 0x3736D58C, 0xB904E24A, 0xCD3F93EF]
 
 
@@ -95,22 +95,22 @@ def test_chacha20_agrees_with_openssl() -> None:
         seed = block.to_bytes(8, "little") + nonce.to_bytes(8, "little")
         algorithm = ciphers.algorithms.ChaCha20(key, seed)
         stream = ciphers.Cipher(algorithm, mode=None).encryptor().update(bytes(64 * 5))
-        words = twin.chacha_blocks(key, nonce, block, 5, rounds=20)
+        words = twin.streams.chacha_blocks(key, nonce, block, 5, rounds=20)
         assert words.astype("<u4").tobytes() == stream
-    carried = twin.chacha_blocks(key, nonce, 2**32 - 1, 2, rounds=20)[1]
-    assert np.array_equal(carried, twin.chacha_blocks(key, nonce, 2**32, 1, rounds=20)[0])
+    carried = twin.streams.chacha_blocks(key, nonce, 2**32 - 1, 2, rounds=20)[1]
+    assert np.array_equal(carried, twin.streams.chacha_blocks(key, nonce, 2**32, 1, rounds=20)[0])
 
 
 def test_chacha8_words_start_anywhere() -> None:
     key = bytes(range(32))
-    words = twin.chacha8_words(key, 2, 5, 0, 64)
-    block = twin.chacha_blocks(key, 2 << 56 | 5, 0, 1)[0]
+    words = twin.streams.chacha8_words(key, 2, 5, 0, 64)
+    block = twin.streams.chacha_blocks(key, 2 << 56 | 5, 0, 1)[0]
     assert int(words[0]) == int(block[0]) | int(block[1]) << 32
     for first, count in itertools.product((0, 1, 7, 8, 9, 31), (0, 1, 8, 33)):
-        part = twin.chacha8_words(key, 2, 5, first, count)
+        part = twin.streams.chacha8_words(key, 2, 5, first, count)
         assert part.tolist() == words[first : first + count].tolist()
-    assert twin.chacha8_words(key, 1, 5, 0, 1)[0] != words[0]
-    assert twin.chacha8_words(key, 2, 6, 0, 1)[0] != words[0]
+    assert twin.streams.chacha8_words(key, 1, 5, 0, 1)[0] != words[0]
+    assert twin.streams.chacha8_words(key, 2, 6, 0, 1)[0] != words[0]
 
 
 def test_xoshiro256pp_known_answers() -> None:
@@ -128,7 +128,7 @@ def test_xoshiro256pp_known_answers() -> None:
         10450023813501588000,
     ]
     state = np.array([[1, 9], [2, 9], [3, 9], [4, 9]], dtype=np.uint64)
-    assert twin.xoshiro256pp(state, 10)[:, 0].tolist() == expected
+    assert twin.streams.xoshiro256pp(state, 10)[:, 0].tolist() == expected
 
 
 def xoshiro_scalar(state: list[int], count: int) -> list[int]:
@@ -153,14 +153,14 @@ def xoshiro_scalar(state: list[int], count: int) -> list[int]:
 
 def test_iid_words_are_where_the_definition_puts_them() -> None:
     key, line, count = root_key(11), 3, 2 * CHUNK + 20
-    words = twin.iid_words(key, line, count)
+    words = twin.streams.iid_words(key, line, count)
     assert words.shape == (count,)
     for chunk, lane in [(0, 0), (0, 7), (1, 3), (2, 1)]:
-        seed = twin.chacha8_words(key, 0, line, (chunk * 256 + lane * 32) // 8, 4).tolist()
+        seed = twin.streams.chacha8_words(key, 0, line, (chunk * 256 + lane * 32) // 8, 4).tolist()
         drawn = words[chunk * CHUNK : (chunk + 1) * CHUNK][lane::8].tolist()
         assert drawn == xoshiro_scalar(seed, len(drawn))
     for shorter in (1, 8, 9, CHUNK, CHUNK + 1):
-        assert np.array_equal(twin.iid_words(key, line, shorter), words[:shorter])
+        assert np.array_equal(twin.streams.iid_words(key, line, shorter), words[:shorter])
 
 
 # --- the table, the shuffle, systematic counts ----------------------------------------------------
@@ -181,11 +181,11 @@ TABLE_WEIGHTS = {
 @pytest.mark.parametrize("name", TABLE_WEIGHTS)
 def test_table_masses_are_exact(name: str) -> None:
     w = TABLE_WEIGHTS[name]
-    table = twin.alias_table(w)
+    table = twin.streams.alias_table(w)
     cells = len(table.alias)
     assert len(w) <= cells < 2 * len(w)
     total = cells * 2**32
-    mass = twin.masses(w, total)
+    mass = twin.streams.masses(w, total)
     reached = [0] * cells  # out of `total`, the words that end in each index
     for cell in range(cells):
         coin = int(table.threshold[cell])
@@ -204,19 +204,19 @@ def test_table_masses_are_exact(name: str) -> None:
 
 def test_draw_at_the_threshold() -> None:
     # w = (1, 3): cell 0 keeps half of its mass, the rest of it and all of cell 1 belong to 1.
-    table = twin.alias_table([1.0, 3.0])
+    table = twin.streams.alias_table([1.0, 3.0])
     assert table.threshold.tolist() == [2**31, 0]
     assert table.alias.tolist() == [1, 1]
     coins = [0, 2**31 - 1, 2**31, 2**32 - 1]
     words = np.array([coin << 32 | cell for cell in (0, 1) for coin in coins], dtype=np.uint64)
-    assert twin.draw(table, words).tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
+    assert twin.streams.draw(table, words).tolist() == [0, 0, 1, 1, 1, 1, 1, 1]
 
 
 def test_shuffle_reaches_every_order_equally() -> None:
     # One word in each of the 4, 3 and 2 equal intervals of the three swaps: 24 different orders.
     middles = [[((2 * j + 1) << 63) // k for j in range(k)] for k in (4, 3, 2)]
     orders = [
-        tuple(twin.shuffle(np.arange(4), np.array(words, dtype=np.uint64)).tolist())
+        tuple(twin.streams.shuffle(np.arange(4), np.array(words, dtype=np.uint64)).tolist())
         for words in itertools.product(*middles)
     ]
     assert sorted(orders) == sorted(itertools.permutations(range(4)))
@@ -229,7 +229,7 @@ def test_systematic_counts_law() -> None:
         expected = size * np.abs(w) / gamma
         mean_square = []
         for offset in (np.arange(104) + 0.5) / 104:  # c_i is a multiple of 1/13: the mean is exact
-            n_i = twin.systematic_counts(w, size, float(offset))
+            n_i = twin.sampling.systematic_counts(w, size, float(offset))
             assert n_i.sum() == size
             assert n_i[3] == 0
             assert np.all(np.abs(n_i - expected) < 1.0)
@@ -237,10 +237,10 @@ def test_systematic_counts_law() -> None:
         f = expected % 1.0
         law = (gamma / size) ** 2 * np.sum(f * (1 - f))
         assert np.isclose(np.mean(mean_square), law, rtol=1e-10, atol=1e-25)
-    assert twin.systematic_counts(w, 6500, 0.9).tolist() == [3000, 1000, 500, 0, 2000]
-    assert twin.systematic_counts([0.0, 0.0], 9, 0.3).tolist() == [0, 0]
+    assert twin.sampling.systematic_counts(w, 6500, 0.9).tolist() == [3000, 1000, 500, 0, 2000]
+    assert twin.sampling.systematic_counts([0.0, 0.0], 9, 0.3).tolist() == [0, 0]
     # The last offset below 1 must not lose a sample to rounding, nor give it to a zero.
-    assert twin.systematic_counts([1.0, 2.0, 0.0], 3, 1 - 2.0**-53).tolist() == [1, 2, 0]
+    assert twin.sampling.systematic_counts([1.0, 2.0, 0.0], 3, 1 - 2.0**-53).tolist() == [1, 2, 0]
 
 
 def chi_square(indices: NDArray[Any], p: NDArray[np.float64]) -> float:
@@ -253,7 +253,7 @@ def chi_square(indices: NDArray[Any], p: NDArray[np.float64]) -> float:
 def test_draws_have_the_law_and_a_wrong_law_is_seen() -> None:
     w = np.array([1.0, -2.0, 3.0, 0.0, 5.0, -0.5, 2.5, 4.0])
     p = np.abs(w) / np.abs(w).sum()
-    indices = twin.sample_indices(w, 100_000, key=root_key(1))[:, 0]
+    indices = twin.sampling.sample_indices(w, 100_000, key=root_key(1))[:, 0]
     # 6 degrees of freedom: chi-square exceeds 38.3 with probability 1e-6.
     assert chi_square(indices, p) < 38.3
     wrong = p.copy()
@@ -287,7 +287,7 @@ GOLDEN = {
 def test_golden_draws(name: str, scheme: str, size: int) -> None:
     target, axis = TARGETS[name]
     expected = GOLDEN[name, scheme, size]
-    ours = twin.sample_indices(target, size, key=root_key(2024), scheme=scheme, axis=axis)
+    ours = twin.sampling.sample_indices(target, size, key=root_key(2024), scheme=scheme, axis=axis)
     assert digest(ours) == expected
     ensemble = se.sample(target, size, rng=2024, scheme=scheme, axis=axis)
     assert digest(ensemble.indices) == expected
@@ -299,7 +299,7 @@ def test_golden_draws(name: str, scheme: str, size: int) -> None:
 @cache
 def twin_indices(name: str, size: int, scheme: str) -> NDArray[np.int64]:
     target, axis = TARGETS[name]
-    return twin.sample_indices(target, size, key=root_key(7), scheme=scheme, axis=axis)
+    return twin.sampling.sample_indices(target, size, key=root_key(7), scheme=scheme, axis=axis)
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -326,14 +326,14 @@ def test_systematic_counts_equal_the_twin(name: str, size: int) -> None:
     target, axis = TARGETS[name]
     counts = se.sample_counts(target, size, rng=7, scheme="systematic", axis=axis)
     lines = []
-    for j, w in enumerate(twin.to_lines(target, axis).T):
-        word = int(twin.chacha8_words(root_key(7), 1, j, 0, 1)[0])
-        lines.append(twin.systematic_counts(w, size, (word >> 11) * 2.0**-53))
-    expected = twin.from_lines(np.stack(lines, axis=1), target.ndim, axis)
+    for j, w in enumerate(twin.sampling.to_lines(target, axis).T):
+        word = int(twin.streams.chacha8_words(root_key(7), 1, j, 0, 1)[0])
+        lines.append(twin.sampling.systematic_counts(w, size, (word >> 11) * 2.0**-53))
+    expected = twin.sampling.from_lines(np.stack(lines, axis=1), target.ndim, axis)
     assert counts.counts.dtype == np.int64
     assert np.array_equal(counts.counts, expected)
-    drawn = np.any(twin.to_lines(target, axis) != 0, axis=0)  # a zero line is hit nowhere
-    assert np.array_equal(twin.to_lines(counts.counts, axis).sum(axis=0), size * drawn)
+    drawn = np.any(twin.sampling.to_lines(target, axis) != 0, axis=0)  # a zero line is hit nowhere
+    assert np.array_equal(twin.sampling.to_lines(counts.counts, axis).sum(axis=0), size * drawn)
     if size <= 1000:
         ensemble = se.sample(target, size, rng=7, scheme="systematic", axis=axis)
         assert np.array_equal(ensemble.counts(), expected)

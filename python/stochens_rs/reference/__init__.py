@@ -16,59 +16,15 @@ is 32 bytes. Input must be finite and of the right shape; it is not checked.
 
 from __future__ import annotations
 
-from .controls import (
-    PlanError,
-    Reachability,
-    control,
-    pinv,
-    plan_error,
-    reachability,
-    realization_controls,
-)
-from .fusing import (
-    Fused,
-    Greedy,
-    alse_dense,
-    alse_singleton,
-    frank_wolfe_gap,
-    fuse_path,
-    project_simplex,
-    project_subsimplex,
-    slse,
-    slse_safeguarded,
-    uniform,
-)
-from .sampling import (
-    atoms,
-    combine,
-    counts,
-    dense,
-    from_lines,
-    sample_indices,
-    systematic_counts,
-    to_lines,
-)
-from .simulation import average, simulate, simulate_mean_field, simulate_runs, track
-from .streams import (
-    AliasTable,
-    alias_table,
-    chacha8_words,
-    chacha_blocks,
-    child,
-    draw,
-    iid_words,
-    masses,
-    shuffle,
-    xoshiro256pp,
-)
+from . import controls, fusing, sampling, simulation, streams
 from .validation import Comparison, validate
 
 __all__ = [
-    "AliasTable", "Comparison", "Fused", "Greedy", "PlanError", "Reachability", "alias_table",
-    "alse_dense", "alse_singleton", "atoms", "average", "chacha8_words", "chacha_blocks",
-    "child", "combine", "control", "counts", "dense", "draw", "frank_wolfe_gap", "from_lines",
-    "fuse_path", "iid_words", "masses", "pinv", "plan_error", "project_simplex",
-    "project_subsimplex", "reachability", "realization_controls", "sample_indices", "shuffle",
-    "simulate", "simulate_mean_field", "simulate_runs", "slse", "slse_safeguarded",
-    "systematic_counts", "to_lines", "track", "uniform", "validate", "xoshiro256pp",
-]  # fmt: skip
+    "Comparison",
+    "controls",
+    "fusing",
+    "sampling",
+    "simulation",
+    "streams",
+    "validate",
+]

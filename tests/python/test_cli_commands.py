@@ -125,7 +125,6 @@ def test_the_nearest_name_is_suggested(args, said, code, place, capsys):
     ("args", "said"),
     [
         ("identify runs.csv --states x --inputs F --delta 100%", "--delta must be in (0, 1)"),
-        ("identify runs.csv --states x --inputs F --sep ::", "--sep must be one character"),
         ("control system.json --steps 2 --Q -1", "--Q"),
         ("control system.json --rate 1", "--previous"),
         ("control system.json --limits 1,-1", "--limits"),

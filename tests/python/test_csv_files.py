@@ -45,12 +45,8 @@ AS_PLAIN = {
     "tabs": (PLAIN.replace(",", "\t"), {}),
     "blanks": (PLAIN.replace(",", "   "), {}),
     "bars": (PLAIN.replace(",", " | "), {}),
-    "a separator of one's own": (PLAIN.replace(",", "^"), {"sep": "^"}),
+    "a separator of one's own": ("sep=^\n" + PLAIN.replace(",", "^"), {}),
     "semicolons, decimal commas": (COMMA, {}),
-    "tabs, decimal commas": (COMMA.replace(";", "\t"), {"decimal": ","}),
-    "quoted decimal commas": (
-        "\n".join(f'"{line}"' for line in COMMA.split("\n")).replace(";", '","'), {"decimal": ","}
-    ),
     "semicolons in a text": (
         "\n".join([HEAD + ',"a; b"', *(row + ',"c; d"' for row in ROWS)]), {}
     ),
@@ -123,7 +119,7 @@ REFUSED = {
         "got 'p' in line 7, the names of the columns again: split the file there",
     ),
     "decimal commas between commas": (COMMA.replace(";", ","), {}, "4, in line 2: decimal"),
-    "a decimal comma": (COMMA.replace(";", "\t"), {}, "in line 2: .* pass `decimal` as ','"),
+    "a decimal comma": (COMMA.replace(";", "\t"), {}, "in line 2: .*decimal comma"),
     "points among decimal commas": (
         COMMA.replace(";0,", ";1.0,"), {}, r"got '1\.0,\d+' in line \d+, where others have"
     ),
@@ -140,9 +136,6 @@ REFUSED = {
     ),
     "an underscore": (PLAIN + "\n0.24,1,1_5,2", {}, "got '1_5' in line 14"),
     "no text": (b"PK\3\4\0\0a,b\n", {}, "text in UTF-8, UTF-16 or Windows-1252"),
-    "a wide separator": (PLAIN, {"sep": "::"}, "`sep` must be one character of ASCII, as"),
-    "another decimal sign": (PLAIN, {"decimal": ";"}, "`decimal` must be"),
-    "one sign for both": (PLAIN, {"sep": ",", "decimal": ","}, "`sep` and `decimal` must differ"),
     "a negative number of lines": (PLAIN, {"skip": -1}, "`skip` must be"),
     "more lines than there are": (PLAIN, {"skip": 40}, "is empty"),
     "a state without readings": (
@@ -168,12 +161,11 @@ def test_it_is_refused_with_the_cure(tmp_path, what):
 
 def test_options_on_the_command_line(tmp_path, capsys):
     path = tmp_path / "log.csv"
-    path.write_text("by hand\n" + COMMA.replace(";", "^"))
+    path.write_text("by hand\n" + COMMA)
     columns = ["--states", "p,v", "--inputs", "F", "--time", "t"]
-    assert cli.main(["identify", str(path), *columns, "--skip", "1", "--sep", "^"]) == 2
-    assert "pass --decimal as ','" in capsys.readouterr().err
-    options = ["--skip", "1", "--sep", "^", "--decimal", ","]
-    assert cli.main(["identify", str(path), *columns, *options]) == 0
+    assert cli.main(["identify", str(path), *columns]) == 2
+    assert "pass --skip, the lines above them" in capsys.readouterr().err
+    assert cli.main(["identify", str(path), *columns, "--skip", "1"]) == 0
     assert "1 run, 11 pairs, n=2 m=1 dt=0.02" in capsys.readouterr().out
 
 

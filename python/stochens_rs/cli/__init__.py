@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import sys
 from collections.abc import Sequence
@@ -12,15 +13,20 @@ from .._base.files import versions
 from .._base.validation import nearest
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
 from ..studies.running import interruptions
-from . import _certify, _control, _doctor, _identify, _study
+from ._certify import certify_command
 from ._command import EXIT_CODES, INTERNAL, INTERRUPTED, IO, OK, USAGE, Group
+from ._control import control_command
+from ._doctor import doctor_command
+from ._identify import identify_command
 from ._output import drop_unwritten, note, occupy_standard_descriptors, show
+from ._study import study_command
 
 __all__ = ["main"]
 
 
 @click.group(
     cls=Group,
+    commands=[identify_command, control_command, certify_command, study_command, doctor_command],
     invoke_without_command=True,
     epilog=EXIT_CODES,
     context_settings={
@@ -43,16 +49,6 @@ def cli(context: click.Context) -> None:
     """
     if context.invoked_subcommand is None:
         show(context.get_help())
-
-
-for _command in (
-    _identify.identify_command,
-    _control.control_command,
-    _certify.certify_command,
-    _study.study_command,
-    _doctor.doctor_command,
-):
-    cli.add_command(_command)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -94,30 +90,24 @@ def _code(args: list[str] | None) -> int:
         return _fail("interrupted", INTERRUPTED)
     except SystemExit as end:  # of click: a completion, or the reader of the output has closed it
         return OK if not end.code else IO
-    except FileNotFoundError as error:
-        return _fail(f"{_said(error)}{_neighbour(error.filename)}", IO)
     except (OSError, StateError) as error:
-        return _fail(_said(error), IO)
+        return _fail(_fault(error), IO)
     except (InputError, InputTypeError, ResourceError, ImportError) as error:
         return _fail(str(error), USAGE)
     except Exception as error:
         return _fail(f"internal error: {type(error).__name__}: {error}", INTERNAL)
 
 
-def _said(error: Exception) -> str:
-    """What went wrong with which file, without the number of the error."""
-    if isinstance(error, OSError) and error.strerror and error.filename is not None:
-        return f"{error.filename}: {error.strerror.lower()}"
-    return str(error)
-
-
-def _neighbour(path: object) -> str:
-    """Ask whether a file with a similar name was meant."""
-    folder, name = os.path.split(str(path or ""))
-    try:
-        return nearest(name, os.listdir(folder or "."))
-    except OSError:
-        return ""
+def _fault(error: Exception) -> str:
+    """What went wrong with which file, without the number of the error, and which one was meant."""
+    text, path = str(error), getattr(error, "filename", None)
+    if isinstance(error, OSError) and error.strerror and path is not None:
+        text = f"{path}: {error.strerror.lower()}"
+    if isinstance(error, FileNotFoundError):
+        folder, name = os.path.split(str(path or ""))
+        with contextlib.suppress(OSError):
+            text += nearest(name, os.listdir(folder or "."))
+    return text
 
 
 def _fail(message: str, code: int) -> int:

@@ -13,7 +13,6 @@ from .._base import saving
 from .._base.numbers import ROUNDING
 from .._base.show import listed, percent
 from ..controls import control
-from ..data.table import Text
 from ..exceptions import DataWarning, InputError
 from ..identification import Model
 from ..limits import Cost, Limits, Uncertain
@@ -29,8 +28,6 @@ def control_command(
     start: str | None = None,
     record: File | None = None,
     time: str | None = None,
-    sep: str | None = None,
-    decimal: str | None = None,
     skip: int = 0,
     goal: str | None = None,
     steps: Count = 1,
@@ -61,8 +58,6 @@ def control_command(
       start --from X,Y  Initial state; default: of the problem.
       record CSV  Of outputs: a log that ends now.
       time COLUMN  Its times: rows that were lost are noticed.
-      sep C  Between its cells; default: as the file shows.
-      decimal C  Of its numbers: . or ,; default: as the file shows.
       skip K  Lines above its names to skip.
       goal --to X,Y  Target; default: of the problem, or 0.
       steps K  Number of steps.
@@ -122,16 +117,15 @@ def control_command(
         ),
     }
     xf = vector_of("--to", goal, n, np.zeros(n) if xf is None else xf)
-    how = Text.checked(sep, decimal, skip)
     if read:
         if record is None or start is not None or x0_error:
             raise click.UsageError(
                 "give --record, without --from and --x0-error: a model of outputs starts "
                 f"from readings of {listed(known.outputs)}, and the inputs between them"
             )
-        asked |= {"record": last_rows(record, known, time, how), "target": xf}
+        asked |= {"record": last_rows(record, known, time, skip), "target": xf}
     else:
-        if record is not None or time is not None or how != Text():
+        if record is not None or time is not None or skip:
             raise click.UsageError("--record and --time are for models of outputs: give --from")
         x0 = vector_of("--from", start, n, x0)
         asked |= {"x0": Uncertain(x0, x0_error) if x0_error else x0, "xf": xf}

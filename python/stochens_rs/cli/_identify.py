@@ -11,14 +11,14 @@ import numpy as np
 from .._base.reading import number
 from .._base.show import listed
 from ..data.gaps import ON_GAP
-from ..data.table import Table, Text, csv_files, natural
+from ..data.table import Table, csv_files, natural
 from ..exceptions import DataWarning
 from ..identification import Model, Noise, Pilot, Trajectories, Window, identify
 from ..identification.options import DESIGNS, LAWS, UNKNOWN
 from ..identification.region import Region
 from ._command import LEVEL, Choice, File, Share, command
 from ._output import Out, finite, note, show_result
-from ._values import names_of
+from ._values import names_of, parsed
 
 _Gap = Annotated[Any, Choice(ON_GAP)]
 _Design = Annotated[Any, Choice(DESIGNS)]
@@ -39,8 +39,6 @@ def identify_command(
     delay: int = 0,
     on_gap: _Gap = "split",
     last_pairs: bool = False,
-    sep: str | None = None,
-    decimal: str | None = None,
     skip: int = 0,
     design: _Design = "adaptive",
     noise: _Law = "gaussian",
@@ -72,8 +70,6 @@ def identify_command(
       delay K  Steps until an input acts.
       on_gap WORD  At lost rows: split the run, or raise.
       last_pairs  Use only the last step of each run.
-      sep C  Between cells; default: as the file shows.
-      decimal C  Of numbers: . or ,; default: as the file shows.
       skip K  Lines above the names to skip.
     Assumptions:
       design D  adaptive, or independent of the noise.
@@ -96,9 +92,8 @@ def identify_command(
       identify logs/ --outputs x --inputs F --time t --out m.safetensors
     """
     paths = csv_files(sorted(source, key=natural))
-    how = Text.checked(sep, decimal, skip)
     if (states is None) == (outputs is None) or inputs is None:
-        known = ", ".join(map(str, Table.of_file(paths[0], how).names))
+        known = ", ".join(map(str, Table.of_file(paths[0], skip).names))
         raise click.UsageError(f"give --states or --outputs, and --inputs, of the columns {known}")
     files = Out(out, "identify", force, [".safetensors", ".state"])
     read = "states" if outputs is None else "outputs"
@@ -108,10 +103,10 @@ def identify_command(
         columns["delay"] = delay
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always", DataWarning)
-        data = Trajectories.from_csv(paths, **columns, dt=dt, **how._asdict())
+        data = Trajectories.from_csv(paths, **columns, dt=dt, skip=skip)
     unused: list[str] = []
     if len(paths) == 1 and by is None:
-        table = Table.of_file(paths[0], how)
+        table = Table.of_file(paths[0], skip)
         used = set(map(table.title, [*x, *u, time]))
         unused = [one for one in table.names if one not in used]
     if last_pairs:
@@ -123,6 +118,9 @@ def identify_command(
         )
     if reference is not None and pilot is None:
         raise click.UsageError("--reference goes with --pilot")
+    past = {} if window is None else parsed("--window", window, "as 8 or 0.8,4", _window)
+    example = "a start, a target and steps, like 1,0:0,0:10"
+    task = None if reference is None else parsed("--reference", reference, example, _task)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)  # the text lists them
         model = identify(
@@ -130,8 +128,8 @@ def identify_command(
             noise=Noise(
                 noise, covariance, sigma, tuple(names_of("--exact", exact)) if exact else (), design
             ),
-            window=Window(**_window(window), delay=0 if outputs is None else delay),
-            pilot=None if pilot is None else Pilot(_pilot(pilot), reference and _task(reference)),
+            window=Window(**past, delay=0 if outputs is None else delay),
+            pilot=None if pilot is None else Pilot(_pilot(pilot), task),
             intercept=intercept,
         )
     region = model.region(delta)
@@ -191,25 +189,15 @@ def _pilot(text: str) -> float | Model:
 
 def _task(text: str) -> tuple[list[float], list[float], int]:
     """Read ``1,0:0,0:10``."""
-    try:
-        start, goal, steps = text.split(":")
-        ends = [[number(cell) for cell in one.split(",")] for one in (start, goal)]
-        return ends[0], ends[1], int(steps)
-    except ValueError:
-        raise click.BadParameter(
-            f"{text!r} must be a start, a target and steps, like 1,0:0,0:10",
-            param_hint="--reference",
-        ) from None
+    start, goal, steps = text.split(":")
+    x0, xf = ([number(cell) for cell in one.split(",")] for one in (start, goal))
+    return x0, xf, int(steps)
 
 
-def _window(text: str | None) -> dict[str, Any]:
-    if text is None:
-        return {}
+def _window(text: str) -> dict[str, Any]:
+    """Read ``8`` or ``0.8,4``."""
     pole, comma, count = text.partition(",")
-    try:
-        return {"filters": (float(pole), int(count))} if comma else {"lags": int(pole)}
-    except ValueError:
-        raise click.BadParameter(f"{text!r} must be as 8 or 0.8,4", param_hint="--window") from None
+    return {"filters": (float(pole), int(count))} if comma else {"lags": int(pole)}
 
 
 def _exact_is_possible(model: Model) -> bool:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 import numpy as np
@@ -19,8 +19,8 @@ from ..feedback import Loop, gain
 
 if TYPE_CHECKING:
     from .._base.types import Floats
-    from ..data.table import Text
     from ..identification import Model
+T = TypeVar("T")
 
 
 def names_of(option: str, text: str) -> list[str]:
@@ -31,24 +31,25 @@ def names_of(option: str, text: str) -> list[str]:
     return names
 
 
+def parsed(option: str, text: str, wanted: str, read: Callable[[str], T]) -> T:
+    """What `read` makes of a text, which must be `wanted`."""
+    try:
+        return read(text)
+    except ValueError:
+        message = f"{text!r} must be {wanted}"
+        raise click.BadParameter(message, param_hint=option) from None
+
+
 def vector_of(option: str, text: str | None, n: int, default: Any) -> Any:
     """Read ``1,0,-0.5``: `n` numbers."""
-    if text is None:
-        if default is None:
-            raise click.UsageError(f"give {option}, {n} numbers with commas")
-        return default
-    values = _numbers(option, text)
-    if len(values) != n or not all(map(math.isfinite, values)):
-        raise click.BadParameter(f"must be {n} finite numbers, got {text!r}", param_hint=option)
-    return np.array(values)
+    if text is None and default is None:
+        raise click.UsageError(f"give {option}, {n} numbers with commas")
+    return default if text is None else np.array(_numbers(option, text, f"{n} finite", n))
 
 
-def entries_of(option: str, text: str, count: int) -> float | Floats:
+def entries_of(option: str, text: str, count: int) -> Floats:
     """Read ``1`` or ``1,0,2``, one number for each."""
-    values = _numbers(option, text)
-    if len(values) not in (1, count) or not all(map(math.isfinite, values)):
-        wanted = "a finite number" if count == 1 else f"1 or {count} finite numbers"
-        raise click.BadParameter(f"must be {wanted}, got {text!r}", param_hint=option)
+    values = _numbers(option, text, f"1 or {count} finite" if count > 1 else "a finite", 1, count)
     return np.full(count, values[0]) if len(values) == 1 else np.array(values)
 
 
@@ -69,13 +70,15 @@ def sides_of(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[F
     return low, high
 
 
-def _numbers(option: str, text: str) -> list[float]:
-    try:
-        return [number(cell) for cell in text.split(",")]
-    except ValueError:
-        raise click.BadParameter(
-            f"{text!r} must be numbers with commas", param_hint=option
-        ) from None
+def _numbers(option: str, text: str, wanted: str = "", *counts: int) -> list[float]:
+    """Numbers with commas; so many of them, all finite, if `counts` are given."""
+    values = parsed(
+        option, text, "numbers with commas", lambda text: [number(one) for one in text.split(",")]
+    )
+    if counts and not (len(values) in counts and all(map(math.isfinite, values))):
+        many = "number" if wanted == "a finite" else "numbers"
+        raise click.BadParameter(f"must be {wanted} {many}, got {text!r}", param_hint=option)
+    return values
 
 
 def feedback_for(model: Model, Q: str | None, R: str | None, widest: float | None = None) -> Loop:
@@ -93,13 +96,13 @@ def feedback_for(model: Model, Q: str | None, R: str | None, widest: float | Non
         raise click.UsageError(f"no gain: {error}") from error
 
 
-def last_rows(path: str, model: Model, time: str | None, how: Text) -> tuple[Floats, Floats]:
+def last_rows(path: str, model: Model, time: str | None, skip: int) -> tuple[Floats, Floats]:
     """The record (outputs, inputs) for a model of outputs, whose columns the file has.
 
     It begins behind the last row that is not complete, or that `time` says was lost; of the last
     row of all the inputs are not used, as they act after its reading.
     """
-    table = Table.of_file(path, how)
+    table = Table.of_file(path, skip)
 
     def columns(argument: str, names: tuple[str, ...]) -> Floats:
         return np.column_stack([table.numbers(argument, table.title(name)) for name in names])

@@ -8,22 +8,18 @@ stamps, never at what was read, so that rows may be lost by chance.
 from __future__ import annotations
 
 import warnings
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, get_args
+from collections.abc import Sequence
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._base import running, validation
+from .._base.types import Floats
 from ..exceptions import DataWarning, InputError
 from .pieces import Pieces
+from .table import Run
 from .units import LATEST
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from .._base.types import Floats
-    from .table import Run
 
 OnGap: TypeAlias = Literal["split", "raise"]
 ON_GAP: tuple[OnGap, ...] = get_args(OnGap)
@@ -41,52 +37,40 @@ ENDS = 8  # readings at the end of a sensor's range, at the least
 CLUMP = 5  # times as many as at the next value; 2.4 for a sine that is read in whole units
 
 
-class Stamps(NamedTuple):
-    """The time between two rows [s], and by what part of it a stamp may be off."""
-
-    dt: float | None
-    tolerance: float
-
-
-def checked_stamps(runs: Sequence[Run], dt: object, tolerance: object) -> Stamps:
-    """The time between two rows, and how far a stamp may be off.
+def _step(runs: Sequence[Run], dt: float | None) -> float | None:
+    """The time between two rows, which the stamps must keep.
 
     If it is not declared: the mean of ``step / round(step / median)`` over the steps that are near
     a multiple of their median; the median alone is wrong where stamps are rounded.
     """
-    declared = None if dt is None else validation.positive("dt", dt)
-    slack = CLOSE if declared is None else NEAR
-    if tolerance is not None:
-        slack = validation.positive("tolerance", tolerance, maximum=0.5)
     for run in runs:
         _refuse_disorder(run)
         _refuse_alternating(run)
-        if run.times is not None and run.times.min() > LATEST:
+        if (run.times[:1] > LATEST).any():
             raise InputError(
                 f"`time` must be in seconds, but {run.name} begins at {run.times[0]:.6g}: if that "
                 "is in another unit, write it behind the name of the column, as t [ns]"
             )
-    steps = [np.diff(run.times) for run in runs if run.times is not None and len(run.times) > 1]
-    if declared is None and steps:
-        known = np.concatenate(steps)
-        parts = known / np.median(known)
+    steps = np.concatenate([np.diff(run.times) for run in runs])
+    declared = dt
+    if dt is None and len(steps):
+        parts = steps / np.median(steps)
         near = (np.abs(parts - np.round(parts)) <= NEAR) & (np.round(parts) >= 1.0)
         if not near.any():
             raise InputError(
-                f"`time` must have equal steps, got {len(known)} of {known.min():.6g} to "
-                f"{known.max():.6g} s: declare `dt`"
+                f"`time` must have equal steps, got {len(steps)} of {steps.min():.6g} to "
+                f"{steps.max():.6g} s: declare `dt`"
             )
-        found = float(np.mean(known[near] / np.round(parts[near])))
+        found = float(np.mean(steps[near] / np.round(parts[near])))
         declared = float(f"{found:.12g}")  # 0.1, where stamps are 0, 0.1, 0.2, 0.30000000000000004
-    _refuse_irregular(runs, declared, slack, dt is None)
-    return Stamps(declared, slack)
+    if declared is not None:
+        _refuse_irregular(runs, declared, dt is None)
+    return declared
 
 
 def _refuse_disorder(run: Run) -> None:
     """Refuse times that do not increase, and say why they may not."""
     times = run.times
-    if times is None:
-        return
     with np.errstate(over="ignore"):
         steps = np.diff(times)
     if np.isinf(steps).any():
@@ -127,7 +111,7 @@ def _refuse_alternating(run: Run) -> None:
 
     Steps of one and two, say, are what a lost row leaves, unless every second row repeats a column.
     """
-    if run.times is None or len(run.times) < ENOUGH:
+    if len(run.times) < ENOUGH:
         return
     steps = np.diff(run.times)
     pair = np.sort([np.median(steps[::2]), np.median(steps[1::2])])
@@ -136,8 +120,7 @@ def _refuse_alternating(run: Run) -> None:
     if pair[1] - pair[0] <= 2 * NEAR * middle or same.mean() < ALTERNATING:
         return
     ratio = pair[1] / pair[0]
-    columns = np.hstack([run.x, run.u])
-    repeats = columns[1:] == columns[:-1]
+    repeats = run.z[1:] == run.z[:-1]
     filled = np.abs(repeats[::2].mean(axis=0) - repeats[1::2].mean(axis=0)) >= ALTERNATING
     if abs(ratio - np.round(ratio)) > CLOSE * ratio or filled.any():
         raise InputError(
@@ -146,13 +129,11 @@ def _refuse_alternating(run: Run) -> None:
         )
 
 
-def _refuse_irregular(runs: Sequence[Run], dt: float | None, tolerance: float, found: bool) -> None:
+def _refuse_irregular(runs: Sequence[Run], dt: float, found: bool) -> None:
     """Refuse a run whose rows are not mostly one step apart, and stamps that are too far off."""
-    off = steps = 0
+    off, slack = [], CLOSE if found else NEAR
     worst, example = 0.0, ""
-    for run in runs:
-        if run.times is None or dt is None or len(run.times) < 2:
-            continue
+    for run in (run for run in runs if len(run.times) > 1):
         own = np.diff(run.times)
         with np.errstate(over="ignore", invalid="ignore"):
             q = own / dt
@@ -166,102 +147,99 @@ def _refuse_irregular(runs: Sequence[Run], dt: float | None, tolerance: float, f
                 + ("" if found else ": `dt` is declared")
                 + (f"; if they are in {unit}, name that, as t [{unit}]" if unit else "")
             )
-        off, steps = off + int((away > tolerance).sum()), steps + len(q)
+        off.append(away > slack)
         if away.max() > worst:
             k = int(np.argmax(away))
             worst, example = float(away[k]), f"{own[k]:.6g} s after the row {run.where(k)}"
-    if off > IRREGULAR * steps:
+    every = np.concatenate(off) if off else np.zeros(0)
+    if every.sum() > IRREGULAR * len(every):
+        cure = f"if stamps jitter and the sampling does not, declare dt={dt:.3g}"
         raise InputError(
-            f"`time` must have equal steps of {dt:.6g} s, but {off} of {steps} are off by more "
-            f"than {100 * tolerance:g} % of one, the worst {example}"
-            + (
-                f": if stamps jitter and the sampling does not, declare dt={dt:.3g}"
-                if found and tolerance < NEAR
-                else ": sampling at irregular times has no discrete-time model"
-            )
+            f"`time` must have equal steps of {dt:.6g} s, but {every.sum()} of {len(every)} are "
+            f"off by more than {100 * slack:g} % of one, the worst {example}: "
+            + (cure if found else "sampling at irregular times has no discrete-time model")
         )
 
 
-class Pairs(NamedTuple):
-    """The rows (x, u, x_next) of all pairs, their runs and pieces, and the time of a step [s]."""
+def pairs_of(
+    runs: Sequence[Run], names: Sequence[Any], dt: object, delay: object, on_gap: object
+) -> tuple[Floats, Pieces, float | None]:
+    """The rows (x, u, x_next) of all pairs, their runs and pieces, and the time of a step [s].
 
-    rows: Floats
-    pieces: Pieces
-    dt: float | None
-
-
-def joined(
-    runs: Sequence[Run],
-    names: Sequence[Any],
-    dt: object,
-    tolerance: object,
-    delay: object,
-    on_gap: object,
-) -> Pairs:
-    """The pairs of all runs; `names` are those of the states and then the inputs."""
+    `names` are those of the states and then the inputs.
+    """
     back = validation.size("delay", delay, minimum=-1)
     split = validation.choice("on_gap", on_gap, ON_GAP) == "split"
-    stamps = checked_stamps(runs, dt, tolerance)
-    rows, pieces = [], []
-    entries = len(names) + runs[0].x.shape[1]  # of (x, u, x_next)
-    running.need("the pairs", 2 * 8 * entries * sum(len(run.x) for run in runs))
-    for run in runs:
-        own, acting, lost = _kept(run, names, stamps, back, split)
-        rows.append(np.hstack([run.x[own], run.u[acting], run.x[own + 1]]))
-        pieces.append(lost)
-    if dt is None and tolerance is None and stamps.dt is not None:
-        wide = Stamps(float(f"{stamps.dt:.3g}"), NEAR)
-        less = sum(int(_kept(run, names, wide, back, split)[2].lost.sum()) for run in runs)
-        saved = sum(int(lost.lost.sum()) for lost in pieces) - less
-        if saved > MANY * sum(len(run.x) for run in runs):
-            said = f"{saved} rows dropped because the stamps jitter; declare dt={wide.dt:g}"
-            warnings.warn(DataWarning(said), stacklevel=4)
+    step = None if dt is None else validation.positive("dt", dt)
+    timed = len(runs[0].times) > 0
+    if timed:
+        step = _step(runs, step)
+    n = runs[0].n
+    readings = sum(len(run.z) for run in runs)
+    running.need("the pairs", 2 * 8 * (len(names) + n) * readings)
+
+    def kept(dt: float | None, slack: float) -> list[tuple[NDArray[np.intp], ...]]:
+        return [_kept(run, names, (dt, slack), back, split) for run in runs]
+
+    places = kept(step, CLOSE if dt is None else NEAR)
+    rows = [
+        np.hstack([run.z[own, :n], run.z[acting, n:], run.z[own + 1, :n]])
+        for run, (own, acting, *_) in zip(runs, places, strict=True)
+    ]
+    pieces = [Pieces(*parts) for _, _, *parts in places]
+    if dt is None and timed and step is not None:
+        wide = float(f"{step:.3g}")
+        less = sum(int(parts[-1][0]) for parts in kept(wide, NEAR))
+        saved = sum(int(part.lost.sum()) for part in pieces) - less
+        if saved > MANY * readings:
+            text = f"{saved} rows dropped because the stamps jitter; declare dt={wide:g}"
+            warnings.warn(DataWarning(text), stacklevel=4)
     every = np.vstack(rows)
-    _refuse_useless(every[:, : len(names)], names, entries - len(names))
-    warn_of_ends([(run.x, run.u) for run in runs], names, stacklevel=4)
-    return Pairs(every, Pieces.joined(pieces), stamps.dt)
+    _refuse_useless(every[:, : len(names)], names, n)
+    warn_of_ends([(run.z[:, :n], run.z[:, n:]) for run in runs], names, stacklevel=5)
+    return every, Pieces.joined(pieces), step
 
 
 def _kept(
-    run: Run, names: Sequence[Any], stamps: Stamps, delay: int, split: bool
-) -> tuple[NDArray[np.intp], NDArray[np.intp], Pieces]:
+    run: Run, names: Sequence[Any], clock: tuple[float | None, float], delay: int, split: bool
+) -> tuple[NDArray[np.intp], ...]:
     """The rows k of the pairs x(k), u(k - delay), x(k + 1), those of their inputs, and the pieces.
 
     Lost are rows that the stamps skip, rows off the grid, and rows with a cell missing.
     """
-    there, given = (np.logical_and.reduce(np.isfinite(one), axis=1) for one in (run.x, run.u))
-    at, absent = np.arange(len(run.x)), 0
-    if run.times is not None and stamps.dt is not None:
+    dt, slack = clock
+    finite = np.isfinite(run.z)
+    there = np.logical_and.reduce(finite[:, : run.n], axis=1)
+    given = np.logical_and.reduce(finite[:, run.n :], axis=1)
+    at, absent = np.arange(len(run.z)), 0
+    if len(run.times) and dt is not None:
         with np.errstate(over="ignore"):
-            q = np.diff(run.times) / stamps.dt
+            q = np.diff(run.times) / dt
         whole = np.minimum(np.round(q), PAUSE).astype(np.int64)
         # where rows are not a whole number of steps apart, no input reaches over
-        odd = (np.abs(q - whole) > stamps.tolerance) | (whole < 1)
+        odd = (np.abs(q - whole) > slack) | (whole < 1)
         absent = int(np.maximum(whole - 1, odd).sum())
-        at = np.concatenate(
-            [[0], np.cumsum(np.where(odd, np.maximum(whole, 2) + abs(delay), whole))]
-        )
+        steps = np.where(odd, np.maximum(whole, 2) + abs(delay), whole)
+        at = np.concatenate([[0], np.cumsum(steps)])
     acting = np.minimum(np.searchsorted(at, at - delay), len(at) - 1)
     known = (at[acting] == at - delay) & given[acting]
-    pair = there[:-1] & there[1:] & known[:-1] & (np.diff(at) == 1)
     if not split:
         _refuse_gaps(run, at, names)
-    kept = np.flatnonzero(pair)
+    kept = np.flatnonzero(there[:-1] & there[1:] & known[:-1] & (np.diff(at) == 1))
     if not len(kept):
         _refuse_empty(run, names)
         raise InputError(
             f"{run.name} has no two complete rows that are one step apart"
-            + ("" if stamps.dt is None else f", {stamps.dt:.6g} s")
+            + ("" if dt is None else f", {dt:.6g} s")
             + (f", with an input {delay} steps before them" if delay > 0 else "")
             + ": leave this run out, if its rows were lost by chance"
         )
     given[-1 if delay >= 0 else 0] = True  # acts behind the last state, or before the first one
     lost = absent + int((~there | ~given).sum())
     steps = np.diff(at[kept]) - 1
-    behind = np.flatnonzero(steps) + 1
-    gaps = np.column_stack([behind, steps[behind - 1]])
-    count = np.array([len(kept)]), np.array([lost])
-    return kept, acting[kept], Pieces(count[0], gaps, count[1])
+    behind = np.flatnonzero(steps)
+    gaps = np.column_stack([behind + 1, steps[behind]])
+    return kept, acting[kept], np.array([len(kept)]), gaps, np.array([lost])
 
 
 def _refuse_gaps(run: Run, at: NDArray[np.int64], names: Sequence[Any]) -> None:
@@ -273,20 +251,19 @@ def _refuse_gaps(run: Run, at: NDArray[np.int64], names: Sequence[Any]) -> None:
         raise InputError(
             f"`time` has a gap of {at[k + 1] - at[k]} steps behind the row {run.where(k)}{divides}"
         )
-    missing = np.isnan(np.hstack([run.x, run.u]))
-    missing[-1, run.x.shape[1] :] = False  # the last input acts behind the last state
+    missing = np.isnan(run.z)
+    missing[-1, run.n :] = False  # the last input acts behind the last state
     if missing.any():
-        row, column = np.unravel_index(int(np.argmax(missing)), missing.shape)
-        raise InputError(f"`{names[int(column)]!s:.40}` is missing {run.where(int(row))}{divides}")
+        row, column = map(int, np.argwhere(missing)[0])
+        raise InputError(f"`{names[column]!s:.40}` is missing {run.where(row)}{divides}")
 
 
 def _refuse_empty(run: Run, names: Sequence[Any]) -> None:
     """Refuse columns without a number, and rows of which none is complete."""
-    there = np.isfinite(np.hstack([run.x, run.u]))
-    n = run.x.shape[1]
+    there = np.isfinite(run.z)
     if not there.any(axis=0).all():
         k = int(np.argmin(there.any(axis=0)))
-        cure = "leave this input out" if k >= n else "pass what was measured as outputs="
+        cure = "leave this input out" if k >= run.n else "pass what was measured as outputs="
         raise InputError(f"`{names[k]!s:.40}` has no number in {run.name}: {cure}")
     if len(there) > 2 and not there.all(axis=1).any():
         raise InputError(
@@ -299,26 +276,22 @@ def _refuse_useless(z: Floats, names: Sequence[Any], n: int) -> None:
     """Refuse columns that never change, and two that are proportional, where there are pairs."""
     if len(z) <= z.shape[1] + 1:
         return
-    said: dict[bytes, Any] = {}
+    shapes: dict[bytes, Any] = {}
     for k, (name, column) in enumerate(zip(names, z.T, strict=True)):
         top = column[np.argmax(np.abs(column))]
         if (column == column[0]).all():
-            raise InputError(
-                f"`{name!s:.40}` is constant ({top:.6g}) in all rows"
-                + (
-                    ": leave it out; an offset is intercept=True of identify"
-                    if k < n
-                    else " and says nothing of B: excite it, as by the rows before a step; or, for "
+            cure = "leave it out; an offset is intercept=True of identify"
+            if k >= n:
+                cure = (
+                    "it says nothing of B: excite it, as by the rows before a step; or, for "
                     "states, pass arrays to Trajectories, and B to identify as known_B="
                 )
-            )
-        shape = (np.round(column / top, 9) + 0.0).tobytes()
-        if shape in said:
+            raise InputError(f"`{name!s:.40}` is constant ({top:.6g}) in all rows: {cure}")
+        twin = shapes.setdefault((np.round(column / top, 9) + 0.0).tobytes(), name)
+        if twin is not name:
             raise InputError(
-                f"`{said[shape]!s:.40}` and `{name!s:.40}` are proportional in all rows: leave one "
-                "out"
+                f"`{twin!s:.40}` and `{name!s:.40}` are proportional in all rows: leave one out"
             )
-        said[shape] = name
 
 
 def warn_of_ends(
@@ -329,28 +302,26 @@ def warn_of_ends(
     It is the end of the range of a sensor, or a stop; or the plant rests there, which does no harm,
     as in the rows of a run before its first change.
     """
-    read = np.concatenate([x[max(1, _first_change(x, u)) :] for x, u in runs])
-    found = []
+    found, read = [], np.concatenate([x[_first_change(x, u) :] for x, u in runs])
     for name, column in zip(names, read.T, strict=False):
         own = column[np.isfinite(column)]
         if max((own == end).sum() for end in (own.max(initial=0.0), own.min(initial=0.0))) < ENDS:
             continue
         values, counts = np.unique(own, return_counts=True)
-        for end, next_one in ((0, 1), (-1, -2)):
-            if len(values) < ENDS or counts[end] < max(ENDS, CLUMP * counts[next_one]):
-                continue
-            found.append(
-                f"`{name!s:.40}` reads {values[end]:.6g}, its {'largest' if end else 'least'} "
-                f"value, in {counts[end]} rows"
-            )
+        for end, next_one, word in ((0, 1, "least"), (-1, -2, "largest")):
+            if len(values) >= ENDS and counts[end] >= max(ENDS, CLUMP * counts[next_one]):
+                found.append(
+                    f"`{name!s:.40}` reads {values[end]:.6g}, its {word} value, "
+                    f"in {counts[end]} rows"
+                )
     if found:
         more = f" ({len(found) - 1} more so)" if len(found) > 1 else ""
-        said = (
+        text = (
             f"{found[0]}{more}: no harm if the plant rests there; at the end of a sensor's range, "
             "or at a stop, it is no linear system. Neither leave these rows out nor cut runs "
             "before them: that chooses pairs by their outcomes"
         )
-        warnings.warn(DataWarning(said), stacklevel=stacklevel)
+        warnings.warn(DataWarning(text), stacklevel=stacklevel)
 
 
 def _first_change(x: Floats, u: Floats) -> int:

@@ -7,14 +7,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exceptions import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 LONGEST = 2**40  # steps of a gap, so that no sum of them overflows
 NO_GAPS = np.zeros((0, 2), dtype=np.int64)

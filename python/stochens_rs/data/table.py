@@ -8,69 +8,53 @@ import glob
 import os
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import _core
 from .._base import running, validation
 from .._base.files import PathLike, checked_path, regular_file
 from .._base.reading import printable
+from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
-from .units import in_seconds, instants, titled
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from .._base.types import Floats
+from .units import as_text, in_seconds, titled
 
 _PARSED = 30  # bytes of memory for one of a file: an empty cell is one, and has its place
 _DATES = "seconds, or dates and times as 2024-03-05 10:00:00.5, all with a time zone or none"
 
 
-class Text(NamedTuple):
-    """How a CSV file is written; None is what the file shows."""
+class Columns(NamedTuple):
+    """The columns that the user names; `kind`: whether "states" or "outputs" are read."""
 
-    sep: str | None = None
-    decimal: str | None = None
-    skip: int = 0
-
-    @classmethod
-    def checked(cls, sep: Any, decimal: Any, skip: Any) -> Text:
-        """Check the arguments of a user."""
-        if sep is not None and (
-            not isinstance(sep, str) or len(sep) != 1 or sep in '"\r\n' or not sep.isascii()
-        ):
-            raise InputError(
-                f"`sep` must be one character of ASCII, as ';', got {validation.show(sep)}"
-            )
-        if decimal is not None:
-            validation.choice("decimal", decimal, (".", ","))
-        if sep is not None and sep == decimal:
-            raise InputError(f"`sep` and `decimal` must differ, got {sep!r} for both")
-        return cls(sep, decimal, validation.size("skip", skip, minimum=0))
-
-
-class Chosen(NamedTuple):
-    """The columns that the user names."""
-
-    states: list[Any]
+    kind: str
+    read: list[Any]
     inputs: list[Any]
     by: Any
     time: Any
-    kind: str = "states"
+
+    @classmethod
+    def checked(cls, states: Any, outputs: Any, inputs: Any, by: Any, time: Any) -> Columns:
+        """Check the arguments of a user."""
+        if (states is None) == (outputs is None):
+            raise InputError("exactly one of `states` and `outputs` must be given")
+        kind, names = ("outputs", outputs) if states is None else ("states", states)
+        read, acting = validation.items(kind, names), validation.items("inputs", inputs)
+        for argument, some in ((kind, read), ("inputs", acting)):
+            if not some:
+                raise InputError(f"`{argument}` must name at least one column, got none")
+        return cls(kind, read, acting, by, time)
 
 
-@dataclass(frozen=True, eq=False)
-class Run:
-    """The rows of a run: states, inputs, nan where one is missing; times [s]; and words for it."""
+class Run(NamedTuple):
+    """The rows of a run, and words for them."""
 
-    x: Floats
-    u: Floats
-    times: Floats | None
+    z: Floats  # n states, then inputs; nan where one is missing
+    n: int
+    times: Floats  # [s]; none where the log has no times
     rows: NDArray[np.intp]
     table: Table
     label: str | None
@@ -78,21 +62,20 @@ class Run:
     @property
     def name(self) -> str:
         """``run a``, ``logs/3.csv``, ``run a of logs/3.csv``."""
-        of = self.table.path if self.label is None else f"run {self.label}"
-        return f"{of} of {self.table.path}" if self.label and self.table.path else of or "the table"
+        words = [f"run {self.label}" if self.label is not None else "", self.table.path or ""]
+        return " of ".join(filter(None, words)) or "the table"
 
     def rows_of(self, *rows: int) -> str:
         """``lines 60 and 61 of run a of logs/3.csv``."""
-        words = [self.table.row(int(self.rows[row])) for row in rows]
-        kind = words[0].split()[0] + ("s" if len(rows) > 1 else "")
-        return f"{kind} {' and '.join(word.split()[1] for word in words)} of {self.name}"
+        words = [self.table.row(int(self.rows[row])).split() for row in rows]
+        numbers = " and ".join(number for _, number in words)
+        return f"{words[0][0]}{'s' if len(rows) > 1 else ''} {numbers} of {self.name}"
 
     def where(self, row: int) -> str:
         """``in run a at time 0.2``."""
-        inside = self.label is not None or self.table.path is not None
-        at = self.table.row(int(self.rows[row]))
-        at = f"in {at}" if self.times is None else f"at time {self.times[row]:.6g}"
-        return f"in {self.name} {at}" if inside else at
+        at = f"in {self.table.row(int(self.rows[row]))}"
+        at = f"at time {self.times[row]:.6g}" if len(self.times) else at
+        return at if self.name == "the table" else f"in {self.name} {at}"
 
 
 class Table:
@@ -107,17 +90,16 @@ class Table:
         self.names = list(columns.keys() if isinstance(columns, Mapping) else columns.columns)
 
     @classmethod
-    def of_file(cls, path: PathLike, how: Text | None = None) -> Table:
+    def of_file(cls, path: PathLike, skip: object = 0) -> Table:
         """Read a CSV file whose first row names the columns, all with different names.
 
         Above it may stand a line ``sep=;``, empty lines, and comments that begin with # or %; below
         it a row of units, which become part of the names. Columns and rows without a cell at the
         end are left out.
         """
-        how, about = how or Text(), regular_file(path)
-        running.need(f"to read {path}", about.st_size * _PARSED)
-        comma = None if how.decimal is None else how.decimal == ","
-        file = _core.Table(str(path), _decoded(path), how.sep, comma, how.skip)
+        above = validation.size("skip", skip, minimum=0)
+        running.need(f"to read {path}", regular_file(path).st_size * _PARSED)
+        file = _core.Table(str(path), _decoded(path), None, None, above)
         odd = next((name for name in file.names if printable(name) != name), None)
         if odd is not None:
             raise InputError(
@@ -190,11 +172,11 @@ class Table:
             times = (column - column[:1]) / np.timedelta64(1, "s")
         else:
             try:
-                numbers = self.numbers("time", name)
+                times = self.numbers("time", name)
             except (InputError, InputTypeError) as error:
                 times = self._dates(name, column, error)
             else:
-                times = in_seconds(self.in_words(name), name, numbers)
+                times = in_seconds(self.in_words(name), name, times)
         if not np.isfinite(times).all():
             row = self.row(int(np.argmin(np.isfinite(times))))
             raise InputError(
@@ -203,11 +185,11 @@ class Table:
         return times
 
     def _dates(self, name: Any, column: Any, error: Exception) -> Floats:
+        """Texts as in ISO 8601, or objects of `datetime`, all with a time zone or all without."""
         cells = list(column) if self.file is None else self.file.cells(column)
-        try:
-            return instants(cells)
-        except ValueError as found:
-            k = found.args[0]
+        seconds, k = _core.instants(list(map(as_text, cells)))
+        if k is None:
+            return seconds
         if k == 0:  # it has no dates
             raise type(error)(f"{error}: {_DATES}; pandas.to_datetime reads other forms") from None
         again = "" if self.file is None else self.file.cure(column, cells[k])
@@ -282,80 +264,64 @@ def natural(path: str) -> tuple[list[Any], str]:
     return [int(part) if k % 2 else part for k, part in enumerate(parts)], path
 
 
-def chosen_columns(states: Any, outputs: Any, inputs: Any, by: Any, time: Any) -> Chosen:
-    """Check the arguments that name columns."""
-    if (states is None) == (outputs is None):
-        raise InputError("exactly one of `states` and `outputs` must be given")
-    kind, names = ("outputs", outputs) if states is None else ("states", states)
-    chosen = Chosen(
-        validation.items(kind, names), validation.items("inputs", inputs), by, time, kind
-    )
-    for argument, names in ((kind, chosen.states), ("inputs", chosen.inputs)):
-        if not names:
-            raise InputError(f"`{argument}` must name at least one column, got none")
-    return chosen
-
-
-def read_files(source: Any, chosen: Chosen, how: Text | None = None) -> tuple[list[Run], Chosen]:
-    """The runs of CSV files, and the columns with the units that the files say."""
+def read_runs(tables: Iterable[Table], columns: Columns) -> tuple[Columns, list[Run]]:
+    """The columns as the tables call them; and their runs, in the order of their first rows."""
     runs: list[Run] = []
     titles = None
-    for path in csv_files(source):
-        own, more = read_table(Table.of_file(path, how), chosen)
-        runs += more
+    for table in tables:
+        own = Columns(
+            columns.kind,
+            [table.title(name) for name in columns.read],
+            [table.title(name) for name in columns.inputs],
+            *map(table.title, columns[3:]),
+        )
+        runs += _runs(table, own)
         titles = titles or own
         if own != titles:
             here, before = next((a, b) for a, b in zip(own, titles, strict=True) if a != b)
             raise InputError(
-                f"{path} has {printable(f'{here!s:.80}')}, the files before it "
+                f"{table.path} has {printable(f'{here!s:.80}')}, the files before it "
                 f"{printable(f'{before!s:.80}')}: bring them to the same units"
             )
     if titles is None:
         raise InputError("`source` must have at least one file, got none")
-    return runs, titles
+    return titles, runs
 
 
-def read_table(table: Table, named: Chosen) -> tuple[Chosen, list[Run]]:
-    """The columns as the table calls them; and its runs, in the order of their first rows."""
-    states, inputs = ([table.title(name) for name in some] for some in named[:2])
-    by, time = map(table.title, named[2:4])
-    chosen = Chosen(states, inputs, by, time, named.kind)
-    read = [(chosen.kind, name) for name in states] + [("inputs", name) for name in inputs]
-    columns = [table.numbers(*one) for one in read]
-    times = None if chosen.time is None else table.times(chosen.time)
-    lengths = [len(column) for column in columns] + ([] if times is None else [len(times)])
-    if len(set(lengths)) > 1:
-        other = next(k for k, length in enumerate(lengths) if length != lengths[0])
-        names = [name for _, name in read] + [chosen.time]
+def _runs(table: Table, columns: Columns) -> Iterator[Run]:
+    """The runs of a table, in the order of their first rows."""
+    kind, states, inputs, by, time = columns
+    named = [(kind, name) for name in states] + [("inputs", name) for name in inputs]
+    read = [table.numbers(*one) for one in named]
+    times = np.zeros(0) if time is None else table.times(time)
+    lengths = [len(column) for column in read] + ([] if time is None else [len(times)])
+    other = next((k for k, length in enumerate(lengths) if length != lengths[0]), None)
+    if other is not None:
+        names = [name for _, name in named] + [time]
         raise ShapeError(
             f"`table` must have columns of one length, got {lengths[0]} rows of "
             f"{validation.show(names[0])} and {lengths[other]} of "
             f"{validation.show(names[other])}: the last row of an input is not used, so that nan "
             "may stand there"
         )
-    x, u = np.column_stack(columns[: len(states)]), np.column_stack(columns[len(states) :])
-    runs = []
-    for label, rows in _runs(table, chosen.by, len(x)):
-        text = None if chosen.by is None else printable(f"{label!s:.30}")
-        own = None if times is None else times[rows]
-        run = Run(x[rows], u[rows], own, rows, table, text)
-        for values, names in ((run.x, chosen.states), (run.u, chosen.inputs)):
-            if np.isinf(values).any():
-                row, column = np.unravel_index(int(np.argmax(np.isinf(values))), values.shape)
-                raise InputError(
-                    f"{table.in_words(names[column])} is {values[row, column]} "
-                    f"{run.where(int(row))}: "
-                    "a run that diverged ends with its last finite state"
-                )
-        runs.append(run)
-    return chosen, runs
+    z = np.column_stack(read)
+    for label, rows in _rows(table, by, len(z)).items():
+        text = None if by is None else printable(f"{label[1]!s:.30}")
+        run = Run(z[rows], len(states), times[rows] if len(times) else times, rows, table, text)
+        wrong = np.argwhere(np.isinf(run.z))
+        if len(wrong):
+            row, column = map(int, wrong[0])
+            raise InputError(
+                f"{table.in_words(named[column][1])} is {run.z[row, column]} {run.where(row)}: "
+                "a run that diverged ends with its last finite state"
+            )
+        yield run
 
 
-def _runs(table: Table, by: Any, rows: int) -> Iterator[tuple[Any, NDArray[np.intp]]]:
-    """The label and the rows of each run, in the order of their first rows."""
+def _rows(table: Table, by: Any, rows: int) -> dict[tuple[bool, Any], NDArray[np.intp]]:
+    """The rows of each label, in the order of their first rows; True is apart from 1."""
     if by is None:
-        yield None, np.arange(rows)
-        return
+        return {(False, None): np.arange(rows)}
     labels = table.labels(by)
     if len(labels) != rows:
         raise ShapeError(f"`by` must be a column of {rows} rows, got {len(labels)}")
@@ -363,7 +329,6 @@ def _runs(table: Table, by: Any, rows: int) -> Iterator[tuple[Any, NDArray[np.in
     for row, label in enumerate(labels):
         try:
             missing = label is None or bool(label != label)  # nan
-            # True is apart from 1, which it equals
             found.setdefault((isinstance(label, (bool, np.bool_)), label), []).append(row)
         except (TypeError, ValueError):  # missing as pandas says it, or a list
             missing = True
@@ -372,5 +337,4 @@ def _runs(table: Table, by: Any, rows: int) -> Iterator[tuple[Any, NDArray[np.in
             raise InputError(
                 f"`by` is missing in {table.row(row)}{of}, or no label: {validation.show(label)}"
             )
-    for (_, label), places in found.items():
-        yield label, np.array(places)
+    return {label: np.array(places) for label, places in found.items()}

@@ -10,23 +10,22 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .._base import running, show, validation
 from .._base.names import Labels, checked_names
 from .._base.records import SavedRecord
+from .._base.types import Floats, Places
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
-from .gaps import OnGap, joined, warn_of_ends
+from .gaps import OnGap, pairs_of, warn_of_ends
 from .pieces import Pieces
-from .table import Chosen, Run, Table, Text, chosen_columns, read_files, read_table
+from .table import Columns, Table, csv_files, read_runs
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import ArrayLike, NDArray
     from typing_extensions import Self
-
-    from .._base.types import Floats, Places
 
 
 def _rebuild(
@@ -77,6 +76,17 @@ class Trajectories(SavedRecord):
         Whether `states` are readings that do not say all of the state, as of positions without
         velocities, or that have errors: `identify` then predicts them from past ones.
 
+    Attributes
+    ----------
+    n : int
+        The number of states.
+    dt : float or None
+        The time between two steps [s]; None if unspecified.
+    state_names, input_names : tuple of str
+        The names of the states, and of the inputs.
+    outputs : tuple of str
+        The names of what was read, where that is not all of the state; else empty.
+
     Raises
     ------
     ShapeError, NonFiniteError, InputTypeError
@@ -102,24 +112,17 @@ class Trajectories(SavedRecord):
     """
 
     __slots__ = (
-        "_dt",
-        "_input_names",
-        "_n",
-        "_outputs",
-        "_pieces",
-        "_rows",
-        "_state_names",
-        "_whole",
-    )
+        "_pieces", "_rows", "_whole", "dt", "input_names", "n", "outputs", "state_names",
+    )  # fmt: skip
 
     _rows: Floats
     _pieces: Pieces
-    _n: int
-    _dt: float | None
-    _state_names: tuple[str, ...]
-    _input_names: tuple[str, ...]
-    _outputs: bool
     _whole: Trajectories | None  # the runs of which these are the last pairs
+    n: int
+    dt: float | None
+    state_names: tuple[str, ...]
+    input_names: tuple[str, ...]
+    outputs: tuple[str, ...]
 
     _made_by = staticmethod(_rebuild)
 
@@ -139,7 +142,8 @@ class Trajectories(SavedRecord):
                 f"`inputs` must have {len(x)} runs as `states`, got {len(u)}; one run is a pair of "
                 "arrays (T + 1, n) and (T, m)"
             )
-        rows, checked, n, m = [], [], None, None
+        checked: list[tuple[Floats, Floats]] = []
+        n = m = None
         for (states_name, one), (inputs_name, acting) in zip(x, u, strict=True):
             run = validation.matrix(states_name, one, cols=n)
             if len(run) < 2:
@@ -147,12 +151,11 @@ class Trajectories(SavedRecord):
             control = validation.matrix(inputs_name, acting, rows=len(run) - 1, cols=m)
             n, m = run.shape[1], control.shape[1]
             checked.append((run, control))
-            rows.append(np.hstack([run[:-1], control, run[1:]]))
-        lengths = np.array([len(part) for part in rows], dtype=np.int64)
-        assert n is not None
+        rows = np.vstack([np.hstack([run[:-1], acting, run[1:]]) for run, acting in checked])
+        pieces = Pieces.whole(np.array([len(acting) for _, acting in checked], dtype=np.int64))
         read = validation.flag("outputs", outputs)
-        self._set(np.vstack(rows), Pieces.whole(lengths), n, dt, state_names, input_names, read)
-        warn_of_ends(checked, self._state_names, stacklevel=3)
+        self._set(rows, pieces, checked[0][0].shape[1], dt, state_names, input_names, read)
+        warn_of_ends(checked, self.state_names, stacklevel=3)
 
     @classmethod
     def from_csv(
@@ -165,11 +168,8 @@ class Trajectories(SavedRecord):
         by: str | None = None,
         time: str | None = None,
         dt: float | None = None,
-        tolerance: float | None = None,
         delay: int = 0,
         on_gap: OnGap = "split",
-        sep: str | None = None,
-        decimal: str | None = None,
         skip: int = 0,
     ) -> Self:
         """Read runs from CSV files, with lost rows and jittering stamps as logs have them.
@@ -184,11 +184,8 @@ class Trajectories(SavedRecord):
         states, outputs, inputs : sequence of str
             The columns of the states or the outputs, and of the inputs, as the first row of each
             file names them.
-        by, time, dt, tolerance, delay, on_gap
+        by, time, dt, delay, on_gap
             As in `from_table`.
-        sep, decimal : str, optional
-            What stands between cells, and in numbers; None: as the file shows, tabs, ``;``, ``|``,
-            ``,`` or blanks, and a comma in numbers where cells are divided by ``;``.
         skip : int, default 0
             The number of lines to leave out above the names of the columns.
 
@@ -205,9 +202,11 @@ class Trajectories(SavedRecord):
 
         Notes
         -----
-        Files are text in UTF-8, UTF-16 or Windows-1252. Above the names may be empty lines, a line
-        ``sep=;`` and comments that begin with # or %, below them a row of units, which become part
-        of the names. Numbers of lines in messages count all lines of the file.
+        Files are text in UTF-8, UTF-16 or Windows-1252, with tabs, ``;``, ``|``, ``,`` or blanks
+        between cells, and a comma in numbers where that is ``;``. Above the names may be empty
+        lines, a line ``sep=;`` and comments that begin with # or %, below them a row of units,
+        which become part of the names. Numbers of lines in messages count all lines of the file.
+        ``from_table(pandas.read_csv(path, ...), ...)`` reads files that are written otherwise.
 
         Examples
         --------
@@ -221,10 +220,9 @@ class Trajectories(SavedRecord):
         >>> data.state_names
         ('v [m/s]',)
         """
-        read = outputs is not None
-        chosen = chosen_columns(states, outputs, inputs, by, time)
-        runs, titles = read_files(source, chosen, Text.checked(sep, decimal, skip))
-        return cls._joined(runs, titles, read, dt, tolerance, delay, on_gap)
+        columns = Columns.checked(states, outputs, inputs, by, time)
+        tables = [Table.of_file(path, skip) for path in csv_files(source)]
+        return cls._read(tables, columns, dt, delay, on_gap)
 
     @classmethod
     def from_table(
@@ -237,7 +235,6 @@ class Trajectories(SavedRecord):
         by: Any = None,
         time: Any = None,
         dt: float | None = None,
-        tolerance: float | None = None,
         delay: int = 0,
         on_gap: OnGap = "split",
     ) -> Self:
@@ -262,11 +259,9 @@ class Trajectories(SavedRecord):
             in seconds; or of dates and times, with a time zone in all rows or in none. None: the
             rows of a run are equal steps apart.
         dt : float, optional
-            The time between two steps [s]: your declaration that the stamps jitter and the sampling
-            does not. None: the mean step of `time`.
-        tolerance : float, optional
-            By what part of a step a stamp may be off; the default is 0.25 if `dt` is declared, else
-            0.05. Rows that are further off do not follow on each other.
+            The time between two steps [s]: your declaration that the stamps jitter, by up to 0.25
+            of a step, and the sampling does not. None: the mean step of `time`, of which a stamp
+            may be off by 0.05. Rows that are further off do not follow on each other.
         delay : int, default 0
             By how many rows the inputs stand too early: ``u(k - delay)`` takes the place of
             ``u(k)``. -1: a row holds the states *after* its input. This mends the log; a dead time
@@ -315,9 +310,16 @@ class Trajectories(SavedRecord):
         ... )
         <Trajectories: 2 runs, 3 pairs, n=1 m=1 dt=0.5>
         """
-        chosen = chosen_columns(states, outputs, inputs, by, time)
-        titles, runs = read_table(Table(table), chosen)
-        return cls._joined(runs, titles, outputs is not None, dt, tolerance, delay, on_gap)
+        columns = Columns.checked(states, outputs, inputs, by, time)
+        return cls._read([Table(table)], columns, dt, delay, on_gap)
+
+    @classmethod
+    def _read(cls, tables: list[Table], columns: Columns, *about: object) -> Self:
+        """The runs of tables, and dt, delay and on_gap."""
+        titles, runs = read_runs(tables, columns)
+        states, inputs = tuple(map(str, titles.read)), tuple(map(str, titles.inputs))
+        rows, pieces, dt = pairs_of(runs, [*states, *inputs], *about)
+        return cls._of(rows, pieces, len(states), dt, states, inputs, titles.kind == "outputs")
 
     @classmethod
     def from_pairs(
@@ -364,24 +366,14 @@ class Trajectories(SavedRecord):
         acting = validation.matrix("u", u, rows=N)
         after = validation.matrix("x_next", x_next, rows=N, cols=n)
         running.need("the pairs", (2 * before.nbytes) + acting.nbytes)
-        rows = np.hstack([before, acting, after])
         pieces = Pieces.whole(np.ones(N, dtype=np.int64))
-        return cls._of(rows, pieces, n, dt, state_names, input_names)
-
-    @property
-    def n(self) -> int:
-        """The number of states."""
-        return self._n
+        rows = np.hstack([before, acting, after])
+        return cls._of(rows, pieces, n, dt, state_names, input_names, False)
 
     @property
     def m(self) -> int:
         """The number of inputs."""
-        return int(self._rows.shape[1]) - 2 * self._n
-
-    @property
-    def dt(self) -> float | None:
-        """The time between two steps [s]; None if unspecified."""
-        return self._dt
+        return len(self.input_names)
 
     @property
     def size(self) -> int:
@@ -404,21 +396,6 @@ class Trajectories(SavedRecord):
         return int(self._pieces.lost.sum())
 
     @property
-    def state_names(self) -> tuple[str, ...]:
-        """The names of the states."""
-        return self._state_names
-
-    @property
-    def input_names(self) -> tuple[str, ...]:
-        """The names of the inputs."""
-        return self._input_names
-
-    @property
-    def outputs(self) -> tuple[str, ...]:
-        """The names of what was read, where that is not all of the state; else empty."""
-        return self._state_names if self._outputs else ()
-
-    @property
     def single(self) -> bool:
         """Whether every run is one pair."""
         return len(self) == self.size
@@ -426,7 +403,7 @@ class Trajectories(SavedRecord):
     @property
     def runs(self) -> list[tuple[Floats, Floats]]:
         """The states (T + 1, n) and inputs (T, m) of each run; nan for what is lost at a gap."""
-        n, found, skipped = self._n, [], self._pieces.skipped()
+        n, found, skipped = self.n, [], self._pieces.skipped()
         running.need("the runs", 8 * (self.size + len(self) + int(skipped.sum())) * (n + self.m))
         for T, end in zip(self.lengths, np.cumsum(self.lengths), strict=True):
             part = self._rows[end - T : end]
@@ -451,8 +428,8 @@ class Trajectories(SavedRecord):
         >>> data.pairs()[0].ravel()
         array([0., 1.])
         """
-        n = self._n
-        return self._rows[:, :n], self._rows[:, n:-n], self._rows[:, -n:]
+        x, u, x_next = np.split(self._rows, [self.n, self.n + self.m], axis=1)
+        return x, u, x_next
 
     def last_pairs(self) -> Self:
         """Keep only the last pair of each run.
@@ -475,9 +452,8 @@ class Trajectories(SavedRecord):
         """
         last = np.zeros(self.size, dtype=bool)
         last[np.cumsum(self.lengths) - 1] = True
-        rows, pieces = self._rows[last], self._pieces.chosen(last)
         whole = self if self._whole is None else self._whole
-        return type(self)._of(rows, pieces, *self._about(), whole=whole)
+        return self._part(self._rows[last], self._pieces.chosen(last), whole)
 
     def last_record(self) -> tuple[Floats, Floats]:
         """Return the readings and inputs of the last piece: where a plan may begin.
@@ -528,17 +504,15 @@ class Trajectories(SavedRecord):
         (<Trajectories: 3 pairs, n=4 m=1>, <Trajectories: 1 pair, n=4 m=1>)
         """
         runs = len(self)
-        whole = isinstance(share, (int, np.integer)) and not isinstance(share, bool)
-        if whole:
+        if isinstance(share, (int, np.integer)) and not isinstance(share, bool):
             count = validation.size("share", share, maximum=max(runs - 1, 1))
         else:
             count = round(validation.probability("share", share) * runs)
         if not 0 < count < runs:
             raise InputError(f"`share` must leave a run for each part, got {share} of {runs}")
-        first = np.zeros(runs, dtype=bool)
-        first[as_key(rng).child("split").generator().permutation(runs)[:count]] = True
-        run = self._pieces.runs()
-        return self._with(first[run]), self._with(~first[run])
+        chosen = as_key(rng).child("split").generator().permutation(runs)[:count]
+        first = np.isin(self._pieces.runs(), chosen)
+        return self._with(first), self._with(~first)
 
     def _moved(self) -> Self:
         """The same where a row held the states after its input: u(k + 1) in place of u(k)."""
@@ -548,7 +522,7 @@ class Trajectories(SavedRecord):
         kept = np.zeros(self.size, dtype=bool)
         kept[behind - 1] = True
         rows = self._rows[kept]
-        rows[:, self._n : -self._n] = self._rows[behind, self._n : -self._n]
+        rows[:, self.n : -self.n] = self._rows[behind, self.n : -self.n]
         return self._part(rows, self._pieces.chosen(kept))
 
     def _with(self, pairs: NDArray[np.bool_]) -> Self:
@@ -564,10 +538,9 @@ class Trajectories(SavedRecord):
     def __getitem__(self, runs: int | slice) -> Self | tuple[Floats, Floats]:
         """One run as (states, inputs), or the runs of a slice."""
         if not isinstance(runs, slice):
-            index = validation.size("run", runs, minimum=-len(self), maximum=len(self) - 1) % len(
-                self
-            )
-            return self[index : index + 1].runs[0]
+            index = validation.size("run", runs, minimum=-len(self), maximum=len(self) - 1)
+            first = index % len(self)
+            return self[first : first + 1].runs[0]
         chosen = np.zeros(len(self), dtype=bool)
         chosen[runs] = True
         if not chosen.any() or (runs.step or 1) < 0:
@@ -607,72 +580,44 @@ class Trajectories(SavedRecord):
         >>> len(se.Trajectories([[0.0], [1.0], [1.5]], [[1.0], [1.0]]).plot().axes)
         2
         """
-        labels = Labels(self._state_names, self._input_names)
-        at = labels.places("states", states)
-        some = labels.places("inputs", inputs, inputs=True)
-        names = [self._state_names[i] for i in at], [self._input_names[i] for i in some]
-        x, u = zip(*self.runs, strict=True)
-        shown = [one[:, at] for one in x], [one[:, some] for one in u]
-        return draw_runs(*shown, names, self._dt, figure)
+        labels = Labels(self.state_names, self.input_names)
+        at, some = labels.places("states", states), labels.places("inputs", inputs, inputs=True)
+        names = [self.state_names[i] for i in at], [self.input_names[i] for i in some]
+        x, u = zip(*((x[:, at], u[:, some]) for x, u in self.runs), strict=True)
+        return draw_runs(x, u, names, self.dt, figure)
 
     def _set(
         self,
         rows: Floats,
         pieces: Pieces,
         n: int,
-        dt: object,
+        dt: float | None,
         state_names: Sequence[str] | None,
         input_names: Sequence[str] | None,
         outputs: bool,
         whole: Trajectories | None = None,
     ) -> None:
-        m = rows.shape[1] - 2 * n
         rows.flags.writeable = False
         if outputs and state_names is None:
             state_names = [f"y[{i}]" for i in range(n)]
-        of_states, of_inputs = checked_names(n, m, state_names, input_names)
-        for slot, value in (
-            ("_rows", rows),
-            ("_pieces", pieces),
-            ("_n", n),
-            ("_dt", None if dt is None else validation.positive("dt", dt)),
-            ("_state_names", of_states),
-            ("_input_names", of_inputs),
-            ("_outputs", outputs),
-            ("_whole", whole),
-        ):
-            object.__setattr__(self, slot, value)
+        names = checked_names(n, rows.shape[1] - 2 * n, state_names, input_names)
+        step = None if dt is None else validation.positive("dt", dt)
+        self._keep(_rows=rows, _pieces=pieces, _whole=whole, n=n, dt=step)
+        self._keep(state_names=names[0], input_names=names[1], outputs=names[0] if outputs else ())
 
     @classmethod
-    def _joined(cls, runs: list[Run], chosen: Chosen, outputs: bool, *about: Any) -> Self:
-        """The runs of a log, their columns, and dt, tolerance, delay and on_gap."""
-        states, inputs = map(str, chosen.states), map(str, chosen.inputs)
-        names = tuple(states), tuple(inputs)
-        rows, pieces, dt = joined(runs, [*names[0], *names[1]], *about)
-        return cls._of(rows, pieces, len(names[0]), dt, *names, outputs=outputs)
+    def _of(cls, *fields: Any) -> Self:
+        """Trajectories of these arguments of `_set`."""
+        made = object.__new__(cls)
+        made._set(*fields)
+        return made
 
-    @classmethod
-    def _of(
-        cls,
-        rows: Floats,
-        pieces: Pieces,
-        n: int,
-        dt: float | None,
-        state_names: Sequence[str] | None,
-        input_names: Sequence[str] | None,
-        outputs: bool = False,
-        whole: Trajectories | None = None,
-    ) -> Self:
-        self = object.__new__(cls)
-        self._set(rows, pieces, n, dt, state_names, input_names, outputs, whole)
-        return self
-
-    def _part(self, rows: Floats, pieces: Pieces) -> Self:
-        return type(self)._of(rows, pieces, *self._about())
+    def _part(self, rows: Floats, pieces: Pieces, whole: Trajectories | None = None) -> Self:
+        return self._of(rows, pieces, *self._about(), whole)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        about = self._pieces
-        own = self._rows, about.lengths, about.gaps, about.lost
+        pieces = self._pieces
+        own = self._rows, pieces.lengths, pieces.gaps, pieces.lost
         return _rebuild, (*own, *self._about(), self._whole)
 
     def _require_whole(self, name: str, why: str) -> None:
@@ -713,40 +658,32 @@ class Trajectories(SavedRecord):
         there = {row.tobytes() for row in other._rows}
         return any(row.tobytes() in there for row in self._rows)
 
-    def _about(
-        self,
-    ) -> tuple[int, float | None, tuple[str, ...] | None, tuple[str, ...] | None, bool]:
-        names = self._state_names, self._input_names
-        return (self._n, self._dt, *names, self._outputs)
-
-    @property
-    def _counts(self) -> str:
-        """``2 runs in 5 pieces, 40 pairs, 3 rows lost``."""
-        runs, pairs = show.number_of(len(self), "run"), show.number_of(self.size, "pair")
-        if len(self._pieces.gaps):
-            runs += f" in {show.number_of(len(self.pieces), 'piece')}"
-        lost = f", {show.number_of(self.lost, 'row')} lost" if self.lost else ""
-        return f"{runs}, {pairs}{lost}"
+    def _about(self) -> tuple[int, float | None, tuple[str, ...], tuple[str, ...], bool]:
+        """What data that are pooled have in common."""
+        return self.n, self.dt, self.state_names, self.input_names, bool(self.outputs)
 
     def __repr__(self) -> str:
-        dt = "" if self._dt is None else f" dt={self._dt:g}"
-        shown = self._counts.partition(", ")[2] if self.single else self._counts
-        read = f"outputs={self.n}" if self._outputs else f"n={self.n}"
-        return f"<Trajectories: {shown}, {read} m={self.m}{dt}>"
+        """``<Trajectories: 2 runs in 5 pieces, 40 pairs, 3 rows lost, n=2 m=1>``."""
+        words = [show.number_of(len(self), "run"), show.number_of(self.size, "pair")]
+        if self.single:
+            words = words[1:]
+        elif len(self._pieces.gaps):
+            words[0] += f" in {show.number_of(len(self.pieces), 'piece')}"
+        if self.lost:
+            words.append(f"{show.number_of(self.lost, 'row')} lost")
+        size = f"{'outputs' if self.outputs else 'n'}={self.n} m={self.m}"
+        dt = "" if self.dt is None else f" dt={self.dt:g}"
+        return f"<Trajectories: {', '.join(words)}, {size}{dt}>"
 
     def _repr_html_(self) -> str:
-        pieces, kind = self.pieces, "piece" if len(self._pieces.gaps) else "run"
-        shortest, longest = int(pieces.min()), int(pieces.max())
+        kind, sizes = "piece" if len(self._pieces.gaps) else "run", sorted({*self.pieces.tolist()})
         rows = [
-            (
-                f"steps of a {kind}",
-                f"{shortest}" if shortest == longest else f"{shortest} to {longest}",
-            ),
-            ("outputs" if self._outputs else "states", ", ".join(self._state_names)),
-            ("inputs", ", ".join(self._input_names)),
+            (f"steps of a {kind}", " to ".join(map(str, dict.fromkeys((sizes[0], sizes[-1]))))),
+            ("outputs" if self.outputs else "states", ", ".join(self.state_names)),
+            ("inputs", ", ".join(self.input_names)),
         ]
         single = self.single and len(self) > 1
-        states = self._rows[:, : self._n] if single else self._rows[: pieces[0], : self._n]
+        states = self._rows[: None if single else self.pieces[0], : self.n]
         about = "states over the pairs" if single else f"states of the first {kind}"
         return show.card(self, rows, show.states(np.arange(len(states)), states, about))
 

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from datetime import date
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .. import _core
+from .._base.types import Floats
 from ..exceptions import InputError
-
-if TYPE_CHECKING:
-    from .._base.types import Floats
 
 _WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
 _TITLE = re.compile(r"^(.*\S)\s*[\[(]\s*(?![-+]?\d)[^\[\]()]+[\])]$")
@@ -81,28 +78,14 @@ def in_seconds(what: str, title: object, values: Floats) -> Floats:
     times, parts = SECONDS[unit or "s"]
     known = values[np.isfinite(values)]
     if not unit and len(known) and known.min() > LATEST:
-        low, high = _EPOCH
-        fits = (
-            k for k in (10**3, 10**6, 10**9) if low < known.min() / k and known.max() / k < high
-        )
+        (low, high), ends = _EPOCH, np.array([known.min(), known.max()])
+        fits = (k for k in (10**3, 10**6, 10**9) if low < ends[0] / k and ends[1] / k < high)
         parts = next(fits, 1)
     with np.errstate(over="ignore"):
         return values if times == parts else values * times / parts
 
 
-def instants(cells: Sequence[Any]) -> Floats:
-    """Dates and times in seconds since the first of them; nan where one is missing.
-
-    They are texts as in ISO 8601, or objects of `datetime`, all with a time zone or all without.
-    A ValueError has the place of the first one that is neither.
-    """
-    seconds, wrong = _core.instants(list(map(_as_text, cells)))
-    if wrong is not None:
-        raise ValueError(wrong)
-    return seconds
-
-
-def _as_text(cell: Any) -> str:
+def as_text(cell: Any) -> str:
     """A date or time in ISO 8601, "" where it is missing, ? where it is something else."""
     try:
         if cell is None or cell != cell:

@@ -8,7 +8,7 @@ use super::arrays::text as text_of;
 use super::convert::array1;
 use super::error::InputError;
 use super::run::run;
-use crate::table::{self, Style, Table};
+use crate::table::{self, Table};
 
 /// Elementary operations per byte of text, and per cell.
 const PER_BYTE: f64 = 10.0;
@@ -22,31 +22,13 @@ pub(super) struct PyTable(Table);
 #[pymethods]
 impl PyTable {
     #[new]
-    fn new(
-        py: Python<'_>,
-        path: &str,
-        text: &str,
-        sep: Option<char>,
-        comma: Option<bool>,
-        skip: usize,
-    ) -> PyResult<Self> {
-        let style = Style { sep: sep.and_then(|sep| u8::try_from(sep).ok()), comma, skip };
-        Ok(Self(run(py, PER_BYTE * text.len() as f64, |_| Table::read(path, text, &style))?))
+    fn new(py: Python<'_>, path: &str, text: &str, skip: usize) -> PyResult<Self> {
+        Ok(Self(run(py, PER_BYTE * text.len() as f64, |_| Table::read(path, text, skip))?))
     }
 
     #[getter]
     fn names<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
         list(py, self.0.names.iter().map(String::as_str))
-    }
-
-    #[getter]
-    fn comments<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyList>> {
-        list(py, self.0.comments.iter().map(String::as_str))
-    }
-
-    #[getter]
-    fn rows(&self) -> usize {
-        self.0.rows()
     }
 
     fn line(&self, row: usize) -> PyResult<usize> {

@@ -6,17 +6,6 @@ use csv::{Reader, ReaderBuilder, StringRecord};
 
 use super::cell::{is_value, shown};
 
-/// How a CSV file is written; None is what the file shows.
-#[derive(Debug, Default)]
-pub struct Style {
-    /// What divides cells, an ASCII character.
-    pub sep: Option<u8>,
-    /// Whether numbers have decimal commas.
-    pub comma: Option<bool>,
-    /// The lines to leave out above the names.
-    pub skip: usize,
-}
-
 /// What stands above the names.
 pub(super) struct Head<'a> {
     pub(super) sep: u8,
@@ -45,19 +34,19 @@ fn line_end(text: &str, at: usize) -> usize {
     end + if text[end..].starts_with("\r\n") { 2 } else { usize::from(end < text.len()) }
 }
 
-/// Empty lines, a line `sep=;`, and comments that begin with # or %.
-pub(super) fn head<'a>(text: &'a str, style: &Style) -> Head<'a> {
+/// Lines to `skip`, empty lines, a line `sep=;`, and comments that begin with # or %.
+pub(super) fn head(text: &str, skip: usize) -> Head<'_> {
     let mut head = Head { sep: b',', at: 0, comments: Vec::new() };
-    for _ in 0..style.skip.min(text.len()) {
+    for _ in 0..skip.min(text.len()) {
         head.at = line_end(text, head.at);
     }
-    let mut sep = style.sep;
+    let mut sep = None;
     let first = text[..line_end(text, 0)].trim_end_matches(['\r', '\n', '"']).trim_start_matches('"');
     if let [b's' | b'S', b'e' | b'E', b'p' | b'P', b'=', one] = first.as_bytes()
-        && style.skip == 0
+        && skip == 0
         && one.is_ascii()
     {
-        sep = sep.or(Some(*one));
+        sep = Some(*one);
         head.at = line_end(text, 0);
     }
     while head.at < text.len() {

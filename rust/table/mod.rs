@@ -9,7 +9,6 @@ use std::ops::Range;
 
 use csv::{Reader, StringRecord};
 
-pub use layout::Style;
 pub use time::instants;
 
 use crate::error::{Error, Result};
@@ -28,8 +27,6 @@ pub struct Table {
     path: String,
     /// The columns, with units behind their names where a row of units stands below.
     pub names: Vec<String>,
-    /// The comments above the names.
-    pub comments: Vec<String>,
     comma: bool,
     cells: String,
     ends: Vec<usize>,
@@ -38,17 +35,17 @@ pub struct Table {
 }
 
 impl Table {
-    /// Reads the text of the file `path`, whose name is for messages.
+    /// Reads the text of the file `path`, whose name is for messages, but for the first lines.
     ///
     /// # Errors
     /// [`Error::File`] if the text is no table; [`Error::Memory`].
-    pub fn read(path: &str, text: &str, style: &Style) -> Result<Self> {
-        covered(WHAT, READER + 24 * text.len() as u128, || Self::of_text(path, text, style))?
+    pub fn read(path: &str, text: &str, skip: usize) -> Result<Self> {
+        covered(WHAT, READER + 24 * text.len() as u128, || Self::of_text(path, text, skip))?
     }
 
-    fn of_text(path: &str, text: &str, style: &Style) -> Result<Self> {
+    fn of_text(path: &str, text: &str, skip: usize) -> Result<Self> {
         let refuse = |fault: String| Error::File { path: path.into(), fault };
-        let head = layout::head(text, style);
+        let head = layout::head(text, skip);
         let body = layout::unified(&text[head.at..], head.sep);
         let sep = if head.sep == b' ' { b'\t' } else { head.sep };
         let mut reader = layout::rows(&body, sep);
@@ -56,16 +53,8 @@ impl Table {
         if again {
             reader = layout::rows(&body, sep);
         }
-        let comments = try_collect_all(WHAT, head.comments.iter().map(|line| Ok(line.to_string())))?;
-        let mut table = Self {
-            path: path.into(),
-            names,
-            comments,
-            comma: false,
-            cells: String::new(),
-            ends: Vec::new(),
-            lines: Vec::new(),
-        };
+        let mut table =
+            Self { path: path.into(), names, comma: false, cells: String::new(), ends: Vec::new(), lines: Vec::new() };
         table
             .cells
             .try_reserve_exact(body.len())
@@ -81,9 +70,7 @@ impl Table {
         if table.lines.is_empty() {
             return Err(refuse("has no rows below the names of its columns".into()));
         }
-        let decimal = |cell: &str| is_number_with_comma(cell);
-        table.comma =
-            style.comma.unwrap_or_else(|| sep == b';' && (0..table.ends.len()).any(|k| decimal(table.cell(k))));
+        table.comma = sep == b';' && (0..table.ends.len()).any(|k| is_number_with_comma(table.cell(k)));
         Ok(table)
     }
 
@@ -203,9 +190,9 @@ impl Table {
         if behind.is_some_and(|unit| unit.is_empty() || unit.starts_with(['[', '('])) {
             ", the names of the columns again: split the file there, or fill a column that tells runs apart for `by`"
         } else if self.comma && cell.contains('.') {
-            ", where others have a decimal comma: pass `decimal`, '.' or ','"
+            ", where others have a decimal comma: write all numbers alike"
         } else if !self.comma && is_number_with_comma(cell) {
-            ": if that is a decimal comma, pass `decimal` as ','"
+            ": decimal commas are read where ; stands between the cells"
         } else {
             ""
         }

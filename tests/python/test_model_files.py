@@ -175,7 +175,7 @@ def put(at: int, value: float):
 BIG = 2**62
 PLACE = {"type": "array", "name": "more", "dtype": "float64"}
 HOSTILE = [
-    ("plain", {"data.rows": None}, "`data.rows` must be an array of float64 in this file"),
+    ("plain", {"data.rows": None}, "`data.rows` must be one list or array of float64"),
     ("plain", {"more": np.zeros(1)}, "no array 'more'"),
     ("plain", {"schema": "stochens-record/2"}, "`schema` must be"),
     ("plain", {"type": "Region"}, "`type` must be 'Model'"),
@@ -191,7 +191,7 @@ HOSTILE = [
     ("plain", {"data.lengths": whole(3, 11, BIG, 26)}, "`lengths` must be in"),
     ("plain", {"data.lengths": whole()}, "`data.lengths` must have 0 entries"),
     ("plain", {"data/dt": 0.0}, "`dt` must be > 0"),
-    ("plain", {"data/dt": "nan"}, "`dt` is nan"),
+    ("plain", {"data/dt": "nan"}, "`data.dt` must be float or None"),
     ("plain", {"data/state_names": ["a"]}, "`state_names` must have 2 names"),
     ("plain", {"data/state_names": ["a", "\ud800"]}, "state_names"),
     ("plain", {"assumptions/design": "any"}, "`assumptions.design` must be one of 'independent'"),
@@ -213,7 +213,7 @@ HOSTILE = [
     ("plain", {"checks/draws": 0}, "`draws` must be in"),
     ("plain", {"checks/exact": 5}, "exact` must be"),
     ("plain", {"checks/distances": {}}, "`distances` must have a number for"),
-    ("plain", {"checks/distances/tails": "nan"}, "`distances` must be a dict"),
+    ("plain", {"checks/distances/tails": "nan"}, "`checks.distances.*` must be float"),
     ("known entries", {"known": np.full(6, NAN)}, "`known` must have numbers up to"),
     ("known entries", {"known": np.full(6, np.inf)}, "`known` must have numbers up to"),
     ("known entries", {"known": np.ones(6)}, "`known` must have numbers up to"),

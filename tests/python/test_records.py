@@ -10,7 +10,7 @@ import struct
 import warnings
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal, get_origin
 
 import numpy as np
 import pytest
@@ -21,7 +21,7 @@ from hypothesis.extra import numpy as arrays
 import stochens_rs as se
 from declarations import opts
 from stochens_rs import _core
-from stochens_rs._base import saving as serialize
+from stochens_rs._base import fields
 from stochens_rs._base.records import Record, SavedRecord, trusted
 from stochens_rs.certificates import Radius
 from stochens_rs.exceptions import InputTypeError, StochensError
@@ -382,7 +382,7 @@ def test_records_of_users_are_checked() -> None:
 def test_the_pages_list_every_kind_of_file() -> None:
     page = (Path(__file__).parents[2] / "docs" / "saving.md").read_text()
     saving, formats = page.split("\n## State files\n")
-    kinds = [one for one in serialize.RECORDS.values() if issubclass(one, SavedRecord)]
+    kinds = [one for one in fields.RECORDS.values() if issubclass(one, SavedRecord)]
     assert len(kinds) > 20
     for kind in kinds:
         assert f"`{kind._kind}`" in formats, kind
@@ -390,17 +390,17 @@ def test_the_pages_list_every_kind_of_file() -> None:
 
 
 def test_all_declared_types_can_be_read() -> None:
-    """Every field of every listed class is of a type that `serialize` knows."""
-    assert len(serialize.RECORDS) > 30
-    assert not {"Estimate", "Identified", "Record", "SavedRecord"} & set(serialize.RECORDS)
-    for name, record in serialize.RECORDS.items():
+    """Every field of every listed class is of a type that `fields` knows."""
+    assert len(fields.RECORDS) > 30
+    assert not {"Estimate", "Identified", "Record", "SavedRecord"} & set(fields.RECORDS)
+    for name, record in fields.RECORDS.items():
         assert record.__module__.startswith("stochens_rs.")
-        for field, kind in serialize.declared(record).items():
-            for one in serialize.kinds(kind):
+        for field, kind in fields.declared(record).items():
+            for one in fields.kinds(kind):
                 known = (
                     one in (Any, bool, int, float, str, bytes, type(None))
-                    or serialize.RECORDS.get(getattr(one, "__name__", "")) is one
-                    or serialize.get_origin(one) in (serialize.Literal, tuple, dict, np.ndarray)
+                    or fields.RECORDS.get(getattr(one, "__name__", "")) is one
+                    or get_origin(one) in (Literal, tuple, dict, np.ndarray)
                     or one is se.identification.identified.Identified
                 )
                 assert known, (name, field, one)
@@ -410,7 +410,7 @@ def test_what_is_not_of_the_package_is_refused(tmp_path: Path) -> None:
     class Plan(se.Plan):
         """A class of a user with a name of the package."""
 
-    assert serialize.RECORDS["Plan"] is se.Plan
+    assert fields.RECORDS["Plan"] is se.Plan
     own = Plan(EXACT.u, EXACT.predicted_states, EXACT.reachability, "product", "completed")
     with pytest.raises(InputTypeError, match="cannot be saved"):
         own.save(tmp_path / "own")

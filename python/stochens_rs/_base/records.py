@@ -13,14 +13,13 @@ import json
 import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import fields as fields_of
 from functools import cache
 from typing import (
     TYPE_CHECKING,
     Annotated,
     Any,
     ClassVar,
-    Literal,
     NamedTuple,
     ParamSpec,
     TypeAlias,
@@ -32,17 +31,14 @@ from typing import (
 )
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError, ShapeError
-from . import running, saving, types, validation
-from .saving import Durable, nothing_left
+from . import fields, running, types, validation
+from .saving import Durable
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
     from typing_extensions import Self
-
-
-Test: TypeAlias = Callable[[Any], bool]
 
 
 def _from_zero(name: str, value: float) -> None:
@@ -66,10 +62,10 @@ class Rule(NamedTuple):
 
 def check(record: Any) -> None:
     """Refuse a record with a field that is not of its declared type, shape and range."""
-    own: Any = type(record)
-    for name, fits in _tests(own):
-        if not fits(getattr(record, name)):
-            _refuse(record, name)
+    for name, kind in fields.declared(type(record)).items():
+        value = getattr(record, name)
+        if not fields.test(kind)(value):
+            fields.refuse(name, value, kind)
     sizes(record)
 
 
@@ -101,11 +97,11 @@ def sizes(record: Any) -> dict[str, int]:
 @cache
 def rules(record: Any) -> dict[str, Rule]:
     """What the declarations of a record say beside the types, by field."""
-    if saving.RECORDS.get(record.__name__) != record or hasattr(record, "_made_by"):
+    if fields.RECORDS.get(record.__name__) != record or hasattr(record, "_made_by"):
         return {}
-    hints = get_type_hints(record, localns={**vars(types), **saving.RECORDS}, include_extras=True)
+    hints = get_type_hints(record, localns={**vars(types), **fields.RECORDS}, include_extras=True)
     found = {}
-    for name in saving.declared(record):
+    for name in fields.declared(record):
         for kind in (hints[name], *get_args(hints[name])):
             if get_origin(kind) is Annotated:
                 first, *more = kind.__metadata__
@@ -132,93 +128,6 @@ def _length(dim: str, known: dict[str, int]) -> int | None:
     return sum(int(part) if part.isdigit() else known[part] for part in parts)
 
 
-def _refuse(record: Any, name: str) -> None:
-    kind, value = saving.declared(type(record))[name], getattr(record, name)
-    words = saving.words(kind)
-    if words and isinstance(value, str):
-        validation.choice(name, value, words)
-    raise InputTypeError(f"`{name}` must be {_said(kind)}, got {validation.show(value)}")
-
-
-@cache
-def _tests(record: Any) -> tuple[tuple[str, Test], ...]:
-    """Name and test of each field, by the type that `saving.declared` gives."""
-    return tuple((name, _test(kind)) for name, kind in saving.declared(record).items())
-
-
-def _test(kind: Any) -> Test:
-    """Whether a value is of a declared type."""
-    tests = tuple(_test_one(one) for one in saving.kinds(kind))
-    if len(tests) == 1:
-        return tests[0]
-    return lambda value: any(test(value) for test in tests)
-
-
-def _test_one(kind: Any) -> Test:
-    outer, inner = get_origin(kind), get_args(kind)
-    if kind is Any:
-        return lambda _: True
-    if kind in _PLAIN:
-        return _PLAIN[kind]
-    if outer is Literal:
-        return lambda value: isinstance(value, str) and value in inner
-    if outer is np.ndarray:
-        wanted = get_args(inner[1])[0]
-        letters = "fiu" if wanted is Any else np.dtype(wanted).kind
-        return lambda value: (
-            isinstance(value, np.ndarray)
-            and value.dtype.kind in letters
-            and not isinstance(value, np.ma.MaskedArray)
-        )
-    if outer is tuple and len(inner) == 2 and inner[1] is Ellipsis:
-        each = _test(inner[0])
-        return lambda value: isinstance(value, tuple) and all(map(each, value))
-    if outer is tuple:
-        tests = [_test(one) for one in inner]
-        return lambda value: (
-            isinstance(value, tuple)
-            and len(value) == len(tests)
-            and all(test(item) for test, item in zip(tests, value, strict=True))
-        )
-    if outer is dict:
-        keys, items = map(_test, inner)
-        return lambda value: (
-            isinstance(value, dict) and all(map(keys, value)) and all(map(items, value.values()))
-        )
-    return lambda value: isinstance(value, outer or kind)
-
-
-def _is_int(value: Any) -> bool:
-    return isinstance(value, (int, np.integer)) and -(2**63) <= int(value) < 2**64
-
-
-def _is_number(value: Any) -> bool:
-    return _is_int(value) if isinstance(value, int) else bool(value == value)
-
-
-_PLAIN: dict[Any, Test] = {
-    bool: lambda value: isinstance(value, (bool, np.bool_)),
-    int: lambda value: validation.is_real(value) and _is_int(value),
-    # neither nan nor an integer beyond the largest number
-    float: lambda value: validation.is_real(value) and _is_number(value),
-    type(None): lambda value: value is None,
-}
-
-
-def _said(kind: Any) -> str:
-    """A declared type in words."""
-    words = []
-    for one in saving.kinds(kind):
-        of = get_origin(one) or one
-        if of is Literal:
-            words += [repr(word) for word in get_args(one)]
-        elif one in _PLAIN:
-            words.append("None" if of is type(None) else of.__name__)
-        else:
-            words.append(validation.article(of))
-    return " or ".join(words)
-
-
 SCHEMA = "stochens-record/1"
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -243,15 +152,15 @@ class Record:
         if "_kind" not in vars(cls):
             cls._kind = re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
         if listed and cls.__module__.startswith(_ROOM):
-            saving.RECORDS[cls.__name__] = cls
+            fields.RECORDS[cls.__name__] = cls
 
     def __post_init__(self) -> None:
         """Check that the fields are of their declared types; a class checks what else must hold."""
-        if saving.RECORDS.get(type(self).__name__) is type(self):
+        if fields.RECORDS.get(type(self).__name__) is type(self):
             check(self)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), tuple(getattr(self, one.name) for one in fields(self))  # type: ignore[arg-type]
+        return type(self), tuple(getattr(self, one.name) for one in fields_of(self))  # type: ignore[arg-type]
 
     def _keep(self, **values: Any) -> None:
         """Set fields to what the constructor made of its arguments."""
@@ -286,8 +195,7 @@ class Record:
         >>> path.to_dict()["states"]
         [[2.0], [2.0]]
         """
-        found: dict[str, Any] = saving.written("", self, Any, _put_lists)
-        return {"schema": SCHEMA, **found}
+        return {"schema": SCHEMA, **fields.written("", self, Any, _put_lists)}
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Self:
@@ -316,13 +224,7 @@ class Record:
         >>> bool((se.Fit.from_dict(json.loads(text)).estimate == fit.estimate).all())
         True
         """
-        if not isinstance(data, Mapping):
-            raise InputTypeError(f"`data` must be a dict of to_dict(), got {validation.show(data)}")
-        try:
-            made: Self = _restored(cls, dict(data), _of_lists)
-        except RecursionError:
-            raise InputError("`data` must not be nested so deeply") from None
-        return made
+        return _restored(cls, data, _of_lists)
 
 
 class Options(Record, listed=False):
@@ -332,16 +234,13 @@ class Options(Record, listed=False):
 
     def __repr__(self) -> str:
         own: Any = type(self)
-        said = [
-            f"{one.name}={getattr(self, one.name)!r}"
-            for one in fields(own)
-            if not _is_default(one.default, getattr(self, one.name))
-        ]
-        return f"{own.__name__}({', '.join(said)})"
-
-
-def _is_default(default: object, value: object) -> bool:
-    return value is default or (type(value) is type(default) and value == default)
+        given = []
+        for one in fields_of(own):
+            value = getattr(self, one.name)
+            same = type(value) is type(one.default) and value == one.default
+            if value is not one.default and not same:
+                given.append(f"{one.name}={value!r}")
+        return f"{own.__name__}({', '.join(given)})"
 
 
 class SavedRecord(Record, Durable, listed=False):
@@ -369,61 +268,49 @@ class SavedRecord(Record, Durable, listed=False):
         sections: dict[str, Any] = {}
 
         def put(name: str, array: NDArray[Any], _: bool) -> dict[str, Any]:
-            dtype = _checked_dtype(name, array.dtype.name)
-            at = name if re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", name) else ""
-            at = at or f"array.{len(sections)}"
+            short = re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", name)
+            at = name if short else f"array.{len(sections)}"
             running.need("a state to be saved", array.nbytes)
             flat = np.ascontiguousarray(array, array.dtype.newbyteorder("<")).reshape(-1)
-            sections[at] = array.ravel() if dtype == "float64" else flat.view(np.uint8)
-            return {"type": "array", "name": at, "dtype": dtype, "shape": list(array.shape)}
+            sections[at] = flat if array.dtype == np.float64 else flat.view(np.uint8)
+            return {"type": "array", "name": at, **_about(array)}
 
-        tree = {"schema": SCHEMA, **saving.written("", self, Any, put)}
+        tree = {"schema": SCHEMA, **fields.written("", self, Any, put)}
         text = json.dumps(tree, allow_nan=False, separators=(",", ":")).encode()
         return {**sections, "record": np.frombuffer(text, dtype=np.uint8)}
 
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> Self:
-        def get(name: str, about: dict[str, Any]) -> NDArray[Any]:
-            at, dtype = about.get("name"), _checked_dtype(name, about.get("dtype"))
-            flat = sections.pop(at, None) if isinstance(at, str) else None
-            stored = np.float64 if dtype == "float64" else np.uint8
-            if flat is None or flat.dtype != stored or flat.nbytes % np.dtype(dtype).itemsize:
-                raise InputError(f"`{name}` must be an array of {dtype} in this file")
-            if dtype == "bool" and flat.size and flat.max() > 1:
-                raise InputError(f"`{name}` must have entries 0 and 1")
-            array = flat.view(np.dtype(dtype).newbyteorder("<")).astype(dtype, copy=False)
-            return saving.shaped(name, array, about.get("shape"))
+        def get(_: str, about: dict[str, Any], dtype: np.dtype[Any]) -> NDArray[Any] | None:
+            flat = sections.pop(str(about.get("name")), None)
+            stored = np.float64 if dtype == np.float64 else np.uint8
+            if flat is None or flat.dtype != stored or flat.nbytes % dtype.itemsize:
+                return None
+            if dtype == np.bool_ and flat.max(initial=0) > 1:
+                return None
+            found: NDArray[Any] = flat.view(dtype.newbyteorder("<")).astype(dtype, copy=False)
+            return found
 
         text = sections.pop("record")
-        if text.dtype != np.uint8:
-            raise InputError(f"`record` must be of uint8, got {text.dtype.name}")
         running.need("the text of a saved record", _PARSED * text.size)
         try:
-            tree = json.loads(text.tobytes(), parse_constant=_refused)
-            if not isinstance(tree, dict):
-                raise InputError("`record` must be an object")
-            made: Self = _restored(cls, tree, get)
-        except RecursionError:
-            raise InputError("`record` must not be nested so deeply") from None
-        except ValueError as error:
+            made = _restored(cls, json.loads(text.tobytes()), get)
+        except (ValueError, RecursionError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(f"`record` must be JSON: {error}"[:200]) from None
-        nothing_left(sections)
+        if sections:
+            raise InputError(f"a file of this kind has no array '{min(sections)}'")
         return made
 
 
 def trusted(kind: Callable[P, R], /, *args: P.args, **fields: P.kwargs) -> R:
     """``kind(*args, **fields)`` without its checks: the fields were just computed or checked."""
     made = object.__new__(cast("type[Any]", kind))
-    made.__dict__["__post_init__"] = _unchecked  # called in place of that of the class
+    made.__dict__["__post_init__"] = lambda: None  # called in place of that of the class
     made.__init__(*args, **fields)
     del made.__dict__["__post_init__"]
     return cast("R", made)
-
-
-def _unchecked() -> None:
-    """Check nothing."""
 
 
 def require_shapes(record: Any, **wanted: tuple[int, ...]) -> None:
@@ -434,47 +321,37 @@ def require_shapes(record: Any, **wanted: tuple[int, ...]) -> None:
             raise ShapeError(f"`{name}` must have shape {shape}, got {np.shape(found)}")
 
 
-def _restored(cls: type[Any], tree: dict[str, Any], get: saving.Get) -> Any:
-    schema = tree.pop("schema", None)
-    if not isinstance(schema, str) or schema != SCHEMA:
-        raise InputError(f"`schema` must be '{SCHEMA}', got {validation.show(schema)}")
-    if not isinstance(tree.get("type"), str) or tree["type"] != cls.__name__:
-        raise InputError(
-            f"`type` must be '{cls.__name__}', got {validation.show(tree.get('type'))}"
-        )
-    return saving.restored("", tree, cls, get)
+def _restored(cls: type[R], tree: Any, get: fields.Get) -> R:
+    """A record from plain data, which may come from anywhere."""
+    if not isinstance(tree, Mapping):
+        raise InputTypeError(f"`data` must be a dict of to_dict(), got {validation.show(tree)}")
+    for name, wanted in (("schema", SCHEMA), ("type", cls.__name__)):
+        found = tree.get(name)
+        if not isinstance(found, str) or found != wanted:
+            raise InputError(f"`{name}` must be '{wanted}', got {validation.show(found)}")
+    record = {name: value for name, value in tree.items() if name != "schema"}
+    try:
+        return cast("R", fields.restored("", record, cls, get))
+    except RecursionError:
+        raise InputError("`data` must not be nested so deeply") from None
 
 
-def _put_lists(name: str, array: NDArray[Any], known: bool) -> Any:
+def _about(array: NDArray[Any]) -> dict[str, Any]:
+    return {"dtype": array.dtype.name, "shape": list(array.shape)}
+
+
+def _put_lists(_: str, array: NDArray[Any], known: bool) -> Any:
     running.need("the numbers as lists", _IN_LIST * array.size)
     if known and array.size and array.ndim:
-        return saving.listed(array)
-    dtype = _checked_dtype(name, array.dtype.name)
-    values = saving.listed(array.reshape(-1))
-    return {"type": "array", "dtype": dtype, "shape": list(array.shape), "values": values}
+        return fields.listed(array)
+    return {"type": "array", **_about(array), "values": fields.listed(array.reshape(-1))}
 
 
-def _of_lists(name: str, about: dict[str, Any]) -> NDArray[Any]:
-    dtype, values = np.dtype(_checked_dtype(name, about.get("dtype"))), about.get("values")
-    if not isinstance(values, list):
-        raise InputError(f"`{name}` must have a list of values, got {validation.show(values)}")
-    flat = saving.of_list(name, values, dtype) if values else np.empty(0, dtype)
-    if flat.ndim != 1:
-        raise InputError(f"`{name}` must have values in one list")
-    return saving.shaped(name, flat, about.get("shape"))
-
-
-def _checked_dtype(name: str, dtype: object) -> str:
-    if dtype not in saving.DTYPES:
-        raise InputTypeError(
-            f"`{name}` must be an array of {saving.DTYPES[0]} or another number "
-            f"type, got {validation.show(dtype)}"
-        )
-    return str(dtype)
-
-
-def _refused(text: str) -> None:
-    raise InputError(f"`record` must have no {text}")
+def _of_lists(name: str, about: dict[str, Any], dtype: np.dtype[Any]) -> NDArray[Any] | None:
+    values = about.get("values")
+    if isinstance(values, list) and values:
+        return fields.of_list(name, values, dtype)
+    return np.empty(0, dtype) if values == [] else None
 
 
 if TYPE_CHECKING or sys.version_info >= (3, 12):

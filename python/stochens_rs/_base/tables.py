@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..exceptions import InputError
-from . import records, running, saving
+from . import fields, records, running
 from .files import versions
 from .names import Labels, default_labels
 from .reading import DIMS
@@ -95,7 +95,7 @@ class Tabled:
                 dims = tuple(clock if dim in ("step", "step+1") else dim for dim in rule.dims)
                 unit = None if "own unit" in rule.words else dims[-1]
                 variables[name] = (dims, rows, unit if unit in ("state", "input") else None)
-        attrs = {name: _plain(getattr(record, name)) for name in saving.declared(own)}
+        attrs = {name: _plain(getattr(record, name)) for name in fields.declared(own)}
         labels = named(record.labels, sizes["state"], sizes["input"])
         return Cube(variables, times if "step" in sizes else {}, attrs, labels)
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from .._base import saving, show, types, validation
+from .._base import fields, show, types, validation
 from .._base.names import weight
 from .._base.records import SavedRecord, cached_property, trusted
 from .._base.running import get_num_threads
@@ -46,7 +46,7 @@ def chosen_entry(
     return i, j
 
 
-saving.enter(
+fields.enter(
     _core.RegionPart,
     rows=NDArray[np.int64],
     columns=NDArray[np.int64],

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import files, saving, show, validation
+from .._base import fields, files, show, validation
 from .._base.files import PathLike
 from .._base.records import cached_property
 from .._base.tables import extra
@@ -167,7 +167,7 @@ class Results:
             **self.about,
             "grid": {name: list(labels) for name, labels in self.grid.items()},
             "replicates": [self.replicates.start, self.replicates.stop],
-            "values": {name: saving.listed(rows) for name, rows in self.values.items()},
+            "values": {name: fields.listed(rows) for name, rows in self.values.items()},
             "units": self.units,
             "failures": [asdict(one) for one in self.failures],
             "seconds": self.seconds,

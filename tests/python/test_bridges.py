@@ -206,7 +206,7 @@ WRONG = {
     "unhashable": (of_A, of_B, {"states": [["p"], "v", "T"]}, "`states`", "string", "list"),
     "states as text": (of_A, of_B, {"states": "pvT"}, "`states`", "list", "'pvT'"),
     "twice in states": (
-        of_A, of_B, {"states": ["p", "p", "T"]}, "`states`", "different", "'p' twice"
+        of_A, of_B, {"states": ["p", "p", "T"]}, "`A`", "'p', 'p', 'T' along its rows"
     ),
     "same names": (
         of_A, of_B.rename(columns={"F": "p"}), {}, "`inputs`", "must differ", "'p' in both"

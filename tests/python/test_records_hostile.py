@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._base import running as memory
 from stochens_rs._base import fields
+from stochens_rs._base import running as memory
 from stochens_rs._base import saving as state_file
 from stochens_rs.exceptions import (
     InputError,
@@ -129,8 +129,8 @@ HOSTILE = [
     (LIMITS, array("u", nan), r"`u\[0, 0\]` is nan"),
     (LIMITS, array("more", np.zeros(4)), "no array 'more'"),
     (LIMITS, put("limited", "gap", to=10**400), "`limited.gap` must be float, got int of"),
-    (LIMITS, put("basis", "type", to="os.system"), "`basis` must be a Basis or a ModelBasis or None"),
-    (LIMITS, put("basis", "type", to=["Basis"]), "`basis` must be a Basis or a ModelBasis or None"),
+    (LIMITS, put("basis", "type", to="os.system"), "`basis` must be a Basis or a ModelBasis"),
+    (LIMITS, put("basis", "type", to=["Basis"]), "`basis` must be a Basis or a ModelBasis"),
     (LIMITS, put("basis", "A", "key", to="00"), "`bytes32` must have 32 bytes"),
     (LIMITS, put("basis", "A", "size", to=None), "`size of A` must be known for kind 'iid'"),
     (

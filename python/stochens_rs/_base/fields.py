@@ -246,8 +246,8 @@ def _of_text(name: str, value: str, options: tuple[Any, ...], get: Get) -> Any:
 
 
 def _of_dict(name: str, value: dict[str, Any], kind: Any, get: Get) -> Any:
-    free, what = Any in kinds(kind), value.get("type")
-    of = _inner(kind, dict)
+    free, of = Any in kinds(kind), _inner(kind, dict)
+    what = value["type"] if isinstance(value.get("type"), str) else ""
     if of or (free and "type" not in value):
         at = (f"{name}[{key!r:.40}]" for key in value)
         inner = of[1] if of else Any
@@ -258,9 +258,9 @@ def _of_dict(name: str, value: dict[str, Any], kind: Any, get: Get) -> Any:
         return restored(name, value.get("items"), tuple[Any, ...], get)
     if free and what == "dict":
         return restored(name, value.get("items"), dict[str, Any], get)
-    if free and what == "float" and value.get("value") in tuple(_NOT_FINITE):
-        return _NOT_FINITE[value["value"]]
-    record = RECORDS.get(what) if isinstance(what, str) else None
+    if free and what == "float" and str(value.get("value")) in _NOT_FINITE:
+        return _NOT_FINITE[str(value["value"])]
+    record = RECORDS.get(what)
     bases = tuple(one for one in kinds(kind) if isinstance(one, type) and get_origin(one) is None)
     if record is None or not (free or issubclass(record, bases)):
         refuse(name, what or value, kind)
@@ -270,7 +270,7 @@ def _of_dict(name: str, value: dict[str, Any], kind: Any, get: Get) -> Any:
 
 def _of_array(name: str, about: dict[str, Any], get: Get) -> NDArray[Any]:
     """The array that these data describe, which may come from anywhere."""
-    dtype, shape = about.get("dtype"), about.get("shape")
+    dtype, shape = str(about.get("dtype")), about.get("shape")
     if dtype not in _DTYPES:
         raise InputTypeError(f"`{name}` must be an array of numbers, got {validation.show(dtype)}")
     flat = get(name, about, np.dtype(dtype))

@@ -6,17 +6,12 @@ import operator
 import unicodedata
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
 
 # Objects of the package that are passed for an array, and the array to pass in their place.
 _ARRAYS = {
@@ -30,13 +25,16 @@ _ARRAYS = {
 
 def read(name: str, value: object) -> NDArray[Any]:
     """Return `np.asarray(value)`; refuse labels, masks and sparse matrices."""
-    if not isinstance(value, (np.ndarray, list, tuple)):
-        _refuse_records(name, value)
-        _refuse_labels(name, value)
+    kind = type(value)
+    if kind.__module__.startswith("stochens_rs.") and kind.__name__ in _ARRAYS:
+        wanted = _ARRAYS[kind.__name__].format("A" if name == "A" else "B")
+        raise InputTypeError(f"`{name}` must be {wanted}")
     if isinstance(value, np.ma.MaskedArray):
         raise InputTypeError(f"`{name}` is a masked array: fill it first, e.g. {name}.filled(0.0)")
-    if type(value).__module__.split(".")[:2] == ["scipy", "sparse"]:
+    if kind.__module__.split(".")[:2] == ["scipy", "sparse"]:
         raise InputTypeError(f"`{name}` is a sparse matrix: pass {name}.toarray()")
+    if not isinstance(value, (list, tuple)):
+        _refuse_labels(name, value)
     try:
         given = np.asarray(value)
     except MemoryError:
@@ -46,41 +44,26 @@ def read(name: str, value: object) -> NDArray[Any]:
             f"`{name}` cannot be read as an array of numbers: {show(value)} (rows of unequal "
             "length, or not in main memory?)"
         ) from error
-    _refuse_inner_labels(name, value, given.ndim)
+    level = [value]
+    for _ in range(given.ndim - 1):  # labels inside a list
+        level = [one for row in level if isinstance(row, (list, tuple)) for one in row]
+        for one in level:
+            _refuse_labels(name, one)
     return given
 
 
-def _refuse_records(name: str, value: object) -> None:
-    """Refuse an object of the package, recognised by its name: no module above is imported."""
-    kind = type(value)
-    if kind.__module__.startswith("stochens_rs.") and kind.__name__ in _ARRAYS:
-        wanted = _ARRAYS[kind.__name__].format("A" if name == "A" else "B")
-        raise InputTypeError(f"`{name}` must be {wanted}")
-
-
-def _refuse_inner_labels(name: str, value: object, ndim: int) -> None:
-    """Refuse labels inside a list of `ndim` dimensions."""
-    if ndim > 1 and isinstance(value, (list, tuple)):
-        for item in value:
-            if isinstance(item, (list, tuple)):
-                _refuse_inner_labels(name, item, ndim - 1)
-            elif not isinstance(item, np.ndarray):
-                _refuse_labels(name, item)
-
-
-def _refuse_labels(name: str, value: object) -> None:
-    """Refuse a table or series with labels, unless they are 0, 1, 2, ... or dim_0, dim_1, ...
-
-    pandas, xarray, polars and pyarrow are recognised by their attributes; none is imported.
-    """
-    try:
-        labels = list(_labels(value))
-    except Exception:  # `np.asarray` says what is wrong with it
+def _refuse_labels(name: str, value: Any) -> None:
+    """Refuse a table or series with labels, unless they are 0, 1, 2, ... or dim_0, dim_1, ..."""
+    if isinstance(value, (np.ndarray, list, tuple, float, int)):
         return
+    axes, dims = _axes(value), getattr(value, "dims", None)
+    if isinstance(dims, tuple) and len(dims) > 1 and not _counted(list(dims), "dim_"):
+        axes = {"dims": list(dims), **axes}
     shown = "; ".join(
-        f"{what}: {', '.join(show(label).partition(' ')[2] or '?' for label in found[:3])}"
-        f"{', ...' if len(found) > 3 else ''}"
-        for what, found in labels
+        f"{what}: {', '.join(show(label).partition(' ')[2] or '?' for label in labels[:3])}"
+        f"{', ...' if len(labels) > 3 else ''}"
+        for what, labels in axes.items()
+        if labels
     )
     if shown:
         shown = shown if len(shown) <= 100 else shown[:96] + " ..."
@@ -91,36 +74,27 @@ def _refuse_labels(name: str, value: object) -> None:
         )
 
 
-def _labels(value: Any) -> Iterator[tuple[str, list[Any]]]:
-    """The labels along every axis that has any."""
-    for what in ("index", "columns", "column_names"):
-        found = getattr(value, what, None)
-        if found is not None and not callable(found):
-            labels = list(found)
-            if not _counted(labels, "column_"):  # polars names columns so by default
-                yield what, labels
-    dims, coords = getattr(value, "dims", None), getattr(value, "coords", None)
-    if dims is not None and coords is not None:
-        if len(dims) > 1 and not _counted(list(dims), "dim_"):
-            yield "dims", list(dims)
-        for dim in dims:
-            labels = list(np.asarray(coords[dim])) if dim in coords else []
-            if not _counted(labels):
-                yield str(dim), labels
+def _axes(value: Any) -> dict[str, list[Any]]:
+    """The labels along each axis of a table, [] for 0, 1, 2, ...; {} if it is no table.
+
+    pandas, xarray, polars and pyarrow are recognised by their attributes; none is imported.
+    """
+    try:
+        dims, coords = getattr(value, "dims", None), getattr(value, "coords", None)
+        if dims is not None and coords is not None:
+            axes = {str(d): list(np.asarray(coords[d])) if d in coords else [] for d in dims}
+        else:
+            found = [(what, getattr(value, what, None)) for what in ("index", "columns")]
+            axes = {what: list(one) for what, one in found if one is not None and not callable(one)}
+        # polars names columns by default column_0, column_1, ...
+        return {d: [] if _counted(axis, "column_") else axis for d, axis in axes.items()}
+    except Exception:  # whatever a foreign object raises: `np.asarray` says what is wrong with it
+        return {}
 
 
 def labels_along(value: Any) -> list[list[Any]]:
     """The labels along each axis of a table, [] for an axis without; [] if it is no table."""
-    try:
-        dims, coords = getattr(value, "dims", None), getattr(value, "coords", None)
-        if dims is not None and coords is not None:
-            found = [list(np.asarray(coords[dim])) if dim in coords else [] for dim in dims]
-        else:
-            axes = (getattr(value, what, None) for what in ("index", "columns"))
-            found = [list(axis) for axis in axes if axis is not None and not callable(axis)]
-        return [[] if _counted(labels) else labels for labels in found]
-    except Exception:  # whatever a foreign object raises: `read` looks at it again
-        return []
+    return list(_axes(value).values())
 
 
 def shown_labels(labels: Sequence[Any]) -> str:
@@ -144,11 +118,11 @@ def found_shape(value: object, given: NDArray[Any]) -> str:
     return shown_shape(given)
 
 
-def _counted(labels: list[Any], prefix: str | None = None) -> bool:
+def _counted(labels: list[Any], prefix: str) -> bool:
     """Whether labels are 0, 1, 2, ... as integers, or these after the prefix."""
     return all(
         (not isinstance(label, (float, np.floating)) and whole(label) == k)
-        or (prefix is not None and label == f"{prefix}{k}")
+        or label == f"{prefix}{k}"
         for k, label in enumerate(labels)
     )
 
@@ -224,8 +198,7 @@ def aligned(name: str, value: Any, names: Sequence[str]) -> Any:
     along = labels_along(value)
     if not along or not along[-1]:
         return value
-    order = _order(along[-1], names)
-    if order is None:
+    if sorted(map(str, along[-1])) != sorted(names):
         if all(name in (f"x[{k}]", f"u[{k}]") for k, name in enumerate(names)):
             return value
         raise InputError(
@@ -234,7 +207,7 @@ def aligned(name: str, value: Any, names: Sequence[str]) -> Any:
         )
     if len(along) > 2 or (len(along) == 2 and not _increasing(along[0])):
         return value
-    return np.asarray(value)[..., order]
+    return np.asarray(value)[..., [along[-1].index(name) for name in names]]
 
 
 def aligned_weight(name: str, value: Any, names: Sequence[str]) -> Any:
@@ -244,8 +217,8 @@ def aligned_weight(name: str, value: Any, names: Sequence[str]) -> Any:
     along = labels_along(value)
     if not along or not along[-1] or np.ndim(value) != 2:
         return aligned(name, value, names)
-    rows, cols = (along * 2)[:2]  # names along columns alone: those of the rows are the same
-    return _placed(name, (np.asarray(value), rows, cols), names, names)
+    # names along columns alone: those of the rows are the same
+    return _placed(name, np.asarray(value), (along * 2)[:2], (names, names))
 
 
 def matrices(
@@ -257,22 +230,18 @@ def matrices(
     goes through as it is, and so does what `read` has to refuse.
     """
     of_A, of_B = _table("A", A), _table("B", B)
-    if of_A is None and of_B is None:
-        return A, B, states, inputs
-    order = states
-    if order is None and of_A is not None and of_B is not None:
-        order = of_A[1]
+    order = of_A[1][0] if states is None and of_A and of_B else states
     if order is None:
         return A, B, states, inputs
     if of_A is not None:
-        A = _placed("A", of_A, order, order)
+        A = _placed("A", *of_A, (order, order))
     if of_B is not None:
-        inputs = of_B[2] if inputs is None else inputs
-        B = _placed("B", of_B, order, inputs)
-    return A, B, order, inputs
+        inputs = of_B[1][1] if inputs is None else inputs
+        B = _placed("B", *of_B, (order, inputs))
+    return A, B, states if of_A is None and of_B is None else order, inputs
 
 
-def _table(name: str, value: Any) -> tuple[NDArray[Any], list[str], list[str]] | None:
+def _table(name: str, value: Any) -> tuple[NDArray[Any], list[list[str]]] | None:
     """The array and its names along rows and columns, if both have them."""
     if isinstance(value, (np.ndarray, list, tuple)):
         return None
@@ -282,44 +251,27 @@ def _table(name: str, value: Any) -> tuple[NDArray[Any], list[str], list[str]] |
             return None
         value = value.transpose(*DIMS[name])
     along = labels_along(value)
-    if len(along) != 2 or not all(
-        found and all(isinstance(label, str) for label in found) for found in along
-    ):
+    named = all(axis and all(isinstance(label, str) for label in axis) for axis in along)
+    if len(along) != 2 or not named:
         return None
-    return np.asarray(value), *([str(label) for label in found] for found in along)  # type: ignore[return-value]
+    return np.asarray(value), [list(map(str, axis)) for axis in along]
 
 
 def _placed(
-    name: str,
-    table: tuple[NDArray[Any], list[str], list[str]],
-    rows: Sequence[str],
-    cols: Sequence[str],
+    name: str, values: NDArray[Any], found: list[list[str]], wanted: Sequence[Sequence[str]]
 ) -> NDArray[Any]:
-    values, of_rows, of_cols = table
-    places = []
-    for what, found, wanted in (("rows", of_rows, rows), ("columns", of_cols, cols)):
-        order = _order(found, wanted)
-        if order is None:
-            odd = next((label for label in found if label not in wanted), None)
-            odd = next((label for label in found if found.count(label) > 1), odd)
-            lacks = next((label for label in wanted if label not in found), None)
-            said = f"{lacks!r:.40} is missing" if odd is None else f"got {odd!r:.40}"
+    """The table in the order of the wanted names along its rows and columns."""
+    for what, has, names in zip(("rows", "columns"), found, wanted, strict=True):
+        if sorted(map(str, has)) != sorted(names):
+            odd = [one for one in has if one not in names or has.count(one) > 1]
+            lack = next((repr(one) for one in names if one not in has), None)
+            said = f"got {odd[0]!r:.40}" if odd else f"{lack:.40} is missing"
             raise InputError(
-                f"`{name}` must have the labels {shown_labels(wanted)} along its {what}, each "
+                f"`{name}` must have the labels {shown_labels(names)} along its {what}, each "
                 f"once, {said}"
             )
-        places.append(order)
-    return values[np.ix_(*places)]
-
-
-def _order(found: Sequence[Any], wanted: Sequence[str]) -> list[int] | None:
-    """Where each of the wanted labels is, if the labels are these, each once."""
-    if len(found) != len(wanted) or not all(isinstance(label, str) for label in found):
-        return None
-    place = {str(label): k for k, label in enumerate(found)}
-    if len(place) < len(found) or any(name not in place for name in wanted):
-        return None
-    return [place[name] for name in wanted]
+    orders = ([has.index(one) for one in names] for has, names in zip(found, wanted, strict=True))
+    return values[np.ix_(*orders)]
 
 
 def _increasing(labels: Sequence[Any]) -> bool:

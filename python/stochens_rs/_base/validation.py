@@ -11,10 +11,11 @@ import difflib
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
-from itertools import islice
-from typing import TYPE_CHECKING, Any, TypeVar
+from itertools import islice, pairwise
+from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from .reading import aligned, found_shape, origin, printable, shown_labels, shown_shape, whole
@@ -22,12 +23,6 @@ from .reading import article as article
 from .reading import read as read
 from .reading import show as show
 from .types import Floats
-
-if TYPE_CHECKING:
-    from typing import TypeGuard
-
-    from numpy.typing import NDArray
-
 
 T = TypeVar("T")
 W = TypeVar("W", bound=str)
@@ -44,13 +39,9 @@ def vector(
 
     A table whose labels are `labels`, the names of its entries, is brought into their order.
     """
-    given = _numeric(name, value if labels is None else aligned(name, value, labels))
-    wanted = f"({'n' if length is None else length},)"
-    if given.ndim != 1 or (length is not None and len(given) != length):
-        hint = f"; use {name}.ravel()" if given.ndim == 2 and 1 in given.shape else ""
-        raise ShapeError(
-            f"`{name}` must have shape {wanted}, got {found_shape(value, given)}{hint}"
-        )
+    given = _numeric(name, value, labels)
+    hint = f"; use {name}.ravel()" if given.ndim == 2 and 1 in given.shape else ""
+    _fit(name, value, given, ("n" if length is None else length,), hint)
     return _finite(name, given)
 
 
@@ -60,15 +51,10 @@ def measured(name: str, value: object, names: Sequence[str]) -> Floats:
     Only type and shape are checked: nan, inf and what is too large are for the caller to judge. Of
     one sensor a number will do.
     """
-    given = _numeric(name, aligned(name, value, names))
+    given = _numeric(name, value, names)
     if given.ndim == 0 and len(names) == 1:
         given = given.reshape(1)
-    if given.shape != (len(names),):
-        hint = f"; use {name}.ravel()" if given.ndim == 2 and 1 in given.shape else ""
-        raise ShapeError(
-            f"`{name}` must have shape ({len(names)},), a number for each of "
-            f"{shown_labels(names)}, got {found_shape(value, given)}{hint}"
-        )
+    _fit(name, value, given, (len(names),), f": one number for each of {shown_labels(names)}")
     if isinstance(value, (list, tuple)) and not _BOOLS.isdisjoint(map(type, value)):
         raise InputTypeError(f"`{name}` must contain integers or real floats, got a bool")
     if given.dtype.itemsize <= 8:
@@ -99,17 +85,12 @@ def matrix(
 
     `labels` of the columns as in `vector`.
     """
-    given = _numeric(name, value if labels is None else aligned(name, value, labels))
-    wanted = (
-        "n" if rows is None else str(rows),
-        ("n" if rows is None else str(rows)) if square else "m" if cols is None else str(cols),
-    )
-    good = given.ndim == 2 and rows in (None, given.shape[0]) and cols in (None, given.shape[1])
-    if not good or (square and given.shape[0] != given.shape[1]):
-        one = given.ndim == 1 and not square and cols in (None, 1)
-        hint = f"; use {name}.reshape(-1, 1) for one column" if one else ""
-        found = found_shape(value, given)
-        raise ShapeError(f"`{name}` must have shape ({wanted[0]}, {wanted[1]}), got {found}{hint}")
+    given = _numeric(name, value, labels)
+    one = given.ndim == 1 and not square and cols in (None, 1)
+    height = "n" if rows is None else rows
+    width = height if square else "m" if cols is None else cols
+    hint = f"; use {name}.reshape(-1, 1) for one column" if one else ""
+    _fit(name, value, given, (height, width), hint)
     return _finite(name, given)
 
 
@@ -127,15 +108,9 @@ def inputs(
     `rows` is for messages; without `empty` there must be one at least; `labels` as in `matrix`.
     """
     given = read(name, value if labels is None else aligned(name, value, labels))
-    if given.ndim != 2 or given.shape[1] != cols:
-        hint = f"; use {name}.reshape(-1, {cols})" if given.ndim == 1 and given.size else ""
-        raise ShapeError(
-            f"`{name}` must have shape ({rows}, {cols}), one row per step, "
-            f"got {found_shape(value, given)}{hint}"
-        )
-    if empty and not len(given):
-        return np.zeros((0, cols))
-    return matrix(name, given, cols=cols)
+    hint = f"; use {name}.reshape(-1, {cols})" if given.ndim == 1 and given.size else ""
+    _fit(name, value, given, (rows, cols), hint, ", one row per step")
+    return matrix(name, given, cols=cols) if len(given) or not empty else np.zeros((0, cols))
 
 
 def starts(x0: object, N: int, n: int, names: Sequence[str] = ()) -> Floats:
@@ -167,16 +142,9 @@ def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, ob
         raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
     if value.dtype != np.float64:
         raise InputTypeError(f"`{name}` must have dtype float64, got {str(value.dtype)[:40]}")
-    if value.shape != shape:
-        raise ShapeError(f"`{name}` must have shape {shape}, got {shown_shape(value)}")
-    flags = value.flags
-    for good, word in (
-        (flags.c_contiguous, "C-contiguous"),
-        (flags.aligned, "aligned"),
-        (flags.writeable, "writeable"),
-    ):
-        if not good:
-            raise InputError(f"`{name}` must be {word}, got an array that is not")
+    _fit(name, value, value, shape)
+    if not (value.flags.carray and value.flags.writeable):
+        raise InputError(f"`{name}` must be C-contiguous, aligned and writeable, it is not")
     for other, array in apart.items():
         if isinstance(array, np.ndarray) and np.shares_memory(value, array):
             raise InputError(
@@ -195,8 +163,8 @@ def kept(
     """Return `value` if it is an ndarray of finite float64, as the fields of records are."""
     if type(value) is not np.ndarray or value.dtype != np.float64:
         raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
-    if shape is not None and value.shape != shape:
-        raise ShapeError(f"`{name}` must have shape {shape}, got {shown_shape(value)}")
+    if shape is not None:
+        _fit(name, value, value, shape)
     with np.errstate(all="ignore"):
         total = value.sum()
     if value.ndim in ndim and value.size and math.isfinite(total):
@@ -219,25 +187,14 @@ def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
     given = read(name, value)
     if given.ndim != 1 or given.size == 0:
         raise ShapeError(f"`{name}` must have shape (k,) with k >= 1, got {shown_shape(given)}")
-    if given.dtype.kind in "iuf":
-        with np.errstate(all="ignore"):
-            bad = ~((given >= 1) & (given <= maximum) & (np.floor(given) == given))
-        if bad.any():  # `size` raises
-            k = int(np.argmax(bad))
-            size(f"{name}[{k}]", given[k].item(), maximum=maximum)
-        counts = given.astype(np.int64)
-    else:  # Python integers beyond 64 bits, or not numbers at all
-        counts = np.array(
-            [size(f"{name}[{k}]", item, maximum=maximum) for k, item in enumerate(given)],
-            dtype=np.int64,
-        )
-    falls = np.diff(counts) <= 0
-    if falls.any():
-        k = int(np.argmax(falls)) + 1
-        raise InputError(
-            f"`{name}[{k}]` is {counts[k]} after {counts[k - 1]}: sizes must increase strictly"
-        )
-    return counts
+    items = enumerate(given.tolist())
+    counts = [size(f"{name}[{k}]", item, maximum=maximum) for k, item in items]
+    for k, (before, after) in enumerate(pairwise(counts), 1):
+        if after <= before:
+            raise InputError(
+                f"`{name}[{k}]` is {after} after {before}: sizes must increase strictly"
+            )
+    return np.array(counts, dtype=np.int64)
 
 
 def choice(name: str, value: object, allowed: tuple[W, ...]) -> W:
@@ -285,14 +242,7 @@ def flag(name: str, value: object) -> bool:
 
 def positive(name: str, value: object, *, maximum: float = math.inf) -> float:
     """Return a finite real number > 0 as float."""
-    if not is_real(value):
-        raise InputTypeError(f"`{name}` must be a real number > 0, got {show(value)}")
-    try:
-        number = float(value)
-    except OverflowError:
-        raise SizeError(f"`{name}` is too large for a float: {show(value)}") from None
-    if not math.isfinite(number):
-        raise NonFiniteError(f"`{name}` is {number}: it must be finite")
+    number = _real(name, value, "> 0")
     if number <= 0.0:
         raise SizeError(f"`{name}` must be > 0, got {show(value)}")
     if number > maximum:
@@ -302,11 +252,22 @@ def positive(name: str, value: object, *, maximum: float = math.inf) -> float:
 
 def nonnegative(name: str, value: object) -> float:
     """Return a finite real number >= 0 as float."""
-    if not is_real(value):
-        raise InputTypeError(f"`{name}` must be a real number >= 0, got {show(value)}")
-    if value < 0:
+    number = _real(name, value, ">= 0")
+    if number < 0.0:
         raise SizeError(f"`{name}` must be >= 0, got {show(value)}")
-    return positive(name, value) if value != 0 else 0.0
+    return number + 0.0  # without the sign of -0
+
+
+def _real(name: str, value: object, rule: str) -> float:
+    if not is_real(value):
+        raise InputTypeError(f"`{name}` must be a real number {rule}, got {show(value)}")
+    try:
+        number = float(value)
+    except OverflowError:
+        raise SizeError(f"`{name}` is too large for a float: {show(value)}") from None
+    if not math.isfinite(number):
+        raise NonFiniteError(f"`{name}` is {number}: it must be finite")
+    return number
 
 
 def deviations(name: str, value: Any, count: int) -> Floats:
@@ -374,9 +335,9 @@ def frozen(checked: Floats) -> Floats:
     return copied
 
 
-def _numeric(name: str, value: object) -> NDArray[Any]:
+def _numeric(name: str, value: object, labels: Sequence[str] | None = None) -> NDArray[Any]:
     """Return `value` as an array of real numbers with at least one entry."""
-    given = read(name, value)
+    given = read(name, value if labels is None else aligned(name, value, labels))
     if given.dtype.kind not in "iuf":
         hint = {"c": f"; pass {name}.real", "b": f"; pass {name}.astype(float)"}
         raise InputTypeError(
@@ -386,6 +347,23 @@ def _numeric(name: str, value: object) -> NDArray[Any]:
     if given.ndim > 0 and given.size == 0:
         raise ShapeError(f"`{name}` must have at least one entry, got shape {shown_shape(given)}")
     return given
+
+
+def _fit(
+    name: str,
+    value: object,
+    given: NDArray[Any],
+    wanted: tuple[int | str, ...],
+    hint: str = "",
+    meaning: str = "",
+) -> None:
+    """Refuse another shape; a letter stands for any length, the same one everywhere."""
+    lengths = dict(zip(wanted, given.shape, strict=False))
+    lengths |= {side: side for side in wanted if isinstance(side, int)}
+    if given.shape != tuple(lengths.get(side) for side in wanted):
+        shape = f"({', '.join(map(str, wanted))}{',' * (len(wanted) == 1)})"
+        found = found_shape(value, given)
+        raise ShapeError(f"`{name}` must have shape {shape}{meaning}, got {found}{hint}")
 
 
 def _finite(name: str, given: NDArray[Any]) -> Floats:

@@ -39,8 +39,7 @@ class Labels(Record):
         n, m = (len(validation.items(name, getattr(self, name))) for name in ("states", "inputs"))
         names = checked_names(n, m, self.states, self.inputs, ("states", "inputs"))
         units = checked_units((*names[0], *names[1]), self.units)
-        for name, value in (("states", names[0]), ("inputs", names[1]), ("units", units)):
-            object.__setattr__(self, name, value)
+        self._keep(states=names[0], inputs=names[1], units=units)
 
     def require(self, n: int, m: int) -> None:
         """Refuse to be the names of another number of states or inputs."""
@@ -72,11 +71,13 @@ class Labels(Record):
 
     def state(self, i: int) -> str:
         """What an error says: ``state 'delta_1'``, or ``state 0`` for a default name."""
-        return _said("state", "x", i, self.states[i])
+        name = self.states[i]
+        return f"state {i if name == f'x[{i}]' else repr(name[:40])}"
 
     def input(self, j: int) -> str:
         """What an error says: ``input 'T_m3'``, or ``input 2`` for a default name."""
-        return _said("input", "u", j, self.inputs[j])
+        name = self.inputs[j]
+        return f"input {j if name == f'u[{j}]' else repr(name[:40])}"
 
     def place(self, argument: str, one: object, *, inputs: bool = False) -> int:
         """The place of a state or input, which is given by name or number."""
@@ -109,39 +110,36 @@ class Labels(Record):
 
 
 class Order(NamedTuple):
-    """Where the states and inputs of a system stand in another one; None: where they stand here."""
+    """Where the states and inputs of a system stand in another one; a slice: where they are."""
 
-    states: list[int] | None
-    inputs: list[int] | None
+    states: list[int] | slice = slice(None)
+    inputs: list[int] | slice = slice(None)
 
     def matrices(self, A: Floats, B: Floats) -> tuple[Floats, Floats]:
         """``A``, ``B``, or several of each, in this order."""
-        return self._states(self._states(A), -2), self.of_inputs(self._states(B, -2))
+        A, B = _taken(A, self.states, -2), _taken(B, self.states, -2)
+        return self.of_states(A), self.of_inputs(B)
 
     def of_states(self, x: Floats) -> Floats:
         """States along the last axis in this order."""
-        return self._states(x)
+        return _taken(x, self.states)
 
     def of_inputs(self, u: Floats) -> Floats:
         """Inputs along the last axis in this order."""
-        return u if self.inputs is None else u[..., self.inputs]
+        return _taken(u, self.inputs)
 
     def labels(self, known: Labels) -> Labels:
         """The names in this order."""
-        states, inputs = (
-            names if order is None else tuple(names[i] for i in order)
-            for names, order in ((known.states, self.states), (known.inputs, self.inputs))
-        )
-        return Labels(states, inputs, known.units)
+        states, inputs = (np.array(names, dtype=object) for names in (known.states, known.inputs))
+        return Labels((*states[self.states],), (*inputs[self.inputs],), known.units)
 
     def back(self) -> Order:
         """The order that undoes this one."""
-        return Order(
-            *(None if o is None else sorted(range(len(o)), key=o.__getitem__) for o in self)
-        )
+        return Order(*(o if isinstance(o, slice) else np.argsort(o).tolist() for o in self))
 
-    def _states(self, x: Floats, axis: int = -1) -> Floats:
-        return x if self.states is None else x.take(self.states, axis=axis)
+
+def _taken(values: Floats, order: list[int] | slice, axis: int = -1) -> Floats:
+    return values if isinstance(order, slice) else values.take(order, axis=axis)
 
 
 def order_of(argument: str, found: Labels | None, wanted: Labels | None) -> Order:
@@ -150,31 +148,24 @@ def order_of(argument: str, found: Labels | None, wanted: Labels | None) -> Orde
     The same names in another order are brought into order, other names are refused. Names that were
     not given fit all others.
     """
-    if found is None or wanted is None:
-        return Order(None, None)
-    return Order(
-        _order_along(argument, "states", "x", found.states, wanted.states),
-        _order_along(argument, "inputs", "u", found.inputs, wanted.inputs),
-    )
-
-
-def _order_along(
-    argument: str, what: str, letter: str, found: tuple[str, ...], wanted: tuple[str, ...]
-) -> list[int] | None:
-    if found == wanted:
-        return None
-    if sorted(found) == sorted(wanted):
-        return [found.index(name) for name in wanted]
-    if _numbered(letter, len(wanted)) in (found, wanted):
-        return None
-    raise InputError(
-        f"`{argument}` must have the {what} {_some(wanted)} in any order, or none by name, got "
-        f"{_some(found)}"
-    )
-
-
-def _some(names: Sequence[str]) -> str:
-    return ", ".join(repr(name[:40]) for name in names[:_LISTED]) + ", ..." * (len(names) > _LISTED)
+    order: list[list[int] | slice] = []
+    for what, letter in (("states", "x"), ("inputs", "u")) if found and wanted else ():
+        has, names = getattr(found, what), getattr(wanted, what)
+        if has == names or _numbered(letter, len(names)) in (has, names):
+            order.append(slice(None))
+        elif sorted(has) == sorted(names):
+            order.append([has.index(name) for name in names])
+        else:
+            some = [
+                ", ".join(repr(name[:40]) for name in one[:_LISTED])
+                + ", ..." * (len(one) > _LISTED)
+                for one in (names, has)
+            ]
+            raise InputError(
+                f"`{argument}` must have the {what} {some[0]} in any order, or none by name, got "
+                f"{some[1]}"
+            )
+    return Order(*order)
 
 
 def two_states(labels: Labels, across: object, up: object) -> list[int]:
@@ -213,12 +204,6 @@ def texts(argument: str, names: object) -> tuple[str, ...] | None:
     return tuple(validation.line(argument, name) for name in validation.items(argument, names))
 
 
-def fitting(labels: object, n: int, m: int) -> None:
-    """Check the field `labels` of a record of n states and m inputs."""
-    if labels is not None:
-        validation.instance("labels", labels, Labels).require(n, m)
-
-
 def checked_names(
     n: int,
     m: int,
@@ -227,15 +212,22 @@ def checked_names(
     arguments: tuple[str, str] = ("state_names", "input_names"),
 ) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The names of n states and m inputs, all different; None: ``x[0]``, ``u[0]``, ...."""
-    of_states = _names(arguments[0], states, n, "x")
-    of_inputs = _names(arguments[1], inputs, m, "u")
-    known = set(of_states)
-    twice = next((name for name in of_inputs if name in known), None)
-    if twice is not None:
+    found = []
+    parts = zip(arguments, (states, inputs), (n, m), "xu", strict=True)
+    for argument, names, count, letter in parts:
+        given = texts(argument, names)
+        found.append(_numbered(letter, count) if given is None else given)
+        if len(found[-1]) != count:
+            raise ShapeError(f"`{argument}` must have {count} names, got {len(found[-1])}")
+        twice = [name for name, times in Counter(found[-1]).items() if times > 1]
+        if twice:
+            raise InputError(f"`{argument}` must be different names, got {twice[0][:40]!r} twice")
+    both = set(found[0]) & set(found[1])
+    if both:
         raise InputError(
-            f"`{arguments[1]}` must differ from `{arguments[0]}`, got {twice[:40]!r} in both"
+            f"`{arguments[1]}` must differ from `{arguments[0]}`, got {min(both)[:40]!r} in both"
         )
-    return of_states, of_inputs
+    return found[0], found[1]
 
 
 def checked_units(names: Sequence[str], units: object) -> tuple[tuple[str, str], ...]:
@@ -258,24 +250,8 @@ def checked_units(names: Sequence[str], units: object) -> tuple[tuple[str, str],
     return tuple((name, found[name]) for name in names if found.get(name))
 
 
-def _names(argument: str, names: object, count: int, letter: str) -> tuple[str, ...]:
-    found = texts(argument, names)
-    if found is None:
-        return _numbered(letter, count)
-    if len(found) != count:
-        raise ShapeError(f"`{argument}` must have {count} names, got {len(found)}")
-    if len(set(found)) < count:
-        twice = next(name for name, count in Counter(found).items() if count > 1)
-        raise InputError(f"`{argument}` must be different names, got {twice[:40]!r} twice")
-    return found
-
-
 def _numbered(letter: str, count: int) -> tuple[str, ...]:
     return tuple(f"{letter}[{k}]" for k in range(count))
-
-
-def _said(what: str, letter: str, place: int, name: str) -> str:
-    return f"{what} {place}" if name == f"{letter}[{place}]" else f"{what} {name[:40]!r}"
 
 
 def weight(
@@ -315,9 +291,8 @@ def weight(
     diagonal = np.abs(np.diag(full))
     size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     unit = full / size[:, None] / size
-    apart = np.abs(unit - unit.T)
-    i, j = np.unravel_index(apart.argmax(), apart.shape) if n else (0, 0)
-    if n and apart[i, j] > 5e-10:
+    i, j = np.unravel_index(np.abs(unit - unit.T).argmax(), unit.shape) if n else (0, 0)
+    if n and abs(unit[i, j] - unit[j, i]) > 5e-10:
         found = f"[{i}, {j}] = {full[i, j]:.6g} and [{j}, {i}] = {full[j, i]:.6g}"
         raise InputError(f"`{name}` must be symmetric, got {found}")
     half = full / 2.0 + full.T / 2.0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from .._base import show, validation
-from .._base.names import Labels, default_labels, fitting, two_states
+from .._base.names import Labels, default_labels, two_states
 from .._base.records import SavedRecord, require_shapes
 from .._base.tables import Cube, Timed, named, over_time, padded
 from .._base.types import DELTA, Floats, Fusion, Quantity, Status
@@ -112,7 +112,8 @@ class Plan(SavedRecord, Timed):
             require_shapes(known, B=self._shape)
         if self.limited is not None and not np.array_equal(self.limited.u, self.u):
             raise InputError("`limited` must be of the control `u` of this plan")
-        fitting(self.labels, *self._shape)
+        if self.labels is not None:
+            self.labels.require(*self._shape)
         if self.dt is not None:
             validation.positive("dt", self.dt)
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .._base import show, validation
-from .._base.names import Labels, fitting, order_of
+from .._base.names import Labels, Order, order_of
 from .._base.records import SavedRecord
 from .._base.tables import Cube, Tabled, named
 from .._base.types import CENTRES, Centre
@@ -84,7 +84,8 @@ class SystemEnsemble(SavedRecord, Tabled):
         if self.dt is not None:
             object.__setattr__(self, "dt", validation.positive("dt", self.dt))
         validation.line("about", self.about)
-        fitting(self.labels, n, B.shape[2])
+        if self.labels is not None:
+            self.labels.require(n, B.shape[2])
 
     @classmethod
     def from_systems(
@@ -169,7 +170,7 @@ class SystemEnsemble(SavedRecord, Tabled):
     def _in_order(self, argument: str, labels: Labels | None) -> SystemEnsemble:
         """The same models, with states and inputs in the order of these names, see `order_of`."""
         order = order_of(argument, self.labels, labels)
-        if self.labels is None or order == (None, None):
+        if self.labels is None or order == Order():
             return self
         A, B = order.matrices(self.A, self.B)
         c = None if self.c is None else order.of_states(self.c)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._base import show, validation
-from .._base.names import Labels, made_labels, order_of, texts
+from .._base.names import Labels, Order, made_labels, order_of, texts
 from .._base.reading import matrices
 from .._base.tables import Exported
 from . import conversions
@@ -227,7 +227,7 @@ class System(Exported):
     def _in_order(self, argument: str, labels: Labels | None) -> System:
         """The same system, with states and inputs in the order of these names, see `order_of`."""
         order = order_of(argument, self._labels, labels)
-        if order == (None, None):
+        if order == Order():
             return self
         A, B = order.matrices(self._A, self._B)
         labels = order.labels(self._labels)

@@ -102,7 +102,7 @@ def parameters(obj):
 def is_made_by_the_package(obj):
     """Whether `obj` is a class that users do not construct; its fields must be described."""
     home = obj.__module__.rpartition(".")[2]
-    return inspect.isclass(obj) and not dataclasses.is_dataclass(obj) and home == "ensemble"
+    return inspect.isclass(obj) and home == "ensemble"
 
 
 def sections(text):

@@ -92,7 +92,7 @@ def test_indices_are_as_narrow_as_the_dimension_allows(length: int, dtype: type)
 
 def test_ensembles_are_immutable_and_made_by_functions() -> None:
     ensemble = se.sample(W, 10, rng=1)
-    with pytest.raises(AttributeError, match="immutable"):
+    with pytest.raises(AttributeError, match="cannot"):
         ensemble.size = 3  # type: ignore[misc]
     with pytest.raises(ex.InputTypeError, match="from_samples"):
         se.Ensemble()
@@ -169,7 +169,7 @@ def test_dense_samples_cannot_be_changed() -> None:
     assert samples is not None
     with pytest.raises(ValueError, match="WRITEABLE"):
         samples.flags.writeable = True
-    with pytest.raises(AttributeError, match="immutable"):
+    with pytest.raises(AttributeError, match="cannot"):
         del ensemble._samples
 
 

@@ -112,6 +112,7 @@ def rules(record: Any) -> dict[str, Rule]:
 
 def _fits(dim: str, length: int, known: dict[str, int]) -> bool:
     """Whether a dimension, such as "step+1", has this length; a new name gets it."""
+    dim = dim.removeprefix("from_").removeprefix("other_")
     new = [part for part in dim.split("+") if not part.isdigit() and part not in known]
     if len(new) == 1:
         known[new[0]] = 0

@@ -8,32 +8,20 @@ Only the indices are stored.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from .._base import running, show, validation
 from .._base.records import SavedRecord, trusted
-from .._base.types import CENTRES, Axis, Centre, Floats, Scheme
+from .._base.types import AXES, CENTRES, SCHEMES, Axis, Centre, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key
-from .law import (
-    Law,
-    checked_scheme,
-    checked_target,
-    dense,
-    dense_blocks,
-    from_lines,
-    stack_from_lines,
-    to_lines,
-)
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import ArrayLike, NDArray
-    from typing_extensions import Self
+from .law import Law, dense, dense_blocks, from_lines, stack_from_lines, to_lines
 
 
 def _rebuilt(
@@ -50,30 +38,42 @@ def _rebuilt(
         return Ensemble.from_samples(samples, centre=centre)
     if indices is None or target is None:
         raise InputTypeError("an Ensemble must have samples, or indices and a target")
-    made = Ensemble.from_indices(indices, target, axis=axis)
     if scheme is not None:
-        scheme = checked_scheme(scheme)
-    if key is not None:
-        key = validation.instance("key", key, Key)
-    assert made._draws is not None
-    return Ensemble._of_draws(made._draws, made._shape, axis, scheme, key)
+        validation.choice("scheme", scheme, SCHEMES)
+    drawn = Ensemble.from_indices(indices, target, axis=axis)
+    key = None if key is None else validation.instance("key", key, Key)
+    return drawn._like(scheme=scheme, key=key, centre=None if scheme is None else "truth")
 
 
+@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Ensemble(SavedRecord):
     """N realizations of one vector or matrix; immutable.
 
     Made by `sample`, `Ensemble.from_samples` or `Ensemble.from_indices`.
+
+    Attributes
+    ----------
+    samples : ndarray, shape (N, ...), or None
+        Dense realizations, read-only; None for singletons.
+    shape : tuple of int
+        Shape of a realization: (n,) or (n, m).
+    axis : {"columns", "rows"}
+        Which lines of a matrix were drawn independently.
+    scheme : {"iid", "systematic"} or None
+        How the realizations were drawn; None if they were not drawn here.
+    key : Key or None
+        The key to repeat the sample (``rng=key``); None if it was not drawn here.
+    centre : {"truth", "estimate"} or None
+        What the realizations scatter about; None if unknown.
     """
 
-    __slots__ = ("_draws", "_samples", "_shape", "_axis", "_scheme", "_key", "_centre")  # noqa: RUF023
-
     _draws: _core.Draws | None
-    _samples: Floats | None
-    _shape: tuple[int, ...]
-    _axis: Axis
-    _scheme: Scheme | None
-    _key: Key | None
-    _centre: Centre | None
+    samples: Floats | None
+    shape: tuple[int, ...]
+    axis: Axis
+    scheme: Scheme | None
+    key: Key | None
+    centre: Centre | None
 
     _made_by = staticmethod(_rebuilt)
 
@@ -113,7 +113,7 @@ class Ensemble(SavedRecord):
         running.need("a copy of the samples", values.nbytes)
         if centre is not None:
             validation.choice("centre", centre, CENTRES)
-        return cls._of_samples(validation.frozen(values), centre)
+        return cls._made(samples=validation.frozen(values), shape=values.shape[1:], centre=centre)
 
     @classmethod
     def from_indices(
@@ -148,10 +148,11 @@ class Ensemble(SavedRecord):
                [ 7.,  0.],
                [ 0., -7.]])
         """
-        values, axis = checked_target(target, axis)
+        axis = validation.choice("axis", axis, AXES)
+        values = validation.array("target", target, ndim=(1, 2))
         lines = to_lines(values, axis)
         draws = _core.Draws.from_indices(lines, _checked_indices(indices, lines.shape))
-        return cls._of_draws(draws, values.shape, axis, None, None)
+        return cls._made(_draws=draws, shape=values.shape, axis=axis)
 
     @property
     def size(self) -> int:
@@ -159,42 +160,17 @@ class Ensemble(SavedRecord):
         return self._draws.size if self._draws is not None else len(self._dense())
 
     @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of a realization: (n,) or (n, m)."""
-        return self._shape
-
-    @property
     def is_singleton(self) -> bool:
         """Whether the realizations are singletons, with one nonzero entry per line."""
         return self._draws is not None
 
     @property
-    def axis(self) -> Axis:
-        """Which lines of a matrix were drawn independently: "columns" or "rows"."""
-        return self._axis
-
-    @property
-    def scheme(self) -> Scheme | None:
-        """How the realizations were drawn; None if they were not drawn here."""
-        return self._scheme
-
-    @property
     def law(self) -> Law | None:
         """The law of the realizations; None if they were not drawn here."""
         values = self._values()
-        if values is None or self._scheme is None:
+        if values is None or self.scheme is None:
             return None
-        return trusted(Law, values, self._axis, self._scheme)
-
-    @property
-    def centre(self) -> Centre | None:
-        """What the realizations scatter about: "truth" or "estimate"; None if unknown."""
-        return self._centre
-
-    @property
-    def key(self) -> Key | None:
-        """The key to repeat the sample (``rng=key``); None if it was not drawn here."""
-        return self._key
+        return trusted(Law, values, self.axis, self.scheme)
 
     @property
     def gamma(self) -> float:
@@ -214,12 +190,7 @@ class Ensemble(SavedRecord):
         """``g_j sign(A_ij)``, the value of an entry that is hit; None for dense realizations."""
         if self._draws is None:
             return None
-        return from_lines(self._draws.atoms(), self._shape, self._axis)
-
-    @property
-    def samples(self) -> Floats | None:
-        """Dense realizations (N, ...), read-only; None for singletons."""
-        return self._samples
+        return from_lines(self._draws.atoms(), self.shape, self.axis)
 
     @property
     def nbytes(self) -> int:
@@ -244,7 +215,7 @@ class Ensemble(SavedRecord):
         counts = self._draws.counts()
         # not as a product: NumPy's buffered loops, which mix types, crash if memory runs out
         counts[self._draws.gamma() == 0.0] = 0
-        return from_lines(counts, self._shape, self._axis)
+        return from_lines(counts, self.shape, self.axis)
 
     def dense(self) -> Floats:
         """Return all realizations as one dense array.
@@ -260,7 +231,7 @@ class Ensemble(SavedRecord):
             If the array does not fit into the memory this process may use.
         """
         if self._draws is not None:
-            return dense(self._draws, self._shape, self._axis)
+            return dense(self._draws, self.shape, self.axis)
         running.need("the dense realizations", self._dense().nbytes)
         return self._dense().copy()
 
@@ -279,12 +250,11 @@ class Ensemble(SavedRecord):
             sample is not a systematic sample, so it has no key and no scheme.
         """
         count = validation.size("size", size, maximum=self.size)
-        if self._draws is not None:
-            draws = self._draws.prefix(count)
-            if self._scheme == "systematic" and count < self.size:
-                return Ensemble._of_draws(draws, self._shape, self._axis, None, None)
-            return Ensemble._of_draws(draws, self._shape, self._axis, self._scheme, self._key)
-        return Ensemble._of_samples(self._dense()[:count], self._centre)
+        if self._draws is None:
+            return self._like(samples=self._dense()[:count])
+        part = self._like(_draws=self._draws.prefix(count))
+        cut = self.scheme == "systematic" and count < self.size
+        return part._like(scheme=None, key=None, centre=None) if cut else part
 
     def combine(self, weights: ArrayLike) -> Floats:
         """Compute ``sum_s weights[s] E_s``.
@@ -312,7 +282,7 @@ class Ensemble(SavedRecord):
         w = validation.vector("weights", weights, length=self.size)
         result: Floats
         if self._draws is not None:
-            result = from_lines(self._draws.combine(w), self._shape, self._axis)
+            result = from_lines(self._draws.combine(w), self.shape, self.axis)
         else:
             with np.errstate(over="ignore", invalid="ignore"):
                 result = np.tensordot(w, self._dense(), axes=1)
@@ -331,17 +301,17 @@ class Ensemble(SavedRecord):
         if self._draws is not None:
             # converted first: NumPy's loops that mix types end the process where memory runs out
             average = self._draws.atoms() * (self._draws.counts().astype(float) / self.size)
-            return from_lines(average, self._shape, self._axis)
+            return from_lines(average, self.shape, self.axis)
         samples = self._dense()
         with np.errstate(over="ignore", invalid="ignore"):
             result: Floats = samples.mean(axis=0)
         if not np.isfinite(result).all():  # the sum overflows, the average does not
-            result = sum((row / self.size for row in samples), np.zeros(self._shape))
+            result = sum((row / self.size for row in samples), np.zeros(self.shape))
         return result
 
     def __reduce__(self) -> tuple[Any, ...]:
-        drawn = self.indices, self._values(), self._axis, self._scheme, self._key
-        return _rebuilt, (*drawn, self._samples, self._centre)
+        drawn = self.indices, self._values(), self.axis, self.scheme, self.key
+        return _rebuilt, (*drawn, self.samples, self.centre)
 
     def _repr_html_(self) -> str:
         nonzero = "any"
@@ -358,38 +328,19 @@ class Ensemble(SavedRecord):
     def __repr__(self) -> str:
         kind = "dense"
         if self.is_singleton:
-            lines = "" if len(self._shape) == 1 else f"{self._axis}, "
-            kind = f"singleton ({lines}{self._scheme or 'given indices'})"
-        return f"<Ensemble: {self.size} {kind} realizations of shape {self._shape}>"
+            lines = "" if len(self.shape) == 1 else f"{self.axis}, "
+            kind = f"singleton ({lines}{self.scheme or 'given indices'})"
+        return f"<Ensemble: {self.size} {kind} realizations of shape {self.shape}>"
 
     @classmethod
-    def _of_draws(
-        cls,
-        draws: _core.Draws,
-        shape: tuple[int, ...],
-        axis: Axis,
-        scheme: Scheme | None,
-        key: Key | None,
-    ) -> Self:
-        self = object.__new__(cls)
-        self._set(draws, None, shape, axis, scheme, key, None if scheme is None else "truth")
-        return self
+    def _made(cls, **values: Any) -> Ensemble:
+        made = object.__new__(cls)
+        made._keep(**{**_UNKNOWN, **values})
+        return made
 
-    @classmethod
-    def _of_samples(cls, samples: Floats, centre: Centre | None = None) -> Self:
-        self = object.__new__(cls)
-        self._set(None, samples, samples.shape[1:], "columns", None, None, centre)
-        return self
-
-    def _set(self, *values: Any) -> None:
-        for name, value in zip(Ensemble.__slots__, values, strict=True):
-            object.__setattr__(self, name, value)
-
-    def __setattr__(self, name: str, value: object) -> None:
-        raise AttributeError(f"an Ensemble is immutable: cannot set `{name}`")
-
-    def __delattr__(self, name: str) -> None:
-        raise AttributeError(f"an Ensemble is immutable: cannot delete `{name}`")
+    def _like(self, **changed: Any) -> Ensemble:
+        """The same but for these fields."""
+        return self._made(**{**vars(self), **changed})
 
     def __len__(self) -> int:
         return self.size
@@ -397,16 +348,13 @@ class Ensemble(SavedRecord):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Ensemble):
             return NotImplemented
-        if (self._shape, self.size, self.is_singleton) != (
-            other._shape,
-            other.size,
-            other.is_singleton,
-        ):
+        mine, its = ((one.shape, one.size, one.is_singleton) for one in (self, other))
+        if mine != its:
             return False
         if self._draws is None or other._draws is None:
             return np.array_equal(self._dense(), other._dense())
         return (
-            (len(self._shape) == 1 or self._axis == other._axis)
+            (len(self.shape) == 1 or self.axis == other.axis)
             and np.array_equal(self._draws.atoms(), other._draws.atoms())
             and np.array_equal(self._draws.indices(), other._draws.indices())
         )
@@ -416,7 +364,7 @@ class Ensemble(SavedRecord):
     def _dense_blocks(self, rows: int) -> Iterator[Floats]:
         """Return the dense realizations, `rows` at a time."""
         if self._draws is not None:
-            return dense_blocks(self._draws, self._shape, self._axis, rows)
+            return dense_blocks(self._draws, self.shape, self.axis, rows)
         samples = self._dense()
         return (samples[first : first + rows] for first in range(0, self.size, rows))
 
@@ -424,31 +372,37 @@ class Ensemble(SavedRecord):
         """Return a copy of the vector or matrix that gives the 1-norms and signs of singletons."""
         if self._draws is None:
             return None
-        return from_lines(self._draws.values(), self._shape, self._axis)
+        return from_lines(self._draws.values(), self.shape, self.axis)
 
     def _dense(self) -> Floats:
-        assert self._samples is not None
-        return self._samples
+        assert self.samples is not None
+        return self.samples
 
     def _lines_of(self, values: Floats) -> Floats:
         """Return a target in the layout of the core (for dense realizations: one row)."""
-        return to_lines(values, self._axis) if self._draws is not None else values.reshape(1, -1)
+        return to_lines(values, self.axis) if self._draws is not None else values.reshape(1, -1)
 
     def _from_core(self, values: Floats) -> Floats:
         """Undo `_lines_of`."""
         if self._draws is not None:
-            return from_lines(values, self._shape, self._axis)
-        return values.reshape(self._shape)
+            return from_lines(values, self.shape, self.axis)
+        return values.reshape(self.shape)
 
     def _stack_from_core(self, values: Floats) -> Floats:
         """Undo `_lines_of` for every row of (k, entries)."""
         if self._draws is not None:
-            return stack_from_lines(values, self._shape, self._axis)
-        return values.reshape(-1, *self._shape)
+            return stack_from_lines(values, self.shape, self.axis)
+        return values.reshape(-1, *self.shape)
 
     def _core_realizations(self) -> _core.Draws | Floats:
         """Return the realizations as the core takes them."""
         return self._draws if self._draws is not None else self._dense().reshape(self.size, -1)
+
+
+_UNKNOWN: dict[str, Any] = {
+    **dict.fromkeys(("_draws", "samples", "scheme", "key", "centre")),
+    "axis": "columns",
+}
 
 
 def _checked_indices(indices: ArrayLike, lines: tuple[int, ...]) -> NDArray[np.uint32]:

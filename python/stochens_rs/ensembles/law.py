@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .. import _core
 from .._base import running, validation
-from .._base.records import Record, SavedRecord
-from .._base.types import AXES, SCHEMES, Axis, Floats, Scheme
-from ..exceptions import InputError, InputTypeError, ShapeError
+from .._base.records import Count, Record, SavedRecord
+from .._base.types import Axis, Floats, Scheme
+from ..exceptions import InputError, ShapeError
 from ..rng import Key
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import ArrayLike, NDArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,25 +36,8 @@ class Law(Record):
     scheme: Scheme
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         validation.kept("values", self.values)
-        checked_axis(self.axis)
-        checked_scheme(self.scheme)
-
-
-def checked_axis(axis: str) -> Axis:
-    """Return `axis` if it is "columns" or "rows"."""
-    return validation.choice("axis", axis, AXES)
-
-
-def checked_scheme(scheme: str) -> Scheme:
-    """Return `scheme` if it is "iid" or "systematic"."""
-    return validation.choice("scheme", scheme, SCHEMES)
-
-
-def checked_target(target: ArrayLike, axis: str) -> tuple[Floats, Axis]:
-    """Check a vector or matrix to be sampled, and the axis of its lines."""
-    checked = checked_axis(axis)
-    return validation.array("target", target, ndim=(1, 2)), checked
 
 
 def to_lines(values: Floats, axis: Axis) -> Floats:
@@ -132,25 +112,18 @@ class Counts(SavedRecord):
 
     counts: NDArray[np.int64]
     estimate: Floats
-    size: int
+    size: Count
     key: Key
     law: Law | None = None
 
     def __post_init__(self) -> None:
-        if type(self.counts) is not np.ndarray or self.counts.dtype != np.int64:
-            raise InputTypeError(
-                f"`counts` must be a numpy.ndarray of int64, got {validation.show(self.counts)}"
-            )
+        super().__post_init__()
         validation.kept("estimate", self.estimate, shape=self.counts.shape)
-        validation.size("size", self.size)
-        validation.instance("key", self.key, Key)
         if self.counts.min() < 0:
             raise InputError(f"`counts` must be >= 0, got {self.counts.min()}")
-        if self.law is not None:
-            self._check_law(validation.instance("law", self.law, Law))
-
-    def _check_law(self, law: Law) -> None:
-        """Refuse a law that cannot give these counts."""
+        law = self.law
+        if law is None:
+            return
         if law.values.shape != self.shape:
             raise ShapeError(
                 f"`law` must have values of shape {self.shape}, got {law.values.shape}"

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import _core
 from .._base import running, validation
 from .._base.running import get_num_threads
-from .._base.types import Axis, Scheme
+from .._base.types import AXES, SCHEMES, Axis, Floats, Scheme
 from ..rng import RngLike, as_key
 from .ensemble import Ensemble
-from .law import Counts, Law, checked_scheme, checked_target, from_lines, to_lines
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
+from .law import Counts, Law, from_lines, to_lines
 
 
 def sample(
@@ -79,9 +75,7 @@ def sample(
     >>> int(ensemble.counts()[2])
     0
     """
-    values, axis = checked_target(target, axis)
-    count = validation.size("size", size)
-    scheme = checked_scheme(scheme)
+    values, count = _checked(target, size, scheme, axis)
     lines = to_lines(values, axis)
     number, length = lines.shape
     width = 1 if length <= 2**8 else 2 if length <= 2**16 else 4  # bytes of an index
@@ -91,7 +85,17 @@ def sample(
     running.need(f"a sample of {count} realizations", needed)
     key = as_key(rng)
     draws = _core.Draws.sample(lines, count, scheme, bytes(key), get_num_threads())
-    return Ensemble._of_draws(draws, values.shape, axis, scheme, key)
+    known = {"shape": values.shape, "axis": axis, "scheme": scheme, "key": key}
+    return Ensemble._made(_draws=draws, centre="truth", **known)
+
+
+def _checked(target: ArrayLike, size: int, scheme: str, axis: str) -> tuple[Floats, int]:
+    """The mean of the realizations, and their number."""
+    validation.choice("axis", axis, AXES)
+    values = validation.array("target", target, ndim=(1, 2))
+    count = validation.size("size", size)
+    validation.choice("scheme", scheme, SCHEMES)
+    return values, count
 
 
 def sample_counts(
@@ -145,9 +149,7 @@ def sample_counts(
     >>> int(counts.counts.sum()) == 10**12, bool(abs(counts.estimate - w).max() < 1e-4)
     (True, True)
     """
-    values, axis = checked_target(target, axis)
-    count = validation.size("size", size)
-    scheme = checked_scheme(scheme)
+    values, count = _checked(target, size, scheme, axis)
     key = as_key(rng)
     lines = to_lines(values, axis)
     hits = _core.sample_counts(lines, count, scheme, bytes(key))

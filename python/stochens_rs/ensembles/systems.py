@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, overload
+from typing import Annotated, Any, overload
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels, Order, order_of
 from .._base.records import SavedRecord
-from .._base.tables import Cube, Tabled, named
-from .._base.types import CENTRES, Centre
+from .._base.tables import Tabled
+from .._base.types import Centre, Floats
 from ..exceptions import InputError, ShapeError
 from ..system.system import System, _rebuild
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -57,35 +54,24 @@ class SystemEnsemble(SavedRecord, Tabled):
     (<SystemEnsemble: 2 models, n=1 m=1>, <System: n=1 m=1 dt=None>)
     """
 
-    A: NDArray[np.float64]
-    B: NDArray[np.float64]
-    c: NDArray[np.float64] | None = None
+    A: Annotated[Floats, "model state from_state", "own unit"]
+    B: Annotated[Floats, "model state input", "own unit"]
+    c: Annotated[Floats, "model state"] | None = None
     centre: Centre | None = None
     dt: float | None = None
     about: str = ""
     labels: Labels | None = None
 
     def __post_init__(self) -> None:
-        A = validation.array("A", self.A, ndim=(3,))
-        B = validation.array("B", self.B, ndim=(3,))
-        N, n = A.shape[:2]
-        if A.shape[2] != n:
-            raise ShapeError(f"`A` must have shape (N, n, n), got {A.shape}")
-        if B.shape[:2] != (N, n):
-            raise ShapeError(f"`B` must have shape ({N}, {n}, m), got {B.shape}")
-        object.__setattr__(self, "A", validation.frozen(A))
-        object.__setattr__(self, "B", validation.frozen(B))
-        if self.c is not None:
-            object.__setattr__(
-                self, "c", validation.frozen(validation.matrix("c", self.c, rows=N, cols=n))
-            )
-        if self.centre is not None:
-            validation.choice("centre", self.centre, CENTRES)
+        for name, ndim in (("A", 3), ("B", 3), ("c", 2)):
+            given = getattr(self, name)
+            if given is not None:
+                found = validation.array(name, given, ndim=(ndim,))
+                self._keep(**{name: validation.frozen(found)})
         if self.dt is not None:
-            object.__setattr__(self, "dt", validation.positive("dt", self.dt))
+            self._keep(dt=validation.positive("dt", self.dt))
+        super().__post_init__()
         validation.line("about", self.about)
-        if self.labels is not None:
-            self.labels.require(n, B.shape[2])
 
     @classmethod
     def from_systems(
@@ -176,15 +162,6 @@ class SystemEnsemble(SavedRecord, Tabled):
         c = None if self.c is None else order.of_states(self.c)
         return replace(self, A=A, B=B, c=c, labels=order.labels(self.labels))
 
-    def _cube(self) -> Cube:
-        variables = {
-            "A": (("model", "state", "from_state"), self.A, None),
-            "B": (("model", "state", "input"), self.B, None),
-            "c": (("model", "state"), self.c, "state"),
-        }
-        attrs = {"dt": self.dt, "centre": self.centre, "about": self.about}
-        return Cube(variables, {}, attrs, named(self.labels, self.n, self.m))
-
     def __len__(self) -> int:
         return self.size
 
@@ -208,12 +185,9 @@ class SystemEnsemble(SavedRecord, Tabled):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, SystemEnsemble):
             return NotImplemented
-        same = (self.centre, self.dt, self.c is None) == (other.centre, other.dt, other.c is None)
-        return same and all(
-            np.array_equal(mine, its)
-            for mine, its in ((self.A, other.A), (self.B, other.B), (self.c, other.c))
-            if mine is not None and its is not None
-        )
+        arrays: Any = ((self.A, other.A), (self.B, other.B), (self.c, other.c))
+        same = (self.centre, self.dt) == (other.centre, other.dt)
+        return same and all(np.array_equal(mine, its) for mine, its in arrays)
 
     __hash__ = None  # type: ignore[assignment]  # as for arrays
 

@@ -109,7 +109,7 @@ def test_open_limits_and_one_sided_ones(gen: np.random.Generator) -> None:
         )
         whole = np.kron(np.eye(2), plan.R)
         units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
-        best = twin.worst(units, plan.low.ravel(), plan.high.ravel())
+        best = twin.worst(units, plan.units.task.low.ravel(), plan.units.task.high.ravel())
         assert plan.value == pytest.approx(best.value, rel=1e-6)
         assert plan.gap <= 1e-6
 
@@ -124,7 +124,7 @@ def test_the_mean_is_that_of_all_rows_at_once(gen: np.random.Generator) -> None:
         plan = se.control_fleet(fleet, x0, np.ones(n), K, limits=limits, cost=se.Cost(R=R))
         whole = None if R is None else np.kron(np.eye(K), R)
         units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
-        best = twin.average(units, plan.low.ravel(), plan.high.ravel())
+        best = twin.average(units, plan.units.task.low.ravel(), plan.units.task.high.ravel())
         assert plan.value == pytest.approx(np.sqrt(best.objective), rel=1e-9)
         np.testing.assert_allclose(plan.u.ravel(), best.u, atol=1e-6 * np.abs(best.u).max())
         rms = np.sqrt(np.mean(twin.misses(units, plan.u.ravel()) ** 2))
@@ -304,7 +304,9 @@ def alone(plan: se.FleetPlan) -> np.ndarray:
     c = None if s.c is None else s.c[few]
     part = s.A[few], s.B[few], c, plan.units.x0[rows]
     if not few:
-        return np.clip(np.zeros(plan.u.size), plan.low.ravel(), plan.high.ravel())
+        return np.clip(
+            np.zeros(plan.u.size), plan.units.task.low.ravel(), plan.units.task.high.ravel()
+        )
     return _core.fleet_alone(part, task, task.R is None, list(range(len(few))), 1).ravel()
 
 

@@ -131,7 +131,7 @@ def test_lower_bounds_with_any_weight(gen: np.random.Generator, sides) -> None:
             )
             whole = np.kron(np.eye(K), R)
             units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
-            best = twin.worst(units, plan.low.ravel(), plan.high.ravel())
+            best = twin.worst(units, plan.units.task.low.ravel(), plan.units.task.high.ravel())
             assert plan.status == "optimal"
             assert plan.value == pytest.approx(best.value, rel=2e-6)
             assert plan.lower_bound <= best.value * (1 + 1e-9)

@@ -96,7 +96,7 @@ class Tabled:
                 unit = None if "own unit" in rule.words else dims[-1]
                 variables[name] = (dims, rows, unit if unit in ("state", "input") else None)
         attrs = {name: _plain(getattr(record, name)) for name in fields.declared(own)}
-        labels = named(record.labels, sizes["state"], sizes["input"])
+        labels = named(record.labels, sizes.get("state", 0), sizes["input"])
         return Cube(variables, times if "step" in sizes else {}, attrs, labels)
 
     def to_xarray(self) -> xarray.Dataset:

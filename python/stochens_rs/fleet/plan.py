@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -12,12 +12,12 @@ from .._base import running, show, validation
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, require_shapes
 from .._base.running import get_num_threads
-from .._base.tables import Cube, Tabled, named, over_time
+from .._base.tables import Tabled
 from .._base.types import Floats, Status
 from ..exceptions import InputError, ShapeError
 from ..plots.lines import draw_misses
 from ..theory import scenario
-from .risk import METHODS, Made, Radii, RiskBound, checked_radii, design_risk, quantile
+from .risk import METHODS, RiskBound, quantile
 from .units import Systems, Units, read_systems, read_units
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class FleetPlan(SavedRecord, Tabled):
     support: tuple[int, ...]
     removed: tuple[int, ...]
     units: Units
-    R: Annotated[Floats, "input input"] | None = None
+    R: Annotated[Floats, "input from_input"] | None = None
     widest: int | None = None
     discard: int = 0
     missing: float = 0.0
@@ -117,22 +117,12 @@ class FleetPlan(SavedRecord, Tabled):
         return self.units.systems.labels
 
     @property
-    def low(self) -> Floats:
-        """Lower limits of the inputs, (K, m)."""
-        return self.units.task.low
-
-    @property
-    def high(self) -> Floats:
-        """Upper limits of the inputs, (K, m)."""
-        return self.units.task.high
-
-    @property
     def gap(self) -> float:
         """How far the value can be from the least one, relative to the value at 0.
 
         0 is clipped into the limits. A value that can be 0 has no other scale.
         """
-        zero = np.clip(0.0, self.low, self.high)
+        zero = np.clip(0.0, self.units.task.low, self.units.task.high)
         misses = np.delete(self.units.misses(zero)[0], self.removed)
         beside = 0.0 if self.R is None else float(np.sum(zero @ self.R * zero))
         square = np.mean(misses**2) if self.risk == "mean" else misses.max() ** 2
@@ -143,8 +133,9 @@ class FleetPlan(SavedRecord, Tabled):
     def active(self) -> NDArray[np.int8]:
         """Which inputs are at a limit: -1 at the lower one, 1 at the upper one."""
         near = 1e-6 * float(np.abs(self.u).max())
-        high = (self.high - self.u <= near).astype(np.int8)
-        return np.where(self.u - self.low <= near, np.int8(-1), high)
+        low, high = self.units.task.low, self.units.task.high
+        at_high = (high - self.u <= near).astype(np.int8)
+        return np.where(self.u - low <= near, np.int8(-1), at_high)
 
     @property
     def threshold(self) -> float:
@@ -225,12 +216,44 @@ class FleetPlan(SavedRecord, Tabled):
         if self.risk == "mean":
             raise InputError("`certify` needs risk='worst'; for a mean use validate(new_units)")
         validation.choice("method", method, METHODS[:3])
-        radii = self._radii(radius, delta, self.units.size)
+        N, scores = self.units.size, self.scores
+        radii, failing = self._radii(radius, delta, N)
+        removed, limits = list(self.removed), self.units.task
+        threshold = float(np.delete(scores, removed).max())
+        if threshold == np.inf:
+            raise InputError(
+                "units of the design leave the limits of states, so that no bound follows from "
+                "them: use validate(new_units)"
+            )
         # the inputs that are not fixed, the value, and R
-        free = int(np.count_nonzero(self.low < self.high)) + 1 + (self.widest is not None)
-        made = Made(self.scores, self.removed, self.discard, len(self.support), free, self.status)
-        found = design_risk(method, beta, made, radii)
-        return replace(found, keeps=self.units.task.state_low is not None)
+        count = int(np.count_nonzero(limits.low < limits.high)) + 1 + (self.widest is not None)
+        if method == "compression":
+            threshold = float(np.delete(scores + radii, removed).max())
+            count = len(self.support)
+            epsilon = scenario.compression(N, count, beta, violations=self.discard)
+        elif self.status != "optimal":
+            raise InputError(
+                f"`method` {method!r} needs an optimal plan, this one is {self.status!r}: use "
+                "'compression', or validate(new_units)"
+            )
+        elif failing:
+            raise InputError("`radius` needs method='compression', or validate(new_units)")
+        elif method == "discarding":
+            if (scores[removed] <= threshold).any():
+                raise InputError(
+                    "a unit that was left out misses no more than the threshold, so that this "
+                    "bound does not hold: use 'compression', or validate(new_units)"
+                )
+            epsilon = scenario.discarding(N, len(removed), count, beta)
+        elif self.discard:
+            raise InputError(
+                f"`method` {method!r} does not hold after units were left out: use 'compression', "
+                "'discarding' or validate(new_units)"
+            )
+        else:
+            epsilon = scenario.a_priori(N, count, beta)
+        keeps = limits.state_low is not None
+        return RiskBound(epsilon, beta, method, N, count, threshold, failing, keeps=keeps)
 
     def validate(
         self,
@@ -315,8 +338,7 @@ class FleetPlan(SavedRecord, Tabled):
             )
         misses, excess = units.misses(self.u)
         radii, failing = self._radii(radius, delta, fresh.size)
-        if radii is not None:
-            misses = misses + radii
+        misses = misses + radii
         scores = np.where(excess > 0.0, np.inf, misses)
         if share is None:
             above = int(np.count_nonzero(scores > limit))
@@ -326,12 +348,20 @@ class FleetPlan(SavedRecord, Tabled):
         kept = self.units.task.state_low is not None
         return RiskBound(found, beta, "hold-out", fresh.size, above, limit, failing, misses, kept)
 
-    def _radii(self, radius: Any, delta: Any, size: int) -> Radii:
-        if radius is not None and self.units.task.state_low is not None:
+    def _radii(self, radius: Any, delta: Any, size: int) -> tuple[Floats, float]:
+        """Radii (N,), 0 where none are given, and the probability that one of them fails."""
+        if (radius is None) != (delta is None):
+            raise InputError("`delta` must be given with `radius` alone: how often a radius fails")
+        if radius is None:
+            return np.zeros(size), 0.0
+        if self.units.task.state_low is not None:
             raise InputError(
                 "`radius` must be left out with limits of states: it is about misses alone"
             )
-        return checked_radii(radius, delta, size)
+        radii = validation.vector("radius", radius, length=size)
+        if (radii < 0.0).any():
+            raise InputError(f"`radius` must be >= 0, got {radii.min():.3g}")
+        return radii, validation.probability("delta", delta)
 
     def plot(self, ax: Axes | None = None, *, validated: RiskBound | None = None) -> Axes:
         """Draw the misses of all units, from the least to the largest.
@@ -371,21 +401,6 @@ class FleetPlan(SavedRecord, Tabled):
         line = self.threshold if worst else self._rms
         named = "threshold" if worst else "rms of the units"
         return draw_misses(self.misses, line, *marks, named=named, fresh=fresh, ax=ax)
-
-    def _cube(self) -> Cube:
-        systems = self.units.systems
-        clock, times = over_time(len(self.u) - 1, systems.dt)
-        variables = {
-            "u": ((clock, "input"), self.u, "input"),
-            "low": ((clock, "input"), self.low, "input"),
-            "high": ((clock, "input"), self.high, "input"),
-            "misses": (("unit",), self.misses, None),
-            "excess": (("unit",), self.excess, None),
-        }
-        names = ("risk", "status", "value", "lower_bound", "threshold")
-        attrs = {name: getattr(self, name) for name in names}
-        attrs["dt"] = systems.dt
-        return Cube(variables, times, attrs, named(systems.labels, systems.n, systems.m))
 
     def __repr__(self) -> str:
         K, m = self.u.shape
@@ -517,18 +532,6 @@ def control_fleet(
             units.arrays, task, R is None, out, limit, threads
         )
     u, value, lower_bound, missing, status = found
-    return FleetPlan(
-        u,
-        risk,
-        *units.misses(u),
-        value,
-        lower_bound,
-        status,
-        tuple(support),
-        tuple(removed),
-        units,
-        R,
-        widest,
-        out,
-        missing,
-    )
+    left = tuple(support), tuple(removed)
+    numbers = *units.misses(u), value, lower_bound, status
+    return FleetPlan(u, risk, *numbers, *left, units, R, widest, out, missing)

@@ -50,10 +50,10 @@ class Units(Record):
     task: Task
 
     def __post_init__(self) -> None:
-        N, n = validation.instance("systems", self.systems, SystemEnsemble).size, self.systems.n
+        super().__post_init__()
+        N, n, task = self.systems.size, self.systems.n, self.task
         if validation.kept("x0", self.x0, ndim=(2,)).shape not in ((1, n), (N, n)):
             raise ShapeError(f"`x0` must have shape ({n},) or ({N}, {n}), got {self.x0.shape}")
-        task = validation.instance("task", self.task, Task)
         require_shapes(task, low=(task.steps, self.systems.m), reference=(task.steps, n))
 
     @property

@@ -60,9 +60,7 @@ def save(
             f"`path` must not end in {Path(checked).suffix}: `save` writes a file for `load`; "
             "`to_pandas`, `to_xarray` and `to_dict` give tables and plain data"
         )
-    arrays = [(name, _section(name, array)) for name, array in sections.items()]
-    running.need("a state to be saved", sum(array.nbytes for _, array in arrays))
-    return _core.storage_save(checked, kind, arrays, held)
+    return _core.storage_save(checked, kind, _arrays(sections), held)
 
 
 def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:
@@ -87,9 +85,7 @@ def load(path: PathLike, kind: str) -> tuple[int, dict[str, Section]]:
 
 def encode(kind: str, generation: int, sections: Mapping[str, NDArray[Any]]) -> bytes:
     """Return the bytes of a state file with these arrays (see `save`)."""
-    arrays = [(name, _section(name, array)) for name, array in sections.items()]
-    running.need("a state to be saved", sum(array.nbytes for _, array in arrays))
-    return _core.storage_encode(kind, generation, arrays)
+    return _core.storage_encode(kind, generation, _arrays(sections))
 
 
 def decode(source: str, content: bytes, kind: str) -> tuple[int, dict[str, Section]]:
@@ -117,13 +113,16 @@ if hasattr(os, "register_at_fork"):
     os.register_at_fork(after_in_child=_let_go)
 
 
-def _section(name: str, array: NDArray[Any]) -> NDArray[Any]:
-    if not isinstance(array, np.ndarray) or array.dtype not in _ELEMENTS or array.ndim != 1:
-        raise InputTypeError(
-            f"`sections[{name!r:.20}]` must be a one-dimensional array of uint8, uint64 or "
-            f"float64, got {show(array)}"
-        )
-    return np.ascontiguousarray(array)
+def _arrays(sections: Mapping[str, NDArray[Any]]) -> list[tuple[str, NDArray[Any]]]:
+    """The arrays as the core takes them."""
+    for name, array in sections.items():
+        if not isinstance(array, np.ndarray) or array.dtype not in _ELEMENTS or array.ndim != 1:
+            raise InputTypeError(
+                f"`sections[{name!r:.20}]` must be a one-dimensional array of uint8, uint64 or "
+                f"float64, got {show(array)}"
+            )
+    running.need("a state to be saved", sum(array.nbytes for array in sections.values()))
+    return [(name, np.ascontiguousarray(array)) for name, array in sections.items()]
 
 
 class Durable:

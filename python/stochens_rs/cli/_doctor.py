@@ -15,7 +15,7 @@ from .. import _core, reference
 from .._base.files import versions
 from .._base.running import VARIABLE, left_by_source, threads_by
 from ..controls import control
-from ..ensembles.sampling import sample
+from ..ensembles import sample
 from ..studies.tasks import fingerprint
 from ._command import INTERNAL, OK, command
 from ._output import show_result

@@ -12,7 +12,7 @@ from .._base import running, validation
 from .._base.records import trusted
 from .._base.running import get_num_threads
 from .._base.types import Floats, Fusion, worst
-from ..ensembles.sampling import sample
+from ..ensembles import sample
 from ..exceptions import InputError, SolverError
 from ..fusion.fusing import METHODS, fuse
 from ..fusion.provenance import Basis, known

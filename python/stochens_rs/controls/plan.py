@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels, default_labels, two_states
-from .._base.records import SavedRecord, require_shapes
+from .._base.records import Positive, SavedRecord, require_shapes
 from .._base.tables import Cube, Timed, named, over_time, padded
 from .._base.types import DELTA, Floats, Fusion, Quantity, Status
 from ..certificates.certificate import Certificate
@@ -87,8 +87,8 @@ class Plan(SavedRecord, Timed):
         The step length [s], as that of the system or the model.
     """
 
-    u: Floats
-    predicted_states: Floats
+    u: Annotated[Floats, "step input"]
+    predicted_states: Annotated[Floats, "step+1 state"]
     reachability: Reachability
     fusion: Fusion
     status: Status
@@ -96,26 +96,15 @@ class Plan(SavedRecord, Timed):
     basis: Basis | ModelBasis | None = None
     limited: Limited | None = None
     labels: Labels | None = None
-    dt: float | None = None
+    dt: Positive | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        validation.kept("u", self.u, ndim=(2,))
-        validation.kept("predicted_states", self.predicted_states, ndim=(2,))
-        if len(self.predicted_states) != len(self.u) + 1:
-            raise ShapeError(
-                f"`predicted_states` must have {len(self.u) + 1} rows, one more than `u`, got "
-                f"{len(self.predicted_states)}"
-            )
         if self.basis is not None:
             known = self.basis.model if isinstance(self.basis, ModelBasis) else self.basis
             require_shapes(known, B=self._shape)
         if self.limited is not None and not np.array_equal(self.limited.u, self.u):
             raise InputError("`limited` must be of the control `u` of this plan")
-        if self.labels is not None:
-            self.labels.require(*self._shape)
-        if self.dt is not None:
-            validation.positive("dt", self.dt)
 
     @property
     def steps(self) -> int:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import _core
 from .._base import running, validation
@@ -17,16 +19,9 @@ from ..exceptions import InputError, ShapeError
 from ..fusion.provenance import Basis
 from ..identification import Model, Trajectories
 from ..identification.identified import Identified
+from ..limits.solution import Limited
 from ..system.system import System
 from .fresh_systems import Source, Validation, rank_of
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from numpy.typing import ArrayLike
-
-    from ..limits.solution import Limited
-
 
 Runs: TypeAlias = "Trajectories | SystemEnsemble | Sequence[System] | Sequence[ArrayLike] | Any"
 
@@ -132,28 +127,21 @@ def validated(
     units = plan.scale() if scale is None else _scale(scale, plan.states)
     target = plan.xf
     told = plan.states, plan.A, units, target
-    source: Source = "runs"
-    systems = _systems(runs)
+    systems, free = _systems(runs), None
+    source: Source = "runs" if systems is None else "fresh systems"
     if systems is not None:
         if plan.read:
             raise InputError("`runs` must be runs for a plan of outputs: systems have no record")
-        source = "fresh systems"
-        deviations, misses = _of_systems(plan, told, systems, x0)
+        scores = _of_systems(plan, told, systems, x0)
     else:
         if x0 is not None:
             raise InputError("`x0` is for fresh systems: runs have their own starts")
         states = _states(plan, runs)
-        deviations, misses = _core.validation_runs(told, states, get_num_threads())
-    free = None
-    if (
-        source == "runs"
-        and not plan.read
-        and (states[:, 0] == states[0, 0]).all()
-        and np.isfinite(states).all()
-    ):
-        ends = np.ascontiguousarray(states[:, -1])
-        free = _core.validation_mean(ends, target, delta)
-    return _judged((deviations, misses), units, target, delta, sure, weights, source, free)
+        scores = _core.validation_runs(told, states, get_num_threads())
+        same = (states[:, 0] == states[0, 0]).all() and np.isfinite(states).all()
+        if same and not plan.read:
+            free = _core.validation_mean(np.ascontiguousarray(states[:, -1]), target, delta)
+    return _judged(scores, units, target, delta, sure, weights, source, free)
 
 
 def validated_loop(
@@ -178,10 +166,7 @@ def validated_loop(
         raise ShapeError("`runs` must have one step at least")
     nothing = np.zeros((K, loop.m)), np.zeros((K + 1, loop.n))
     like = Predicted(*nothing, None, None, loop.labels, loop.dt)
-    if isinstance(runs, Trajectories):
-        states = _of_trajectories(like, runs, loop)
-    else:
-        states = _states(like, runs)
+    states = _states(like, runs, loop)
     units = np.tile(loop.scale, (K, 1)) if scale is None else _scale(scale, like.states)
     running.need("the predictions", states.nbytes)
     starts = np.nan_to_num(states[:, 0])  # of a run without any state: it diverged
@@ -210,7 +195,9 @@ def _judged(
     else:
         if sure is not None:
             raise InputError("`beta` must be left out with `weights`: no confidence is known")
-        given = _weights(weights, size)
+        given = validation.vector("weights", weights, length=size + 1)
+        if (given < 0.0).any():
+            raise InputError("`weights` must be >= 0")
         factor, miss = (
             _core.validation_weighted(one, given, delta) for one in (deviations, misses)
         )
@@ -264,11 +251,11 @@ def _of_systems(
     return _core.validation_systems(told, *matrices, starts, plan.u, get_num_threads())
 
 
-def _states(plan: Predicted, runs: Runs) -> Floats:
+def _states(plan: Predicted, runs: Runs, loop: PredictedLoop | None = None) -> Floats:
     """The states of all runs, (M, K + 1, n), nan after the end of a run that ended early."""
     shape = plan.states.shape
     if isinstance(runs, Trajectories):
-        return _of_trajectories(plan, runs)
+        return _of_trajectories(plan, runs, loop)
     if isinstance(runs, np.ndarray) and runs.shape[-2:] != shape:
         raise ShapeError(f"`runs` must be runs of shape {shape}, got an array of {runs.shape}")
     single = isinstance(runs, np.ndarray) and runs.ndim == 2
@@ -291,9 +278,7 @@ def _states(plan: Predicted, runs: Runs) -> Floats:
     return states
 
 
-def _of_trajectories(
-    plan: Predicted, runs: Trajectories, loop: PredictedLoop | None = None
-) -> Floats:
+def _of_trajectories(plan: Predicted, runs: Trajectories, loop: PredictedLoop | None) -> Floats:
     (rows, n), (K, m) = plan.states.shape, plan.u.shape
     if (runs.n, runs.m) != (n, m):
         raise ShapeError(f"`runs` must have n={n} and m={m}, got n={runs.n} and m={runs.m}")
@@ -325,10 +310,3 @@ def _scale(scale: ArrayLike, states: Floats) -> Floats:
     if (given <= 0.0).any():
         raise InputError("`scale` must be > 0 after the start")
     return np.ascontiguousarray(np.broadcast_to(given, (rows - 1, n)))
-
-
-def _weights(weights: ArrayLike, size: int) -> Floats:
-    given = validation.vector("weights", weights, length=size + 1)
-    if (given < 0.0).any():
-        raise InputError("`weights` must be >= 0")
-    return given

@@ -31,7 +31,6 @@ __all__ = [
     "alse",
     "alse_path",
     "alse_prefixes",
-    "battery",
     "best_control",
     "box_batch",
     "box_control",
@@ -66,6 +65,7 @@ __all__ = [
     "kept_quantiles",
     "least_squares_level",
     "log_multigamma",
+    "log_tests",
     "loop_eigenvalues",
     "mean_difference",
     "mean_radius",
@@ -80,8 +80,7 @@ __all__ = [
     "pushed",
     "readings_over_noise",
     "realization_controls",
-    "residual_p_values",
-    "residuals",
+    "residual_checks",
     "row_quantile",
     "roy_quantile",
     "sample_counts",
@@ -452,6 +451,8 @@ class Fitted:
     def nu(self) -> int: ...
     @property
     def ratio(self) -> float: ...
+    # rows without a residual, those that are tied, and the last ones of ties
+    def span(self, tested: Sequence[int]) -> tuple[list[int], list[int], list[int]]: ...
     # rows (d - rank, d), each with an entry of its own
     def combinations(self) -> _Floats: ...
 
@@ -823,26 +824,26 @@ def next_runs(
 # name, p-value, share, where, share of each outcome
 _Tested: TypeAlias = tuple[str, float, float, NDArray[np.int64], _Floats]
 
-def battery(
-    rows: _Floats,
+# rows (x, u, x one step later), the place of each in its piece, and its run
+_Log: TypeAlias = tuple[_Floats, NDArray[np.int64], NDArray[np.int64]]
+
+def log_tests(
+    pairs: _Log,
+    whole: _Log | None,
+    window: Window,
+    first: int,
+    read: bool,
+    piloted: bool,
     fitted: Fitted,
-    basis: _Floats,
-    pairs: _Floats,
-    at: NDArray[np.int64],
-    piece: NDArray[np.int64],
-    runs: NDArray[np.int64],
-    of: tuple[int, bool],
-    beyond: tuple[int, int, int],
-    extra: _Floats | None,
-    marked: NDArray[np.int64] | None,
+    tested: Sequence[int],
+    noise: tuple[str, _Floats | None],
 ) -> list[_Tested]: ...
 def noise_tests(
-    squares: _Floats, size: int, nu: int, declared: str, known: _Floats | None
+    fitted: Fitted, tested: Sequence[int], noise: tuple[str, _Floats | None]
 ) -> list[_Tested]: ...
-def residuals(z: _Floats, y: _Floats, white: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
-def residual_p_values(
-    z: _Floats, y: _Floats, white: _Floats, draws: int, key: bytes, threads: int
-) -> tuple[_Floats, _Floats]: ...
+def residual_checks(
+    rows: _Floats, d: int, tested: Sequence[int], draws: int, key: bytes, threads: int
+) -> tuple[_Floats, _Floats] | None: ...
 
 # Least J(u) = ||M u - y||^2 + u' R u over low <= u <= high. M (rows, d), y (rows,), R (d,) or (d,
 # d) psd; limits (d,), -inf and inf where there is none, equal where an input is fixed. Weights of

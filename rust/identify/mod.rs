@@ -17,6 +17,7 @@ mod levels;
 mod normal_norm;
 mod quantiles;
 mod residual_tests;
+mod span;
 mod symmetric;
 mod triangle;
 mod units;
@@ -40,7 +41,8 @@ pub use quantiles::{
     diagonal_quantile, joint_radii, log_multigamma, row_quantile, roy_quantile, scalar_quantile, smallest_quantile,
     trace_quantile, wishart_quantile,
 };
-pub use residual_tests::{Residuals, STATISTICS, residual_p_values, residuals};
+pub use residual_tests::{STATISTICS, residual_checks};
+pub use span::Span;
 pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm, squares};
 pub use triangle::{triangle, update};
 pub(crate) use units::Measured;

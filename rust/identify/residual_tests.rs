@@ -9,9 +9,11 @@ use faer::{Accum, MatMut, MatRef, Par};
 use rand_distr::{Distribution, StandardNormal};
 
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, room_for_products, try_copy, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_copy, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{Key, Purpose};
+
+use super::least_squares::fit;
 
 const WHAT: &str = "the residuals";
 /// Pairs that one product takes at a time: a stop is seen in between.
@@ -19,20 +21,20 @@ const BLOCK: usize = 1 << 13;
 
 /// Regressors as an orthonormal basis, residuals and leverages.
 #[derive(Debug, Clone)]
-pub struct Residuals {
+struct Residuals {
     /// `q_t = V^(-1/2) z_t` (N, rank).
-    pub basis: Vec<f64>,
+    basis: Vec<f64>,
     /// `y_t - H z_t` (N, n), what the projector on the columns of `basis` leaves of `Y`.
-    pub residuals: Vec<f64>,
+    residuals: Vec<f64>,
     /// `h_t = ||q_t||^2` (N).
-    pub leverages: Vec<f64>,
+    leverages: Vec<f64>,
 }
 
 /// Residuals and leverages of the rows of `z` (N, d) and `y` (N, n) with `white` (rank, d).
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::Memory`], [`Error::Interrupted`].
-pub fn residuals(z: &[f64], y: &[f64], white: &[f64], (d, n): (usize, usize), stop: &Stop) -> Result<Residuals> {
+fn residuals(z: &[f64], y: &[f64], white: &[f64], (d, n): (usize, usize), stop: &Stop) -> Result<Residuals> {
     let size = z.len().checked_div(d).unwrap_or(0);
     if d == 0 || n == 0 || z.len() != size * d || y.len() != size * n || !white.len().is_multiple_of(d) {
         let (expected, found) = (format!("{size} rows each, white of {d} columns"), format!("{} entries", y.len()));
@@ -149,12 +151,49 @@ fn whiten(e: &mut [f64], n: usize, square: &mut [f64]) -> Result<()> {
     Ok(())
 }
 
+/// Tests of least squares of the rows (z, y) (N, width) on the first d columns, with p-values by simulation, and how far off
+/// each statistic is in standard deviations; None with too few pairs for a test.
+///
+/// Of the outcomes `tested`, and where their residuals are tied to each other, of as many combinations as are not: the
+/// statistics are those of any basis.
+///
+/// # Errors
+/// As `fit` and [`super::Fitted::span`].
+#[expect(clippy::too_many_arguments, reason = "what is tested, and how it is simulated")]
+pub fn residual_checks(
+    rows: &[f64],
+    width: usize,
+    d: usize,
+    tested: &[usize],
+    draws: usize,
+    key: &Key,
+    threads: usize,
+    stop: &Stop,
+) -> Result<Option<[[f64; STATISTICS]; 2]>> {
+    let size = rows.len().checked_div(width).unwrap_or(0);
+    let f = fit(rows, width, d, size, threads, stop)?;
+    let (n, basis) = (width - d, f.span(tested)?.basis);
+    let p = basis.len() / n;
+    if f.rank() == 0 || p == 0 || f.degrees() < n || size < 4 {
+        return Ok(None);
+    }
+    let (mut z, mut y) = (try_room(WHAT, checked_len(WHAT, size, d)?)?, try_zeros(WHAT, checked_len(WHAT, size, p)?)?);
+    for (row, y) in rows.chunks_exact(width).zip(y.chunks_exact_mut(p)) {
+        z.extend_from_slice(&row[..d]);
+        for (value, combination) in row[d..].iter().zip(basis.chunks_exact(p)) {
+            y.iter_mut().zip(combination).for_each(|(to, v)| *to += value * v);
+        }
+    }
+    let found = residuals(&z, &y, &f.white, (d, p), stop)?;
+    residual_p_values(&found, p, draws, key, threads, stop).map(Some)
+}
+
 /// `(1 + #{simulated >= observed}) / (draws + 1)` for each statistic of the residuals of `n` outcomes, and how many standard
 /// deviations of the simulated ones it is above their mean (0 where they are all equal); NaN for `N - rank < n`.
 ///
 /// # Errors
 /// [`Error::Numerical`] for residuals that are dependent, [`Error::Memory`], [`Error::Interrupted`].
-pub fn residual_p_values(
+fn residual_p_values(
     found: &Residuals,
     n: usize,
     draws: usize,

@@ -1,4 +1,4 @@
-//! Tests of a model of logged pairs.
+//! Tests of the log of a model.
 
 use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
@@ -7,89 +7,90 @@ use super::convert::{array1, slice};
 use super::error::{InputError, ShapeError};
 use super::fitted::{PyFitted, places};
 use super::run::run;
-use crate::identify::{self, Declared, Given, Test};
+use super::window::PyWindow;
+use crate::identify::{Declared, Test};
 use crate::memory::{try_collect, try_push, try_room};
+use crate::window::{self, Log, Logged};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Places<'py> = PyReadonlyArray1<'py, i64>;
+/// Pairs (x, u, x one step later), the place of each in its piece, and its run.
+type Pairs<'py> = (Matrix<'py>, Places<'py>, Places<'py>);
+/// The kind of noise or covariance, and the known covariance.
+type Noise<'py> = (String, Option<Matrix<'py>>);
 /// Name, probability, share, where, and the share of each outcome.
 type Tested<'py> = (&'static str, f64, f64, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray1<f64>>);
 
-const WHAT: &str = "the tests of residuals";
+const WHAT: &str = "the tests of a log";
 
-/// The tests of least squares `fitted` of the rows (z, y) that belong to the logged `pairs` (x, u, x one step later): for each
-/// row its pair and its run, for each pair its place in its piece. `of`: the first place in z of an input, and whether its
-/// last entry is 1; `beyond`: how many steps back the first reading and input are that z does not hold, and how many
-/// inputs are later than all it holds; `extra` columns in
-/// their place; `marked` rows, of which alone it is tested whether they have a model of their own.
+/// The tests of the log of a model that is `fitted` to the windows of `pairs` behind the `first` ones: the last ones of the runs
+/// `whole`, if there are any; `read`: of outputs; `piloted`: whether starts are declared to be independent of all noise.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
-pub(super) fn battery<'py>(
+pub(super) fn log_tests<'py>(
     py: Python<'py>,
-    rows: Matrix<'py>,
-    fitted: PyRef<'py, PyFitted>,
-    basis: Matrix<'py>,
-    pairs: Matrix<'py>,
-    at: Places<'py>,
-    piece: Places<'py>,
-    runs: Places<'py>,
-    of: (usize, bool),
-    beyond: (usize, usize, usize),
-    extra: Option<Matrix<'py>>,
-    marked: Option<Places<'py>>,
+    pairs: Pairs<'py>,
+    whole: Option<Pairs<'py>>,
+    window: &PyWindow,
+    first: usize,
+    read: bool,
+    piloted: bool,
+    fitted: &PyFitted,
+    tested: Vec<usize>,
+    noise: Noise<'py>,
 ) -> PyResult<Vec<Tested<'py>>> {
-    let f = std::sync::Arc::clone(&fitted.0);
-    let (n, d, width) = (f.rows.len(), f.columns.len(), pairs.as_array().dim().1);
-    let m = width.checked_sub(2 * n).ok_or_else(|| ShapeError::new_err("`pairs` must be rows (x, u, x_next)"))?;
-    let (at, places_, runs) = (whole("at", &at)?, whole("piece", &piece)?, whole("runs", &runs)?);
-    let marked = marked.as_ref().map(|marked| whole("marked", marked)).transpose()?;
-    let marked = marked.map(|marked| try_collect(WHAT, marked.into_iter().map(|v| v != 0))).transpose()?;
-    let given = Given {
-        rows: slice("rows", &rows)?,
+    let (f, window) = (std::sync::Arc::clone(&fitted.0), &window.0);
+    let orders = order(&pairs)?;
+    let whole_orders = whole.as_ref().map(order).transpose()?;
+    let of = Logged {
+        log: log(&pairs, &orders, window)?,
+        whole: whole.as_ref().zip(whole_orders.as_ref()).map(|(one, orders)| log(one, orders, window)).transpose()?,
+        window,
+        first,
+        read,
+        piloted,
         fitted: &f,
-        basis: slice("basis", &basis)?,
-        pairs: slice("pairs", &pairs)?,
-        at: &at,
-        places: &places_,
-        runs: &runs,
-        d,
-        n,
-        m,
-        inputs_at: of.0,
-        intercept: of.1,
-        beyond,
-        extra: extra.as_ref().map(|extra| slice("extra", extra)).transpose()?,
-        marked: marked.as_deref(),
+        tested: &tested,
+        declared: declared(&noise, f.rows.len())?,
     };
-    let cost = (at.len() * (d + n + m) * (4 * d + 20 * m + 40)) as f64;
-    given_back(py, run(py, cost, |stop| identify::battery(&given, stop))?)
+    let (d, n, m) = (window.length(), window.outputs(), window.inputs());
+    let cost = (orders.0.len() * (d + n + m) * (4 * d + 20 * m + 40)) as f64;
+    handed(py, run(py, cost, |stop| window::log_tests(&of, stop))?)
 }
 
-/// Tests of the sum of squares S (n, n) of residuals against what was declared of the noise.
+/// Tests of what was declared of the noise, from the residuals of some rows.
 #[pyfunction]
 pub(super) fn noise_tests<'py>(
     py: Python<'py>,
-    squares: Matrix<'py>,
-    size: usize,
-    nu: usize,
-    declared: &str,
-    known: Option<Matrix<'py>>,
+    fitted: &PyFitted,
+    tested: Vec<usize>,
+    noise: Noise<'py>,
 ) -> PyResult<Vec<Tested<'py>>> {
-    let (s, n) = (slice("S", &squares)?, squares.as_array().dim().0);
-    let known = known.as_ref().map(|known| slice("known", known)).transpose()?;
-    let fits = known.is_none_or(|known| known.len() == n * n && n > 0);
-    let declared = match (declared, known) {
-        ("gaussian", Some(known)) if fits => Declared::Gaussian(known),
-        ("sub-gaussian", Some(known)) if fits => Declared::SubGaussian(known),
-        ("bounded", Some(known)) if fits => Declared::Bounded(known[0].sqrt()),
-        ("scalar", None) => Declared::Scalar,
-        ("diagonal", None) => Declared::Diagonal,
-        (other, _) => return Err(InputError::new_err(format!("`declared` must fit to `known`, got '{other}'"))),
-    };
-    given_back(py, identify::noise_tests(s, n, (size, nu), declared)?)
+    handed(py, window::declared_tests(&fitted.0, &tested, declared(&noise, fitted.0.rows.len())?)?)
 }
 
-fn given_back(py: Python<'_>, tests: Vec<Test>) -> PyResult<Vec<Tested<'_>>> {
+fn log<'a>(pairs: &'a Pairs<'_>, (places, runs): &'a (Vec<usize>, Vec<usize>), of: &window::Window) -> PyResult<Log<'a>> {
+    if runs.len() != places.len() {
+        return Err(ShapeError::new_err(format!("`pairs` must have {} runs, got {}", places.len(), runs.len())));
+    }
+    Ok(Log { pairs: slice("pairs", &pairs.0)?, places, runs, n: of.outputs(), m: of.inputs() })
+}
+
+fn declared<'a>((kind, known): &'a Noise<'_>, n: usize) -> PyResult<Option<Declared<'a>>> {
+    let known = known.as_ref().map(|known| slice("known", known)).transpose()?;
+    let fits = known.is_none_or(|known| known.len() == n * n && n > 0);
+    match (kind.as_str(), known) {
+        ("full", None) => Ok(None),
+        ("gaussian", Some(known)) if fits => Ok(Some(Declared::Gaussian(known))),
+        ("sub-gaussian", Some(known)) if fits => Ok(Some(Declared::SubGaussian(known))),
+        ("bounded", Some(known)) if fits => Ok(Some(Declared::Bounded(known[0].sqrt()))),
+        ("scalar", None) => Ok(Some(Declared::Scalar)),
+        ("diagonal", None) => Ok(Some(Declared::Diagonal)),
+        (other, _) => Err(InputError::new_err(format!("`noise` must fit to its covariance, got '{other}'"))),
+    }
+}
+
+fn handed(py: Python<'_>, tests: Vec<Test>) -> PyResult<Vec<Tested<'_>>> {
     let mut found = try_room(WHAT, tests.len())?;
     for Test { name, p_value, share, at, each } in tests {
         try_push(WHAT, &mut found, (name, p_value, share, places(py, &at)?, array1(py, each)?))?;
@@ -97,8 +98,13 @@ fn given_back(py: Python<'_>, tests: Vec<Test>) -> PyResult<Vec<Tested<'_>>> {
     Ok(found)
 }
 
+/// The place of each pair in its piece, and its run.
+fn order((_, places, runs): &Pairs<'_>) -> PyResult<(Vec<usize>, Vec<usize>)> {
+    Ok((whole_numbers("places", places)?, whole_numbers("runs", runs)?))
+}
+
 /// Numbers that are not negative.
-fn whole(name: &str, given: &Places<'_>) -> PyResult<Vec<usize>> {
+fn whole_numbers(name: &str, given: &Places<'_>) -> PyResult<Vec<usize>> {
     let contiguous = |_| ShapeError::new_err(format!("`{name}` must be C-contiguous"));
     let values = given.as_slice().map_err(contiguous)?;
     if values.iter().any(|v| *v < 0) {

@@ -74,6 +74,12 @@ impl PyFitted {
         array2(py, self.0.combinations()?, d - self.0.rank(), d)
     }
 
+    /// Rows without a residual, those that are tied to each other, and those of them without which the others are independent.
+    fn span(&self, tested: Vec<usize>) -> PyResult<(Vec<usize>, Vec<usize>, Vec<usize>)> {
+        let found = self.0.span(&tested)?;
+        Ok((found.zero, found.tied, found.last))
+    }
+
     #[getter]
     fn rounding<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         array1(py, try_copy(WHAT, &self.0.rounding)?)

@@ -42,36 +42,21 @@ pub(super) fn triangle_update<'py>(
     run(py, 0.3 * (size * k * k) as f64, |stop| identify::update(r, values, k, stop))
 }
 
-/// `(q (N, rank), residuals (N, n), leverages (N))` of the rows of `z` (N, d) and `y` (N, n) with `white` (rank, d).
+/// p-values of five statistics of least squares of `rows` (N, d + n) by `draws` simulations, and how far off each is; None with
+/// too few pairs.
 #[pyfunction]
-pub(super) fn residuals<'py>(
+pub(super) fn residual_checks<'py>(
     py: Python<'py>,
-    z: PyReadonlyArray2<'py, f64>,
-    y: PyReadonlyArray2<'py, f64>,
-    white: PyReadonlyArray2<'py, f64>,
-) -> PyResult<(Matrix<'py>, Matrix<'py>, Vector<'py>)> {
-    let ((size, d), (_, n), (rank, _)) = (z.as_array().dim(), y.as_array().dim(), white.as_array().dim());
-    let (z, y, white) = (slice("Z", &z)?, slice("Y", &y)?, slice("white", &white)?);
-    let found = run(py, (size * rank * (d + n)) as f64, |stop| identify::residuals(z, y, white, (d, n), stop))?;
-    Ok((array2(py, found.basis, size, rank)?, array2(py, found.residuals, size, n)?, array1(py, found.leverages)?))
-}
-
-/// p-values of five statistics of the residuals `y - H z` by `draws` simulations; NaN for too few pairs.
-#[pyfunction]
-pub(super) fn residual_p_values<'py>(
-    py: Python<'py>,
-    z: PyReadonlyArray2<'py, f64>,
-    y: PyReadonlyArray2<'py, f64>,
-    white: PyReadonlyArray2<'py, f64>,
+    rows: PyReadonlyArray2<'py, f64>,
+    d: usize,
+    tested: Vec<usize>,
     draws: usize,
     key: &[u8],
     threads: usize,
-) -> PyResult<(Vector<'py>, Vector<'py>)> {
-    let (d, n) = (z.as_array().dim().1, y.as_array().dim().1);
-    let (z, y, white, key) = (slice("Z", &z)?, slice("Y", &y)?, slice("white", &white)?, self::key(key)?);
-    let [p, distances] = run(py, UNTIL_STOPPED, |stop| {
-        let found = identify::residuals(z, y, white, (d, n), stop)?;
-        identify::residual_p_values(&found, n, draws, &key, threads, stop)
+) -> PyResult<Option<(Vector<'py>, Vector<'py>)>> {
+    let (width, values, key) = (rows.as_array().dim().1, slice("rows", &rows)?, self::key(key)?);
+    let found = run(py, UNTIL_STOPPED, |stop| {
+        identify::residual_checks(values, width, d, &tested, draws, &key, threads, stop)
     })?;
-    Ok((array1(py, p.into())?, array1(py, distances.into())?))
+    found.map(|[p, distances]| Ok((array1(py, p.into())?, array1(py, distances.into())?))).transpose()
 }

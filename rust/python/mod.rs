@@ -44,7 +44,7 @@ use pyo3::prelude::*;
 #[pymodule(gil_used = false)]
 mod _core {
     #[pymodule_export]
-    use super::battery::{battery, noise_tests};
+    use super::battery::{log_tests, noise_tests};
     #[pymodule_export]
     use super::control::{best_control, mean_difference, pseudoinverse, pushed, realization_controls};
     #[pymodule_export]
@@ -71,7 +71,7 @@ mod _core {
     #[pymodule_export]
     use super::horizon_results::{Apart, HorizonControl};
     #[pymodule_export]
-    use super::identify::{residual_p_values, residuals, triangle, triangle_update};
+    use super::identify::{residual_checks, triangle, triangle_update};
     #[pymodule_export]
     use super::laws::{
         diagonal_quantile, f_upper, hull_between, hull_explained, hull_position, hull_radius, hull_share, joint_radii,

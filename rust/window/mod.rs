@@ -11,12 +11,14 @@
 
 mod burn;
 mod linear;
+mod log_tests;
 mod order;
 mod rest;
 mod shape;
 
 pub use burn::{burn, readings_over_noise};
 pub use linear::Linear;
+pub use log_tests::{Log, Logged, declared_tests, log_tests};
 pub use order::{Choice, Search, choose};
 pub use rest::Rest;
 pub use shape::{Kind, Window};

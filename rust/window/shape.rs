@@ -118,6 +118,27 @@ impl Window {
         self.fill
     }
 
+    /// How many steps back the first reading and the first input are that are not in z, `far` where all of the past is, and how
+    /// many inputs are later than all that are.
+    #[must_use]
+    pub const fn beyond(&self, far: usize) -> (usize, usize, usize) {
+        match self.kind {
+            Kind::Lags(count) => (count, self.delay + count, self.delay),
+            Kind::Filters { .. } => (far, far, self.delay),
+        }
+    }
+
+    /// The window with one filter more, filled by as many pairs; None for lags.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for more filters than a window may have.
+    pub fn wider(&self) -> Result<Option<Self>> {
+        let Kind::Filters { pole, count } = self.kind else { return Ok(None) };
+        let kind = Kind::Filters { pole, count: count + 1 };
+        let burn = self.fill - self.delay;
+        Self::new(self.outputs, self.inputs, kind, self.delay, self.intercept, burn).map(Some)
+    }
+
     /// The same, but with so many pairs to fill it.
     #[must_use]
     pub(super) const fn filled_after(mut self, fill: usize) -> Self {

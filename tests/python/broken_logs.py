@@ -21,6 +21,7 @@ from scipy import linalg
 import stochens_rs as se
 from declarations import opts
 from stochens_rs.exceptions import InputError, SolverError
+from stochens_rs.identification.window import rows_of
 
 Array = NDArray[np.float64]
 Generator = np.random.Generator
@@ -193,7 +194,7 @@ def misses(plant: Plant, model: Any, region: Any) -> bool:
     if model.window is None or model.window.count == plant.lags:
         return not region.contains(truth[:, :p], truth[:, p:])
     silent = logged(plant, np.random.default_rng(0), 2, 50, law=lambda e, y: 0.0 * e)
-    rows, d = model.window._rows(silent.data(True))[1], model.window.length
+    rows, d = rows_of(model.window, silent.data(True))[1], model.window.length
     off = np.linalg.norm(rows[:, d:] - rows[:, :d] @ model._H.T, axis=1)
     return any(
         e > region.bound(z[:p], z[p:]) + 1e-9 * np.abs(rows).max()

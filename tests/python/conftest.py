@@ -75,4 +75,4 @@ def _the_number_of_threads_is_left_alone():
 @pytest.fixture
 def noise_by_formula(monkeypatch: pytest.MonkeyPatch) -> None:
     """No test of the log refuses: for noise that follows a formula, or counts of regions alone."""
-    monkeypatch.setattr("stochens_rs.identification.battery.LEVEL", -1.0)
+    monkeypatch.setattr("stochens_rs.identification.checks.FAULT", -1.0)

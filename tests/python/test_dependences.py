@@ -15,7 +15,6 @@ import stochens_rs as se
 from coverage_study import at_most, failures, repeated, sets
 from declarations import opts
 from stochens_rs.exceptions import DataWarning
-from stochens_rs.identification import battery
 from stochens_rs.identification import checks as residual_checks
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -223,12 +222,12 @@ def test_one_more_lag_has_its_level_on_all_kinds_of_systems():
             model = se.identify(se.Trajectories(states, inputs), checks=False)
             if "memory" in model.tests:
                 tested += 1
-                alarms += model.tests["memory"] < battery.LEVEL
+                alarms += model.tests["memory"] < residual_checks.FAULT
             if any("tied" in text or "no residual" in text for text in model.doubts):
                 tied.append(system.kind)
     assert set(tied) <= {"mixed_state_units", "one_huge_entry"}
     assert tested > 16 * seeds
-    assert alarms <= stats.binom.ppf(1 - 2e-4, tested, battery.LEVEL)
+    assert alarms <= stats.binom.ppf(1 - 2e-4, tested, residual_checks.FAULT)
 
 
 def test_the_lag_test_is_exact_for_one_row():
@@ -279,8 +278,6 @@ def test_tests_that_were_not_made_say_so(monkeypatch):
     gen = np.random.default_rng(110)
     x, u = gen.standard_normal((41, 2)), gen.standard_normal((40, 1))
     monkeypatch.setattr(residual_checks, "WORK", 499 * 79)
-    monkeypatch.setattr("stochens_rs.identification.identifying.WORK", 499 * 79)
-    monkeypatch.setattr("stochens_rs.identification.model.WORK", 499 * 79)
     with pytest.warns(DataWarning, match="the residuals were not tested, as 40 pairs take long"):
         model = se.identify(se.Trajectories(x, u))
     assert "not tested" in model._repr_html_()

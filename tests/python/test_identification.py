@@ -350,7 +350,7 @@ def test_a_broken_assumption_is_warned_of():
 
 
 def test_states_read_with_error_are_seen_on_a_run(monkeypatch):
-    monkeypatch.setattr("stochens_rs.identification.battery.LEVEL", 5e-4)
+    monkeypatch.setattr("stochens_rs.identification.checks.FAULT", 5e-4)
     _, run = noisy_states(np.random.default_rng(13), 400, 0.3)
     with pytest.warns(
         DataWarning, match="explain 16 % of the variance of .*: a state that is missing"

@@ -171,7 +171,7 @@ def test_true_readings_pass_the_gate_as_often_as_said(monkeypatch):
                     0
                 ]  # the loop goes on as usual
                 y, u = np.vstack([y, read]), np.vstack([u, act])
-                x = window._core.advance(x, read, act)
+                x = window.core.advance(x, read, act)
     assert rejected[1.0] <= 0.05 * 2000
     assert rejected[3.0] > 0.05 * 2000
 

@@ -218,8 +218,8 @@ HOSTILE = [
     ("known entries", {"known": np.full(6, np.inf)}, "`known` must have numbers up to"),
     ("known entries", {"known": np.ones(6)}, "`known` must have numbers up to"),
     ("known entries", {"known/shape": [3, 2]}, "`known` must have shape"),
-    ("covariance", {"assumptions.known": -np.ones(4)}, "`known` must be symmetric and positive"),
-    ("covariance", {"assumptions.known": np.arange(4.0)}, "`known` must be symmetric and pos"),
+    ("covariance", {"assumptions.known": -np.ones(4)}, "`known` must be positive semi"),
+    ("covariance", {"assumptions.known": np.arange(4.0)}, "`known` must be symmetric"),
     ("covariance", {"assumptions.known": np.ones(2)}, "`assumptions.known` must have 2 entries"),
 ]
 

@@ -138,7 +138,7 @@ def test_the_misses_of_drawn_models_are_from_what_is_predicted():
     plan = se.predict(model, record=record, inputs=inputs)
     rows = min(model.window.count, len(inputs))
     law, key = model._law(windows=True), bytes(range(32))
-    begin, end = (plan.basis.x0, plan.u), (False, 20, key, 1, model.window._core)
+    begin, end = (plan.basis.x0, plan.u), (False, 20, key, 1, model.window.core)
     goal = plan.predicted_outputs[-rows:]
     misses = se._core.drawn_misses(law, *begin, goal.ravel(), *end)
     models = se._core.estimate_draws(law, 20, key, 1).reshape(20, *model._H.shape)

@@ -129,7 +129,8 @@ def test_regions_are_those_of_the_twin(kind: str, N: int, name: str, design: str
 
 
 def test_least_squares_from_rows_and_from_their_triangle() -> None:
-    Z, Y = identify(data("deficient", 40))._pairs()
+    model = identify(data("deficient", 40))
+    Z, Y = np.hsplit(model.rows, [model.rows.shape[1] - model.n])
     both = np.hstack([Z, Y])
     f, g = _core.fit(both, n + m, 40, 1), _core.fit(_core.triangle(both, 1), n + m, 40, 1)
     assert (f.H == g.H).all()

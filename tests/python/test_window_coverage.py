@@ -11,6 +11,7 @@ from coverage_study import at_most, sets
 from declarations import opts
 from stochens_rs.identification import Regressors
 from stochens_rs.identification.assumptions import ACCEPTED
+from stochens_rs.identification.window import rows_of
 from twin.predictors import kalman, unbiased
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -84,7 +85,7 @@ def filter_runs(gen, window, Theta, runs, steps, size):
             u.append(np.clip(-K @ y[-1], -2.0, 2.0) + gen.standard_normal(m) * (len(u) > 0))
             w = size * gen.standard_normal(ny)
             y.append(Theta @ (loop.J @ np.concatenate([x, u[-1]])) + w)
-            x = window._core.advance(x, y[-1], u[-1])
+            x = window.core.advance(x, y[-1], u[-1])
         outputs.append(np.array(y))
         inputs.append(np.array(u))
     return outputs, inputs
@@ -246,7 +247,7 @@ def share_broken(count, **how):
         model = se.identify(state_runs(gen, system, 20, 140), **opts(checks=False, **how))
         A, B, C, Q, R = system
         silent = state_runs(gen, (A, B, C, 0.0 * Q, 0.0 * R), 1, 140)
-        rows = model.window._rows(silent)[1]
+        rows = rows_of(model.window, silent)[1]
         region, d, n = model.region(0.05), model.window.length, model.n_outputs
         assert region.bounded
         errors = np.linalg.norm(rows[:, d:] - rows[:, :d] @ model._H.T, axis=1)

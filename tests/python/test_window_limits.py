@@ -9,6 +9,7 @@ import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.identification import Regressors
 from stochens_rs.identification.assumptions import ACCEPTED
+from stochens_rs.identification.window import rows_of
 from test_window_coverage import arx_runs, filter_runs, hidden_arx, missed, padded
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -45,7 +46,7 @@ def test_masks(mask, most, least):
     for seed in range(60):
         y, u = ar2(np.random.default_rng([11, seed]), 3000)
         data = se.Trajectories(y[:, None], u[: len(y) - 1, None], outputs=True)
-        rows = Regressors(("y",), ("u",), 2)._rows(data)[1]
+        rows = rows_of(Regressors(("y",), ("u",), 2), data)[1]
         misses += missed_by(rows[mask(y, rows)])
     assert least <= misses <= most
 
@@ -58,7 +59,7 @@ def test_runs_cut_before_a_bad_reading():
         y[np.abs(y) > 2.0] = np.nan
         table = {"y": y, "u": np.append(u, np.nan)}
         data = se.Trajectories.from_table(table, outputs=["y"], inputs=["u"])
-        misses += missed_by(Regressors(("y",), ("u",), 2)._rows(data)[1])
+        misses += missed_by(rows_of(Regressors(("y",), ("u",), 2), data)[1])
     assert misses > 0.1 * 60
 
 
@@ -98,7 +99,7 @@ def test_filters_need_a_burn_in_units_of_the_noise():
         # logs that begin inside the runs: the filters are not at rest
         data = se.Trajectories(*([one[20:] for one in some] for some in runs), outputs=True)
         short += missed_by(
-            Regressors(("y",), ("u",), r, pole, 0, False, 31)._rows(data)[1], Theta, sigma
+            rows_of(Regressors(("y",), ("u",), r, pole, 0, False, 31), data)[1], Theta, sigma
         )
         misses += missed(
             se.identify(

@@ -12,7 +12,8 @@ from declarations import opts
 from hidden_outputs import Rig
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
-from stochens_rs.identification import Regressors, battery
+from stochens_rs.identification import Regressors
+from stochens_rs.identification.window import rows_of
 from twin import windows as twin
 
 
@@ -67,7 +68,7 @@ def test_windows_are_what_their_definition_says(kind, sizes):
         for y, u in runs
         for t in range(window.fill, len(u))
     ]
-    np.testing.assert_allclose(window._rows(data)[1], expected, atol=1e-13)
+    np.testing.assert_allclose(rows_of(window, data)[1], expected, atol=1e-13)
     assert window.length == len(window.regressor_names) == len(expected[0]) - sizes[0]
 
 
@@ -85,7 +86,7 @@ def test_the_loop_predicts_as_the_window_does(kind, sizes):
     for t in range(window.fill, T):
         v = np.concatenate([x, u[t], one])
         np.testing.assert_allclose(J @ v, twin.rows(y, u, t, **kind), atol=1e-12)
-        after = window._core.advance(x, y[t + 1], u[t])
+        after = window.core.advance(x, y[t + 1], u[t])
         x = ABc @ v + G @ (y[t + 1] - Theta @ (J @ v))
         np.testing.assert_allclose(x, after, atol=1e-12)
     np.testing.assert_allclose(x, window.state_of(y, u), atol=1e-12)
@@ -100,14 +101,6 @@ def test_oracle_of_lags():
     log_det = 2.0 * np.log(np.linalg.svd(block.root)[1]).sum()
     np.testing.assert_allclose(log_det, 15.84459596928, rtol=1e-10)
     assert model.size == 59
-
-
-def test_oracle_of_one_more_lag():
-    y, u = twin.d1()
-    rows = np.hstack([y[1:-1], u[1:], y[:-2], y[2:]])
-    test = battery._explained(rows[:, :2], rows[:, 3:], rows[:, 2:3])["memory"]
-    np.testing.assert_allclose(test.share, 0.8674987158919, rtol=1e-10)
-    assert test.p_value < 1e-10
 
 
 @pytest.mark.filterwarnings("ignore:the residuals of")
@@ -137,7 +130,7 @@ def test_oracle_of_lost_rows():
 
 def test_oracle_of_filters():
     window = Regressors(("y",), ("u",), 2, 0.5, 0, False, 5)
-    rows = window._rows(one_run())[1]
+    rows = rows_of(window, one_run())[1]
     first = [-0.1426266666667, 0.01380833333333, -0.53125, -0.25]
     np.testing.assert_allclose(rows[0, :4], first, rtol=1e-11)
     f = _core.fit(rows, 4, len(rows), 1)
@@ -176,7 +169,7 @@ def test_records_that_do_not_fill_the_window_are_refused():
 
 def test_oracle_of_a_tail():
     """rho^2 = 18.92955190225, a = 26.78537416554, N = 43, tail .05: 13.6045151291."""
-    rows = Regressors(("y",), ("u",), 2)._rows(one_run())[1]
+    rows = rows_of(Regressors(("y",), ("u",), 2), one_run())[1]
     first, later = (
         _core.Estimate(_core.triangle(np.ascontiguousarray(part), 1), len(part), 1, 3, False)
         for part in (rows[:16], rows[16:])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import sqrt
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from .._base import validation
 from .._base.numbers import norm
 from .._base.records import Record, trusted
 from .._base.types import Floats
-from ..exceptions import InputError, InputTypeError, ShapeError
+from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..theory.exact import states
@@ -46,34 +46,27 @@ class ModelBasis(Record):
     """
 
     model: Identified
-    x0: Floats
-    xf: Floats
+    x0: Annotated[Floats, "state"]
+    xf: Annotated[Floats, "state"]
     x0_error: float = 0.0
     read: Floats | None = None
     at_rest: bool = False
     given: bool = False
 
     def __post_init__(self) -> None:
-        if not isinstance(self.model, Identified):
-            raise InputTypeError(
-                f"`model` must be a model from data, got {validation.show(self.model)}"
-            )
         super().__post_init__()
         n = len(self.model.A)
-        for name, value in (("x0", self.x0), ("xf", self.xf)):
-            if validation.kept(name, value, ndim=(1,)).shape != (n,):
-                raise ShapeError(f"`{name}` must have shape ({n},), got {value.shape}")
+        if len(self.x0) != n:
+            raise ShapeError(f"`x0` must have shape ({n},), got {self.x0.shape}")
         validation.nonnegative("x0_error", self.x0_error)
-        for name, flag in (("at_rest", self.at_rest), ("given", self.given)):
-            validation.flag(name, flag)
-        outputs = (self.model.n_outputs,) if isinstance(self.model, Model) and self.window else ()
+        outputs = (len(self.names),) if self.window else ()
         if (() if self.read is None else self.read.shape) != outputs:
             raise ShapeError("`read` must have the last readings of a model of outputs, else None")
 
     @property
     def window(self) -> Regressors | None:
         """That of a model of outputs."""
-        return self.model.window if isinstance(self.model, Model) else None
+        return self.model.window
 
     @property
     def target(self) -> Floats | None:
@@ -85,7 +78,7 @@ class ModelBasis(Record):
     @property
     def names(self) -> tuple[str, ...]:
         """Those of the outputs, or of the states."""
-        return self.model.outputs if isinstance(self.model, Model) else self.model.state_names
+        return self.model.outputs
 
     def outputs(self, states: Floats, u: Floats) -> Floats | None:
         """What was read, and what a model of outputs leads to from each of the states but the last.

@@ -14,7 +14,7 @@ from ..data.gaps import ON_GAP
 from ..data.table import Table, csv_files, natural
 from ..exceptions import DataWarning
 from ..identification import Model, Noise, Pilot, Trajectories, Window, identify
-from ..identification.options import DESIGNS, LAWS, UNKNOWN
+from ..identification.assumptions import DESIGNS, LAWS, UNKNOWN
 from ..identification.region import Region
 from ._command import LEVEL, Choice, File, Share, command
 from ._output import Out, finite, note, show_result

@@ -182,7 +182,7 @@ def start_of(model: Model, record: Any) -> Start:
     validation.choice("record", record[0], ("rest",))
     y = validation.vector("record", record[1], length=p, labels=model.outputs).copy()
     u = validation.vector("record", record[2], length=m, labels=model.input_names).copy()
-    x, z, _, _, _, off, rounding = window._core.rest(model._H, y, u)
+    x, z, _, _, _, off, rounding = window.core.rest(model._H, y, u)
     room = model.region(DELTA)._core.bound(z, False)
     if off > room + rounding:
         raise InputError(

@@ -11,6 +11,7 @@ from .. import _core
 from .._base import show, validation
 from .._base.types import DELTA
 from ..exceptions import DataWarning, InputError
+from ..identification.window import spread
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -77,7 +78,7 @@ def rest_of(model: Model, target: Any, weights: Floats | None, low: Floats, high
 
 def _at(model: Model, y: Floats, u: Floats) -> Rest:
     assert model.window is not None
-    x, _, _, states, outputs, _, _ = model.window._core.rest(
+    x, _, _, states, outputs, _, _ = model.window.core.rest(
         model._H, np.ascontiguousarray(y), np.ascontiguousarray(u)
     )
     return Rest(x, u, y, states, outputs)
@@ -92,7 +93,7 @@ def _covariance(model: Model) -> Floats:
 def _still(model: Model, low: Floats, high: Floats) -> Still:
     window, p, m = model.window, model.n_outputs, model.m
     assert window is not None
-    N = np.column_stack([window._spread(unit) for unit in np.eye(p + m + 1)])
+    N = np.column_stack([spread(window, unit) for unit in np.eye(p + m + 1)])
     N = N[: window.length]
     HN = model._H @ N
     y, u, _ = model.data.pairs()

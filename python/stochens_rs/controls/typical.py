@@ -110,7 +110,7 @@ def typical(
         f"{assumed.text}; {exact}; number and lengths of the runs fixed beforehand; "
         f"residuals {'not tested' if model.checks is None else 'without a warning'}"
     )
-    of = None if window is None else window._core
+    of = None if window is None else window.core
 
     def misses(size: int) -> Floats:
         return _core.drawn_misses(law, basis.x0, u, goal, noise, size, key, threads, of)

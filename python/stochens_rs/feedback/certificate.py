@@ -129,7 +129,7 @@ class LoopCertificate(SavedRecord):
         warnings = tuple(one for one in model.warnings if one != doubt)
         window = model.window if isinstance(model, Model) else None
         if window is not None and status in ("refuted", "not provable", "undecided"):
-            warnings = (*window._long, *warnings)
+            warnings = (*window.long, *warnings)
         norm, least, radius = found.sizes
         proof = found.proof if status == "certified" else None
         made = trusted(

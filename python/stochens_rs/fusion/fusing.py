@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..data import Trajectories
+    from ..identification.assumptions import Noise
     from ..identification.model import Model
-    from ..identification.options import Noise
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
 

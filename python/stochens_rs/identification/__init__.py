@@ -1,11 +1,10 @@
 """Models from measured runs, and regions that contain the true system."""
 
 from ..data import Trajectories
-from .assumptions import Assumptions
+from .assumptions import Assumptions, Noise, Pilot, Window
 from .checks import Checks
 from .identifying import identify
 from .model import Model
-from .options import Noise, Pilot, Window
 from .region import Region
 from .window import Regressors
 

@@ -1,30 +1,32 @@
-"""What is assumed about the noise and the design: declared by the user, never inferred."""
+"""What is declared of measured runs, never inferred: `Noise`, `Window`, `Pilot`, `Assumptions`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .. import _core
 from .._base import validation
-from .._base.records import Record
+from .._base.records import Options, Record
 from .._base.running import get_num_threads
+from .._base.types import Floats
 from ..exceptions import InputError
 from ..theory.exact import EPS
-from .options import DESIGNS, LARGEST, LAWS, SIZES, SMALLEST, Design, Noise, NoiseLaw
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from .._base.types import Floats
-
-
+Design: TypeAlias = Literal["independent", "adaptive"]
+NoiseLaw: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded"]
 Covariance: TypeAlias = Literal["full", "diagonal", "scalar", "known"]
 
-COVARIANCES: tuple[Covariance, ...] = get_args(Covariance)
+DESIGNS: tuple[Design, ...] = get_args(Design)
+LAWS: tuple[NoiseLaw, ...] = get_args(NoiseLaw)
+UNKNOWN = ("full", "diagonal", "scalar")  # covariances that are estimated
+#: What `sigma` is for the laws that need it.
+SIZES: dict[NoiseLaw, str] = {"sub-gaussian": "", "bounded": ", the largest norm of the noise"}
+SMALLEST, LARGEST = 1e-100, 1e100  # of sizes that are squared
+LONGEST = 2**16  # of lags, filters and delays
 #: The tests in the order in which they are named: first what explains the others.
 FAULTS = (
     "equal rows",
@@ -46,7 +48,229 @@ FAULTS = (
     "noise shape",
 )
 ACCEPTED = (*FAULTS, "no effect")
-_ROUNDING = EPS  # times n^2: least eigenvalues of correlation matrices up to here may be 0
+ROUNDING = EPS  # times n^2: least eigenvalues of correlation matrices up to here may be 0
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Noise(Options):
+    """The noise w(k) of ``x(k+1) = A x(k) + B u(k) + c + w(k)``, of mean 0, as you declare it.
+
+    Attributes
+    ----------
+    law : {"gaussian", "sub-gaussian", "bounded"}, default "gaussian"
+        "sub-gaussian": ``E exp(l' w) <= exp(sigma^2 ||l||^2 / 2)`` given the past. "bounded":
+        ``||w||_2 <= sigma``.
+    covariance : {"full", "diagonal", "scalar"} or array_like of shape (n, n), default "full"
+        Of Gaussian noise: one unknown matrix, an unknown diagonal one, an unknown multiple of I, or
+        the matrix itself, which may be singular with a `Pilot`. For "sub-gaussian" noise a matrix
+        in place of ``sigma^2 I``.
+    sigma : float, optional
+        The known size of the noise, see `law`: for Gaussian noise the covariance is
+        ``sigma^2 I``.
+    exact : sequence of str or int, default ()
+        States, by name or number, without noise of their own: it is 0, or a combination of that of
+        the other states, as where one force disturbs position and velocity, or for the states of a
+        Kalman filter in its steady state. Not for columns that were computed from others, as
+        velocities by finite differences: they are no states. Rows of which the whole state matrix
+        is in `known_A` count as declared.
+    design : {"adaptive", "independent"}, default "adaptive"
+        "adaptive": inputs and states may depend on earlier noise, as in every run of more than one
+        step. "independent": all states and inputs of the pairs are independent of all noise in
+        `x_next`; for pairs only (`Trajectories.from_pairs`, `Trajectories.last_pairs`).
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If a value cannot be used, or two do not go together.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> se.Noise(sigma=0.01)
+    Noise(sigma=0.01)
+    """
+
+    law: NoiseLaw = "gaussian"
+    covariance: str | Floats = "full"
+    sigma: float | None = None
+    exact: tuple[str | int, ...] = ()
+    design: Design = "adaptive"
+
+    def __post_init__(self) -> None:
+        if isinstance(self.covariance, str):
+            validation.choice("covariance", self.covariance, UNKNOWN)
+        else:
+            self._keep(covariance=validation.matrix("covariance", self.covariance))
+        one = isinstance(self.exact, str)
+        self._keep(exact=(self.exact,) if one else tuple(validation.items("exact", self.exact)))
+        if self.sigma is not None:
+            if not isinstance(self.covariance, str) or self.covariance == "diagonal":
+                raise InputError("`sigma` and `covariance` must not be given both")
+            self._keep(sigma=validation.positive("sigma", self.sigma, maximum=LARGEST))
+            if self.sigma < SMALLEST:
+                raise InputError(f"`sigma` must be at least {SMALLEST:g}, got {self.sigma:g}")
+        super().__post_init__()
+        known = self.sigma is not None or not isinstance(self.covariance, str)
+        if self.law in SIZES and (not known or (SIZES[self.law] and self.sigma is None)):
+            raise InputError(f"`sigma` must be given for law='{self.law}'{SIZES[self.law]}")
+
+
+@dataclass(frozen=True, repr=False)
+class Window(Options):
+    """From which part of the past a model predicts, as you declare it.
+
+    At most one of `lags`, `filters` and `order` is given, for outputs. Without one the first
+    quarter of the pairs chooses, and counts no more: what Akaike's criterion asks for, and half as
+    much again.
+
+    Attributes
+    ----------
+    lags : int or "auto", optional
+        The last so many readings and inputs.
+    filters : (float, int), optional
+        Pole in (0, 1) and number of filters in a row, which reach further back with fewer unknowns.
+    order : "auto", optional
+        The default, written out.
+    delay : int or (int, int), default 0
+        The dead time: after how many steps an input acts. A pair is a range, of which the first
+        quarter of the pairs chooses. Of states, the model is then one of the states now and the
+        inputs under way, ``x(k+1) = A x(k) + B u(k - delay) + c + w(k)``; what takes a `record`
+        takes states and inputs measured. -1: a row of the data holds the states *after* its input,
+        so that the inputs are moved by one row.
+    tail : float, default 0.0
+        What the model leaves out of the outcomes beside their noise, as the part of readings that
+        reaches further back than the window: at most this in root mean square over the pairs, in
+        deviations of the noise. Nothing in the data bounds it: 0 is your declaration that the
+        window is long enough.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If a value cannot be used, or two do not go together.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> se.Window(filters=(0.8, 4), delay=1)
+    Window(filters=(0.8, 4), delay=1)
+    """
+
+    lags: int | Literal["auto"] | None = None
+    filters: tuple[float, int] | None = None
+    order: Literal["auto"] | None = None
+    delay: int | tuple[int, int] = 0
+    tail: float = 0.0
+
+    def __post_init__(self) -> None:
+        given = self.given
+        if len(given) > 1:
+            raise InputError(
+                f"only one of `lags`, `filters` and `order` must be given, got {given}"
+            )
+        if self.lags is not None and not isinstance(self.lags, str):
+            self._keep(lags=validation.size("lags", self.lags, maximum=LONGEST))
+        if self.filters is not None:
+            pole, count = _pair("filters", self.filters, "a pair (pole, number), as (0.8, 4)")
+            pole = validation.probability("filters[0]", pole)
+            count = validation.size("filters[1]", count, maximum=LONGEST)
+            self._keep(filters=(pole, count))
+        if isinstance(self.delay, (tuple, list)):
+            least, most = _pair("delay", self.delay, "a number or a pair of them")
+            least = validation.size("delay[0]", least, minimum=0)
+            most = validation.size("delay[1]", most, minimum=least, maximum=LONGEST)
+            self._keep(delay=(least, most))
+        else:
+            delay = validation.size("delay", self.delay, minimum=-1, maximum=LONGEST)
+            self._keep(delay=delay)
+        self._keep(tail=validation.nonnegative("tail", self.tail))
+        super().__post_init__()
+        if isinstance(self.delay, tuple) and (self.filters or isinstance(self.lags, int)):
+            raise InputError(
+                f"`delay` must be one number with `{given[0]}`: a range is for order='auto'"
+            )
+
+    @property
+    def given(self) -> list[str]:
+        """Which of `lags`, `filters` and `order` is given."""
+        return [name for name in ("lags", "filters", "order") if getattr(self, name) is not None]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Pilot(Options):
+    """Runs whose error has an exact law, whatever their length, as you declare it.
+
+    Gaussian noise; number and lengths of runs fixed beforehand; starts measured without error and
+    independent of the noise of all runs; `inputs` as declared. The pilot repeats the runs on paper,
+    and the model is estimated with what it predicts as instruments.
+
+    Attributes
+    ----------
+    source : float, int, model or system
+        A share (0.1) or number of the first runs, which are then not used otherwise: at least two,
+        two pairs for each unknown, and five where 3/10 of the runs have so many. Or a model or
+        system from elsewhere, as of an older plant: right or wrong, but not of these runs.
+    reference : (x0, xf, steps) or Plan, optional
+        The task that plans will be about, fixed without the runs of the model: never a state that
+        they led to. `Plan.bound` of a plan of as many steps is then close to the error itself where
+        the plan is near the pilot's; starts and targets are free.
+    inputs : "open loop" or array_like of shape (m, n), default "open loop"
+        How the inputs of the runs were made: independent of the noise, or ``gain x + dither`` with
+        this gain.
+    dither : array_like, shape (N, m), optional
+        What was added to the feedback, as it was recorded, not computed from u and x.
+    lengths_fixed : bool, default False
+        Your declaration that runs of unequal length are so by plan: their lengths were fixed
+        beforehand, and no run was ended because of what was measured.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        If a value cannot be used, or two do not go together.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> se.Pilot(0.1, reference=([1.0], [0.0], 5))
+    Pilot(source=0.1, reference=([1.0], [0.0], 5))
+    """
+
+    source: Any
+    reference: Any = None
+    inputs: str | Floats = "open loop"
+    dither: Floats | None = None
+    lengths_fixed: bool = False
+
+    def __post_init__(self) -> None:
+        if self.source is None:
+            raise InputError(
+                "`source` must be a share, a number of runs, a model or a system, got None"
+            )
+        open_loop = isinstance(self.inputs, str)
+        if open_loop:
+            validation.choice("inputs", self.inputs, ("open loop",))
+        else:
+            self._keep(inputs=validation.matrix("inputs", self.inputs))
+        if open_loop != (self.dither is None):
+            raise InputError(
+                "`dither` must be given with a gain as `inputs`, what was added, as recorded; and "
+                "must be left out for 'open loop'"
+            )
+        if self.dither is not None:
+            self._keep(dither=validation.matrix("dither", self.dither))
+        super().__post_init__()
+
+
+def _pair(name: str, value: Any, what: str) -> Any:
+    if not isinstance(value, (tuple, list)) or len(value) != 2:
+        raise InputError(f"`{name}` must be {what}, got {validation.show(value)}")
+    return value
+
+
+def as_noise(noise: Any) -> Noise:
+    """`noise` itself, or that of a number as its `sigma`, or the default for None."""
+    if validation.is_real(noise):
+        return Noise(sigma=noise)
+    return Noise() if noise is None else validation.instance("noise", noise, Noise)
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,21 +304,21 @@ class Assumptions(Record):
     accept: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
-        validation.choice("design", self.design, DESIGNS)
-        validation.choice("noise", self.noise, LAWS)
-        validation.choice("covariance", self.covariance, COVARIANCES)
+        super().__post_init__()
         if (self.covariance == "known") != (self.known is not None):
             raise InputError("`known` must be the covariance where it is known, and only there")
         if self.known is not None:
-            _require_covariance("known", self.known)
+            n = len(self.known)
+            if (checked_covariance("known", self.known, n, semi=True) != self.known).any():
+                raise InputError("`known` must be symmetric")
         if self.known is None and self.noise in SIZES:
             raise InputError(f"`known` must be given for {self.noise} noise")
         if list(self.exact) != sorted({validation.size("exact", i, minimum=0) for i in self.exact}):
             raise InputError("`exact` must be different states in their order")
-        exact = self.design != "adaptive"
-        if self.tail != 0.0 and (validation.positive("tail", self.tail, maximum=LARGEST) and exact):
+        if self.tail != 0.0 and (
+            validation.positive("tail", self.tail, maximum=LARGEST) and self.design != "adaptive"
+        ):
             raise InputError("`tail` must be 0 for an independent design")
-
         if self.accept != checked_accept(self.accept):
             raise InputError("`accept` must be names of tests in their order")
 
@@ -102,6 +326,11 @@ class Assumptions(Record):
     def design_text(self) -> str:
         """The assumption on the inputs behind the sizes of a model; "" if there is none."""
         return "" if self.design == "adaptive" else ", independent design"
+
+    @property
+    def declared(self) -> tuple[str, Floats | None]:
+        """For the core, the covariance that is to be estimated, or the law of the known one."""
+        return (self.covariance, None) if self.known is None else (self.noise, self.known)
 
     @property
     def text(self) -> str:
@@ -130,9 +359,15 @@ def checked_assumptions(
     elif isinstance(noise.covariance, str):
         word = noise.covariance
     else:
-        known = _positive_definite("covariance", noise.covariance, n, semi=singular)
-    exact, found = checked_exact(noise.exact, names), checked_accept(accept)
-    return Assumptions(noise.design, noise.law, word, known, exact, tail, found)  # type: ignore[arg-type]
+        known = checked_covariance("covariance", noise.covariance, n, semi=singular)
+    exact = set()
+    for one in noise.exact:
+        if isinstance(one, str):
+            exact.add(names.index(validation.choice("exact", one, tuple(names))))
+        else:
+            exact.add(validation.size("exact", one, minimum=0, maximum=len(names) - 1))
+    found = tuple(sorted(exact)), tail, checked_accept(accept)
+    return Assumptions(noise.design, noise.law, word, known, *found)  # type: ignore[arg-type]
 
 
 def checked_accept(accept: object) -> tuple[str, ...]:
@@ -142,37 +377,34 @@ def checked_accept(accept: object) -> tuple[str, ...]:
     return tuple(one for one in ACCEPTED if one in names)
 
 
-def checked_exact(exact: Sequence[str | int], names: Sequence[str]) -> tuple[int, ...]:
-    """The numbers of the states in `exact`, which are given by name or number."""
-    found = set()
-    for one in exact:
-        if isinstance(one, str):
-            found.add(names.index(validation.choice("exact", one, tuple(names))))
-        else:
-            found.add(validation.size("exact", one, minimum=0, maximum=len(names) - 1))
-    return tuple(sorted(found))
-
-
 def checked_scale(scale: Any, count: int, offset: bool) -> Floats:
     """The expected sizes of x and u, and 1 for the offset."""
     if validation.is_real(scale):
-        sizes = np.full(count, validation.positive("scale", scale))
-    else:
-        sizes = validation.vector("scale", scale, length=count)
-    if sizes.min() < SMALLEST or sizes.max() > LARGEST:
-        wrong = sizes.min() if sizes.min() < SMALLEST else sizes.max()
-        raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}], got {wrong:g}")
+        scale = np.full(count, validation.positive("scale", scale))
+    sizes = validation.vector("scale", scale, length=count)
+    wrong = sizes[(sizes < SMALLEST) | (sizes > LARGEST)]
+    if len(wrong):
+        raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}], got {wrong[0]:g}")
     return np.concatenate([sizes, np.ones(int(offset))])
 
 
-def _positive_definite(name: str, value: ArrayLike, n: int, *, semi: bool = False) -> Floats:
+def require_known(name: str, known: Floats) -> None:
+    """Refuse known entries that are neither nan nor numbers of a usable size."""
+    if not (np.isnan(known) | (np.abs(known) <= LARGEST)).all():
+        raise InputError(
+            f"`{name}` must contain numbers up to {LARGEST:g}, or nan for what is to estimate"
+        )
+
+
+def checked_covariance(name: str, value: Any, n: int, *, semi: bool = False) -> Floats:
+    """A symmetric matrix that is positive definite, or semidefinite up to rounding."""
     given = validation.matrix(name, value, rows=n, cols=n)
     if np.abs(given).max() > LARGEST:
         raise InputError(f"`{name}` must have entries up to {LARGEST:g}")
     if not np.allclose(given, given.T, rtol=1e-9, atol=0.0):
         raise InputError(f"`{name}` must be symmetric")
     least = least_correlation(given)
-    if least < (-_ROUNDING if semi else _ROUNDING) * n * n:
+    if least < (-ROUNDING if semi else ROUNDING) * n * n:
         raise InputError(
             f"`{name}` must be positive {'semi' * semi}definite, the least eigenvalue of its "
             f"correlation matrix is {least:.3g}"
@@ -187,38 +419,20 @@ def least_correlation(given: Floats) -> float:
     return float(np.linalg.eigvalsh(given / sizes[:, None] / sizes)[0])
 
 
-def _require_covariance(name: str, stored: Floats) -> None:
-    """Refuse a field that is no covariance, up to the rounding of its eigenvalues."""
-    n = len(validation.kept(name, stored, ndim=(2,)))
-    validation.kept(name, stored, shape=(n, n))
-    if (stored != stored.T).any() or least_correlation(stored) < -_ROUNDING * n * n:
-        raise InputError(f"`{name}` must be symmetric and positive definite")
-
-
-def refuse(assumed: Assumptions, single: bool) -> None:
-    """Refuse assumptions that do not go together; `single`: every run is one pair."""
+def refuse(assumed: Assumptions, n: int, single: bool) -> None:
+    """Refuse assumptions that do not fit to n states; `single`: every run is one pair."""
     if assumed.design == "independent" and not single:
         raise InputError(
             "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
             "noise; for 'independent' use data.last_pairs() or from_pairs"
         )
+    require_states(assumed, n)
 
 
 def require_states(assumed: Assumptions, n: int) -> None:
     """Refuse exact states that a system of n states does not have."""
     if any(state >= n for state in assumed.exact):
         raise InputError(f"`exact` must have numbers of states, below {n}")
-
-
-def require_sound(scale: Floats | None, known: Floats | None) -> None:
-    """Refuse sizes and known entries that `identify` would not take."""
-    if scale is not None and not SMALLEST <= scale.min() <= scale.max() <= LARGEST:
-        raise InputError(f"`scale` must be in [{SMALLEST:g}, {LARGEST:g}]")
-    if known is None:
-        return
-    free = np.isnan(known)
-    if not free.any() or free.all() or not (free | (np.abs(known) <= LARGEST)).all():
-        raise InputError(f"`known` must have numbers up to {LARGEST:g}, and nan, and not only nan")
 
 
 def require_triangle_of(rows: Floats, triangle: Floats) -> None:

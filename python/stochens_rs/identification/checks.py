@@ -1,10 +1,14 @@
-"""Tests of residuals with exact levels, exact dependences, and what to be careful about."""
+"""Tests of residuals and logs: exact relations, p-values by simulation, and named faults of logs.
+
+The statistics are of the core (`rust/identify`, `rust/window/log_tests.rs`). A fault that a test
+finds makes every certificate infinite, unless its name is in `accept` of `identify`.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,6 +18,7 @@ from .._base.records import Record, trusted
 from .._base.running import get_num_threads
 from ..exceptions import InputError
 from ..rng import Key, as_key
+from .assumptions import FAULTS
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,47 +27,13 @@ if TYPE_CHECKING:
     from .assumptions import Assumptions
 
 
-# Least eigenvalue of the correlation matrix of residuals that is taken for 0. With a covariance of
-# full rank it is below with a probability of order (1e-4 n)^2, as there are more pairs than needed.
-SINGULAR = 1e-8
-ROUNDING = 10.0  # times what rounding may change, below which a residual is 0
-
-
-class Range(NamedTuple):
-    """What the residuals of some rows span: those that are 0, and a basis of the others.
-
-    `rows` are tested; `zero` of them have no residual. ``Y[:, rows] @ basis`` has residuals that
-    are independent, and `tied` (rows, k) combinations of residuals, in units of each, that are 0.
-    """
-
-    rows: NDArray[np.int64]
-    zero: NDArray[np.int64]
-    basis: Floats
-    tied: Floats
-
-
-def tested_rows(assumed: Assumptions, known: Floats | None, n: int) -> NDArray[np.int64]:
+def tested_rows(assumed: Assumptions, known: Floats | None, n: int) -> list[int]:
     """The states that are not declared as exact, by `exact` or as rows of a known A."""
-    rows = np.setdiff1d(np.arange(n), np.array(assumed.exact, dtype=np.int64))
-    return rows if known is None else rows[np.isnan(known[rows, :n]).any(axis=1)]
+    rows = [i for i in range(n) if i not in assumed.exact]
+    return [i for i in rows if known is None or np.isnan(known[i, :n]).any()]
 
 
-def spanned(f: _core.Fitted, rows: NDArray[np.int64]) -> Range:
-    """What the residuals of these rows span."""
-    S = f.S[np.ix_(rows, rows)]
-    sizes = np.sqrt(np.diag(S))
-    live = sizes > ROUNDING * f.rounding[rows]
-    scale = sizes[live]
-    values, vectors = np.linalg.eigh(S[np.ix_(live, live)] / scale[:, None] / scale)
-    apart = values > SINGULAR
-    spread = np.zeros((len(rows), len(scale)))
-    spread[live] = vectors / scale[:, None]
-    tied = np.zeros((len(rows), int((~apart).sum())))
-    tied[live] = vectors[:, ~apart]
-    return Range(rows, rows[~live], spread[:, apart], tied)
-
-
-def exact_relations(f: _core.Fitted, found: Range, names: Sequence[str]) -> tuple[str, ...]:
+def exact_relations(f: _core.Fitted, tested: list[int], names: Sequence[str]) -> tuple[str, ...]:
     """What is said of residuals that are 0, or tied to each other, where pairs are left to see it.
 
     The columns after "declare" leave others that are independent.
@@ -70,44 +41,25 @@ def exact_relations(f: _core.Fitted, found: Range, names: Sequence[str]) -> tupl
     if f.nu <= len(f.S):
         return ()
     said = []
-    if len(found.zero):
-        some = [names[i] for i in found.zero]
+    zero, tied, last = ([names[i] for i in some] for some in f.span(tested))
+    if zero:
         said.append(
-            f"{show.listed(some)} {'have' if len(some) > 1 else 'has'} no residual: computed from "
+            f"{show.listed(zero)} {'have' if len(zero) > 1 else 'has'} no residual: computed from "
             "the other columns, or without noise. If that is how the plant is, declare "
-            f"exact={_short(some)}"
+            f"exact={_short(zero)}"
         )
-    if found.tied.shape[1]:
-        last, left = _reduced(found.tied)
-        involved = [names[found.rows[i]] for i in np.flatnonzero(np.abs(left).max(axis=1) > 1e-6)]
-        some = [names[found.rows[i]] for i in sorted(last)]
+    if tied:
         said.append(
-            f"the residuals of {show.listed(involved)} are tied exactly: a column was computed "
+            f"the residuals of {show.listed(tied)} are tied exactly: a column was computed "
             "from others, as a finite difference or a filter; then leave it out, and pass the "
             "others as outputs=. If all are exact states, and the noise has fewer sources than "
-            f"states, declare exact={_short(some)}"
+            f"states, declare exact={_short(last)}"
         )
     return tuple(said)
 
 
 def _short(names: list[str]) -> str:
     return repr(names) if len(names) <= 4 else f"[{', '.join(map(repr, names[:3]))}, ...]"
-
-
-def _reduced(tied: Floats) -> tuple[list[int], Floats]:
-    """Gauss and Jordan with pivots: a row of its own for each column; of equal ones the last."""
-    left, pivots = tied.copy(), list[int]()
-    for k in range(left.shape[1]):
-        size = np.round(np.abs(left[:, k:]), 9)
-        size[pivots] = 0.0
-        row = int(np.flatnonzero(size.max(axis=1) == size.max())[-1])
-        column = k + int(np.argmax(size[row]))
-        left[:, [k, column]] = left[:, [column, k]]
-        left[:, k] /= left[row, k]
-        others = np.arange(left.shape[1]) != k
-        left[:, others] -= np.outer(left[:, k], left[row, others])
-        pivots.append(row)
-    return pivots, left
 
 
 NAMES = ("correlation in time", "correlation at lag 1", "tails", "heteroscedasticity", "change")
@@ -207,29 +159,169 @@ class Checks(Record):
         return show.card(self, [(name, self._said(name)) for name in NAMES])
 
 
+def too_many(pairs: int, n: int) -> bool:
+    """Whether the residuals of so many pairs are tested only where that is asked for."""
+    return pairs * n * DRAWS > WORK
+
+
 def checked_residuals(
-    Z: Floats,
-    Y: Floats,
-    rows: NDArray[np.int64],
+    rows: Floats,
+    assumed: Assumptions,
+    tested: list[int],
     *,
-    exact: bool,
+    d: int,
     draws: int = DRAWS,
     key: Key = KEY,
 ) -> Checks | None:
-    """Test the residuals of least squares of `Y` on `Z`; None with too few pairs for a test.
-
-    Of the states `rows`, and where their residuals are tied to each other, of as many combinations
-    as are not: the statistics are those of any basis.
-    """
-    f = _core.fit(np.hstack([Z, Y]), Z.shape[1], len(Z), get_num_threads())
-    basis = spanned(f, rows).basis
-    count = basis.shape[1]
-    if f.rank < 1 or count < 1 or f.nu < len(f.S) or len(Z) < 4:
+    """Test least squares of rows (z, y), z of d entries; None with too few pairs for a test."""
+    found = _core.residual_checks(rows, d, tested, draws, bytes(key), get_num_threads())
+    if found is None:
         return None
-    free = np.ascontiguousarray(Y[:, rows] @ basis)
-    found = _core.residual_p_values(Z, free, f.white, draws, bytes(key), get_num_threads())
     p_values, distances = (dict(zip(NAMES, one.tolist(), strict=True)) for one in found)
-    return trusted(Checks, p_values, distances, draws, exact)
+    return trusted(Checks, p_values, distances, draws, assumed.design == "independent")
+
+
+FAULT = 5e-4  # level of each test of a log: together below 0.01
+# Of which law each test asks more than a mean of 0.
+OF_GAUSSIAN = ("outliers", "variance", "noise shape")
+TEXTS = {
+    "equal rows": "{count} pairs are equal to others to the last digit: data that count twice; "
+    "pass them once",
+    "spikes": "readings jump there and back, at pairs {rows}: cut them, or pass them as missing "
+    "(nan)",
+    "wrap": "{state} jumps by {jump}, and else by less than half of it: it wraps; unwrap it",
+    "outliers": "pairs {rows} are no Gaussian noise, and move the model by more than noise does: "
+    "cut them, or pass them as missing (nan)",
+    "clipped": "residuals depend on whether a reading is at its largest or least value{most}: the "
+    "end of the range of a sensor; cut these rows",
+    "late rows": "inputs of the next row explain {share}, more than by a feedback: rows hold "
+    "the state after their action; read them with delay=-1",
+    "dead time": "inputs {steps} earlier explain {share}: a dead time; "
+    "pass Window(delay={lag}){longer}",
+    "delay": "inputs {steps} earlier explain {share}: the delay is shorter; "
+    "pass Window(delay={lag})",
+    "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
+    "point other than 0: pass intercept=True",
+    "ends": "the last pairs of the runs have a model of their own: runs that ended for what was "
+    "read; use all pairs, or fix the lengths beforehand",
+    "starts": "starts follow from the noise of the run before: pieces of one log are no independent"
+    " runs; use all pairs, without `pilot`",
+    "memory": "one step earlier, states and inputs explain {share}{most}: a state that is missing, "
+    "or read with error, smoothed or differenced, or noise that lasts: pass what was read"
+    " as outputs=",
+    "short": "a window of {next} explains {percent} % more: certificates assume that {own} "
+    "suffice; {take}more {what}, or declare Window(tail=)",
+    "nonlinear": "squares, products, cubes or signs of {signals} explain {share}: the plant is "
+    "not linear there (dead zone, saturation, friction); use a smaller range",
+    "change": "{part}: use what belongs together",
+    "drift": "the model changes over each run ({share} explained), as of what warms up or wears: "
+    "use a part of the runs, or measure more states",
+    "noise size": "residuals {of}are {two} times as large as the declared {law}: declare what it "
+    "is, or leave `sigma` or `covariance` out",
+    "noise shape": "the residuals are not of a '{covariance}' covariance (p = {p}): leave "
+    "`covariance` out",
+    "variance": "the size of the residuals depends on states, inputs, time or run: one covariance "
+    "is assumed; declare Noise('sub-gaussian', sigma=) with the largest sigma",
+}
+
+
+class Tested(NamedTuple):
+    """The p-value of a test, what it is of, and the share of the variance that is explained."""
+
+    p_value: float
+    share: float
+    at: NDArray[np.int64]
+    each: Floats
+
+
+def by_name(found: Iterable[Any]) -> dict[str, Tested]:
+    """The tests of the core by their names."""
+    return {name: Tested(*test) for name, *test in found}
+
+
+def noise_doubts(f: _core.Fitted, assumed: Assumptions, tested: list[int]) -> tuple[str, ...]:
+    """Sentences on noise that is not as declared, at any of a hundred looks."""
+    found = by_name(_core.noise_tests(f, tested, assumed.declared))
+    names = [name for name in failed(found, assumed, 100.0) if name not in assumed.accept]
+    return tuple(_noise_text(name, found[name], assumed) for name in names)
+
+
+def failed(found: dict[str, Tested], assumed: Assumptions, looks: float = 1.0) -> list[str]:
+    """The names of the tests that fail, in the order in which they are named."""
+    gaussian = assumed.noise == "gaussian"
+    names = [
+        name
+        for name in FAULTS
+        if name in found
+        and found[name].p_value <= FAULT / looks
+        and (gaussian or name not in OF_GAUSSIAN)
+        and not _in_tail(name, found[name], assumed.tail)
+    ]
+    if {"dead time", "memory"} <= set(names) and found["dead time"].share < 0.7 * found[
+        "memory"
+    ].share:
+        names.remove("dead time")
+        names.insert(names.index("memory") + 1, "dead time")
+    return names
+
+
+def _in_tail(name: str, test: Tested, tail: float) -> bool:
+    """Whether a declared tail may explain as much, in deviations of the noise."""
+    most = np.sqrt(-np.log1p(-min(test.share, 0.999)))
+    return tail > 0.0 and name in ("memory", "dead time") and bool(most <= 1.5 * tail)
+
+
+def _noise_text(name: str, test: Tested, assumed: Assumptions, state: str = "") -> str:
+    """What is said of noise that is not as declared."""
+    text = TEXTS[name].format(
+        of=f"of {state} " if state else "",
+        two=show.two(test.share),
+        law="noise" if assumed.noise == "gaussian" else "bound of the noise",
+        covariance=assumed.covariance,
+        p=f"{test.p_value:.1g}",
+    )
+    return f"{text} (or accept={name!r})"
+
+
+def sentence(name: str, test: Tested, model: Any) -> str:
+    """A failed test in words, with its cure."""
+    names, window, at = model.outputs, model.window, test.at.tolist()
+    first = at[0] if at else 0
+    state = names[first] if at and first < len(names) else ""
+    if name in ("noise size", "noise shape"):
+        return _noise_text(name, test, model.assumptions, state)
+    words: dict[str, str] = {} if window is None else window.words
+    most = ""
+    if len(test.each) and test.each.max() > 0.0:
+        largest = np.flatnonzero(test.each >= 0.5 * test.each.max()).tolist()
+        most = f" of {show.listed([names[i] for i in largest])}"
+    part = "the halves of the data have models of their own"
+    if at:
+        which = f"run {first}" if len(at) == 1 else f"part {first + 1} of {at[1]}"
+        part = f"{which} has a model of its own"
+    key = name
+    if window is not None and name == "memory":
+        key = "short"
+    elif window is not None and name == "dead time" and first < window.delay:
+        key = "delay"
+    text = TEXTS[key].format(
+        share=f"{show.two(100 * test.share)} % of the variance",
+        percent=show.two(100 * test.share),
+        most=most,
+        rows=", ".join(map(str, at[:5])) + (f" and {len(at) - 5} more" if len(at) > 5 else ""),
+        count=len(at),
+        state=state,
+        jump=f"{test.share:.4g}",
+        lag=first,
+        steps=show.number_of(first, "step"),
+        longer="" if window is None else f", or a longer window: Window(lags={first + 1})",
+        signals=show.listed([model.regressors.regressor_names[i] for i in at])
+        if name == "nonlinear"
+        else "",
+        part=part,
+        **words,
+    )
+    return f"{text} (p = {test.p_value:.1g}; or accept={name!r})"
 
 
 # ratio of singular values, about sqrt(EPS), below which a decision on the rank is delicate: the

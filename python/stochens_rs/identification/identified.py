@@ -16,6 +16,7 @@ from ..system.system import System
 if TYPE_CHECKING:
     from .._base.types import Floats
     from .region import Region
+    from .window import Regressors
 
 LISTED = 12  # most rows and columns of a table of coefficients
 WIDE = 100  # characters of a line
@@ -51,6 +52,16 @@ class Identified(Record, ABC, listed=False):
     @abstractmethod
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each."""
+
+    @property
+    def window(self) -> Regressors | None:
+        """From which readings or past inputs it predicts; None for states that say all."""
+        return None
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """The names of what is predicted: the outputs, or the states where all are measured."""
+        return self.state_names
 
     @property
     def doubts(self) -> tuple[str, ...]:

@@ -5,21 +5,30 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import _core
-from .._base import running, show, validation
+from .._base import show, validation
+from .._base.records import trusted
 from .._base.running import get_num_threads
 from ..data.trajectories import Trajectories, pooled
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
-from .assumptions import checked_assumptions, checked_scale, refuse
-from .checks import DRAWS, WORK, checked_residuals, tested_rows
+from .assumptions import (
+    Noise,
+    Pilot,
+    Window,
+    as_noise,
+    checked_assumptions,
+    checked_scale,
+    refuse,
+    require_known,
+)
+from .checks import checked_residuals, tested_rows, too_many
 from .model import Model
-from .options import LARGEST, Noise, Pilot, Window, as_noise, as_pilot, as_window
 from .pilot import made
-from .window import Regressors
+from .window import Regressors, place_of, rows_of, spread
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -74,16 +83,16 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
         return Regressors(*names, 1, None, found[2], offset), first
     if FILLED * found[3] > pieces[1]:
         found = _core.choose_window(*start, [], tried, (least, most), pieces)
-    one, count, back, burn, told, rows = found
+    own_pole, count, back, burn, least, rows = found
     # two rows for each unknown of a longer window, or nothing says that a short one is enough
-    needed = 2 * (min(told + 1, COMPARED) * (runs.n + runs.m) + offset + runs.n)
+    needed = 2 * (min(least + 1, COMPARED) * (runs.n + runs.m) + offset + runs.n)
     if rows < needed:
         raise InputError(
             "`data` must be longer, or its window declared as Window(lags=) or Window(filters=), "
             f"got {runs.size} pairs, and needs {SHARE * (first + needed - rows)} to choose one by "
             "its first quarter"
         )
-    return Regressors(*names, count, one, back, offset, burn, told), first
+    return Regressors(*names, count, own_pole, back, offset, burn, least), first
 
 
 def sized(
@@ -95,14 +104,13 @@ def sized(
     size of the others; where all rows are too few for that, z is expected to be of size 1.
     """
     if sizes is not None:
-        return window._spread(sizes), first
-    before, after = window._rows(runs, first)
+        return spread(window, sizes), first
+    before, after = rows_of(window, runs, first)
     rows = np.concatenate([before, after])
     asked = _core.first_pairs(rows, window.length, get_num_threads())
     if asked is None:
         return np.ones(window.length), first
-    count = max(asked, len(before))
-    return None, first if count == len(before) else window._place(runs, count)
+    return None, first if asked <= len(before) else place_of(window, runs, asked)
 
 
 def identify(
@@ -206,75 +214,55 @@ def identify(
     >>> near.target < plain.target / 2
     True
     """
-    runs = pooled(data)
-    law, asked, guided = as_noise(noise), as_window(window), as_pilot(pilot)
+    runs, law = pooled(data), as_noise(noise)
+    asked = Window() if window is None else validation.instance("window", window, Window)
+    guided = pilot if pilot is None or isinstance(pilot, Pilot) else Pilot(pilot)
     if asked.delay == -1:
         runs, asked = runs._moved(), replace(asked, delay=0)
-    n = runs.n
-    assumed = checked_assumptions(n, law, runs.state_names, guided is not None, asked.tail, accept)
+    n, names = runs.n, (runs.state_names, runs.input_names)
+    assumed = checked_assumptions(n, law, names[0], guided is not None, asked.tail, accept)
     offset = validation.flag("intercept", intercept)
     past, first = chosen_window(runs, asked, offset)
-    if past is not None:
-        _refuse_for_windows(bool(runs.outputs), known_A, known_B, guided)
-    d = n + runs.m + offset if past is None else past.length
+    for name, one in (("known_A", known_A), ("known_B", known_B), ("pilot", guided)):
+        if past is not None and one is not None:
+            raise InputError(
+                f"`{name}` must be left out for outputs: it is about states, and errors of reading "
+                "are part of the noise of a model of outputs"
+                if runs.outputs
+                else f"`{name}` must be left out with `delay`: it is about states that say all of "
+                "the past, and with a dead time inputs are under way"
+            )
+    regressors = past or Regressors(*names, 1, None, 0, offset)
     known = _known(n, runs.m, offset, known_A, known_B)
     sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
     if past is not None:
         sizes, first = sized(runs, past, sizes, first)
-    refuse(assumed, runs.single)
+    refuse(assumed, n, runs.single)
     guide = None
     if guided is not None:
         guide, runs = made(runs, assumed, known is not None, guided, offset)
-    Z = _rows(runs, offset) if past is None else past._rows(runs, first)[1]
+    rows = rows_of(regressors, runs, first)[1]
     with np.errstate(over="ignore"):
-        if not np.isfinite(np.vdot(Z, Z)):
+        if not np.isfinite(np.vdot(rows, rows)):
             raise NonFiniteError("the squares of the data overflow: scale the data down")
     tested = None
-    if validation.flag("checks", checks) and len(Z) * n * DRAWS <= WORK:
-        own, outcomes = np.ascontiguousarray(Z[:, :d]), np.ascontiguousarray(Z[:, d:])
-        rows = tested_rows(assumed, known, n)
-        tested = checked_residuals(own, outcomes, rows, exact=assumed.design == "independent")
-    triangle = _core.triangle(Z, get_num_threads())
+    if validation.flag("checks", checks) and not too_many(len(rows), n):
+        exact = tested_rows(assumed, known, n)
+        tested = checked_residuals(rows, assumed, exact, d=regressors.length)
+    triangle = _core.triangle(rows, get_num_threads())
     if not np.isfinite(triangle).all():
         raise NonFiniteError("the products of the data overflow: scale them down")
     found = runs, triangle, assumed, sizes, offset, known, tested, guide, past, first
-    model = Model(*found)
+    model = trusted(Model, *found)
     if model.warnings:
-        said, more = model.warnings[0], len(model.warnings) - 1
-        said += f"; {show.number_of(more, 'more warning')}: see model.warnings" if more else ""
-        warnings.warn(DataWarning(said), stacklevel=2)
+        text, more = model.warnings[0], len(model.warnings) - 1
+        text += f"; {show.number_of(more, 'more warning')}: see model.warnings" if more else ""
+        warnings.warn(DataWarning(text), stacklevel=2)
     return model
-
-
-def _refuse_for_windows(outputs: bool, *given: Any) -> None:
-    """Refuse what is for states whose inputs act at once."""
-    names = "known_A", "known_B", "pilot"
-    for name, one in zip(names, given, strict=True):
-        if one is not None and outputs:
-            raise InputError(
-                f"`{name}` must be left out for outputs: it is about states, and errors of reading "
-                "are part of the noise of a model of outputs"
-            )
-        if one is not None:
-            raise InputError(
-                f"`{name}` must be left out with `delay`: it is about states that say all of the "
-                "past, and with a dead time inputs are under way"
-            )
-
-
-def _rows(runs: Trajectories, offset: bool) -> Floats:
-    """The rows (x, u, 1, x_next) of all pairs."""
-    if not offset:
-        return runs._rows
-    x, u, y = runs.pairs()
-    running.need("the pairs", runs._rows.nbytes + 8 * len(x))
-    return np.hstack([x, u, np.ones((len(x), 1)), y])
 
 
 def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | None) -> Floats | None:
     """The known entries of [A B c], nan where an entry is to be estimated; None if none is."""
-    if A is None and B is None:
-        return None
     known = np.full((n, n + m + offset), np.nan)
     for name, value, start, width in (("known_A", A, 0, n), ("known_B", B, n, m)):
         if value is None:
@@ -286,12 +274,9 @@ def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | Non
             )
         if given.shape != (n, width):
             raise ShapeError(f"`{name}` must have shape ({n}, {width}), got {given.shape}")
-        floats = given.astype(np.float64)
-        if (np.abs(floats) > LARGEST).any():
-            raise InputError(
-                f"`{name}` must contain numbers up to {LARGEST:g}, or nan for what is to estimate"
-            )
-        known[:, start : start + width] = floats
-    if not np.isnan(known).any():
+        known[:, start : start + width] = given
+        require_known(name, known)
+    free = np.isnan(known)
+    if not free.any():
         raise InputError("`known_A` and `known_B` leave nothing to estimate")
-    return known if not np.isnan(known).all() else None
+    return None if free.all() else known

@@ -17,35 +17,24 @@ from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..plots.certificates import draw_residuals
 from ..rng import RngLike, as_key
-from . import battery
+from . import checks as tests
 from .assumptions import (
     FAULTS,
     Assumptions,
+    checked_scale,
     least_correlation,
     refuse,
-    require_sound,
-    require_states,
+    require_known,
     require_triangle_of,
 )
-from .checks import (
-    DRAWS,
-    WORK,
-    Checks,
-    Range,
-    cautions,
-    checked_residuals,
-    exact_relations,
-    missing_directions,
-    spanned,
-    tested_rows,
-)
+from .checks import Checks, Tested, cautions, missing_directions
 from .identified import Identified
 from .pilot import PilotModel
 from .pilot import refuse as refuse_pilot
-from .region import METHODS, Method, Region, Wish, region_of, said
+from .region import METHODS, Method, Region, Wish, entered, region_of, said, withheld
 from .region import directions as spanned_by
 from .region import refuse as refuse_region
-from .window import Loop, Regressors
+from .window import Loop, Regressors, assumed, rows_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -105,29 +94,43 @@ class Model(SavedRecord, Identified, Tabled):
     first: int = 0
 
     def __post_init__(self) -> None:
-        validation.instance("data", self.data, Trajectories)
-        validation.instance("assumptions", self.assumptions, Assumptions)
-        validation.flag("intercept", self.intercept)
-        self._check_window()
-        n, d = self.data.n, self._d
+        super().__post_init__()
+        validation.size("first", self.first, minimum=0, maximum=self.data.size)
+        if self.window is None and self.data.outputs:
+            raise InputError("`window` must be given for outputs")
+        if not self.data.outputs and (self.regressors.count, self.regressors.pole) != (1, None):
+            raise InputError("`window` of states must have one lag, and a dead time")
+        window = self.regressors
+        own = self.outputs, self.input_names, self.intercept
+        if (window.outputs, window.inputs, window.intercept) != own:
+            raise InputError("`window` must have the outputs, inputs and intercept of the model")
+        n, d = self.data.n, window.length
         validation.kept("triangle", self.triangle, shape=(d + n,) * 2)
         if self.scale is not None:
-            validation.kept("scale", self.scale, shape=(d,))
+            checked_scale(validation.kept("scale", self.scale, shape=(d,)), d, False)
         if self.known is not None:
-            shape = validation.instance("known", self.known, np.ndarray).shape
-            if shape != (n, d):
-                raise ShapeError(f"`known` must have shape ({n}, {d}), got {shape}")
-        if self.checks is not None:
-            validation.instance("checks", self.checks, Checks)
-        refuse(self.assumptions, self.data.single)
-        require_sound(self.scale, self.known)
-        require_states(self.assumptions, n)
+            if self.known.shape != (n, d):
+                raise ShapeError(f"`known` must have shape ({n}, {d}), got {self.known.shape}")
+            require_known("known", self.known)
+            if not 0 < np.isnan(self.known).sum() < n * d:
+                raise InputError("`known` must have numbers, and nan where an entry was estimated")
+        refuse(self.assumptions, n, self.data.single)
         if self.pilot is not None:
-            given = validation.instance("pilot", self.pilot, PilotModel)
             refuse_pilot(self.assumptions, self.data, self.known is not None)
-            validation.kept("pilot.model", given.model, shape=(n, d))
-            if given.dither is not None:
-                validation.kept("pilot.dither", given.dither, shape=(self.size, self.m))
+            validation.kept("pilot.model", self.pilot.model, shape=(n, d))
+            if self.pilot.dither is not None:
+                validation.kept("pilot.dither", self.pilot.dither, shape=(self.size, self.m))
+
+    @cached_property
+    def regressors(self) -> Regressors:
+        """What it predicts from: `window`, or for states without dead time one lag of them."""
+        names = self.data.state_names, self.data.input_names
+        return self.window or Regressors(*names, 1, None, 0, self.intercept)
+
+    @cached_property
+    def rows(self) -> Floats:
+        """The rows (z, outcomes) that the model is of, (N, d + n_outputs)."""
+        return rows_of(self.regressors, self.data, self.first)[1]
 
     @property
     def n(self) -> int:
@@ -147,12 +150,12 @@ class Model(SavedRecord, Identified, Tabled):
     @property
     def size(self) -> int:
         """The number of pairs N; of outputs, those with a complete window."""
-        return self.data.size if self.window is None else len(self._windows)
+        return len(self.rows)
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """The names of the states; of outputs, those of the contents of the window."""
-        return self.data.state_names if self.window is None else self.window.state_names
+        return self.regressors.state_names
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -181,9 +184,7 @@ class Model(SavedRecord, Identified, Tabled):
 
     @property
     def _d(self) -> int:
-        if self.window is not None:
-            return self.window.length
-        return self.data.n + self.m + self.intercept
+        return self.regressors.length
 
     @property
     def _free(self) -> int:
@@ -196,44 +197,14 @@ class Model(SavedRecord, Identified, Tabled):
             raise InputError(f"`{name}` must be a model of states, got one of outputs: {self!r}")
 
     @cached_property
-    def _windows(self) -> Floats:
-        """The rows (z, y one step later) of all complete windows behind the first part."""
-        assert self.window is not None
-        return self.window._rows(self.data, self.first)[1]
-
-    def _check_window(self) -> None:
-        """Refuse a window that is not one of the data."""
-        validation.size("first", self.first, minimum=0, maximum=self.data.size)
-        if self.window is None and self.data.outputs:
-            raise InputError("`window` must be given for outputs")
-        if self.window is not None:
-            validation.instance("window", self.window, Regressors)
-            if not self.data.outputs and (self.window.count, self.window.pole) != (1, None):
-                raise InputError("`window` of states must have one lag, and a dead time")
-            own = self.window.outputs, self.window.inputs, self.window.intercept
-            if own != (self.outputs, self.input_names, self.intercept):
-                raise InputError(
-                    "`window` must have the outputs, inputs and intercept of the model"
-                )
-
-    @cached_property
     def _estimate(self) -> _core.Estimate:
         return self._fitted(self.triangle, self.size)
 
-    def _fitted_to(self, rows: Floats) -> _core.Estimate:
-        """The estimate from these pairs."""
-        return self._fitted(_core.triangle(rows, get_num_threads()), len(rows))
-
     def _fitted(self, triangle: Floats, size: int) -> _core.Estimate:
         """The estimate from the triangle of so many pairs."""
-        return _core.Estimate(
-            np.ascontiguousarray(triangle),
-            size,
-            self.n_outputs,
-            self._free,
-            self.intercept,
-            None if self.known is None else np.ascontiguousarray(self.known),
-        )
+        known = None if self.known is None else np.ascontiguousarray(self.known)
+        own = np.ascontiguousarray(triangle), size, self.n_outputs, self._free, self.intercept
+        return _core.Estimate(*own, known)
 
     @cached_property
     def _first(self) -> int:
@@ -242,16 +213,19 @@ class Model(SavedRecord, Identified, Tabled):
         if exact or self.scale is not None or self.pilot is not None:
             return 0
         if self.window is not None:
-            return len(self.window._rows(self.data, self.first)[0])
-        return _core.first_pairs(np.hstack(self._pairs()), self._d, get_num_threads()) or 0
+            return len(rows_of(self.window, self.data, self.first)[0])
+        return _core.first_pairs(self.rows, self._d, get_num_threads()) or 0
 
     @cached_property
     def _divided(self) -> tuple[_core.Estimate, _core.Estimate]:
         """The estimates from the first pairs and from those after them."""
-        if self.window is not None:  # its model is that of the pairs after the first part
-            return self._fitted_to(self.window._rows(self.data, self.first)[0]), self._estimate
-        rows = np.hstack(self._pairs())
-        return self._fitted_to(rows[: self._first]), self._fitted_to(rows[self._first :])
+        parts = self.rows[: self._first], self.rows[self._first :]
+        if self.window is not None:  # its rows are those after the first part
+            parts = rows_of(self.window, self.data, self.first)
+        before, after = (
+            self._fitted(_core.triangle(rows, get_num_threads()), len(rows)) for rows in parts
+        )
+        return before, after
 
     @cached_property
     def _blocks(self) -> list[_core.Fitted]:
@@ -264,9 +238,8 @@ class Model(SavedRecord, Identified, Tabled):
 
     @cached_property
     def _loop(self) -> Loop:
-        """The linear system of a model of outputs."""
-        assert self.window is not None
-        return self.window.loop(self._H)
+        """The linear system of the contents of the window."""
+        return self.regressors.loop(self._H)
 
     def _with_outputs(self, covariance: Floats) -> tuple[Floats, Floats]:
         """A and the covariance of the noise, of outputs in front of the window if there is one."""
@@ -281,7 +254,7 @@ class Model(SavedRecord, Identified, Tabled):
         if self.window is None:
             return region
         J, ABc, G = self.window.loop(region.centre)
-        return region._entered(ABc, J, G, self.m)
+        return entered(region, ABc, J, G, self.m)
 
     @cached_property
     def _H(self) -> Floats:
@@ -300,12 +273,14 @@ class Model(SavedRecord, Identified, Tabled):
     @cached_property
     def _piloted(self) -> _core.Pilot:
         assert self.pilot is not None
-        return self.pilot._of(self.data)
+        return self.pilot.simulated(self.data)
 
     @cached_property
     def _reference(self) -> _core.Reference:
         assert self.pilot is not None
-        return self.pilot._reference_of(self._piloted)
+        assert self.pilot.start is not None
+        assert self.pilot.inputs is not None
+        return self._piloted.reference(self.pilot.start, np.ascontiguousarray(self.pilot.inputs))
 
     @property
     def covariance(self) -> Floats | None:
@@ -334,21 +309,11 @@ class Model(SavedRecord, Identified, Tabled):
         ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
         combination is 0.
         """
-        return self._missing_in(self._estimate)
-
-    def _missing_in(self, estimate: _core.Estimate) -> tuple[str, ...]:
-        return missing_directions(estimate.blocks, self._regressors)
+        return missing_directions(self._blocks, self.regressors.regressor_names)
 
     @property
     def _coefficients(self) -> tuple[tuple[str, ...], tuple[str, ...], Floats]:
-        return self.outputs, self._regressors, self._H
-
-    @property
-    def _regressors(self) -> tuple[str, ...]:
-        """The names of the entries of z, and 1."""
-        if self.window is not None:
-            return self.window.regressor_names
-        return (*self.state_names, *self.input_names, "1")
+        return self.outputs, self.regressors.regressor_names, self._H
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -357,14 +322,14 @@ class Model(SavedRecord, Identified, Tabled):
         accepted = self.assumptions.accept
         said += [f"accepted: {text}" for name, text in self._faults.items() if name in accepted]
         large = self._tested.get("noise too large")
-        if large is not None and large.p_value <= battery.LEVEL and large.share < 0.9:
+        if large is not None and large.p_value <= tests.FAULT and large.share < 0.9:
             said.append(
                 f"the residuals are {show.two(large.share)} of the declared noise: bounds are "
                 "larger than needed"
             )
         if self.checks is not None:
             said += self.checks.warnings
-        elif self.size * self.n_outputs * DRAWS > WORK:
+        elif tests.too_many(self.size, self.n_outputs):
             said.append(
                 f"the residuals were not tested, as {self.size} pairs take long: see Model.check"
             )
@@ -386,7 +351,8 @@ class Model(SavedRecord, Identified, Tabled):
         fail and were not accepted by name: each has a level of 5e-4, so that together they refuse
         less than 1 % of sound logs. Empty where nothing is seen, which proves nothing.
         """
-        return (*exact_relations(*self._residuals, self.outputs), *self._refusing)
+        exact = tests.exact_relations(self._plain, self._tested_rows, self.outputs)
+        return (*exact, *self._refusing)
 
     @property
     def _refusing(self) -> tuple[str, ...]:
@@ -400,15 +366,26 @@ class Model(SavedRecord, Identified, Tabled):
         return {name: self._tested[name].p_value for name in FAULTS if name in self._tested}
 
     @cached_property
-    def _tested(self) -> dict[str, battery.Tested]:
-        return battery.tested(self)
+    def _tested(self) -> dict[str, Tested]:
+        log, whole = (
+            None if data is None else (data._rows, data._pieces.places(), data._pieces.runs())
+            for data in (self.data, self.data._whole)
+        )
+        assert log is not None
+        about = self.regressors.core, self.first, self.window is not None, self.pilot is not None
+        declared = self._plain, self._tested_rows, self.assumptions.declared
+        return tests.by_name(_core.log_tests(log, whole, *about, *declared))
+
+    @property
+    def _tested_rows(self) -> list[int]:
+        return tests.tested_rows(self.assumptions, self.known, self.n_outputs)
 
     @cached_property
     def _faults(self) -> dict[str, str]:
         """The tests that fail, in words."""
         return {
-            name: battery.sentence(name, self._tested[name], self)
-            for name in battery.failed(self._tested, self.assumptions)
+            name: tests.sentence(name, self._tested[name], self)
+            for name in tests.failed(self._tested, self.assumptions)
         }
 
     def check(self, draws: int = 499, *, rng: RngLike = None) -> Checks | None:
@@ -435,9 +412,8 @@ class Model(SavedRecord, Identified, Tabled):
         99
         """
         count, key = validation.size("draws", draws), as_key(rng)
-        rows = tested_rows(self.assumptions, self.known, self.n_outputs)
-        exact = self.design == "independent"
-        return checked_residuals(*self._pairs(), rows, exact=exact, draws=count, key=key)
+        about = self.rows, self.assumptions, self._tested_rows
+        return tests.checked_residuals(*about, d=self._d, draws=count, key=key)
 
     def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
         """Draw what the checks look at: residuals over time, lags, quantiles and leverages.
@@ -465,7 +441,7 @@ class Model(SavedRecord, Identified, Tabled):
         >>> len(se.identify(data).plot().axes)
         4
         """
-        Z, Y = self._pairs()
+        Z, Y = np.hsplit(self.rows, [self._d])
         residuals = Y - Z @ self._H.T
         # h_t = ||z_t||^2 in the norm of V^-1, over the columns of all rows of Theta together
         white = _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1).white
@@ -557,7 +533,7 @@ class Model(SavedRecord, Identified, Tabled):
             validation.choice("method", method, METHODS),
             validation.flag("anytime", anytime),
         )
-        return self._region(wish)._withheld(self._refusing)
+        return withheld(self._region(wish), self._refusing)
 
     def _region(self, wish: Wish) -> Region:
         """The region whatever the tests of the log say."""
@@ -573,10 +549,8 @@ class Model(SavedRecord, Identified, Tabled):
         else:
             scale = np.ones(self._d) if self.scale is None else self.scale
             units, estimate = self._divided if first else (scale, self._estimate)
-            made, missing = (
-                region_of(estimate, self.assumptions, wish, units),
-                self._missing_in(estimate),
-            )
+            made = region_of(estimate, self.assumptions, wish, units)
+            missing = missing_directions(estimate.blocks, self.regressors.regressor_names)
         noise = made.noise if self.assumptions.noise == "gaussian" else None
         return trusted(
             Region,
@@ -594,8 +568,10 @@ class Model(SavedRecord, Identified, Tabled):
     @property
     def _assumed(self) -> str:
         """What is assumed beside the law of the noise."""
-        own = "" if self.window is None else self.window._assumed(self.assumptions.tail)
-        return own + self.data._assumed + battery.accepted_text(self.assumptions)
+        noise = self.assumptions
+        own = "" if self.window is None else assumed(self.window, noise.tail)
+        accepted = f"; accepted by name: {', '.join(noise.accept)}" if noise.accept else ""
+        return own + self.data._assumed + accepted
 
     def draw(self, size: int, *, rng: RngLike = None) -> SystemEnsemble:
         """Draw models from the law that the region is made of.
@@ -632,8 +608,16 @@ class Model(SavedRecord, Identified, Tabled):
         law, key = self._law(), as_key(rng).child("draw")
         running.need("the models", 3 * 8 * count * self._Theta.size)
         found = _core.estimate_draws(law, count, bytes(key), get_num_threads())
-        models = found.reshape(count, *self._Theta.shape)
-        return self._ensemble(models, "draws of the law of the estimate", count)
+        A, B, c = np.split(found.reshape(count, *self._Theta.shape), [self.n, self.n + self.m], 2)
+        return SystemEnsemble(
+            A,
+            B,
+            c[:, :, 0] if self.intercept else None,
+            centre="estimate",
+            dt=self.dt,
+            labels=self.labels if self.labels.given else None,
+            about="draws of the law of the estimate",
+        )
 
     def _law(self, windows: bool = False) -> tuple[Floats, Floats, Floats, str, int]:
         """The law of the estimate, for the core; only with `windows` also of models of outputs."""
@@ -669,28 +653,12 @@ class Model(SavedRecord, Identified, Tabled):
         if self.pilot is not None and not self._piloted.determined:
             raise InputError("the runs that the pilot simulates do not determine the model")
 
-    def _ensemble(self, models: Floats, about: str, asked: int) -> SystemEnsemble:
-        n, m = self.n, self.m
-        lost = asked - len(models)
-        if not len(models):
-            raise InputError("no resample determines the model: there are too few pairs")
-        return SystemEnsemble(
-            models[:, :, :n],
-            models[:, :, n : n + m],
-            models[:, :, -1] if self.intercept else None,
-            centre="estimate",
-            dt=self.dt,
-            labels=self.labels if self.labels.given else None,
-            about=about + (f", {lost} of {asked} left out: not determined" if lost else ""),
-        )
-
     @cached_property
-    def _residuals(self) -> tuple[_core.Fitted, Range]:
-        """Least squares without regard to known entries, and what its residuals span."""
-        f = self._blocks[0]
-        if self.known is not None:
-            f = _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1)
-        return f, spanned(f, tested_rows(self.assumptions, self.known, self.n_outputs))
+    def _plain(self) -> _core.Fitted:
+        """Least squares without regard to known entries."""
+        if self.known is None:
+            return self._blocks[0]
+        return _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1)
 
     @cached_property
     def _largest(self) -> Floats | None:
@@ -698,15 +666,6 @@ class Model(SavedRecord, Identified, Tabled):
             return None
         x, u, _ = self.data.pairs()
         return np.hstack([np.abs(x).max(axis=0), np.abs(u).max(axis=0)])
-
-    def _pairs(self) -> tuple[Floats, Floats]:
-        """Z and Y, the rows of all pairs."""
-        if self.window is not None:
-            Z, Y = np.hsplit(self._windows, [self._d])
-            return np.ascontiguousarray(Z), np.ascontiguousarray(Y)
-        x, u, y = self.data.pairs()
-        ones = np.ones((len(x), int(self.intercept)))
-        return np.hstack([x, u, ones]), np.ascontiguousarray(y)
 
     def _cube(self) -> Cube:
         variables = {
@@ -727,7 +686,7 @@ class Model(SavedRecord, Identified, Tabled):
     def _verify(self) -> None:
         """Refuse a triangle that is not that of the data."""
         running.need("the pairs", 3 * self.data._rows.nbytes)
-        require_triangle_of(np.hstack(self._pairs()), self.triangle)
+        require_triangle_of(self.rows, self.triangle)
 
     def __repr__(self) -> str:
         rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"

@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from .. import _core
 from .._base import show, validation
-from .._base.records import Record
+from .._base.records import Record, sizes
 from .._base.running import get_num_threads
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..system.system import System
 from ..theory.exact import best_control, states
+from .window import Regressors, rows_of
 
 if TYPE_CHECKING:
     from ..data import Trajectories
-    from .assumptions import Assumptions
-    from .options import Pilot
+    from .assumptions import Assumptions, Pilot
 
 MOST = 100_000  # steps of a reference
 
@@ -44,30 +44,24 @@ class PilotModel(Record):
         What the pilot would do.
     """
 
-    model: Floats
+    model: Annotated[Floats, "state column"]
     source: str
-    gain: Floats | None = None
-    dither: Floats | None = None
-    start: Floats | None = None
-    inputs: Floats | None = None
+    gain: Annotated[Floats, "input state"] | None = None
+    dither: Annotated[Floats, "pair input"] | None = None
+    start: Annotated[Floats, "state"] | None = None
+    inputs: Annotated[Floats, "step input"] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        n, d = validation.kept("model", self.model, ndim=(2,)).shape
+        found = sizes(self)
         for one, other in (("gain", "dither"), ("start", "inputs")):
             if (getattr(self, one) is None) != (getattr(self, other) is None):
                 raise InputError(f"`{one}` and `{other}` must be given both or not at all")
-        if self.gain is not None and self.dither is not None:
-            m = len(validation.kept("gain", self.gain, ndim=(2,)))
-            validation.kept("gain", self.gain, shape=(m, n))
-            validation.kept("dither", self.dither, shape=(len(self.dither), m))
-        if self.start is not None and self.inputs is not None:
-            validation.kept("start", self.start, shape=(n,))
-            m = validation.kept("inputs", self.inputs, ndim=(2,)).shape[1]
-        elif self.gain is None:
-            return
-        if d not in (n + m, n + m + 1):
-            raise ShapeError(f"`model` must have {n + m} columns, or one more, got {d}")
+        columns = found["state"] + found.get("input", found["column"] - found["state"])
+        if found["column"] not in (columns, columns + 1):
+            raise ShapeError(
+                f"`model` must have {columns} columns, or one more, got {found['column']}"
+            )
 
     @property
     def steps(self) -> int:
@@ -84,18 +78,13 @@ class PilotModel(Record):
             f"noise of all runs, inputs {how}; pilot: {self.source}{task}"
         )
 
-    def _of(self, data: Trajectories) -> _core.Pilot:
+    def simulated(self, data: Trajectories) -> _core.Pilot:
         """The model of these runs."""
         feedback = None
         if self.gain is not None and self.dither is not None:
             feedback = np.ascontiguousarray(self.gain), np.ascontiguousarray(self.dither)
         rows, model = np.ascontiguousarray(data._rows), np.ascontiguousarray(self.model)
         return _core.Pilot(rows, data.lengths, model, feedback, get_num_threads())
-
-    def _reference_of(self, model: _core.Pilot) -> _core.Reference:
-        assert self.start is not None
-        assert self.inputs is not None
-        return model.reference(self.start, np.ascontiguousarray(self.inputs))
 
 
 def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, Trajectories, int]:
@@ -105,10 +94,8 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
         number: float = np.asarray(pilot).item()
         first = _first(data, number, d)
         runs = data[:first]
-        x, u, y = runs.pairs()
-        rows = np.hstack([x, u, np.ones((runs.size, int(offset))), y])
-        threads = get_num_threads()
-        model = _core.fit(_core.triangle(rows, threads), d, runs.size, threads).H
+        window = Regressors(data.state_names, data.input_names, 1, None, 0, offset)
+        model = _core.fit(rows_of(window, runs)[1], d, runs.size, get_num_threads()).H
         source = f"runs 0 to {first - 1}, the model is of runs {first} to {len(data) - 1}"
         return np.ascontiguousarray(model), source, data[first:], runs.size
     if isinstance(pilot, (tuple, System)):

@@ -1,19 +1,26 @@
-"""Single coefficients of ``[A B c]``: their names, and whether they are estimated."""
+"""`Region`: models that contain the true one, and what is asked of one."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .. import _core
-from .._base import fields, show, types, validation
+from .._base import fields, show, validation
 from .._base.names import weight
-from .._base.records import SavedRecord, cached_property, trusted
+from .._base.records import (
+    Count,
+    FromZero,
+    Probability,
+    SavedRecord,
+    cached_property,
+    trusted,
+)
 from .._base.running import get_num_threads
+from .._base.types import Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..plots.certificates import draw_region
 from .assumptions import Assumptions
@@ -22,37 +29,14 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
-    from .._base.types import Floats
-
-
-def coefficient(entry: tuple[int, int], n: int, m: int) -> str:
-    """The name of an entry of ``[A B c]``."""
-    i, j = entry
-    return f"A[{i}, {j}]" if j < n else f"B[{i}, {j - n}]" if j < n + m else f"c[{i}]"
-
-
-def chosen_entry(
-    argument: str, entry: object, size: tuple[int, int, int], parts: Sequence[_core.RegionPart]
-) -> tuple[int, int]:
-    """Row and column of a coefficient that is not known; `size` is n, m and the columns."""
-    n, m, d = size
-    pair = validation.items(argument, entry)
-    if len(pair) != 2:
-        raise ShapeError(f"`{argument}` must be (row, column), got {len(pair)} items")
-    i = validation.size(argument, pair[0], minimum=0, maximum=n - 1)
-    j = validation.size(argument, pair[1], minimum=0, maximum=d - 1)
-    if not any(i in part.rows and j in part.columns for part in parts):
-        raise InputError(f"`{argument}` must be estimated, {coefficient((i, j), n, m)} is known")
-    return i, j
-
 
 fields.enter(
     _core.RegionPart,
     rows=NDArray[np.int64],
     columns=NDArray[np.int64],
-    **dict.fromkeys(("white", "root", "missing"), types.Floats),
+    **dict.fromkeys(("white", "root", "missing"), Floats),
     ratio=float,
-    shape=types.Floats,
+    shape=Floats,
     factor=float,
 )
 
@@ -92,29 +76,25 @@ class Region(SavedRecord):
         known.
     """
 
-    centre: Floats
-    m: int
-    delta: float
+    centre: Annotated[Floats, "row column"]
+    m: Count
+    delta: Probability
     assumption: str
     missing: tuple[str, ...]
     parts: tuple[_core.RegionPart, ...]
     future: int = 0
-    frobenius: float | None = None
-    noise: Floats | None = None
+    frobenius: FromZero | None = None
+    noise: Annotated[Floats, "row row"] | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        n, d = validation.kept("centre", self.centre, ndim=(2,)).shape
-        if d not in (n + validation.size("m", self.m), n + self.m + 1):
+        n, d = self.centre.shape
+        if d not in (n + self.m, n + self.m + 1):
             raise ShapeError(f"`centre` must have {n + self.m} columns, or one more, got {d}")
-        validation.probability("delta", self.delta)
         validation.size("future", self.future, minimum=0)
-        if self.frobenius is not None and not self.frobenius >= 0.0:
-            raise InputError(f"`frobenius` must be >= 0, got {self.frobenius}")
         if self.noise is not None:
             weight("noise", self.noise, n, matrix=True)
         for part in self.parts:
-            validation.instance("parts", part, _core.RegionPart)
             _require_one_set(part)
 
     @cached_property
@@ -185,11 +165,10 @@ class Region(SavedRecord):
             validation.matrix("B", B, rows=n, cols=self.m),
         ]
         offset = np.zeros(n) if c is None else validation.vector("c", c, length=n)
-        if d > n + self.m:
-            blocks.append(offset[:, None])
-        elif offset.any():
+        if d == n + self.m and offset.any():
             raise InputError("`c` must be left out: the model has no intercept")
-        return self._core.contains(np.hstack(blocks))
+        blocks.append(offset[:, None])
+        return self._core.contains(np.hstack(blocks if d > n + self.m else blocks[:2]))
 
     def bound(self, x: ArrayLike, u: ArrayLike, *, noise: bool = False) -> float:
         """Bound how far one step of the true system is from that of the `centre`.
@@ -305,9 +284,7 @@ class Region(SavedRecord):
         >>> ax.get_xlabel(), ax.get_ylabel()
         ('A[0, 0]', 'B[0, 0]')
         """
-        size = self.n, self.m, self.centre.shape[1]
-        one = chosen_entry("across", across, size, self.parts)
-        other = chosen_entry("up", up, size, self.parts)
+        one, other = self._entry("across", across), self._entry("up", up)
         if one == other:
             raise InputError(f"`up` must differ from `across`, got {other} twice")
         corners = self._core.projection(one, other)
@@ -315,31 +292,31 @@ class Region(SavedRecord):
             raise InputError("the data do not determine these coefficients: there is no edge")
         centre = np.array([self.centre[one], self.centre[other]])
         said = show.percent(self.delta) if label is None else validation.text("label", label)
-        across_, up_ = (coefficient(entry, self.n, self.m) for entry in (one, other))
-        return draw_region(centre, corners + centre, said, across_, up_, ax)
+        return draw_region(
+            centre, corners + centre, said, self._entry_name(*one), self._entry_name(*other), ax
+        )
 
-    def _withheld(self, doubts: tuple[str, ...]) -> Region:
-        """The same without a bound, where a test of the data refuses them."""
-        if not doubts:
-            return self
-        fields = (part.__reduce__()[1] for part in self.parts)
-        parts = tuple(_core.RegionPart(*own[:-1], np.inf) for own in fields)  # type: ignore[call-arg,arg-type]
-        wide = None if self.frobenius is None else np.inf
-        said = f"{self.assumption}; but {doubts[0]}"
-        return self._but(frobenius=wide, parts=parts, assumption=said)
+    def _entry(self, argument: str, entry: object) -> tuple[int, int]:
+        """Row and column of a coefficient that is not known."""
+        pair = validation.items(argument, entry)
+        if len(pair) != 2:
+            raise ShapeError(f"`{argument}` must be (row, column), got {len(pair)} items")
+        i, j = (
+            validation.size(argument, one, minimum=0, maximum=most - 1)
+            for one, most in zip(pair, self.centre.shape, strict=True)
+        )
+        if not any(i in part.rows and j in part.columns for part in self.parts):
+            raise InputError(f"`{argument}` must be estimated, {self._entry_name(i, j)} is known")
+        return i, j
+
+    def _entry_name(self, i: int, j: int) -> str:
+        n, m = self.n, self.m
+        return f"A[{i}, {j}]" if j < n else f"B[{i}, {j - n}]" if j < n + m else f"c[{i}]"
 
     def _but(self, **fields: Any) -> Region:
         """The same with other fields."""
         kept = {name: value for name, value in vars(self).items() if name != "_core"}
         return trusted(Region, **{**kept, **fields})
-
-    def _entered(self, matrix: Floats, J: Floats, G: Floats, m: int) -> Region:
-        """The region of ``[A B c] = matrix + G (Theta - centre) J`` in the same event."""
-        covariance = None if self.noise is None else np.ascontiguousarray(self.noise)
-        found, noise = _core.entered_region(self._core, (matrix, J, G, m), covariance)
-        noise = None if noise is None else validation.frozen(noise)
-        centre, parts = validation.frozen(found.centre), found.parts
-        return self._but(centre=centre, m=m, parts=parts, future=0, noise=noise)
 
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """``z = (x, u)``, with 1 behind it for a model with intercept."""
@@ -361,6 +338,26 @@ class Region(SavedRecord):
         return show.card(self, rows)
 
 
+def withheld(region: Region, doubts: tuple[str, ...]) -> Region:
+    """The same without a bound, where a test of the data refuses them."""
+    if not doubts:
+        return region
+    fields = (part.__reduce__()[1] for part in region.parts)
+    parts = tuple(_core.RegionPart(*own[:-1], np.inf) for own in fields)  # type: ignore[call-arg,arg-type]
+    wide = None if region.frobenius is None else np.inf
+    said = f"{region.assumption}; but {doubts[0]}"
+    return region._but(frobenius=wide, parts=parts, assumption=said)
+
+
+def entered(region: Region, matrix: Floats, J: Floats, G: Floats, m: int) -> Region:
+    """The region of ``[A B c] = matrix + G (Theta - centre) J`` in the same event."""
+    covariance = None if region.noise is None else np.ascontiguousarray(region.noise)
+    found, noise = _core.entered_region(region._core, (matrix, J, G, m), covariance)
+    noise = None if noise is None else validation.frozen(noise)
+    centre, parts = validation.frozen(found.centre), found.parts
+    return region._but(centre=centre, m=m, parts=parts, future=0, noise=noise)
+
+
 def _require_one_set(part: _core.RegionPart) -> None:
     """Refuse matrices that describe no set, or not the same one."""
     for name in ("white", "root", "missing"):
@@ -376,7 +373,7 @@ def _require_one_set(part: _core.RegionPart) -> None:
 
 
 Method: TypeAlias = Literal["auto", "mixture", "universal"]
-METHODS: tuple[Method, ...] = ("auto", "mixture", "universal")
+METHODS: tuple[Method, ...] = get_args(Method)
 
 
 class Wish(NamedTuple):

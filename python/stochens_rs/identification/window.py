@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
+from .._base import running, show, validation
 from .._base.names import Labels, order_of
 from .._base.records import Record, cached_property
 from ..data import Trajectories
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from .._base.types import Floats
-
-FAR = 10**9  # steps back: no pair has so many before it
 
 
 class Stretch(NamedTuple):
@@ -90,22 +88,23 @@ class Regressors(Record):
             validation.size(name, getattr(self, name), minimum=least)
         if self.pole is not None:
             validation.positive("pole", self.pole, maximum=1.0)
-        _ = self._core  # refuses sizes and poles
+        _ = self.core  # refuses sizes and poles
 
     @cached_property
-    def _core(self) -> _core.Window:
+    def core(self) -> _core.Window:
+        """The window of the core."""
         sizes = len(self.outputs), len(self.inputs), self.count
         return _core.Window(*sizes, self.pole, self.delay, self.intercept, self.burn)
 
     @property
     def length(self) -> int:
         """The number d of regressors z, the unknowns of each output."""
-        return self._core.length
+        return self.core.length
 
     @property
     def fill(self) -> int:
         """How many pairs at the start of each piece only fill the window."""
-        return self._core.fill
+        return self.core.fill
 
     @property
     def state_names(self) -> tuple[str, ...]:
@@ -139,14 +138,16 @@ class Regressors(Record):
             return show.number_of(self.count, "lag") + delay
         return f"{show.number_of(self.count, 'filter')} of pole {self.pole:g}{delay}"
 
-    def _assumed(self, tail: float) -> str:
-        """What the region of a model with this window assumes, behind the law of the noise."""
-        chosen = "" if self.found is None else ", chosen by the first part,"
-        but = f" but for a tail of {tail:g}" if tail else ""
-        return (
-            "; white innovations; inputs from logged signals only; "
-            f"the window of {self.text}{chosen} taken as exact{but}, which no data prove"
-        )
+    @property
+    def words(self) -> dict[str, str]:
+        """What is said of a window that is too short, or to be declared."""
+        what = "lags" if self.pole is None else "filters"
+        return {
+            "what": what,
+            "next": f"{self.count + 1} {what}",
+            "own": str(self.count),
+            "take": "take " if self.found is not None else "take Window(order='auto'), ",
+        }
 
     def loop(self, Theta: Floats) -> Loop:
         """Return the linear system of the contents of the window.
@@ -170,9 +171,8 @@ class Regressors(Record):
         array([[0.5, 1. ]])
         """
         rows = len(self.outputs)
-        return Loop(
-            *self._core.linear(validation.matrix("Theta", Theta, rows=rows, cols=self.length))
-        )
+        given = validation.matrix("Theta", Theta, rows=rows, cols=self.length)
+        return Loop(*self.core.linear(given))
 
     def stretches(self, data: Trajectories, steps: int) -> list[Stretch]:
         """Cut runs that were kept apart into what `predict` takes, and what was then read.
@@ -222,72 +222,16 @@ class Regressors(Record):
             )
         return found
 
-    def _rows(self, data: Trajectories, first: int = 0) -> tuple[Floats, Floats]:
-        """The rows (z, y one step later) of complete windows: before pair `first`, and after."""
-        rows, at = self._core.rows(data._rows, (data._pieces.places() == 0).tolist())
-        if not len(at) or at[-1] < first:
-            longest = int(data.pieces.max())
-            raise InputError(
-                f"a window of {self.text} needs pieces of more than {self.fill} pairs, but the "
-                f"longest has {longest}"
-                + (f", and none is left behind the first {first} pairs" if len(at) else "")
-            )
-        place = int(np.searchsorted(at, first))
-        return rows[:place], rows[place:]
-
-    def _place(self, data: Trajectories, count: int) -> int:
-        """The pair that the complete window behind the first `count` of them belongs to."""
-        return int(self._core.rows(data._rows, (data._pieces.places() == 0).tolist())[1][count])
-
-    def _beyond(
-        self, data: Trajectories, first: int
-    ) -> tuple[NDArray[np.int64], tuple[int, int, int], Floats | None]:
-        """The pairs of complete windows, the first lags that are outside, how many inputs are
-        later than all in it, and one filter more.
-        """
-        starts = (data._pieces.places() == 0).tolist()
-        at = self._core.rows(data._rows, starts)[1]
-        at = at[at >= first]
-        if self.pole is None:
-            return at, (self.count, self.delay + self.count, self.delay), None
-        n, m = len(self.outputs), len(self.inputs)
-        wide = replace(self, count=self.count + 1, found=None)
-        rows = wide._core.rows(data._rows, starts)[0][-len(at) :]
-        more = np.r_[
-            self.count * n : wide.count * n,
-            wide.length - self.intercept - m : wide.length - self.intercept,
-        ]
-        return at, (FAR, FAR, self.delay), np.ascontiguousarray(rows[:, more])
-
-    def _short(self, explained: float) -> str:
-        """What is said of a window to which one lag or filter more adds this share."""
-        what = "lags" if self.pole is None else "filters"
-        take = "take " if self.found is not None else "take Window(order='auto'), "
-        return (
-            f"a window of {self.count + 1} {what} explains {show.two(100 * explained)} % more: "
-            f"certificates assume that {self.count} suffice; {take}more {what}, or declare "
-            "Window(tail=)"
-        )
-
     @property
-    def _long(self) -> tuple[str, ...]:
+    def long(self) -> tuple[str, ...]:
         """What is said where the region of a window that the data chose is too large."""
         if self.found is None:
             return ()
-        few = (
-            f"Window(lags={self.found})"
-            if self.pole is None
-            else f"Window(filters={(self.pole, self.found)})"
-        )
+        few = self.found if self.pole is None else (self.pole, self.found)
         return (
             f"the data chose the window of {self.text}: a shorter one, declared beforehand (as "
-            f"{few}), has a smaller region",
+            f"Window({self.words['what']}={few})), has a smaller region",
         )
-
-    def _spread(self, sizes: Floats) -> Floats:
-        """The sizes of z from those of outputs and inputs, and 1."""
-        y, u, one = np.split(sizes, np.cumsum([len(self.outputs), len(self.inputs)]))
-        return np.concatenate([np.tile(y, self.count), np.tile(u, self.count), one])
 
     def state_of(self, outputs: ArrayLike, inputs: ArrayLike) -> Floats:
         """Return the state of the model at the last reading of a record that really happened.
@@ -324,8 +268,49 @@ class Regressors(Record):
                 f"were measured, got {len(y)} and {len(u)}; a single reading does not fix the "
                 "velocities"
             )
-        return self._core.state_of(y, np.ascontiguousarray(u))
+        return self.core.state_of(y, np.ascontiguousarray(u))
 
     def __repr__(self) -> str:
         of = show.number_of(len(self.outputs), "output"), show.number_of(len(self.inputs), "input")
         return f"<Regressors: {self.text} of {of[0]} and {of[1]}>"
+
+
+def assumed(window: Regressors, tail: float) -> str:
+    """What the region of a model with this window assumes, behind the law of the noise."""
+    chosen = "" if window.found is None else ", chosen by the first part,"
+    but = f" but for a tail of {tail:g}" if tail else ""
+    return (
+        "; white innovations; inputs from logged signals only; "
+        f"the window of {window.text}{chosen} taken as exact{but}, which no data prove"
+    )
+
+
+def rows_of(window: Regressors, data: Trajectories, first: int = 0) -> tuple[Floats, Floats]:
+    """The rows (z, y one step later) of complete windows: before pair `first`, and after."""
+    if (window.count, window.pole, window.delay, window.intercept) == (1, None, 0, False):
+        return data._rows[:first], data._rows[first:]  # as they are
+    rows, at = _complete(window, data)
+    if not len(at) or at[-1] < first:
+        raise InputError(
+            f"a window of {window.text} needs pieces of more than {window.fill} pairs, but the "
+            f"longest has {int(data.pieces.max())}"
+            + (f", and none is left behind the first {first} pairs" if len(at) else "")
+        )
+    place = int(np.searchsorted(at, first))
+    return rows[:place], rows[place:]
+
+
+def place_of(window: Regressors, data: Trajectories, count: int) -> int:
+    """The pair that the complete window behind the first `count` of them belongs to."""
+    return int(_complete(window, data)[1][count])
+
+
+def _complete(window: Regressors, data: Trajectories) -> tuple[Floats, NDArray[np.int64]]:
+    running.need("the pairs", 8 * data.size * (window.length + data.n))
+    return window.core.rows(data._rows, (data._pieces.places() == 0).tolist())
+
+
+def spread(window: Regressors, sizes: Floats) -> Floats:
+    """The sizes of z from those of outputs and inputs, and 1."""
+    y, u, one = np.split(sizes, np.cumsum([len(window.outputs), len(window.inputs)]))
+    return np.concatenate([np.tile(y, window.count), np.tile(u, window.count), one])

@@ -16,6 +16,7 @@ from .._base.types import Floats, Status
 from ..controls.of_model import Start, plan_from, start_of
 from ..exceptions import InputError, NonFiniteError
 from ..feedback import LoopCertificate
+from ..identification.region import entered
 from ..limits.solution import loop_of
 from .loop import BEYOND, ControlLoop
 from .window import Contents, ReadingWindow, gate_of
@@ -466,10 +467,10 @@ class ReadingLoop(ControlLoop[Reading]):
             more = tuple(f"disturbance[{i}]" for i in range(r))
             names = Labels((*names.states, *more), names.inputs)
         ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
-        entered = region._entered(ABc, J, G, model.m)
+        inside = entered(region, ABc, J, G, model.m)
         target = np.hstack([self._rest.x, np.zeros(r), self._rest.u])
         return LoopCertificate._judged(
-            entered, K, names, model, target=target if target.any() else None
+            inside, K, names, model, target=target if target.any() else None
         )
 
     def __repr__(self) -> str:

@@ -122,7 +122,7 @@ class ReadingWindow:
         window, p, (J, ABc, G) = model.window, model.n_outputs, model._loop
         assert window is not None
         n = len(ABc)
-        self._core, self._fill, self._names = window._core, window.fill, model.outputs
+        self._core, self._fill, self._names = window.core, window.fill, model.outputs
         self._tail = np.ones(int(model.intercept))
         self._C = (model._H @ J)[:, :n]
         self._step = np.hstack([window.loop(0.0 * model._H).ABc[:, :n], G])

@@ -15,8 +15,13 @@ from .._base.names import checked_names
 from .._base.saving import Durable
 from .._base.types import DELTA
 from ..exceptions import InputError
-from ..identification.assumptions import Assumptions, checked_assumptions, checked_scale
-from ..identification.options import Noise, as_noise
+from ..identification.assumptions import (
+    Assumptions,
+    Noise,
+    as_noise,
+    checked_assumptions,
+    checked_scale,
+)
 from .looks import Look, LoopLook, look, look_at_loop
 from .rows import pair_rows
 from .snapshot import Snapshot, refuse

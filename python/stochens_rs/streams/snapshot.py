@@ -14,16 +14,15 @@ from .._base.names import checked_names
 from .._base.records import SavedRecord, cached_property
 from ..exceptions import InputError
 from ..identification.assumptions import Assumptions, checked_scale, require_states
-from ..identification.battery import noise_doubts
 from ..identification.checks import (
     cautions,
     exact_relations,
     missing_directions,
-    spanned,
+    noise_doubts,
     tested_rows,
 )
 from ..identification.identified import Identified
-from ..identification.region import Region, Wish, region_of
+from ..identification.region import Region, Wish, region_of, withheld
 
 if TYPE_CHECKING:
     from .._base.types import Floats
@@ -150,10 +149,10 @@ class Snapshot(SavedRecord, Identified):
         each look they have a level of 5e-6.
         """
         f = self._block
-        found = spanned(f, tested_rows(self.assumptions, None, self.n))
+        tested = tested_rows(self.assumptions, None, self.n)
         return (
-            *exact_relations(f, found, self.state_names),
-            *noise_doubts(f, self.assumptions, found.rows),
+            *exact_relations(f, tested, self.state_names),
+            *noise_doubts(f, self.assumptions, tested),
         )
 
     def region(
@@ -226,7 +225,7 @@ class Snapshot(SavedRecord, Identified):
             frobenius=wider if validation.flag("frobenius", frobenius) else None,
             noise=None if noise is None else validation.frozen(noise),
         )
-        return region._withheld(self.doubts)
+        return withheld(region, self.doubts)
 
     @property
     def _planned(self) -> bool:

@@ -75,5 +75,4 @@ def tests(x, u, y, places, runs):
         "nonlinear": min(1.0, len(curves) * min(curves)),
         "change": min(1.0, 2 * min(half, len(own) * min(own))),
         "drift": wilks(y, Z, Z * places[:, None])[0],
-        "late rows": earlier(-1, u),
     }

@@ -66,7 +66,7 @@ def region(model: Any, wish: Wish) -> Region:
     if units is None:
         units = np.ones(d)
     if first:
-        rows = np.hstack(model._pairs())
+        rows = model.rows
         triangle, N = np.linalg.qr(rows[first:], mode="r"), N - first
     all_rows = blocks(triangle, d, N, known, False)
     by_rows = wish.components and len(all_rows) == 1

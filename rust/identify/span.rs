@@ -55,7 +55,7 @@ impl Fitted {
             live.iter().zip(&vectors[at * k..]).for_each(|(&i, v)| basis[i * p + a] = v / size(i));
         }
         let mut ties = Vec::new();
-        for at in (0..k).filter(|&a| !(values[a] > SINGULAR)) {
+        for at in (0..k).filter(|a| !apart.contains(a)) {
             try_push(WHAT, &mut ties, try_copy(WHAT, &vectors[at * k..(at + 1) * k])?)?;
         }
         let pivots = reduce(&mut ties)?;

@@ -69,7 +69,11 @@ pub(super) fn noise_tests<'py>(
     handed(py, window::declared_tests(&fitted.0, &tested, declared(&noise, fitted.0.rows.len())?)?)
 }
 
-fn log<'a>(pairs: &'a Pairs<'_>, (places, runs): &'a (Vec<usize>, Vec<usize>), of: &window::Window) -> PyResult<Log<'a>> {
+fn log<'a>(
+    pairs: &'a Pairs<'_>,
+    (places, runs): &'a (Vec<usize>, Vec<usize>),
+    of: &window::Window,
+) -> PyResult<Log<'a>> {
     if runs.len() != places.len() {
         return Err(ShapeError::new_err(format!("`pairs` must have {} runs, got {}", places.len(), runs.len())));
     }

@@ -142,7 +142,8 @@ pub fn log_tests(of: &Logged<'_>, stop: &Stop) -> Result<Vec<Test>> {
 pub fn declared_tests(f: &Fitted, tested: &[usize], declared: Option<Declared<'_>>) -> Result<Vec<Test>> {
     let (rows, n) = (noisy(f, tested)?, f.rows.len());
     let Some(declared) = declared.filter(|_| !rows.is_empty()) else { return Ok(Vec::new()) };
-    let part = |m: &[f64]| try_collect(WHAT, rows.iter().flat_map(|&i| rows.iter().map(move |&j| i * n + j)).map(|k| m[k]));
+    let part =
+        |m: &[f64]| try_collect(WHAT, rows.iter().flat_map(|&i| rows.iter().map(move |&j| i * n + j)).map(|k| m[k]));
     let known = match declared {
         Declared::Gaussian(known) | Declared::SubGaussian(known) => part(known)?,
         _ => Vec::new(),
@@ -396,7 +397,8 @@ fn starts(raw: Log<'_>, intercept: bool, stop: &Stop) -> Result<Option<Test>> {
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
     let mut square = Vec::new();
     (0..n).try_for_each(|i| try_extend(WHAT, &mut square, row(i)[..n].iter().copied()))?;
-    if !(spectral_radius(square, n)? < UNSTABLE) {
+    let stable = spectral_radius(square, n)? < UNSTABLE;
+    if !stable {
         return Ok(None);
     }
     let (mut eta, mut begun, mut moving) = (Vec::new(), Vec::new(), try_filled(WHAT, false, n)?);

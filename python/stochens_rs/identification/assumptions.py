@@ -101,6 +101,8 @@ class Noise(Options):
             validation.choice("covariance", self.covariance, UNKNOWN)
         else:
             self._keep(covariance=validation.matrix("covariance", self.covariance))
+            if np.abs(self.covariance).max() > LARGEST:
+                raise InputError(f"`covariance` must have entries up to {LARGEST:g}")
         one = isinstance(self.exact, str)
         self._keep(exact=(self.exact,) if one else tuple(validation.items("exact", self.exact)))
         if self.sigma is not None:
@@ -399,8 +401,6 @@ def require_known(name: str, known: Floats) -> None:
 def checked_covariance(name: str, value: Any, n: int, *, semi: bool = False) -> Floats:
     """A symmetric matrix that is positive definite, or semidefinite up to rounding."""
     given = validation.matrix(name, value, rows=n, cols=n)
-    if np.abs(given).max() > LARGEST:
-        raise InputError(f"`{name}` must have entries up to {LARGEST:g}")
     if not np.allclose(given, given.T, rtol=1e-9, atol=0.0):
         raise InputError(f"`{name}` must be symmetric")
     least = least_correlation(given)

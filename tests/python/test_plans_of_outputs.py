@@ -57,7 +57,7 @@ def test_the_misses_are_those_of_the_drawn_models():
     law, key = model._law(windows=True), bytes(range(32))
     models = _core.estimate_draws(law, 30, key, 1).reshape(30, *model._H.shape)
     target = np.arange(1.0, model.n_outputs + 1.0)
-    given = plan.basis.x0, plan.u, target, False, 30, key, 1, window._core
+    given = plan.basis.x0, plan.u, target, False, 30, key, 1, window.core
     found = _core.drawn_misses(law, *given)
     for miss, Theta in zip(found, models, strict=True):
         loop, x, y = window.loop(Theta), plan.basis.x0, []
@@ -124,7 +124,7 @@ def test_rest_is_that_of_the_twin(how, delay, intercept):
         names = tuple(f"y{i}" for i in range(p)), tuple(f"u{j}" for j in range(m))
         window = se.identification.Regressors(*names, count, pole, delay, intercept)
         H, r = gen.standard_normal((p, window.length)), gen.standard_normal(p)
-        x, z, u, states, outputs, off, rounding = window._core.rest(H, r)
+        x, z, u, states, outputs, off, rounding = window.core.rest(H, r)
         expected = twin.rest(H, r, m, delay=delay, intercept=intercept, **how)
         np.testing.assert_allclose(z, expected[0], rtol=1e-10, atol=1e-12)
         np.testing.assert_allclose(u, expected[1], rtol=1e-10, atol=1e-12)
@@ -133,16 +133,16 @@ def test_rest_is_that_of_the_twin(how, delay, intercept):
         assert 0.0 < rounding < 1e-9
         still = window.state_of(np.tile(r, (30, 1)), np.tile(u, (29, 1)))
         np.testing.assert_allclose(x, still, atol=1e-12)
-        np.testing.assert_allclose(states @ (1.0 + 0 * u), window._core.rest(H, r, u + 1)[0] - x)
+        np.testing.assert_allclose(states @ (1.0 + 0 * u), window.core.rest(H, r, u + 1)[0] - x)
         # where the inputs are given
         v = gen.standard_normal(m)
-        given = window._core.rest(H, r, v)
+        given = window.core.rest(H, r, v)
         np.testing.assert_array_equal(given[2], v)
         np.testing.assert_allclose(given[5], np.linalg.norm(H @ given[1] - r), atol=1e-12)
     with pytest.raises(se.StochensError):
-        window._core.rest(H, r[1:])
+        window.core.rest(H, r[1:])
     with pytest.raises(se.StochensError):
-        window._core.rest(H, np.nan * r)
+        window.core.rest(H, np.nan * r)
 
 
 def test_a_plant_that_is_declared_to_be_at_rest():

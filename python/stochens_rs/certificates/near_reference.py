@@ -36,15 +36,10 @@ def near_reference(
     if len(u) != model.pilot.steps or basis.x0_error:
         return None
     plain, share = model._of_any_design, ANY_DESIGN if model._of_any_design is not None else 0.0
+    task = basis.x0, basis.xf, np.ascontiguousarray(u), np.ascontiguousarray(predicted)
+    known = model.assumptions.covariance, model.assumptions.known
     target, *parts, tube, components = model._piloted.near(
-        model._reference,
-        basis.x0,
-        basis.xf,
-        np.ascontiguousarray(u),
-        np.ascontiguousarray(predicted),
-        (model.assumptions.covariance, model.assumptions.known),
-        delta * (1.0 - share),
-        asked.noise,
+        model._reference, *task, known, delta * (1.0 - share), asked.noise
     )
     named = dict(zip(("reach", "quantile", "mismatch", "rest"), parts, strict=True))
     method = f"near a reference, {'with' if asked.noise else 'without'} noise"

@@ -17,7 +17,7 @@ from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 
 import stochens_rs as se
-from stochens_rs.studies import study_file
+from stochens_rs.studies import study as study_module
 from study_functions import noise, slow
 
 GRID = {"scale": [1.0, 2.0, 3.0]}
@@ -33,7 +33,7 @@ def drive(path: str, workers: int) -> None:
 
 def main() -> None:
     folder, seed, count, workers = sys.argv[1], *map(int, sys.argv[2:])
-    study_file.EVERY = 0.01
+    study_module.EVERY = 0.01
     random_ = random.Random(seed)
     whole = se.Study(noise, GRID, replicates=30, rng=5).run()
     kills, number = 0, 0

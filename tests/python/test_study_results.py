@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import dataclasses
 import json
 import subprocess
 import sys
@@ -43,15 +42,6 @@ def test_results_of_nothing() -> None:
     assert str(made.results).splitlines()[2].split() == ["1", "0", "0"]
     part = se.Study(noise, {"scale": [1.0, 2.0]}, replicates=3, rng=1).run(time_limit=1e-9)
     assert part.status == "time_limit"
-
-
-def test_no_axis_has_a_name_that_results_use() -> None:
-    """It would be overwritten, or overwrite something."""
-    names = {*RESULTS.about, *RESULTS.to_dict(), "replicate", "self"}
-    names |= {field.name for field in dataclasses.fields(se.studies.Results)}
-    for name in sorted(names - set(GRID) - {"about"}):
-        with pytest.raises(InputError, match=f"`grid` must not have an axis '{name}'"):
-            se.Study(noise, {name: [1.0]}, replicates=3, rng=1)
 
 
 def test_columns_are_tidy() -> None:

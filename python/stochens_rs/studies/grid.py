@@ -21,12 +21,7 @@ from .._base.validation import show
 from ..exceptions import InputError, InputTypeError
 
 Label: TypeAlias = bool | int | float | str | None
-# arguments of functions, and what results and their `about` have themselves
-_RESERVED = (
-    *("key", "self", "replicate", "replicates", "name", "status", "schema", "grid", "values"),
-    *("units", "failures", "seconds", "done", "failed", "function", "stochens_rs", "python"),
-    *("digest", "numpy", "platform", "processor"),
-)
+OWN = ("key", "self", "replicate")  # names of arguments and columns that every study has
 
 
 @dataclass(frozen=True)
@@ -77,23 +72,14 @@ class Grid:
         labels = {k: _whole(self.labels[k][at]) for k, at in places if k not in self.shared}
         return json.dumps(labels, sort_keys=True, separators=(",", ":"))
 
-    def described(self) -> dict[str, Any]:
-        """What must agree for a study to be continued: objects by their digests, None for a value
-        that is its own label.
-        """
-        digests = {
-            name: [
+    def digests(self) -> dict[str, tuple[str | None, ...]]:
+        """Those of the values, by axis; None for a value that is its own label."""
+        return {
+            name: tuple(
                 None if value is label else digest(f"grid[{name!r}]", value)
                 for label, value in zip(labels, self.values[name], strict=True)
-            ]
+            )
             for name, labels in self.labels.items()
-        }
-        grid = {name: list(labels) for name, labels in self.labels.items()}
-        return {
-            "grid": grid,
-            "digests": digests,
-            "nested": self.nested,
-            "shared": list(self.shared),
         }
 
 
@@ -107,11 +93,8 @@ def checked_grid(grid: object, nested: object = None, shared: object = ()) -> Gr
         validation.text("grid", name)
         if not name.isidentifier() or keyword.iskeyword(name):
             raise InputError(f"`grid` must name its axes as arguments of a function, got {name!r}")
-        if name in _RESERVED:
-            raise InputError(
-                f"`grid` must not have an axis {name!r}: this name is that of something else in "
-                "results, choose another one"
-            )
+        if name in OWN:
+            raise InputError(f"`grid` must not have an axis {name!r}, which every study has")
         labels[name], values[name] = _axis(f"grid[{name!r}]", given)
     names = tuple(labels)
     if nested is not None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import sys
 import threading
 import time
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import (
     FIRST_COMPLETED,
     BrokenExecutor,
@@ -24,14 +24,16 @@ from types import FrameType
 from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from .._base import validation
 from .._base.running import one_thread
-from .._base.types import Status
+from .._base.types import Floats, Status
 from .._base.validation import show
 from ..exceptions import InputError, InputTypeError
 from ..rng import Key
-from .grid import Grid
-from .tasks import FAILED, Block, Layout, Span, fingerprint
+from .grid import OWN, Grid
+from .tasks import DONE, FAILED, Block, Layout, fingerprint, room
 
 Function: TypeAlias = Callable[..., Mapping[str, Any]]
 
@@ -104,55 +106,103 @@ class Work:
 
 
 def run_block(
-    work: Work, start: int, stop: int, layout: Layout, interruption: Interruption | None = None
+    work: Work,
+    tasks: NDArray[np.int64],
+    layout: Layout,
+    interruption: Interruption | None = None,
 ) -> Block:
-    """Run tasks; without `interruption` in a worker, which ignores Ctrl-C and uses one thread."""
-    block = Block(start, np.zeros(stop - start, np.uint8), platform=fingerprint())
-    if layout:
-        block.lay_out(layout)
-    began, foreign = time.perf_counter(), os.getpid() != work.owner
+    """Run tasks; without `interruption` in a worker, which ignores Ctrl-C and uses one thread.
+
+    After an interruption the block has those that were done before.
+    """
+    foreign = os.getpid() != work.owner
     if interruption is None and foreign:
         end_with_parent()
     quiet = _unsignalled() if foreign else nullcontext()
     with quiet, one_thread() if interruption is None else nullcontext():
-        _run_tasks(work, block, interruption or Interruption())
-    block.seconds = time.perf_counter() - began
-    return block
+        return _run_tasks(work, tasks, layout, interruption or Interruption())
 
 
-def _run_tasks(work: Work, block: Block, interruption: Interruption) -> None:
+def _run_tasks(
+    work: Work, tasks: NDArray[np.int64], layout: Layout, interruption: Interruption
+) -> Block:
+    began, states, errors = time.perf_counter(), [], []
+    values: dict[str, Floats] = {}
     configurations: dict[int, tuple[Key, dict[str, Any]]] = {}
-    for position in range(len(block.states)):
-        task = block.start + position
+    for position, task in enumerate(tasks.tolist()):
         replicate, number = divmod(task, work.grid.size)
         if number not in configurations:
             key = work.key.child(work.grid.text(number))
             configurations[number] = key, work.grid.configuration(number)
         key, configuration = configurations[number]
+        state, failure = DONE, []
         try:
             interruption.breakable = True
             if interruption.count:
                 raise KeyboardInterrupt
             found = work.function(key.child(f"replicate {replicate}"), **configuration)
             interruption.breakable = False
-            if not interruption.count:
-                block.take(position, found, work.grid)
+            row, layout = _fitted(found, layout, work.grid)
+            values = values or room(layout, len(tasks))
+            for name, value in row.items():
+                values[name][position] = value
         except KeyboardInterrupt:
             interruption.count = max(1, interruption.count)
         except Exception as error:  # whatever the function raises
-            block.states[position], block.errors[task] = FAILED, _one_line(error)
-            for rows in block.values.values():
-                rows[position] = np.nan
+            state, failure = FAILED, [_one_line(error)]
         finally:
             interruption.breakable = False
         # Results of this package may be partial after Ctrl-C, with the status "interrupted".
         if interruption.count:
-            block.cut(position)
-            block.errors.pop(task, None)
-            return
+            break
+        states.append(state)
+        errors += failure
+    return Block(
+        tasks[: len(states)],
+        np.array(states, np.int8),
+        {name: rows[: len(states)] for name, rows in values.items()} if DONE in states else {},
+        tuple(errors),
+        fingerprint(),
+        time.perf_counter() - began,
+    )
 
 
-def _one_line(error: Exception) -> str:
+def _fitted(found: object, layout: Layout, grid: Grid) -> tuple[dict[str, Any], Layout]:
+    """What the function returned as numbers, and their names and shapes, if they are to be had."""
+    if not isinstance(found, Mapping) or not found:
+        raise InputTypeError(f"`function` must return a mapping of numbers, got {show(found)}")
+    row = {k: v if type(v) is float else _number(k, v) for k, v in found.items()}
+    layout = layout or {name: np.shape(value) for name, value in row.items()}
+    if row.keys() != layout.keys():
+        ours, theirs = (", ".join(map(repr, names)) for names in (layout, row))
+        raise InputError(f"`function` must return the names {ours}, got {theirs}")
+    for name, shape in layout.items():
+        if (has := np.shape(row[name])) != shape:
+            raise InputError(f"`{name}` must have shape {shape} in all tasks, got {has}")
+        if not isinstance(name, str) or not name.isidentifier() or name in (*grid.labels, *OWN):
+            raise InputError(
+                f"`function` must return names as of arguments, other than axes, got {show(name)}"
+            )
+        if grid.nested is not None and shape[:1] != (len(grid.labels[grid.nested]),):
+            raise InputError(
+                f"`{name}` must have {len(grid.labels[grid.nested])} entries, one for each of "
+                f"{grid.nested!r}, got shape {shape}"
+            )
+    return row, layout
+
+
+def _number(name: str, value: object) -> Any:
+    """A number or an array of numbers as float64."""
+    found = np.asarray(value)
+    if found.dtype.kind not in "biuf":
+        hint = f": return {name}.real" if found.dtype.kind == "c" else ""
+        raise InputTypeError(f"`{name}` must be a number or an array, got {show(value)}{hint}")
+    if found.dtype.kind in "iu" and found.size and int(np.abs(found).max()) > validation.EXACT:
+        raise InputError(f"`{name}` must be at most 2^53, got {show(value)}")
+    return found.astype(np.float64)
+
+
+def _one_line(error: BaseException) -> str:
     """Type and message of an error."""
     try:
         text = str(error)
@@ -197,144 +247,109 @@ def end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-class Blocks:
-    """Cuts the waiting tasks into blocks: long ones, but so that all workers end together."""
+class Pace:
+    """How many tasks make a block: many, but so that all workers end together."""
 
-    def __init__(self, spans: Iterable[Span], seconds: float, workers: int) -> None:
-        self._spans = deque(spans)
+    def __init__(self, seconds: float, workers: int) -> None:
         self._seconds, self._workers = seconds, workers
-        self._left = sum(stop - start for start, stop in self._spans)
         self._cost: float | None = None  # seconds for one task
         self._largest = 1
 
-    def __bool__(self) -> bool:
-        return bool(self._spans)
-
-    def take(self) -> Span:
-        """The next block."""
-        start, stop = self._spans.popleft()
-        size = 1
-        if self._cost is not None:
-            fair = -(-self._left // (2 * self._workers))
-            size = max(1, min(int(self._seconds / self._cost), _GROWTH * self._largest, fair))
-        end = min(stop, start + size)
-        if end < stop:
-            self._spans.appendleft((end, stop))
-        self._left -= end - start
-        return start, end
+    def size(self, left: int) -> int:
+        """The number of tasks of the next block."""
+        if self._cost is None:
+            return 1
+        fair = -(-left // (2 * self._workers))
+        return max(1, min(int(self._seconds / self._cost), _GROWTH * self._largest, fair))
 
     def measure(self, block: Block) -> None:
         """Learn from a block what a task costs."""
-        if count := len(block.states):
+        if count := len(block.tasks):
             cost = max(block.seconds / count, 1e-7)
             self._cost = cost if self._cost is None else (self._cost + cost) / 2
             self._largest = max(self._largest, count)
 
 
-@dataclass
-class Run:
-    """One run of a study: what is to be done, who keeps it, and when it ends."""
+def run_tasks(
+    work: Work,
+    waiting: NDArray[np.int64],
+    layout: Layout,
+    keep: Callable[[Block | None], Layout],
+    executor: Executor | None,
+    interruption: Interruption,
+    end: float,
+) -> Status:
+    """Run tasks until the time `end`, in this process or by an executor.
 
-    work: Work
-    layout: Layout
-    keep: Callable[[Block], Layout]
-    idle: Callable[[], None]
-    interruption: Interruption
-    end: float  # time.monotonic
+    `keep` gets each block, and None now and then. Raises if the executor does not take tasks, or
+    its workers die.
+    """
 
-    def here(self, spans: Iterable[Span]) -> Status:
-        """Run all tasks in this process."""
-        blocks = Blocks(spans, _HERE, 1)
-        while blocks:
-            if over := self._over():
-                return over
-            start, stop = blocks.take()
-            block = run_block(self.work, start, stop, self.layout, self.interruption)
-            self._done(block, blocks)
-            if block.stop < stop:
-                return "interrupted"
-        return "completed"
+    def submitted(tasks: NDArray[np.int64]) -> Future[Block]:
+        if executor is not None:
+            with _executor_errors("does not take tasks"):
+                return executor.submit(run_block, work, tasks, layout)
+        future: Future[Block] = Future()
+        future.set_result(run_block(work, tasks, layout, interruption))
+        return future
 
-    def by(self, executor: Executor, spans: Iterable[Span]) -> Status:
-        """Run all tasks by an executor; raise if it does not take them or its workers die."""
-        pending: dict[Future[Block], Span] = {}
-        workers = _workers_of(executor)
-        blocks = Blocks(spans, _THERE, workers)
-        try:
-            while blocks or pending:
-                if over := self._over():
-                    for one in [one for one in pending if one.cancel()]:
-                        del pending[one]
-                    if over == "interrupted":
-                        self._wait_for_last(pending)
-                        return over
-                    if not pending:
-                        return over
-                # the first tasks, one after another, say what names and shapes the numbers have
-                room = 2 * workers if self.layout else 1
-                while blocks and len(pending) < room and not over:
-                    span = blocks.take()
-                    pending[self._submitted(executor, span)] = span
-                finished, _ = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
-                for future in finished:
-                    stop, block = pending.pop(future)[1], _result(future)
-                    self._done(block, blocks)
-                    if block.stop < stop:  # the function raised KeyboardInterrupt
-                        self.interruption.count += 1
-                self.idle()
-            return "completed"
-        finally:
-            for future in pending:
-                future.cancel()
-            _end_broken(executor)
-
-    def _over(self) -> Status | None:
-        """Why the run is to end now, if it is."""
-        if self.interruption.count:
-            return "interrupted"
-        return "time_limit" if time.monotonic() >= self.end else None
-
-    def _submitted(self, executor: Executor, span: Span) -> Future[Block]:
-        try:
-            return executor.submit(run_block, self.work, *span, self.layout)
-        except Exception as error:
-            raise _lost(error, "does not take tasks") from error
-
-    def _done(self, block: Block, blocks: Blocks) -> None:
-        self.layout = self.keep(block)
-        blocks.measure(block)
-
-    def _wait_for_last(self, pending: dict[Future[Block], Span]) -> None:
-        """Keep the blocks that end within the grace, unless Ctrl-C comes again."""
-        end, asked = time.monotonic() + _GRACE, self.interruption.count
-        while pending and time.monotonic() < end and self.interruption.count <= max(1, asked):
+    workers = 1 if executor is None else _workers_of(executor)
+    pace = Pace(_HERE if executor is None else _THERE, workers)
+    most = 1 if executor is None else 2 * workers
+    pending: dict[Future[Block], int] = {}  # and how many tasks each has
+    over: Status | None = None
+    asked, patience = 1, math.inf
+    try:
+        while pending or (len(waiting) and not over):
+            if interruption.count and over != "interrupted":
+                over, asked = "interrupted", interruption.count
+                patience = time.monotonic() + _GRACE
+            elif not over and time.monotonic() >= end:
+                over = "time_limit"
+            if over:
+                pending = {one: count for one, count in pending.items() if not one.cancel()}
+            if interruption.count > asked or time.monotonic() >= patience:
+                break
+            # the first tasks, one after another, say what names and shapes the numbers have
+            while len(waiting) and not over and len(pending) < (most if layout else 1):
+                tasks = waiting[: pace.size(len(waiting))]
+                pending[submitted(tasks)] = len(tasks)
+                waiting = waiting[len(tasks) :]
             finished, _ = wait(pending, timeout=_LOOK, return_when=FIRST_COMPLETED)
             for future in finished:
-                del pending[future]
-                with suppress(InputError):  # a worker that died of the same signal
-                    self.layout = self.keep(_result(future))
+                count = pending.pop(future)
+                try:
+                    with _executor_errors("could not run `function`, which workers must import"):
+                        block = future.result()
+                except InputError:
+                    if over == "interrupted":  # a worker that died of the same signal
+                        continue
+                    raise
+                layout = keep(block)
+                pace.measure(block)
+                if len(block.tasks) < count:  # the function raised KeyboardInterrupt
+                    interruption.count = max(1, interruption.count)
+            keep(None)
+        return over or ("interrupted" if interruption.count else "completed")
+    finally:
+        for future in pending:
+            future.cancel()
+        _end_broken(executor)
 
 
-def _result(future: Future[Block]) -> Block:
+@contextmanager
+def _executor_errors(otherwise: str) -> Iterator[None]:
+    """Say what is wrong with an executor: workers that died or cannot be started, or else."""
     try:
-        block = future.result()
+        yield
     except (Exception, CancelledError) as error:
-        text = "could not run `function`, which workers must be able to import"
-        raise _lost(error, text) from error
-    if not isinstance(block, Block):
-        raise InputTypeError(f"`executor` must return what tasks return, got {show(block)}")
-    return block
+        died = isinstance(error, (BrokenExecutor, CancelledError, OSError, EOFError))
+        if died or type(error).__name__ == "KilledWorker":  # of dask.distributed
+            otherwise = "has lost its workers: run the study on with a new one"
+        raise InputError(f"`executor` {otherwise} ({_one_line(error)})") from error
 
 
-def _lost(error: BaseException, otherwise: str) -> InputError:
-    """What is wrong with an executor: its workers have died or cannot be started, or else."""
-    died = isinstance(error, (BrokenExecutor, CancelledError, OSError, EOFError))
-    if died or type(error).__name__ == "KilledWorker":  # of dask.distributed
-        otherwise = "has lost its workers: run the study on with a new one"
-    return InputError(f"`executor` {otherwise} ({_one_line(error)})")  # type: ignore[arg-type]
-
-
-def _end_broken(executor: Executor) -> None:
+def _end_broken(executor: Executor | None) -> None:
     """End the workers of a broken pool, which would wait for them for ever.
 
     Python drops a SIGTERM that reaches a worker while it is being forked, if this process catches

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import functools
 import math
 import os
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, closing
-from typing import TYPE_CHECKING, Any, TypeAlias
+from dataclasses import replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._base import files, validation
 from .._base.files import PathLike
@@ -23,17 +25,25 @@ from ..exceptions import InputError, InputTypeError, StateError
 from ..rng import Key, RngLike, as_key
 from .grid import checked_grid, full_name, function_digest
 from .results import Failure, Results
-from .running import Function, Run, Work, checked_executor, interruptions
-from .study_file import StudyFile, read_blocks, read_manifest
-from .tasks import DONE, FAILED, WAITING, Block, Layout, Table, fingerprint
+from .running import Function, Work, checked_executor, interruptions, run_tasks
+from .tasks import (
+    DONE,
+    FAILED,
+    MOST,
+    WAITING,
+    Block,
+    Layout,
+    Manifest,
+    StudyFile,
+    Table,
+    fingerprint,
+)
+from .tasks import read as read_file
 
 if TYPE_CHECKING:
     from typing_extensions import Self
 
-SCHEMA = "stochens-study/2"
-Manifest: TypeAlias = dict[str, Any]  # what must agree for a study to be continued
-
-_MOST = 2**40  # tasks
+EVERY = 1.0  # seconds between two writes to a file
 _PATIENCE = 10  # first tasks that may fail before the study is given up
 
 
@@ -114,8 +124,8 @@ class Study:
         size = self._grid.size
         self.replicates = _checked_replicates(replicates, size)
         self.key = as_key(rng)
-        self._table = Table((self.replicates.start * size, self.replicates.stop * size))
-        self._found: Manifest = {}  # of the file it was read from
+        self._table = Table(self.replicates.start * size, len(self.replicates) * size)
+        self._found: Manifest | None = None  # of the file it was read from
         self._status: Status = "interrupted"
         self._seconds = 0.0
 
@@ -173,36 +183,40 @@ class Study:
         again = validation.flag("retry", retry)
         began, table, total = time.monotonic(), self._table, len(self._table.states)
         with ExitStack() as stack:
-            file: StudyFile | None = None
+            save: Callable[[], None] = lambda: None  # noqa: E731
             if path is not None:
                 file = stack.enter_context(closing(StudyFile(files.checked_path("path", path))))
-                self._open(file)
+                save = partial(self._save, file, self._open(file))
+                save()
             if again:
                 table.forget_failures()
             if by is None and table.count(WAITING):
                 self._require_platform(fingerprint())
             report = stack.enter_context(progress_bar(progress, total, "study"))
             interruption = stack.enter_context(interruptions())
+            saved = time.monotonic()
 
-            def keep(block: Block) -> Layout:
-                self._require_platform(block.platform)
-                table.add(block)
-                self._give_up()
-                if file is not None:
-                    file.append(block)
-                report(total - table.count(WAITING))
+            def keep(block: Block | None) -> Layout:
+                nonlocal saved
+                if block is not None:
+                    self._require_platform(block.platform)
+                    table.add(block)
+                    self._give_up()
+                if time.monotonic() - saved >= EVERY:
+                    save()
+                    saved = time.monotonic()
+                if block is not None:
+                    report(total - table.count(WAITING))
                 return table.layout
 
             self._status = "interrupted"
-            work = Work(self._function, self._grid, self.key)
-            idle = file.flush_if_due if file is not None else lambda: None
-            run = Run(work, table.layout, keep, idle, interruption, began + limit)
-            waiting = table.spans(table.states == WAITING)
+            work, end = Work(self._function, self._grid, self.key), began + limit
             try:
-                self._status = run.here(waiting) if by is None else run.by(by, waiting)
+                self._status = run_tasks(
+                    work, table.waiting(), table.layout, keep, by, interruption, end
+                )
             finally:
-                if file is not None:
-                    file.flush()
+                save()
         self._seconds = time.monotonic() - began
         return self.results
 
@@ -286,11 +300,12 @@ class Study:
         True
         """
         checked = files.checked_path("path", path)
-        found, blocks = read_manifest(checked), list(read_blocks(checked))
-        study = cls._of(checked, found, blocks, function, grid)
+        found, blocks, _ = read_file(checked)
+        study = cls._of(checked, found, function, grid)
         if function is not None:
             _require_same(checked, found, study._described())
-        _enter(checked, study._table, blocks)
+        for block in blocks:
+            study._table.add(block, checked)
         return study
 
     @classmethod
@@ -321,27 +336,24 @@ class Study:
         checked = [files.checked_path("paths", one) for one in validation.items("paths", paths)]
         if not checked:
             raise InputError("`paths` must name at least one file, got none")
-        manifests = [read_manifest(one) for one in checked]
-        parts = [list(read_blocks(one)) for one in checked]
-        first = {**manifests[0], "replicates": None}
-        for one, found in zip(checked, manifests, strict=True):
-            if differs := _different(first, {**found, "replicates": None}):
-                raise StateError(f"`{differs}` of {one} differs from that of {checked[0]}")
-        spans = [_replicates_in(*pair) for pair in zip(checked, manifests, strict=True)]
-        first["replicates"] = [min(s.start for s in spans), max(s.stop for s in spans)]
-        study = cls._of(checked[0], first, [block for part in parts for block in part])
-        for one, part in zip(checked, parts, strict=True):
-            _enter(one, study._table, part)
+        parts = [(one, *read_file(one)[:2]) for one in checked]
+        first, spans = parts[0][1], [found.replicates for _, found, _ in parts]
+        whole = replace(first, replicates=(min(a for a, _ in spans), max(b for _, b in spans)))
+        study = cls._of(checked[0], whole)
+        for one, found, blocks in parts:
+            for name, value in vars(first).items():
+                if name != "replicates" and getattr(found, name) != value:
+                    raise StateError(f"`{name}` of {one} differs from that of {checked[0]}")
+            for block in blocks:
+                study._table.add(block, one)
         if path is not None:
-            whole = files.checked_path("path", path)
-            with closing(StudyFile(whole)) as file:
-                if os.path.lexists(whole):
-                    raise InputError(f"`path` must be a new file, got {whole}")
-                file.create(study._described())
-                for part in parts:
-                    for block in part:
-                        file.append(block)
-                    file.flush()  # a record is of one platform
+            with closing(StudyFile(files.checked_path("path", path))) as file:
+                if os.path.lexists(file.path):
+                    raise InputError(f"`path` must be a new file, got {file.path}")
+                file.create(whole)
+                for _, _, blocks in parts:
+                    for block in blocks:
+                        file.append(replace(block, study=None))
         return study
 
     @classmethod
@@ -349,60 +361,58 @@ class Study:
         cls,
         path: str,
         found: Manifest,
-        blocks: list[Block],
         function: Function | None = None,
         grid: Mapping[str, Any] | None = None,
     ) -> Self:
-        """A study as a manifest says, with the replicates of all blocks, and nothing done yet."""
+        """A study as a manifest says, with nothing done yet."""
         try:
-            axes = checked_grid(found["grid"], found["nested"], found["shared"])
             study = cls(
                 function or _unknown,
-                found["grid"] if grid is None else grid,
-                replicates=_reached(path, found, blocks, axes.size),
-                rng=Key.from_hex(found["key"]),
-                nested=found["nested"],
-                shared=found["shared"],
-                version=found.get("version"),
+                found.grid if grid is None else grid,
+                replicates=range(*found.replicates),
+                rng=found.key,
+                nested=found.nested,
+                shared=found.shared,
+                version=found.version,
             )
-            name, units = validation.text("function", found["function"]), found["units"]
-            study._found = {**found, "function": name, "units": _checked_units(units)}
-        except (KeyError, InputError, InputTypeError) as error:
-            raise StateError(f"{path} is not the file of a study: {error}") from error
+        except (InputError, InputTypeError) as error:
+            raise StateError(f"{path} is not the file of this study: {error}") from error
+        study._found = found
         if function is None:
-            study._function, study._units = None, study._found["units"]
+            study._function, study._units = None, found.units
         return study
 
-    def _open(self, file: StudyFile) -> None:
-        """Take over what a file has, if there is one, and append what it has not."""
-        table, size, manifest = self._table, self._grid.size, self._described()
-        before = Table(table.span)
+    def _open(self, file: StudyFile) -> NDArray[np.int8]:
+        """Take over what a file has, if there is one; return the states that it has."""
+        table, manifest = self._table, self._described()
+        states, ours = np.zeros_like(table.states), bool(table.platforms)
         if os.path.lexists(file.path):
-            found = read_manifest(file.path)
-            _require_same(file.path, found, manifest)  # before anything is written
-            blocks = list(file.extend())
-            _enter(file.path, before, blocks)
-            there = _reached(file.path, found, blocks, size)
-            # a block without tasks says that there are more replicates now
-            for ours, theirs in zip(table.span, (there.start, there.stop), strict=True):
-                if ours != theirs * size:
-                    file.append(Block(ours, np.zeros(0, np.uint8)))
-            file.flush()
-            if table.platforms and any(p not in table.platforms for p in before.platforms):
-                raise StateError(
-                    f"`platform` of {file.path} is not that of the numbers of this study"
-                )
-            table.add(before.block(before.span, {}))
+            found, blocks, end = read_file(file.path)
+            _require_same(file.path, found, manifest)
+            for block in blocks:
+                if ours and block.platform:
+                    self._require_platform(block.platform)
+                table.add(block, file.path)
+                states[block.tasks - table.first] = block.states
+            file.extend(len(blocks), end)
+            if found.replicates != manifest.replicates:
+                file.append(Block.of(manifest))
         else:
             file.create(manifest)
-        for span in table.spans((table.states != WAITING) & (table.states != before.states)):
-            file.append(table.block(span, table.platforms[0]))
-        table.platforms = table.platforms or before.platforms
+        return states
+
+    def _save(self, file: StudyFile, states: NDArray[np.int8]) -> None:
+        """Append what a file has not, which has tasks in these states."""
+        found = self._table.states
+        missing = (found != WAITING) & (found != states)
+        if missing.any():
+            file.append(self._table.block(missing))
+            states[missing] = found[missing]
 
     def _require_platform(self, found: dict[str, str]) -> None:
         known = self._table.platforms
         if known and found not in known:
-            name = str(_different(known[0], found))
+            name = next(k for k in {**known[0], **found} if known[0].get(k) != found.get(k))
             raise StateError(
                 f"`{name}` of the numbers so far is {known[0].get(name)}, here it is "
                 f"{found.get(name)}: bits may differ; compute parts apart and merge them"
@@ -421,23 +431,28 @@ class Study:
 
     @property
     def _name(self) -> str:
-        return str(self._found["function"]) if self._function is None else full_name(self._function)
+        if self._function is None and self._found is not None:
+            return self._found.function
+        return full_name(self._function)
 
     def _described(self) -> Manifest:
-        replicates = [self.replicates.start, self.replicates.stop]
-        if self._function is None:
-            return {**self._found, "replicates": replicates}
-        return {
-            "schema": SCHEMA,
-            "stochens_rs": package_version(),
-            "key": self.key.hex,
-            **self._grid.described(),
-            "replicates": replicates,
-            "function": self._name,
-            "version": self._version,
-            "function_digest": function_digest(self._function, self._version),
-            "units": self._units,
-        }
+        function, span = self._function, (self.replicates.start, self.replicates.stop)
+        if function is None:
+            assert self._found is not None
+            return replace(self._found, replicates=span)
+        return Manifest(
+            stochens_rs=package_version(),
+            key=self.key,
+            grid=self._grid.labels,
+            digests=self._grid.digests(),
+            nested=self._grid.nested,
+            shared=self._grid.shared,
+            replicates=span,
+            function=self._name,
+            version=self._version,
+            function_digest=function_digest(function, self._version),
+            units=self._units,
+        )
 
     def __repr__(self) -> str:
         axes = "".join(f"{len(labels)} {name} x " for name, labels in self._grid.labels.items())
@@ -451,17 +466,12 @@ def _unknown(key: Key, **_: Any) -> Mapping[str, Any]:
 
 def _units_of(function: object) -> dict[str, str]:
     """The attribute ``units`` of a function, checked; empty if it has none."""
-    while isinstance(function, functools.partial) and not hasattr(function, "units"):
+    while isinstance(function, partial) and not hasattr(function, "units"):
         function = function.func
-    return _checked_units(getattr(function, "units", {}))
-
-
-def _checked_units(given: object) -> dict[str, str]:
-    if not isinstance(given, Mapping):
-        raise InputTypeError(
-            f"`function.units` must be a mapping of names to texts, got {show(given)}"
-        )
     name = "function.units"
+    given = getattr(function, "units", {})
+    if not isinstance(given, Mapping):
+        raise InputTypeError(f"`{name}` must be a mapping of names to texts, got {show(given)}")
     return {
         validation.text(name, k): validation.text(f"{name}[{k!r}]", v) for k, v in given.items()
     }
@@ -469,7 +479,7 @@ def _checked_units(given: object) -> dict[str, str]:
 
 def _checked_replicates(given: object, size: int) -> range:
     """The replicates that a user asked for, of `size` configurations."""
-    most = _MOST // size
+    most = MOST // size
     if isinstance(given, range):
         if given.step != 1 or given.start < 0 or not given:
             raise InputError(f"`replicates` must be a range(first, stop) from 0 on, got {given}")
@@ -479,55 +489,13 @@ def _checked_replicates(given: object, size: int) -> range:
 
 
 def _require_same(path: str, found: Manifest, ours: Manifest) -> None:
-    """Raise if a manifest is not that of this study, which may have more replicates.
-
-    It may also have other texts for its units.
-    """
-    theirs, span = {**found, "units": ours["units"]}, _replicates_in(path, found)
-    first, stop = ours["replicates"]
-    if first <= span.start and span.stop <= stop:
-        theirs["replicates"] = ours["replicates"]
-    if differs := _different(ours, theirs):
-        raise StateError(
-            f"`{differs}` of {path} is {_shortened(theirs.get(differs))}, of this study "
-            f"{_shortened(ours.get(differs))}: continue it with the same, or choose another path"
-        )
-
-
-def _reached(path: str, manifest: Manifest, blocks: list[Block], size: int) -> range:
-    """The replicates of a manifest, and of blocks that were added when there were more."""
-    span = _replicates_in(path, manifest)
-    first = min([span.start, *(block.start // size for block in blocks)])
-    return range(first, max([span.stop, *(-(-block.stop // size) for block in blocks)]))
-
-
-def _replicates_in(path: str, manifest: Manifest) -> range:
-    """The replicates that a manifest names."""
-    if manifest.get("schema") != SCHEMA:
-        found = _shortened(manifest.get("schema"))
-        raise StateError(f"`schema` of {path} must be '{SCHEMA}', got {found}")
-    given: Any = manifest.get("replicates")
-    whole = isinstance(given, list) and len(given) == 2 and all(type(k) is int for k in given)
-    if not whole or not 0 <= given[0] < given[1] <= _MOST:
-        raise StateError(f"`replicates` of {path} must be two numbers, got {_shortened(given)}")
-    return range(*given)
-
-
-def _enter(path: str, table: Table, blocks: Iterable[Block]) -> None:
-    """Enter the blocks of a file into a table."""
-    for block in blocks:
-        try:
-            table.add(block)
-        except StateError as error:
-            raise StateError(f"{path}: {error}") from error
-
-
-def _different(ours: Mapping[str, Any], theirs: Mapping[str, Any]) -> str | None:
-    """The first name under which two mappings differ, or None."""
-    names = dict.fromkeys([*ours, *theirs])
-    return next((name for name in names if ours.get(name) != theirs.get(name)), None)
-
-
-def _shortened(value: object) -> str:
-    text = " ".join(str(value).split())
-    return text if len(text) <= 60 else text[:57] + "..."
+    """Raise if a manifest is not that of this study."""
+    first, stop = ours.replicates
+    within = first <= found.replicates[0] and found.replicates[1] <= stop
+    for name, mine in vars(ours).items():
+        theirs = getattr(found, name)
+        if not (within if name == "replicates" else name == "units" or mine == theirs):
+            raise StateError(
+                f"`{name}` of {path} is {theirs!s:.60}, of this study {mine!s:.60}: continue it "
+                "with the same, or choose another path"
+            )

@@ -1,153 +1,155 @@
-"""Blocks of consecutive tasks of a study, their numbers, and the table of all of them.
+"""Tasks of a study: blocks of them, the table of all, and the file that keeps the blocks.
 
 Task t is replicate ``t // size`` of configuration ``t % size``. Its key depends on the labels of
 the configuration and on the number of the replicate, so no block depends on another one.
+
+A file begins with the length up to which it is on the disk, and the complement of that length. Then
+come records, which are only ever appended: the length of a state file of `docs/saving.md`, and the
+state file with a block, numbered by its generation. The first block says what the study is; a later
+one may say so again, with more replicates.
+What cannot be read is damaged below that length, and behind it was cut short with its writer.
 """
 
 from __future__ import annotations
 
+import glob
 import math
+import os
 import platform
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+import sys
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
-from typing import Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, BinaryIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import running, validation
+from .._base import files, running, saving
+from .._base.records import Record, SavedRecord
 from .._base.types import Floats
-from .._base.validation import show
 from .._core import version
-from ..exceptions import InputError, InputTypeError, StateError
-from .grid import Grid
+from ..exceptions import (
+    InputError,
+    InputTypeError,
+    ShapeError,
+    StateError,
+    StateIOError,
+    StateNotFoundError,
+)
+from ..rng import Key
 
-# The names of what a task returns, with the shape of each.
-Layout: TypeAlias = dict[str, tuple[int, ...]]
-Span: TypeAlias = tuple[int, int]  # tasks: the first, and the one after the last
+if TYPE_CHECKING:
+    from typing_extensions import Self
+
+Layout: TypeAlias = dict[str, tuple[int, ...]]  # names of what a task returns, and their shapes
 
 WAITING, DONE, FAILED = 0, 1, 2  # the state of a task
-_LONGEST_NAME = 50  # of a number that a task returns
+MOST = 2**40  # tasks
 
 
-@dataclass
-class Block:
-    """The tasks from `start` on, and what became of them."""
+@dataclass(frozen=True, repr=False)
+class Manifest(Record):
+    """What must agree for a study to be continued, but for more replicates and other units."""
 
-    start: int
-    states: NDArray[np.uint8]
-    layout: Layout = field(default_factory=dict)
-    values: dict[str, Floats] = field(default_factory=dict)  # by name, one row for each task
-    errors: dict[int, str] = field(default_factory=dict)  # by task
-    platform: dict[str, str] = field(default_factory=dict)
+    stochens_rs: str
+    key: Key
+    grid: dict[str, tuple[Any, ...]]  # the labels on each axis
+    digests: dict[str, tuple[str | None, ...]]  # of values that are not their own labels
+    nested: str | None
+    shared: tuple[str, ...]
+    replicates: tuple[int, int]  # the first, and the one behind the last
+    function: str
+    version: str | None
+    function_digest: str
+    units: dict[str, str]
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not 0 <= self.replicates[0] < self.replicates[1] <= MOST:
+            raise InputError(f"`replicates` must be the first and the end, got {self.replicates}")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Block(SavedRecord):
+    """Some tasks and what became of them: numbers by name, a row for each task; one text for each
+    that failed, in their order; and where they ran. Or what the study is.
+    """
+
+    _kind = "study"
+
+    tasks: Annotated[NDArray[np.int64], "task"]
+    states: Annotated[NDArray[np.int8], "task"]
+    values: dict[str, Floats]
+    errors: tuple[str, ...]
+    platform: dict[str, str]
     seconds: float = 0.0
+    study: Manifest | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not np.isin(self.states, (WAITING, DONE, FAILED)).all():
+            raise InputError(f"`states` must be in 0 to {FAILED}")
+        if np.count_nonzero(self.states == FAILED) != len(self.errors):
+            raise InputError("`errors` must be one text for each task that failed")
+        if any(rows.shape[:1] != self.tasks.shape for rows in self.values.values()):
+            raise ShapeError(f"`values` must have {len(self.tasks)} rows")
+        if not self.values and np.any(self.states == DONE):
+            raise InputError("`states` must not be done without numbers")
+
+    @classmethod
+    def of(cls, study: Manifest) -> Self:
+        """The block that says what a study is."""
+        return cls(np.zeros(0, np.int64), np.zeros(0, np.int8), {}, (), {}, study=study)
 
     @property
-    def stop(self) -> int:
-        """The task after the last one."""
-        return self.start + len(self.states)
-
-    def lay_out(self, layout: Layout) -> None:
-        """Make room for the values."""
-        self.layout, count = layout, len(self.states)
-        self.values = {name: np.full((count, *shape), np.nan) for name, shape in layout.items()}
-
-    def take(self, position: int, found: object, grid: Grid) -> None:
-        """Keep what the function returned for a task; raise if it does not fit."""
-        if not isinstance(found, Mapping):
-            raise InputTypeError(f"`function` must return a mapping of numbers, got {show(found)}")
-        if not self.layout:
-            self.lay_out(_layout_of(found, grid))
-        if found.keys() != self.layout.keys():
-            ours, theirs = (", ".join(map(repr, names)) for names in (self.layout, found))
-            raise InputError(f"`function` must return the names {ours}, got {theirs}")
-        for name, shape in self.layout.items():
-            value = found[name] if type(found[name]) is float else _number(name, found[name])
-            if (has := np.shape(value)) != shape:
-                raise InputError(f"`{name}` must have shape {shape} in all tasks, got {has}")
-            self.values[name][position] = value
-        self.states[position] = DONE
-
-    def cut(self, count: int) -> None:
-        """Keep the first tasks only."""
-        self.states = self.states[:count]
-        self.values = {name: rows[:count] for name, rows in self.values.items()}
+    def layout(self) -> Layout:
+        """Names and shapes of the numbers."""
+        return {name: rows.shape[1:] for name, rows in self.values.items()}
 
 
-def _layout_of(found: Mapping[str, Any], grid: Grid) -> Layout:
-    """Names and shapes of what the function returned, if they can be those of a study."""
-    layout = {name: np.shape(_number(name, value)) for name, value in found.items()}
-    if not layout:
-        raise InputError("`function` must return at least one number, got an empty mapping")
-    for name, shape in layout.items():
-        word = isinstance(name, str) and name.isascii() and name.isidentifier()
-        if not word or name[0] == "_":
-            raise InputError(f"`function` must return names as of arguments, got {show(name)}")
-        if len(name) > _LONGEST_NAME or name in grid.labels or name == "replicate":
-            raise InputError(
-                f"`function` must return names other than the axes', of at most {_LONGEST_NAME} "
-                f"characters, got {show(name)}"
-            )
-        if grid.nested is not None and shape[:1] != (len(grid.labels[grid.nested]),):
-            raise InputError(
-                f"`{name}` must have {len(grid.labels[grid.nested])} entries, one for each of "
-                f"{grid.nested!r}, got shape {shape}"
-            )
-    return layout
-
-
-def _number(name: str, value: object) -> Any:
-    """A number or an array of numbers as float64."""
-    found = np.asarray(value)
-    if found.dtype.kind not in "biuf":
-        hint = f": return {name}.real" if found.dtype.kind == "c" else ""
-        raise InputTypeError(f"`{name}` must be a number or an array, got {show(value)}{hint}")
-    if found.dtype.kind in "iu" and found.size and int(np.abs(found).max()) > validation.EXACT:
-        raise InputError(f"`{name}` must be at most 2^53, got {show(value)}")
-    return found.astype(np.float64)
+def room(layout: Layout, count: int) -> dict[str, Floats]:
+    """Arrays for the numbers of so many tasks."""
+    entries = sum(math.prod(shape) for shape in layout.values())
+    running.need("the numbers of the replicates", 8 * count * entries)
+    return {name: np.full((count, *shape), np.nan) for name, shape in layout.items()}
 
 
 class Table:
-    """States and numbers of the tasks `span`, filled by blocks in any order."""
+    """States and numbers of the tasks from `first` on, filled by blocks in any order."""
 
-    def __init__(self, span: Span) -> None:
-        self.span = span
-        running.need("the states of the replicates", span[1] - span[0])
-        self.states: NDArray[np.uint8] = np.zeros(span[1] - span[0], np.uint8)
+    def __init__(self, first: int, count: int) -> None:
+        self.first = first
+        running.need("the states of the replicates", count)
+        self.states: NDArray[np.int8] = np.zeros(count, np.int8)
         self.layout: Layout = {}
         self.values: dict[str, Floats] = {}
         self.errors: dict[int, str] = {}
-        self._texts: dict[str, str] = {}  # so that a text that occurs often is kept once
         self.platforms: list[dict[str, str]] = []
 
-    def add(self, block: Block) -> None:
+    def add(self, block: Block, source: str = "this study") -> None:
         """Enter a block; numbers that are there must be the same, a failure may be replaced."""
-        if not self.span[0] <= block.start <= block.stop <= self.span[1]:
-            raise StateError("its `replicates` reach beyond those of this study")
+        at = block.tasks - self.first
+        if len(at) and not 0 <= at.min() <= at.max() < len(self.states):
+            raise StateError(f"{source}: `replicates` reach beyond those of this study")
         if block.layout and not self.layout:
-            count = len(self.states)
-            entries = sum(math.prod(shape) for shape in block.layout.values())
-            running.need("the numbers of the replicates", 8 * count * entries)
-            room = {k: np.full((count, *shape), np.nan) for k, shape in block.layout.items()}
-            self.layout, self.values = dict(block.layout), room
+            self.layout, self.values = block.layout, room(block.layout, len(self.states))
         if block.layout and block.layout != self.layout:
-            raise StateError("two blocks differ in the names or shapes of their numbers")
-        here = slice(block.start - self.span[0], block.stop - self.span[0])
-        old, new = self.states[here], block.states
+            raise StateError(f"{source}: two blocks differ in the names or shapes of their numbers")
+        old, new = self.states[at], block.states
         twice = (old == DONE) & (new == DONE)
         for name, rows in block.values.items():
-            if twice.any() and rows[twice].tobytes() != self.values[name][here][twice].tobytes():
-                raise StateError(f"two blocks differ in `{name}` of the same replicates")
+            if rows[twice].tobytes() != self.values[name][at[twice]].tobytes():
+                raise StateError(f"{source}: two blocks differ in `{name}` of the same replicates")
         fresh = (new != WAITING) & (old != DONE)
         for name, rows in block.values.items():
-            self.values[name][here][fresh] = rows[fresh]
-        for task in (np.flatnonzero(fresh & (old == FAILED)) + block.start).tolist():
+            self.values[name][at[fresh]] = rows[fresh]
+        for task in block.tasks[fresh & (old == FAILED)].tolist():
             self.errors.pop(task, None)
-        old[fresh] = new[fresh]
-        for task, text in block.errors.items():
-            if self.states[task - self.span[0]] == FAILED:
-                self.errors[task] = self._texts.setdefault(text, text)
+        self.states[at[fresh]] = new[fresh]
+        for task, text in zip(block.tasks[new == FAILED].tolist(), block.errors, strict=True):
+            if self.states[task - self.first] == FAILED:
+                self.errors[task] = sys.intern(text)  # one that occurs often is kept once
         if block.platform and block.platform not in self.platforms:
             self.platforms.append(block.platform)
 
@@ -156,21 +158,160 @@ class Table:
         self.states[self.states == FAILED] = WAITING
         self.errors.clear()
 
-    def spans(self, chosen: NDArray[np.bool_]) -> list[Span]:
-        """The runs of consecutive tasks that are chosen, in order."""
-        edges = np.flatnonzero(np.diff(np.r_[False, chosen, False].astype(np.int8)))
-        return [(a + self.span[0], b + self.span[0]) for a, b in edges.reshape(-1, 2).tolist()]
+    def waiting(self) -> NDArray[np.int64]:
+        """The tasks that have not run."""
+        return np.flatnonzero(self.states == WAITING) + self.first
 
-    def block(self, span: Span, platform: dict[str, str]) -> Block:
-        """The tasks `span` as a block."""
-        here = slice(span[0] - self.span[0], span[1] - self.span[0])
-        errors = {t: text for t, text in self.errors.items() if span[0] <= t < span[1]}
-        values = {name: rows[here] for name, rows in self.values.items()}
-        return Block(span[0], self.states[here], dict(self.layout), values, errors, platform)
+    def block(self, chosen: NDArray[np.bool_]) -> Block:
+        """The chosen tasks, which are of one platform."""
+        tasks = np.flatnonzero(chosen) + self.first
+        states = self.states[chosen]
+        values = {name: rows[chosen] for name, rows in self.values.items()}
+        errors = tuple(self.errors[task] for task in tasks[states == FAILED].tolist())
+        return Block(tasks, states, values, errors, self.platforms[0] if self.platforms else {})
 
     def count(self, state: int) -> int:
         """How many tasks are in this state."""
         return int(np.count_nonzero(self.states == state))
+
+
+_HEAD = 24  # bytes of what stands before the records
+_BEGIN = b"\x89STUDY\r\n"
+
+
+class StudyFile:
+    """A file that is locked by this process, to which blocks are appended."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self._lock = saving.lock(path)
+        self._file: BinaryIO | None = None
+        self._records, self._end = 1, 0
+
+    def create(self, study: Manifest) -> None:
+        """Begin a new file, which appears with its first block in it."""
+        record = framed(Block.of(study), 1)
+        try:
+            for left in glob.glob(f"{glob.escape(self.path)}.{'[0-9a-f]' * 16}.tmp"):
+                os.remove(left)  # its writer was killed: this process has the lock
+            with files.replaced(self.path) as part, open(part, "wb") as file:
+                file.write(head(_HEAD + len(record)) + record)
+        except OSError as error:
+            raise _failed(error, self.path) from error
+        self.extend(1, _HEAD + len(record))
+
+    def extend(self, records: int, end: int) -> None:
+        """Go on behind the last record that can be read."""
+        self._records = records
+        try:
+            self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
+            self._file.truncate(end)
+            self._commit(end)
+        except OSError as error:
+            raise _failed(error, self.path) from error
+
+    def append(self, block: Block) -> None:
+        """Write a block; it is on the disk when this returns."""
+        assert self._file is not None
+        record = framed(block, self._records + 1)
+        try:
+            self._write(self._end, record)
+            self._commit(self._end + len(record))
+        except OSError as error:
+            with suppress(OSError):  # nothing may be appended to a part of a record
+                self._file.truncate(self._end)
+            raise _failed(error, self.path) from error
+        self._records += 1
+
+    def _commit(self, end: int) -> None:
+        """Say that all up to here is on the disk, once it is."""
+        assert self._file is not None
+        os.fsync(self._file.fileno())
+        self._write(0, head(end))
+        self._end = end
+
+    def _write(self, at: int, content: bytes) -> None:
+        assert self._file is not None
+        self._file.seek(at)
+        while content:
+            content = content[self._file.write(content) :]
+
+    def close(self) -> None:
+        """Give the file free."""
+        if self._file is not None:
+            self._file.close()
+        self._lock.release()
+
+
+def head(end: int) -> bytes:
+    """The beginning of a file that is on the disk up to this length."""
+    length = end.to_bytes(8, "little")
+    return _BEGIN + length + bytes(255 - byte for byte in length)
+
+
+def framed(block: Block, number: int) -> bytes:
+    """A record: a state file behind its length."""
+    content = saving.encode(block._kind, number, block._to_sections())
+    return len(content).to_bytes(8, "little") + content
+
+
+def read(path: str) -> tuple[Manifest, list[Block], int]:
+    """What the study in a file is, its blocks, and where the last one ends.
+
+    Raises `StateError` if a record that was once on the disk cannot be read.
+    """
+    try:
+        files.regular_file(path)
+        with open(path, "rb") as file:
+            blocks, end = _read(path, file)
+    except FileNotFoundError as error:
+        raise StateNotFoundError(error.errno, "there is no such study", path) from error
+    except OSError as error:
+        raise _failed(error, path) from error
+    except InputError as error:
+        raise StateError(f"{path} is not the file of a study: {error}") from error
+    studies = [block.study for block in blocks if block.study is not None]
+    if not studies:
+        raise StateError(f"{path} is not the file of a study: no block says what it is")
+    return studies[-1], blocks, end
+
+
+def _read(path: str, file: BinaryIO) -> tuple[list[Block], int]:
+    size, begin = os.fstat(file.fileno()).st_size, file.read(_HEAD)
+    if not begin.startswith(_BEGIN):
+        raise InputError("it does not begin as one")
+    end = int.from_bytes(begin[8:16], "little")
+    # the length itself may be damaged: then all that can be read counts
+    end = end if begin == head(end) else _HEAD + 1
+    at = _HEAD
+    blocks: list[Block] = []
+    while at < max(size, end):
+        try:
+            length = int.from_bytes(file.read(8), "little")
+            if not 9 <= length <= size - at - 8:
+                raise StateError("the file ends within a record")
+            content = file.read(9)  # of a state file: the length of its JSON, and that
+            if content[8:] != b"{":
+                raise StateError("there is no record")
+            running.need("a block of a study", 4 * length)
+            content += file.read(length - 9)
+            number, sections = saving.decode(path, content, Block._kind)
+        except StateError as error:
+            if at < end:
+                raise StateError(f"{path} is damaged at byte {at}: {error}") from error
+            break
+        try:
+            if number != len(blocks) + 1:
+                raise InputError(f"it must be record {len(blocks) + 1}, got {number}")
+            blocks.append(Block._from_sections(sections))
+        except (KeyError, InputError, InputTypeError) as error:
+            raise StateError(f"{path} has no block of a study at byte {at}: {error}") from error
+        at += 8 + length
+    return blocks, at
+
+
+def _failed(error: OSError, path: str) -> StateIOError:
+    return StateIOError(error.errno, f"cannot use the file of a study: {error.strerror}", path)
 
 
 @cache

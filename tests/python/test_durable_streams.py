@@ -254,9 +254,7 @@ def test_damage_is_recovered_from_the_generation_before(small: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "change"),
     [
-        ("x0", lambda a: a * 2),  # another problem: the digest names the old one
         ("key", lambda a: a ^ 1),
-        ("digest", lambda a: a ^ 1),
         ("x0.fused", lambda a: a * np.nan),
         ("x0.fused", lambda a: a + 100.0),  # outside the hull of the realizations
         ("steps", lambda a: a[:-1]),
@@ -440,7 +438,7 @@ ENDLESS = """
 import stochens_rs as se, sys
 stream = se.Stream(se.cases.ieee39(), [0.1] * 20, [0.0] * 20, rng=1)
 run = stream.run(tol=1e-12, checkpoint=sys.argv[1], every=0.05)
-print(run.status, stream.steps, stream.digest)
+print(run.status, stream.steps, stream.key.hex)
 """
 
 
@@ -455,4 +453,4 @@ def test_ctrl_c_saves_before_leaving(tmp_path: Path) -> None:
     child.send_signal(signal.SIGINT)
     status, steps, digest = child.communicate(timeout=200)[0].split()
     found = se.Stream.load(state)
-    assert (status, found.steps, found.digest) == ("interrupted", int(steps), digest)
+    assert (status, found.steps, found.key.hex) == ("interrupted", int(steps), digest)

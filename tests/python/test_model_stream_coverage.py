@@ -179,7 +179,7 @@ def test_exact_regions_at_every_number_of_pairs_fail():
     for k in range(300):
         y = Theta @ z[0, k] + w[0, k]
         stream.update(z[0, k, :2], z[0, k, 2:], y)
-        looks += stream.next_look == stream.size
+        looks += stream.model.next_look == stream.size
     assert looks == 11
 
 

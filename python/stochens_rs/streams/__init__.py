@@ -1,11 +1,9 @@
 """Controls and models that are updated with every realization or pair, and their state files."""
 
 from .data_stream import DataStream
-from .looks import Look, LoopLook
 from .model_stream import ModelStream
-from .snapshot import Snapshot
-from .state import StreamRun, Trace
-from .stream import Stream
+from .snapshot import Look, LoopLook, Snapshot
+from .stream import Stream, StreamRun, Trace
 
 __all__ = [
     "DataStream",

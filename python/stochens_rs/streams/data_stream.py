@@ -2,28 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from math import inf
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
+from .._base.records import trusted
+from .._base.running import interruptible
 from .._base.saving import Durable
 from .._base.types import DELTA, Floats
+from ..certificates.certificate import Certificate, radius_at
 from ..controls.typical import Typical, ranked
-from ..exceptions import InputError, InputTypeError
+from ..ensembles.ensemble import Ensemble
+from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import as_key
-from .rows import blocks
-from .state import ENTITIES, radii_of_means
+from ..theory.exact import EPS
+from .stream import ENTITIES
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..certificates.certificate import Certificate
     from ..rng import RngLike
-    from .rows import FeedLike
+
+    FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
 
 
 class DataStream(Durable):
@@ -404,3 +408,118 @@ def _named(argument: str, values: object) -> Iterable[tuple[str, Any]]:
     if not isinstance(values, Mapping):
         raise InputTypeError(f"`{argument}` must be a mapping, got {validation.show(values)}")
     return [(validation.choice(argument, name, ENTITIES), value) for name, value in values.items()]
+
+
+_BLOCK = 2**18  # entries in a block, 2 MiB
+
+
+def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
+    """Return realizations of this shape as rows; arrays and ensembles are checked at once."""
+    entries = int(np.prod(shape))
+    rows = max(1, _BLOCK // entries)
+    if isinstance(value, Ensemble):
+        if value.shape != shape:
+            raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
+        return (block.reshape(-1, entries) for block in value._dense_blocks(rows))
+    if isinstance(value, Iterator):
+        return _gathered(name, value, shape, rows)
+    array = validation.array(name, value, ndim=(len(shape), len(shape) + 1))
+    if array.shape[-len(shape) :] != shape:
+        raise ShapeError(
+            f"`{name}` must have shape {shape} or (k, {', '.join(map(str, shape))}), "
+            f"got {array.shape}"
+        )
+    return [array.reshape(-1, entries)]
+
+
+def _gathered(
+    name: str, items: Iterator[Any], shape: tuple[int, ...], rows: int
+) -> Iterator[Floats]:
+    """Collect single realizations into blocks of rows."""
+    pending: list[Floats] = []
+    try:
+        for item in items:
+            pending.append(_one(name, item, shape).ravel())
+            if len(pending) == rows:
+                yield np.stack(pending)
+                pending = []
+    except GeneratorExit:  # the core refused a block
+        raise
+    except BaseException:  # the realizations before the faulty one, or Ctrl-C, are taken in
+        if pending:
+            yield np.stack(pending)
+        raise
+    if pending:
+        yield np.stack(pending)
+
+
+def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:
+    if len(shape) == 1:
+        return validation.vector(name, item, length=shape[0])
+    return validation.matrix(name, item, rows=shape[0], cols=shape[1])
+
+
+_SUM = "the sum of the errors of the means"
+
+
+def radii_of_means(
+    core: _core.DataStream, ranges: Mapping[str, float], sizes: Mapping[str, int], delta: float
+) -> Certificate:
+    """Return the radii of the running means and of the state (see `DataStream.confidence`)."""
+    counts, deviations, spreads, _ = core.statistics()
+    apart, rounding = core.evidence()
+    uncertain = sum(ranges.get(name, np.inf) > 0.0 for name in ENTITIES)
+    radii, methods = [], []
+    for k, name in enumerate(ENTITIES):
+        given, size = ranges.get(name), sizes.get(name)
+        if given is not None and apart[k] > given:
+            raise InputError(
+                f"`ranges['{name}']` must bound the distance of any two realizations: there "
+                f"are two at least {apart[k]:.6g} apart, got {given:.6g}"
+            )
+        observed = 2.0 * spreads[k] if counts[k] > 1 else np.inf
+        diameter = observed if given is None else given
+        share = delta / max(uncertain, 1)
+        radius = _core.mean_radius(counts[k], deviations[k], diameter, share, size)
+        methods.append(_bound(radius, diameter, given, size))
+        radii.append(radius + 2.0 * rounding[k])  # rounding of the mean and of the deviation
+    x0, _, A = core.estimates()
+    r0, rf, rA = radii
+    norm = interruptible(lambda: float(np.linalg.norm(A, 2)))
+    # r_f + (||FA|| + r_A) r_0 + r_A ||F0||, where inf * 0 counts as 0
+    parts = [(norm + rA, r0), (rA, float(np.linalg.norm(x0)))]
+    state = rf + sum(a * b if a != 0.0 and b != 0.0 else 0.0 for a, b in parts)
+    # the control in doubles, and rounding of norms and sums
+    state += core.control()[1] + len(x0) * 4.0 * EPS * state
+    if np.isnan(state):
+        state = np.inf
+    single = [name for name, r in zip(ENTITIES, radii, strict=True) if not np.isfinite(r)]
+    reason = "the radius of the state overflows"
+    if single:
+        reason = f"only one realization of {', '.join(single)}, and `ranges` does not bound it"
+    said = [("state", state, "where the control from the exact means leads", _SUM)]
+    means = (f"the mean of the law of {name}" for name in ENTITIES)
+    said += zip(ENTITIES, radii, means, methods, strict=True)
+    return trusted(
+        Certificate,
+        kind="guaranteed" if len(ranges) == len(ENTITIES) else "estimated",
+        delta=delta,
+        quantities={
+            name: radius_at(radius, mean, delta, method, reason)
+            for name, radius, mean, method in said
+        },
+        covers="all together, at all numbers of realizations at once",
+        assumption="realizations of each entity independent, of one law, within its range; a bias "
+        "of the realizations is not covered",
+    )
+
+
+def _bound(radius: float, diameter: float, given: float | None, size: int | None) -> str:
+    """Say which bound gives the radius."""
+    if diameter == np.inf:
+        return "none"
+    source = "observed range, an estimate" if given is None else "given range"
+    if radius >= diameter:
+        return source
+    where = "epochs of sizes" if size is None else f"tightest at {size}"
+    return f"empirical Bernstein for all sizes, {where}; {source}"

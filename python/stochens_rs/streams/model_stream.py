@@ -11,26 +11,18 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.names import checked_names
+from .._base.names import Labels, checked_names, order_of
 from .._base.saving import Durable
 from .._base.types import DELTA
+from ..data import Trajectories
 from ..exceptions import InputError
-from ..identification.assumptions import (
-    Assumptions,
-    Noise,
-    as_noise,
-    checked_assumptions,
-    checked_scale,
-)
-from .looks import Look, LoopLook, look, look_at_loop
-from .rows import pair_rows
-from .snapshot import Snapshot, refuse
+from ..identification.assumptions import Noise, as_noise, checked_assumptions, checked_scale
+from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, refuse
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from .._base.types import Floats
-    from ..data import Trajectories
     from ..feedback import Loop
     from ..limits import Cost
     from ..limits.limits import LimitsLike
@@ -184,7 +176,8 @@ class ModelStream(Durable):
         """
         rows = pair_rows(self._about, x, u, x_next)
         # copies: NumPy 2.4 ends the process where strided arrays find no memory for its buffer
-        begin, end = rows[:, : self.n].copy(), rows[:, -self.n :].copy()
+        n = self._about.n
+        begin, end = rows[:, :n].copy(), rows[:, -n:].copy()
         within = int((begin[1:] != end[:-1]).any(axis=1).sum())
         while True:  # again if another thread was faster: no pair is lost
             before = self._state
@@ -198,34 +191,9 @@ class ModelStream(Durable):
                     return
 
     @property
-    def n(self) -> int:
-        """The number of states."""
-        return self._about.n
-
-    @property
-    def m(self) -> int:
-        """The number of inputs."""
-        return self._about.m
-
-    @property
     def size(self) -> int:
         """The number of pairs taken in so far."""
         return self._state[1]
-
-    @property
-    def delta(self) -> float:
-        """The probability that any look at the stream is wrong, at most."""
-        return self._about.delta
-
-    @property
-    def assumptions(self) -> Assumptions:
-        """Design, noise and covariance, as declared."""
-        return self._about.assumptions
-
-    @property
-    def next_look(self) -> int:
-        """The number of pairs of the next possible look: `size` if it is possible now."""
-        return self.model.next_look
 
     @property
     def model(self) -> Snapshot:
@@ -318,39 +286,35 @@ class ModelStream(Durable):
         >>> stream.look([1.0, 1.0], [0.0, 0.0], tol=0.1)
         <Look: within 0.04648 after 300 pairs, tol 0.1, enough>
         """
-        model = self.model
-        own: dict[str, Any] = {"x0": x0, "xf": xf, "tol": tol, "u": u}
-        best = {"limits": limits, "cost": cost}
+        model, best = self.model, {"limits": limits, "cost": cost}
+        given: dict[str, Any] = {"x0": x0, "xf": xf, "tol": tol, "u": u, **best}
         if gain is not None:
-            for name, value in (own | best).items():
-                if value is not None:
-                    raise InputError(f"`{name}` must be left out with `gain`")
+            _leave_out(given, "gain", *given)
             return look_at_loop(model, gain)
         for name in ("x0", "tol") if u is None and cost is not None else ("x0", "xf", "tol"):
-            if own[name] is None:
+            if given[name] is None:
                 raise InputError(f"`{name}` must be given, or a `gain`")
         limit = validation.positive("tol", tol)
-        x0 = validation.vector("x0", x0, length=self.n, labels=model.state_names)
+        x0 = validation.vector("x0", x0, length=model.n, labels=model.state_names)
         if u is not None:
-            for name, value in best.items():
-                if value is not None:
-                    raise InputError(f"`{name}` must be left out with `u`")
+            _leave_out(given, "u", "limits", "cost")
             K = validation.size("steps", steps)
-            u = validation.matrix("u", u, rows=K, cols=self.m, labels=model.input_names)
-            xf = validation.vector("xf", xf, length=self.n, labels=model.state_names)
+            u = validation.matrix("u", u, rows=K, cols=model.m, labels=model.input_names)
+            xf = validation.vector("xf", xf, length=model.n, labels=model.state_names)
         return look(model, limit, u, {"x0": x0, "xf": xf, "steps": steps, **best})
 
     def __repr__(self) -> str:
         about = self._about
         dt = "" if about.dt is None else f" dt={about.dt:g}"
         pairs = show.number_of(self.size, "pair")
-        return f"<ModelStream: n={self.n} m={self.m}{dt}, {pairs}{self.assumptions.design_text}>"
+        design = about.assumptions.design_text
+        return f"<ModelStream: n={about.n} m={about.m}{dt}, {pairs}{design}>"
 
     def _repr_html_(self) -> str:
         model = self.model
         rows = [
             ("assumed", model.assumptions.text),
-            ("wrong at any look", f"with {100 * self.delta:.6g} % at most"),
+            ("wrong at any look", f"with {100 * model.delta:.6g} % at most"),
             ("next look at", f"{model.next_look} pairs" if model.next_look != self.size else None),
             ("not determined", "; ".join(model.missing) or None),
         ]
@@ -373,3 +337,54 @@ class ModelStream(Durable):
 
     def __reduce__(self) -> tuple[Any, ...]:
         return ModelStream._from_sections, (self._to_sections(),)
+
+
+def _leave_out(given: dict[str, Any], beside: str, *names: str) -> None:
+    for name in names:
+        if given[name] is not None:
+            raise InputError(f"`{name}` must be left out with `{beside}`")
+
+
+def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
+    """Check pairs or runs of a stream, and return their rows."""
+    n, m = about.n, about.m
+    if isinstance(x, Trajectories):
+        if u is not None or x_next is not None:
+            raise InputError("`u` and `x_next` must be left out with Trajectories")
+        _refuse_runs(about, x)
+        order = order_of("x", Labels(x.state_names, x.input_names), about.labels)
+        before, inputs, after = x.pairs()
+        before, after = order.of_states(before), order.of_states(after)
+        inputs = order.of_inputs(inputs)
+    elif u is None or x_next is None:
+        raise InputError("`u` and `x_next` must be given with `x`")
+    elif validation.array("x", x, ndim=(1, 2)).ndim == 1:
+        before = validation.vector("x", x, length=n)[None]
+        inputs = validation.vector("u", u, length=m)[None]
+        after = validation.vector("x_next", x_next, length=n)[None]
+    else:
+        before = validation.matrix("x", x, cols=n)
+        inputs = validation.matrix("u", u, rows=len(before), cols=m)
+        after = validation.matrix("x_next", x_next, rows=len(before), cols=n)
+    running.need("the pairs", 8 * len(before) * len(about.triangle))
+    return np.hstack([before, inputs, np.ones((len(before), int(about.intercept))), after])
+
+
+def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
+    """Refuse runs of another system."""
+    if runs.outputs:
+        raise InputError("`x` must be runs of states, got outputs: see identify")
+    if (runs.n, runs.m) != (about.n, about.m):
+        raise InputError(
+            f"`x` must be runs with n={about.n} m={about.m}, got n={runs.n} m={runs.m}"
+        )
+    if runs.dt != about.dt:
+        raise InputError(
+            f"`x` must be runs with dt={about.dt}, got dt={runs.dt}: pass dt={runs.dt} to "
+            "ModelStream"
+        )
+    if about.assumptions.design == "independent" and not runs.single:
+        raise InputError(
+            "`x` must be single pairs for design='independent', got runs of several steps, "
+            "whose states contain earlier noise; use last_pairs()"
+        )

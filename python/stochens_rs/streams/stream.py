@@ -1,11 +1,10 @@
-"""Steps until a stopping rule or a limit is met, with checkpoints."""
+"""`Stream`: Algorithm 1 on realizations that it draws, with stopping rules and checkpoints."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 
@@ -18,152 +17,119 @@ from .._base.running import Progress, progress_bar
 from .._base.saving import Durable
 from .._base.types import Floats, Status
 from ..exceptions import InputError, StateError, StateIOError
+from ..plots.lines import draw_trace
 from ..rng import Key, RngLike, as_key
 from ..system.system import System
 from ..theory.exact import checked_ends
-from .state import ENTITIES, SLOTS, Identity, Slots, StreamRun, Trace, from_sections, to_sections
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-    from typing_extensions import Self
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike, NDArray
 
-
-class Checkpoints:
-    """Saves a stream during a run; locks the file from the start of the run to its end."""
-
-    def __init__(self, stream: Durable, path: PathLike | None, every: float) -> None:
-        self._stream = stream
-        self._path = None if path is None else files.checked_path("checkpoint", path)
-        self._every = validation.positive("every", every)
-        self._lock: _core.StateLock | None = None
-        self._last = time.monotonic()
-
-    def __enter__(self) -> Self:
-        if self._path is not None:
-            self._lock = saving.lock(self._path)
-            try:
-                self._check_earlier(self._path)
-            except BaseException:  # the caller may handle it and use the file again
-                self._lock.release()
-                raise
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._lock is not None:
-            self._lock.release()
-
-    def _check_earlier(self, path: str) -> None:
-        """Raise if the file is anything else than an earlier state of the same stream."""
-        previous = path + ".prev"
-        if not (os.path.lexists(path) or os.path.lexists(previous)):
-            return
-        _, theirs = saving.load(path, self._stream._kind)
-        ours = self._stream._to_sections()
-        if "digest" not in theirs or theirs["digest"].tobytes() != ours["digest"].tobytes():
-            raise StateError(
-                f"{path} must be a state of this problem, key and options, got another"
-            )
-        there, here = int(theirs["steps"][0]), int(ours["steps"][0])
-        if there > here:
-            raise StateError(
-                f"{path} is at step {there}, ahead of this stream at step {here}: load it "
-                "(`Stream.load`), choose another path, or remove it "
-                f"and {previous}"
-            )
-
-    def due(self) -> None:
-        """Save if the time between two checkpoints has passed."""
-        if self._path is not None and time.monotonic() - self._last >= self._every:
-            self.save()
-
-    def save(self) -> None:
-        """Save now."""
-        if self._path is not None:
-            sections = self._stream._to_sections()
-            saving.save(self._path, self._stream._kind, sections, self._lock)
-            self._last = time.monotonic()
-
-
+ENTITIES = ("x0", "xf", "A")
+Slots: TypeAlias = Literal["random", "round-robin", "gain"]
 Rule: TypeAlias = Literal["certificate", "printed"]
-RULES: tuple[Rule, ...] = get_args(Rule)
 
 _ENDLESS = 2**62  # more steps than any run can take
 _SLICE = 0.2  # seconds between two calls of the progress bar
+_SAME = ("key", "format", "B", "x0", "xf", "A")  # in all states of a stream
 
 
 @dataclass(frozen=True)
-class Stop:
-    """When a run ends; `rule` is None without a tolerance."""
+class StreamRun:
+    """The result of `Stream.run`.
 
-    rule: Rule | None
-    tol: float
-    max_steps: int | None
-    time_limit: float | None
+    Attributes
+    ----------
+    status : {"converged", "max_steps", "time_limit", "interrupted"}
+        How the run ended. "converged": the stopping rule is satisfied. "max_steps", "time_limit":
+        this limit was reached first. "interrupted": Ctrl-C.
+    steps : int
+        Steps of this run.
+    seconds : float
+        Duration of this run [s].
+    rule : str or None
+        "certificate", "printed", or None if no tolerance was given.
+    certificate : float or None
+        The bound on ``||B (v - v*)||`` at the end.
+    error : float
+        ``||B (v - v*)||`` at the end.
+    """
 
+    status: Status
+    steps: int
+    seconds: float
+    rule: str | None
+    certificate: float
+    error: float
 
-def checked_stop(
-    tol: float | None, max_steps: int | None, time_limit: float | None, rule: Rule
-) -> Stop:
-    """Check the arguments of `Stream.run` that say when it ends."""
-    name = validation.choice("rule", rule, RULES)
-    limit = None if tol is None else validation.positive("tol", tol)
-    most = None if max_steps is None else validation.size("max_steps", max_steps)
-    seconds = None if time_limit is None else validation.positive("time_limit", time_limit)
-    if limit is None and most is None and seconds is None:
-        raise InputError("one of `tol`, `max_steps` and `time_limit` must be given")
-    return Stop(None if limit is None else name, limit or 0.0, most, seconds)
-
-
-def run_until(
-    core: _core.Stream,
-    stop: Stop,
-    bar: AbstractContextManager[Callable[[int], object]],
-    checkpoints: Checkpoints,
-) -> Status:
-    """Take steps until `stop`, and save at the end, also after an exception in a callback."""
-    status: Status = "interrupted"
-    try:
-        with bar as report:
-            status = _take_steps(core, stop, report, checkpoints)
-    except KeyboardInterrupt:
-        pass  # the core stops between two steps
-    except (StateError, StateIOError):
-        raise  # from a checkpoint
-    except BaseException:  # from `bar` or a signal handler
-        checkpoints.save()
-        raise
-    try:
-        checkpoints.save()
-    except KeyboardInterrupt:
-        if status == "interrupted":
-            raise  # the second one
-        status = "interrupted"
-        checkpoints.save()
-    return status
+    def _repr_html_(self) -> str:
+        return show.record(self)
 
 
-def _take_steps(
-    core: _core.Stream, stop: Stop, report: Callable[[int], object], checkpoints: Checkpoints
-) -> Status:
-    def steps() -> int:
-        return core.counts()[0]
+@dataclass(frozen=True, eq=False, repr=False)
+class Trace:
+    """Errors of a stream over its steps: the first 16, then 8 between k and 2 k.
 
-    def satisfied() -> bool:
-        return stop.rule == "certificate" and core.certificate()[0] <= stop.tol
+    Attributes
+    ----------
+    steps : ndarray of int64, shape (k,)
+        Number of steps taken.
+    certificates : ndarray, shape (k,)
+        The bound on ``||B (v - v*)||``.
+    errors : ndarray, shape (k,)
+        ``||B (v - v*)||`` without the rounding of v to doubles.
+    step_sizes : ndarray, shape (k,)
+        The step size t of each of these steps (1 at the start).
+    """
 
-    if satisfied():
-        return "converged"
-    first, started = steps(), time.monotonic()
-    while True:
-        left = _ENDLESS if stop.max_steps is None else stop.max_steps - (steps() - first)
-        rest = _SLICE
-        if stop.time_limit is not None:
-            rest = stop.time_limit - (time.monotonic() - started)
-        end = core.advance(left, stop.rule, stop.tol, min(_SLICE, max(rest, 0.0)))
-        report(steps() - first)
-        checkpoints.due()
-        if end != "time_limit" or (stop.time_limit is not None and rest <= _SLICE):
-            return "converged" if satisfied() else end
+    steps: NDArray[np.int64]
+    certificates: Floats
+    errors: Floats
+    step_sizes: Floats
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Draw the error and the certificate over the steps, both axes logarithmic.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw. Default: a new figure (``ax.figure``).
+
+        Returns
+        -------
+        matplotlib Axes
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+
+        Notes
+        -----
+        Step 0 and zeros cannot be drawn on logarithmic axes and are left out.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> system = ([[0.9, 0.2], [0.0, 1.0]], [[1.0], [0.5]])
+        >>> stream = se.Stream(system, [1.0, 2.0], [0.0, 0.0], rng=1)
+        >>> stream.step(100)
+        >>> stream.trace.plot().get_xlabel()
+        'step'
+        """
+        return draw_trace(self.steps, self.errors, self.certificates, ax)
+
+    def _repr_html_(self) -> str:
+        return show.card(self, [], show.errors(self.steps, self.errors))
+
+    def __len__(self) -> int:
+        return len(self.steps)
+
+    def __repr__(self) -> str:
+        last = f"{self.errors[-1]:.3g}" if len(self) else "none"
+        end = int(self.steps[-1]) if len(self) else 0
+        return f"<Trace: {len(self)} entries up to step {end}, last error {last}>"
 
 
 class Stream(Durable):
@@ -193,6 +159,11 @@ class Stream(Durable):
         "round-robin": in turn. "gain": the slot with the largest guaranteed decrease of the mean
         squared error of the state, ``c^2 d^4 / (V + d^2)`` for an error d of the slot, with
         ``c = ||A||`` for x0, 1 for xf, ``||F0||`` for A.
+
+    Attributes
+    ----------
+    key : Key
+        The key of all realizations.
 
     Raises
     ------
@@ -241,26 +212,14 @@ class Stream(Durable):
         slots: Slots = "random",
     ) -> None:
         checked, start, goal = checked_ends(system, x0, xf)
-        inputs, n, m = checked.B, checked.n, checked.m
-        order = validation.choice("slots", slots, SLOTS)
+        n, m = self._shape = checked.n, checked.m
+        order = validation.choice("slots", slots, get_args(Slots))
         safe = validation.flag("safeguard", safeguard)
         # laws, estimates, sums, tables of both matrices, and the pseudoinverse
         running.need("a stream", (80 if safe else 64) * n * n + 40 * n * m)
+        self.key = as_key(rng)
         columns = np.ascontiguousarray(checked.A.T)
-        self._identity = Identity(as_key(rng), safe, order, n, m)
-        self._digest = self._identity.digest(inputs, start, goal, columns)
-        keys = self._identity.keys()
-        self._core = _core.Stream(inputs, start, goal, columns, keys, safe, order)
-
-    @property
-    def key(self) -> Key:
-        """The key of all realizations."""
-        return self._identity.key
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of key, options, B, x0, xf and A, as 64 hexadecimal digits."""
-        return self._digest
+        self._core = _core.Stream(checked.B, start, goal, columns, _keys(self.key), safe, order)
 
     @property
     def steps(self) -> int:
@@ -397,20 +356,89 @@ class Stream(Durable):
         >>> stream.run(max_steps=1000).status
         'max_steps'
         """
-        stop = checked_stop(tol, max_steps, time_limit, rule)
-        bar = progress_bar(progress, stop.max_steps, "stream", "step")
+        rule = validation.choice("rule", rule, get_args(Rule))
+        limit = None if tol is None else validation.positive("tol", tol)
+        most = None if max_steps is None else validation.size("max_steps", max_steps)
+        seconds = None if time_limit is None else validation.positive("time_limit", time_limit)
+        if limit is None and most is None and seconds is None:
+            raise InputError("one of `tol`, `max_steps` and `time_limit` must be given")
+        bar = progress_bar(progress, most, "stream", "step")
+        path = None if checkpoint is None else files.checked_path("checkpoint", checkpoint)
+        pause = validation.positive("every", every)
         started, first = time.monotonic(), self.steps
-        with Checkpoints(self, checkpoint, every) as checkpoints:
-            status = run_until(self._core, stop, bar, checkpoints)
+        status: Status = "interrupted"
+        with ExitStack() as stack:
+            lock = None if path is None else saving.lock(path)
+            if lock is not None and path is not None:
+                stack.callback(lock.release)
+                self._require_earlier(path)
+
+            def save() -> float:
+                if path is not None:
+                    saving.save(path, self._kind, self._to_sections(), lock)
+                return time.monotonic() + pause
+
+            def satisfied() -> bool:
+                by = limit if rule == "certificate" else None
+                return by is not None and self._core.certificate()[0] <= by
+
+            due = time.monotonic() + pause
+            try:
+                with bar as report:
+                    done: Status | None = "converged" if satisfied() else None
+                    while done is None:
+                        left = _ENDLESS if most is None else most - (self.steps - first)
+                        rest = _SLICE
+                        if seconds is not None:
+                            rest = max(seconds - (time.monotonic() - started), 0.0)
+                        own = None if limit is None else rule
+                        end = self._core.advance(left, own, limit or 0.0, min(_SLICE, rest))
+                        report(self.steps - first)
+                        due = save() if time.monotonic() >= due else due
+                        if end != "time_limit" or (seconds is not None and rest <= _SLICE):
+                            done = "converged" if satisfied() else end
+                    status = done
+            except KeyboardInterrupt:
+                pass  # the core stops between two steps
+            except (StateError, StateIOError):
+                raise  # from a checkpoint
+            except BaseException:  # from `bar` or a signal handler
+                save()
+                raise
+            try:
+                save()
+            except KeyboardInterrupt:
+                if status == "interrupted":
+                    raise  # the second one
+                status = "interrupted"
+                save()
         certificate, error = self._core.certificate()
         return StreamRun(
             status=status,
             steps=self.steps - first,
             seconds=time.monotonic() - started,
-            rule=stop.rule,
+            rule=None if limit is None else rule,
             certificate=certificate,
             error=error,
         )
+
+    def _require_earlier(self, path: str) -> None:
+        """Raise if a file is anything else than an earlier state of this stream."""
+        previous = path + ".prev"
+        if not (os.path.lexists(path) or os.path.lexists(previous)):
+            return
+        _, theirs = saving.load(path, self._kind)
+        ours = self._to_sections()
+        if any(ours[name].tobytes() != theirs.get(name, ours["steps"]).tobytes() for name in _SAME):
+            raise StateError(
+                f"{path} must be a state of this problem, key and options, got another"
+            )
+        there, here = int(theirs["steps"][0]), int(ours["steps"][0])
+        if there > here:
+            raise StateError(
+                f"{path} is at step {there}, ahead of this stream at step {here}: load it "
+                f"(`Stream.load`), choose another path, or remove it and {previous}"
+            )
 
     def _repr_html_(self) -> str:
         rows = [
@@ -423,22 +451,34 @@ class Stream(Durable):
         return show.card(self, rows, show.errors(self.trace.steps, self.trace.errors))
 
     def _to_sections(self) -> dict[str, Any]:
-        return to_sections(self._identity, self._digest, self._core)
+        return {"key": np.frombuffer(bytes(self.key), np.uint8), **dict(self._core.to_sections())}
 
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> Stream:
-        made = cls.__new__(cls)
-        made._identity, made._digest, made._core = from_sections(sections)
+        state, made = dict(sections), cls.__new__(cls)
+        key = np.asarray(state.pop("key", ()))
+        if key.dtype != np.uint8 or key.shape != (32,):
+            raise InputError("`state` must have 32 bytes in 'key'")
+        made.key, made._core = Key(key.tobytes()), _core.Stream.from_sections(list(state.items()))
+        if state["keys"].tobytes() != b"".join(_keys(made.key)):
+            raise InputError("`state` must have the keys that follow from its key")
+        n, m = state["format"][1:3].tolist()
+        made._shape = n, m
         return made
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Stream._from_sections, (self._to_sections(),)
 
     def __repr__(self) -> str:
-        name = f"Stream: n={self._identity.n}, m={self._identity.m}"
+        name = "Stream: n={}, m={}".format(*self._shape)
         try:
             certificate, error = self._core.certificate()
             errors = f"||B (v - v*)|| = {error:.3g} <= {certificate:.3g}"
             return f"<{name}, {show.counted(self.steps)}, {errors}>"
         except InputError:  # in a signal handler, or in a process forked while a thread used it
             return f"<{name}, in use>"
+
+
+def _keys(key: Key) -> list[bytes]:
+    """The keys of the realizations of x0, xf and A, and of the choice of slots."""
+    return [bytes(key.child(name)) for name in (*ENTITIES, "slots")]

@@ -10,7 +10,9 @@ import subprocess
 import sys
 import time
 import warnings
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
@@ -36,7 +38,7 @@ def make(**options: object) -> se.Stream:
     return se.Stream((A, B), X0, XF, rng=3, **options)
 
 
-def same(a: se.Stream, b: se.Stream) -> bool:
+def same(a: Any, b: Any) -> bool:
     first, second = a._to_sections(), b._to_sections()
     return first.keys() == second.keys() and all(
         first[k].tobytes() == second[k].tobytes() for k in first
@@ -194,21 +196,133 @@ def test_a_child_forked_in_a_run_does_not_end_its_lock(tmp_path: Path) -> None:
     assert locked == [True]
 
 
-def test_data_streams_too(tmp_path: Path) -> None:
-    data = se.sample(A, 40, rng=1).dense()
-    whole, part = se.DataStream(B, x0=X0), se.DataStream(B, x0=X0)
-    for stream in (whole, part):
-        stream.update(x0=GEN.standard_normal((5, 6)) * 0 + X0, xf=np.tile(XF, (3, 1)), A=data[:15])
-    part.save(tmp_path / "d.state")
-    part = se.DataStream.load(tmp_path / "d.state")
-    for stream in (whole, part):
-        stream.update(A=data[15:])
-    assert np.array_equal(whole.u, part.u)
-    with pytest.raises(StateError, match="kind"):
-        se.Stream.load(tmp_path / "d.state")
+# -- all kinds: damage and kills -------------------------------------------------------------------
 
 
-# -- damage ----------------------------------------------------------------------------------------
+class Kind(NamedTuple):
+    """How a small stream is made, fed a little more, and how far it is."""
+
+    new: Callable[[], Any]
+    feed: Callable[[Any], None]
+    size: Callable[[Any], int]
+
+
+KINDS = {
+    "stream": Kind(
+        lambda: se.Stream(([[3.0]], [[1.0]]), [2.0], [0.5], rng=1),
+        lambda stream: stream.step(5),
+        lambda stream: stream.steps // 5,
+    ),
+    "means": Kind(
+        lambda: se.DataStream([[1.0]], ranges={"xf": 0.0}),
+        lambda stream: stream.update(x0=[np.sin(stream.counts["x0"])], xf=[1.0], A=[[0.5]]),
+        lambda stream: stream.counts["x0"],
+    ),
+    "pairs": Kind(
+        lambda: se.ModelStream(1, 1, intercept=True),
+        lambda stream: stream.update([np.sin(stream.size)], [1.0], [0.5]),
+        lambda stream: stream.size,
+    ),
+}
+
+
+@pytest.fixture(params=KINDS)
+def kind(request: pytest.FixtureRequest) -> Kind:
+    return KINDS[request.param]
+
+
+@pytest.fixture
+def saved(kind: Kind, tmp_path: Path) -> tuple[Any, Path]:
+    """A stream and its file."""
+    stream = kind.new()
+    kind.feed(stream)
+    stream.save(tmp_path / "s.state")
+    return stream, tmp_path / "s.state"
+
+
+def test_changed_bits_and_truncations_are_noticed(saved: tuple[Any, Path]) -> None:
+    """One bit of every byte; all bits of a smaller file are flipped in the core's tests."""
+    stream, path = saved
+    good = bytearray(path.read_bytes())
+    for at in range(len(good)):
+        bad = bytearray(good)
+        bad[at] ^= 1 << at % 8
+        for content in (bad, good[:at]):
+            with pytest.raises(StateError):
+                saving.decode("s.state", bytes(content), stream._kind)
+            if at % 97 == 0:
+                path.write_bytes(content)
+                with pytest.raises(StateError):
+                    type(stream).load(path)
+    path.write_bytes(good)
+    assert same(type(stream).load(path), stream)
+
+
+def test_damage_is_recovered_from_the_generation_before(
+    kind: Kind, saved: tuple[Any, Path]
+) -> None:
+    stream, path = saved
+    kind.feed(stream)
+    stream.save(path)
+    path.write_bytes(path.read_bytes()[:-1])
+    before = sorted((p.name, p.stat().st_mtime_ns) for p in path.parent.iterdir())
+    with pytest.warns(StateRecoveredWarning, match="generation 1"):
+        old = type(stream).load(path)
+    assert kind.size(old) == 1
+    assert before == sorted((p.name, p.stat().st_mtime_ns) for p in path.parent.iterdir())
+    kind.feed(old)
+    assert same(old, stream)
+
+
+def test_a_file_of_another_kind_is_refused(saved: tuple[Any, Path]) -> None:
+    stream, path = saved
+    for other in (se.Stream, se.DataStream, se.ModelStream):
+        if not isinstance(stream, other):
+            with pytest.raises(StateError, match="kind"):
+                other.load(path)
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
+@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
+@pytest.mark.parametrize(("name", "kills"), [("stream", 100), ("means", 20), ("pairs", 40)])
+def test_kills_lose_nothing(tmp_path: Path, name: str, kills: int) -> None:
+    """A run that is killed repeatedly ends with the result of an undisturbed one."""
+    kind, path, moments = KINDS[name], tmp_path / "a.state", random.Random(4)
+    whole = kind.new()
+    whole.save(path)
+    load, acknowledged = type(whole).load, 0
+    for turn in range(kills):
+        read, write = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.close(read)
+            stream = load(path)
+            while True:
+                kind.feed(stream)
+                stream.save(path)
+                os.write(write, kind.size(stream).to_bytes(8, "little"))
+        os.close(write)
+        # every second one surely at work; the others perhaps while they load
+        told = os.read(read, 8) if turn % 2 else b""
+        time.sleep(moments.uniform(0.0, 0.02))
+        os.kill(child, signal.SIGKILL)
+        os.waitpid(child, 0)
+        while block := os.read(read, 1 << 16):
+            told += block
+        os.close(read)
+        if len(told) >= 8:
+            acknowledged = int.from_bytes(told[len(told) // 8 * 8 - 8 :][:8], "little")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", StateRecoveredWarning)
+            assert kind.size(load(path)) >= acknowledged
+    assert acknowledged >= kills // 2
+    survived = load(path)
+    while kind.size(whole) < kind.size(survived):
+        kind.feed(whole)
+    assert same(whole, survived)
+
+
+# -- damage and full disks -------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -217,45 +331,6 @@ def small(tmp_path: Path) -> Path:
     stream.step(5)
     stream.save(tmp_path / "s.state")
     return tmp_path / "s.state"
-
-
-def test_flipped_bits_are_noticed(small: Path) -> None:
-    """One bit of every byte; all bits of a smaller file are flipped in the core's tests."""
-    good = bytearray(small.read_bytes())
-    for at in range(len(good)):
-        good[at] ^= 1 << at % 8
-        with pytest.raises(StateError):
-            saving.decode("a.state", bytes(good), "stream")
-        if at % 37 == 0:
-            small.write_bytes(good)
-            with pytest.raises(StateError):
-                se.Stream.load(small)
-        good[at] ^= 1 << at % 8
-    small.write_bytes(good)
-    assert se.Stream.load(small).steps == 5
-
-
-def test_truncations_are_noticed(small: Path) -> None:
-    good = small.read_bytes()
-    for length in range(0, len(good), 5):
-        with pytest.raises(StateError):
-            saving.decode("a.state", good[:length], "stream")
-    for length in range(0, len(good), 97):
-        small.write_bytes(good[:length])
-        with pytest.raises(StateError):
-            se.Stream.load(small)
-
-
-def test_damage_is_recovered_from_the_generation_before(small: Path) -> None:
-    stream = se.Stream.load(small)
-    stream.step(10)
-    stream.save(small)
-    small.write_bytes(small.read_bytes()[:-1])
-    before = sorted((p.name, p.stat().st_mtime_ns) for p in small.parent.iterdir())
-    with pytest.warns(StateRecoveredWarning, match="generation 1"):
-        old = se.Stream.load(small)
-    assert old.steps == 5
-    assert before == sorted((p.name, p.stat().st_mtime_ns) for p in small.parent.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -283,47 +358,6 @@ def test_numbers_that_cannot_be_a_stream_are_refused(
 def test_a_missing_file(tmp_path: Path) -> None:
     with pytest.raises(StateNotFoundError):
         se.Stream.load(tmp_path / "none.state")
-
-
-# -- kills and full disks --------------------------------------------------------------------------
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_a_hundred_kills(tmp_path: Path) -> None:
-    """A run that is killed repeatedly ends with the result of an undisturbed one."""
-    path, moments = tmp_path / "a.state", random.Random(4)
-    make().save(path)
-    acknowledged = 0
-    for turn in range(100):
-        read, write = os.pipe()
-        child = os.fork()
-        if child == 0:
-            os.close(read)
-            stream = se.Stream.load(path)
-            while True:
-                stream.step(300)
-                stream.save(path)
-                os.write(write, stream.steps.to_bytes(8, "little"))
-        os.close(write)
-        # every second one surely at work; the others perhaps while they load
-        told = os.read(read, 8) if turn % 2 else b""
-        time.sleep(moments.uniform(0.0, 0.03))
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        while block := os.read(read, 1 << 16):
-            told += block
-        os.close(read)
-        if len(told) >= 8:
-            acknowledged = int.from_bytes(told[-8:], "little")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StateRecoveredWarning)
-            assert se.Stream.load(path).steps >= acknowledged
-    assert acknowledged > 1000
-    survived = se.Stream.load(path)
-    whole = make()
-    whole.step(survived.steps)
-    assert same(whole, survived)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")

@@ -6,13 +6,8 @@ How often its regions hold is tested in `test_model_stream_coverage`.
 from __future__ import annotations
 
 import json
-import os
 import pickle
-import random
-import signal
 import threading
-import time
-import warnings
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +15,7 @@ import pytest
 
 import stochens_rs as se
 from declarations import opts
-from identification_data import SKEWED, Y, Z, check, rolled, tuned
+from identification_data import SKEWED, Y, Z, check, rolled
 from stochens_rs import _core
 from stochens_rs._base import saving as state_file
 from stochens_rs.exceptions import (
@@ -29,7 +24,6 @@ from stochens_rs.exceptions import (
     NonFiniteError,
     ShapeError,
     StateError,
-    StateRecoveredWarning,
     StochensError,
 )
 from stochens_rs.streams.snapshot import look_after, planned
@@ -464,8 +458,6 @@ def test_resuming_is_never_having_stopped(tmp_path: Path, kind: str) -> None:
     again = pickle.loads(pickle.dumps(whole.model))
     assert np.array_equal(again.A, whole.model.A)
     assert again.state_names == whole.model.state_names
-    with pytest.raises(StateError, match="kind"):
-        se.DataStream.load(tmp_path / "a.state")
 
 
 @pytest.fixture
@@ -474,26 +466,6 @@ def small(tmp_path: Path) -> Path:
     stream.update([[1.0], [2.0]], [[1.0], [0.0]], [[0.5], [1.0]])
     stream.save(tmp_path / "s.state")
     return tmp_path / "s.state"
-
-
-def test_flipped_bits_and_truncations_are_noticed(small: Path) -> None:
-    good = small.read_bytes()
-    for at_byte in range(len(good)):
-        bad = bytearray(good)
-        bad[at_byte] ^= 1 << at_byte % 8
-        with pytest.raises(StateError):
-            state_file.decode("a.state", bytes(bad), "pairs")
-    for length in range(0, len(good), 97):
-        small.write_bytes(good[:length])
-        with pytest.raises(StateError):
-            se.ModelStream.load(small)
-    small.write_bytes(good)
-    stream = se.ModelStream.load(small)
-    stream.update([1.0], [0.0], [0.0])
-    stream.save(small)
-    small.write_bytes(good[:-1])
-    with pytest.warns(StateRecoveredWarning, match="generation 1"):
-        assert se.ModelStream.load(small).size == 2
 
 
 ARRAYS = [
@@ -556,44 +528,6 @@ def test_declarations_that_cannot_be_a_stream_are_refused(small: Path, change: d
         change = {"assumptions": tree["assumptions"] | change["assumptions"]}
     text = json.dumps(tree | change).encode()
     refused(small, sections | {"record": np.frombuffer(text, np.uint8)})
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_forty_kills(tmp_path: Path) -> None:
-    """A stream that is killed repeatedly goes on as an undisturbed one."""
-    path, moments = tmp_path / "a.state", random.Random(4)
-    _, (x, u) = tuned(np.random.default_rng(10), 4000)
-    se.ModelStream(2, 1, **opts(sigma=1.0)).save(path)
-    acknowledged = 0
-    for _ in range(40):
-        read, write = os.pipe()
-        child = os.fork()
-        if child == 0:
-            os.close(read)
-            stream = se.ModelStream.load(path)
-            for k in range(stream.size, len(u)):
-                stream.update(x[k], u[k], x[k + 1])
-                stream.save(path)
-                os.write(write, stream.size.to_bytes(8, "little"))
-            os._exit(0)
-        os.close(write)
-        told = os.read(read, 8)  # the first save is done
-        time.sleep(moments.uniform(0.0, 0.01))
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        while block := os.read(read, 1 << 16):
-            told += block
-        os.close(read)
-        acknowledged = int.from_bytes(told[len(told) // 8 * 8 - 8 : len(told) // 8 * 8], "little")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StateRecoveredWarning)
-            assert se.ModelStream.load(path).size >= acknowledged
-    assert acknowledged >= 40
-    survived, whole = se.ModelStream.load(path), se.ModelStream(2, 1, **opts(sigma=1.0))
-    for k in range(survived.size):
-        whole.update(x[k], u[k], x[k + 1])
-    assert same(whole, survived)
 
 
 def test_shown() -> None:

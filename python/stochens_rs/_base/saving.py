@@ -218,9 +218,9 @@ class Durable:
         Notes
         -----
         Nothing is written. Checked are the sizes (before memory is allocated), the digest, and the
-        numbers: finite; of a stream, estimates in the hull of the realizations; of a model, the triangle that of the data, and all that
-        `identify` checks; of other results, the types of their fields and all that their
-        constructors check.
+        numbers: finite; of a stream, estimates in the hull of the realizations; of a model, the
+        triangle that of the data, and all that `identify` checks; of other results, the types of
+        their fields and all that their constructors check.
 
         Examples
         --------

@@ -9,6 +9,7 @@ import numpy as np
 
 import stochens_rs as se
 from stochens_rs._base import saving as state_file
+from stochens_rs.studies.tasks import head
 
 WHOLE = [0, 1, 2, 127, 128, 255, 2**31 - 1, 2**31, 2**32, 2**53, 2**63 - 1, 2**63, 2**64 - 1]
 REAL = [0.0, -0.0, 1.0, -1.0, 5e-324, 1e-300, 1e16, 1e154, 1e308, float("inf"), float("nan")]
@@ -65,15 +66,16 @@ def _sections(kind: str, content: bytes, draw: random.Random) -> bytes:
 
 
 def _study(content: bytes, draw: random.Random) -> bytes:
-    """Change a record of the file of a study."""
-    at, records = 0, []
+    """Change a record of the file of a study, behind its head of 24 bytes."""
+    at, records = 24, []
     while at < len(content):
         size = int.from_bytes(content[at : at + 8], "little")
         records.append(content[at + 8 : at + 8 + size])
         at += 8 + size
     k = draw.randrange(len(records))
-    records[k] = _sections("study-block" if k else "study", records[k], draw)
-    return b"".join(len(record).to_bytes(8, "little") + record for record in records)
+    records[k] = _sections("study", records[k], draw)
+    body = b"".join(len(record).to_bytes(8, "little") + record for record in records)
+    return head(24 + len(body)) + body
 
 
 def changed(kind: str, content: bytes, draw: random.Random) -> bytes:

@@ -121,7 +121,8 @@ def _read_means(path: Path) -> None:
 
 def _read_pairs(path: Path) -> None:
     stream = se.ModelStream.load(path)
-    stream.update(np.ones((1, stream.n)), np.ones((1, stream.m)), np.ones((1, stream.n)))
+    n, m = stream.model.n, stream.model.m
+    stream.update(np.ones((1, n)), np.ones((1, m)), np.ones((1, n)))
     repr(stream)
 
 

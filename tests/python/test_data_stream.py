@@ -339,7 +339,7 @@ def test_damaged_states_are_refused():
         {**state, "more": np.zeros(3)},
     ]
     for sections in broken:
-        with pytest.raises(InputError, match=r"`(state|B)`"):
+        with pytest.raises(InputError, match=r"`(state|B|ranges.*|sizes.*)`"):
             se.DataStream._from_sections(sections)
 
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import inf
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from ..rng import RngLike
 
     FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
+
+T = TypeVar("T")
 
 
 class DataStream(Durable):
@@ -97,7 +99,8 @@ class DataStream(Durable):
         start = None if x0 is None else validation.vector("x0", x0, length=n)
         goal = None if xf is None else validation.vector("xf", xf, length=n)
         matrix = None if A is None else validation.matrix("A", A, rows=n, cols=n)
-        self._ranges, self._sizes = _checked_ranges(ranges), _checked_sizes(sizes)
+        self._ranges = _checked("ranges", ranges, validation.nonnegative)
+        self._sizes = _checked("sizes", sizes, validation.size)
         # estimates, targets, sums, and the pseudoinverse
         running.need("a stream", 176 * n * n + 40 * n * m)
         self._shape = (n, m)
@@ -364,20 +367,18 @@ class DataStream(Durable):
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> DataStream:
         """Check the arrays of `_to_sections` and make a stream of them."""
-        state = dict(sections)
-        ranges = np.asarray(state.pop("ranges", ()), dtype=np.float64)
-        possible = np.isfinite(ranges) & ((ranges >= 0.0) | (ranges == -1.0))
-        if ranges.shape != (3,) or not possible.all():
-            raise InputError("`state` must have three ranges, finite, or -1 for none")
-        sizes = np.asarray(state.pop("sizes", ()))
-        if sizes.shape != (3,) or sizes.dtype != np.uint64 or (sizes > validation.EXACT).any():
-            raise InputError("`state` must have three sizes, 0 for none")
-        made = cls.__new__(cls)
+        state, made = dict(sections), cls.__new__(cls)
+        ranges, sizes = (np.asarray(state.pop(name, ())) for name in ("ranges", "sizes"))
+        if ranges.shape != (3,) or sizes.shape != (3,) or sizes.dtype != np.uint64:
+            raise InputError("`state` must have three ranges, -1 for none, and sizes, 0 for none")
+        bounds, planned = (
+            dict(zip(ENTITIES, own.tolist(), strict=True)) for own in (ranges, sizes)
+        )
+        known = {name: value for name, value in bounds.items() if value != -1.0}
+        made._ranges = _checked("ranges", known, validation.nonnegative)
+        known = {name: value for name, value in planned.items() if value != 0}
+        made._sizes = _checked("sizes", known, validation.size)
         made._core = _core.DataStream.from_sections(list(state.items()))
-        known = zip(ENTITIES, ranges.tolist(), strict=True)
-        made._ranges = {name: value for name, value in known if value >= 0.0}
-        planned = zip(ENTITIES, sizes.tolist(), strict=True)
-        made._sizes = {name: size for name, size in planned if size > 0}
         _, n, m, *targets = (int(v) for v in state["format"])
         made._shape, made._targets = (n, m), tuple(bool(v) for v in targets)
         return made
@@ -391,23 +392,16 @@ class DataStream(Durable):
         return f"<DataStream: n={n}, m={m}, {seen}>"
 
 
-def _checked_ranges(ranges: object) -> dict[str, float]:
-    named = _named("ranges", ranges)
-    return {name: validation.nonnegative(f"ranges['{name}']", value) for name, value in named}
-
-
-def _checked_sizes(sizes: object) -> dict[str, int]:
-    return {
-        name: validation.size(f"sizes['{name}']", value) for name, value in _named("sizes", sizes)
-    }
-
-
-def _named(argument: str, values: object) -> Iterable[tuple[str, Any]]:
+def _checked(argument: str, values: Any, check: Callable[[str, Any], T]) -> dict[str, T]:
+    """What is said of each of x0, xf and A."""
     if values is None:
-        return []
+        return {}
     if not isinstance(values, Mapping):
         raise InputTypeError(f"`{argument}` must be a mapping, got {validation.show(values)}")
-    return [(validation.choice(argument, name, ENTITIES), value) for name, value in values.items()]
+    return {
+        validation.choice(argument, name, ENTITIES): check(f"{argument}['{name}']", value)
+        for name, value in values.items()
+    }
 
 
 _BLOCK = 2**18  # entries in a block, 2 MiB

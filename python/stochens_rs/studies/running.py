@@ -17,7 +17,7 @@ from concurrent.futures import (
     Future,
     wait,
 )
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from types import FrameType
@@ -115,12 +115,16 @@ def run_block(
 
     After an interruption the block has those that were done before.
     """
-    foreign = os.getpid() != work.owner
-    if interruption is None and foreign:
-        end_with_parent()
-    quiet = _unsignalled() if foreign else nullcontext()
-    with quiet, one_thread() if interruption is None else nullcontext():
-        return _run_tasks(work, tasks, layout, interruption or Interruption())
+    if interruption is not None:
+        return _run_tasks(work, tasks, layout, interruption)
+    with ExitStack() as stack:
+        stack.enter_context(one_thread())
+        if os.getpid() != work.owner:
+            end_with_parent()
+            if threading.current_thread() is threading.main_thread():
+                before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+                stack.callback(signal.signal, signal.SIGINT, before or signal.SIG_DFL)
+        return _run_tasks(work, tasks, layout, Interruption())
 
 
 def _run_tasks(
@@ -211,19 +215,6 @@ def _one_line(error: BaseException) -> str:
     line = " ".join(f"{type(error).__name__}: {text}".split()).strip(": ")
     clean = line.encode(errors="replace").decode()
     return clean if len(clean) <= _LONGEST else clean[: _LONGEST - 3] + "..."
-
-
-@contextmanager
-def _unsignalled() -> Iterator[None]:
-    """Ignore Ctrl-C in the process of a worker: the one that runs the study answers it."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before or signal.SIG_DFL)
 
 
 @cache

@@ -161,7 +161,7 @@ def test_models_are_brought_into_one_order(route: str) -> None:
 
 def test_runs_reach_a_stream_in_its_order() -> None:
     equal(streamed(runs(1.0, AT, ACTS)), streamed(runs(1.0)))
-    with pytest.raises(InputError, match="names of the stream"):
+    with pytest.raises(InputError, match="must have the states"):
         streamed(runs(1.0, states=("p", "v", "j")))
 
 

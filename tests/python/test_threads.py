@@ -91,7 +91,6 @@ def test_steps_of_one_stream_from_many_threads_are_the_steps_of_one_thread():
     alone.step(8 * 20 * 25)
     assert shared.steps == 4000
     assert shared.u.tobytes() == alone.u.tobytes()
-    assert shared.digest == alone.digest
 
 
 def test_objects_of_their_own_do_not_meet():

@@ -429,7 +429,7 @@ class Stream(Durable):
             return
         _, theirs = saving.load(path, self._kind)
         ours = self._to_sections()
-        if any(ours[name].tobytes() != theirs.get(name, ours["steps"]).tobytes() for name in _SAME):
+        if any(k not in theirs or ours[k].tobytes() != theirs[k].tobytes() for k in _SAME):
             raise StateError(
                 f"{path} must be a state of this problem, key and options, got another"
             )

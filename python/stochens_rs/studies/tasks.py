@@ -277,7 +277,8 @@ def read(path: str) -> tuple[Manifest, list[Block], int]:
 
 
 def _read(path: str, file: BinaryIO) -> tuple[list[Block], int]:
-    size, begin = os.fstat(file.fileno()).st_size, file.read(_HEAD)
+    begin = file.read(_HEAD)
+    size = os.fstat(file.fileno()).st_size  # afterwards: a writer may append meanwhile
     if not begin.startswith(_BEGIN):
         raise InputError("it does not begin as one")
     end = int.from_bytes(begin[8:16], "little")

@@ -211,10 +211,9 @@ class Study:
 
             self._status = "interrupted"
             work, end = Work(self._function, self._grid, self.key), began + limit
+            waiting = np.flatnonzero(table.states == WAITING) + table.first
             try:
-                self._status = run_tasks(
-                    work, table.waiting(), table.layout, keep, by, interruption, end
-                )
+                self._status = run_tasks(work, waiting, table.layout, keep, by, interruption, end)
             finally:
                 save()
         self._seconds = time.monotonic() - began

@@ -158,10 +158,6 @@ class Table:
         self.states[self.states == FAILED] = WAITING
         self.errors.clear()
 
-    def waiting(self) -> NDArray[np.int64]:
-        """The tasks that have not run."""
-        return np.flatnonzero(self.states == WAITING) + self.first
-
     def block(self, chosen: NDArray[np.bool_]) -> Block:
         """The chosen tasks, which are of one platform."""
         tasks = np.flatnonzero(chosen) + self.first

@@ -36,14 +36,14 @@ cost = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], R=0.01)
 limits = np.geomspace(0.7, 4.0, 15)
 plans = [se.control(model, x0, rest, steps=20, limits=(-f, f), cost=cost) for f in limits]
 print(plans[3])
-print(f"off the least cost by {plans[3].gap:.1e} at most")
+print(f"off the least cost by {plans[3].limited.gap:.1e} at most")
 
 # %%
 fig, (left, middle, right) = plt.subplots(1, 3, figsize=(11, 3.5))
 times = 0.1 * np.arange(21)
 for plan, limit, color in ((plans[3], limits[3], "C0"), (plans[-1], limits[-1], "C1")):
     left.stairs(plan.u[:, 0], times, baseline=None, color=color, lw=2)
-    at = np.where(plan.active[:, 0] != 0, plan.u[:, 0], np.nan)
+    at = np.where(plan.limited.active[:, 0] != 0, plan.u[:, 0], np.nan)
     left.stairs(at, times, baseline=None, color=color, lw=5)
     middle.plot(times, 1000 * plan.states((A, B), x0)[:, 1], color=color, lw=2)
     left.text(0.6, limit * 0.6 + 0.2, f"limit {limit:.2g} N", color=color)
@@ -52,11 +52,12 @@ middle.axhline(0.0, color="0.6", lw=0.8)
 middle.set(
     xlabel="time [s]", ylabel="angle of the rig [mrad]", title="What the rig does, uncorrected"
 )
-right.plot(limits, [plan.objective for plan in plans], color="C0")
+costs = [plan.limited.objective for plan in plans]
+right.plot(limits, costs, color="C0")
 right.fill_between(
-    limits, [p.objective - p.missed for p in plans], [p.objective for p in plans], alpha=0.25
+    limits, [p.limited.objective - p.limited.missed for p in plans], costs, alpha=0.25
 )
-right.text(1.3, 1.05 * plans[3].objective, "cost of the plan", color="C0")
-right.text(0.75, plans[-1].objective * 0.8, "shaded: the price of the limit", color="0.35")
+right.text(1.3, 1.05 * costs[3], "cost of the plan", color="C0")
+right.text(0.75, costs[-1] * 0.8, "shaded: the price of the limit", color="0.35")
 right.set(xlabel="limit of the force [N]", ylabel="cost J", ylim=(0, None))
 plt.show()

@@ -31,6 +31,13 @@ def exactly(a, b):
     np.testing.assert_allclose(a, b, rtol=1e-13, atol=1e-13)
 
 
+def at_a_limit(plan):
+    """Whether an input is at a limit or changes by its rate, or a state is at a limit."""
+    limited = plan.limited
+    sides = limited.active, limited.rate_active, limited.state_active
+    return any(bool(one.any()) for one in sides if one is not None)
+
+
 WAYS = ("half", "tight", "one-sided", "fixed inputs", "loose")
 
 
@@ -61,12 +68,11 @@ def check(plan, p, tolerance=1e-8):
     assert lp.norm(u - best.u, p.H) <= tolerance * size
     assert lp.norm(u - best.u, p.H) <= plan.limited.distance + best.distance + 1e-13 * size
     J = lp.objective(p, u)
-    np.testing.assert_allclose(plan.objective, J, rtol=1e-9, atol=1e-12 * size**2)
-    assert best.objective >= J - plan.gap - 1e-12 * size**2
-    np.testing.assert_allclose(plan.missed, best.missed, rtol=1e-6, atol=1e-9 * size**2)
-    assert np.array_equal(plan.limits_active, plan.active.any())
+    np.testing.assert_allclose(plan.limited.objective, J, rtol=1e-9, atol=1e-12 * size**2)
+    assert best.objective >= J - plan.limited.gap - 1e-12 * size**2
+    np.testing.assert_allclose(plan.limited.missed, best.missed, rtol=1e-6, atol=1e-9 * size**2)
     fixed = p.low == p.high
     side = np.where(u >= p.high, 1, np.where(u <= p.low, -1, 0))
-    assert np.array_equal(plan.active.ravel()[~fixed], side[~fixed])
-    assert plan.multipliers.shape == plan.active.shape == shape
+    assert np.array_equal(plan.limited.active.ravel()[~fixed], side[~fixed])
+    assert plan.limited.multipliers.shape == plan.limited.active.shape == shape
     return best

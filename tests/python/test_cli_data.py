@@ -289,12 +289,12 @@ def test_control_within_limits_says_what_python_says(rig, tmp_path, capsys):
     )
     assert np.array_equal(found["u"], plan.u)
     assert found["limited"] == plan.limited.to_dict()
-    assert np.any(plan.active)
+    assert np.any(plan.limited.active)
     assert {file.name for file in out.iterdir()} == {f"control.{k}" for k in ("json", "png", "svg")}
     assert cli.main([*map(str, ["control", path, *options])]) == 0
     text = capsys.readouterr().out
     assert str(plan) in text
-    assert f"{np.count_nonzero(plan.active)} of 12 inputs at a limit" in text
+    assert f"{np.count_nonzero(plan.limited.active)} of 12 inputs at a limit" in text
     assert ran(capsys, "control", path, "--steps", 6)["limited"] is None
 
 

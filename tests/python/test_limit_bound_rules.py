@@ -86,7 +86,7 @@ def test_a_moved_target():
         other = Horizon(replace(task, reference=task.reference + dr), A, B)
         best, moved = exact.solve(x0), other.solve(x0 + dx0)
         M, start, _ = exact.core.weighted()
-        goal = np.vstack([*[exact.roots[0]] * (K - 1), exact.roots[1]])
+        goal = np.vstack([*[exact.core.roots()[0]] * (K - 1), exact.core.roots()[1]])
         d = float(np.linalg.norm(onto(M) @ (goal @ dr - start @ dx0)))
         D, du = best.distance + moved.distance, (best.u - moved.u).ravel()
         if 1e-3 * d < D:

@@ -120,7 +120,7 @@ def test_the_plan_says_what_its_limits_cost():
     assert "limits" not in repr(se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2))
     again = pickle.loads(pickle.dumps(plan))
     assert again.u.tobytes() == plan.u.tobytes()
-    assert again.multipliers.tobytes() == plan.multipliers.tobytes()
+    assert again.limited.multipliers.tobytes() == plan.limited.multipliers.tobytes()
     with pytest.raises(InputError, match="no covariance is known within limits"):
         plan.covariance()
 
@@ -134,7 +134,10 @@ def test_a_time_limit_gives_a_control_within_the_limits(gen):
     assert np.all((plan.u >= -0.2) & (plan.u <= 0.3))
     done = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=60.0, **within(**more))
     assert done.status == "optimal"
-    assert plan.gap >= plan.objective - done.objective - 1e-9 * done.objective
+    assert (
+        plan.limited.gap
+        >= plan.limited.objective - done.limited.objective - 1e-9 * done.limited.objective
+    )
 
 
 # -- one control per realization -------------------------------------------------------------------

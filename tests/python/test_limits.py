@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from limit_plans import WAYS, check, draw_case, exactly, within
+from limit_plans import WAYS, at_a_limit, check, draw_case, exactly, within
 from limit_problems import draw_box
 from stochens_rs import _core
 from stochens_rs.limits.solution import Horizon
@@ -27,12 +27,15 @@ INPUTS = np.zeros((2, 2)), np.array([[1.0, 1.0], [0.0, 1.0]])  # x(1) = B u
 def test_one_input_by_hand():
     exactly(se.control(ONE, [0.0], [3.0], cost=se.Cost(R=1.0)).u, [[1.5]])
     plan = se.control(ONE, [0.0], [3.0], limits=(-1.0, 1.0), cost=se.Cost(R=1.0))
-    exactly([plan.u[0, 0], plan.objective, plan.multipliers[0, 0], plan.missed], [1, 5, 2, 0.5])
-    assert (plan.active.tolist(), plan.limits_active, plan.status) == ([[1]], True, "optimal")
-    assert 0.0 <= plan.gap <= 1e-15
+    exactly(
+        [plan.u[0, 0], plan.limited.objective, plan.limited.multipliers[0, 0], plan.limited.missed],
+        [1, 5, 2, 0.5],
+    )
+    assert (plan.limited.active.tolist(), at_a_limit(plan), plan.status) == ([[1]], True, "optimal")
+    assert 0.0 <= plan.limited.gap <= 1e-15
     other = se.control(ONE, [0.0], [1.0], limits=(-1.0, 1.0), cost=se.Cost(R=1.0))
     exactly(other.u, [[0.5]])
-    assert (other.missed, other.limits_active) == (0.0, False)
+    assert (other.limited.missed, at_a_limit(other)) == (0.0, False)
     # ||B (u - u')||_Q^2 + ||u - u'||_R^2 <= <B (u - u'), b - b'>_Q
     moved = plan.u - other.u
     assert 2.0 * np.sum(moved**2) <= moved[0, 0] * 2.0
@@ -43,14 +46,14 @@ def test_two_inputs_without_weight_by_hand():
     exactly(free.u, [[2.0, 0.0]])
     plan = se.control(INPUTS, [0.0, 0.0], [2.0, 0.0], limits=(-1.0, 1.0), cost=se.Cost(R=0.0))
     exactly(plan.u, [[1.0, 0.5]])
-    exactly([plan.objective, *plan.multipliers[0]], [0.5, 1.0, 0.0])
+    exactly([plan.limited.objective, *plan.limited.multipliers[0]], [0.5, 1.0, 0.0])
 
 
 def test_two_steps_of_the_double_integrator_by_hand():
     ends = [1.0, 0.0], [0.0, 0.0]
     exactly(se.control(TWO, *ends, steps=2).u.ravel(), [-1.0, 1.0])
     plan = se.control(TWO, *ends, steps=2, limits=(-0.5, 0.5), cost=se.Cost(R=0.0))
-    exactly([*plan.u.ravel(), plan.objective, plan.missed], [-0.5, 0.5, 0.25, 0.25])
+    exactly([*plan.u.ravel(), plan.limited.objective, plan.limited.missed], [-0.5, 0.5, 0.25, 0.25])
     exactly(plan.predicted_states, [[1.0, 0.0], [1.0, -0.5], [0.5, 0.0]])
 
 
@@ -63,7 +66,9 @@ def test_two_steps_with_a_limit_on_changes_by_hand():
         limits=se.Limits(u=(-0.5, 0.5), rate=0.5, previous=[0.0]),
         cost=se.Cost(R=0.0),
     )
-    np.testing.assert_allclose([*plan.u.ravel(), plan.objective], [-0.4, 0.1, 0.45], atol=1e-8)
+    np.testing.assert_allclose(
+        [*plan.u.ravel(), plan.limited.objective], [-0.4, 0.1, 0.45], atol=1e-8
+    )
     assert plan.status == "optimal"
 
 
@@ -78,7 +83,7 @@ def test_regulating_step_by_step_by_hand():
     for _ in range(6):
         plan = se.control(ONE, x, [0.0], limits=(-1.0, 1.0), cost=se.Cost(Q=1.0, R=1.0))
         inputs.append(plan.u[0, 0])
-        multipliers.append(plan.multipliers[0, 0])
+        multipliers.append(plan.limited.multipliers[0, 0])
         x = plan.predicted_states[-1]
     exactly(inputs, [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25])
     exactly(multipliers, [6.0, 4.0, 2.0, 0.0, 0.0, 0.0])
@@ -94,7 +99,7 @@ def test_wide_limits_change_nothing(gen):
             continue  # R = 0 has more than one best control; or rounding is more than 1e-12
         plan = se.control(system, x0, xf, steps=K, limits=(-1e6, 1e6), cost=se.Cost(R=0.0))
         np.testing.assert_allclose(plan.u, free.u, rtol=1e-12, atol=1e-12, err_msg=str(i))
-        assert not plan.limits_active
+        assert not at_a_limit(plan)
         assert plan.error(system, x0, xf).state <= 1e-12
 
 
@@ -111,7 +116,6 @@ def test_without_limits_no_bit_changes():
         assert fused.u.tobytes() == old.u.tobytes()
         for made in (plan, fused):
             assert made.limited is None
-            assert made.active is made.gap is made.objective is made.missed is None
             assert made.status == "completed"
     inverse, out = factors(B).inverse, np.empty((50, 1))
     needed = xf, drawn._core_realizations()
@@ -132,7 +136,7 @@ def test_boxes_equal_the_twin(gen):
         best = check(plan, p)
         size = 1e-6 * (1.0 + np.max(np.abs(best.multipliers)))
         np.testing.assert_allclose(
-            plan.multipliers.ravel(), np.abs(best.multipliers), atol=size, err_msg=str(i)
+            plan.limited.multipliers.ravel(), np.abs(best.multipliers), atol=size, err_msg=str(i)
         )
 
 
@@ -162,16 +166,16 @@ def test_long_horizons_equal_condensed_ones(gen):
         p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **more)
         u = plan.u.ravel()
         assert plan.status == "optimal"
-        assert plan.limits_active
+        assert at_a_limit(plan)
         assert np.all((u >= p.low) & (u <= p.high))
         if way != "one-sided":
             assert lc.frank_wolfe_gap(p, u) <= 1e-9 * lp.objective(p, 0.0 * u)
         short = Horizon(plan.limited.task, A, B)
         M, state, target = short.core.weighted()
-        y, R = target - state @ x0, np.tile(short.cost(), K)
+        y, R = target - state @ x0, np.tile(np.diag(short.core.r), K)
         dense = _core.box_control(M, y, R, p.low, p.high, None, None)
         assert lp.norm(dense.control - u, p.H) <= plan.limited.distance + dense.distance + 1e-9
-        np.testing.assert_allclose(plan.objective, dense.objective, rtol=1e-9)
+        np.testing.assert_allclose(plan.limited.objective, dense.objective, rtol=1e-9)
 
 
 def test_soft_state_limits_equal_the_twin(gen):
@@ -202,11 +206,13 @@ def test_soft_state_limits_equal_the_twin(gen):
         size = total(0.0 * u) + 1e-6
         best = lc.solve(lp.softened(p, C, c, soft)).u[: len(u)]
         assert plan.status == "optimal"
-        np.testing.assert_allclose(plan.objective, total(u), rtol=1e-9, atol=1e-12 * size)
-        assert total(best) >= plan.objective - plan.gap - 1e-12 * size
+        np.testing.assert_allclose(plan.limited.objective, total(u), rtol=1e-9, atol=1e-12 * size)
+        assert total(best) >= plan.limited.objective - plan.limited.gap - 1e-12 * size
         assert lp.norm(u - best, p.H) <= plan.limited.distance + 1e-6 * np.sqrt(size)
         free = lc.solve(p._replace(low=0 * u - np.inf, high=0 * u + np.inf)).objective
-        np.testing.assert_allclose(plan.missed, plan.objective - free, atol=1e-8 * size)
+        np.testing.assert_allclose(
+            plan.limited.missed, plan.limited.objective - free, atol=1e-8 * size
+        )
         beyond += bool(np.any(C @ u - c > 1e-3))
     assert beyond > 30
 
@@ -217,7 +223,7 @@ def test_soft_limits_that_are_kept_cost_nothing():
         TWO, [1.0, 0.0], [0.0, 0.0], steps=3, limits=se.Limits(x=(-9.0, 9.0)), cost=se.Cost(R=1.0)
     )
     np.testing.assert_allclose(plan.u, free.u, atol=1e-9)
-    assert plan.missed <= 1e-12
+    assert plan.limited.missed <= 1e-12
     far = se.control(
         TWO,
         [1e6, 0.0],
@@ -261,8 +267,8 @@ def test_rates_equal_the_twin(gen):
         assert np.all((u >= p.low) & (u <= p.high))
         assert np.all(p.C @ u <= p.c + 1e-7 * size)
         assert lp.norm(u - best.u, p.H) <= plan.limited.distance + 1e-6 * size
-        np.testing.assert_allclose(plan.objective, best.objective, atol=1e-7 * size**2)
-        np.testing.assert_allclose(plan.missed, best.missed, atol=1e-6 * size**2)
+        np.testing.assert_allclose(plan.limited.objective, best.objective, atol=1e-7 * size**2)
+        np.testing.assert_allclose(plan.limited.missed, best.missed, atol=1e-6 * size**2)
         held += bool(np.any(best.rows > 1e-6))
     assert held > 30
     assert infeasible > 3

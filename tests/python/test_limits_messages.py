@@ -65,7 +65,7 @@ def test_limits_by_name_leave_the_others_free():
     plan = se.control(cart, *start, steps=4, limits=whole)
     named = se.control(cart, *start, steps=4, limits={"brake": (-0.2, 0.3)})
     np.testing.assert_array_equal(named.u, plan.u)
-    assert plan.active.any()
+    assert plan.limited.active.any()
     # without the unit, on one side, beside limits of states
     sides = {"force": (None, 0.1), "brake": None}, (-0.5, 0.5)
     both = se.Limits(u=sides[0], x={"speed": sides[1]})
@@ -114,7 +114,7 @@ def test_whatever_is_given_with_the_others(name):
         passed += 1
         assert np.all(plan.u >= plan.limited.task.low), what
         assert np.all(plan.u <= plan.limited.task.high), what
-        assert plan.gap >= 0.0, what
+        assert plan.limited.gap >= 0.0, what
         assert "inputs at a limit" in repr(plan)
         assert "inputs at a limit" in plan._repr_html_()
     assert passed

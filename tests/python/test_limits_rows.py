@@ -24,9 +24,9 @@ def test_active_rates_are_those_with_multipliers(gen, scale):
         plan = se.control((A, B), x0, [0.0] * 3, **within(**how))
         loop = loop_of(plan.limited.task, A, B, None)
         loop.solve(x0, None)
-        assert np.array_equal(plan.rate_active.ravel(), loop.warm()[m * K :])
-        assert plan.limits_active == plan.rate_active.any()
-        seen += np.count_nonzero(plan.rate_active)
+        assert np.array_equal(plan.limited.rate_active.ravel(), loop.warm()[m * K :])
+        assert at_a_limit(plan) == plan.limited.rate_active.any()
+        seen += np.count_nonzero(plan.limited.rate_active)
     assert seen > 30
 
 
@@ -36,7 +36,7 @@ def test_states_wait_for_time():
     assert plan.status in ("user_limit", "optimal")
     assert np.all(np.abs(np.diff(plan.u.ravel(), prepend=0.0)) <= 0.1 + 1e-12)
     best = se.control(ONE, [3.0], [0.0], steps=30, **within(**sides, Q=1.0))
-    assert plan.objective - best.objective <= plan.gap + 1e-9
+    assert plan.limited.objective - best.limited.objective <= plan.limited.gap + 1e-9
 
 
 @pytest.mark.parametrize("highest", [0.8, 0.7])

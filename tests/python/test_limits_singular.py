@@ -97,13 +97,20 @@ def test_plans_without_a_weight_of_the_inputs(gen, limits) -> None:
         x0, xf = gen.standard_normal(3), 2.0 * gen.standard_normal(3)
         plan = se.control((A, B), x0, xf, steps=6, limits=limits, cost=se.Cost(R=0.0))
         assert plan.status == "optimal"
-        assert plan.gap is not None
-        assert plan.objective is not None
-        scale = float(np.sum((np.linalg.matrix_power(A, 6) @ x0 - xf) ** 2)) + plan.objective
-        assert plan.gap <= 1e-9 * scale
+        assert plan.limited.gap is not None
+        assert plan.limited.objective is not None
+        scale = (
+            float(np.sum((np.linalg.matrix_power(A, 6) @ x0 - xf) ** 2)) + plan.limited.objective
+        )
+        assert plan.limited.gap <= 1e-9 * scale
         at = states(A, B, x0, plan.u)[-1]
-        assert plan.objective == pytest.approx(float(np.sum((at - xf) ** 2)), abs=1e-12 * scale)
+        assert plan.limited.objective == pytest.approx(
+            float(np.sum((at - xf) ** 2)), abs=1e-12 * scale
+        )
         task = plan.limited.task
         M = np.hstack([np.linalg.matrix_power(A, 5 - k) @ B for k in range(6)])
         y = xf - np.linalg.matrix_power(A, 6) @ x0
-        assert plan.objective <= conic(M, y, task.low.ravel(), task.high.ravel()) + 1e-9 * scale
+        assert (
+            plan.limited.objective
+            <= conic(M, y, task.low.ravel(), task.high.ravel()) + 1e-9 * scale
+        )

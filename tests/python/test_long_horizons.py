@@ -29,7 +29,7 @@ def exact(array):
 def followed(A, B, x0, R, plan, limit):
     """J of the plan, with its feedback, and of its inputs alone; Q = I."""
     A, B, x0, u = exact(A), exact(B), exact(x0), exact(plan.u)
-    gains = None if plan.feedback is None else exact(plan.feedback)
+    gains = None if plan.limited.feedback is None else exact(plan.limited.feedback)
     costs, wanted = [], exact(plan.predicted_states)
     for K in (gains, None):
         x, J = x0, D(0)
@@ -82,19 +82,20 @@ def test_no_plan_is_called_optimal_that_costs_more(seed):
         with localcontext() as context:
             context.prec = 120
             J, alone = followed(A, B, x0, R, plan, limit)
-            at = {k: plan.u[k, 0] for k in np.flatnonzero(plan.active[:, 0])}
+            at = {k: plan.u[k, 0] for k in np.flatnonzero(plan.limited.active[:, 0])}
             # limits that are held and should not be only make this larger
             excess = float(J - least(A, B, x0, R, steps, at))
         assert plan.status == "optimal"
-        assert excess <= plan.gap * (1 + 1e-6) + 1e-60 <= OPTIMAL * plan.objective
-        assert float(J) == pytest.approx(plan.objective, rel=1e-12)
-        assert float(alone) == pytest.approx(plan.open_loop_objective, rel=1e-4)
-        assert (plan.multipliers >= 0).all()
-        if plan.open_loop_until == steps:
-            assert float(alone) == pytest.approx(plan.objective, rel=1e-9)
-            assert plan.feedback is None
+        assert excess <= plan.limited.gap * (1 + 1e-6) + 1e-60 <= OPTIMAL * plan.limited.objective
+        assert float(J) == pytest.approx(plan.limited.objective, rel=1e-12)
+        assert (plan.limited.multipliers >= 0).all()
+        if plan.limited.open_until is None:
+            assert float(alone) == pytest.approx(plan.limited.objective, rel=1e-9)
+            assert plan.limited.feedback is None
         else:
-            assert f"follow with `feedback` from step {plan.open_loop_until} on" in repr(plan)
+            assert float(alone) == pytest.approx(plan.limited.open_objective, rel=1e-4)
+            follow = f"follow with `limited.feedback` from step {plan.limited.open_until} on"
+            assert follow in repr(plan)
 
 
 @pytest.mark.parametrize(
@@ -108,10 +109,10 @@ def test_no_plan_is_called_optimal_that_costs_more(seed):
 def test_public_cases(A, B, x0, steps, limit, J, first):
     plan = se.control((A, B), x0, 0 * np.array(x0), steps=steps, limits=(-limit, limit), cost=COST)
     assert plan.status == "optimal"
-    assert plan.objective == pytest.approx(J, rel=1e-3)
+    assert plan.limited.objective == pytest.approx(J, rel=1e-3)
     assert not plan.warnings  # the rank of C_K is that of C_n, whatever is left of it in doubles
     least, v = conic(np.array(A), np.array(B), np.array(x0), steps, u=limit)
-    assert plan.objective == pytest.approx(least, rel=1e-6)
+    assert plan.limited.objective == pytest.approx(least, rel=1e-6)
     np.testing.assert_allclose(plan.u[0], v[0], rtol=1e-3)
     loop = se.regulate((A, B), steps, limits=(-limit, limit), cost=COST)
     u = loop(x0)
@@ -128,7 +129,7 @@ def test_inputs_that_stop_just_short_of_their_limits(steps):
     A, B, x0 = np.eye(8) + 0.2 * rng.randn(8, 8), rng.randn(8, 2), 5.0 * rng.randn(8)
     plan = se.control((A, B), x0, np.zeros(8), steps=steps, limits=(-1, 1), cost=ONES)
     assert plan.status == "optimal"
-    assert plan.gap <= 1e-11 * plan.objective
+    assert plan.limited.gap <= 1e-11 * plan.limited.objective
 
 
 def conic(A, B, x0, steps, **sides):
@@ -183,6 +184,6 @@ def test_rates_and_states_over_a_long_horizon(sides):
     plan = se.control(CART, x0, np.zeros(4), steps=150, limits=limits, cost=COST)
     best, v = conic(CART.A, CART.B, x0, 150, u=u, **sides)
     assert plan.status == "optimal"
-    assert plan.objective == pytest.approx(best, rel=1e-6)
+    assert plan.limited.objective == pytest.approx(best, rel=1e-6)
     np.testing.assert_allclose(plan.u[:5], v[:5], atol=1e-4)
-    assert plan.open_loop_until < 150
+    assert plan.limited.open_until < 150

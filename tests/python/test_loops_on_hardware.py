@@ -13,7 +13,7 @@ import stochens_rs as se
 from coverage_study import sets
 from hidden_outputs import Arx, Belt
 from stochens_rs import _core
-from stochens_rs.controls import rest as resting
+from stochens_rs.controls import of_model as resting
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.loops import window as gate
 from test_feedback import S, V, white
@@ -388,12 +388,13 @@ def test_known_points_of_rest(name):
     """Two outputs and one input, one lag; P2 integrates."""
     H, r = np.array(SIGMA[name]), np.array([1.0, 2.0])
     M, free = np.hstack([np.eye(2) - H[:, :2], -H[:, 2:]]), np.array([np.inf])
-    still = resting.Still(np.eye(3, 4), M, np.zeros(2), np.ones(3), -free, free)
-    found, held = resting._nearest(still, r, np.diag([1.0, 0.25]))
+    points, weights = (M, np.zeros(2)), np.diag([1.0, 0.25])
+    found, held = resting.nearest_rest(points, np.ones(3), (-free, free), r, weights)
     np.testing.assert_allclose(found, NEAREST[name], atol=1e-10)
     assert held == []
     # within limits: the best of a grid along the points of rest
-    v, held = resting._nearest(still._replace(high=np.array([-0.1])), r, np.diag([1.0, 0.25]))
+    sides = -free, np.array([-0.1])
+    v, held = resting.nearest_rest(points, np.ones(3), sides, r, weights)
     if name == "P1":
         assert held == [0]
         np.testing.assert_allclose(v, -0.1 * found / found[2], atol=1e-9)

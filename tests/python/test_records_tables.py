@@ -102,7 +102,7 @@ def test_a_plan_has_its_control_limits_and_keys() -> None:
     made = plan.to_xarray()
     np.testing.assert_array_equal(made["u"][:-1], plan.u)
     np.testing.assert_array_equal(made["predicted_states"], plan.predicted_states)
-    np.testing.assert_array_equal(made["active"][:-1], plan.active)
+    np.testing.assert_array_equal(made["active"][:-1], plan.limited.active)
     assert made["high"][:-1].to_numpy().tolist() == [[2.0]] * 4
     assert made.attrs["key_A"] == key("A").hex
     assert made.attrs["size_x0"] == 50

@@ -107,10 +107,10 @@ def test_limits_of_rates_and_states_begin_at_those_of_the_call_before(kind):
             gap = loop.log[-1].gap
             assert loop.log[-1].status == plan.status
             if plan.status == "optimal":
-                J, size = (plan.limited.task, F, X), 1e-12 * plan.objective
-                apart = Horizon(*J).objective(x, loop.plan) - plan.objective
-                assert -plan.gap - size <= apart <= gap + size
-                assert gap <= 1e-10 * (1.0 + plan.objective)
+                J, size = (plan.limited.task, F, X), 1e-12 * plan.limited.objective
+                apart = Horizon(*J).objective(x, loop.plan) - plan.limited.objective
+                assert -plan.limited.gap - size <= apart <= gap + size
+                assert gap <= 1e-10 * (1.0 + plan.limited.objective)
                 assert np.allclose(loop.plan, plan.u, rtol=1e-6, atol=1e-6)
             x, last = F @ x + X @ u + 0.2 * gen.normal(size=3), u
             # as the next call does; its limits are then those of this state
@@ -139,7 +139,7 @@ def test_equals_control_at_every_state(index):
         u = loop(x)
         plan = se.control(system, x, goal, steps=7, **within(**task))
         assert np.allclose(loop.plan, plan.u, rtol=1e-11, atol=1e-11)
-        assert loop.log[-1].gap <= 1e-12 * (plan.objective + 1.0)
+        assert loop.log[-1].gap <= 1e-12 * (plan.limited.objective + 1.0)
         x = F @ x + X @ u + offset + 0.1 * gen.normal(size=3)
     assert any(np.any((call.u == 0.3) | (call.u == [-0.4, np.inf])) for call in loop.log)
 

@@ -2,11 +2,11 @@
 
 from ..theory.records import PlanError, Reachability
 from .control import control, realization_controls, steer
+from .errors import Typical
 from .next_runs import NextRuns, design
 from .of_model import predict
 from .plan import Plan
 from .sample_size import SamplePlan, required_samples
-from .typical import Typical
 
 __all__ = [
     "NextRuns",

@@ -5,18 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from math import inf, sqrt
 from time import monotonic
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from .. import _core
+from .._base import validation
 from .._base.numbers import ROUNDING, norm
 from .._base.records import trusted
 from .._base.types import QUANTITIES, Floats
 from ..certificates.certificate import Certificate, Radius, radius_at
-from ..certificates.of_model import certificate, step_regions, trajectory
-from ..exceptions import InputError
-from ..fusion.provenance import Basis
+from ..certificates.near_reference import near_reference
+from ..certificates.of_model import Asked, certificate, step_regions, trajectory
+from ..certificates.of_outputs import output_certificate
+from ..exceptions import InputError, InputTypeError, ShapeError
+from ..feedback import Loop, LoopCertificate
 from ..limits.solution import Horizon, LimitedErrors, MovedTarget
 from ..rng import as_key
 from ..theory.drawn_bounds import (
@@ -29,10 +32,12 @@ from ..theory.drawn_bounds import (
 )
 from ..theory.exact import EPS, matrix_powers, spectral_norms
 from ..theory.formulas import checked_finite
+from .errors import followed
 
 if TYPE_CHECKING:
     from .._base.types import Fusion
-    from ..certificates.of_model import Asked, ModelBasis
+    from ..certificates.of_model import ModelBasis
+    from ..fusion.provenance import Basis, Known
     from ..limits.problem import Task
     from ..limits.solution import Limited
 
@@ -47,29 +52,35 @@ def plan_bound(
 ) -> Certificate:
     """Bound the errors of the control `u`, which leads the model along `predicted`."""
     errors = plan_errors(basis, len(u), fusion)
-    found: tuple[float, ...]
-    reason = None
+    best, reason = errors.best, None
     if not errors.random:
-        error = errors.best.error(u.ravel(), basis.values[0])
-        names = ("exact error",) * 2
-        found = error.state + error.state_rounding, error.control + error.control_rounding
-    elif drawn := radii(errors, delta, KEY):
-        found, names = drawn, ("simulated",) * 2
+        error, names = best.error(u.ravel(), basis.values[0]), ("exact error",) * 2
+        state, control = error.state + error.state_rounding, error.control + error.control_rounding
     else:
-        reason = not_simulated(delta, errors.cost)
-        found, names = _formulas(basis, u, predicted, errors, delta, fusion)
-    state, control = _handed_out(basis, errors, *found) if errors.random else found
-    if errors.best.gap > 0.0 and np.isfinite(basis.rounding).all():
+        if drawn := radii(errors, delta, KEY):
+            (state, control), names = drawn, ("simulated",) * 2
+        else:
+            reason = not_simulated(delta, errors.cost)
+            (state, control), names = _formulas(basis, u, predicted, errors, delta, fusion)
+        # The rounding of the exact control v of the estimates, whatever the method. ||C_K (u - v)||
+        # is known for the estimates, which is all over one step; over several it is at most
+        # ||C_K|| ||u - v||. The averages themselves are rounded like xf - A^K x0.
+        off_state, off_control = basis.rounding
+        if errors.several:
+            off_state = float(best.factors.singular_values[0]) * off_control
+        state = state + 2.0 * best.unsure + off_state
+        control = control + best.amplified(2.0 * best.unsure) + off_control
+    if best.gap > 0.0 and np.isfinite(basis.rounding).all():
         checked_finite(np.array([state, control]), "bound")
     else:
         reason = _DIGITS
-    target = float(np.hypot(state, errors.best.upper)) * (1.0 + 4.0 * EPS)
+    target = float(np.hypot(state, best.upper)) * (1.0 + 4.0 * EPS)
     quantities = {
         "target": (target, "xf", names[0], reason),
         "state": (state, "where the exact control leads", names[0], reason),
         "control": (control, "the exact control", names[1], reason),
     }
-    parts = {"estimates": state, "out of reach": errors.best.upper * (1.0 + 4.0 * EPS)}
+    parts = {"estimates": state, "out of reach": best.upper * (1.0 + 4.0 * EPS)}
     return certificate_of_laws(basis, delta, errors.random, quantities, parts)
 
 
@@ -101,42 +112,22 @@ def certificate_of_laws(
 _DIGITS = "the condition of C_K is so large that rounding leaves no digit of the control for sure"
 
 
-def _handed_out(
-    basis: Basis, errors: PlanErrors, state: float, control: float
-) -> tuple[float, float]:
-    """The radii of the exact control of the estimates, with the rounding of that in doubles.
-
-    The one place where it is added, whatever the method. ``||C_K (u - v)||`` is known for the
-    estimates, which is all over one step; over several it is at most ``||C_K|| ||u - v||``. The
-    averages themselves are rounded like ``xf - A^K x0``.
-    """
-    best = errors.best
-    state, control = state + 2.0 * best.unsure, control + best.amplified(2.0 * best.unsure)
-    off_state, off_control = basis.rounding
-    if errors.several:
-        off_state = float(errors.best.factors.singular_values[0]) * off_control
-    return state + off_state, control + off_control
-
-
 def plan_errors(basis: Basis, steps: int, fusion: Fusion) -> PlanErrors:
     """The law of the errors of a plan whose entities are all known.
 
     Averages of realizations are random, fits and exact values are not.
     """
-    entities = []
-    for entity, values in zip(basis.entities, basis.values, strict=True):
-        if entity.kind == "iid" or entity.kind == "systematic":
-            entities.append(DrawnEntity(values, None, entity.size, entity.kind))
-        else:
-            entities.append(
-                DrawnEntity(values, entity.estimate if entity.kind == "fitted" else None)
-            )
-    x0, xf, A = entities
     rows = basis.A.axis == "rows"
     if fusion == "diagonal" and basis.A.kind == "systematic" and rows:
         raise InputError(
             "no bound is known for paired systematic realizations of rows: use fusion='product'"
         )
+    x0, xf, A = (
+        DrawnEntity(values, None, one.size, one.kind)
+        if one.kind == "iid" or one.kind == "systematic"
+        else DrawnEntity(values, one.estimate if one.kind == "fitted" else None)
+        for one, values in zip(basis.entities, basis.values, strict=True)
+    )
     return PlanErrors(basis.B, x0, xf, A, steps=steps, paired=fusion == "diagonal", rows=rows)
 
 
@@ -217,25 +208,20 @@ def _along_trajectory(
 def distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, float, float]:
     """Bounds on the errors of the three estimates, all valid with probability 1 - delta."""
     shares = sum(entity.kind == "iid" for entity in basis.entities)
-    found = []
-    for entity, values, estimate in zip(basis.entities, basis.values, basis.estimates, strict=True):
-        matrix = entity.name == "A"
+
+    def distance(entity: Known, values: Floats, estimate: Floats) -> float:
+        matrix, size, axis = entity.name == "A", entity.size, entity.axis
         what: Literal["matrix", "vector"] = "matrix" if matrix else "vector"
-        axis = entity.axis if matrix else "columns"
         if entity.kind == "exact":
-            found.append(0.0)
-        elif entity.kind == "fitted":
-            found.append(float(np.linalg.norm(estimate - values, 2 if matrix else None)))
-        elif entity.kind == "systematic":
-            of = Bounded(what, (values,), axis=axis, scheme="systematic")
-            found.append(of.least((entity.size,), delta)[0])
-        else:
-            each, kind = delta / shares, matrix_norm if matrix else "2"
-            radius, _ = drawn_bound(
-                what, values, size=entity.size, delta=each, norm=kind, axis=axis
-            )
-            found.append(radius)
-    e0, ef, eA = found
+            return 0.0
+        if entity.kind == "fitted":
+            return float(np.linalg.norm(estimate - values, 2 if matrix else None))
+        if entity.kind == "systematic":
+            return Bounded(what, (values,), axis=axis, scheme="systematic").least((size,), delta)[0]
+        how: Any = {"norm": matrix_norm if matrix else "2", "axis": axis}
+        return drawn_bound(what, values, size=size, delta=delta / shares, **how)[0]
+
+    e0, ef, eA = map(distance, basis.entities, basis.values, basis.estimates)
     return e0, ef, eA
 
 
@@ -245,6 +231,42 @@ ALONE, MOVED = "the limits alone", "how far the best control moves in the region
 
 ROUNDS = 8  # of moving limits inward; the radii settled after 2 to 4 in 300 random plans
 AHEAD = 1e-6  # the solver keeps limits to 1e-9 of the states, which must not undo a round
+
+
+def model_bound(
+    basis: ModelBasis,
+    u: Floats,
+    predicted: Floats,
+    limited: Limited | None,
+    delta: float,
+    noise: bool | None,
+    bands: bool | None,
+    gain: Loop | LoopCertificate | None,
+) -> Certificate:
+    """Bound where the true system ends; the arguments are those of `Plan.bound`."""
+    window = basis.window is not None
+    every = bands if bands is not None else not window and gain is None
+    noisy = validation.flag("noise", window if noise is None else noise)
+    asked = Asked(noisy, validation.flag("bands", every))
+    if asked.bands and (window or gain is not None):
+        other_than = "for a model of outputs" if window else "with `gain`"
+        raise InputError(f"`bands` must be False {other_than}")
+    if gain is not None and not isinstance(gain, (Loop, LoopCertificate)):
+        raise InputTypeError(
+            f"`gain` must be a Loop or its certificate, got {validation.show(gain)}"
+        )
+    K = None if gain is None else np.ascontiguousarray(gain.K)
+    if K is not None and K.shape != basis.model.B.shape[::-1]:
+        raise ShapeError(f"`gain` must be one of this model, got one of shape {K.shape}")
+    if window:
+        return output_certificate(basis, u, delta, noisy, K)
+    if gain is not None:
+        return followed(basis, u, predicted, gain, delta, noisy)
+    near = near_reference(basis, u, predicted, delta, asked)
+    if limited is None:
+        return near or certificate(basis, u, predicted, delta, asked)
+    found = limited_certificate(basis, limited, predicted, delta, asked)
+    return found if near is None else near.over(found)
 
 
 def limited_certificate(
@@ -301,11 +323,10 @@ def tightened(task: Task, radii: Floats) -> Task:
 
 def lacking(task: Task, states: Floats, radii: Floats) -> float:
     """By how much the states (K + 1, n), each wrong by its radius, may leave the limits; or 0."""
-    if task.state_low is None or task.state_high is None:
+    inward, at = tightened(task, radii), states[1:]
+    if inward.state_low is None or inward.state_high is None:
         return 0.0
-    room = radii[1:]
-    over = np.maximum(states[1:] + room - task.state_high, task.state_low - states[1:] + room)
-    return max(0.0, float(over.max()))
+    return max(0.0, float(np.maximum(at - inward.state_high, inward.state_low - at).max()))
 
 
 def within_state_limits(
@@ -324,13 +345,20 @@ def within_state_limits(
     """
     end = inf if time_limit is None else monotonic() + time_limit
     model, task, found = basis.model, first.task, first
-    at, bound, radii = _certified(basis, first, delta, asked)
+
+    def certified() -> tuple[Floats, Certificate, Floats]:
+        """The states of the model, the certificate, and the radius of each state, (K + 1, n)."""
+        at = trajectory(model._Theta, basis.x0, found.u)
+        bound = certificate(basis, found.u, at, delta, asked._replace(bands=True))
+        bands = bound.quantities.get("bands")
+        radii = bound.tube[:, None] if bands is None else np.asarray(bands.radius)
+        return at, bound, np.broadcast_to(radii, at.shape)
+
+    at, bound, radii = certified()
     missing = lacking(task, at, radii)
     for _ in range(ROUNDS):
         inward = tightened(replace(task, R=first.R), radii * (1.0 + AHEAD))
-        assert inward.state_low is not None
-        assert inward.state_high is not None
-        if not 0.0 < missing < np.inf or np.any(inward.state_low > inward.state_high):
+        if not 0.0 < missing < np.inf or np.any(inward.state_low > inward.state_high):  # type: ignore[operator]
             break
         left = end - monotonic()
         if left <= 0.0:
@@ -338,23 +366,12 @@ def within_state_limits(
             break
         horizon = Horizon(inward, model.A, model.B, model.c)
         found = horizon.solve(basis.x0, time_limit=None if time_limit is None else left)
-        at, bound, own = _certified(basis, found, delta, asked)
+        at, bound, own = certified()
         missing, radii = lacking(task, at, own), np.maximum(radii, own)
     if missing > ROUNDING * float(np.abs(at).max()):
         status = found.status if found.status in ("user_limit", "interrupted") else "infeasible"
         found = replace(found, status=status, missing=missing)
     return replace(found, task=task), bound
-
-
-def _certified(
-    basis: ModelBasis, limited: Limited, delta: float, asked: Asked
-) -> tuple[Floats, Certificate, Floats]:
-    """The states of the model, the certificate, and the radius of each state, (K + 1, n)."""
-    at = trajectory(basis.model._Theta, basis.x0, limited.u)
-    found = certificate(basis, limited.u, at, delta, asked._replace(bands=True))
-    bands = found.quantities.get("bands")
-    radii = found.tube[:, None] if bands is None else np.asarray(bands.radius)
-    return at, found, np.broadcast_to(radii, at.shape)
 
 
 FIRM = "limits: firm nonexpansiveness"
@@ -392,7 +409,14 @@ def limited_bound(
                 cause = drawn[0]
             else:
                 reason = not_simulated(delta, moved.cost)
-                cause = _formula(basis, exact, delta, fusion, reason)
+                if fusion == "diagonal":
+                    raise InputError(
+                        "no formula bounds a control within limits of paired realizations (use "
+                        f"fusion='product'), and {reason}"
+                    )
+                x0_hat, _, A_hat = map(np.ascontiguousarray, basis.estimates)
+                e = distances(basis, delta, "Frobenius")
+                cause = exact.core.moved_target(e, A_hat, x0_hat)
         else:
             follows = basis.xf.kind != "exact" and not task.follows
             law = LimitedErrors(errors, exact, limited, follows)
@@ -401,8 +425,9 @@ def limited_bound(
                 reason = None if cause else not_simulated(delta, law.cost)
             name = "simulated" if cause else "uncertain map"
             cause = cause or _apart(basis, limited, predicted, exact, delta)
-        x0 = np.ascontiguousarray(x0)
-        state, control, excess, missed = exact.core.error(x0, limited, cause, off)
+        state, control, excess, missed = exact.core.error(
+            np.ascontiguousarray(x0), limited, cause, off
+        )
     # in the 2-norm where only the last state counts, with one weight
     scale = float(task.terminal[0, 0])
     plain = not task.stage.any() and np.array_equal(task.terminal, scale * np.eye(len(x0)))
@@ -423,29 +448,16 @@ def limited_bound(
     return certificate_of_laws(basis, delta, errors.random, quantities, parts)
 
 
-def _formula(basis: Basis, exact: Horizon, delta: float, fusion: Fusion, why: str) -> float:
-    """A bound of the distance of `MovedTarget` that needs no simulation."""
-    if fusion == "diagonal":
-        raise InputError(
-            "no formula bounds a control within limits of paired realizations (use "
-            f"fusion='product'), and {why}"
-        )
-    errors = distances(basis, delta, "Frobenius")
-    x0_hat, _, A_hat = (np.ascontiguousarray(estimate) for estimate in basis.estimates)
-    return exact.core.moved_target(errors, A_hat, x0_hat)
-
-
 def _apart(
     basis: Basis, limited: Limited, predicted: Floats, exact: Horizon, delta: float
 ) -> _core.Apart:
     """How far the control is from the best where the map moves with A."""
     e0, ef, eA = distances(basis, delta, "spectral")
     alpha = exact.core.along(np.ascontiguousarray(predicted), (e0, ef, eA))
-    model = Horizon(limited.task, basis.estimates[2], basis.B, R=limited.R)
-    n, m = basis.B.shape
+    A, B = basis.estimates[2], basis.B
+    n, m = B.shape
     every, unit = np.arange(n), np.eye(n)
     part = _core.RegionPart(every, every, unit, unit, unit[:, :0].copy(), 1.0, unit, eA * eA)
-    centre = np.hstack([basis.estimates[2], basis.B])
-    region = _core.Region(centre, m, (part,), None, False)  # ||A - A^|| <= eA
-    states = np.ascontiguousarray(predicted[1:])
+    region = _core.Region(np.hstack([A, B]), m, (part,), None, False)  # ||A - A^|| <= eA
+    model, states = Horizon(limited.task, A, B, R=limited.R), np.ascontiguousarray(predicted[1:])
     return model.core.apart(region, states, limited.u, alpha, limited.gap)

@@ -2,41 +2,53 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import running, validation
+from .._base.names import Labels, default_labels
 from .._base.records import trusted
 from .._base.running import get_num_threads
-from .._base.types import Floats, Fusion, worst
-from ..ensembles import sample
-from ..exceptions import InputError, SolverError
+from .._base.types import FUSIONS, Floats, Fusion, worst
+from ..ensembles.ensemble import Ensemble, sample
+from ..ensembles.law import Counts
+from ..ensembles.systems import SystemEnsemble
+from ..exceptions import InputError, InputTypeError, ShapeError, SolverError
+from ..fusion.fits import Fit
 from ..fusion.fusing import METHODS, fuse
 from ..fusion.provenance import Basis, known
 from ..identification.identified import Identified
-from ..identification.model import Model
-from ..limits.limits import Cost, Limits, Uncertain, as_cost, as_limits
+from ..limits.limits import Cost, Uncertain, as_cost, as_limits
 from ..limits.problem import checked_task, seconds
 from ..limits.solution import OPTIMAL, Horizon
 from ..rng import RngLike, as_key
 from ..system.system import System
 from ..theory.exact import best, best_control, checked_ends, factors, states
-from .arguments import fusion_over, mean_warnings, problem, step_warnings
-from .of_model import model_control, output_control
+from .of_model import (
+    basis_in_states,
+    ending,
+    horizon_of,
+    model_control,
+    of_outputs,
+    output_control,
+    step_warnings,
+)
 from .plan import Plan
 
 if TYPE_CHECKING:
+    from typing import TypeGuard
+
     from numpy.typing import ArrayLike
 
     from ..fusion.fusing import Method
     from ..limits.limits import LimitsLike
-    from ..limits.solution import Limited
-    from ..theory.exact import Best
-    from .arguments import Entity, EntityLike, SystemLike
     from .of_model import Record
+
+    EntityLike: TypeAlias = Fit | Ensemble | Counts | ArrayLike
+    SystemLike: TypeAlias = System | tuple[EntityLike, ArrayLike] | Any
 
 
 def control(
@@ -154,107 +166,206 @@ def control(
     (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
     within, weights = as_limits(limits), as_cost(cost)
-    if isinstance(system, Model) and system.window is not None:
-        given: dict[str, Any] = {"x0": x0, "xf": xf}
-        for name, value in given.items():
-            if value is not None:
-                raise InputError(
-                    f"`{name}` must be left out for a model of outputs: it starts from `record`, "
-                    "and goes to `target`"
-                )
+    if of_outputs(system, {"x0": x0, "xf": xf}, {"record": record, "target": target}):
         return output_control(system, record, target, steps, within, weights, time_limit)
-    given = {"record": record, "target": target}
-    for name, value in given.items():
-        if value is not None:
-            raise InputError(f"`{name}` must be left out: it is for models of outputs")
-    if x0 is None:
-        raise InputError("`x0` must be the initial state, got None")
     if isinstance(system, Identified):
-        return model_control(system, x0, xf, steps, fusion, within, weights, time_limit)
+        if validation.choice("fusion", fusion, FUSIONS) != "product":
+            raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
+        goal = ending(weights.reference, xf, system.state_names)
+        basis = basis_in_states(system, x0, goal)
+        return model_control(basis, steps, within, weights, time_limit)
     if isinstance(x0, Uncertain):
         raise InputError("`x0` may be Uncertain for models from data only; else pass a Fit")
-    return _estimates_control(system, x0, xf, steps, fusion, within, weights, time_limit)
 
-
-def _estimates_control(
-    system: SystemLike,
-    x0: EntityLike,
-    xf: EntityLike | None,
-    steps: int,
-    fusion: Fusion,
-    limits: Limits,
-    cost: Cost,
-    time_limit: float | None,
-) -> Plan:
-    """The control for exact values and estimates of A, x0 and xf."""
     # 1. the arguments: what is known of each entity, its estimate, and the task within limits
-    B, entities, labels, dt = problem(system, x0, xf, cost.reference)
+    B, entities, labels, dt = problem(system, x0, xf, weights.reference)
     first, last, matrix = entities
     n, m = B.shape
     K, how = fusion_over(steps, fusion, n, m)
     start, goal = first.estimate(), last.estimate()
-    task = checked_task(n, m, K, goal, limits, cost, labels)
+    task = checked_task(n, m, K, goal, within, weights, labels)
     time = seconds(time_limit, task)
 
     # 2. without limits: u = C_K^+ (xf_hat - A_hat^K x0_hat), or the average of the controls
-    A: Floats | None = None
-    if how == "diagonal":
-        found = _paired(B, entities, goal)
-        predicted = np.stack([start, found.reached])
+    A = None if how == "diagonal" else matrix.estimate()
+    if A is None:
+        drawn = _core.mean_difference(n, *realizations(entities))  # the average of A^s x0^s is free
+        found = best(B, goal - drawn, drawn)  # the averages count as exact
     else:
-        A = matrix.estimate()
         found = best_control(A, B, start, goal, K, "A" if matrix.size is None else "A_hat")
-    u = found.u.reshape(K, m)
+    u, limited = found.u.reshape(K, m), None
 
     # 3. within limits: the least J(u)
-    limited: Limited | None = None
     if task is not None:
-        # "diagonal": x(1) is the average of A^s x0^s, plus B u
         horizon = Horizon(task, np.eye(n) if A is None else A, B)
         limited = horizon.solve(found.free if A is None else start, time_limit=time)
         u = limited.u
-        if A is None:
-            predicted[1] = found.free + B @ u[0]
 
     # 4. where the model goes, what no control reaches, and what `bound` needs later
-    if A is not None:
+    if A is None:
+        predicted = np.stack([start, found.reached if limited is None else found.free + B @ u[0]])
+    elif limited is not None and limited.states is not None:
+        predicted = np.vstack([start, limited.states])
+    else:
         predicted = states(A, B, start, u)
-        if limited is not None and limited.closed and limited.states is not None:
-            predicted = np.vstack([start, limited.states])
-    reachability = found.reachability()
+    sure = matrix.size is None or task is not None
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = found.factors.singular_values
-    sure = matrix.size is None or task is not None
     info["warnings"] = mean_warnings(system) + step_warnings(found, exact=sure)
-    x0_known, xf_known, A_known = (
-        known(entity.name, entity.value, estimate)
-        for entity, estimate in zip(entities, (start, goal, A), strict=True)
-    )
+    entries = zip(entities, (start, goal, A), strict=True)
+    x0_known, xf_known, A_known = (known(one.name, one.value, used) for one, used in entries)
+    rounding = found.state_rounding, found.control_rounding
+    ended = [one.value.status for one in entities if isinstance(one.value, Fit)]
     return trusted(
         Plan,
         u=u,
         predicted_states=predicted,
-        reachability=reachability,
+        reachability=found.reachability(),
         fusion=how,
-        status=worst(
-            [entity.status for entity in entities] + ([limited.status] if limited else [])
-        ),
+        status=worst(["completed", *ended, *([limited.status] if limited else [])]),
         info=info,
-        basis=trusted(
-            Basis, B, x0_known, xf_known, A_known, (found.state_rounding, found.control_rounding)
-        ),
+        basis=trusted(Basis, B, x0_known, xf_known, A_known, rounding),
         limited=limited,
         labels=labels,
         dt=dt,
     )
 
 
-def _paired(B: Floats, given: tuple[Entity, Entity, Entity], goal: Floats) -> Best:
-    """The average of ``B^+ (xf^s - A^s x0^s)``; `goal` is that of xf."""
-    first, last, matrices = (entity.realizations() for entity in given)
-    difference = _core.mean_difference(len(B), first, last, matrices, given[2].by_rows)
-    free = goal - difference  # the average of A^s x0^s
-    return best(B, free, difference)  # the averages count as exact
+@dataclass(frozen=True)
+class Entity:
+    """x0, xf or A: a fit, an ensemble, counts, or a copy of exact values."""
+
+    name: str
+    value: Fit | Ensemble | Counts | Floats
+
+    def estimate(self) -> Floats:
+        """What product fusion uses; a copy if the value belongs to the user."""
+        if isinstance(self.value, Fit | Counts):
+            return self.value.estimate.copy("K")  # in the same memory order: the same last bits
+        return self.value.mean() if isinstance(self.value, Ensemble) else self.value
+
+    def drawn(self) -> Ensemble | None:
+        """The realizations; None for exact values."""
+        value = self.value
+        if isinstance(value, Fit) and (value.method != "uniform" or value.ensemble is None):
+            raise InputError(
+                f"`{self.name}` must be an Ensemble or an array here, got a fit by "
+                f"'{value.method}': paired realizations share one weight vector, so weights of "
+                "their own go with fusion='product'"
+            )
+        if isinstance(value, Counts):
+            raise InputTypeError(
+                f"`{self.name}` must be an Ensemble or an array here: counts have no realizations"
+            )
+        if isinstance(value, Fit):
+            return value.ensemble
+        return value if isinstance(value, Ensemble) else None
+
+    @property
+    def size(self) -> int | None:
+        """Number of realizations; None for exact values."""
+        if isinstance(self.value, Fit):
+            return len(self.value.weights)
+        return self.value.size if isinstance(self.value, Ensemble | Counts) else None
+
+    @property
+    def description(self) -> dict[str, Any]:
+        """The entry of the plan's `info`."""
+        if isinstance(self.value, Fit):
+            fit = self.value
+            return {"method": fit.method, "size": self.size, "status": fit.status, "gap": fit.gap}
+        return {"method": "exact" if self.size is None else "uniform", "size": self.size}
+
+
+def problem(
+    system: SystemLike, x0: Any, xf: Any, reference: Any = None
+) -> tuple[Floats, tuple[Entity, Entity, Entity], Labels, float | None]:
+    """Check all arguments of a control problem: B, the entities x0, xf and A, the names, and dt.
+
+    `system` is a system, or (A, B) or (A, B, dt) whose A may be a Fit, an Ensemble, Counts or a
+    SystemEnsemble; in place of B, a nominal System gives its B, names and dt. The last row of a
+    `reference` takes the place of `xf`.
+    """
+    pair: tuple[Any, ...] = system if isinstance(system, tuple) else ()
+    A, models = (pair[0] if pair else None), None
+    if isinstance(A, SystemEnsemble):  # realizations of A, with its names and step
+        models, A = A, Ensemble.from_samples(A.A, centre=A.centre)
+        if models.c is not None:
+            raise InputError("`A` must be models without offsets here: see control_fleet")
+    if _estimated(A):
+        if len(pair) not in (2, 3):
+            raise InputTypeError(
+                f"`system` must be a pair (A, B) or (A, B, dt) when A is "
+                f"{validation.article(type(A))}, got {len(pair)} items"
+            )
+        n = A.shape[0]
+        matrix = _entity("A", A, (n, n))
+        nominal = pair[1] if isinstance(pair[1], System) else None
+        B = validation.matrix("B", pair[1] if nominal is None else nominal.B, rows=n).copy()
+        labels, dt = default_labels(n, B.shape[1]), None
+        if nominal is not None:
+            labels, dt = nominal.labels, nominal.dt
+        if models is not None and B.shape[1] == models.m:
+            labels, dt = models.labels or labels, models.dt or dt
+        if len(pair) == 3:
+            dt = validation.positive("dt", pair[2])
+    else:
+        exact = System.from_any(system)
+        B, matrix, labels, dt = exact.B, Entity("A", exact.A), exact.labels, exact.dt
+    names = labels.states
+    first, last = (
+        _entity(name, value, (len(names),), names)
+        for name, value in (("x0", x0), ("xf", ending(reference, xf, names)))
+    )
+    return B, (first, last, matrix), labels, dt if isinstance(dt, float) else None
+
+
+def _entity(name: str, value: Any, shape: tuple[int, ...], names: Any = None) -> Entity:
+    if not _estimated(value):
+        return Entity(name, validation.vector(name, value, length=shape[0], labels=names).copy())
+    if value.shape != shape:
+        raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
+    return Entity(name, value)
+
+
+def _estimated(value: object) -> TypeGuard[Fit | Ensemble | Counts]:
+    return isinstance(value, Fit | Ensemble | Counts)
+
+
+def realizations(entities: tuple[Entity, Entity, Entity]) -> tuple[Any, Any, Any, bool]:
+    """For the core: draws, dense rows or a flat exact value of x0, xf and A; if A has rows."""
+    drawn = [entity.drawn() for entity in entities]
+    x0, xf, A = (
+        entity.estimate().ravel() if one is None else one._core_realizations()
+        for entity, one in zip(entities, drawn, strict=True)
+    )
+    return x0, xf, A, drawn[2] is not None and drawn[2].axis == "rows"
+
+
+def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fusion]:
+    """Check the number of steps, and that the fusion is possible over so many."""
+    how = validation.choice("fusion", fusion, FUSIONS)
+    if how == "product":
+        return horizon_of(steps, n, m), how
+    K = validation.size("steps", steps)
+    if K > 1:
+        raise InputError(
+            f"`fusion` must be 'product' with steps={K}, got 'diagonal': the control over K >= 2 "
+            "steps is not linear in A, so the average of the controls of the realizations is "
+            "biased, and more of them do not help"
+        )
+    return K, how
+
+
+def mean_warnings(system: SystemLike) -> tuple[str, ...]:
+    """A warning where A or B are those of the mean of several models."""
+    nominal = system[1] if isinstance(system, tuple) and len(system) > 1 else system
+    if not isinstance(nominal, System) or (nominal._mean_of or 1) == 1:
+        return ()
+    return (
+        f"the system is the mean of {nominal._mean_of} models, and all numbers are about this "
+        "mean; how far a fresh model misses: plan.validate(fresh)",
+    )
 
 
 def steer(
@@ -409,53 +520,44 @@ def realization_controls(
     >>> float(w.min())
     -1.0
     """
-    inputs, given, labels, _ = problem(system, x0, xf)
-    n, m = inputs.shape
-    task = checked_task(
-        n, m, 1, np.zeros(n), as_limits(limits).only("u"), as_cost(cost).only("Q", "R"), labels
-    )
-    start, goal, matrix = (entity.realizations() for entity in given)
-    size = max(entity.size or 1 for entity in given)
-    shape = (size, m)
+    B, entities, labels, _ = problem(system, x0, xf)
+    n, m = B.shape
+    within, weights = as_limits(limits).only("u"), as_cost(cost).only("Q", "R")
+    task = checked_task(n, m, 1, np.zeros(n), within, weights, labels)
+    size, threads = max(entity.size or 1 for entity in entities), get_num_threads()
     if out is None:
         running.need("the controls", size * m * 8)
         # not from the core: NumPy asks the system for large pages, which are filled far sooner
-        controls = np.empty(shape)
+        controls = np.empty((size, m))
     else:
-        A, B = system[:2] if isinstance(system, tuple) else (system.A, system.B)
-        controls = validation.output("out", out, shape, {"A": A, "B": B, "x0": x0, "xf": xf})
-    data, threads = (start, goal, matrix, given[2].by_rows), get_num_threads()
+        pair = system[:2] if isinstance(system, tuple) else (system.A, system.B)
+        others = {"A": pair[0], "B": pair[1], "x0": x0, "xf": xf}
+        controls = validation.output("out", out, (size, m), others)
+    data = *realizations(entities), threads
     if task is None:
-        _core.realization_controls(controls, out is None, factors(inputs).inverse, *data, threads)
+        _core.realization_controls(controls, out is None, factors(B).inverse, *data)
         return controls
-    horizon = Horizon(task, np.eye(n), inputs)
-    factor = horizon.roots[1]
-    running.need("the controls within limits", size * (len(factor) + m + 2) * 8)
-    needed = np.empty((size, len(factor)))  # Q^1/2 (xf^s - A^s x0^s)
-    _core.realization_controls(needed, True, factor, *data, threads)
-    controls[:] = _within(horizon, needed, threads)
-    return controls
-
-
-def _within(horizon: Horizon, y: Floats, threads: int) -> Floats:
-    """The least ``||Q^1/2 B u - y||^2 + ||u||^2_R`` within limits for every row of y."""
-    task, M, cost = horizon.task, horizon.roots[1] @ horizon.B, horizon.cost()
-    low, high = task.low[0], task.high[0]
-    u, gaps = _core.box_batch(M, y, cost, low, high, True, threads)
+    core = Horizon(task, np.eye(n), B).core
+    root, R, low, high = core.roots()[1], core.r, task.low[0], task.high[0]
+    running.need("the controls within limits", size * (len(root) + m + 2) * 8)
+    y = np.empty((size, len(root)))  # Q^1/2 (xf^s - A^s x0^s)
+    _core.realization_controls(y, True, root, *data)
+    # the least ||Q^1/2 B u - y||^2 + ||u||^2_R for every row of y
+    M, diagonal = root @ B, np.diag(R).copy()
+    penalty = diagonal if np.array_equal(R, np.diag(diagonal)) else R
+    u, gaps = _core.box_batch(M, y, penalty, low, high, True, threads)
     assert gaps is not None
-    doubted = np.flatnonzero(~(gaps <= OPTIMAL * np.einsum("si,si->s", y, y)))  # J(0)
-    v, r = u[doubted], y[doubted]
-    both = (
-        np.sum(r**2, axis=1)
-        + np.sum((v @ M.T - r) ** 2, axis=1)
-        + np.sum((v @ horizon.R) * v, axis=1)
-    )
-    for s in doubted[~(gaps[doubted] <= OPTIMAL * both)]:  # J(0) + J(u)
-        found = _core.box_control(M, y[s], cost, low, high, None, None)
+    at_zero = np.einsum("si,si->s", y, y)  # J(0)
+    for s in np.flatnonzero(~(gaps <= OPTIMAL * at_zero)):
+        off = M @ u[s] - y[s]
+        if gaps[s] <= OPTIMAL * (at_zero[s] + off @ off + u[s] @ R @ u[s]):  # J(0) + J(u)
+            continue
+        found = _core.box_control(M, y[s], penalty, low, high, None, None)
         if found.status != "optimal":
             raise SolverError(
                 f"the control of realization {s} is {found.status} within limits: its gap is "
                 f"{found.gap:.3g}, J(0) is {found.at_zero:.3g}; give a larger `R`"
             )
         u[s] = found.control
-    return u
+    controls[:] = u
+    return controls

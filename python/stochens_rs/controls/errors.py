@@ -1,101 +1,216 @@
-"""Errors of plans: against a known system, their covariance, followed with a feedback."""
+"""Errors of plans: against a known system, typical ones, their covariance, with a feedback."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .. import _core
-from .._base import validation
+from .._base import show, validation
 from .._base.numbers import norm
-from .._base.records import trusted
+from .._base.records import Count, FromZero, Probability, SavedRecord, trusted
+from .._base.running import get_num_threads
 from .._base.types import QUANTITIES, Floats
 from ..certificates.certificate import Certificate, Radius, radius_at
-from ..exceptions import InputError
+from ..certificates.of_model import ModelBasis
+from ..exceptions import InputError, SizeError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis
+from ..identification.model import Model
 from ..limits.solution import Horizon
+from ..rng import as_key
 from ..theory import moments
 from ..theory.exact import EPS, states
 from ..theory.records import PlanError
+from ..validation.fresh_systems import needed, rank_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import ArrayLike
 
-    from .._base.types import Fusion, Quantity
-    from ..certificates.of_model import ModelBasis
+    from .._base.types import Fusion, Quantity, Scheme
     from ..identification.identified import Identified
     from ..limits.solution import Limited
+    from ..rng import RngLike
+    from .plan import Plan
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Typical(SavedRecord):
+    """An approximate error bar of a plan from data, beside its certificate; it is no bound.
+
+    Made by `Plan.typical` and, of means, by `DataStream.typical`.
+
+    Attributes
+    ----------
+    miss : float
+        A share ``1 - delta`` of the drawn models ends within this of the target.
+    certified : float
+        ``plan.bound(delta).target``, which does bound the distance; infinite where nothing does.
+    delta : float
+        The share of drawn models that miss by more.
+    draws : int
+        The number of drawn models.
+    noise : bool
+        Whether both include the noise of the run to come.
+    assumption : str
+        What `miss` rests on, in words.
+    """
+
+    miss: FromZero
+    certified: FromZero
+    delta: Probability
+    draws: Count
+    noise: bool
+    assumption: str
+
+    @property
+    def text(self) -> str:
+        """Both numbers, and what each is, in one sentence."""
+        share = show.percent(self.delta)
+        return (
+            f"certified {show.at_most(self.certified)}, typical {self.miss:.3g}: {share} of the "
+            "models drawn from the confidence distribution of the data miss by less than the "
+            "second (approximate)"
+        )
+
+    def __repr__(self) -> str:
+        run = "with noise" if self.noise else "without noise"
+        return (
+            f"<Typical: certified {show.at_most(self.certified)}, typical {self.miss:.3g}, "
+            f"{show.percent(self.delta)}, {run}>"
+        )
+
+    def _repr_html_(self) -> str:
+        rows = [("both", self.text), ("drawn models", self.draws), ("for", self.assumption)]
+        return show.card(self, rows)
+
+
+def typical(plan: Plan, delta: float, draws: int, rng: RngLike, noise: bool | None) -> Typical:
+    """Draw the misses of models from the law of the estimate, where it can be trusted.
+
+    Without a target they are those of the last of the states or outputs that were predicted.
+    """
+    basis = plan.basis
+    model = basis.model if isinstance(basis, ModelBasis) else None
+    if not isinstance(basis, ModelBasis) or not isinstance(model, Model):
+        raise InputError(
+            "`typical` needs a plan for a model by `identify`: only there the law of the estimate "
+            "is known, and no data were looked at in between"
+        )
+    if model.warnings:
+        raise InputError(f"`typical` must not be trusted beside a warning: {model.warnings[0]}")
+    window, assumed, rows = model.window, model.assumptions, model.n_outputs
+    noisy = window is not None if noise is None else validation.flag("noise", noise)
+    certified = plan.bound(delta, noise=noisy).target
+    if basis.x0_error:
+        raise InputError("`typical` needs an exact x0, not an Uncertain one")
+    if assumed.tail:
+        raise InputError("`typical` is not for models with a tail: its law is not known")
+    law = model._law(windows=True)
+    if assumed.known is None and law[-1] < 2 * rows:
+        raise InputError(
+            f"`typical` needs {2 * rows} more pairs than unknowns of a row where the covariance "
+            f"is unknown, this model has {law[-1]}"
+        )
+    key, threads, goal = bytes(as_key(rng).child("typical")), get_num_threads(), basis.target
+    if goal is None:
+        path, last = plan.predicted_outputs, 1 if window is None else window.count
+        goal = (plan.predicted_states if path is None else path)[1:][-last:].ravel()
+    exact = "states without error" if window is None else f"the window of {window.text} exact"
+    text = (
+        f"{assumed.text}; {exact}; number and lengths of the runs fixed beforehand; "
+        f"residuals {'not tested' if model.checks is None else 'without a warning'}"
+    )
+    of = None if window is None else window.core
+
+    def misses(size: int) -> Floats:
+        return _core.drawn_misses(law, basis.x0, plan.u, goal, noisy, size, key, threads, of)
+
+    return ranked(misses, certified, delta, draws, noisy, text)
+
+
+def ranked(
+    misses: Callable[[int], Floats],
+    certified: float,
+    delta: float,
+    draws: int,
+    noise: bool,
+    assumption: str,
+) -> Typical:
+    """The order statistic of so many misses."""
+    count = validation.size("draws", draws)
+    rank = rank_of(count, delta)
+    if rank > count:
+        raise SizeError(
+            f"`draws` must be at least {needed(delta)} for delta={delta:g}, got {count}"
+        )
+    miss = _core.validation_rank(misses(count), rank)
+    return Typical(miss, certified, delta, count, noise, assumption)
 
 
 def plan_covariance(basis: Basis, steps: int, fusion: Fusion, quantity: Quantity) -> Floats:
     """Compute the covariance of the last state or of the control (see `Plan.covariance`)."""
     of_control = validation.choice("quantity", quantity, QUANTITIES) == "control"
-    for entity in basis.entities:
-        if entity.kind == "fitted":
-            raise InputError(
-                f"no formula is known for the covariance: the weights of `{entity.name}` depend "
-                "on the realizations"
-            )
+    fitted = [entity.name for entity in basis.entities if entity.kind == "fitted"]
     schemes = {entity.kind for entity in basis.entities} - {"exact"}
-    if len(schemes) > 1:
-        raise InputError(
-            "no formula is known for the covariance of iid and systematic samples together"
-        )
-    x0, xf, A = basis.values
-    if steps == 1:
-        covariance = moments.control_covariance if of_control else moments.state_covariance
-        return covariance(
-            (A, basis.B),
-            x0,
-            xf,
-            basis.sizes,
-            fusion=fusion,
-            axis=basis.A.axis,
-            scheme="systematic" if "systematic" in schemes else "iid",
-        )
-    if of_control:
-        raise InputError(
-            f"`quantity` must be 'state' over {steps} steps, got 'control': the control is not "
-            "linear in A, and no formula is known for its covariance"
-        )
-    if "systematic" in schemes:
-        raise InputError(
-            f"no formula is known for the covariance over {steps} steps of systematic samples"
-        )
-    return moments.final_state_covariance(
-        (A, basis.B), x0, xf, steps, basis.sizes, axis=basis.A.axis
-    )
+    unknown = None
+    if fitted:
+        unknown = f": the weights of `{fitted[0]}` depend on the realizations"
+    elif len(schemes) > 1:
+        unknown = " of iid and systematic samples together"
+    elif steps > 1 and of_control:
+        unknown = f" of the control over {steps} steps, which is not linear in A"
+    elif steps > 1 and schemes == {"systematic"}:
+        unknown = f" over {steps} steps of systematic samples"
+    if unknown:
+        raise InputError(f"no formula is known for the covariance{unknown}")
+    (x0, xf, A), sizes, axis = basis.values, basis.sizes, basis.A.axis
+    system = A, basis.B
+    if steps > 1:
+        return moments.final_state_covariance(system, x0, xf, steps, sizes, axis=axis)
+    covariance = moments.control_covariance if of_control else moments.state_covariance
+    scheme: Scheme = "systematic" if schemes == {"systematic"} else "iid"
+    return covariance(system, x0, xf, sizes, fusion=fusion, axis=axis, scheme=scheme)
 
 
 def limited_error(
     limited: Limited, A: Floats, B: Floats, x0: Floats, xf: ArrayLike | None, u: Floats
 ) -> PlanError:
     """Compare `u` with the best control of an exact system within the same limits."""
-    horizon = Horizon(limited.exact(xf), A, B)
+    task = replace(limited.task, R=limited.R)
+    if task.follows != (xf is None):
+        which = (
+            "None: this plan has a reference"
+            if task.follows
+            else "given: this plan has no reference"
+        )
+        raise InputError(f"`xf` must be {which}")
+    if xf is not None:
+        task = replace(task, reference=np.tile(xf, (task.steps, 1)))
+    horizon = Horizon(task, A, B)
     best = horizon.solve(x0)
     wrong = u - best.u
     reached = states(A, B, x0, best.u)[-1]
-    target = horizon.task.reference[-1]
     control, state = norm(wrong), norm(states(A, B, 0.0 * x0, wrong)[-1])
     size, length = norm(best.u), norm(reached)
     where = "x_actual" if length else "x0"
     length = length or norm(x0)
-    if not length:
-        where = "nothing"
-    off_control, off_state = horizon.in_two_norm(best.distance)
-    pushed = norm(horizon.pushes)
+    off_control, off_state = horizon.core.in_two_norm(best.distance)
+    pushed = (u.size + len(x0)) * EPS * norm(horizon.core.pushes())
     return PlanError(
         control=control,
         control_relative=_ratio(control, size),
         state=state,
         state_relative=_ratio(state, length),
-        residual=norm(target - reached),
+        residual=norm(task.reference[-1] - reached),
         control_rounding=off_control + EPS * (size + control),
-        state_rounding=off_state + (u.size + len(x0)) * EPS * pushed * (size + control),
+        state_rounding=off_state + pushed * (size + control),
         control_relative_to="v" if size else "nothing",
-        state_relative_to=where,
+        state_relative_to=where if length else "nothing",
         objective=horizon.objective(x0, u) - best.objective,
     )
 

@@ -2,52 +2,99 @@
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import replace
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 
+from .. import _core
 from .._base import show, validation
 from .._base.names import weight
 from .._base.numbers import ROUNDING
 from .._base.records import trusted
-from .._base.types import DELTA
+from .._base.types import DELTA, Floats
 from ..certificates.of_model import Asked, ModelBasis, trajectory
-from ..ensembles.ensemble import Ensemble
-from ..ensembles.law import Counts
-from ..exceptions import InputError, InputTypeError, NonFiniteError
+from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
-from ..fusion.fits import Fit
+from ..identification.window import spread
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..limits.limits import Uncertain, as_limits
 from ..limits.problem import checked_task, seconds, sides
 from ..limits.solution import Horizon
-from ..theory.exact import best_control
-from .arguments import ending, fusion_over, step_warnings
+from ..theory.exact import (
+    Best,
+    best_control,
+    checked_steps,
+    controllability,
+    factors,
+    matrix_powers,
+)
 from .bounds import within_state_limits
 from .plan import Plan
-from .rest import rest_of
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from .._base.types import Floats
     from ..limits.limits import Cost, Limits, LimitsLike
-    from .rest import Rest
+    from ..limits.solution import Limited
 
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
+RANK = 1e-10  # of the largest singular value: what is less is rounding
+NEAR = 3.0  # standard deviations of the innovations from which another point of rest is said
+
+
+def of_outputs(
+    system: object, states: dict[str, Any], readings: dict[str, Any]
+) -> TypeGuard[Model]:
+    """Whether it is a model of outputs; refuses the arguments that are for the other kind."""
+    outputs = isinstance(system, Model) and system.window is not None
+    for name, value in (states if outputs else readings).items():
+        if value is not None:
+            why = ": it is for models of outputs"
+            if outputs:
+                why = " for a model of outputs: it starts from `record`, and goes to `target`"
+            raise InputError(f"`{name}` must be left out{why}")
+    if not outputs and states["x0"] is None:
+        raise InputError("`x0` must be the initial state, got None")
+    return outputs
+
+
+def horizon_of(steps: object, n: int, m: int) -> int:
+    """The number of steps, checked; one step needs no powers of A."""
+    K = validation.size("steps", steps)
+    return K if K == 1 else checked_steps(K, n, m)
+
+
+def ending(reference: Any, xf: Any, names: tuple[str, ...]) -> Any:
+    """The target: xf, or the last row of a reference."""
+    if reference is None and xf is None:
+        raise InputError("`xf` must be given without `reference`")
+    if reference is None:
+        return xf
+    if xf is not None:
+        raise InputError("`xf` must be None with `reference`, whose last row takes its place")
+    return validation.matrix("reference", reference, cols=len(names), labels=names)[-1]
+
+
+def basis_in_states(model: Identified, x0: Any, xf: Any) -> ModelBasis:
+    """What a plan for a model of states keeps of its arguments."""
+    radius, values = (x0.radius, x0.values) if isinstance(x0, Uncertain) else (0.0, x0)
+    names = model.labels.states
+    start, goal = (
+        validation.vector(name, value, length=len(names), labels=names).copy()
+        for name, value in (("x0", values), ("xf", xf))
+    )
+    return trusted(ModelBasis, model, start, goal, radius)
 
 
 def model_control(
-    model: Identified,
-    x0: Any,
-    xf: Any,
+    basis: ModelBasis,
     steps: int,
-    fusion: str,
-    limits: Limits,
+    limits: LimitsLike,
     cost: Cost,
     time_limit: float | None,
     resting: Floats | None = None,
@@ -56,57 +103,68 @@ def model_control(
 
     Inputs cost what they differ from `resting`, those that hold the target; default 0.
     """
+    model, started = basis.model, monotonic()
     n, m = model.B.shape
-    labels = model.labels
-    off = x0.radius if isinstance(x0, Uncertain) else 0.0
-    start = _exact("x0", x0.values if isinstance(x0, Uncertain) else x0, labels.states)
-    goal = _exact("xf", ending(cost.reference, xf, labels.states), labels.states)
-    K, how = fusion_over(steps, fusion, n, m)
-    if how != "product":
-        raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
-    task = checked_task(n, m, K, goal, limits, cost, labels)
+    K = horizon_of(steps, n, m)
+    task = checked_task(n, m, K, basis.xf, limits, cost, model.labels)
     if task is not None and resting is not None and resting.any():
         task = replace(task, resting=resting)
     time = seconds(time_limit, task)
-    # what the offset alone adds over K steps
-    drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]
-    found = best_control(model.A, model.B, start, goal - drift, K)
-    u, limited = found.u.reshape(K, m), None
-    if task is not None:
-        end = None if time is None else monotonic() + time
-        limited = Horizon(task, model.A, model.B, model.c).solve(start, time_limit=time)
-        if task.state_low is not None and task.soft is None:
-            basis, plain = trusted(ModelBasis, model, start, goal, off), Asked(noise=False)
-            left = None if end is None else end - monotonic()
-            limited, _ = within_state_limits(basis, limited, model._delta, plain, left)
-        u = limited.u
-    else:
+    found, limited = _best(basis, K), None
+    if task is None:
+        u = found.u.reshape(K, m)
         # what acts by rounding alone is 0: the data may say nothing of such an input
         effect = np.abs(u) * np.linalg.norm(model.B, axis=0)
         u = np.where(effect > ROUNDING * effect.max(), u, 0.0)
-    reachability = found.reachability()
+    else:
+        limited = Horizon(task, model.A, model.B, model.c).solve(basis.x0, time_limit=time)
+        if task.state_low is not None and task.soft is None:
+            left = None if time is None else time - (monotonic() - started)
+            limited, _ = within_state_limits(basis, limited, model._delta, Asked(noise=False), left)
+        u = limited.u
+    path = trajectory(model._Theta, basis.x0, u)
+    if limited is not None and limited.states is not None:
+        path = np.vstack([basis.x0, limited.states])
+    return _planned(basis, u, path, found, limited, step_warnings(found, exact=False))
+
+
+def _best(basis: ModelBasis, K: int) -> Best:
+    """The best control without limits; ``xf`` less what the offset alone adds over K steps."""
+    model = basis.model
+    n, m = model.B.shape
+    drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]
+    return best_control(model.A, model.B, basis.x0, basis.xf - drift, K)
+
+
+def _planned(
+    basis: ModelBasis,
+    u: Floats,
+    path: Floats,
+    found: Best,
+    limited: Limited | None = None,
+    further: tuple[str, ...] = (),
+) -> Plan:
+    """The plan of these inputs, which lead the model along `path`."""
+    model = basis.model
     exact = {"method": "exact", "size": None}
-    info: dict[str, Any] = {"x0": exact, "xf": exact, "A": {"method": "from data", "size": None}}
-    info["singular_values"] = found.factors.singular_values
-    predicted = trajectory(model._Theta, start, u)
-    if limited is not None and limited.closed and limited.states is not None:
-        predicted = np.vstack([start, limited.states])
-    info["warnings"] = (
-        *beyond_data(model, predicted, u),
-        *model.warnings,
-        *step_warnings(found, exact=False),
-    )
+    info = {
+        "x0": exact,
+        "xf": exact,
+        "A": {"method": "from data", "size": None},
+        "singular_values": found.factors.singular_values,
+        "warnings": (*beyond_data(model, path, u), *model.warnings, *further),
+    }
     return trusted(
         Plan,
         u=u,
-        predicted_states=predicted,
-        reachability=reachability,
-        fusion=how,
+        predicted_states=path,
+        reachability=found.reachability(),
+        fusion="product",
         status="completed" if limited is None else limited.status,
         info=info,
-        basis=trusted(ModelBasis, model, start, goal, off),
+        basis=basis,
         limited=limited,
-        labels=labels,
+        labels=model.labels,
         dt=model.dt,
     )
 
@@ -128,17 +186,26 @@ def beyond_data(model: Identified, states: Floats, u: Floats) -> tuple[str, ...]
     )
 
 
-def _exact(name: str, value: Any, names: tuple[str, ...]) -> Floats:
-    if isinstance(value, Fit | Ensemble | Counts):
-        mean = "its mean()" if isinstance(value, Ensemble) else "its estimate"
-        rest = " or the exact target"
-        if name == "x0":
-            rest = ", in Uncertain(.., radius) if x0 may be that far from it"
-        raise InputTypeError(
-            f"`{name}` must be an array with a model from data, got "
-            f"{validation.article(type(value))}: pass {mean}{rest}"
+def step_warnings(found: Best, *, exact: bool) -> tuple[str, ...]:
+    """Warnings about an estimated C_K; for one step it is B, which is exact.
+
+    C_K has the rank of C_n for K > n (Cayley and Hamilton); rounding hides it where A grows.
+    """
+    (n, m), K, rank = found.B.shape, found.steps, len(found.factors.s)
+    if rank < n < K:
+        C = controllability(matrix_powers(found.A, n - 1), found.B)
+        rank = max(rank, len(factors(C).s))
+    if rank < n and K > 1:
+        return (
+            f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "
+            "estimate need not be consistent",
         )
-    return validation.vector(name, value, length=len(names), labels=names).copy()
+    if m * K == n and K > 1 and not exact:
+        return (
+            f"m K = n = {n}: the inverse of the estimated C_K has heavy tails; take more than "
+            f"{K} steps, or regularise",
+        )
+    return ()
 
 
 Record: TypeAlias = (
@@ -195,11 +262,11 @@ def start_of(model: Model, record: Any) -> Start:
 
 def cost_of_outputs(model: Model, cost: Cost) -> Cost:
     """The cost with weights of outputs as weights of states."""
-    return replace(cost, Q=_weight(model, cost.Q), Qf=_weight(model, cost.Qf))
 
+    def of_states(value: Any) -> Any:
+        return value if value is None or np.ndim(value) == 0 else for_outputs(model, value)
 
-def _weight(model: Model, value: Any) -> Any:
-    return None if value is None or np.ndim(value) == 0 else for_outputs(model, value)
+    return replace(cost, Q=of_states(cost.Q), Qf=of_states(cost.Qf))
 
 
 def output_control(
@@ -245,9 +312,142 @@ def plan_from(
     time_limit: float | None = None,
 ) -> Plan:
     """The plan from a window to one at rest; weights of states, and of inputs from those there."""
-    given = as_limits(limits), cost, time_limit
-    plan = model_control(model, start.x, rest.x, K, "product", *given, resting=rest.u)
-    return replace(plan, basis=ModelBasis(model, start.x, rest.x, 0.0, start.read, start.at_rest))
+    basis = trusted(ModelBasis, model, start.x, rest.x, 0.0, start.read, start.at_rest)
+    return model_control(basis, K, as_limits(limits), cost, time_limit, resting=rest.u)
+
+
+class Rest(NamedTuple):
+    """A rest point of a model of outputs."""
+
+    x: Floats
+    u: Floats
+    # what one unit of a constant input adds to the state (n, m), and to the next output (p, m)
+    states: Floats
+    outputs: Floats
+
+
+def rest_of(model: Model, target: Any, weights: Floats | None, low: Floats, high: Floats) -> Rest:
+    """Return where the model rests nearest to ``y = target``, within the limits of the inputs.
+
+    Refused where no system that the data allow rests at the target. At rest ``z = N (y, u, 1)``;
+    the points of rest are the (y, u) with ``M (y, u) = c``, ``[M, -c] = [I, 0, 0] - H N``, of
+    dimension m where a gain stabilizes the model, whether it integrates or not; the nearest has the
+    least ``(y - r)'Q(y - r)``, Q the `weights`, without them the squares of 1 / the range of each
+    output. Least squares in u alone go astray for two outputs and one input: what u cannot move it
+    leaves where it is asked for.
+    """
+    window, p, m = model.window, model.n_outputs, model.m
+    assert window is not None
+    r = np.zeros(p) if target is None else target
+    r = validation.vector("target", r, length=p, labels=model.outputs).copy()
+    N = np.column_stack([spread(window, one) for one in np.eye(p + m + 1)])[: window.length]
+    HN = model._H @ N
+    M, c = np.eye(p, p + m) - HN[:, :-1], HN[:, -1]
+    ranges = np.hstack([np.ptp(values, axis=0) for values in model.data.pairs()[:2]])
+    unit = np.where(ranges > 0.0, ranges, 1.0)
+    sizes = np.linalg.svd(M * unit / np.abs(M * unit).max(axis=1, keepdims=True), compute_uv=False)
+    if not sizes[-1] > RANK * sizes[0]:
+        outputs = ", ".join(model.outputs)
+        raise InputError(f"`target` must be left out: no feedback holds {outputs} in this model")
+    Q = np.diag(unit[:p] ** -2.0) if weights is None or not weights.any() else weights
+    v, held = nearest_rest((M, c), unit, (low, high), r, Q)
+    y, u = v[:p].copy(), v[p:].copy()
+    spread = np.zeros(p) if model.covariance is None else np.diag(model.covariance)[:p]
+    if (np.abs(y - r) > NEAR * np.sqrt(spread) + 1e-9 * np.abs(r)).any():
+        place = f"the nearest is {show.vector(y)} with the inputs {show.vector(u)}"
+        if held:
+            place += f", held by the limit of {', '.join(model.input_names[i] for i in held)}"
+        # whether no system of the region rests at r, with any inputs within the limits
+        region = model.region(DELTA)
+        z, per = N @ np.hstack([r, np.zeros(m), 1.0]), N[:, p:-1] * unit[p:]
+        bounds = low / unit[p:], high / unit[p:]
+        for part in region.parts:
+            rows = np.asarray(part.rows)
+            lacking = region.centre[rows] @ z - r[rows], region.centre[rows] @ per
+            least, size = least_of(part, lacking, (z, per), bounds)
+            if least > 1e-9 * size:
+                raise InputError(
+                    f"`target` must be a point of rest, but {show.vector(r)} is one in no system "
+                    f"that the data allow ({show.percent(DELTA)}): {place}"
+                )
+        text = f"`target` {show.vector(r)} is no point of rest of the model: {place}, and is taken"
+        warnings.warn(DataWarning(text), stacklevel=4)
+    x, _, _, per_state, per_output, _, _ = window.core.rest(model._H, y, u)
+    return Rest(x, u, per_state, per_output)
+
+
+def nearest_rest(
+    points: tuple[Floats, Floats],
+    unit: Floats,
+    limits: tuple[Floats, Floats],
+    r: Floats,
+    Q: Floats,
+) -> tuple[Floats, list[int]]:
+    """The nearest (y, u) with ``M (y, u) = c``, and the inputs that are held by their limits.
+
+    `unit` has the sizes of outputs and inputs; an active set of rows.
+    """
+    (M, c), p = points, len(r)
+    low, high = (side / unit[p:] for side in limits)
+    root = _core.weight_root(np.ascontiguousarray(Q * np.outer(unit[:p], unit[:p])))
+    active: dict[int, float] = {}
+    v, goal = np.zeros(len(unit)), r / unit[:p]
+    for _ in range(4 * len(low) + 4):
+        rows = np.vstack([M * unit, *(np.eye(len(unit))[p + i] for i in active)])
+        start = np.linalg.lstsq(rows, np.hstack([c, *active.values()]), rcond=None)[0]
+        T = np.linalg.svd(rows)[2][len(rows) :].T
+        # the shortest of all that are nearest
+        v = start + T @ np.linalg.lstsq(root @ T[:p], root @ (goal - start[:p]), rcond=None)[0]
+        u = v[p:]
+        over = np.maximum(low - u, u - high)
+        over[list(active)] = -np.inf
+        if over.max() > RANK * (1.0 + np.abs(u).max()):
+            i = int(np.argmax(over))
+            active[i] = float(low[i] if u[i] < low[i] else high[i])
+            continue
+        # the slope of the distance along each active row: it must rise away from its limit
+        slope = np.hstack([root.T @ (root @ (v[:p] - goal)), np.zeros(len(low))])
+        along = np.linalg.lstsq(rows.T, slope, rcond=None)[0][p:]
+        wrong = [
+            i
+            for i, s in zip(active, along, strict=True)
+            if low[i] < high[i] and (s < -RANK if active[i] == low[i] else s > RANK)
+        ]
+        if not wrong:
+            break
+        del active[wrong[0]]
+    v = v * unit
+    v[p:] = np.clip(v[p:], *limits)
+    return v, sorted(active)
+
+
+def least_of(
+    part: _core.RegionPart,
+    lacking: tuple[Floats, Floats],
+    at_rest: tuple[Floats, Floats],
+    sides: tuple[Floats, Floats],
+) -> tuple[float, float]:
+    """The least f(u) within limits, and the size of its terms; -inf where it is not known.
+
+    With ``z = z_0 + z_1 u`` and ``C z - r = l_0 + l_1 u`` the equation ``(Theta - C) z = r - C z``
+    has a solution ``Theta = C + D G W``, ``||G|| <= 1``, exactly where ``f(u) = |D^-1 (l_0 + l_1
+    u)|^2 - |W (z_0 + z_1 u)|^2 <= 0``; where f is convex its least value is that of a box.
+    """
+    D = np.asarray(part.S) * part.factor
+    if not np.isfinite(D).all() or np.asarray(part.missing).size:
+        return -np.inf, 1.0
+    columns, W, root = part.columns, np.asarray(part.white), np.linalg.cholesky(D)
+    (a, b), (c, d) = (
+        (np.linalg.solve(root, one) for one in lacking),
+        (W @ one[columns] for one in at_rest),
+    )
+    curve, slope = b.T @ b - d.T @ d, b.T @ a - d.T @ c
+    if not np.linalg.eigvalsh(curve)[0] > RANK * np.trace(b.T @ b):
+        return -np.inf, 1.0  # the data do not determine what constant inputs do
+    half = np.linalg.cholesky(curve).T
+    y, none = -np.linalg.solve(half.T, slope), np.zeros(len(slope))
+    u = _core.box_control(np.ascontiguousarray(half), y, none, *sides, None, None).control
+    return float(u @ curve @ u + 2.0 * slope @ u + a @ a - c @ c), float(a @ a + c @ c)
 
 
 def predict(
@@ -304,40 +504,16 @@ def predict(
     """
     if not isinstance(model, Identified):
         raise InputTypeError(f"`model` must be a model from data, got {validation.show(model)}")
-    (n, m), known = model.B.shape, _start(model, x0, record)
-    start = known["x0"]
-    u = validation.inputs("inputs", inputs, cols=m, empty=False, labels=model.input_names).copy()
-    path = trajectory(model._Theta, start, u)
+    nothing = np.zeros(len(model.A))
+    if of_outputs(model, {"x0": x0}, {"record": record}):
+        start = start_of(model, record)
+        basis = ModelBasis(model, start.x, nothing, 0.0, start.read, start.at_rest)
+    else:
+        basis = basis_in_states(model, x0, nothing)
+    names = model.input_names
+    u = validation.inputs("inputs", inputs, cols=model.B.shape[1], empty=False, labels=names).copy()
+    path = trajectory(model._Theta, basis.x0, u)
     if not np.isfinite(path).all():
         raise NonFiniteError("the predicted states overflow: give fewer or smaller `inputs`")
-    drift = trajectory(model._Theta, np.zeros(n), np.zeros_like(u))[-1]
-    best = best_control(model.A, model.B, start, path[-1] - drift, len(u))
-    exact = {"method": "exact", "size": None}
-    info = {
-        "x0": exact,
-        "xf": exact,
-        "A": {"method": "from data", "size": None},
-        "warnings": (*beyond_data(model, path, u), *model.warnings),
-    }
-    basis = ModelBasis(model, xf=path[-1].copy(), given=True, **known)
-    reachability = best.reachability()
-    names: Any = {"labels": model.labels, "dt": model.dt}
-    return Plan(u, path, reachability, "product", "completed", info, basis, **names)
-
-
-def _start(model: Identified, x0: Any, record: Any) -> dict[str, Any]:
-    """What a plan keeps of where it starts."""
-    if isinstance(model, Model) and model.window is not None:
-        if x0 is not None:
-            raise InputError(
-                "`x0` must be left out for a model of outputs: it starts from `record`"
-            )
-        start = start_of(model, record)
-        return {"x0": start.x, "read": start.read, "at_rest": start.at_rest}
-    if record is not None:
-        raise InputError("`record` must be left out: it is for models of outputs")
-    if x0 is None:
-        raise InputError("`x0` must be the initial state, got None")
-    off, given = (x0.radius, x0.values) if isinstance(x0, Uncertain) else (0.0, x0)
-    x = validation.vector("x0", given, length=len(model.A), labels=model.state_names).copy()
-    return {"x0": x, "x0_error": off}
+    basis = replace(basis, xf=path[-1].copy(), given=True)
+    return _planned(basis, u, path, _best(basis, len(u)))

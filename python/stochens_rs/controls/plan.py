@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from math import hypot, sqrt
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels, default_labels, two_states
-from .._base.records import Positive, SavedRecord, require_shapes
-from .._base.tables import Cube, Timed, named, over_time, padded
+from .._base.numbers import norm
+from .._base.records import Positive, SavedRecord, require_shapes, rules
+from .._base.tables import Cube, Timed, padded
 from .._base.types import DELTA, Floats, Fusion, Quantity, Status
 from ..certificates.certificate import Certificate
-from ..certificates.near_reference import near_reference
-from ..certificates.of_model import Asked, ModelBasis, certificate
-from ..certificates.of_outputs import output_certificate
-from ..exceptions import InputError, InputTypeError, ShapeError
+from ..certificates.of_model import ModelBasis
+from ..exceptions import InputError, ShapeError, StochensError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis, completed
 from ..limits.solution import Limited
@@ -29,15 +29,13 @@ from ..theory.exact import best_control, checked_ends, states
 from ..theory.records import PlanError, Reachability
 from ..validation.fresh_systems import Validation
 from ..validation.held_out import Predicted, Runs, validated
-from .bounds import limited_bound, limited_certificate, plan_bound
-from .errors import followed, limited_error, plan_covariance
-from .summary import cost_rows, cost_text, expectation, made_from, worst_state
-from .typical import Typical, known_model, typical
+from .bounds import limited_bound, model_bound, plan_bound
+from .errors import Typical, limited_error, plan_covariance, typical
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from .._base.types import Places
     from ..rng import RngLike
@@ -47,6 +45,10 @@ _NOT_FOR = {
     False: "for a plan of estimates: it says something of measured runs, for models from data",
 }
 _DRAWN = 1e300  # the largest measured value that an axis, with its margins, can show
+# Multiplications that a repr may cost, about 20 ms: n^4 for the covariance of A (n matrices n x n),
+# K n^3 for the powers of A, K^2 n m for the factors of C_K.
+_CHEAP = 1e7
+_ROUNDED = 1e-9  # distances up to here beside the states are said to be rounding
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -69,7 +71,8 @@ class Plan(SavedRecord, Timed):
         "product" or "diagonal".
     status : str
         The worst status among the entities' fits and the control within limits: "optimal",
-        "optimal_inaccurate" (`gap` is above its tolerance), "user_limit" (of time), "interrupted",
+        "optimal_inaccurate" (`limited.gap` is above its tolerance), "user_limit" (of time),
+        "interrupted",
         "undecided" (a hard state limit is broken, and it is not known whether all can be kept),
         "infeasible" (they cannot); "completed" if nothing was optimised.
     info : dict
@@ -79,8 +82,9 @@ class Plan(SavedRecord, Timed):
         What is known about B, x0, xf and A, for `bound` and `covariance`, or the model from data;
         None for a plan that was made by hand.
     limited : Limited, optional
-        What is known about a control within limits or with weights: active limits, multipliers,
-        gap, objective and what the limits cost, as properties of the plan too.
+        What is known about a control within limits or with weights: `active` limits, `multipliers`,
+        `gap`, `objective`, what the limits cost (`missed`), and the `feedback` with which to follow
+        a plan whose inputs alone do not lead to its states.
     labels : Labels, optional
         Names and units of the states and inputs, as those of the system.
     dt : float, optional
@@ -119,94 +123,25 @@ class Plan(SavedRecord, Timed):
         return self.basis.outputs(self.predicted_states, self.u)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What to be careful about, one sentence each; those of a model from data among them."""
+        return tuple(self.info.get("warnings", ()))
+
+    @property
+    def _shape(self) -> tuple[int, int]:
+        return self.predicted_states.shape[1], self.u.shape[1]
+
+    @property
+    def _labels(self) -> Labels:
+        return self.labels or default_labels(*self._shape)
+
+    @property
     def _drawn(self) -> tuple[Floats, Labels]:
         """What is drawn over time, and its names: the states, or of a model of outputs these."""
         outputs = self.predicted_outputs
         if outputs is None or not isinstance(self.basis, ModelBasis):
             return self.predicted_states, self._labels
         return outputs, Labels(self.basis.names, self._labels.inputs)
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What to be careful about, one sentence each; those of a model from data among them."""
-        return tuple(self.info.get("warnings", ()))
-
-    @property
-    def active(self) -> NDArray[np.int8] | None:
-        """-1 where an input is at its lower limit, 1 at the upper one, else 0; (K, m)."""
-        return None if self.limited is None else self.limited.active
-
-    @property
-    def rate_active(self) -> NDArray[np.int8] | None:
-        """1 where an input rises by its rate to rounding, -1 where it falls by it, else 0; (K, m).
-
-        Row k is of the change ``u(k) - u(k-1)``.
-        """
-        return None if self.limited is None else self.limited.rate_active
-
-    @property
-    def state_active(self) -> NDArray[np.int8] | None:
-        """-1 where a state is at its lower limit or beyond, 1 at the upper one, else 0; (K, n).
-
-        Of ``x(1), ..., x(K)``, to rounding; None without limits of states.
-        """
-        return None if self.limited is None else self.limited.state_active
-
-    @property
-    def multipliers(self) -> Floats | None:
-        """By how much J falls per unit of each limit of an input, >= 0; (K, m)."""
-        return None if self.limited is None else self.limited.multipliers
-
-    @property
-    def gap(self) -> float | None:
-        """``J(u) - min J`` is at most this."""
-        return None if self.limited is None else self.limited.gap
-
-    @property
-    def objective(self) -> float | None:
-        """``J(u)``."""
-        return None if self.limited is None else self.limited.objective
-
-    @property
-    def feedback(self) -> Floats | None:
-        """The gains with which to follow the plan, (K, m, n); None where `u` alone will do.
-
-        ``u[k] + feedback[k] @ (x(k) - predicted_states[k])``, within the limits of the inputs: over
-        many steps of an unstable system rounding of the inputs grows, and only a plan that is
-        followed leads to its states, with the cost that `objective` and `gap` are about.
-        """
-        limited = self.limited
-        return None if limited is None or not limited.closed else limited.feedback
-
-    @property
-    def open_loop_until(self) -> int | None:
-        """The steps over which `u` alone leads to the predicted states, K if it always does.
-
-        From there on the plan must be followed with `feedback`. None without limits and weights.
-        """
-        if self.limited is None:
-            return None
-        return self.steps if self.limited.open_until is None else self.limited.open_until
-
-    @property
-    def open_loop_objective(self) -> float | None:
-        """``J`` of the inputs alone; `objective` where they lead to the predicted states."""
-        limited = self.limited
-        return limited.open_objective if limited is not None and limited.closed else self.objective
-
-    @property
-    def missed(self) -> float | None:
-        """What the limits cost: ``J(u)`` less the least J without limits; None if time was out."""
-        return None if self.limited is None else self.limited.missed
-
-    @property
-    def limits_active(self) -> bool | None:
-        """Whether an input is at a limit or changes by its rate, or a state is at a limit."""
-        return None if self.limited is None else self.limited.limits_active
-
-    @property
-    def _shape(self) -> tuple[int, int]:
-        return self.predicted_states.shape[1], self.u.shape[1]
 
     def bound(
         self,
@@ -309,45 +244,21 @@ class Plan(SavedRecord, Timed):
         True
         """
         delta = validation.probability("delta", delta)
-        window = isinstance(self.basis, ModelBasis) and self.basis.window is not None
-        noise = window if noise is None else validation.flag("noise", noise)
-        model = isinstance(self.basis, ModelBasis)
-        if bands is None:
-            bands = model and not window and gain is None
-        flags = {"noise": noise, "bands": bands}
-        asked = Asked(*(validation.flag(name, value) for name, value in flags.items()))
-        other = {"system": system, "x0": x0, "xf": xf} if model else {**flags, "gain": gain}
-        for name, value in other.items():
+        basis, predicted, limited = self.basis, self.predicted_states, self.limited
+        asked = {"noise": noise, "bands": bands, "gain": gain}
+        model = isinstance(basis, ModelBasis)
+        for name, value in ({"system": system, "x0": x0, "xf": xf} if model else asked).items():
             if value is not None and value is not False:
                 raise InputError(f"`{name}` must be left out {_NOT_FOR[model]}")
-        if isinstance(self.basis, ModelBasis):
-            found = self._of_model(self.basis, delta, asked, gain)
+        if isinstance(basis, ModelBasis):
+            found = model_bound(basis, self.u, predicted, limited, delta, noise, bands, gain)
         else:
-            basis = completed(self.basis, system, x0, xf, "bound", self.labels)
-            if self.limited is None:
-                found = plan_bound(basis, self.u, self.predicted_states, self.fusion, delta)
+            known = completed(basis, system, x0, xf, "bound", self.labels)
+            if limited is None:
+                found = plan_bound(known, self.u, predicted, self.fusion, delta)
             else:
-                limited, predicted = self.limited, self.predicted_states
-                found = limited_bound(basis, limited, predicted, delta, self.fusion)
+                found = limited_bound(known, limited, predicted, delta, self.fusion)
         return replace(found, warnings=self.warnings)
-
-    def _of_model(
-        self, basis: ModelBasis, delta: float, asked: Asked, gain: Loop | LoopCertificate | None
-    ) -> Certificate:
-        predicted, window = self.predicted_states, basis.window is not None
-        if window or gain is not None:
-            if asked.bands:
-                other_than = "for a model of outputs" if window else "with `gain`"
-                raise InputError(f"`bands` must be False {other_than}")
-            K = None if gain is None else self._gain(gain)
-            if gain is None or window:  # without a gain it is a window
-                return output_certificate(basis, self.u, delta, asked.noise, K)
-            return followed(basis, self.u, predicted, gain, delta, asked.noise)
-        near = near_reference(basis, self.u, predicted, delta, asked)
-        if self.limited is not None:
-            found = limited_certificate(basis, self.limited, predicted, delta, asked)
-            return found if near is None else near.over(found)
-        return near or certificate(basis, self.u, predicted, delta, asked)
 
     def typical(
         self,
@@ -403,13 +314,7 @@ class Plan(SavedRecord, Timed):
         >>> se.control(model, [1.0], [0.0], steps=2).typical()
         <Typical: certified 0.00677, typical 0.00335, 95 %, without noise>
         """
-        share = validation.probability("delta", delta)
-        known_model(self.basis, "typical")
-        read = self.predicted_outputs is not None
-        noisy = read if noise is None else validation.flag("noise", noise)
-        certified = self.bound(share, noise=noisy)
-        predicted, _ = self._drawn
-        return typical(self.basis, self.u, predicted, certified.target, share, draws, rng, noisy)
+        return typical(self, validation.probability("delta", delta), draws, rng, noise)
 
     def covariance(
         self,
@@ -655,8 +560,7 @@ class Plan(SavedRecord, Timed):
         """
         predicted, labels = self._drawn
         tube, says, runs = self._certified(certificate, measured, each=True)
-        at = labels.places("states", states)
-        some = labels.places("inputs", inputs, inputs=True)
+        at, some = labels.places("states", states), labels.places("inputs", inputs, inputs=True)
         low, high = np.full((2, *self.u.shape), np.inf) * [[[-1.0]], [[1.0]]]
         at_rate = None
         more: dict[str, Any] = {"measured": runs, "target": self._target}
@@ -735,24 +639,18 @@ class Plan(SavedRecord, Timed):
         )
 
     @property
-    def _labels(self) -> Labels:
-        return self.labels or default_labels(*self._shape)
-
-    @property
     def _target(self) -> Floats | None:
         """Where the states should end; None where that is what was predicted for given inputs."""
-        predicted, target = self.predicted_states, None
-        if self.limited is not None and self.limited.task.follows:
+        basis, limited, end = self.basis, self.limited, self.predicted_states[-1]
+        if limited is not None and limited.task.follows:
             return None
-        if isinstance(self.basis, ModelBasis):
-            return self.basis.target
-        if self.basis is not None and self.limited is None:
-            target = self.basis.xf.estimate
-        if target is None and self.limited is not None:
-            goal: Floats = self.limited.task.reference[-1]
-            off = np.abs(goal - predicted[-1]).max()
-            target = goal if off > 1e-6 * np.abs(predicted).max() else None
-        return target
+        if isinstance(basis, ModelBasis):
+            return basis.target
+        if limited is None:
+            return None if basis is None else basis.xf.estimate
+        goal: Floats = limited.task.reference[-1]
+        away = np.abs(goal - end).max() > 1e-6 * np.abs(self.predicted_states).max()
+        return goal if away else None
 
     def _certified(
         self,
@@ -761,7 +659,7 @@ class Plan(SavedRecord, Timed):
         each: bool = False,
     ) -> tuple[Floats | None, str, Floats | None]:
         """The tube, of `each` state where there is one, what it says, and the checked runs."""
-        (predicted, _), asked = self._drawn, certificate
+        (predicted, _), given = self._drawn, certificate
         if certificate is None and isinstance(self.basis, ModelBasis):
             with suppress(InputError):  # no region is known for what was assumed of the data
                 certificate = self.bound()
@@ -770,15 +668,15 @@ class Plan(SavedRecord, Timed):
             tube = validation.instance("certificate", certificate, Certificate).tube
             if len(tube) != len(predicted):
                 raise ShapeError(
-                    f"`certificate` must be of this plan, over {show.counted(len(predicted) - 1)}, "
-                    f"got one over {show.counted(len(tube) - 1)}"
+                    f"`certificate` must be of this plan, over {show.counted(self.steps)}, got one "
+                    f"over {show.counted(len(tube) - 1)}"
                 )
             says, known = certificate.share, certificate.quantities
             if "readings" in known:
                 tube = np.asarray(known["readings"].radius)
                 # in open loop that of an unstable plant soon leaves every panel
                 wide = tube > 10.0 * np.maximum(np.ptp(predicted, axis=0), tube[1])
-                if asked is None and wide.any():
+                if given is None and wide.any():
                     tube = np.where(wide, np.nan, tube)
                     says += ", left out where wider than 10 times the range"
             elif each and "bands" in known and known["bands"].method == known["tube"].method:
@@ -794,17 +692,6 @@ class Plan(SavedRecord, Timed):
                 )
         return tube, says, runs
 
-    def _gain(self, gain: Loop | LoopCertificate) -> Floats:
-        """The matrix of a gain for this plan."""
-        if not isinstance(gain, (Loop, LoopCertificate)):
-            raise InputTypeError(
-                f"`gain` must be a Loop or its certificate, got {validation.show(gain)}"
-            )
-        K = np.ascontiguousarray(gain.K)
-        if K.shape != self._shape[::-1]:
-            raise ShapeError(f"`gain` must be one of this model, got one of shape {K.shape}")
-        return K
-
     def _in_order(self, system: object) -> System:
         """The system, its names in the order of this plan."""
         checked = System.from_any(system)
@@ -818,59 +705,107 @@ class Plan(SavedRecord, Timed):
         return checked._in_order("system", self.labels)
 
     def _cube(self) -> Cube:
-        clock, times = over_time(len(self.u), self.dt)
-        variables: dict[str, Any] = {
-            "predicted_states": ((clock, "state"), self.predicted_states, "state"),
-            "u": ((clock, "input"), padded(self.u), "input"),
-        }
-        attrs: dict[str, Any] = {
-            "fusion": self.fusion,
-            "status": self.status,
-            "residual": self.reachability.residual,
-            "key": self.info["key"].hex if isinstance(self.info.get("key"), Key) else None,
-        }
-        if self.limited is not None:
-            task = self.limited.task
-            for name, rows, unit in (
-                ("low", task.low, "input"),
-                ("high", task.high, "input"),
-                ("active", self.limited.active, None),
-                ("rate_active", None if task.rate is None else self.limited.rate_active, None),
-                ("multipliers", self.limited.multipliers, None),
-            ):
-                variables[name] = ((clock, "input"), padded(rows), unit)
-            for name, side in (
-                ("reference", task.reference),
-                ("state_low", task.state_low),
-                ("state_high", task.state_high),
-            ):
-                variables[name] = ((clock, "state"), padded(side, first=True), "state")
-            attrs |= {"objective": self.limited.objective, "gap": self.limited.gap}
-        if self.basis is not None and not isinstance(self.basis, ModelBasis):
+        cube = super()._cube()
+        clock = next(iter(cube.coordinates))
+        variables = {name: cube.variables[name] for name in ("predicted_states", "u")}
+        key = self.info.get("key")
+        attrs = {**cube.attrs, "residual": self.reachability.residual}
+        attrs["key"] = key.hex if isinstance(key, Key) else None
+        limited = self.limited
+        parts: Any = () if limited is None else (limited.task, limited)
+        for record in parts:
+            own: Any = type(record)
+            for name, rule in rules(own).items():  # what they hold over time
+                rows = getattr(record, name)
+                if len(rule.dims) == 2 and rule.dims[0] == "step" and rows is not None:
+                    of, unit = rule.dims[1], None if rows.dtype == np.int8 else rule.dims[1]
+                    dims, rows = (clock, of), padded(rows, first=of == "state")
+                    variables.setdefault(name, (dims, rows, unit))
+        if limited is not None:
+            attrs |= {"objective": limited.objective, "gap": limited.gap}
+        if isinstance(self.basis, Basis):
             for one in self.basis.entities:
                 attrs[f"size_{one.name}"] = one.size
                 attrs[f"key_{one.name}"] = None if one.key is None else one.key.hex
-        labels = named(self.labels, *self._shape)
-        return Cube(variables, times, attrs, labels)
+        return Cube(variables, cube.coordinates, attrs, cube.labels)
 
     def _repr_html_(self) -> str:
-        first = ("control u(0)", show.vector(self.u[0]))
-        drawn = show.states(
-            np.arange(self.steps + 1), self.predicted_states, "states of the model over the steps"
-        )
-        cost = () if self.limited is None else cost_rows(self.limited)
-        named = () if self.labels is None else self.labels.rows()
-        rows = [first, show.largest(self.u), *cost, *made_from(self.info), *named]
-        return show.card(self, rows, drawn)
+        rows: list[tuple[str, object]] = [("control u(0)", show.vector(self.u[0]))]
+        rows.append(show.largest(self.u))
+        for name in ("x0", "xf", "A"):
+            one = self.info.get(name)
+            if isinstance(one, dict) and "method" in one:
+                size = one.get("size")
+                drawn = f", {show.grouped(size)} realizations" if isinstance(size, int) else ""
+                rows.append((name, f"{one['method']}{drawn}"))
+        rows += [("warning", text) for text in self.warnings]
+        rows += () if self.labels is None else self.labels.rows()
+        times = np.arange(self.steps + 1)
+        curves = show.states(times, self.predicted_states, "states of the model over the steps")
+        return show.card(self, rows, curves)
 
     def __repr__(self) -> str:
-        K, m = self.u.shape
-        text = expectation(
-            self.reachability, self.basis, self.predicted_states[-1], K, self.covariance
-        )
+        text = self._expectation()
         if self.limited is not None:
-            worst = worst_state(self.limited, self.predicted_states, self.labels)
-            text = f"without limits {text}; {cost_text(self.limited, worst)}"
+            text = f"without limits {text}; {self._within(self.limited)}"
         text += show.careful(self.warnings)
         fusion = "" if self.fusion == "product" else f" {self.fusion}"
-        return f"<Plan{fusion}: {show.counted(K)}, m={m}, {self.status}, {text}>"
+        steps = show.counted(self.steps)
+        return f"<Plan{fusion}: {steps}, m={self.u.shape[1]}, {self.status}, {text}>"
+
+    def _expectation(self) -> str:
+        """How far the model ends from its target, and the true system from xf."""
+        basis, end, text = self.basis, self.predicted_states[-1], self.reachability.text
+        if isinstance(basis, ModelBasis) and basis.given:
+            return "inputs given; true system: see bound()"
+        if isinstance(basis, ModelBasis):
+            there = _place(basis.xf - end, "xf", basis.x0, basis.xf)
+            return f"{text}; the model ends {there}; true system: see bound()"
+        if basis is None or basis.xf.estimate is None:
+            return text
+        known = [one.estimate for one in (basis.x0, basis.xf) if one.estimate is not None]
+        goal = "xf" if basis.xf.kind == "exact" else "the estimated xf"
+        there = _place(basis.xf.estimate - end, goal, *known)
+        if all(entity.kind == "exact" for entity in basis.entities):
+            return f"{text}; ends {there}"
+        text += f"; with the estimates: ends {there}"
+        (n, m), K = self._shape, self.steps
+        if n**4 + K * n * (n * n + K * m) <= _CHEAP:
+            with suppress(StochensError):  # no formula is known
+                spread = sqrt(max(0.0, float(np.trace(self.covariance()))))
+                x0, xf, A = basis.values
+                missed = best_control(A, basis.B, x0, xf, K).missed
+                text += f"; true system: about {hypot(spread, norm(missed)):.2g} from xf (rms)"
+        return text
+
+    def _within(self, limited: Limited) -> str:
+        """What the limits cost and how many are active, in a few words."""
+        text, task = f"J={limited.objective:.3g}", limited.task
+        if limited.missed is not None and limited.missed > 0.0:
+            text += f", {limited.missed:.2g} of it for the limits"
+        text += f"; {_active(limited.active, 'inputs at a limit')}"
+        if task.rate is not None:
+            text += f", {np.count_nonzero(limited.rate_active) or 'none'} at their rate"
+        if limited.state_active is not None:
+            text += f", {_active(limited.state_active, 'states at a limit')}"
+        if limited.missing > 0.0 and task.state_low is not None and task.state_high is not None:
+            at = self.predicted_states[1:]
+            over = np.maximum(at - task.state_high, task.state_low - at).max(axis=0)
+            most = f" ({self._labels.state(int(np.argmax(over)))} most)" if over.max() > 0.0 else ""
+            text += f"; state limits missed by {limited.missing:.3g}{most}"
+        if limited.open_until is not None:
+            text += (
+                f"; follow with `limited.feedback` from step {limited.open_until} on, inputs alone "
+                f"J={limited.open_objective:.3g}"
+            )
+        return text
+
+
+def _active(sides: Any, what: str) -> str:
+    return f"{np.count_nonzero(sides) or 'none'} of {sides.size} {what}"
+
+
+def _place(off: Floats, goal: str, *states: Floats) -> str:
+    """``at xf`` where the distance is rounding beside the states."""
+    at = norm(off) <= _ROUNDED * max(map(norm, states))
+    return f"at {goal}" if at else f"{norm(off):.2g} from {goal}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from html import escape
 from math import ceil, inf
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +12,8 @@ import numpy as np
 
 from .._base import show, validation
 from .._base.numbers import smallest_size
+from .._base.records import Record
+from .._base.tables import columns
 from .._base.types import DELTA, QUANTITIES, Fusion, Quantity
 from ..exceptions import InputError, SizeError
 from ..rng import Key, RngLike, as_key
@@ -19,16 +22,14 @@ from ..theory import moments
 from ..theory.drawn_bounds import Bounded, not_simulated, runs_for, searched_size
 from ..theory.exact import best_control, checked_ends
 from ..theory.records import RELATIVE_TO
-from .arguments import fusion_over
+from .control import fusion_over
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True)
-class Requirement:
+class Requirement(Record):
     """The number of realizations that one bound requires, and the errors with that number.
 
     Attributes
@@ -57,7 +58,7 @@ class Requirement:
 
 
 @dataclass(frozen=True, eq=False)
-class SamplePlan:
+class SamplePlan(Record):
     """Numbers of realizations for a given error; what `required_samples` returns.
 
     Attributes
@@ -111,82 +112,30 @@ class SamplePlan:
             raise SizeError("no bound is satisfied by up to 2^53 realizations")
         return smallest
 
-    def to_dict(self) -> dict[str, Any]:
-        """The plan as a dict of plain numbers and text."""
-        return {
-            "schema": "stochens-plan/1",
-            "error": self.error,
-            "relative_error": self.error / self.reference if self.reference else None,
-            "relative_to": self.relative_to,
-            "delta": self.delta,
-            "quantity": self.quantity,
-            "fusion": self.fusion,
-            "steps": self.steps,
-            "expected_size": self.expected_size,
-            "simulated_size": self.simulated_size,
-            "runs": self.runs,
-            "key": self.key.hex,
-            "bounds": [vars(row) for row in self.rows],
-        }
-
     def _repr_html_(self) -> str:
-        head = ("bound", "N", "exact rms", "quantile", "failures")
-        body = [
-            (
-                one.name,
-                "more than 2^53" if one.size is None else show.grouped(one.size),
-                show.text(one.rms),
-                show.text(one.quantile),
-                "" if one.failures is None else f"{one.failures} of {self.runs}",
-            )
-            for one in self.rows
-        ]
-        size, expected = self.rows[0].size, self.expected_size
-        rows = [
-            ("enough", "nothing up to 2^53" if size is None else f"N = {show.grouped(size)}"),
-            (f"error of the {self.quantity}", self._limit),
-            ("with probability", f"{1.0 - self.delta:g}"),
-            ("fusion", self.fusion),
-            (
-                "no guarantee, exact rms",
-                None if expected is None else f"N = {show.grouped(expected)}",
-            ),
-            ("no guarantee, simulated", f"N = {show.grouped(self.simulated_size)}"),
-        ]
-        return show.card(self, rows, show.grid(head, body))
-
-    @property
-    def _limit(self) -> str:
-        """The error, and what it is relative to."""
-        words = RELATIVE_TO.get(self.relative_to)
-        text = f"at most {self.error:.3g}"
-        if words is None:
-            return text
-        share = 100 * self.error / self.reference
-        return f"{text} ({share:.3g} % of {self.reference:.3g}, the norm of {words})"
+        return show.card(self, [], f"<pre>{escape(str(self))}</pre>")
 
     def __str__(self) -> str:
         over = "" if self.steps == 1 else f" over {show.counted(self.steps)}"
-        lines = [
-            f"error of the {self.quantity}{over}: {self._limit},",
-            f"with probability {1.0 - self.delta:g}, {self.fusion} fusion",
-            "",
-            f"{'bound':<24}{'N':>16}{'exact rms':>12}{'quantile':>12}{'failures':>18}",
-        ]
+        text = f"error of the {self.quantity}{over}: at most {self.error:.3g}"
+        if self.relative_to in RELATIVE_TO:
+            share = 100 * self.error / self.reference
+            of = f"{self.reference:.3g}, the norm of {RELATIVE_TO[self.relative_to]}"
+            text += f" ({share:.3g} % of {of})"
+        rows = [["bound", "N", "exact rms", "quantile", "failures"]]
         for row in self.rows:
-            if row.size is None:
-                lines.append(f"{row.name:<24}{'none up to 2^53':>16}")
-                continue
-            size, failed = _grouped(row.size), f"{row.failures} of {self.runs}"
-            rms = "" if row.rms is None else f"{row.rms:.3g}"
-            lines.append(f"{row.name:<24}{size:>16}{rms:>12}{row.quantile:>12.3g}{failed:>18}")
-        lines += ["", "no guarantee:"]
+            cells = ["none up to 2^53", "", "", ""]
+            if row.size is not None:
+                rms = "" if row.rms is None else f"{row.rms:.3g}"
+                failed = f"{row.failures} of {self.runs}"
+                cells = [_grouped(row.size), rms, f"{row.quantile:.3g}", failed]
+            rows.append([row.name, *cells])
+        lines = [f"{text},", f"with probability {1.0 - self.delta:g}, {self.fusion} fusion", ""]
+        lines += [*columns(rows, 100), "", "no guarantee:"]
         if self.expected_size is not None:
-            lines.append(
-                f"the exact rms comes down to this error at N = {_grouped(self.expected_size)},"
-            )
-        lines.append(f"the simulated quantile at N = {_grouped(self.simulated_size)}")
-        return "\n".join(lines)
+            size = _grouped(self.expected_size)
+            lines.append(f"the exact rms comes down to this error at N = {size},")
+        return "\n".join([*lines, f"the simulated quantile at N = {_grouped(self.simulated_size)}"])
 
 
 def _grouped(size: int) -> str:
@@ -283,20 +232,24 @@ def required_samples(
     delta = validation.probability("delta", delta)
     kind = validation.choice("quantity", quantity, QUANTITIES)
     K, how = fusion_over(steps, fusion, checked.n, checked.m)
-    relative = validation.flag("relative", relative)
     key = as_key(rng)
     best = best_control(checked.A, checked.B, start, goal, K)
     relative_to, reference = best.compared(kind, start)
-    if relative and not reference:
-        raise InputError(
-            f"`error` cannot be relative here: the exact {kind} is zero, and so is what x0 would "
-            "be compared with (use relative=False)"
-        )
-    allowed = error * reference if relative else error
+    if validation.flag("relative", relative):
+        if not reference:
+            raise InputError(
+                f"`error` cannot be relative here: the exact {kind} is zero, and so is what x0 "
+                "would be compared with (use relative=False)"
+            )
+        error *= reference
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
-    rms_of(checked, start, goal, 1, fusion=how)  # refuses what overflows
-    if allowed * allowed < np.finfo(np.float64).tiny:
-        raise SizeError(f"`error` is {allowed:.3g}, its square underflows: scale the problem up")
+
+    def rms(size: int) -> float:
+        return rms_of(checked, start, goal, size, fusion=how)
+
+    rms(1)  # refuses what overflows
+    if error * error < np.finfo(np.float64).tiny:
+        raise SizeError(f"`error` is {error:.3g}, its square underflows: scale the problem up")
     of = Bounded(kind, (checked, start, goal), fusion=how, steps=K)
     which, bound_key = of.which, key.child("bound").child("simulated bound")
     cost = of.law((1, 1, 1)).cost
@@ -308,35 +261,33 @@ def required_samples(
     def drawn(size: int) -> tuple[float, int]:
         """The quantile of the simulated errors, and how many exceed the error."""
         errors = of.law((size,) * 3).draw(_RUNS, key.child("runs"))[:, which]
-        return float(np.quantile(errors, 1.0 - delta)), int((errors > allowed).sum())
-
-    def smallest(name: str, eps: float) -> int | None:
-        """The size that a bound needs."""
-        if name != "simulated":
-            return of.required_size(name, eps, delta)
-        if not possible:
-            return None
-        return searched_size(lambda N: of.law((N,) * 3), which, eps, delta, bound_key)
+        return float(np.quantile(errors, 1.0 - delta)), int((errors > error).sum())
 
     rows = []
     # what the rounding of a control like the exact one leaves of the error
-    rounding = best.control_rounding if kind == "control" else best.state_rounding
+    left = error - (best.control_rounding if kind == "control" else best.state_rounding)
     for name in ("simulated", *of.names((1, 1, 1))):
         source = _SOURCES["Bousquet of pairs" if of.paired and name == "Bousquet" else name]
-        size = smallest(name, allowed - rounding) if allowed > rounding else None
+        size = None
+        if left > 0.0 and name != "simulated":
+            size = of.required_size(name, left, delta)
+        elif left > 0.0 and possible:
+            size = searched_size(lambda N: of.law((N,) * 3), which, left, delta, bound_key)
         if size is None:
             rows.append(Requirement(name, source, None, None, None, None))
-            continue
-        rms = rms_of(checked, start, goal, size, fusion=how) if K == 1 else None
-        rows.append(Requirement(name, source, size, rms, *drawn(size)))
+        else:
+            exact = rms(size) if K == 1 else None
+            rows.append(Requirement(name, source, size, exact, *drawn(size)))
     rows.sort(key=lambda row: inf if row.size is None else row.size)
-    expected = None
-    if K == 1:
-        expected = smallest_size(lambda N: rms_of(checked, start, goal, N, fusion=how) <= allowed)
-        if expected is None:
-            raise SizeError("`error` is so small that more than 2^53 realizations are needed")
+    expected = smallest_size(lambda N: rms(N) <= error) if K == 1 else None
+    if K == 1 and expected is None:
+        raise SizeError("`error` is so small that more than 2^53 realizations are needed")
+    needed = rows[0].size or expected or _START
+    for _ in range(_STEPS):  # N <- N share^2, at which the simulated quantile is the error
+        share = drawn(needed)[0] / error
+        needed = int(min(max(1, ceil(needed * share**2)), validation.EXACT))
     return SamplePlan(
-        error=allowed,
+        error=error,
         delta=delta,
         reference=reference,
         relative_to=relative_to,
@@ -345,15 +296,7 @@ def required_samples(
         steps=K,
         rows=tuple(rows),
         expected_size=expected,
-        simulated_size=_needed(lambda N: drawn(N)[0] / allowed, rows[0].size or expected or _START),
+        simulated_size=needed,
         runs=_RUNS,
         key=key,
     )
-
-
-def _needed(share: Callable[[int], float], start: int) -> int:
-    """The size at which the simulated quantile is the error, by ``N <- N share^2``."""
-    size = start
-    for _ in range(_STEPS):
-        size = int(min(max(1, ceil(size * share(size) ** 2)), validation.EXACT))
-    return size

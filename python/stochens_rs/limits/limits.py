@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -47,23 +47,23 @@ class Asked(SavedRecord, listed=False):
     """Numbers, arrays and arrays with names, which a system brings into its order."""
 
     @property
-    def given(self) -> tuple[str, ...]:
-        """The names of what was given."""
-        return tuple(one.name for one in fields(self) if getattr(self, one.name) is not None)  # type: ignore[arg-type]
+    def given(self) -> dict[str, Any]:
+        """What was given, by name."""
+        return {name: one for name, one in vars(self).items() if one is not None}
 
     def only(self, *names: str) -> Self:
         """Refuse what is not among `names`, where a function has no use for it."""
-        for name in self.given:
+        for name, one in self.given.items():
             if name not in names:
                 kind = type(self).__name__
                 raise InputError(
                     f"`{kind.lower()}` must have {' and '.join(names)} only here, got "
-                    f"{kind}({name}={_shown(getattr(self, name))})"
+                    f"{kind}({name}={_shown(one)})"
                 )
         return self
 
     def __repr__(self) -> str:
-        shown = (f"{name}={_shown(getattr(self, name))}" for name in self.given)
+        shown = (f"{name}={_shown(one)}" for name, one in self.given.items())
         return f"{type(self).__name__}({', '.join(shown)})"
 
 
@@ -89,16 +89,18 @@ def _sides_by_name(name: str, value: Mapping[Any, Any]) -> tuple[Named, Named]:
     names = tuple(value)
     if not names or not all(isinstance(one, str) for one in names):
         raise InputTypeError(f"`{name}` must name what has limits by texts, got {names!s:.60}")
-    sides = np.array([[-np.inf], [np.inf]]) * np.ones(len(names))
-    for k, one in enumerate(names):
+    rows = []
+    for one in names:
         of = f"{name}[{one!r:.30}]"
-        for side, end in zip(sides, pair_of(of, value[one]) or (), strict=False):
-            if end is not None and not isinstance(end, float):
+        low, high = pair_of(of, value[one]) or (None, None)
+        for end in (low, high):
+            if not (end is None or isinstance(end, float)):
                 raise InputTypeError(
                     f"`{of}` must be a pair of numbers, got {validation.show(end)}"
                 )
-            side[k] = side[k] if end is None else end
-    return Named(sides[0], names), Named(sides[1], names)
+        rows.append([-np.inf if low is None else low, np.inf if high is None else high])
+    lows, highs = np.array(rows).T
+    return Named(lows.copy(), names), Named(highs.copy(), names)
 
 
 def entries(name: str, value: Any, *, square: bool = False) -> Any:
@@ -241,9 +243,8 @@ class Cost(Asked):
     reference: Floats | Named | None = None
 
     def __post_init__(self) -> None:
-        for name in ("Q", "Qf", "R"):
-            self._keep(**{name: entries(name, getattr(self, name), square=True)})
-        self._keep(reference=entries("reference", self.reference))
+        for name, value in self.given.items():
+            self._keep(**{name: entries(name, value, square=name != "reference")})
         super().__post_init__()
 
 

@@ -10,19 +10,19 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from .. import _core
-from .._base import running, validation
+from .._base import running
 from .._base.numbers import ROUNDING
 from .._base.records import Record, require_shapes
 from .._base.running import get_num_threads
 from .._base.types import Floats, Status
-from ..exceptions import InputError, NonFiniteError
+from ..exceptions import NonFiniteError
 from ..theory.exact import matrix_powers
 from .problem import Task
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import NDArray
 
     from ..rng import Key
     from ..theory.drawn_bounds import PlanErrors
@@ -108,38 +108,8 @@ class Limited(Record):
             return np.zeros(self.u.shape, dtype=np.int8)
         change = np.diff(self.u, axis=0, prepend=previous[None])
         size = np.maximum(np.abs(self.u).max(axis=0), np.abs(previous))
-        return _sides(change, -rate, rate, np.maximum(rate, size))
-
-    @property
-    def closed(self) -> bool:
-        """Whether the inputs alone do not lead to the states of the plan."""
-        return self.open_until is not None and self.open_until < len(self.u)
-
-    @property
-    def limits_active(self) -> bool:
-        """Whether an input is at a limit or changes by its rate, or a state is at a limit."""
-        found = self.active, self.rate_active, self.state_active
-        return any(bool(one.any()) for one in found if one is not None)
-
-    def exact(self, xf: ArrayLike | None) -> Task:
-        """The same task with the exact target, and with the weight R that was used."""
-        wanted = self.task.reference
-        if not self.task.follows:
-            if xf is None:
-                raise InputError("`xf` must be given: this plan has no reference")
-            wanted = np.ascontiguousarray(
-                np.broadcast_to(validation.vector("xf", xf, length=len(wanted[0])), wanted.shape)
-            )
-        elif xf is not None:
-            raise InputError("`xf` must be None: this plan has a reference")
-        return replace(self.task, reference=wanted, R=self.R)
-
-
-def _sides(values: Floats, low: Floats, high: Floats, size: Floats) -> NDArray[np.int8]:
-    """1 where `values` are at `high` or above to rounding beside `size`, -1 at `low` or below."""
-    near = ROUNDING * size
-    found = np.where(values >= high - near, 1, np.where(values <= low + near, -1, 0))
-    return found.astype(np.int8)
+        at = np.abs(change) >= rate - ROUNDING * np.maximum(rate, size)
+        return np.where(at, np.sign(change), 0.0).astype(np.int8)
 
 
 class Horizon:
@@ -171,59 +141,30 @@ class Horizon:
         columns = self.task.low.size + len(self.A) + 1
         running.need("the control within limits", 8 * self.core.rows * columns * 3)
 
-    @property
-    def R(self) -> Floats:
-        """The weight of the inputs, (m, m)."""
-        return self.core.r
-
-    @property
-    def pushes(self) -> Floats:
-        """``A^p B`` for p = 0, ..., K-1, (K, n, m)."""
-        return self.core.pushes().reshape(-1, *self.B.shape)
-
-    @property
-    def roots(self) -> tuple[Floats, Floats]:
-        """F with ``F'F = Q`` of the stages and of the last state."""
-        return self.core.roots()
-
-    def cost(self) -> Floats:
-        """R of one step: its diagonal (m,), or the matrix."""
-        R = self.R
-        diagonal = np.diag(R)
-        return diagonal.copy() if np.array_equal(R, np.diag(diagonal)) else R
-
     def objective(self, x0: Floats, u: Floats) -> float:
         """``J(u)``, with the weight of soft limits."""
         return self.core.objective(x0, u if self._resting is None else u - self._resting)
 
-    def in_two_norm(self, distance: float) -> tuple[float, float]:
-        """What a distance in the norm of the problem is for the control and the last state."""
-        return self.core.in_two_norm(distance)
-
     def solve(self, x0: Floats, *, time_limit: float | None = None) -> Limited:
         """The best control from x0."""
-        found, u = self.core.solve(x0, time_limit), None
+        found = self.core.solve(x0, time_limit)
+        u, followed = found.u, found.followed
         if self._resting is not None:
-            u = np.clip(found.u + self._resting, self.task.low, self.task.high)
-        states, feedback, until, alone = found.followed or (None, None, None, None)
-        return Limited(
-            task=self.task,
-            R=self.R,
-            u=found.u if u is None else u,
-            active=found.active,
-            multipliers=found.multipliers,
-            gap=found.gap,
-            distance=found.distance,
-            objective=found.objective,
-            missed=None if isnan(found.missed) else found.missed,
-            status=found.status,
-            missing=found.missing,
-            state_active=found.state_active,
-            feedback=None if feedback is None else feedback.reshape(*found.u.shape, -1),
-            states=states,
-            open_until=until,
-            open_objective=alone,
-        )
+            u = np.clip(u + self._resting, self.task.low, self.task.high)
+        more: dict[str, Any] = {name: getattr(found, name) for name in SOLVED}
+        if followed is not None and followed[2] < len(u):  # else the inputs alone lead there
+            states, feedback, until, alone = followed
+            more |= {"states": states, "feedback": feedback.reshape(*u.shape, -1)}
+            more |= {"open_until": until, "open_objective": alone}
+        missed = None if isnan(found.missed) else found.missed
+        return Limited(self.task, self.core.r, u, missed=missed, **more)
+
+
+# what the core finds, as the fields of `Limited` are named
+SOLVED = (
+    *("active", "multipliers", "gap", "distance"),
+    *("objective", "status", "missing", "state_active"),
+)
 
 
 def _without_rest(task: Task, B: Floats, c: Floats | None, resting: Floats) -> tuple[Task, Floats]:
@@ -283,11 +224,9 @@ class MovedTarget:
     def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors, (runs, 1)."""
         x0, xf, _ = (np.ascontiguousarray(entity.values) for entity in self.plan.entities)
-        found = self.exact.core.moved_targets(
-            _told(self.plan), self.plan.rows, self.plan.paired, x0, xf,
-            runs, self.cost, key.bytes32, get_num_threads(),
-        )  # fmt: skip
-        return found[:, None]
+        how = runs, self.cost, key.bytes32, get_num_threads()
+        drawn, rows = _drawn(self.plan)
+        return self.exact.core.moved_targets(drawn, rows, self.plan.paired, x0, xf, *how)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -320,12 +259,12 @@ class LimitedErrors:
     def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors, (runs, 3)."""
         x0 = np.ascontiguousarray(self.plan.entities[0].values)
-        told = _told(self.plan), self.plan.rows, x0, self.follows, self.limited.task.R is None
-        how = runs, self.cost, key.bytes32, get_num_threads()
-        return self.exact.core.drawn_errors(*told, *how)
+        law = *_drawn(self.plan), x0, self.follows, self.limited.task.R is None
+        return self.exact.core.drawn_errors(*law, runs, self.cost, key.bytes32, get_num_threads())
 
 
-def _told(plan: PlanErrors) -> tuple[Any, Any, Any]:
+def _drawn(plan: PlanErrors) -> tuple[tuple[Any, Any, Any], bool]:
+    """The entities as the core takes them, and whether A is drawn by rows."""
     x0, xf, A = plan.entities
     lines = A.argument(transpose=not (plan.rows and A.drawn))
-    return x0.argument(), xf.argument(), lines
+    return (x0.argument(), xf.argument(), lines), plan.rows

@@ -24,9 +24,8 @@ from .window import Contents, ReadingWindow, gate_of
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from ..controls.of_model import Record
+    from ..controls.of_model import Record, Rest
     from ..controls.plan import Plan
-    from ..controls.rest import Rest
     from ..identification.model import Model
     from ..limits.limits import Cost, LimitsLike
     from ..limits.problem import Task

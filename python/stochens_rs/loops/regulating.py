@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .._base import validation
-from ..controls.of_model import cost_of_outputs, output_weights
-from ..controls.rest import rest_of
+from ..controls.of_model import cost_of_outputs, output_weights, rest_of
 from ..exceptions import InputError
 from ..feedback import Loop
 from ..identification.model import Model

@@ -15,7 +15,7 @@ from .._base.running import interruptible
 from .._base.saving import Durable
 from .._base.types import DELTA, Floats
 from ..certificates.certificate import Certificate, radius_at
-from ..controls.typical import Typical, ranked
+from ..controls.errors import Typical, ranked
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import as_key

@@ -91,7 +91,7 @@ def test_it_stands_beside_the_certificate(tmp_path) -> None:
         found = plan.typical(noise=noise)
         assert found.certified == plan.bound(noise=noise).target
         assert found.miss < found.certified
-        for shown in (repr(found), found.text, found._repr_html_()):
+        for shown in (repr(found), found._repr_html_()):
             assert f"certified {found.certified:.3g}, typical {found.miss:.3g}" in shown
         assert "approximate" in found._repr_html_()
         assert ("with noise" in repr(found)) == noise

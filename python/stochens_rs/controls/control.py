@@ -18,7 +18,7 @@ from ..ensembles.law import Counts
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError, SolverError
 from ..fusion.fits import Fit
-from ..fusion.fusing import METHODS, fuse
+from ..fusion.fusing import fuse
 from ..fusion.provenance import Basis, known
 from ..identification.identified import Identified
 from ..limits.limits import Cost, Uncertain, as_cost, as_limits
@@ -27,15 +27,7 @@ from ..limits.solution import OPTIMAL, Horizon
 from ..rng import RngLike, as_key
 from ..system.system import System
 from ..theory.exact import best, best_control, checked_ends, factors, states
-from .of_model import (
-    basis_in_states,
-    ending,
-    horizon_of,
-    model_control,
-    of_outputs,
-    output_control,
-    step_warnings,
-)
+from . import of_model
 from .plan import Plan
 
 if TYPE_CHECKING:
@@ -166,14 +158,14 @@ def control(
     (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
     within, weights = as_limits(limits), as_cost(cost)
-    if of_outputs(system, {"x0": x0, "xf": xf}, {"record": record, "target": target}):
-        return output_control(system, record, target, steps, within, weights, time_limit)
+    if of_model.of_outputs(system, {"x0": x0, "xf": xf}, {"record": record, "target": target}):
+        return of_model.output_control(system, record, target, steps, within, weights, time_limit)
     if isinstance(system, Identified):
         if validation.choice("fusion", fusion, FUSIONS) != "product":
             raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
-        goal = ending(weights.reference, xf, system.state_names)
-        basis = basis_in_states(system, x0, goal)
-        return model_control(basis, steps, within, weights, time_limit)
+        goal = of_model.ending(weights.reference, xf, system.state_names)
+        basis = of_model.basis_in_states(system, x0, goal)
+        return of_model.model_control(basis, steps, within, weights, time_limit)
     if isinstance(x0, Uncertain):
         raise InputError("`x0` may be Uncertain for models from data only; else pass a Fit")
 
@@ -211,7 +203,7 @@ def control(
     sure = matrix.size is None or task is not None
     info: dict[str, Any] = {entity.name: entity.description for entity in entities}
     info["singular_values"] = found.factors.singular_values
-    info["warnings"] = mean_warnings(system) + step_warnings(found, exact=sure)
+    info["warnings"] = mean_warnings(system) + of_model.step_warnings(found, sure=sure)
     entries = zip(entities, (start, goal, A), strict=True)
     x0_known, xf_known, A_known = (known(one.name, one.value, used) for one, used in entries)
     rounding = found.state_rounding, found.control_rounding
@@ -315,7 +307,7 @@ def problem(
     names = labels.states
     first, last = (
         _entity(name, value, (len(names),), names)
-        for name, value in (("x0", x0), ("xf", ending(reference, xf, names)))
+        for name, value in (("x0", x0), ("xf", of_model.ending(reference, xf, names)))
     )
     return B, (first, last, matrix), labels, dt if isinstance(dt, float) else None
 
@@ -346,7 +338,7 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
     """Check the number of steps, and that the fusion is possible over so many."""
     how = validation.choice("fusion", fusion, FUSIONS)
     if how == "product":
-        return horizon_of(steps, n, m), how
+        return of_model.horizon_of(steps, n, m), how
     K = validation.size("steps", steps)
     if K > 1:
         raise InputError(
@@ -432,21 +424,13 @@ def steer(
     True
     """
     checked, start, goal = checked_ends(system, x0, xf)
-    validation.choice("method", method, METHODS)
-    _, how = fusion_over(steps, fusion, checked.n, checked.m)
-    if how == "diagonal" and method != "uniform":
-        raise InputError(
-            f"`fusion` must be 'product' for method '{method}', got 'diagonal': paired "
-            "realizations share one weight vector, so weights of their own cannot be paired"
-        )
     key = as_key(rng)
     x0_fit, xf_fit, A_fit = (
         fuse(sample(target, size, rng=key.child(name)), method, target=target)
         for name, target in (("x0", start), ("xf", goal), ("A", checked.A))
     )
-    plan = control(
-        (A_fit, checked), x0_fit, xf_fit, steps=steps, limits=limits, cost=cost, fusion=how
-    )
+    how: Any = {"steps": steps, "limits": limits, "cost": cost, "fusion": fusion}
+    plan = control((A_fit, checked), x0_fit, xf_fit, **how)
     return replace(plan, info={**plan.info, "key": key})
 
 

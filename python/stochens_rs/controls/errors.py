@@ -35,7 +35,6 @@ if TYPE_CHECKING:
     from ..identification.identified import Identified
     from ..limits.solution import Limited
     from ..rng import RngLike
-    from .plan import Plan
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -67,16 +66,6 @@ class Typical(SavedRecord):
     noise: bool
     assumption: str
 
-    @property
-    def text(self) -> str:
-        """Both numbers, and what each is, in one sentence."""
-        share = show.percent(self.delta)
-        return (
-            f"certified {show.at_most(self.certified)}, typical {self.miss:.3g}: {share} of the "
-            "models drawn from the confidence distribution of the data miss by less than the "
-            "second (approximate)"
-        )
-
     def __repr__(self) -> str:
         run = "with noise" if self.noise else "without noise"
         return (
@@ -85,16 +74,25 @@ class Typical(SavedRecord):
         )
 
     def _repr_html_(self) -> str:
-        rows = [("both", self.text), ("drawn models", self.draws), ("for", self.assumption)]
-        return show.card(self, rows)
+        drawn = f"{self.draws} models, from the confidence distribution of the data"
+        typical = "approximate, no bound: so many of the models drawn miss by less"
+        return show.card(self, [("typical", typical), ("drawn", drawn), ("for", self.assumption)])
 
 
-def typical(plan: Plan, delta: float, draws: int, rng: RngLike, noise: bool | None) -> Typical:
+def typical(
+    basis: Basis | ModelBasis | None,
+    u: Floats,
+    predicted: Floats,
+    bound: Callable[..., Certificate],
+    delta: float,
+    draws: int,
+    rng: RngLike,
+    noise: bool | None,
+) -> Typical:
     """Draw the misses of models from the law of the estimate, where it can be trusted.
 
-    Without a target they are those of the last of the states or outputs that were predicted.
+    Without a target they are those of the last of the states or outputs that were `predicted`.
     """
-    basis = plan.basis
     model = basis.model if isinstance(basis, ModelBasis) else None
     if not isinstance(basis, ModelBasis) or not isinstance(model, Model):
         raise InputError(
@@ -105,7 +103,7 @@ def typical(plan: Plan, delta: float, draws: int, rng: RngLike, noise: bool | No
         raise InputError(f"`typical` must not be trusted beside a warning: {model.warnings[0]}")
     window, assumed, rows = model.window, model.assumptions, model.n_outputs
     noisy = window is not None if noise is None else validation.flag("noise", noise)
-    certified = plan.bound(delta, noise=noisy).target
+    certified = bound(delta, noise=noisy).target
     if basis.x0_error:
         raise InputError("`typical` needs an exact x0, not an Uncertain one")
     if assumed.tail:
@@ -118,8 +116,7 @@ def typical(plan: Plan, delta: float, draws: int, rng: RngLike, noise: bool | No
         )
     key, threads, goal = bytes(as_key(rng).child("typical")), get_num_threads(), basis.target
     if goal is None:
-        path, last = plan.predicted_outputs, 1 if window is None else window.count
-        goal = (plan.predicted_states if path is None else path)[1:][-last:].ravel()
+        goal = predicted[1:][-(1 if window is None else window.count) :].ravel()
     exact = "states without error" if window is None else f"the window of {window.text} exact"
     text = (
         f"{assumed.text}; {exact}; number and lengths of the runs fixed beforehand; "
@@ -128,7 +125,7 @@ def typical(plan: Plan, delta: float, draws: int, rng: RngLike, noise: bool | No
     of = None if window is None else window.core
 
     def misses(size: int) -> Floats:
-        return _core.drawn_misses(law, basis.x0, plan.u, goal, noisy, size, key, threads, of)
+        return _core.drawn_misses(law, basis.x0, u, goal, noisy, size, key, threads, of)
 
     return ranked(misses, certified, delta, draws, noisy, text)
 

@@ -50,27 +50,18 @@ class NextRuns(SavedRecord):
     forecast: Annotated[Floats, "run+1", "infinite"]
     delta: Probability
 
-    @property
-    def _said(self) -> str:
-        return f"certificate {self.forecast[0]:.3g} now, {self.forecast[-1]:.3g} after them"
-
     def __repr__(self) -> str:
         runs, L, _ = self.inputs.shape
+        now, after = self.forecast[[0, -1]]
         return (
-            f"<NextRuns: {show.number_of(runs, 'run')} of {show.counted(L)}, {self._said} "
-            "(forecast, not a bound)>"
+            f"<NextRuns: {show.number_of(runs, 'run')} of {show.counted(L)}, certificate {now:.3g} "
+            f"now, {after:.3g} after them (forecast, not a bound)>"
         )
 
     def _repr_html_(self) -> str:
-        rows = [
-            ("distance from the target", self._said),
-            ("a forecast", f"not a bound, of the {show.percent(self.delta)} certificate"),
-            ("largest |u|", float(np.abs(self.inputs).max())),
-        ]
-        drawn = show.states(
-            np.arange(len(self.forecast)), self.forecast[:, None], "forecast over the runs"
-        )
-        return show.card(self, rows, drawn)
+        runs, values = np.arange(len(self.forecast)), self.forecast[:, None]
+        drawn = show.states(runs, values, "forecast over the runs")
+        return show.card(self, [show.largest(self.inputs)], drawn)
 
 
 def design(

@@ -24,14 +24,7 @@ from ..identification.model import Model
 from ..limits.limits import Uncertain, as_limits
 from ..limits.problem import checked_task, seconds, sides
 from ..limits.solution import Horizon
-from ..theory.exact import (
-    Best,
-    best_control,
-    checked_steps,
-    controllability,
-    factors,
-    matrix_powers,
-)
+from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
 
@@ -66,7 +59,7 @@ def of_outputs(
 def horizon_of(steps: object, n: int, m: int) -> int:
     """The number of steps, checked; one step needs no powers of A."""
     K = validation.size("steps", steps)
-    return K if K == 1 else checked_steps(K, n, m)
+    return K if K == 1 else exact.checked_steps(K, n, m)
 
 
 def ending(reference: Any, xf: Any, names: tuple[str, ...]) -> Any:
@@ -125,31 +118,31 @@ def model_control(
     path = trajectory(model._Theta, basis.x0, u)
     if limited is not None and limited.states is not None:
         path = np.vstack([basis.x0, limited.states])
-    return _planned(basis, u, path, found, limited, step_warnings(found, exact=False))
+    return _planned(basis, u, path, found, limited, step_warnings(found, sure=False))
 
 
-def _best(basis: ModelBasis, K: int) -> Best:
+def _best(basis: ModelBasis, K: int) -> exact.Best:
     """The best control without limits; ``xf`` less what the offset alone adds over K steps."""
     model = basis.model
     n, m = model.B.shape
     drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]
-    return best_control(model.A, model.B, basis.x0, basis.xf - drift, K)
+    return exact.best_control(model.A, model.B, basis.x0, basis.xf - drift, K)
 
 
 def _planned(
     basis: ModelBasis,
     u: Floats,
     path: Floats,
-    found: Best,
+    found: exact.Best,
     limited: Limited | None = None,
     further: tuple[str, ...] = (),
 ) -> Plan:
     """The plan of these inputs, which lead the model along `path`."""
     model = basis.model
-    exact = {"method": "exact", "size": None}
+    given = {"method": "exact", "size": None}
     info = {
-        "x0": exact,
-        "xf": exact,
+        "x0": given,
+        "xf": given,
         "A": {"method": "from data", "size": None},
         "singular_values": found.factors.singular_values,
         "warnings": (*beyond_data(model, path, u), *model.warnings, *further),
@@ -186,21 +179,21 @@ def beyond_data(model: Identified, states: Floats, u: Floats) -> tuple[str, ...]
     )
 
 
-def step_warnings(found: Best, *, exact: bool) -> tuple[str, ...]:
+def step_warnings(found: exact.Best, *, sure: bool) -> tuple[str, ...]:
     """Warnings about an estimated C_K; for one step it is B, which is exact.
 
     C_K has the rank of C_n for K > n (Cayley and Hamilton); rounding hides it where A grows.
     """
     (n, m), K, rank = found.B.shape, found.steps, len(found.factors.s)
     if rank < n < K:
-        C = controllability(matrix_powers(found.A, n - 1), found.B)
-        rank = max(rank, len(factors(C).s))
+        C = exact.controllability(exact.matrix_powers(found.A, n - 1), found.B)
+        rank = max(rank, len(exact.factors(C).s))
     if rank < n and K > 1:
         return (
             f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "
             "estimate need not be consistent",
         )
-    if m * K == n and K > 1 and not exact:
+    if m * K == n and K > 1 and not sure:
         return (
             f"m K = n = {n}: the inverse of the estimated C_K has heavy tails; take more than "
             f"{K} steps, or regularise",

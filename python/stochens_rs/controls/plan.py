@@ -314,7 +314,8 @@ class Plan(SavedRecord, Timed):
         >>> se.control(model, [1.0], [0.0], steps=2).typical()
         <Typical: certified 0.00677, typical 0.00335, 95 %, without noise>
         """
-        return typical(self, validation.probability("delta", delta), draws, rng, noise)
+        share, (predicted, _) = validation.probability("delta", delta), self._drawn
+        return typical(self.basis, self.u, predicted, self.bound, share, draws, rng, noise)
 
     def covariance(
         self,

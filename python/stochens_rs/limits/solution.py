@@ -129,8 +129,11 @@ class Horizon:
         R: Floats | None = None,
     ) -> None:
         self.task, self.A, self.B, self._resting = task, A, B, task.resting
-        if task.resting is not None:  # u = u_s + v, and v is what is weighed
-            task, c = _without_rest(task, B, c, task.resting)
+        if (rest := task.resting) is not None:  # of v = u - u_s, which is weighed: c + B u_s
+            previous = None if task.previous is None else task.previous - rest
+            low, high = task.low - rest, task.high - rest
+            task = replace(task, low=low, high=high, previous=previous, resting=None)
+            c = np.ascontiguousarray(B @ rest if c is None else c + B @ rest)
         with _exponents(task, A):
             self.core = _core.Horizon(A, B, c, task, wanted, R)
         if not self.core.long:
@@ -165,15 +168,6 @@ SOLVED = (
     *("active", "multipliers", "gap", "distance"),
     *("objective", "status", "missing", "state_active"),
 )
-
-
-def _without_rest(task: Task, B: Floats, c: Floats | None, resting: Floats) -> tuple[Task, Floats]:
-    """The task and the offset c of ``v = u - u_s``: ``x+ = A x + B v + (c + B u_s)``."""
-    previous = None if task.previous is None else task.previous - resting
-    moved = replace(
-        task, low=task.low - resting, high=task.high - resting, previous=previous, resting=None
-    )
-    return moved, np.ascontiguousarray(B @ resting if c is None else c + B @ resting)
 
 
 def loop_of(task: Task, A: Floats, B: Floats, c: Floats | None) -> _core.Loop:

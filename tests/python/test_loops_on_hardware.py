@@ -491,7 +491,7 @@ def test_one_tube_about_the_target(belt):
     tube, given = proof.tube(x0, K), proof.tube(x0, K, rest=proof.rest(rest.x))
     np.testing.assert_allclose(tube.components, given.components, rtol=1e-3)
     assert tube.components[:, 1].max() < 3.0
-    z, n = np.concatenate([np.tile(rest.y, 4), np.tile(rest.u, 4)]), model.n
+    z, n = np.concatenate([np.tile(rest.x[: model.n_outputs], 4), np.tile(rest.u, 4)]), model.n
     worst, beside = np.zeros(2), 0.0
     for system in members(proof, model, 60, np.random.default_rng(1), z):
         x = x0

@@ -23,7 +23,7 @@ TOP = """
 """
 ROOMS = {
     "certificates": "Radius",
-    "controls": "NextRuns PlanError Reachability SamplePlan Typical",
+    "controls": "Limited NextRuns PlanError Reachability SamplePlan Typical",
     "feedback": "Loop LoopCertificate Tube",
     "fleet": "FleetPlan RiskBound",
     "fusion": "FusedModel Path",

@@ -1,5 +1,6 @@
 """Controls from estimates, and what is known about their errors."""
 
+from ..limits.solution import Limited
 from ..theory.records import PlanError, Reachability
 from .control import control, realization_controls, steer
 from .errors import Typical
@@ -9,6 +10,7 @@ from .plan import Plan
 from .sample_size import SamplePlan, required_samples
 
 __all__ = [
+    "Limited",
     "NextRuns",
     "Plan",
     "PlanError",

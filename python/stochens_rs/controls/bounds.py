@@ -210,7 +210,8 @@ def distances(basis: Basis, delta: float, matrix_norm: str) -> tuple[float, floa
     shares = sum(entity.kind == "iid" for entity in basis.entities)
 
     def distance(entity: Known, values: Floats, estimate: Floats) -> float:
-        matrix, size, axis = entity.name == "A", entity.size, entity.axis
+        matrix, size = entity.name == "A", entity.size
+        axis = entity.axis if matrix else "columns"
         what: Literal["matrix", "vector"] = "matrix" if matrix else "vector"
         if entity.kind == "exact":
             return 0.0

@@ -129,7 +129,7 @@ def control(
     ``J(u) - min J`` is computed from the result, whatever the solver says; "optimal" means that it
     is at most ``1e-9 J(u)``, or rounding. Over many steps of an unstable system the rounding of the
     inputs grows until they no longer lead to the states of the plan: the plan then has a feedback,
-    and all that is said of it is of a plan that is followed; see `Plan.open_loop_until`.
+    and all that is said of it is of a plan that is followed; see `Limited.open_until`.
     fusion="diagonal" is then the control of the average of ``xf^s - A^s x0^s``: the average of the
     controls within limits would be biased. With R = 0 more than one control may be the best, and
     the one returned need not be the smallest.
@@ -154,7 +154,8 @@ def control(
     ('several steps without noise', True)
     >>> pushed, cost = ([[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]]), se.Cost(R=0.0)
     >>> plan = se.control(pushed, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), cost=cost)
-    >>> plan.u.ravel(), plan.active.ravel(), round(plan.missed, 6), plan.status
+    >>> found = plan.limited
+    >>> plan.u.ravel(), found.active.ravel(), round(found.missed, 6), plan.status
     (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
     within, weights = as_limits(limits), as_cost(cost)
@@ -181,8 +182,8 @@ def control(
     # 2. without limits: u = C_K^+ (xf_hat - A_hat^K x0_hat), or the average of the controls
     A = None if how == "diagonal" else matrix.estimate()
     if A is None:
-        drawn = _core.mean_difference(n, *realizations(entities))  # the average of A^s x0^s is free
-        found = best(B, goal - drawn, drawn)  # the averages count as exact
+        average = _core.mean_difference(n, *realizations(entities))  # of xf^s - A^s x0^s
+        found = best(B, goal - average, average)  # the averages count as exact
     else:
         found = best_control(A, B, start, goal, K, "A" if matrix.size is None else "A_hat")
     u, limited = found.u.reshape(K, m), None

@@ -155,12 +155,15 @@ def plan_covariance(basis: Basis, steps: int, fusion: Fusion, quantity: Quantity
     fitted = [entity.name for entity in basis.entities if entity.kind == "fitted"]
     schemes = {entity.kind for entity in basis.entities} - {"exact"}
     unknown = None
+    if steps > 1 and of_control:
+        raise InputError(
+            f"`quantity` must be 'state' over {steps} steps, got 'control': the control is not "
+            "linear in A, and no formula is known for its covariance"
+        )
     if fitted:
         unknown = f": the weights of `{fitted[0]}` depend on the realizations"
     elif len(schemes) > 1:
         unknown = " of iid and systematic samples together"
-    elif steps > 1 and of_control:
-        unknown = f" of the control over {steps} steps, which is not linear in A"
     elif steps > 1 and schemes == {"systematic"}:
         unknown = f" over {steps} steps of systematic samples"
     if unknown:

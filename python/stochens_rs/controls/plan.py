@@ -84,7 +84,7 @@ class Plan(SavedRecord, Timed):
     limited : Limited, optional
         What is known about a control within limits or with weights: `active` limits, `multipliers`,
         `gap`, `objective`, what the limits cost (`missed`), and the `feedback` with which to follow
-        a plan whose inputs alone do not lead to its states.
+        a plan whose inputs alone do not lead to its states. None without limits and weights.
     labels : Labels, optional
         Names and units of the states and inputs, as those of the system.
     dt : float, optional

@@ -33,7 +33,7 @@ OPTIMAL = 1e-9  # the gap of an "optimal" control, in units of J(u), as in the c
 
 @dataclass(frozen=True, eq=False)
 class Limited(Record):
-    """What is known about a control within limits.
+    """What is known about a control within limits. Made by `control`, and ``plan.limited`` there.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Limited(Record):
     feedback : ndarray, shape (K, m, n), optional
         Where the system grows so much over the steps that rounding of the inputs may: the plan is
         ``u(k) + feedback[k] (x(k) - xh(k))`` within the limits of the inputs, and `objective`,
-        `gap` and `distance` are those of a plan that is followed so.
+        `gap` and `distance` are those of a plan that is followed so. None where `u` alone will do.
     states : ndarray, shape (K, n), optional
         Then the states ``xh(1), ..., xh(K)`` of that plan.
     open_until : int, optional

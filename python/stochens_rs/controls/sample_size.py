@@ -36,8 +36,6 @@ class Requirement(Record):
     ----------
     name : str
         Name of the bound.
-    source : str
-        The inequality and the numbers that it is used with.
     size : int or None
         The smallest sufficient number of realizations ("simulated": within 1 to 5 %); None if that
         is above 2^53, or `delta` too small to simulate.
@@ -50,7 +48,6 @@ class Requirement(Record):
     """
 
     name: str
-    source: str
     size: int | None
     rms: float | None
     quantile: float | None
@@ -143,14 +140,6 @@ def _grouped(size: int) -> str:
     return f"{size:,}".replace(",", " ")
 
 
-# Of the bounds, the inequality and the numbers that it is used with.
-_SOURCES = {
-    "simulated": "order statistic of errors drawn from the law; its own chance of failure is in "
-    "delta",
-    "McDiarmid": "bounded martingale differences, xf then x0 then A; mean at most the exact rms",
-    "Bousquet": "Bousquet for the linear part, McDiarmid for the product of two errors",
-    "Bousquet of pairs": "supremum of <v, M (average of pairs - mean)> over unit vectors v",
-}
 _START = 1000  # size at which a search starts if no bound has one
 _RUNS = 1000  # simulated fusions per bound, for its quantile and failures
 _STEPS = 3  # q falls nearly like N^-1/2, so that few steps are enough
@@ -267,17 +256,16 @@ def required_samples(
     # what the rounding of a control like the exact one leaves of the error
     left = error - (best.control_rounding if kind == "control" else best.state_rounding)
     for name in ("simulated", *of.names((1, 1, 1))):
-        source = _SOURCES["Bousquet of pairs" if of.paired and name == "Bousquet" else name]
         size = None
         if left > 0.0 and name != "simulated":
             size = of.required_size(name, left, delta)
         elif left > 0.0 and possible:
             size = searched_size(lambda N: of.law((N,) * 3), which, left, delta, bound_key)
         if size is None:
-            rows.append(Requirement(name, source, None, None, None, None))
+            rows.append(Requirement(name, None, None, None, None))
         else:
             exact = rms(size) if K == 1 else None
-            rows.append(Requirement(name, source, size, exact, *drawn(size)))
+            rows.append(Requirement(name, size, exact, *drawn(size)))
     rows.sort(key=lambda row: inf if row.size is None else row.size)
     expected = smallest_size(lambda N: rms(N) <= error) if K == 1 else None
     if K == 1 and expected is None:

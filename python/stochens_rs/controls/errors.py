@@ -75,7 +75,8 @@ class Typical(SavedRecord):
 
     def _repr_html_(self) -> str:
         drawn = f"{self.draws} models, from the confidence distribution of the data"
-        typical = "approximate, no bound: so many of the models drawn miss by less"
+        share = show.percent(self.delta)
+        typical = f"approximate, no bound: {share} of the models drawn miss by less"
         return show.card(self, [("typical", typical), ("drawn", drawn), ("for", self.assumption)])
 
 

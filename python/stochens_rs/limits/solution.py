@@ -154,20 +154,16 @@ class Horizon:
         u, followed = found.u, found.followed
         if self._resting is not None:
             u = np.clip(u + self._resting, self.task.low, self.task.high)
-        more: dict[str, Any] = {name: getattr(found, name) for name in SOLVED}
+        more: dict[str, Any] = {}
         if followed is not None and followed[2] < len(u):  # else the inputs alone lead there
             states, feedback, until, alone = followed
-            more |= {"states": states, "feedback": feedback.reshape(*u.shape, -1)}
+            more = {"states": states, "feedback": feedback.reshape(*u.shape, -1)}
             more |= {"open_until": until, "open_objective": alone}
         missed = None if isnan(found.missed) else found.missed
-        return Limited(self.task, self.core.r, u, missed=missed, **more)
-
-
-# what the core finds, as the fields of `Limited` are named
-SOLVED = (
-    *("active", "multipliers", "gap", "distance"),
-    *("objective", "status", "missing", "state_active"),
-)
+        gaps = found.gap, found.distance, found.objective, missed
+        ended = found.status, found.missing, found.state_active
+        made = self.task, self.core.r, u, found.active, found.multipliers
+        return Limited(*made, *gaps, *ended, **more)
 
 
 def loop_of(task: Task, A: Floats, B: Floats, c: Floats | None) -> _core.Loop:

@@ -18,9 +18,9 @@ from .._base.types import DELTA, Floats
 from ..certificates.of_model import Asked, ModelBasis, trajectory
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
-from ..identification.window import spread
 from ..identification.identified import Identified
 from ..identification.model import Model
+from ..identification.window import spread
 from ..limits.limits import Uncertain, as_limits
 from ..limits.problem import checked_task, seconds, sides
 from ..limits.solution import Horizon

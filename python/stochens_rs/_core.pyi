@@ -4,15 +4,18 @@ from typing import Any, Literal, TypeAlias, final, overload
 
 import numpy as np
 from numpy.typing import NDArray
+from typing_extensions import Self, disjoint_base
 
 __all__ = [
     "Alse",
     "Apart",
+    "Best",
     "BoxControl",
     "DataStream",
     "Draws",
     "Errors",
     "Estimate",
+    "Factors",
     "Feedback",
     "Fitted",
     "Horizon",
@@ -31,7 +34,6 @@ __all__ = [
     "alse",
     "alse_path",
     "alse_prefixes",
-    "best_control",
     "box_batch",
     "box_control",
     "build",
@@ -76,8 +78,6 @@ __all__ = [
     "normal_quantile",
     "one_noise",
     "output_tube",
-    "pseudoinverse",
-    "pushed",
     "readings_over_noise",
     "realization_controls",
     "residual_checks",
@@ -246,18 +246,6 @@ def alse_prefixes(
     sizes: list[int],
     keep_estimates: bool,
 ) -> tuple[_Floats, _Floats, list[_Status], _Floats]: ...
-def best_control(
-    a: _Floats,
-    b: _Floats,
-    steps: int,
-    factors: tuple[_Floats, _Floats, _Floats, float],
-    x0: _Floats,
-    xf: _Floats,
-) -> tuple[list[_Floats], list[float]]: ...
-def pseudoinverse(b: _Floats) -> tuple[_Floats, _Floats, _Floats, float, _Floats]: ...
-def pushed(
-    a: _Floats, b: _Floats, steps: int, high: _Floats, low: _Floats
-) -> tuple[_Floats, float]: ...
 def realization_controls(
     out: _Floats,
     fresh: bool,
@@ -315,8 +303,7 @@ def simulate_plans(
     a: _Estimate,
     rows: bool,
     paired: bool,
-    exact: tuple[_Floats, _Floats, _Floats],
-    several: bool,
+    best: Best,
     runs: int,
     cost: float,
     key: bytes,
@@ -334,6 +321,74 @@ def simulate_estimates(
     key: bytes,
     threads: int,
 ) -> _Floats: ...
+
+@final
+class Factors:
+    def __new__(cls, b: _Floats) -> Factors: ...
+    @property
+    def B(self) -> _Floats: ...
+    @property
+    def U(self) -> _Floats: ...
+    @property
+    def s(self) -> _Floats: ...
+    @property
+    def V(self) -> _Floats: ...
+    @property
+    def singular_values(self) -> _Floats: ...
+    @property
+    def rank(self) -> int: ...
+    @property
+    def inverse(self) -> _Floats: ...
+    @property
+    def off(self) -> float: ...
+
+@disjoint_base
+class Best:
+    def __new__(
+        cls,
+        a: _Floats,
+        b: _Floats,
+        x0: _Floats,
+        xf: _Floats,
+        steps: int,
+        free: _Floats | None = None,
+    ) -> Self: ...
+    @property
+    def factors(self) -> Factors: ...
+    @property
+    def u(self) -> _Floats: ...
+    @property
+    def free(self) -> _Floats: ...
+    @property
+    def needed(self) -> _Floats: ...
+    @property
+    def missed(self) -> _Floats: ...
+    @property
+    def reached(self) -> _Floats: ...
+    @property
+    def off(self) -> float: ...
+    @property
+    def gap(self) -> float: ...
+    @property
+    def unsure(self) -> float: ...
+    @property
+    def upper(self) -> float: ...
+    @property
+    def control_rounding(self) -> float: ...
+    @property
+    def state_rounding(self) -> float: ...
+    def amplified(self, state: float) -> float: ...
+    def aside(self, u: _Floats) -> _Floats: ...
+    # as the fields of `Reachability`
+    def reach(self) -> tuple[Any, float, float, float, float, float, int, float]: ...
+    def compared(self, quantity: str, x0: _Floats) -> tuple[str, float]: ...
+    # error, what it is relative to, the norm of that, rounding: of control and state; residual
+    def beside(
+        self, u: _Floats, x0: _Floats
+    ) -> tuple[tuple[float, str, float, float], tuple[float, str, float, float], float]: ...
+    def with_rounding(
+        self, state: float, control: float, largest: float
+    ) -> tuple[float, float]: ...
 
 @final
 class TailBounds:

@@ -110,7 +110,7 @@ pub fn best_control(motion: &Motion<'_>, factors: &Factors<'_>, x0: &[f64], xf: 
 ///
 /// # Errors
 /// [`Error::Memory`](crate::Error::Memory).
-pub fn pushed(motion: &Motion<'_>, high: &[f64], low: &[f64]) -> Result<(Vec<f64>, f64)> {
+pub(super) fn pushed(motion: &Motion<'_>, high: &[f64], low: &[f64]) -> Result<(Vec<f64>, f64)> {
     let mut u = Pairs::exact(high)?;
     u.low.copy_from_slice(low);
     let state = motion.pushed(&u)?;

@@ -6,6 +6,7 @@
 mod batch;
 mod best;
 mod dense_rows;
+mod exact;
 mod pairs;
 mod products;
 mod pseudoinverse;
@@ -14,7 +15,8 @@ mod singleton_rows;
 mod steps;
 
 pub use batch::Memory;
-pub use best::{Best, Factors, best_control, pushed};
+pub use best::{Best, Factors, best_control};
+pub use exact::{Beside, ExactControl, Factored, Reach};
 pub use pairs::Motion;
 pub(crate) use products::{times, transposed};
 pub use pseudoinverse::{Pseudoinverse, pseudoinverse};

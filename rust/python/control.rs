@@ -1,4 +1,6 @@
-//! The pseudoinverse and the controls of realizations.
+//! Exact controls, and the controls of realizations.
+
+use std::sync::Arc;
 
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
@@ -7,101 +9,224 @@ use super::convert::{array1, array2, slice};
 use super::error::{InputError, ShapeError};
 use super::realizations::EntityArgument;
 use super::run::{run, run_unstoppable};
-use crate::control::{self, Realized};
+use crate::control::{self, ExactControl, Factored, Realized};
 use crate::memory::try_copy;
 
+const WHAT: &str = "a control";
+type Vector<'py> = Bound<'py, PyArray1<f64>>;
 type Matrix<'py> = Bound<'py, PyArray2<f64>>;
 
-/// `B` (n, m) of rank r factored: `(left (r, n), right (r, m), singular_values, condition, matrix (m, n))`, the singular
-/// vectors above the cut-off row by row, all singular values, and `B^+`.
-#[pyfunction]
-#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
-pub(super) fn pseudoinverse<'py>(
-    py: Python<'py>,
-    b: PyReadonlyArray2<'py, f64>,
-) -> PyResult<(Matrix<'py>, Matrix<'py>, Bound<'py, PyArray1<f64>>, f64, Matrix<'py>)> {
-    let (rows, cols) = b.as_array().dim();
-    let values = try_copy("B", slice("B", &b)?)?;
-    let cost = 10.0 * (rows * cols * rows.min(cols)) as f64;
-    let p = run_unstoppable(py, cost, move || control::pseudoinverse(&values, rows, cols))?;
-    Ok((
-        array2(py, p.basis, p.rank, rows)?,
-        array2(py, p.right, p.rank, cols)?,
-        array1(py, p.singular_values)?,
-        p.condition,
-        array2(py, p.matrix, cols, rows)?,
-    ))
+fn vector<'py>(py: Python<'py>, values: &[f64]) -> PyResult<Vector<'py>> {
+    array1(py, try_copy(WHAT, values)?)
 }
 
-/// The best control over `steps` steps from the factors of `C_K` by [`pseudoinverse`] and a lower bound `gap` of its least
-/// singular value that is not 0: `((control, free, needed, residual), (control_rounding, state_rounding, upper, lower,
-/// size, unit))`, see [`control::Best`].
-#[pyfunction]
-#[expect(clippy::type_complexity, reason = "one tuple per call, named in the stub")]
-pub(super) fn best_control<'py>(
-    py: Python<'py>,
-    a: PyReadonlyArray2<'py, f64>,
-    b: PyReadonlyArray2<'py, f64>,
-    steps: usize,
-    factors: (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray1<'py, f64>, f64),
-    x0: PyReadonlyArray1<'py, f64>,
-    xf: PyReadonlyArray1<'py, f64>,
-) -> PyResult<([Bound<'py, PyArray1<f64>>; 4], [f64; 6])> {
-    let (n, m) = b.as_array().dim();
-    let (left, right, singular_values, gap) = &factors;
-    let rank = left.as_array().nrows();
-    let fits = [
-        ("A", a.as_array().dim(), (n, n)),
-        ("x0 and xf", (x0.len(), xf.len()), (n, n)),
-        ("left", left.as_array().dim(), (rank, n)),
-        ("right", right.as_array().dim(), (rank, m.saturating_mul(steps))),
-    ];
-    for (name, found, expected) in fits {
-        if found != expected || steps == 0 || n == 0 || m == 0 {
-            return Err(ShapeError::new_err(format!("`{name}` must have the shape {expected:?}, got {found:?}")));
+/// `B = U diag(s) V^T` with the numerical rank as inner size.
+#[pyclass(frozen, module = "stochens_rs._core", name = "Factors")]
+pub(super) struct PyFactors(Arc<Factored>);
+
+#[pymethods]
+impl PyFactors {
+    #[new]
+    fn new(py: Python<'_>, b: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
+        let (rows, cols) = b.as_array().dim();
+        let values = try_copy("B", slice("B", &b)?)?;
+        let cost = 10.0 * (rows * cols * rows.min(cols)) as f64;
+        Ok(Self(Arc::new(run_unstoppable(py, cost, move || Factored::new(values, rows, cols))?)))
+    }
+
+    #[getter(B)]
+    fn matrix<'py>(&self, py: Python<'py>) -> PyResult<Matrix<'py>> {
+        array2(py, try_copy(WHAT, &self.0.matrix)?, self.0.rows, self.0.cols)
+    }
+
+    #[getter(U)]
+    fn left<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        array2(py, try_copy(WHAT, &self.0.parts.basis)?, self.0.parts.rank, self.0.rows)?.getattr("T")
+    }
+
+    #[getter]
+    fn s<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
+        vector(py, self.0.s())
+    }
+
+    #[getter(V)]
+    fn right<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+        array2(py, try_copy(WHAT, &self.0.parts.right)?, self.0.parts.rank, self.0.cols)?.getattr("T")
+    }
+
+    #[getter]
+    fn singular_values<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
+        vector(py, &self.0.parts.singular_values)
+    }
+
+    #[getter]
+    fn rank(&self) -> usize {
+        self.0.parts.rank
+    }
+
+    #[getter]
+    fn inverse<'py>(&self, py: Python<'py>) -> PyResult<Matrix<'py>> {
+        array2(py, try_copy(WHAT, &self.0.parts.matrix)?, self.0.cols, self.0.rows)
+    }
+
+    #[getter]
+    fn off(&self) -> f64 {
+        self.0.off()
+    }
+}
+
+/// The verdict, `residual`, `relative`, `lower`, `upper`, `size`, rank and condition.
+type Reach = (&'static str, f64, f64, f64, f64, f64, usize, f64);
+/// Of the control its error, what that is relative to, the norm of that and the rounding; of the state; the residual.
+type Beside = ((f64, &'static str, f64, f64), (f64, &'static str, f64, f64), f64);
+
+/// The best control from x0 to xf over `steps` steps; with `free` the one that adds `xf` to it in one step.
+#[pyclass(frozen, subclass, module = "stochens_rs._core", name = "Best")]
+pub(super) struct PyBest(pub(super) ExactControl);
+
+#[pymethods]
+impl PyBest {
+    #[new]
+    #[pyo3(signature = (a, b, x0, xf, steps, free=None))]
+    fn new(
+        py: Python<'_>,
+        a: PyReadonlyArray2<'_, f64>,
+        b: PyReadonlyArray2<'_, f64>,
+        x0: PyReadonlyArray1<'_, f64>,
+        xf: PyReadonlyArray1<'_, f64>,
+        steps: usize,
+        free: Option<PyReadonlyArray1<'_, f64>>,
+    ) -> PyResult<Self> {
+        let (n, m) = b.as_array().dim();
+        let lengths = [x0.len(), xf.len(), free.as_ref().map_or(n, |free| free.len())];
+        if a.as_array().dim() != (n, n) || lengths != [n; 3] || steps == 0 || n == 0 || m == 0 {
+            return Err(ShapeError::new_err(format!(
+                "`A`, `B`, `x0` and `xf` must fit together, got n = {n}, m = {m}"
+            )));
         }
+        let (a, b, x0, xf) = (slice("A", &a)?, slice("B", &b)?, slice("x0", &x0)?, slice("xf", &xf)?);
+        let free = free.as_ref().map(|free| slice("free", free)).transpose()?;
+        let width = m.saturating_mul(steps);
+        let cost = 200.0 * (n * (n + width)) as f64 + 10.0 * (n * width * n.min(width)) as f64;
+        Ok(Self(run(py, cost, |stop| match free {
+            Some(free) => ExactControl::added(b, free, xf, stop),
+            None => ExactControl::new(a, b, x0, xf, steps, stop),
+        })?))
     }
-    if singular_values.len() < rank {
-        return Err(ShapeError::new_err(format!("`singular_values` must have {rank} entries at least")));
+
+    #[getter]
+    fn factors(&self) -> PyFactors {
+        PyFactors(Arc::clone(&self.0.factors))
     }
-    let motion = control::Motion { a: slice("A", &a)?, b: slice("B", &b)?, n, m, steps };
-    let factors = control::Factors {
-        basis: slice("left", left)?,
-        right: slice("right", right)?,
-        singular_values: slice("singular_values", singular_values)?,
-        gap: *gap,
-    };
-    let (x0, xf) = (slice("x0", &x0)?, slice("xf", &xf)?);
-    let cost = 200.0 * (n * (n + m)) as f64 * steps as f64;
-    let best = run(py, cost, |stop| control::best_control(&motion, &factors, x0, xf, stop))?;
-    let vectors =
-        [array1(py, best.control)?, array1(py, best.free)?, array1(py, best.needed)?, array1(py, best.residual)?];
-    let numbers = [best.control_rounding, best.state_rounding, best.upper, best.lower, best.size, best.unit];
-    Ok((vectors, numbers))
+
+    /// The control in the order of time, (m K,).
+    #[getter]
+    fn u<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
+        array1(py, self.0.reversed(&self.0.best.control)?)
+    }
+
+    #[getter]
+    fn free<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
+        vector(py, &self.0.best.free)
+    }
+
+    #[getter]
+    fn needed<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
+        vector(py, &self.0.best.needed)
+    }
+
+    #[getter]
+    fn missed<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
+        vector(py, &self.0.best.residual)
+    }
+
+    #[getter]
+    fn reached<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
+        vector(py, &self.0.reached)
+    }
+
+    #[getter]
+    fn off(&self) -> f64 {
+        self.0.off
+    }
+
+    #[getter]
+    fn gap(&self) -> f64 {
+        self.0.gap
+    }
+
+    #[getter]
+    fn unsure(&self) -> f64 {
+        self.0.unsure
+    }
+
+    #[getter]
+    fn upper(&self) -> f64 {
+        self.0.best.upper
+    }
+
+    #[getter]
+    fn control_rounding(&self) -> f64 {
+        self.0.best.control_rounding
+    }
+
+    #[getter]
+    fn state_rounding(&self) -> f64 {
+        self.0.best.state_rounding
+    }
+
+    fn amplified(&self, state: f64) -> f64 {
+        self.0.amplified(state)
+    }
+
+    /// The part of a control, in the order of time, without effect on the state, in the order of `C_K`.
+    fn aside<'py>(&self, py: Python<'py>, u: PyReadonlyArray1<'py, f64>) -> PyResult<Vector<'py>> {
+        array1(py, self.0.aside(self.control(&u)?)?)
+    }
+
+    fn reach(&self) -> PyResult<Reach> {
+        let (best, factors, reach) = (&self.0.best, &self.0.factors.parts, self.0.reach()?);
+        let bounds = (best.lower, best.upper, best.size);
+        let (rank, condition) = (factors.rank, factors.condition);
+        Ok((reach.verdict, reach.residual, reach.relative, bounds.0, bounds.1, bounds.2, rank, condition))
+    }
+
+    /// What an error of the "control" or of the "state" is relative to, and the norm of that.
+    fn compared(&self, quantity: &str, x0: PyReadonlyArray1<'_, f64>) -> PyResult<(&'static str, f64)> {
+        Ok(self.0.compared(quantity == "control", self.state(&x0)?)?)
+    }
+
+    /// Another control, in the order of time.
+    fn beside(&self, py: Python<'_>, u: PyReadonlyArray1<'_, f64>, x0: PyReadonlyArray1<'_, f64>) -> PyResult<Beside> {
+        let (u, x0) = (self.control(&u)?, self.state(&x0)?);
+        let cost = 20.0 * (self.0.a.len() + self.0.b.len()) as f64 * self.0.steps as f64;
+        let found = run(py, cost, |_| self.0.beside(u, x0))?;
+        Ok((found.control, found.state, found.residual))
+    }
+
+    /// Bounds of drawn errors with what rounding can add; `largest` bounds the norm of an error of the wish.
+    fn with_rounding(&self, state: f64, control: f64, largest: f64) -> (f64, f64) {
+        self.0.with_rounding([state, control], largest).into()
+    }
 }
 
-/// `C_K (high + low)` for a control in the order of `C_K`, and a bound on the error of that; rounding to doubles is not in
-/// it.
-#[pyfunction]
-pub(super) fn pushed<'py>(
-    py: Python<'py>,
-    a: PyReadonlyArray2<'py, f64>,
-    b: PyReadonlyArray2<'py, f64>,
-    steps: usize,
-    high: PyReadonlyArray1<'py, f64>,
-    low: PyReadonlyArray1<'py, f64>,
-) -> PyResult<(Bound<'py, PyArray1<f64>>, f64)> {
-    let (n, m) = b.as_array().dim();
-    let width = m.saturating_mul(steps);
-    let (found, expected) = ((a.as_array().dim(), high.len(), low.len()), ((n, n), width, width));
-    if found != expected || steps == 0 || n == 0 || m == 0 {
-        return Err(ShapeError::new_err(format!("the shapes must be {expected:?}, got {found:?}")));
+impl PyBest {
+    fn control<'a>(&self, u: &'a PyReadonlyArray1<'_, f64>) -> PyResult<&'a [f64]> {
+        sized("u", u, self.0.factors.cols)
     }
-    let motion = control::Motion { a: slice("A", &a)?, b: slice("B", &b)?, n, m, steps };
-    let (high, low) = (slice("high", &high)?, slice("low", &low)?);
-    let cost = 20.0 * (n * (n + m)) as f64 * steps as f64;
-    let (state, off) = run(py, cost, |_| control::pushed(&motion, high, low))?;
-    Ok((array1(py, state)?, off))
+
+    fn state<'a>(&self, x0: &'a PyReadonlyArray1<'_, f64>) -> PyResult<&'a [f64]> {
+        sized("x0", x0, self.0.n)
+    }
+}
+
+fn sized<'a>(name: &str, values: &'a PyReadonlyArray1<'_, f64>, expected: usize) -> PyResult<&'a [f64]> {
+    let found = slice(name, values)?;
+    if found.len() == expected {
+        Ok(found)
+    } else {
+        Err(ShapeError::new_err(format!("`{name}` must have {expected} entries, got {}", found.len())))
+    }
 }
 
 /// `B^+ (xf^s - A^s x0^s)` for every realization, given `B^+` (m, n), into `out` (size, m); `fresh`: it has never been

@@ -46,7 +46,7 @@ mod _core {
     #[pymodule_export]
     use super::battery::{log_tests, noise_tests};
     #[pymodule_export]
-    use super::control::{best_control, mean_difference, pseudoinverse, pushed, realization_controls};
+    use super::control::{PyBest, PyFactors, mean_difference, realization_controls};
     #[pymodule_export]
     use super::drawn::{drawn_misses, estimate_draws, next_runs};
     #[pymodule_export]

@@ -3,6 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
+use super::control::PyBest;
 use super::convert::{array1, array2, key, law, method, slice};
 use super::draws::scheme;
 use super::error::InputError;
@@ -175,8 +176,8 @@ fn estimate(name: &str, (lines, drawn): &EstimateArgument<'_>) -> PyResult<Estim
     })
 }
 
-/// `(state, control)` errors (runs, 2) of simulated plans: one step with `(basis, singular_values, y)`, several with
-/// `(B, C_K, v)`, v in the order of `C_K`. A fixed `A` and lines of columns are transposed; `rows` says that the lines are rows.
+/// `(state, control)` errors (runs, 2) of simulated plans beside the best one. A fixed `A` and lines of columns are
+/// transposed; `rows` says that the lines are rows.
 #[pyfunction]
 #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn simulate_plans<'py>(
@@ -186,19 +187,19 @@ pub(super) fn simulate_plans<'py>(
     a: EstimateArgument<'py>,
     rows: bool,
     paired: bool,
-    exact: (PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>, PyReadonlyArray2<'py, f64>),
-    several: bool,
+    best: &Bound<'py, PyBest>,
     runs: usize,
     cost: f64,
     key: &[u8],
     threads: usize,
 ) -> PyResult<Array2<'py>> {
     let plans = Plans::new(estimate("x0", &x0)?, estimate("xf", &xf)?, estimate("A", &a)?, rows, paired)?;
-    let (first, second, third) = (slice("exact", &exact.0)?, slice("exact", &exact.1)?, slice("exact", &exact.2)?);
-    let exact = if several {
-        Exact::Steps { b: first, c: second, v: third }
+    let best = &best.get().0;
+    let exact = if best.steps > 1 {
+        Exact::Steps { b: &best.b, c: &best.factors.matrix, v: &best.best.control }
     } else {
-        Exact::OneStep { basis: first, singular_values: second, y: third }
+        let basis = &best.factors.parts.basis;
+        Exact::OneStep { basis, singular_values: best.factors.s(), y: &best.best.needed }
     };
     let key = self::key(key)?;
     let errors = run(py, cost * runs as f64, |stop| plans.errors(exact, runs, &key, threads, stop))?;

@@ -13,7 +13,6 @@ import pytest
 import stochens_rs as se
 from stochens_rs import reference as twin
 from stochens_rs.exceptions import NonFiniteError
-from stochens_rs.theory import moments
 
 A2 = np.array([[1.0, -2.0], [0.5, 3.0]])
 B1 = np.array([[1.0], [-0.5]])
@@ -44,7 +43,7 @@ def averages(atoms, size):
 
 def feasible(system, start, u):
     """A reference that the exact system can follow."""
-    return moments.trajectory_mean(system, start, u)
+    return se.simulate(system, start, u).states
 
 
 # -- the exact recursion -------------------------------------------------------------------------
@@ -107,7 +106,7 @@ def test_moments_against_the_enumeration_of_every_draw(reference, B, x0, feedbac
     steps = 3 if not sampled else 2
     if reference is None:
         u = np.array([[1.0] * B.shape[1], [-0.5] * B.shape[1], [2.0] * B.shape[1]])
-        reference = moments.trajectory_mean((A, B), [1.0, -0.5], u)
+        reference = se.simulate((A, B), [1.0, -0.5], u).states
     r = reference[: steps + 1]
     pinv = np.linalg.pinv(B)
     As = averages(matrix_atoms(A), size)
@@ -267,7 +266,7 @@ def test_a_feasible_reference_is_recognised_to_rounding():
     gen = np.random.default_rng(14)
     A, B = gen.standard_normal((6, 6)), gen.standard_normal((6, 2))
     for u in (np.zeros((8, 2)), gen.standard_normal((8, 2))):
-        r = moments.trajectory_mean((A, B), np.ones(6), u)
+        r = se.simulate((A, B), np.ones(6), u).states
         assert se.track((A, B), r, 10**15, rng=1).feasible
         r[3] *= 1.0 + 1e-6
         run = se.track((A, B), r, 10**15, rng=1)

@@ -408,7 +408,10 @@ def targets():
     for label, get in found.items():
         parameters = inspect.signature(get()).parameters.values()
         if parameters and label not in SEPARATE:
-            with_arguments[label] = get, [p for p in parameters if p.name != "_"]
+            with_arguments[label] = (
+                get,
+                [p for p in parameters if p.name != "_" and p.kind is not p.VAR_KEYWORD],
+            )
     return with_arguments
 
 

@@ -303,7 +303,7 @@ def test_realization_control(case, axis):
     check_controls(case, axis, (1, 1, 1), "product")  # one realization: both fusions agree
     check_controls(case, axis, (1, 1, 1), "diagonal")
     close(
-        moments.realization_control_covariance(*case, axis=axis),
+        moments.control_covariance(*case, fusion="diagonal", axis=axis),
         moments.control_covariance(*case, 1, axis=axis),
     )
 
@@ -424,7 +424,10 @@ def test_moments_through_the_sampler():
     u = (xfs - np.einsum("sij,sj->si", As, x0s)) @ pinv.T
     y = differences(vector_atoms(x0), vector_atoms(xf), matrix_atoms(A, "columns"))
     u_atoms = [(p, pinv @ v) for p, v in y]
-    close(mean_and_covariance(u_atoms)[1], moments.realization_control_covariance((A, B), x0, xf))
+    close(
+        mean_and_covariance(u_atoms)[1],
+        moments.control_covariance((A, B), x0, xf, fusion="diagonal"),
+    )
     assert largest_z(u, u_atoms) < Z_BOUND
 
 

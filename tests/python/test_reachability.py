@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from stochens_rs.theory import controllability_matrix, gramian
 from stochens_rs.theory import exact as dynamics
-from stochens_rs.theory import reachability
 from stochens_rs.theory.exact import best_control
 
 # -- the exact system ------------------------------------------------------------------------------
@@ -42,10 +42,10 @@ def test_several_steps(gen):
     n, m, K = 5, 2, 4
     A, B = gen.normal(size=(n, n)), gen.normal(size=(n, m))
     x0, xf = gen.normal(size=(2, n))
-    C = reachability.controllability_matrix((A, B), K)
+    C = controllability_matrix((A, B), K)
     blocks = [np.linalg.matrix_power(A, k) @ B for k in range(K)]
     np.testing.assert_allclose(C, np.hstack(blocks), rtol=1e-12)
-    W = reachability.gramian((A, B), K)
+    W = gramian((A, B), K)
     np.testing.assert_allclose(W, sum(b @ b.T for b in blocks), rtol=1e-10)
     for steps in (1, 2, K):
         control = best((A, B), x0, xf, steps)

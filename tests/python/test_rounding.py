@@ -110,9 +110,7 @@ def test_verdicts_on_hidden_systems_are_true():
             free = np.linalg.matrix_power(A, K) @ x0
             for xf in (
                 gen.standard_normal(n),
-                se.theory.reachability.controllability_matrix((A, B), K)
-                @ gen.standard_normal(m * K)
-                + free,
+                se.theory.controllability_matrix((A, B), K) @ gen.standard_normal(m * K) + free,
                 free * (1.0 + 1e-15 * gen.standard_normal(n)),
             ):
                 made = best_control(A, B, x0, xf, K)

@@ -30,8 +30,7 @@ from ..theory.drawn_bounds import (
     not_simulated,
     radii,
 )
-from ..theory.exact import EPS, matrix_powers, spectral_norms
-from ..theory.formulas import checked_finite
+from ..theory.exact import EPS, checked_finite, matrix_powers
 from .errors import followed
 
 if TYPE_CHECKING:
@@ -184,7 +183,7 @@ def _along_trajectory(
     """
     _, xf_hat, _ = basis.estimates
     e0, ef, eA = distances(basis, delta, "spectral")
-    norms = spectral_norms(matrix_powers(basis.values[2], len(u)))
+    norms = np.linalg.norm(matrix_powers(basis.values[2], len(u)), ord=2, axis=(1, 2))
     with np.errstate(over="ignore", invalid="ignore"):
         along = float(norms[-2::-1] @ np.linalg.norm(predicted[:-1], axis=1))
         total = ef + norms[-1] * e0 + eA * along + norm(predicted[-1] - xf_hat)

@@ -34,8 +34,8 @@ from .._base.running import get_num_threads
 from .._base.types import AXES, FUSIONS, QUANTITIES, SCHEMES, Axis, Floats, Fusion, Scheme
 from ..exceptions import InputError, InputTypeError, SizeError
 from ..rng import Key, RngLike, as_key
-from .exact import best_control, checked_ends
-from .formulas import Sizes, checked_finite, count, lines_of, one_each
+from .exact import EPS, best_control, checked_ends, checked_finite
+from .moments import Sizes, count, counts, lines_of
 
 # The norms of the error of each quantity, the default first.
 NORMS = {
@@ -45,6 +45,13 @@ NORMS = {
     "control": ("2",),
 }
 
+# The formulas for averages, by the norm of the error.
+_FORMULAS = {
+    "2": ("Bousquet", "Weissman"),
+    "1": ("Weissman",),
+    "spectral": ("Bernstein", "Bousquet"),
+    "Frobenius": ("Bousquet",),
+}
 _LOOKS = 10  # sizes that share delta: see above
 # Number of errors: 200 / delta of them give a bound of 1.02 to 1.1 times the quantile.
 _RUNS, _LEAST = 200.0, 4.0
@@ -64,7 +71,7 @@ _START = 1000  # the first size
 _PILOT, _PILOTS, _GUESSED = 1024, 30, 1.1  # errors, sizes, and the factor that is near enough
 _CLOSE, _NEAR = 1.01, 1.05  # it ends so near the smallest size; if a size takes the budget or more
 _SLOPES = -2.0, -0.3  # range of the fitted power of the size; -1/2 for many realizations
-_ROUNDING = 16.0 * float(np.finfo(np.float64).eps)  # of a sum, per term and unit
+_ROUNDING = 16.0 * EPS  # of a sum, per term and unit
 
 
 def drawn_bound(
@@ -209,9 +216,8 @@ class Bounded:
 
     def sizes(self, size: Sizes) -> tuple[int | None, ...]:
         """The checked number of realizations of each entity; None: known exactly."""
-        if self.plan is None:
-            return (int(count("size", size)) or None,)
-        sizes = tuple(int(count(f"size[{k}]", N)) or None for k, N in enumerate(one_each(size)))
+        given = (count("size", size),) if self.plan is None else counts(size)
+        sizes = tuple(int(N) or None for N in given)
         if self.paired and _differ(sizes):
             raise InputError(
                 "`size` must be one number here (diagonal fusion pairs the realizations), "
@@ -231,12 +237,7 @@ class Bounded:
         if self.scheme == "systematic":
             return ("systematic",) if self.plan is None and self.norm != "1" else ()
         if self.plan is None:
-            return {
-                "2": ("Bousquet", "Weissman"),
-                "1": ("Weissman",),
-                "spectral": ("Bernstein", "Bousquet"),
-                "Frobenius": ("Bousquet",),
-            }[self.norm]
+            return _FORMULAS[self.norm]
         if self.plan.several:
             return ()
         if self.paired:
@@ -319,16 +320,9 @@ class EstimateErrors:
 
     def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors, (runs, 1)."""
-        return _core.simulate_estimates(
-            self.lines,
-            self.size,
-            self.scheme,
-            "2" if self.norm == "Frobenius" else self.norm,
-            runs,
-            self.cost,
-            key.bytes32,
-            get_num_threads(),
-        )[:, None]
+        norm = "2" if self.norm == "Frobenius" else self.norm
+        how = norm, runs, self.cost, key.bytes32, get_num_threads()
+        return _core.simulate_estimates(self.lines, self.size, self.scheme, *how)[:, None]
 
 
 @dataclass(frozen=True, eq=False)
@@ -360,57 +354,22 @@ class PlanErrors:
     """The errors of a fused control: ``||C (u - v)||`` and ``||u - v||``.
 
     ``v = C^+ (xf - A^K x0)`` is the exact control, ``C = C_K = [B, A B, ..., A^{K-1} B]`` for
-    K = `steps`.
+    K = `steps`; `entities` are x0, xf and A.
     """
 
     def __init__(
-        self,
-        B: Floats,
-        x0: DrawnEntity,
-        xf: DrawnEntity,
-        A: DrawnEntity,
-        *,
-        steps: int,
-        paired: bool,
-        rows: bool,
+        self, B: Floats, *entities: DrawnEntity, steps: int, paired: bool, rows: bool
     ) -> None:
-        self.B, self.paired, self.rows = B, paired, rows
-        self.entities = x0, xf, A
+        self.B, self.entities, self.paired, self.rows = B, entities, paired, rows
         self.several = steps > 1
-        self.best = best_control(A.values, B, x0.values, xf.values, steps)
-
-    def rounded(self, radii: tuple[float, ...]) -> tuple[float, float]:
-        """The radii with what rounding can add to the errors drawn, and to a control like v."""
-        state, control = radii
-        best = self.best
-        state += best.state_rounding
-        if not best.factors.s.size:
-            return state, control + best.control_rounding
-        turn = best.off / best.gap if best.gap > 0.0 else math.inf
-        if self.several:  # the core adds the rounding of u
-            state += (best.off + best.factors.spread) * control
-        elif len(best.factors.s) == len(self.B):
-            state += 2.0 * best.unsure + best.off / best.factors.s[0] * state
-        else:
-            # the range of the factors is turned by at most off / gap (Wedin, BIT 13 (1973) 217-232)
-            off = 2.0 * best.unsure + min(turn, 1.0) * self._largest
-            state += off
-            control += best.amplified(off)
-        return state, control + best.control_rounding + (2.0 * turn * control if control else 0.0)
-
-    @property
-    def _largest(self) -> float:
-        """``||y_hat - y||`` at most: ``g_f + g_A g_0`` for averages, and ``||y||``."""
-        x0, xf, A = (e.values if e.estimate is None else e.estimate for e in self.entities)
-        lines = np.abs(A).sum(axis=1 if self.rows else 0)
-        g_A = float(np.linalg.norm(lines) if self.rows else lines.max())
-        return norm(self.best.needed) + float(np.abs(xf).sum()) + g_A * float(np.abs(x0).sum())
+        x0, xf, A = (entity.values for entity in entities)
+        self.best = best_control(A, B, x0, xf, steps)
 
     def sized(self, sizes: tuple[int | None, ...]) -> PlanErrors:
         """The same problem with other numbers of realizations ``(N0, Nf, NA)``."""
         other = copy(self)  # shares the factors
-        x0, xf, A = (replace(e, size=N) for e, N in zip(self.entities, sizes, strict=True))
-        other.entities = x0, xf, A
+        pairs = zip(self.entities, sizes, strict=True)
+        other.entities = tuple(replace(entity, size=N) for entity, N in pairs)
         return other
 
     @property
@@ -421,13 +380,13 @@ class PlanErrors:
     @property
     def cost(self) -> float:
         """As `ErrorLaw.cost`."""
-        n, width = self.best.factors.B.shape
+        (n, m), s = self.B.shape, self.best.factors.s
+        width = m * self.best.steps
         cost: float = _DRAW * (n * n + 2 * n)
         if self.several:
             # as `rust/control/steps.rs` chooses, here for the exact C_K
-            s = self.best.factors.s
             condition = norm(s) * norm(1.0 / s) if len(s) == n <= width else math.inf
-            fast = condition**3 * width * np.finfo(np.float64).eps <= 1.0
+            fast = condition**3 * width * EPS <= 1.0
             fixed, entry, product = _FULL_RANK if fast else _SINGULAR
             cost += fixed + (entry + product * min(n, width)) * n * width
         x0, _, A = self.entities
@@ -435,28 +394,22 @@ class PlanErrors:
             cost += _PER_PAIR * float(A.size or 0)
         return cost
 
+    def rounded(self, radii: tuple[float, ...]) -> tuple[float, float]:
+        """The radii with what rounding can add to the errors drawn, and to a control like v."""
+        # ||y_hat - y|| at most: g_f + g_A g_0 for averages, and ||y||
+        x0, xf, A = (np.abs(e.values if e.estimate is None else e.estimate) for e in self.entities)
+        lines = A.sum(axis=1 if self.rows else 0)
+        g_A = float(np.linalg.norm(lines) if self.rows else lines.max())
+        state, control = radii
+        largest = norm(self.best.needed) + float(xf.sum()) + g_A * float(x0.sum())
+        return self.best.with_rounding(state, control, largest)
+
     def draw(self, runs: int, key: Key) -> Floats:
         """Independent errors of the state and of the control, (runs, 2)."""
-        C = self.best.factors
-        if not C.s.size:
-            return np.zeros((runs, 2))
         x0, xf, A = self.entities
-        several = self.B, C.B, self.best.v  # in the order of C_K
-        parts = several if self.several else (C.U.T, C.s, self.best.needed)
-        first, second, third = (np.ascontiguousarray(np.atleast_2d(part)) for part in parts)
-        return _core.simulate_plans(
-            x0.argument(),
-            xf.argument(),
-            A.argument(transpose=not (self.rows and A.drawn)),
-            self.rows,
-            self.paired,
-            (first, second, third),
-            self.several,
-            runs,
-            self.cost,
-            key.bytes32,
-            get_num_threads(),
-        )
+        lines = A.argument(transpose=not (self.rows and A.drawn))
+        how = self.rows, self.paired, self.best, runs, self.cost, key.bytes32, get_num_threads()
+        return _core.simulate_plans(x0.argument(), xf.argument(), lines, *how)
 
 
 # -- from errors to bounds ---------------------------------------------------------------------

@@ -1,38 +1,102 @@
-"""Covariances of controls and estimates, over one step and several."""
+r"""Exact second moments of realizations, of their averages and of the controls they give.
+
+Notation. ``w`` (n,) is a vector, ``g = ||w||_1``. One realization is ``w^s = g sign(w_I) e_I``
+with ``P(I = i) = |w_i| / g``; it has mean ``w``. A matrix ``A`` (n, m) is sampled line by line,
+independently: ``axis="columns"`` (the default) draws one entry of every column ``a_j``, with
+``g_j = ||a_j||_1``; ``axis="rows"`` one entry of every row, with ``rho_i = ||row i||_1``. An
+estimate is the average of ``size`` independent realizations (or of systematic samples, where a
+function says so); ``size`` None (or inf) stands for an entity that is known exactly. A line of
+zeros is always exact: its realizations are 0.
+
+Everything follows from two facts, the covariance of one realization of a vector and that of
+one column:
+
+``Cv(w) = g diag|w| - w w^T``,
+``E[A^s M A^sT] = A M A^T + T_A(diag M)`` with ``T_A(d) = sum_j d_j Cv(a_j)``.
+
+All results are exact for every ``size``, except :func:`final_state_covariance`, the limit for large
+N over several steps. Variances are computed from sums of nonnegative terms, hence without
+cancellation: ``g - |w_i| = sum_{k != i} |w_k|``, and for the product of a line and a vector x
+``sum_{j<k} |a_j| |a_k| (s_j x_j - s_k x_k)^2``, s the signs of a.
+
+These are the exact values of the variances that Lemmas 4.2 and 4.3 of the paper bound.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from ..._base import running, validation
-from ..._base.types import AXES, Axis, Floats, Fusion, Scheme
-from ...exceptions import InputError
-from ...system.system import System
-from ..exact import best_control, checked_ends, checked_steps, matrix_powers, states
-from ..formulas import (
-    Size,
-    Sizes,
-    checked_finite,
-    column_excess,
-    compact_svd,
-    count,
-    fractional_parts,
-    fused_covariance,
-    fused_product_covariance,
-    inverse_size,
-    lines_of,
-    matrix_excess,
-    one_each,
-    realization_covariance,
-    root_trace,
-    sum_of_others,
-    symmetric_product,
-    systematic_vector_covariance,
-    whole_numbers,
+from .. import _core
+from .._base import running, validation
+from .._base.types import (
+    AVERAGINGS,
+    AXES,
+    FUSIONS,
+    SCHEMES,
+    Averaging,
+    Axis,
+    Floats,
+    Fusion,
+    Scheme,
 )
+from ..exceptions import InputError, ShapeError
+from ..system.system import System
+from .exact import (
+    best_control,
+    checked_ends,
+    checked_finite,
+    checked_motion,
+    checked_steps,
+    factors,
+    matrix_powers,
+    states,
+)
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
+
+__all__ = [
+    "control_covariance",
+    "control_rms",
+    "final_state_covariance",
+    "matrix_covariance",
+    "matrix_mse",
+    "product_covariance",
+    "second_moment",
+    "state_covariance",
+    "state_rms",
+    "systematic_covariance",
+    "systematic_mse",
+    "trajectory_covariance",
+    "trajectory_rms",
+    "transition",
+    "vector_covariance",
+    "vector_mse",
+]
+
+Size: TypeAlias = "int | float | None"
+Sizes: TypeAlias = "Size | tuple[Size, Size, Size]"
+
+
+class Law(TypedDict, total=False):
+    """How the realizations of a control are fused and drawn."""
+
+    fusion: Fusion
+    axis: Axis
+    scheme: Scheme
+
+
+class RunsLaw(TypedDict, total=False):
+    """How the realizations of an ensemble of runs are drawn and averaged."""
+
+    sampled: str | Iterable[str]
+    averaging: Averaging
+    axis: Axis
 
 
 def vector_covariance(w: ArrayLike, size: Size = 1) -> Floats:
@@ -69,10 +133,10 @@ def vector_covariance(w: ArrayLike, size: Size = 1) -> Floats:
            [1.5, 1.5]])
     """
     w = validation.vector("w", w)
-    reciprocal = inverse_size("size", size)
+    reciprocal = _rate(count("size", size))
     running.need("the covariance", 3 * 8 * w.size**2)  # with two products on the way
     with np.errstate(over="ignore", invalid="ignore"):
-        return checked_finite(realization_covariance(w) * reciprocal)
+        return checked_finite(_realization_covariance(w) * reciprocal)
 
 
 def vector_mse(w: ArrayLike, size: Size = 1) -> float:
@@ -139,7 +203,7 @@ def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float
     """
     lines = lines_of(validation.matrix("A", A), axis)
     with np.errstate(over="ignore", invalid="ignore"):
-        mse = (np.abs(lines) * sum_of_others(lines)).sum() * inverse_size("size", size)
+        mse = (np.abs(lines) * _sum_of_others(lines)).sum() * _rate(count("size", size))
     return float(checked_finite(mse, "mean squared error"))
 
 
@@ -174,10 +238,10 @@ def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -
            [1., 1.]])
     """
     lines = lines_of(validation.matrix("A", A), axis).T
-    reciprocal = inverse_size("size", size)
+    reciprocal = _rate(count("size", size))
     running.need("the covariances", 2 * 8 * lines.size * lines.shape[1])  # before and after 1/N
     with np.errstate(over="ignore", invalid="ignore"):
-        covariances = np.array([realization_covariance(line) for line in lines])
+        covariances = np.array([_realization_covariance(line) for line in lines])
         return checked_finite(covariances * reciprocal)
 
 
@@ -216,7 +280,7 @@ def transition(A: ArrayLike, d: ArrayLike) -> Floats:
     A = validation.matrix("A", A)
     d = validation.vector("d", d, length=A.shape[1])
     with np.errstate(over="ignore", invalid="ignore"):
-        return checked_finite(column_excess(A, d))
+        return checked_finite(_column_excess(A, d))
 
 
 def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Floats:
@@ -256,7 +320,7 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Floa
     M = validation.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
     validation.choice("axis", axis, AXES)
     with np.errstate(over="ignore", invalid="ignore"):
-        return checked_finite(A @ M @ A.T + matrix_excess(A, M, axis), "second moment")
+        return checked_finite(A @ M @ A.T + _matrix_excess(A, M, axis), "second moment")
 
 
 def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -> Floats:
@@ -296,42 +360,7 @@ def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -
     x0 = validation.vector("x0", x0, length=A.shape[1])
     validation.choice("axis", axis, AXES)
     with np.errstate(over="ignore", invalid="ignore"):
-        return checked_finite(fused_product_covariance(A, x0, 1.0, 1.0, axis))
-
-
-def realization_control_covariance(
-    system: System | Any, x0: ArrayLike, xf: ArrayLike, *, axis: Axis = "columns"
-) -> Floats:
-    """Covariance of the control ``u^s = B+ (xf^s - A^s x0^s)`` of one realization.
-
-    Parameters
-    ----------
-    system, x0, xf, axis
-        As in :func:`control_covariance`.
-
-    Returns
-    -------
-    (m, m) array
-        ``B+ (Cv(xf) + C_z) B+^T`` with ``C_z`` of :func:`product_covariance`. The mean of ``u^s``
-        is ``v* = B+ (xf - A x0)``.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        As :func:`control_covariance`.
-
-    Notes
-    -----
-    Lemma 4.2, exact. If an entity is known exactly:
-    ``control_covariance(..., size=(1, None, 1), fusion="diagonal")``.
-
-    Examples
-    --------
-    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [0.0]]
-    >>> realization_control_covariance(system, [1.0, 1.0], [2.0, 2.0])
-    array([[9.]])
-    """
-    return control_covariance(system, x0, xf, 1, fusion="diagonal", axis=axis)
+        return checked_finite(_product_covariance(A, x0, 1.0, 1.0, axis))
 
 
 def control_covariance(
@@ -401,27 +430,22 @@ def control_covariance(
     array([[0.4]])
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        B, C = fused_covariance(system, x0, xf, size, fusion, axis, scheme)
-        U, s, V = compact_svd(B)
-        return symmetric_product(V / s, U.T @ C @ U)
+        B, C = _fused_covariance(system, x0, xf, size, fusion, axis, scheme)
+        return _symmetric_product(B.V / B.s, B.U.T @ C @ B.U)
 
 
 def state_covariance(
-    system: System | Any,
-    x0: ArrayLike,
-    xf: ArrayLike,
-    size: Sizes = 1,
-    *,
-    fusion: Fusion = "product",
-    axis: Axis = "columns",
-    scheme: Scheme = "iid",
+    system: System | Any, x0: ArrayLike, xf: ArrayLike, size: Sizes = 1, **law: Unpack[Law]
 ) -> Floats:
     """Covariance of the state ``x(1) = A x0 + B u`` that the fused control leads to.
 
     Parameters
     ----------
-    system, x0, xf, size, fusion, axis, scheme
-        As in :func:`control_covariance`; the control acts on the exact system.
+    system, x0, xf, size
+        As in :func:`control_covariance`.
+    **law : str
+        `fusion`, `axis` and `scheme`, as in :func:`control_covariance`; the control acts on the
+        exact system.
 
     Returns
     -------
@@ -448,27 +472,21 @@ def state_covariance(
            [0.  , 0.  ]])
     """
     with np.errstate(over="ignore", invalid="ignore"):
-        B, C = fused_covariance(system, x0, xf, size, fusion, axis, scheme)
-        U, _, _ = compact_svd(B)
-        return symmetric_product(U, U.T @ C @ U)
+        B, C = _fused_covariance(system, x0, xf, size, **law)
+        return _symmetric_product(B.U, B.U.T @ C @ B.U)
 
 
 def control_rms(
-    system: System | Any,
-    x0: ArrayLike,
-    xf: ArrayLike,
-    size: Sizes = 1,
-    *,
-    fusion: Fusion = "product",
-    axis: Axis = "columns",
-    scheme: Scheme = "iid",
+    system: System | Any, x0: ArrayLike, xf: ArrayLike, size: Sizes = 1, **law: Unpack[Law]
 ) -> float:
     """Root mean square error ``sqrt(E||u - v*||_2^2)`` of the fused control.
 
     Parameters
     ----------
-    system, x0, xf, size, fusion, axis, scheme
+    system, x0, xf, size
         As in :func:`control_covariance`.
+    **law : str
+        `fusion`, `axis` and `scheme`, as in :func:`control_covariance`.
 
     Returns
     -------
@@ -486,27 +504,20 @@ def control_rms(
     >>> round(control_rms(system, x0, xf, 10), 6)
     0.848528
     """
-    return root_trace(
-        control_covariance(system, x0, xf, size, fusion=fusion, axis=axis, scheme=scheme)
-    )
+    return float(_root_trace(control_covariance(system, x0, xf, size, **law)))
 
 
 def state_rms(
-    system: System | Any,
-    x0: ArrayLike,
-    xf: ArrayLike,
-    size: Sizes = 1,
-    *,
-    fusion: Fusion = "product",
-    axis: Axis = "columns",
-    scheme: Scheme = "iid",
+    system: System | Any, x0: ArrayLike, xf: ArrayLike, size: Sizes = 1, **law: Unpack[Law]
 ) -> float:
     """Root mean square error ``sqrt(E||B (u - v*)||_2^2)`` of the state after one step.
 
     Parameters
     ----------
-    system, x0, xf, size, fusion, axis, scheme
+    system, x0, xf, size
         As in :func:`control_covariance`.
+    **law : str
+        `fusion`, `axis` and `scheme`, as in :func:`control_covariance`.
 
     Returns
     -------
@@ -525,9 +536,7 @@ def state_rms(
     >>> round(state_rms(system, x0, xf, 10), 6)
     0.848528
     """
-    return root_trace(
-        state_covariance(system, x0, xf, size, fusion=fusion, axis=axis, scheme=scheme)
-    )
+    return float(_root_trace(state_covariance(system, x0, xf, size, **law)))
 
 
 def final_state_covariance(
@@ -593,9 +602,9 @@ def final_state_covariance(
     A, B, n = checked.A, checked.B, checked.n
     K = checked_steps(steps, n, checked.m)
     validation.choice("axis", axis, AXES)
-    r0, rf, rA = (inverse_size(f"size[{i}]", N) for i, N in enumerate(one_each(size)))
+    r0, rf, rA = (_rate(N) for N in counts(size))
     best = best_control(A, B, x0, xf, K)
-    rank = len(best.factors.s)
+    rank = best.factors.rank
     if rank < n:
         raise InputError(
             f"`steps` must be large enough for C_K to have rank n={n}, got rank {rank} with "
@@ -607,8 +616,8 @@ def final_state_covariance(
     with np.errstate(over="ignore", invalid="ignore"):
         x = states(A, B, x0, best.u.reshape(K, -1))[:K]
         C = (
-            rf * realization_covariance(xf)
-            + r0 * powers[K] @ realization_covariance(x0) @ powers[K].T
+            rf * _realization_covariance(xf)
+            + r0 * powers[K] @ _realization_covariance(x0) @ powers[K].T
         )
         carry = powers[K - 1 :: -1]  # carry[k] = A^{K-1-k}
         if axis == "columns":
@@ -616,7 +625,7 @@ def final_state_covariance(
         else:
             G = np.tensordot(carry, x, axes=(0, 0)).transpose(1, 0, 2)
         for line, G_j in zip(A.T if axis == "columns" else A, G, strict=True):
-            C += rA * (G_j @ realization_covariance(line) @ G_j.T)
+            C += rA * (G_j @ _realization_covariance(line) @ G_j.T)
     return checked_finite(np.asarray((C + C.T) / 2.0, dtype=np.float64))
 
 
@@ -670,8 +679,8 @@ def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns")
     # as integers, each of 36 bytes or more and a pointer: W, N W, remainders, 1 - f, and quotients
     running.need("the fractional parts", 5 * 44 * lines.size)
     with np.errstate(over="ignore", invalid="ignore"):
-        W = whole_numbers(lines)
-        f, f_rest = fractional_parts(N, W, W.sum(axis=1, keepdims=True))
+        W = _whole_numbers(lines)
+        f, f_rest = _fractional_parts(N, W, W.sum(axis=1, keepdims=True))
         mse = ((np.abs(lines).sum(axis=1) / N) ** 2 * (f * f_rest).sum(axis=1)).sum()
     return float(checked_finite(mse, "mean squared error"))
 
@@ -715,7 +724,7 @@ def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "co
     # the result, and the arrays for one line
     running.need("the covariances", 8 * lines.shape[0] ** 2 * (lines.shape[1] + 5))
     with np.errstate(over="ignore", invalid="ignore"):
-        covariances = np.array([systematic_vector_covariance(line, N) for line in lines.T])
+        covariances = np.array([_systematic_covariance(line, N) for line in lines.T])
     checked_finite(covariances)
     return np.asarray(covariances[0] if vector else covariances, dtype=np.float64)
 
@@ -726,3 +735,328 @@ def _checked(target: object, axis: str) -> tuple[bool, Floats]:
     validation.choice("axis", axis, AXES)
     vector = values.ndim == 1
     return vector, values[:, None] if vector else lines_of(values, axis)
+
+
+def trajectory_covariance(
+    system: System | Any,
+    x0: ArrayLike,
+    u: ArrayLike,
+    size: Size = 1,
+    *,
+    sampled: str | Iterable[str] = ("A", "B", "x0"),
+    averaging: Averaging = "runs",
+    axis: Axis = "columns",
+) -> Floats:
+    """Covariance of the averaged state of an ensemble, for every step.
+
+    Parameters
+    ----------
+    system : System
+        The system, or anything `System.from_any` takes, such as ``(A, B)``.
+    x0 : (n,) array_like
+        Initial state.
+    u : (K, m) array_like
+        The control, the same for all runs; ``u[k]`` acts in the step from k to k + 1.
+    size : int or None, default 1
+        Number of runs, or of new realizations per step with ``averaging="mean-field"``. 1: the
+        covariance of one run. None or inf: no sampling error.
+    sampled : str or sequence of str, default ("A", "B", "x0")
+        What is sampled, such as "A x0"; the rest is known exactly.
+    averaging : {"runs", "mean-field"}, default "runs"
+        ``"runs"``: N runs ``x^s(k+1) = A^s_k x^s(k) + B^s_k u(k)`` are averaged at the end.
+        ``"mean-field"``: the realizations are averaged in every step,
+        ``F_{k+1} = A_hat_k F_k + B_hat_k u(k)``.
+    axis : {"columns", "rows"}, default "columns"
+        Which lines of ``A`` and ``B`` are sampled.
+
+    Returns
+    -------
+    (K + 1, n, n) array
+        ``[k]`` is the covariance of the average at step k, about the state mu_k of the exact
+        system. With ``M_k = S_k + mu_k mu_k^T`` and the excess
+        ``X_A(M) = E[A^s M A^sT] - A M A^T`` of
+        :func:`second_moment` (``T_A(diag M)`` for columns):
+
+        - one run: ``S_0 = Cv(x0)``, ``S_{k+1} = A S_k A^T + X_A(M_k) + X_B(u_k u_k^T)``; the
+          average of N runs has ``S_k / N``;
+        - mean-field: ``S_0``, ``X_A`` and ``X_B`` are divided by N in the recursion.
+
+    Raises
+    ------
+    InputError, InputTypeError
+        A shape does not fit, an entry is not finite, a choice is unknown, or a covariance
+        overflows.
+    ResourceError
+        The covariances do not fit into memory.
+
+    Notes
+    -----
+    Exact for new, independent realizations in every run and step; the bound of Lemma 4.3 does not
+    depend on K. In the long run the trace grows by a constant factor per step, whether or not the
+    state does. With averaging="mean-field" that factor is much smaller: prefer it for K > 1.
+
+    Examples
+    --------
+    >>> system = [[1.0, 0.0], [2.0, 5.0]], [[1.0], [1.0]]
+    >>> S = trajectory_covariance(system, [1.0, 0.0], [[1.0]], 10)
+    >>> S.shape, S[1]
+    ((2, 2, 2), array([[ 0.3, -0.3],
+           [-0.3,  0.3]]))
+    """
+    checked, x0, u = checked_motion(system, x0, u)
+    A, B, n = checked.A, checked.B, checked.n
+    per_step = validation.choice("averaging", averaging, AVERAGINGS) == "mean-field"
+    validation.choice("axis", axis, AXES)
+    reciprocal = _rate(count("size", size))
+    step = reciprocal if per_step else 1.0
+    drawn = validation.subset("sampled", sampled, ("A", "B", "x0"))
+    rA, rB, r0 = (step * (name in drawn) for name in ("A", "B", "x0"))
+    mu = states(A, B, x0, u)
+    running.need("the covariances", (len(u) + 5) * n * n * 8)  # and four products of a step
+    S = np.empty((len(u) + 1, n, n))
+    with np.errstate(over="ignore", invalid="ignore"):
+        S[0] = r0 * _realization_covariance(x0)
+        for k, u_k in enumerate(u):
+            # X_A(M_k) = X_A(S_k) + X_A(mu_k mu_k^T)
+            from_A = _matrix_excess(A, S[k], axis) + _vector_excess(A, mu[k], axis)
+            S[k + 1] = A @ S[k] @ A.T + rA * from_A + rB * _vector_excess(B, u_k, axis)
+    checked_finite(S)
+    return S if per_step else reciprocal * S
+
+
+def trajectory_rms(
+    system: System | Any, x0: ArrayLike, u: ArrayLike, size: Size = 1, **law: Unpack[RunsLaw]
+) -> Floats:
+    """Root mean square error of the averaged state of an ensemble, for every step.
+
+    Parameters
+    ----------
+    system, x0, u, size
+        As in :func:`trajectory_covariance`.
+    **law : str
+        `sampled`, `averaging` and `axis`, as in :func:`trajectory_covariance`.
+
+    Returns
+    -------
+    (K + 1,) array
+        ``sqrt(E||x_bar(k) - x(k)||_2^2)``, the root of the trace of the covariance at step k.
+
+    Raises
+    ------
+    InputError, InputTypeError, ResourceError
+        As :func:`trajectory_covariance`.
+
+    Examples
+    --------
+    A rotation: the state keeps its norm, the mean square error of one run is ``2^(k+1) - 1``.
+
+    >>> import numpy as np
+    >>> H = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2)
+    >>> rms = trajectory_rms((H, np.zeros((2, 1))), [0.5**0.5, 0.5**0.5], np.zeros((3, 1)))
+    >>> (rms**2).round(6)
+    array([ 1.,  3.,  7., 15.])
+    """
+    return _root_trace(trajectory_covariance(system, x0, u, size, **law))
+
+
+# -- sizes and results ----------------------------------------------------------------------------
+
+
+def count(name: str, size: object) -> float:
+    """Check a size; 0 for an entity that is known exactly (None or inf)."""
+    if size is None or (isinstance(size, (float, np.floating)) and size == math.inf):
+        return 0.0
+    return float(validation.size(name, size))
+
+
+def counts(size: object) -> tuple[float, float, float]:
+    """The sizes ``(N0, Nf, NA)`` of one number or three, 0 for what is known exactly."""
+    if not isinstance(size, (tuple, list)):
+        return (count("size", size),) * 3
+    if len(size) != 3:
+        raise ShapeError(f"`size` must be one number or (N0, Nf, NA), got {len(size)} numbers")
+    N0, Nf, NA = (count(f"size[{k}]", N) for k, N in enumerate(size))
+    return N0, Nf, NA
+
+
+def lines_of(A: Floats, axis: str) -> Floats:
+    """``A`` with the sampled lines as columns."""
+    return A if validation.choice("axis", axis, AXES) == "columns" else A.T
+
+
+def _rate(N: float) -> float:
+    """``1 / N``; 0 for what is known exactly."""
+    return 1.0 / N if N else 0.0
+
+
+def _symmetric_product(F: Floats, C: Floats) -> Floats:
+    """``F C F^T``, exactly symmetric."""
+    product = F @ C @ F.T
+    return checked_finite(np.asarray((product + product.T) / 2.0, dtype=np.float64))
+
+
+def _root_trace(C: Floats) -> Floats:
+    """``sqrt(tr C)`` of one covariance or of each; a trace that rounding makes negative is 0."""
+    with np.errstate(over="ignore"):
+        trace = checked_finite(np.trace(C, axis1=-2, axis2=-1), "mean squared error")
+    return np.asarray(np.sqrt(np.maximum(trace, 0.0)), dtype=np.float64)
+
+
+# -- formulas, on checked arrays ------------------------------------------------------------------
+
+
+def _sum_of_others(lines: Floats) -> Floats:
+    """``sum_{k != i} |W_kj|``, which is ``g_j - |W_ij|`` without the subtraction."""
+    absolute = np.abs(lines)
+    before, after = np.zeros_like(absolute), np.zeros_like(absolute)
+    np.cumsum(absolute[:-1], axis=0, out=before[1:])
+    after[:-1] = np.cumsum(absolute[:0:-1], axis=0)[::-1]
+    return before + after
+
+
+def _realization_covariance(w: Floats) -> Floats:
+    """``Cv(w)`` for one realization."""
+    return _column_excess(w[:, None], np.ones(1))
+
+
+def _column_excess(A: Floats, d: Floats) -> Floats:
+    """``T_A(d)``: off the diagonal ``-A diag(d) A^T``, on it ``Phi d``."""
+    T: Floats = 0.0 - (A * d) @ A.T  # "0.0 -" rather than "-": zeros stay +0.0
+    np.fill_diagonal(T, (np.abs(A) * _sum_of_others(A)) @ d)
+    return T
+
+
+def _centred(values: Floats, weights: Floats) -> Floats:
+    """Subtract from every row of values its weighted mean.
+
+    The value with the largest weight is subtracted first, and is then exactly 0, so that the
+    squares ``g sum_j w_j (v_j - mean)^2 = sum_{j<k} w_j w_k (v_j - v_k)^2`` keep their relative
+    accuracy.
+    """
+    heaviest = weights.argmax(axis=1, keepdims=True)
+    y = values - np.take_along_axis(values, heaviest, axis=1)
+    total = weights.sum(axis=1, keepdims=True)
+    mean = (weights * y).sum(axis=1, keepdims=True) / np.where(total > 0.0, total, 1.0)
+    return np.asarray(y - mean, dtype=np.float64)
+
+
+def _matrix_excess(A: Floats, M: Floats, axis: str) -> Floats:
+    """``E[A^s M A^sT] - A M A^T``."""
+    diagonal = np.diagonal(M)
+    if axis == "columns":
+        return _column_excess(A, diagonal)
+    # Rows are independent of each other: only the diagonal entries differ. They are
+    # sum_j |a_ij| (rho_i - |a_ij|) M_jj - sum_{j != k} a_ij a_ik M_jk.
+    apart = M - np.diag(diagonal)
+    return np.diag((np.abs(A) * _sum_of_others(A.T).T) @ diagonal - ((A @ apart) * A).sum(axis=1))
+
+
+def _vector_excess(A: Floats, x: Floats, axis: str) -> Floats:
+    """``Cov(A^s x)``, which is `_matrix_excess` for ``M = x x^T``."""
+    if axis == "columns":
+        return _column_excess(A, x * x)
+    # sum_{j<k} |a_ij| |a_ik| (s_ij x_j - s_ik x_k)^2
+    weights = np.abs(A)
+    squares = (weights * _centred(np.sign(A) * x, weights) ** 2).sum(axis=1)
+    return np.diag(weights.sum(axis=1) * squares)
+
+
+def _whole_numbers(values: Floats) -> NDArray[Any]:
+    """Integers W of any size with ``|values| = W 2^e`` exactly, e constant along the last axis."""
+    mantissas, exponents = np.frexp(np.abs(values))
+    least = exponents.min(axis=-1, keepdims=True, where=values != 0.0, initial=2000)
+    shifts = np.where(values == 0.0, 0, exponents - least)
+    return np.asarray(np.ldexp(mantissas, 53).astype(np.int64).astype(object) << shifts)
+
+
+def _fractional_parts(N: float, parts: NDArray[Any], whole: NDArray[Any]) -> tuple[Floats, Floats]:
+    """``f = frac(N parts / whole)`` and ``1 - f`` of integers, each correct to its last digit."""
+    remainders = int(N) * parts % whole
+    f, rest = remainders / whole, (whole - remainders) / whole
+    return f.astype(np.float64), rest.astype(np.float64)
+
+
+def _systematic_covariance(w: Floats, N: float) -> Floats:
+    """Covariance of the average of N systematic samples of a vector; N = 0: known exactly."""
+    if N == 0.0 or not w.any():
+        return np.zeros((w.size, w.size))
+    W = _whole_numbers(w)
+    # f_i = frac(N |w_i| / g), phi_i = frac(N (p_1 + ... + p_i)), psi = 1 - phi
+    f, f_rest = _fractional_parts(N, W, W.sum())
+    phi, psi = _fractional_parts(N, np.cumsum(W), W.sum())
+    both = np.minimum.outer(phi, phi) * np.minimum.outer(psi, psi)  # Cov(b_i, b_k)
+    covariance = np.diff(np.diff(both, axis=0, prepend=0.0), axis=1, prepend=0.0)
+    # |Cov(N_i, N_k)| <= sd(N_i) sd(N_k), also where the differences are rounding: 0 where N p_i is
+    # an integer
+    sd = np.sqrt(f * f_rest)
+    most = np.outer(sd, sd)
+    covariance = np.clip(covariance, -most, most)
+    np.fill_diagonal(covariance, f * f_rest)
+    # scaled by a power of two, hence exactly, so that g^2 does not overflow
+    exponent = np.frexp(np.abs(w).max())[1]
+    scale = float(np.ldexp(np.abs(w), -exponent).sum()) / N
+    covariance = scale * scale * covariance * np.outer(np.sign(w), np.sign(w))
+    return np.asarray(np.ldexp(covariance, 2 * exponent), dtype=np.float64)
+
+
+def _systematic_excess(A: Floats, C0: Floats, x: Floats, N: float, axis: str) -> Floats:
+    """``E[A_hat M A_hat^T] - A M A^T``, ``M = C0 + x x^T``, for N systematic samples."""
+    if axis == "columns":  # sum_j M_jj Cov(a_hat_j)
+        weights = C0.diagonal() + x * x
+        covariances = (_systematic_covariance(line, N) for line in A.T)
+        return np.asarray(sum(m * C for m, C in zip(weights, covariances, strict=True)))
+    signs = np.sign(A)
+    moved = signs * _centred(signs * x, np.abs(A))  # the covariance of a line times its signs is 0
+    V = [_systematic_covariance(line, N) for line in A]
+    return np.diag([(C * C0).sum() + y @ C @ y for C, y in zip(V, moved, strict=True)])
+
+
+def _product_covariance(A: Floats, x0: Floats, r0: float, rA: float, axis: str) -> Floats:
+    """``Cov(A_hat x0_hat)`` for ``1/r0`` realizations of ``x0`` and ``1/rA`` of ``A``."""
+    # A Cv(x0) A^T = g sum_i |x_i| y_i y_i^T, y_i = sign(x_i) A e_i minus its mean
+    absolute = np.abs(x0)
+    Y = _centred(A * np.sign(x0), np.broadcast_to(absolute, A.shape))
+    from_x0 = r0 * (absolute.sum() * ((Y * absolute) @ Y.T))
+    from_both = r0 * rA * _matrix_excess(A, _realization_covariance(x0), axis)
+    return np.asarray(from_x0 + rA * _vector_excess(A, x0, axis) + from_both, dtype=np.float64)
+
+
+def _fused_covariance(
+    system: System | Any,
+    x0: ArrayLike,
+    xf: ArrayLike,
+    size: Sizes,
+    fusion: str = "product",
+    axis: str = "columns",
+    scheme: str = "iid",
+) -> tuple[_core.Factors, Floats]:
+    """``B`` and the covariance of ``xf_hat - A_hat x0_hat`` (diagonal: of the average pair)."""
+    checked, x0, xf = checked_ends(system, x0, xf)
+    A, B = checked.A, factors(checked.B)
+    validation.choice("axis", axis, AXES)
+    N0, Nf, NA = sizes = counts(size)
+    paired = validation.choice("fusion", fusion, FUSIONS) == "diagonal"
+    if validation.choice("scheme", scheme, SCHEMES) == "systematic":
+        if paired:
+            raise InputError(
+                "`fusion` must be 'product' with scheme='systematic', got 'diagonal': there is no "
+                "formula for pairs of dependent realizations"
+            )
+        C, C0 = _systematic_covariance(xf, Nf), _systematic_covariance(x0, N0)
+        # Given x0_hat, A_hat x0_hat has the covariance of A_hat at x0_hat; E[x0_hat x0_hat^T] = M.
+        if NA:
+            C = C + _systematic_excess(A, C0, x0, NA, axis)
+        return B, np.asarray(C + A @ C0 @ A.T, dtype=np.float64)
+    total = 1.0
+    if paired:  # N independent pairs: the covariance of one pair over N; exact entities stay exact
+        sampled = set(sizes) - {0.0}
+        if len(sampled) > 1:
+            raise InputError(
+                "`size` must be one number with fusion='diagonal', which pairs the realizations, "
+                f"got N0, Nf, NA = {', '.join(f'{N:.0f}' if N else 'None' for N in sizes)}"
+            )
+        total = _rate(max(sampled, default=0.0))
+        N0, Nf, NA = (float(N > 0.0) for N in sizes)
+    of_xf = _rate(Nf) * _realization_covariance(xf)
+    C = of_xf + _product_covariance(A, x0, _rate(N0), _rate(NA), axis)
+    return B, np.asarray(total * C, dtype=np.float64)

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stochens_rs import Ensemble, Key, control, fuse_path, realization_controls, sample
+from stochens_rs.fusion import Alse
 
 from ..common import STATUSES, Floats
 from ..methods import METHODS
@@ -33,8 +34,9 @@ class FusedEntity(NamedTuple):
     def draw(cls, target: Floats, sizes: Sizes, key: Key, tol: float) -> FusedEntity:
         """Sample ``sizes[-1]`` realizations of `target` and fuse every prefix by every method."""
         ensemble = sample(target, int(sizes[-1]), rng=key)
+        how = {**{method: method for method in METHODS}, "alse": Alse(tol=tol)}
         paths = {
-            method: fuse_path(ensemble, sizes, method, target=target, tol=tol, estimates=True)
+            method: fuse_path(ensemble, sizes, how[method], target=target, estimates=True)
             for method in METHODS
         }
         solved, scale = paths["alse"], float(np.sum(target**2))

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 import stochens_rs as se
 from stochens_rs import reference as twin
+from stochens_rs.fusion import Alse
 from stochens_rs.fusion.fusing import METHODS
 
 Array = NDArray[np.float64]
@@ -235,16 +236,15 @@ def test_fuse(problem: Problem, method: str, weight_set: str) -> None:
         target: Array = getattr(problem, name)
         ens = se.sample(problem.given[name], problem.N, rng=2)
         samples = twin.sampling.dense(ens.indices, ens.atoms)
+        how = Alse(weight_set) if method == "alse" else method
         shifted = target * 0.7 + 0.4 * np.cos(np.arange(target.size)).reshape(target.shape)
         for goal, given in ((target, problem.given[name]), (shifted, shifted)):
-            fit = se.fuse(ens, method, target=given, weight_set=weight_set)
+            fit = se.fuse(ens, how, target=given)
             check_fit(fit, samples, goal, method, weight_set)
             # a combination on the simplex keeps the zeros and the signs of what was sampled
             assert np.all(fit.estimate[target == 0] == 0)
             assert np.all(fit.estimate * np.sign(target) >= 0)
-            from_dense = se.fuse(
-                se.Ensemble.from_samples(samples), method, target=given, weight_set=weight_set
-            )
+            from_dense = se.fuse(se.Ensemble.from_samples(samples), how, target=given)
             check_fit(from_dense, samples, goal, method, weight_set)
 
 
@@ -255,7 +255,7 @@ def test_alse_of_a_vector_is_the_closed_form(problem: Problem, weight_set: str) 
         ens = se.sample(problem.given[name], problem.N, rng=2)
         unit = float(np.abs(target).sum()) + 1.0
         for goal in (target, 0.6 * target, -target, np.ones_like(target)):
-            fit = se.fuse(ens, "alse", target=goal, weight_set=weight_set)
+            fit = se.fuse(ens, Alse(weight_set), target=goal)
             exact = twin.fusing.alse_singleton(ens.indices, ens.atoms, goal, weight_set)
             assert_allclose(fit.weights, exact.weights, atol=1e-13)
             assert_allclose(fit.estimate, exact.estimate, atol=1e-13 * unit)

@@ -12,6 +12,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs import _core, reference
 from stochens_rs.exceptions import InputError
+from stochens_rs.fusion import Alse
 
 A30 = np.random.default_rng(0).standard_normal((30, 30))
 # near twice the dimension of the hull: some 20 to 600 ms of work, never less than a millisecond
@@ -25,9 +26,9 @@ def gap_of(fit: se.Fit, ensemble: se.Ensemble, target: np.ndarray) -> float:
     return float(slope @ fit.weights - slope.min())
 
 
-@pytest.mark.parametrize("limit", [{"time_limit": 1e-3}, {"max_iter": 3}])
-def test_a_limit_returns_the_best_weights_and_says_so(limit: dict[str, float]) -> None:
-    fit = se.fuse(HARD, "alse", target=A30, **limit)
+@pytest.mark.parametrize("limit", [Alse(time_limit=1e-3), Alse(max_iter=3)])
+def test_a_limit_returns_the_best_weights_and_says_so(limit: Alse) -> None:
+    fit = se.fuse(HARD, limit, target=A30)
     assert fit.status == "user_limit"
     assert fit.weights.min() >= 0.0
     assert fit.weights.sum() == pytest.approx(1.0, abs=1e-12)
@@ -40,25 +41,25 @@ def test_a_limit_returns_the_best_weights_and_says_so(limit: dict[str, float]) -
 
 def test_a_generous_limit_changes_nothing() -> None:
     free = se.fuse(HARD.prefix(300), "alse", target=A30)
-    granted = se.fuse(HARD.prefix(300), "alse", target=A30, time_limit=1e9, max_iter=10**9)
+    granted = se.fuse(HARD.prefix(300), Alse(time_limit=1e9, max_iter=10**9), target=A30)
     assert np.array_equal(free.weights, granted.weights)
     assert granted.status == "optimal"
 
 
 def test_a_path_shares_its_time() -> None:
     sizes = [100, 1700, 1750]
-    path = se.fuse_path(HARD, sizes, "alse", target=A30, time_limit=1e-6, estimates=True)
+    path = se.fuse_path(HARD, sizes, Alse(time_limit=1e-6), target=A30, estimates=True)
     assert set(path.statuses) == {"user_limit"}
     assert path.estimates is not None
     for error, estimate in zip(path.errors, path.estimates, strict=True):
         assert error == pytest.approx(np.linalg.norm(estimate - A30), rel=1e-12)
     dense = se.Ensemble.from_samples(HARD.prefix(300).dense())
-    late = se.fuse_path(dense, [200, 300], "alse", target=A30, time_limit=1e-6)
+    late = se.fuse_path(dense, [200, 300], Alse(time_limit=1e-6), target=A30)
     assert set(late.statuses) == {"user_limit"}
 
 
 def test_max_iter_holds_for_every_prefix() -> None:
-    path = se.fuse_path(HARD, [1700, 1750], "alse", target=A30, max_iter=3)
+    path = se.fuse_path(HARD, [1700, 1750], Alse(max_iter=3), target=A30)
     assert path.statuses == ("user_limit", "user_limit")
 
 
@@ -119,7 +120,7 @@ def test_every_line_is_its_own_vector_problem(axis: str) -> None:
     A[:, 1] = 0.0
     target = A + 0.1 * gen.standard_normal(A.shape)
     ensemble = se.sample(A, 12, rng=5, axis=axis)
-    fit = se.fuse(ensemble, "alse", target=target, weight_set=f"per-{axis[:-1]}")
+    fit = se.fuse(ensemble, Alse(f"per-{axis[:-1]}"), target=target)
     lines = range(4) if axis == "columns" else range(6)
     assert fit.weights.shape == (12, len(lines))
     assert np.allclose(fit.weights.sum(axis=0), 1.0, atol=1e-12)
@@ -133,7 +134,7 @@ def test_every_line_is_its_own_vector_problem(axis: str) -> None:
     assert fit.status == "optimal"
     assert fit.error == pytest.approx(np.linalg.norm(fit.estimate - target), rel=1e-12)
     written = se.Ensemble.from_samples(dense)
-    same = se.fuse(written, "alse", target=target, weight_set=f"per-{axis[:-1]}")
+    same = se.fuse(written, Alse(f"per-{axis[:-1]}"), target=target)
     assert np.allclose(same.estimate, fit.estimate, atol=1e-6)
     assert same.unseen == fit.unseen
     # one weight per realization is a special case, so it cannot do better
@@ -144,21 +145,18 @@ def test_columns_are_exact_once_every_entry_was_hit() -> None:
     A = np.random.default_rng(6).uniform(0.5, 1.0, (8, 8))
     ensemble = se.sample(A, 120, rng=7)
     assert (ensemble.counts() > 0).all()
-    fit = se.fuse(ensemble, "alse", target=A, weight_set="per-column")
+    fit = se.fuse(ensemble, Alse("per-column"), target=A)
     assert fit.exact
-    path = se.fuse_path(ensemble, [1, 10, 120], "alse", target=A, weight_set="per-column")
+    path = se.fuse_path(ensemble, [1, 10, 120], Alse("per-column"), target=A)
     assert path.errors[-1] == fit.error
     assert path.errors[0] > path.errors[1] > 1e-3
-    assert (
-        path.errors[1]
-        == se.fuse(ensemble.prefix(10), "alse", target=A, weight_set="per-column").error
-    )
+    assert path.errors[1] == se.fuse(ensemble.prefix(10), Alse("per-column"), target=A).error
 
 
 def test_weights_per_column_go_with_product_fusion_only() -> None:
     system = se.System(A30[:5, :5], np.eye(5))
     ensemble = se.sample(system.A, 50, rng=1)
-    fit = se.fuse(ensemble, "alse", target=system.A, weight_set="per-column")
+    fit = se.fuse(ensemble, Alse("per-column"), target=system.A)
     x0 = se.sample(np.ones(5), 50, rng=2)
     plan = se.control((fit, system.B), x0, np.zeros(5))
     assert plan.u[0] == pytest.approx(-(fit.estimate @ x0.mean()), abs=1e-12)

@@ -20,6 +20,7 @@ from declarations import opts
 from identification_data import SKEWED, Y, Z, check, hull, independent, tuned
 from stochens_rs import _core
 from stochens_rs.exceptions import DataWarning, InputError, NonFiniteError
+from stochens_rs.fusion import Alse
 from twin import fusing_by_data as fd
 from twin import laws
 from twin import triangle as tr
@@ -56,11 +57,11 @@ def declared(z, y, sigma=None, offset=False, **words):
     )
 
 
-def fused_by(models, z, y, sigma=None, offset=False, **words):
+def fused_by(models, z, y, sigma=None, offset=False, method="alse"):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)
         data = declared(z, y, sigma, offset)
-        return se.fuse(ensemble(models, offset=offset), "alse", **opts(data=data, **words))
+        return se.fuse(ensemble(models, offset=offset), method, data=data)
 
 
 def Theta_of(model):
@@ -83,7 +84,7 @@ def contains(region, Theta, n, m):
 
 
 def test_oracle():
-    data = se.fuse(ensemble(MODELS), "alse", data=declared(Z, Y, 0.2), tol=1e-15)
+    data = se.fuse(ensemble(MODELS), Alse(tol=1e-15), data=declared(Z, Y, 0.2))
     check(data.weights[0], 0.611012433393, rtol=1e-7)
     check(data.distance**2, 0.590027987076 / 0.04)
     check(1.0 - 3.0 / data.distance**2, 0.796619816977)  # the constant p - face - 2
@@ -112,7 +113,7 @@ def test_equal_to_the_reference(case):
         y, z = y + 1.0 - z[:, -1:] @ Theta[:, -1:].T, z.copy()
         z[:, -1] = 1.0
     models = hull(gen, Theta, 0.5, 0.3, M=o["M"])
-    ours = fused_by(models, z, y, sigma, o["offset"], tol=1e-15)
+    ours = fused_by(models, z, y, sigma, o["offset"], Alse(tol=1e-15))
     twin = fd.fuse(models, tr.fit(tr.triangle(z, y)))
     unit = 1.0 if sigma is None else sigma
     check(ours.weights, twin.weights, rtol=1e-5, atol=1e-6)

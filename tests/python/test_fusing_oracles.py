@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 import stochens_rs as se
 from stochens_rs import reference as twin
+from stochens_rs.fusion import Alse
 
 Array = NDArray[np.float64]
 Exact = list[Fraction]
@@ -35,7 +36,7 @@ class Engine:
 
     def dense(self, samples: Any, method: str, target: Any, weight_set: str = "simplex") -> Result:
         ensemble = se.Ensemble.from_samples(np.asarray(samples, dtype=float))
-        fit = se.fuse(ensemble, method, target=target, weight_set=weight_set)
+        fit = se.fuse(ensemble, Alse(weight_set) if method == "alse" else method, target=target)
         return Result(fit.estimate, fit.weights, fit.error)
 
     def singleton(
@@ -43,7 +44,7 @@ class Engine:
     ) -> Result:
         ensemble = se.Ensemble.from_indices(np.asarray(indices), w)
         goal = w if target is None else target
-        fit = se.fuse(ensemble, method, target=goal, weight_set=weight_set)
+        fit = se.fuse(ensemble, Alse(weight_set) if method == "alse" else method, target=goal)
         return Result(fit.estimate, fit.weights, fit.error)
 
     def errors(self, samples: Any, method: str, target: Any) -> Array:

@@ -24,7 +24,7 @@ LONG_CALLS = {
     "alse": "cut(se.fuse(hard, 'alse', target=A))",
     "alse path": "cut_path(se.fuse_path(hard, [18_900, 19_000], 'alse', target=A))",
     "dense path": "cut_path(se.fuse_path(dense, [1840, 1850], 'alse', target=A30))",
-    "dense rows": "cut_rows(se.fuse(rows, 'alse', target=[A30.ravel()] * 4, weight_set='per-row'))",
+    "dense rows": "cut_rows(se.fuse(rows, se.fusion.Alse('per-row'), target=[A30.ravel()] * 4))",
     "tracking": "se.track((A / 99, np.eye(100)), np.ones((3, 100)), "
     "se.StepEstimate(19_000, 'alse'))",
     "exact matrices": "se.control((A600, np.eye(600)), x600, many600, fusion='diagonal')",

@@ -11,6 +11,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
+from stochens_rs.fusion import Alse
 
 nan, inf = float("nan"), float("inf")
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
@@ -46,7 +47,7 @@ def test_honest_fits_come_back_and_others_do_not():
                 kinds.append("per-row" if ensemble.axis == "rows" else "per-column")
             if target.ndim == 2 and not ensemble.is_singleton:
                 kinds.append("per-row")
-            made += [se.fuse(ensemble, "alse", target=target, weight_set=one) for one in kinds]
+            made += [se.fuse(ensemble, Alse(one), target=target) for one in kinds]
             made.append(se.fuse(ensemble, weights=np.arange(1.0, ensemble.size + 1.0)))
         for one in made:
             again = pickle.loads(pickle.dumps(one))
@@ -237,8 +238,8 @@ def every_way(made, target):
         yield lambda method=method: se.fuse(made, method, target=target)
         yield lambda method=method: se.fuse_path(made, [1, made.size], method, target=target)
     if made.shape == (2, 2):
-        yield lambda: se.fuse(made, "alse", target=target, weight_set="per-column")
-    yield lambda: se.fuse(made, "alse", target=target, weight_set="subsimplex")
+        yield lambda: se.fuse(made, Alse("per-column"), target=target)
+    yield lambda: se.fuse(made, Alse("subsimplex"), target=target)
 
 
 @pytest.mark.parametrize("scale", [1e150, 1e154, 1e160, 1e200, 1e300, 8e307])

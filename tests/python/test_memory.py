@@ -64,20 +64,20 @@ calls = {
     "mean": lambda: draws.mean(),
     "combine": lambda: draws.combine(weights),
     "fuse uniform": lambda: se.fuse(draws, "uniform", target=A),
-    "fuse alse": lambda: se.fuse(draws, "alse", target=A, max_iter=200),
+    "fuse alse": lambda: se.fuse(draws, se.fusion.Alse(max_iter=200), target=A),
     "fuse alse subsimplex": lambda: se.fuse(
-        draws, "alse", target=A, weight_set="subsimplex", max_iter=200
+        draws, se.fusion.Alse("subsimplex", max_iter=200), target=A
     ),
-    "fuse alse per column": lambda: se.fuse(draws, "alse", target=A, weight_set="per-column"),
+    "fuse alse per column": lambda: se.fuse(draws, se.fusion.Alse("per-column"), target=A),
     "fuse alse many": lambda: se.fuse(few, "alse", target=A[:20, :20]),
     "fuse alse vector": lambda: se.fuse(states, "alse", target=x0),
-    "fuse alse dense": lambda: se.fuse(dense, "alse", target=x0, max_iter=200),
+    "fuse alse dense": lambda: se.fuse(dense, se.fusion.Alse(max_iter=200), target=x0),
     "fuse slse": lambda: se.fuse(draws, "slse", target=A),
     "fuse slse safeguarded": lambda: se.fuse(draws, "slse-safeguarded", target=A),
     "fuse slse dense": lambda: se.fuse(dense, "slse", target=x0),
     "fuse_path uniform": lambda: se.fuse_path(draws, [5, size], target=A, estimates=True),
     "fuse_path alse": lambda: se.fuse_path(
-        draws, [5, size // 4], "alse", target=A, max_iter=20, estimates=True
+        draws, [5, size // 4], se.fusion.Alse(max_iter=20), target=A, estimates=True
     ),
     "fuse_path slse": lambda: se.fuse_path(draws, [5, size], "slse", target=A, estimates=True),
     "control": lambda: se.control((draws, B), states, xf),

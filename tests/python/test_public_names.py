@@ -26,7 +26,7 @@ ROOMS = {
     "controls": "Limited NextRuns PlanError Reachability SamplePlan Typical",
     "feedback": "Loop LoopCertificate Tube",
     "fleet": "FleetPlan RiskBound",
-    "fusion": "FusedModel Path",
+    "fusion": "Alse FusedModel Path",
     "identification": "Checks Region",
     "loops": "Call Kept Reading ReadingLoop",
     "studies": "Failure Results",

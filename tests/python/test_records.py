@@ -25,6 +25,7 @@ from stochens_rs._base import fields
 from stochens_rs._base.records import Record, SavedRecord, trusted
 from stochens_rs.certificates import Radius
 from stochens_rs.exceptions import InputTypeError, StochensError
+from stochens_rs.fusion import Alse
 
 SYSTEM = se.System(
     [[1.0, 0.1], [0.0, 0.9]],
@@ -120,7 +121,7 @@ PLANS = {
 }
 PARTS = {
     "fit": lambda: se.fuse(drawn("A", A), "alse", target=A),
-    "fit per column": lambda: se.fuse(drawn("A", A), "alse", target=A, weight_set="per-column"),
+    "fit per column": lambda: se.fuse(drawn("A", A), Alse("per-column"), target=A),
     "fit without target": lambda: se.fuse(drawn("x0", X0)),
     "fit of samples": lambda: se.fuse(
         se.Ensemble.from_samples(drawn("A", A, 9).dense(), centre="truth"), "alse", target=A

@@ -1,7 +1,8 @@
 """Fusion of realizations, models or experiments into one estimate."""
 
+from .alse import Alse
 from .fits import Fit, Path
 from .fused_model import FusedModel
 from .fusing import fuse, fuse_path
 
-__all__ = ["Fit", "FusedModel", "Path", "fuse", "fuse_path"]
+__all__ = ["Alse", "Fit", "FusedModel", "Path", "fuse", "fuse_path"]

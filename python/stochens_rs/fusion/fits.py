@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from .._base.records import SavedRecord, require_shapes
 from .._base.tables import Cube, Tabled
 from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
-from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..theory.exact import EPS
 
 if TYPE_CHECKING:
@@ -83,9 +83,7 @@ class Fit(SavedRecord, Tabled):
         if self.target is not None:
             validation.kept("target", self.target, shape=self.estimate.shape)
         for name in ("error", "gap", "lower_bound"):
-            value = getattr(self, name)
-            if value is not None:
-                _checked_finite(name, value)
+            _finite(name, getattr(self, name))
         validation.line("method", self.method)
         apart = np.abs(self.weights - 1.0 / len(self.weights)).max() if len(self.weights) else 0.0
         if self.method == "uniform" and not apart <= ROUNDING / len(self.weights):
@@ -104,27 +102,6 @@ class Fit(SavedRecord, Tabled):
         if self.weights.shape != lines:
             raise ShapeError(f"`weights` must have shape {lines}, got {self.weights.shape}")
         self._check_sum(self.ensemble)
-
-    @classmethod
-    def _of(
-        cls,
-        ensemble: Ensemble,
-        goal: Floats | None,
-        method: str,
-        weights: Floats,
-        estimate: Floats,
-        error: float | None,
-        gap: float | None = None,
-        status: Status = "completed",
-        **more: Any,
-    ) -> Fit:
-        """The fit of these realizations; its estimate was just computed as the weighted sum."""
-        made = cls(estimate, weights, error, gap, status, method, target=goal, **more)
-        return made._about(ensemble)
-
-    def _about(self, ensemble: Ensemble) -> Fit:
-        object.__setattr__(self, "ensemble", ensemble)  # unchecked: the sum is of these
-        return self
 
     def _check_sum(self, ensemble: Ensemble) -> None:
         """Refuse an estimate that is not ``sum_s weights[s] E_s``, but for rounding."""
@@ -212,12 +189,20 @@ class Path(SavedRecord, Tabled):
         The estimates, if ``estimates=True``.
     """
 
-    sizes: NDArray[np.int64]
-    errors: Floats
+    sizes: Annotated[NDArray[np.int64], "size"]
+    errors: Annotated[Floats, "size", "infinite"]
     method: str
     statuses: tuple[Status, ...]
-    gaps: Floats | None = None
+    gaps: Annotated[Floats, "size", "infinite"] | None = None
     estimates: Floats | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.estimates is not None:
+            validation.kept("estimates", self.estimates, ndim=(2, 3))
+            require_shapes(self, estimates=(len(self.sizes), *self.estimates.shape[1:]))
+        _finite("error", float(self.errors.sum()))
+        _finite("gap", None if self.gaps is None else float(self.gaps.sum()))
 
     def _cube(self) -> Cube:
         vectors = self.estimates is None or self.estimates.ndim == 2
@@ -238,18 +223,6 @@ class Path(SavedRecord, Tabled):
         about = "error over N, both logarithmic"
         return show.card(self, rows, show.lines(self.sizes, [self.errors], about, log=True))
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        count = len(self.sizes)
-        require_shapes(self, sizes=(count,), errors=(count,), gaps=(count,))
-        if self.estimates is not None:
-            validation.kept("estimates", self.estimates, ndim=(2, 3))
-            require_shapes(self, estimates=(count, *self.estimates.shape[1:]))
-        for name in ("errors", "gaps"):
-            values = getattr(self, name)
-            if values is not None:
-                _checked_finite(name[:-1], float(values[int(np.argmin(np.isfinite(values)))]))
-
     def __repr__(self) -> str:
         return (
             f"<Path {self.method}: {len(self.sizes)} sizes from {self.sizes[0]} to "
@@ -257,8 +230,23 @@ class Path(SavedRecord, Tabled):
         )
 
 
-def _checked_finite(name: str, value: object) -> None:
-    if not validation.is_real(value):
-        raise InputTypeError(f"`{name}` must be a real number, got {validation.show(value)}")
-    if not isfinite(value):
+def _finite(name: str, value: float | None) -> None:
+    if value is not None and not isfinite(value):
         raise NonFiniteError(f"the {name} of the fit overflows ({value}): scale the problem down")
+
+
+def fit_of(
+    ensemble: Ensemble,
+    goal: Floats | None,
+    method: str,
+    weights: Floats,
+    estimate: Floats,
+    error: float | None,
+    gap: float | None = None,
+    status: Status = "completed",
+    **more: Any,
+) -> Fit:
+    """The fit of these realizations; its estimate was just computed as the weighted sum."""
+    made = Fit(estimate, weights, error, gap, status, method, target=goal, **more)
+    made._keep(ensemble=ensemble)  # unchecked: the sum is of these
+    return made

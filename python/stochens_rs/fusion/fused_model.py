@@ -12,7 +12,7 @@ deviations of the rows.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .. import _core
 from .._base import show, validation
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, cached_property
-from .._base.types import STATUSES, Status
+from .._base.types import Floats, Status
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified
@@ -28,7 +28,6 @@ from ..identification.model import Model
 from ..identification.region import Region
 
 if TYPE_CHECKING:
-    from .._base.types import Floats
     from ..data import Trajectories
 
 # Least unit of a row, of the size of its outcomes: the weights of rows are then at most 1e6 apart,
@@ -98,30 +97,19 @@ class FusedModel(SavedRecord, Identified):
 
     models: SystemEnsemble
     least_squares: Model
-    weights: Floats
-    share: float
-    gap: float
+    weights: Annotated[Floats, "model"]
+    share: Annotated[float, validation.nonnegative]
+    gap: Annotated[float, validation.nonnegative]
     status: Status
 
     def __post_init__(self) -> None:
-        models = validation.instance("models", self.models, SystemEnsemble)
-        data = validation.instance("least_squares", self.least_squares, Model)
-        if (models.n, models.m) != (data.n, data.m):
-            raise ShapeError(
-                f"`models` must have n={data.n} m={data.m} as the data, got n={models.n} "
-                f"m={models.m}"
-            )
-        if models.c is not None and not data.intercept:
-            raise InputError("`least_squares` must have an intercept, as `models` have offsets")
-        if data.known is not None:
-            raise InputError("`least_squares` must have no known entries")
-        weights = validation.kept("weights", self.weights, shape=(models.size,))
+        super().__post_init__()
+        require_fit("least_squares", self.least_squares, self.models)
+        weights = validation.kept("weights", self.weights, shape=(self.models.size,))
         if not (0.0 <= weights.min() <= weights.max() <= 2.0 and abs(weights.sum() - 1.0) <= 1e-6):
             raise InputError("`weights` must be nonnegative with sum 1")
-        if validation.nonnegative("share", self.share) > 1.0:
+        if self.share > 1.0:
             raise InputError(f"`share` must be in [0, 1], got {self.share:g}")
-        validation.nonnegative("gap", self.gap)
-        validation.choice("status", self.status, STATUSES)
 
     @cached_property
     def _Theta(self) -> Floats:
@@ -132,17 +120,11 @@ class FusedModel(SavedRecord, Identified):
 
     @cached_property
     def _hull(self) -> Hull:
-        given = stacked(self.models, self.least_squares.intercept)
-        S, t = coordinates(given, self._fitted, self._units)
-        return position(S, t, self.weights)
+        return position(*coordinates(self.models, self.least_squares), self.weights)
 
     @property
     def _fitted(self) -> _core.Fitted:
         return self.least_squares._blocks[0]
-
-    @property
-    def _units(self) -> Floats:
-        return units(self.least_squares)
 
     @property
     def _noise(self) -> NoiseSize:
@@ -202,19 +184,19 @@ class FusedModel(SavedRecord, Identified):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each."""
-        said, data = [], self.least_squares
+        found, data = [], self.least_squares
         if self.explained is False:
-            said.append("no mixture of the models explains the data")
+            found.append("no mixture of the models explains the data")
         if data.size <= self._hull.k:
-            said.append(
+            found.append(
                 f"{show.number_of(data.size, 'pair')} for {self._hull.k} free weights: the weights "
                 "follow the noise"
             )
         if self._noise.variance is None and self._noise.degrees == 0:
-            said.append("there are too few pairs to estimate the noise: declare sigma if known")
+            found.append("there are too few pairs to estimate the noise: declare sigma if known")
         if data.design == "adaptive":
-            said.append("design='adaptive': the region is that of least squares")
-        return (*said, *data.warnings)
+            found.append("design='adaptive': the region is that of least squares")
+        return (*found, *data.warnings)
 
     def region(self, delta: float = 0.05, *, future: int = 0, frobenius: bool = False) -> Region:
         """Return a set of models that contains the true one.
@@ -343,6 +325,18 @@ class FusedModel(SavedRecord, Identified):
         return show.card(self, rows)
 
 
+def require_fit(name: str, data: Model, models: SystemEnsemble) -> None:
+    """Refuse least squares that the models cannot be mixed with."""
+    if (data.n, data.m) != (models.n, models.m):
+        raise ShapeError(
+            f"`{name}` must have n={models.n} m={models.m} as the models, got n={data.n} m={data.m}"
+        )
+    if models.c is not None and not data.intercept:
+        raise InputError(f"`{name}` must be a model with intercept, as the models have offsets")
+    if data.known is not None:
+        raise InputError(f"`{name}` must be identified without known entries")
+
+
 def stacked(models: SystemEnsemble, intercept: bool) -> Floats:
     """``[A_s B_s c_s]``, shape (M, n, d), with ``c_s = 0`` where the models have no offset."""
     parts = [models.A, models.B]
@@ -392,10 +386,12 @@ def noise_of(data: Model) -> NoiseSize:
     return NoiseSize(None, float(data.n * fitted.nu), fitted.nu, data.n)
 
 
-def coordinates(models: Floats, fitted: _core.Fitted, units: Floats) -> tuple[Floats, Floats]:
+def coordinates(models: SystemEnsemble, data: Model) -> tuple[Floats, Floats]:
     """The S_i (M, n, rank) and t (n, rank), each row in `units` L: ``L^-1 Theta R'``."""
-    S: Floats = np.asarray(np.linalg.solve(units, models @ fitted.root.T))
-    return S, np.asarray(np.linalg.solve(units, fitted.H @ fitted.root.T))
+    fitted, L = data._blocks[0], units(data)
+    given = stacked(models, data.intercept), fitted.H
+    S, t = (np.asarray(np.linalg.solve(L, Theta @ fitted.root.T)) for Theta in given)
+    return S, t
 
 
 def position(S: Floats, t: Floats, weights: Floats) -> Hull:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
@@ -10,23 +11,24 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 import numpy as np
 
 from .. import _core
-from .._base import numbers, running, validation
+from .._base import numbers, running, show, validation
+from .._base.names import Labels, order_of
 from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..ensembles.systems import SystemEnsemble
-from ..exceptions import InputError, InputTypeError, ShapeError
-from . import alse
-from .alse import WeightSet
-from .by_data import fuse_by_data
-from .fits import Fit, Path
-from .fused_model import FusedModel, stacked
+from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
+from ..identification.identified import Identified
+from ..identification.identifying import identify
+from ..identification.model import Model
+from .alse import Alse, path, require, solve
+from .fits import Fit, Path, fit_of
+from .fused_model import FusedModel, coordinates, noise_of, position, require_fit, stacked
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..data import Trajectories
     from ..identification.assumptions import Noise
-    from ..identification.model import Model
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
 
@@ -36,32 +38,25 @@ METHODS: tuple[Method, ...] = get_args(Method)
 @overload
 def fuse(
     ensemble: Ensemble | SystemEnsemble | Sequence[Ensemble],
-    method: Method = "uniform",
+    method: Method | Alse = "uniform",
     *,
     target: ArrayLike | None = None,
     weights: ArrayLike | Literal["precision"] | None = None,
     variances: ArrayLike | None = None,
-    weight_set: WeightSet = "simplex",
-    tol: float = 1e-9,
-    time_limit: float | None = None,
-    max_iter: int | None = None,
 ) -> Fit: ...
 @overload
 def fuse(
     ensemble: SystemEnsemble | Sequence[Any],
-    method: Literal["alse"],
+    method: Literal["alse"] | Alse,
     *,
     data: Trajectories | Sequence[Trajectories] | Model,
     noise: Noise | float | None = None,
     shrink: bool = True,
     independent: bool = False,
-    tol: float = 1e-9,
-    time_limit: float | None = None,
-    max_iter: int | None = None,
 ) -> FusedModel: ...
 def fuse(
     ensemble: Ensemble | SystemEnsemble | Sequence[Any],
-    method: Method = "uniform",
+    method: Method | Alse = "uniform",
     *,
     target: ArrayLike | None = None,
     data: Trajectories | Sequence[Trajectories] | Model | None = None,
@@ -70,10 +65,6 @@ def fuse(
     noise: Noise | float | None = None,
     shrink: bool = True,
     independent: bool = False,
-    weight_set: WeightSet = "simplex",
-    tol: float = 1e-9,
-    time_limit: float | None = None,
-    max_iter: int | None = None,
 ) -> Fit | FusedModel:
     """Fuse realizations or models into one estimate.
 
@@ -85,10 +76,11 @@ def fuse(
         `data`: models that were fixed before the data or made of other data, as a SystemEnsemble
         or a list of systems, pairs ``(A, B)`` and Models; the names of the data in another order
         are brought into its order.
-    method : str, default "uniform"
+    method : str or Alse, default "uniform"
         "uniform": the average. "alse" (accumulated least squares): the weights that minimise
         ``||sum_s w_s E_s - target||``; with `data`, those of the mixture of models that is nearest
-        to the data. "slse" (sequential least squares): one exact line search per realization.
+        to the data. Its options, such as limits on time and weights per column, are those of
+        `fusion.Alse`. "slse" (sequential least squares): one exact line search per realization.
         "slse-safeguarded": each followed by a line search towards the running average, so that the
         error is never larger than that of "uniform".
     target : array_like, shape of a realization, optional
@@ -113,20 +105,6 @@ def fuse(
     independent : bool, default False
         Your declaration that models which scatter about an estimate (``centre="estimate"``), or
         come from data they do not keep, are independent of `data`.
-    weight_set : {"simplex", "subsimplex", "per-column", "per-row"}, default "simplex"
-        For "alse". "simplex": weights >= 0 with sum 1. "subsimplex": sum <= 1. "per-column": each
-        column of a matrix has its own weights on the simplex; "per-row" the same for realizations
-        sampled by rows. A fit per column or row can be used with product fusion only, because
-        diagonal fusion needs one weight per realization.
-    tol : float, default 1e-9
-        "alse" is "optimal" if its gap is at most ``tol * ||target||^2``. If the target is zero,
-        the squared norm of a realization takes its place.
-    time_limit : float, optional
-        Time after which "alse" returns the best weights so far, with status "user_limit" [s].
-        Checked every few milliseconds. Default: no limit.
-    max_iter : int, optional
-        The same limit in passes over the realizations (one product with S, one with its
-        transpose). Default: 200 000.
 
     Returns
     -------
@@ -203,27 +181,24 @@ def fuse(
     >>> fused.region(0.05).contains(A, B)
     True
     """
-    of_data = {
-        "noise": noise,
-        "shrink": None if shrink is True else shrink,
-        "independent": None if independent is False else independent,
-    }
-    of_realizations = {"target": target, "weights": weights, "variances": variances}
     if data is not None:
-        if validation.choice("method", method, METHODS) != "alse":
-            raise InputError(f"`method` must be 'alse' with `data`, got '{method}'")
-        _refuse("with `data`", **of_realizations)
-        limits = alse.checked_options(None, "alse", weight_set, tol, time_limit, max_iter)
-        return fuse_by_data(ensemble, data, noise, shrink, independent, limits)
-    _refuse("without `data`", **of_data)
+        _, options = _method(method)
+        if options is None or options.weight_set != "simplex":
+            raise InputError(
+                "`method` must be 'alse' with weights on the simplex with `data`, got "
+                f"{validation.show(method)}"
+            )
+        _refuse("with `data`", target=target, weights=weights, variances=variances)
+        return _by_data(ensemble, data, noise, shrink, independent, options)
+    shrinks, own = (None if shrink is True else shrink), (None if independent is False else True)
+    _refuse("without `data`", noise=noise, shrink=shrinks, independent=own)
     if isinstance(ensemble, SystemEnsemble):
         matrices = stacked(ensemble, ensemble.c is not None)
         ensemble = Ensemble.from_samples(matrices, centre=ensemble.centre)
     elif isinstance(ensemble, (list, tuple)):
-        ensemble = of_senders(ensemble)
-    given, name = checked_ensemble(ensemble, method)
-    options = alse.checked_options(given, name, weight_set, tol, time_limit, max_iter)
-    goal = None if target is None and name == "uniform" else checked_goal(given, target, name)
+        ensemble = _of_senders(ensemble)
+    given, name, options = _checked(ensemble, method)
+    goal = None if target is None and name == "uniform" else _goal(given, target, name)
     # the weights, and at most two copies on the way
     running.need("the weights", 3 * 8 * given.size)
     if weights is not None or variances is not None:
@@ -234,25 +209,21 @@ def fuse(
         estimate = given.mean()
         error = None if goal is None else numbers.norm(estimate - goal)
         w = np.full(given.size, 1.0 / given.size)
-    elif name == "alse":
-        return alse.solve(given, goal, options)
+    elif options is not None:
+        return solve(given, goal, options)
     else:
         of_core = given._core_realizations(), given._lines_of(goal)
         w, sums, errors, _ = _core.fuse_path(*of_core, name, [given.size], False)
         estimate, error = given._from_core(sums), float(errors[0])
-    return Fit._of(given, goal, name, w, estimate, error)
+    return fit_of(given, goal, name, w, estimate, error)
 
 
 def fuse_path(
     ensemble: Ensemble,
     sizes: ArrayLike,
-    method: Method = "uniform",
+    method: Method | Alse = "uniform",
     *,
     target: ArrayLike,
-    weight_set: WeightSet = "simplex",
-    tol: float = 1e-9,
-    time_limit: float | None = None,
-    max_iter: int | None = None,
     estimates: bool = False,
 ) -> Path:
     """Compute the error of the fusion of the first k realizations, for several k.
@@ -263,12 +234,11 @@ def fuse_path(
         N realizations.
     sizes : array_like of int, shape (k,)
         Strictly increasing, from 1 to N.
-    method, weight_set, tol, max_iter
-        As in `fuse`; `max_iter` is per size.
-    time_limit : float, optional
-        As in `fuse`, for all sizes together [s]. The sizes after the limit keep the weights of
-        the last solved size (dense ensembles: of a solve without iterations) and have status
-        "user_limit"; after Ctrl-C, "interrupted".
+    method : str or Alse, default "uniform"
+        As in `fuse`; of `fusion.Alse` the `max_iter` is per size, and the `time_limit` for all
+        sizes together. The sizes after the limit keep the weights of the last solved size (dense
+        ensembles: of a solve without iterations) and have status "user_limit"; after Ctrl-C,
+        "interrupted".
     target : array_like, shape of a realization
         The vector or matrix that the errors are measured against and the least-squares methods
         fit to.
@@ -301,28 +271,84 @@ def fuse_path(
     >>> bool(path.errors[0] > path.errors[2])
     True
     """
-    ensemble, name = checked_ensemble(ensemble, method)
-    options = alse.checked_options(ensemble, name, weight_set, tol, time_limit, max_iter)
+    ensemble, name, options = _checked(ensemble, method)
     grid = validation.sizes("sizes", sizes, maximum=ensemble.size)
-    goal = checked_goal(ensemble, target, name)
+    goal = _goal(ensemble, target, name)
     estimates = validation.flag("estimates", estimates)
     if estimates:
         # as the core returns them, transposed, and in the shape of the target
         running.need("the estimates of a path", 3 * grid.size * goal.nbytes)
     counts: list[int] = grid.tolist()
-    draws, gaps = ensemble._draws, None
+    gaps = None
     completed: Status = "completed"
     statuses = (completed,) * grid.size
-    if name != "alse":
-        _, _, errors, stack = _core.fuse_path(
-            ensemble._core_realizations(), ensemble._lines_of(goal), name, counts, estimates
-        )
-    elif draws is not None:
-        errors, gaps, statuses, stack = alse.path(ensemble, draws, goal, options, counts, estimates)
+    if options is None:
+        of_core = ensemble._core_realizations(), ensemble._lines_of(goal)
+        _, _, errors, stack = _core.fuse_path(*of_core, name, counts, estimates)
     else:
-        errors, gaps, statuses, stack = _one_by_one(ensemble, goal, options, counts)
+        errors, gaps, statuses, stack = path(ensemble, goal, options, counts, estimates)
     kept = ensemble._stack_from_core(stack) if estimates else None
     return Path(grid, errors, name, statuses, gaps, kept)
+
+
+def _method(method: object) -> tuple[Method, Alse | None]:
+    """Check a method: its name, and the options of "alse"."""
+    if isinstance(method, Alse):
+        return "alse", method
+    name = validation.choice("method", method, METHODS)
+    return name, Alse() if name == "alse" else None
+
+
+def _checked(ensemble: object, method: object) -> tuple[Ensemble, Method, Alse | None]:
+    """Check realizations, the method, and its options."""
+    if not isinstance(ensemble, Ensemble):
+        raise InputTypeError(
+            "`ensemble` must be an Ensemble (see `sample`, `Ensemble.from_samples`), "
+            f"got {type(ensemble).__name__}"
+        )
+    name, options = _method(method)
+    if options is not None:
+        require(options, ensemble)
+    return ensemble, name, options
+
+
+def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
+    """Check the target that a method fits to."""
+    if target is None:
+        raise InputError(
+            f"`target` is required for method '{method}': the vector or matrix to fit to "
+            "(a nominal model or a held-out estimate)"
+        )
+    goal = validation.array("target", target, ndim=(1, 2))
+    if goal.shape != ensemble.shape:
+        raise ShapeError(
+            f"`target` must have shape {ensemble.shape} as a realization, got {goal.shape}"
+        )
+    return goal
+
+
+def _refuse(where: str, **arguments: object) -> None:
+    """Refuse arguments that have no meaning here."""
+    for name, value in arguments.items():
+        if value is not None:
+            raise InputError(f"`{name}` must be left out {where}")
+
+
+def _of_senders(ensembles: Sequence[object]) -> Ensemble:
+    """The realizations of several senders, one after another."""
+    given = [validation.instance("ensemble", one, Ensemble) for one in ensembles]
+    if not given:
+        raise InputError("`ensemble` must have at least one Ensemble, got an empty list")
+    for k, one in enumerate(given):
+        if one.shape != given[0].shape:
+            raise ShapeError(
+                f"`ensemble[{k}]` must have shape {given[0].shape} as the first, got {one.shape}"
+            )
+    entries = sum(one.size for one in given) * math.prod(given[0].shape)
+    running.need("the realizations of all senders", 3 * 8 * entries)
+    centres = {one.centre for one in given}
+    centre = centres.pop() if len(centres) == 1 else None
+    return Ensemble.from_samples(np.concatenate([one.dense() for one in given]), centre=centre)
 
 
 def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variances: object) -> Fit:
@@ -357,72 +383,135 @@ def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variance
         info["rms"] = float(np.sqrt(np.sum(chosen**2 * (spread / largest)))) * largest**0.5
     estimate = ensemble.combine(chosen)
     error = None if goal is None else numbers.norm(estimate - goal)
-    return Fit._of(ensemble, goal, method, chosen, estimate, error, info=info)
+    return fit_of(ensemble, goal, method, chosen, estimate, error, info=info)
 
 
-def _one_by_one(
-    ensemble: Ensemble, goal: Floats, options: alse.AlseOptions, sizes: list[int]
-) -> tuple[Floats, Floats, tuple[Status, ...], Floats]:
-    """ALSE of every prefix separately, all within one time limit."""
-    clock, interrupted = alse.Clock(options), False
-    fits = []
-    for k in sizes:
-        fit = alse.solve(ensemble.prefix(k), goal, clock.left())
-        if interrupted and fit.status == "user_limit":
-            fit = replace(fit, status="interrupted")
-        elif fit.status == "interrupted":
-            interrupted = True
-            clock.end()
-        fits.append(fit)
-    errors, gaps = (np.array([getattr(fit, name) for fit in fits]) for name in ("error", "gap"))
-    stack = np.stack([fit.estimate.ravel() for fit in fits])
-    return errors, gaps, tuple(fit.status for fit in fits), stack
+# -- models weighed by data -----------------------------------------------------------------------
 
 
-def _refuse(where: str, **arguments: object) -> None:
-    """Refuse arguments that have no meaning here."""
-    for name, value in arguments.items():
-        if value is not None:
-            raise InputError(f"`{name}` must be left out {where}")
+def _by_data(
+    models: object,
+    data: object,
+    noise: Any,
+    shrink: bool,
+    independent: bool,
+    options: Alse,
+) -> FusedModel:
+    """Choose the weights by the data and mix; `fuse` says what the arguments are."""
+    given = _models(models, data, validation.flag("independent", independent))
+    least = _least_squares(given, data, noise)
+    given = given._in_order("ensemble", least.labels)
+    f = least._blocks[0]
+    if f.rank == 0:
+        raise InputError("`data` determine nothing: all states and inputs are 0")
+    running.need("the models", 4 * 8 * given.size * given.n * (f.rank + len(f.columns)))
+    with np.errstate(over="ignore", invalid="ignore"):
+        S, t = coordinates(given, least)
+    if not np.isfinite(S).all() or not np.isfinite(np.vdot(S, S)):
+        raise NonFiniteError("the squares of the data and the models overflow: scale them down")
+    shrink = validation.flag("shrink", shrink)
+    differences = (S - t).reshape(given.size, -1)
+    fit = solve(Ensemble.from_samples(differences), np.zeros(differences.shape[1]), options)
+    weights, share = fit.weights / fit.weights.sum(), 0.0
+    if shrink:
+        share = _core.hull_share(position(S, t, weights), noise_of(least))
+    assert fit.gap is not None
+    fused = FusedModel(given, least, weights, share, fit.gap, fit.status)
+    own = [text for text in fused.warnings if text not in least.warnings]
+    if own:
+        more = len(own) - 1
+        rest = f"; {show.number_of(more, 'more warning')}: see fused.warnings" if more else ""
+        warnings.warn(DataWarning(own[0] + rest), stacklevel=3)
+    return fused
 
 
-def of_senders(ensembles: Sequence[object]) -> Ensemble:
-    """The realizations of several senders, one after another."""
-    given = [validation.instance("ensemble", one, Ensemble) for one in ensembles]
-    if not given:
-        raise InputError("`ensemble` must have at least one Ensemble, got an empty list")
-    for k, one in enumerate(given):
-        if one.shape != given[0].shape:
-            raise ShapeError(
-                f"`ensemble[{k}]` must have shape {given[0].shape} as the first, got {one.shape}"
-            )
-    entries = sum(one.size for one in given) * math.prod(given[0].shape)
-    running.need("the realizations of all senders", 3 * 8 * entries)
-    centres = {one.centre for one in given}
-    centre = centres.pop() if len(centres) == 1 else None
-    return Ensemble.from_samples(np.concatenate([one.dense() for one in given]), centre=centre)
+def _least_squares(given: SystemEnsemble, data: object, noise: Any) -> Model:
+    """Least squares of the data, with what was declared; refused where the method needs more."""
+    if isinstance(data, Model):
+        if noise is not None:
+            raise InputError("`noise` must be left out: `data` is a model that has it")
+        least = data
+    elif isinstance(data, Identified):
+        raise InputTypeError(f"`data` must be Trajectories or a Model, got {validation.show(data)}")
+    else:
+        for one in data if isinstance(data, (list, tuple)) else [data]:
+            if getattr(one, "outputs", ()):
+                raise InputError(
+                    "`data` must have states, got readings: models of states cannot be weighed by "
+                    "readings of some of them; pass runs with all states of the models, states="
+                )
+        least = identify(data, noise=noise, intercept=given.c is not None)  # type: ignore[arg-type]
+    least._require_states("data")
+    require_fit("data", least, given)
+    validation.same_dt("data", least.dt, given.dt, "the models")
+    if (law := least.assumptions.noise) != "gaussian":
+        raise InputError(f"`data` must be identified with Gaussian noise, got '{law}'")
+    return least
 
 
-def checked_goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
-    """Check the target that a method fits to."""
-    if target is None:
+def _models(models: object, data: object, independent: bool) -> SystemEnsemble:
+    """The models, refused where they are known to be made of the data."""
+    if isinstance(models, SystemEnsemble):
+        given = models
+    else:
+        items = validation.items("ensemble", models)
+        for k, one in enumerate(items):
+            if isinstance(one, Identified):
+                _apart_from(k, one, data, independent)
+        given = _stack(items)
+    if given.centre == "estimate" and not independent:
         raise InputError(
-            f"`target` is required for method '{method}': the vector or matrix to fit to "
-            "(a nominal model or a held-out estimate)"
+            "`ensemble` scatters about an estimate from data: models fitted on the same data look "
+            "better than they are, and no region holds; pass independent=True if they are from "
+            "other data"
         )
-    goal = validation.array("target", target, ndim=(1, 2))
-    if goal.shape != ensemble.shape:
-        raise ShapeError(
-            f"`target` must have shape {ensemble.shape} as a realization, got {goal.shape}"
-        )
-    return goal
+    return given
 
 
-def checked_ensemble(ensemble: object, method: object) -> tuple[Ensemble, Method]:
-    """Check that realizations are an Ensemble, and the name of their method."""
-    if not isinstance(ensemble, Ensemble):
-        raise InputTypeError(
-            "`ensemble` must be an Ensemble (see `sample`, `Ensemble.from_samples`), "
-            f"got {type(ensemble).__name__}"
-        )
-    return ensemble, validation.choice("method", method, METHODS)
+def _apart_from(k: int, one: Identified, data: object, independent: bool) -> None:
+    """Refuse a model that was fitted on some of the data."""
+    own = getattr(one, "data", None)
+    if own is None:
+        if not independent:
+            raise InputError(
+                f"`ensemble[{k}]` is a model from data that it does not keep: pass "
+                "independent=True if they are other data than `data`"
+            )
+        return
+    sets = [data] if not isinstance(data, (list, tuple)) else data
+    for other in sets:
+        rows = getattr(other, "data", other)
+        if hasattr(rows, "_rows") and shared_rows(own, rows):
+            raise InputError(
+                f"`ensemble[{k}]` was fitted on pairs that are also in `data`: it looks better "
+                "than it is, and no region holds; fit it on other runs, see data.split()"
+            )
+
+
+def shared_rows(a: Any, b: Any) -> int:
+    """How many different pairs (x, u, x_next) two data sets share, aligned by name."""
+    if a._rows.shape[1] != b._rows.shape[1]:
+        return 0
+    try:
+        named = (Labels(one.state_names, one.input_names) for one in (b, a))
+        order = order_of("data", *named)
+    except InputError:  # of other signals
+        return 0
+    x, u, x_next = b.pairs()
+    mine = np.hstack([order.of_states(x), order.of_inputs(u), order.of_states(x_next)])
+    return numbers.shared(a._rows, mine)
+
+
+def _stack(items: list[Any]) -> SystemEnsemble:
+    """One ensemble of systems, pairs (A, B) and models from data."""
+    made = SystemEnsemble.from_systems(
+        [one.system if isinstance(one, Identified) else one for one in items]
+    )
+    models = [one if isinstance(one, Identified) else None for one in items]
+    if all(one is None or one.c is None for one in models):
+        return made
+    c = np.zeros((made.size, made.n))
+    for k, one in enumerate(models):
+        if one is not None and one.c is not None:
+            c[k] = order_of(f"systems[{k}]", one.labels, made.labels).of_states(one.c)
+    return replace(made, c=c)

@@ -7,8 +7,9 @@ hold arrays of the size of the problem, never the realizations.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
 
@@ -35,6 +36,13 @@ Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown", "es
 # Up to this relative difference the 1-norms of an average of singletons and of its law count as
 # equal: far above the rounding of pairwise sums, far below what another law makes of them.
 _SAME_NORM = 1e-9
+# The fields that must be known, by kind.
+_REQUIRED: dict[Kind, tuple[str, ...]] = {
+    "exact": ("values",),
+    "iid": ("values", "size"),
+    "systematic": ("values", "size"),
+    "fitted": ("values", "estimate"),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,25 +74,18 @@ class Known(Record):
     kind: Kind
     estimate: Floats | None
     values: Floats | None = None
-    size: int | None = None
+    size: Annotated[int, validation.size] | None = None
     axis: Axis = "columns"
     key: Key | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for what in ("estimate", "values"):
-            if getattr(self, what) is not None:
-                validation.kept(f"{what} of {self.name}", getattr(self, what))
-        if self.size is not None:
-            validation.size("size", self.size)
-        drawn = self.kind in ("iid", "systematic")
-        for what, missing in (
-            ("values", self.values is None and (drawn or self.kind in ("exact", "fitted"))),
-            ("estimate", self.estimate is None and self.kind == "fitted"),
-            ("size", self.size is None and drawn),
-        ):
-            if missing:
-                raise InputError(f"`{what} of {self.name}` must be known for kind '{self.kind}'")
+        for field in ("estimate", "values", "size"):
+            value = getattr(self, field)
+            if value is None and field in _REQUIRED.get(self.kind, ()):
+                raise InputError(f"`{field} of {self.name}` must be known for kind '{self.kind}'")
+            if isinstance(value, np.ndarray):
+                validation.kept(f"{field} of {self.name}", value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +103,7 @@ class Basis(Record):
         ``||C_K (u - v)||`` for their ``C_K``, and ``||u - v||``.
     """
 
-    B: Floats
+    B: Annotated[Floats, "state input"]
     x0: Known
     xf: Known
     A: Known
@@ -110,12 +111,11 @@ class Basis(Record):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for off in self.rounding:
-            if not (isinstance(off, float) and off >= 0.0):
-                raise InputError(f"`rounding` must be two numbers >= 0, got {validation.show(off)}")
-        n = len(validation.kept("B", self.B, ndim=(2,)))
+        if not min(self.rounding) >= 0.0:
+            raise InputError(f"`rounding` must be two numbers >= 0, got {self.rounding}")
+        n = len(self.B)
         for name, shape in (("x0", (n,)), ("xf", (n,)), ("A", (n, n))):
-            one = validation.instance(name, getattr(self, name), Known)
+            one = getattr(self, name)
             if one.name != name:
                 raise InputError(f"`{name}` must be what is known of {name}, got {one.name!r:.40}")
             for what, array in (("estimate", one.estimate), ("values", one.values)):
@@ -211,17 +211,13 @@ def completed(
             raise InputError("`system.B` differs from the `B` of this plan")
         declared["A"] = np.asarray(checked.A)
     entities = {e.name: _declare(e, declared.get(e.name), what) for e in basis.entities}
-    seen: dict[Key, str] = {}
-    for entity in entities.values():
-        if entity.key is None:
-            continue
-        if entity.key in seen:
+    for one, other in itertools.combinations(entities.values(), 2):
+        if one.key is not None and one.key == other.key:
             raise InputError(
-                f"`{seen[entity.key]}` and `{entity.name}` were drawn with the same key, so they "
-                "are not independent: draw with key.child(name), or with one Generator"
+                f"`{one.name}` and `{other.name}` were drawn with the same key, so they are not "
+                "independent: draw with key.child(name), or with one Generator"
             )
-        seen[entity.key] = entity.name
-    x0_known, xf_known, A_known = (entities[entity.name] for entity in basis.entities)
+    x0_known, xf_known, A_known = entities.values()
     return trusted(Basis, basis.B, x0_known, xf_known, A_known, basis.rounding)
 
 

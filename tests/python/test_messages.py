@@ -95,7 +95,7 @@ CALLS += [
     (lambda: se.Key(b"short"), "`bytes32` must have 32 bytes, got 5"),
     (lambda: se.fuse(PAIRS, "alse"), "`target` is required"),
     (lambda: se.fuse(PAIRS, "als", target=W), "`method` must be one of "),
-    (lambda: se.fuse(PAIRS, "slse", target=W, time_limit=1.0), "`time_limit` must be None for me"),
+    (lambda: se.fusion.Alse(time_limit=0.0), "`time_limit` must be > 0"),
     (lambda: se.fuse_path(PAIRS, [3, 2], target=W), "`sizes[1]` is 2 after 3: sizes must increa"),
     (lambda: PAIRS.combine([1.0]), "`weights` must have shape (5,), got (1,)"),
     (lambda: se.control(SYSTEM, X0, XF, steps=0), "`steps` must be in [1, "),

@@ -18,11 +18,13 @@ __all__ = [
     "Factors",
     "Feedback",
     "Fitted",
+    "Gate",
     "Horizon",
     "HorizonControl",
     "Keeper",
     "Loop",
     "Pilot",
+    "Readings",
     "Reference",
     "Region",
     "RegionPart",
@@ -776,7 +778,8 @@ _LoopStatus: TypeAlias = Literal[
 
 @final
 class Feedback:
-    def __new__(cls, region: Region, gain: _Floats) -> Feedback: ...
+    # of data in doubt nothing is certified
+    def __new__(cls, region: Region, gain: _Floats, doubted: bool = False) -> Feedback: ...
     @property
     def status(self) -> _LoopStatus: ...
     # proved upper and unproved lower bound of rho g, spectral radius of the centre
@@ -808,6 +811,44 @@ class Feedback:
     # how far states and inputs are at rest from (xs, us), and the 2-norm of the states
     def rest(self, xs: _Floats, us: _Floats) -> tuple[_Floats, float]: ...
     def holds(self, limits: _Floats, x0: _Floats | None) -> tuple[float, float | None]: ...
+
+@final
+class Gate:
+    # None where no bound of the noise is known
+    @staticmethod
+    def of(region: Region, false_alarm: float) -> Gate | None: ...
+    # how far off readings are, in widths of the gate, behind a known window
+    def excess(self, off: _Floats, z: _Floats, seen: list[bool]) -> float: ...
+
+@final
+class Readings:
+    # signals: the mean of the outputs, and what is not known of outputs and inputs at first;
+    # disturbance: its effect, its gain, the covariance of its error; limits: us, low, high
+    def __new__(
+        cls,
+        window: Window,
+        theta: _Floats,
+        noise: _Floats,
+        signals: tuple[_Floats, _Floats],
+        gate: Gate | None,
+        disturbance: tuple[_Floats, _Floats, _Floats],
+        limits: tuple[_Floats, _Floats, _Floats],
+        max_missing: int,
+    ) -> Readings: ...
+    # what was predicted, the disturbance, how far off in widths of the gate, whether believed; x
+    def step(
+        self, y: _Floats, seen: list[bool], acted: _Floats, d: _Floats, started: bool
+    ) -> tuple[_Floats | None, _Floats, float, bool, Literal["lost", "waits", "runs"], _Floats]: ...
+    def start(self, x: _Floats) -> None: ...
+    # x, whether it is known, excess, complete readings in a row, calls, readings of each output,
+    # whether it is stuck
+    @property
+    def now(self) -> tuple[_Floats, bool, float, int, int, list[int], bool] | None: ...
+    # of the window and of that with what was rejected, and how many readings in a row were
+    def state(self) -> tuple[_Floats | None, _Floats | None, int]: ...
+    def resume(
+        self, now: _Floats | None = None, raw: _Floats | None = None, rejected: int = 0
+    ) -> None: ...
 
 @final
 class Keeper:

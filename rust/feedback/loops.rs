@@ -7,7 +7,7 @@ use crate::memory::{covered, room_for_products};
 use crate::parallel::Stop;
 use crate::region::Region;
 
-use super::certificate::{Certificate, judged};
+use super::certificate::{Certificate, Status, judged};
 use super::data::{Closed, Matrix, Uncertain, WHAT, entries, in_units, matrix, scaled};
 use super::lemma::least;
 use super::verify::{Claim, verify};
@@ -80,6 +80,15 @@ impl Loop {
             certificate.proof = proof.as_ref().map(|root| entries(&in_units(root, &data.unit, &data.ones(data.n))));
             Ok(Self { data, closed, certificate, proof })
         })?
+    }
+
+    /// The same, for data that are in doubt: nothing is certified.
+    #[must_use]
+    pub fn doubted(mut self) -> Self {
+        let of = &mut self.certificate;
+        (of.status, of.norm, of.proof, of.member) = (Status::Undetermined, f64::INFINITY, None, None);
+        self.proof = None;
+        self
     }
 
     /// What is proved.

@@ -4,7 +4,7 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 
 use crate::error::{Error, Result};
-use crate::memory::covered;
+use crate::memory::{covered, try_copy};
 
 use super::certificate::Status;
 use super::data::{Matrix, WHAT, lost, scaled, size_of};
@@ -27,6 +27,33 @@ struct AtRest {
 }
 
 impl Loop {
+    /// Where the centre rests under `u = us + K (x - xs)`, states and inputs; the set point itself unless the gain is certified,
+    /// as it may rest nowhere.
+    pub(super) fn centre_at_rest(&self, xs: &[f64], us: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
+        let data = &self.data;
+        if xs.len() != data.n || us.len() != data.m {
+            let found = format!("{} and {}", xs.len(), us.len());
+            let expected = format!("{} entries, and {} of inputs", data.n, data.m);
+            return Err(Error::Shape { name: "xs", expected, found });
+        }
+        let (mut x, mut u) = (try_copy(WHAT, xs)?, try_copy(WHAT, us)?);
+        if self.certificate.status != Status::Certified {
+            return Ok((x, u));
+        }
+        covered(WHAT, bytes(data.n, data.region.d), || {
+            let point = Mat::from_fn(data.n, 1, |i, _| xs[i] / data.unit[i]);
+            let mut moved = &data.a * &point + &data.b * Mat::from_fn(data.m, 1, |j, _| us[j]) - &point;
+            if let Some(c) = &data.c {
+                moved += c;
+            }
+            let off = (Mat::<f64>::identity(data.n, data.n) - &self.closed.a0).partial_piv_lu().solve(&moved);
+            let inputs = &self.closed.k * &off;
+            x.iter_mut().enumerate().for_each(|(i, x)| *x += data.unit[i] * off[(i, 0)]);
+            u.iter_mut().enumerate().for_each(|(j, u)| *u += inputs[(j, 0)]);
+            (x, u)
+        })
+    }
+
     /// None unless the gain is certified and the data determine the point.
     fn at_rest(&self, xs: &[f64], us: &[f64]) -> Result<Option<AtRest>> {
         let data = &self.data;

@@ -5,7 +5,7 @@ use faer::Mat;
 
 use crate::error::{Error, Result};
 use crate::identify::normal_quantile;
-use crate::memory::{checked_len, covered};
+use crate::memory::{checked_len, covered, try_collect};
 use crate::parallel::Stop;
 
 use super::certificate::{Status, weighted};
@@ -36,8 +36,7 @@ pub struct Run<'a> {
     pub plan: &'a [f64],
     /// `||x(0) - x0||` is at most this.
     pub start: f64,
-    /// The set point (xs, us) of `u = us + K (x - xs)`: `x0` and the states and inputs of the centre are differences from it,
-    /// and the members rest beside it.
+    /// The set point (xs, us) of `u = us + K (x - xs)`, beside which the members rest.
     pub rest: Option<(&'a [f64], &'a [f64])>,
     /// Bound of the covariance of Gaussian noise (n, n), and the probability that is given away for it.
     pub noise: Option<(&'a [f64], f64)>,
@@ -102,6 +101,32 @@ impl Loop {
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
     pub fn tube(&self, run: Run<'_>, stop: &Stop) -> Result<Tube> {
+        let (n, q) = (self.data.n, self.data.n + self.data.m);
+        let mut found = match run.rest {
+            None => self.along_run(run, stop)?,
+            Some((xs, us)) => {
+                let (x, u) = self.centre_at_rest(xs, us)?;
+                let begin = try_collect(WHAT, run.x0.iter().zip(&x).map(|(x0, x)| x0 - x))?;
+                let mut found = self.along_run(Run { x0: &begin, rest: Some((&x, &u)), ..run }, stop)?;
+                // the same inputs as a plan: what W z_s adds over K steps, sharper than its sum for ever
+                let inputs = found.nominal.chunks_exact(q).take(run.steps).flat_map(|row| row[n..].iter().copied());
+                let plan = try_collect(WHAT, inputs)?;
+                let along = self.along_run(Run { plan: &plan, rest: None, noise: None, ..run }, stop)?;
+                found.model.iter_mut().zip(along.model).for_each(|(to, other)| *to = to.min(other));
+                found.radii.iter_mut().zip(along.radii).for_each(|(to, other)| *to = to.min(other));
+                found
+            }
+        };
+        let Tube { model, start, radii, noise, noise_radius, later, reach, .. } = &mut found;
+        for bounds in [model, start, radii, noise, later, reach] {
+            bounds.iter_mut().filter(|bound| bound.is_nan()).for_each(|bound| *bound = f64::INFINITY);
+        }
+        *noise_radius = if noise_radius.is_nan() { f64::INFINITY } else { *noise_radius };
+        Ok(found)
+    }
+
+    /// Of a run about a set point `x0` and the states and inputs of the centre are differences from where the centre rests.
+    fn along_run(&self, run: Run<'_>, stop: &Stop) -> Result<Tube> {
         let (n, m) = (self.data.n, self.data.m);
         let square = run.noise.is_none_or(|(covariance, _)| covariance.len() == n * n);
         if run.x0.len() != n || !square {

@@ -30,11 +30,14 @@ pub(super) struct PyFeedback {
 
 #[pymethods]
 impl PyFeedback {
+    /// Of data in doubt nothing is certified.
     #[new]
-    fn new(py: Python<'_>, region: &Bound<'_, PyRegion>, gain: Matrix<'_>) -> PyResult<Self> {
+    #[pyo3(signature = (region, gain, doubted=false))]
+    fn new(py: Python<'_>, region: &Bound<'_, PyRegion>, gain: Matrix<'_>, doubted: bool) -> PyResult<Self> {
         let (region, (m, n)) = (&region.get().0, gain.as_array().dim());
         let gain = slice("K", &gain)?;
-        Ok(Self { of: Arc::new(run(py, UNTIL_STOPPED, |stop| Loop::new(region, gain, stop))?), n, m })
+        let of = run(py, UNTIL_STOPPED, |stop| Loop::new(region, gain, stop))?;
+        Ok(Self { of: Arc::new(if doubted { of.doubted() } else { of }), n, m })
     }
 
     #[getter]

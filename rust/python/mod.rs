@@ -25,6 +25,7 @@ mod limited;
 mod limits;
 mod outputs;
 mod pilot;
+mod readings;
 mod realizations;
 mod region;
 mod run;
@@ -86,6 +87,8 @@ mod _core {
     use super::outputs::{entered_region, output_tube};
     #[pymodule_export]
     use super::pilot::{PyPilot, PyReference};
+    #[pymodule_export]
+    use super::readings::{PyGate, PyReadings};
     #[pymodule_export]
     use super::region::{PyErrors, PyPart, PyRegion, certify, followed_inputs};
     #[pymodule_export]

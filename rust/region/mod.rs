@@ -12,12 +12,14 @@ mod hull;
 mod models;
 mod part;
 mod projection;
+mod readings;
 
 pub use entering::Entering;
 pub use hull::{Mixture, Noise, Place, between};
 pub use models::Region;
 pub use part::{Part, PartOf};
 pub use projection::DIRECTIONS;
+pub use readings::{Disturbance, Gate, Readings, Step};
 
 pub(crate) use part::times;
 

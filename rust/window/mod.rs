@@ -10,6 +10,7 @@
 //! `tests/python/twin/windows.py`.
 
 mod burn;
+mod filter;
 mod linear;
 mod log_tests;
 mod order;
@@ -17,6 +18,7 @@ mod rest;
 mod shape;
 
 pub use burn::{burn, readings_over_noise};
+pub use filter::{Contents, Filter};
 pub use linear::Linear;
 pub use log_tests::{Log, Logged, declared_tests, log_tests};
 pub use order::{Choice, Search, choose};

@@ -96,6 +96,11 @@ impl Window {
         }
     }
 
+    /// Whether the first entries of x are the last readings themselves.
+    pub(super) const fn lags(&self) -> bool {
+        matches!(self.kind, Kind::Lags(_))
+    }
+
     /// The number d of entries of z.
     #[must_use]
     pub const fn length(&self) -> usize {

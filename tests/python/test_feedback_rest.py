@@ -9,6 +9,7 @@ import stochens_rs as se
 from coverage_study import at_most
 from declarations import opts
 from stochens_rs.exceptions import InputError
+from stochens_rs.feedback.certificate import noise_bound
 from test_feedback import CENTRE, K, S, V, judged, white
 
 A, B = np.array([[1.1, 0.2], [-0.3, 0.9]]), np.array([[0.0], [1.0]])
@@ -156,7 +157,7 @@ def test_the_covariance_is_bounded_as_often_as_said():
     gen, over = np.random.default_rng(4), 0
     for _ in range(400):
         proof = se.gain(of_data(gen, N=20, declared=False), 1.0, 0.1).certificate(0.1)
-        covariance, left = proof._noise("noise", 0.2)
+        covariance, left = noise_bound(proof, "noise", 0.2)
         assert left == 0.1
         over += np.linalg.eigvalsh(covariance)[0] < 0.05**2
     at_most(over, 400, 0.1)

@@ -118,7 +118,7 @@ RECORDS = {
     ),
     "Tracking": (
         lambda: se.track(SYSTEM, [X0, XF, X0], 99, rng=1),
-        ["2", "realizations N per step", "off by", "<polyline"],
+        ["size", "99", "off by", "<polyline"],
     ),
     "SamplePlan": (
         lambda: se.required_samples(SYSTEM, X0, X0, 0.3, rng=1),

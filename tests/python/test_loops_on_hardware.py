@@ -15,7 +15,7 @@ from hidden_outputs import Arx, Belt
 from stochens_rs import _core
 from stochens_rs.controls import of_model as resting
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
-from stochens_rs.loops import window as gate
+from stochens_rs.loops import readings as gate
 from test_feedback import S, V, white
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -158,6 +158,7 @@ def test_true_readings_pass_the_gate_as_often_as_said(monkeypatch):
             system.data(14, 50, rng), checks=False, window=se.Window(lags=system.lags)
         )
         own, J, window = gate.gate_of(model), model._loop.J, model.window
+        centre = model.region(0.05, method="mixture").centre
         for noise in rejected:
             y, u = system.run(20, rng)
             x = window.state_of(y, u)
@@ -165,8 +166,8 @@ def test_true_readings_pass_the_gate_as_often_as_said(monkeypatch):
                 act = np.clip(system.K @ y[-1], -1.0, 1.0)
                 read = system.follow(y[-9:], u[-9:], [act], rng, noise)[0]
                 z = J @ np.concatenate([x, act])
-                off = read - own.centre @ z
-                rejected[noise] += own.excess(off, z, np.ones(len(read), dtype=bool), None) > 1.0
+                off = read - centre @ z
+                rejected[noise] += own.excess(off, z, [True] * len(read)) > 1.0
                 read = system.follow(y[-9:], u[-9:], [act], rng, 1.0)[
                     0
                 ]  # the loop goes on as usual
@@ -180,8 +181,8 @@ def test_the_gate_stands_where_the_tests_of_the_log_withhold_certificates(belt):
     _, model, _ = belt
     doubted = se.identify(model.data, checks=False, window=se.Window(filters=(0.6, 4)))
     assert "memory" in doubted._faults
-    given = np.ones(model.window.length), np.ones(2), np.ones(2, dtype=bool), None
-    one, other = (gate.gate_of(m).excess(given[1], given[0], *given[2:]) for m in (model, doubted))
+    given = np.ones(2), np.ones(model.window.length), [True, True]
+    one, other = (gate.gate_of(m).excess(*given) for m in (model, doubted))
     assert one == other
 
 
@@ -198,12 +199,12 @@ def test_the_size_of_the_gate_is_its_formula(belt):
         z, off = rng.standard_normal(model.window.length), rng.standard_normal(2)
         size = np.linalg.norm(T @ D, 2) * np.linalg.norm(np.asarray(part.white) @ z)
         wanted = (np.linalg.norm(T @ off) - size) / 4.798525912189
-        found = own.excess(off, z, np.ones(2, dtype=bool), None)
+        found = own.excess(off, z, [True, True])
         assert found == pytest.approx(wanted, rel=1e-6)
         one = (abs(off[1]) - np.sqrt(D[1] @ D[1]) * size / np.linalg.norm(T @ D, 2)) / np.sqrt(
             noise[1, 1]
         )
-        found = own.excess(off, z, np.array([False, True]), None)
+        found = own.excess(off, z, [False, True])
         assert found == pytest.approx(one / 4.417173413470, rel=1e-6)
 
 

@@ -219,7 +219,7 @@ def test_the_window_the_limits_and_the_log():
     applied = np.zeros(system.m)
 
     def next_reading(acted):
-        return model._H @ model._loop.J @ np.concatenate([loop._now.x, acted])
+        return model._H @ model._loop.J @ np.concatenate([loop._window.now[0], acted])
 
     read = next_reading(applied) + 0.02
     np.testing.assert_array_equal(loop(read, applied=applied), copy(read, applied=applied))
@@ -230,7 +230,7 @@ def test_the_window_the_limits_and_the_log():
     np.testing.assert_allclose(loop.log[-1].predicted, predicted)
     assert np.isnan(loop.log[-1].y[0])
     off = np.concatenate([[0.0], (read - predicted)[1:]])
-    np.testing.assert_allclose(loop.disturbance, before + loop._gain @ off)
+    np.testing.assert_allclose(loop.disturbance, before + loop._along @ loop._gain @ off)
     loop.reset()
     assert not loop.full
     assert not loop.log
@@ -249,11 +249,11 @@ def test_missing_readings():
     assert len(held) == 2
     assert "nan cannot have been measured" in held[0].reason
     # a refused call leaves the loop as it was
-    now, calls = loop._now, loop.calls
+    now, calls = loop._window.state(), loop.calls
     for wrong, error in (([1.0] * 7, ShapeError), ("word", InputTypeError)):
         with pytest.raises(error, match="`y`"):
             loop(wrong)
-    assert loop._now is now
+    np.testing.assert_array_equal(loop._window.state()[0], now[0])
     assert loop.calls == calls
 
 
@@ -268,7 +268,7 @@ def test_the_certificate_of_a_loop_with_its_estimate():
     region, J, H = model.region(0.05), model._loop.J, model._H
     part = region.parts[0]
     K, E, P = loop._policy, loop._rest.states, loop._along
-    g, Kd, r = loop._rest.outputs @ P, loop._inner[0], P.shape[1]
+    g, Kd, r = loop._rest.outputs @ P, loop._gain, P.shape[1]
     F = np.hstack([K, (K @ E - np.eye(m)) @ P])
     join = np.vstack([np.eye(n, n + r), F])
     root = np.linalg.cholesky(np.asarray(part.S) * part.factor)

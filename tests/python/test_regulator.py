@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import html
 import pickle
 import threading
 
@@ -18,6 +19,7 @@ from twin.limited_control import solve
 from twin.limited_problems import objective, several_steps, softened, state_rows
 from twin.receding import regulate as twin
 
+LOST = [np.nan, np.nan]
 A, B = np.array([[1.0, 0.3], [-0.1, 0.9]]), np.array([[0.0], [0.1]])
 
 
@@ -164,14 +166,13 @@ def test_a_copy_goes_on_with_the_same_bits(again, held):
     loop = made()
     _, x = driven(loop, np.array([3.0, 1.0]), 7)
     for _ in range(held):
-        loop(hold=True)
+        loop(LOST)
     other = again(loop)
     assert np.any(loop._solver.warm())
     assert np.array_equal(other._solver.warm(), loop._solver.warm())
     assert other.calls == loop.calls == 7 + held
-    assert other.held == held
     assert [call.seconds for call in other.log] == [call.seconds for call in loop.log]
-    assert np.array_equal(loop(hold=True), other(hold=True))
+    assert np.array_equal(loop(LOST), other(LOST))
     u, v = driven(loop, x, 10)[0], driven(other, x, 10)[0]
     assert np.array_equal(u, v)
     assert [call.gap for call in loop.log][-5:] == [call.gap for call in other.log][-5:]
@@ -181,34 +182,23 @@ def test_a_copy_goes_on_with_the_same_bits(again, held):
 
 def test_a_held_input_is_the_next_of_the_plan():
     loop = made()
-    with pytest.raises(InputError, match=r"^`hold` must be False before the first plan"):
-        loop(hold=True)
+    assert np.array_equal(loop(LOST), [0.0])
     loop([3.0, 1.0])
     plan = loop.plan
-    # whatever x is: it is not looked at
-    given = [None, [np.nan, 0.0], "lost", [1.0], None]
-    for k, x in enumerate(given, start=1):
-        assert np.array_equal(loop(x, hold=True), plan[k])
-        assert loop.held == k
-    with pytest.raises(InputError, match=r"has 5 inputs to hold, and all are used"):
-        loop(hold=True)
-    assert (loop.held, loop.calls) == (5, 6)
-    assert [call.status for call in loop.log] == ["optimal"] + 5 * ["held"]
-    assert all(call.x is None and np.isnan(call.gap) for call in loop.log[1:])
+    for k, x in enumerate([LOST, [np.nan, 0.0], [1e308, 0.0], LOST, LOST, LOST, LOST], start=1):
+        assert np.array_equal(loop(x), plan[min(k, 5)])
+    assert loop.calls == 9
+    assert [call.status for call in loop.log] == ["held", "optimal"] + 7 * ["held"]
+    assert all(call.reason and np.isnan(call.gap) for call in loop.log[2:])
     loop([3.0, 1.0])
-    assert loop.held == 0
-    assert np.array_equal(loop(hold=True), loop.plan[1])
-    one = se.regulate((A, B), 1, limits=(-1.0, 1.0))
-    one([1.0, 0.0])
-    with pytest.raises(InputError, match=r"a plan over 1 step has 0 inputs to hold"):
-        one(hold=True)
+    assert np.array_equal(loop(LOST), loop.plan[1])
 
 
 BAD = {
     "short": ([1.0], ShapeError, r"\(2,\)"),
     "matrix": ([[1.0, 2.0]], ShapeError, r"\(2,\)"),
     "text": ("state", InputTypeError, "x"),
-    "none": (None, InputError, "hold=True"),
+    "none": (None, InputTypeError, "real floats"),
     "complex": ([1j, 0.0], InputTypeError, "real floats"),
     "bool": ([True, 0.0], InputTypeError, "real floats"),
     "date": (np.array([0, 1], dtype="datetime64[D]"), InputTypeError, "real floats"),
@@ -224,16 +214,16 @@ def test_a_call_that_raises_changes_nothing(name):
     start = np.array([3.0, 1.0])
     driven(loop, start, 4)
     driven(same, start, 4)
-    loop(hold=True)
-    same(hold=True)
+    loop(LOST)
+    same(LOST)
     plan, log = loop.plan, loop.log
     for _ in range(3):
         with pytest.raises(error, match=text):
             loop(x)
-    assert (loop.calls, loop.held) == (5, 1)
+    assert loop.calls == 5
     assert np.array_equal(loop.plan, plan)
     assert loop.log == log
-    assert np.array_equal(loop(hold=True), same(hold=True))
+    assert np.array_equal(loop(LOST), same(LOST))
     assert np.array_equal(driven(loop, start, 10)[0], driven(same, start, 10)[0])
 
 
@@ -255,7 +245,7 @@ def test_another_model_swaps_in_between_steps():
     other = A + 0.1, 2.0 * B
     loop.swap(other)
     assert np.array_equal(loop.plan, plan)  # to hold from
-    assert np.array_equal(loop(hold=True), plan[1])
+    assert np.array_equal(loop(LOST), plan[1])
     fresh = se.regulate(other, 6, limits=(-0.5, 1.0), cost=se.Cost(Q=[1.0, 0.1], R=0.01))
     assert np.allclose(loop(x), fresh(x), rtol=1e-12, atol=1e-12)
     before = loop.plan
@@ -441,6 +431,52 @@ def test_the_log_is_a_ring():
     assert loop.log[0].x[0] == 5.0
 
 
+def test_what_is_shown():
+    loop = made()
+    assert repr(loop) == "<Regulator: n=2 m=1, 6 steps, 0 calls>"
+    assert "held in a row" not in loop._repr_html_()
+    loop([3.0, 1.0])
+    loop(LOST)
+    assert repr(loop) == ("<Regulator: n=2 m=1, 6 steps, 2 calls, the last: 1 optimal, 1 held>")
+    shown = loop._repr_html_()
+    assert "(-0.5) to (1)" in shown
+    assert "held in a row" in shown
+    assert "µs" in shown
+
+
+# -- figures ---------------------------------------------------------------------------------------
+
+
+def test_the_figure_of_a_loop():
+    pytest.importorskip("matplotlib")
+    loop = made()
+    with pytest.raises(InputError, match=r"^the log is empty"):
+        loop.plot()
+    driven(loop, np.array([3.0, 1.0]), 40)
+    loop(LOST)
+    figure = loop.plot()
+    labels = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert labels == ["target", "state", "limits", "input", "at its limit", "held"]
+    assert [ax.get_ylabel() for ax in figure.axes] == [
+        "x[0]",
+        "x[1]",
+        "u[0]",
+        "time of a call [µs]",
+    ]
+    inputs = figure.axes[2]
+    thin, thick = (patch.get_data().values for patch in inputs.patches)
+    assert np.array_equal(thin, [call.u[0] for call in loop.log])
+    active = (thin == -0.5) | (thin == 1.0)
+    assert 0 < active.sum() < 41
+    assert np.array_equal(np.isfinite(thick), active)
+    assert np.array_equal(thick[active], thin[active])
+    held = next(line for line in inputs.lines if line.get_label() == "held")
+    assert held.get_xdata().tolist() == [40.5]
+    band = inputs.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (-0.5, 1.0)
+    assert np.isnan(figure.axes[0].lines[1].get_ydata()[-1])  # no state is known there
+
+
 # -- the closed loop -------------------------------------------------------------------------------
 
 
@@ -457,7 +493,7 @@ def test_track_with_a_regulator_is_the_loop_by_hand():
     assert run.info["statuses"] == {"optimal": 20}
     assert run.info["controller"] == "Regulator"
     assert np.array_equal(run.info["limits"], [[-0.5], [1.0]])
-    assert "20 optimal" in run._repr_html_()
+    assert "{'optimal': 20}" in html.unescape(run._repr_html_())
     assert repr(run).startswith("<Tracking: 20 steps, m=1, optimal, last error")
 
 

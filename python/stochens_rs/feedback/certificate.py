@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -104,56 +104,6 @@ class LoopCertificate(SavedRecord):
         if (self.status == "certified") != (self.proof is not None):
             raise InputError("`proof` must be given where `status` is 'certified', and only there")
 
-    @classmethod
-    def _judged(
-        cls,
-        region: Region,
-        K: Floats,
-        labels: Labels,
-        model: Identified,
-        squares: tuple[Floats | None, int] = (None, 0),
-        target: Floats | None = None,
-    ) -> LoopCertificate:
-        """The verdict about a gain; doubts about the data of the model leave nothing to certify."""
-        doubt = model.doubts[0] if model.doubts else _no_effect(region, K, model)
-        found = _core.Feedback(region._core, np.ascontiguousarray(K))
-        status, member = found.status, found.member
-        reason = None
-        if doubt is not None:
-            status, reason, member = "undetermined", doubt, None
-        elif status == "undetermined":
-            reason = "the region is unbounded: too few data"
-            if np.isfinite(region.radius):
-                along = ", ".join(region.missing[:3]) or "what is outside the span it was made for"
-                reason = f"the data do not determine the system along {along}"
-        warnings = tuple(one for one in model.warnings if one != doubt)
-        window = model.window if isinstance(model, Model) else None
-        if window is not None and status in ("refuted", "not provable", "undecided"):
-            warnings = (*window.long, *warnings)
-        norm, least, radius = found.sizes
-        proof = found.proof if status == "certified" else None
-        made = trusted(
-            cls,
-            region=region,
-            K=K,
-            status=status,
-            norm=np.inf if doubt is not None else norm,
-            least=least,
-            spectral_radius=radius,
-            proof=None if proof is None else validation.frozen(proof),
-            multipliers=validation.frozen(found.multipliers),
-            member=None if member is None else validation.frozen(member),
-            labels=labels,
-            dt=model.dt,
-            reason=reason,
-            residual=squares[0],
-            degrees=squares[1],
-            warnings=warnings,
-            target=None if target is None else validation.frozen(target),
-        )
-        vars(made)["_core"] = found  # so that it is not computed again
-        return made
-
     def _verify(self) -> None:
         norm, *others = self._core.sizes
         if not np.allclose(others, (self.least, self.spectral_radius), rtol=1e-3, equal_nan=True):
@@ -174,7 +124,8 @@ class LoopCertificate(SavedRecord):
 
     @cached_property
     def _core(self) -> _core.Feedback:
-        return _core.Feedback(self.region._core, np.ascontiguousarray(self.K))
+        doubted = self.status == "undetermined"
+        return _core.Feedback(self.region._core, np.ascontiguousarray(self.K), doubted)
 
     @property
     def margin(self) -> float:
@@ -283,51 +234,29 @@ class LoopCertificate(SavedRecord):
         radius = validation.nonnegative("start", start)
         if rest is None and self.target is not None and inputs is None:
             rest = self.rest()
+        point = None
         if rest is not None:
             if inputs is not None:
                 raise InputError(
                     "`inputs` must be left out with `rest`: a plan has an end of its own"
                 )
             xs = validation.instance("rest", rest, Rest).states
-            own = np.hstack([xs, rest.inputs])
-            if self._resting(own).to_dict() != rest.to_dict():
+            point = np.ascontiguousarray(xs), np.ascontiguousarray(rest.inputs)
+            if self._resting(*point).to_dict() != rest.to_dict():
                 raise InputError("`rest` must be of this certificate: proof.rest(xs)")
-        noisy = None
-        if noise is not None:
-            noisy = self._noise("noise", noise)
-        point = None if rest is None else self._centre_at_rest(rest)
-        begin = first if point is None else first - point[0]
-        found = self._core.tube(begin, K, plan, radius, noisy, point)
-        nominal, model, begun, radii, spread, size, later, reach = found
+        noisy = None if noise is None else noise_bound(self, "noise", noise)
+        nominal, *bounds = self._core.tube(first, K, plan, radius, noisy, point)
         if not np.isfinite(nominal).all():
             raise NonFiniteError("`x0`, `inputs` and `steps` lead beyond the largest number")
-        for bound in (model, begun, radii, spread, later, reach):
-            bound[np.isnan(bound)] = np.inf
-        size = np.inf if np.isnan(size) else size
-        if point is not None:
-            # the same inputs as a plan: what W z_s adds over K steps, sharper than its sum for ever
-            along = self._core.tube(first, K, nominal[:-1, n:].copy(), radius, None, None)
-            model, radii = np.fmin(model, along[1]), np.fmin(radii, along[3])  # nan: no bound
-        if self.status != "certified":  # the core knows nothing of doubts about the data
-            for bound in (model, begun, radii, spread, later, reach):
-                bound.fill(np.inf)
-            size = np.inf
-        return trusted(
-            Tube,
-            states=validation.frozen(nominal[:, :n]),
-            inputs=validation.frozen(nominal[:-1, n:]),
-            model=validation.frozen(model),
-            start=validation.frozen(begun),
-            state_radii=validation.frozen(radii),
-            noise=validation.frozen(spread),
-            noise_radius=size,
-            later=validation.frozen(later),
-            reach=validation.frozen(reach),
-            delta=self.region.delta,
-            eps=noise,
-            labels=self.labels,
-            dt=self.dt,
-        )
+        about: list[Any] = [self.region.delta, noise, self.labels, self.dt]
+        parts: list[Any] = bounds
+        if self.status != "certified":
+            parts = [one + np.inf for one in parts]
+        fields = [nominal[:, :n], nominal[:-1, n:], *parts, *about]
+        for one in fields:
+            if isinstance(one, np.ndarray):
+                one.flags.writeable = False
+        return Tube(*fields)
 
     def rest(self, xs: ArrayLike | None = None) -> Rest:
         """Bound how far from a set point every system of the region comes to rest.
@@ -363,65 +292,24 @@ class LoopCertificate(SavedRecord):
         >>> rest, proof.tube([0.0], 10, rest=rest).settles(0.1)
         (<Rest: every system rests within 0.137 of (1), 95 %>, 5)
         """
-        region = self.region
-        n, m = region.n, region.m
+        n, m = self.region.n, self.region.m
         if xs is None and self.target is not None:
-            return self._resting(self.target)
+            return self._resting(*np.split(self.target, [n]))
         names = self.labels.states
         point = np.zeros(n) if xs is None else validation.vector("xs", xs, length=n, labels=names)
-        A, B, c = np.split(region.centre, [n, n + m], axis=1)
+        A, B, c = np.split(self.region.centre, [n, n + m], axis=1)
         with np.errstate(over="ignore", invalid="ignore"):
             away = point - A @ point - c.sum(axis=1)
         if not np.isfinite(away).all():
             raise NonFiniteError("`xs` is so large that A xs overflows")
-        return self._resting(np.hstack([point, np.linalg.lstsq(B, away, rcond=None)[0]]))
+        return self._resting(point, np.linalg.lstsq(B, away, rcond=None)[0])
 
-    def _centre_at_rest(self, rest: Rest) -> tuple[Floats, Floats]:
-        """Where the centre rests under ``u = us + K (x - xs)``, its states and inputs."""
-        n, xs = self.region.n, rest.states
-        if self.status != "certified":  # nothing is bounded, and it may rest nowhere
-            return xs, rest.inputs
-        A, B, c = np.split(self.region.centre, [n, n + self.region.m], axis=1)
-        moved = A @ xs + B @ rest.inputs + c.sum(axis=1) - xs
-        off = np.linalg.solve(np.eye(n) - A - B @ self.K, moved)
-        return xs + off, rest.inputs + self.K @ off
-
-    def _resting(self, point: Floats) -> Rest:
+    def _resting(self, xs: Floats, us: Floats) -> Rest:
         """The `Rest` about the states and inputs of a set point."""
-        n = self.region.n
-        xs, us = validation.frozen(point[:n]), validation.frozen(point[n:])
         rows, radius = self._core.rest(xs, us)
-        if self.status != "certified":
-            rows, radius = np.full(len(point), np.inf), np.inf
-        return trusted(
-            Rest,
-            states=xs,
-            inputs=us,
-            components=validation.frozen(rows[:n]),
-            input_components=validation.frozen(rows[n:]),
-            radius=radius,
-            delta=self.region.delta,
-            labels=self.labels,
-        )
-
-    def _noise(self, name: str, eps: float) -> tuple[Floats, float]:
-        """A bound of the covariance, and what is left of `eps` for the noise itself."""
-        left, region = validation.probability(name, eps), self.region
-        if left + region.delta >= 1.0:
-            raise InputError(
-                f"`{name}` must be below 1 - delta = {1.0 - region.delta:g}, got {eps:g}"
-            )
-        if region.noise is not None:
-            return np.ascontiguousarray(region.noise), left
-        if self.residual is None or self.degrees < len(self.residual):
-            raise InputError(
-                f"`{name}` needs a bound of the covariance of Gaussian noise, which this region "
-                "does not have: declare `sigma` or `covariance`, or give more pairs"
-            )
-        # S >= a Sigma but with eps / 2, a the quantile of the smallest root of W_n(nu, I)
-        sizes = region.n, self.degrees
-        a = _core.smallest_quantile(*sizes, left / 2.0, get_num_threads())
-        return np.ascontiguousarray(self.residual) / a, left / 2.0
+        parts: list[Any] = [validation.frozen(one) for one in (xs, us, *np.split(rows, [len(xs)]))]
+        parts += [radius, self.region.delta, self.labels]
+        return Rest(*parts)
 
     def holds(
         self,
@@ -477,12 +365,9 @@ class LoopCertificate(SavedRecord):
         )
         if not np.isfinite(limits).any():
             raise InputError("`inputs` or `states` must have a finite limit")
-        n = self.region.n
-        first = (
-            None if x0 is None else validation.vector("x0", x0, length=n, labels=self.labels.states)
-        )
-        if self.status != "certified":
-            return 0.0
+        first, names = None, self.labels.states
+        if x0 is not None:
+            first = validation.vector("x0", x0, length=self.region.n, labels=names)
         level, scale = self._core.holds(limits, first)
         return level if scale is None else scale
 
@@ -527,6 +412,72 @@ def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -
     if not ((low < 0).all() and (high > 0).all()):
         raise InputError(f"`{name}` must have low < 0 < high, got {low} and {high}")
     return np.minimum(-low, high)
+
+
+def judged(
+    region: Region,
+    K: Floats,
+    labels: Labels,
+    model: Identified,
+    squares: tuple[Floats | None, int] = (None, 0),
+    target: Floats | None = None,
+) -> LoopCertificate:
+    """The verdict about a gain; doubts about the data of the model leave nothing to certify.
+
+    `squares` bounds the covariance of the noise: the `residual` and its `degrees`.
+    """
+    doubt = model.doubts[0] if model.doubts else _no_effect(region, K, model)
+    found = _core.Feedback(region._core, np.ascontiguousarray(K), doubt is not None)
+    reason = doubt
+    if doubt is None and found.status == "undetermined":
+        reason = "the region is unbounded: too few data"
+        if np.isfinite(region.radius):
+            along = ", ".join(region.missing[:3]) or "what is outside the span it was made for"
+            reason = f"the data do not determine the system along {along}"
+    warnings = tuple(one for one in model.warnings if one != doubt)
+    window = model.window if isinstance(model, Model) else None
+    if window is not None and found.status in ("refuted", "not provable", "undecided"):
+        warnings = (*window.long, *warnings)
+    norm, least, radius = found.sizes
+    proof, member = found.proof, found.member
+    made = trusted(
+        LoopCertificate,
+        region=region,
+        K=K,
+        status=found.status,
+        norm=norm,
+        least=least,
+        spectral_radius=radius,
+        proof=None if proof is None else validation.frozen(proof),
+        multipliers=validation.frozen(found.multipliers),
+        member=None if member is None else validation.frozen(member),
+        labels=labels,
+        dt=model.dt,
+        reason=reason,
+        residual=squares[0],
+        degrees=squares[1],
+        warnings=warnings,
+        target=None if target is None else validation.frozen(target),
+    )
+    vars(made)["_core"] = found  # so that it is not computed again
+    return made
+
+
+def noise_bound(proof: LoopCertificate, name: str, eps: float) -> tuple[Floats, float]:
+    """A bound of the covariance, and what is left of `eps` for the noise itself."""
+    left, region = validation.probability(name, eps), proof.region
+    if left + region.delta >= 1.0:
+        raise InputError(f"`{name}` must be below 1 - delta = {1.0 - region.delta:g}, got {eps:g}")
+    if region.noise is not None:
+        return np.ascontiguousarray(region.noise), left
+    if proof.residual is None or proof.degrees < len(proof.residual):
+        raise InputError(
+            f"`{name}` needs a bound of the covariance of Gaussian noise, which this region does "
+            "not have: declare `sigma` or `covariance`, or give more pairs"
+        )
+    # S >= a Sigma but with eps / 2, a the quantile of the smallest root of W_n(nu, I)
+    a = _core.smallest_quantile(region.n, proof.degrees, left / 2.0, get_num_threads())
+    return np.ascontiguousarray(proof.residual) / a, left / 2.0
 
 
 def _no_effect(region: Region, K: Floats, model: Identified) -> str | None:

@@ -16,7 +16,7 @@ from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.region import Region
 from ..system.system import System
-from .certificate import LoopCertificate
+from .certificate import LoopCertificate, judged
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
@@ -124,7 +124,7 @@ class Loop(SavedRecord):
             raise InputError("`certificate` needs a loop for a model from data: gain(model, ...)")
         region = region_of("delta", self.model, delta)
         squares = _squares(self.model) if region.noise is None else (None, 0)
-        return LoopCertificate._judged(region, self.K, self.labels, self.model, squares)
+        return judged(region, self.K, self.labels, self.model, squares)
 
     def __repr__(self) -> str:
         radius = np.abs(self.E).max()

@@ -1,9 +1,8 @@
 """What runs beside a plant: one call in each step."""
 
 from .keep import Keep, Kept
-from .loop import Call
 from .readings import Reading, ReadingLoop
 from .regulating import regulate
-from .regulator import Regulator
+from .regulator import Call, Regulator
 
 __all__ = ["Call", "Keep", "Kept", "Reading", "ReadingLoop", "Regulator", "regulate"]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NoReturn
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 
 import numpy as np
 
@@ -11,23 +12,20 @@ from .. import _core
 from .._base import show, validation
 from .._base.numbers import ROUNDING
 from .._base.records import cached_property
+from .._base.types import Floats, Status
 from ..controls.errors import proof_of
 from ..exceptions import InputError, InputTypeError, SolverError
 from ..feedback import Loop, LoopCertificate
+from ..feedback.certificate import noise_bound
 from ..identification.identified import Identified
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from .._base.types import Floats, Status
     from ..limits.problem import Task
     from ..system.system import System
 
-
-if TYPE_CHECKING:
-    Found = tuple[Floats, Status, float]
-    Short = tuple[int, int, float, float, float]  # row, step, amount, model, noise
-
+Found: TypeAlias = tuple[Floats, Status, float]  # a plan (K, m), and its gap
 ROUNDS = 8  # plans of the first call, each with limits that are tighter by what the last needed
 ROOM = 1.02  # how much more than the last plan needed is kept back for the model
 
@@ -67,12 +65,12 @@ class Kept:
         self._model = np.zeros(len(self.low))
         self._start: Floats | None = None
         self._plan: Floats | None = None
-        self._since = 0
+        self.since = 0  # steps since the plan began
         self.missing = 0.0
 
     @cached_property
     def _core(self) -> _core.Keeper:
-        noise = self.proof._noise("keep", self.eps)
+        noise = noise_bound(self.proof, "keep", self.eps)
         made = _core.Keeper.of(self.proof._core, self.low, self.high, *noise, self.calls)
         if made is None:
             raise SolverError("no bound of what noise does in this loop could be proved")
@@ -101,8 +99,19 @@ class Kept:
         """Both together: the plans keep limits that are tighter by this, shape (n + m,)."""
         return self.model + self.noise
 
-    def _tightened(self, task: Task) -> Task:
-        """The task with the tighter limits; nothing is off yet when the first input is applied."""
+    def tightened(self, task: Task) -> Task:
+        """Tighten limits; nothing is off yet when the first input is applied.
+
+        Parameters
+        ----------
+        task : Task
+            What plans minimise, and its limits.
+
+        Returns
+        -------
+        Task
+            The same within limits that are tighter by `tightening`.
+        """
         model, noise, n = self.model, self.noise, task.reference.shape[1]
         off = model + noise
         wide = self.high - self.low - 2.0 * off
@@ -114,55 +123,77 @@ class Kept:
         made = replace(task, low=task.low + inputs, high=task.high - inputs)
         if task.state_low is None or task.state_high is None:
             return made
-        states = {"state_low": task.state_low + off[:n], "state_high": task.state_high - off[:n]}
-        return replace(made, **states)  # type: ignore[arg-type]
+        low, high = task.state_low + off[:n], task.state_high - off[:n]
+        return replace(made, state_low=low, state_high=high)
 
-    def _choose(
-        self, x: Floats, found: Found, again: Callable[[], Found], left: Callable[[], float]
+    def choose(
+        self, x: Floats, found: Found, again: Callable[[], Found], until: float
     ) -> tuple[Floats, Floats, Status, float]:
-        """The plan to go on with, its input at x, status and gap.
+        """Accept a plan, or go on with the one before.
 
-        `again` plans anew, while there is time `left`.
+        Parameters
+        ----------
+        x : ndarray, shape (n,)
+            The state.
+        found : tuple (plan, status, gap)
+            The newest plan from there.
+        again : callable
+            Plans anew, within limits that are tighter by then.
+        until : float
+            When to stop, of `time.perf_counter`.
+
+        Returns
+        -------
+        plan, u, status, gap
+            The plan to go on with, and its input at x.
+
+        Raises
+        ------
+        SolverError
+            If no plan was accepted yet.
         """
         plan, status, gap = found
-        short, first = self._judged(x, plan), self._plan is None
+        first = self._plan is None
+        short, part = self._core.judge(x, plan, first)
         for _ in range(ROUNDS if first else 1):
-            if short is None or left() <= 0.0 or not self._widened(x, plan, short):
+            if short is None or perf_counter() >= until:
                 break
+            if not first and short[2] > short[3] * (1.0 + ROUNDING):
+                break  # noise alone is too much for it
+            # keep back what this plan would have needed for the model, if that is more
+            part = part if first else self._core.judge(x, plan, True)[1]
+            model = np.maximum(self._model, ROOM * part)
+            narrow = (self.high - self.low <= 2.0 * (model + self.noise)).any()
+            new = np.isfinite(model).all() and (model > self._model).any()
+            if not new or (narrow and not first):
+                break
+            self._model = model
             plan, status, gap = again()
-            short = self._judged(x, plan)
-        if first and short is not None:
-            self._refuse(*short)
+            short, part = self._core.judge(x, plan, first)
         if short is None:
-            self._start, self._plan, self._since, self.missing = x, plan, 0, 0.0
+            self._start, self._plan, self.since, self.missing = x, plan, 0, 0.0
             return plan, plan[0].copy(), status, gap
-        assert self._start is not None
-        assert self._plan is not None
-        self._since, self.missing = self._since + 1, short[2]
-        u = self._core.follow(self._start, self._plan, self._since, x)
+        if self._start is None or self._plan is None:
+            self._refuse(*short)
+        self.since, self.missing = self.since + 1, short[2]
+        u = self._core.follow(self._start, self._plan, self.since, x)
         return self._plan, u, "kept", np.nan
 
-    def _unplanned(self, x: Floats) -> Floats:
-        """The input where no plan was ever accepted: that of the gain, within the limits."""
+    def unplanned(self, x: Floats) -> Floats:
+        """Return the input where no plan was ever accepted: that of the gain, within the limits.
+
+        Parameters
+        ----------
+        x : ndarray, shape (n,)
+            The state.
+
+        Returns
+        -------
+        ndarray, shape (m,)
+            The input.
+        """
         n = len(x)
         return np.clip(self.proof.K @ x, self.low[n:], self.high[n:])
-
-    def _judged(self, x: Floats, plan: Floats) -> Short | None:
-        return self._core.judge(x, plan, self._plan is None)[0]
-
-    def _widened(self, x: Floats, plan: Floats, short: Short) -> bool:
-        """Keep back what this plan would have needed for the model, if that is more."""
-        _, _, amount, part, _ = short
-        later = self._plan is not None
-        if later and amount > part * (1.0 + ROUNDING):
-            return False  # noise alone is too much for it
-        model = np.maximum(self._model, ROOM * self._core.judge(x, plan, True)[1])
-        if not np.isfinite(model).all() or (model == self._model).all():
-            return False
-        if later and (self.high - self.low <= 2.0 * (model + self.noise)).any():
-            return False
-        self._model = model
-        return True
 
     def _refuse(
         self, row: int, step: int | None, amount: float, model: float, noise: float
@@ -245,21 +276,21 @@ def kept_of(system: System | Identified, task: Task, keep: Keep) -> Kept:
         raise InputError(
             f"`probability` must be below 1 - delta = {1.0 - region.delta:g}, got {share:g}"
         )
-    if task.rate is not None or (task.state_low is not None and task.soft is not None):
-        what = "`rate`" if task.rate is not None else "soft limits of states: give soft=False"
-        raise InputError(f"`limits` must be without {what}, with `keep`")
-    sides = []
-    for states, inputs in ((task.state_low, task.low), (task.state_high, task.high)):
-        free = np.full((task.steps, n), -np.inf if inputs is task.low else np.inf)
-        sides.append(np.hstack([free if states is None else states, inputs]))
-    low, high = sides
-    if not ((low == low[0]).all() and (high == high[0]).all()):
-        raise InputError("`limits` must be the same in all steps, with `keep`")
-    low, high = low[0].copy(), high[0].copy()
-    if not (np.isfinite(low).any() or np.isfinite(high).any()):
-        raise InputError("`limits` must have a finite one, with `keep`")
-    if not ((low < 0.0).all() and (high > 0.0).all()):
-        raise InputError("`limits` must have low < 0 < high, with `keep`")
-    made = Kept(proof, low, high, eps, keep.calls)
+    free = np.full((task.steps, n), np.inf)
+    low = np.hstack([-free if task.state_low is None else task.state_low, task.low])
+    high = np.hstack([free if task.state_high is None else task.state_high, task.high])
+    for wrong, wanted in (
+        (task.rate is not None, "without `rate`"),
+        (
+            task.state_low is not None and task.soft is not None,
+            "without soft limits of states: give soft=False",
+        ),
+        ((low != low[0]).any() or (high != high[0]).any(), "the same in all steps"),
+        (not (np.isfinite(low).any() or np.isfinite(high).any()), "with a finite one"),
+        ((low >= 0.0).any() or (high <= 0.0).any(), "low < 0 < high"),
+    ):
+        if wrong:
+            raise InputError(f"`limits` must be {wanted}, with `keep`")
+    made = Kept(proof, low[0].copy(), high[0].copy(), eps, keep.calls)
     made.noise  # noqa: B018  refuses what has no bound of the noise
     return made

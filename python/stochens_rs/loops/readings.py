@@ -12,30 +12,37 @@ import numpy as np
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
-from .._base.types import Floats, Status
-from ..controls.of_model import Start, plan_from, start_of
-from ..exceptions import InputError, NonFiniteError
-from ..feedback import LoopCertificate
-from ..identification.region import entered
+from .._base.types import DELTA, Floats, Status
+from ..controls.of_model import (
+    Rest,
+    Start,
+    cost_of_outputs,
+    output_weights,
+    plan_from,
+    rest_of,
+    start_of,
+)
+from ..exceptions import InputError, NonFiniteError, StochensError
+from ..feedback import Loop, LoopCertificate
+from ..feedback.certificate import judged
+from ..identification.model import Model
+from ..identification.region import Wish, entered
+from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
+from ..limits.problem import checked_task, sides
 from ..limits.solution import loop_of
 from .loop import BEYOND, ControlLoop
-from .window import Contents, ReadingWindow, gate_of
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
     from ..controls.of_model import Record, Rest
     from ..controls.plan import Plan
-    from ..identification.model import Model
-    from ..limits.limits import Cost, LimitsLike
-    from ..limits.problem import Task
 
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
-BELIEVED = 3  # rejected readings in a row, behind which the next ones are taken for true
+FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected
 SEEN = 1e-10  # of the largest effect of a constant input: what is less is rounding
 MOVED = 0.01  # of the range of the limits: how far the disturbance may move without a new problem
-USELESS = 1e12  # of the excess of a window: what it holds says nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,30 +86,19 @@ class ReadingLoop(ControlLoop[Reading]):
     What is missing in the window is estimated by a Kalman filter, from the first call on: the loop
     runs where what it does not know moves the next readings by 3 standard deviations of their noise
     at most, and `max_missing` calls in a row at most had no reading. Else it holds its last input.
-    A reading is missing if it is nan, inf or a million times the largest in the data, or if `Gate`
-    rejects it: a true one with at most 1e-5 a call, in the event of the region, for Gaussian noise
-    without a disturbance. Three rejected in a row are a change of the plant: they are taken for
-    true. A disturbance is cut to what the limits can take off. Every call that is not as usual says
-    so in the log.
+    A reading y is missing if it is nan, inf or a million times the largest in the data, or rejected
+    as too far from what was predicted, p, for every system of the region, ``||T (y - p)|| > q + ||T
+    D|| ||W z||``, T whitening the noise: a true one with at most 1e-5 a call, in the event of the
+    region, for Gaussian noise without a disturbance. Three rejected in a row are a change of the
+    plant: they are taken for true. A disturbance is cut to what the limits can take off. Every call
+    that is not as usual says so in the log.
 
     Parameters
     ----------
-    model : Model
-        Of outputs.
-    rest : Rest
-        Where to.
-    policy : ndarray, shape (m, n), or Task
-        The gain K, or what each plan minimises, in deviations from the rest point.
-    low, high : ndarray, shape (m,)
-        Limits of the inputs.
-    drift : ndarray, shape (m,), or None
-        By how much a disturbance at the inputs changes in a step; None: it is not estimated.
-    hold : ndarray, shape (m,)
-        The input while the window fills.
-    max_missing : int
-        How many readings in a row may be missing.
-    asked : tuple (steps, limits, cost), optional
-        Of a loop that plans, as they were given.
+    system : Model or Loop
+        A model of outputs, or the gain of one.
+    steps, target, limits, cost, offset_free, hold, max_missing
+        As in `regulate`.
 
     Examples
     --------
@@ -126,22 +122,16 @@ class ReadingLoop(ControlLoop[Reading]):
         "_at_rest",
         "_d",
         "_gain",
-        "_gate",
         "_high",
-        "_hold",
-        "_inner",
         "_low",
+        "_max_missing",
         "_most",
-        "_most_missing",
-        "_now",
         "_policy",
-        "_raw",
-        "_rejected",
         "_rest",
         "_runs",
+        "_seen",
         "_solved",
         "_solver",
-        "_spread",
         "_started",
         "_window",
         "model",
@@ -149,63 +139,95 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def __init__(
         self,
-        model: Model,
-        rest: Rest,
-        policy: Floats | Task,
-        low: Floats,
-        high: Floats,
-        drift: Floats | None,
-        hold: Floats,
+        system: Model | Loop,
+        steps: int | None,
+        target: ArrayLike | None,
+        limits: LimitsLike,
+        cost: Cost | None,
+        offset_free: bool | float | None,
+        hold: ArrayLike | None,
         max_missing: int,
-        asked: tuple[int, LimitsLike, Cost] | None = None,
     ) -> None:
-        super().__init__(hold)
-        self.model, self._rest, self._policy = model, rest, policy
-        self._low, self._high, self._hold, self._most_missing = low, high, hold, max_missing
-        self._asked = asked
-        self._along, gain, self._spread = disturbance_of(model, rest, drift)
-        self._gain = self._along @ gain
-        self._inner = gain, rest.outputs @ self._along
-        self._gate, self._window = gate_of(model), ReadingWindow(model)
+        gain = system if isinstance(system, Loop) else None
+        model = system.model if isinstance(system, Loop) else system
+        if not isinstance(model, Model) or model.window is None:
+            raise InputError("`offset_free` is for models of outputs and loops of them")
+        if offset_free is None:
+            raise InputError(
+                "`offset_free` must be given for a model of outputs: True where a constant "
+                "disturbance may act at the inputs, else False"
+            )
+        m, labels, within = model.m, model.labels, as_limits(limits)
+        if within.x is not None or within.rate is not None:
+            raise InputError("`limits` must be of the inputs alone for a model of outputs")
+        policy: Any
+        asked, outputs = None, None
+        weights = cost_of_outputs(model, as_cost(cost))
+        if gain and (steps is not None or cost is not None):
+            raise InputError("`steps` and `cost` must be left out for a Loop, which has its gain")
+        if weights.reference is not None:
+            raise InputError("`cost` must have no reference for a model of outputs: give `target`")
+        if gain:
+            low, high = (side[0] for side in sides("limits", within.u, 1, labels))
+            policy = gain.K
+        else:
+            if weights.R is None:
+                weights = replace(weights, R="auto")
+            K = validation.size("steps", steps)
+            policy = checked_task(model.n, m, K, np.zeros(model.n), limits, weights, labels)
+            low, high = policy.low[0], policy.high[0]
+            asked, outputs = (K, limits, weights), output_weights(model, weights)
+        drift = None
+        if not isinstance(offset_free, bool | np.bool_):
+            drift = np.full(m, validation.positive("offset_free", offset_free))
+        elif offset_free:
+            # a copy: NumPy can crash on strided arrays where memory runs out
+            drift = 0.01 * np.sqrt(np.square(model.data.pairs()[1].copy()).mean(axis=0))
+        super().__init__(
+            np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
+        )
+        self._max_missing = validation.size("max_missing", max_missing, minimum=0)
+        rest = rest_of(model, target, outputs, low, high)
+        self.model, self._rest, self._policy, self._asked = model, rest, policy, asked
+        self._low, self._high = low, high
+        self._along, self._gain, self._seen = disturbance_of(model, rest, drift)
         most = BEYOND * np.hstack([np.abs(one).max(axis=0) for one in model.data.pairs()[:2]])
         self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
-        self._solver: _core.Loop | None = None  # of plans, for a disturbance near this one
-        self._solved = np.zeros(model.m)
+        self._solved = np.zeros(model.m)  # the disturbance of the problem that is solved
+        self._restore((None, (None, None, 0)))
         self._forget()
 
+    def _restore(self, core: Any) -> None:
+        warm, window = core
+        y, u, _ = self.model.data.pairs()
+        wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
+        squares, noise = wide[: len(y[0])] ** 2, self.model.covariance
+        noise = np.diag(1e-6 * squares) if noise is None else noise
+        assert self.model.window is not None
+        self._window = _core.Readings(
+            self.model.window.core,
+            np.ascontiguousarray(self.model._H),
+            noise + 1e-12 * np.diag(squares + np.diag(noise)),
+            (y.mean(axis=0), wide),
+            gate_of(self.model),
+            (self._rest.outputs, self._along @ self._gain, self._seen),
+            (self._rest.u, self._low, self._high),
+            self._max_missing,
+        )
+        self._window.resume(*window)
+        self._solver: _core.Loop | None = None  # of plans, for a disturbance near this one
+        if not isinstance(self._policy, np.ndarray):
+            self._solver_at(self._solved).resume(warm)
+
+    def _saved(self) -> Any:
+        return self._solver and self._solver.warm(), self._window.state()
+
     def _forget(self) -> None:
-        self._cleared(self._hold)
-        self._now: Contents | None = None
-        self._raw: Contents | None = None  # the window with what was rejected
+        self._window.resume()
         self._d: Floats = np.zeros(self.model.m)
-        self._rejected = 0  # in a row
         self._runs = self._started = self._at_rest = False
         if not isinstance(self._policy, np.ndarray):
-            self._at(self._d)
-        if self._solver is not None:
-            self._solver.resume(None)
-
-    def reset(self) -> None:
-        """Forget the window, the disturbance and the log."""
-        with self._turn():
-            self._forget()
-
-    def __getstate__(self) -> dict[str, Any]:
-        with self._turn():
-            warm = None if self._solver is None else self._solver.warm()
-            names = {"_calls", "_last", "_log", *ReadingLoop.__slots__} - {"_solver", "_window"}
-            return {"warm": warm, "_solver": None, **{name: getattr(self, name) for name in names}}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        warm = state.pop("warm")
-        super().__init__(state["_hold"])
-        for name, value in state.items():
-            setattr(self, name, value)
-        self._window = ReadingWindow(self.model)
-        if not isinstance(self._policy, np.ndarray):
-            self._at(self._solved)
-        if self._solver is not None:
-            self._solver.resume(warm)
+            self._solver_at(self._d).resume(None)
 
     def __call__(self, y: ArrayLike, *, applied: ArrayLike | None = None) -> Floats:
         """Compute the input for the readings now.
@@ -231,89 +253,61 @@ class ReadingLoop(ControlLoop[Reading]):
         started, model = perf_counter(), self.model
         with self._turn():
             read = validation.measured("y", y, model.outputs)
-            acted, why = self._last, None
+            acted, why = self._last, []
             if applied is not None:
-                given = validation.measured("applied", applied, model.input_names)
-                most = self._most[model.n_outputs :]
-                why = validation.broken(given, most, model.input_names)
-                acted = given if why is None else acted
+                acted = validation.measured("applied", applied, model.input_names)
+                wrong = validation.broken(acted, self._most[len(read) :], model.input_names)
+                if wrong is not None:
+                    acted, why = self._last, [wrong]
             with np.errstate(all="ignore"):
-                return self._stepped(read, acted, [] if why is None else [why], started)
+                return self._stepped(read, acted, why, started)
 
     def _stepped(self, y: Floats, acted: Floats, why: list[str], started: float) -> Floats:
         """Take the reading in, or what is predicted in its place."""
-        most, now, raw, rejected = self._most[: len(y)], self._now, self._raw, self._rejected
-        seen = np.abs(y) <= most
-        if not seen.all():
+        most = self._most[: len(y)]
+        seen = (np.abs(y) <= most).tolist()
+        if not all(seen):
             why.append(str(validation.broken(y, most, self.model.outputs)))
-        if now is None:
-            return self._kept(y, None, self._window.begun(y, acted, seen), self._d, why, started)
-        shift, model = self._rest.outputs @ self._d, self.model
-        z = model._loop.J @ self._window.entering(now, acted)
-        off = self._off(y, now, z, shift, seen) if self._started else 0.0
-        if off > 1.0 and rejected < BELIEVED:
-            raw = raw or now
-            ahead = model._H @ model._loop.J @ self._window.entering(raw, acted) + shift
-            raw, rejected = self._window.advanced(raw, y, acted, seen, ahead), rejected + 1
-            seen = np.zeros(len(y), dtype=bool)
-            why.append(f"rejected, {off:.3g} times as far off as the gate is wide")
+        found = self._window.step(y, seen, acted, self._d, self._started)
+        predicted, d, off, believed, follows, x = found
+        u = self._last
+        status: ReadingStatus = "held" if self._started else "filling"
+        if believed:
+            why.append("rejected 3 times in a row: now taken for true")
         elif off > 1.0:
-            now, raw = raw or now, None
-            z = model._loop.J @ self._window.entering(now, acted)
-            why.append(f"rejected {BELIEVED} times in a row: now taken for true")
-        else:
-            raw, rejected = None, 0
-        predicted = model._H @ z + shift
-        came = np.where(seen, y - predicted, 0.0) if self._started else np.zeros(len(y))
-        d = self._d + self._gain @ came
-        if self._gate is not None:  # alone, a cut would leave a part of a false reading behind
-            d = self._rest.u - np.clip(self._rest.u - d, self._low, self._high)
-        now = self._window.advanced(now, y, acted, seen, predicted)
-        return self._kept(y, predicted, now, d, why, started, raw, rejected)
-
-    def _off(
-        self, y: Floats, now: Contents, z: Floats, shift: Floats, seen: NDArray[np.bool_]
-    ) -> float:
-        """How far off a reading is, in widths of the gate, with the disturbance or without it."""
-        if self._gate is None or not seen.any():
-            return 0.0
-        off, more = y - self._gate.centre @ z, self._window.unknown(now)
-        found = self._gate.excess(off, z, seen, more)
-        if found > 1.0 and shift.any():
-            more = self._spread if more is None else self._spread + more
-            found = min(found, self._gate.excess(off - shift, z, seen, more))
-        return found
-
-    def _kept(
-        self,
-        y: Floats,
-        predicted: Floats | None,
-        now: Contents,
-        d: Floats,
-        why: list[str],
-        started: float,
-        raw: Contents | None = None,
-        rejected: int = 0,
-    ) -> Floats:
-        """Keep what was found if it is finite, and give the input."""
-        runs = now.tells(self._started) and now.missed <= self._most_missing
-        u, status = self._last, "held" if self._started else "filling"
-        good = math.isfinite(now.x.sum() + d.sum()) and now.excess < USELESS
-        if good and runs:
+            why.append(f"rejected, {off:.3g} times as far off as the gate is wide")
+        if follows == "runs":
             try:
-                u, status = self._input(now.x, d)
+                u, status = self._input(x, d)
             except NonFiniteError:
-                good = False
-        if not good:
-            runs, self._now, self._raw, self._rejected = False, None, None, 0
+                follows = "lost"
+        self._runs = follows == "runs"
+        if follows == "lost":
+            self._window.resume()
             why.append("the window is lost: it begins anew")
         else:
-            self._now, self._raw, self._rejected, self._d = now, raw, rejected, d
-        self._runs, self._started = runs, self._started or runs
-        if good and not runs:
-            why.append(self._window.lacks(now))
-            status = "cannot start" if now.stuck and not self._started else status
-        return self._noted(y, predicted, u, status, started, "; ".join(why) or None)
+            self._d = d
+        if follows == "waits":
+            waits, stuck = self._waits()
+            why.append(waits)
+            status = "cannot start" if stuck and not self._started else status
+        self._started = self._started or self._runs
+        reason, took = "; ".join(why) or None, perf_counter() - started
+        return self._entered(Reading(y, predicted, u, self._d, status, took, reason), u)
+
+    def _waits(self) -> tuple[str, bool]:
+        """What the loop waits for, and whether it will do."""
+        now, window = self._window.now, self.model.window
+        assert now is not None
+        assert window is not None
+        _, _, excess, since, calls, read, stuck = now
+        known = f"the next readings are known to {math.sqrt(excess):.3g} deviations of their noise"
+        if stuck:
+            i = int(np.argmin(read))
+            name = self.model.outputs[i]
+            return f"of {name} {read[i]} of {calls} were read: {known}, must be 3", stuck
+        left = show.number_of(max(1, window.fill + 1 - since), "complete reading")
+        return f"{known}: 3 will do, or {left} in a row", stuck
 
     def start(self, record: Record) -> Floats:
         """Fill the window from a record that just happened.
@@ -336,11 +330,12 @@ class ReadingLoop(ControlLoop[Reading]):
         started = perf_counter()
         with self._turn():
             found = start_of(self.model, record)
-            u, status = self._input(found.x, np.zeros(self.model.m))
-            self._forget()
-            self._now, self._at_rest = self._window.full(found.x), found.at_rest
-            self._runs = self._started = True
-            return self._noted(found.read, None, u, status, started)
+            self._begin()
+            self._window.start(found.x)
+            u, status = self._input(found.x, self._d)
+            self._at_rest, self._runs, self._started = found.at_rest, True, True
+            took = perf_counter() - started
+            return self._entered(Reading(found.read, None, u, self._d, status, took), u)
 
     def _input(self, x: Floats, d: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found."""
@@ -348,40 +343,26 @@ class ReadingLoop(ControlLoop[Reading]):
         if isinstance(self._policy, np.ndarray):
             v, status = self._policy @ off, "gain"
         else:
-            self._at(d)
-            assert self._solver is not None
-            found = self._solver.solve(off, None)
+            found = self._solver_at(d).solve(off, None)
             v, status = found.control[: len(d)], found.status
         u = v + self._rest.u - d
         if not math.isfinite(u.sum()):
             raise NonFiniteError("`y` is too large: the input overflows")
         return np.minimum(np.maximum(u, self._low), self._high), status
 
-    def _at(self, d: Floats) -> None:
-        """Make the problem whose limits are those of ``v = u - u_s + d``, if they moved far."""
+    def _solver_at(self, d: Floats) -> _core.Loop:
+        """The problem whose limits are those of ``v = u - u_s + d``, or of a d that is near."""
         task: Any = self._policy
         far = MOVED * (self._high - self._low)
-        if self._solver is not None and (np.abs(d - self._solved) <= far).all():
-            return
-        by = d - self._rest.u
-        moved = replace(task, low=task.low + by, high=task.high + by)
-        warm = None if self._solver is None else self._solver.warm()
-        A, B = (np.ascontiguousarray(one) for one in (self.model.A, self.model.B))
-        solver = loop_of(moved, A, B, None)
-        solver.resume(warm)
-        self._solver, self._solved = solver, d
-
-    def _noted(
-        self,
-        y: Floats,
-        predicted: Floats | None,
-        u: Floats,
-        status: Any,
-        started: float,
-        reason: str | None = None,
-    ) -> Floats:
-        took = perf_counter() - started
-        return self._entered(Reading(y, predicted, u, self._d, status, took, reason), u)
+        if self._solver is None or not (np.abs(d - self._solved) <= far).all():
+            by = d - self._rest.u
+            moved = replace(task, low=task.low + by, high=task.high + by)
+            A, B = (np.ascontiguousarray(one) for one in (self.model.A, self.model.B))
+            solver = loop_of(moved, A, B, None)
+            if self._solver is not None:
+                solver.resume(self._solver.warm())
+            self._solver, self._solved = solver, d
+        return self._solver
 
     @property
     def full(self) -> bool:
@@ -408,15 +389,15 @@ class ReadingLoop(ControlLoop[Reading]):
         """
         if self._asked is None:
             raise InputError("`plan` needs a loop that plans: regulate(model, steps, ...)")
-        if len(self._inner[0]):
+        if len(self._gain):
             raise InputError(
                 "`plan` needs offset_free=False: its bound knows no estimated disturbance"
             )
-        now = self._now
-        if now is None or now.P is not None:
+        now = self._window.now
+        if now is None or not now[1]:
             raise InputError("`plan` needs a full window, of which no reading was missing")
         steps, limits, cost = self._asked
-        start = Start(now.x, validation.frozen(self._log[-1].y.copy()), self._at_rest)
+        start = Start(now[0], validation.frozen(self._log[-1].y.copy()), self._at_rest)
         return plan_from(self.model, start, self._rest, steps, limits, cost)
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
@@ -451,35 +432,53 @@ class ReadingLoop(ControlLoop[Reading]):
                 "`certificate` needs a loop with a gain: regulate(gain(model, Q, R), ...). Of one "
                 "that plans anew nothing is proved for all time; plan.bound(delta) bounds each plan"
             )
-        model, K, names = self.model, self._policy, self.model.labels
+        model, K, names, Kd = self.model, self._policy, self.model.labels, self._gain
         region = model.region(validation.probability("delta", delta))
-        ABc, J, G = model._loop.ABc, model._loop.J, model._loop.G
-        n, (gain, seen) = model.n, self._inner
-        r = len(gain)
+        (J, ABc, G), n, r = model._loop, model.n, len(Kd)
         if r:
             K = np.hstack([K, (K @ self._rest.states - np.eye(model.m)) @ self._along])
-            J = np.hstack([J[:, :n], np.zeros((len(J), r)), J[:, n:]])
-            wide = np.hstack([ABc[:, :n], np.zeros((n, r)), ABc[:, n:]])
-            below = np.eye(r, wide.shape[1], n)
-            below[:, n : n + r] -= gain @ seen
-            ABc, G = np.vstack([wide, below]), np.vstack([G, gain])
+            J, ABc = (np.insert(M, [n] * r, 0.0, axis=1) for M in (J, ABc))
+            below = np.eye(r, ABc.shape[1], n)
+            below[:, n : n + r] -= Kd @ self._rest.outputs @ self._along
+            ABc, G = np.vstack([ABc, below]), np.vstack([G, Kd])
             more = tuple(f"disturbance[{i}]" for i in range(r))
             names = Labels((*names.states, *more), names.inputs)
         ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
-        inside = entered(region, ABc, J, G, model.m)
         target = np.hstack([self._rest.x, np.zeros(r), self._rest.u])
-        return LoopCertificate._judged(
-            inside, K, names, model, target=target if target.any() else None
+        return judged(
+            entered(region, ABc, J, G, model.m),
+            K,
+            names,
+            model,
+            target=target if target.any() else None,
         )
 
     def __repr__(self) -> str:
-        said = "" if self.full else ", the window is not full"
-        also = ", offset-free" if len(self._inner[0]) else ""
+        full = "" if self.full else ", the window is not full"
+        also = ", offset-free" if len(self._gain) else ""
         return (
             f"<ReadingLoop: {', '.join(self.model.outputs)} to "
             f"{', '.join(self.model.input_names)}{also}, {show.number_of(len(self._log), 'call')}"
-            f"{said}>"
+            f"{full}>"
         )
+
+
+def gate_of(model: Model) -> _core.Gate | None:
+    """The gate of a model, also of one in doubt; None where no bound of its noise is known."""
+    if model.noise != "gaussian":
+        return None
+    try:
+        own = model.assumptions.known is None and model.assumptions.tail == 0.0
+        region = model._region(Wish(DELTA, method="mixture" if own else "auto"))
+    except StochensError:
+        return None
+    if region.noise is None or len(region.noise) != model.n_outputs:
+        return None
+    # the same region, with its noise
+    C, noise = np.ascontiguousarray(region.centre), np.ascontiguousarray(region.noise)
+    p, d = C.shape
+    same = C, np.eye(d), np.eye(p), d - p
+    return _core.Gate.of(_core.entered_region(region._core, same, noise)[0], FALSE_ALARM)
 
 
 def disturbance_of(model: Model, rest: Rest, drift: Floats | None) -> tuple[Floats, Floats, Floats]:

@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .._base import validation
-from ..controls.of_model import cost_of_outputs, output_weights, rest_of
 from ..exceptions import InputError
 from ..feedback import Loop
 from ..identification.model import Model
-from ..limits.limits import Cost, as_cost, as_limits
-from ..limits.problem import checked_task, sides
+from ..limits.limits import Cost, as_cost
+from ..limits.problem import checked_task
 from .keep import Keep, kept_of
 from .readings import ReadingLoop
 from .regulator import Regulator, checked_model
@@ -101,8 +100,8 @@ def regulate(
     Returns
     -------
     Regulator or ReadingLoop
-        ``u = loop(x)``; ``loop(hold=True)`` where the state is not known. For a model of outputs
-        ``u = loop(y)``, see `ReadingLoop`.
+        ``u = loop(x)``, nan where the state is not known. For a model of outputs ``u = loop(y)``,
+        see `ReadingLoop`.
 
     Raises
     ------
@@ -168,7 +167,8 @@ def regulate(
             if value is not None:
                 what = "a Loop" if isinstance(system, Loop) else "a model of outputs"
                 raise InputError(f"`{name}` must be left out for {what}: {why}")
-        return reading_loop(system, steps, limits, cost, offset_free, target, hold, max_missing)
+        model: Any = system
+        return ReadingLoop(model, steps, target, limits, cost, offset_free, hold, max_missing)
     if hold is not None:
         raise InputError("`hold` is for models of outputs: must be left out")
     validation.size("max_missing", max_missing, minimum=0)
@@ -185,57 +185,6 @@ def regulate(
         weights = replace(weights, R="auto")
     task = checked_task(n, m, K, goal, limits, weights, checked.labels)
     assert task is not None
+    seconds = None if time_limit is None else validation.positive("time_limit", time_limit)
     kept = None if keep is None else kept_of(checked, task, keep)
-    return Regulator(checked, task, time_limit, kept=kept)
-
-
-def reading_loop(
-    system: Any,
-    steps: int | None,
-    limits: LimitsLike,
-    cost: Cost | None,
-    offset_free: bool | float | None,
-    target: ArrayLike | None,
-    hold: ArrayLike | None,
-    max_missing: int,
-) -> ReadingLoop:
-    """Make the feedback from readings; the arguments are those of `regulate`."""
-    model = system.model if isinstance(system, Loop) else system
-    if not isinstance(model, Model) or model.window is None:
-        raise InputError("`offset_free` is for models of outputs and loops of them")
-    if offset_free is None:
-        raise InputError(
-            "`offset_free` must be given for a model of outputs: True where a constant disturbance "
-            "may act at the inputs, else False"
-        )
-    m, labels, within = model.m, model.labels, as_limits(limits)
-    if within.x is not None or within.rate is not None:
-        raise InputError("`limits` must be of the inputs alone for a model of outputs")
-    policy: Any
-    if isinstance(system, Loop):
-        if steps is not None or cost is not None:
-            raise InputError("`steps` and `cost` must be left out for a Loop, which has its gain")
-        low, high = (side[0] for side in sides("limits", within.u, 1, labels))
-        policy = system.K
-    else:
-        weights = cost_of_outputs(model, as_cost(cost))
-        if weights.reference is not None:
-            raise InputError("`cost` must have no reference for a model of outputs: give `target`")
-        if weights.R is None:
-            weights = replace(weights, R="auto")
-        K = validation.size("steps", steps)
-        policy = checked_task(model.n, m, K, np.zeros(model.n), limits, weights, labels)
-        low, high = policy.low[0], policy.high[0]
-    drift = None
-    if isinstance(offset_free, bool | np.bool_):
-        if offset_free:
-            # a copy: NumPy can crash on strided arrays where memory runs out
-            drift = 0.01 * np.sqrt(np.square(model.data.pairs()[1].copy()).mean(axis=0))
-    else:
-        drift = np.full(m, validation.positive("offset_free", offset_free))
-    held = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
-    most = validation.size("max_missing", max_missing, minimum=0)
-    asked = None if isinstance(system, Loop) else (K, limits, weights)
-    outputs = None if isinstance(system, Loop) else output_weights(model, weights)
-    rest = rest_of(model, target, outputs, low, high)
-    return ReadingLoop(model, rest, policy, low, high, drift, held, most, asked)
+    return Regulator(checked, task, seconds, kept)

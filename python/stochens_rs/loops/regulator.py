@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import replace
+from collections import Counter
+from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -11,27 +11,53 @@ import numpy as np
 
 from .._base import show, validation
 from .._base.names import order_of
-from .._base.types import DELTA
+from .._base.types import DELTA, Floats, Status
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
 from ..identification.identified import Identified
-from ..limits.problem import Task
 from ..limits.solution import loop_of
+from ..plots.panels import Inputs, draw_calls
 from ..system.system import System
 from ..validation.fresh_systems import Validation
 from ..validation.held_out import PredictedLoop, Runs, validated_loop
-from .keep import Kept
-from .loop import BEYOND, Call, ControlLoop, counted, curves, drawn_calls, facts
+from .keep import Found, Kept
+from .loop import BEYOND, ControlLoop
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike
 
-    from .._base.names import Labels
-    from .._base.types import Floats, Status
-
+    from ..limits.problem import Task
 
 LARGEST = 1e150  # of a state of a system without data: its cost is a number
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """One call of a `Regulator`.
+
+    Attributes
+    ----------
+    x : ndarray, shape (n,)
+        What was measured.
+    u : ndarray, shape (m,)
+        The input returned.
+    status : str
+        That of the plan; "held", or "kept" where an earlier plan goes on.
+    gap : float
+        ``J - min J`` of the plan is at most this; nan for a held or kept input.
+    seconds : float
+        The time that the call took [s].
+    reason : str or None
+        Why the state could not be used ("held"), or no plan is accepted ("infeasible").
+    """
+
+    x: Floats
+    u: Floats
+    status: Status
+    gap: float
+    seconds: float
+    reason: str | None = None
 
 
 class Regulator(ControlLoop[Call]):
@@ -53,15 +79,12 @@ class Regulator(ControlLoop[Call]):
         What they minimise, and the limits.
     time_limit : float, optional
         Seconds after which a call returns the best plan so far.
-    labels : Labels, optional
-        The names in the order of `task`; the default is those of the system.
     kept : Kept, optional
         The limits that are kept with a stated probability.
     """
 
     __slots__ = (
         "_held",
-        "_labels",
         "_most",
         "_plan",
         "_solver",
@@ -69,6 +92,7 @@ class Regulator(ControlLoop[Call]):
         "_task",
         "_time_limit",
         "kept",
+        "labels",
     )
 
     def __init__(
@@ -76,19 +100,18 @@ class Regulator(ControlLoop[Call]):
         system: System | Identified,
         task: Task,
         time_limit: float | None = None,
-        labels: Labels | None = None,
         kept: Kept | None = None,
     ) -> None:
-        self._time_limit = (
-            None if time_limit is None else validation.positive("time_limit", time_limit)
-        )
-        checked = checked_model(system)
-        self._labels = checked.labels if labels is None else labels
-        self.kept = kept
-        self._set(checked, validation.instance("task", task, Task))
+        self._time_limit, self.labels, self.kept = time_limit, system.labels, kept
+        self._set(system, task)
         self._plan: Floats | None = None
         self._held = 0
-        super().__init__(self._safe)
+        super().__init__(self._start())
+
+    def _start(self) -> Floats:
+        """The input before the first plan: the one that acts, or 0, within the limits."""
+        none = np.zeros(self.m) if self._task.previous is None else self._task.previous
+        return np.clip(none, self._task.low[0], self._task.high[0])
 
     def _set(self, system: System | Identified, task: Task) -> None:
         """Compute all that does not depend on the state; nothing changes if that raises."""
@@ -99,35 +122,26 @@ class Regulator(ControlLoop[Call]):
                     *wanted, *sizes
                 )
             )
-        order = order_of("system", system.labels, self._labels)
-        c = system.c if isinstance(system, Identified) else None
-        c = None if c is None else order.of_states(c)
+        order, c, seen = order_of("system", system.labels, self.labels), None, None
+        if isinstance(system, Identified):
+            seen = system._largest
+            c = None if system.c is None else order.of_states(system.c)
         A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
-        within = task if self.kept is None else self.kept._tightened(task)
-        solver = loop_of(within, A, B, c)
-        self._system, self._task, self._solver = system, task, solver
-        seen = system._largest if isinstance(system, Identified) else None
+        within = task if self.kept is None else self.kept.tightened(task)
+        self._solver = loop_of(within, A, B, c)
+        self._system, self._task = system, task
         self._most: Floats = np.full(self.n, LARGEST)
         if seen is not None:
             seen = order.of_states(seen[: self.n])
             self._most = np.where(seen > 0.0, BEYOND * seen, LARGEST)
 
-    @property
-    def _safe(self) -> Floats:
-        """The input before the first plan: the one that acts, or 0, within the limits."""
-        none = np.zeros(self.m) if self._task.previous is None else self._task.previous
-        return np.clip(none, self._task.low[0], self._task.high[0])
-
-    def __call__(self, x: ArrayLike | None = None, *, hold: bool = False) -> Floats:
+    def __call__(self, x: ArrayLike) -> Floats:
         """Compute the input for the state x.
 
         Parameters
         ----------
         x : array_like, shape (n,)
-            The state now. With ``hold=True`` it is not looked at and may be left out.
-        hold : bool, default False
-            The state is not known: return the next input of the last plan. Possible K - 1 times in
-            a row; a call with a state starts the count again.
+            The state now; nan where it is not known.
 
         Returns
         -------
@@ -137,124 +151,79 @@ class Regulator(ControlLoop[Call]):
         Raises
         ------
         InputError, InputTypeError
-            If x has another shape or is no numbers, there is nothing left to hold, or another
-            thread is in a call. After any exception the loop is as it was before the call.
+            If x has another shape or is no numbers, or another thread is in a call. After any
+            exception the loop is as it was before the call.
 
         Examples
         --------
         >>> import stochens_rs as se
         >>> loop = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0))
-        >>> loop([5.0]), loop(hold=True)
-        (array([-1.]), array([-1.]))
+        >>> loop([5.0]), loop([float("nan")]), loop.log[-1].status
+        (array([-1.]), array([-1.]), 'held')
         """
         started = perf_counter()
         with self._turn():
-            if validation.flag("hold", hold):
-                return self._hold(started)
-            if x is None:
-                raise InputError("`x` must be the state, or hold=True if it is not known, got None")
-            state = validation.measured("x", x, self._labels.states)
-            reason = validation.broken(state, self._most, self._labels.states)
-            if reason is not None:
-                return self._fault(state, reason, started)
+            state = validation.measured("x", x, self.labels.states)
+            reason = validation.broken(state, self._most, self.labels.states)
+            status: Status = "held"
+            plan, u, gap, held = self._plan, self._last, np.nan, 0
             try:
-                found = self._solve(state, self._time_limit)
+                found = None if reason else self._solve(state, self._time_limit)
             except NonFiniteError:
-                return self._fault(state, "`x` is too large: its cost overflows", started)
-            plan: Floats | None
-            if self.kept is None:
+                found, reason = None, "`x` is too large: its cost overflows"
+            if found is None:  # go on by the plan, behind its end with its last input
+                held = self._held + 1
+                if self.kept is not None:
+                    self.kept.since += 1
+                elif plan is not None:
+                    u = plan[min(held, self.steps - 1)].copy()
+            elif self.kept is None:
                 plan, status, gap = found
                 u = found[0][0].copy()
             else:
                 plan, u, status, gap, reason = self._kept(self.kept, state, found, started)
             # nothing above has changed the loop, so that an exception leaves it as it was
-            self._plan, self._held = plan, 0
-            return self._noted(state, u, status, gap, started, reason)
+            self._plan, self._held = plan, held
+            if self._task.rate is not None:
+                self._task = replace(self._task, previous=u.copy())
+                self._solver.follow(u)
+            call = Call(state, u, status, gap, perf_counter() - started, reason)
+            return self._entered(call, u)
 
     def _kept(
-        self, kept: Kept, x: Floats, found: tuple[Floats, Status, float], started: float
+        self, kept: Kept, x: Floats, found: Found, started: float
     ) -> tuple[Floats | None, Floats, Status, float, str | None]:
-        def left() -> float:
-            if self._time_limit is None:
-                return np.inf
-            return self._time_limit - perf_counter() + started
+        limit = self._time_limit
 
-        def again() -> tuple[Floats, Status, float]:
+        def again() -> Found:
             self._set(self._system, self._task)
-            return self._solve(x, None if self._time_limit is None else max(left(), 1e-6))
+            left = None if limit is None else max(limit - perf_counter() + started, 1e-6)
+            return self._solve(x, left)
 
         try:
-            return *kept._choose(x, found, again, left), None
+            return *kept.choose(x, found, again, started + (limit or np.inf)), None
         except SolverError as error:
             self._set(self._system, self._task)  # without what was kept back for the model
-            return None, kept._unplanned(x), "infeasible", np.nan, str(error)
+            return None, kept.unplanned(x), "infeasible", np.nan, str(error)
 
-    def _fault(self, x: Floats, reason: str, started: float) -> Floats:
-        """Go on without a state: by the plan, behind its end with its last input."""
-        u = self._last
-        if self.kept is not None:
-            self.kept._since += 1
-        elif self._plan is not None:
-            u = self._plan[min(self._held + 1, self.steps - 1)].copy()
-        self._held += 1
-        return self._noted(x, u, "held", np.nan, started, reason)
-
-    def _hold(self, started: float) -> Floats:
-        if self.kept is not None:
-            raise InputError("`hold` must be False with a gain: the feedback needs the state")
-        if self._plan is None:
-            raise InputError("`hold` must be False before the first plan: call loop(x) first")
-        if self._held + 1 >= self.steps:
-            raise InputError(
-                f"`hold` must be False now: a plan over {show.counted(self.steps)} has "
-                f"{show.number_of(self.steps - 1, 'input')} to hold, and all are used"
-            )
-        self._held += 1
-        return self._noted(None, self._plan[self._held].copy(), "held", np.nan, started)
-
-    def _noted(
-        self,
-        x: Floats | None,
-        u: Floats,
-        status: Status,
-        gap: float,
-        started: float,
-        reason: str | None = None,
-    ) -> Floats:
-        if self._task.rate is not None:
-            self._task = replace(self._task, previous=u.copy())
-            self._solver.follow(u)
-        return self._entered(Call(x, u, status, gap, perf_counter() - started, reason), u)
-
-    def _solve(self, x: Floats, limit: float | None) -> tuple[Floats, Status, float]:
+    def _solve(self, x: Floats, limit: float | None) -> Found:
         found = self._solver.solve(x, limit)
         shape = self._task.low.shape
-        plan = found.control[: shape[0] * shape[1]].reshape(shape)
-        return plan, found.status, found.gap
+        return found.control[: shape[0] * shape[1]].reshape(shape), found.status, found.gap
 
-    def __getstate__(self) -> dict[str, Any]:
-        with self._turn():
-            return {
-                "system": self._system,
-                "labels": self._labels,
-                "kept": self.kept,
-                "task": self._task,
-                "time_limit": self._time_limit,
-                "plan": self._plan,
-                "held": self._held,
-                "calls": self._calls,
-                "log": tuple(self._log),
-                "last": self._last,
-                "warm": self._solver.warm(),
-            }
+    def _saved(self) -> Any:
+        return self._solver.warm()
 
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        words = ("system", "task", "time_limit", "labels", "kept")
-        Regulator.__init__(self, *(state[word] for word in words))
-        self._plan, self._held, self._calls = state["plan"], state["held"], state["calls"]
-        self._log.extend(state["log"])
-        self._last = state["last"]
-        self._solver.resume(state["warm"])
+    def _restore(self, core: Any) -> None:
+        self._set(self._system, self._task)
+        self._solver.resume(core)
+
+    def _forget(self) -> None:
+        self._plan, self._held, self._safe = None, 0, self._start()
+        if self.kept is not None:
+            self.kept.reset()
+            self._set(self._system, self._task)
+        self._solver.resume(None)
 
     @property
     def n(self) -> int:
@@ -283,11 +252,6 @@ class Regulator(ControlLoop[Call]):
         `predict` with them says where a model leads from x, and how far that is certain.
         """
         return None if self._plan is None else self._plan.copy()
-
-    @property
-    def held(self) -> int:
-        """How many inputs in a row were held."""
-        return self._held
 
     def swap(self, system: System | Identified | Any) -> None:
         """Go on with another system or model from the next call on.
@@ -319,30 +283,8 @@ class Regulator(ControlLoop[Call]):
             warm = self._solver.warm()
             self._set(checked, self._task)
             self._solver.resume(warm)
-            if not self._labels.given:
-                self._labels = checked.labels
-
-    def reset(self) -> None:
-        """Forget the last plan, its active limits and the log; keep the system.
-
-        With `rate`, the last input remains the one that is applied now.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> loop = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0))
-        >>> u = loop([5.0])
-        >>> loop.reset()
-        >>> loop.calls, loop.plan
-        (0, None)
-        """
-        with self._turn():
-            self._plan, self._held = None, 0
-            self._cleared(self._safe)
-            if self.kept is not None:
-                self.kept.reset()
-                self._set(self._system, self._task)
-            self._solver.resume(None)
+            if not self.labels.given:
+                self.labels = checked.labels
 
     def validate(
         self,
@@ -397,27 +339,21 @@ class Regulator(ControlLoop[Call]):
         >>> loop.validate(x, scale=[0.1])
         <Validation: 19 runs of a loop, x(K) within 0.483 of xf, tube 2.96 scales, 95 % each>
         """
+        order = order_of("system", self._system.labels, self.labels)
         covariance = getattr(self._system, "covariance", None)
         unit = np.ones(self.n) if covariance is None else np.sqrt(np.diag(covariance))
-        order = order_of("system", self._system.labels, self._labels)
-        dt = self._system.dt if isinstance(self._system.dt, float) else None
+        unit = order.of_states(unit)
         mine = PredictedLoop(
             self._path,
             self._inputs,
             self.n,
             self.m,
             validation.frozen(self._task.reference[-1].copy()),
-            np.where(order.of_states(unit) > 0.0, order.of_states(unit), 1.0),
-            self._labels,
-            dt,
+            np.where(unit > 0.0, unit, 1.0),
+            self.labels,
+            self._dt,
         )
         return validated_loop(mine, runs, delta, beta, scale, weights)
-
-    def _fresh(self) -> Regulator:
-        """A copy that has not planned yet."""
-        other = copy.deepcopy(self)
-        other.reset()
-        return other
 
     def _inputs(self, states: Floats) -> Floats:
         """What the loop gives along a run."""
@@ -427,14 +363,24 @@ class Regulator(ControlLoop[Call]):
     def _path(self, x0: Floats, steps: int) -> Floats:
         """The states of the loop around its model."""
         loop, system = self._fresh(), self._system
-        order = order_of("system", system.labels, self._labels)
-        c = system.c if isinstance(system, Identified) else None
-        offset = np.zeros((self.n, 0)) if c is None else order.of_states(c)[:, None]
-        Theta = np.hstack([*order.matrices(system.A, system.B), offset])
+        order = order_of("system", system.labels, self.labels)
+        Theta = np.hstack(order.matrices(system.A, system.B))
+        if isinstance(system, Identified) and system.c is not None:
+            Theta = np.hstack([Theta, order.of_states(system.c)[:, None]])
         path = [x0]
         for _ in range(steps):
             path.append(trajectory(Theta, path[-1], loop(path[-1])[None])[-1])
         return np.array(path)
+
+    @property
+    def _dt(self) -> float | None:
+        return self._system.dt if isinstance(self._system.dt, float) else None
+
+    @property
+    def _states(self) -> Floats:
+        """The states in the log, nan where they were not known, (T, n)."""
+        unknown = np.full(self.n, np.nan)
+        return np.array([unknown if call.status == "held" else call.x for call in self._log])
 
     def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
         """Draw the calls in the log: states, inputs within their limits, time of each call.
@@ -466,24 +412,51 @@ class Regulator(ControlLoop[Call]):
         >>> len(loop.plot().axes)
         3
         """
-        system = self._system
-        names = self._labels.state_axes, self._labels.input_axes
-        dt = system.dt if isinstance(system.dt, float) else None
-        return drawn_calls(self.log, self._task, names, dt, figure)
+        if not self._log:
+            raise InputError("the log is empty: there is nothing to draw before the first call")
+        inputs = np.array([call.u for call in self._log])
+        low, high = (np.broadcast_to(side, inputs.shape) for side in self.limits)
+        held = np.array([call.status == "held" for call in self._log])
+        return draw_calls(
+            self._states,
+            self.labels.state_axes,
+            Inputs(inputs, self.labels.input_axes, low, high, held),
+            self._task.reference[-1],
+            np.array([call.seconds for call in self._log]),
+            dt=self._dt,
+            figure=figure,
+        )
 
     def __repr__(self) -> str:
-        said = f", the last: {counted(self.log[-10:])}" if self._log else ""
+        last = f", the last: {_counted(self.log[-10:])}" if self._log else ""
         return (
             f"<Regulator: n={self.n} m={self.m}, {show.counted(self.steps)}, "
-            f"{show.number_of(self._calls, 'call')}{said}>"
+            f"{show.number_of(self._calls, 'call')}{last}>"
         )
 
     def _repr_html_(self) -> str:
-        low, high = self.limits
-        calls = self.log
-        bounds = f"{show.vector(low)} to {show.vector(high)}" if self._task.bounded else None
-        rows = [("limits", bounds), *facts(calls), ("held in a row", self._held or None)]
-        return show.card(self, rows, curves(calls, self.n))
+        low, high = map(show.vector, self.limits)
+        rows: list[tuple[str, object]] = [
+            ("limits", f"{low} to {high}" * self._task.bounded or None)
+        ]
+        if not self._log:
+            return show.card(self, rows)
+        times, log = 1e6 * np.array([call.seconds for call in self._log]), self.log
+        spread = f"{np.median(times):.3g} µs (median), {times.max():.3g} µs at most"
+        rows += [
+            ("last calls", _counted(log)),
+            ("time of a call", spread),
+            ("last input", show.vector(log[-1].u)),
+            ("held in a row", self._held or None),
+        ]
+        drawn = show.states(np.arange(len(log)), self._states, "states over the calls")
+        return show.card(self, rows, drawn)
+
+
+def _counted(calls: tuple[Call, ...]) -> str:
+    """``40 optimal, 2 held``."""
+    seen = Counter(call.status for call in calls)
+    return ", ".join(f"{count} {status}" for status, count in seen.items())
 
 
 def checked_model(system: Any) -> System | Identified:

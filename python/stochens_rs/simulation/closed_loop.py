@@ -5,20 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from copy import deepcopy
 from dataclasses import KW_ONLY, dataclass, field
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.names import order_of
+from .._base.names import default_labels, order_of
 from .._base.records import SavedRecord, require_shapes
-from .._base.running import get_num_threads
-from .._base.tables import Cube, Tabled, named, over_time, padded
+from .._base.tables import Cube, Tabled, over_time, padded
 from .._base.types import Floats, Status, worst
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..feedback import Loop
-from ..fusion.fusing import METHODS
+from ..fusion.fusing import METHODS, Method
 from ..loops import Regulator
 from ..plots.lines import draw_tracking
 from ..rng import Key, RngLike, as_key
@@ -27,16 +26,13 @@ from ..theory.exact import REACHABLE, factors
 from .simulating import columns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from matplotlib.axes import Axes
     from numpy.typing import ArrayLike
 
-    from .._base.types import Floats, Status
-    from ..fusion.fusing import Method
-    from ..loops import Regulator
-    from ..rng import Key
-    from ..system.system import System
+# states (R, K + 1, n), inputs (R, K, m), how the computations ended, and what made them
+Driven: TypeAlias = tuple[Floats, Floats, Status, dict[str, Any]]
 
 
 @dataclass(frozen=True)
@@ -80,99 +76,6 @@ class StepEstimate:
         validation.choice("method", self.method, METHODS)
         for name in ("feedback", "sample_states"):
             validation.flag(name, getattr(self, name))
-
-
-class Driven(NamedTuple):
-    """States (R, K + 1, n) and inputs (R, K, m), and how the computations ended."""
-
-    states: Floats
-    inputs: Floats
-    status: Status
-    info: dict[str, Any]
-
-
-def controlled(
-    system: System,
-    start: Floats,
-    K: int,
-    controller: Callable[[Floats], Any],
-    noise: Any,
-    key: Key,
-    runs: int | None,
-) -> Driven:
-    """Simulate ``x(k+1) = A x(k) + B u(k) + w(k)`` with ``u(k) = controller(x(k))``."""
-    if not callable(controller) or isinstance(controller, type):
-        raise InputTypeError(
-            "`controller` must be a number of realizations, a StepEstimate or a function, "
-            f"u = f(x), got {validation.show(controller)}"
-        )
-    n, m = system.n, system.m
-    loop = controller if isinstance(controller, Regulator) else None
-    sizes, labels = (n, m), None
-    if loop is not None:
-        sizes, labels = (loop.n, loop.m), loop._labels
-    elif isinstance(controller, Loop):
-        sizes, labels = controller.B.shape, controller.labels
-    if sizes != (n, m):
-        raise InputError(
-            "`controller` must be for n={} and m={} as `system`, got n={} and m={}".format(
-                n, m, *sizes
-            )
-        )
-    # what the controller calls by the same names stands where it has it
-    order = order_of("system", system.labels, labels)
-    back = order.back()
-    sigma = validation.deviations("noise", 0.0 if noise is None else noise, n)
-    states, inputs = np.empty((runs or 1, K + 1, n)), np.empty((runs or 1, K, m))
-    seen: Counter[Status] = Counter()
-    for i, (x, u) in enumerate(zip(states, inputs, strict=True)):
-        # every run begins with the controller as it was given
-        act = controller if loop is None or runs is None else deepcopy(loop)
-        w = key.child(f"replicate-{i}").child("noise").generator().standard_normal((K, n)) * sigma
-        x[0] = start
-        for k in range(K):
-            found = validation.vector("controller(x)", act(order.of_states(x[k]).copy()), length=m)
-            u[k] = back.of_inputs(found)
-            if isinstance(act, Regulator):
-                seen[act.log[-1].status] += 1
-            with np.errstate(over="ignore", invalid="ignore"):
-                x[k + 1] = system.A @ x[k] + system.B @ u[k] + w[k]
-            if not np.isfinite(x[k + 1]).all():
-                raise NonFiniteError(f"the state overflows at step {k + 1} under `controller`")
-    info = {
-        "controller": type(controller).__name__,
-        "limits": None if loop is None else tuple(map(back.of_inputs, loop.limits)),
-        "statuses": dict(seen),
-        "noise": sigma,
-    }
-    return Driven(states, inputs, worst(seen) if seen else "completed", info)
-
-
-def check_info(info: dict[str, Any]) -> None:
-    """Refuse a description of what chose the inputs that `made_by` cannot read."""
-    for name in ("size", "runs"):
-        if info.get(name) is not None:
-            validation.size(f"info['{name}']", info[name])
-    limits = info.get("limits")
-    if limits is not None:
-        pair = isinstance(limits, tuple) and len(limits) == 2
-        if not pair or not all(isinstance(one, np.ndarray) and one.ndim == 1 for one in limits):
-            raise InputTypeError(
-                f"`info['limits']` must be (low, high), got {validation.show(limits)}"
-            )
-        validation.instance("info['statuses']", info.get("statuses"), dict)
-
-
-def made_by(info: dict[str, Any]) -> Iterator[tuple[str, object]]:
-    """Rows about what chose the inputs."""
-    if "size" in info:
-        yield "realizations N per step", show.grouped(info["size"])
-        return
-    yield "controller", info.get("controller")
-    if info.get("limits") is not None:
-        low, high = map(show.vector, info["limits"])
-        yield "limits", f"{low} to {high}"
-        yield "calls", ", ".join(f"{count} {what}" for what, count in info["statuses"].items())
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -227,7 +130,6 @@ class Tracking(SavedRecord, Tabled):
             reference=(length, n),
             residuals=(length - 1,),
         )
-        check_info(self.info)
         if length < 2 or not m:
             raise ShapeError(f"`inputs` must have a step and an input, got {self.inputs.shape}")
 
@@ -288,15 +190,12 @@ class Tracking(SavedRecord, Tabled):
             "residuals": ((clock,), residuals, None),
         }
         attrs = {"status": self.status, "key": self.key.hex}
-        return Cube(variables, times, attrs, named(None, self.states.shape[-1], m))
+        return Cube(variables, times, attrs, default_labels(self.states.shape[-1], m))
 
     def _repr_html_(self) -> str:
-        distance = np.sqrt(self.mean_square)
-        rms = " (rms)" * (self.states.ndim == 3)
+        distance, rms = np.sqrt(self.mean_square), " (rms)" * (self.states.ndim == 3)
         rows = [
-            ("steps", show.grouped(len(self.residuals))),
-            *made_by(self.info),
-            ("runs", self.info.get("runs")),
+            *((name.replace("_", " "), value) for name, value in self.info.items()),
             (f"off by{rms}", f"{distance[-1]:.4g} at the end, {distance.max():.4g} at most"),
             ("out of reach in one step", f"{self.residuals.max():.4g} at most"),
         ]
@@ -383,21 +282,13 @@ def track(
     (True, True, {'optimal': 30})
     """
     checked = System.from_any(system)
-    n, m = checked.n, checked.m
-    names = checked.state_names
+    n, m, names = checked.n, checked.m, checked.state_names
     how: Any = {"cols": n, "rows": "K + 1", "empty": False, "labels": names}
     r = validation.inputs("reference", reference, **how).copy()
     if len(r) < 2:
         raise InputError(f"`reference` must have shape (K + 1, {n}) with K >= 1, got {r.shape}")
-    if validation.is_real(controller):
-        controller = StepEstimate(controller)  # type: ignore[arg-type]
-    if isinstance(controller, StepEstimate) and noise is not None:
-        raise InputError("`noise` must be None with a StepEstimate, got one")
-    start = (
-        r[0] if x0 is None else validation.vector("x0", x0, length=n, labels=checked.state_names)
-    )
-    R = None if runs is None else validation.size("runs", runs)
-    K = len(r) - 1
+    start = r[0] if x0 is None else validation.vector("x0", x0, length=n, labels=names)
+    R, K = None if runs is None else validation.size("runs", runs), len(r) - 1
     running.need("the trajectories", (R or 1) * ((K + 1) * (n + 1) + K * m) * 8)
     with np.errstate(over="ignore", invalid="ignore"):
         U = factors(checked.B).U
@@ -408,46 +299,90 @@ def track(
         raise NonFiniteError("`A` times `reference` overflows: scale the problem down")
     unit = np.maximum(np.abs(d).max(axis=1), np.finfo(np.float64).tiny)
     residuals = unit * np.linalg.norm(d / unit[:, None], axis=1)
-    key = as_key(rng)
-    estimated = isinstance(controller, StepEstimate)
+    key, cure = as_key(rng), ""
+    if validation.is_real(controller):
+        controller = StepEstimate(controller)  # type: ignore[arg-type]
     if isinstance(controller, StepEstimate):
-        found = _estimated(checked, start, r, controller, key, R)
+        if noise is not None:
+            raise InputError("`noise` must be None with a StepEstimate, got one")
+        states, inputs, status, info = _estimated(checked, start, r, controller, key, R)
+        cure = ": is `size` above the threshold of stability (see track)?"
     else:
-        found = controlled(checked, start, K, controller, noise, key, R)  # type: ignore[arg-type]
+        sigma = validation.deviations("noise", 0.0 if noise is None else noise, n)
+        states, inputs, status, info = _controlled(checked, start, K, controller, sigma, key, R)
     with np.errstate(over="ignore"):
         # run by run: NumPy 2.4 ends the process where a broadcast finds no memory for its buffer
-        errors = np.array([np.linalg.norm(run - r, axis=1) for run in found.states])
+        errors = np.array([np.linalg.norm(run - r, axis=1) for run in states])
     lost = np.argwhere(~np.isfinite(errors[:, 1:]))  # the first run comes first
     if lost.size:
-        cure = "" if not estimated else ": is `size` above the threshold of stability (see track)?"
         raise NonFiniteError(f"the squared error overflows at step {lost[0, 1] + 1}{cure}")
     first = 0 if R is None else slice(None)  # without `runs`, there is no axis for them
-    return Tracking(
-        states=found.states[first],
-        inputs=found.inputs[first],
-        errors=errors[first],
-        reference=r,
-        residuals=residuals,
-        feasible=bool((residuals <= REACHABLE * needed).all()),
-        key=key,
-        status=found.status,
-        info={**found.info, "runs": R},
-    )
+    feasible = bool((residuals <= REACHABLE * needed).all())
+    found = states[first], inputs[first], errors[first], r, residuals, feasible
+    return Tracking(*found, key, status, {**info, "runs": R})
 
 
-def _estimated(
+def _controlled(
     system: System,
     start: Floats,
-    r: Floats,
-    how: StepEstimate,
+    K: int,
+    controller: Any,
+    sigma: Floats,
     key: Key,
     runs: int | None,
 ) -> Driven:
+    """Simulate ``x(k+1) = A x(k) + B u(k) + w(k)`` with ``u(k) = controller(x(k))``."""
+    if not callable(controller) or isinstance(controller, type):
+        raise InputTypeError(
+            "`controller` must be a number of realizations, a StepEstimate or a function, "
+            f"u = f(x), got {validation.show(controller)}"
+        )
+    n, m = system.n, system.m
+    labels = controller.labels if isinstance(controller, Loop | Regulator) else None
+    sizes = (n, m) if labels is None else (len(labels.states), len(labels.inputs))
+    if sizes != (n, m):
+        raise InputError(
+            "`controller` must be for n={} and m={} as `system`, got n={} and m={}".format(
+                n, m, *sizes
+            )
+        )
+    # what the controller calls by the same names stands where it has it
+    order = order_of("system", system.labels, labels)
+    back, logged = order.back(), isinstance(controller, Regulator)
+    states, inputs = np.empty((runs or 1, K + 1, n)), np.empty((runs or 1, K, m))
+    seen: Counter[Status] = Counter()
+    for i, (x, u) in enumerate(zip(states, inputs, strict=True)):
+        # every run begins with the controller as it was given
+        act = deepcopy(controller) if logged and runs is not None else controller
+        w = key.child(f"replicate-{i}").child("noise").generator().standard_normal((K, n)) * sigma
+        x[0] = start
+        for k in range(K):
+            found = validation.vector("controller(x)", act(order.of_states(x[k]).copy()), length=m)
+            u[k] = back.of_inputs(found)
+            if logged:
+                seen[act.log[-1].status] += 1
+            with np.errstate(over="ignore", invalid="ignore"):
+                x[k + 1] = system.A @ x[k] + system.B @ u[k] + w[k]
+            if not np.isfinite(x[k + 1]).all():
+                raise NonFiniteError(f"the state overflows at step {k + 1} under `controller`")
+    info = {
+        "controller": type(controller).__name__,
+        "limits": tuple(map(back.of_inputs, controller.limits)) if logged else None,
+        "statuses": dict(seen),
+        "noise": sigma,
+    }
+    return states, inputs, worst(seen) if seen else "completed", info
+
+
+def _estimated(
+    system: System, start: Floats, r: Floats, how: StepEstimate, key: Key, runs: int | None
+) -> Driven:
     """Control by a new estimate of A in every step, in the core."""
-    n, m, K, threads = system.n, system.m, len(r) - 1, get_num_threads()
+    n, m, K, threads = system.n, system.m, len(r) - 1, running.get_num_threads()
     if how.method != "uniform":  # per step: the indices, which have up to 4 bytes, and the weights
         running.need("the realizations of a step", threads * how.size * (4 * n + 24))
-    of_B = factors(np.ascontiguousarray(system.B))
+    of_B = factors(system.B)
+    info = {name: getattr(how, name) for name in ("size", "method", "feedback", "sample_states")}
     states, inputs, optimal = _core.track(
         *columns(system),
         start,
@@ -462,6 +397,5 @@ def _estimated(
         threads,
     )
     best: Status = "optimal" if how.method == "alse" else "completed"
-    info = {name: getattr(how, name) for name in ("method", "size", "feedback", "sample_states")}
     status = best if optimal else "optimal_inaccurate"
-    return Driven(states.reshape(-1, K + 1, n), inputs.reshape(-1, K, m), status, info)
+    return states.reshape(-1, K + 1, n), inputs.reshape(-1, K, m), status, info

@@ -11,7 +11,6 @@ from .. import _core
 from .._base import running, validation
 from .._base.names import default_labels
 from .._base.reading import aligned
-from .._base.running import get_num_threads
 from .._base.types import AVERAGINGS, Averaging, Floats
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, NonFiniteError, ShapeError
@@ -165,20 +164,24 @@ def simulate_ensemble(
     >>> bool(np.all(abs(found.mean - exact) <= 5 * found.standard_error))
     True
     """
+    kept = validation.subset("keep", keep, _KEEP)
     if isinstance(system, SystemEnsemble):
-        unused: dict[str, tuple[object, object]] = {
-            "size": (size, None),
-            "sampled": (sampled, SAMPLED),
-            "averaging": (averaging, "runs"),
-            "replicates": (replicates, 1),
-            "rng": (rng, None),
-        }
-        return _each(system, x0, u, unused, keep)
+        for name, value, default in (
+            ("size", size, None),
+            ("sampled", sampled, SAMPLED),
+            ("averaging", averaging, "runs"),
+            ("replicates", replicates, 1),
+            ("rng", rng, None),
+        ):
+            if value is not default and not (isinstance(value, str | int) and value == default):
+                raise InputError(
+                    f"`{name}` must be left out for a SystemEnsemble, whose models are run as they "
+                    f"are, got {validation.show(value)}"
+                )
+        return _each(system, x0, u, kept)
     checked, start, inputs = checked_motion(system, x0, u)
     count = validation.size("size", size)
     names = validation.subset("sampled", sampled, SAMPLED)
-    kept = validation.subset("keep", keep, _KEEP)
-    full, all_runs = "covariance" in kept, "runs" in kept
     mean_field = validation.choice("averaging", averaging, AVERAGINGS) == "mean-field"
     repeats = validation.size("replicates", replicates)
     if not mean_field and repeats != 1:
@@ -187,50 +190,36 @@ def simulate_ensemble(
             "themselves are the independent trajectories, and `size` is their number"
         )
     trajectories = repeats if mean_field else count
-    threads = get_num_threads()
     n, m = checked.n, checked.m
-    tables = 8 * (n + m) * (n + (1 << (n - 1).bit_length()))  # laws of the columns of A and B
-    _check_memory(
-        n, len(inputs), trajectories, 2 * tables, full=full, keep=all_runs, threads=threads
-    )
+    tables = 16 * (n + m) * (n + (1 << (n - 1).bit_length()))  # laws of the columns of A and B
+    options = _checked_memory(n, len(inputs), trajectories, tables, kept)
     key = as_key(rng)
-    problem = (*columns(checked), start.reshape(1, -1), inputs)
-    times = repeats if mean_field else None
-    drawn = "A" in names, "B" in names, "x0" in names
-    mean, variance, flat, runs = _core.simulate_runs(
-        *problem, drawn, count, times, full, all_runs, bytes(key), threads
+    found = _core.simulate_runs(
+        *columns(checked),
+        start.reshape(1, -1),
+        inputs,
+        ("A" in names, "B" in names, "x0" in names),
+        count,
+        repeats if mean_field else None,
+        *options[:2],
+        bytes(key),
+        options[2],
     )
     return EnsembleTrajectory(
-        mean=mean,
-        variance=variance,
-        covariance=None if flat is None else flat.reshape(-1, checked.n, checked.n),
-        runs=runs.reshape(trajectories, *mean.shape) if all_runs else None,
-        inputs=inputs.copy(),
-        times=_times(_dt(checked), len(inputs)),
+        **_arrays(found, inputs, _dt(checked)),
         size=count,
         replicates=trajectories,
         averaging="mean-field" if mean_field else "runs",
         sampled=names,
-        dt=_dt(checked),
         key=key,
         labels=checked.labels,
     )
 
 
 def _each(
-    models: SystemEnsemble,
-    x0: ArrayLike,
-    u: ArrayLike,
-    unused: dict[str, tuple[object, object]],
-    keep: object,
+    models: SystemEnsemble, x0: ArrayLike, u: ArrayLike, kept: tuple[str, ...]
 ) -> EnsembleTrajectory:
-    """Run each of several systems once; `unused`: arguments with the values they must have."""
-    for name, (given, default) in unused.items():
-        if given is not default and not (isinstance(given, (str, int)) and given == default):
-            raise InputError(
-                f"`{name}` must be left out for a SystemEnsemble, whose models are run as they "
-                f"are, got {validation.show(given)}"
-            )
+    """Run each of several systems once."""
     N, n, m = models.size, models.n, models.m
     names = models.labels or default_labels(n, m)
     start = validation.array("x0", aligned("x0", x0, names.states), ndim=(1, 2))
@@ -239,38 +228,35 @@ def _each(
             f"`x0` must have shape ({n},), or ({N}, {n}) with one for each model, got {start.shape}"
         )
     inputs = validation.inputs("u", u, cols=m, labels=names.inputs)
-    kept = validation.subset("keep", keep, _KEEP)
-    full, all_runs = "covariance" in kept, "runs" in kept
-    threads, steps = get_num_threads(), len(inputs)
-    transposed = models.A.nbytes + models.B.nbytes
-    _check_memory(n, steps, N, transposed, full=full, keep=all_runs, threads=threads)
+    options = _checked_memory(n, len(inputs), N, models.A.nbytes + models.B.nbytes, kept)
     A, B = (np.ascontiguousarray(M.transpose(0, 2, 1)) for M in (models.A, models.B))
-    mean, variance, flat, runs = _core.simulate_systems(
-        A.reshape(N, n * n),
-        B.reshape(N, m * n),
-        models.c,
-        start.reshape(-1, n),
-        inputs,
-        full,
-        all_runs,
-        threads,
+    found = _core.simulate_systems(
+        A.reshape(N, n * n), B.reshape(N, m * n), models.c, start.reshape(-1, n), inputs, *options
     )
     return EnsembleTrajectory(
-        mean=mean,
-        variance=variance,
-        covariance=None if flat is None else flat.reshape(-1, n, n),
-        runs=runs.reshape(N, *mean.shape) if all_runs else None,
-        inputs=inputs.copy(),
-        times=_times(models.dt, steps),
+        **_arrays(found, inputs, models.dt),
         size=N,
         replicates=N,
         averaging="systems",
         sampled=(),
-        dt=models.dt,
         key=None,
         centre=models.centre,
         labels=names,
     )
+
+
+def _arrays(found: tuple[Any, ...], inputs: Floats, dt: float | None) -> dict[str, Any]:
+    """The fields that the core computed."""
+    mean, variance, covariance, runs = found
+    return {
+        "mean": mean,
+        "variance": variance,
+        "covariance": None if covariance is None else covariance.reshape(*mean.shape, -1),
+        "runs": runs.reshape(-1, *mean.shape) if runs.size else None,
+        "inputs": inputs.copy(),
+        "times": _times(dt, len(inputs)),
+        "dt": dt,
+    }
 
 
 def columns(system: System) -> tuple[Floats, Floats]:
@@ -289,26 +275,23 @@ def _dt(system: System) -> float | None:
 
 
 def _times(dt: float | None, steps: int) -> Floats:
-    times: Floats = (dt or 1.0) * np.arange(steps + 1, dtype=np.float64)
-    return times
+    return np.asarray((dt or 1.0) * np.arange(steps + 1, dtype=np.float64))
 
 
-def _check_memory(
-    n: int,
-    steps: int,
-    trajectories: int,
-    tables: int = 0,
-    *,
-    full: bool,
-    keep: bool,
-    threads: int,
-) -> None:
-    """Check what the core allocates: moments are added up in a binary tree of partial sums."""
+def _checked_memory(
+    n: int, steps: int, trajectories: int, tables: int, kept: tuple[str, ...]
+) -> tuple[bool, bool, int]:
+    """Check what the core allocates; what is kept, and the number of threads.
+
+    Moments are added up in a binary tree of partial sums, one per thread and level of the tree.
+    """
+    full, runs, threads = "covariance" in kept, "runs" in kept, running.get_num_threads()
     sums = 8 * (steps + 1) * n * (1 + (n if full else 1))  # mean and (co)variance
-    partial = threads + trajectories.bit_length() + 2  # one per thread and level of the tree
-    kept = 8 * trajectories * (steps + 1) * n if keep else 0
+    partial = threads + trajectories.bit_length() + 2
+    room = 8 * trajectories * (steps + 1) * n if runs else 0
     work = 1024 * n * threads  # states of the runs of a thread
     running.need(
-        f"the moments{' and the runs' if keep else ''} of {trajectories} trajectories",
-        sums * partial + tables + kept + work,
+        f"the moments{' and the runs' if runs else ''} of {trajectories} trajectories",
+        sums * partial + tables + room + work,
     )
+    return full, runs, threads

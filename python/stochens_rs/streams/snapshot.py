@@ -29,6 +29,7 @@ from ..certificates.of_model import Asked, ModelBasis, certificate, trajectory
 from ..controls.control import control
 from ..exceptions import DataWarning, InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
+from ..feedback.certificate import judged
 from ..identification.assumptions import Assumptions, checked_scale, require_states
 from ..identification.checks import (
     cautions,
@@ -507,7 +508,7 @@ def look_at_loop(model: Snapshot, gain: Loop | ArrayLike) -> LoopLook:
     if K.shape != (m, n):
         raise InputError(f"`gain` must be of shape ({m}, {n}), got {K.shape}")
     own = validation.frozen(np.array(K))
-    proof = LoopCertificate._judged(model.region(), own, model.labels, model)
+    proof = judged(model.region(), own, model.labels, model)
     needed = 0.0
     if proof.status != "certified":
         stable = not model.doubts and isfinite(proof.least)

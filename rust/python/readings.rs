@@ -1,0 +1,147 @@
+//! Loops from readings: the window, the gate, and what is learned of a disturbance.
+
+use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use super::convert::{array1, slice};
+use super::region::PyRegion;
+use super::run::run;
+use super::shared::Shared;
+use super::window::PyWindow;
+use crate::memory::try_copy;
+use crate::region::{Disturbance, Gate, Readings};
+use crate::window::{Contents, Filter};
+
+type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+type Vector<'py> = PyReadonlyArray1<'py, f64>;
+type Row<'py> = Bound<'py, PyArray1<f64>>;
+/// What was predicted, the disturbance, how far off, whether believed, what follows ("lost", "waits" or "runs"), and x.
+type Found<'py> = (Option<Row<'py>>, Row<'py>, f64, bool, &'static str, Row<'py>);
+/// x, whether it is known, excess, complete readings in a row, calls, readings of each output, and whether it is stuck.
+type Now<'py> = (Row<'py>, bool, f64, usize, usize, Vec<usize>, bool);
+
+const WHAT: &str = "a loop from readings";
+
+/// Which readings are taken for true.
+#[pyclass(frozen, module = "stochens_rs._core", name = "Gate")]
+pub(super) struct PyGate(Gate);
+
+#[pymethods]
+impl PyGate {
+    /// None where no bound of the noise is known.
+    #[staticmethod]
+    fn of(py: Python<'_>, region: &Bound<'_, PyRegion>, false_alarm: f64) -> PyResult<Option<Self>> {
+        let region = &region.get().0;
+        Ok(run(py, 0.0, |_| Gate::new(region, false_alarm))?.map(Self))
+    }
+
+    /// How far off readings are, in widths of the gate, behind a known window.
+    fn excess(&self, off: Vector<'_>, z: Vector<'_>, seen: Vec<bool>) -> PyResult<f64> {
+        Ok(self.0.excess_of(slice("off", &off)?, slice("z", &z)?, &seen)?)
+    }
+}
+
+/// A window of readings that is kept from call to call.
+#[pyclass(frozen, module = "stochens_rs._core", name = "Readings")]
+pub(super) struct PyReadings {
+    inner: Shared<Readings>,
+    cost: f64,
+}
+
+#[pymethods]
+impl PyReadings {
+    /// Of a model `theta` with the covariance of its noise; `signals`: the mean of the outputs, and the range and deviation of
+    /// outputs and inputs; `disturbance`: what it does to the outputs, its gain, and what is not known of it; `limits`: us, low,
+    /// high.
+    #[new]
+    #[expect(clippy::too_many_arguments, reason = "what a loop from readings is made of")]
+    fn new(
+        window: &Bound<'_, PyWindow>,
+        theta: Matrix<'_>,
+        noise: Matrix<'_>,
+        signals: (Vector<'_>, Vector<'_>),
+        gate: Option<&Bound<'_, PyGate>>,
+        disturbance: (Matrix<'_>, Matrix<'_>, Matrix<'_>),
+        limits: (Vector<'_>, Vector<'_>, Vector<'_>),
+        max_missing: usize,
+    ) -> PyResult<Self> {
+        let (window, theta) = (window.get().0, slice("theta", &theta)?);
+        let (mean, wide) = (slice("mean", &signals.0)?, slice("wide", &signals.1)?);
+        let filter = Filter::new(window, theta, slice("noise", &noise)?, mean, wide)?;
+        let (outputs, gain, spread) = (&disturbance.0, &disturbance.1, &disturbance.2);
+        let (us, low, high) = (slice("us", &limits.0)?, slice("low", &limits.1)?, slice("high", &limits.2)?);
+        let of = Disturbance {
+            outputs: try_copy(WHAT, slice("outputs", outputs)?)?,
+            gain: try_copy(WHAT, slice("gain", gain)?)?,
+            spread: try_copy(WHAT, slice("spread", spread)?)?,
+            limits: [try_copy(WHAT, us)?, try_copy(WHAT, low)?, try_copy(WHAT, high)?],
+        };
+        let made = Readings::new(filter, theta, gate.map(|gate| gate.get().0.clone()), of, max_missing)?;
+        let cost = 20.0 * ((window.states() + window.outputs()) as f64).powi(3);
+        Ok(Self { inner: Shared::new("loop", made), cost })
+    }
+
+    fn step<'py>(
+        &self,
+        py: Python<'py>,
+        y: Vector<'_>,
+        seen: Vec<bool>,
+        acted: Vector<'_>,
+        d: Vector<'_>,
+        started: bool,
+    ) -> PyResult<Found<'py>> {
+        let (y, acted, d) = (slice("y", &y)?, slice("applied", &acted)?, slice("d", &d)?);
+        let (found, x) = self.inner.with(py, self.cost, |inner, _| {
+            let found = inner.step(y, &seen, acted, d, started)?;
+            Ok((found, try_copy(WHAT, inner.state().0.map_or(&[], |now| &now.x))?))
+        })?;
+        let follows = match (found.lost, found.runs) {
+            (true, _) => "lost",
+            (_, false) => "waits",
+            (_, true) => "runs",
+        };
+        let predicted = found.predicted.map(|predicted| array1(py, predicted)).transpose()?;
+        Ok((predicted, array1(py, found.d)?, found.off, found.believed, follows, array1(py, x)?))
+    }
+
+    /// Go on from the state of a full window.
+    fn start(&self, py: Python<'_>, x: Vector<'_>) -> PyResult<()> {
+        let x = slice("x", &x)?;
+        self.inner.with(py, 0.0, |inner, _| inner.start(x))
+    }
+
+    /// None before the first readings.
+    #[getter]
+    fn now<'py>(&self, py: Python<'py>) -> PyResult<Option<Now<'py>>> {
+        let now = self.inner.with(py, 0.0, |inner, _| Ok(inner.state().0.cloned()))?;
+        let handed = |now: Contents| {
+            let known = now.covariance.is_none();
+            Ok((array1(py, now.x)?, known, now.excess, now.since, now.calls, now.read, now.stuck))
+        };
+        now.map(handed).transpose()
+    }
+
+    /// The window, that with what was rejected, and how many readings in a row were.
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<(Option<Row<'py>>, Option<Row<'py>>, usize)> {
+        let (now, raw, rejected) = self.inner.with(py, 0.0, |inner, _| {
+            let (now, raw, rejected) = inner.state();
+            let numbers = |of: Option<&Contents>| of.map(Contents::numbers).transpose();
+            Ok((numbers(now)?, numbers(raw)?, rejected))
+        })?;
+        let handed = |of: Option<Vec<f64>>| of.map(|of| array1(py, of)).transpose();
+        Ok((handed(now)?, handed(raw)?, rejected))
+    }
+
+    #[pyo3(signature = (now=None, raw=None, rejected=0))]
+    fn resume(
+        &self,
+        py: Python<'_>,
+        now: Option<Vector<'_>>,
+        raw: Option<Vector<'_>>,
+        rejected: usize,
+    ) -> PyResult<()> {
+        let now = now.as_ref().map(|now| slice("now", now)).transpose()?;
+        let raw = raw.as_ref().map(|raw| slice("raw", raw)).transpose()?;
+        self.inner.with(py, 0.0, |inner, _| inner.restore(now, raw, rejected))
+    }
+}

@@ -1,0 +1,303 @@
+//! A loop from readings, step by step: which of them are taken for true, what is known of the window, and of a disturbance.
+
+use std::sync::Arc;
+
+use faer::{Mat, MatRef, Side};
+
+use crate::error::{Error, Result};
+use crate::identify::chi2_upper;
+use crate::memory::{covered, room_for_products, try_collect, try_collect_all, try_copy};
+use crate::vector::dot;
+use crate::window::{Contents, Filter};
+
+use super::{Part, Region};
+
+const WHAT: &str = "a loop from readings";
+/// Rejected readings in a row, behind which the next ones are taken for true.
+const BELIEVED: usize = 3;
+/// Of the excess of a window: what it holds says nothing.
+const USELESS: f64 = 1e12;
+
+/// A reading y is rejected if it is too far from what was predicted, p, for every system.
+///
+/// ```text
+/// ||T (y - p)|| > q + ||T D|| ||W z||,    T = (Sb + P)^(-1/2),    q^2 an upper quantile of chi2
+/// ```
+///
+/// `y - C z = D G W z + w` with `||G|| <= 1` for all systems of the region, and `||T w|| <= ||Sigma^(-1/2) w||` as `Sb >= Sigma`.
+/// So a true reading behind a window of true ones is rejected with at most the probability of the quantile in the event of the
+/// region, whatever was planned; P is what an uncertain window adds.
+#[derive(Debug, Clone)]
+pub struct Gate {
+    centre: Vec<f64>,
+    parts: Vec<Arc<Part>>,
+    /// `D D'` of each part.
+    shapes: Vec<Mat<f64>>,
+    noise: Mat<f64>,
+    /// q for so many readings.
+    quantiles: Vec<f64>,
+    /// Of all readings behind a known window.
+    usual: White,
+}
+
+/// `T` and `||T D||` of each part.
+#[derive(Debug, Clone)]
+struct White(Mat<f64>, Vec<f64>);
+
+impl White {
+    /// None where the covariance is not positive definite.
+    fn new<'a>(noise: &Mat<f64>, shapes: impl Iterator<Item = &'a Mat<f64>>, seen: &[usize]) -> Option<Self> {
+        let p = seen.len();
+        let some = |of: &Mat<f64>| Mat::from_fn(p, p, |i, j| of[(seen[i], seen[j])]);
+        let root = some(noise).llt(Side::Lower).ok()?;
+        let mut back = Mat::<f64>::identity(p, p);
+        for j in 0..p {
+            for i in j..p {
+                let done = (j..i).map(|q| root.L()[(i, q)] * back[(q, j)]).sum::<f64>();
+                back[(i, j)] = (back[(i, j)] - done) / root.L()[(i, i)];
+            }
+        }
+        let mut sizes = Vec::new();
+        for shape in shapes {
+            let values = (&back * some(shape) * back.transpose()).self_adjoint_eigenvalues(Side::Lower).ok()?;
+            sizes.push(values.last().copied().unwrap_or(0.0).max(0.0).sqrt());
+        }
+        Some(Self(back, sizes))
+    }
+}
+
+impl Gate {
+    /// None where no bound of the noise of all readings is known, or the region is unbounded.
+    ///
+    /// # Errors
+    /// [`Error::Value`], [`Error::Memory`].
+    pub fn new(region: &Region, false_alarm: f64) -> Result<Option<Self>> {
+        let p = region.n;
+        let known = region.noise().filter(|noise| noise.iter().all(|v| v.is_finite()));
+        let Some(noise) = known.filter(|_| region.radius().is_finite()) else { return Ok(None) };
+        let quantile = |count| if count == 0 { Ok(0.0) } else { Ok(chi2_upper(false_alarm, count as f64)?.sqrt()) };
+        let quantiles = try_collect_all(WHAT, (0..=p).map(quantile))?;
+        let all = try_collect(WHAT, 0..p)?;
+        let (centre, parts) = (try_copy(WHAT, region.centre())?, try_collect(WHAT, region.parts().iter().cloned())?);
+        room_for_products()?;
+        covered(WHAT, 256 * (p as u128 + 16).pow(2) * (region.parts().len() as u128 + 4), || {
+            let shape = |part: &Arc<Part>| {
+                let (of, mut shape) = (part.of(), Mat::zeros(p, p));
+                for (i, row) in of.rows.iter().zip(of.shape.chunks_exact(of.rows.len())) {
+                    of.rows.iter().zip(row).for_each(|(j, v)| shape[(*i, *j)] = v * of.factor);
+                }
+                shape
+            };
+            let shapes = try_collect(WHAT, parts.iter().map(shape))?;
+            let noise = MatRef::from_row_major_slice(noise, p, p).to_owned();
+            let usual = White::new(&noise, shapes.iter(), &all);
+            Ok(usual.map(|usual| Self { centre, parts, shapes, noise, quantiles, usual }))
+        })?
+    }
+
+    /// `(||T off|| - ||T D|| ||W z||) / q` of the components `seen`; above 1 it rejects.
+    fn excess(&self, off: &[f64], z: &[f64], seen: &[bool], more: Option<&Mat<f64>>) -> Result<f64> {
+        let places = try_collect(WHAT, (0..off.len()).filter(|i| seen[*i]))?;
+        let mut other = None;
+        if more.is_some() || places.len() < off.len() {
+            room_for_products()?;
+            other = covered(WHAT, 256 * (off.len() as u128 + 16).pow(2) * (self.parts.len() as u128 + 4), || {
+                let noise = more.map_or_else(|| self.noise.clone(), |more| &self.noise + more);
+                White::new(&noise, self.shapes.iter(), &places)
+            })?;
+            if other.is_none() {
+                return Ok(0.0); // the covariance of what is not known overflows
+            }
+        }
+        let White(t, sizes) = other.as_ref().unwrap_or(&self.usual);
+        let along = |i: usize| (0..=i).map(|j| t[(i, j)] * off[places[j]]).sum::<f64>();
+        let far = (0..places.len()).map(|i| along(i).powi(2)).sum::<f64>().sqrt();
+        let room = self.parts.iter().zip(sizes).map(|(part, size)| size * part.length(z)).sum::<f64>();
+        Ok((far - room) / self.quantiles[places.len()])
+    }
+
+    /// [`Self::excess`] of readings off by `off` behind a known window.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn excess_of(&self, off: &[f64], z: &[f64], seen: &[bool]) -> Result<f64> {
+        let (p, d) = (self.noise.nrows(), self.centre.len() / self.noise.nrows());
+        if off.len() != p || seen.len() != p || z.len() != d || !seen.contains(&true) {
+            let (expected, found) = (format!("{p} entries, and {d} of z"), off.len().to_string());
+            return Err(Error::Shape { name: "off", expected, found });
+        }
+        self.excess(off, z, seen, None)
+    }
+}
+
+/// What a constant at the inputs does, and what is learned of it.
+#[derive(Debug)]
+pub struct Disturbance {
+    /// What it makes of the readings at rest (p, m).
+    pub outputs: Vec<f64>,
+    /// Its change for a reading that is off (m, p).
+    pub gain: Vec<f64>,
+    /// The covariance of what is not known of it, as the readings see it (p, p).
+    pub spread: Vec<f64>,
+    /// `us`, and the limits low and high of `us - d` (m).
+    pub limits: [Vec<f64>; 3],
+}
+
+/// What a step found.
+#[derive(Debug)]
+pub struct Step {
+    /// What was predicted a step before; None at the first one.
+    pub predicted: Option<Vec<f64>>,
+    /// The disturbance.
+    pub d: Vec<f64>,
+    /// How far off the readings are, in widths of the gate: above 1 they were rejected.
+    pub off: f64,
+    /// Or, after as many in a row, taken for true.
+    pub believed: bool,
+    /// Whether the window holds no numbers that say anything.
+    pub lost: bool,
+    /// Whether the loop may run.
+    pub runs: bool,
+}
+
+/// A window of readings with a gate, and what it was with those that were rejected.
+#[derive(Debug)]
+pub struct Readings {
+    filter: Filter,
+    theta: Vec<f64>,
+    gate: Option<Gate>,
+    of: Disturbance,
+    max_missing: usize,
+    now: Option<Contents>,
+    raw: Option<Contents>,
+    rejected: usize,
+}
+
+/// `M v`, row by row.
+fn product(rows: &[f64], v: &[f64]) -> Result<Vec<f64>> {
+    try_collect(WHAT, rows.chunks_exact(v.len()).map(|row| dot(row, v)))
+}
+
+impl Readings {
+    /// An empty window of the model `theta` (p, d).
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn new(filter: Filter, theta: &[f64], gate: Option<Gate>, of: Disturbance, max_missing: usize) -> Result<Self> {
+        let (p, m) = (filter.window.outputs(), filter.window.inputs());
+        let sizes = [of.outputs.len() == p * m, of.gain.len() == m * p, of.spread.len() == p * p];
+        if sizes.contains(&false) || of.limits.iter().any(|side| side.len() != m) {
+            let (expected, found) = (format!("{p} x {m} entries, as the others"), of.outputs.len().to_string());
+            return Err(Error::Shape { name: "outputs", expected, found });
+        }
+        let theta = try_copy(WHAT, theta)?;
+        Ok(Self { filter, theta, gate, of, max_missing, now: None, raw: None, rejected: 0 })
+    }
+
+    /// The window, that with what was rejected, and how many readings in a row were.
+    #[must_use]
+    pub const fn state(&self) -> (Option<&Contents>, Option<&Contents>, usize) {
+        (self.now.as_ref(), self.raw.as_ref(), self.rejected)
+    }
+
+    /// Go on from there, with the numbers of both.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn restore(&mut self, now: Option<&[f64]>, raw: Option<&[f64]>, rejected: usize) -> Result<()> {
+        let contents = |numbers| self.filter.restored(numbers);
+        (self.now, self.raw, self.rejected) =
+            (now.map(contents).transpose()?, raw.map(contents).transpose()?, rejected);
+        Ok(())
+    }
+
+    /// Go on from a window that is known.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn start(&mut self, x: &[f64]) -> Result<()> {
+        (self.now, self.raw, self.rejected) = (Some(self.filter.full(x)?), None, 0);
+        Ok(())
+    }
+
+    /// How far off a reading is, in widths of the gate, with the disturbance or without it.
+    fn off(&self, y: &[f64], now: &Contents, z: &[f64], shift: &[f64], seen: &[bool]) -> Result<f64> {
+        let Some(gate) = self.gate.as_ref().filter(|_| seen.contains(&true)) else { return Ok(0.0) };
+        let mut off = product(&gate.centre, z)?;
+        off.iter_mut().zip(y).for_each(|(off, y)| *off = y - *off);
+        let more = self.filter.unknown(now);
+        let found = gate.excess(&off, z, seen, more.as_ref())?;
+        if found > 1.0 && shift.iter().any(|v| *v != 0.0) {
+            let spread = MatRef::from_row_major_slice(&self.of.spread, y.len(), y.len()).to_owned();
+            let more = more.map_or_else(|| spread.clone(), |more| &more + &spread);
+            off.iter_mut().zip(shift).for_each(|(off, shift)| *off -= shift);
+            return Ok(found.min(gate.excess(&off, z, seen, Some(&more))?));
+        }
+        Ok(found)
+    }
+
+    /// Take readings in, those with `seen`, or what is predicted in their place, with the input that acted, the disturbance
+    /// `d` that was found last, and whether the loop has run.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn step(&mut self, y: &[f64], seen: &[bool], acted: &[f64], d: &[f64], started: bool) -> Result<Step> {
+        let (p, m) = (self.filter.window.outputs(), self.filter.window.inputs());
+        if y.len() != p || seen.len() != p || acted.len() != m || d.len() != m {
+            let (expected, found) = (format!("{p} entries, and {m} of inputs"), y.len().to_string());
+            return Err(Error::Shape { name: "y", expected, found });
+        }
+        let mut step =
+            Step { predicted: None, d: try_copy(WHAT, d)?, off: 0.0, believed: false, lost: false, runs: false };
+        let mut next = (None, None, self.rejected);
+        if let Some(now) = &self.now {
+            let shift = product(&self.of.outputs, d)?;
+            let ahead = |z: &[f64]| -> Result<Vec<f64>> {
+                let mut ahead = product(&self.theta, z)?;
+                ahead.iter_mut().zip(&shift).for_each(|(ahead, shift)| *ahead += shift);
+                Ok(ahead)
+            };
+            let (mut now, mut z) = (now, self.filter.regressors(now, acted)?);
+            let (mut seen, none) = (seen, try_collect(WHAT, seen.iter().map(|_| false))?);
+            step.off = if started { self.off(y, now, &z, &shift, seen)? } else { 0.0 };
+            if step.off > 1.0 {
+                let raw = self.raw.as_ref().unwrap_or(now);
+                let with_raw = self.filter.regressors(raw, acted)?;
+                if self.rejected < BELIEVED {
+                    next.1 = Some(self.filter.advanced(raw, y, acted, seen, &ahead(&with_raw)?)?);
+                    next.2 += 1;
+                    seen = &none;
+                } else {
+                    (now, z, step.believed) = (raw, with_raw, true);
+                }
+            } else {
+                next.2 = 0;
+            }
+            let predicted = ahead(&z)?;
+            let news = |i: usize| if started && seen[i] { y[i] - predicted[i] } else { 0.0 };
+            let news = try_collect(WHAT, (0..p).map(news))?;
+            step.d.iter_mut().zip(product(&self.of.gain, &news)?).for_each(|(d, more)| *d += more);
+            if self.gate.is_some() {
+                // alone, a cut would leave a part of a false reading behind
+                let [us, low, high] = &self.of.limits;
+                for (j, d) in step.d.iter_mut().enumerate() {
+                    *d = us[j] - (us[j] - *d).clamp(low[j], high[j]);
+                }
+            }
+            next.0 = Some(self.filter.advanced(now, y, acted, seen, &predicted)?);
+            step.predicted = Some(predicted);
+        } else {
+            next.0 = Some(self.filter.begun(y, acted, seen)?);
+            next.2 = 0;
+        }
+        let found = next.0.as_ref();
+        let sum = |now: &Contents| now.x.iter().chain(&step.d).sum::<f64>();
+        step.lost = !found.is_some_and(|now| sum(now).is_finite() && now.excess < USELESS);
+        step.runs = !step.lost && found.is_some_and(|now| now.tells(started) && now.missed <= self.max_missing);
+        if step.lost {
+            next = (None, None, 0);
+        }
+        (self.now, self.raw, self.rejected) = next;
+        Ok(step)
+    }
+}

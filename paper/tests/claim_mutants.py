@@ -32,6 +32,7 @@ from paper.verdicts import (
     tails,
 )
 from stochens_rs import System
+from stochens_rs.fusion import Alse
 from stochens_rs.rng import as_key
 
 KEY = as_key(1)
@@ -113,8 +114,11 @@ def scaled_atoms(factor: Callable[[Any], Any]) -> Patch:
 def as_method(owner: Any, name: str, given: str, taken: str) -> Patch:
     """Fuse by another method than the one given."""
 
+    def asked(x: Any) -> bool:
+        return (isinstance(x, str) and x == given) or (isinstance(x, Alse) and given == "alse")
+
     def other(honest: Any, *args: Any, **kwargs: Any) -> Any:
-        swapped = [taken if isinstance(x, str) and x == given else x for x in args]
+        swapped = [taken if asked(x) else x for x in args]
         fit = honest(*swapped, **kwargs)
         # what the method asked for would say of itself, so that nothing but the weights differs
         return replace(fit, gap=0.0) if isinstance(fit, se.Fit) else fit
@@ -130,9 +134,9 @@ def certain(w: Any) -> Any:
 def exact_path(*methods: str) -> Patch:
     """Methods that return the target."""
 
-    def exact(honest: Any, ensemble: Any, sizes: Any, method: str, **kwargs: Any) -> Any:
+    def exact(honest: Any, ensemble: Any, sizes: Any, method: Any, **kwargs: Any) -> Any:
         path = honest(ensemble, sizes, method, **kwargs)
-        if method not in methods:
+        if ("alse" if isinstance(method, Alse) else method) not in methods:
             return path
         right = np.broadcast_to(kwargs["target"], path.estimates.shape)
         return replace(path, estimates=right, errors=0.0 * path.errors)

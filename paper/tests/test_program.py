@@ -171,7 +171,8 @@ SOURCES = [path for path in (ROOT / "paper").rglob("*.py") if "tests" not in pat
 
 def test_only_public_rooms_of_the_package_are_used():
     public, used = {"stochens_rs"}, set()
-    public |= {f"stochens_rs.{room}" for room in ["cases", "exceptions", "plots", "rng", "theory"]}
+    rooms = ["cases", "exceptions", "fusion", "plots", "rng", "theory"]
+    public |= {f"stochens_rs.{room}" for room in rooms}
     public |= {"stochens_rs.theory.moments"}
     for path in SOURCES:
         for node in ast.walk(ast.parse(path.read_text("utf-8"))):

@@ -261,20 +261,6 @@ def test_missing_directions_of_states_make_steps_infinite(gen, gain):
 KEY = bytes(range(32))
 
 
-def whitened(z, y):
-    fitted = fitted_to(z, y)
-    q, e, h = core.residuals(*map(np.ascontiguousarray, (z, y)), fitted.white)
-    return fitted, q, e, h
-
-
-def test_residuals_and_leverages(gen):
-    _, z, y = independent(gen, N=200)
-    fitted, q, e, h = whitened(z, y)
-    check(q, z @ fitted.white.T, atol=1e-13)
-    check(e, tr.residuals(z, y), atol=1e-12)
-    check(h, tr.leverages(z), atol=1e-13)
-
-
 def test_the_law_of_drawn_models():
     fitted = fitted_to(Z, Y)
     size = 40_000
@@ -292,18 +278,22 @@ def test_the_law_of_drawn_models():
 # -- tests of residuals ----------------------------------------------------------------------------
 
 
+def residual_checks(z, y, draws, threads=1):
+    rows, tested = np.hstack([z, y]), list(range(y.shape[1]))
+    return core.residual_checks(rows, z.shape[1], tested, draws, KEY, threads)
+
+
 def test_p_values_of_residuals(gen):
     """Near those of the twin; small for noise that is correlated in time."""
     _, z, y = independent(gen, n=2, d=3, N=60)
-    white = fitted_to(z, y).white
     own = rt.p_values(z, y, 2000, gen)
-    found, distances = core.residual_p_values(z, y, white, 2000, KEY, 1)
+    found, distances = residual_checks(z, y, 2000)
     assert np.all(np.abs(found - own) < 5 * np.sqrt(2 * 0.25 / 2000))
-    assert np.array_equal(found, core.residual_p_values(z, y, white, 2000, KEY, 2)[0])
+    assert np.array_equal(found, residual_checks(z, y, 2000, threads=2)[0])
     assert np.all(np.abs(distances) < 6)
     w = gen.standard_normal((61, 2))
     correlated = z @ np.ones((3, 2)) + w[1:] + 0.9 * w[:-1]
-    found, distances = core.residual_p_values(z, correlated, white, 999, KEY, 1)
+    found, distances = residual_checks(z, correlated, 999)
     assert found[1] < 0.01
     assert distances[1] > 4  # Gaussian noise has 0 +- 1
-    assert np.all(np.isnan(core.residual_p_values(z[:4], y[:4], white, 9, KEY, 1)))
+    assert residual_checks(z[:4], y[:4], 9) is None

@@ -109,14 +109,14 @@ MAKERS = (
 )
 # What is in the pickle in place of one attribute.
 FORGED = [
-    (drawn, "_axis", "diagonal"),
-    (drawn, "_axis", None),
-    (drawn, "_scheme", "systematically"),
-    (drawn, "_key", "key"),
-    (dense, "_samples", np.full((2, 2, 2), nan)),
-    (dense, "_samples", np.ones(2)),
-    (dense, "_samples", np.array([["a"]])),
-    (dense, "_samples", np.ones((2, 2, 2), complex)),
+    (drawn, "axis", "diagonal"),
+    (drawn, "axis", None),
+    (drawn, "scheme", "systematically"),
+    (drawn, "key", "key"),
+    (dense, "samples", np.full((2, 2, 2), nan)),
+    (dense, "samples", np.ones(2)),
+    (dense, "samples", np.array([["a"]])),
+    (dense, "samples", np.ones((2, 2, 2), complex)),
     (counts, "counts", np.array([[-1, 1], [1, 1]])),
     (counts, "counts", np.array([[50, 1], [1, 1]])),
     (counts, "estimate", BAD),

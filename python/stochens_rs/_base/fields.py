@@ -197,7 +197,9 @@ def restored(name: str, value: Any, kind: Any, get: Get) -> Any:
             of_rows = zip(value, inner or repeat(Any), strict=False)
             rows = [restored(f"{name}[{k}]", item, of, get) for k, (item, of) in enumerate(of_rows)]
             found = rows if inner is None else tuple(rows)
-    elif value is not None and not isinstance(value, (bool, int, float)):
+    elif value is not None and not (
+        isinstance(value, (bool, int)) or (isinstance(value, float) and math.isfinite(value))
+    ):
         refuse(name, value, kind)
     if not test(kind)(found):
         refuse(name, value, kind)

@@ -345,8 +345,8 @@ def rest_of(model: Model, target: Any, weights: Floats | None, low: Floats, high
     Q = np.diag(unit[:p] ** -2.0) if weights is None or not weights.any() else weights
     v, held = nearest_rest((M, c), unit, (low, high), r, Q)
     y, u = v[:p].copy(), v[p:].copy()
-    spread = np.zeros(p) if model.covariance is None else np.diag(model.covariance)[:p]
-    if (np.abs(y - r) > NEAR * np.sqrt(spread) + 1e-9 * np.abs(r)).any():
+    variances = np.zeros(p) if model.covariance is None else np.diag(model.covariance)[:p]
+    if (np.abs(y - r) > NEAR * np.sqrt(variances) + 1e-9 * np.abs(r)).any():
         place = f"the nearest is {show.vector(y)} with the inputs {show.vector(u)}"
         if held:
             place += f", held by the limit of {', '.join(model.input_names[i] for i in held)}"

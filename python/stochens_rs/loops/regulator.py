@@ -15,6 +15,7 @@ from .._base.types import DELTA, Floats, Status
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
 from ..identification.identified import Identified
+from ..limits.problem import Task
 from ..limits.solution import loop_of
 from ..plots.panels import Inputs, draw_calls
 from ..system.system import System
@@ -102,8 +103,12 @@ class Regulator(ControlLoop[Call]):
         time_limit: float | None = None,
         kept: Kept | None = None,
     ) -> None:
-        self._time_limit, self.labels, self.kept = time_limit, system.labels, kept
-        self._set(system, task)
+        self._time_limit = (
+            None if time_limit is None else validation.positive("time_limit", time_limit)
+        )
+        checked = checked_model(system)
+        self.labels, self.kept = checked.labels, kept
+        self._set(checked, validation.instance("task", task, Task))
         self._plan: Floats | None = None
         self._held = 0
         super().__init__(self._start())

@@ -463,12 +463,9 @@ fn call(name: &str) -> Option<Call> {
             })
         }
         "residuals" => {
-            let (z, y) = (entries(150 * 15), (0..150 * 10).map(|i| (0.37 * (i * i) as f64).cos()).collect::<Vec<_>>());
-            let white: Vec<f64> = (0..225).map(|i| if i % 16 == 0 { 0.1 } else { 0.0 }).collect();
-            Box::new(move || {
-                let found = identify::residuals(&z, &y, &white, (15, 10), &stop)?;
-                identify::residual_p_values(&found, 10, 3, &key, 2, &stop).map(drop)
-            })
+            let rows: Vec<f64> = (0..150 * 25).map(|i| (0.37 * (i * i) as f64).cos()).collect();
+            let tested: Vec<usize> = (0..10).collect();
+            Box::new(move || identify::residual_checks(&rows, 25, 15, &tested, 3, &key, 2, &stop).map(drop))
         }
         "storage" => {
             let values = entries(1000);

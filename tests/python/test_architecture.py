@@ -203,7 +203,7 @@ def test_the_house_stands(check: str, ours: Package) -> None:
 def test_the_graph_is_seen(ours: Package) -> None:
     """The reader of imports finds the known ones, of every kind."""
     needs = ours.needs("controls.plan")
-    assert {"system", "theory.records", "theory", "fusion.provenance", "_base.types"} <= needs
+    assert {"system", "theory.exact", "theory", "fusion.provenance", "_base.types"} <= needs
     assert "controls" not in needs  # runs before it in any case
     assert all(len(ours.needs(room)) > 1 for room in ("controls", "theory", ""))
 

@@ -13,8 +13,8 @@ from stochens_rs.cases import swing_models
 from stochens_rs.cases.swing_models import MACHINES, reduced_stiffness, swing_matrices
 from stochens_rs.exceptions import InputError
 from stochens_rs.rng import as_key
-from stochens_rs.system import discretization as zero_order_hold
-from stochens_rs.system.discretization import discretize
+from stochens_rs.system import conversions as zero_order_hold
+from stochens_rs.system.conversions import discretize
 
 STEP = 0.01  # s
 

@@ -11,7 +11,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
-from stochens_rs.data.units import SECONDS, titled, unit_of
+from stochens_rs.data.table import SECONDS, titled, unit_of
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
 
 T = 12

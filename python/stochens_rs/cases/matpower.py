@@ -12,10 +12,9 @@ from .._base import validation
 from .._base.files import checked_path
 from .._base.types import Floats
 from ..exceptions import InputError
-from ..system.discretization import discretize
+from ..system.conversions import discretize
 from ..system.system import System
-from ._machines import Machines, read_machines
-from ._network import Complex, Network, read_file, read_network
+from ._network import Complex, Machines, Network, read_file, read_machines, read_network
 from .swing_models import FREQUENCY_HZ, checked_frequency, swing_labels, swing_matrices
 
 __all__ = ["from_matpower", "read_matpower"]

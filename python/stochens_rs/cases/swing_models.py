@@ -13,9 +13,9 @@ from .._base.running import interruptible
 from .._base.types import Floats
 from ..exceptions import InputError, SizeError
 from ..rng import RngLike, as_key
-from ..system.discretization import discretize
+from ..system.conversions import discretize
 from ..system.system import System
-from ._machines import read_machines
+from ._network import read_machines
 
 SYSTEM_MVA = 100.0  # base power of the IEEE test networks
 FREQUENCY_HZ = 60.0  # North America

@@ -13,13 +13,11 @@ from .._base.files import versions
 from .._base.validation import nearest
 from ..exceptions import InputError, InputTypeError, ResourceError, StateError
 from ..studies.running import interruptions
-from ._certify import certify_command
 from ._command import EXIT_CODES, INTERNAL, INTERRUPTED, IO, OK, USAGE, Group
-from ._control import control_command
-from ._doctor import doctor_command
+from ._control import certify_command, control_command
+from ._doctor import doctor_command, study_command
 from ._identify import identify_command
 from ._output import drop_unwritten, note, occupy_standard_descriptors, show
-from ._study import study_command
 
 __all__ = ["main"]
 

@@ -1,4 +1,4 @@
-"""``stochens doctor``: what is installed, what it may use, and whether it works."""
+"""``stochens study`` and ``stochens doctor``: what a file of a study has, what is installed."""
 
 from __future__ import annotations
 
@@ -16,9 +16,32 @@ from .._base.files import versions
 from .._base.running import VARIABLE, left_by_source, threads_by
 from ..controls import control
 from ..ensembles import sample
+from ..studies import Study
 from ..studies.tasks import fingerprint
-from ._command import INTERNAL, OK, command
-from ._output import show_result
+from ._command import INTERNAL, OK, File, command
+from ._output import note, show_result
+
+
+@command()
+def study_command(source: File, *, out: File | None = None, as_json: bool = False) -> None:
+    """Show a study; write its numbers.
+
+    Prints the medians of a study in a file, also while it runs.
+
+    Options:
+      source STUDY  The file.
+      out FILE  Write all numbers: .csv, .nc, .json.
+      as_json --json  Print JSON instead of text.
+    For example:
+      study run.study
+      study run.study --out errors.nc
+    """
+    results = Study.resume(source).results
+    if out is not None:
+        results.save(out)
+        note(f"written: {out}")
+    show_result(results.to_dict(), str(results), as_json)
+
 
 _OF_DEVELOPERS = ("all", "bench", "dev", "docs")  # extras that are left out
 _BLAS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")

@@ -12,8 +12,7 @@ import numpy as np
 from .._base.reading import number
 from .._base.validation import nearest
 from ..data.gaps import NEAR
-from ..data.table import Table
-from ..data.units import titled
+from ..data.table import Table, titled
 from ..exceptions import InputError, SolverError
 from ..feedback import Loop, gain
 

@@ -1,7 +1,7 @@
 """Controls from estimates, and what is known about their errors."""
 
 from ..limits.solution import Limited
-from ..theory.records import PlanError, Reachability
+from ..theory.exact import PlanError, Reachability
 from .control import control, realization_controls, steer
 from .errors import Typical
 from .next_runs import NextRuns, design

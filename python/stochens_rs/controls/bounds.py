@@ -15,9 +15,8 @@ from .._base.numbers import ROUNDING, norm
 from .._base.records import trusted
 from .._base.types import QUANTITIES, Floats
 from ..certificates.certificate import Certificate, Radius, radius_at
-from ..certificates.near_reference import near_reference
 from ..certificates.of_model import Asked, certificate, step_regions, trajectory
-from ..certificates.of_outputs import output_certificate
+from ..certificates.of_outputs import near_reference, output_certificate
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..limits.solution import Horizon, LimitedErrors, MovedTarget

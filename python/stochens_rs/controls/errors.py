@@ -22,8 +22,7 @@ from ..identification.model import Model
 from ..limits.solution import Horizon
 from ..rng import as_key
 from ..theory import moments
-from ..theory.exact import EPS, states
-from ..theory.records import PlanError
+from ..theory.exact import EPS, PlanError, states
 from ..validation.fresh_systems import needed, rank_of
 
 if TYPE_CHECKING:

@@ -25,8 +25,7 @@ from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
 from ..rng import Key
 from ..system.system import System
-from ..theory.exact import best_control, checked_ends, states
-from ..theory.records import PlanError, Reachability
+from ..theory.exact import PlanError, Reachability, best_control, checked_ends, states
 from ..validation.fresh_systems import Validation
 from ..validation.held_out import Predicted, Runs, validated
 from .bounds import limited_bound, model_bound, plan_bound

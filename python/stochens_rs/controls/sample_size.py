@@ -20,8 +20,7 @@ from ..rng import Key, RngLike, as_key
 from ..system.system import System
 from ..theory import moments
 from ..theory.drawn_bounds import Bounded, not_simulated, runs_for, searched_size
-from ..theory.exact import best_control, checked_ends
-from ..theory.records import RELATIVE_TO
+from ..theory.exact import RELATIVE_TO, best_control, checked_ends
 from .control import fusion_over
 
 if TYPE_CHECKING:

@@ -19,8 +19,7 @@ from .._base.types import Floats, Places
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
-from .gaps import OnGap, pairs_of, warn_of_ends
-from .pieces import Pieces
+from .gaps import OnGap, Pieces, pairs_of, warn_of_ends
 from .table import Columns, Table, csv_files, read_runs
 
 if TYPE_CHECKING:

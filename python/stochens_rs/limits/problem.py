@@ -12,7 +12,7 @@ from .._base.names import Labels, default_labels, weight
 from .._base.reading import shown_labels
 from .._base.records import Record, trusted
 from .._base.types import Floats
-from ..data.units import titled
+from ..data.table import titled
 from ..exceptions import InputError, ShapeError
 from .limits import Cost, Entries, Limits, Named, as_cost, as_limits
 

@@ -8,7 +8,6 @@ import numpy as np
 
 from stochens_rs._base.types import Floats
 from stochens_rs.plots.style import (
-    add_grid,
     add_key,
     add_labels,
     axes_or_new,
@@ -80,6 +79,5 @@ def draw_certificates(
     ax.set_xticks(sizes, [number_text(size) for size in sizes])
     ax.minorticks_off()
     add_labels(ax, across, up)
-    add_grid(ax)
     add_key(ax, handles=handles, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return ax

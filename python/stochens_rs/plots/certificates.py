@@ -14,8 +14,7 @@ from .panels import panel_grid
 from .style import (
     SMALL,
     TITLE,
-    Palette,
-    add_grid,
+    add_band,
     add_key,
     add_labels,
     axes_or_new,
@@ -28,7 +27,6 @@ from .style import (
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import NDArray
 
 
 _BARS = 12  # most bars of a panel that are drawn
@@ -46,46 +44,42 @@ def draw_radii(
 
     What is infinite has no bar, and says so. `says` stands above all panels.
     """
-    panels = [("", bars, title)]
+    panels = {title: bars}
     if components is not None:
         each = {f"x[{i}]": float(one) for i, one in enumerate(components)}
-        panels.append(("", each, "distance of each state from xf"))
+        panels["distance of each state from xf"] = each
     figure, axes = panel_grid(len(panels) + (tube is not None), figure)
-    for ax, (_, values, name) in zip(axes, panels, strict=False):
+    for ax, (name, values) in zip(axes, panels.items(), strict=False):
         _bars(ax, values, name)
+    look = look_of(axes[0])
     if tube is not None:
-        ax, steps = axes[-1], np.arange(len(tube))
-        look, finite = look_of(ax), np.isfinite(tube)
-        ax.fill_between(
-            steps[finite], tube[finite], color=look.color(0), alpha=look.fill, linewidth=0
-        )
-        ax.plot(steps[finite], tube[finite], "o-", color=look.color(0), linewidth=1.6, markersize=3)
+        ax, finite = axes[-1], np.isfinite(tube)
+        steps, radii, color = np.flatnonzero(finite), tube[finite], look.color(0)
+        add_band(ax, steps, radii, 0.0, color)
+        ax.plot(steps, radii, "o-", color=color, linewidth=1.6, markersize=3)
         more = "" if finite.all() else f", infinite from step {int(np.argmin(finite))}"
         add_labels(ax, f"step k{more}", "radius of the tube")
         ax.set_xlim(0, len(tube) - 1)
         ax.set_ylim(bottom=0.0)
-        add_grid(ax)
-    figure.suptitle(says, fontsize=SMALL + 1, color=look_of(axes[0]).ink, x=0.01, ha="left")
+    figure.suptitle(says, fontsize=SMALL + 1, color=look.ink, x=0.01, ha="left")
     return root_of(figure)
 
 
 def _bars(ax: Axes, values: dict[str, float], name: str) -> None:
     """A bar for each of the numbers, the first one on top."""
-    look, shown = look_of(ax), list(values.items())[:_BARS]
-    at = np.arange(len(shown))
-    sizes = np.array([size if np.isfinite(size) else 0.0 for _, size in shown])
+    look, shown = look_of(ax), dict(list(values.items())[:_BARS])
+    sizes = np.array([size if np.isfinite(size) else 0.0 for size in shown.values()])
     sizes[sizes < ROUNDING * sizes.max(initial=0.0)] = 0.0  # beside the others
-    ax.barh(at, sizes, height=0.6, color=look.color(0))
-    for k, (_, size) in enumerate(shown):
+    ax.barh(range(len(shown)), sizes, height=0.6, color=look.color(0))
+    for k, size in enumerate(shown.values()):
         text = f" {number_text(float(f'{sizes[k]:.3g}'))}" if np.isfinite(size) else " infinite"
         ax.text(sizes[k], k, text, va="center", fontsize=SMALL, color=look.ink)
-    ax.set_yticks(at, [literal(one) for one, _ in shown])
+    ax.set_yticks(range(len(shown)), map(literal, shown))
     ax.invert_yaxis()
     ax.margins(x=0.25)
     ax.set_xlim(left=0.0)
     more = f" (the first {_BARS} of {len(values)})" if len(values) > _BARS else ""
     add_labels(ax, f"{name}{more}", "")
-    add_grid(ax)
     ax.grid(visible=False, axis="y")
 
 
@@ -108,7 +102,6 @@ def draw_region(
     ax.add_patch(edge)
     ax.plot(*centre, "+", color=color, markersize=8, markeredgewidth=1.6, linestyle="")
     add_labels(ax, across, up)
-    add_grid(ax)
     ax.autoscale_view()
     if ax.get_legend_handles_labels()[0]:  # matplotlib leaves out empty labels
         add_key(ax, loc="upper left", bbox_to_anchor=(1.01, 1.0))
@@ -118,6 +111,12 @@ def draw_region(
 LAGS = 10
 DOTS = 2000  # more hide each other
 LISTED = 6  # most states that are drawn
+TESTS = {  # whose p-values stand above the panels, by the titles of these
+    "Over the pairs": ("change",),
+    "Correlation in time": ("correlation in time", "correlation at lag 1"),
+    "Tails": ("tails",),
+    "Size against leverage": ("heteroscedasticity",),
+}
 
 
 def draw_residuals(
@@ -131,104 +130,59 @@ def draw_residuals(
 
     `p_values` by the names of the tests, which go into the titles.
     """
+    from matplotlib.lines import Line2D
+
+    figure, panels = panel_grid(len(TESTS), figure)
+    over_time, correlation, tails, against = panels
+    look, normal = look_of(over_time), NormalDist()
     scale = np.sqrt(np.mean(residuals**2, axis=0))
     e = residuals / np.where(scale > 0.0, scale, 1.0)
-    shown = e[:, :LISTED]
-    figure, panels = panel_grid(4, figure)
-    look = look_of(panels[0])
-    places = np.unique(np.linspace(0, len(e) - 1, min(len(e), DOTS)).astype(int))
-    for ax, (draw, title, tests) in zip(
-        panels,
-        (
-            (_over_time, "Over the pairs", ("change",)),
-            (_lags, "Correlation in time", ("correlation in time", "correlation at lag 1")),
-            (_quantiles, "Tails", ("tails",)),
-            (_leverages, "Size against leverage", ("heteroscedasticity",)),
-        ),
-        strict=True,
-    ):
-        draw(ax, shown, np.mean(e**2, axis=1), leverages, places)
-        add_grid(ax)
-        known = [] if p_values is None else [f"{p_values[test]:.2g}" for test in tests]
-        said = f"   p = {', '.join(known)}" if known else ""
-        ax.set_title(title + said, loc="left", fontsize=TITLE, color=look.ink, pad=7)
-    handles = [_dot(look.color(i), literal(name)) for i, name in enumerate(names[:LISTED])]
-    figure.legend(
-        handles=handles, loc="outside upper left", ncols=LISTED, frameon=False, fontsize=SMALL,
-        labelcolor=look.ink,
-    )  # fmt: skip
-    return root_of(figure)
-
-
-def _over_time(ax: Axes, e: Floats, _: Floats, __: Floats, places: NDArray[np.int64]) -> None:
-    look = look_of(ax)
-    for i in range(e.shape[1]):
-        ax.plot(places, e[places, i], **_dots(look, i, len(places)))
-    ax.axhline(0.0, color=look.pale, linewidth=0.8)
-    add_labels(ax, "pair", "residual / deviation")
-
-
-def _lags(ax: Axes, e: Floats, _: Floats, __: Floats, ___: NDArray[np.int64]) -> None:
-    look = look_of(ax)
+    sizes, e = np.sqrt(np.mean(e**2, axis=1)), e[:, :LISTED]
     N, n = e.shape
+    places = np.unique(np.linspace(0, N - 1, min(N, DOTS)).astype(int))
+    dots: dict[str, Any] = {"linestyle": "", "marker": ".", "markersize": 4}
+    opaque = 0.8 if len(places) < 300 else 0.5
+
     lags = np.arange(1, min(LAGS, N - 1) + 1)
-    limit = NormalDist().inv_cdf(0.975) / np.sqrt(N)
-    ax.axhspan(-limit, limit, color=look.pale, alpha=look.fill, linewidth=0)
-    ax.axhline(0.0, color=look.pale, linewidth=0.8)
-    for i in range(n):
-        r = [float(e[lag:, i] @ e[:-lag, i]) / float(e[:, i] @ e[:, i] or 1.0) for lag in lags]
-        at = lags + 0.5 * ((i + 0.5) / n - 0.5)
+    limit = normal.inv_cdf(0.975) / np.sqrt(N)
+    correlation.axhspan(-limit, limit, color=look.pale, alpha=look.fill, linewidth=0)
+    correlation.axhline(0.0, color=look.pale, linewidth=0.8)
+    quantiles = np.array([normal.inv_cdf((k + 0.5) / N) for k in places])
+    for i, one in enumerate(e.T):
         color = look.color(i)
-        ax.vlines(at, 0.0, r, color=color, linewidth=1.2)
-        ax.plot(at, r, "o", color=color, markersize=3)
-    ax.set_xticks(lags)
-    add_labels(ax, "lag [steps]   (band: 95 % of white noise)", "correlation")
+        over_time.plot(places, one[places], color=color, alpha=opaque, **dots)
+        tails.plot(quantiles, np.sort(one)[places], color=color, alpha=0.8, **dots)
+        r = [float(one[lag:] @ one[:-lag]) / float(one @ one or 1.0) for lag in lags]
+        at = lags + 0.5 * ((i + 0.5) / n - 0.5)
+        correlation.vlines(at, 0.0, r, color=color, linewidth=1.2)
+        correlation.plot(at, r, "o", color=color, markersize=3)
+    over_time.axhline(0.0, color=look.pale, linewidth=0.8)
+    add_labels(over_time, "pair", "residual / deviation")
+    correlation.set_xticks(lags)
+    add_labels(correlation, "lag [steps]   (band: 95 % of white noise)", "correlation")
+    tails.plot(quantiles[[0, -1]], quantiles[[0, -1]], color=look.ink, linewidth=0.9)
+    add_labels(tails, "Gaussian quantile", "quantile of the residuals")
 
-
-def _quantiles(ax: Axes, e: Floats, _: Floats, __: Floats, places: NDArray[np.int64]) -> None:
-    look = look_of(ax)
-    normal = NormalDist()
-    x = np.array([normal.inv_cdf((k + 0.5) / len(e)) for k in places])
-    for i in range(e.shape[1]):
-        ax.plot(x, np.sort(e[:, i])[places], **_dots(look, i, 0))
-    ax.plot(x[[0, -1]], x[[0, -1]], color=look.ink, linewidth=0.9)
-    add_labels(ax, "Gaussian quantile", "quantile of the residuals")
-
-
-def _leverages(
-    ax: Axes, _: Floats, squares: Floats, leverages: Floats, places: NDArray[np.int64]
-) -> None:
-    look = look_of(ax)
-    ax.plot(
-        leverages[places],
-        np.sqrt(squares[places]),
-        **{**_dots(look, 0, len(places)), "color": look.pale},
-    )
+    against.plot(leverages[places], sizes[places], color=look.pale, alpha=opaque, **dots)
     order = np.argsort(leverages, kind="stable")
     parts = [part for part in np.array_split(order, 10) if len(part) > 4]
     if len(parts) > 2:
-        means = [[np.mean(leverages[p]), np.sqrt(np.mean(squares[p]))] for p in parts]
-        ax.plot(
-            *np.array(means).T, "o-", color=look.ink, linewidth=1.4, markersize=4,
-            label="rms in tenths of the data",
-        )  # fmt: skip
-        add_key(ax, loc="upper right")
-    ax.set_ylim(0.0, 1.2 * ax.get_ylim()[1])  # the legend stands above the dots
-    ax.locator_params(axis="x", nbins=5)  # its numbers are long
-    add_labels(ax, "leverage of x and u", "size / deviation")
+        means = [[np.mean(leverages[p]), np.sqrt(np.mean(sizes[p] ** 2))] for p in parts]
+        tenths: dict[str, Any] = {"markersize": 4, "label": "rms in tenths of the data"}
+        against.plot(*np.array(means).T, "o-", color=look.ink, linewidth=1.4, **tenths)
+        add_key(against, loc="upper right")
+    against.set_ylim(0.0, 1.2 * against.get_ylim()[1])  # the legend stands above the dots
+    against.locator_params(axis="x", nbins=5)  # its numbers are long
+    add_labels(against, "leverage of x and u", "size / deviation")
 
-
-def _dots(look: Palette, i: int, count: int) -> dict[str, Any]:
-    return {
-        "color": look.color(i),
-        "linestyle": "",
-        "marker": ".",
-        "markersize": 4,
-        "alpha": 0.8 if count < 300 else 0.5,
-    }
-
-
-def _dot(color: str, name: str) -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color=color, linestyle="", marker="o", markersize=5, label=name)
+    for ax, (title, tests) in zip(panels, TESTS.items(), strict=True):
+        values = "" if p_values is None else ", ".join(f"{p_values[one]:.2g}" for one in tests)
+        text = f"{title}   p = {values}" if values else title
+        ax.set_title(text, loc="left", fontsize=TITLE, color=look.ink, pad=7)
+    dots |= {"marker": "o", "markersize": 5}
+    handles = [
+        Line2D([], [], color=look.color(i), label=literal(name), **dots)
+        for i, name in enumerate(names[:LISTED])
+    ]
+    add_key(figure, handles=handles, loc="outside upper left", ncols=LISTED)
+    return root_of(figure)

@@ -12,9 +12,10 @@ from .._base.types import Floats
 from .panels import extent
 from .style import (
     SMALL,
-    add_grid,
+    add_band,
     add_key,
     add_labels,
+    add_target,
     axes_or_new,
     blend,
     literal,
@@ -128,23 +129,20 @@ def draw_states(
     handles: list[Artist] = []
     n = states.shape[1]
     named = list(range(n)) if n <= LISTED else most_changing(states, MOST)
-    others: list[Line2D] = []
-    for i in sorted(set(range(n)) - set(named)):
-        others += ax.plot(times, states[:, i], color=look.pale, linewidth=0.8)
+    others = sorted(set(range(n)) - set(named))
     if others:
-        others[0].set_label(f"{len(others)} that change less")
-        handles.append(others[0])
+        label = f"{len(others)} that change less"
+        drawn = ax.plot(times, states[:, others], color=look.pale, linewidth=0.8, label=label)
+        handles.append(drawn[0])
     for k, i in enumerate(named):
         color = look.color(k)
         dash = DASHES[k // len(look.colors) % len(DASHES)]
         label = f"$x_{{{i}}}$" if names is None or names[i] == f"x[{i}]" else literal(names[i])
-        lines += ax.plot(
-            times, states[:, i], color=color, linestyle=dash, linewidth=1.6, label=label
-        )
+        lines += ax.plot(times, states[:, i], dash, color=color, linewidth=1.6, label=label)
         if error is not None:
             low, high = states[:, i] - 2 * error[:, i], states[:, i] + 2 * error[:, i]
-            ax.fill_between(times, low, high, color=color, alpha=look.fill, linewidth=0)
-    finish(ax, "time [s]" if timed else "step k", up)
+            add_band(ax, times, low, high, color)
+    add_labels(ax, "time [s]" if timed else "step k", up)
     if not (len(times) > 1 and label_ends(ax, lines)):
         handles += lines
     if error is not None:
@@ -175,16 +173,12 @@ def draw_phase(
     look = look_of(ax)
     handles: list[Artist] = []
     if radii is not None:  # opaque, so that where they overlap they look as one tube
-        pale = blend(look.color(0), look.face, 0.8)
-        for point, radius in zip(curves[0][0], radii, strict=True):
-            if np.isfinite(radius):
-                at = float(point[0]), float(point[1])
-                ax.add_patch(Circle(at, float(radius), facecolor=pale, linewidth=0, zorder=0.4))
-        for point, radius in [*zip(curves[0][0], radii, strict=True)][:: -(-len(radii) // RINGS)]:
-            if np.isfinite(radius):
-                at = float(point[0]), float(point[1])
-                edge = blend(look.color(0), look.face, 0.45)
-                ax.add_patch(Circle(at, float(radius), fill=False, color=edge, lw=0.7, zorder=0.45))
+        pale, edge = (blend(look.color(0), look.face, share) for share in (0.8, 0.45))
+        for k in np.flatnonzero(np.isfinite(radii)).tolist():
+            disc: Any = curves[0][0][k].tolist(), float(radii[k])
+            ax.add_patch(Circle(*disc, facecolor=pale, linewidth=0, zorder=0.4))
+            if k % -(-len(radii) // RINGS) == 0:
+                ax.add_patch(Circle(*disc, fill=False, color=edge, lw=0.7, zorder=0.45))
         handles.append(Patch(facecolor=pale, label=says))
     for k, (way, label) in enumerate(curves):
         own: dict[str, Any] = {"color": look.color(k)}
@@ -203,11 +197,8 @@ def draw_phase(
         dots = ax.plot(*run.T, ".", color=look.color(1), markersize=4, alpha=0.8, label="measured")
         handles += dots if k == 0 else []
     if target is not None:
-        handles += ax.plot(
-            *target, "x", color=look.ink, markersize=8, mew=1.8, linestyle="", label="target"
-        )
-    add_labels(ax, *(literal(name) for name in names))
-    add_grid(ax)
+        handles += add_target(ax, *target)
+    add_labels(ax, *map(literal, names))
     seen = [*(way for way, _ in curves), *(() if runs is None else runs)]
     _near(ax, np.concatenate([*seen, *([] if target is None else [target[None]])]))
     if handles:
@@ -240,17 +231,11 @@ def draw_tracking(distance: Floats, residuals: Floats, *, averaged: bool, ax: Ax
         *ax.plot(steps, distance, color=look.color(0), linewidth=1.6, label=name),
         *ax.plot(steps[1:], residuals, "--", color=look.ink, linewidth=1, label="out of reach"),
     ]
-    finish(ax, "step k", "distance from the reference")
+    add_labels(ax, "step k", "distance from the reference")
     ax.set_ylim(bottom=0.0)
     if not label_ends(ax, lines):
         add_key(ax, handles=lines)
     return ax
-
-
-def finish(ax: Axes, across: str, up: str) -> None:
-    """Label the axes and draw the grid."""
-    add_labels(ax, across, up)
-    add_grid(ax)
 
 
 def draw_trace(
@@ -270,7 +255,7 @@ def draw_trace(
         shown = (steps > 0) & (values > 0.0)  # False for nan
         if shown.any():
             lines += ax.plot(steps[shown], values[shown], line, color=color, label=label, lw=1.6)
-    finish(ax, "step", r"$\|B(v - v^*)\|$")
+    add_labels(ax, "step", r"$\|B(v - v^*)\|$")
     if lines and not label_ends(ax, lines):
         add_key(ax)
     return ax
@@ -292,31 +277,20 @@ def draw_misses(
     """
     ax = axes_or_new(ax)
     look = look_of(ax)
-    handles = []
-    if fresh is not None:
-        share = (np.arange(len(fresh)) + 0.5) / len(fresh)
-        label = f"{number_text(len(fresh))} fresh units"
-        handles += ax.plot(share, np.sort(fresh), color=look.color(1), linewidth=1.4, label=label)
+    for units, k, kind in ((fresh, 1, "fresh units"), (misses, 0, "units of the design")):
+        if units is not None:
+            share, label = (np.arange(len(units)) + 0.5) / len(units), number_text(len(units))
+            curve: Any = {"color": look.color(k), "linewidth": 1.4, "label": f"{label} {kind}"}
+            ax.plot(share, np.sort(units), **curve)
     order = np.argsort(misses, kind="stable")
-    share, sorted_ = (np.arange(len(misses)) + 0.5) / len(misses), misses[order]
-    label = f"{number_text(len(misses))} units of the design"
-    handles += ax.plot(share, sorted_, color=look.color(0), linewidth=1.4, label=label)
     marks = ((support, "o", look.color(0), "support"), (removed, "x", look.ink, "left out"))
     for chosen, marker, color, label in marks:
         if chosen.any():
             at = chosen[order]
-            handles += ax.plot(
-                share[at],
-                sorted_[at],
-                marker=marker,
-                linestyle="none",
-                color=color,
-                fillstyle="none",
-                markersize=6,
-                label=label,
-            )
-    line = ax.axhline(threshold, color=look.ink, linestyle="--", linewidth=1, label=named)
-    finish(ax, "share of the units", "miss")
+            mark: Any = {"linestyle": "none", "fillstyle": "none", "markersize": 6, "label": label}
+            ax.plot(share[at], misses[order][at], marker=marker, color=color, **mark)
+    ax.axhline(threshold, color=look.ink, linestyle="--", linewidth=1, label=named)
+    add_labels(ax, "share of the units", "miss")
     ax.set_ylim(bottom=0.0)
-    add_key(ax, handles=[*handles, line], loc="center left")
+    add_key(ax, loc="center left")
     return ax

@@ -13,8 +13,10 @@ from .._base.types import Floats
 from .style import (
     SMALL,
     TEXT,
-    add_grid,
+    add_band,
+    add_key,
     add_labels,
+    add_target,
     literal,
     look_of,
     new_figure,
@@ -74,17 +76,21 @@ def panel_grid(
     return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
 
 
-def tell_omitted(
-    figure: Figure | SubFigure, counts: dict[str, int], *, changing: bool = False
-) -> None:
-    """Say below the panels that some states or inputs have none; which ones have."""
-    more = [f"{PANELS} of {count} {what}" for what, count in counts.items() if count > PANELS]
-    if more:
-        words = f"the first {' and the first '.join(more)}"
+def time_panels(
+    figure: Figure | SubFigure | None, n: int, m: int, *, more: int = 0, changing: bool = False
+) -> tuple[Figure | SubFigure, list[Axes], list[Axes], list[Axes]]:
+    """Panels for n states, for m inputs, and `more`; what has none is said below all panels."""
+    states, inputs = min(n, PANELS), min(m, PANELS)
+    figure, panels = panel_grid(states + inputs + more, figure)
+    counts = {"states": n, "inputs": m}
+    omitted = [f"{PANELS} of {count} {what}" for what, count in counts.items() if count > PANELS]
+    if omitted:
+        words = f"the first {' and the first '.join(omitted)}"
         if changing:
-            words = f"the {' and the '.join(more)} that change most"
-        ink = look_of(figure.axes[0]).ink
+            words = f"the {' and the '.join(omitted)} that change most"
+        ink = look_of(panels[0]).ink
         figure.supxlabel(words, fontsize=SMALL, color=ink, x=0.01, ha="left")
+    return figure, panels[:states], panels[states : states + inputs], panels[states + inputs :]
 
 
 def extent(values: Floats) -> tuple[float, float, float]:
@@ -99,8 +105,12 @@ def frame(ax: Axes, low: float, high: float, far: float, dt: float | None, name:
     """Set the range of a panel and name its axes."""
     pad = 0.04 * (high - low) + 0.01 * far
     ax.set_ylim(low - pad, high + pad)
-    add_labels(ax, "step k" if dt is None else "time [s]", literal(name))
-    add_grid(ax)
+    add_labels(ax, clock(dt), literal(name))
+
+
+def clock(dt: float | None) -> str:
+    """The name of the axis of times."""
+    return "step k" if dt is None else "time [s]"
 
 
 def draw_limits(
@@ -113,9 +123,9 @@ def draw_limits(
     """
     least, most, far = shown
     look = look_of(ax)
-    band: Any = {"color": look.pale, "alpha": look.fill, "linewidth": 0, "label": "limits"}
-    edge: Any = {"color": look.pale, "linewidth": 0.8}
     floor, top = least, most
+    stepped = len(times) > len(limits[0])
+    band, line = ("post", "steps-post") if stepped else (None, "default")
     low, high = (side[np.isfinite(side)] for side in limits)
     if low.size:
         floor = min(floor, max(least - far, float(low.min())))
@@ -123,17 +133,13 @@ def draw_limits(
         top = max(top, min(most + far, float(high.max())))
     if low.size or high.size:
         pad = far + (top - floor)  # beyond the panel where there is no limit
-        below, above = (np.clip(side, floor - pad, top + pad) for side in limits)
-        if len(times) > len(below):
-            below, above = np.append(below, below[-1]), np.append(above, above[-1])
-            ax.fill_between(times, below, above, step="post", **band)
-        else:
-            ax.fill_between(times, below, above, **band)
-        for side in limits:
+        sides = [np.append(side, side[-1]) if stepped else side for side in limits]
+        below, above = (np.clip(side, floor - pad, top + pad) for side in sides)
+        add_band(ax, times, below, above, look.pale, step=band, label="limits")
+        for side in sides:
             if np.isfinite(side).any():
-                drawn = np.append(side, side[-1]) if len(times) > len(side) else side
-                how = "steps-post" if len(times) > len(side) else "default"
-                ax.plot(times, drawn, drawstyle=how, zorder=1.5, **edge)
+                edge: Any = {"color": look.pale, "linewidth": 0.8, "zorder": 1.5}
+                ax.plot(times, side, drawstyle=line, **edge)
     return floor, top
 
 
@@ -176,11 +182,9 @@ def add_legend(figure: Figure | SubFigure, panels: Sequence[Axes]) -> None:
     for ax in panels:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
-    wide = figure.bbox.width / root_of(figure).dpi
-    figure.legend(
-        list(found.values()), list(found), loc="outside upper left", frameon=False,
-        ncols=max(1, int(wide / _ENTRY)), fontsize=TEXT - 0.5, labelcolor=look_of(panels[0]).ink,
-    )  # fmt: skip
+    wide = max(1, int(figure.bbox.width / root_of(figure).dpi / _ENTRY))
+    above: dict[str, Any] = {"loc": "outside upper left", "ncols": wide, "fontsize": TEXT - 0.5}
+    add_key(figure, handles=list(found.values()), labels=list(found), **above)
 
 
 RUNS = 20  # most runs that are drawn one by one
@@ -209,19 +213,15 @@ def draw_tube(
     (n,) at the end, a `reference` (K, n) and `limits` (K, n) of x(1) .. x(K). A tube (K + 1,)
     bounds the distance in the 2-norm, hence each state.
     """
-    counts = {"states": predicted.shape[1], "inputs": 0 if inputs is None else inputs.u.shape[1]}
-    at = most_changing(predicted, PANELS)
-    n, m = len(at), min(counts["inputs"], PANELS)
     runs = np.zeros((0, *predicted.shape)) if measured is None else measured
     runs = runs[None] if runs.ndim == 2 else runs
     times = np.arange(len(predicted)) * (1.0 if dt is None else dt)
-    figure, panels = panel_grid(n + m, figure)
-    tell_omitted(figure, counts, changing=True)
-    for i, ax in zip(at, panels[:n], strict=True):
-        shown = np.concatenate([predicted[:, i], runs[:, :, i].ravel()])
-        shown = shown if target is None else np.append(shown, target[i])
-        shown = shown if reference is None else np.append(shown, reference[:, i])
-        floor, top, reach = extent(shown)
+    m = 0 if inputs is None else inputs.u.shape[1]
+    figure, panels, others, _ = time_panels(figure, predicted.shape[1], m, changing=True)
+    for i, ax in zip(most_changing(predicted, PANELS), panels, strict=True):
+        shown = [predicted[:, i], runs[:, :, i].ravel()]
+        shown += [np.atleast_1d(one[..., i]) for one in (target, reference) if one is not None]
+        floor, top, reach = extent(np.concatenate(shown))
         look = look_of(ax)
         if limits is not None:
             sides = limits[0][:, i], limits[1][:, i]
@@ -230,39 +230,25 @@ def draw_tube(
             radius = np.minimum(tube if tube.ndim == 1 else tube[:, i], 10.0 * reach)
             low, high = predicted[:, i] - radius, predicted[:, i] + radius
             floor, top = max(floor - reach, low.min()), min(top + reach, high.max())
-            ax.fill_between(
-                times, low, high, color=look.color(0), alpha=look.fill, linewidth=0, label=says
-            )
+            add_band(ax, times, low, high, look.color(0), label=says)
         if reference is not None:
-            ax.plot(
-                times[1:], reference[:, i], "--", color=look.ink, linewidth=1, label="reference"
-            )
+            asked: Any = {"color": look.ink, "linewidth": 1, "label": "reference"}
+            ax.plot(times[1:], reference[:, i], "--", **asked)
         ax.plot(times, predicted[:, i], color=look.color(0), linewidth=1.6, label="predicted")
         if len(runs) > RUNS:
             low, middle, high = np.quantile(runs[:, :, i], [0.05, 0.5, 0.95], axis=0)
-            band: Any = {"color": look.color(1), "alpha": look.fill, "linewidth": 0}
-            ax.fill_between(times, low, high, **band, label=f"90 % of {len(runs)} runs")
+            add_band(ax, times, low, high, look.color(1), label=f"90 % of {len(runs)} runs")
             ax.plot(times, middle, "--", color=look.color(1), linewidth=1.2, label="their median")
-        for k, run in enumerate(runs if len(runs) <= RUNS else ()):
-            ax.plot(
-                times, run[:, i], ".", color=look.color(1), markersize=5 if len(runs) == 1 else 4,
-                alpha=1.0 if len(runs) == 1 else 0.7, label="measured" if k == 0 else None,
-            )  # fmt: skip
+        size, opaque = (5, 1.0) if len(runs) == 1 else (4, 0.7)
+        for run in runs if len(runs) <= RUNS else ():
+            dots: Any = {"color": look.color(1), "markersize": size, "alpha": opaque}
+            ax.plot(times, run[:, i], ".", label="measured", **dots)
         if target is not None:
-            ax.plot(
-                times[-1],
-                target[i],
-                "x",
-                color=look.ink,
-                markersize=8,
-                mew=1.8,
-                clip_on=False,
-                label="target",
-            )
+            add_target(ax, times[-1], target[i], clip_on=False)
         frame(ax, floor, top, reach, dt, names[i])
     if inputs is not None:
-        draw_inputs(panels[n:], inputs.some(most_changing(inputs.u, PANELS)), dt)
-    add_legend(figure, panels)
+        draw_inputs(others, inputs.some(most_changing(inputs.u, PANELS)), dt)
+    add_legend(figure, [*panels, *others])
     return root_of(figure)
 
 
@@ -274,24 +260,17 @@ def draw_runs(
     figure: Figure | SubFigure | None,
 ) -> Figure:
     """Draw the states (T + 1, n) and inputs (T, m) of each run; lines break where they are nan."""
-    counts = {"states": len(names[0]), "inputs": len(names[1])}
-    n, m = (min(count, PANELS) for count in counts.values())
-    figure, panels = panel_grid(n + m, figure)
-    tell_omitted(figure, counts)
-    step = 1.0 if dt is None else dt
+    figure, *panels, _ = time_panels(figure, len(names[0]), len(names[1]))
     opaque = max(0.15, len(states) ** -0.4)  # where many lines cross they add up
-    for k, ax in enumerate(panels):
-        state = k < n
-        i = k if state else k - n
-        curves = [one[:, i] for one in (states if state else inputs)]
-        for curve in curves:
-            # an input holds until the next step
-            held = curve if state else np.append(curve, curve[-1])
-            ax.plot(
-                np.arange(len(held)) * step, held, color=look_of(ax).color(0 if state else 2),
-                drawstyle="default" if state else "steps-post", linewidth=1.0, alpha=opaque,
-            )  # fmt: skip
-        frame(ax, *extent(np.concatenate(curves)), dt, names[0 if state else 1][i])
+    held = [np.vstack([u, u[-1:]]) for u in inputs]  # an input holds until the next step
+    styles = ("default", 0), ("steps-post", 2)
+    for axes, runs, own, (style, k) in zip(panels, (states, held), names, styles, strict=True):
+        for i, ax in enumerate(axes):
+            line: Any = {"color": look_of(ax).color(k), "linewidth": 1.0, "alpha": opaque}
+            for run in runs:
+                times = np.arange(len(run)) * (1.0 if dt is None else dt)
+                ax.plot(times, run[:, i], drawstyle=style, **line)
+            frame(ax, *extent(np.concatenate([run[:, i] for run in runs])), dt, own[i])
     return root_of(figure)
 
 
@@ -312,31 +291,21 @@ def draw_calls(
     require_matplotlib()
     from matplotlib.ticker import LogLocator
 
-    n, m = (min(count, PANELS) for count in (states.shape[1], inputs.u.shape[1]))
     times = np.arange(len(states)) * (1.0 if dt is None else dt)
-    figure, panels = panel_grid(n + m + 1, figure)
-    tell_omitted(figure, {"states": states.shape[1], "inputs": inputs.u.shape[1]})
-    look = look_of(panels[0])
-    for i, ax in enumerate(panels[:n]):
+    size = states.shape[1], inputs.u.shape[1]
+    figure, panels, others, (last,) = time_panels(figure, *size, more=1)
+    look = look_of(last)
+    line: Any = {"color": look.color(0), "linewidth": 1.2, "markersize": 4, "label": "state"}
+    for i, ax in enumerate(panels):
         low, high, far = extent(np.append(states[:, i], target[i]))
         ax.axhline(target[i], color=look.ink, linestyle="--", linewidth=1, label="target")
-        ax.plot(
-            times,
-            states[:, i],
-            ".-",
-            color=look.color(0),
-            linewidth=1.2,
-            markersize=4,
-            label="state",
-        )
+        ax.plot(times, states[:, i], ".-", **line)
         frame(ax, low, high, far, dt, names[i])
-    draw_inputs(panels[n : n + m], inputs, dt)
-    last = panels[-1]
+    draw_inputs(others, inputs, dt)
     last.plot(times, 1e6 * seconds, ".", color=look.color(5), markersize=4)
     last.set_yscale("log")
     last.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     last.minorticks_off()
-    add_labels(last, "step k" if dt is None else "time [s]", "time of a call [µs]")
-    add_grid(last)
-    add_legend(figure, panels)
+    add_labels(last, clock(dt), "time of a call [µs]")
+    add_legend(figure, [*panels, *others])
     return root_of(figure)

@@ -133,32 +133,41 @@ def axes_or_new(ax: Axes | None, width: float = _SIZE[0]) -> Axes:
     return new_figure(width, _SIZE[1]).add_subplot()
 
 
-def add_grid(ax: Axes) -> None:
-    """Draw a pale grid behind the data, no frame at the top and the right, numbers in full."""
+def add_labels(ax: Axes, across: str, up: str) -> None:
+    """Name the axes, with units; a pale grid behind the data, and no frame above and right."""
+    from matplotlib.ticker import FixedFormatter, FuncFormatter, StrMethodFormatter
+
     look = look_of(ax)
+    ax.set_xlabel(across, fontsize=TEXT, color=look.ink)
+    ax.set_ylabel(up, fontsize=TEXT, color=look.ink)
+    ax.tick_params(which="both", labelsize=SMALL, colors=look.ink, width=0.7)
     ax.grid(True, which="major", color=look.grid, linewidth=0.7)
     ax.set_axisbelow(True)
     ax.spines[["top", "right"]].set_visible(False)
     ax.spines[["bottom", "left"]].set(color=look.pale, linewidth=0.7)
     for axis in (ax.xaxis, ax.yaxis):
-        if isinstance(axis.get_major_formatter(), _fixed()):
+        chosen = FixedFormatter, FuncFormatter, StrMethodFormatter
+        if isinstance(axis.get_major_formatter(), chosen):
             continue
         axis.set_major_formatter(number_text)
         if axis.get_scale() == "log":
             axis.set_minor_formatter(partial(_between, axis))
 
 
-def add_labels(ax: Axes, across: str, up: str) -> None:
-    """Name the axes, with units."""
-    ink = look_of(ax).ink
-    ax.set_xlabel(across, fontsize=TEXT, color=ink)
-    ax.set_ylabel(up, fontsize=TEXT, color=ink)
-    ax.tick_params(which="both", labelsize=SMALL, colors=ink, width=0.7)
+def add_band(ax: Axes, times: Any, low: Any, high: Any, color: str, **how: Any) -> None:
+    """A pale band between two curves, or up to a number."""
+    ax.fill_between(times, low, high, color=color, alpha=look_of(ax).fill, linewidth=0, **how)
 
 
-def add_key(ax: Axes, **how: Any) -> None:
-    """A legend in the ink of the axes."""
-    ax.legend(**{"fontsize": SMALL, "frameon": False, "labelcolor": look_of(ax).ink, **how})
+def add_target(ax: Axes, across: float, up: float, **how: Any) -> list[Any]:
+    """A cross where states should go."""
+    marker: dict[str, Any] = {"marker": "x", "markersize": 8, "mew": 1.8, "linestyle": ""}
+    return ax.plot(across, up, color=look_of(ax).ink, label="target", **marker, **how)
+
+
+def add_key(where: Axes | Figure | SubFigure, **how: Any) -> None:
+    """A legend in the ink of axes or of a figure."""
+    where.legend(**{"fontsize": SMALL, "frameon": False, "labelcolor": look_of(where).ink, **how})
 
 
 def number_text(value: float, place: object = None) -> str:
@@ -214,13 +223,6 @@ def literal(name: str) -> str:
     line = " ".join(name.split())
     short = line if len(line) <= 40 else f"{line[:39]}…"
     return f"{' ' if short.startswith('_') else ''}{short}".replace("$", r"\$")
-
-
-def _fixed() -> tuple[type, ...]:
-    """Formatters that somebody chose."""
-    from matplotlib.ticker import FixedFormatter, FuncFormatter, StrMethodFormatter
-
-    return FixedFormatter, FuncFormatter, StrMethodFormatter
 
 
 def _pyplot_shows() -> bool:

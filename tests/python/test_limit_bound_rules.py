@@ -19,9 +19,8 @@ from stochens_rs.controls import bounds as limit_bound
 from stochens_rs.controls import bounds as limit_certificate
 from stochens_rs.controls.bounds import FIRM
 from stochens_rs.exceptions import InputError
-from stochens_rs.limits import solution as limited_errors
-from stochens_rs.limits.problem import checked_task
-from stochens_rs.limits.solution import Horizon, Limited
+from stochens_rs.limits import problem as limited_errors
+from stochens_rs.limits.problem import Horizon, Limited, checked_task
 from stochens_rs.theory.exact import states
 from test_bounds_coverage import exceeded_too_often, systems
 from test_limit_bounds import PLAIN, Planned, drawn, errors_of, measured, onto

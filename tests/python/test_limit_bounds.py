@@ -21,9 +21,8 @@ from stochens_rs.certificates.of_model import Asked, ModelBasis
 from stochens_rs.controls import bounds as limit_bound
 from stochens_rs.controls import bounds as limit_certificate
 from stochens_rs.controls.bounds import FIRM, limited_bound, limited_certificate
-from stochens_rs.limits import solution as limited_errors
-from stochens_rs.limits.problem import checked_task
-from stochens_rs.limits.solution import Horizon
+from stochens_rs.limits import problem as limited_errors
+from stochens_rs.limits.problem import Horizon, checked_task
 from stochens_rs.theory.exact import states
 from test_bounds_coverage import matrices, systems, vectors
 from twin import limit_bounds as lb

@@ -11,7 +11,7 @@ import stochens_rs as se
 from limit_plans import WAYS, at_a_limit, check, draw_case, exactly, within
 from limit_problems import draw_box
 from stochens_rs import _core
-from stochens_rs.limits.solution import Horizon
+from stochens_rs.limits.problem import Horizon
 from stochens_rs.theory.exact import best_control, factors
 from twin import limited_control as lc
 from twin import limited_problems as lp

@@ -7,7 +7,7 @@ import pytest
 
 import stochens_rs as se
 from limit_plans import at_a_limit, within
-from stochens_rs.limits.solution import loop_of
+from stochens_rs.limits.problem import loop_of
 
 ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
 

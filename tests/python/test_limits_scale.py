@@ -9,7 +9,7 @@ from scipy import optimize
 import stochens_rs as se
 from hidden_systems import KINDS, drawn
 from limit_plans import within
-from stochens_rs.limits.solution import OPTIMAL, Horizon
+from stochens_rs.limits.problem import OPTIMAL, Horizon
 from stochens_rs.theory.exact import states
 
 NOTHING = 1e-20  # squares of rounding, as in the core

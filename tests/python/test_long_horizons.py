@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.limits.solution import OPTIMAL
+from stochens_rs.limits.problem import OPTIMAL
 
 CART = se.System.from_any(
     (

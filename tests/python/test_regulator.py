@@ -14,7 +14,7 @@ import stochens_rs as se
 from limit_plans import within
 from limit_problems import draw_steps
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
-from stochens_rs.limits.solution import Horizon, loop_of
+from stochens_rs.limits.problem import Horizon, loop_of
 from twin.limited_control import solve
 from twin.limited_problems import objective, several_steps, softened, state_rows
 from twin.receding import regulate as twin

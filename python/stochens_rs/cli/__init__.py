@@ -1,4 +1,4 @@
-"""The command ``stochens``: one file per subcommand."""
+"""The command ``stochens``: subcommands on data, on models, on studies and on the installation."""
 
 from __future__ import annotations
 

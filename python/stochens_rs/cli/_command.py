@@ -80,15 +80,11 @@ class Command(click.Command):
             for argument, name in self.arguments.items():
                 if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE:  # not from a file
                     options[argument] = options[name]
-            said = _QUOTED.sub(
-                lambda found: (
-                    options.get(found[1], f"`{found[1]}") + found[2]
-                    if found[1] in options
-                    else found[0]
-                ),
-                str(error),
-            )
-            raise click.UsageError(said) from error
+
+            def typed(found: re.Match[str]) -> str:
+                return options[found[1]] + found[2] if found[1] in options else found[0]
+
+            raise click.UsageError(_QUOTED.sub(typed, str(error))) from error
 
 
 def command(**arguments: str) -> Callable[[Callable[..., Any]], Command]:
@@ -179,3 +175,20 @@ Share = Annotated[Any, _Share()]
 File = Annotated[str, click.Path(readable=False)]
 Count = Annotated[int, click.IntRange(min=1)]
 LEVEL = f"{DELTA:.0%}"
+
+
+def names_of(option: str, text: str) -> list[str]:
+    """Read ``a,b``."""
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise click.BadParameter(f"{text!r} has an empty name", param_hint=option)
+    return names
+
+
+def parsed(option: str, text: str, wanted: str, read: Callable[[str], Any]) -> Any:
+    """What `read` makes of a text, which must be `wanted`."""
+    try:
+        return read(text)
+    except ValueError:
+        message = f"{text!r} must be {wanted}"
+        raise click.BadParameter(message, param_hint=option) from None

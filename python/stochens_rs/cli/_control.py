@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 import warnings
+from collections.abc import Sequence
 from typing import Any
 
 import click
@@ -11,14 +13,20 @@ import numpy as np
 from .. import cases
 from .._base import saving
 from .._base.numbers import ROUNDING
+from .._base.reading import number
 from .._base.show import at_most, listed, percent
+from .._base.types import Floats
+from .._base.validation import nearest
 from ..controls import control
-from ..exceptions import DataWarning, InputError
+from ..data.gaps import NEAR
+from ..data.table import Table, titled
+from ..exceptions import DataWarning, InputError, SolverError
+from ..feedback import Loop
+from ..feedback import gain as gain_of
 from ..identification import Model
 from ..limits import Cost, Limits, Uncertain
-from ._command import LEVEL, Count, File, Share, command
+from ._command import LEVEL, Count, File, Share, command, parsed
 from ._output import Out, finite, grid, show_result
-from ._values import entries_of, feedback_for, last_rows, sides_of, vector_of
 
 
 @command(x0="start", xf="goal", target="goal", radius="x0_error")
@@ -102,32 +110,32 @@ def control_command(
         raise click.UsageError("--hard is for --state-limits")
 
     def each(option: str, text: str | None, of: Any) -> Any:
-        return None if text is None else entries_of(option, text, len(of))
+        return None if text is None else _entries_of(option, text, len(of))
 
     asked: dict[str, Any] = {
         "limits": Limits(
-            u=sides_of("--limits", limits, inputs) if limits else None,
+            u=_sides_of("--limits", limits, inputs) if limits else None,
             rate=each("--rate", rate, inputs),
             previous=each("--previous", previous, inputs),
-            x=sides_of("--state-limits", state_limits, states) if state_limits else None,
+            x=_sides_of("--state-limits", state_limits, states) if state_limits else None,
             soft=False if hard else None,
         ),
         "cost": Cost(
             Q=each("--Q", Q, states), Qf=each("--Qf", Qf, states), R=each("--R", R, inputs)
         ),
     }
-    xf = vector_of("--to", goal, n, np.zeros(n) if xf is None else xf)
+    xf = _vector_of("--to", goal, n, np.zeros(n) if xf is None else xf)
     if read:
         if record is None or start is not None or x0_error:
             raise click.UsageError(
                 "give --record, without --from and --x0-error: a model of outputs starts "
                 f"from readings of {listed(known.outputs)}, and the inputs between them"
             )
-        asked |= {"record": last_rows(record, known, time, skip), "target": xf}
+        asked |= {"record": _last_rows(record, known, time, skip), "target": xf}
     else:
         if record is not None or time is not None or skip:
             raise click.UsageError("--record and --time are for models of outputs: give --from")
-        x0 = vector_of("--from", start, n, x0)
+        x0 = _vector_of("--from", start, n, x0)
         asked |= {"x0": Uncertain(x0, x0_error) if x0_error else x0, "xf": xf}
     plan = control(known, steps=steps, **asked)
     found: Any = None
@@ -136,7 +144,7 @@ def control_command(
     if isinstance(known, Model):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
-            loop = feedback_for(known, Q, R) if gain else None
+            loop = _feedback_for(known, Q, R) if gain else None
             found = _certified(plan, delta, noise=counted, gain=loop)
         if not gain:
             try:
@@ -247,15 +255,15 @@ def certify_command(
         raise click.UsageError("give --from, which --within, --noise and --limits are about")
     model = Model.load(source)
     states, inputs = model.state_names, model.input_names
-    loop = feedback_for(model, Q, R, delta if widest else None)
+    loop = _feedback_for(model, Q, R, delta if widest else None)
     proof = loop.certificate(delta)
     facts = {"K": loop.K.tolist(), "margin": finite(proof.margin), "certificate": proof.to_dict()}
     rows = zip(states, loop.K.T, strict=True)
     lines = grid([["K transposed", *inputs], *([k, *(f"{v:.4g}" for v in row)] for k, row in rows)])
     lines += ["", str(proof)]
     if start is not None:
-        x0 = vector_of("--from", start, model.n, None)
-        sides = sides_of("--limits", limits, inputs) if limits else None
+        x0 = _vector_of("--from", start, model.n, None)
+        sides = _sides_of("--limits", limits, inputs) if limits else None
         tube = proof.tube(x0, steps, noise=noise)
         level = None if sides is None else proof.holds(sides, x0)
         settles = None if within is None else tube.settles(within)
@@ -276,3 +284,83 @@ def certify_command(
     lines.append(f"for        {proof.region.assumption}")
     lines += [f"warning    {text}" for text in proof.warnings]
     show_result(facts, "\n".join(lines), as_json)
+
+
+def _vector_of(option: str, text: str | None, n: int, default: Any) -> Any:
+    """Read ``1,0,-0.5``: `n` numbers."""
+    if text is None and default is None:
+        raise click.UsageError(f"give {option}, {n} numbers with commas")
+    return default if text is None else np.array(_numbers(option, text, f"{n} finite", n))
+
+
+def _entries_of(option: str, text: str, count: int) -> Floats:
+    """Read ``1`` or ``1,0,2``, one number for each."""
+    values = _numbers(option, text, f"1 or {count} finite" if count > 1 else "a finite", 1, count)
+    return np.full(count, values[0]) if len(values) == 1 else np.array(values)
+
+
+def _sides_of(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[Floats, Floats]:
+    """Read ``-1,1`` and ``force=-1,1``."""
+    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
+    for text in sorted(texts, key=lambda text: "=" in text):  # those of all, then those of one
+        name, equals, pair = text.rpartition("=")
+        name = titled(name, names)
+        if equals and name not in names:
+            known = f"{', '.join(names)}{nearest(name, names)}"
+            raise click.BadParameter(f"{name!r} must be one of {known}", param_hint=option)
+        values = _numbers(option, pair)
+        if len(values) != 2 or any(map(math.isnan, values)):
+            raise click.BadParameter(f"{pair!r} must be LOW,HIGH", param_hint=option)
+        chosen = names.index(name) if equals else slice(None)
+        low[chosen], high[chosen] = values
+    return low, high
+
+
+def _numbers(option: str, text: str, wanted: str = "", *counts: int) -> list[float]:
+    """Numbers with commas; so many of them, all finite, if `counts` are given."""
+    values: list[float] = parsed(
+        option, text, "numbers with commas", lambda text: [number(one) for one in text.split(",")]
+    )
+    if counts and not (len(values) in counts and all(map(math.isfinite, values))):
+        many = "number" if wanted == "a finite" else "numbers"
+        raise click.BadParameter(f"must be {wanted} {many}, got {text!r}", param_hint=option)
+    return values
+
+
+def _feedback_for(model: Model, Q: str | None, R: str | None, widest: float | None = None) -> Loop:
+    """The gain of least squares with ``--Q`` and ``--R``, 1 where they are left out.
+
+    With `widest` that of the widest margin in the region of this probability.
+    """
+    try:
+        if widest is not None:
+            return gain_of(model, guarantee=widest)
+        states = (Q or "1").count(",") + 1 == model.n
+        of_states = _entries_of("--Q", Q or "1", model.n if states else model.n_outputs)
+        return gain_of(model, np.diag(of_states), np.diag(_entries_of("--R", R or "1", model.m)))
+    except SolverError as error:
+        raise click.UsageError(f"no gain: {error}") from error
+
+
+def _last_rows(path: str, model: Model, time: str | None, skip: int) -> tuple[Floats, Floats]:
+    """The record (outputs, inputs) for a model of outputs, whose columns the file has.
+
+    It begins behind the last row that is not complete, or that `time` says was lost; of the last
+    row of all the inputs are not used, as they act after its reading.
+    """
+    table = Table.of_file(path, skip)
+
+    def columns(argument: str, names: tuple[str, ...]) -> Floats:
+        return np.column_stack([table.numbers(argument, table.title(name)) for name in names])
+
+    y, u = columns("outputs", model.outputs), columns("inputs", model.input_names)
+    if not np.isfinite(y[-1]).all():
+        raise InputError(f"{path} must have all outputs in its last row, where the plan starts")
+    # whether a row and the next one are a step of the record
+    follows = np.isfinite(np.hstack([y, u])[:-1]).all(axis=1)
+    if time is not None:
+        if model.dt is None:
+            raise InputError("`time` must be left out for a model whose logs had no times")
+        follows &= np.abs(np.diff(table.times(table.title(time))) / model.dt - 1.0) <= NEAR
+    first = int(np.max(np.flatnonzero(~follows), initial=-1)) + 1
+    return y[first:], u[first:-1]

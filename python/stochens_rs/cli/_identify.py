@@ -16,9 +16,8 @@ from ..exceptions import DataWarning
 from ..identification import Model, Noise, Pilot, Trajectories, Window, identify
 from ..identification.assumptions import DESIGNS, LAWS, UNKNOWN
 from ..identification.region import Region
-from ._command import LEVEL, Choice, File, Share, command
+from ._command import LEVEL, Choice, File, Share, command, names_of, parsed
 from ._output import Out, finite, note, show_result
-from ._values import names_of, parsed
 
 _Gap = Annotated[Any, Choice(ON_GAP)]
 _Design = Annotated[Any, Choice(DESIGNS)]

@@ -1,6 +1,6 @@
 """Controls from estimates, and what is known about their errors."""
 
-from ..limits.solution import Limited
+from ..limits.problem import Limited
 from ..theory.exact import PlanError, Reachability
 from .control import control, realization_controls, steer
 from .errors import Typical

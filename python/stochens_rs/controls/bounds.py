@@ -15,11 +15,17 @@ from .._base.numbers import ROUNDING, norm
 from .._base.records import trusted
 from .._base.types import QUANTITIES, Floats
 from ..certificates.certificate import Certificate, Radius, radius_at
-from ..certificates.of_model import Asked, certificate, step_regions, trajectory
-from ..certificates.of_outputs import near_reference, output_certificate
+from ..certificates.of_model import (
+    Asked,
+    certificate,
+    near_reference,
+    output_certificate,
+    step_regions,
+    trajectory,
+)
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..feedback import Loop, LoopCertificate
-from ..limits.solution import Horizon, LimitedErrors, MovedTarget
+from ..limits.problem import Horizon, LimitedErrors, MovedTarget
 from ..rng import as_key
 from ..theory.drawn_bounds import (
     Bounded,
@@ -36,8 +42,7 @@ if TYPE_CHECKING:
     from .._base.types import Fusion
     from ..certificates.of_model import ModelBasis
     from ..fusion.provenance import Basis, Known
-    from ..limits.problem import Task
-    from ..limits.solution import Limited
+    from ..limits.problem import Limited, Task
 
 
 KEY = as_key(0).child("simulated bound")  # of the draws, which are the same in every call

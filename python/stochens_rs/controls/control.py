@@ -22,8 +22,7 @@ from ..fusion.fusing import fuse
 from ..fusion.provenance import Basis, known
 from ..identification.identified import Identified
 from ..limits.limits import Cost, Uncertain, as_cost, as_limits
-from ..limits.problem import checked_task, seconds
-from ..limits.solution import OPTIMAL, Horizon
+from ..limits.problem import OPTIMAL, Horizon, checked_task, seconds
 from ..rng import RngLike, as_key
 from ..system.system import System
 from ..theory.exact import best, best_control, checked_ends, factors, states

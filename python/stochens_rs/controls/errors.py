@@ -19,7 +19,7 @@ from ..exceptions import InputError, SizeError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis
 from ..identification.model import Model
-from ..limits.solution import Horizon
+from ..limits.problem import Horizon
 from ..rng import as_key
 from ..theory import moments
 from ..theory.exact import EPS, PlanError, states
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from .._base.types import Fusion, Quantity, Scheme
     from ..identification.identified import Identified
-    from ..limits.solution import Limited
+    from ..limits.problem import Limited
     from ..rng import RngLike
 
 

@@ -22,8 +22,7 @@ from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.window import spread
 from ..limits.limits import Uncertain, as_limits
-from ..limits.problem import checked_task, seconds, sides
-from ..limits.solution import Horizon
+from ..limits.problem import Horizon, checked_task, seconds, sides
 from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
@@ -32,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from ..limits.limits import Cost, Limits, LimitsLike
-    from ..limits.solution import Limited
+    from ..limits.problem import Limited
 
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning

@@ -20,7 +20,7 @@ from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, ShapeError, StochensError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis, completed
-from ..limits.solution import Limited
+from ..limits.problem import Limited
 from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
 from ..rng import Key

@@ -28,8 +28,7 @@ from ..feedback.certificate import judged
 from ..identification.model import Model
 from ..identification.region import Wish, entered
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
-from ..limits.problem import checked_task, sides
-from ..limits.solution import loop_of
+from ..limits.problem import checked_task, loop_of, sides
 from .loop import BEYOND, ControlLoop
 
 if TYPE_CHECKING:

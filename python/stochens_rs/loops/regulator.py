@@ -15,8 +15,7 @@ from .._base.types import DELTA, Floats, Status
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
 from ..identification.identified import Identified
-from ..limits.problem import Task
-from ..limits.solution import loop_of
+from ..limits.problem import Task, loop_of
 from ..plots.panels import Inputs, draw_calls
 from ..system.system import System
 from ..validation.fresh_systems import Validation

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import warnings
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -236,12 +237,8 @@ def _of_tuple(system: tuple[Any, ...]) -> dict[str, Any]:
             "`system` must be (A, B) or (A, B, dt) with a number dt > 0, got "
             f"{validation.show(dt)} as third item"
         )
-    return {
-        "A": system[0],
-        "B": system[1],
-        "dt": dt,
-        "continuous": validation.is_real(dt) and dt == 0,
-    }
+    continuous = validation.is_real(dt) and dt == 0
+    return {"A": system[0], "B": system[1], "dt": dt, "continuous": continuous}
 
 
 def _of_object(system: Any) -> dict[str, Any]:
@@ -280,11 +277,14 @@ def _of_object(system: Any) -> dict[str, Any]:
     for argument, word in (("states", "state_labels"), ("inputs", "input_labels")):
         names = attribute(system, word)
         found[argument] = names if isinstance(names, list) and names else None
-    units = attribute(system, "units")  # of a Dataset from `to_xarray`: text
-    found["units"] = _read_units(units) if isinstance(units, str) else None
+    units, found["units"] = attribute(system, "units"), None
+    if isinstance(units, str):  # of a Dataset from `to_xarray`
+        with suppress(ValueError, RecursionError):
+            found["units"] = json.loads(units)
     # scipy.signal sets dt = None for continuous systems; only their class says so.
-    own = found["dt"]
-    found["continuous"] = _is_lti(system) or (validation.is_real(own) and own == 0)
+    signal = _package(system) == "scipy.signal"
+    lti = signal and any(kind.__name__ == "lti" for kind in type(system).__mro__)
+    found["continuous"] = lti or (validation.is_real(found["dt"]) and found["dt"] == 0)
     return found
 
 
@@ -356,13 +356,6 @@ def _discretized(found: dict[str, Any], dt: Any) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _read_units(text: str) -> Any:
-    try:
-        return json.loads(text)
-    except (ValueError, RecursionError):
-        return None
-
-
 def _joined(name: str | None, more: str) -> str | None:
     return f"{name}, {more}" if name and more else name or more or None
 
@@ -375,13 +368,6 @@ def _package(system: Any) -> str:
         if kind.__module__.partition(".")[0] == "control":
             return "control"
     return ""
-
-
-def _is_lti(system: Any) -> bool:
-    return any(
-        kind.__name__ == "lti" and kind.__module__.startswith("scipy.signal")
-        for kind in type(system).__mro__
-    )
 
 
 def attribute(system: object, word: str, missing: object = None) -> Any:

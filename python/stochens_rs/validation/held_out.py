@@ -19,7 +19,7 @@ from ..exceptions import InputError, ShapeError
 from ..fusion.provenance import Basis
 from ..identification import Model, Trajectories
 from ..identification.identified import Identified
-from ..limits.solution import Limited
+from ..limits.problem import Limited
 from ..system.system import System
 from .fresh_systems import Source, Validation, rank_of
 
@@ -62,10 +62,7 @@ class Predicted(NamedTuple):
     @property
     def A(self) -> Floats:
         """How a deviation of the start moves on; 0 where the plan does not know."""
-        n = self.states.shape[1]
-        known = self.basis
-        if self.read:
-            return np.zeros((n, n))
+        n, known = self.states.shape[1], None if self.read else self.basis
         found = known.model.A if isinstance(known, ModelBasis) else known and known.A.estimate
         return np.zeros((n, n)) if found is None else np.ascontiguousarray(found)
 
@@ -158,9 +155,7 @@ def validated_loop(
     if isinstance(runs, Trajectories):
         K = int(runs.lengths.max())
     else:
-        single = isinstance(runs, np.ndarray) and runs.ndim == 2
-        given = [runs] if single else validation.items("runs", runs)
-        read = [validation.read(f"runs[{r}]", one) for r, one in enumerate(given)]
+        read = [validation.read(f"runs[{r}]", one) for r, one in enumerate(_listed(runs))]
         K = max((len(one) for one in read if one.ndim), default=0) - 1
     if K < 1:
         raise ShapeError("`runs` must have one step at least")
@@ -187,26 +182,22 @@ def _judged(
     free: float | None,
 ) -> Validation:
     """The order statistics of the scores."""
-    deviations, misses = scores
-    size, rank = len(misses), None
+    size, rank = len(scores[1]), None
     if weights is None:
         rank = rank_of(size, delta, sure)
-        factor, miss = (_core.validation_rank(one, rank) for one in (deviations, misses))
+        factor, miss = (_core.validation_rank(one, rank) for one in scores)
     else:
         if sure is not None:
             raise InputError("`beta` must be left out with `weights`: no confidence is known")
         given = validation.vector("weights", weights, length=size + 1)
         if (given < 0.0).any():
             raise InputError("`weights` must be >= 0")
-        factor, miss = (
-            _core.validation_weighted(one, given, delta) for one in (deviations, misses)
-        )
+        factor, miss = (_core.validation_weighted(one, given, delta) for one in scores)
     with np.errstate(all="ignore"):
         # a radius that is compared in doubles must not lose its own order statistic to rounding
         radii = factor * units * (1.0 + 4.0 * np.finfo(float).eps)
     tube = np.vstack([np.zeros((1, len(target))), radii])  # the start of a run is known
-    found = factor, tube, miss, target, delta, sure, source, deviations, misses, rank, free
-    return Validation(*found)
+    return Validation(factor, tube, miss, target, delta, sure, source, *scores, rank, free)
 
 
 def _systems(runs: Runs) -> SystemEnsemble | None:
@@ -251,6 +242,12 @@ def _of_systems(
     return _core.validation_systems(told, *matrices, starts, plan.u, get_num_threads())
 
 
+def _listed(runs: Any) -> list[Any]:
+    """The runs; an array (K + 1, n) is one."""
+    single = isinstance(runs, np.ndarray) and runs.ndim == 2
+    return [runs] if single else validation.items("runs", runs)
+
+
 def _states(plan: Predicted, runs: Runs, loop: PredictedLoop | None = None) -> Floats:
     """The states of all runs, (M, K + 1, n), nan after the end of a run that ended early."""
     shape = plan.states.shape
@@ -258,8 +255,7 @@ def _states(plan: Predicted, runs: Runs, loop: PredictedLoop | None = None) -> F
         return _of_trajectories(plan, runs, loop)
     if isinstance(runs, np.ndarray) and runs.shape[-2:] != shape:
         raise ShapeError(f"`runs` must be runs of shape {shape}, got an array of {runs.shape}")
-    single = isinstance(runs, np.ndarray) and runs.ndim == 2
-    given = [runs] if single else validation.items("runs", runs)
+    given = _listed(runs)
     if not given:
         raise ShapeError(f"`runs` must be runs of shape {shape}, got none")
     running.need("the runs", 8 * len(given) * shape[0] * shape[1])

@@ -20,7 +20,7 @@ import numpy as np
 
 import stochens_rs as se
 from stochens_rs.exceptions import DataWarning
-from stochens_rs.plots.style import COLORS, add_grid, new_figure
+from stochens_rs.plots.style import COLORS, add_labels, new_figure
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "python"))
 from twin.laws import chi2_upper
@@ -113,7 +113,7 @@ def markdown(kind: str, rows: list[dict]) -> str:
 def draw(path: Path) -> None:
     """Errors over N for a grid that is in the hull, near it, and far from it."""
     sizes = (3, 6, 10, 20, 30, 40, 60, 100, 200, 400, 1000, 3000)
-    figure = new_figure(11.4, 3.9, header=0.0, footer=0.0, shown=False)
+    figure = new_figure(11.4, 3.9)
     shown = dict(zip(("best single", "mean", "ridge", "least squares"), COLORS[3:], strict=False))
     shown |= {"mixture": COLORS[0], "fused": COLORS[1]}
     labels = {"mixture": "mixture of the models", "fused": "fused by data", "mean": "mean model"}
@@ -134,11 +134,8 @@ def draw(path: Path) -> None:
                 zorder=3 if main else 2,
             )
         ax.set_title(titles[k], fontsize=10)
-        ax.set_xlabel("measured steps N")
-        add_grid(ax)
-    first = figure.axes[0]
-    first.set_ylabel("error of a predicted step / noise")
-    first.legend(fontsize=8, frameon=False)
+        add_labels(ax, "measured steps N", "" if k else "error of a predicted step / noise")
+    figure.axes[0].legend(fontsize=8, frameon=False)
     figure.savefig(path, dpi=110, metadata={"Software": None}, facecolor="white")
 
 

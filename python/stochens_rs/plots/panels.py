@@ -52,12 +52,6 @@ class Inputs(NamedTuple):
     held: NDArray[np.bool_] | None = None
     at_rate: NDArray[np.bool_] | None = None
 
-    def some(self, places: list[int]) -> Inputs:
-        """These of the inputs."""
-        u, low, high = self.u[:, places], self.low[:, places], self.high[:, places]
-        at_rate = None if self.at_rate is None else self.at_rate[:, places]
-        return Inputs(u, [self.names[i] for i in places], low, high, self.held, at_rate)
-
 
 def panel_grid(
     count: int, figure: Figure | SubFigure | None, columns: int | None = None
@@ -143,8 +137,10 @@ def draw_limits(
     return floor, top
 
 
-def draw_inputs(panels: Sequence[Axes], given: Inputs, dt: float | None) -> None:
-    """Draw each input as steps: its limits a grey band, thick where it is at one of them.
+def draw_inputs(
+    panels: Sequence[Axes], given: Inputs, places: Sequence[int], dt: float | None
+) -> None:
+    """Draw the inputs at `places` as steps: limits a grey band, thick where it is at one of them.
 
     Also thick, in another colour, where it is at its rate.
     """
@@ -152,7 +148,7 @@ def draw_inputs(panels: Sequence[Axes], given: Inputs, dt: float | None) -> None
     times = np.arange(len(u) + 1) * (1.0 if dt is None else dt)
     at_limit = (u <= given.low) | (u >= given.high)
     at_rate = np.zeros_like(at_limit) if given.at_rate is None else given.at_rate
-    for i, ax in enumerate(panels):
+    for i, ax in zip(places, panels, strict=True):
         look, limits = look_of(ax), (given.low[:, i], given.high[:, i])
         ends = np.concatenate([side[np.isfinite(side)] for side in limits])
         least, most, far = extent(u[:, i])
@@ -169,10 +165,8 @@ def draw_inputs(panels: Sequence[Axes], given: Inputs, dt: float | None) -> None
                 ax.stairs(thick, times, baseline=None, color=color, linewidth=4.0, label=label)
         if given.held is not None and given.held.any():
             middle = (times[:-1] + times[1:]) / 2.0
-            ax.plot(
-                middle[given.held], u[given.held, i], "o", color=look.ink, label="held",
-                markerfacecolor=look.face, markersize=4.5,
-            )  # fmt: skip
+            mark: Any = {"color": look.ink, "markerfacecolor": look.face, "markersize": 4.5}
+            ax.plot(middle[given.held], u[given.held, i], "o", label="held", **mark)
         frame(ax, floor, top, SEEN * (top - floor) or 1.0, dt, given.names[i])
 
 
@@ -247,7 +241,7 @@ def draw_tube(
             add_target(ax, times[-1], target[i], clip_on=False)
         frame(ax, floor, top, reach, dt, names[i])
     if inputs is not None:
-        draw_inputs(others, inputs.some(most_changing(inputs.u, PANELS)), dt)
+        draw_inputs(others, inputs, most_changing(inputs.u, PANELS), dt)
     add_legend(figure, [*panels, *others])
     return root_of(figure)
 
@@ -301,7 +295,7 @@ def draw_calls(
         ax.axhline(target[i], color=look.ink, linestyle="--", linewidth=1, label="target")
         ax.plot(times, states[:, i], ".-", **line)
         frame(ax, low, high, far, dt, names[i])
-    draw_inputs(others, inputs, dt)
+    draw_inputs(others, inputs, range(len(others)), dt)
     last.plot(times, 1e6 * seconds, ".", color=look.color(5), markersize=4)
     last.set_yscale("log")
     last.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))

@@ -319,6 +319,5 @@ def save_figures(
     dpi : int, default 200
         Pixels per inch of the PNG.
     """
-    require_matplotlib()
-    at = Path(directory)
-    return [path for name, one in figures.items() for path in save(one, at / name, dpi=dpi)]
+    to = Path(directory)
+    return [path for name, one in figures.items() for path in save(one, to / name, dpi=dpi)]

@@ -11,7 +11,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError
-from test_records import PARTS, PLANS, SYSTEM, X0, A, B, data, key
+from test_records import PARTS, PLANS, SYSTEM, X0, A, B, key
 
 pandas = pytest.importorskip("pandas")
 xarray = pytest.importorskip("xarray")
@@ -22,8 +22,7 @@ CUBES = [name for name, make in ALL.items() if hasattr(make(), "to_xarray")]
 def test_which_records_have_axes() -> None:
     kinds = {type(ALL[name]()).__name__ for name in CUBES}
     timed = {"Plan", "Trajectory", "EnsembleTrajectory"}
-    others = {"Fit", "Path", "Model", "Tracking", "SystemEnsemble", "FleetPlan"}
-    assert kinds == timed | others
+    assert kinds == timed | {"SystemEnsemble", "FleetPlan"}
     assert {type(ALL[name]()).__name__ for name in CUBES if hasattr(ALL[name](), "to_pandas")} == (
         timed
     )
@@ -113,21 +112,6 @@ def test_a_plan_has_its_control_limits_and_keys() -> None:
     assert named.to_xarray().attrs["key"] == named.info["key"].hex
     of_model = PLANS["plan of a model"]().to_xarray()
     assert of_model["time"].to_numpy().tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3])
-
-
-def test_a_fit_and_a_model() -> None:
-    fit = PARTS["fit"]()
-    made = fit.to_xarray()
-    assert dict(made["estimate"].sizes) == {"row": 2, "column": 2}
-    np.testing.assert_array_equal(made["weights"], fit.weights)
-    assert made.attrs["key"] == key("A").hex
-    assert PARTS["fit per column"]().to_xarray()["weights"].dims == ("realization", "column")
-    model = se.identify(data(), intercept=True, noise=se.Noise(design="independent"))
-    found = model.to_xarray()
-    np.testing.assert_array_equal(found["A"].sel(state="x[1]", from_state="x[0]"), model.A[1, 0])
-    np.testing.assert_array_equal(found["B"].sel(input="u[0]"), model.B[:, 0])
-    np.testing.assert_array_equal(found["c"], model.c)
-    np.testing.assert_array_equal(found["covariance"], model.covariance)
 
 
 def test_two_columns_of_one_name_are_refused() -> None:

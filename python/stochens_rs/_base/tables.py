@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,8 +20,6 @@ if TYPE_CHECKING:
     import xarray
     from numpy.typing import NDArray
 
-    from .types import Floats
-
 
 @contextmanager
 def extra(need: str, name: str = "plot") -> Iterator[None]:
@@ -35,45 +32,27 @@ def extra(need: str, name: str = "plot") -> Iterator[None]:
         ) from error
 
 
-@dataclass(frozen=True, eq=False)
-class Cube:
+class Cube(NamedTuple):
     """Arrays with named dimensions.
 
     Attributes
     ----------
-    variables : mapping of str to (dims, array, unit)
-        The unit is a text, or "state" or "input": that of the states or inputs along the last
-        dimension. Those whose array is None are left out.
-    coordinates : mapping of str to (array, unit)
-        Along the dimensions of these names.
+    variables : dict of str to (dims, array, unit)
+        The unit is "state" or "input" where it is that of the states or inputs along the last
+        dimension.
+    clock, times
+        The dimension of K + 1 times and its coordinate: "time" [s], or "step".
     attrs : dict
-        Texts and numbers, the key as text; None is left out.
-    labels : Labels, optional
+        Texts and numbers, the keys as text, and the versions.
+    labels : Labels
         Names along the dimensions "state" and "input".
     """
 
-    variables: Mapping[str, tuple[tuple[str, ...], NDArray[Any] | None, str | None]]
-    coordinates: Mapping[str, tuple[NDArray[Any], str | None]]
+    variables: dict[str, tuple[tuple[str, ...], NDArray[Any], str | None]]
+    clock: str
+    times: NDArray[Any]
     attrs: dict[str, Any]
-    labels: Labels | None = None
-
-    def there(self) -> dict[str, tuple[tuple[str, ...], NDArray[Any], str | None]]:
-        """The variables that are not None."""
-        return {
-            name: (dims, array, unit)
-            for name, (dims, array, unit) in self.variables.items()
-            if array is not None
-        }
-
-    def names(self, dim: str) -> tuple[str, ...] | None:
-        """The names along "state" or "input"."""
-        if self.labels is None:
-            return None
-        return {"state": self.labels.states, "input": self.labels.inputs}.get(dim)
-
-    def about(self) -> dict[str, Any]:
-        """The attributes, with the versions."""
-        return {name: one for name, one in (self.attrs | versions()).items() if one is not None}
+    labels: Labels
 
 
 class Tabled:
@@ -81,23 +60,42 @@ class Tabled:
 
     __slots__ = ()
 
+    def _parts(self) -> tuple[Any, ...]:
+        """The record, and those among its fields whose arrays over the steps are shown with it."""
+        return (self,)
+
+    def _facts(self) -> dict[str, Any]:
+        """Texts, numbers and keys that no field of the parts has."""
+        return {}
+
     def _cube(self) -> Cube:
         """What the declarations of the fields say: arrays with dimensions, numbers and texts."""
         record: Any = self
-        own: Any = type(record)
-        sizes, rules = records.sizes(record), records.rules(own)
-        clock, times = over_time(sizes.get("step", 0), record.dt, getattr(record, "times", None))
+        sizes, clock = records.sizes(record), "step" if record.dt is None else "time"
+        times = np.arange(sizes.get("step", 0) + 1)
+        if record.dt is not None:
+            times = getattr(record, "times", times * record.dt)
         variables: dict[str, Any] = {}
-        for name, rule in rules.items():
-            array = getattr(record, name)
-            if rule.dims and array is not None and name != "times":
-                rows = padded(array) if "step" in rule.dims else array
-                dims = tuple(clock if dim in ("step", "step+1") else dim for dim in rule.dims)
-                unit = None if "own unit" in rule.words else dims[-1]
-                variables[name] = (dims, rows, unit if unit in ("state", "input") else None)
-        attrs = {name: _plain(getattr(record, name)) for name in fields.declared(own)}
-        labels = named(record.labels, sizes.get("state", 0), sizes["input"])
-        return Cube(variables, times if "step" in sizes else {}, attrs, labels)
+        facts = self._facts()
+        for part in self._parts():
+            facts = {name: getattr(part, name) for name in fields.declared(type(part))} | facts
+            for name, (dims, words, _) in records.rules(type(part)).items():
+                array, over_steps = getattr(part, name), len(dims) == 2 and dims[0] == "step"
+                if array is None or not dims or name == "times":
+                    continue
+                if part is not self and not over_steps:
+                    continue
+                unit = None if "own unit" in words or array.dtype.kind == "i" else dims[-1]
+                if "step" in dims:  # nan at the last time, where no input acts, or at the first
+                    missing = np.full((*array.shape[:-2], 1, array.shape[-1]), np.nan)
+                    pair = (missing, array) if dims[-1] == "state" else (array, missing)
+                    array = np.concatenate(pair, axis=-2, dtype=np.float64)
+                named = tuple(clock if dim.startswith("step") else dim for dim in dims)
+                variables.setdefault(name, (named, array, unit))
+        attrs = {name: _plain(value) for name, value in facts.items()} | versions()
+        attrs = {name: value for name, value in attrs.items() if value is not None}
+        labels = record.labels or default_labels(sizes.get("state", 0), sizes["input"])
+        return Cube(variables, clock, times, attrs, labels)
 
     def to_xarray(self) -> xarray.Dataset:
         """Give the arrays named dimensions, coordinates and units.
@@ -128,31 +126,26 @@ class Tabled:
         """
         with extra("data sets need xarray", "tables"):
             import xarray
-        cube = self._cube()
-        there = cube.there()
-        running.need("the data set", sum(array.nbytes for _, array, _ in there.values()))
-        units = {} if cube.labels is None else dict(cube.labels.units)
-        coordinates: dict[str, Any] = {
-            name: (name, array, {} if unit is None else {"units": unit})
-            for name, (array, unit) in cube.coordinates.items()
-        }
-        same: dict[str, str] = {}
-        used = {dim for dims, _, _ in there.values() for dim in dims}
-        for dim in sorted(used):
-            names = cube.names(dim.removeprefix("from_").removeprefix("other_"))
-            if names is None:
-                continue
-            coordinates[dim] = (dim, np.array(names, dtype=object))
+        variables, clock, times, attrs, labels = self._cube()
+        running.need("the data set", sum(array.nbytes for _, array, _ in variables.values()))
+        used = {dim for dims, _, _ in variables.values() for dim in dims}
+        units, same = dict(labels.units), {}
+        coordinates: dict[str, Any] = {}
+        if clock in used:
+            coordinates[clock] = (clock, times, {"units": "s"} if clock == "time" else {})
+        for what, names in (("state", labels.states), ("input", labels.inputs)):
+            for dim in sorted(used & {what, f"from_{what}", f"other_{what}"}):
+                coordinates[dim] = (dim, np.array(names, dtype=object))
             own = [units.get(name, "") for name in names]
-            if any(own) and dim in ("state", "input"):
-                coordinates[f"{dim}_unit"] = (dim, np.array(own, dtype=object))
+            if what in used and any(own):
+                coordinates[f"{what}_unit"] = (what, np.array(own, dtype=object))
                 if len(set(own)) == 1:
-                    same[dim] = own[0]
-        variables = {}
-        for name, (dims, array, unit) in there.items():
-            found = same.get(unit) if unit in ("state", "input") else unit
-            variables[name] = (dims, array, {} if found is None else {"units": found})
-        return xarray.Dataset(variables, coordinates, cube.about())
+                    same[what] = {"units": own[0]}
+        arrays = {
+            name: (dims, array, same.get(unit or "", {}))
+            for name, (dims, array, unit) in variables.items()
+        }
+        return xarray.Dataset(arrays, coordinates, attrs)
 
 
 class Timed(Tabled):
@@ -191,24 +184,21 @@ class Timed(Tabled):
         """
         with extra("tables need pandas", "tables"):
             import pandas
-        cube = self._cube()
-        clock, (times, _) = next(iter(cube.coordinates.items()))
-        columns: dict[str, Any] = {}
-        further: dict[str, Any] = {}  # the first array of a dimension has its plain names
-        seen: set[str] = set()
-        for name, (dims, array, _) in cube.there().items():
-            if dims not in ((clock, "state"), (clock, "input")):
-                continue
-            names = cube.names(dims[1]) or ()
-            titles = [f"{name}[{own}]" for own in names] if dims[1] in seen else names
-            for title, column in zip(titles, array.T, strict=True):
-                if title in columns or title in further:
+        variables, clock, times, attrs, labels = self._cube()
+        along = {(clock, "state"): labels.states, (clock, "input"): labels.inputs}
+        # the first array of a dimension has its plain names
+        first: dict[str, Any] = dict.fromkeys((*labels.states, *labels.inputs))
+        further: dict[str, Any] = {}
+        for name, (dims, array, _) in variables.items():
+            names = along.get(dims, ())
+            plain = any(first[own] is None for own in names)
+            for own, column in zip(names, array.T, strict=False):
+                title = own if plain else f"{name}[{own}]"
+                if title in further or first.get(title) is not None:
                     raise InputError(f"two columns would be '{title:.60}': use to_xarray()")
-                (further if dims[1] in seen else columns)[title] = column
-            seen.add(dims[1])
-        found = pandas.DataFrame(columns | further, index=pandas.Index(times, name=clock))
-        units = {} if cube.labels is None else dict(cube.labels.units)
-        found.attrs = {**cube.about(), "units": units}
+                (first if plain else further)[title] = column
+        found = pandas.DataFrame(first | further, index=pandas.Index(times, name=clock))
+        found.attrs = {**attrs, "units": dict(labels.units)}
         return found
 
 
@@ -216,35 +206,8 @@ def _plain(value: object) -> object:
     """A number or a text as an attribute; None for what is none."""
     if isinstance(value, tuple) and all(isinstance(one, str) for one in value):
         return ", ".join(value)
-    return (
-        getattr(value, "hex", None)
-        if type(value).__name__ == "Key"
-        else (value if isinstance(value, (str, int, float)) else None)
-    )
-
-
-def over_time(
-    steps: int, dt: float | None, times: Floats | None = None
-) -> tuple[str, dict[str, tuple[NDArray[Any], str | None]]]:
-    """The dimension of K + 1 times and its coordinate: "time" [s], or "step"."""
-    if dt is None:
-        return "step", {"step": (np.arange(steps + 1), None)}
-    return "time", {"time": (np.arange(steps + 1) * dt if times is None else times, "s")}
-
-
-def padded(rows: NDArray[Any] | None, *, first: bool = False) -> Floats | None:
-    """Rows of K steps as those of K + 1 times, with nan in the last one, or in the first."""
-    if rows is None:
-        return None
-    missing = np.full((*rows.shape[:-2], 1, rows.shape[-1]), np.nan)
-    parts = (missing, rows) if first else (rows, missing)
-    found: Floats = np.concatenate(parts, axis=-2, dtype=np.float64)
-    return found
-
-
-def named(labels: Labels | None, n: int, m: int) -> Labels:
-    """The labels of n states and m inputs, by default ``x[0]``, ..., ``u[0]``, ...."""
-    return default_labels(n, m) if labels is None else labels
+    value = getattr(value, "hex", None) if type(value).__name__ == "Key" else value
+    return value if isinstance(value, (str, int, float)) and not isinstance(value, bool) else None
 
 
 class Exported:
@@ -336,14 +299,10 @@ class Exported:
         """
         with extra("to_xarray() needs xarray", "tables"):
             import xarray as xr
-        labels, dt = self.labels, self.dt
-        states, units = list(labels.states), dict(labels.units)
-        known = {
-            "dt": dt if isinstance(dt, float) else None,
-            "name": self.name,
-            # files hold numbers and text
-            "units": json.dumps(units, ensure_ascii=False) if units else None,
-        }
+        labels, states = self.labels, list(self.labels.states)
+        # files hold numbers and text
+        units = json.dumps(dict(labels.units), ensure_ascii=False) if labels.units else None
+        known = {"dt": _plain(self.dt), "name": self.name, "units": units}
         return xr.Dataset(
             {"A": (DIMS["A"], self.A.copy()), "B": (DIMS["B"], self.B.copy())},
             coords={"state_next": states, "state": states, "input": list(labels.inputs)},

@@ -12,8 +12,8 @@ import numpy as np
 from .._base import show, validation
 from .._base.names import Labels, default_labels, two_states
 from .._base.numbers import norm
-from .._base.records import Positive, SavedRecord, require_shapes, rules
-from .._base.tables import Cube, Timed, padded
+from .._base.records import Positive, SavedRecord, require_shapes
+from .._base.tables import Timed
 from .._base.types import DELTA, Floats, Fusion, Quantity, Status
 from ..certificates.certificate import Certificate
 from ..certificates.of_model import ModelBasis
@@ -23,7 +23,6 @@ from ..fusion.provenance import Basis, completed
 from ..limits.problem import Limited
 from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
-from ..rng import Key
 from ..system.system import System
 from ..theory.exact import PlanError, Reachability, best_control, checked_ends, states
 from ..validation.fresh_systems import Validation
@@ -704,30 +703,15 @@ class Plan(SavedRecord, Timed):
         validation.same_dt("system", checked.dt, self.dt, "this plan")
         return checked._in_order("system", self.labels)
 
-    def _cube(self) -> Cube:
-        cube = super()._cube()
-        clock = next(iter(cube.coordinates))
-        variables = {name: cube.variables[name] for name in ("predicted_states", "u")}
-        key = self.info.get("key")
-        attrs = {**cube.attrs, "residual": self.reachability.residual}
-        attrs["key"] = key.hex if isinstance(key, Key) else None
-        limited = self.limited
-        parts: Any = () if limited is None else (limited.task, limited)
-        for record in parts:
-            own: Any = type(record)
-            for name, rule in rules(own).items():  # what they hold over time
-                rows = getattr(record, name)
-                if len(rule.dims) == 2 and rule.dims[0] == "step" and rows is not None:
-                    of, unit = rule.dims[1], None if rows.dtype == np.int8 else rule.dims[1]
-                    dims, rows = (clock, of), padded(rows, first=of == "state")
-                    variables.setdefault(name, (dims, rows, unit))
-        if limited is not None:
-            attrs |= {"objective": limited.objective, "gap": limited.gap}
-        if isinstance(self.basis, Basis):
-            for one in self.basis.entities:
-                attrs[f"size_{one.name}"] = one.size
-                attrs[f"key_{one.name}"] = None if one.key is None else one.key.hex
-        return Cube(variables, cube.coordinates, attrs, cube.labels)
+    def _parts(self) -> tuple[Any, ...]:
+        limited = () if self.limited is None else (self.limited.task, self.limited)
+        return (self, self.reachability, *limited)
+
+    def _facts(self) -> dict[str, Any]:
+        facts = {"key": self.info.get("key")}
+        for one in self.basis.entities if isinstance(self.basis, Basis) else ():
+            facts |= {f"size_{one.name}": one.size, f"key_{one.name}": one.key}
+        return facts
 
     def _repr_html_(self) -> str:
         rows: list[tuple[str, object]] = [("control u(0)", show.vector(self.u[0]))]

@@ -11,7 +11,6 @@ import numpy as np
 from .._base import show, validation
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, require_shapes
-from .._base.tables import Cube, Tabled
 from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, NonFiniteError, ShapeError
@@ -24,7 +23,7 @@ _BLOCK = 1 << 20  # entries of dense realizations at a time
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Fit(SavedRecord, Tabled):
+class Fit(SavedRecord):
     """The estimate of one vector or matrix, fused from its realizations.
 
     Attributes
@@ -139,19 +138,6 @@ class Fit(SavedRecord, Tabled):
         """Shape of the estimate."""
         return self.estimate.shape
 
-    def _cube(self) -> Cube:
-        dims = ("entry",) if self.estimate.ndim == 1 else ("row", "column")
-        line = "row" if self._by_rows else "column"
-        variables = {
-            "estimate": (dims, self.estimate, None),
-            "target": (dims, self.target, None),
-            "weights": (("realization", line)[: self.weights.ndim], self.weights, None),
-        }
-        names = ("method", "status", "error", "gap", "lower_bound", "unseen")
-        attrs = {name: getattr(self, name) for name in names}
-        key = None if self.ensemble is None else self.ensemble.key
-        return Cube(variables, {}, attrs | {"key": None if key is None else key.hex})
-
     def _repr_html_(self) -> str:
         rows = [
             ("realizations N", show.grouped(len(self.weights))),
@@ -170,7 +156,7 @@ class Fit(SavedRecord, Tabled):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Path(SavedRecord, Tabled):
+class Path(SavedRecord):
     """Errors of the fusion of the first k realizations, for several k.
 
     Attributes
@@ -203,16 +189,6 @@ class Path(SavedRecord, Tabled):
             require_shapes(self, estimates=(len(self.sizes), *self.estimates.shape[1:]))
         _finite("error", float(self.errors.sum()))
         _finite("gap", None if self.gaps is None else float(self.gaps.sum()))
-
-    def _cube(self) -> Cube:
-        vectors = self.estimates is None or self.estimates.ndim == 2
-        dims = ("entry",) if vectors else ("row", "column")
-        variables = {
-            "error": (("size",), self.errors, None),
-            "gap": (("size",), self.gaps, None),
-            "estimate": (("size", *dims), self.estimates, None),
-        }
-        return Cube(variables, {"size": (self.sizes, None)}, {"method": self.method})
 
     def _repr_html_(self) -> str:
         first, last = (show.grouped(int(self.sizes[k])) for k in (0, -1))

@@ -11,7 +11,6 @@ from .. import _core
 from .._base import running, show, validation
 from .._base.records import SavedRecord, cached_property, trusted
 from .._base.running import get_num_threads
-from .._base.tables import Cube, Tabled
 from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(SavedRecord, Identified, Tabled):
+class Model(SavedRecord, Identified):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
     Made by `identify`.
@@ -666,22 +665,6 @@ class Model(SavedRecord, Identified, Tabled):
             return None
         x, u, _ = self.data.pairs()
         return np.hstack([np.abs(x).max(axis=0), np.abs(u).max(axis=0)])
-
-    def _cube(self) -> Cube:
-        variables = {
-            "A": (("state", "from_state"), self.A, None),
-            "B": (("state", "input"), self.B, None),
-            "c": (("state",), self.c, "state"),
-        }
-        if self.window is None:
-            variables["covariance"] = (("state", "other_state"), self.covariance, None)
-        attrs = {
-            "dt": self.dt,
-            "size": self.size,
-            "design": self.design,
-            "noise": self.noise,
-        }
-        return Cube(variables, {}, attrs, self.labels)
 
     def _verify(self) -> None:
         """Refuse a triangle that is not that of the data."""

@@ -11,9 +11,8 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.names import default_labels, order_of
+from .._base.names import order_of
 from .._base.records import SavedRecord, require_shapes
-from .._base.tables import Cube, Tabled, over_time, padded
 from .._base.types import Floats, Status, worst
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..feedback import Loop
@@ -79,7 +78,7 @@ class StepEstimate:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tracking(SavedRecord, Tabled):
+class Tracking(SavedRecord):
     """A reference, and the trajectories of a system that tracks it.
 
     With `runs` given, `states`, `inputs` and `errors` have the runs as their first axis.
@@ -176,21 +175,6 @@ class Tracking(SavedRecord, Tabled):
         """
         distance, several = np.sqrt(self.mean_square), self.states.ndim == 3
         return draw_tracking(distance, self.residuals, averaged=several, ax=ax)
-
-    def _cube(self) -> Cube:
-        K, m = self.inputs.shape[-2:]
-        clock, times = over_time(K, None)
-        run = ("run",) if self.states.ndim == 3 else ()
-        residuals = np.concatenate([[np.nan], self.residuals])
-        variables = {
-            "states": ((*run, clock, "state"), self.states, "state"),
-            "inputs": ((*run, clock, "input"), padded(self.inputs), "input"),
-            "reference": ((clock, "state"), self.reference, "state"),
-            "errors": ((*run, clock), self.errors, None),
-            "residuals": ((clock,), residuals, None),
-        }
-        attrs = {"status": self.status, "key": self.key.hex}
-        return Cube(variables, times, attrs, default_labels(self.states.shape[-1], m))
 
     def _repr_html_(self) -> str:
         distance, rms = np.sqrt(self.mean_square), " (rms)" * (self.states.ndim == 3)

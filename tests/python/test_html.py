@@ -54,11 +54,11 @@ RECORDS = {
     "Ensemble of vectors": (lambda: se.sample(X0, 10, rng=1), ["nonzero entriesonescheme"]),
     "Fit": (
         lambda: se.fuse(se.sample(SYSTEM.A, 99, rng=1), "alse", target=SYSTEM.A),
-        ["alse", "optimal", "99", "distance to the target", "gap"],
+        ["alse", "optimal", "99", "error", "gap"],
     ),
     "Path": (
         lambda: se.fuse_path(se.sample([3, 2, 1], 64, rng=1), [4, 64], "slse", target=[3, 2, 1]),
-        ["slse", "to 64", "error", "<polyline"],
+        ["slse", "to 64", "error"],
     ),
     "Plan": (plan, ["largest |u|", "12 345 realizations", "control u(0)", "<polyline"]),
     "Plan of steps": (lambda: plan(steps=5), ["5 steps", "largest |u|", "<polyline"]),
@@ -94,20 +94,20 @@ RECORDS = {
     "Reachability": (lambda: plan().reachability, ["verdictreachable", "rank", "condition"]),
     "Trajectory": (
         lambda: se.simulate(SYSTEM, X0, np.ones((20, 2))),
-        ["20 of 0.1 s", "2.236 at the start", "largest |u|", "<polyline"],
+        ["20 steps", "dt0.1", "states, from", "<polyline"],
     ),
     "EnsembleTrajectory": (
         simulated,
-        ["20 of 0.1 s", "norm of the mean state", "standard error", "<polyline"],
+        ["20 steps", "replicates50", "mean, from", "<polyline"],
     ),
     "Trajectories": (
         lambda: se.Trajectories(np.ones((3, 5, 2)), np.ones((3, 4, 1)), input_names=["f < g"]),
         ["3 runs, 12 pairs", "steps of a run4", "f < g", "<polyline"],
     ),
     "Model": (model, ["one unknown covariance", "p-values", "x[1]"]),
-    "Region": (lambda: model().region(0.1), ["90 % at least", "independent of all states"]),
+    "Region": (lambda: model().region(0.1), ["90 %", "independent of all states"]),
     "Checks": (lambda: model().checks, ["heteroscedasticity", "tails"]),
-    "SystemEnsemble": (lambda: model().draw(5, rng=1), ["5", "0.1 s", "draws of the law"]),
+    "SystemEnsemble": (lambda: model().draw(5, rng=1), ["5", "dt0.1", "draws of the law"]),
     "Stream": (stream, ["1 000", "of A", "error of the state", "certificate", "<polyline"]),
     "Trace": (lambda: stream().trace, ["<polyline"]),
     "StreamRun": (lambda: stream().run(max_steps=10), ["max_steps", "seconds"]),

@@ -34,7 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError, ShapeError
-from . import fields, running, types, validation
+from . import fields, running, show, types, validation
 from .saving import Durable
 
 if TYPE_CHECKING:
@@ -162,6 +162,22 @@ class Record:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), tuple(getattr(self, one.name) for one in fields_of(self))  # type: ignore[arg-type]
+
+    def _repr_html_(self) -> str:
+        """The fields that are numbers or texts, and a drawing of the first that is over steps."""
+        own: Any = type(self)
+        facts: dict[str, Any] = {}
+        drawn = ""
+        for name in (*fields.declared(own), "covers", "assumption"):
+            value = getattr(self, name, None)
+            facts[name] = value if isinstance(value, (str, int, float)) else None
+            dims = rules(own).get(name, Rule()).dims
+            if value is not None and not drawn and dims and dims[0].endswith("+1"):
+                curves = value.reshape(len(value), -1)
+                drawn = show.states(np.arange(len(curves)), curves, name.replace("_", " "))
+        labels = getattr(self, "labels", None)
+        rows = [(name.replace("_", " "), value) for name, value in facts.items()]
+        return show.card(self, [*rows, *(labels.rows() if labels else ())], drawn)
 
     def _keep(self, **values: Any) -> None:
         """Set fields to what the constructor made of its arguments."""

@@ -58,13 +58,8 @@ def largest(inputs: Floats) -> tuple[str, object]:
     return "largest |u|", float(np.abs(inputs).max()) if inputs.size else None
 
 
-def counted(steps: int) -> str:
-    """``1 step``, ``2 steps``."""
-    return number_of(steps, "step")
-
-
-def number_of(count: int, what: str) -> str:
-    """``1 run``, ``2 runs``."""
+def number_of(count: int, what: str = "step") -> str:
+    """``1 step``, ``2 runs``."""
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
@@ -90,23 +85,6 @@ def careful(warnings: Sequence[str]) -> str:
     return f"; careful: {warnings[0]}{more}" if warnings else ""
 
 
-def ends(states: Floats, what: str = "state") -> tuple[str, object]:
-    """The row for where a trajectory begins and ends."""
-    with np.errstate(over="ignore"):
-        start, end = np.linalg.norm(states[[0, -1]], axis=1)
-    return f"norm of the {what}", f"{start:.4g} at the start, {end:.4g} at the end"
-
-
-def shape(sizes: tuple[int, ...]) -> str:
-    """``2 × 3``."""
-    return " × ".join(map(str, sizes))
-
-
-def duration(steps: int, dt: float | None) -> str:
-    """Number of steps, and their length where it is known."""
-    return f"{steps}" if dt is None else f"{steps} of {dt:g} s"
-
-
 def counts(seen: dict[str, int]) -> str:
     """How many realizations of each entity."""
     return ", ".join(f"{grouped(count)} of {name}" for name, count in seen.items())
@@ -122,14 +100,9 @@ def at_most(value: float, digits: int = 3) -> str:
     return _rounded(value, digits, ROUND_CEILING)
 
 
-def at_least(value: float, digits: int = 3) -> str:
-    """A lower bound as text, rounded down."""
-    return _rounded(value, digits, ROUND_FLOOR)
-
-
 def margin(value: float) -> str:
     """A lower bound with all of its three digits: 1.00 says more than 1."""
-    return f"{float(at_least(value)):#.3g}".rstrip(".")
+    return f"{float(_rounded(value, 3, ROUND_FLOOR)):#.3g}".rstrip(".")
 
 
 def _rounded(value: float, digits: int, rounding: str) -> str:
@@ -153,7 +126,7 @@ def within(value: float, bound: float) -> str:
 def percent(*deltas: float) -> str:
     """``1 - sum(deltas)`` in percent, rounded down to six digits."""
     left = 100 * (1 - sum(Decimal(repr(float(delta))) for delta in deltas))
-    return f"{at_least(float(left), 6)} %"
+    return f"{_rounded(float(left), 6, ROUND_FLOOR)} %"
 
 
 def vector(values: Floats) -> str:

@@ -78,8 +78,9 @@ class Tabled:
         variables: dict[str, Any] = {}
         facts = self._facts()
         for part in self._parts():
-            facts = {name: getattr(part, name) for name in fields.declared(type(part))} | facts
-            for name, (dims, words, _) in records.rules(type(part)).items():
+            kind: Any = type(part)
+            facts = {name: getattr(part, name) for name in fields.declared(kind)} | facts
+            for name, (dims, words, _) in records.rules(kind).items():
                 array, over_steps = getattr(part, name), len(dims) == 2 and dims[0] == "step"
                 if array is None or not dims or name == "times":
                     continue
@@ -185,7 +186,7 @@ class Timed(Tabled):
         with extra("tables need pandas", "tables"):
             import pandas
         variables, clock, times, attrs, labels = self._cube()
-        along = {(clock, "state"): labels.states, (clock, "input"): labels.inputs}
+        along: Any = {(clock, "state"): labels.states, (clock, "input"): labels.inputs}
         # the first array of a dimension has its plain names
         first: dict[str, Any] = dict.fromkeys((*labels.states, *labels.inputs))
         further: dict[str, Any] = {}

@@ -76,9 +76,6 @@ class Radius(Record):
     def __repr__(self) -> str:
         return f"<Radius: {self.text}>"
 
-    def _repr_html_(self) -> str:
-        return show.card(self, [("with probability", self.probability)])
-
 
 def radius_at(
     radius: float | Floats, distance_from: str, delta: float, method: str, reason: str | None

@@ -54,14 +54,9 @@ class NextRuns(SavedRecord):
         runs, L, _ = self.inputs.shape
         now, after = self.forecast[[0, -1]]
         return (
-            f"<NextRuns: {show.number_of(runs, 'run')} of {show.counted(L)}, certificate {now:.3g} "
-            f"now, {after:.3g} after them (forecast, not a bound)>"
+            f"<NextRuns: {show.number_of(runs, 'run')} of {show.number_of(L)}, certificate "
+            f"{now:.3g} now, {after:.3g} after them (forecast, not a bound)>"
         )
-
-    def _repr_html_(self) -> str:
-        runs, values = np.arange(len(self.forecast)), self.forecast[:, None]
-        drawn = show.states(runs, values, "forecast over the runs")
-        return show.card(self, [show.largest(self.inputs)], drawn)
 
 
 def design(

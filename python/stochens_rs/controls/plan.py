@@ -667,8 +667,8 @@ class Plan(SavedRecord, Timed):
             tube = validation.instance("certificate", certificate, Certificate).tube
             if len(tube) != len(predicted):
                 raise ShapeError(
-                    f"`certificate` must be of this plan, over {show.counted(self.steps)}, got one "
-                    f"over {show.counted(len(tube) - 1)}"
+                    f"`certificate` must be of this plan, over {show.number_of(self.steps)}, got "
+                    f"one over {show.number_of(len(tube) - 1)}"
                 )
             says, known = certificate.share, certificate.quantities
             if "readings" in known:
@@ -734,7 +734,7 @@ class Plan(SavedRecord, Timed):
             text = f"without limits {text}; {self._within(self.limited)}"
         text += show.careful(self.warnings)
         fusion = "" if self.fusion == "product" else f" {self.fusion}"
-        steps = show.counted(self.steps)
+        steps = show.number_of(self.steps)
         return f"<Plan{fusion}: {steps}, m={self.u.shape[1]}, {self.status}, {text}>"
 
     def _expectation(self) -> str:

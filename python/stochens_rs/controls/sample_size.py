@@ -112,7 +112,7 @@ class SamplePlan(Record):
         return show.card(self, [], f"<pre>{escape(str(self))}</pre>")
 
     def __str__(self) -> str:
-        over = "" if self.steps == 1 else f" over {show.counted(self.steps)}"
+        over = "" if self.steps == 1 else f" over {show.number_of(self.steps)}"
         text = f"error of the {self.quantity}{over}: at most {self.error:.3g}"
         if self.relative_to in RELATIVE_TO:
             share = 100 * self.error / self.reference

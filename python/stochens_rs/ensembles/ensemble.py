@@ -320,7 +320,7 @@ class Ensemble(SavedRecord):
             nonzero = "one" if len(self.shape) == 1 else f"one in each of the {self.axis}"
         rows = [
             ("realizations N", show.grouped(self.size)),
-            ("shape of each", show.shape(self.shape)),
+            ("shape of each", " × ".join(map(str, self.shape))),
             ("nonzero entries", nonzero),
             ("scheme", self.scheme or "not drawn here"),
         ]

@@ -196,8 +196,3 @@ class SystemEnsemble(SavedRecord, Tabled):
         count = show.number_of(self.size, "model")
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         return f"<SystemEnsemble: {count}, n={self.n} m={self.m}{dt}{about}>"
-
-    def _repr_html_(self) -> str:
-        dt = None if self.dt is None else f"{self.dt:g} s"
-        rows = [("models", show.grouped(self.size)), ("step dt", dt), ("from", self.about or None)]
-        return show.card(self, rows)

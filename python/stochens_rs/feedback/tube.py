@@ -210,7 +210,7 @@ class Tube(SavedRecord):
 
     def __repr__(self) -> str:
         noise = "without noise" if self.eps is None else "with noise"
-        K = show.counted(len(self.inputs))
+        K = show.number_of(len(self.inputs))
         if not np.isfinite(self.radii).all():
             return f"<Tube: {K}, unbounded>"
         far = f"every system within {show.at_most(float(self.radii.max()))} of the centre"

@@ -410,7 +410,7 @@ class FleetPlan(SavedRecord, Tabled):
             what, miss = "rms miss", self._rms
         less = f" without {len(self.removed)}" if self.removed else ""
         return (
-            f"<FleetPlan {self.risk}: {N}, {show.counted(K)}, m={m}, {self.status}, {what} "
+            f"<FleetPlan {self.risk}: {N}, {show.number_of(K)}, m={m}, {self.status}, {what} "
             f"{miss:.4g}{less}, gap {self.gap if self.gap > ROUNDING else 0.0:.1g}>"
         )
 

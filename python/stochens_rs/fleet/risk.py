@@ -7,7 +7,6 @@ from typing import Literal, TypeAlias, get_args
 
 import numpy as np
 
-from .._base import show
 from .._base.records import Probability, SavedRecord
 from .._base.types import Floats
 from ..exceptions import InputError
@@ -83,14 +82,6 @@ class RiskBound(SavedRecord):
             f"<RiskBound {self.method}: a fresh unit misses more than {self.threshold:.4g}{leaves} "
             f"with at most {how}, {self.count} of {self.size}>"
         )
-
-    def _repr_html_(self) -> str:
-        rows = [
-            ("holds for", self.covers),
-            (_COUNTED[self.method], show.grouped(self.count)),
-            ("units", show.grouped(self.size)),
-        ]
-        return show.card(self, rows)
 
 
 def quantile(scores: Floats, epsilon: float, beta: float) -> tuple[float, int]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from .._base import show, validation
+from .._base import validation
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, require_shapes
 from .._base.types import Floats, Status
@@ -138,17 +138,6 @@ class Fit(SavedRecord):
         """Shape of the estimate."""
         return self.estimate.shape
 
-    def _repr_html_(self) -> str:
-        rows = [
-            ("realizations N", show.grouped(len(self.weights))),
-            ("shape", show.shape(self.shape)),
-            ("distance to the target", self.error),
-            ("least possible distance", self.lower_bound),
-            ("gap of the squared distance", self.gap),
-            ("nonzero entries never hit", self.unseen or None),
-        ]
-        return show.card(self, rows)
-
     def __repr__(self) -> str:
         error = "" if self.error is None else f", error {self.error:.3g}"
         gap = "" if self.gap is None else f", gap {self.gap:.1e}"
@@ -189,15 +178,6 @@ class Path(SavedRecord):
             require_shapes(self, estimates=(len(self.sizes), *self.estimates.shape[1:]))
         _finite("error", float(self.errors.sum()))
         _finite("gap", None if self.gaps is None else float(self.gaps.sum()))
-
-    def _repr_html_(self) -> str:
-        first, last = (show.grouped(int(self.sizes[k])) for k in (0, -1))
-        rows = [
-            ("realizations N", f"{first} to {last}, {len(self.sizes)} sizes"),
-            ("error", f"{self.errors[0]:.4g} at the first, {self.errors[-1]:.4g} at the last"),
-        ]
-        about = "error over N, both logarithmic"
-        return show.card(self, rows, show.lines(self.sizes, [self.errors], about, log=True))
 
     def __repr__(self) -> str:
         return (

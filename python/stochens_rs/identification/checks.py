@@ -313,7 +313,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         state=state,
         jump=f"{test.share:.4g}",
         lag=first,
-        steps=show.number_of(first, "step"),
+        steps=show.number_of(first),
         longer="" if window is None else f", or a longer window: Window(lags={first + 1})",
         signals=show.listed([model.regressors.regressor_names[i] for i in at])
         if name == "nonlinear"

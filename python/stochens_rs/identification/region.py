@@ -329,14 +329,6 @@ class Region(SavedRecord):
         off = f", infinite along {', '.join(self.missing[:3])}" if self.missing else ""
         return f"<Region: {show.percent(self.delta)}, {what}{off}>"
 
-    def _repr_html_(self) -> str:
-        rows = [
-            ("holds with", f"{show.percent(self.delta)} at least"),
-            ("for", self.assumption),
-            ("not determined", "; ".join(self.missing) or None),
-        ]
-        return show.card(self, rows)
-
 
 def withheld(region: Region, doubts: tuple[str, ...]) -> Region:
     """The same without a bound, where a test of the data refuses them."""

@@ -213,8 +213,8 @@ class Kept:
 
     def __repr__(self) -> str:
         return (
-            f"<Kept: every limit in {show.counted(self.calls)} together with {self.keep:.4g}, for "
-            "the linear system the data came from, with states read exactly and Gaussian noise>"
+            f"<Kept: every limit in {show.number_of(self.calls)} together with {self.keep:.4g}, "
+            "for the linear system the data came from, with states read exactly and Gaussian noise>"
         )
 
 

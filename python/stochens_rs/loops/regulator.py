@@ -434,7 +434,7 @@ class Regulator(ControlLoop[Call]):
     def __repr__(self) -> str:
         last = f", the last: {_counted(self.log[-10:])}" if self._log else ""
         return (
-            f"<Regulator: n={self.n} m={self.m}, {show.counted(self.steps)}, "
+            f"<Regulator: n={self.n} m={self.m}, {show.number_of(self.steps)}, "
             f"{show.number_of(self._calls, 'call')}{last}>"
         )
 

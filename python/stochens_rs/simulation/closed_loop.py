@@ -145,7 +145,7 @@ class Tracking(SavedRecord):
         last = float(np.sqrt(self.mean_square[-1]))
         feasible = "" if self.feasible else ", reference not feasible"
         return (
-            f"<Tracking: {times}{show.counted(K)}, m={m}, {self.status}, last error "
+            f"<Tracking: {times}{show.number_of(K)}, m={m}, {self.status}, last error "
             f"{last:.3g}{feasible}>"
         )
 

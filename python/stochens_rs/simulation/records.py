@@ -155,17 +155,8 @@ class Trajectory(_OverTime):
         at, how = self._shown(states)
         return draw_states(self.times, self.states[:, at], None, ax=ax, **how)
 
-    def _repr_html_(self) -> str:
-        rows = [
-            ("steps", show.duration(self.steps, self.dt)),
-            show.ends(self.states),
-            show.largest(self.inputs),
-            *(self.labels.rows() if self.labels else ()),
-        ]
-        return show.card(self, rows, show.states(self.times, self.states, "states over time"))
-
     def __repr__(self) -> str:
-        return f"<Trajectory: n={self.states.shape[1]}, {show.counted(self.steps)}>"
+        return f"<Trajectory: n={self.states.shape[1]}, {show.number_of(self.steps)}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -284,25 +275,9 @@ class EnsembleTrajectory(_OverTime):
         error = None if error is None else error[:, at]
         return draw_states(self.times, self.mean[:, at], error, ax=ax, **how)
 
-    def _repr_html_(self) -> str:
-        error = self.standard_error
-        end = None if error is None else f"at most {error[-1].max():.4g}"
-        of_models = self.averaging == "systems"
-        rows = [
-            ("steps", show.duration(self.steps, self.dt)),
-            ("trajectories", show.grouped(self.replicates)),
-            ("realizations N per step", None if of_models else show.grouped(self.size)),
-            ("drawn", None if of_models else ", ".join(self.sampled)),
-            ("models about the", self.centre),
-            show.ends(self.mean, "mean state"),
-            ("standard error at the end", end),
-            *(self.labels.rows() if self.labels else ()),
-        ]
-        return show.card(self, rows, show.states(self.times, self.mean, "mean states over time"))
-
     def __repr__(self) -> str:
         about = "" if self.centre is None else f", about the {self.centre}"
         return (
             f"<EnsembleTrajectory {self.averaging}: n={self.mean.shape[1]}, "
-            f"{show.counted(self.steps)}, N={self.size}, {self.replicates} trajectories{about}>"
+            f"{show.number_of(self.steps)}, N={self.size}, {self.replicates} trajectories{about}>"
         )

@@ -474,7 +474,7 @@ class Stream(Durable):
         try:
             certificate, error = self._core.certificate()
             errors = f"||B (v - v*)|| = {error:.3g} <= {certificate:.3g}"
-            return f"<{name}, {show.counted(self.steps)}, {errors}>"
+            return f"<{name}, {show.number_of(self.steps)}, {errors}>"
         except InputError:  # in a signal handler, or in a process forked while a thread used it
             return f"<{name}, in use>"
 

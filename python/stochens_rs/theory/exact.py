@@ -88,9 +88,6 @@ class Reachability(Record):
         low = f"{self.lower:.2g}" + (f" (for controls up to {self.size:.1g})" * (self.size < inf))
         return f"undecided whether reachable: {self.upper:.2g} ({share}) away, {low} at least"
 
-    def _repr_html_(self) -> str:
-        return show.record(self)
-
 
 @dataclass(frozen=True)
 class PlanError(Record):

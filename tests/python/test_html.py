@@ -110,7 +110,6 @@ RECORDS = {
     "SystemEnsemble": (lambda: model().draw(5, rng=1), ["5", "dt0.1", "draws of the law"]),
     "Stream": (stream, ["1 000", "of A", "error of the state", "certificate", "<polyline"]),
     "Trace": (lambda: stream().trace, ["<polyline"]),
-    "StreamRun": (lambda: stream().run(max_steps=10), ["max_steps", "seconds"]),
     "DataStream": (data_stream, ["2 of x0", "control u"]),
     "Certificate of means": (
         lambda: data_stream().confidence(),

@@ -68,8 +68,8 @@ BAD = {
 def test_text_of_axes_and_errors():
     assert LABELS.state_axes == ("p [m]", "v")
     assert LABELS.input_axes == ("F [N]",)
-    assert (LABELS.state(1), LABELS.input(0)) == ("state 'v'", "input 'F'")
-    assert default_labels(2, 1).state(1) == "state 1"
+    assert (LABELS.entry(1), LABELS.entry(0, inputs=True)) == ("state 'v'", "input 'F'")
+    assert default_labels(2, 1).entry(1) == "state 1"
     assert Labels(("p", "v"), ("F",), (("F", " N\n/m "), ("p", ""))).units == (("F", "N /m"),)
 
 

@@ -69,15 +69,10 @@ class Labels(Record):
         """The names of the inputs with their units."""
         return tuple(self.axis(name) for name in self.inputs)
 
-    def state(self, i: int) -> str:
-        """What an error says: ``state 'delta_1'``, or ``state 0`` for a default name."""
-        name = self.states[i]
-        return f"state {i if name == f'x[{i}]' else repr(name[:40])}"
-
-    def input(self, j: int) -> str:
-        """What an error says: ``input 'T_m3'``, or ``input 2`` for a default name."""
-        name = self.inputs[j]
-        return f"input {j if name == f'u[{j}]' else repr(name[:40])}"
+    def entry(self, i: int, *, inputs: bool = False) -> str:
+        """What an error says: ``state 'delta_1'``, or ``input 2`` for a default name."""
+        what, name = ("input", self.inputs[i]) if inputs else ("state", self.states[i])
+        return f"{what} {i if name in (f'x[{i}]', f'u[{i}]') else repr(name[:40])}"
 
     def place(self, argument: str, one: object, *, inputs: bool = False) -> int:
         """The place of a state or input, which is given by name or number."""

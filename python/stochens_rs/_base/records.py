@@ -41,15 +41,22 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 
-def _from_zero(name: str, value: float) -> None:
+def _from_zero(name: str, value: float) -> float:
+    if not fields.test(float)(value):
+        fields.refuse(name, value, float)
     if not value >= 0.0:
         raise InputError(f"`{name}` must be >= 0, got {value:g}")
+    return value
 
 
 FromZero: TypeAlias = Annotated[float, _from_zero]  # infinite, too
+NotNegative: TypeAlias = Annotated[float, validation.nonnegative]
 Probability: TypeAlias = Annotated[float, validation.probability]  # in (0, 1)
 Positive: TypeAlias = Annotated[float, validation.positive]
+Dense: TypeAlias = Annotated[types.Floats, validation.kept]  # a vector or a matrix
+Line: TypeAlias = Annotated[str, validation.line]
 Count: TypeAlias = Annotated[int, validation.size]  # >= 1
+Index: TypeAlias = Annotated[int, functools.partial(validation.size, minimum=0)]
 
 
 class Rule(NamedTuple):
@@ -61,10 +68,17 @@ class Rule(NamedTuple):
 
 
 def check(record: Any) -> None:
-    """Refuse a record with a field that is not of its declared type, shape and range."""
-    for name, kind in fields.declared(type(record)).items():
-        value = getattr(record, name)
-        if not fields.test(kind)(value):
+    """Refuse a record with a field that is not of its declared type, shape and range.
+
+    A number becomes what its check returns.
+    """
+    own: Any = type(record)
+    known = rules(own)
+    for name, kind in fields.declared(own).items():
+        value, rule = getattr(record, name), known.get(name, Rule())
+        if rule.check is not None and value is not None:
+            record._keep(**{name: rule.check(name, value)})
+        elif not fields.test(kind)(value):
             fields.refuse(name, value, kind)
     sizes(record)
 
@@ -75,10 +89,7 @@ def sizes(record: Any) -> dict[str, int]:
     found: dict[str, int] = {}
     for name, rule in rules(own).items():
         value = getattr(record, name)
-        if value is None:
-            continue
-        if rule.check is not None:
-            rule.check(name, value)
+        if value is None or rule.check is not None:
             continue
         fits = value.ndim == len(rule.dims) and all(
             _fits(dim, length, found) for dim, length in zip(rule.dims, value.shape, strict=True)
@@ -175,9 +186,7 @@ class Record:
             if value is not None and not drawn and dims and dims[0].endswith("+1"):
                 curves = value.reshape(len(value), -1)
                 drawn = show.states(np.arange(len(curves)), curves, name.replace("_", " "))
-        labels = getattr(self, "labels", None)
-        rows = [(name.replace("_", " "), value) for name, value in facts.items()]
-        return show.card(self, [*rows, *(labels.rows() if labels else ())], drawn)
+        return show.card(self, [(one.replace("_", " "), facts[one]) for one in facts], drawn)
 
     def _keep(self, **values: Any) -> None:
         """Set fields to what the constructor made of its arguments."""

@@ -12,7 +12,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from types import FunctionType
 from typing import Any, TypeAlias, TypeVar
 
@@ -167,23 +167,17 @@ def progress_bar(
             "`progress` must be None, True, False or a function of (done, total), "
             f"got {show(progress)}"
         )
-    return _bar(progress, total, what, unit)
+    if callable(progress):
+        return nullcontext(lambda done: progress(done, total))
+    return _bar(total, what, unit) if progress and watched() else nullcontext(lambda _: None)
 
 
 @contextmanager
-def _bar(
-    progress: Progress, total: int | None, what: str, unit: str
-) -> Iterator[Callable[[int], object]]:
-    if callable(progress):
-        call = progress
-        yield lambda done: call(done, total)
-    elif progress and watched():
-        from tqdm import tqdm
+def _bar(total: int | None, what: str, unit: str) -> Iterator[Callable[[int], object]]:
+    from tqdm import tqdm
 
-        with tqdm(total=total, desc=what, unit=unit, unit_scale=True, leave=False) as bar:
-            yield lambda done: bar.update(done - bar.n)
-    else:
-        yield lambda _: None
+    with tqdm(total=total, desc=what, unit=unit, unit_scale=True, leave=False) as bar:
+        yield lambda done: bar.update(done - bar.n)
 
 
 # Share of the memory left that one result may take; the rest is for what else the process does.

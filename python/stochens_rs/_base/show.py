@@ -29,7 +29,9 @@ _CELL = "border:0;padding:1px 14px 1px 0;vertical-align:top;text-align:{}"
 
 
 def card(shown: object, rows: Rows, below: str = "") -> str:
-    """Title line, one row per fact that is known, and what comes below."""
+    """Title line, one row per fact that is known, warnings, names, and what comes below."""
+    labels = getattr(shown, "labels", None)
+    warnings = (("warning", one) for one in getattr(shown, "warnings", ()))
     title = type(shown).__name__
     said = repr(shown)
     about = said[len(title) + 1 : -1].strip(" :") if said.startswith("<") else ""
@@ -37,7 +39,7 @@ def card(shown: object, rows: Rows, below: str = "") -> str:
     body = "".join(
         f'<tr><th style="{label}">{escape(what)}</th>'
         f'<td style="{cell};overflow-wrap:anywhere">{escape(text(value))}</td></tr>'
-        for what, value in rows
+        for what, value in (*rows, *warnings, *(labels.rows() if labels else ()))
         if value is not None
     )
     table = f'<table style="{_TABLE}"><tbody>{body}</tbody></table>' if body else ""
@@ -46,11 +48,6 @@ def card(shown: object, rows: Rows, below: str = "") -> str:
         f'<div><b>{escape(title)}</b> <span style="opacity:.75">{escape(about)}</span></div>'
         f"{table}{below}</div>"
     )
-
-
-def record(shown: object) -> str:
-    """Every field of a small record, by its name."""
-    return card(shown, [(name.replace("_", " "), value) for name, value in vars(shown).items()])
 
 
 def largest(inputs: Floats) -> tuple[str, object]:

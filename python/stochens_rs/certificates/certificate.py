@@ -286,7 +286,6 @@ class Certificate(SavedRecord):
             ("target consists of", made or None),
             ("holds", self.holds),
             ("if", self.assumption),
-            *(("warning", text) for text in self.warnings),
         ]
         if "tube" not in self.quantities:
             return show.card(self, rows)

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
+from .._base import show
 from .._base.numbers import norm
-from .._base.records import Record, trusted
+from .._base.records import NotNegative, Record, trusted
 from .._base.types import Floats
 from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified
@@ -48,7 +48,7 @@ class ModelBasis(Record):
     model: Identified
     x0: Annotated[Floats, "state"]
     xf: Annotated[Floats, "state"]
-    x0_error: float = 0.0
+    x0_error: NotNegative = 0.0
     read: Floats | None = None
     at_rest: bool = False
     given: bool = False
@@ -58,7 +58,6 @@ class ModelBasis(Record):
         n = len(self.model.A)
         if len(self.x0) != n:
             raise ShapeError(f"`x0` must have shape ({n},), got {self.x0.shape}")
-        validation.nonnegative("x0_error", self.x0_error)
         outputs = (len(self.names),) if self.window else ()
         if (() if self.read is None else self.read.shape) != outputs:
             raise ShapeError("`read` must have the last readings of a model of outputs, else None")

@@ -722,8 +722,6 @@ class Plan(SavedRecord, Timed):
                 size = one.get("size")
                 drawn = f", {show.grouped(size)} realizations" if isinstance(size, int) else ""
                 rows.append((name, f"{one['method']}{drawn}"))
-        rows += [("warning", text) for text in self.warnings]
-        rows += () if self.labels is None else self.labels.rows()
         times = np.arange(self.steps + 1)
         curves = show.states(times, self.predicted_states, "states of the model over the steps")
         return show.card(self, rows, curves)
@@ -775,7 +773,7 @@ class Plan(SavedRecord, Timed):
         if limited.missing > 0.0 and task.state_low is not None and task.state_high is not None:
             at = self.predicted_states[1:]
             over = np.maximum(at - task.state_high, task.state_low - at).max(axis=0)
-            most = f" ({self._labels.state(int(np.argmax(over)))} most)" if over.max() > 0.0 else ""
+            most = f" ({self._labels.entry(int(np.argmax(over)))} most)" if over.max() > 0.0 else ""
             text += f"; state limits missed by {limited.missing:.3g}{most}"
         if limited.open_until is not None:
             text += (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .. import _core
 from .._base import running, validation
-from .._base.records import Count, Record, SavedRecord
+from .._base.records import Count, Dense, Record, SavedRecord
 from .._base.types import Axis, Floats, Scheme
 from ..exceptions import InputError, ShapeError
 from ..rng import Key
@@ -31,13 +31,9 @@ class Law(Record):
         As in `sample`.
     """
 
-    values: Floats
+    values: Dense
     axis: Axis
     scheme: Scheme
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        validation.kept("values", self.values)
 
 
 def to_lines(values: Floats, axis: Axis) -> Floats:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels, Order, order_of
-from .._base.records import SavedRecord
+from .._base.records import Line, Positive, SavedRecord
 from .._base.tables import Tabled
 from .._base.types import Centre, Floats
 from ..exceptions import InputError, ShapeError
@@ -58,8 +58,8 @@ class SystemEnsemble(SavedRecord, Tabled):
     B: Annotated[Floats, "model state input", "own unit"]
     c: Annotated[Floats, "model state"] | None = None
     centre: Centre | None = None
-    dt: float | None = None
-    about: str = ""
+    dt: Positive | None = None
+    about: Line = ""
     labels: Labels | None = None
 
     def __post_init__(self) -> None:
@@ -68,10 +68,7 @@ class SystemEnsemble(SavedRecord, Tabled):
             if given is not None:
                 found = validation.array(name, given, ndim=(ndim,))
                 self._keep(**{name: validation.frozen(found)})
-        if self.dt is not None:
-            self._keep(dt=validation.positive("dt", self.dt))
         super().__post_init__()
-        validation.line("about", self.about)
 
     @classmethod
     def from_systems(

@@ -11,7 +11,7 @@ from .. import _core
 from .._base import show, validation
 from .._base.names import Labels, weight
 from .._base.reading import read
-from .._base.records import SavedRecord, cached_property, require_shapes, trusted
+from .._base.records import Index, SavedRecord, cached_property, require_shapes, trusted
 from .._base.running import get_num_threads
 from ..exceptions import InputError, NonFiniteError
 from ..identification.identified import Identified
@@ -88,7 +88,7 @@ class LoopCertificate(SavedRecord):
     dt: float | None = None
     reason: str | None = None
     residual: Annotated[Floats, "state state"] | None = None
-    degrees: int = 0
+    degrees: Index = 0
     warnings: tuple[str, ...] = ()
     target: Annotated[Floats, "state+input"] | None = None
 
@@ -96,7 +96,6 @@ class LoopCertificate(SavedRecord):
         super().__post_init__()
         n, m = self.region.n, self.region.m
         require_shapes(self, K=(m, n), member=self.region.centre.shape)
-        validation.size("degrees", self.degrees, minimum=0)
         if self.residual is not None:
             weight("residual", self.residual, n, matrix=True)
         if not (self.multipliers > 0.0).all():
@@ -395,7 +394,6 @@ class LoopCertificate(SavedRecord):
             ("for", self.region.assumption),
             ("spectral radius of the centre", self.spectral_radius),
             ("rho g", f"{self.least:.6g} to {self.norm:.6g}"),
-            *(("warning", text) for text in self.warnings),
         ]
         return show.card(self, rows)
 

@@ -424,7 +424,6 @@ class FleetPlan(SavedRecord, Tabled):
             ("units left out", len(self.removed) or None),
             ("largest miss", self.threshold),
             ("largest excess of a state", float(self.excess.max()) or None),
-            *(() if self.labels is None else self.labels.rows()),
         ]
         return show.card(self, rows)
 

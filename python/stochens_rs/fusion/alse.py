@@ -11,9 +11,9 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from .. import _core
-from .._base import running, validation
+from .._base import running
 from .._base.numbers import norm
-from .._base.records import Options
+from .._base.records import Count, Options, Positive
 from .._base.running import get_num_threads
 from .._base.types import Floats, Status, worst
 from ..ensembles.ensemble import Ensemble
@@ -66,17 +66,9 @@ class Alse(Options):
     """
 
     weight_set: WeightSet = "simplex"
-    tol: float = 1e-9
-    time_limit: float | None = None
-    max_iter: int | None = None
-
-    def __post_init__(self) -> None:
-        validation.choice("weight_set", self.weight_set, WEIGHT_SETS)
-        self._keep(tol=validation.positive("tol", self.tol))
-        if self.time_limit is not None:
-            self._keep(time_limit=validation.positive("time_limit", self.time_limit))
-        if self.max_iter is not None:
-            self._keep(max_iter=validation.size("max_iter", self.max_iter))
+    tol: Positive = 1e-9
+    time_limit: Positive | None = None
+    max_iter: Count | None = None
 
 
 def require(options: Alse, ensemble: Ensemble) -> None:

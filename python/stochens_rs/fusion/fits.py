@@ -10,7 +10,7 @@ import numpy as np
 
 from .._base import validation
 from .._base.numbers import ROUNDING
-from .._base.records import SavedRecord, require_shapes
+from .._base.records import Dense, Line, SavedRecord, require_shapes
 from .._base.types import Floats, Status
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, NonFiniteError, ShapeError
@@ -62,12 +62,12 @@ class Fit(SavedRecord):
         The realizations.
     """
 
-    estimate: Floats
-    weights: Floats
+    estimate: Dense
+    weights: Dense
     error: float | None
     gap: float | None
     status: Status
-    method: str
+    method: Line
     lower_bound: float | None = None
     exact: bool = False
     unseen: int | None = None
@@ -77,13 +77,10 @@ class Fit(SavedRecord):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        validation.kept("estimate", self.estimate)
-        validation.kept("weights", self.weights)
         if self.target is not None:
             validation.kept("target", self.target, shape=self.estimate.shape)
         for name in ("error", "gap", "lower_bound"):
             _finite(name, getattr(self, name))
-        validation.line("method", self.method)
         apart = np.abs(self.weights - 1.0 / len(self.weights)).max() if len(self.weights) else 0.0
         if self.method == "uniform" and not apart <= ROUNDING / len(self.weights):
             raise InputError(

@@ -320,7 +320,6 @@ class FusedModel(SavedRecord, Identified):
             ("largest weights", ", ".join(f"{self.weights[s]:.3g} (model {s})" for s in best)),
             ("distance to the data", self.distance),
             ("gap of its square", self.gap),
-            *(("warning", text) for text in self.warnings),
         ]
         return show.card(self, rows)
 

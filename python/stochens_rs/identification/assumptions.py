@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
-from .._base.records import Options, Record
+from .._base.records import NotNegative, Options, Record
 from .._base.running import get_num_threads
 from .._base.types import Floats
 from ..exceptions import InputError
@@ -161,7 +161,7 @@ class Window(Options):
     filters: tuple[float, int] | None = None
     order: Literal["auto"] | None = None
     delay: int | tuple[int, int] = 0
-    tail: float = 0.0
+    tail: NotNegative = 0.0
 
     def __post_init__(self) -> None:
         given = self.given
@@ -184,7 +184,6 @@ class Window(Options):
         else:
             delay = validation.size("delay", self.delay, minimum=-1, maximum=LONGEST)
             self._keep(delay=delay)
-        self._keep(tail=validation.nonnegative("tail", self.tail))
         super().__post_init__()
         if isinstance(self.delay, tuple) and (self.filters or isinstance(self.lags, int)):
             raise InputError(

@@ -14,7 +14,7 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
-from .._base.records import Record, trusted
+from .._base.records import Count, Record, trusted
 from .._base.running import get_num_threads
 from ..exceptions import InputError
 from ..rng import Key, as_key
@@ -98,13 +98,11 @@ class Checks(Record):
 
     p_values: dict[str, float]
     distances: dict[str, float]
-    draws: int
+    draws: Count
     exact: bool
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        validation.size("draws", self.draws)
-        validation.flag("exact", self.exact)
         for name in NAMES:
             validation.positive(name, self.p_values.get(name), maximum=1.0)
             if not np.isfinite(self.distances.get(name, np.nan)):

@@ -688,6 +688,5 @@ class Model(SavedRecord, Identified):
         rows = [
             ("assumed", said(self.assumptions, None, self._first)),
             ("residuals", checks),
-            *(("warning", text) for text in self.warnings),
         ]
         return show.card(self, rows, self._table())

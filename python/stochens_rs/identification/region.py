@@ -14,6 +14,7 @@ from .._base.names import weight
 from .._base.records import (
     Count,
     FromZero,
+    Index,
     Probability,
     SavedRecord,
     cached_property,
@@ -82,7 +83,7 @@ class Region(SavedRecord):
     assumption: str
     missing: tuple[str, ...]
     parts: tuple[_core.RegionPart, ...]
-    future: int = 0
+    future: Index = 0
     frobenius: FromZero | None = None
     noise: Annotated[Floats, "row row"] | None = None
 
@@ -91,7 +92,6 @@ class Region(SavedRecord):
         n, d = self.centre.shape
         if d not in (n + self.m, n + self.m + 1):
             raise ShapeError(f"`centre` must have {n + self.m} columns, or one more, got {d}")
-        validation.size("future", self.future, minimum=0)
         if self.noise is not None:
             weight("noise", self.noise, n, matrix=True)
         for part in self.parts:

@@ -10,7 +10,7 @@ import numpy as np
 from .. import _core
 from .._base import running, show, validation
 from .._base.names import Labels, order_of
-from .._base.records import Record, cached_property
+from .._base.records import Count, Index, Record, cached_property
 from ..data import Trajectories
 from ..exceptions import InputError
 
@@ -75,17 +75,15 @@ class Regressors(Record):
 
     outputs: tuple[str, ...]
     inputs: tuple[str, ...]
-    count: int
+    count: Count
     pole: float | None = None
-    delay: int = 0
+    delay: Index = 0
     intercept: bool = False
-    burn: int = 0
+    burn: Index = 0
     found: int | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name, least in (("count", 1), ("delay", 0), ("burn", 0)):
-            validation.size(name, getattr(self, name), minimum=least)
         if self.pole is not None:
             validation.positive("pole", self.pole, maximum=1.0)
         _ = self.core  # refuses sizes and poles

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._base import validation
 from .._base.reading import aligned, aligned_weight, labels_along, shown_labels
-from .._base.records import Record, SavedRecord
+from .._base.records import NotNegative, Record, SavedRecord
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, NonFiniteError
 
@@ -277,7 +277,7 @@ class Uncertain(SavedRecord):
     """
 
     values: Entries
-    radius: float
+    radius: NotNegative
 
     def __post_init__(self) -> None:
         given: object = self.values
@@ -286,7 +286,6 @@ class Uncertain(SavedRecord):
         self._keep(values=entries("values", self.values))
         if not np.isfinite(self.values).all():  # type: ignore[arg-type]
             raise NonFiniteError(f"`values` is {np.asarray(self.values)!s:.60}: it must be finite")
-        self._keep(radius=validation.nonnegative("radius", self.radius))
         super().__post_init__()
 
     def __repr__(self) -> str:

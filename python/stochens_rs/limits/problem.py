@@ -181,7 +181,7 @@ def sides(
     wrong = np.argwhere(low > high)
     if len(wrong):
         k, i = (int(j) for j in wrong[0])
-        entry = labels.input(i) if inputs else labels.state(i)
+        entry = labels.entry(i, inputs=inputs)
         raise InputError(
             f"`{name}` must have low <= high, got {low[k, i]:.6g} > {high[k, i]:.6g} for {entry} "
             f"in step {k}"
@@ -241,15 +241,15 @@ def _rates(
         if (below > above).any():
             i = int(np.argmax(below > above))
             raise InputError(
-                f"`rate` is too small for `limits`: {labels.input(i)} cannot be within those of "
-                f"step {k} and of the steps after it, {below[i] - above[i]:.3g} are missing"
+                f"`rate` is too small for `limits`: {labels.entry(i, inputs=True)} cannot be "
+                f"within those of step {k} and of the steps after it, {below[i] - above[i]:.3g} are missing"
             )
     off = np.maximum(below - rate - previous, previous - above - rate)
     if (off > 0.0).any():
         i = int(np.argmax(off))
         raise InputError(
-            f"`previous` must be within `rate` of the limits, {labels.input(i)} is {off[i]:.3g} "
-            "too far"
+            f"`previous` must be within `rate` of the limits, {labels.entry(i, inputs=True)} is "
+            f"{off[i]:.3g} too far"
         )
     return rate, previous
 

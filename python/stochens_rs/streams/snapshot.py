@@ -86,7 +86,7 @@ class Snapshot(SavedRecord, Identified):
     intercept: bool
     delta: Probability
     first: Count
-    dt: float | None = None
+    dt: Positive | None = None
     state_names: tuple[str, ...] = ()
     input_names: tuple[str, ...] = ()
     runs: int = 0
@@ -96,8 +96,6 @@ class Snapshot(SavedRecord, Identified):
         if self._d != self.n + self.m + self.intercept or len(self.triangle) != self._d + self.n:
             raise ShapeError("`triangle` and `scale` must be of the sizes of n, m and intercept")
         validation.size("runs", self.runs, minimum=0, maximum=self.size)
-        if self.dt is not None:
-            validation.positive("dt", self.dt)
         checked_names(self.n, self.m, self.state_names, self.input_names)
 
     def _verify(self) -> None:
@@ -278,8 +276,7 @@ class Snapshot(SavedRecord, Identified):
         return f"<Snapshot: n={self.n} m={self.m}{dt}, {pairs}{design}{rank}{warned}>"
 
     def _repr_html_(self) -> str:
-        rows = [("assumed", self.assumptions.text), *(("warning", text) for text in self.warnings)]
-        return show.card(self, rows, self._table())
+        return show.card(self, [("assumed", self.assumptions.text)], self._table())
 
 
 def refuse(assumed: Assumptions) -> None:

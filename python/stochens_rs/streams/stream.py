@@ -63,9 +63,6 @@ class StreamRun:
     certificate: float
     error: float
 
-    def _repr_html_(self) -> str:
-        return show.record(self)
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trace:

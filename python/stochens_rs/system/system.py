@@ -278,10 +278,7 @@ class System(Exported):
 
     def _repr_html_(self) -> str:
         dt = f"{self.dt} s" if isinstance(self.dt, float) else str(self.dt)
-        return show.card(
-            self,
-            [("states n", self.n), ("inputs m", self.m), ("step dt", dt), *self._labels.rows()],
-        )
+        return show.card(self, [("states n", self.n), ("inputs m", self.m), ("step dt", dt)])
 
 
 def _rebuild(

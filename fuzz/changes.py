@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 
 import stochens_rs as se
-from stochens_rs._base import saving as state_file
+from stochens_rs._base import files as state_file
 from stochens_rs.studies.tasks import head
 
 WHOLE = [0, 1, 2, 127, 128, 255, 2**31 - 1, 2**31, 2**32, 2**53, 2**63 - 1, 2**63, 2**64 - 1]

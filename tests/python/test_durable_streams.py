@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._base import saving
+from stochens_rs._base import files as state_file
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -182,7 +182,7 @@ def test_a_child_forked_in_a_run_does_not_end_its_lock(tmp_path: Path) -> None:
     def fork(done: int, total: int | None) -> None:
         child = os.fork()
         if child == 0:
-            from stochens_rs._base import saving as state_file
+            from stochens_rs._base import files as state_file
 
             for lock in list(state_file._held):
                 lock.release()
@@ -249,7 +249,7 @@ def test_changed_bits_and_truncations_are_noticed(saved: tuple[Any, Path]) -> No
         bad[at] ^= 1 << at % 8
         for content in (bad, good[:at]):
             with pytest.raises(StateError):
-                saving.decode("s.state", bytes(content), stream._kind)
+                state_file.decode("s.state", bytes(content), stream._kind)
             if at % 97 == 0:
                 path.write_bytes(content)
                 with pytest.raises(StateError):
@@ -346,7 +346,7 @@ def small(tmp_path: Path) -> Path:
 def test_numbers_that_cannot_be_a_stream_are_refused(
     tmp_path: Path, name: str, change: object
 ) -> None:
-    from stochens_rs._base import saving as state_file
+    from stochens_rs._base import files as state_file
 
     sections = make()._to_sections()
     sections[name] = change(sections[name])  # type: ignore[operator]
@@ -447,7 +447,7 @@ def test_ctrl_c_during_the_last_save(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, signals: int
 ) -> None:
     """The first Ctrl-C ends and saves the run, with its status; the second one raises."""
-    from stochens_rs._base import saving as state_file
+    from stochens_rs._base import files as state_file
 
     path, stream, left, real = tmp_path / "a.state", make(), [signals], state_file.save
 

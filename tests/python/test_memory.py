@@ -17,7 +17,7 @@ import readers
 LADDER = r"""
 import json, os, resource, signal, sys, tempfile
 import numpy as np, stochens_rs as se
-from stochens_rs._base import saving as state_file
+from stochens_rs._base import files as state_file
 
 n, size, rungs, products = map(int, sys.argv[1:])
 for name in se.__all__:

@@ -11,7 +11,7 @@ import pytest
 
 import stochens_rs as se
 from declarations import opts
-from stochens_rs._base import saving as state_file
+from stochens_rs._base import files as state_file
 from stochens_rs.exceptions import InputTypeError, StateError, StateNotFoundError
 
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])

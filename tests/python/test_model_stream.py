@@ -17,7 +17,7 @@ import stochens_rs as se
 from declarations import opts
 from identification_data import SKEWED, Y, Z, check, rolled
 from stochens_rs import _core
-from stochens_rs._base import saving as state_file
+from stochens_rs._base import files as state_file
 from stochens_rs.exceptions import (
     DataWarning,
     InputError,

@@ -14,8 +14,8 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs._base import fields
+from stochens_rs._base import files as state_file
 from stochens_rs._base import running as memory
-from stochens_rs._base import saving as state_file
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,

@@ -21,7 +21,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import exceptions
-from stochens_rs._base import saving as state_file
+from stochens_rs._base import files as state_file
 from stochens_rs.exceptions import (
     StateError,
     StateIOError,

@@ -19,7 +19,7 @@ import pytest
 
 import stochens_rs as se
 import study_functions as functions
-from stochens_rs._base import saving
+from stochens_rs._base import files as state_file
 from stochens_rs.exceptions import (
     InputError,
     ResourceError,
@@ -455,7 +455,7 @@ def written(
     """A file whose records have correct digests."""
     content = b""
     for number, sections in zip(numbers, contents, strict=False):
-        record = saving.encode("study", number, sections)
+        record = state_file.encode("study", number, sections)
         content += len(record).to_bytes(8, "little") + record
     path.write_bytes(tasks.head(24 + len(content)) + content)
     return path

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import fields, running, show, types, validation
-from .saving import Durable
+from .files import Durable
 
 if TYPE_CHECKING:
     from typing_extensions import Self

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import running, saving, validation
-from .._base.files import checked_path, regular_file
+from .._base import running, validation
+from .._base.files import checked_path, is_state, regular_file
 from .._base.tables import extra
 from ..exceptions import InputError, ResourceError, ShapeError
 from ..system.system import System
@@ -92,7 +92,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     path = Path(checked_path("path", path))
     size = regular_file(path).st_size
     kind = path.suffix.lower()
-    if saving.is_state(path):
+    if is_state(path):
         raise InputError(f"{path} must be a problem, got a saved object: Model.load reads a model")
     running.need(f"to read {path}", size * _MEMORY.get(kind, _PARSED))
     found = {".mat": _mat, ".npz": _npz}.get(kind, _json)(path)

@@ -11,7 +11,7 @@ import click
 import numpy as np
 
 from .. import cases
-from .._base import saving
+from .._base.files import is_state
 from .._base.numbers import ROUNDING
 from .._base.reading import number
 from .._base.show import at_most, listed, percent
@@ -92,7 +92,7 @@ def control_command(
     """
     files = Out(out, "control", force)
     known: Any
-    if source.endswith(".safetensors") or saving.is_state(source):
+    if source.endswith(".safetensors") or is_state(source):
         known = Model.load(source)
         x0, xf, n = None, None, known.n_outputs
     else:

@@ -242,7 +242,8 @@ def _rates(
             i = int(np.argmax(below > above))
             raise InputError(
                 f"`rate` is too small for `limits`: {labels.entry(i, inputs=True)} cannot be "
-                f"within those of step {k} and of the steps after it, {below[i] - above[i]:.3g} are missing"
+                f"within those of step {k} and of the steps after it, {below[i] - above[i]:.3g} "
+                "are missing"
             )
     off = np.maximum(below - rate - previous, previous - above - rate)
     if (off > 0.0).any():

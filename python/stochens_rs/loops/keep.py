@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import show, validation
 from .._base.numbers import ROUNDING
-from .._base.records import cached_property
+from .._base.records import Options, Probability, cached_property
 from .._base.types import Floats, Status
 from ..controls.errors import proof_of
-from ..exceptions import InputError, InputTypeError, SolverError
+from ..exceptions import InputError, SolverError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import noise_bound
 from ..identification.identified import Identified
@@ -218,8 +219,8 @@ class Kept:
         )
 
 
-@dataclass(frozen=True)
-class Keep:
+@dataclass(frozen=True, repr=False)
+class Keep(Options):
     """That limits are kept by a certified gain over so many calls; an option of `regulate`.
 
     Parameters
@@ -247,16 +248,8 @@ class Keep:
     """
 
     gain: Loop | LoopCertificate
-    calls: int
-    probability: float = 0.95
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.gain, Loop | LoopCertificate):
-            raise InputTypeError(
-                f"`gain` must be a Loop or a LoopCertificate, got {validation.show(self.gain)}"
-            )
-        validation.size("calls", self.calls, maximum=1_000_000)
-        validation.probability("probability", self.probability)
+    calls: Annotated[int, partial(validation.size, maximum=1_000_000)]
+    probability: Probability = 0.95
 
 
 def kept_of(system: System | Identified, task: Task, keep: Keep) -> Kept:

@@ -10,9 +10,9 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
+from .._base.files import Durable
 from .._base.records import trusted
 from .._base.running import interruptible
-from .._base.saving import Durable
 from .._base.types import DELTA, Floats
 from ..certificates.certificate import Certificate, radius_at
 from ..controls.errors import Typical, ranked

@@ -11,8 +11,8 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
+from .._base.files import Durable
 from .._base.names import Labels, checked_names, order_of
-from .._base.saving import Durable
 from .._base.types import DELTA
 from ..data import Trajectories
 from ..exceptions import InputError

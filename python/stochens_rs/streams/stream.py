@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from .. import _core
-from .._base import files, running, saving, show, validation
-from .._base.files import PathLike
+from .._base import files, running, show, validation
+from .._base.files import Durable, PathLike
 from .._base.running import Progress, progress_bar
-from .._base.saving import Durable
 from .._base.types import Floats, Status
 from ..exceptions import InputError, StateError, StateIOError
 from ..plots.lines import draw_trace
@@ -365,14 +364,14 @@ class Stream(Durable):
         started, first = time.monotonic(), self.steps
         status: Status = "interrupted"
         with ExitStack() as stack:
-            lock = None if path is None else saving.lock(path)
+            lock = None if path is None else files.lock(path)
             if lock is not None and path is not None:
                 stack.callback(lock.release)
                 self._require_earlier(path)
 
             def save() -> float:
                 if path is not None:
-                    saving.save(path, self._kind, self._to_sections(), lock)
+                    files.save(path, self._kind, self._to_sections(), lock)
                 return time.monotonic() + pause
 
             def satisfied() -> bool:
@@ -424,7 +423,7 @@ class Stream(Durable):
         previous = path + ".prev"
         if not (os.path.lexists(path) or os.path.lexists(previous)):
             return
-        _, theirs = saving.load(path, self._kind)
+        _, theirs = files.load(path, self._kind)
         ours = self._to_sections()
         if any(k not in theirs or ours[k].tobytes() != theirs[k].tobytes() for k in _SAME):
             raise StateError(

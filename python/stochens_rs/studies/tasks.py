@@ -4,7 +4,7 @@ Task t is replicate ``t // size`` of configuration ``t % size``. Its key depends
 the configuration and on the number of the replicate, so no block depends on another one.
 
 A file begins with the length up to which it is on the disk, and the complement of that length. Then
-come records, which are only ever appended: the length of a state file of `docs/saving.md`, and the
+come records, which are only ever appended: the length of a state file of `docs/files.md`, and the
 state file with a block, numbered by its generation. The first block says what the study is; a later
 one may say so again, with more replicates.
 What cannot be read is damaged below that length, and behind it was cut short with its writer.
@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Annotated, Any, BinaryIO, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import files, running, saving
+from .._base import files, running
 from .._base.records import Record, SavedRecord
 from .._base.types import Floats
 from .._core import version
@@ -180,7 +180,7 @@ class StudyFile:
 
     def __init__(self, path: str) -> None:
         self.path = path
-        self._lock = saving.lock(path)
+        self._lock = files.lock(path)
         self._file: BinaryIO | None = None
         self._records, self._end = 1, 0
 
@@ -247,7 +247,7 @@ def head(end: int) -> bytes:
 
 def framed(block: Block, number: int) -> bytes:
     """A record: a state file behind its length."""
-    content = saving.encode(block._kind, number, block._to_sections())
+    content = files.encode(block._kind, number, block._to_sections())
     return len(content).to_bytes(8, "little") + content
 
 
@@ -292,7 +292,7 @@ def _read(path: str, file: BinaryIO) -> tuple[list[Block], int]:
                 raise StateError("there is no record")
             running.need("a block of a study", 4 * length)
             content += file.read(length - 9)
-            number, sections = saving.decode(path, content, Block._kind)
+            number, sections = files.decode(path, content, Block._kind)
         except StateError as error:
             if at < end:
                 raise StateError(f"{path} is damaged at byte {at}: {error}") from error

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import InputError
+from stochens_rs.exceptions import InputError, ShapeError
 from test_records import PARTS, PLANS, SYSTEM, X0, A, B, key
 
 pandas = pytest.importorskip("pandas")
@@ -22,7 +23,7 @@ CUBES = [name for name, make in ALL.items() if hasattr(make(), "to_xarray")]
 def test_which_records_have_axes() -> None:
     kinds = {type(ALL[name]()).__name__ for name in CUBES}
     timed = {"Plan", "Trajectory", "EnsembleTrajectory"}
-    assert kinds == timed | {"SystemEnsemble", "FleetPlan"}
+    assert kinds == timed | {"SystemEnsemble", "FleetPlan", "Tracking"}
     assert {type(ALL[name]()).__name__ for name in CUBES if hasattr(ALL[name](), "to_pandas")} == (
         timed
     )
@@ -112,6 +113,18 @@ def test_a_plan_has_its_control_limits_and_keys() -> None:
     assert named.to_xarray().attrs["key"] == named.info["key"].hex
     of_model = PLANS["plan of a model"]().to_xarray()
     assert of_model["time"].to_numpy().tolist() == pytest.approx([0.0, 0.1, 0.2, 0.3])
+
+
+def test_runs_are_an_axis_where_there_are_some() -> None:
+    reference = [[1.0, 1.0], [1.1, 1.0]]
+    one, several = (se.track(SYSTEM, reference, 10, rng=1, runs=R) for R in (None, 3))
+    assert one.to_xarray()["errors"].dims == one.to_xarray()["residuals"].dims
+    data = several.to_xarray()
+    assert data["states"].dims[0] == "run"
+    np.testing.assert_array_equal(data["inputs"][:, :-1], several.inputs)
+    assert np.isnan(data["residuals"][0])
+    with pytest.raises(ShapeError, match="`inputs` must have shape"):
+        replace(several, inputs=one.inputs)
 
 
 def test_two_columns_of_one_name_are_refused() -> None:

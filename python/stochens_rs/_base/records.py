@@ -1,9 +1,10 @@
 """Records: their fields are checked by declarations, made plain, pickled, and saved in state files.
 
 ``Annotated[Floats, "step+1 state"]`` is an array of shape (K + 1, n) of finite numbers in the units
-of the states; the first field with a dimension says how long it is. After the
-dimensions "infinite" allows infinite numbers, and "own unit" says that the unit is not that of the
-last dimension. For a number or a text it is a check of `validation`, as in `Probability`.
+of the states; the first field with a dimension says how long it is. A first dimension "run" may be
+left out in all fields of a record together. After the dimensions "infinite" allows infinite
+numbers, and "own unit" says that the unit is not that of the last dimension. For a number or a text
+it is a check of `validation`, as in `Probability`.
 """
 
 from __future__ import annotations
@@ -87,15 +88,19 @@ def sizes(record: Any) -> dict[str, int]:
     """The length of each dimension that the fields of a record name; refuses what does not fit."""
     own: Any = type(record)
     found: dict[str, int] = {}
+    runs: bool | None = None  # whether there is an axis of runs, the same for all fields
     for name, rule in rules(own).items():
-        value = getattr(record, name)
+        value, dims = getattr(record, name), rule.dims
         if value is None or rule.check is not None:
             continue
-        fits = value.ndim == len(rule.dims) and all(
-            _fits(dim, length, found) for dim, length in zip(rule.dims, value.shape, strict=True)
+        if dims[:1] == ("run",):
+            runs = value.ndim == len(dims) if runs is None else runs
+            dims = dims[not runs :]
+        fits = value.ndim == len(dims) and all(
+            _fits(dim, length, found) for dim, length in zip(dims, value.shape, strict=True)
         )
         if not fits:
-            wanted = ", ".join(str(_length(dim, found) or dim) for dim in rule.dims)
+            wanted = ", ".join(str(_length(dim, found) or dim) for dim in dims)
             raise ShapeError(f"`{name}` must have shape ({wanted}), got {value.shape}")
         if value.dtype.kind == "f" and value.size and "infinite" not in rule.words:
             validation.kept(name, value, ndim=(value.ndim,))

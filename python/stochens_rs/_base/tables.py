@@ -71,10 +71,10 @@ class Tabled:
     def _cube(self) -> Cube:
         """What the declarations of the fields say: arrays with dimensions, numbers and texts."""
         record: Any = self
-        sizes, clock = records.sizes(record), "step" if record.dt is None else "time"
-        times = np.arange(sizes.get("step", 0) + 1)
-        if record.dt is not None:
-            times = getattr(record, "times", times * record.dt)
+        sizes, dt = records.sizes(record), getattr(record, "dt", None)
+        clock, times = "step" if dt is None else "time", np.arange(sizes.get("step", 0) + 1)
+        if dt is not None:
+            times = getattr(record, "times", times * dt)
         variables: dict[str, Any] = {}
         facts = self._facts()
         for part in self._parts():
@@ -86,16 +86,20 @@ class Tabled:
                     continue
                 if part is not self and not over_steps:
                     continue
+                dims = dims[len(dims) - array.ndim :]  # without runs
                 unit = None if "own unit" in words or array.dtype.kind == "i" else dims[-1]
                 if "step" in dims:  # nan at the last time, where no input acts, or at the first
-                    missing = np.full((*array.shape[:-2], 1, array.shape[-1]), np.nan)
-                    pair = (missing, array) if dims[-1] == "state" else (array, missing)
-                    array = np.concatenate(pair, axis=-2, dtype=np.float64)
+                    axis = dims.index("step")
+                    missing = np.full([*array.shape[:axis], 1, *array.shape[axis + 1 :]], np.nan)
+                    pair = (array, missing) if dims[-1] == "input" else (missing, array)
+                    array = np.concatenate(pair, axis, dtype=np.float64)
                 named = tuple(clock if dim.startswith("step") else dim for dim in dims)
                 variables.setdefault(name, (named, array, unit))
         attrs = {name: _plain(value) for name, value in facts.items()} | versions()
         attrs = {name: value for name, value in attrs.items() if value is not None}
-        labels = record.labels or default_labels(sizes.get("state", 0), sizes["input"])
+        labels = getattr(record, "labels", None) or default_labels(
+            sizes.get("state", 0), sizes["input"]
+        )
         return Cube(variables, clock, times, attrs, labels)
 
     def to_xarray(self) -> xarray.Dataset:

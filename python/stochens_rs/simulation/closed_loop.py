@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections import Counter
 from copy import deepcopy
 from dataclasses import KW_ONLY, dataclass, field
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
 from .._base.names import order_of
-from .._base.records import SavedRecord, require_shapes
+from .._base.records import SavedRecord
+from .._base.tables import Tabled
 from .._base.types import Floats, Status, worst
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..feedback import Loop
@@ -78,7 +79,7 @@ class StepEstimate:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Tracking(SavedRecord):
+class Tracking(SavedRecord, Tabled):
     """A reference, and the trajectories of a system that tracks it.
 
     With `runs` given, `states`, `inputs` and `errors` have the runs as their first axis.
@@ -108,11 +109,11 @@ class Tracking(SavedRecord):
         "limits" (low, high), each (m,), and "statuses" with the number of calls of each.
     """
 
-    states: Floats
-    inputs: Floats
-    errors: Floats
-    reference: Floats
-    residuals: Floats
+    states: Annotated[Floats, "run step+1 state"]
+    inputs: Annotated[Floats, "run step input"]
+    errors: Annotated[Floats, "run step+1", "own unit"]
+    reference: Annotated[Floats, "step+1 state"]
+    residuals: Annotated[Floats, "step", "own unit"]
     feasible: bool
     key: Key
     status: Status
@@ -120,16 +121,7 @@ class Tracking(SavedRecord):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        *_, length, n = validation.kept("states", self.states, ndim=(2, 3)).shape
-        runs, m = self.states.shape[:-2], self.inputs.shape[-1] if self.inputs.ndim else 0
-        require_shapes(
-            self,
-            inputs=(*runs, length - 1, m),
-            errors=(*runs, length),
-            reference=(length, n),
-            residuals=(length - 1,),
-        )
-        if length < 2 or not m:
+        if not self.inputs.size:
             raise ShapeError(f"`inputs` must have a step and an input, got {self.inputs.shape}")
 
     @property

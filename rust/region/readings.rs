@@ -116,7 +116,7 @@ impl Gate {
         Ok((far - room) / self.quantiles[places.len()])
     }
 
-    /// [`Self::excess`] of readings off by `off` behind a known window.
+    /// The excess of readings off by `off` behind a known window.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].

@@ -54,7 +54,8 @@ def measured(name: str, value: object, names: Sequence[str]) -> Floats:
     given = _numeric(name, value, names)
     if given.ndim == 0 and len(names) == 1:
         given = given.reshape(1)
-    _fit(name, value, given, (len(names),), f": one number for each of {shown_labels(names)}")
+    if given.shape != (len(names),):  # the text takes time
+        _fit(name, value, given, (len(names),), f": one number for each of {shown_labels(names)}")
     if isinstance(value, (list, tuple)) and not _BOOLS.isdisjoint(map(type, value)):
         raise InputTypeError(f"`{name}` must contain integers or real floats, got a bool")
     if given.dtype.itemsize <= 8:
@@ -358,6 +359,8 @@ def _fit(
     meaning: str = "",
 ) -> None:
     """Refuse another shape; a letter stands for any length, the same one everywhere."""
+    if given.shape == wanted:
+        return
     lengths = dict(zip(wanted, given.shape, strict=False))
     lengths |= {side: side for side in wanted if isinstance(side, int)}
     if given.shape != tuple(lengths.get(side) for side in wanted):

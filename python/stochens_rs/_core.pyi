@@ -814,9 +814,9 @@ class Feedback:
 
 @final
 class Gate:
-    # None where no bound of the noise is known
+    # None where the noise (n, n) is no bound of a covariance, or the region is unbounded
     @staticmethod
-    def of(region: Region, false_alarm: float) -> Gate | None: ...
+    def of(region: Region, noise: _Floats, false_alarm: float) -> Gate | None: ...
     # how far off readings are, in widths of the gate, behind a known window
     def excess(self, off: _Floats, z: _Floats, seen: list[bool]) -> float: ...
 

@@ -31,7 +31,7 @@ fn entering<'a>((matrix, entering, noise, m): &'a System<'_>) -> PyResult<Enteri
 }
 
 /// The same region with a bound of the covariance of its noise.
-fn with_noise(region: &Region, covariance: Option<&Matrix<'_>>) -> PyResult<Region> {
+pub(super) fn with_noise(region: &Region, covariance: Option<&Matrix<'_>>) -> PyResult<Region> {
     let covariance = covariance.map(|values| slice("covariance", values)).transpose()?;
     Ok(region.clone().with_noise(covariance.map(|values| try_copy(WHAT, values)).transpose()?))
 }

@@ -4,6 +4,7 @@ use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::convert::{array1, slice};
+use super::outputs::with_noise;
 use super::region::PyRegion;
 use super::run::run;
 use super::shared::Shared;
@@ -28,11 +29,11 @@ pub(super) struct PyGate(Gate);
 
 #[pymethods]
 impl PyGate {
-    /// None where no bound of the noise is known.
+    /// None where `noise` is no bound of a covariance, or the region is unbounded.
     #[staticmethod]
-    fn of(py: Python<'_>, region: &Bound<'_, PyRegion>, false_alarm: f64) -> PyResult<Option<Self>> {
-        let region = &region.get().0;
-        Ok(run(py, 0.0, |_| Gate::new(region, false_alarm))?.map(Self))
+    fn of(py: Python<'_>, region: &Bound<'_, PyRegion>, noise: Matrix<'_>, false_alarm: f64) -> PyResult<Option<Self>> {
+        let region = with_noise(&region.get().0, Some(&noise))?;
+        Ok(run(py, 0.0, |_| Gate::new(&region, false_alarm))?.map(Self))
     }
 
     /// How far off readings are, in widths of the gate, behind a known window.

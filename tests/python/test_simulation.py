@@ -126,6 +126,27 @@ def test_golden_runs() -> None:
     assert found == "5f47907b500f59f55a208a990b642ff24e03add23fdfbb9e62ac389474b76f14"
 
 
+def test_the_twin_of_the_mean_field_has_its_moments() -> None:
+    """4000 replicates each; 18 means, |z| > 6 with probability 2e-9 each in the normal limit."""
+    A, B, u, x0 = integers(1, 3, 3), integers(2, 3, 2), integers(3, 5, 2), integers(4, 3)
+    gen = np.random.default_rng(5)
+    theirs = np.array(
+        [twin.simulation.simulate_mean_field(A, B, x0, u, 30, generator=gen) for _ in range(4000)]
+    )
+    ours = se.simulate_ensemble(
+        (A, B), x0, u, 30, averaging="mean-field", replicates=4000, keep="runs", rng=5
+    )
+    for values in (theirs, ours.runs):
+        error = values.std(axis=0) / np.sqrt(4000)
+        assert np.all(
+            np.abs(values.mean(axis=0) - twin.simulation.simulate(A, B, x0, u)) <= 6 * error
+        )
+    ratio = theirs.var(axis=0) / ours.variance
+    assert np.all(
+        np.abs(ratio - 1.0) < 0.25
+    )  # a standard deviation of 2.2 % each, were they normal
+
+
 # -- moments over the runs -----------------------------------------------------------------------
 
 

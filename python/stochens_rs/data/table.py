@@ -340,7 +340,6 @@ def _rows(table: Table, by: Any, rows: int) -> dict[tuple[bool, Any], NDArray[np
     return {label: np.array(places) for label, places in found.items()}
 
 
-_WITH_UNIT = re.compile(r"(.*\S)\s+\[([^\[\]]*)\]")
 _TITLE = re.compile(r"^(.*\S)\s*[\[(]\s*(?![-+]?\d)[^\[\]()]+[\])]$")
 _WORDS = {  # (times, parts): a time times / parts is in seconds, rounded once
     (1, 1): "s sec secs second seconds",
@@ -363,12 +362,6 @@ _ENDINGS = (  # t_ms, time.us, t ms; ms, tms, timeus; TimeUS, stampMs
 )
 _EPOCH = (9.4e8, 4.2e9)  # seconds from 1970 to 1999 and to 2103
 LATEST = 1e11  # seconds, the year 5138
-
-
-def name_and_unit(title: str) -> tuple[str, str]:
-    """``delta_1 [rad]``: the name, and the unit or ""."""
-    split = _WITH_UNIT.fullmatch(title)
-    return (title, "") if split is None else (split[1], split[2])
 
 
 def titled(name: str, titles: Collection[Any]) -> str:

@@ -15,13 +15,6 @@ from ..validation.fresh_systems import needed, rank_of
 Method: TypeAlias = Literal["compression", "a priori", "discarding", "hold-out"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
-_COUNTED = {
-    "compression": "units that alone give the command",
-    "a priori": "variables",
-    "discarding": "variables, after units were left out",
-    "hold-out": "of the fresh units above the threshold",
-}
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class RiskBound(SavedRecord):

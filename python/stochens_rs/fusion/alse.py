@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from math import sqrt
 from time import monotonic
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from ..exceptions import InputError
 from .fits import Fit, fit_of
 
 WeightSet: TypeAlias = Literal["simplex", "subsimplex", "per-column", "per-row"]
-WEIGHT_SETS: tuple[WeightSet, ...] = get_args(WeightSet)
 _LINES = {"per-column": "columns", "per-row": "rows"}  # that have weights of their own
 
 # Relative to the norm of the target: with a smaller error, the target is in the hull. One sum of

@@ -473,11 +473,7 @@ def gate_of(model: Model) -> _core.Gate | None:
         return None
     if region.noise is None or len(region.noise) != model.n_outputs:
         return None
-    # the same region, with its noise
-    C, noise = np.ascontiguousarray(region.centre), np.ascontiguousarray(region.noise)
-    p, d = C.shape
-    same = C, np.eye(d), np.eye(p), d - p
-    return _core.Gate.of(_core.entered_region(region._core, same, noise)[0], FALSE_ALARM)
+    return _core.Gate.of(region._core, np.ascontiguousarray(region.noise), FALSE_ALARM)
 
 
 def disturbance_of(model: Model, rest: Rest, drift: Floats | None) -> tuple[Floats, Floats, Floats]:

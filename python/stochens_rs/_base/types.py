@@ -36,7 +36,6 @@ Status: TypeAlias = Literal[
     "max_steps",  # the limit on the number of steps was reached
     "time_limit",  # the limit on the time of a run was reached
     "user_limit",  # the limit on the time or the passes of a solver was reached
-    "workers_lost",  # the workers of an executor died
     "interrupted",  # Ctrl-C
     "kept",  # an earlier plan goes on, corrected by its feedback
     "held",  # the next input of an earlier plan

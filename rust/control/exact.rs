@@ -12,7 +12,7 @@ use super::pseudoinverse::{Pseudoinverse, pseudoinverse};
 use crate::compensated::{dot as compensated_dot, two_sum};
 use crate::error::{Error, Result};
 use crate::memory::{checked_len, try_collect, try_copy, try_room, try_zeros};
-use crate::parallel::Stop;
+use crate::parallel::{Stop, detached};
 use crate::scaled::{norm, power_of_two_scale};
 use crate::vector::{axpy, dot};
 
@@ -22,6 +22,8 @@ const EPS: f64 = f64::EPSILON;
 const REACHABLE: f64 = 1.0 / 67_108_864.0;
 /// Times `||y|| / ||C_K||`: [`Best::lower`] is about controls up to there where the rank is not certain.
 const LARGEST: f64 = 1e20;
+/// `n width min(n, width)` from which the factors, whose computation cannot be stopped, have a thread of their own: .1 s.
+const LONG: f64 = 1e7;
 
 /// A matrix `B = U diag(s) V^T` with its pseudoinverse.
 #[derive(Debug)]
@@ -150,11 +152,14 @@ impl ExactControl {
     pub fn new(a: &[f64], b: &[f64], x0: &[f64], xf: &[f64], steps: usize, stop: &Stop) -> Result<Self> {
         let n = x0.len();
         let m = b.len().checked_div(n).unwrap_or(0);
-        let (c, off) = controllability(a, b, n, steps)?;
+        let (c, off) = controllability(a, b, n, steps, stop)?;
         if c.iter().any(|entry| !entry.is_finite()) {
             return Err(Error::Overflow { what: "`A` to a power times `B`" });
         }
-        let factors = Factored::new(c, n, checked_len(WHAT, m, steps)?)?;
+        let width = checked_len(WHAT, m, steps)?;
+        let work = move || Factored::new(c, n, width);
+        let long = (n * width) as f64 * n.min(width) as f64 > LONG;
+        let factors = if long { detached("stochens-factors", stop, work)? } else { work()? };
         let off = off + factors.off();
         let gap = factors.s().last().map_or(f64::INFINITY, |s| s - off);
         let parts = &factors.parts;
@@ -306,7 +311,7 @@ impl ExactControl {
 ///
 /// `A X` is rounded by at most `n eps |A| |X|`, and that is carried on (Higham, Accuracy and Stability of Numerical
 /// Algorithms (2002), 3.5).
-fn controllability(a: &[f64], b: &[f64], n: usize, steps: usize) -> Result<(Vec<f64>, f64)> {
+fn controllability(a: &[f64], b: &[f64], n: usize, steps: usize, stop: &Stop) -> Result<(Vec<f64>, f64)> {
     let m = b.len().checked_div(n).unwrap_or(0);
     let width = checked_len(WHAT, m, steps)?;
     let mut c: Vec<f64> = try_zeros(WHAT, checked_len(WHAT, n, width)?)?;
@@ -314,6 +319,7 @@ fn controllability(a: &[f64], b: &[f64], n: usize, steps: usize) -> Result<(Vec<
     let (mut block, mut wrong): (Vec<f64>, Vec<f64>) = (try_copy(WHAT, b)?, try_zeros(WHAT, b.len())?);
     let mut off = 0.0f64;
     for k in 0..steps {
+        stop.check()?;
         for (row, block) in c.chunks_exact_mut(width).zip(block.chunks_exact(m)) {
             row[k * m..(k + 1) * m].copy_from_slice(block);
         }
@@ -360,7 +366,7 @@ mod tests {
 
     #[test]
     fn powers_that_grow_carry_their_rounding() {
-        let (c, off) = controllability(&[1.0, 2.0, 3.0, 4.0], &[1.0, 1.0], 2, 3).unwrap();
+        let (c, off) = controllability(&[1.0, 2.0, 3.0, 4.0], &[1.0, 1.0], 2, 3, &Stop::new()).unwrap();
         assert_eq!(c, [1.0, 3.0, 17.0, 1.0, 7.0, 37.0]);
         // n eps |A| |B| = 2 eps (3, 7), then |A| (that + 2 eps (3, 7)) = 4 eps (17, 37)
         let expected = EPS * (36.0f64 + 196.0 + 16.0 * (289.0 + 1369.0)).sqrt();

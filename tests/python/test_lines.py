@@ -99,6 +99,14 @@ def test_budgets_are_lowered_never_raised():
     assert lines.read_table(lines.written(new)) == new
 
 
+def test_a_raise_says_why_behind_what_was_said():
+    table = lines.read_table("limits | 3 | 12 | 10 | rates\nfleet | 1 | 5 | 5 |\n")
+    new = lines.raised({"limits": (3, 15), "fleet": (1, 5), "loops": (1, 7)}, table, "sums")
+    assert new["limits"] == (3, 15, 10, "rates; sums")
+    assert new["fleet"] == table["fleet"]
+    assert new["loops"] == (1, 7, 7, "sums")
+
+
 def test_every_room_has_a_budget():
     table = lines.read_table((ROOT / "tools" / "lines.txt").read_text())
     assert set(table) == set(lines.counted(ROOT))

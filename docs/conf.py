@@ -95,7 +95,7 @@ if ADDRESS:
     }
     html_theme_options["icon_links"] = [repository]
 html_sidebars: dict[str, list[str]] = {
-    name: [] for name in ("index", "benchmarks", "changelog", "cite", "contributing")
+    name: [] for name in ("index", "benchmarks", "changelog", "contributing")
 }
 
 

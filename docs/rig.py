@@ -1,4 +1,4 @@
-"""Tables and figures of measured-runs.md and limits.md: python docs/rig.py [options].
+"""Tables and figures of measured-runs.md and close-the-loop.md: python docs/rig.py [options].
 
 An inverted pendulum on a cart, linear about the upright position, known only through N short runs
 in which a random force acts. From each set of runs a model is identified and a control over 10
@@ -233,7 +233,7 @@ def first_control(images: Path) -> None:
 
 
 def within_limits(images: Path) -> None:
-    """The figures of limits.md: a plan within limits, and the feedback."""
+    """The figures of close-the-loop.md: a plan within limits, and the feedback."""
     data = runs(30, np.random.default_rng(1), gaussian)
     model = se.identify(data, noise=SIGMA, scale=SCALE)
     cost = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], R=0.01)

@@ -51,7 +51,7 @@ PICTURED = (
     "api/index",
     "api/generated/stochens_rs.control",
     "benchmarks",
-    "cite",
+    "fleet",
 )
 
 
@@ -245,10 +245,10 @@ RESULTS = """[...document.querySelectorAll("#search-results li a")]
   .map(a => a.getAttribute("href").split(".html")[0])"""
 FIRST = {
     "csv": "index",
-    "mpc": "limits",
+    "mpc": "close-the-loop",
     "lqr": "close-the-loop",
-    "kalman": "outputs",
-    "arx": "outputs",
+    "kalman": "readings",
+    "arx": "readings",
     "identification": "measured-runs",
     "feedback": "close-the-loop",
     "identify": "api/generated/stochens_rs.identify",

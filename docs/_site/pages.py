@@ -19,12 +19,12 @@ INCLUDE = re.compile(r"^```\{include\} (\S+)\n((?::[\w-]+:.*\n)*)```$", re.MULTI
 # Where the search leads those who know another word for what a page is about.
 WORDS = {
     "index": "csv, installation",
-    "close-the-loop": "feedback, lqr, gain, stability, robust control",
+    "close-the-loop": "feedback, lqr, gain, stability, robust control, mpc, "
+    "model predictive control, constraints, saturation",
     "measured-runs": "identification, system identification, least squares",
     "logs": "delay, missing data",
     "readings": "arx, outputs, kalman, kalman filter, observer, n4sid, "
     "offset-free, integral action, output feedback",
-    "limits": "mpc, model predictive control, constraints, saturation",
 }
 LINK = re.compile(r"(?<=\]\()([^)#\s:]+)(?=[)#])")
 

@@ -2,7 +2,7 @@
 var Scorer = {
   score: ([docname, title, anchor, descr, score]) => {
     if (/^(genindex|py-modindex|search)/.test(docname)) return score - 100;
-    if (/^(cite|benchmarks|compare|theory\/claims)/.test(docname)) return score - 4;
+    if (/^(benchmarks|compare|theory\/claims)/.test(docname)) return score - 4;
     return score + (docname.includes("/") ? 0 : 10);
   },
   objNameMatch: 11,

@@ -1,6 +1,6 @@
 //! Durable state: arrays of numbers in a file that survives crashes of the writer, full disks and bad sectors.
 //!
-//! `format` is the container in memory (see `docs/saving.md`), `file` writes and reads it. Neither knows what the
+//! `format` is the container in memory (see `docs/systems.md`), `file` writes and reads it. Neither knows what the
 //! numbers mean: the caller checks that after [`load`].
 //!
 //! ```

@@ -157,36 +157,33 @@ PAGES = (
     "docs/close-the-loop.md",
     "docs/compare.md",
     "docs/fleet.md",
-    "docs/limits.md",
     "docs/logs.md",
     "docs/measured-runs.md",
     "docs/readings.md",
-    "docs/saving.md",
+    "docs/realizations.md",
     "docs/several-models.md",
     "docs/studies.md",
     "docs/systems.md",
-    "docs/theory/certificates.md",
-    "docs/theory/estimates.md",
+    "docs/theory/drawn.md",
     "docs/theory/limits.md",
-    "docs/theory/regions.md",
-    "docs/tour.md",
+    "docs/theory/measured.md",
 )
 # Packages of the extras `dev` that a page needs.
 NEEDED = {
     "README.md": ("matplotlib", "pandas"),
-    "docs/saving.md": ("h5netcdf", "pandas", "safetensors", "xarray"),
+    "docs/fleet.md": ("matpowercaseframes", "matplotlib", "pypower"),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
     "docs/systems.md": (
         "control",
+        "h5netcdf",
         "matplotlib",
-        "matpowercaseframes",
         "pandas",
-        "pypower",
+        "safetensors",
         "scipy",
         "xarray",
     ),
     "docs/theory/limits.md": ("scipy",),
-    "docs/theory/regions.md": ("scipy",),
+    "docs/theory/measured.md": ("scipy",),
 }
 MARKDOWN = [path for path in PAGES if (ROOT / path).exists()]
 

@@ -381,7 +381,7 @@ def test_records_of_users_are_checked() -> None:
 
 
 def test_the_pages_list_every_kind_of_file() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "saving.md").read_text()
+    page = (Path(__file__).parents[2] / "docs" / "systems.md").read_text()
     saving, formats = page.split("\n## State files\n")
     kinds = [one for one in fields.RECORDS.values() if issubclass(one, SavedRecord)]
     assert len(kinds) > 20

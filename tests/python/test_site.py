@@ -132,8 +132,8 @@ def test_pages_read_as_on_a_code_host():
 
 
 def test_links_lead_to_the_page_that_shows_a_file():
-    text = "[a](../README.md#limits) [b](limits.md) [c](../LICENSE) [d](https://e.f) [g](no.md)"
-    wanted = text.replace("../README.md", "/index.md").replace("limits.md", "/limits.md")
+    text = "[a](../README.md#limits) [b](logs.md) [c](../LICENSE) [d](https://e.f) [g](no.md)"
+    wanted = text.replace("../README.md", "/index.md").replace("logs.md", "/logs.md")
     assert PAGES.with_links(text, DOCS / "fleet.md") == wanted
     included = PAGES.with_links("[x](docs/fleet.md) ![y](docs/images/tube.png)", ROOT / "README.md")
     assert included == "[x](/fleet.md) ![y](/images/tube.png)"
@@ -146,7 +146,7 @@ def test_links_lead_to_the_page_that_shows_a_file():
 # -- notebooks ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", ["close-the-loop", "several-models", "fleet", "limits"])
+@pytest.mark.parametrize("name", ["close-the-loop", "several-models", "fleet", "readings"])
 def test_notebooks_have_the_code_and_pictures_of_their_page(name):
     page = DOCS / f"{name}.md"
     made = json.loads(json.dumps(NOTEBOOKS.notebook(page)))
@@ -172,7 +172,7 @@ def test_notebooks_have_the_code_and_pictures_of_their_page(name):
 
 
 def test_the_citations_name_this_version():
-    cff, page = (p.read_text("utf-8") for p in (ROOT / "CITATION.cff", DOCS / "cite.md"))
+    cff, page = (p.read_text("utf-8") for p in (ROOT / "CITATION.cff", DOCS / "index.md"))
     assert re.search(r"^version: (.*)$", cff, re.M)[1] == se.__version__
     assert re.search(r"version = \{(.*)\}", page)[1] == se.__version__
     assert re.search(r'^title: "(.*)"$', cff, re.M)[1] == re.search(r" title .*?\{(.*)\}", page)[1]

@@ -67,7 +67,7 @@ def flip(path: Path, byte: int = -1) -> None:
 
 
 def independent_reader(data: bytes) -> tuple[dict[str, str], dict[str, np.ndarray]]:
-    """Read a file as docs/saving.md describes it, without the package."""
+    """Read a file as docs/systems.md describes it, without the package."""
     (length,) = struct.unpack_from("<Q", data)
     header = json.loads(data[8 : 8 + length])
     metadata = header.pop("__metadata__")
@@ -125,7 +125,7 @@ def test_the_bytes_are_those_of_version_2(tmp_path: Path) -> None:
     """If this changes, files of earlier releases can no longer be read."""
     path = tmp_path / "state"
     state_file.save(path, "example", example())
-    # the file, with zeros for its digest, as docs/saving.md says
+    # the file, with zeros for its digest, as docs/systems.md says
     header = (
         '{"__metadata__":{"format":"stochens","sha256":"' + "0" * 64 + '","version":"2",'
         '"kind":"example","generation":"1"},'

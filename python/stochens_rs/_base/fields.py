@@ -1,6 +1,6 @@
 """Fields of records: their declared types in words and as checks, their values as plain data.
 
-The format of plain data is that of `docs/saving.md`.
+The format of plain data is that of `docs/systems.md`.
 """
 
 from __future__ import annotations

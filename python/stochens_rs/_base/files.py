@@ -1,6 +1,6 @@
 """Paths, files that are replaced in one piece, versions, and state files.
 
-The format of state files is that of `docs/saving.md`.
+The format of state files is that of `docs/systems.md`.
 """
 
 from __future__ import annotations
@@ -263,7 +263,7 @@ class Durable:
         Notes
         -----
         The format is safetensors, with a version and a SHA-256 digest; loading executes nothing
-        (``docs/saving.md``). The file is written under another name, synced and renamed, and
+        (``docs/systems.md``). The file is written under another name, synced and renamed, and
         the directory is synced: a complete state is on the disk at any time.
 
         Examples

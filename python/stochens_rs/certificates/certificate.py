@@ -145,12 +145,12 @@ class Certificate(SavedRecord):
 
     @property
     def target(self) -> float:
-        """Radius of "target", the last state, around xf; infinite if nothing is said of it."""
+        """Bound of the distance of the last state from xf; infinite if nothing bounds it."""
         return self._scalar("target")
 
     @property
     def state(self) -> float:
-        """Radius of "state", the last state, around the predicted one or that of the best control.
+        """Bound of the distance of the last state from the predicted one or from the best one.
 
         Infinite if nothing is said of it.
         """
@@ -158,7 +158,7 @@ class Certificate(SavedRecord):
 
     @property
     def control(self) -> float:
-        """Radius of "control" around the exact best one; infinite if nothing is said of it."""
+        """Bound of the distance of the control from the best one; infinite if nothing bounds it."""
         return self._scalar("control")
 
     @property
@@ -168,7 +168,7 @@ class Certificate(SavedRecord):
 
     @property
     def tube(self) -> Floats:
-        """Bounds of ``||x(k) - xh(k)||``, (K + 1,), for a model from data; of outputs, of y."""
+        """Bounds of ``||x(k) - xh(k)||``, (K + 1,), of a model from data; y for outputs."""
         return np.asarray(self["tube"].radius)
 
     @property
@@ -178,12 +178,12 @@ class Certificate(SavedRecord):
 
     @property
     def mean(self) -> Floats:
-        """Bounds of ``||E y(k) - yh(k)||``, (K + 1,): `tube` without noise to come, of outputs."""
+        """Bounds of ``||E y(k) - yh(k)||``, (K + 1,), for outputs: the `tube` without noise."""
         return np.asarray(self["mean"].radius)
 
     @property
     def excess(self) -> float | None:
-        """Bound of ``J(u)`` less the least J within the limits; None without limits."""
+        """Bound of how far ``J(u)`` is above the least J within the limits; None without limits."""
         return self._scalar("excess") if "excess" in self.quantities else None
 
     @property
@@ -193,7 +193,7 @@ class Certificate(SavedRecord):
 
     @property
     def holds(self) -> str:
-        """Kind, probability and what it is over, in words."""
+        """The kind of the certificate, its probability, and what is random, in words."""
         share = f"with probability {show.percent(self.delta)} at least"
         how = {
             "guaranteed": f"guaranteed {share}",

@@ -69,7 +69,7 @@ def design(
     delta: float = DELTA,
     rng: RngLike = 0,
 ) -> NextRuns:
-    """Choose the inputs of the next runs, after which this plan is certified best.
+    """Choose the inputs of the next runs that make the certificate of this plan smallest.
 
     Parameters
     ----------

@@ -449,7 +449,7 @@ def predict(
     *,
     record: Record | None = None,
 ) -> Plan:
-    """Predict the states, or readings, under given inputs, as those of a run that was kept apart.
+    """Predict the states or readings under given inputs, for example of a run that was kept apart.
 
     Parameters
     ----------

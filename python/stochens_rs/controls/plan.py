@@ -266,7 +266,7 @@ class Plan(SavedRecord, Timed):
         rng: RngLike = 0,
         noise: bool | None = None,
     ) -> Typical:
-        """Say how far models that may be the true one miss the target: approximate, no bound.
+        """Estimate how far models that may be the true one miss the target: approximate, no bound.
 
         Parameters
         ----------
@@ -410,7 +410,7 @@ class Plan(SavedRecord, Timed):
         return best.error(self.u.ravel(), start)
 
     def states(self, system: System, x0: ArrayLike) -> Floats:
-        """Trajectory of an exactly known system under this control.
+        """Compute the trajectory of an exactly known system under this control.
 
         Parameters
         ----------
@@ -451,7 +451,7 @@ class Plan(SavedRecord, Timed):
         scale: ArrayLike | None = None,
         weights: ArrayLike | None = None,
     ) -> Validation:
-        """Say where the next run ends, from runs of this plan or fresh systems, whatever their law.
+        """Bound where the next run ends, from runs of this plan or fresh systems of any law.
 
         Parameters
         ----------

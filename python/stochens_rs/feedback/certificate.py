@@ -317,7 +317,7 @@ class LoopCertificate(SavedRecord):
         *,
         states: tuple[ArrayLike, ArrayLike] | None = None,
     ) -> float:
-        """Say from where limits are kept for all time without noise, by every system.
+        """Find the starts from which every system keeps limits for all time, without noise.
 
         Parameters
         ----------

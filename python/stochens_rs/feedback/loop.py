@@ -83,7 +83,7 @@ class Loop(SavedRecord):
         return u
 
     def certificate(self, delta: float | Region = 0.05) -> LoopCertificate:
-        """Say whether all systems of a region are stable under ``u = K x``.
+        """Check whether all systems of a region are stable, with a proof, under ``u = K x``.
 
         Parameters
         ----------

@@ -119,7 +119,7 @@ class Noise(Options):
 
 @dataclass(frozen=True, repr=False)
 class Window(Options):
-    """From which part of the past a model predicts, as you declare it.
+    """The part of the past from which a model predicts, as you declare it.
 
     At most one of `lags`, `filters` and `order` is given, for outputs. Without one the first
     quarter of the pairs chooses, and counts no more: what Akaike's criterion asks for, and half as

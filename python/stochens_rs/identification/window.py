@@ -130,7 +130,7 @@ class Regressors(Record):
 
     @property
     def text(self) -> str:
-        """``6 filters of pole 0.8``."""
+        """The window in words, as ``6 filters of pole 0.8``."""
         delay = f", delay {self.delay}" if self.delay else ""
         if self.pole is None:
             return show.number_of(self.count, "lag") + delay
@@ -138,7 +138,7 @@ class Regressors(Record):
 
     @property
     def words(self) -> dict[str, str]:
-        """What is said of a window that is too short, or to be declared."""
+        """The words of messages about a window that is too short, or to be declared."""
         what = "lags" if self.pole is None else "filters"
         return {
             "what": what,
@@ -173,7 +173,7 @@ class Regressors(Record):
         return Loop(*self.core.linear(given))
 
     def stretches(self, data: Trajectories, steps: int) -> list[Stretch]:
-        """Cut runs that were kept apart into what `predict` takes, and what was then read.
+        """Cut runs that were kept apart into arguments of `predict` and the readings that followed.
 
         Parameters
         ----------
@@ -222,7 +222,7 @@ class Regressors(Record):
 
     @property
     def long(self) -> tuple[str, ...]:
-        """What is said where the region of a window that the data chose is too large."""
+        """The advice where the region of a window that the data chose is too large."""
         if self.found is None:
             return ()
         few = self.found if self.pole is None else (self.pole, self.found)

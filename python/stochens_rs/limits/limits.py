@@ -208,7 +208,7 @@ def as_limits(value: Any) -> Limits:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Cost(Asked):
-    """Weights of states and inputs, and the states wanted.
+    """Weights of states and inputs, and the wanted states.
 
     ``J(u) = sum_k ||x(k) - r(k)||^2_Q + ||u(k-1)||^2_R`` over k = 1, ..., K, with Qf at K.
 
@@ -255,7 +255,7 @@ def as_cost(value: Any) -> Cost:
 
 @dataclass(frozen=True, eq=False)
 class Uncertain(SavedRecord):
-    """The initial state of a plan for a model from data, where it is known up to a distance.
+    """An initial state that is known up to a distance, for plans of a model from data.
 
     Parameters
     ----------

@@ -82,26 +82,26 @@ class Kept:
 
     @property
     def keep(self) -> float:
-        """All limits are kept in all calls with at least this probability."""
+        """The probability with which all limits are kept in all calls, at least."""
         return 1.0 - self.proof.region.delta - self.eps
 
     @property
     def noise(self) -> Floats:
-        """What is kept back for noise, shape (n + m,), in the units of states and inputs."""
+        """The margin of the limits for noise, shape (n + m,), in the units of states and inputs."""
         return self._core.noise
 
     @property
     def model(self) -> Floats:
-        """What is kept back for the error of the model, (n + m,); 0 if the first plan had room."""
+        """The margin for the error of the model, (n + m,); 0 if the first plan had room."""
         return self._model.copy()
 
     @property
     def tightening(self) -> Floats:
-        """Both together: the plans keep limits that are tighter by this, shape (n + m,)."""
+        """Both margins together, shape (n + m,): the plans keep limits that are tighter by this."""
         return self.model + self.noise
 
     def tightened(self, task: Task) -> Task:
-        """Tighten limits; nothing is off yet when the first input is applied.
+        """Tighten limits by both margins; those of the first input stay.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class Kept:
 
 @dataclass(frozen=True, repr=False)
 class Keep(Options):
-    """That limits are kept by a certified gain over so many calls; an option of `regulate`.
+    """Limits that a certified gain keeps over a number of calls; an option of `regulate`.
 
     Parameters
     ----------

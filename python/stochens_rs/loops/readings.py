@@ -77,7 +77,7 @@ class Reading:
 
 
 class ReadingLoop(ControlLoop[Reading]):
-    """Feedback ``u = loop(y)``: readings in, input out.
+    """Feedback ``u = loop(y)`` from readings y to an input.
 
     Made by `regulate` for a model of outputs, or for a `Loop` of one. It keeps the window of the
     model, for which no observer is needed. One thread at a time.
@@ -365,7 +365,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     @property
     def full(self) -> bool:
-        """Whether the window tells enough, so that the loop runs."""
+        """Whether the window is full enough for the loop to run."""
         return self._runs
 
     @property
@@ -380,7 +380,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     @property
     def plan(self) -> Plan:
-        """What a loop that plans would do from the last reading on, without any new one.
+        """The plan of a loop that plans, from the last reading on if no new one comes.
 
         ``loop.plan.bound(delta)`` bounds the readings along this plan, followed to its end; the
         loop replaces it at the next reading, so that nothing follows for all time. For loops that
@@ -400,7 +400,7 @@ class ReadingLoop(ControlLoop[Reading]):
         return plan_from(self.model, start, self._rest, steps, limits, cost)
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
-        """Say whether all systems of a region are stable in this loop, its estimate included.
+        """Check whether all systems of a region are stable in this loop, estimate included.
 
         Parameters
         ----------

@@ -299,7 +299,7 @@ class Regulator(ControlLoop[Call]):
         scale: ArrayLike | None = None,
         weights: ArrayLike | None = None,
     ) -> Validation:
-        """Say where the next run of this loop will be, from runs of it, whatever noise and plant.
+        """Bound where the next run of this loop will be, from runs of it, for any noise and plant.
 
         Parameters
         ----------

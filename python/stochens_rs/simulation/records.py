@@ -229,7 +229,8 @@ class EnsembleTrajectory(_OverTime):
 
     @property
     def standard_error(self) -> Floats | None:
-        """``sqrt(variance / replicates)``, the estimated rms error of `mean`, shape (K + 1, n);
+        """The estimated rms error of `mean`, ``sqrt(variance / replicates)``, shape (K + 1, n).
+
         None for a single trajectory.
         """
         if self.variance is None:

@@ -267,7 +267,7 @@ class DataStream(Durable):
         draws: int = 1000,
         rng: RngLike = 0,
     ) -> Typical:
-        """Say how far a control of any number of steps may miss: approximate, no bound.
+        """Estimate how far a control of any number of steps may miss: approximate, no bound.
 
         Parameters
         ----------

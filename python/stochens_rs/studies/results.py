@@ -30,7 +30,7 @@ _MOST = 6  # numbers of a table
 
 @dataclass(frozen=True)
 class Failure:
-    """A replicate that raised.
+    """A replicate that raised an error.
 
     Attributes
     ----------

@@ -221,7 +221,7 @@ class Study:
 
     @property
     def results(self) -> Results:
-        """What has been found so far; its arrays share the memory of the study."""
+        """The results so far; their arrays share the memory of the study."""
         table, grid = self._table, self._grid
         platforms = table.platforms or [fingerprint()]
         where = {k: " or ".join(dict.fromkeys(p[k] for p in platforms)) for k in platforms[0]}
@@ -309,8 +309,9 @@ class Study:
 
     @classmethod
     def merge(cls, paths: Iterable[PathLike], path: PathLike | None = None) -> Self:
-        """Return one study made of parts that were computed apart, for example with other
-        `replicates` on other machines.
+        """Merge parts of a study that were computed apart.
+
+        For example, other `replicates` on other machines.
 
         Parameters
         ----------

@@ -72,12 +72,12 @@ class Reachability(Record):
 
     @property
     def reachable(self) -> bool | None:
-        """Whether the target is within reach; None if that is undecided."""
+        """Whether the target is within reach; None if undecided."""
         return None if self.verdict == "undecided" else self.verdict == "reachable"
 
     @property
     def text(self) -> str:
-        """The verdict in a few words."""
+        """The verdict in words."""
         if self.verdict == "reachable":
             # a relative residual above 1.5e-8 is rounding of xf - A x0
             sure = self.relative * self.relative <= EPS

@@ -13,7 +13,8 @@ LEAVES = ("api/generated/", "genindex", "changelog", "contributing")
 def entry(app: Any, docname: str) -> str:
     """A line with title, address and the first sentence of a page."""
     env = app.env
-    words = next((p.astext() for p in env.get_doctree(docname).findall(nodes.paragraph)), "")
+    texts = (p.astext() for p in env.get_doctree(docname).findall(nodes.paragraph))
+    words = next((text for text in texts if not text.startswith("Go to the end")), "")
     first = " ".join(words.split()).partition(". ")[0].rstrip(".:")
     address = app.builder.get_target_uri(docname)
     return f"- [{env.titles[docname].astext()}]({address}): {first}"

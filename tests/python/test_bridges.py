@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
 import stochens_rs as se
 from stochens_rs import System
 from stochens_rs._base.names import Labels
-from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
-from test_validation import assert_one_short_line
+from stochens_rs.exceptions import InputError
 
 control = pytest.importorskip("control")
 signal = pytest.importorskip("scipy.signal")
@@ -115,58 +112,9 @@ def test_discrete_transfer_functions():
     assert (named.name, named.input_names) == ("G, realized by control to_ss", ("F",))
 
 
-BAD = {
-    "discrete, another dt": (lambda: control.ss(A, B, C, D, 0.1), 0.2, InputError, "is 0.1, got"),
-    "discrete, unspecified": (lambda: control.ss(A, B, C, D, True), 0.2, InputError, "is True"),
-    "a pair": (lambda: (A, B), 0.2, InputError, "`dt` must be left out for a system in discrete"),
-    "a System": (lambda: PLANT, 0.2, InputError, "whose dt is 0.1, got float 0.2"),
-    "no dt": (lambda: control.ss(A, B, C, D, 0), None, InputError, "`dt` is 0, which means"),
-    "dt of 0": (lambda: control.ss(A, B, C, D, 0), 0, ShapeError, "`dt` must be > 0"),
-    "dt < 0": (lambda: control.ss(A, B, C, D, 0), -1.0, ShapeError, "`dt` must be > 0"),
-    "dt True": (lambda: control.ss(A, B, C, D, 0), True, InputTypeError, "`dt` must be a real"),
-    "dt as text": (lambda: (A, B, 0), "0.1", InputTypeError, "`dt` must be a real number"),
-    "dt nan": (lambda: (A, B, 0), np.nan, InputError, "`dt` is nan"),
-    "huge dt": (lambda: (A - A.T, B, 0), 1e12, InputError, "`dt` is too large"),
-    "improper": (
-        lambda: signal.TransferFunction([1.0, 0.0, 0.0], [1.0, 2.0]), 0.1, InputError,
-        "cannot be brought into state space by its to_ss()",
-    ),
-    "no state": (
-        lambda: SimpleNamespace(A=np.zeros((0, 0)), B=np.zeros((0, 1)), dt=0), 0.1, ShapeError,
-        "`A` must have at least one entry",
-    ),
-    "not square": (lambda: (A[:2], B[:2], 0), 0.1, ShapeError, "`A` must have shape (n, n)"),
-    "response": (
-        lambda: control.frd([1.0, 2.0], [1.0, 2.0]), 0.1, InputError,
-        "`system` cannot be brought into state space",
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", BAD)
-def test_what_cannot_be_converted_is_refused(what):
-    make, dt, kind, said = BAD[what]
-    kind = se.exceptions.SizeError if "> 0" in said else kind
-    with pytest.raises(kind) as caught:
-        System.from_any(make(), dt=dt)
-    assert said in str(caught.value)
-    assert_one_short_line(caught.value)
-
-
 def test_the_own_dt_may_be_given():
     assert System.from_any(control.ss(A, B, C, D, 0.1), dt=0.1).dt == 0.1
     assert System.from_any(PLANT, dt=0.1) is PLANT
-
-
-def test_several_inputs_without_slycot_are_refused_or_converted():
-    given = control.tf([[[1.0], [2.0]]], [[[1.0, 1.0], [1.0, 3.0]]])
-    try:
-        made = control.ss(given)
-    except Exception:
-        with pytest.raises(InputError, match="cannot be brought into state space"):
-            System.from_any(given, dt=0.1)
-    else:
-        assert System.from_any(given, dt=0.1) == System.from_any(made, dt=0.1)
 
 
 # -- tables ------------------------------------------------------------------------------------
@@ -196,32 +144,6 @@ def test_tables_are_aligned(rows, columns):
 
 
 of_A, of_B = PLANT.to_pandas()
-WRONG = {
-    "other columns": (of_A.rename(columns={"p": "q"}), of_B, {}, "`A`", "its columns", "'q'"),
-    "other rows of B": (of_A, of_B.rename(index={"T": "U"}), {}, "`B`", "its rows", "'U'"),
-    "fewer rows": (of_A, of_B.loc[["p", "v"]], {}, "`B`", "its rows", "'T' is missing"),
-    "twice": (of_A.rename(columns={"T": "v"}), of_B, {}, "`A`", "columns", "got 'v'"),
-    "other states": (of_A, of_B, {"states": ["a", "b", "c"]}, "`A`", "its rows", "'p'"),
-    "other inputs": (of_A, of_B, {"inputs": ["a", "b"]}, "`B`", "its columns", "'F'"),
-    "unhashable": (of_A, of_B, {"states": [["p"], "v", "T"]}, "`states`", "string", "list"),
-    "states as text": (of_A, of_B, {"states": "pvT"}, "`states`", "list", "'pvT'"),
-    "twice in states": (
-        of_A, of_B, {"states": ["p", "p", "T"]}, "`A`", "'p', 'p', 'T' along its rows"
-    ),
-    "same names": (
-        of_A, of_B.rename(columns={"F": "p"}), {}, "`inputs`", "must differ", "'p' in both"
-    ),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", WRONG)
-def test_other_labels_are_refused(what):
-    of_A, of_B, more, *said = WRONG[what]
-    with pytest.raises((InputError, InputTypeError)) as caught:
-        System(of_A, of_B, **more)
-    assert_one_short_line(caught.value)
-    for part in said:
-        assert part in str(caught.value)
 
 
 def test_data_sets_are_aligned_by_dimension_and_label():

@@ -144,32 +144,12 @@ def test_a_full_disk_behind_standard_output_is_named():
     assert done.stderr == ("stochens: cannot write to standard output: No space left on device\n")
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no such files")
-def test_what_is_no_regular_file_is_named_as_given(tmp_path, capsys):
-    os.mkfifo(tmp_path / "pipe")
-    for path, said in (
-        ("/dev/zero", "/dev/zero must be a regular file, got a device"),
-        (str(tmp_path), f"{tmp_path} must be a regular file, got a directory"),
-        (str(tmp_path / "pipe"), "got a pipe: save it to a file first"),
-    ):
-        assert cli.main(["control", path]) == 2
-        err = capsys.readouterr().err
-        assert one_line(err)
-        assert said in err
-
-
 def test_version_and_help(capsys):
     assert cli.main(["--version"]) == 0
     assert capsys.readouterr().out.startswith("stochens ")
     for args in ([], ["--help"], ["-h"]):
         assert cli.main(args) == 0
         assert "identify" in capsys.readouterr().out
-
-
-def test_module_runs_as_a_program():
-    done = run("--version")
-    assert done.returncode == 0
-    assert done.stdout.startswith("stochens ")
 
 
 @pytest.mark.parametrize("terminal", [True, False])

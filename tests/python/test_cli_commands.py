@@ -95,53 +95,6 @@ def test_no_summary_of_a_command_is_cut(capsys, monkeypatch):
     assert all(0 < len(one.short_help) <= 45 for one in cli.cli.commands.values())
 
 
-# -- hints -----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("args", "said", "code"),
-    [
-        ("contrl system.json", "did you mean 'control'?", 2),
-        ("control system.json --stesp 3", "Did you mean", 2),
-        ("identify runs.csv --states x --inputs F --design idependent", "'independent'?", 2),
-        ("identify runs.csv --states x --inputs F --out a.safetensor", "'.safetensors'?", 2),
-        ("control sytem.json", "did you mean 'system.json'?", 5),
-        ("control modle.safetensors --from 1,0", "did you mean 'model.safetensors'?", 5),
-        ("control system.nzp", "did you mean '.npz'?", 2),
-        ("control key.json", "got also 'x_0'; did you mean 'x0'?", 2),
-        ("identify runs.csv --states x,vv --inputs F", "did you mean 'v'?", 2),
-        ("control named.json --limits force=-1,1", "did you mean 'forces'?", 2),
-    ],
-)
-def test_the_nearest_name_is_suggested(args, said, code, place, capsys):
-    (place / "system.nzp").write_bytes(b"\x93NUMPY")
-    (place / "model.safetensors").write_bytes(b"")
-    (place / "key.json").write_text(json.dumps({"A": [[1]], "B": [[1]], "x_0": [1]}))
-    (place / "named.json").write_text(json.dumps({**SYSTEM, "inputs": ["forces"]}))
-    assert said in failed(capsys, *args.split(), code=code)
-
-
-@pytest.mark.parametrize(
-    ("args", "said"),
-    [
-        ("identify runs.csv --states x --inputs F --delta 100%", "--delta must be in (0, 1)"),
-        ("control system.json --steps 2 --Q -1", "--Q"),
-        ("control system.json --rate 1", "--previous"),
-        ("control system.json --limits 1,-1", "--limits"),
-        ("control system.json --x0-error 1", "--x0-error"),
-    ],
-)
-def test_errors_name_the_option_as_it_is_typed(args, said, place, capsys):
-    err = failed(capsys, *args.split())
-    assert said in err
-    assert "`" not in err
-
-
-def test_an_entry_of_a_file_is_not_called_an_option(place, capsys):
-    (place / "bad.json").write_text(json.dumps({**SYSTEM, "x0": [1.0]}))
-    assert "`x0` must" in failed(capsys, "control", "bad.json")
-
-
 # -- JSON ------------------------------------------------------------------------------------------
 
 RUNS = "identify runs.csv --states x,v --inputs F --by run"
@@ -237,25 +190,6 @@ def test_a_model_of_outputs(place, capsys):
     assert wanted in failed(capsys, "control", "read.safetensors", "--from", "1,0")
 
 
-def test_certify_prints_the_warnings_of_the_model(place, capsys):
-    rng = np.random.default_rng(1)
-    lines = ["run,x,F"]
-    for run in range(30):
-        x = rng.standard_normal()
-        for _ in range(10):
-            u = rng.standard_normal()
-            lines.append(f"{run},{x},{u}")
-            x = 0.8 * x + u + 0.2 + 0.1 * rng.standard_normal()
-    (place / "pushed.csv").write_text("\n".join(lines) + "\n")
-    said(
-        capsys,
-        "identify pushed.csv --outputs x --window 1 --inputs F --by run --out pushed.safetensors",
-    )
-    text = said(capsys, "certify pushed.safetensors")
-    assert "undetermined: a constant explains" in text
-    assert "pass intercept=True" in " ".join(text.split())
-
-
 def test_a_control_with_a_gain(model, capsys):
     line = "control model.safetensors --from 1,0 --steps 20 --R 1 --gain"
     found = json.loads(said(capsys, f"{line} --json"))
@@ -280,20 +214,3 @@ def test_an_error_before_any_number_leaves_nothing_behind(place, capsys):
     (place / "mine").mkdir()
     failed(capsys, "control", "no such file", "--out", "mine", code=5)
     assert (place / "mine").is_dir()  # it was there
-
-
-def test_x0_error_is_that_of_the_package(place, capsys):
-    assert cli.main([*RUNS.split(), "--out", "model.safetensors"]) == 0
-    capsys.readouterr()
-    model, targets = se.identification.Model.load("model.safetensors"), []
-    for off in (0.0, 0.1):
-        line = f"control model.safetensors --from 1,0 --steps 3 --x0-error {off} --json"
-        assert cli.main(line.split()) == 0
-        found = json.loads(capsys.readouterr().out)
-        plan = se.control(model, se.Uncertain([1.0, 0.0], off), [0.0, 0.0], steps=3)
-        assert found["certificate"] == plan.bound(0.05).to_dict()
-        targets.append(plan.bound(0.05).target)
-        assert ("x0 within 0.1" in found["certificate"]["assumption"]) == (off > 0)
-    assert targets[0] < targets[1]
-    line = "control model.safetensors --from 1,0 --x0-error -1"
-    assert "--x0-error must be >= 0" in failed(capsys, *line.split())

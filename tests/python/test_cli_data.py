@@ -88,22 +88,6 @@ def test_identify_says_what_python_says(table, capsys):
     assert found["checks"] == model.checks.p_values
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [
-        (["--intercept"], ["any design"]),
-        (["--design", "independent", "--last-pairs"], ["30 pairs", "independent of all"]),
-        (["--covariance", "diagonal", "--delta", "0.1"], ["90 %"]),
-    ],
-)
-def test_identify_prints_a_table(table, capsys, options, words):
-    assert cli.main(["identify", str(table), *OPTIONS, *options]) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ""
-    for word in ["angle(k+1)", "rate(k+1)", "torque", "±", "<Checks: ", *words]:
-        assert word in captured.out
-
-
 def test_identify_with_too_few_rows_is_infinite_but_valid_json(table, lines, capsys):
     table.write_text("\n".join(lines[:4]))
     found = ran(capsys, "identify", table, *OPTIONS)
@@ -119,39 +103,6 @@ def changed(lines, row, column, text):
     cells = lines[row].split(",")
     cells[column] = text
     return [*lines[:row], ",".join(cells), *lines[row + 1 :]]
-
-
-def test_a_forgotten_by_is_named(table, lines, capsys):
-    error = failed(capsys, "identify", table, *COLUMNS, "--time", "t")
-    assert "another run begins: cut the log there, or give --by for its runs" in error
-    table.write_text("\n".join(lines[:22]))  # one run
-    assert cli.main(["identify", str(table), *COLUMNS]) == 0
-    text = capsys.readouterr().out
-    assert text.startswith("<Trajectories: 1 run, 20 pairs")
-    assert "not used   run and t: all rows are one run; --by COLUMN" in text
-    assert cli.main(["identify", str(table), *OPTIONS]) == 0
-    assert "not used" not in capsys.readouterr().out
-
-
-def test_bounds_that_say_nothing_come_with_a_cure(table, lines, capsys):
-    cure = "declare --design independent if it is, or give --sigma"
-    few = {"run", *(f"r{number}" for number in range(10))}
-    table.write_text("\n".join(line for line in lines if line.split(",")[0] in few))
-    args = [str(table), *OPTIONS, "--last-pairs"]
-    assert cli.main(["identify", *args]) == 0
-    text = " ".join(capsys.readouterr().out.split())
-    assert "hint --design independent would" in text
-    assert "angle(k+1) and rate(k+1) are infinite or larger" in text
-    assert cure in text
-    for more in (["--design", "independent"], ["--design", "independent", "--sigma", "0.01"]):
-        assert cli.main(["identify", *args, *more]) == 0
-        text = capsys.readouterr().out
-        assert "hint" not in text
-        assert "infinite or larger" not in text
-    table.write_text("\n".join(lines[:5]))
-    found = ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01)
-    assert "measure more runs, or declare --last-pairs --design" in found["warnings"][-1]
-    assert "--sigma" not in found["warnings"][-1]
 
 
 def test_from_runs_to_a_certified_control(table, tmp_path, capsys):
@@ -234,36 +185,6 @@ def test_the_record_is_what_follows_on_each_other(read, tmp_path, capsys):
     assert "--steps must be 5 at least" in failed(capsys, *where[:2], "--record", now)
 
 
-def test_control_by_a_model_with_a_pilot(table, tmp_path, capsys):
-    file, task = tmp_path / "model.safetensors", ([-1.0, 0.0], [0.0, 0.5], 4)
-    model = se.identify(
-        in_python(table),
-        checks=False,
-        noise=se.Noise(sigma=0.01),
-        pilot=se.Pilot(0.1, reference=task),
-    )
-    model.save(file)
-    where = ["--from", "-1,0", "--to", "0,0.5", "--steps", "4"]
-    bound = se.control(model, *task[:2], steps=4).bound()
-    assert ran(capsys, "control", file, *where)["certificate"]["parts"] == bound.parts
-    assert cli.main(["control", str(file), *where]) == 0
-    assert str(bound) in capsys.readouterr().out
-
-
-def test_control_prints_a_table(table, tmp_path, capsys):
-    file = tmp_path / "model.safetensors"
-    ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--out", file)
-    assert cli.main(["control", str(file), "--from", "1,0"]) == 0
-    text = capsys.readouterr().out
-    for word in ("torque", "tube", "<Certificate: ", "mostly reach", "one step", "any design"):
-        assert word in text
-    args = ["control", str(file), "--from", "1,0", "--steps", "3"]
-    assert cli.main(args) == 0
-    captured = capsys.readouterr()
-    assert captured.err == ""
-    assert "several steps" in captured.out
-
-
 @pytest.fixture
 def rig(tmp_path):
     """A known system with two inputs."""
@@ -296,50 +217,3 @@ def test_control_within_limits_says_what_python_says(rig, tmp_path, capsys):
     assert str(plan) in text
     assert f"{np.count_nonzero(plan.limited.active)} of 12 inputs at a limit" in text
     assert ran(capsys, "control", path, "--steps", 6)["limited"] is None
-
-
-def test_inputs_at_their_rate_are_counted(tmp_path, capsys):
-    path = tmp_path / "problem.json"
-    path.write_text(json.dumps({"A": [[1.0]], "B": [[1.0]], "x0": [0.0]}))
-    options = ["--to", 9, "--steps", 4, "--limits", "-1,1", "--rate", 0.4, "--previous", 0]
-    assert cli.main([*map(str, ["control", path, *options])]) == 0
-    assert "2 of 4 inputs at a limit, 2 at their rate" in capsys.readouterr().out
-    walled = ["--to", 9, "--steps", 4, "--Q", 1, "--state-limits", "-1,1", "--hard"]
-    assert cli.main([*map(str, ["control", path, *walled])]) == 0
-    assert "4 of 4 states at a limit" in capsys.readouterr().out
-
-
-def test_the_certificate_is_printed_for_each_state(table, tmp_path, capsys):
-    file = tmp_path / "model.safetensors"
-    ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--out", file)
-    assert cli.main(["control", str(file), "--from", "1,0", "--steps", "4"]) == 0
-    bound = se.control(se.Model.load(file), [1.0, 0.0], [0.0, 0.0], steps=4).bound()
-    assert f"{bound}\n{bound['components']}\n" in capsys.readouterr().out
-
-
-def test_limits_of_states_on_the_command_line(rig, capsys):
-    path, system = rig
-    found = ran(capsys, "control", path, "--steps", 4, "--Q", 1, "--state-limits", "x[1]=0.3,inf")
-    low = [-np.inf, 0.3]
-    plan = se.control(
-        system,
-        [3.0, 1.0],
-        [0.0, 0.0],
-        steps=4,
-        limits=se.Limits(x=(low, np.inf)),
-        cost=se.Cost(Q=1.0),
-    )
-    assert np.array_equal(found["u"], plan.u)
-    free = se.control(system, [3.0, 1.0], [0.0, 0.0], steps=4, cost=se.Cost(Q=1.0))
-    assert free.predicted_states[1:, 1].min() < 0.01
-    assert plan.predicted_states[1:, 1].min() > 0.29
-
-
-def test_control_of_a_model_within_limits(table, tmp_path, capsys):
-    file = tmp_path / "model.safetensors"
-    ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--out", file)
-    options = ["--from", "1,0", "--steps", 5, "--limits", "torque=-0.1,0.1", "--R", "0.001"]
-    found = ran(capsys, "control", file, *options)
-    assert np.abs(found["u"]).max() == 0.1
-    assert found["certificate"]["quantities"]["tube"]["radius"][1] > 0.0
-    assert found["limited"]["missed"] > 0.0

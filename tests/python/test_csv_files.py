@@ -159,16 +159,6 @@ def test_it_is_refused_with_the_cure(tmp_path, what):
     assert "\n" not in str(caught.value)
 
 
-def test_options_on_the_command_line(tmp_path, capsys):
-    path = tmp_path / "log.csv"
-    path.write_text("by hand\n" + COMMA)
-    columns = ["--states", "p,v", "--inputs", "F", "--time", "t"]
-    assert cli.main(["identify", str(path), *columns]) == 2
-    assert "pass --skip, the lines above them" in capsys.readouterr().err
-    assert cli.main(["identify", str(path), *columns, "--skip", "1"]) == 0
-    assert "1 run, 11 pairs, n=2 m=1 dt=0.02" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("kind", ["pipe", "device", "directory"])
 def test_what_is_no_regular_file_is_refused(tmp_path, kind):
     path = tmp_path / "x.csv"

@@ -376,54 +376,6 @@ def test_scales(scale):
     assert scaled.residuals["x0"] / scale == pytest.approx(plain.residuals["x0"], rel=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({}, InputError, "`x0`, `xf` or `A` must be given"),
-        ({"x0": np.zeros(N + 1)}, ShapeError, "`x0`"),
-        ({"x0": np.zeros((2, 2, N))}, ShapeError, "`x0`"),
-        ({"A": np.zeros((N, N + 1))}, ShapeError, "`A`"),
-        ({"A": np.zeros(N)}, ShapeError, "`A`"),
-        ({"xf": np.full(N, np.nan)}, NonFiniteError, "`xf"),
-        ({"xf": ["a"] * N}, InputTypeError, "`xf`"),
-        ({"x0": np.zeros((0, N))}, ShapeError, "`x0`"),
-    ],
-)
-def test_bad_realizations(arguments, error, message):
-    stream = se.DataStream(B)
-    with pytest.raises(error, match=message):
-        stream.update(**arguments)
-    assert stream.counts == {"x0": 0, "xf": 0, "A": 0}
-
-
-def test_bad_calls():
-    stream = se.DataStream(B, ranges={"x0": 1.0})
-    for read in ("u", "certificate", "error"):
-        with pytest.raises(InputError, match=f"`{read}` needs at least one realization of x0"):
-            getattr(stream, read)
-    with pytest.raises(InputError, match="needs at least one"):
-        stream.confidence()
-    stream.update(**DATA)
-    for delta in (0.0, 1.0, -1.0, 2):
-        with pytest.raises(SizeError, match="`delta`"):
-            stream.confidence(delta)
-    aimed = se.DataStream(B, A=MEANS["A"])
-    aimed.update(**DATA)
-    with pytest.raises(InputError, match="the mean of A, but this stream fits it"):
-        aimed.confidence()
-    for ranges, error in (
-        ({"x1": 1.0}, InputError),
-        ({"x0": -1.0}, SizeError),
-        ({"x0": np.inf}, NonFiniteError),
-        ({"x0": True}, InputTypeError),
-        ([1.0], InputTypeError),
-    ):
-        with pytest.raises(error, match="`ranges"):
-            se.DataStream(B, ranges=ranges)
-    with pytest.raises(ShapeError, match="`xf`"):
-        se.DataStream(B, xf=np.zeros(N + 1))
-
-
 def test_arrays_are_checked_before_any_is_taken_in():
     stream = se.DataStream(B)
     for wrong in (DATA["xf"][0, :3], np.full(N, np.nan), se.sample(MEANS["A"], 3, rng=1)):
@@ -480,10 +432,3 @@ def test_data_that_satisfy_their_range_exactly_are_never_refused():
             assert with_range(data, diameter).confidence().kind == "guaranteed"
         with pytest.raises(InputError, match="`ranges"):
             with_range(corners, diameter * (1.0 - 1e-9)).confidence()
-
-
-def test_a_saved_range_is_a_range_or_none():
-    sections = se.DataStream([[1.0]], ranges={"x0": 1.0})._to_sections()
-    sections["ranges"] = np.array([1.0, -1.0, -2.0])
-    with pytest.raises(InputError, match="ranges"):
-        se.DataStream._from_sections(sections)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import random
-import resource
 import signal
 import subprocess
 import sys
@@ -25,7 +24,6 @@ from stochens_rs.exceptions import (
     StateError,
     StateIOError,
     StateLockedError,
-    StateNotFoundError,
     StateRecoveredWarning,
 )
 
@@ -274,14 +272,6 @@ def test_damage_is_recovered_from_the_generation_before(
     assert same(old, stream)
 
 
-def test_a_file_of_another_kind_is_refused(saved: tuple[Any, Path]) -> None:
-    stream, path = saved
-    for other in (se.Stream, se.DataStream, se.ModelStream):
-        if not isinstance(stream, other):
-            with pytest.raises(StateError, match="kind"):
-                other.load(path)
-
-
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
 @pytest.mark.parametrize(("name", "kills"), [("stream", 100), ("means", 20), ("pairs", 40)])
@@ -331,53 +321,6 @@ def small(tmp_path: Path) -> Path:
     stream.step(5)
     stream.save(tmp_path / "s.state")
     return tmp_path / "s.state"
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("key", lambda a: a ^ 1),
-        ("x0.fused", lambda a: a * np.nan),
-        ("x0.fused", lambda a: a + 100.0),  # outside the hull of the realizations
-        ("steps", lambda a: a[:-1]),
-        ("x0.state", lambda a: a[:-1]),
-    ],
-)
-def test_numbers_that_cannot_be_a_stream_are_refused(
-    tmp_path: Path, name: str, change: object
-) -> None:
-    from stochens_rs._base import files as state_file
-
-    sections = make()._to_sections()
-    sections[name] = change(sections[name])  # type: ignore[operator]
-    state_file.save(tmp_path / "a.state", "stream", sections)  # sealed with a correct digest
-    with pytest.raises(StateError, match=r"a\.state"):
-        se.Stream.load(tmp_path / "a.state")
-
-
-def test_a_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(StateNotFoundError):
-        se.Stream.load(tmp_path / "none.state")
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_a_full_disk_loses_nothing(tmp_path: Path) -> None:
-    path = tmp_path / "a.state"
-    stream = make()
-    stream.save(path)
-    child = os.fork()
-    if child == 0:
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (200, 200))
-        stream.step(100)
-        try:
-            stream.save(path)
-        except StateIOError as error:
-            os._exit(0 if error.errno is not None and stream.steps == 100 else 2)
-        os._exit(1)
-    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
-    assert se.Stream.load(path).steps == 0
 
 
 def test_a_checkpoint_that_cannot_be_written_leaves_the_stream_in_order(tmp_path: Path) -> None:
@@ -465,12 +408,6 @@ def test_ctrl_c_during_the_last_save(
     run = stream.run(max_steps=100, checkpoint=path)
     assert (run.status, run.steps) == ("interrupted", 100)
     assert same(se.Stream.load(path), stream)
-
-
-def test_a_name_that_ends_in_a_slash(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="`path`"):
-        make().save(f"{tmp_path}/a/")
-    assert list(tmp_path.iterdir()) == []
 
 
 # -- signals ---------------------------------------------------------------------------------------

@@ -91,19 +91,3 @@ def test_a_bound_needs_more_than_weights_of_its_own():
     plan = se.control(([[0.9, 0.2], [-0.1, 0.8]], [[0.0], [1.0]]), fit, [0.0, 1.0])
     with pytest.raises(InputError, match="weights of its own"):
         plan.bound(0.05, x0=[1.0, 2.0])
-
-
-def test_no_error_follows_about_an_estimate():
-    cloud = se.Ensemble.from_samples([[1.0], [2.0]], centre="estimate")
-    assert se.fuse(cloud, weights=[1.0, 3.0]).estimate == pytest.approx([1.75])
-    with pytest.raises(InputError, match="scatter about an estimate"):
-        se.fuse(cloud, variances=[1.0, 1.0])
-
-
-def test_extreme_weights():
-    big = se.fuse(se.Ensemble.from_samples([[1.0], [3.0]]), weights=[1e308, 1e308])
-    assert big.estimate == pytest.approx([2.0])
-    tiny = se.fuse(
-        se.Ensemble.from_samples([[1.0], [3.0]]), weights="precision", variances=[1e-300, 1e300]
-    )
-    assert tiny.estimate == pytest.approx([1.0])

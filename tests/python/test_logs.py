@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs import cli
 from stochens_rs.exceptions import DataWarning, InputError
 
 LOGS = Path(__file__).parents[2] / "docs" / "data" / "logs"
@@ -164,23 +163,6 @@ def cut(x, u):
     whole = np.isfinite(u).all(axis=1)
     ends = np.flatnonzero(np.diff(np.r_[False, whole, False].astype(int))).reshape(-1, 2)
     return [(x[a : b + 1], u[a:b]) for a, b in ends]
-
-
-# -- saved and copied ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    "gaps",
-    [[[0, 1]], [[40, 1]], [[5, 0]], [[9, 1], [5, 1]], [[5, 2**50]], [[-1, 1]], [5], [[5.0, 1.0]]],
-)
-def test_gaps_that_fit_no_runs_are_refused(gaps):
-    data = se.Trajectories(np.ones((41, 1)), np.ones((40, 1)))
-    make, (rows, lengths, _, lost, *about) = data.__reduce__()
-    assert make(rows, lengths, np.array([[5, 2]]), lost, *about).pieces.tolist() == [5, 35]
-    with pytest.raises(InputError, match="`gaps` must be"):
-        make(rows, lengths, np.array(gaps), lost, *about)
-    with pytest.raises(InputError, match="`lost` must"):
-        make(rows, lengths, np.array([[5, 2]]), np.array([1, 2]), *about)
 
 
 # -- stamps ----------------------------------------------------------------------------------------
@@ -373,11 +355,6 @@ def test_a_file_is_read_as_a_table_is(folder):
     assert files(folder / "run_2.csv") == read(table, by=None)
 
 
-def test_columns_that_are_no_outputs_are_named(folder):
-    with pytest.raises(InputError, match=r"^`outputs` names str 'y'"):
-        se.Trajectories.from_csv(folder, outputs=["y"], inputs=["u"])
-
-
 def test_units_of_columns_must_agree(folder):
     for number in (1, 2, 10):
         path = folder / f"run_{number}.csv"
@@ -415,15 +392,6 @@ def test_errors_name_the_file(folder, spoil, said):
     assert said.format(path) in str(caught.value)
 
 
-def test_no_files(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"no .csv file in the folder"):
-        files(tmp_path)
-    with pytest.raises(FileNotFoundError, match="no file fits"):
-        files(str(tmp_path / "*.csv"))
-    with pytest.raises(InputError, match="`source` must have at least one file"):
-        files([])
-
-
 def test_missing_cells_are_named_if_gaps_are_to_raise(folder):
     columns = log(np.random.default_rng(19))
     columns["v"][7] = columns["u"][-1] = nan
@@ -446,32 +414,3 @@ def test_the_logs_of_the_rig():
     assert model.region(0.05).assumption.endswith("; rows lost by chance, not for what they read")
     last = se.identify(data.last_pairs(), checks=False)
     assert last.region(0.05).assumption.endswith("; rows lost by chance, not for what they read")
-
-
-def test_a_folder_on_the_command_line(capsys):
-    options = ["--states", "position,angle,speed,rate", "--inputs", "force", "--time", "time"]
-    shifted = [*options, "--dt", "0.02", "--delay", "1"]
-    printed = []
-    for source in ([f"{LOGS}/"], [f"{LOGS}/run_*.csv"], sorted(LOGS.glob("*.csv"))):
-        assert cli.main(["identify", *map(str, source), *shifted]) == 0
-        printed.append(capsys.readouterr().out)
-    assert printed[0].startswith("<Trajectories: 16 runs in 45 pieces, 2285 pairs, 30 rows lost, ")
-    assert printed[0] == printed[1] == printed[2]
-    assert cli.main(["identify", str(LOGS), *options]) == 2
-    assert "declare dt=0.02" in capsys.readouterr().err.replace("--dt ", "dt=").replace(
-        "--dt=", "dt="
-    )
-    assert cli.main(["identify", str(LOGS), *shifted, "--on-gap", "raise"]) == 2
-    assert "gap of 2 steps" in capsys.readouterr().err
-
-
-def test_jittering_stamps_on_the_command_line(tmp_path, capsys):
-    columns = jittering()
-    rows = zip(*columns.values(), strict=True)
-    lines = [",".join(columns), *(",".join(f"{v:.6g}" for v in row) for row in rows)]
-    (tmp_path / "log.csv").write_text("\n".join(lines))
-    options = ["--states", "x,v", "--inputs", "u", "--time", "t", "--by", "run"]
-    assert cli.main(["identify", str(tmp_path), *options]) == 0
-    assert "rows dropped because the stamps jitter; declare --dt 0.02" in capsys.readouterr().out
-    assert cli.main(["identify", str(tmp_path), *options, "--dt", "0.02"]) == 0
-    assert "dropped" not in capsys.readouterr().out

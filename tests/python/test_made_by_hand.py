@@ -10,18 +10,12 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
+from stochens_rs.exceptions import InputError, NonFiniteError
 from stochens_rs.fusion import Alse
 
 nan, inf = float("nan"), float("inf")
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
 X0, XF = np.array([1.0, 2.0]), np.array([0.5, 0.0])
-BAD = np.array([[nan, 0.0], [0.0, 1.0]])
-
-
-def fit(**changed):
-    made = {"estimate": A, "weights": np.ones(1), "error": None, "gap": None}
-    return se.Fit(**made | {"status": "completed", "method": "uniform"} | changed)
 
 
 def honest_fits():
@@ -65,24 +59,8 @@ def test_honest_fits_come_back_and_others_do_not():
 # -- pickles -----------------------------------------------------------------------------------
 
 
-def drawn():
-    return se.sample(A, 4, rng=1, axis="rows")
-
-
 def dense():
     return se.Ensemble.from_samples(np.arange(8.0).reshape(2, 2, 2))
-
-
-def counts():
-    return se.sample_counts(A, 5, rng=1)
-
-
-def plan():
-    return se.control((se.sample(A, 5, rng=1), B), se.sample(X0, 5, rng=2), XF)
-
-
-def steps():
-    return se.control((se.sample(A, 5, rng=1), B), X0, XF, steps=3)
 
 
 def forged(record, **changed):
@@ -91,100 +69,6 @@ def forged(record, **changed):
     for name, value in changed.items():
         object.__setattr__(made, name, value)
     return made
-
-
-def forged_law(**changed):
-    return forged(counts().law, **changed)
-
-
-MAKERS = (
-    drawn,
-    dense,
-    counts,
-    fit,
-    plan,
-    steps,
-    lambda: se.System(A, B),
-    lambda: se.Key(bytes(32)),
-)
-# What is in the pickle in place of one attribute.
-FORGED = [
-    (drawn, "axis", "diagonal"),
-    (drawn, "axis", None),
-    (drawn, "scheme", "systematically"),
-    (drawn, "key", "key"),
-    (dense, "samples", np.full((2, 2, 2), nan)),
-    (dense, "samples", np.ones(2)),
-    (dense, "samples", np.array([["a"]])),
-    (dense, "samples", np.ones((2, 2, 2), complex)),
-    (counts, "counts", np.array([[-1, 1], [1, 1]])),
-    (counts, "counts", np.array([[50, 1], [1, 1]])),
-    (counts, "estimate", BAD),
-    (counts, "estimate", X0),
-    (counts, "size", -5),
-    (counts, "key", None),
-    (counts, "law", forged_law(values=BAD)),
-    (counts, "law", forged_law(values=X0)),
-    (counts, "law", forged_law(values=np.eye(2)[::-1])),
-    (counts, "law", forged_law(axis="diagonal")),
-    (counts, "law", forged_law(scheme="other")),
-    (counts, "law", "law"),
-    (MAKERS[-2], "_A", BAD),
-    (MAKERS[-2], "_B", np.ones((3, 1))),
-    (MAKERS[-2], "_dt", "now"),
-    (MAKERS[-1], "bytes32", b"short"),
-    (MAKERS[-1], "bytes32", "0" * 32),
-]
-
-
-@pytest.mark.parametrize(("make", "attribute", "value"), FORGED)
-def test_unpickling_checks_what_it_finds(make, attribute, value):
-    with pytest.raises((InputError, InputTypeError)):
-        pickle.loads(pickle.dumps(forged(make(), **{attribute: value})))
-
-
-@pytest.mark.parametrize(
-    "changed",
-    [
-        {0: np.array([[0, 2], [1, 0]])},
-        {0: np.array([[0, -1], [1, 0]])},
-        {0: np.array([[0.5, 0.5]])},
-        {0: np.array([[True, False]])},
-        {0: np.zeros((0, 2), int)},
-        {0: np.zeros((4, 3), int)},
-        {0: "indices"},
-        {1: BAD},
-        {1: X0},
-        {1: np.ones((2, 2, 2))},
-    ],
-)
-def test_unpickling_checks_the_realizations(changed):
-    """The values of the pickle of drawn realizations, one of them replaced."""
-    remake, values = drawn().__reduce__()
-    assert remake(*values) == drawn()
-    with pytest.raises((InputError, InputTypeError)):
-        remake(*(changed.get(k, value) for k, value in enumerate(values)))
-
-
-@pytest.mark.parametrize("make", MAKERS)
-@pytest.mark.parametrize(
-    "way", [lambda it: pickle.loads(pickle.dumps(it)), copy.copy, copy.deepcopy]
-)
-def test_honest_pickles_and_copies_come_back(make, way):
-    again, made = way(make()), make()
-    assert type(again) is type(made)
-    assert repr(again) == repr(made)
-    if make in (drawn, dense):
-        assert again == made
-        assert (again.key, again.scheme, again.axis) == (made.key, made.scheme, made.axis)
-    if make is counts:
-        np.testing.assert_array_equal(again.counts, made.counts)
-        assert (again.law.axis, again.law.scheme) == (made.law.axis, made.law.scheme)
-        np.testing.assert_array_equal(again.law.values, made.law.values)
-    if make is plan:
-        assert again.bound() == made.bound()
-    if make is steps:
-        np.testing.assert_array_equal(again.covariance(), made.covariance())
 
 
 # -- shared memory -----------------------------------------------------------------------------
@@ -222,17 +106,6 @@ def test_dense_realizations_cannot_be_changed_from_outside(how):
 # -- what is not finite ------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    "made",
-    [se.Ensemble.from_samples([[1e300], [1e300]]), se.sample([1e300], 2, rng=1)],
-    ids=["dense", "drawn"],
-)
-@pytest.mark.parametrize("weights", [[1e10, 1.0], [1e308, 1e308]])
-def test_a_combination_that_overflows_is_refused(made, weights):
-    with pytest.raises(NonFiniteError, match="overflows: scale"):
-        made.combine(weights)
-
-
 def every_way(made, target):
     for method in ("uniform", "slse", "slse-safeguarded", "alse"):
         yield lambda method=method: se.fuse(made, method, target=target)
@@ -264,15 +137,3 @@ def test_no_result_of_fuse_is_silently_not_finite(kind, scale):
     # without squares in the result, and with squares that do not overflow
     assert all(returned[:6])
     assert all(returned) or scale > 1e160
-
-
-def test_what_overflows_in_fuse_is_named():
-    """The squares overflow, the errors do not; so "uniform" and "slse" have results."""
-    target = 1e200 * A
-    made = se.sample(target, 5, rng=3)
-    for method in ("uniform", "slse"):
-        assert np.isfinite(se.fuse(made, method, target=target).error)
-    with pytest.raises(NonFiniteError, match=r"the gap of the fit overflows \(inf\): scale"):
-        se.fuse(made, "alse", target=target)
-    with pytest.raises(NonFiniteError, match=r"gap of the fit overflows"):
-        se.fuse_path(made, [2, 5], "alse", target=target)

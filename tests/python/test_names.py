@@ -10,7 +10,7 @@ import pytest
 import stochens_rs as se
 from stochens_rs import cli
 from stochens_rs._base.names import Labels, default_labels
-from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, StochensError
+from stochens_rs.exceptions import InputError
 
 A, B = [[1.0, 0.1], [0.0, 0.9]], [[0.0], [0.1]]
 NAMED = {"states": ["p", "v"], "inputs": ["F"], "units": {"F": "N", "p": "m"}}
@@ -32,37 +32,6 @@ def test_systems_are_compared_by_their_numbers():
     plain = se.System(A, B, dt=0.1)
     assert plain == CART
     assert hash(plain) == hash(CART)
-
-
-BAD = {
-    "too few": ({"states": ["p"]}, ShapeError, "`states` must have 2 names, got 1"),
-    "too many": ({"inputs": ["F", "G"]}, ShapeError, "`inputs` must have 1 names, got 2"),
-    "a string": ({"states": "pv"}, InputTypeError, "`states` must be a list"),
-    "a number": ({"states": ["p", 1]}, InputTypeError, "`states` must be a string"),
-    "twice": ({"states": ["p", "p"]}, InputError, "`states` must be different names, got 'p'"),
-    "in both": (
-        {"states": ["p", "F"], "inputs": ["F"]}, InputError,
-        "`inputs` must differ from `states`, got 'F' in both",
-    ),
-    "a default of the other": ({"states": ["p", "u[0]"]}, InputError, "got 'u[0]' in both"),
-    "surrogate": ({"states": ["p", "\ud800"]}, InputError, "`states` must be valid UTF-8"),
-    "many lines": ({"states": ["a\nb" * 99] * 2}, InputError, "must be one line of text"),
-    "an escape": ({"states": ["p\x1b[2J", "v"]}, InputError, "got str 'p\\x1b[2J'"),
-    "another direction": ({"inputs": ["F\u202e"]}, InputError, "`inputs` must be one line"),
-    "an escape in a unit": (
-        {**NAMED, "units": {"p": "m\x9b"}}, InputError, "`units['p']` must be one line of text"
-    ),
-    "units as a list": ({"units": ["m"]}, InputTypeError, "`units` must be a mapping"),
-    "unit of nothing": (
-        {**NAMED, "units": {"w": "m"}}, InputError,
-        "`units` must name states and inputs of the system, got str 'w'",
-    ),
-    "a near miss": (
-        {"states": ["speed", "v"], "units": {"sped": "m"}}, InputError, "did you mean 'speed'?"
-    ),
-    "unit of a number": ({"units": {0: "m"}}, InputError, "`units` must name states"),
-    "unit that is none": ({**NAMED, "units": {"p": 1}}, InputTypeError, "`units['p']`"),
-}  # fmt: skip
 
 
 def test_text_of_axes_and_errors():
@@ -155,23 +124,3 @@ def test_no_control_character_reaches_a_repr_or_a_terminal(tmp_path, capsys):
     said = capsys.readouterr()
     assert "one line of text without control characters" in said.err
     assert "\x1b" not in said.out + said.err
-
-
-def test_cases_have_names_and_units():
-    for make, g, first, last in ((se.cases.ieee14, 5, 1, 8), (se.cases.ieee39, 10, 30, 39)):
-        system = make()
-        assert system.state_names[0] == f"delta_{first}"
-        assert system.state_names[-1] == f"omega_{last}"
-        assert system.input_names[-1] == f"T_m_{last}"
-        assert len(system.units) == 3 * g
-        assert [system.units[f"{word}_{first}"] for word in ("delta", "omega", "T_m")] == [
-            "rad",
-            "rad/s",
-            "pu",
-        ]
-
-
-def test_nothing_of_a_system_is_changed_by_wrong_names():
-    with pytest.raises(StochensError):
-        se.System(A, B, states=["p"])
-    assert default_labels(2, 1) == Labels(("x[0]", "x[1]"), ("u[0]",))

@@ -164,11 +164,6 @@ def test_bases_are_converted():
         se.cases.from_matpower(NINE, rows)
 
 
-def test_frequency_scales_the_speed():
-    slow, fast = (se.cases.from_matpower(NINE, MACHINES_9, frequency=f) for f in (50.0, 60.0))
-    np.testing.assert_allclose(modes(slow) / modes(fast), np.sqrt(50.0 / 60.0))
-
-
 def test_units_at_one_bus_keep_their_order():
     case = copy.deepcopy(NINE)
     case["gen"] = np.vstack([case["gen"], case["gen"][1]])
@@ -197,15 +192,6 @@ def test_file_of_matpower(tmp_path):
     found = se.cases.from_matpower(path, MACHINES_9)
     assert found == se.cases.from_matpower(NINE, MACHINES_9)
     assert found.name == "nine (classical model, 60 Hz, zoh)"
-
-
-@pytest.mark.parametrize("text", ["", "x = 1;", "function mpc = a\nmpc.bus = [1 2;\n", "\0\1"])
-def test_file_of_another_kind(tmp_path, text):
-    pytest.importorskip("matpowercaseframes", reason="it reads .m files")
-    path = tmp_path / "bad.m"
-    path.write_text(text)
-    with pytest.raises(InputError, match=r"must be a MATPOWER case with numbers"):
-        se.cases.from_matpower(path, MACHINES_9)
 
 
 def test_comments_and_other_tables_are_no_statements(tmp_path):
@@ -276,23 +262,6 @@ def test_net_of_pandapower(model):
     expected = se.cases.from_matpower(solved_39(), MACHINES_39)
     np.testing.assert_allclose(modes(found), modes(expected), atol=1e-7)
     assert found.name == "case39 (classical model, 60 Hz, zoh)"
-
-
-@pytest.mark.filterwarnings("ignore")  # of pandapower
-def test_net_of_pandapower_with_losses_of_transformers_and_switches():
-    reason = "it needs an older pandas than the suite: run in an environment of its own"
-    pp = pytest.importorskip("pandapower", reason=reason)
-    import pandapower.networks
-
-    net = pandapower.networks.example_multivoltage()
-    net.xward.in_service = False  # its internal source is a generator at a bus of its own
-    pp.runpp(net, numba=False)
-    units = net.gen.bus[net.gen.in_service].tolist() + net.ext_grid.bus.tolist()
-    machines = {bus: {"H": 3.0 + k, "D": 1.0, "xd1": 0.2} for k, bus in enumerate(units)}
-    # All of Y is ours: the balance would be off if iron losses or joined buses were left out.
-    system = se.cases.from_matpower(net, machines, mismatch=1e-5)
-    assert system.m == len(units)
-    assert system.name.endswith("(classical model, 50 Hz, zoh)")
 
 
 def test_tables_of_machines(tmp_path):

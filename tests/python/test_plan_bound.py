@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 from dataclasses import replace
 from fractions import Fraction
 
@@ -10,8 +9,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._base.types import DELTA
-from stochens_rs.cli._control import control_command as command
 from stochens_rs.exceptions import InputError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import drawn_bound, moments
@@ -179,14 +176,6 @@ def test_an_array_counts_as_exact():
         assert "pass a Fit" in " ".join(text.split())
 
 
-def test_the_probability_of_failure_has_one_default():
-    for call in (se.Plan.bound, se.required_samples, se.DataStream.confidence):
-        assert inspect.signature(call).parameters["delta"].default is DELTA
-        assert f"delta : float, default {DELTA}" in call.__doc__
-    option = next(option for option in command.params if option.name == "delta")
-    assert option.default == f"{100 * DELTA:g}%"
-
-
 def test_fits_beside_samples():
     """Fitted entities have fixed errors; only drawn ones share delta."""
     x0, xf, matrix = ensembles()
@@ -316,13 +305,6 @@ def test_the_known_error_covers_rounding(condition, kind):
             )
         truth = float(sum(value * value for value in residual)) ** 0.5
         assert truth <= plan.bound().state
-
-
-def test_a_plan_made_by_hand_knows_nothing():
-    plan = se.control((A, B), X0, XF)
-    bare = se.Plan(plan.u, plan.predicted_states, plan.reachability, "product", "completed")
-    with pytest.raises(InputError, match="not made by `control`:"):
-        bare.bound()
 
 
 # -- what a plan keeps -----------------------------------------------------------------------------

@@ -97,30 +97,6 @@ def test_an_independent_reader_agrees(tmp_path: Path) -> None:
     assert same(loaded[1], example())
 
 
-def test_any_safetensors_reader_agrees(tmp_path: Path) -> None:
-    """The package that defines the format finds every array, bit for bit, and the metadata."""
-    safetensors = pytest.importorskip("safetensors")
-    stream = se.Stream(([[3.0]], [[1.0]]), [2.0], [0.5], rng=1)
-    stream.step(5)
-    stream.save(tmp_path / "stream")
-    state_file.save(tmp_path / "example", "example", example())
-    state_file.save(tmp_path / "empty", "empty", {})
-    for kind, sections in (
-        ("stream", stream._to_sections()),
-        ("example", example()),
-        ("empty", {}),
-    ):
-        data = (tmp_path / kind).read_bytes()
-        with safetensors.safe_open(tmp_path / kind, framework="numpy") as file:
-            metadata, names = file.metadata(), file.keys()
-            found = {name: file.get_tensor(name) for name in names}
-        digest = metadata.pop("sha256")
-        expected = {"format": "stochens", "version": "2", "kind": kind, "generation": "1"}
-        assert metadata == expected
-        assert hashlib.sha256(data.replace(digest.encode(), b"0" * 64, 1)).hexdigest() == digest
-        assert same(found, sections)
-
-
 def test_the_bytes_are_those_of_version_2(tmp_path: Path) -> None:
     """If this changes, files of earlier releases can no longer be read."""
     path = tmp_path / "state"
@@ -326,16 +302,6 @@ def test_damage_is_recovered_with_a_warning(tmp_path: Path) -> None:
         assert state_file.load(path, "k")[0] == 1
     flip(tmp_path / "state.prev", 100)
     with pytest.raises(StateError, match=r"state\.prev.*checksum"):
-        state_file.load(path, "k")
-
-
-def test_both_generations_damaged(tmp_path: Path) -> None:
-    path = tmp_path / "state"
-    for _ in range(2):
-        state_file.save(path, "k", {"u": np.ones(2)})
-    flip(path)
-    flip(tmp_path / "state.prev")
-    with pytest.raises(StateError, match=r"state\" is damaged.*state\.prev\" is damaged"):
         state_file.load(path, "k")
 
 

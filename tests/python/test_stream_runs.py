@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
+from stochens_rs.exceptions import InputError, SizeError
 from stream_problems import OPTIONS, X0, XF, A, B, make
 
 
@@ -254,14 +254,6 @@ def test_a_child_forked_while_a_thread_steps():
     assert run.stdout == "ended 0\n", run.stderr
 
 
-def test_repr_says_what_the_stream_is_and_how_far():
-    stream = se.Stream(([[0.9, 0.2], [0, 1]], [[1.0], [0.5]]), [1.0, 2.0], [0.0, 0.0], rng=1)
-    stream.step(100)
-    found = repr(stream)
-    assert found.startswith("<Stream: n=2, m=1, 100 steps, ||B (v - v*)|| = ")
-    assert f"{stream.error:.3g} <= {stream.certificate:.3g}>" in found
-
-
 def test_threads_share_a_stream():
     shared, alone = make(1), make(1)
     workers = [threading.Thread(target=lambda: [shared.step(7) for _ in range(200)]) for _ in "ab"]
@@ -340,47 +332,6 @@ def test_interrupts_leave_a_complete_state():
 
 
 # -- bad input -----------------------------------------------------------------------------------
-
-BAD = [
-    ({"B": B[:, 0]}, ShapeError, "`B`"),
-    ({"x0": X0[:5]}, ShapeError, "`x0`"),
-    ({"xf": np.full(10, np.nan)}, NonFiniteError, r"`xf\[0\]`"),
-    ({"A": A[:, :4]}, ShapeError, "`A`"),
-    ({"rng": -1}, InputError, "`rng`"),
-    ({"slots": None}, InputTypeError, "`slots`"),
-    ({"safeguard": 1}, InputTypeError, "`safeguard`"),
-    ({"x0": X0 * 1e200, "A": A * 1e200}, NonFiniteError, "overflows"),
-    ({"x0": np.full(10, 1.7e308)}, NonFiniteError, "1-norm"),
-    ({"B": B * 1e-200, "xf": XF * 1e200}, NonFiniteError, "overflows"),
-]
-
-
-@pytest.mark.parametrize(("change", "error", "message"), BAD)
-def test_bad_arguments(change, error, message):
-    arguments = {"B": B, "x0": X0, "xf": XF, "A": A, "rng": 1} | change
-    system = (arguments.pop("A"), arguments.pop("B"))
-    with pytest.raises(error, match=message):
-        se.Stream(system, **arguments)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "error", "message"),
-    [
-        ({}, InputError, "one of `tol`, `max_steps` and"),
-        ({"tol": 0.0}, SizeError, "`tol`"),
-        ({"tol": "small"}, InputTypeError, "`tol`"),
-        ({"max_steps": 0}, SizeError, "`max_steps`"),
-        ({"max_steps": 1.5}, InputTypeError, "`max_steps`"),
-        ({"time_limit": np.inf}, NonFiniteError, "`time_limit`"),
-        ({"tol": 1.0, "rule": "print"}, InputError, "did you mean 'printed'"),
-        ({"max_steps": 1, "progress": "yes"}, InputTypeError, "`progress`"),
-    ],
-)
-def test_bad_runs(arguments, error, message):
-    stream = make(1)
-    with pytest.raises(error, match=message):
-        stream.run(**arguments)
-    assert stream.steps == 0
 
 
 def test_arguments_are_not_modified_and_not_kept():

@@ -441,14 +441,6 @@ def test_gigabytes_of_zeros_behind_a_record_are_not_read(path: Path, length: int
     assert time.perf_counter() - began < 2.0
 
 
-def test_zeros_at_the_end_are_replaced(path: Path) -> None:
-    with open(path, "ab") as file:
-        file.write(bytes(100_000))
-    assert se.Study.resume(path).results.digest == WHOLE.digest
-    assert study(30).run(path=path).digest == study(30).run().digest
-    assert records(path.read_bytes())[-1] == path.stat().st_size
-
-
 def written(
     path: Path, *contents: dict[str, np.ndarray], numbers: tuple[int, ...] = (1, 2)
 ) -> Path:

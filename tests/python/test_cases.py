@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -281,18 +279,6 @@ def test_euler_is_first_order():
         zoh, euler = cases.ieee14(dt=dt), cases.ieee14(dt=dt, method="euler")
         errors.append(np.abs(zoh.A - euler.A).max())
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.01)  # local error dt^2
-
-
-# -- what is shown, and what is refused ----------------------------------------------------------
-
-
-def test_the_name_says_which_choices_were_made():
-    system = cases.ieee14(data="andes", base="machine", method="euler", dt=0.02)
-    assert system.name == "IEEE 14-bus (andes data, machine base, euler)"
-    assert system.name in repr(system)
-    assert cases.ieee14().name == "IEEE 14-bus (classic data, system base, zoh)"
-    assert "euler" in cases.ieee39(method="euler").name
-    assert pickle.loads(pickle.dumps(system)) == system
 
 
 # -- random systems ------------------------------------------------------------------------------

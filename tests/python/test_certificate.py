@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
-import textwrap
-
 import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs import _core, reference
+from stochens_rs import reference
 from stochens_rs.exceptions import InputError
 from stochens_rs.fusion import Alse
 
@@ -162,30 +158,3 @@ def test_weights_per_column_go_with_product_fusion_only() -> None:
     assert plan.u[0] == pytest.approx(-(fit.estimate @ x0.mean()), abs=1e-12)
     with pytest.raises(InputError, match="fusion='product'"):
         se.control((fit, system.B), x0, np.zeros(5), fusion="diagonal")
-
-
-# -- memory ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_a_million_matrices_need_little_memory() -> None:
-    script = """
-        import numpy as np, stochens_rs as se
-        A = np.random.default_rng(0).standard_normal((100, 100))
-        E = se.sample(A, 1_000_000, rng=1)
-        fit = se.fuse(E, "alse", target=A)
-        assert fit.status == "optimal", fit
-        print(next(line.split()[1] for line in open("/proc/self/status") if "VmHWM" in line))
-    """
-    run = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(script)], capture_output=True, text=True, timeout=120
-    )
-    assert run.returncode == 0, run.stderr
-    assert int(run.stdout) < 400 * 1024  # kB, the interpreter and NumPy included
-
-
-def test_the_core_reports_what_the_stub_says() -> None:
-    draws = HARD.prefix(5)._draws
-    fit = _core.alse(draws, np.ascontiguousarray(A30.T), (False, 1e-9, None, None, 1))
-    assert isinstance(fit, _core.Alse)
-    assert fit.iterations >= 0

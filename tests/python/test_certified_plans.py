@@ -13,7 +13,7 @@ import stochens_rs as se
 from core_regions import region_errors
 from coverage_study import DELTA
 from declarations import opts
-from identification_data import POINT, Y, Z, check, rolled, stable
+from identification_data import POINT, Y, Z, check, stable
 from stochens_rs.certificates.of_model import trajectory
 from stochens_rs.identification.assumptions import ACCEPTED
 from stochens_rs.identification.identified import Identified
@@ -304,13 +304,6 @@ def test_an_input_without_effect_in_the_data_stays_at_rest():
         plan = se.control(model, *gen.standard_normal((2, 4)), steps=K)
         assert not plan.u[:, 1].any()
         assert np.isfinite(plan.bound().target)
-
-
-def test_true_systems_of_one_step_are_rolled():
-    """`rolled` of the tests is `trajectory` of the package."""
-    gen, Theta, *_ = case(37)
-    x0, u = gen.standard_normal(4), gen.standard_normal((3, 2))
-    np.testing.assert_allclose(trajectory(Theta, x0, u)[-1], rolled(Theta, x0, u))
 
 
 def test_a_plan_beyond_the_data_says_so():

@@ -101,6 +101,5 @@ if __name__ == "__main__":
         os.chdir(folder)
         os.environ["COLUMNS"] = "100"
         write_files()
-        FILE.write_text(
-            "\n\n".join(f"$ stochens {row}\n{printed(row)}" for row, *_ in BLOCKS) + "\n"
-        )
+        blocks = [f"$ stochens {line}\n{printed(line)}\n" for line, *_ in BLOCKS]
+        FILE.write_text("\n".join(blocks))

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import copy
 import multiprocessing
-import pickle
 import sys
 from types import SimpleNamespace
 
@@ -17,36 +15,6 @@ from stochens_rs import exceptions as ex
 W = np.array([3.0, -1.0, 0.0, 2.0])
 A = np.array([[0.9, 0.0, 0.2], [-0.1, 0.0, 0.8]])
 SQUARE = np.outer(W, W + 1.0)
-
-
-def ensembles() -> dict[str, se.Ensemble]:
-    return {
-        "vector": se.sample(W, 50, rng=1),
-        "columns": se.sample(A, 50, rng=2),
-        "rows": se.sample(A, 50, rng=3, axis="rows"),
-        "systematic": se.sample(A, 50, rng=4, scheme="systematic"),
-        "dense": se.Ensemble.from_samples(np.arange(24.0).reshape(4, 2, 3)),
-        "prefix": se.sample(W, 50, rng=1).prefix(7),
-    }
-
-
-@pytest.mark.parametrize("name", ensembles())
-def test_pickle_copy_and_equality(name: str) -> None:
-    ensemble = ensembles()[name]
-    for again in (
-        pickle.loads(pickle.dumps(ensemble)),
-        copy.copy(ensemble),
-        copy.deepcopy(ensemble),
-    ):
-        assert again == ensemble
-        assert (again.key, again.axis, again.scheme) == (
-            ensemble.key,
-            ensemble.axis,
-            ensemble.scheme,
-        )
-        assert np.array_equal(again.dense(), ensemble.dense())
-    assert ensemble != ensemble.prefix(ensemble.size - 1)
-    assert ensemble != 3
 
 
 def _mean(ensemble: se.Ensemble) -> np.ndarray:
@@ -78,16 +46,6 @@ def test_indices_are_a_read_only_view_that_outlives_its_ensemble() -> None:
     del ensemble
     se.sample(W, 100_000, rng=2)  # may reuse freed memory
     assert np.array_equal(view, expected)
-
-
-@pytest.mark.parametrize(
-    ("length", "dtype"), [(256, np.uint8), (257, np.uint16), (65537, np.uint32)]
-)
-def test_indices_are_as_narrow_as_the_dimension_allows(length: int, dtype: type) -> None:
-    ensemble = se.sample(np.ones(length), 10, rng=1)
-    assert ensemble.indices is not None
-    assert ensemble.indices.dtype == dtype
-    assert ensemble.nbytes == 10 * np.dtype(dtype).itemsize
 
 
 def test_ensembles_are_immutable_and_made_by_functions() -> None:
@@ -163,16 +121,6 @@ def test_extreme_scales_are_exact_up_to_the_scale() -> None:
             assert other.status == one.status
 
 
-def test_dense_samples_cannot_be_changed() -> None:
-    ensemble = se.Ensemble.from_samples([[1.0, 2.0]])
-    samples = ensemble.samples
-    assert samples is not None
-    with pytest.raises(ValueError, match="WRITEABLE"):
-        samples.flags.writeable = True
-    with pytest.raises(AttributeError, match="cannot"):
-        del ensemble._samples
-
-
 def test_a_part_of_a_systematic_sample_is_not_one() -> None:
     whole = se.sample(A, 50, rng=4, scheme="systematic")
     assert whole.prefix(50).key == whole.key
@@ -213,20 +161,6 @@ def test_squares_may_overflow_but_results_do_not() -> None:
         se.control((np.eye(2) * 1e200, np.eye(2)), [1e200, 1.0], [0.0, 0.0])
     with pytest.raises(ex.InputError, match="pseudoinverse"):
         se.control((np.eye(2), np.eye(2) * 1e-320), [1.0, 1.0], [0.0, 0.0])
-
-
-def test_threads_are_a_setting_not_a_result() -> None:
-    with pytest.raises(ex.SizeError):
-        se.set_num_threads(0)
-    try:
-        drawn = []
-        for threads in (1, 2, 8):
-            se.set_num_threads(threads)
-            assert se.get_num_threads() == threads
-            drawn.append(se.sample(A, 50_000, rng=1))
-        assert drawn[0] == drawn[1] == drawn[2]
-    finally:
-        se.set_num_threads(None)
 
 
 def test_senders_with_vectors_of_their_own_are_averaged() -> None:

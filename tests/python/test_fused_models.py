@@ -19,7 +19,7 @@ from coverage_study import DELTA, at_most, coverage, most, sets
 from declarations import opts
 from identification_data import SKEWED, Y, Z, check, hull, independent, tuned
 from stochens_rs import _core
-from stochens_rs.exceptions import DataWarning, InputError, NonFiniteError
+from stochens_rs.exceptions import DataWarning, InputError
 from stochens_rs.fusion import Alse
 from twin import fusing_by_data as fd
 from twin import laws
@@ -555,10 +555,3 @@ def test_models_about_an_estimate_are_refused_unless_declared():
             se.fuse(
                 [own, other], "alse", data=[some(2), some(4)], noise=se.Noise(design="independent")
             )
-
-
-def test_models_whose_squares_overflow_are_refused():
-    with pytest.raises(NonFiniteError, match="overflow"):
-        se.fuse(
-            ensemble(1e200 * MODELS), "alse", data=pairs(Z, Y), noise=se.Noise(design="independent")
-        )

@@ -35,11 +35,6 @@ def model(**options):
     return se.identify(data, **opts(design="independent", **options))
 
 
-DATA = se.Trajectories.from_pairs(
-    *np.split(np.random.default_rng(1).standard_normal((20, 5)), [2, 3], axis=1)
-)
-
-
 def plan(**options):
     return se.steer(SYSTEM, X0, XF, 12345, rng=1, **options)
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 import pytest
 
@@ -12,7 +10,7 @@ from coverage_study import DELTA
 from declarations import opts
 from identification_data import POINT, THETA, Y, Z, check, independent, noisy_states
 from stochens_rs import _core
-from stochens_rs.exceptions import DataWarning, InputError, InputTypeError
+from stochens_rs.exceptions import DataWarning, InputError
 from twin import anytime as at
 from twin import laws
 from twin import quantiles as qu
@@ -360,96 +358,6 @@ def test_states_read_with_error_are_seen_on_a_run(monkeypatch):
     assert model.doubts == model.warnings[: len(model.doubts)]
 
 
-# -- refusals --------------------------------------------------------------------------------------
-
-
-def runs_of_two_steps():
-    return se.Trajectories(np.zeros((2, 3, 2)) + np.arange(3)[:, None], np.ones((2, 2, 1)))
-
-
-REFUSED = {
-    "independent runs": (
-        lambda: fixed(runs_of_two_steps()),
-        "`design` must be 'adaptive' for runs of several steps",
-    ),
-    "sub-Gaussian": (
-        lambda: se.identify(DATA, noise=se.Noise(law="sub-gaussian")), "`sigma` must be given for"
-    ),
-    "bounded": (
-        lambda: se.identify(DATA, noise=se.Noise(law="bounded", covariance=np.eye(2))),
-        "`sigma` must be given for law",
-    ),
-    "both": (
-        lambda: fixed(sigma=1.0, covariance=np.eye(2)), "`sigma` and `covariance` must not be"
-    ),
-    "no covariance": (
-        lambda: fixed(covariance=[[1.0, 2.0], [2.0, 1.0]]), "`covariance` must be positive defini"
-    ),
-    "not symmetric": (lambda: fixed(covariance=[[1.0, 2.0], [0.0, 9.0]]), "must be symmetric"),
-    "word": (lambda: fixed(covariance="ful"), "did you mean 'full'?"),
-    "design": (
-        lambda: se.identify(DATA, noise=se.Noise(design="open")),
-        "`design` must be one of 'independent'",
-    ),
-    "everything known": (
-        lambda: fixed(known_A=np.eye(2), known_B=np.ones((2, 1))), "leave nothing to estimate"
-    ),
-    "known shape": (lambda: fixed(known_B=[0.0, 1.0]), r"`known_B` must have shape (2, 1), got"),
-    "known inf": (lambda: fixed(known_B=[[np.inf], [1.0]]), "`known_B` must contain numbers"),
-    "scale": (lambda: se.identify(DATA, scale=[1.0, 0.0, 1.0]), "in [1e-100, 1e+100], got 0"),
-    "scale shape": (lambda: se.identify(DATA, scale=[1.0]), "`scale` must have shape (3,)"),
-    "data": (lambda: se.identify(Z), "`data` must be a Trajectories"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", REFUSED)
-def test_contradictions_are_refused_with_a_reason(what):
-    call, said = REFUSED[what]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)
-        with pytest.raises((InputError, InputTypeError)) as caught:
-            call()
-    assert said in str(caught.value)
-    assert len(str(caught.value)) <= 300
-    assert "\n" not in str(caught.value)
-
-
-NO_REGION = {
-    "directions": ({}, {"x0": [1.0, 1.0]}, "`directions` needs a region of all rows at once"),
-    "future": ({"sigma": 1.0}, {"future": 1}, "`future` needs a region"),
-    "future rows": (
-        {"design": "independent"}, {"future": 1, "components": True}, "`future` needs"
-    ),
-    "method": ({"sigma": 1.0}, {"method": "universal"}, "`method` and `anytime` are for Gaussian"),
-    "anytime": ({"design": "independent"}, {"anytime": True}, "`method` and `anytime` are for"),
-    "two norms": (
-        {"design": "independent"}, {"frobenius": True, "components": True}, "`frobenius` needs"
-    ),
-    "both directions": (
-        {"design": "independent"}, {"x0": [1.0, 1.0], "directions": np.eye(3)}, "not be given both"
-    ),
-    "empty directions": (
-        {"design": "independent"}, {"directions": np.zeros((3, 1))}, "an entry other than 0"
-    ),
-    "few directions": (
-        {"design": "independent"}, {"directions": np.eye(2)}, "must have 3 rows, (x, u), got 2"
-    ),
-    "delta": ({}, {"delta": 1.5}, "`delta` must be in (0, 1)"),
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("what", NO_REGION)
-def test_regions_that_are_not_known_are_refused(what):
-    options, wish, said = NO_REGION[what]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", DataWarning)
-        model = se.identify(DATA, **opts(**options))
-    with pytest.raises(InputError) as caught:
-        model.region(**{"delta": DELTA, **wish})
-    assert said in str(caught.value)
-    assert len(str(caught.value)) <= 300
-
-
 # -- ensembles -------------------------------------------------------------------------------------
 
 
@@ -496,11 +404,6 @@ def test_a_model_is_not_taken_for_the_system():
     assert exact.bound().kind == "certain"
     np.testing.assert_array_equal(exact.u, known.u)
     assert known.bound().state > exact.bound().state
-
-
-def test_estimates_cannot_be_changed():
-    with pytest.raises(ValueError, match="read-only"):
-        fixed().A[0, 0] = 1.0
 
 
 @pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")

@@ -11,7 +11,6 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from stochens_rs.exceptions import InputError
 from test_feedback import RIG, WEIGHTS
 
 A, B = RIG[:, :4], RIG[:, 4:]
@@ -221,39 +220,6 @@ def test_copies_and_pickles_go_on():
         for other in others:
             np.testing.assert_allclose(other(x), u, rtol=1e-8)
         x = A @ x + B @ u + 0.0005 * gen.standard_normal(4)
-
-
-def test_arguments_that_cannot_be_kept():
-    model = model_of_runs(30)
-    gain = se.gain(model, *WEIGHTS)
-    given = {"keep": se.Keep(gain, 60), "limits": (-1.0, 1.0)}
-    for wrong, name in (((gain, 0), "calls"), ((gain, 9, 1.0), "probability")):
-        with pytest.raises(InputError, match=f"`{name}`"):
-            se.Keep(*wrong)
-    with pytest.raises(se.exceptions.InputTypeError, match="`gain`"):
-        se.Keep(1.0, 60)
-
-    def refused(match, system=model, kind=InputError, **changed):
-        with pytest.raises(kind, match=match):
-            se.regulate(system, 20, **{**given, **changed})
-
-    refused("`probability` must be below", keep=se.Keep(gain.certificate(0.05), 60, 0.96))
-    refused("low < 0 < high", limits=(0.0, 1.0))
-    refused("finite", limits=(None, None))
-    refused("finite", limits=None)
-    refused("without `rate`", limits=se.Limits(u=(-1, 1), rate=0.5, previous=0.0))
-    refused("soft=False", limits=se.Limits(u=(-1, 1), x=(-1, 1)))
-    refused("same in all steps", limits=(-1.0, np.linspace(1, 2, 20)[:, None]))
-    refused("must be the model", system=model_of_runs(31))
-    refused("must be the model", system=se.System(A, B))
-    refused("`keep`", kind=se.exceptions.InputTypeError, keep=0.9)
-    loop = se.regulate(model, 20, **given)
-    with pytest.raises(InputError, match="`system` cannot change"):
-        loop.swap(model)
-    for huge in (1e300, 1e100):
-        np.testing.assert_array_equal(loop(huge * START), [0.0])
-        assert loop.log[-1].status == "held"
-    assert np.isfinite(loop(1e-300 * START)).all()
 
 
 def test_without_a_plan_the_call_ends_with_its_time(monkeypatch):

@@ -154,12 +154,3 @@ def test_what_has_no_labels_gives_the_same_control():
     plain = se.control((A, B), X0, XF)
     framed = se.control((pd.DataFrame(A), pd.DataFrame(B)), pd.Series(X0), xr.DataArray(XF))
     np.testing.assert_array_equal(framed.u, plain.u)
-
-
-def test_neither_is_imported_by_the_package():
-    import subprocess
-    import sys
-
-    code = "import stochens_rs, sys; print({'pandas', 'xarray'} & set(sys.modules))"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"

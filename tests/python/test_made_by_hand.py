@@ -14,8 +14,6 @@ from stochens_rs.exceptions import InputError, NonFiniteError
 from stochens_rs.fusion import Alse
 
 nan, inf = float("nan"), float("inf")
-A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
-X0, XF = np.array([1.0, 2.0]), np.array([0.5, 0.0])
 
 
 def honest_fits():

@@ -8,7 +8,6 @@ from scipy import stats
 
 import stochens_rs as se
 from coverage_study import sets
-from stochens_rs.exceptions import InputError, SizeError
 
 SETS = sets(300, 40)
 LAWS = {
@@ -103,23 +102,3 @@ def test_the_whole_trajectory_is_that_of_the_drawn_means():
     a = drawn["A"]
     ends = np.abs(a * (a * drawn["x0"] + 0.6) + 0.2 - drawn["xf"])
     np.testing.assert_allclose(found, np.quantile(ends, [0.9, 0.5, 0.1]), rtol=0.06)
-
-
-def test_where_it_is_refused():
-    few, target = se.DataStream([[1.0]]), se.DataStream([[1.0]], A=[[1.0]])
-    for stream in (few, target):
-        stream.update(x0=np.ones((16, 1)), xf=np.ones((15, 1)), A=np.ones((16, 1, 1)))
-    with pytest.raises(InputError, match="`xf` must be the mean of 16 realizations or more, or kn"):
-        few.typical()
-    with pytest.raises(InputError, match="`typical` needs the mean of A, but this stream fits"):
-        target.typical()
-    with pytest.raises(InputError, match="`typical` needs at least one realization of x0, xf, A"):
-        se.DataStream([[1.0]]).typical()
-    few.update(xf=[1.0])
-    with pytest.raises(SizeError, match=r"`draws` must be at least 19 for delta=0\.05, got 10"):
-        few.typical(draws=10)
-    with pytest.raises(InputError, match="`u` must have shape"):
-        few.typical([[1.0, 2.0]])
-    with pytest.raises(InputError, match="`u` must have at least"):
-        few.typical(np.zeros((0, 1)))
-    assert few.typical([[1e200], [1e200]]).miss == pytest.approx(2e200)

@@ -379,22 +379,6 @@ def test_bad_pairs_are_refused_before_any_is_taken_in():
     assert stream.size == 79
 
 
-@pytest.mark.parametrize(
-    ("options", "text"),
-    [
-        ({"noise": "bounded", "sigma": 1.0, "design": "independent"}, "must be 'adaptive'"),
-        ({"noise": "bounded"}, "`sigma` must be given"),
-        ({"first": 10}, "`first` needs design='independent'"),
-        ({"delta": 1.0}, "`delta` must be in"),
-        ({"scale": 0.0}, "`scale` must be > 0"),
-        ({"state_names": ["a"], "input_names": ["a"]}, "must differ from `state_names`"),
-    ],
-)
-def test_options_that_do_not_go_together(options, text):
-    with pytest.raises(StochensError, match=text):
-        se.ModelStream(1, 1, **opts(**options))
-
-
 def test_regions_share_the_delta_of_the_stream():
     stream, _, _ = filled(delta=0.01)
     model = stream.model
@@ -528,13 +512,3 @@ def test_declarations_that_cannot_be_a_stream_are_refused(small: Path, change: d
         change = {"assumptions": tree["assumptions"] | change["assumptions"]}
     text = json.dumps(tree | change).encode()
     refused(small, sections | {"record": np.frombuffer(text, np.uint8)})
-
-
-def test_shown() -> None:
-    stream, _, _ = filled(dt=0.5)
-    assert repr(stream) == "<ModelStream: n=4 m=2 dt=0.5, 40 pairs>"
-    assert repr(stream.model) == "<Snapshot: n=4 m=2 dt=0.5, 40 pairs>"
-    look = stream.look(np.ones(4), np.zeros(4), tol=0.5)
-    assert repr(look).startswith("<Look: within ")
-    for one in (stream, stream.model, look):
-        assert "<table" in one._repr_html_()

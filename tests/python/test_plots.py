@@ -33,17 +33,6 @@ def test_given_axes_are_used_and_pyplot_sees_nothing():
     assert len(ax.lines) > 0
 
 
-def test_axes_of_pyplot_can_be_given():
-    figure, ax = plt.subplots()
-    try:
-        before = plt.get_fignums()
-        drawn(ax=ax)
-        assert plt.get_fignums() == before
-        assert figure.legends == []
-    finally:
-        plt.close(figure)
-
-
 def test_pyplot_gets_the_figure_where_it_opens_windows():
     pytest.importorskip("tornado")
     before = plt.get_backend()
@@ -90,12 +79,6 @@ def test_missing_matplotlib_names_the_extra():
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "stochens_rs[plot]" in run.stdout
-
-
-def test_import_does_not_load_matplotlib():
-    code = "import sys, stochens_rs; print('matplotlib' in sys.modules)"
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.strip() == "False"
 
 
 # -- models from data --------------------------------------------------------------------------

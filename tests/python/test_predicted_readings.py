@@ -153,16 +153,6 @@ def test_the_misses_of_drawn_models_are_from_what_is_predicted():
         se._core.drawn_misses(law, *begin, goal.ravel()[1:], *end)
 
 
-def test_a_model_of_states_takes_no_record():
-    z = np.random.default_rng(1).standard_normal((40, 3))
-    data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], 0.5 * z[:, :1] + 0.1 * z[:, 2:])
-    model = se.identify(data, checks=False, noise=se.Noise(sigma=0.1))
-    with pytest.raises(InputError, match="`record` must be left out: it is for models of outputs"):
-        se.predict(model, [1.0], [[0.0]], record="rest")
-    with pytest.raises(InputError, match="`x0` must be the initial state, got None"):
-        se.predict(model, inputs=[[0.0]])
-
-
 # -- stretches -----------------------------------------------------------------------------------
 
 
@@ -185,14 +175,3 @@ def test_stretches_follow_on_each_other_within_pieces():
         window.stretches(data, 7)
     with pytest.raises(InputTypeError, match="`data` must be a Trajectories"):
         window.stretches(data.runs, 2)
-
-
-def test_stretches_bring_names_into_order():
-    gen = np.random.default_rng(1)
-    y, u = gen.standard_normal((9, 2)), gen.standard_normal((8, 1))
-    names = {"input_names": ["F"], "outputs": True}
-    data = se.Trajectories([y], [u], state_names=["b", "a"], **names)
-    window = se.identification.Regressors(("a", "b"), ("F",), 2)
-    np.testing.assert_array_equal(window.stretches(data, 7)[0].readings, y[1:, ::-1])
-    with pytest.raises(InputError, match="`data` must have the"):
-        window.stretches(se.Trajectories([y], [u], state_names=["b", "c"], **names), 7)

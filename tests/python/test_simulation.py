@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 import stochens_rs as se
 from stochens_rs import reference as twin
-from stochens_rs.exceptions import NonFiniteError
 
 Array = NDArray[np.float64]
 
@@ -306,17 +305,3 @@ def test_a_mean_field_beats_runs_over_several_steps() -> None:
     assert np.all(np.linalg.norm(found.mean - mu, axis=1) < 4 * np.sqrt(expected / 500))
     _, of_runs = recursion(A, B, u, x0)
     assert np.trace(of_runs[6]) / N > 100 * expected[6]
-
-
-# -- what is refused -----------------------------------------------------------------------------
-
-
-def test_overflow_of_runs_is_named() -> None:
-    grows = (1e60 * np.array([[1.0, -1.0], [-1.0, 1.0]]), np.zeros((2, 1)))
-    u = np.zeros((8, 1))  # the exact trajectory of (1, 1) is 0; a run reaches (2e60)^8
-    for averaging in ("runs", "mean-field"):
-        with pytest.raises(NonFiniteError, match="a state of the ensemble overflows"):
-            se.simulate_ensemble(grows, [1.0, 1.0], u, 10, averaging=averaging, rng=1)
-    for keep in ((), "covariance"):
-        with pytest.raises(NonFiniteError, match="a second moment of the ensemble overflows"):
-            se.simulate_ensemble(grows, [1.0, 1.0], u[:3], 10, keep=keep, rng=1)

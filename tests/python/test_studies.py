@@ -19,7 +19,7 @@ import pytest
 
 import stochens_rs as se
 import study_functions as functions
-from stochens_rs.exceptions import InputError, InputTypeError, SizeError
+from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.studies import running
 from stochens_rs.studies import study as study_module
 from stochens_rs.studies.tasks import Block
@@ -273,50 +273,6 @@ def test_numbers_keep_their_bits() -> None:
     assert written["values"]["all"][0][-1] is None
 
 
-BAD = [
-    ({"grid": [1]}, InputTypeError, "`grid` must be a mapping of axes to values"),
-    ({"grid": {"a b": [1]}}, InputError, "`grid` must name its axes as arguments"),
-    (
-        {"grid": {"key": [1]}},
-        InputError,
-        "`grid` must not have an axis 'key', which every study has",
-    ),
-    ({"grid": {"a": []}}, InputError, "at least one value, got none"),
-    ({"grid": {"a": [1, 1.0]}}, InputError, "must have different values, got 1 twice"),
-    ({"grid": {"a": [np.nan]}}, InputError, "must not contain nan"),
-    ({"grid": {"a": [np.eye(2)]}}, InputTypeError, "give other values names, as in {'a': ..., 'b'"),
-    ({"grid": {"a": "text"}}, InputTypeError, "must be a list, got str 'text'"),
-    ({"grid": {"a": {1: 2}}}, InputTypeError, "label` must be a string, got int 1"),
-    ({"nested": "b"}, InputError, "`nested` must be 'a', got str 'b'"),
-    ({"nested": "a", "shared": ["a"]}, InputError, "must not contain the nested axis 'a'"),
-    ({"replicates": 0}, SizeError, "`replicates` must be in"),
-    ({"replicates": range(0, 8, 2)}, InputError, r"must be a range\(first, stop\)"),
-    ({"replicates": range(3, 3)}, InputError, r"must be a range\(first, stop\)"),
-    ({"replicates": 2**41}, SizeError, "`replicates` must be in"),
-    ({"function": 3}, InputTypeError, "`function` must be callable, got int 3"),
-]
-
-
-@pytest.mark.parametrize(("changed", "error", "text"), BAD)
-def test_bad_arguments(changed: dict[str, object], error: type[Exception], text: str) -> None:
-    given = {"function": noise, "grid": {"a": [1, 2]}, "replicates": 2, "rng": 1, **changed}
-    with pytest.raises(error, match=text):
-        se.Study(**given)  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize("executor", [3, "threads", object()])
-def test_bad_executors(executor: object) -> None:
-    with pytest.raises(InputTypeError, match=r"`executor` must be a concurrent.futures.Executor"):
-        study().run(executor)  # type: ignore[arg-type]
-
-
-def test_an_executor_that_was_shut_down() -> None:
-    executor = ThreadPoolExecutor(1)
-    executor.shutdown()
-    with pytest.raises(InputError, match=r"`executor` does not take tasks \(RuntimeError"):
-        study().run(executor)
-
-
 # -- interruptions ---------------------------------------------------------------------------------
 
 
@@ -415,14 +371,6 @@ def test_a_time_limit_ends_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     assert results.status == "time_limit"
     assert 75 <= results.done.sum() <= 75 + 25  # the limit, and a block of 0.1 s that had begun
     assert repr(made).startswith("<Study: study_functions.slow of 2000 replicates, ")
-
-
-def test_progress_is_told() -> None:
-    seen: list[tuple[int, int | None]] = []
-    study().run(progress=lambda done, total: seen.append((done, total)))
-    assert seen[-1] == (42, 42)
-    with pytest.raises(InputTypeError, match="`progress` must be"):
-        study().run(progress="yes")  # type: ignore[arg-type]
 
 
 # -- workers that die ------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import subprocess
 import sys
 from pathlib import Path
 
@@ -101,19 +100,3 @@ def test_a_missing_package_is_named(
     monkeypatch.setitem(sys.modules, package, None)
     with pytest.raises(ImportError, match=rf"{package}: install the extra .*stochens_rs\[tables\]"):
         RESULTS.save(tmp_path / "a.nc")
-
-
-def test_optional_packages_are_imported_when_used() -> None:
-    code = (
-        "import sys, stochens_rs as se\n"
-        "made = se.Study(lambda key, a: {'x': a}, {'a': [1, 2]}, replicates=3, rng=1)\n"
-        "print(made.run())\n"
-        "names = 'pandas xarray pyarrow h5netcdf distributed dask loky matplotlib'.split()\n"
-        "assert not set(names) & set(sys.modules)"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True, capture_output=True)
-
-
-def test_results_are_read_only() -> None:
-    with pytest.raises(ValueError, match="read-only"):
-        RESULTS.values["error"][0, 0, 0] = 1.0

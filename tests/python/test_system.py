@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import copy
 import pickle
-import subprocess
-import sys
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from stochens_rs.exceptions import InputError
 from stochens_rs.system.system import System
 
 A = np.array([[1.0, 0.1], [0.0, 1.0]])
@@ -105,19 +102,6 @@ def test_pickle_and_copy(system):
     assert copy.deepcopy([system])[0] is system
 
 
-def test_repr():
-    assert repr(System(A, B, dt=0.01, name="IEEE 14")) == "<System IEEE 14: n=2 m=1 dt=0.01>"
-    assert repr(System(A, B)) == "<System: n=2 m=1 dt=None>"
-    assert repr(System(A, B, dt=True, name="two\nlines")) == "<System two lines: n=2 m=1 dt=True>"
-
-
-def test_repr_html_escapes_the_name():
-    text = System(A, B, dt=0.1, name="<script>")._repr_html_()
-    assert "<script>" not in text
-    assert "&lt;script&gt;" in text
-    assert ">0.1 s</td>" in text
-
-
 # -- from_any ----------------------------------------------------------------------------------
 
 
@@ -135,35 +119,3 @@ def test_from_any_takes_anything_with_A_and_B():
     named = System.from_any(SimpleNamespace(A=A, B=B, dt=0.1, name="drone"))
     assert (named.dt, named.name) == (0.1, "drone")
     assert System.from_any(SimpleNamespace(A=A, B=B, name="sys[12]")).name is None
-
-
-def test_from_any_takes_discrete_scipy_systems():
-    signal = pytest.importorskip("scipy.signal")
-    C, D = np.eye(2), np.zeros((2, 1))
-    assert System.from_any(signal.dlti(A, B, C, D, dt=0.1)) == System(A, B, dt=0.1)
-    assert System.from_any(signal.StateSpace(A, B, C, D, dt=0.1)) == System(A, B, dt=0.1)
-    assert System.from_any(signal.StateSpace(A, B, C, D, dt=True)) == System(A, B, dt=True)
-
-
-def test_from_any_refuses_continuous_scipy_systems():
-    signal = pytest.importorskip("scipy.signal")
-    C, D = np.eye(2), np.zeros((2, 1))
-    with pytest.raises(InputError, match=r"scipy\.signal\.lti.*discretize"):
-        System.from_any(signal.lti(A, B, C, D))
-
-
-def test_from_any_takes_python_control_systems():
-    control = pytest.importorskip("control")
-    C, D = np.eye(2), np.zeros((2, 1))
-    assert System.from_any(control.ss(A, B, C, D, 0.1)) == System(A, B, dt=0.1)
-    with pytest.raises(InputError, match="discretize"):
-        System.from_any(control.ss(A, B, C, D, 0))
-
-
-def test_no_optional_package_is_imported():
-    code = (
-        "import sys, stochens_rs.system.system; "
-        "print({'scipy', 'control', 'matplotlib', 'pandas'} & set(sys.modules))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "set()"

@@ -7,7 +7,6 @@ import pandas as pd
 import pytest
 
 import stochens_rs as se
-from identification_data import noisy_states
 from stochens_rs.data.trajectories import pooled
 from stochens_rs.exceptions import InputError, InputTypeError
 from twin import triangle as tr
@@ -49,18 +48,6 @@ def test_one_run_and_arrays_of_runs(gen):
     assert se.Trajectories(x[0], u[0]) == se.Trajectories([x[0]], [u[0]])
     assert se.Trajectories(x[0].tolist(), u[0].tolist()) == se.Trajectories(x[:1], u[:1])
     assert se.Trajectories(x.tolist(), u.tolist()) == se.Trajectories(x, u)
-
-
-def test_inputs_are_copied_and_nothing_can_be_changed(gen):
-    x, u = gen.standard_normal((3, 2)), gen.standard_normal((2, 1))
-    data = se.Trajectories(x, u)
-    before = data.pairs()[0].copy()
-    x[:] = 7.0
-    np.testing.assert_array_equal(data.pairs()[0], before)
-    with pytest.raises(ValueError, match="read-only"):
-        data.pairs()[0][0] = 1.0
-    with pytest.raises(AttributeError, match="immutable"):
-        data.dt = 1.0
 
 
 # -- parts and pools -------------------------------------------------------------------------------
@@ -144,12 +131,6 @@ def test_times_written_with_few_digits_are_equally_far_apart():
     assert read(table(t=[0.0, 0.1, 0.20005, 5.0, 5.10008])).dt == pytest.approx(0.1, rel=1e-3)
 
 
-def test_dates_give_seconds():
-    times = pd.date_range("2020-01-01", periods=3, freq="min")
-    frame = pd.DataFrame({"t": times, "x": [1.0, 2, 3], "v": [1.0, 2, 3], "u": [1.0, 2, 3]})
-    assert read(frame, by=None).dt == 60.0
-
-
 @pytest.mark.parametrize("labels", [[1, 1, True, True], [0, 0, False, False], [1, 1, "1", "1"]])
 def test_runs_with_different_labels_are_different_runs(labels):
     columns = {"run": labels, "x": [1.0, 2, 3, 4], "v": [1.0] * 4, "u": [1.0] * 4}
@@ -193,21 +174,3 @@ def test_bad_tables_are_refused_with_run_and_time(what):
         read(columns)
     assert said in str(caught.value)
     assert len(str(caught.value)) < 300
-
-
-def test_a_long_run_of_readings_is_shown_in_a_notebook(gen):
-    _, run = noisy_states(gen, 50, 0.1)
-    shown = made([run], state_names=["a<b", "c"], dt=0.1)._repr_html_()
-    assert "a&lt;b, c" in shown
-    assert "<polyline" in shown
-
-
-def test_a_table_without_runs_is_said_to_be_one_run():
-    table = {"x": [0.0, 1.0, 2.0, 3.0], "u": [1.0, np.nan, 1.0, np.nan], "t": [0.0, 1.0, 0.0, 1.0]}
-    with pytest.raises(InputError, match=r"another run begins: cut the log there, or give `by`"):
-        se.Trajectories.from_table(table, states=["x"], inputs=["u"], time="t")
-
-
-def test_a_table_is_no_data_to_identify():
-    with pytest.raises(InputTypeError, match=r"see Trajectories.from_table"):
-        se.identify(pd.DataFrame({"x": [0.0, 1.0], "u": [1.0, 1.0]}))

@@ -169,20 +169,6 @@ def test_ensemble(problem: Problem, name: str, axis: str) -> None:
     assert np.array_equal(again.dense(), samples)
 
 
-@pytest.mark.parametrize("scheme", ["iid", "systematic"])
-@pytest.mark.parametrize("axis", ["columns", "rows"])
-def test_sample_counts(problem: Problem, scheme: str, axis: str) -> None:
-    c = se.sample_counts(problem.given["A"], 10_000, rng=1, scheme=scheme, axis=axis)
-    drawn = np.any(
-        twin.sampling.to_lines(problem.A, axis) != 0, axis=0
-    )  # a zero line is hit nowhere
-    assert np.array_equal(twin.sampling.to_lines(c.counts, axis).sum(axis=0), 10_000 * drawn)
-    nonzero_line = np.any(twin.sampling.to_lines(problem.A, axis), axis=0)
-    assert np.all(twin.sampling.to_lines(c.counts * (problem.A == 0), axis)[:, nonzero_line] == 0)
-    expected = twin.sampling.atoms(problem.A, axis) * c.counts / 10_000
-    assert_allclose(c.estimate, expected, rtol=1e-14, atol=0)
-
-
 # --- fusing ---------------------------------------------------------------------------------------
 
 
@@ -260,14 +246,6 @@ def test_alse_of_a_vector_is_the_closed_form(problem: Problem, weight_set: str) 
             assert_allclose(fit.weights, exact.weights, atol=1e-13)
             assert_allclose(fit.estimate, exact.estimate, atol=1e-13 * unit)
             assert_allclose(fit.error, exact.error, atol=1e-13 * unit)
-
-
-def test_uniform_needs_no_target(problem: Problem) -> None:
-    ens = se.sample(problem.given["A"], problem.N, rng=2)
-    fit = se.fuse(ens)
-    assert fit.method == "uniform"
-    assert fit.error is None
-    assert_allclose(fit.estimate, ens.dense().mean(axis=0), atol=1e-12 * size_of(problem.A))
 
 
 @pytest.mark.parametrize("method", METHODS)

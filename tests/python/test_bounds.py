@@ -305,34 +305,6 @@ def merged(law):
     return list(found.values())
 
 
-def test_fused_bounds_are_never_larger_than_those_with_norms():
-    B, x0, xf, A = (np.array(x) for x in CONTROLS["square"])  # B B+ = I: nothing is projected
-    N, delta = 400, 0.02
-    L = math.log(1.0 / delta)
-    g0, gf, g = np.abs(x0).sum(), np.abs(xf).sum(), np.abs(A).sum(axis=0)
-    rms = moments.state_rms((A, B), x0, xf, N)
-    product = rms + np.sqrt(L * (gf**2 + 3 * g0**2 * g.max() ** 2) / N)
-    found = bounds.bound("McDiarmid", "state", (A, B), x0, xf)
-    assert 0.5 * product < found.radius(N, delta) <= product * (1.0 + 1e-12)
-
-
-def test_diagonal_bousquet_is_its_formula_for_a_known_state_matrix():
-    B, x0, xf, A = (np.array(x) for x in CONTROLS["m < n"])
-    N, delta = 300, 0.1
-    L, M = math.log(10.0), np.linalg.pinv(B)
-    C = moments.vector_covariance(xf) + A @ moments.vector_covariance(x0) @ A.T
-    E, lam = np.sqrt(np.trace(M @ C @ M.T) / N), np.linalg.eigvalsh(M @ C @ M.T)[-1] / N
-    far_f = max(np.linalg.norm(M @ (2.5 * s - xf)) for s in np.eye(2))
-    atoms = 1.5 * np.diag([1.0, -1.0])
-    far_0 = max(np.linalg.norm(M @ A @ (s - x0)) for s in atoms.T)
-    U = (far_f + far_0) / N
-    expected = E + np.sqrt(2 * L * (lam + 2 * U * E)) + U * L / 3
-    found = bounds.bound("Bousquet", "control", (A, B), x0, xf, fusion="diagonal")
-    assert found.radius((N, N, None), delta) == pytest.approx(expected, rel=1e-12)
-    product = bounds.bound("Bousquet", "control", (A, B), x0, xf)
-    assert product.radius((N, N, None), delta) == pytest.approx(expected, rel=1e-12)
-
-
 @pytest.mark.parametrize("quantity", QUANTITIES)
 @pytest.mark.parametrize("case", ["square", "m < n", "cancelling", "zero column"])
 def test_diagonal_bousquet_is_its_formula(case, quantity):
@@ -487,15 +459,3 @@ def paired(A, B, x0, xf):
     g0, gf, gA = np.abs(x0).sum(), np.abs(xf).sum(), np.abs(A).sum(axis=0).max()
     V = moments.state_rms((A, B), x0, xf, 1, fusion="diagonal") ** 2
     return paper.Corrected(V, gf**2 + 2.0 * g0**2 * gA**2)
-
-
-# -- input -----------------------------------------------------------------------------------------
-
-
-def test_arguments_are_not_modified():
-    data = [np.array(x, dtype=float) for x in CONTROLS["m < n"]]
-    before = [x.copy() for x in data]
-    B, x0, xf, A = data
-    for fusion, axis in itertools.product(("product", "diagonal"), AXES):
-        drawn_bound("control", (A, B), x0, xf, size=9, delta=0.1, fusion=fusion, axis=axis)
-    assert all(np.array_equal(x, y) for x, y in zip(data, before, strict=True))

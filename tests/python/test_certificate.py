@@ -35,13 +35,6 @@ def test_a_limit_returns_the_best_weights_and_says_so(limit: Alse) -> None:
     assert fit.gap > 1e-9 * np.sum(A30**2)
 
 
-def test_a_generous_limit_changes_nothing() -> None:
-    free = se.fuse(HARD.prefix(300), "alse", target=A30)
-    granted = se.fuse(HARD.prefix(300), Alse(time_limit=1e9, max_iter=10**9), target=A30)
-    assert np.array_equal(free.weights, granted.weights)
-    assert granted.status == "optimal"
-
-
 def test_a_path_shares_its_time() -> None:
     sizes = [100, 1700, 1750]
     path = se.fuse_path(HARD, sizes, Alse(time_limit=1e-6), target=A30, estimates=True)

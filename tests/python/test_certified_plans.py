@@ -240,15 +240,6 @@ def test_noise_of_known_size_joins_the_radii(law, K):
 # -- what a plan says ------------------------------------------------------------------------------
 
 
-def test_the_offset_is_part_of_the_plan():
-    _, _, z, y = case(13)
-    model = model_of(z, y + 5.0, intercept=True)
-    plan = se.control(model, np.zeros(4), np.ones(4), steps=3)
-    np.testing.assert_allclose(plan.predicted_states[-1], np.ones(4), atol=1e-9)
-    x = plan.predicted_states
-    np.testing.assert_allclose(x[1], model.A @ x[0] + model.B @ plan.u[0] + model.c)
-
-
 class Shifted(Identified):
     """A model whose region has another centre, as that of a fused model."""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from datetime import datetime, timedelta, timezone
 
 import numpy as np
@@ -10,7 +9,6 @@ import pandas as pd
 import pytest
 
 import stochens_rs as se
-from stochens_rs import cli
 from stochens_rs.data.table import SECONDS, titled, unit_of
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
 
@@ -157,21 +155,6 @@ def test_it_is_refused_with_the_cure(tmp_path, what):
     with pytest.raises((InputError, InputTypeError), match=said) as caught:
         read(tmp_path, text, **options)
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize("kind", ["pipe", "device", "directory"])
-def test_what_is_no_regular_file_is_refused(tmp_path, kind):
-    path = tmp_path / "x.csv"
-    if kind == "pipe":
-        os.mkfifo(path)
-    elif kind == "device":
-        path.symlink_to("/dev/zero")
-    else:
-        path.mkdir()
-        (tmp_path / "y.csv").write_text(PLAIN)
-        assert se.Trajectories.from_csv(tmp_path, **COLUMNS).size == T - 1  # a folder is no log
-    with pytest.raises(InputError, match=f"must be a regular file, got a {kind}"):
-        se.Trajectories.from_csv(f"{tmp_path}/[x].csv", **COLUMNS)
 
 
 # -- columns of tables -----------------------------------------------------------------------------
@@ -392,13 +375,6 @@ def test_rest_before_a_step_is_read_and_the_end_of_a_range_is_said(tmp_path, kin
     said = f"`speed` reads 11, its largest value, in {clipped} rows: no harm if"
     with pytest.warns(DataWarning, match=said):
         load(kind, table, path)
-
-
-def test_the_end_of_a_range_is_said_on_the_command_line(tmp_path, capsys):
-    table = step_response()
-    pd.DataFrame(table | {"speed": np.minimum(table["speed"], 11.0)}).to_csv(tmp_path / "log.csv")
-    cli.main(["identify", str(tmp_path / "log.csv"), "--states", "speed", "--inputs", "volt"])
-    assert "`speed` reads 11, its largest value, in" in capsys.readouterr().out
 
 
 # -- short logs ------------------------------------------------------------------------------------

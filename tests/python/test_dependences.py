@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pickle
-import re
 import warnings
 
 import numpy as np
@@ -13,7 +12,6 @@ from scipy import linalg, stats
 import hidden_systems as hidden
 import stochens_rs as se
 from coverage_study import at_most, failures, repeated, sets
-from declarations import opts
 from stochens_rs.exceptions import DataWarning
 from stochens_rs.identification import checks as residual_checks
 
@@ -141,18 +139,6 @@ def test_certificates_from_differences_are_wrong_and_hence_infinite():
             wrong += plan.bound(0.05).target < true_distance(plan)
             del vars(model)["doubts"], vars(model)["_faults"]
     assert wrong >= 12
-
-
-def test_the_message_names_the_columns():
-    gen = np.random.default_rng(102)
-    data = differenced(gen, 5, "backward")
-    with pytest.warns(DataWarning, match="position, angle, speed and rate are tied exactly"):
-        model = se.identify(data)
-    assert "exact=['speed', 'rate']" in model.doubts[0]
-    steady = np.array(data.runs[0][0])[:, [0, 2]]
-    other = se.Trajectories(steady, data.runs[0][1], state_names=["p", "v"])
-    assert "p and v are tied exactly" in se.identify(other).doubts[0]
-    assert all(len(text) <= 300 and "\n" not in text for text in model.warnings)
 
 
 # -- honest states ---------------------------------------------------------------------------------
@@ -301,34 +287,3 @@ def test_p_values_at_the_least_are_told_apart():
         assert "beyond all 499 simulated" in " ".join(checks.warnings)
     assert said[0] > 5.0
     assert said[0] != said[1]
-
-
-# -- a constant that is left out -------------------------------------------------------------------
-
-
-def pushed(force, gen, runs=8):
-    """Runs of a swing under a constant force, its angle read."""
-    F, g = np.array([[1.6, 1.0], [-0.7, 0.0]]), np.array([1.0, 0.4])
-    states, inputs = [], []
-    for _ in range(runs):
-        u, x = gen.standard_normal((60, 1)), [gen.standard_normal(2)]
-        for k in range(60):
-            x.append(F @ x[-1] + g * (u[k, 0] + force) + 0.3 * gen.standard_normal(2))
-        states.append(np.array(x)[:, :1])
-        inputs.append(u)
-    return se.Trajectories(states, inputs, outputs=True)
-
-
-@pytest.mark.parametrize("options", [{"lags": 4}, {"filters": (0.3, 4)}])
-def test_a_constant_that_is_left_out_is_said(options):
-    gen = np.random.default_rng(8)
-    data = pushed(0.5, gen)
-    said = se.identify(data, **opts(checks=False, **options)).warnings
-    assert any(
-        re.match(r"a constant explains \d+(\.\d)? % of .*intercept=True", one) for one in said
-    )
-    said = se.identify(data, **opts(checks=False, intercept=True, **options)).warnings
-    assert not any("a constant" in one for one in said)
-    quiet = [pushed(0.0, gen) for _ in range(40)]  # 40 false alarms in 1e4 at most
-    found = [se.identify(one, **opts(checks=False, **options)).warnings for one in quiet]
-    assert not any("a constant" in one for some in found for one in some)

@@ -6,9 +6,7 @@ quantile of the binomial law.
 
 from __future__ import annotations
 
-import runpy
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -400,25 +398,6 @@ def test_mean_square_error_is_below_that_of_least_squares(case, sigma):
         )
     ours, least = np.mean(risks, axis=0)
     assert ours <= largest * least
-
-
-@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
-def test_table_of_the_grid():
-    """Not above the better of least squares and the mixture: 5 %; near the hull, where both are
-    equally good and 6 repetitions scatter, 10 %. The script repeats 40 times, also for 3 pairs."""
-    script = Path(se.__file__).parents[2] / "benches" / "fused_models.py"
-    if not script.exists():
-        pytest.skip("not run from a checkout")
-    bench = runpy.run_path(str(script))
-    for kind in bench["KINDS"]:
-        sizes = (3, 10, 40, 200) if kind == "right hull" else (10, 40, 200)
-        for row in bench["table"](kind, sizes, 6):
-            most = 1.10 if kind == "near hull" else 1.05
-            assert row["fused"] <= most * min(row["least squares"], row["mixture"]), (kind, row)
-            if kind == "right hull":
-                others = row["best single"], row["mean"], row["ridge"], row["least squares"]
-                assert row["fused"] < 0.5 * min(others)
-    assert "| fused |" in bench["markdown"](kind, [row])
 
 
 # --- what it says ---------------------------------------------------------------------------------

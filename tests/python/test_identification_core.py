@@ -55,11 +55,6 @@ def test_a_triangle_keeps_the_digits_that_normal_equations_lose(gen):
         np.linalg.cholesky(rows.T @ rows)
 
 
-def test_threads_change_no_bit(gen):
-    rows = gen.standard_normal((100_000, 6))
-    assert np.array_equal(core.triangle(rows, 1), core.triangle(rows, 2))
-
-
 # -- laws ------------------------------------------------------------------------------------------
 
 

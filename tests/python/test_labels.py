@@ -22,17 +22,8 @@ BATCH = np.arange(12.0).reshape(3, 2, 2)
 LABELLED = {
     "names": (pd.Series(X0, index=["speed", "angle"]), "index: 'speed', 'angle'"),
     "names as columns": (pd.DataFrame(A, columns=["a", "b"]), "columns: 'a', 'b'"),
-    "names as rows": (pd.DataFrame(A, index=["a", "b"]), "index: 'a', 'b'"),
     "permuted": (pd.Series(X0, index=[1, 0]), "index: 1, 0"),
-    "permuted columns": (pd.DataFrame(A)[[1, 0]], "columns: 1, 0"),
-    "sorted by value": (pd.Series([2.0, 1.0]).sort_values(), "index: 1, 0"),
-    "part of a longer one": (pd.Series(np.arange(9.0))[5:7], "index: 5, 6"),
     "counted from 1": (pd.Series(X0, index=[1, 2]), "index: 1, 2"),
-    "time": (pd.DataFrame(A, index=pd.Index([0.0, 0.1], name="t")), "index: 0.0, 0.1"),
-    "whole times": (pd.Series(X0, index=[0.0, 1.0]), "index: 0.0, 1.0"),
-    "time as a column": (
-        pd.DataFrame({"t": [0.0, 0.1], "x": [1.0, 2.0]}), "columns: 't', 'x'"
-    ),
     "rows and columns": (
         pd.DataFrame(A, index=["b", "a"], columns=["x", "y"]),
         "index: 'b', 'a'; columns: 'x', 'y'",
@@ -45,15 +36,9 @@ LABELLED = {
         xr.DataArray(A, coords={"to": ["a", "b"], "from": ["b", "a"]}, dims=["to", "from"]),
         "dims: 'to', 'from'; to: 'a', 'b'; from: 'b', 'a'",
     ),
-    "dates": (pd.Series(X0, index=pd.date_range("2020", periods=2)), "index: "),
-    "two levels": (pd.Series(X0, index=pd.MultiIndex.from_tuples([(0, 0), (1, 0)])), "index: "),
-    "bool": (pd.Series(X0, index=[False, True]), "index: False, True"),
     "coordinates": (xr.DataArray(X0, coords={"state": ["b", "a"]}), "state: 'b', 'a'"),
-    "permuted coordinates": (xr.DataArray(X0, coords={"x": [1, 0]}), "x: 1, 0"),
-    "dimensions": (xr.DataArray(A, dims=["to", "from"]), "dims: 'to', 'from'"),
     "permuted dimensions": (xr.DataArray(A).T, "dims: 'dim_1', 'dim_0'"),
     "in a list": ([pd.Series(row, index=["b", "a"]) for row in A], "index: 'b', 'a'"),
-    "deep in a list": ([[pd.Series(row, index=["b", "a"]) for row in A]], "index: 'b', 'a'"),
     "polars, by its attributes": (
         SimpleNamespace(columns=["x", "y"], to_numpy=lambda: A, __array__=lambda: A),
         "columns: 'x', 'y'",
@@ -76,17 +61,11 @@ def test_labels_are_refused_with_the_cure(what):
 
 UNLABELLED = {
     "series": (pd.Series(X0), X0),
-    "series with a name": (pd.Series(X0, name="x0"), X0),
     "frame": (pd.DataFrame(A), A),
-    "frame of integers": (pd.DataFrame([[1, 2], [3, 4]], index=[0, 1]), [[1.0, 2.0], [3.0, 4.0]]),
-    "index": (pd.Index([1.0, 2.0]), X0),
     "list of series": ([pd.Series(row) for row in A], A),
     "data array": (xr.DataArray(A), A),
     "data array with one named dimension": (xr.DataArray(X0, dims="state"), X0),
     "counted coordinates": (xr.DataArray(X0, coords={"x": [0, 1]}), X0),
-    "to_numpy": (LABELLED["names"][0].to_numpy(), X0),
-    "structured, by field": (np.array([(1.0,), (2.0,)], [("x", float)])["x"], X0),
-    "np.matrix": (A.view(np.matrix), A),
 }
 
 
@@ -105,32 +84,20 @@ ENTRIES = {
     "System A": lambda: se.System(frame, B),
     "System B": lambda: se.System(A, pd.DataFrame(B, columns=["u", "v"])),
     "System.from_any": lambda: se.System.from_any(SimpleNamespace(A=frame, B=B)),
-    "System.from_any of a tuple": lambda: se.System.from_any((A, frame)),
     "sample": lambda: se.sample(x0, 5),
     "sample_counts": lambda: se.sample_counts(frame, 5),
     "from_samples": lambda: se.Ensemble.from_samples(frame),
-    "from_samples, a list": lambda: se.Ensemble.from_samples([frame, frame]),
-    "from_samples, an array": lambda: se.Ensemble.from_samples(
-        xr.DataArray(BATCH, dims=["run", "to", "from"])
-    ),
     "from_indices": lambda: se.Ensemble.from_indices(pd.Series([0, 1], index=[7, 8]), X0),
     "fuse": lambda: se.fuse(ensemble, target=frame),
-    "fuse_path": lambda: se.fuse_path(ensemble, pd.Series([1, 2], index=[2, 1]), target=A),
     "combine": lambda: ensemble.combine(pd.Series(np.ones(5), index=list("abcde"))),
     "control": lambda: se.control((A, B), x0, XF),
-    "control over steps": lambda: se.control((A, B), X0, x0, steps=3),
-    "steer": lambda: se.steer((A, B), x0, XF, 5),
-    "simulate": lambda: se.simulate((A, B), X0, pd.DataFrame(B, index=[0.0, 0.1])),
     "track": lambda: se.track((A, B), pd.DataFrame(A, columns=["t", "x"]), 5),
     "Stream": lambda: se.Stream((A, B), x0, XF),
     "Trajectories": lambda: se.Trajectories(pd.DataFrame(A, columns=["p", "v"]), [[1.0]]),
     "Trajectories.from_pairs": lambda: se.Trajectories.from_pairs(frame, B, A),
-    "identify": lambda: se.identify(se.Trajectories(A, [[1.0]]), known_A=frame),
     "SystemEnsemble": lambda: se.SystemEnsemble([frame], [B]),
-    "DataStream": lambda: se.DataStream(B, A=frame),
     "DataStream.update": lambda: se.DataStream(B).update(x0=x0),
     "DataStream.update, one by one": lambda: se.DataStream(B).update(x0=iter([X0, x0])),
-    "theory": lambda: se.theory.moments.vector_covariance(x0),
     "drawn_bound": lambda: se.theory.drawn_bound("vector", x0, size=5, delta=0.1),
 }
 

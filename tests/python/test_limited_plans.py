@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
-
 import numpy as np
 import pytest
 
@@ -11,12 +9,8 @@ import stochens_rs as se
 from limit_plans import WAYS, check, draw_case, exactly, within
 from limit_problems import draw_box, draw_map, weight
 from stochens_rs import _core
-from stochens_rs.exceptions import InputError
 from twin import limited_control as lc
 from twin import limited_problems as lp
-
-TWO = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])  # the double integrator
-
 
 # -- estimates and models --------------------------------------------------------------------------
 
@@ -88,56 +82,6 @@ def test_an_input_without_effect_leaves_no_state_to_round(R):
     )
     error = plan.error(still, [1.0, 1.0], [0.0, 0.0])
     assert (error.state, error.state_rounding, error.control) == (0.0, 0.0, 0.0)
-
-
-def test_the_error_is_within_the_bound_of_a_moved_target(gen):
-    """500 draws: ||B (u - u')||_Q <= ||b - b'||_Q, and half of it for the inputs in R."""
-    largest = [0.0, 0.0]
-    for i in range(500):
-        n, m = int(gen.integers(1, 5)), int(gen.integers(1, 4))
-        B, Q, R = draw_map(gen, "plain", n, m), weight(gen, n) + 0.01 * np.eye(n), 0.3
-        low, high = draw_box(gen, WAYS[i % 5], m, 1.0)
-        xf = 2.0 * gen.normal(size=n)
-        moved = xf + 10.0 ** gen.uniform(-2, 1) * gen.normal(size=n)
-        plans = [
-            se.control((0.0 * Q, B), 0.0 * xf, y, limits=(low, high), cost=se.Cost(Q=Q, R=R))
-            for y in (xf, moved)
-        ]
-        du, delta = plans[0].u[0] - plans[1].u[0], lp.norm(xf - moved, Q)
-        largest[0] = max(largest[0], lp.norm(B @ du, Q) / delta)
-        largest[1] = max(largest[1], 2.0 * np.sqrt(R) * np.linalg.norm(du) / delta)
-    assert 0.5 < max(largest) <= 1.0 + 1e-9
-
-
-def test_the_plan_says_what_its_limits_cost():
-    plan = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, limits=(-0.5, 0.5), cost=se.Cost(R=0.0))
-    for text in (repr(plan), plan._repr_html_()):
-        assert "optimal" in text
-        assert "0.25 of it for the limits" in text
-        assert "of 2 inputs at a limit" in text
-    free = se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2, cost=se.Cost(R=1.0))
-    assert "none of 2 inputs at a limit" in repr(free)
-    assert "limits" not in repr(se.control(TWO, [1.0, 0.0], [0.0, 0.0], steps=2))
-    again = pickle.loads(pickle.dumps(plan))
-    assert again.u.tobytes() == plan.u.tobytes()
-    assert again.limited.multipliers.tobytes() == plan.limited.multipliers.tobytes()
-    with pytest.raises(InputError, match="no covariance is known within limits"):
-        plan.covariance()
-
-
-def test_a_time_limit_gives_a_control_within_the_limits(gen):
-    A, B = np.linalg.qr(gen.normal(size=(30, 30)))[0], gen.normal(size=(30, 8))
-    x0, K = 10.0 * gen.normal(size=30), 25
-    more = {"limits": (-0.2, 0.3), "Q": 1.0, "R": 1e-4}
-    plan = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=1e-9, **within(**more))
-    assert plan.status == "user_limit"
-    assert np.all((plan.u >= -0.2) & (plan.u <= 0.3))
-    done = se.control((A, B), x0, np.zeros(30), steps=K, time_limit=60.0, **within(**more))
-    assert done.status == "optimal"
-    assert (
-        plan.limited.gap
-        >= plan.limited.objective - done.limited.objective - 1e-9 * done.limited.objective
-    )
 
 
 # -- one control per realization -------------------------------------------------------------------

@@ -235,45 +235,6 @@ def test_soft_limits_that_are_kept_cost_nothing():
     assert abs(far.predicted_states[-1, 0] - 1e6 + 1) < 0.1  # the weight is 1000 times that of xf
 
 
-def test_rates_equal_the_twin(gen):
-    """100 problems with limits on changes; some also with hard limits of states."""
-    held, infeasible = 0, 0
-    for i in range(100):
-        A, B, x0, K, low, high, weights = draw_case(gen, i, steps=(2, 3, 5))
-        n, m = B.shape
-        xf, rate = gen.normal(size=n), gen.uniform(0.1, 1.0, size=m)
-        previous = np.clip(np.zeros(m), np.atleast_2d(low)[0], np.atleast_2d(high)[0])
-        low, high = (
-            np.broadcast_to(low, (K, m)).min(axis=0),
-            np.broadcast_to(high, (K, m)).max(axis=0),
-        )
-        more = {"rate": rate, "previous": previous, **weights}
-        room = {"state_limits": (-2.0, 2.0), "soft": False} if i % 4 == 3 else {}
-        plan = se.control((A, B), x0, xf, steps=K, **within(limits=(low, high), **more, **room))
-        p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **more)
-        if room:
-            C = np.vstack([np.eye(n), -np.eye(n)])
-            rows = lp.state_rows(A, B, x0, K, C, 2.0 * np.ones(2 * n))
-            missing = lc.missing(p, *rows).amount
-            np.testing.assert_allclose(plan.limited.missing, missing, atol=1e-6 * (1 + missing))
-            if missing > 1e-6:
-                assert plan.status == "infeasible"
-                infeasible += 1
-                continue
-            p = lp.with_rows(p, *rows)
-        best, u = lc.solve(p), plan.u.ravel()
-        size = np.sqrt(lp.objective(p, 0.0 * u)) + 1e-3
-        assert plan.status == "optimal"
-        assert np.all((u >= p.low) & (u <= p.high))
-        assert np.all(p.C @ u <= p.c + 1e-7 * size)
-        assert lp.norm(u - best.u, p.H) <= plan.limited.distance + 1e-6 * size
-        np.testing.assert_allclose(plan.limited.objective, best.objective, atol=1e-7 * size**2)
-        np.testing.assert_allclose(plan.limited.missed, best.missed, atol=1e-6 * size**2)
-        held += bool(np.any(best.rows > 1e-6))
-    assert held > 30
-    assert infeasible > 3
-
-
 def test_one_number_is_the_previous_input_of_all():
     more = {"limits": (-1.0, 1.0), "rate": 0.4}
     for given in (0.2, [0.2, 0.2]):

@@ -52,16 +52,3 @@ def test_the_distance_bounds_the_distance() -> None:
         assert distance <= guess.distance * (1 + 1e-9) + 1e-12
         assert guess.objective - best.objective <= guess.gap * (1 + 1e-9) + 1e-12
         assert guess.status in ("optimal", "user_limit")
-
-
-def test_batches_are_equal_for_any_number_of_threads() -> None:
-    gen = np.random.default_rng(3)
-    for d in (1, 2, 5, 8, 11):
-        M, low, high = gen.standard_normal((d, d)), np.full(d, -0.2), np.full(d, 0.3)
-        Y, r = gen.standard_normal((3000, d)), np.full(d, 0.01)
-        u, gaps = core.box_batch(M, Y, r, low, high, True, 1)
-        v, none = core.box_batch(M, Y, r, low, high, False, 2)
-        assert np.array_equal(u, v)
-        assert none is None
-        assert gaps is not None
-        assert gaps.max() <= 1e-11 * np.sum(Y**2, axis=1).max()

@@ -13,7 +13,7 @@ import stochens_rs as se
 from stochens_rs.exceptions import InputError, NonFiniteError
 from stochens_rs.fusion import Alse
 
-nan, inf = float("nan"), float("inf")
+A, X0 = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([1.0, 2.0])
 
 
 def honest_fits():

@@ -8,9 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs import _core
-from stochens_rs.exceptions import InputError, StochensError
-from stochens_rs.fusion.fusing import METHODS
+from stochens_rs.exceptions import StochensError
 from stochens_rs.theory import drawn_bound, moments, scenario
 
 A, B = np.diag([0.9, 0.8, 0.7]), np.eye(3)
@@ -124,19 +122,3 @@ def test_the_message_says_what_to_pass(call, message):
 
 def test_a_tuple_of_rows_is_a_matrix():
     assert se.DataStream(((1.0,), (2.0,)))._shape == (2, 1)
-
-
-def test_the_core_refuses_unknown_words():
-    lines, draws = np.ascontiguousarray(A.T), ENSEMBLE._core_realizations()
-    words = str(METHODS).strip("()")
-    factors, key = (B, B, np.ones(3)), bytes(32)
-    for word in ("", "SLSE", "slse-", "greedy"):
-        message = f"`method` must be one of {words}, got '{word}'"
-        with pytest.raises(InputError, match=message):
-            _core.fuse_path(draws, lines, word, [20], False)
-        with pytest.raises(InputError, match=message):
-            _core.track(lines, B, X0, U, factors, 5, word, True, False, 1, key, 1)
-    with pytest.raises(InputError, match="`method` must be one without a solver, got 'alse'"):
-        _core.fuse_path(draws, lines, "alse", [20], False)
-    with pytest.raises(InputError, match="`norm` must be '1', '2' or 'spectral', got 'F'"):
-        _core.simulate_estimates(lines, 5, "iid", "F", 1, 1.0, key, 1)

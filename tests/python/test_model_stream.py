@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import pickle
-import threading
 from pathlib import Path
 
 import numpy as np
@@ -252,13 +251,6 @@ def test_a_look_asks_for_one_new_quantile():
     assert max(asked[1:]) <= 1 < asked[0]
 
 
-def test_too_few_pairs_have_a_forecast_all_the_same():
-    stream, _, _ = filled(9, sigma=None)
-    look = stream.look(np.ones(4), np.zeros(4), tol=1e6)
-    assert look.certificate.target == np.inf
-    assert 1.0 <= look.forecast < 1e4
-
-
 def measured(gen, N, sigma=0.05):
     """N runs of 10 steps of a system of two states, with inputs of [-1, 1]."""
     A, B = np.array([[1.0, 0.2], [-0.1, 0.8]]), np.array([[0.0], [0.3]])
@@ -389,26 +381,6 @@ def test_regions_share_the_delta_of_the_stream():
         model.region(future=1)
 
 
-def test_threads_lose_no_pair():
-    stream, z, y = filled(1)
-    gen = np.random.default_rng(8)
-    rows = gen.standard_normal((4, 500, 10))
-
-    def feed(mine):
-        for row in mine:
-            stream.update(row[:4], row[4:6], row[6:])
-
-    threads = [threading.Thread(target=feed, args=(mine,)) for mine in rows]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert stream.size == 2001
-    all_rows = np.vstack([np.hstack([z, y]), rows.reshape(-1, 10)])
-    R = stream.model.triangle
-    check(R.T @ R, all_rows.T @ all_rows, rtol=1e-9, atol=1e-9)
-
-
 # -- saved and continued ---------------------------------------------------------------------------
 
 OPTIONS = {
@@ -454,20 +426,13 @@ def small(tmp_path: Path) -> Path:
 
 ARRAYS = [
     ("triangle", lambda a: a * np.nan),
-    ("triangle", lambda a: -a),
-    ("triangle", lambda a: a[::-1].copy()),
     ("triangle", lambda a: a[:-1]),
     ("triangle", lambda a: 1.1 * a),  # the column of 1 is that of more pairs
     ("scale", lambda a: 0.0 * a),
-    ("scale", lambda a: a * 1e200),
     ("scale", lambda a: 2.0 * a),  # also for the offset
-    ("scale", lambda a: a[:2]),
     ("mixtures", lambda a: a * 2.0),  # another event
-    ("mixtures", lambda a: a[1:]),
     ("end", lambda a: a * np.nan),
-    ("end", lambda a: np.append(a, 0.0)),
     ("record", lambda a: a[:-1]),
-    ("record", lambda a: np.frombuffer(b"[" * 100_000, np.uint8)),
 ]
 WRONG = [
     {"size": 3}, {"size": 2**63}, {"size": -2}, {"size": 2.5}, {"runs": 0}, {"runs": 3},
@@ -480,8 +445,6 @@ DECLARED = [
     {"noise": "bounded"},  # without sigma
     {"covariance": "known"},
     {"design": "independent", "noise": "sub-gaussian"},
-    {"design": "any"},
-    {"exact": [0, 0]},
     {"exact": [1]},
 ]
 

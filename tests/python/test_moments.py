@@ -357,19 +357,6 @@ def test_scale_of_B_does_not_change_its_rank():
         )
 
 
-# -- input ---------------------------------------------------------------------------------------
-
-
-def test_input_is_not_modified():
-    (A, B), x0, xf = CONTROLS["m < n"]
-    arrays = [np.array(x, dtype=float) for x in (A, B, x0, xf)]
-    before = [x.copy() for x in arrays]
-    for fusion, axis in itertools.product(("product", "diagonal"), AXES):
-        moments.state_covariance((arrays[0], arrays[1]), *arrays[2:], 3, fusion=fusion, axis=axis)
-    moments.systematic_mse(arrays[0], 3, axis="rows")
-    assert all(np.array_equal(x, y) for x, y in zip(arrays, before, strict=True))
-
-
 # -- the sampler ---------------------------------------------------------------------------------
 
 Z_BOUND = 5.7  # two-sided normal tail 1.2e-8 per compared number

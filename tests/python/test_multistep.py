@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.exceptions import InputError
 from stochens_rs.theory import drawn_bound, moments
-
-CART = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]])
 
 
 def case(n, m, seed):
@@ -37,10 +34,6 @@ def plug_in(A, B, x0, xf, K):
 
 def vector_radius(w, size, delta):
     return drawn_bound("vector", w, size=size, delta=delta)[0]
-
-
-def counts(targets, size, key):
-    return [se.sample_counts(w, size, rng=key.child(str(i))) for i, w in enumerate(targets)]
 
 
 # -- the control ---------------------------------------------------------------------------------
@@ -209,49 +202,7 @@ def test_the_leading_order_is_a_derivative():
         np.testing.assert_allclose(plan.covariance(), found / 50, rtol=1e-12)
 
 
-def test_the_error_shrinks_with_the_root_of_n():
-    """Medians over 40 seeds: consistent, unlike the average of controls (next tests)."""
-    system, x0, xf = case(6, 2, 3)
-    medians = []
-    for size in (10**4, 10**6):
-        errors = []
-        for seed in range(40):
-            start, goal, A = counts((x0, xf, system.A), size, se.rng.as_key(seed))
-            plan = se.control((A, system.B), start, goal, steps=4)
-            errors.append(plan.error(system, x0, xf).control_relative)
-        medians.append(np.median(errors))
-    assert 6.0 < medians[0] / medians[1] < 16.0
-
-
-# -- the average of the controls of the realizations ---------------------------------------------
-
-
-def test_diagonal_fusion_over_several_steps_is_refused():
-    ends = [1.0, 0.0], [0.0, 0.0]
-    for call in (
-        lambda **options: se.control(CART, *ends, **options),
-        lambda **options: se.steer(CART, *ends, 10, **options),
-        lambda **options: se.required_samples(CART, *ends, 0.5, rng=1, **options),
-    ):
-        for steps in (2, 7):
-            with pytest.raises(InputError, match=f"`fusion` must be 'product' with steps={steps}"):
-                call(fusion="diagonal", steps=steps)
-        call(fusion="diagonal", steps=1)
-
-
 # -- input ---------------------------------------------------------------------------------------
-
-
-def test_input_is_not_modified_and_not_shared():
-    arrays = [np.array(v) for v in (CART.B, [1.0, 0.5], [0.0, 1.0], CART.A)]
-    before = [v.copy() for v in arrays]
-    B, x0, xf, A = arrays
-    plan = se.control((A, B), x0, xf, steps=3)
-    bound = plan.bound().to_dict()
-    assert all(np.array_equal(v, w) for v, w in zip(arrays, before, strict=True))
-    for v in arrays:
-        v[:] = 7.0
-    assert plan.bound().to_dict() == bound
 
 
 def test_errors_at_the_origin_are_relative_to_the_start():

@@ -246,33 +246,23 @@ def test_weights_are_tables_in_any_order(tmp_path):
         (table.loc[other, ["c", "b", "a"]], full),
         (table.rename_axis(index="i", columns="j").loc[other].stack().to_xarray(), full),
     ):
-        for part in ("Q", "Qf"):
-            cost, same = se.Cost(**{part: given}, R=R), se.Cost(**{part: plain}, R=[0.1, 0.2])
-            cost.save(tmp_path / "cost")
-            for one in (cost, pickle.loads(pickle.dumps(cost)), se.Cost.load(tmp_path / "cost")):
-                for control in (
-                    lambda cost: se.control(system, x0, xf, steps=3, cost=cost),
-                    lambda cost: se.control_fleet(units, x0, xf, 3, cost=cost),
-                ):
-                    np.testing.assert_array_equal(control(one).u, control(same).u)
+        cost, same = se.Cost(Q=given, Qf=given, R=R), se.Cost(Q=plain, Qf=plain, R=[0.1, 0.2])
+        cost.save(tmp_path / "cost")
+        expected = se.control(system, x0, xf, steps=3, cost=same).u
+        for one in (cost, se.Cost.load(tmp_path / "cost")):
+            found = se.control(system, x0, xf, steps=3, cost=one)
+            np.testing.assert_array_equal(found.u, expected)
+        fleets = [se.control_fleet(units, x0, xf, 3, cost=one).u for one in (cost, same)]
+        np.testing.assert_array_equal(*fleets)
         gains = se.gain(system, given, R).K, se.gain(system, plain, [0.1, 0.2]).K
         np.testing.assert_array_equal(*gains)
     for wrong in (table.rename(index={"a": "z"}), table.iloc[:2]):
         with pytest.raises(InputError, match="`Q` must have the labels"):
             se.Cost(Q=wrong)
-    wrong = (
-        table.rename(index={"a": "z"}, columns={"a": "z"}),
-        pandas.Series([1.0] * 3, list("abz")),
-    )
-    for Q in wrong:
-        for call in (
-            lambda Q: se.control(system, x0, xf, cost=se.Cost(Q=Q)),
-            lambda Q: se.control_fleet(units, x0, xf, 3, cost=se.Cost(Q=Q)),
-            lambda Q: se.control((A, B), x0, xf, cost=se.Cost(Q=Q)),
-            lambda Q: se.gain(system, Q, 1.0),
-        ):
-            with pytest.raises(InputError, match=r"`Q` .*labels"):
-                call(Q)
+    foreign = se.Cost(Q=pandas.Series([1.0] * 3, list("abz")))
+    for where in (system, (A, B)):
+        with pytest.raises(InputError, match=r"`Q` .*labels"):
+            se.control(where, x0, xf, cost=foreign)
 
 
 def test_an_ensemble_is_simulated_with_its_names():

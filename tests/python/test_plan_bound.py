@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from fractions import Fraction
-
 import numpy as np
 import pytest
 
@@ -162,20 +159,6 @@ def test_the_method_and_its_reason_are_named(steps, limits):
     assert rare["state"].reason in rare._repr_html_()
 
 
-def test_an_array_counts_as_exact():
-    ensemble = se.sample(np.eye(2), 20, rng=1)
-    own = ensemble.combine(np.full(20, 1 / 20))
-    found = se.control((own, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound()
-    assert (found.kind, found.assumption) == ("certain", "what was given is exact")
-    fit = se.fuse(ensemble)
-    found = se.control((fit, np.eye(2)), [1.0, 2.0], [0.0, 0.0]).bound()
-    assert found.kind == "guaranteed"
-    assert "what was given is exact" not in found.assumption
-    for text in (se.Ensemble.combine.__doc__, se.control.__doc__):
-        assert "as exact" in text
-        assert "pass a Fit" in " ".join(text.split())
-
-
 def test_fits_beside_samples():
     """Fitted entities have fixed errors; only drawn ones share delta."""
     x0, xf, matrix = ensembles()
@@ -276,93 +259,3 @@ def test_a_fit_and_a_sample_with_one_key_are_not_independent():
     with pytest.raises(InputError, match="`x0` and `A` were drawn with the same key"):
         se.control((se.sample(A, N, rng=1), B), fit, XF).bound()
     assert se.control((se.sample(A, N, rng=2), B), fit, XF).bound().state > 0.0
-
-
-@pytest.mark.parametrize("condition", [1e4, 1e8, 1e12])
-@pytest.mark.parametrize("kind", ["exact", "fitted"])
-def test_the_known_error_covers_rounding(condition, kind):
-    """Against rational arithmetic, as `PlanError`: no bound below the error, "certain" or not."""
-    gen = np.random.default_rng(int(np.log10(condition)))
-    for _ in range(10):
-        Q, V = (np.linalg.qr(gen.standard_normal((3, 3)))[0] for _ in range(2))
-        inputs = Q @ np.diag([1.0, condition**-0.5, 1.0 / condition]) @ V
-        matrix, start, goal = gen.standard_normal((3, 3)), *gen.standard_normal((2, 3))
-        x0 = start
-        if kind == "fitted":
-            x0 = se.fuse(se.sample(start, 100, rng=1), "alse", target=start)
-        plan = se.control((matrix, inputs), x0, goal)
-        # the exact control solves B v = xf - A x0: the residual of u, in rationals, is B (u - v)
-        u = [Fraction(float(value)) for value in plan.u[0]]
-        residual = []
-        for i in range(3):
-            value = -Fraction(float(goal[i]))
-            value += sum(
-                Fraction(float(a)) * Fraction(float(x))
-                for a, x in zip(matrix[i], start, strict=True)
-            )
-            residual.append(
-                value + sum(Fraction(float(b)) * v for b, v in zip(inputs[i], u, strict=True))
-            )
-        truth = float(sum(value * value for value in residual)) ** 0.5
-        assert truth <= plan.bound().state
-
-
-# -- what a plan keeps -----------------------------------------------------------------------------
-
-
-def test_a_plan_does_not_see_later_changes():
-    inputs, target, matrix = B.copy(), XF.copy(), A.copy()
-    plan = se.control((matrix, inputs), ensembles()[0], target)
-    before = plan.bound().to_dict(), repr(plan)
-    inputs[:], target[:], matrix[:] = 0.0, 0.0, 0.0
-    assert (plan.bound().to_dict(), repr(plan)) == before
-
-
-# -- the record ------------------------------------------------------------------------------------
-
-
-def certificates():
-    gen = np.random.default_rng(3)
-    x, u, w = (
-        gen.standard_normal((60, 3)),
-        gen.standard_normal((60, 2)),
-        gen.standard_normal((60, 3)),
-    )
-    x_next = x @ A.T + u @ B.T + 0.1 * w
-    few = se.ModelStream(3, 2, noise=se.Noise(sigma=0.1))
-    few.update(x[:2], u[:2], x_next[:2])
-    model = se.identify(se.Trajectories.from_pairs(x, u, x_next), noise=se.Noise(sigma=0.1))
-    x0, xf, matrix = ensembles()
-    weights, hard = se.Cost(Q=1.0, R=1.0), se.Limits(x=(-9.0, 9.0), soft=False)
-    stream = se.DataStream(B, ranges={"x0": 9.0})
-    stream.update(x0=X0, xf=XF, A=A)
-    return [
-        *(se.control((matrix, B), x0, xf, steps=K).bound() for K in (1, 3)),
-        se.control((matrix, B), x0, xf, limits=(-1.0, 1.0), cost=weights).bound(),
-        se.control((matrix, B), x0, xf, limits=hard, cost=weights).bound(),
-        se.control((A, B), X0, XF).bound(),
-        *(se.control(model, se.Uncertain(X0, 0.1), XF, steps=K).bound() for K in (1, 3)),
-        se.control(model, X0, XF, steps=3, limits=(-1.0, 1.0), cost=weights).bound(noise=True),
-        few.look(X0, XF, tol=1.0).certificate,
-        stream.confidence(),
-    ]
-
-
-def test_a_radius_says_why_it_is_infinite_and_is_no_negative_number():
-    for radius, probability, message in (
-        (np.inf, 0.95, "`reason` must say why"),
-        (-1.0, 0.95, "`radius` must be >= 0"),
-        (np.ones((2, 2, 2)), 0.95, "at most two dimensions"),
-        (1.0, 0.0, "`probability` must be in"),
-        (1.0, 1.1, "`probability` must be in"),
-    ):
-        with pytest.raises((InputError, se.exceptions.InputTypeError), match=message):
-            se.certificates.Radius(radius, "xf", probability, "by hand")
-    found = planned().bound()
-    with pytest.raises(InputError, match="no 'tube': it bounds target, state, control"):
-        found["tube"]
-    assert found["state"] != planned().bound(0.5)["state"]
-    with pytest.raises(InputError, match=r"`parts\['x'\]` must be >= 0"):
-        replace(found, parts={"x": -1.0})
-    with pytest.raises(InputError, match="`quantities` must have at least one"):
-        replace(found, quantities={})

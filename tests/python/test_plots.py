@@ -212,20 +212,6 @@ def test_one_call_saves_both_files(tmp_path):
         se.plots.save(ax, "")
 
 
-def test_a_plan_knows_the_step_of_its_system():
-    cart = se.System([[1.0, 0.1], [0.0, 1.0]], [[0.0], [0.1]], dt=0.1)
-    plans = [
-        se.control(cart, [1.0, 0.0], [0.0, 0.0], steps=4),
-        se.steer(cart, [1.0, 0.0], [0.0, 0.0], 100, steps=4, rng=1),
-    ]
-    for plan in plans:
-        ax = plan.plot().axes[0]
-        assert plan.dt == 0.1
-        assert ax.get_xlabel() == "time [s]"
-        assert ax.lines[0].get_xdata()[-1] == pytest.approx(0.4)
-    assert se.control((cart.A, cart.B), [1.0, 0.0], [0.0, 0.0]).dt is None
-
-
 def test_some_states_with_the_unit_they_share():
     labels = {"states": ["a", "b", "v"], "units": {"a": "rad", "b": "rad", "v": "rad/s"}}
     system = se.System(0.5 * np.eye(3), np.ones((3, 1)), **labels)

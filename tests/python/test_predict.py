@@ -74,16 +74,6 @@ def test_an_uncertain_start_widens_the_tube():
     assert np.all(wide > sharp)
 
 
-def test_no_argument_is_modified_or_kept():
-    x, u = runs(np.random.default_rng(1), 20)
-    model = se.identify(se.Trajectories(x, u), noise=se.Noise(sigma=0.05))
-    start, inputs = np.array([1.0, 0.0]), np.ones((2, 1))
-    plan = se.predict(model, start, inputs)
-    start[:], inputs[:] = 7.0, 7.0
-    assert plan.predicted_states[0].tolist() == [1.0, 0.0]
-    assert plan.u.ravel().tolist() == [1.0, 1.0]
-
-
 def test_entry_bounds_of_known_entries_and_missing_directions():
     x, u = runs(np.random.default_rng(1), 20)
     x, u = x[:, :2], u[:, :1]

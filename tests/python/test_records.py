@@ -48,10 +48,10 @@ def data(N: int = 60) -> se.Trajectories:
     return se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.01 * w, dt=0.1)
 
 
-def model(**options: Any) -> se.Model:
+def model(N: int = 60, **options: Any) -> se.Model:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return se.identify(data(), **opts(**({"design": "independent"} | options)))
+        return se.identify(data(N), **opts(**({"design": "independent"} | options)))
 
 
 def snapshot() -> Any:
@@ -140,6 +140,14 @@ PARTS = {
     "counts": lambda: se.sample_counts(A, 10**9, rng=1),
     "drawn models": lambda: model(intercept=True).draw(5, rng=1),
     "model": lambda: model(),
+    "model, adaptive": lambda: model(
+        design="adaptive", intercept=True, scale=[1.0, 2.0, 3.0], sigma=0.1
+    ),
+    "model, known columns": lambda: model(known_B=B, covariance="diagonal"),
+    "model, known entries": lambda: model(known_A=[[np.nan, 0.1], [np.nan, np.nan]]),
+    "model, covariance": lambda: model(covariance=[[0.01, 0.001], [0.001, 0.02]]),
+    "model, bounded": lambda: model(design="adaptive", law="bounded", sigma=1e-60),
+    "model, few pairs": lambda: model(2),
     "runs of a model": lambda: se.Trajectories(np.ones((3, 4, 2)), np.ones((3, 3, 1)), dt=0.1),
     "fused": fused,
     "region": lambda: model().region(0.1),

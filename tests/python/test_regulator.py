@@ -12,10 +12,10 @@ import pytest
 import stochens_rs as se
 from limit_plans import within
 from limit_problems import draw_steps
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.exceptions import InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.limits.problem import Horizon, loop_of
 from twin.limited_control import solve
-from twin.limited_problems import objective, several_steps, softened, state_rows
+from twin.limited_problems import objective, several_steps
 from twin.receding import regulate as twin
 
 LOST = [np.nan, np.nan]
@@ -312,90 +312,12 @@ def test_references_and_limits_that_differ_from_step_to_step():
     assert u[0] >= -1.0
 
 
-def test_long_horizons_go_by_recursion():
-    """K = 300: the inputs are those of K = 200, up to what the end matters; warm equals cold."""
-    options = {"limits": (-0.5, 0.5), "Q": 1.0, "R": 0.1}
-    long, short = (se.regulate((A, B), K, **within(**options)) for K in (300, 200))
-    assert not long._solver.condensed
-    assert short._solver.condensed
-    x = np.array([3.0, 0.1])
-    for _ in range(5):
-        u, cold = long(x), se.regulate((A, B), 300, **within(**options))
-        assert np.allclose(u, short(x), rtol=1e-6)
-        cold(x)
-        assert np.allclose(long.plan, cold.plan, rtol=1e-9, atol=1e-11)
-        x = A @ x + B @ u
-    assert np.abs(long.log[0].u) == 0.5
-    assert {call.status for call in long.log} == {"optimal"}
-    other = pickle.loads(pickle.dumps(long))
-    assert np.array_equal(long(x), other(x))
-    began = long._solver.solve(x, None).iterations
-    long.reset()
-    assert began < long._solver.solve(x, None).iterations
-
-
-def test_soft_limits_of_states():
-    """Each plan is that of the twin, which has a slack for each limit; 8 systems."""
-    for index in range(8):
-        F, X, gen = plant(40 + index, 2, 1)
-        loop = se.regulate(
-            (F, X),
-            4,
-            limits=se.Limits(u=(-1.0, 1.0), x=(-0.5, [0.3, np.inf]), soft=50.0),
-            cost=se.Cost(Q=1.0, R=0.1),
-        )
-        x = 2.0 * gen.normal(size=2)
-        for _ in range(4):
-            u = loop(x)
-            problem = several_steps(F, X, x, [0.0, 0.0], 4, Q=1.0, R=0.1, low=-1.0, high=1.0)
-            rows = [[1.0, 0.0], [-1.0, 0.0], [0.0, -1.0]]
-            C, c = state_rows(F, X, x, 4, rows, [0.3, 0.5, 0.5])
-            best = solve(softened(problem, C, c, 50.0))
-            assert np.allclose(loop.plan.ravel(), best.u[:4], rtol=1e-6, atol=1e-6)
-            x = F @ x + X @ u
-        other = pickle.loads(pickle.dumps(loop))
-        assert np.array_equal(other(x), loop(x))
-
-
 def test_the_log_is_a_ring():
     loop = se.regulate(([[1.0]], [[1.0]]), 2, limits=(-1.0, 1.0))
     for k in range(1005):
         loop([float(k)])
     assert (len(loop.log), loop.calls) == (1000, 1005)
     assert loop.log[0].x[0] == 5.0
-
-
-# -- figures ---------------------------------------------------------------------------------------
-
-
-def test_the_figure_of_a_loop():
-    pytest.importorskip("matplotlib")
-    loop = made()
-    with pytest.raises(InputError, match=r"^the log is empty"):
-        loop.plot()
-    driven(loop, np.array([3.0, 1.0]), 40)
-    loop(LOST)
-    figure = loop.plot()
-    labels = [text.get_text() for text in figure.legends[0].get_texts()]
-    assert labels == ["target", "state", "limits", "input", "at its limit", "held"]
-    assert [ax.get_ylabel() for ax in figure.axes] == [
-        "x[0]",
-        "x[1]",
-        "u[0]",
-        "time of a call [µs]",
-    ]
-    inputs = figure.axes[2]
-    thin, thick = (patch.get_data().values for patch in inputs.patches)
-    assert np.array_equal(thin, [call.u[0] for call in loop.log])
-    active = (thin == -0.5) | (thin == 1.0)
-    assert 0 < active.sum() < 41
-    assert np.array_equal(np.isfinite(thick), active)
-    assert np.array_equal(thick[active], thin[active])
-    held = next(line for line in inputs.lines if line.get_label() == "held")
-    assert held.get_xdata().tolist() == [40.5]
-    band = inputs.collections[0].get_paths()[0].vertices[:, 1]
-    assert (band.min(), band.max()) == (-0.5, 1.0)
-    assert np.isnan(figure.axes[0].lines[1].get_ydata()[-1])  # no state is known there
 
 
 # -- the closed loop -------------------------------------------------------------------------------

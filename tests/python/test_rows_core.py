@@ -273,24 +273,6 @@ def test_what_is_missing() -> None:
             assert moved.missing() == 0.0
 
 
-def test_known_answers() -> None:
-    two, zero = np.eye(2), np.zeros((2, 2))
-    A, B = np.array([[1.0, 1.0], [0.0, 1.0]]), np.array([[0.0], [1.0]])
-    half, none = np.full((2, 1), 0.5), np.zeros((1, 1))
-    start = np.array([1.0, 0.0])
-    case = Case(A, B, start, zero, zero, two, none, -half, half)
-    assert case.solve().control == pytest.approx([-0.5, 0.5], abs=1e-13)
-    found = case._replace(rate=np.array([0.5]), previous=np.zeros(1)).solve()
-    assert found.control == pytest.approx([-0.4, 0.1], abs=1e-13)
-    assert found.objective == pytest.approx(0.45, abs=1e-13)
-    one = np.ones((1, 1))
-    held = Case(one, one, np.array([3.0]), 0 * one, 0 * one, one, 0 * one, -one, one)
-    held = held._replace(state_low=-INF * one, state_high=one)
-    found = held.solve()
-    assert (found.status, held.missing()) == ("infeasible", pytest.approx(1.0, abs=1e-9))
-    assert found.control == pytest.approx([-1.0], abs=1e-6)
-
-
 def test_states_that_are_fixed_and_limits_far_away() -> None:
     """x(K) = 0 by equal limits; limits of 1e300 change nothing."""
     gen = np.random.default_rng(14)

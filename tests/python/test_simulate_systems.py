@@ -63,22 +63,6 @@ def test_runs_are_those_of_a_loop_bit_for_bit_and_moments_those_of_the_runs(shap
     np.testing.assert_array_equal(found.variance, variances)
 
 
-@pytest.mark.parametrize("keep", ["runs", "covariance runs"])
-def test_no_number_of_threads_changes_a_bit(keep):
-    models, x0, u = problem(517, 4, 2, 9, offset=True, each=True)
-    results = []
-    for threads in (1, 2, 3, 7):
-        before = se.get_num_threads()
-        se.set_num_threads(threads)
-        try:
-            found = se.simulate_ensemble(models, x0, u, keep=keep)
-        finally:
-            se.set_num_threads(before)
-        moments = (found.mean, found.variance, found.runs)
-        results.append(b"".join(array.tobytes() for array in moments))
-    assert len(set(results)) == 1
-
-
 def test_one_system_runs_as_simulate_does():
     models, x0, u = problem(3, 6, 2, 8, offset=False, each=False)
     runs = se.simulate_ensemble(models, x0, u, keep="runs").runs

@@ -10,9 +10,6 @@ from __future__ import annotations
 
 import hashlib
 import itertools
-import os
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
@@ -224,28 +221,6 @@ def test_nothing_drawn_is_the_exact_trajectory() -> None:
 
 
 # -- contracts -----------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def threads_restored() -> Iterator[None]:
-    yield
-    se.set_num_threads(os.cpu_count() or 1)
-
-
-@pytest.mark.usefixtures("threads_restored")
-@pytest.mark.parametrize("averaging", ["runs", "mean-field"])
-def test_threads_do_not_change_a_bit(averaging: str) -> None:
-    A, B, u, x0 = problem("first inputs zero")
-    options: dict[str, Any] = {"averaging": averaging, "keep": ("covariance", "runs")}
-    if averaging == "mean-field":
-        options["replicates"] = 100
-    results = []
-    for threads in (1, 2, 3):
-        se.set_num_threads(threads)
-        found = se.simulate_ensemble((A, B), x0, u, 7000, rng=1, **options)
-        results.append([found.mean, found.variance, found.covariance, found.runs])
-    for other in results[1:]:
-        assert all(np.array_equal(a, b) for a, b in zip(results[0], other, strict=True))
 
 
 def test_a_larger_ensemble_starts_with_the_smaller_one() -> None:

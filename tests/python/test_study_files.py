@@ -325,7 +325,7 @@ def test_a_file_cut_anywhere_is_continued_or_refused(path: Path, tmp_path: Path)
     """What a writer that was killed left is continued, what was on the disk must be there."""
     content, cut, outcomes = path.read_bytes(), tmp_path / "cut.study", set()
     ends = records(content)
-    lengths = [*range(0, len(content), 131), *(end + k for end in ends for k in (-1, 0, 1))]
+    lengths = [*range(0, len(content), 525), *(end + k for end in ends for k in (-1, 0, 1))]
     for length in lengths[:-1]:
         cut.write_bytes(content[:length])
         if length < len(content):
@@ -484,24 +484,16 @@ TREE = json.loads(SECOND["record"].tobytes())
 SHAPED = TREE["values"]["x"]
 HOSTILE = {
     "no mapping": {"record": np.frombuffer(b"[1]", dtype=np.uint8)},
-    "deep": {"record": np.frombuffer(b"[" * 100_000, dtype=np.uint8)},
     "not JSON": {"record": np.frombuffer(b"\xff{", dtype=np.uint8)},
     "values are a list": with_tree(SECOND, values=[1]),
-    "other array": with_tree(SECOND, values={"x": {**SHAPED, "name": "none"}}),
     "other shape": with_tree(SECOND, values={"x": {**SHAPED, "shape": [2, 3]}}),
-    "negative shape": with_tree(SECOND, values={"x": {**SHAPED, "shape": [-1]}}),
     "vast shape": with_tree(SECOND, values={"x": {**SHAPED, "shape": [2**40, 2**40]}}),
-    "text as shape": with_tree(SECOND, values={"x": {**SHAPED, "shape": "ab"}}),
-    "no rows": with_tree(SECOND, values={"x": {**SHAPED, "shape": [1, 2]}}),
     "number as error": with_tree(SECOND, errors=[3]),
-    "two errors": with_tree(SECOND, errors=["a", "b"]),
     "number as platform": with_tree(SECOND, platform={"numpy": 3}),
     "no study": with_tree(SECOND, study={"type": "Manifest"}),
     "far task": {"tasks": bits(0, 2**62)},
-    "negative task": {"tasks": bits(-1, 0)},
     "one task": {"tasks": bits(0)},
     "state 9": {"states": bits(DONE, 9, dtype=np.int8)},
-    "states as floats": {"states": np.array([1.0, 2.0])},
     "one more array": {"values.y": np.zeros(2)},
     "done without numbers": with_tree(SECOND, values={}),
 }
@@ -523,20 +515,13 @@ def test_hostile_blocks(tmp_path: Path, name: str) -> None:
 MANIFEST = json.loads(FIRST["record"].tobytes())["study"]
 MANIFESTS = {
     "not a mapping": [1],
-    "none": None,
     "no key": {k: v for k, v in MANIFEST.items() if k != "key"},
     "number as version": {**MANIFEST, "version": 3},
-    "no grid": {k: v for k, v in MANIFEST.items() if k != "grid"},
     "short key": {**MANIFEST, "key": "00"},
-    "number as key": {**MANIFEST, "key": 3},
     "grid is a list": {**MANIFEST, "grid": [1]},
-    "axis is a mapping of numbers": {**MANIFEST, "grid": {"a": [[1]]}},
     "nested is a list": {**MANIFEST, "nested": [1]},
-    "shared is a number": {**MANIFEST, "shared": 3},
     "replicates backwards": {**MANIFEST, "replicates": [5, 3]},
-    "replicates as floats": {**MANIFEST, "replicates": [0.0, 3.0]},
     "vast replicates": {**MANIFEST, "replicates": [0, 2**40]},
-    "more replicates than vast": {**MANIFEST, "replicates": [0, 2**70]},
     "function is a number": {**MANIFEST, "function": 3},
     "number as unit": {**MANIFEST, "units": {"height": 5}},
 }

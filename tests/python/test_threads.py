@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from stochens_rs import _core
 from stochens_rs._base.running import interruptible
 from stochens_rs.exceptions import InputError
 
@@ -49,6 +50,41 @@ def test_calls_in_threads_give_what_they_give_alone():
         return b"".join(one.tobytes() for one in found)
 
     assert set(together(work)) == {work()}
+
+
+BIG, BIG_B = np.random.default_rng(5).standard_normal((2, 9, 9)) / 4.0
+UNITS = se.SystemEnsemble(np.tile(BIG, (517, 1, 1)), np.tile(BIG_B, (517, 1, 1)), np.ones((517, 9)))
+U, X = np.linspace(-1.0, 1.0, 36).reshape(4, 9), np.arange(1.0, 10.0)
+MEAN_FIELD = {"averaging": "mean-field", "replicates": 100}
+SPLIT = {
+    "sample": lambda: [se.sample(BIG, 90_000, rng=3).indices],
+    "sample of rows": lambda: [se.sample(BIG, 90_000, rng=3, axis="rows").indices],
+    "systematic": lambda: [se.sample(BIG, 90_000, rng=3, scheme="systematic").indices],
+    "runs": lambda: vars(
+        se.simulate_ensemble((BIG, BIG_B), X, U, 5000, rng=1, keep="covariance runs")
+    ).values(),
+    "mean field": lambda: vars(
+        se.simulate_ensemble((BIG, BIG_B), X, U, 5000, rng=1, keep="runs", **MEAN_FIELD)
+    ).values(),
+    "systems": lambda: vars(se.simulate_ensemble(UNITS, X, U, keep="covariance runs")).values(),
+    "controls": lambda: [
+        se.realization_controls((se.sample(BIG, 700, rng=3), BIG_B), se.sample(X, 700, rng=1), X)
+    ],
+    "controls within limits": lambda: [
+        se.realization_controls((se.sample(BIG, 700, rng=3), BIG_B), X, X, limits=(-1.0, 1.0))
+    ],
+    "triangle": lambda: [_core.triangle(np.tile(BIG, (9000, 1)), se.get_num_threads())],
+}
+
+
+@pytest.mark.parametrize("name", SPLIT)
+def test_no_number_of_threads_changes_a_bit(name):
+    found = set()
+    for threads in (1, 2, 3, 7):
+        se.set_num_threads(threads)
+        arrays = [one for one in SPLIT[name]() if isinstance(one, np.ndarray)]
+        found.add(b"".join(one.tobytes() for one in arrays))
+    assert len(found) == 1 < len(found.pop())
 
 
 def test_one_object_in_many_threads():

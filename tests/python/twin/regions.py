@@ -126,14 +126,6 @@ def directions(data: Triangle, Q: ArrayLike, delta: float) -> Region:
     return Region(m, q, m.S, delta, "as `full`, z in a span that was fixed without the outcomes")
 
 
-def combinations(data: Triangle, L: ArrayLike, delta: float) -> Region:
-    """The region for L' Theta, `L` (n, p) fixed: the same with L' y in place of y."""
-    L = np.asarray(L, dtype=np.float64)
-    d = data.d
-    own = triangle(data.R[:, :d], data.R[:, d:] @ L)
-    return full(own._replace(N=data.N), delta)
-
-
 def diagonal(data: Triangle, delta: float) -> Region:
     """Independent components of noise: lam_max(s^-1/2 D V D' s^-1/2), s = diag(S)."""
     m = fit(data)

@@ -9,24 +9,10 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
+from test_cli_snapshots import A, B, log
 
-A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[0.0], [1.0]])
 COLUMNS = ["--states", "angle,rate", "--inputs", "torque"]
 OPTIONS = [*COLUMNS, "--by", "run", "--time", "t"]
-
-
-def rows(runs=30, steps=20, seed=1):
-    """The lines of a table of runs, the last input of each left empty."""
-    rng = np.random.default_rng(seed)
-    lines = ["run,t,angle,rate,torque"]
-    for r in range(runs):
-        x = rng.standard_normal(2)
-        for k in range(steps + 1):
-            u = rng.standard_normal()
-            cells = [f"r{r}", f"{0.1 * k:.1f}", f"{x[0]:.6f}", f"{x[1]:.6f}"]
-            lines.append(",".join([*cells, f"{u:.6f}" if k < steps else ""]))
-            x = A @ x + B[:, 0] * u + 0.01 * rng.standard_normal(2)
-    return lines
 
 
 @pytest.fixture(autouse=True)
@@ -37,7 +23,7 @@ def _wide(monkeypatch):
 
 @pytest.fixture(scope="module")
 def lines():
-    return rows()
+    return log(30, 20, np.random.default_rng(1))
 
 
 @pytest.fixture
@@ -133,7 +119,7 @@ def read(table, tmp_path, capsys):
     file, now = tmp_path / "read.safetensors", tmp_path / "now.csv"
     columns = ["--outputs", "angle", "--inputs", "torque", *OPTIONS[4:], "--window", 5]
     ran(capsys, "identify", table, *columns, "--out", file)
-    now.write_text("\n".join(rows(1, 11, seed=5)) + "\n")
+    now.write_text("\n".join(log(1, 11, np.random.default_rng(5))) + "\n")
     return file, now
 
 

@@ -77,6 +77,8 @@ CALLS = [
 ]
 
 W, PAIRS, GAINS = np.array([1.0, -2.0]), se.sample([1.0, -2.0], 5, rng=1), np.ones((2, 1, 1))
+STATES, INPUTS = np.random.default_rng(1).standard_normal((2, 30, 1))
+RUNS = se.Trajectories(STATES, INPUTS[1:])
 ONE, TWO = ([[1.0]], [[1.0]]), se.SystemEnsemble(GAINS, GAINS)
 # A prefix of the message.
 CALLS += [
@@ -110,6 +112,38 @@ CALLS += [
     (lambda: se.Noise("gauss"), "`law` must be one of "),
     (lambda: se.regulate(ONE, 0), "`steps` must be in [1, "),
     (lambda: se.simulate_ensemble(TWO, [1.0], [[1.0]], 4), "`size` must be left out"),
+    (lambda: se.DataStream(B).u, "`u` needs at least one realization of x0, xf, A"),
+    (lambda: se.System.from_any(SYSTEM, dt=0.2), "`dt` must be left out for a system in discrete"),
+    (lambda: se.System.from_any((A, B, 0)), "`dt` is 0, which means continuous time: discretize "),
+    (lambda: se.System(A, B, states=["a", "a", "b"]), "`states` must be different names, got 'a'"),
+    (lambda: se.control(SYSTEM, X0, XF, limits=(1, -1)), "`limits` must have low <= high, got 1 >"),
+    (
+        lambda: se.control(SYSTEM, X0, XF, time_limit=1.0),
+        "`time_limit` must be left out without li",
+    ),
+    (
+        lambda: se.control((ENSEMBLE, B), X0, XF, steps=2, fusion="diagonal"),
+        "`fusion` must be 'product' with steps=2, got 'diagonal'",
+    ),
+    (
+        lambda: se.identify(RUNS, noise=se.Noise(design="independent")),
+        "`design` must be 'adaptive' for runs of several steps",
+    ),
+    (
+        lambda: se.identify(RUNS, noise=se.Noise("bounded")),
+        "`sigma` must be given for law='bounded'",
+    ),
+    (
+        lambda: se.identify(RUNS, checks=False).region(0.05, future=1),
+        "`future` needs a region of all rows at once",
+    ),
+    (lambda: se.ModelStream(1, 1, first=10), "`first` needs design='independent'"),
+    (
+        lambda: se.Stream(SYSTEM, X0, XF).run(),
+        "one of `tol`, `max_steps` and `time_limit` must be given",
+    ),
+    (lambda: se.Study(len, {"a": []}, replicates=2), "`grid['a']` must have at least one value"),
+    (lambda: se.Study(len, {}, replicates=2).run(3), "`executor` must be a concurrent.futures.Exe"),
     (lambda: scenario.judged(5, 6, 0.1), "`support` must be in [0, 5], got int 6"),
 ]
 

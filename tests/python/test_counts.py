@@ -133,15 +133,3 @@ def test_controls_of_a_trillion_realizations_have_the_exact_mean_square(size: in
 
     assert excess(size) < 1.0
     assert excess(size * 2 // 3) > 1.0
-
-
-def test_the_cost_of_counts_does_not_know_the_number_of_realizations() -> None:
-    matrix = np.random.default_rng(1).standard_normal((100, 100))
-    for size in (10**6, 10**12, 2**53):
-        counts = se.sample_counts(matrix, size, rng=1)
-        assert np.array_equal(counts.counts.sum(axis=0), np.full(100, size))
-        # every entry within eight standard deviations: false alarm below 1e-10
-        gamma = np.abs(matrix).sum(axis=0)
-        deviation = np.sqrt(np.abs(matrix) * (gamma - np.abs(matrix)) / size)
-        rounding = 1e-15 * gamma
-        assert np.all(np.abs(counts.estimate - matrix) <= 8 * deviation + rounding)

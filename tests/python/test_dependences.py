@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 import warnings
 
 import numpy as np
@@ -236,28 +235,6 @@ def test_the_lag_test_is_exact_for_one_row():
 
 
 # -- where it shows --------------------------------------------------------------------------------
-
-
-def test_warnings_travel_to_plan_certificate_and_pages():
-    model = se.identify(differenced(np.random.default_rng(106), 5, "backward"), checks=False)
-    plan = se.control(model, X0, XF, steps=10)
-    bound = plan.bound(0.05)
-    assert set(model.doubts) <= set(model.warnings) <= set(plan.warnings)
-    assert bound.warnings == plan.warnings
-    assert bound["target"].reason == model.doubts[0]
-    assert "not bounded: the residuals of position" in repr(bound)
-    assert repr(plan).endswith(f" (and {len(plan.warnings) - 1} more)>")
-    for shown in (plan._repr_html_(), bound._repr_html_(), model._repr_html_()):
-        assert "tied exactly" in shown
-    assert pickle.loads(pickle.dumps(bound)).to_dict() == bound.to_dict()
-    limited = se.control(model, X0, XF, steps=10, limits=(-5.0, 5.0)).bound(0.05)
-    assert limited.target == limited.excess == limited["states"].radius == np.inf
-    assert limited["excess"].reason == model.doubts[0]
-    x, _, u = logged(np.random.default_rng(107), 10, root=0.001 * np.eye(4))
-    honest = se.identify(trajectories(x, u), scale=SCALE, checks=False)
-    bound = se.control(honest, X0, XF, steps=10).bound(0.05)
-    assert honest.doubts == ()
-    assert np.isfinite(bound.target)
 
 
 def test_tests_that_were_not_made_say_so(monkeypatch):

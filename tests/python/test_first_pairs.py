@@ -244,17 +244,6 @@ def test_known_entries_and_rows():
             assert part.factor == pytest.approx(other.factor, rel=1e-8)
 
 
-@pytest.mark.parametrize("size", [1e-90, 1e90])
-def test_huge_and_tiny_numbers(size):
-    data, _, _ = runs(np.random.default_rng(7))
-    other = scaled_by(data, size, 1.0)
-    mine, found = (
-        se.identify(one, checks=False, noise=se.Noise(sigma=s)).region(DELTA)
-        for one, s in ((data, 0.1), (other, 0.1 * size))
-    )
-    assert found.parts[0].factor == pytest.approx(mine.parts[0].factor, rel=1e-9)
-
-
 def regression(gen, n, p, pairs):
     """Windows and outputs of a random system with feedback through a limited input."""
     blocks = gen.standard_normal((n, n * p)) * 0.5 ** np.repeat(np.arange(p), n) * 0.6

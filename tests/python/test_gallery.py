@@ -17,10 +17,6 @@ GALLERY = Path(__file__).resolve().parents[2] / "docs" / "gallery"
 EXAMPLES = sorted(GALLERY.glob("plot_*.py"))
 
 
-def test_there_are_examples():
-    assert len(EXAMPLES) >= 12
-
-
 @pytest.fixture
 def pyplot(monkeypatch):
     """Pyplot that opens no window, as it was before afterwards."""

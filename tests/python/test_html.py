@@ -83,17 +83,6 @@ def test_a_notebook_shows_the_record(name):
     assert not re.search(r"<script|<style|<b>b|\son\w+=|https?:|nan|color:|background", page)
 
 
-def test_one_step_is_no_steps():
-    system, key = SYSTEM, 1
-    one = [
-        se.steer(system, X0, XF, 9, steps=1, rng=key),
-        se.simulate(system, X0, [[1.0, 0.0]]),
-        se.simulate_ensemble(system, X0, [[1.0, 0.0]], 5, rng=key),
-        se.track(system, [X0, XF], 9, rng=key),
-    ]
-    assert [text for text in map(str, one) if "1 step" not in text or "1 steps" in text] == []
-
-
 def test_a_bound_says_what_it_covers_in_short():
     bound = plan().bound()
     assert str(bound) == repr(bound)

@@ -296,12 +296,6 @@ def test_several_missing_directions_have_names_of_their_own():
         assert fixed(data, intercept=True).missing == ("x[1]", "x[2] - 1", "u[0] - 1")
 
 
-def test_a_known_part_may_be_what_is_missing():
-    model = fixed(flat_data(), known_B=TRUE[1])
-    assert model.identifiable
-    assert model.region(DELTA).contains(*TRUE)
-
-
 def test_fewer_pairs_than_unknowns_are_no_error():
     with pytest.warns(DataWarning, match="do not determine"):
         model = se.identify(DATA[:2])

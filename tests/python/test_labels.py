@@ -17,7 +17,6 @@ xr = pytest.importorskip("xarray")
 
 A, B = np.array([[0.9, 0.2], [-0.1, 0.8]]), np.array([[1.0, 0.0], [0.5, 1.0]])
 X0, XF = np.array([1.0, 2.0]), np.array([0.5, 0.0])
-BATCH = np.arange(12.0).reshape(3, 2, 2)
 
 LABELLED = {
     "names": (pd.Series(X0, index=["speed", "angle"]), "index: 'speed', 'angle'"),

@@ -9,33 +9,6 @@ from limit_problems import draw_steps, draws
 from twin import limited_control as lc
 from twin import limited_problems as lp
 
-# -- the stacked problem ---------------------------------------------------------------------------
-
-
-def test_the_stacked_problem_is_the_sum_over_steps(gen):
-    for i in range(40):
-        F, X, x0, K, more = draw_steps(gen, i)
-        n, m = X.shape
-        wanted, r = gen.normal(size=m), gen.normal(size=(K, n))
-        p = lp.several_steps(F, X, x0, r, K, wanted=wanted, **more)
-        u, x = gen.normal(size=(K, m)), x0
-        last, J = np.broadcast_to(more.get("previous", 0.0), m), 0.0
-        for k in range(K):
-            x = F @ x + X @ u[k]
-            stage = np.zeros((n, n)) if more["Q"] is None else more["Q"]
-            J += lp.norm(x - r[k], more["Qf"] if k == K - 1 else stage) ** 2
-            J += more["R"] * np.sum((u[k] - wanted) ** 2)
-            J += more.get("S", 0.0) * np.sum((u[k] - last) ** 2)
-            last = u[k]
-        np.testing.assert_allclose(lp.objective(p, u.ravel()), J, rtol=1e-11)
-        C, c = lp.state_rows(F, X, x0, K, np.eye(n), np.ones(n))
-        np.testing.assert_allclose((c - C @ u.ravel())[-n:], 1.0 - x, rtol=1e-9, atol=1e-10)
-        if "rate" in more:
-            changes = np.diff(np.vstack([more["previous"], u]), axis=0)
-            inside = np.all(np.abs(changes) <= more["rate"])
-            assert inside == np.all(p.C @ u.ravel() <= p.c)
-
-
 # -- solvers ---------------------------------------------------------------------------------------
 
 
@@ -69,18 +42,3 @@ def test_rows_and_rates_equal_an_interior_point(gen):
         assert abs(lp.objective(p, other) - s.objective) <= 1e-7 * size**2
         if len(p.c) and np.all(np.isfinite(p.low)):
             assert abs(lc.frank_wolfe_gap(p, s.u)) <= 1e-6 * size**2
-
-
-def test_soft_rows_are_the_quadratic_penalty(gen):
-    for p in draws(gen, 60):
-        d, rho = len(p.low), 10.0 ** gen.uniform(-1, 3)
-        C, c = gen.normal(size=(2, d)), 0.1 * gen.normal(size=2)
-        u = lc.solve(lp.softened(p, C, c, rho)).u[:d]
-        over = np.maximum(0.0, C @ u - c)
-        g = lp.gradient(p, u) + 2.0 * rho * C.T @ over
-        zero = lp.objective(p, 0.0 * u) + rho * np.sum(np.maximum(0.0, -c) ** 2) + 1e-6
-        gap = lc.box_gap(g, u, p.low, p.high)
-        if np.all(np.isfinite([p.low, p.high])):
-            assert gap <= 1e-9 * zero
-        inside = (u > p.low) & (u < p.high)
-        assert np.all(np.abs(g[inside]) <= 1e-7 * (1.0 + rho) * np.sqrt(zero))

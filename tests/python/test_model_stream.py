@@ -238,19 +238,6 @@ def test_a_far_forecast_grows_with_the_square_of_the_error(options):
     assert far == pytest.approx(4e6 * near, rel=0.3)
 
 
-def test_a_look_asks_for_one_new_quantile():
-    """Those that the forecast takes are for powers of 2, which all looks share."""
-    stream, z, y = filled(200, sigma=None, delta=0.043)
-    asked = []
-    for k in range(8):
-        before = _core.kept_quantiles()
-        look = stream.look(np.ones(4), np.full(4, 0.1), tol=0.8)
-        assert 1.0 < look.forecast < 1e5
-        asked.append(_core.kept_quantiles() - before)
-        stream.update(z[k, :4], z[k, 4:], y[k])
-    assert max(asked[1:]) <= 1 < asked[0]
-
-
 def measured(gen, N, sigma=0.05):
     """N runs of 10 steps of a system of two states, with inputs of [-1, 1]."""
     A, B = np.array([[1.0, 0.2], [-0.1, 0.8]]), np.array([[0.0], [0.3]])

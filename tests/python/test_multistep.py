@@ -79,21 +79,6 @@ def test_steer_samples_fuses_and_controls():
     assert len(se.steer(system, x0, xf, 500, rng=7).u) == 1
 
 
-def test_a_target_out_of_reach():
-    # The second state decays on its own.
-    system = se.System(np.diag([0.5, 0.5]), [[1.0], [0.0]])
-    plan = se.control(system, [1.0, 1.0], [2.0, 3.0], steps=3)
-    assert not plan.reachability.reachable
-    assert plan.reachability.rank == 1
-    assert plan.reachability.residual == pytest.approx(3.0 - 0.125, rel=1e-12)
-    assert any("rank 1 < n = 2" in text for text in plan.info["warnings"])
-    error = plan.error(system, [1.0, 1.0], [2.0, 3.0])
-    assert error.residual == pytest.approx(2.875, rel=1e-12)
-    bound = plan.bound()
-    assert 0.0 < bound.state < 1e-12  # what rounding may make of it
-    assert bound.target == pytest.approx(2.875, rel=1e-12)
-
-
 def test_a_square_problem_warns():
     system, x0, xf = case(4, 2, 3)
     warned = se.steer(system, x0, xf, 100, steps=2, rng=1).info["warnings"]

@@ -61,21 +61,6 @@ def filtered():
     return H, V, np.array([[8.800619103803]])
 
 
-def test_the_twin_on_known_rows():
-    z, after = twin.lag_rows(Y, np.vstack([U, [[0.0]]]), 2)
-    H, V, S = twin.fitted(z, after)
-    known = [1.204062117397, -0.4862093371455, 1.018049204415, 0.4159845872933]
-    np.testing.assert_allclose(H[0], known, rtol=1e-11)
-    np.testing.assert_allclose(
-        [S[0, 0], np.linalg.slogdet(V)[1]], [1.150019091501, 15.84459596928], rtol=1e-11
-    )
-    z, after = twin.filter_rows(Y, np.vstack([U, [[0.0]]]), 0.5, 2, 5)
-    assert len(z) == 55
-    np.testing.assert_allclose(
-        z[0], [-0.1426266666667, 0.01380833333333, -0.53125, -0.25], rtol=1e-10
-    )
-
-
 @pytest.mark.parametrize(
     ("gain", "radii"),
     [

@@ -341,24 +341,6 @@ def test_a_chosen_window_that_is_refuted_points_to_a_shorter_one():
     assert proof.warnings == declared.warnings
 
 
-def test_windows_in_statements_about_states():
-    """A window is known exactly; the tube is that of the mean of the readings."""
-    data = Rig().data(40, np.random.default_rng(2))
-    model = se.identify(data, accept="memory", checks=False, window=se.Window(lags=8))
-    proof = se.gain(model, [1.0, 10.0], 0.01).certificate(0.05)
-    record = data.last_record()
-    with pytest.raises(InputError, match=r"got a record: pass the window, model.window.state_of"):
-        proof.tube(record, 10)
-    x = model.window.state_of(*record)
-    assert np.isfinite(proof.tube(x, 10).reach).all()
-    assert proof.holds((-10.0, 10.0), x) > 0.0
-    offset = se.identify(
-        data, accept="memory", intercept=True, checks=False, window=se.Window(lags=8)
-    )
-    with pytest.raises(InputError, match="`holds` needs a loop that rests at 0"):
-        se.gain(offset, [1.0, 10.0], 0.01).certificate(0.05).holds((-10.0, 10.0), x)
-
-
 def test_a_certificate_says_first_where_the_outputs_are_in_the_end(rig_model):
     data = Rig().data(2, np.random.default_rng(5))
     plan = se.control(rig_model, record=data.last_record(), target=[0.0, 0.0], steps=20)

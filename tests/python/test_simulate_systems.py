@@ -82,17 +82,6 @@ def test_no_digits_are_lost_far_from_zero():
     np.testing.assert_allclose(found.variance, np.var(np.arange(64.0), ddof=1), rtol=1e-15)
 
 
-def test_a_first_run_far_off_costs_no_more_than_its_number_of_units():
-    """Deviations are from the first run, at most sqrt(N - 1) standard deviations off."""
-    start = np.random.default_rng(2).standard_normal((1000, 1))
-    start[0] = 1e9
-    one = se.SystemEnsemble(np.ones((1000, 1, 1)), np.zeros((1000, 1, 1)))
-    for order in (start, start[::-1]):
-        found = se.simulate_ensemble(one, order, np.zeros((1, 1)))
-        exact = np.var(order.astype(np.longdouble), ddof=1)
-        np.testing.assert_allclose(found.variance, exact, rtol=1000 * np.finfo(float).eps)
-
-
 def test_models_of_a_bootstrap_are_run():
     """The spread of a step from one state is that of the estimate, which has a formula."""
     gen = np.random.default_rng(8)

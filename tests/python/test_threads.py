@@ -146,13 +146,6 @@ def test_objects_of_their_own_do_not_meet():
     assert len(set(together(work))) == 8
 
 
-def test_means_from_many_threads_are_all_counted():
-    stream = se.DataStream(B)
-    together(lambda k: [stream.update(xf=np.full(2, 1.0 * k), A=A) for _ in range(50)])
-    assert stream.counts["xf"] == stream.counts["A"] == 400
-    assert np.allclose(stream.estimates["xf"], 3.5)
-
-
 def test_one_plan_and_one_model_are_asked_by_many_threads():
     x, u, w = np.split(np.random.default_rng(1).standard_normal((60, 5)), [2, 3], axis=1)
     data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.01 * w)

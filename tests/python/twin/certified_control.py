@@ -256,23 +256,3 @@ def _product(a: float, b: float) -> float:
 def _root(S: Array) -> Array:
     values, vectors = np.linalg.eigh(S)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
-
-
-def scalar_steps(
-    fitted: Fitted, states: ArrayLike, sizes: ArrayLike, *, beta: float, rho0: float = 0.0
-) -> Array:
-    """A coarser bound, convex in the inputs, (K + 1,): beta = sqrt(f ||S||), s = ||W^(1/2)||.
-
-    r_{k+1} = ||A^{k+1}|| rho0 + beta sum_{j<=k} ||A^{k-j}|| (||z_j|| + s r_j).
-    """
-    n = len(fitted.H)
-    sizes = np.asarray(sizes)
-    powers = [np.linalg.matrix_power(fitted.H[:, :n], p) for p in range(len(sizes) + 1)]
-    a = [float(np.linalg.norm(power, 2)) for power in powers]
-    s = float(np.linalg.norm(fitted.white[:, :n], 2))
-    r = [rho0]
-    for k in range(len(sizes)):
-        r.append(
-            a[k + 1] * rho0 + beta * sum(a[k - j] * (sizes[j] + s * r[j]) for j in range(k + 1))
-        )
-    return np.array(r)

@@ -90,7 +90,7 @@ def test_an_input_without_effect_leaves_no_state_to_round(R):
 
 def test_realization_controls_are_those_of_each_target(gen):
     for i in range(30):
-        n, m, N = int(gen.integers(1, 5)), int(gen.integers(1, 10)), 40
+        n, m, N = int(gen.integers(1, 5)), int(gen.integers(1, 10)), 10
         A, B = gen.normal(size=(n, n)), draw_map(gen, ("plain", "sparse")[i % 2], n, m)
         x0, xf = gen.normal(size=(2, n))
         drawn, start = se.sample(A, N, rng=i), se.sample(x0, N, rng=i + 100)

@@ -17,7 +17,6 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs._base import files as state_file
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -222,54 +221,6 @@ KINDS = {
         lambda stream: stream.size,
     ),
 }
-
-
-@pytest.fixture(params=KINDS)
-def kind(request: pytest.FixtureRequest) -> Kind:
-    return KINDS[request.param]
-
-
-@pytest.fixture
-def saved(kind: Kind, tmp_path: Path) -> tuple[Any, Path]:
-    """A stream and its file."""
-    stream = kind.new()
-    kind.feed(stream)
-    stream.save(tmp_path / "s.state")
-    return stream, tmp_path / "s.state"
-
-
-def test_changed_bits_and_truncations_are_noticed(saved: tuple[Any, Path]) -> None:
-    """One bit of every byte; all bits of a smaller file are flipped in the core's tests."""
-    stream, path = saved
-    good = bytearray(path.read_bytes())
-    for at in range(len(good)):
-        bad = bytearray(good)
-        bad[at] ^= 1 << at % 8
-        for content in (bad, good[:at]):
-            with pytest.raises(StateError):
-                state_file.decode("s.state", bytes(content), stream._kind)
-            if at % 97 == 0:
-                path.write_bytes(content)
-                with pytest.raises(StateError):
-                    type(stream).load(path)
-    path.write_bytes(good)
-    assert same(type(stream).load(path), stream)
-
-
-def test_damage_is_recovered_from_the_generation_before(
-    kind: Kind, saved: tuple[Any, Path]
-) -> None:
-    stream, path = saved
-    kind.feed(stream)
-    stream.save(path)
-    path.write_bytes(path.read_bytes()[:-1])
-    before = sorted((p.name, p.stat().st_mtime_ns) for p in path.parent.iterdir())
-    with pytest.warns(StateRecoveredWarning, match="generation 1"):
-        old = type(stream).load(path)
-    assert kind.size(old) == 1
-    assert before == sorted((p.name, p.stat().st_mtime_ns) for p in path.parent.iterdir())
-    kind.feed(old)
-    assert same(old, stream)
 
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import copy
-import pickle
 import re
 
 import numpy as np
@@ -207,19 +205,6 @@ def test_what_the_model_adds_agrees_with_its_formula():
     assert short is not None
     sharper = core.judge(START, plan, True)[1][-1]
     assert 0.2 * most < sharper < most
-
-
-def test_copies_and_pickles_go_on():
-    loop, gen = kept_loop(30), np.random.default_rng(3)
-    x = START
-    for _ in range(8):
-        x = A @ x + B @ loop(x) + 0.0005 * gen.standard_normal(4)
-    others = copy.deepcopy(loop), pickle.loads(pickle.dumps(loop))
-    for _ in range(10):
-        u = loop(x)
-        for other in others:
-            np.testing.assert_allclose(other(x), u, rtol=1e-8)
-        x = A @ x + B @ u + 0.0005 * gen.standard_normal(4)
 
 
 def test_without_a_plan_the_call_ends_with_its_time(monkeypatch):

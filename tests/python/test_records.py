@@ -288,20 +288,6 @@ def test_random_plans_answer_alike(tmp_path: Path) -> None:
     assert bounds >= 0.7 * count
 
 
-def test_a_loaded_fit_goes_into_control_as_the_saved_one(tmp_path: Path) -> None:
-    for name in ("fit", "fit without target", "fit of samples"):
-        fit = PARTS[name]()
-        fit.save(tmp_path / name)
-        loaded = se.Fit.load(tmp_path / name)
-        assert loaded.ensemble == fit.ensemble
-        plans = [
-            se.control((one, B), X0, XF) if one.estimate.ndim == 2 else control(A, one)
-            for one in (fit, loaded)
-        ]
-        assert same(*plans)
-        assert outcome(plans[0].bound) == outcome(plans[1].bound)
-
-
 # -- any values ------------------------------------------------------------------------------------
 
 

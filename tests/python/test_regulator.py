@@ -356,21 +356,3 @@ def test_track_draws_the_noise_of_each_run_from_the_key():
     one = se.track((A, B), rest, controller=made(), x0=start, noise=[0.1, 0.0], rng=7)
     assert np.array_equal(one.states, first.states[0])
     assert first.info["statuses"] == {"optimal": 30}
-
-
-def test_track_calls_any_function():
-    run = se.track((A, B), np.zeros((4, 2)), controller=lambda x: [-x[0]], x0=[1.0, 0.0])
-    x = np.array([1.0, 0.0])
-    for k in range(3):
-        assert run.inputs[k, 0] == -x[0]
-        x = A @ x + B[:, 0] * -x[0]
-        assert np.allclose(run.states[k + 1], x)
-    assert (run.status, run.info["limits"], run.info["statuses"]) == ("completed", None, {})
-
-    def spoils(x):
-        x[:] = 9.0
-        return [0.0]
-
-    assert np.array_equal(
-        se.track((A, B), np.zeros((2, 2)), controller=spoils, x0=[1.0, 0.0]).states[0], [1.0, 0.0]
-    )

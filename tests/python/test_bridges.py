@@ -232,7 +232,7 @@ def test_named_vectors_are_aligned(what):
 
 def test_a_system_without_names_takes_no_other_order():
     plain = System(A, B, dt=0.1)
-    with pytest.raises(InputError, match=r"`x0` has labels .*to_numpy\(\) if the order is right"):
+    with pytest.raises(InputError, match=r"`x0` must have the labels .*\.to_numpy\(\) if"):
         se.control(plain, X0, np.zeros(3))
     numbered = pd.Series([3.0, 1.0, 2.0], index=["x[2]", "x[0]", "x[1]"])
     np.testing.assert_array_equal(

@@ -103,7 +103,7 @@ ENTRIES = {
 
 @pytest.mark.parametrize("where", ENTRIES)
 def test_every_entry_refuses_labels(where):
-    with pytest.raises(InputError, match=r"has labels .*\.to_numpy\(\) if the order is right"):
+    with pytest.raises(InputError, match=r"labels .*\.to_numpy\(\) if the order is right"):
         ENTRIES[where]()
 
 

@@ -279,5 +279,5 @@ def test_an_ensemble_is_simulated_with_its_names():
     assert found.to_xarray()["mean"].sel(state="v")[0] == 2.0
     u = pandas.DataFrame(np.ones((3, 2)), columns=["u[1]", "u[0]"])
     np.testing.assert_array_equal(se.simulate_ensemble(units, x0, u).mean, found.mean)
-    with pytest.raises(InputError, match="`x0` has the labels"):
+    with pytest.raises(InputError, match="`x0` must have the labels"):
         se.simulate_ensemble(units, x0.rename({"v": "w"}), np.ones((3, 2)))

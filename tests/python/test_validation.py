@@ -76,7 +76,7 @@ WRONG_SHAPE = [
     ("length", vector10, np.ones(9), r"`X` must have shape \(10,\), got \(9,\)$"),
     ("cols", cols3, np.ones((2, 4)), r"`X` must have shape \(n, 3\), got \(2, 4\)$"),
     ("square", square, np.ones((2, 3)), r"`X` must have shape \(n, n\), got \(2, 3\)$"),
-    ("ndim", batch, np.ones(3), r"must have 2 or 3 dimensions, got shape \(3,\)"),
+    ("ndim", batch, np.ones(3), r"must have 2 or 3 dimensions, got \(3,\)"),
 ]
 WRONG_TYPE = [
     ("object", matrix, np.array([[1, None]]), r"contain integers or real floats, got dtype object"),

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import validation
-from .reading import aligned_weight
+from .reading import aligned
 from .records import Record
 from .types import Floats
 
@@ -225,23 +225,20 @@ def checked_names(
     return found[0], found[1]
 
 
-def checked_units(names: Sequence[str], units: object) -> tuple[tuple[str, str], ...]:
+def checked_units(
+    names: Sequence[str], units: Iterable[tuple[str, str]]
+) -> tuple[tuple[str, str], ...]:
     """The units, one line each, in the order of the names; those that are empty are left out."""
     found: dict[str, str] = {}
     known = set(names)
-    for pair in validation.items("units", units):
-        if not isinstance(pair, (tuple, list)) or len(pair) != 2:
-            raise InputTypeError(f"`units` must be pairs (name, unit), got {validation.show(pair)}")
-        name, unit = pair
-        if not isinstance(name, str) or name not in known:
+    for name, unit in units:
+        if name not in known:
             raise InputError(
                 "`units` must name states and inputs of the system, got "
                 f"{validation.show(name)}{validation.nearest(str(name), names)}"
             )
-        if name in found:
-            raise InputError(f"`units` must name every state and input once, got {name[:40]!r}")
-        said = f"units[{name[:40]!r}]"
-        found[name] = validation.line(said, " ".join(validation.text(said, unit).split()))
+        argument = f"units[{name[:40]!r}]"
+        found[name] = validation.line(argument, " ".join(validation.text(argument, unit).split()))
     return tuple((name, found[name]) for name in names if found.get(name))
 
 
@@ -254,7 +251,6 @@ def weight(
     value: Any,
     n: int,
     *,
-    auto: bool = False,
     positive: bool = False,
     matrix: bool = False,
     labels: Sequence[str] | None = None,
@@ -264,30 +260,24 @@ def weight(
     A table whose labels are `labels`, the names of its entries, is brought into their order;
     `positive` asks for a positive definite one, `matrix` for one that is given as such.
     """
-    if isinstance(value, str):
-        other, found = '"auto", ' if auto else "", validation.show(value)
-        raise InputTypeError(f"`{name}` must be {other}a number, ({n},) or ({n}, {n}), got {found}")
-    value = value if labels is None else aligned_weight(name, value, labels)
+    value = value if labels is None else aligned(name, value, labels, square=True)
     given = validation.read(name, value)
-    kind = "definite" if positive else "semidefinite"
     if given.ndim == 0 and not matrix:
-        if positive and validation.is_real(value) and value <= 0.0:
-            raise InputError(f"`{name}` must be positive definite, got {validation.show(value)}")
-        return validation.nonnegative(name, value) * np.eye(n)
+        number = validation.positive if positive else validation.nonnegative
+        return number(name, value) * np.eye(n)
     if given.ndim == 1 and not matrix:
         entries = validation.vector(name, value, length=n)
-        least = float(entries.min(initial=1.0))
-        if least < 0.0 or (positive and least == 0.0):
-            rule = "be positive definite" if positive else "have entries >= 0"
-            raise InputError(f"`{name}` must {rule}, got the entry {least:.3g}")
+        if not (entries > 0.0 if positive else entries >= 0.0).all():
+            rule = "> 0" if positive else ">= 0"
+            raise InputError(f"`{name}` must have entries {rule}, got {entries.min():.3g}")
         return np.diag(entries)
     full = validation.matrix(name, value, rows=n, cols=n)
     # in units in which the diagonal is 1: what rounding is does not depend on those of the entries
     diagonal = np.abs(np.diag(full))
     size = np.sqrt(np.where(diagonal > 0.0, diagonal, 1.0))
     unit = full / size[:, None] / size
-    i, j = np.unravel_index(np.abs(unit - unit.T).argmax(), unit.shape) if n else (0, 0)
-    if n and abs(unit[i, j] - unit[j, i]) > 5e-10:
+    i, j = np.unravel_index(np.abs(unit - unit.T).argmax(), unit.shape)
+    if abs(unit[i, j] - unit[j, i]) > 5e-10:
         found = f"[{i}, {j}] = {full[i, j]:.6g} and [{j}, {i}] = {full[j, i]:.6g}"
         raise InputError(f"`{name}` must be symmetric, got {found}")
     half = full / 2.0 + full.T / 2.0
@@ -295,5 +285,6 @@ def weight(
     room = n * float(np.finfo(np.float64).eps) * float(np.abs(unit).max())
     if least <= room if positive else least < -room:
         least = min(least, float(np.linalg.eigvalsh(half)[0]))
+        kind = "definite" if positive else "semidefinite"
         raise InputError(f"`{name}` must be positive {kind}, its least eigenvalue is {least:.3g}")
     return half

@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 import unicodedata
 from collections.abc import Sequence
-from itertools import pairwise
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,8 @@ _ARRAYS = {
     "Plan": "an array, got a Plan: pass plan.u",
     "System": "an array, got a System: pass system.{}",
 }
+# What has no labels.
+_PLAIN = (np.ndarray, list, tuple, int, float)
 
 
 def read(name: str, value: object) -> NDArray[Any]:
@@ -33,8 +35,7 @@ def read(name: str, value: object) -> NDArray[Any]:
         raise InputTypeError(f"`{name}` is a masked array: fill it first, e.g. {name}.filled(0.0)")
     if kind.__module__.split(".")[:2] == ["scipy", "sparse"]:
         raise InputTypeError(f"`{name}` is a sparse matrix: pass {name}.toarray()")
-    if not isinstance(value, (list, tuple)):
-        _refuse_labels(name, value)
+    _refuse_labels(name, value)
     try:
         given = np.asarray(value)
     except MemoryError:
@@ -54,17 +55,12 @@ def read(name: str, value: object) -> NDArray[Any]:
 
 def _refuse_labels(name: str, value: Any) -> None:
     """Refuse a table or series with labels, unless they are 0, 1, 2, ... or dim_0, dim_1, ..."""
-    if isinstance(value, (np.ndarray, list, tuple, float, int)):
+    if isinstance(value, _PLAIN):
         return
     axes, dims = _axes(value), getattr(value, "dims", None)
     if isinstance(dims, tuple) and len(dims) > 1 and not _counted(list(dims), "dim_"):
         axes = {"dims": list(dims), **axes}
-    shown = "; ".join(
-        f"{what}: {', '.join(show(label).partition(' ')[2] or '?' for label in labels[:3])}"
-        f"{', ...' if len(labels) > 3 else ''}"
-        for what, labels in axes.items()
-        if labels
-    )
+    shown = "; ".join(f"{what}: {shown_labels(axis)}" for what, axis in axes.items() if axis)
     if shown:
         shown = shown if len(shown) <= 100 else shown[:96] + " ..."
         raise InputError(
@@ -92,32 +88,6 @@ def _axes(value: Any) -> dict[str, list[Any]]:
         return {}
 
 
-def labels_along(value: Any) -> list[list[Any]]:
-    """The labels along each axis of a table, [] for an axis without; [] if it is no table."""
-    return list(_axes(value).values())
-
-
-def shown_labels(labels: Sequence[Any]) -> str:
-    """At most three labels as text."""
-    plain = [str(label) if isinstance(label, str) else label for label in labels[:3]]
-    some = ", ".join(f"{label!r:.24}" for label in plain)
-    return f"{some}{', ...' if len(labels) > 3 else ''}"
-
-
-def origin(value: object, given: NDArray[Any]) -> str:
-    """The kind of numbers that was found."""
-    if given.ndim == 0 and not isinstance(value, (np.ndarray, np.generic)):
-        return show(value)
-    return f"dtype {str(given.dtype)[:40]}"
-
-
-def found_shape(value: object, given: NDArray[Any]) -> str:
-    """The shape that was found, or the scalar."""
-    if given.ndim == 0 and not isinstance(value, np.ndarray):
-        return show(value)
-    return shown_shape(given)
-
-
 def _counted(labels: list[Any], prefix: str) -> bool:
     """Whether labels are 0, 1, 2, ... as integers, or these after the prefix."""
     return all(
@@ -125,6 +95,87 @@ def _counted(labels: list[Any], prefix: str) -> bool:
         or label == f"{prefix}{k}"
         for k, label in enumerate(labels)
     )
+
+
+def labels_along(value: Any) -> list[list[Any]]:
+    """The labels along each axis of a table, [] for an axis without; [] if it is no table."""
+    return [] if isinstance(value, _PLAIN) else list(_axes(value).values())
+
+
+def aligned(name: str, value: Any, names: Sequence[str], *, square: bool = False) -> Any:
+    """Bring the last axis of a table with labels into the order of `names`.
+
+    Both axes of a `square` table with two: the names of the rows are those of the columns where it
+    has these alone. Anything without labels along its last axis goes through as it is; so does a
+    table whose rows, in time, have no labels that increase, which `read` refuses.
+    """
+    along = labels_along(value)
+    if not along or not along[-1]:
+        return value
+    if square and np.ndim(value) == 2:
+        return _placed(name, np.asarray(value), (along * 2)[:2], (names, names))
+    found = _placed(name, np.asarray(value), along[-1:], (names,))
+    rises = len(along) == 1
+    with suppress(Exception):  # labels that cannot be compared
+        rows = along[0] if len(along) == 2 else [""]
+        rises = rises or (sorted(set(rows)) == rows and not any(isinstance(r, str) for r in rows))
+    return found if rises else value
+
+
+# Dimensions of the matrices in xarray: which axis is which does not follow from labels alone.
+DIMS = {"A": ("state_next", "state"), "B": ("state_next", "input")}
+
+
+def matrices(
+    A: Any, B: Any, states: Sequence[str] | None, inputs: Sequence[str] | None
+) -> tuple[Any, Any, Sequence[str] | None, Sequence[str] | None]:
+    """A and B, whose tables may have labels, in one order of the states; and the names.
+
+    The order is that of `states` if they are given, else that of the rows of A. What has no labels
+    goes through as it is, and so does what `read` has to refuse.
+    """
+    of_A, of_B = _table("A", A), _table("B", B)
+    order = of_A[1][0] if states is None and of_A and of_B else states
+    if order is None or not (of_A or of_B):
+        return A, B, states, inputs
+    if of_A is not None:
+        A = _placed("A", *of_A, (order, order))
+    if of_B is not None:
+        inputs = of_B[1][1] if inputs is None else inputs
+        B = _placed("B", *of_B, (order, inputs))
+    return A, B, order, inputs
+
+
+def _table(name: str, value: Any) -> tuple[NDArray[Any], list[list[str]]] | None:
+    """The array and its names along rows and columns, if both have them."""
+    dims = getattr(value, "dims", None)
+    if isinstance(dims, tuple):
+        if sorted(map(str, dims)) != sorted(DIMS[name]):
+            return None
+        value = value.transpose(*DIMS[name])
+    along = labels_along(value)
+    named = all(axis and all(isinstance(label, str) for label in axis) for axis in along)
+    if len(along) != 2 or not named:
+        return None
+    return np.asarray(value), [list(map(str, axis)) for axis in along]
+
+
+def _placed(
+    name: str, values: NDArray[Any], found: list[list[Any]], wanted: Sequence[Sequence[str]]
+) -> NDArray[Any]:
+    """The table in the order of the wanted names along its last axes."""
+    for k, (has, names) in enumerate(zip(found, wanted, strict=True)):
+        if sorted(map(str, has)) != sorted(names):
+            odd = [one for one in has if one not in names or has.count(one) > 1]
+            lack = next((repr(one) for one in names if one not in has), "")
+            where = f" along its {('rows', 'columns')[k]}" if len(found) == 2 else ""
+            raise InputError(
+                f"`{name}` must have the labels {shown_labels(names)}{where}, each once, "
+                f"{f'got {shown_labels(odd[:1])}' if odd else f'{lack:.40} is missing'}: rename "
+                f"them, or pass {name}.to_numpy() if the order is right"
+            )
+        values = values.take([has.index(one) for one in names], axis=k - len(found))
+    return values
 
 
 def show(value: object) -> str:
@@ -143,6 +194,20 @@ def show(value: object) -> str:
     return f"an object of type {kind}"
 
 
+def shown_labels(labels: Sequence[Any]) -> str:
+    """At most three labels as text."""
+    some = (
+        f"{str(label)[:30]!r:.34}" if isinstance(label, str) else show(label).partition(" ")[2]
+        for label in labels[:3]
+    )
+    return f"{', '.join(some)}{', ...' if len(labels) > 3 else ''}"
+
+
+def shown_shape(given: NDArray[Any]) -> str:
+    """Return the shape as text."""
+    return str(given.shape) if given.ndim <= 5 else f"{given.ndim} dimensions"
+
+
 def number(text: str) -> float:
     """The number that a text is, as `float`; but 1_5, which is 15 in Python, is a ValueError."""
     if "_" in text:
@@ -156,11 +221,6 @@ def printable(text: str) -> str:
         return text
     # other blanks of Unicode, such as the one that breaks no line, do no harm
     return "".join(c if c.isprintable() or unicodedata.category(c) == "Zs" else "?" for c in text)
-
-
-def shown_shape(given: NDArray[Any]) -> str:
-    """Return the shape as text."""
-    return str(given.shape) if given.ndim <= 5 else f"{given.ndim} dimensions"
 
 
 def whole(value: object) -> int | None:
@@ -180,104 +240,3 @@ def whole(value: object) -> int | None:
 def article(kind: type) -> str:
     """The name of a class with its article."""
     return f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
-
-
-# Dimensions of the matrices in xarray: which axis is which does not follow from labels alone.
-DIMS = {"A": ("state_next", "state"), "B": ("state_next", "input")}
-
-
-def aligned(name: str, value: Any, names: Sequence[str]) -> Any:
-    """Bring the last axis of a table with labels into the order of `names`.
-
-    Anything without labels there goes through as it is; so do labels that are not names of a system
-    whose states or inputs are only numbered, which `read` refuses. Rows of a table in time must
-    have labels that increase.
-    """
-    if isinstance(value, (np.ndarray, list, tuple, int, float)):
-        return value
-    along = labels_along(value)
-    if not along or not along[-1]:
-        return value
-    if sorted(map(str, along[-1])) != sorted(names):
-        if all(name in (f"x[{k}]", f"u[{k}]") for k, name in enumerate(names)):
-            return value
-        raise InputError(
-            f"`{name}` has the labels {shown_labels(along[-1])}, expected the names "
-            f"{shown_labels(names)}: bring it into the order of these and pass {name}.to_numpy()"
-        )
-    if len(along) > 2 or (len(along) == 2 and not _increasing(along[0])):
-        return value
-    return np.asarray(value)[..., [along[-1].index(name) for name in names]]
-
-
-def aligned_weight(name: str, value: Any, names: Sequence[str]) -> Any:
-    """The same for a diagonal, or for a square table with the same names along rows and columns."""
-    if isinstance(value, (np.ndarray, list, tuple, int, float)):
-        return value
-    along = labels_along(value)
-    if not along or not along[-1] or np.ndim(value) != 2:
-        return aligned(name, value, names)
-    # names along columns alone: those of the rows are the same
-    return _placed(name, np.asarray(value), (along * 2)[:2], (names, names))
-
-
-def matrices(
-    A: Any, B: Any, states: Sequence[str] | None, inputs: Sequence[str] | None
-) -> tuple[Any, Any, Sequence[str] | None, Sequence[str] | None]:
-    """A and B, whose tables may have labels, in one order of the states; and the names.
-
-    The order is that of `states` if they are given, else that of the rows of A. What has no labels
-    goes through as it is, and so does what `read` has to refuse.
-    """
-    of_A, of_B = _table("A", A), _table("B", B)
-    order = of_A[1][0] if states is None and of_A and of_B else states
-    if order is None:
-        return A, B, states, inputs
-    if of_A is not None:
-        A = _placed("A", *of_A, (order, order))
-    if of_B is not None:
-        inputs = of_B[1][1] if inputs is None else inputs
-        B = _placed("B", *of_B, (order, inputs))
-    return A, B, states if of_A is None and of_B is None else order, inputs
-
-
-def _table(name: str, value: Any) -> tuple[NDArray[Any], list[list[str]]] | None:
-    """The array and its names along rows and columns, if both have them."""
-    if isinstance(value, (np.ndarray, list, tuple)):
-        return None
-    dims = getattr(value, "dims", None)
-    if isinstance(dims, tuple):
-        if sorted(map(str, dims)) != sorted(DIMS[name]):
-            return None
-        value = value.transpose(*DIMS[name])
-    along = labels_along(value)
-    named = all(axis and all(isinstance(label, str) for label in axis) for axis in along)
-    if len(along) != 2 or not named:
-        return None
-    return np.asarray(value), [list(map(str, axis)) for axis in along]
-
-
-def _placed(
-    name: str, values: NDArray[Any], found: list[list[str]], wanted: Sequence[Sequence[str]]
-) -> NDArray[Any]:
-    """The table in the order of the wanted names along its rows and columns."""
-    for what, has, names in zip(("rows", "columns"), found, wanted, strict=True):
-        if sorted(map(str, has)) != sorted(names):
-            odd = [one for one in has if one not in names or has.count(one) > 1]
-            lack = next((repr(one) for one in names if one not in has), None)
-            said = f"got {odd[0]!r:.40}" if odd else f"{lack:.40} is missing"
-            raise InputError(
-                f"`{name}` must have the labels {shown_labels(names)} along its {what}, each "
-                f"once, {said}"
-            )
-    orders = ([has.index(one) for one in names] for has, names in zip(found, wanted, strict=True))
-    return values[np.ix_(*orders)]
-
-
-def _increasing(labels: Sequence[Any]) -> bool:
-    """Whether labels of rows, times or steps, are in order; also if there are none."""
-    try:
-        rises = all(bool(a < b) for a, b in pairwise(labels))
-        return rises and not any(isinstance(label, str) for label in labels)
-    except Exception:  # labels that cannot be compared
-        return False

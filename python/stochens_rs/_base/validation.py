@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from collections.abc import Set as AbstractSet
 from itertools import islice, pairwise
 from typing import Any, TypeGuard, TypeVar
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
-from .reading import aligned, found_shape, origin, printable, shown_labels, shown_shape, whole
+from .reading import aligned, printable, shown_labels, shown_shape, whole
 from .reading import article as article
 from .reading import read as read
 from .reading import show as show
@@ -39,10 +39,7 @@ def vector(
 
     A table whose labels are `labels`, the names of its entries, is brought into their order.
     """
-    given = _numeric(name, value, labels)
-    hint = f"; use {name}.ravel()" if given.ndim == 2 and 1 in given.shape else ""
-    _fit(name, value, given, ("n" if length is None else length,), hint)
-    return _finite(name, given)
+    return _array(name, value, ("n" if length is None else length,), labels)
 
 
 def measured(name: str, value: object, names: Sequence[str]) -> Floats:
@@ -55,7 +52,7 @@ def measured(name: str, value: object, names: Sequence[str]) -> Floats:
     if given.ndim == 0 and len(names) == 1:
         given = given.reshape(1)
     if given.shape != (len(names),):  # the text takes time
-        _fit(name, value, given, (len(names),), f": one number for each of {shown_labels(names)}")
+        _fit(name, value, given, (len(names),), f", one number for each of {shown_labels(names)}")
     if isinstance(value, (list, tuple)) and not _BOOLS.isdisjoint(map(type, value)):
         raise InputTypeError(f"`{name}` must contain integers or real floats, got a bool")
     if given.dtype.itemsize <= 8:
@@ -86,13 +83,9 @@ def matrix(
 
     `labels` of the columns as in `vector`.
     """
-    given = _numeric(name, value, labels)
-    one = given.ndim == 1 and not square and cols in (None, 1)
     height = "n" if rows is None else rows
     width = height if square else "m" if cols is None else cols
-    hint = f"; use {name}.reshape(-1, 1) for one column" if one else ""
-    _fit(name, value, given, (height, width), hint)
-    return _finite(name, given)
+    return _array(name, value, (height, width), labels)
 
 
 def inputs(
@@ -109,8 +102,7 @@ def inputs(
     `rows` is for messages; without `empty` there must be one at least; `labels` as in `matrix`.
     """
     given = read(name, value if labels is None else aligned(name, value, labels))
-    hint = f"; use {name}.reshape(-1, {cols})" if given.ndim == 1 and given.size else ""
-    _fit(name, value, given, (rows, cols), hint, ", one row per step")
+    _fit(name, value, given, (rows, cols), ", one row per step")
     return matrix(name, given, cols=cols) if len(given) or not empty else np.zeros((0, cols))
 
 
@@ -126,10 +118,8 @@ def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:
     """Return `value` as a C-contiguous float64 array with one of the numbers of dimensions."""
     given = _numeric(name, value)
     if given.ndim not in ndim:
-        wanted = " or ".join(str(k) for k in ndim)
-        found = found_shape(value, given)
-        what = "shape " * (found[0] == "(")
-        raise ShapeError(f"`{name}` must have {wanted} dimensions, got {what}{found}")
+        wanted = " or ".join(map(str, ndim))
+        raise ShapeError(f"`{name}` must have {wanted} dimensions, got {_found(value, given)}")
     return _finite(name, given)
 
 
@@ -139,19 +129,16 @@ def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, ob
     It must be an ndarray of native float64, C-contiguous, aligned and writeable, and share no
     memory with the arrays of `apart`, whose keys are the names of their arguments.
     """
-    if not isinstance(value, np.ndarray) or isinstance(value, np.ma.MaskedArray):
-        raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
-    if value.dtype != np.float64:
-        raise InputTypeError(f"`{name}` must have dtype float64, got {str(value.dtype)[:40]}")
-    _fit(name, value, value, shape)
-    if not (value.flags.carray and value.flags.writeable):
+    array = _floats(name, value)
+    _fit(name, value, array, shape)
+    if not (array.flags.carray and array.flags.writeable):
         raise InputError(f"`{name}` must be C-contiguous, aligned and writeable, it is not")
-    for other, array in apart.items():
-        if isinstance(array, np.ndarray) and np.shares_memory(value, array):
+    for other, one in apart.items():
+        if isinstance(one, np.ndarray) and np.shares_memory(array, one):
             raise InputError(
                 f"`{name}` must not share memory with `{other}`, which it would change"
             )
-    return value
+    return array
 
 
 def kept(
@@ -162,15 +149,20 @@ def kept(
     shape: tuple[int, ...] | None = None,
 ) -> Floats:
     """Return `value` if it is an ndarray of finite float64, as the fields of records are."""
-    if type(value) is not np.ndarray or value.dtype != np.float64:
-        raise InputTypeError(f"`{name}` must be a numpy.ndarray of float64, got {show(value)}")
+    given = _floats(name, value)
     if shape is not None:
-        _fit(name, value, value, shape)
-    with np.errstate(all="ignore"):
-        total = value.sum()
-    if value.ndim in ndim and value.size and math.isfinite(total):
-        return value
-    return array(name, value, ndim=ndim)  # only the sum overflows, or `array` raises
+        _fit(name, value, given, shape)
+    array(name, given, ndim=ndim)
+    return given
+
+
+def _floats(name: str, value: object) -> Floats:
+    if type(value) is not np.ndarray or value.dtype != np.float64:
+        found = f" of {str(value.dtype)[:40]}" if isinstance(value, np.ndarray) else ""
+        raise InputTypeError(
+            f"`{name}` must be a numpy.ndarray of float64, got {show(value)}{found}"
+        )
+    return value
 
 
 def size(name: str, value: object, *, minimum: int = 1, maximum: int = EXACT) -> int:
@@ -243,23 +235,21 @@ def flag(name: str, value: object) -> bool:
 
 def positive(name: str, value: object, *, maximum: float = math.inf) -> float:
     """Return a finite real number > 0 as float."""
-    number = _real(name, value, "> 0")
-    if number <= 0.0:
-        raise SizeError(f"`{name}` must be > 0, got {show(value)}")
-    if number > maximum:
-        raise SizeError(f"`{name}` must be at most {maximum:g}, got {show(value)}")
-    return number
+    rule = "> 0" if maximum == math.inf else f"> 0 and at most {maximum:g}"
+    return _real(name, value, rule, lambda number: 0.0 < number <= maximum)
 
 
 def nonnegative(name: str, value: object) -> float:
     """Return a finite real number >= 0 as float."""
-    number = _real(name, value, ">= 0")
-    if number < 0.0:
-        raise SizeError(f"`{name}` must be >= 0, got {show(value)}")
-    return number + 0.0  # without the sign of -0
+    return _real(name, value, ">= 0", lambda number: number >= 0.0)
 
 
-def _real(name: str, value: object, rule: str) -> float:
+def probability(name: str, value: object) -> float:
+    """Return a real number in (0, 1) as float."""
+    return _real(name, value, "in (0, 1)", lambda number: 0.0 < number < 1.0)
+
+
+def _real(name: str, value: object, rule: str, fits: Callable[[float], bool]) -> float:
     if not is_real(value):
         raise InputTypeError(f"`{name}` must be a real number {rule}, got {show(value)}")
     try:
@@ -268,7 +258,9 @@ def _real(name: str, value: object, rule: str) -> float:
         raise SizeError(f"`{name}` is too large for a float: {show(value)}") from None
     if not math.isfinite(number):
         raise NonFiniteError(f"`{name}` is {number}: it must be finite")
-    return number
+    if not fits(number):
+        raise SizeError(f"`{name}` must be {rule}, got {show(value)}")
+    return number + 0.0  # without the sign of -0
 
 
 def deviations(name: str, value: Any, count: int) -> Floats:
@@ -279,14 +271,6 @@ def deviations(name: str, value: Any, count: int) -> Floats:
     if (found < 0.0).any():
         raise InputError(f"`{name}` must be standard deviations >= 0, got {found.min():.3g}")
     return found.copy()
-
-
-def probability(name: str, value: object) -> float:
-    """Return a real number in (0, 1) as float."""
-    number = positive(name, value)
-    if number >= 1.0:
-        raise SizeError(f"`{name}` must be in (0, 1), got {show(value)}")
-    return number
 
 
 def instance(name: str, value: object, kind: type[T]) -> T:
@@ -336,15 +320,24 @@ def frozen(checked: Floats) -> Floats:
     return copied
 
 
+def _array(
+    name: str, value: object, wanted: tuple[int | str, ...], labels: Sequence[str] | None
+) -> Floats:
+    """Return `value` as finite numbers of a shape, in which a letter stands for any length."""
+    given = _numeric(name, value, labels)
+    _fit(name, value, given, wanted)
+    return _finite(name, given)
+
+
 def _numeric(name: str, value: object, labels: Sequence[str] | None = None) -> NDArray[Any]:
     """Return `value` as an array of real numbers with at least one entry."""
     given = read(name, value if labels is None else aligned(name, value, labels))
     if given.dtype.kind not in "iuf":
-        hint = {"c": f"; pass {name}.real", "b": f"; pass {name}.astype(float)"}
-        raise InputTypeError(
-            f"`{name}` must contain integers or real floats, got {origin(value, given)}"
-            f"{hint.get(given.dtype.kind, '') if isinstance(value, np.ndarray) else ''}"
-        )
+        array = isinstance(value, (np.ndarray, np.generic)) or given.ndim > 0
+        found = f"dtype {str(given.dtype)[:40]}" if array else show(value)
+        cure = {"c": f"; pass {name}.real", "b": f"; pass {name}.astype(float)"}
+        hint = cure.get(given.dtype.kind, "") if isinstance(value, np.ndarray) else ""
+        raise InputTypeError(f"`{name}` must contain integers or real floats, got {found}{hint}")
     if given.ndim > 0 and given.size == 0:
         raise ShapeError(f"`{name}` must have at least one entry, got shape {shown_shape(given)}")
     return given
@@ -355,7 +348,6 @@ def _fit(
     value: object,
     given: NDArray[Any],
     wanted: tuple[int | str, ...],
-    hint: str = "",
     meaning: str = "",
 ) -> None:
     """Refuse another shape; a letter stands for any length, the same one everywhere."""
@@ -365,8 +357,19 @@ def _fit(
     lengths |= {side: side for side in wanted if isinstance(side, int)}
     if given.shape != tuple(lengths.get(side) for side in wanted):
         shape = f"({', '.join(map(str, wanted))}{',' * (len(wanted) == 1)})"
-        found = found_shape(value, given)
+        hint, last = "", wanted[-1]
+        if len(wanted) == 1 and given.ndim == 2 and 1 in given.shape:
+            hint = f"; use {name}.ravel()"
+        elif len(wanted) == 2 and given.ndim == 1 and given.size and wanted[0] not in (last, 1):
+            hint = f"; use {name}.reshape(-1, {last if isinstance(last, int) else 1})"
+        found = _found(value, given)
         raise ShapeError(f"`{name}` must have shape {shape}{meaning}, got {found}{hint}")
+
+
+def _found(value: object, given: NDArray[Any]) -> str:
+    """The shape that was found, or the scalar."""
+    scalar = given.ndim == 0 and not isinstance(value, np.ndarray)
+    return show(value) if scalar else shown_shape(given)
 
 
 def _finite(name: str, given: NDArray[Any]) -> Floats:

@@ -11,7 +11,7 @@ import click
 
 from .._base.files import versions
 from .._base.validation import nearest
-from ..exceptions import InputError, InputTypeError, ResourceError, StateError
+from ..exceptions import InputError, InputTypeError, StateError
 from ..studies.running import interruptions
 from ._command import EXIT_CODES, INTERNAL, INTERRUPTED, IO, OK, USAGE, Group
 from ._control import certify_command, control_command
@@ -90,7 +90,7 @@ def _code(args: list[str] | None) -> int:
         return OK if not end.code else IO
     except (OSError, StateError) as error:
         return _fail(_fault(error), IO)
-    except (InputError, InputTypeError, ResourceError, ImportError) as error:
+    except (InputError, InputTypeError, MemoryError, ImportError) as error:
         return _fail(str(error), USAGE)
     except Exception as error:
         return _fail(f"internal error: {type(error).__name__}: {error}", INTERNAL)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from .._base import validation
-from .._base.reading import aligned, aligned_weight, labels_along, shown_labels
+from .._base.reading import aligned, labels_along, shown_labels
 from .._base.records import NotNegative, Record, SavedRecord
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, NonFiniteError
@@ -131,7 +131,7 @@ def _named(name: str, value: Any, square: bool) -> Named | None:
     if not along or not along[-1] or not all(isinstance(label, str) for label in along[-1]):
         return None
     names = tuple(map(str, along[-1]))
-    found = (aligned_weight if square else aligned)(name, value, names)
+    found = aligned(name, value, names, square=square)
     if found is value:  # rows that are no times: `read` says what is wrong
         return None
     return Named(np.asarray(found, dtype=np.float64), names)

@@ -132,7 +132,7 @@ def read_task(
     if Qf is not None:
         terminal = weight("Qf", Qf, n, labels=named.states)
     auto = R is None or (isinstance(R, str) and R == "auto")
-    inputs = None if auto else weight("R", R, m, auto=True, labels=named.inputs)
+    inputs = None if auto else weight("R", R, m, labels=named.inputs)
     below = above = soft = None
     if within.x is not None:
         below, above = sides("limits.x", within.x, K, named)

@@ -60,15 +60,12 @@ Count: TypeAlias = Annotated[int, validation.size]  # >= 1
 Index: TypeAlias = Annotated[int, functools.partial(validation.size, minimum=0)]
 
 
-Check: TypeAlias = Callable[[str, Any], Any]
-
-
 class Rule(NamedTuple):
     """What the declaration of a field says beside its type: dimensions and words, or a check."""
 
     dims: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
-    check: Check | None = None
+    check: Callable[[str, Any], Any] | None = None
 
 
 def check(record: Any) -> None:
@@ -77,22 +74,14 @@ def check(record: Any) -> None:
     A number becomes what its check returns.
     """
     own: Any = type(record)
-    for name, kind, fits, checked in _tests(own):
-        value = getattr(record, name)
+    known, free = rules(own), Rule()
+    for name, kind in fields.declared(own).items():
+        value, checked = getattr(record, name), known.get(name, free).check
         if checked is not None and value is not None:
             record._keep(**{name: checked(name, value)})
-        elif not fits(value):
+        elif not fields.test(kind)(value):
             fields.refuse(name, value, kind)
     sizes(record)
-
-
-@cache
-def _tests(record: Any) -> list[tuple[str, Any, Callable[[Any], bool], Check | None]]:
-    """The name, the type, its test and the check of each field."""
-    known, free, declared = rules(record), Rule(), fields.declared(record)
-    return [
-        (name, of, fields.test(of), known.get(name, free).check) for name, of in declared.items()
-    ]
 
 
 def sizes(record: Any) -> dict[str, int]:

@@ -8,8 +8,9 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from typing import Any, TypeAlias, TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from .validation import show
 T = TypeVar("T")
 
 # Seconds between two looks for signals: on Windows, waiting for a thread does not notice them.
-_PAUSE, _SOON = 0.05, 0.001
+_PAUSE = 0.001
 _BEGIN = 1.0  # seconds that a thread gets to begin
 
 VARIABLE = "STOCHENS_NUM_THREADS"
@@ -103,29 +104,22 @@ def interruptible(work: Callable[[], T]) -> T:
     For long NumPy calls, which handle no signal before their end. If a signal handler raises, the
     thread goes on in the background until its work is done.
     """
-    waiting = [work]
-    found: list[Any] = [None, None, False]  # the result, the exception, whether there is one
+    found: Future[T] = Future()
 
     def run() -> None:
-        try:
-            found[0] = waiting.pop()()
-        except BaseException as error:  # the caller raises it
-            found[1] = error
-        finally:
-            found[2] = True
+        if found.set_running_or_notify_cancel():
+            try:
+                found.set_result(work())
+            except BaseException as error:  # the caller raises it
+                found.set_exception(error)
 
-    # not by `Thread.start`, which waits for ever for a thread that has no memory to begin
     end = time.monotonic() + _BEGIN
+    # not by `Thread.start`, which waits for ever for a thread that has no memory to begin
     with suppress(RuntimeError, MemoryError):  # no thread can be started
         _thread.start_new_thread(run, ())
-        while not found[2] and (not waiting or time.monotonic() < end):
-            time.sleep(_PAUSE if time.monotonic() >= end else _SOON)
-    if waiting:  # it did not begin
-        waiting.clear()
-        return work()
-    if found[1] is not None:
-        raise found[1]
-    return found[0]  # type: ignore[no-any-return]
+        while not found.done() and (found.running() or time.monotonic() < end):
+            time.sleep(_PAUSE)
+    return work() if found.cancel() else found.result()
 
 
 # None, a flag, or a function f(done, total).

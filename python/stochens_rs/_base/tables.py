@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -32,29 +32,6 @@ def extra(need: str, name: str = "plot") -> Iterator[None]:
         ) from error
 
 
-class Cube(NamedTuple):
-    """Arrays with named dimensions.
-
-    Attributes
-    ----------
-    variables : dict of str to (dims, array, unit)
-        The unit is "state" or "input" where it is that of the states or inputs along the last
-        dimension.
-    clock, times
-        The dimension of K + 1 times and its coordinate: "time" [s], or "step".
-    attrs : dict
-        Texts and numbers, the keys as text, and the versions.
-    labels : Labels
-        Names along the dimensions "state" and "input".
-    """
-
-    variables: dict[str, tuple[tuple[str, ...], NDArray[Any], str | None]]
-    clock: str
-    times: NDArray[Any]
-    attrs: dict[str, Any]
-    labels: Labels
-
-
 class Tabled:
     """Base of the records that have axes."""
 
@@ -68,8 +45,14 @@ class Tabled:
         """Texts, numbers and keys that no field of the parts has."""
         return {}
 
-    def _cube(self) -> Cube:
-        """What the declarations of the fields say: arrays with dimensions, numbers and texts."""
+    def _cube(self) -> tuple[dict[str, Any], str, NDArray[Any], dict[str, Any], Labels]:
+        """What the declarations of the fields say.
+
+        Arrays by name as (dims, array, unit), where the unit is "state" or "input" if it is that
+        of the states or inputs along the last dimension; the dimension of K + 1 times, "time" [s]
+        or "step", and its coordinate; texts and numbers, the keys as text, and the versions; names
+        along the dimensions "state" and "input".
+        """
         record: Any = self
         sizes, dt = records.sizes(record), getattr(record, "dt", None)
         clock, times = "step" if dt is None else "time", np.arange(sizes.get("step", 0) + 1)
@@ -100,7 +83,7 @@ class Tabled:
         labels = getattr(record, "labels", None) or default_labels(
             sizes.get("state", 0), sizes["input"]
         )
-        return Cube(variables, clock, times, attrs, labels)
+        return variables, clock, times, attrs, labels
 
     def to_xarray(self) -> xarray.Dataset:
         """Give the arrays named dimensions, coordinates and units.

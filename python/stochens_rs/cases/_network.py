@@ -312,14 +312,9 @@ def _network(
     if not (bus[:, VM] > 0.0).all():
         k = int(np.argmin(bus[:, VM]))
         raise InputError(f"`case` must have voltages > 0, got {bus[k, VM]:g} at bus {label[k]}")
-    V, load, power = (
-        np.asarray(values, dtype=np.complex128)
-        for values in (
-            bus[:, VM] * np.exp(1j * np.deg2rad(bus[:, VA])),
-            (bus[:, PD] + 1j * bus[:, QD]) / mva,
-            (gen[:, PG] + 1j * gen[:, QG]) / mva,
-        )
-    )
+    V: Any = bus[:, VM] * np.exp(1j * np.deg2rad(bus[:, VA]))
+    load: Any = (bus[:, PD] + 1j * bus[:, QD]) / mva
+    power: Any = (gen[:, PG] + 1j * gen[:, QG]) / mva
     if numbers is not None:
         index = {outer: index[inner] for outer, inner in numbers.items() if inner in index}
         for outer in reversed(index):  # the first of several names of one bus

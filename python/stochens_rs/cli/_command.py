@@ -159,21 +159,10 @@ class _Share(click.ParamType):  # type: ignore[type-arg]
         return found
 
 
-class Choice(click.Choice):  # type: ignore[type-arg]
-    """One of some words; the message asks whether the nearest one was meant."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Return the word."""
-        try:
-            return super().convert(value, param, ctx)
-        except click.BadParameter as error:
-            text = error.message.rstrip(".") + nearest(str(value), self.choices)
-            raise click.BadParameter(text, ctx, param) from None
-
-
 Share = Annotated[Any, _Share()]
 File = Annotated[str, click.Path(readable=False)]
 Count = Annotated[int, click.IntRange(min=1)]
+Word = Annotated[Any, str]  # one of some words, which the package checks
 LEVEL = f"{DELTA:.0%}"
 
 

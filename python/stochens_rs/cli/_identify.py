@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import warnings
-from typing import Annotated, Any
+from typing import Any
 
 import click
 import numpy as np
 
 from .._base.reading import number
 from .._base.show import listed
-from ..data.gaps import ON_GAP
 from ..data.table import Table, csv_files, natural
 from ..exceptions import DataWarning
 from ..identification import Model, Noise, Pilot, Trajectories, Window, identify
-from ..identification.assumptions import DESIGNS, LAWS, UNKNOWN
 from ..identification.region import Region
-from ._command import LEVEL, Choice, File, Share, command, names_of, parsed
+from ._command import LEVEL, File, Share, Word, command, names_of, parsed
 from ._output import Out, finite, note, show_result
 
-_Gap = Annotated[Any, Choice(ON_GAP)]
-_Design = Annotated[Any, Choice(DESIGNS)]
-_Law = Annotated[Any, Choice(LAWS)]
-_Covariance = Annotated[Any, Choice(UNKNOWN)]
 
-
-@command()
+@command(law="noise")
 def identify_command(
     source: tuple[File, ...],
     *,
@@ -36,13 +29,13 @@ def identify_command(
     time: str | None = None,
     dt: float | None = None,
     delay: int = 0,
-    on_gap: _Gap = "split",
+    on_gap: Word = "split",
     last_pairs: bool = False,
     skip: int = 0,
-    design: _Design = "adaptive",
-    noise: _Law = "gaussian",
+    design: Word = "adaptive",
+    noise: Word = "gaussian",
     sigma: float | None = None,
-    covariance: _Covariance = "full",
+    covariance: Word = "full",
     exact: str | None = None,
     intercept: bool = False,
     window: str | None = None,

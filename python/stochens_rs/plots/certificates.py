@@ -10,19 +10,8 @@ import numpy as np
 
 from .._base.numbers import ROUNDING
 from .._base.types import Floats
+from . import style
 from .panels import panel_grid
-from .style import (
-    SMALL,
-    TITLE,
-    add_band,
-    add_key,
-    add_labels,
-    axes_or_new,
-    literal,
-    look_of,
-    number_text,
-    root_of,
-)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,35 +40,36 @@ def draw_radii(
     figure, axes = panel_grid(len(panels) + (tube is not None), figure)
     for ax, (name, values) in zip(axes, panels.items(), strict=False):
         _bars(ax, values, name)
-    look = look_of(axes[0])
+    look = style.look_of(axes[0])
     if tube is not None:
         ax, finite = axes[-1], np.isfinite(tube)
         steps, radii, color = np.flatnonzero(finite), tube[finite], look.color(0)
-        add_band(ax, steps, radii, 0.0, color)
+        style.add_band(ax, steps, radii, 0.0, color)
         ax.plot(steps, radii, "o-", color=color, linewidth=1.6, markersize=3)
         more = "" if finite.all() else f", infinite from step {int(np.argmin(finite))}"
-        add_labels(ax, f"step k{more}", "radius of the tube")
+        style.add_labels(ax, f"step k{more}", "radius of the tube")
         ax.set_xlim(0, len(tube) - 1)
         ax.set_ylim(bottom=0.0)
-    figure.suptitle(says, fontsize=SMALL + 1, color=look.ink, x=0.01, ha="left")
-    return root_of(figure)
+    figure.suptitle(says, fontsize=style.SMALL + 1, color=look.ink, x=0.01, ha="left")
+    return style.root_of(figure)
 
 
 def _bars(ax: Axes, values: dict[str, float], name: str) -> None:
     """A bar for each of the numbers, the first one on top."""
-    look, shown = look_of(ax), dict(list(values.items())[:_BARS])
+    look, shown = style.look_of(ax), dict(list(values.items())[:_BARS])
     sizes = np.array([size if np.isfinite(size) else 0.0 for size in shown.values()])
     sizes[sizes < ROUNDING * sizes.max(initial=0.0)] = 0.0  # beside the others
     ax.barh(range(len(shown)), sizes, height=0.6, color=look.color(0))
     for k, size in enumerate(shown.values()):
-        text = f" {number_text(float(f'{sizes[k]:.3g}'))}" if np.isfinite(size) else " infinite"
-        ax.text(sizes[k], k, text, va="center", fontsize=SMALL, color=look.ink)
-    ax.set_yticks(range(len(shown)), map(literal, shown))
+        number = style.number_text(float(f"{sizes[k]:.3g}"))
+        text = f" {number}" if np.isfinite(size) else " infinite"
+        ax.text(sizes[k], k, text, va="center", fontsize=style.SMALL, color=look.ink)
+    ax.set_yticks(range(len(shown)), map(style.literal, shown))
     ax.invert_yaxis()
     ax.margins(x=0.25)
     ax.set_xlim(left=0.0)
     more = f" (the first {_BARS} of {len(values)})" if len(values) > _BARS else ""
-    add_labels(ax, f"{name}{more}", "")
+    style.add_labels(ax, f"{name}{more}", "")
     ax.grid(visible=False, axis="y")
 
 
@@ -90,21 +80,21 @@ def draw_region(
     centre: Floats, corners: Floats, label: str, across: str, up: str, ax: Axes | None
 ) -> Axes:
     """Draw a polygon (k, 2) and its `centre`, in the next colour of those in `ax`."""
-    ax = axes_or_new(ax)
+    ax = style.axes_or_new(ax)
     from matplotlib.patches import Polygon
 
-    look = look_of(ax)
+    look = style.look_of(ax)
     before = sum(one.get_gid() == _ID for one in ax.patches)
     color = look.color(before)
     face = "none" if before else (color, look.fill / 1.5)  # the colours of two would mix
     edge = Polygon(corners, facecolor=face, edgecolor=color, linewidth=1.6, gid=_ID)
-    edge.set_label(literal(label))
+    edge.set_label(style.literal(label))
     ax.add_patch(edge)
     ax.plot(*centre, "+", color=color, markersize=8, markeredgewidth=1.6, linestyle="")
-    add_labels(ax, across, up)
+    style.add_labels(ax, across, up)
     ax.autoscale_view()
     if ax.get_legend_handles_labels()[0]:  # matplotlib leaves out empty labels
-        add_key(ax, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+        style.add_key(ax, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return ax
 
 
@@ -134,7 +124,7 @@ def draw_residuals(
 
     figure, panels = panel_grid(len(TESTS), figure)
     over_time, correlation, tails, against = panels
-    look, normal = look_of(over_time), NormalDist()
+    look, normal = style.look_of(over_time), NormalDist()
     scale = np.sqrt(np.mean(residuals**2, axis=0))
     e = residuals / np.where(scale > 0.0, scale, 1.0)
     sizes, e = np.sqrt(np.mean(e**2, axis=1)), e[:, :LISTED]
@@ -157,11 +147,11 @@ def draw_residuals(
         correlation.vlines(at, 0.0, r, color=color, linewidth=1.2)
         correlation.plot(at, r, "o", color=color, markersize=3)
     over_time.axhline(0.0, color=look.pale, linewidth=0.8)
-    add_labels(over_time, "pair", "residual / deviation")
+    style.add_labels(over_time, "pair", "residual / deviation")
     correlation.set_xticks(lags)
-    add_labels(correlation, "lag [steps]   (band: 95 % of white noise)", "correlation")
+    style.add_labels(correlation, "lag [steps]   (band: 95 % of white noise)", "correlation")
     tails.plot(quantiles[[0, -1]], quantiles[[0, -1]], color=look.ink, linewidth=0.9)
-    add_labels(tails, "Gaussian quantile", "quantile of the residuals")
+    style.add_labels(tails, "Gaussian quantile", "quantile of the residuals")
 
     against.plot(leverages[places], sizes[places], color=look.pale, alpha=opaque, **dots)
     order = np.argsort(leverages, kind="stable")
@@ -170,19 +160,19 @@ def draw_residuals(
         means = [[np.mean(leverages[p]), np.sqrt(np.mean(sizes[p] ** 2))] for p in parts]
         tenths: dict[str, Any] = {"markersize": 4, "label": "rms in tenths of the data"}
         against.plot(*np.array(means).T, "o-", color=look.ink, linewidth=1.4, **tenths)
-        add_key(against, loc="upper right")
+        style.add_key(against, loc="upper right")
     against.set_ylim(0.0, 1.2 * against.get_ylim()[1])  # the legend stands above the dots
     against.locator_params(axis="x", nbins=5)  # its numbers are long
-    add_labels(against, "leverage of x and u", "size / deviation")
+    style.add_labels(against, "leverage of x and u", "size / deviation")
 
     for ax, (title, tests) in zip(panels, TESTS.items(), strict=True):
         values = "" if p_values is None else ", ".join(f"{p_values[one]:.2g}" for one in tests)
         text = f"{title}   p = {values}" if values else title
-        ax.set_title(text, loc="left", fontsize=TITLE, color=look.ink, pad=7)
+        ax.set_title(text, loc="left", fontsize=style.TITLE, color=look.ink, pad=7)
     dots |= {"marker": "o", "markersize": 5}
     handles = [
-        Line2D([], [], color=look.color(i), label=literal(name), **dots)
+        Line2D([], [], color=look.color(i), label=style.literal(name), **dots)
         for i, name in enumerate(names[:LISTED])
     ]
-    add_key(figure, handles=handles, loc="outside upper left", ncols=LISTED)
-    return root_of(figure)
+    style.add_key(figure, handles=handles, loc="outside upper left", ncols=LISTED)
+    return style.root_of(figure)

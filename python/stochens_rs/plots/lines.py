@@ -9,21 +9,8 @@ import numpy as np
 
 from .._base.numbers import most_changing
 from .._base.types import Floats
+from . import style
 from .panels import extent
-from .style import (
-    SMALL,
-    add_band,
-    add_key,
-    add_labels,
-    add_target,
-    axes_or_new,
-    blend,
-    literal,
-    look_of,
-    number_text,
-    readable,
-    root_of,
-)
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -34,7 +21,7 @@ if TYPE_CHECKING:
 
 MOST = 6  # lines that are labelled at their ends; more need a legend
 _ID = "stochens-end"
-_GAP = 1.25 * SMALL  # points from line to line of text
+_GAP = 1.25 * style.SMALL  # points from line to line of text
 
 
 def label_ends(ax: Axes, lines: Sequence[Line2D]) -> bool:
@@ -43,19 +30,19 @@ def label_ends(ax: Axes, lines: Sequence[Line2D]) -> bool:
     They follow when the range of an axis changes. Returns False, and writes nothing, if there are
     too many, or the layout of the figure makes no room for them: then a legend has to do it.
     """
-    root = root_of(ax)
+    root = style.root_of(ax)
     room = ax.get_window_extent().height * 72.0 / root.dpi
     count = len(lines) + sum(text.get_gid() == _ID for text in ax.texts)
     finite = all(np.isfinite(line.get_xydata()[-1]).all() for line in lines)  # type: ignore[index]
     if not (finite and 0 < count <= min(MOST, room / _GAP)) or root.get_layout_engine() is None:
         return False
-    look = look_of(ax)
+    look = style.look_of(ax)
     pairs = []
     for line in lines:
-        color = readable(str(line.get_color()), look)
+        color = style.readable(str(line.get_color()), look)
         text = ax.annotate(
             str(line.get_label()), (0.0, 0.0), (5.0, 0.0), textcoords="offset points",
-            va="center", gid=_ID, fontsize=SMALL, color=color, annotation_clip=False,
+            va="center", gid=_ID, fontsize=style.SMALL, color=color, annotation_clip=False,
         )  # fmt: skip
         pairs.append((text, np.asarray(line.get_xydata(), dtype=np.float64)))
 
@@ -78,7 +65,7 @@ def _spread(ax: Axes) -> None:
     """Move the labels up and down, so that none covers another one."""
     texts: list[Any] = [t for t in ax.texts if t.get_gid() == _ID and t.get_visible()]
     points: list[Any] = [ax.transData.transform(text.xy) for text in texts]
-    at = [float(point[1]) * 72.0 / root_of(ax).dpi for point in points]
+    at = [float(point[1]) * 72.0 / style.root_of(ax).dpi for point in points]
     for text, was, now in zip(texts, at, _apart(at, _GAP), strict=True):
         text.set_position((5.0, now - was))
 
@@ -121,10 +108,10 @@ def draw_states(
     `names` of the states, with units, stand at the curves; x_0, x_1, ... without them. Of many
     states those that change most have names, colours and bands, the others are thin.
     """
-    ax = axes_or_new(ax)
+    ax = style.axes_or_new(ax)
     from matplotlib.patches import Patch
 
-    look = look_of(ax)
+    look = style.look_of(ax)
     lines: list[Line2D] = []
     handles: list[Artist] = []
     n = states.shape[1]
@@ -137,18 +124,20 @@ def draw_states(
     for k, i in enumerate(named):
         color = look.color(k)
         dash = DASHES[k // len(look.colors) % len(DASHES)]
-        label = f"$x_{{{i}}}$" if names is None or names[i] == f"x[{i}]" else literal(names[i])
+        label = f"$x_{{{i}}}$"
+        if names is not None and names[i] != f"x[{i}]":
+            label = style.literal(names[i])
         lines += ax.plot(times, states[:, i], dash, color=color, linewidth=1.6, label=label)
         if error is not None:
             low, high = states[:, i] - 2 * error[:, i], states[:, i] + 2 * error[:, i]
-            add_band(ax, times, low, high, color)
-    add_labels(ax, "time [s]" if timed else "step k", up)
+            style.add_band(ax, times, low, high, color)
+    style.add_labels(ax, "time [s]" if timed else "step k", up)
     if not (len(times) > 1 and label_ends(ax, lines)):
         handles += lines
     if error is not None:
         handles.append(Patch(color=look.ink, alpha=look.fill, linewidth=0, label=band))
     if handles:
-        add_key(ax, handles=handles)
+        style.add_key(ax, handles=handles)
     return ax
 
 
@@ -167,13 +156,13 @@ def draw_phase(
     `radii` (K + 1,) of discs around the states of the first, which `says` what they are; `runs`
     (R, K + 1, 2) are dots, the `target` (2,) a cross.
     """
-    ax = axes_or_new(ax)
+    ax = style.axes_or_new(ax)
     from matplotlib.patches import Circle, Patch
 
-    look = look_of(ax)
+    look = style.look_of(ax)
     handles: list[Artist] = []
     if radii is not None:  # opaque, so that where they overlap they look as one tube
-        pale, edge = (blend(look.color(0), look.face, share) for share in (0.8, 0.45))
+        pale, edge = (style.blend(look.color(0), look.face, share) for share in (0.8, 0.45))
         for k in np.flatnonzero(np.isfinite(radii)).tolist():
             disc: Any = curves[0][0][k].tolist(), float(radii[k])
             ax.add_patch(Circle(*disc, facecolor=pale, linewidth=0, zorder=0.4))
@@ -197,12 +186,12 @@ def draw_phase(
         dots = ax.plot(*run.T, ".", color=look.color(1), markersize=4, alpha=0.8, label="measured")
         handles += dots if k == 0 else []
     if target is not None:
-        handles += add_target(ax, *target)
-    add_labels(ax, *map(literal, names))
+        handles += style.add_target(ax, *target)
+    style.add_labels(ax, *map(style.literal, names))
     seen = [*(way for way, _ in curves), *(() if runs is None else runs)]
     _near(ax, np.concatenate([*seen, *([] if target is None else [target[None]])]))
     if handles:
-        add_key(ax, handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0))
+        style.add_key(ax, handles=handles, loc="upper left", bbox_to_anchor=(1.01, 1.0))
     return ax
 
 
@@ -223,18 +212,18 @@ def draw_tracking(distance: Floats, residuals: Floats, *, averaged: bool, ax: Ax
 
     `averaged`: the distance is the root mean square over several runs.
     """
-    ax = axes_or_new(ax)
-    look = look_of(ax)
+    ax = style.axes_or_new(ax)
+    look = style.look_of(ax)
     steps = range(len(distance))
     name = "distance (rms)" if averaged else "distance"
     lines = [
         *ax.plot(steps, distance, color=look.color(0), linewidth=1.6, label=name),
         *ax.plot(steps[1:], residuals, "--", color=look.ink, linewidth=1, label="out of reach"),
     ]
-    add_labels(ax, "step k", "distance from the reference")
+    style.add_labels(ax, "step k", "distance from the reference")
     ax.set_ylim(bottom=0.0)
     if not label_ends(ax, lines):
-        add_key(ax, handles=lines)
+        style.add_key(ax, handles=lines)
     return ax
 
 
@@ -242,10 +231,10 @@ def draw_trace(
     steps: NDArray[np.int64], errors: Floats, certificates: Floats, ax: Axes | None
 ) -> Axes:
     """Draw errors and certificates over the steps on logarithmic axes, without zeros."""
-    ax = axes_or_new(ax)
+    ax = style.axes_or_new(ax)
     ax.set_xscale("log")
     ax.set_yscale("log")
-    look = look_of(ax)
+    look = style.look_of(ax)
     curves = (  # dashed, so that both are visible where they agree
         (errors, "error", look.color(0), "-"),
         (certificates, "certificate", look.color(1), "--"),
@@ -255,9 +244,9 @@ def draw_trace(
         shown = (steps > 0) & (values > 0.0)  # False for nan
         if shown.any():
             lines += ax.plot(steps[shown], values[shown], line, color=color, label=label, lw=1.6)
-    add_labels(ax, "step", r"$\|B(v - v^*)\|$")
+    style.add_labels(ax, "step", r"$\|B(v - v^*)\|$")
     if lines and not label_ends(ax, lines):
-        add_key(ax)
+        style.add_key(ax)
     return ax
 
 
@@ -275,11 +264,11 @@ def draw_misses(
 
     `support` and `removed` mark units; `fresh` are the misses of other units.
     """
-    ax = axes_or_new(ax)
-    look = look_of(ax)
+    ax = style.axes_or_new(ax)
+    look = style.look_of(ax)
     for units, k, kind in ((fresh, 1, "fresh units"), (misses, 0, "units of the design")):
         if units is not None:
-            share, label = (np.arange(len(units)) + 0.5) / len(units), number_text(len(units))
+            share, label = (np.arange(len(units)) + 0.5) / len(units), style.number_text(len(units))
             curve: Any = {"color": look.color(k), "linewidth": 1.4, "label": f"{label} {kind}"}
             ax.plot(share, np.sort(units), **curve)
     order = np.argsort(misses, kind="stable")
@@ -290,7 +279,7 @@ def draw_misses(
             mark: Any = {"linestyle": "none", "fillstyle": "none", "markersize": 6, "label": label}
             ax.plot(share[at], misses[order][at], marker=marker, color=color, **mark)
     ax.axhline(threshold, color=look.ink, linestyle="--", linewidth=1, label=named)
-    add_labels(ax, "share of the units", "miss")
+    style.add_labels(ax, "share of the units", "miss")
     ax.set_ylim(bottom=0.0)
-    add_key(ax, loc="center left")
+    style.add_key(ax, loc="center left")
     return ax

@@ -10,19 +10,7 @@ import numpy as np
 from .._base import validation
 from .._base.numbers import most_changing
 from .._base.types import Floats
-from .style import (
-    SMALL,
-    TEXT,
-    add_band,
-    add_key,
-    add_labels,
-    add_target,
-    literal,
-    look_of,
-    new_figure,
-    require_matplotlib,
-    root_of,
-)
+from . import style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -57,16 +45,16 @@ def panel_grid(
     count: int, figure: Figure | SubFigure | None, columns: int | None = None
 ) -> tuple[Figure | SubFigure, list[Axes]]:
     """`count` panels in `figure`, or in a new one; a legend gets its room above them."""
-    require_matplotlib()
+    style.require_matplotlib()
     from matplotlib.figure import FigureBase
 
     columns = columns or min(count, 2 if count in (2, 4) else 3)
     rows = -(-count // columns)
     if figure is None:
-        size = 1.2 + 3.4 * columns, 0.9 + 2.3 * rows
-        figure = new_figure(*size)
-    elif root_of(validation.instance("figure", figure, FigureBase)).get_layout_engine() is None:
-        root_of(figure).set_layout_engine("constrained")
+        figure = style.new_figure(1.2 + 3.4 * columns, 0.9 + 2.3 * rows)
+    root = style.root_of(validation.instance("figure", figure, FigureBase))
+    if root.get_layout_engine() is None:
+        root.set_layout_engine("constrained")
     return figure, [figure.add_subplot(rows, columns, i + 1) for i in range(count)]
 
 
@@ -82,8 +70,8 @@ def time_panels(
         words = f"the first {' and the first '.join(omitted)}"
         if changing:
             words = f"the {' and the '.join(omitted)} that change most"
-        ink = look_of(panels[0]).ink
-        figure.supxlabel(words, fontsize=SMALL, color=ink, x=0.01, ha="left")
+        ink = style.look_of(panels[0]).ink
+        figure.supxlabel(words, fontsize=style.SMALL, color=ink, x=0.01, ha="left")
     return figure, panels[:states], panels[states : states + inputs], panels[states + inputs :]
 
 
@@ -99,7 +87,7 @@ def frame(ax: Axes, low: float, high: float, far: float, dt: float | None, name:
     """Set the range of a panel and name its axes."""
     pad = 0.04 * (high - low) + 0.01 * far
     ax.set_ylim(low - pad, high + pad)
-    add_labels(ax, clock(dt), literal(name))
+    style.add_labels(ax, clock(dt), style.literal(name))
 
 
 def clock(dt: float | None) -> str:
@@ -116,7 +104,7 @@ def draw_limits(
     time more than limits they are steps.
     """
     least, most, far = shown
-    look = look_of(ax)
+    look = style.look_of(ax)
     floor, top = least, most
     stepped = len(times) > len(limits[0])
     band, line = ("post", "steps-post") if stepped else (None, "default")
@@ -129,7 +117,7 @@ def draw_limits(
         pad = far + (top - floor)  # beyond the panel where there is no limit
         sides = [np.append(side, side[-1]) if stepped else side for side in limits]
         below, above = (np.clip(side, floor - pad, top + pad) for side in sides)
-        add_band(ax, times, below, above, look.pale, step=band, label="limits")
+        style.add_band(ax, times, below, above, look.pale, step=band, label="limits")
         for side in sides:
             if np.isfinite(side).any():
                 edge: Any = {"color": look.pale, "linewidth": 0.8, "zorder": 1.5}
@@ -149,7 +137,7 @@ def draw_inputs(
     at_limit = (u <= given.low) | (u >= given.high)
     at_rate = np.zeros_like(at_limit) if given.at_rate is None else given.at_rate
     for i, ax in zip(places, panels, strict=True):
-        look, limits = look_of(ax), (given.low[:, i], given.high[:, i])
+        look, limits = style.look_of(ax), (given.low[:, i], given.high[:, i])
         ends = np.concatenate([side[np.isfinite(side)] for side in limits])
         least, most, far = extent(u[:, i])
         if ends.size and (np.ptp(ends) <= WIDE * (most - least) or most == least):
@@ -176,9 +164,9 @@ def add_legend(figure: Figure | SubFigure, panels: Sequence[Axes]) -> None:
     for ax in panels:
         for handle, label in zip(*ax.get_legend_handles_labels(), strict=True):
             found.setdefault(label, handle)
-    wide = max(1, int(figure.bbox.width / root_of(figure).dpi / _ENTRY))
-    above: dict[str, Any] = {"loc": "outside upper left", "ncols": wide, "fontsize": TEXT - 0.5}
-    add_key(figure, handles=list(found.values()), labels=list(found), **above)
+    wide = max(1, int(figure.bbox.width / style.root_of(figure).dpi / _ENTRY))
+    above: dict[str, Any] = {"loc": "outside upper left", "ncols": wide, "labels": list(found)}
+    style.add_key(figure, handles=list(found.values()), fontsize=style.TEXT - 0.5, **above)
 
 
 RUNS = 20  # most runs that are drawn one by one
@@ -216,7 +204,7 @@ def draw_tube(
         shown = [predicted[:, i], runs[:, :, i].ravel()]
         shown += [np.atleast_1d(one[..., i]) for one in (target, reference) if one is not None]
         floor, top, reach = extent(np.concatenate(shown))
-        look = look_of(ax)
+        look = style.look_of(ax)
         if limits is not None:
             sides = limits[0][:, i], limits[1][:, i]
             floor, top = draw_limits(ax, times[1:], sides, (floor, top, reach))
@@ -224,26 +212,26 @@ def draw_tube(
             radius = np.minimum(tube if tube.ndim == 1 else tube[:, i], 10.0 * reach)
             low, high = predicted[:, i] - radius, predicted[:, i] + radius
             floor, top = max(floor - reach, low.min()), min(top + reach, high.max())
-            add_band(ax, times, low, high, look.color(0), label=says)
+            style.add_band(ax, times, low, high, look.color(0), label=says)
         if reference is not None:
             asked: Any = {"color": look.ink, "linewidth": 1, "label": "reference"}
             ax.plot(times[1:], reference[:, i], "--", **asked)
         ax.plot(times, predicted[:, i], color=look.color(0), linewidth=1.6, label="predicted")
         if len(runs) > RUNS:
             low, middle, high = np.quantile(runs[:, :, i], [0.05, 0.5, 0.95], axis=0)
-            add_band(ax, times, low, high, look.color(1), label=f"90 % of {len(runs)} runs")
+            style.add_band(ax, times, low, high, look.color(1), label=f"90 % of {len(runs)} runs")
             ax.plot(times, middle, "--", color=look.color(1), linewidth=1.2, label="their median")
         size, opaque = (5, 1.0) if len(runs) == 1 else (4, 0.7)
         for run in runs if len(runs) <= RUNS else ():
             dots: Any = {"color": look.color(1), "markersize": size, "alpha": opaque}
             ax.plot(times, run[:, i], ".", label="measured", **dots)
         if target is not None:
-            add_target(ax, times[-1], target[i], clip_on=False)
+            style.add_target(ax, times[-1], target[i], clip_on=False)
         frame(ax, floor, top, reach, dt, names[i])
     if inputs is not None:
         draw_inputs(others, inputs, most_changing(inputs.u, PANELS), dt)
     add_legend(figure, [*panels, *others])
-    return root_of(figure)
+    return style.root_of(figure)
 
 
 def draw_runs(
@@ -258,14 +246,14 @@ def draw_runs(
     opaque = max(0.15, len(states) ** -0.4)  # where many lines cross they add up
     held = [np.vstack([u, u[-1:]]) for u in inputs]  # an input holds until the next step
     styles = ("default", 0), ("steps-post", 2)
-    for axes, runs, own, (style, k) in zip(panels, (states, held), names, styles, strict=True):
+    for axes, runs, own, (drawstyle, k) in zip(panels, (states, held), names, styles, strict=True):
         for i, ax in enumerate(axes):
-            line: Any = {"color": look_of(ax).color(k), "linewidth": 1.0, "alpha": opaque}
+            line: Any = {"color": style.look_of(ax).color(k), "linewidth": 1.0, "alpha": opaque}
             for run in runs:
                 times = np.arange(len(run)) * (1.0 if dt is None else dt)
-                ax.plot(times, run[:, i], drawstyle=style, **line)
+                ax.plot(times, run[:, i], drawstyle=drawstyle, **line)
             frame(ax, *extent(np.concatenate([run[:, i] for run in runs])), dt, own[i])
-    return root_of(figure)
+    return style.root_of(figure)
 
 
 def draw_calls(
@@ -282,13 +270,13 @@ def draw_calls(
 
     `target` (n,) is where the states should go.
     """
-    require_matplotlib()
+    style.require_matplotlib()
     from matplotlib.ticker import LogLocator
 
     times = np.arange(len(states)) * (1.0 if dt is None else dt)
     size = states.shape[1], inputs.u.shape[1]
     figure, panels, others, (last,) = time_panels(figure, *size, more=1)
-    look = look_of(last)
+    look = style.look_of(last)
     line: Any = {"color": look.color(0), "linewidth": 1.2, "markersize": 4, "label": "state"}
     for i, ax in enumerate(panels):
         low, high, far = extent(np.append(states[:, i], target[i]))
@@ -300,6 +288,6 @@ def draw_calls(
     last.set_yscale("log")
     last.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     last.minorticks_off()
-    add_labels(last, clock(dt), "time of a call [µs]")
+    style.add_labels(last, clock(dt), "time of a call [µs]")
     add_legend(figure, [*panels, *others])
-    return root_of(figure)
+    return style.root_of(figure)

@@ -25,6 +25,8 @@ Get: TypeAlias = Callable[[str, dict[str, Any], "np.dtype[Any]"], NDArray[Any] |
 # All classes that can be read, by their names: `Record` enters those of this package.
 RECORDS: dict[str, type[Any]] = {}
 _DECLARED: dict[type[Any], dict[str, Any]] = {}
+# What makes a record of its fields, and what then checks it, by class.
+_MAKERS: dict[type[Any], tuple[Callable[..., Any], Callable[[Any], object]]] = {}
 _DTYPES = ("float64", "int64", "int8", "bool", "uint8", "uint16", "uint32", "uint64")
 _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 _NUMBERS = {"f": (float, int), "b": (bool,), "i": (int,), "u": (int,)}  # in lists, by kind of dtype
@@ -32,15 +34,23 @@ _LONGEST = 2**63  # of whole numbers
 _EMPTY = 2**20  # the largest side of an array without entries
 
 
-def enter(record: type[Any], **arguments: Any) -> None:
-    """List a class of the core, whose constructor takes arguments of these types."""
-    RECORDS[record.__name__], _DECLARED[record] = record, arguments
+def enter(
+    record: type[Any],
+    made_by: Callable[..., Any] | None = None,
+    verify: Callable[[Any], object] = lambda made: None,
+    /,
+    **arguments: Any,
+) -> None:
+    """List a class, and the types of the arguments where the constructor, of the core, has none."""
+    RECORDS[record.__name__], _MAKERS[record] = record, (made_by or record, verify)
+    if arguments:
+        _DECLARED[record] = arguments
 
 
 def declared(record: type[Any]) -> dict[str, Any]:
     """The arguments of the constructor of a record, and their types."""
     if record not in _DECLARED:
-        made_by = getattr(record, "_made_by", record)
+        made_by = _MAKERS[record][0] if record in _MAKERS else record
         found = get_type_hints(made_by, localns={**vars(types), **RECORDS})
         names = inspect.signature(made_by).parameters
         _DECLARED[record] = {name: found[name] for name in names}
@@ -295,9 +305,9 @@ def _made(name: str, record: type[Any], fields: dict[str, Any], get: Get) -> Any
             raise InputError(f"{shown} {problem} of {validation.article(record)}")
     given = {field: restored(f"{at}{field}", fields[field], wanted[field], get) for field in wanted}
     try:
-        made = getattr(record, "_made_by", record)(**given)
-        if hasattr(made, "_verify"):
-            made._verify()
+        make, verify = _MAKERS[record]
+        made = make(**given)
+        verify(made)
     except (StochensError, MemoryError):
         raise
     except Exception as error:  # whatever fields that do not go together lead to

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import validation
-from .reading import aligned
+from .reading import aligned, shown_labels
 from .records import Record
 from .types import Floats
 
@@ -151,14 +151,9 @@ def order_of(argument: str, found: Labels | None, wanted: Labels | None) -> Orde
         elif sorted(has) == sorted(names):
             order.append([has.index(name) for name in names])
         else:
-            some = [
-                ", ".join(repr(name[:40]) for name in one[:_LISTED])
-                + ", ..." * (len(one) > _LISTED)
-                for one in (names, has)
-            ]
             raise InputError(
-                f"`{argument}` must have the {what} {some[0]} in any order, or none by name, got "
-                f"{some[1]}"
+                f"`{argument}` must have the {what} {shown_labels(names)} in any order, or none by "
+                f"name, got {shown_labels(has)}"
             )
     return Order(*order)
 

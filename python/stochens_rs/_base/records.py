@@ -113,7 +113,7 @@ def sizes(record: Any) -> dict[str, int]:
 @cache
 def rules(record: Any) -> dict[str, Rule]:
     """What the declarations of a record say beside the types, by field."""
-    if fields.RECORDS.get(record.__name__) != record or hasattr(record, "_made_by"):
+    if fields.RECORDS.get(record.__name__) != record or record._made_by:
         return {}
     hints = get_type_hints(record, localns={**vars(types), **fields.RECORDS}, include_extras=True)
     found = {}
@@ -163,13 +163,14 @@ class Record:
     __slots__ = ()
 
     _kind: ClassVar[str]
+    _made_by: ClassVar[Callable[..., Any] | None] = None
 
     def __init_subclass__(cls, *, listed: bool = True, **options: Any) -> None:
         super().__init_subclass__(**options)
         if "_kind" not in vars(cls):
             cls._kind = re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
         if listed and cls.__module__.startswith(_ROOM):
-            fields.RECORDS[cls.__name__] = cls
+            fields.enter(cls, cls._made_by, cls._verify)
 
     def __post_init__(self) -> None:
         """Check that the fields are of their declared types; a class checks what else must hold."""

@@ -26,7 +26,7 @@ Get: TypeAlias = Callable[[str, dict[str, Any], "np.dtype[Any]"], NDArray[Any] |
 RECORDS: dict[str, type[Any]] = {}
 _DECLARED: dict[type[Any], dict[str, Any]] = {}
 # What makes a record of its fields, and what then checks it, by class.
-_MAKERS: dict[type[Any], tuple[Callable[..., Any], Callable[[Any], object]]] = {}
+_MAKERS: dict[type[Any], tuple[Any, Any]] = {}
 _DTYPES = ("float64", "int64", "int8", "bool", "uint8", "uint16", "uint32", "uint64")
 _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "-inf": -math.inf}
 _NUMBERS = {"f": (float, int), "b": (bool,), "i": (int,), "u": (int,)}  # in lists, by kind of dtype
@@ -34,13 +34,7 @@ _LONGEST = 2**63  # of whole numbers
 _EMPTY = 2**20  # the largest side of an array without entries
 
 
-def enter(
-    record: type[Any],
-    made_by: Callable[..., Any] | None = None,
-    verify: Callable[[Any], object] = lambda made: None,
-    /,
-    **arguments: Any,
-) -> None:
+def enter(record: type[Any], made_by: Any = None, verify: Any = None, /, **arguments: Any) -> None:
     """List a class, and the types of the arguments where the constructor, of the core, has none."""
     RECORDS[record.__name__], _MAKERS[record] = record, (made_by or record, verify)
     if arguments:
@@ -307,7 +301,8 @@ def _made(name: str, record: type[Any], fields: dict[str, Any], get: Get) -> Any
     try:
         make, verify = _MAKERS[record]
         made = make(**given)
-        verify(made)
+        if verify is not None:
+            verify(made)
     except (StochensError, MemoryError):
         raise
     except Exception as error:  # whatever fields that do not go together lead to

@@ -177,11 +177,9 @@ def size(name: str, value: object, *, minimum: int = 1, maximum: int = EXACT) ->
 
 def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
     """Return strictly increasing counts, 1 <= sizes[k] <= maximum, as an int64 array."""
-    given = read(name, value)
-    if given.ndim != 1 or given.size == 0:
-        raise ShapeError(f"`{name}` must have shape (k,) with k >= 1, got {shown_shape(given)}")
-    items = enumerate(given.tolist())
-    counts = [size(f"{name}[{k}]", item, maximum=maximum) for k, item in items]
+    given = _numeric(name, value)
+    _fit(name, value, given, ("k",))
+    counts = [size(f"{name}[{k}]", one, maximum=maximum) for k, one in enumerate(given.tolist())]
     for k, (before, after) in enumerate(pairwise(counts), 1):
         if after <= before:
             raise InputError(

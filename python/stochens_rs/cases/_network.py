@@ -59,8 +59,6 @@ class Machines(NamedTuple):
 def read_machines(machines: object) -> Machines:
     """Return the machines, checked: whole bus numbers, H and xd1 > 0, D >= 0."""
     columns = _columns(machines)
-    if "x'd" in columns:
-        columns.setdefault("xd1", columns["x'd"])
     missing = next((name for name in _NEEDED if name not in columns), None)
     if missing is not None:
         hint = "; xd is the synchronous reactance, xd1 the transient one" if "xd" in columns else ""
@@ -85,7 +83,7 @@ def read_machines(machines: object) -> Machines:
 def _columns(machines: object) -> dict[str, Any]:
     """The columns of a CSV file, of a mapping of columns or of rows by bus, or of a DataFrame."""
     if isinstance(machines, (str, os.PathLike)):
-        table, known = Table.of_file(checked_path("machines", machines)), {*_NEEDED, "x'd", "mva"}
+        table, known = Table.of_file(checked_path("machines", machines)), {*_NEEDED, "mva"}
         read = {k: table.numbers("machines", k, whole=True) for k in table.names if k in known}
         return dict.fromkeys(table.names) | read
     if isinstance(machines, Mapping):

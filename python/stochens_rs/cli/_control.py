@@ -145,7 +145,7 @@ def control_command(
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
             loop = _feedback_for(known, Q, R) if gain else None
-            found = _certified(plan, delta, noise=counted, gain=loop)
+            found = plan.bound(delta, noise=counted, gain=loop)
         if not gain:
             try:
                 near = finite(plan.typical(delta, noise=counted).miss)
@@ -167,20 +167,6 @@ def control_command(
     }
     show_result(facts, _text(plan, found, near, (*inputs, *states), path, xf), as_json)
     files.write(facts, lambda: plan.plot(found))
-
-
-def _certified(plan: Any, delta: float, **options: Any) -> Any:
-    """The certificate; that the noise to come has no bound is said in options."""
-    try:
-        return plan.bound(delta, **options)
-    except InputError as error:
-        unbounded = str(error).startswith("`noise` must be False")
-        if options["gain"] is not None or not options["noise"] or not unbounded:
-            raise
-        raise click.UsageError(
-            "--noise needs a bound on the noise to come, and this model has none: identify with "
-            "--sigma S, or with --last-pairs --design independent"
-        ) from error
 
 
 def _text(plan: Any, found: Any, near: Any, names: Any, path: Any, xf: Any) -> str:

@@ -83,8 +83,13 @@ def doctor_command(*, validate: bool = False, as_json: bool = False) -> int:
     }
     compared = reference.validate() if validate else ()
     facts["validation"] = [one._asdict() | {"passed": one.passed} for one in compared]
-    facts["warnings"], facts["broken"] = _warnings(facts), _broken(facts)
-    facts["broken"] += [str(one) for one in compared if not one.passed]
+    facts["warnings"] = []
+    if not release:
+        text = "the core is a debug build, many times slower: build it with --release"
+        facts["warnings"].append(text)
+    if facts["environment"][VARIABLE] is not None and by == "processors":
+        facts["warnings"].append(f"{VARIABLE} is no whole number > 0, and without effect")
+    facts["broken"] = _broken(facts) + [str(one) for one in compared if not one.passed]
     show_result(facts, _text(facts), as_json)
     return INTERNAL if facts["broken"] else OK
 
@@ -104,15 +109,6 @@ def _extras() -> dict[str, dict[str, str | None]]:
             there[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             there[package] = None
-    return found
-
-
-def _warnings(facts: dict[str, Any]) -> list[str]:
-    found = []
-    if not facts["core"]["release"]:
-        found.append("the core is a debug build, many times slower: build it with --release")
-    if facts["environment"][VARIABLE] is not None and facts["threads_by"] == "processors":
-        found.append(f"{VARIABLE} is no whole number > 0, and without effect")
     return found
 
 

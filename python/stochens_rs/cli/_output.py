@@ -124,9 +124,9 @@ def finite(values: Any) -> Any:
     return np.where(np.isfinite(given), given.astype(object), np.array(None)).tolist()
 
 
-def grid(rows: list[list[str]], keys: int = 1) -> list[str]:
+def grid(rows: list[list[str]]) -> list[str]:
     """Lines of cells in columns, as wide as the terminal: see `columns`."""
-    return columns(rows, _room(), keys)
+    return columns(rows, _room())
 
 
 def _room() -> int:

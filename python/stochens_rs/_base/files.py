@@ -47,13 +47,10 @@ def checked_path(name: str, value: object) -> str:
         raise InputTypeError(f"`{name}` must be a path, got {show(value)}") from error
     if not isinstance(text, str):
         raise InputTypeError(f"`{name}` must be a path of type str, got {show(text)}")
-    try:
-        usable = os.path.basename(text) != "" and b"\0" not in os.fsencode(text)
-    except UnicodeEncodeError:
-        usable = False
-    if not usable:
-        raise InputError(f"`{name}` must be the name of a file, got {show(text)}")
-    return text
+    with suppress(UnicodeEncodeError):
+        if os.path.basename(text) != "" and b"\0" not in os.fsencode(text):
+            return text
+    raise InputError(f"`{name}` must be the name of a file, got {show(text)}")
 
 
 def regular_file(path: PathLike) -> os.stat_result:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from bisect import bisect_left
+from collections.abc import Callable
 
 import numpy as np
 
 from . import validation
 from .types import Floats
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 
 # Relative differences up to 4 500 eps are rounding: sums of n terms in pairs lose log2(n) eps
 # (Higham, Accuracy and Stability of Numerical Algorithms (2002), 4.2), sampling errors are larger.
@@ -54,16 +51,7 @@ def most_changing(curves: Floats, most: int) -> list[int]:
 
 
 def smallest_size(enough: Callable[[int], bool]) -> int | None:
-    """The smallest size in 1 .. 2^53 that is enough, as all larger ones must be; None: none is.
-
-    Doubles from 1 on, then bisects.
-    """
-    too_few, size = 0, 1
-    while not enough(size):
-        if size >= validation.EXACT:
-            return None
-        too_few, size = size, 2 * size
-    while size - too_few > 1:
-        middle = (too_few + size) // 2
-        too_few, size = (too_few, middle) if enough(middle) else (middle, size)
-    return size
+    """The smallest size in 1 .. 2^53 that is enough, as all larger ones must be; None: none is."""
+    sizes = range(1, validation.EXACT + 1)
+    at = bisect_left(sizes, True, key=enough)
+    return sizes[at] if at < len(sizes) else None

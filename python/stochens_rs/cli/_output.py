@@ -66,14 +66,12 @@ def show(text: str) -> None:
 
 def show_result(facts: dict[str, Any], text: str, as_json: bool) -> None:
     """Print the result as JSON or as text, whose long lines go on below what they say."""
-    lines = "\n".join(map(_broken, text.split("\n")))
-    show(json.dumps(facts, allow_nan=False, indent=2) if as_json else lines)
-
-
-def _broken(line: str) -> str:
-    """The line as wide as the terminal; it goes on below the text of ``certified  the ...``."""
-    how: dict[str, Any] = {"break_long_words": False, "break_on_hyphens": False}
-    return "\n".join(wrap(line, _room(), subsequent_indent=" " * 11, **how))
+    if not as_json:  # as wide as the terminal; a line goes on below the text of ``certified  the``
+        how: Any = {"break_long_words": False, "break_on_hyphens": False}
+        how |= {"width": _room(), "subsequent_indent": " " * 11}
+        show("\n".join("\n".join(wrap(line, **how)) for line in text.split("\n")))
+    else:
+        show(json.dumps(facts, allow_nan=False, indent=2))
 
 
 class Out:

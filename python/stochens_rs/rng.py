@@ -63,9 +63,6 @@ class Key(Record):
         if len(self.bytes32) != 32:
             raise SeedError(f"`bytes32` must have 32 bytes, got {len(self.bytes32)}")
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Key, (self.bytes32,)
-
     @property
     def hex(self) -> str:
         """The key as 64 hexadecimal digits."""

@@ -30,13 +30,7 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
-_KINDS = {
-    stat.S_IFDIR: "directory",
-    stat.S_IFIFO: "pipe",
-    stat.S_IFCHR: "device",
-    stat.S_IFBLK: "device",
-    stat.S_IFSOCK: "socket",
-}
+_KINDS = {"d": "directory", "p": "pipe", "c": "device", "b": "device", "s": "socket"}
 
 
 def checked_path(name: str, value: object) -> str:
@@ -57,7 +51,7 @@ def regular_file(path: PathLike) -> os.stat_result:
     """Refuse what is no regular file: a device or a pipe may block or never end."""
     about = os.stat(path)
     if not stat.S_ISREG(about.st_mode):
-        kind = _KINDS.get(stat.S_IFMT(about.st_mode), "special file")
+        kind = _KINDS.get(stat.filemode(about.st_mode)[0], "special file")
         cure = ": save it to a file first" if kind == "pipe" else ""
         raise InputError(f"{path} must be a regular file, got a {kind}{cure}")
     return about

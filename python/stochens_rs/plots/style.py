@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 
 # The palette of Okabe and Ito (2008), distinct for all colour vision.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#222222")
-INK = "#222222"
-PALE = "#6b6b6b"
-GRID = "#e4e4e4"
 SMALL, TEXT, TITLE = 8.5, 9.5, 10.5  # points: ticks and notes, names of axes, titles
-_SIZE = (5.6, 4.2)  # inches: width and height of a figure with one panel
 
 
 class Palette(NamedTuple):
@@ -49,7 +45,7 @@ class Palette(NamedTuple):
         return self.colors[k % len(self.colors)]
 
 
-LIGHT = Palette(INK, PALE, GRID, "#ffffff", 0.18, COLORS)
+LIGHT = Palette("#222222", "#6b6b6b", "#e4e4e4", "#ffffff", 0.18, COLORS)
 # The same hues, lighter, in the same order.
 DARK = Palette(
     "#f2f2f2", "#a8a8a8", "#3d3d3d", "#111111", 0.3,
@@ -123,14 +119,14 @@ def new_figure(width: float, height: float) -> Figure:
     return made
 
 
-def axes_or_new(ax: Axes | None, width: float = _SIZE[0]) -> Axes:
+def axes_or_new(ax: Axes | None) -> Axes:
     """Return `ax`, or axes on a new figure."""
     require_matplotlib()
     from matplotlib.axes import Axes
 
     if ax is not None:
         return validation.instance("ax", ax, Axes)
-    return new_figure(width, _SIZE[1]).add_subplot()
+    return new_figure(5.6, 4.2).add_subplot()
 
 
 def add_labels(ax: Axes, across: str, up: str) -> None:

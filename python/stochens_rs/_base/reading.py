@@ -6,6 +6,7 @@ import operator
 import unicodedata
 from collections.abc import Sequence
 from contextlib import suppress
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -115,11 +116,13 @@ def aligned(name: str, value: Any, names: Sequence[str], *, square: bool = False
     if square and np.ndim(value) == 2:
         return _placed(name, np.asarray(value), (along * 2)[:2], (names, names))
     found = _placed(name, np.asarray(value), along[-1:], (names,))
-    rises = len(along) == 1
+    if len(along) == 1:
+        return found
     with suppress(Exception):  # labels that cannot be compared
-        rows = along[0] if len(along) == 2 else [""]
-        rises = rises or (sorted(set(rows)) == rows and not any(isinstance(r, str) for r in rows))
-    return found if rises else value
+        rises = all(bool(a < b) for a, b in pairwise(along[0]))
+        if len(along) == 2 and rises and not any(isinstance(row, str) for row in along[0]):
+            return found
+    return value
 
 
 # Dimensions of the matrices in xarray: which axis is which does not follow from labels alone.
@@ -164,8 +167,9 @@ def _placed(
     name: str, values: NDArray[Any], found: list[list[Any]], wanted: Sequence[Sequence[str]]
 ) -> NDArray[Any]:
     """The table in the order of the wanted names along its last axes."""
-    for k, (has, names) in enumerate(zip(found, wanted, strict=True)):
-        if sorted(map(str, has)) != sorted(names):
+    for k, (labels, names) in enumerate(zip(found, wanted, strict=True)):
+        has = list(map(str, labels))
+        if sorted(has) != sorted(names):
             odd = [one for one in has if one not in names or has.count(one) > 1]
             lack = next((repr(one) for one in names if one not in has), "")
             where = f" along its {('rows', 'columns')[k]}" if len(found) == 2 else ""

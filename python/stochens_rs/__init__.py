@@ -137,6 +137,7 @@ def __getattr__(name: str) -> Any:
     if name not in _HOME and name not in __all__ and name not in _ROOMS:
         raise AttributeError(f"{__name__} has no attribute {name!r}{_hint(name)}")
     room = importlib.import_module(f".{_HOME.get(name, name)}", __name__)
+    importlib.import_module("._base.running", __name__).own_errors(__name__)
     value = globals()[name] = getattr(room, name) if name in _HOME else room
     return value
 

@@ -1,4 +1,4 @@
-"""Calls that run out of memory raise `ResourceError`, or NumPy's own; none ends the process."""
+"""Calls that run out of memory raise `ResourceError`; none ends the process."""
 
 import json
 import os
@@ -156,8 +156,10 @@ def test_every_call_under_a_shrinking_limit() -> None:
     ends = json.loads(run.stdout)
     assert len(ends) == 37
     for name, codes in ends.items():
+        # pickles and the writer of files are called here past the public names
+        plain = {2} if name.startswith("state ") or name == "Stream pickled" else set()
         said = f"{name}: {codes} (0 done, 1 ResourceError, 2 plain MemoryError, negative: a signal)"
-        assert set(codes) <= {0, 1, 2}, said
+        assert set(codes) <= {0, 1} | plain, said
         assert codes[-1] == 0, f"{name}: {codes}"
     # the limits are felt: most calls are refused at the lowest
     assert sum(codes[0] for codes in ends.values()) >= 24

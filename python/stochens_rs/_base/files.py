@@ -75,8 +75,8 @@ def versions() -> dict[str, str]:
 def replaced(path: PathLike) -> Iterator[str]:
     """Give the name of a new, empty file beside `path` that takes its place in one piece.
 
-    Its name is drawn, and whatever already has that name is never opened. After a power failure
-    the old or the whole new file is there; after an exception nothing is left of the new one.
+    Its name is drawn, and whatever already has that name is never opened. It is on the disk when
+    this ends; after an exception nothing is left of it.
     """
     whole = os.path.abspath(path)
     part = f"{whole}.{secrets.token_hex(8)}.tmp"
@@ -93,6 +93,12 @@ def replaced(path: PathLike) -> Iterator[str]:
         with suppress(OSError):
             os.remove(part)
         raise
+    if os.name == "posix":  # where folders can be synced, the new name survives a power failure
+        folder = os.open(os.path.dirname(whole), os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)
 
 
 def write_text(path: PathLike, text: str) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import _thread
+import functools
+import inspect
+import math
 import os
 import sys
 import threading
@@ -10,7 +13,8 @@ import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
-from typing import TypeAlias, TypeVar
+from types import FunctionType
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -176,6 +180,10 @@ _SMALL = 2**24
 # Bytes above which the limit of a control group is none: version 1 has 2^63 less a page for that.
 _NO_LIMIT = 2**60
 
+# Methods that users call without their names.
+_UNNAMED = {"__init__", "__call__", "__eq__", "__len__", "__repr__", "__reduce__", "_repr_html_"}
+_own: set[str] = set()  # modules whose public callables raise `ResourceError` alone
+
 
 def need(what: str, needed_bytes: int) -> None:
     """Raise `ResourceError` if `what` needs more than 0.8 of the memory that is left."""
@@ -185,8 +193,77 @@ def need(what: str, needed_bytes: int) -> None:
     if left is None or needed_bytes <= _SHARE * left:
         return
     limit = int(_SHARE * left)
-    needed, most = (f"{count / 2**30:.4g} GiB" for count in (needed_bytes, limit))
-    raise ResourceError(f"{what} needs {needed}, but only {most} may be used", needed_bytes, limit)
+    text = f"{what} needs {_gib(needed_bytes)} GiB, but only {_gib(limit)} GiB may be used"
+    raise ResourceError(text, needed_bytes, limit)
+
+
+def own_errors(package: str) -> None:
+    """Let all public callables of `package` raise `ResourceError` for every lack of memory.
+
+    They are those in ``__all__`` of the modules that are loaded, with the methods of the classes.
+    """
+    for place in [name for name in sys.modules if name.startswith(package + ".")]:
+        names = getattr(sys.modules[place], "__all__", ()) if place not in _own else ()
+        _own.add(place)
+        for value in [getattr(sys.modules[place], name) for name in names]:
+            if inspect.isclass(value) and not issubclass(value, Exception):
+                for one in value.__mro__:
+                    if one.__module__.startswith(package):
+                        _own_methods(one)
+            elif isinstance(value, FunctionType) and value.__module__.startswith(package):
+                home = sys.modules[value.__module__]  # where pickles look for it
+                for module in (home, sys.modules[place]):
+                    setattr(module, value.__name__, _own_error(vars(home)[value.__name__]))
+
+
+def _own_methods(owner: type) -> None:
+    for name, member in list(vars(owner).items()):
+        if name.startswith("_") and name not in _UNNAMED:
+            continue
+        if isinstance(member, FunctionType):
+            setattr(owner, name, _own_error(member))
+        elif isinstance(member, (classmethod, staticmethod)):
+            setattr(owner, name, type(member)(_own_error(member.__func__)))
+        elif isinstance(member, property) and member.fget:
+            setattr(owner, name, member.getter(_own_error(member.fget)))
+        elif isinstance(member, functools.cached_property):
+            member.func = _own_error(member.func)
+
+
+def _own_error(function: Any) -> Any:
+    if not isinstance(function, FunctionType) or hasattr(function, "_own_error"):
+        return function
+    own = _resource_error  # a name of this function: `call` has other globals
+
+    def call(*args: Any, **kwargs: Any) -> Any:
+        try:
+            return function(*args, **kwargs)
+        except MemoryError as error:
+            raise own(function, error) from None
+
+    # the globals of `function`: doctest finds examples by them
+    code, bound = call.__code__, call.__closure__
+    made = FunctionType(code, function.__globals__, function.__name__, None, bound)
+    made._own_error = True  # type: ignore[attr-defined]
+    return functools.update_wrapper(made, function)
+
+
+def _resource_error(function: FunctionType, error: MemoryError) -> ResourceError:
+    """`error`, or what took its place: which call, and how many bytes for what."""
+    if isinstance(error, ResourceError):
+        return error
+    try:
+        shape, dtype = getattr(error, "shape", None), getattr(error, "dtype", None)
+        if shape is None or dtype is None:
+            return ResourceError(f"`{function.__qualname__}` needs more memory than there is")
+        needed = math.prod(shape) * dtype.itemsize
+        entries = f"{' x '.join(map(str, shape))} entries of {dtype}"
+        return ResourceError(
+            f"`{function.__qualname__}` needs {_gib(needed)} GiB for {entries}: there is no more",
+            needed,
+        )
+    except MemoryError:  # not even for the text
+        return ResourceError()
 
 
 def memory_left() -> int | None:
@@ -263,3 +340,7 @@ def _text(path: str) -> str:
     with suppress(OSError), open(path, encoding="ascii", errors="replace") as file:
         return file.read()
     return ""
+
+
+def _gib(count: int) -> str:
+    return f"{count / 2**30:.4g}"

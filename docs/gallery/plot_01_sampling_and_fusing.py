@@ -27,7 +27,7 @@ curves = {
     label: se.fuse_path(drawn, sizes, name, target=A).errors / np.linalg.norm(A)
     for name, label in names.items()
 }
-expected = [se.theory.moments.matrix_mse(A, int(N)) ** 0.5 / np.linalg.norm(A) for N in sizes]
+expected = [se.theory.moments.mse(A, int(N)) ** 0.5 / np.linalg.norm(A) for N in sizes]
 
 # %%
 # The error of the average is known before anything is drawn: its mean square is

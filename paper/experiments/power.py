@@ -130,13 +130,13 @@ def power(
     record.run("power network", PowerErrors(step, record.tol), progress, executor, path)
 
     def columns(N: int) -> Floats:  # independent: one block each
-        return np.array([moments.vector_covariance(column, N) for column in A.T])
+        return np.array([moments.covariance(column, N) for column in A.T])
 
     def fused(covariance: Any) -> dict[Any, Any]:
         return {f: both_orders(partial(covariance, system, x0, xf, fusion=f)) for f in FUSIONS}
 
     v, reached = step.control, step.reached
-    vector = {None: both_orders(partial(moments.vector_covariance, x0))}
+    vector = {None: both_orders(partial(moments.covariance, x0))}
     matrix = {None: both_orders(columns)}
     control, state = fused(moments.control_covariance), fused(moments.state_covariance)
     panels = tuple(

@@ -377,9 +377,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "SLSE is no worse than the mean": slse_no_worse_than_the_mean
     },
     ("Lemma 4.5, second inequality", 2): {
-        "V / n is too small": change(
-            comparison, "vector_mse", lambda honest, w, N: 0.3 * honest(w, N)
-        )
+        "V / n is too small": change(comparison, "mse", lambda honest, w, N: 0.3 * honest(w, N))
     },
     ("Lemma 4.5, norm", 0): {
         "Frobenius norms": put(

@@ -144,7 +144,7 @@ def test_exact_rms_is_the_theory_module(small_power):
     moments = se.theory.moments
     sizes = small_power.sizes
     curve = small_power.panel("1b").curve("uniform")
-    expected = [np.sqrt(moments.matrix_mse(system.A, int(N))) for N in sizes]
+    expected = [np.sqrt(moments.mse(system.A, int(N))) for N in sizes]
     assert curve.exact_rms == pytest.approx(
         np.array(expected) / np.linalg.norm(system.A), rel=1e-12
     )

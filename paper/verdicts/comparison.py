@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stochens_rs import Key, Study, fuse_path, sample
-from stochens_rs.theory.moments import vector_mse
+from stochens_rs.theory.moments import mse
 
 from ..common import ROUNDING, Floats, Method
 from ..repeating import HERE, Where, complete
@@ -89,7 +89,7 @@ def compare(target: Floats, key: Key, runs: int, size: int, where: Where = HERE)
     function, grid = partial(_squared_errors, target), {"size": sizes.tolist()}
     study = Study(function, grid, replicates=runs, rng=key, nested="size")
     squares = complete(study, **where.of("comparison"))
-    bound = np.array([vector_mse(target, int(k)) for k in sizes])
+    bound = np.array([mse(target, int(k)) for k in sizes])
     return Comparison(target, sizes, squares["slse"].T, squares["uniform"].T, bound)
 
 

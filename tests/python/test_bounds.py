@@ -312,7 +312,7 @@ def test_diagonal_bousquet_is_its_formula(case, quantity):
     N, delta = 300, 0.1
     L = math.log(10.0)
     M = np.linalg.pinv(B) if quantity == "control" else B @ np.linalg.pinv(B)
-    C = M @ (moments.vector_covariance(xf) + moments.product_covariance(A, x0)) @ M.T
+    C = M @ (moments.covariance(xf) + moments.product_covariance(A, x0)) @ M.T
     E, lam = np.sqrt(np.trace(C) / N), np.linalg.eigvalsh(C)[-1] / N
     far_f = max(np.linalg.norm(M @ (v - xf)) for _, v in vector_law(xf, 1))
     products = [a @ x for (_, a), (_, x) in itertools.product(matrix_law(A, 1), vector_law(x0, 1))]

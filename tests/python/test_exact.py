@@ -259,9 +259,6 @@ def test_an_error_beside_almost_nothing_is_not_printed_as_a_share():
     far = se.control(([[1.5]], [[1.0]]), x0, xf).error(system, x0, xf)
     assert far.state_relative == pytest.approx(5e6, rel=1e-3)
     near = se.control(([[1.5]], [[1.0]]), x0, [0.5]).error(system, x0, [0.5])
-    for text in (repr(far), far._repr_html_()):
-        assert "% of the norm of the state" not in text
-        assert "state_relative" not in text
+    assert "state_relative" not in repr(far)
     assert "state_relative=1.0, " in repr(near)
-    assert "100 % of the norm of the state" in near._repr_html_()
     assert "control_relative=" in repr(far)

@@ -138,7 +138,10 @@ def test_systematic_samples(axis):
         )
         worst = max(worst, relative_error(found, exact))
         for line in A:
-            mse, trace = moments.systematic_mse(line, N), systematic_covariance(fractions(line), N)
+            mse, trace = (
+                moments.mse(line, N, scheme="systematic"),
+                systematic_covariance(fractions(line), N),
+            )
             worst = max(worst, relative_error(np.diag([mse, 1.0]), np.diag([trace.trace(), 1])))
     assert worst < TOLERANCE
 
@@ -185,8 +188,8 @@ def test_systematic_samples_of_single_entries_are_exact():
     for _ in range(300):
         w, N = np.zeros(3), int(10.0 ** gen.uniform(0.0, 15.9))
         w[gen.integers(3)] = gen.standard_normal() * 10.0 ** gen.uniform(-3.0, 8.0)
-        assert moments.systematic_mse(w, N) == 0.0
-        assert not moments.systematic_covariance(w, N).any()
+        assert moments.mse(w, N, scheme="systematic") == 0.0
+        assert not moments.covariance(w, N, scheme="systematic").any()
     system = System(np.diag([0.3, 0.7, 1e8]), np.eye(3))
     x0, xf = np.array([0.0, 0.1, 0.0]), np.zeros(3)
     assert moments.state_rms(system, x0, xf, 10**9 + 7, scheme="systematic") == 0.0
@@ -196,7 +199,10 @@ def test_systematic_samples_where_counts_are_nearly_whole():
     for w, N, whole in nearly_whole_counts(3):
         exact = systematic_covariance(fractions(w), N)
         assert not whole or not exact.any()
-        mse, found = moments.systematic_mse(w, N), moments.systematic_covariance(w, N)
+        mse, found = (
+            moments.mse(w, N, scheme="systematic"),
+            moments.covariance(w, N, scheme="systematic"),
+        )
         if whole:
             assert mse == 0.0
             assert not found.any()

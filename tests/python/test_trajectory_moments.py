@@ -155,4 +155,4 @@ def test_a_rotation_loses_its_signal_in_k_steps():
 def test_no_steps_at_all():
     u = np.zeros((0, 1))
     S = moments.trajectory_covariance((A2, [[1.0], [0.0]]), [3.0, -1.0], u, 4)
-    assert np.array_equal(S, moments.vector_covariance([3.0, -1.0], 4)[None])
+    assert np.array_equal(S, moments.covariance([3.0, -1.0], 4)[None])

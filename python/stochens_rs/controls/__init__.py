@@ -2,12 +2,11 @@
 
 from ..limits.problem import Limited
 from ..theory.exact import PlanError, Reachability
+from .bounds import Typical
 from .control import control, realization_controls, steer
-from .errors import Typical
-from .next_runs import NextRuns, design
+from .experiments import NextRuns, SamplePlan, design, required_samples
 from .of_model import predict
 from .plan import Plan
-from .sample_size import SamplePlan, required_samples
 
 __all__ = [
     "Limited",

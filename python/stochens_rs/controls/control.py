@@ -12,7 +12,7 @@ from .._base import running, validation
 from .._base.names import Labels, default_labels
 from .._base.records import trusted
 from .._base.running import get_num_threads
-from .._base.types import FUSIONS, Floats, Fusion, worst
+from .._base.types import FUSIONS, Floats, Fusion
 from ..ensembles.ensemble import Ensemble, sample
 from ..ensembles.law import Counts
 from ..ensembles.systems import SystemEnsemble
@@ -25,7 +25,7 @@ from ..limits.limits import Cost, Uncertain, as_cost, as_limits
 from ..limits.problem import OPTIMAL, Horizon, checked_task, seconds
 from ..rng import RngLike, as_key
 from ..system.system import System
-from ..theory.exact import best, best_control, checked_ends, factors, states
+from ..theory.exact import best, best_control, checked_ends, checked_steps, factors, states
 from . import of_model
 from .plan import Plan
 
@@ -201,26 +201,15 @@ def control(
     else:
         predicted = states(A, B, start, u)
     sure = matrix.size is None or task is not None
-    info: dict[str, Any] = {entity.name: entity.description for entity in entities}
-    info["singular_values"] = found.factors.singular_values
-    info["warnings"] = mean_warnings(system) + of_model.step_warnings(found, sure=sure)
+    info = {entity.name: entity.description for entity in entities}
+    said = mean_warnings(system) + of_model.step_warnings(found, sure=sure)
     entries = zip(entities, (start, goal, A), strict=True)
     x0_known, xf_known, A_known = (known(one.name, one.value, used) for one, used in entries)
     rounding = found.state_rounding, found.control_rounding
-    ended = [one.value.status for one in entities if isinstance(one.value, Fit)]
-    return trusted(
-        Plan,
-        u=u,
-        predicted_states=predicted,
-        reachability=found.reachability(),
-        fusion=how,
-        status=worst(["completed", *ended, *([limited.status] if limited else [])]),
-        info=info,
-        basis=trusted(Basis, B, x0_known, xf_known, A_known, rounding),
-        limited=limited,
-        labels=labels,
-        dt=dt,
-    )
+    kept = trusted(Basis, B, x0_known, xf_known, A_known, rounding)
+    ended = tuple(one.value.status for one in entities if isinstance(one.value, Fit))
+    result = u, predicted, found, limited
+    return of_model.planned(kept, *result, info, said, labels, dt, how, ended)
 
 
 @dataclass(frozen=True)
@@ -238,19 +227,15 @@ class Entity:
 
     def drawn(self) -> Ensemble | None:
         """The realizations; None for exact values."""
-        value = self.value
-        if isinstance(value, Fit) and (value.method != "uniform" or value.ensemble is None):
+        value: Any = self.value
+        if isinstance(value, Fit) and value.method == "uniform":
+            value = value.ensemble
+        if value is None or isinstance(value, Fit | Counts):
             raise InputError(
-                f"`{self.name}` must be an Ensemble or an array here, got a fit by "
-                f"'{value.method}': paired realizations share one weight vector, so weights of "
-                "their own go with fusion='product'"
+                f"`{self.name}` must be an Ensemble or an array here, got "
+                f"{validation.article(type(self.value))}: paired realizations share one weight "
+                "vector; weights of their own, and counts, go with fusion='product'"
             )
-        if isinstance(value, Counts):
-            raise InputTypeError(
-                f"`{self.name}` must be an Ensemble or an array here: counts have no realizations"
-            )
-        if isinstance(value, Fit):
-            return value.ensemble
         return value if isinstance(value, Ensemble) else None
 
     @property
@@ -338,7 +323,7 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
     """Check the number of steps, and that the fusion is possible over so many."""
     how = validation.choice("fusion", fusion, FUSIONS)
     if how == "product":
-        return of_model.horizon_of(steps, n, m), how
+        return checked_steps(steps, n, m), how
     K = validation.size("steps", steps)
     if K > 1:
         raise InputError(

@@ -14,7 +14,7 @@ from .._base import show, validation
 from .._base.names import weight
 from .._base.numbers import ROUNDING
 from .._base.records import trusted
-from .._base.types import DELTA, Floats
+from .._base.types import DELTA, Floats, Fusion, Status, worst
 from ..certificates.of_model import Asked, ModelBasis, trajectory
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
@@ -30,6 +30,8 @@ from .plan import Plan
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from .._base.names import Labels
+    from ..fusion.provenance import Basis
     from ..limits.limits import Cost, Limits, LimitsLike
     from ..limits.problem import Limited
 
@@ -53,12 +55,6 @@ def of_outputs(
     if not outputs and states["x0"] is None:
         raise InputError("`x0` must be the initial state, got None")
     return outputs
-
-
-def horizon_of(steps: object, n: int, m: int) -> int:
-    """The number of steps, checked; one step needs no powers of A."""
-    K = validation.size("steps", steps)
-    return K if K == 1 else exact.checked_steps(K, n, m)
 
 
 def ending(reference: Any, xf: Any, names: tuple[str, ...]) -> Any:
@@ -97,7 +93,7 @@ def model_control(
     """
     model, started = basis.model, monotonic()
     n, m = model.B.shape
-    K = horizon_of(steps, n, m)
+    K = exact.checked_steps(steps, n, m)
     task = checked_task(n, m, K, basis.xf, limits, cost, model.labels)
     if task is not None and resting is not None and resting.any():
         task = replace(task, resting=resting)
@@ -136,46 +132,46 @@ def _planned(
     limited: Limited | None = None,
     further: tuple[str, ...] = (),
 ) -> Plan:
-    """The plan of these inputs, which lead the model along `path`."""
+    """The plan of these inputs, which lead the model along `path`.
+
+    It has a warning if it leaves what was measured, where a plant need not be linear.
+    """
     model = basis.model
+    beyond: tuple[str, ...] = ()
+    if (seen := model._largest) is not None:
+        size = np.hstack([np.abs(path[:-1]).max(axis=0), np.abs(u).max(axis=0)])
+        times = np.divide(size, seen, out=np.zeros_like(size), where=seen > 0.0)
+        most = int(np.argmax(times))
+        if times[most] > BEYOND:
+            name = (*model.state_names, *model.input_names)[most]
+            beyond = (
+                f"the plan takes {name} to {size[most]:.3g}, {times[most]:.2g} times the largest "
+                "in the data: the certificate holds if the plant is linear there, too",
+            )
     given = {"method": "exact", "size": None}
-    info = {
-        "x0": given,
-        "xf": given,
-        "A": {"method": "from data", "size": None},
-        "singular_values": found.factors.singular_values,
-        "warnings": (*beyond_data(model, path, u), *model.warnings, *further),
-    }
-    return trusted(
-        Plan,
-        u=u,
-        predicted_states=path,
-        reachability=found.reachability(),
-        fusion="product",
-        status="completed" if limited is None else limited.status,
-        info=info,
-        basis=basis,
-        limited=limited,
-        labels=model.labels,
-        dt=model.dt,
-    )
+    info = {"x0": given, "xf": given, "A": {"method": "from data", "size": None}}
+    said = (*beyond, *model.warnings, *further)
+    return planned(basis, u, path, found, limited, info, said, model.labels, model.dt)
 
 
-def beyond_data(model: Identified, states: Floats, u: Floats) -> tuple[str, ...]:
-    """A warning if the plan leaves what was measured, where a plant need not be linear."""
-    seen = model._largest
-    if seen is None:
-        return ()
-    names = (*model.state_names, *model.input_names)
-    planned = np.hstack([np.abs(states[:-1]).max(axis=0), np.abs(u).max(axis=0)])
-    times = np.divide(planned, seen, out=np.zeros_like(planned), where=seen > 0.0)
-    most = int(np.argmax(times))
-    if times[most] <= BEYOND:
-        return ()
-    return (
-        f"the plan takes {names[most]} to {planned[most]:.3g}, {times[most]:.2g} times the largest "
-        "in the data: the certificate holds if the plant is linear there, too",
-    )
+def planned(
+    basis: Basis | ModelBasis,
+    u: Floats,
+    path: Floats,
+    found: exact.Best,
+    limited: Limited | None,
+    info: dict[str, Any],
+    said: tuple[str, ...],
+    labels: Labels,
+    dt: float | None,
+    fusion: Fusion = "product",
+    statuses: tuple[Status, ...] = (),
+) -> Plan:
+    """The plan whose `info` has an entry for each of x0, xf and A; `said` are its warnings."""
+    known = {"singular_values": found.factors.singular_values, "warnings": said}
+    status = worst(["completed", *statuses, *([limited.status] if limited else [])])
+    about = fusion, status, {**info, **known}, basis, limited, labels, dt
+    return trusted(Plan, u, path, found.reachability(), *about)
 
 
 def step_warnings(found: exact.Best, *, sure: bool) -> tuple[str, ...]:

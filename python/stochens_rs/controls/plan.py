@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from math import hypot, sqrt
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
@@ -14,21 +13,29 @@ from .._base.names import Labels, default_labels, two_states
 from .._base.numbers import norm
 from .._base.records import Positive, SavedRecord, require_shapes
 from .._base.tables import Timed
-from .._base.types import DELTA, Floats, Fusion, Quantity, Status
+from .._base.types import DELTA, QUANTITIES, Floats, Fusion, Quantity, Scheme, Status
 from ..certificates.certificate import Certificate
 from ..certificates.of_model import ModelBasis
-from ..exceptions import InputError, ShapeError, StochensError
+from ..exceptions import InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis, completed
-from ..limits.problem import Limited
+from ..limits.problem import Horizon, Limited
 from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
 from ..system.system import System
-from ..theory.exact import PlanError, Reachability, best_control, checked_ends, states
+from ..theory import moments
+from ..theory.exact import (
+    EPS,
+    PlanError,
+    Reachability,
+    best_control,
+    checked_ends,
+    relative,
+    states,
+)
 from ..validation.fresh_systems import Validation
 from ..validation.held_out import Predicted, Runs, validated
-from .bounds import limited_bound, model_bound, plan_bound
-from .errors import Typical, limited_error, plan_covariance, typical
+from .bounds import Typical, limited_bound, model_bound, plan_bound, typical
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -43,9 +50,6 @@ _NOT_FOR = {
     False: "for a plan of estimates: it says something of measured runs, for models from data",
 }
 _DRAWN = 1e300  # the largest measured value that an axis, with its margins, can show
-# Multiplications that a repr may cost, about 20 ms: n^4 for the covariance of A (n matrices n x n),
-# K n^3 for the powers of A, K^2 n m for the factors of C_K.
-_CHEAP = 1e7
 _ROUNDED = 1e-9  # distances up to here beside the states are said to be rounding
 
 
@@ -364,7 +368,27 @@ class Plan(SavedRecord, Timed):
         if self.limited is not None:
             raise InputError("no covariance is known within limits or with weights: use error()")
         basis = completed(self.basis, system, x0, xf, "covariance", self.labels)
-        return plan_covariance(basis, self.steps, self.fusion, quantity)
+        of_control = validation.choice("quantity", quantity, QUANTITIES) == "control"
+        fitted = [entity.name for entity in basis.entities if entity.kind == "fitted"]
+        schemes = {entity.kind for entity in basis.entities} - {"exact"}
+        K, unknown = self.steps, None
+        if K > 1 and of_control:
+            unknown = f" of a control over {K} steps, which is not linear in A"
+        elif fitted:
+            unknown = f": the weights of `{fitted[0]}` depend on the realizations"
+        elif len(schemes) > 1:
+            unknown = " of iid and systematic samples together"
+        elif K > 1 and schemes == {"systematic"}:
+            unknown = f" over {K} steps of systematic samples"
+        if unknown:
+            raise InputError(f"no formula is known for the covariance{unknown}")
+        (start, goal, A), sizes = basis.values, basis.sizes
+        pair, how = (A, basis.B), {"axis": basis.A.axis}
+        if K > 1:
+            return moments.final_state_covariance(pair, start, goal, K, sizes, **how)
+        scheme: Scheme = "systematic" if schemes == {"systematic"} else "iid"
+        of = moments.control_covariance if of_control else moments.state_covariance
+        return of(pair, start, goal, sizes, fusion=self.fusion, scheme=scheme, **how)
 
     def error(self, system: System, x0: ArrayLike, xf: ArrayLike | None = None) -> PlanError:
         """Compare the control with the best one for an exactly known system.
@@ -404,7 +428,7 @@ class Plan(SavedRecord, Timed):
             how: Any = {"length": other.n, "labels": other.state_names}
             start = validation.vector("x0", x0, **how)
             goal = None if xf is None else validation.vector("xf", xf, **how)
-            return limited_error(self.limited, other.A, other.B, start, goal, self.u)
+            return _limited_error(self.limited, other, start, goal, self.u)
         checked, start, goal = checked_ends(other, x0, xf)
         best = best_control(checked.A, checked.B, start, goal, self.steps)
         return best.error(self.u.ravel(), start)
@@ -713,19 +737,6 @@ class Plan(SavedRecord, Timed):
             facts |= {f"size_{one.name}": one.size, f"key_{one.name}": one.key}
         return facts
 
-    def _repr_html_(self) -> str:
-        rows: list[tuple[str, object]] = [("control u(0)", show.vector(self.u[0]))]
-        rows.append(show.largest(self.u))
-        for name in ("x0", "xf", "A"):
-            one = self.info.get(name)
-            if isinstance(one, dict) and "method" in one:
-                size = one.get("size")
-                drawn = f", {show.grouped(size)} realizations" if isinstance(size, int) else ""
-                rows.append((name, f"{one['method']}{drawn}"))
-        times = np.arange(self.steps + 1)
-        curves = show.states(times, self.predicted_states, "states of the model over the steps")
-        return show.card(self, rows, curves)
-
     def __repr__(self) -> str:
         text = self._expectation()
         if self.limited is not None:
@@ -750,15 +761,7 @@ class Plan(SavedRecord, Timed):
         there = _place(basis.xf.estimate - end, goal, *known)
         if all(entity.kind == "exact" for entity in basis.entities):
             return f"{text}; ends {there}"
-        text += f"; with the estimates: ends {there}"
-        (n, m), K = self._shape, self.steps
-        if n**4 + K * n * (n * n + K * m) <= _CHEAP:
-            with suppress(StochensError):  # no formula is known
-                spread = sqrt(max(0.0, float(np.trace(self.covariance()))))
-                x0, xf, A = basis.values
-                missed = best_control(A, basis.B, x0, xf, K).missed
-                text += f"; true system: about {hypot(spread, norm(missed)):.2g} from xf (rms)"
-        return text
+        return f"{text}; with the estimates: ends {there}; true system: see bound()"
 
     def _within(self, limited: Limited) -> str:
         """What the limits cost and how many are active, in a few words."""
@@ -791,3 +794,37 @@ def _place(off: Floats, goal: str, *states: Floats) -> str:
     """``at xf`` where the distance is rounding beside the states."""
     at = norm(off) <= _ROUNDED * max(map(norm, states))
     return f"at {goal}" if at else f"{norm(off):.2g} from {goal}"
+
+
+def _limited_error(
+    limited: Limited, system: System, x0: Floats, xf: Floats | None, u: Floats
+) -> PlanError:
+    """Compare `u` with the best control of an exact system within the same limits."""
+    A, B, task = system.A, system.B, replace(limited.task, R=limited.R)
+    if task.follows != (xf is None):
+        which = "None: this plan has a" if task.follows else "given: this plan has no"
+        raise InputError(f"`xf` must be {which} reference")
+    if xf is not None:
+        task = replace(task, reference=np.tile(xf, (task.steps, 1)))
+    horizon = Horizon(task, A, B)
+    best = horizon.solve(x0)
+    wrong = u - best.u
+    reached = states(A, B, x0, best.u)[-1]
+    control, state = norm(wrong), norm(states(A, B, 0.0 * x0, wrong)[-1])
+    size, length = norm(best.u), norm(reached)
+    where = "x_actual" if length else "x0"
+    length = length or norm(x0)
+    off_control, off_state = horizon.core.in_two_norm(best.distance)
+    pushed = (u.size + len(x0)) * EPS * norm(horizon.core.pushes())
+    return PlanError(
+        control=control,
+        control_relative=relative(control, size),
+        state=state,
+        state_relative=relative(state, length),
+        residual=norm(task.reference[-1] - reached),
+        control_rounding=off_control + EPS * (size + control),
+        state_rounding=off_state + pushed * (size + control),
+        control_relative_to="v" if size else "nothing",
+        state_relative_to=where if length else "nothing",
+        objective=horizon.objective(x0, u) - best.objective,
+    )

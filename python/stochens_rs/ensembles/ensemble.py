@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
-from .._base import running, show, validation
+from .._base import running, validation
 from .._base.records import SavedRecord, trusted
 from .._base.running import get_num_threads
 from .._base.types import AXES, CENTRES, SCHEMES, Axis, Centre, Floats, Scheme
@@ -313,18 +313,6 @@ class Ensemble(SavedRecord):
     def __reduce__(self) -> tuple[Any, ...]:
         drawn = self.indices, self._values(), self.axis, self.scheme, self.key
         return _rebuilt, (*drawn, self.samples, self.centre)
-
-    def _repr_html_(self) -> str:
-        nonzero = "any"
-        if self.is_singleton:
-            nonzero = "one" if len(self.shape) == 1 else f"one in each of the {self.axis}"
-        rows = [
-            ("realizations N", show.grouped(self.size)),
-            ("shape of each", " × ".join(map(str, self.shape))),
-            ("nonzero entries", nonzero),
-            ("scheme", self.scheme or "not drawn here"),
-        ]
-        return show.card(self, rows)
 
     def __repr__(self) -> str:
         kind = "dense"

@@ -1,6 +1,5 @@
 """One command for many units, and the risk of a fresh one."""
 
-from .plan import FleetPlan, control_fleet
-from .risk import RiskBound
+from .plan import FleetPlan, RiskBound, control_fleet
 
 __all__ = ["FleetPlan", "RiskBound", "control_fleet"]

@@ -9,16 +9,19 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
+from .._base.names import default_labels, weight
 from .._base.numbers import ROUNDING
-from .._base.records import SavedRecord, require_shapes
+from .._base.records import Probability, SavedRecord, require_shapes
 from .._base.running import get_num_threads
 from .._base.tables import Tabled
 from .._base.types import Floats, Status
 from ..exceptions import InputError, ShapeError
+from ..limits.limits import as_cost, as_limits
+from ..limits.problem import read_task
 from ..plots.lines import draw_misses
 from ..theory import scenario
-from .risk import METHODS, RiskBound, quantile
-from .units import Systems, Units, read_systems, read_units
+from ..validation.fresh_systems import needed, rank_of
+from .units import Systems, Units, read_systems
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,7 +32,68 @@ if TYPE_CHECKING:
 
 
 Risk: TypeAlias = Literal["mean", "worst"]
-RISKS: tuple[Risk, ...] = get_args(Risk)
+Method: TypeAlias = Literal["compression", "a priori", "discarding", "hold-out"]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class RiskBound(SavedRecord):
+    """A fresh unit misses more than `threshold` with probability at most `epsilon` (+ `delta`).
+
+    Attributes
+    ----------
+    epsilon : float
+        The bound of the risk, with confidence ``1 - beta``.
+    beta : float
+        The bound fails with at most this probability, over the units it was computed from.
+    method : str
+        "compression", "a priori", "discarding": from the units of the design, see
+        `theory.scenario`. "hold-out": from fresh units.
+    size : int
+        The number of these units.
+    count : int
+        What `method` counts: the units that alone give the command (compression), the variables
+        (a priori, discarding), the units above the threshold (hold-out).
+    threshold : float
+        The miss that is spoken of; with regions, of the plants behind the models.
+    delta : float
+        With regions of models, the probability that the region of a fresh unit fails; else 0.
+    misses : ndarray, shape (size,), or None
+        The misses of the fresh units of a hold-out.
+    keeps : bool
+        Whether a unit that leaves its limits of states counts as one that misses more.
+    """
+
+    epsilon: float
+    beta: Probability
+    method: Method
+    size: int
+    count: int
+    threshold: float
+    delta: float = 0.0
+    misses: Floats | None = None
+    keeps: bool = False
+
+    @property
+    def covers(self) -> str:
+        """Which units the number is about, in words."""
+        which = "these fresh units" if self.method == "hold-out" else "the units of the design"
+        text = (
+            f"a fresh unit, drawn independently from the same law as {which}, which were drawn "
+            f"independently; with confidence {1.0 - self.beta:.9g} over their draws"
+        )
+        if self.delta:
+            return f"{text}; the miss is that of the plant behind the model of the unit"
+        return text
+
+    def __repr__(self) -> str:
+        how = f"{100 * self.epsilon:.4g} %"
+        if self.delta:
+            how += f" + {100 * self.delta:.4g} %"
+        leaves = " or leaves its limits" if self.keeps else ""
+        return (
+            f"<RiskBound {self.method}: a fresh unit misses more than {self.threshold:.4g}{leaves} "
+            f"with at most {how}, {self.count} of {self.size}>"
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -215,7 +279,7 @@ class FleetPlan(SavedRecord, Tabled):
         beta = validation.probability("beta", beta)
         if self.risk == "mean":
             raise InputError("`certify` needs risk='worst'; for a mean use validate(new_units)")
-        validation.choice("method", method, METHODS[:3])
+        validation.choice("method", method, get_args(Method)[:3])
         N, scores = self.units.size, self.scores
         radii, failing = self._radii(radius, delta, N)
         removed, limits = list(self.removed), self.units.task
@@ -343,7 +407,19 @@ class FleetPlan(SavedRecord, Tabled):
         if share is None:
             above = int(np.count_nonzero(scores > limit))
         else:
-            limit, above = quantile(scores, share, beta)
+            rank = rank_of(units.size, share, beta)
+            if rank > units.size:
+                raise InputError(
+                    f"`epsilon` {share:g} with `beta` {beta:g} needs {needed(share, beta)} fresh "
+                    f"units at least, got {units.size}"
+                )
+            above = units.size - rank
+            limit = float(np.sort(scores)[rank - 1])
+            if limit == np.inf:
+                raise InputError(
+                    f"`epsilon` {share:g} allows for {above} of these units: more of them leave "
+                    "their limits of states"
+                )
         found = scenario.hold_out(fresh.size, above, beta)
         kept = self.units.task.state_low is not None
         return RiskBound(found, beta, "hold-out", fresh.size, above, limit, failing, misses, kept)
@@ -413,19 +489,6 @@ class FleetPlan(SavedRecord, Tabled):
             f"<FleetPlan {self.risk}: {N}, {show.number_of(K)}, m={m}, {self.status}, {what} "
             f"{miss:.4g}{less}, gap {self.gap if self.gap > ROUNDING else 0.0:.1g}>"
         )
-
-    def _repr_html_(self) -> str:
-        at = int(np.count_nonzero(self.active))
-        rows = [
-            ("control u(0)", show.vector(self.u[0])),
-            show.largest(self.u),
-            ("inputs at a limit", f"{at} of {self.u.size}"),
-            ("units that alone give the command", len(self.support) or None),
-            ("units left out", len(self.removed) or None),
-            ("largest miss", self.threshold),
-            ("largest excess of a state", float(self.excess.max()) or None),
-        ]
-        return show.card(self, rows)
 
 
 MATRICES = 72  # of (K m + 1)^2 numbers, at most: moments in parts, factors, a program
@@ -512,9 +575,24 @@ def control_fleet(
     >>> se.control_fleet(units, [0.0], [1.0], 1, risk="worst").u.round(6)
     array([[0.666667]])
     """
-    units = read_units(systems, x0, xf, steps, limits, cost)
-    task = units.task
-    validation.choice("risk", risk, RISKS)
+    fleet, within, weights = read_systems(systems), as_limits(limits), as_cost(cost)
+    n, m = fleet.n, fleet.m
+    if within.x is not None and within.soft is not False:
+        raise InputError(
+            "`soft` must be False: the limits of states of a fleet are hard, got "
+            f"{validation.show(within.soft)}"
+        )
+    labels = fleet.labels or default_labels(n, m)
+    if weights.R is not None:
+        weight("R", weights.R, m, labels=labels.inputs)
+    names = labels.states
+    goal = None
+    if weights.reference is None:
+        goal = validation.vector("xf", xf, length=n, labels=names)
+    K = validation.size("steps", steps, maximum=2**31 // m)
+    task = read_task(n, m, K, goal, within, weights, labels)
+    units = Units(fleet, validation.starts(x0, fleet.size, n, names), task)
+    validation.choice("risk", risk, get_args(Risk))
     out = validation.size("discard", discard, minimum=0, maximum=max(0, units.size - 1))
     limit = None if time_limit is None else validation.positive("time_limit", time_limit)
     running.need("a command for a fleet", 8 * MATRICES * (task.low.size + 1) ** 2)

@@ -9,21 +9,18 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
-from .._base.names import default_labels, order_of, weight
 from .._base.numbers import shared
 from .._base.records import Record, require_shapes
 from .._base.running import get_num_threads
 from .._base.types import Floats
 from ..ensembles import SystemEnsemble
-from ..exceptions import InputError, InputTypeError, ShapeError
+from ..exceptions import InputError, ShapeError
+from ..fusion.fused_model import ensemble_of
 from ..identification.identified import Identified
-from ..limits.limits import as_cost, as_limits
-from ..limits.problem import Task, read_task
+from ..limits.problem import Task
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike
 
     from ..system.system import System
 
@@ -90,36 +87,10 @@ class Units(Record):
         return _core.fleet_misses(self.arrays, self.task, u, get_num_threads())
 
 
-def read_units(
-    systems: Systems, x0: ArrayLike, xf: Any, steps: int, limits: Any, cost: Any
-) -> Units:
-    """Check the arguments of `control_fleet` that are about its units."""
-    fleet, within, weights = read_systems(systems), as_limits(limits), as_cost(cost)
-    n, m = fleet.n, fleet.m
-    if within.x is not None and within.soft is not False:
-        raise InputError(
-            "`soft` must be False: the limits of states of a fleet are hard, got "
-            f"{validation.show(within.soft)}"
-        )
-    labels = fleet.labels or default_labels(n, m)
-    if weights.R is not None:
-        weight("R", weights.R, m, labels=labels.inputs)
-    names = labels.states
-    goal = None
-    if weights.reference is None:
-        goal = validation.vector("xf", xf, length=n, labels=names)
-    K = validation.size("steps", steps, maximum=2**31 // m)
-    task = read_task(n, m, K, goal, within, weights, labels)
-    return Units(fleet, validation.starts(x0, fleet.size, n, names), task)
-
-
 def read_systems(systems: Systems) -> SystemEnsemble:
     """Units as one record; models that are no units are refused."""
     if not isinstance(systems, SystemEnsemble):
-        given = validation.items("systems", systems)
-        if not any(isinstance(one, Identified) for one in given):
-            return SystemEnsemble.from_systems(given)
-        return _of_models(given)
+        return ensemble_of("systems", validation.items("systems", systems))
     if systems.centre == "estimate":
         raise InputError(
             "`systems` scatter about an estimate, as drawn models of one plant do: they are no "
@@ -127,28 +98,3 @@ def read_systems(systems: Systems) -> SystemEnsemble:
             "SystemEnsemble(A, B) if these are units"
         )
     return systems
-
-
-def _of_models(models: list[Any]) -> SystemEnsemble:
-    """Units that are known through a model each."""
-    first = models[0]
-    for k, model in enumerate(models):
-        if not isinstance(model, Identified):
-            raise InputTypeError(
-                f"`systems[{k}]` must be a model as another is, got {validation.show(model)}"
-            )
-        if model.B.shape != first.B.shape or model.dt != first.dt:
-            raise ShapeError(f"`systems[{k}]` must have n, m and dt of the first")
-    labels = next((model.labels for model in models if model.labels.given), None)
-    orders = [order_of(f"systems[{k}]", one.labels, labels) for k, one in enumerate(models)]
-    each = list(zip(models, orders, strict=True))
-    pairs = [order.matrices(model.A, model.B) for model, order in each]
-    n = len(first.A)
-    offsets = [np.zeros(n) if one.c is None else order.of_states(one.c) for one, order in each]
-    return SystemEnsemble(
-        np.array([A for A, _ in pairs]),
-        np.array([B for _, B in pairs]),
-        np.array(offsets) if any(model.c is not None for model in models) else None,
-        dt=first.dt,
-        labels=labels,
-    )

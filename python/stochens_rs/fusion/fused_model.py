@@ -18,6 +18,7 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
+from .._base.names import order_of
 from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, cached_property
 from .._base.types import Floats, Status
@@ -313,16 +314,6 @@ class FusedModel(SavedRecord, Identified):
             f"{100 * self.share:.3g} % least squares{show.warned(self.warnings)}>"
         )
 
-    def _repr_html_(self) -> str:
-        best = np.argsort(-self.weights, kind="stable")[:4]
-        rows = [
-            ("share of least squares", f"{100 * self.share:.3g} %"),
-            ("largest weights", ", ".join(f"{self.weights[s]:.3g} (model {s})" for s in best)),
-            ("distance to the data", self.distance),
-            ("gap of its square", self.gap),
-        ]
-        return show.card(self, rows)
-
 
 def require_fit(name: str, data: Model, models: SystemEnsemble) -> None:
     """Refuse least squares that the models cannot be mixed with."""
@@ -334,6 +325,22 @@ def require_fit(name: str, data: Model, models: SystemEnsemble) -> None:
         raise InputError(f"`{name}` must be a model with intercept, as the models have offsets")
     if data.known is not None:
         raise InputError(f"`{name}` must be identified without known entries")
+
+
+def ensemble_of(name: str, systems: list[Any]) -> SystemEnsemble:
+    """One ensemble of systems, pairs (A, B) and models from data, with the offsets of these."""
+    made = SystemEnsemble.from_systems(
+        [one.system if isinstance(one, Identified) else one for one in systems]
+    )
+    offsets = [one.c if isinstance(one, Identified) else None for one in systems]
+    if all(c is None for c in offsets):
+        return made
+    rows = np.zeros((made.size, made.n))
+    for k, c in enumerate(offsets):
+        if c is not None:
+            order = order_of(f"{name}[{k}]", systems[k].labels, made.labels)
+            rows[k] = order.of_states(c)
+    return replace(made, c=rows)
 
 
 def stacked(models: SystemEnsemble, intercept: bool) -> Floats:

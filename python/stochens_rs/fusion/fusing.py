@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
@@ -22,7 +21,15 @@ from ..identification.identifying import identify
 from ..identification.model import Model
 from .alse import Alse, path, require, solve
 from .fits import Fit, Path, fit_of
-from .fused_model import FusedModel, coordinates, noise_of, position, require_fit, stacked
+from .fused_model import (
+    FusedModel,
+    coordinates,
+    ensemble_of,
+    noise_of,
+    position,
+    require_fit,
+    stacked,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -458,7 +465,7 @@ def _models(models: object, data: object, independent: bool) -> SystemEnsemble:
         for k, one in enumerate(items):
             if isinstance(one, Identified):
                 _apart_from(k, one, data, independent)
-        given = _stack(items)
+        given = ensemble_of("ensemble", items)
     if given.centre == "estimate" and not independent:
         raise InputError(
             "`ensemble` scatters about an estimate from data: models fitted on the same data look "
@@ -500,18 +507,3 @@ def shared_rows(a: Any, b: Any) -> int:
     x, u, x_next = b.pairs()
     mine = np.hstack([order.of_states(x), order.of_inputs(u), order.of_states(x_next)])
     return numbers.shared(a._rows, mine)
-
-
-def _stack(items: list[Any]) -> SystemEnsemble:
-    """One ensemble of systems, pairs (A, B) and models from data."""
-    made = SystemEnsemble.from_systems(
-        [one.system if isinstance(one, Identified) else one for one in items]
-    )
-    models = [one if isinstance(one, Identified) else None for one in items]
-    if all(one is None or one.c is None for one in models):
-        return made
-    c = np.zeros((made.size, made.n))
-    for k, one in enumerate(models):
-        if one is not None and one.c is not None:
-            c[k] = order_of(f"systems[{k}]", one.labels, made.labels).of_states(one.c)
-    return replace(made, c=c)

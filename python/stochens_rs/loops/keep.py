@@ -14,7 +14,7 @@ from .._base import show, validation
 from .._base.numbers import ROUNDING
 from .._base.records import Options, Probability, cached_property
 from .._base.types import Floats, Status
-from ..controls.errors import proof_of
+from ..controls.bounds import proof_of
 from ..exceptions import InputError, SolverError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import noise_bound

@@ -15,7 +15,7 @@ from .._base.records import trusted
 from .._base.running import interruptible
 from .._base.types import DELTA, Floats
 from ..certificates.certificate import Certificate, radius_at
-from ..controls.errors import Typical, ranked
+from ..controls.bounds import Typical, ranked
 from ..ensembles.ensemble import Ensemble
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import as_key

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeAlias, TypeVar
 import numpy as np
 
 from .. import _core
-from .._base import running, show, validation
+from .._base import running, validation
 from .._base.records import Record
 from .._base.types import Floats
 from ..exceptions import NonFiniteError
@@ -152,28 +152,6 @@ class PlanError(Record):
             if shown[name] > _FAR:
                 del shown[name], shown[f"{name}_to"]
         return f"PlanError({', '.join(f'{name}={value!r}' for name, value in shown.items())})"
-
-    def _repr_html_(self) -> str:
-        control = _share(self.control, self.control_relative, self.control_relative_to)
-        rounding = (
-            f"{self.control_rounding:.1g} of the control, {self.state_rounding:.1g} of the state "
-            "at most"
-        )
-        rows = [
-            ("control off by", control),
-            ("state off by", _share(self.state, self.state_relative, self.state_relative_to)),
-            ("out of reach of any control", self.residual),
-            ("objective above the least by", self.objective),
-            ("rounding", rounding),
-        ]
-        return show.card(self, rows)
-
-
-def _share(value: float, relative: float, relative_to: str) -> str:
-    words = RELATIVE_TO.get(relative_to)
-    if words is None or relative > _FAR:
-        return f"{value:.4g}"
-    return f"{value:.4g} ({100 * relative:.3g} % of the norm of {words})"
 
 
 Finite = TypeVar("Finite", float, Floats)

@@ -63,20 +63,15 @@ if TYPE_CHECKING:
 __all__ = [
     "control_covariance",
     "control_rms",
+    "covariance",
     "final_state_covariance",
-    "matrix_covariance",
-    "matrix_mse",
+    "mse",
     "product_covariance",
     "second_moment",
     "state_covariance",
     "state_rms",
-    "systematic_covariance",
-    "systematic_mse",
     "trajectory_covariance",
     "trajectory_rms",
-    "transition",
-    "vector_covariance",
-    "vector_mse",
 ]
 
 Size: TypeAlias = "int | float | None"
@@ -99,188 +94,140 @@ class RunsLaw(TypedDict, total=False):
     axis: Axis
 
 
-def vector_covariance(w: ArrayLike, size: Size = 1) -> Floats:
-    """Covariance of the average of ``size`` realizations of a vector.
+def mse(
+    target: ArrayLike, size: Size = 1, *, axis: Axis = "columns", scheme: Scheme = "iid"
+) -> float:
+    """Mean squared error of the average of ``size`` realizations of a vector or a matrix.
 
     Parameters
     ----------
-    w : (n,) array_like
-        The vector.
+    target : (n,) or (n, m) array_like
+        The vector or the matrix.
     size : int or None, default 1
-        Number of independent realizations; None or inf: known exactly.
-
-    Returns
-    -------
-    (n, n) array
-        ``Cv(w) / size``, ``Cv(w) = ||w||_1 diag|w| - w w^T``.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        `w` is not a finite vector, `size` is not a count, the covariance overflows.
-    ResourceError
-        The covariance does not fit into memory.
-
-    Notes
-    -----
-    Lemma 4.1 (the sampling scheme): a scaled multinomial covariance. For fixed weights ``y`` with
-    sum 1 instead of the average, multiply the value for ``size=1`` by ``sum(y**2)``.
-
-    Examples
-    --------
-    >>> vector_covariance([3.0, -1.0], size=2)
-    array([[1.5, 1.5],
-           [1.5, 1.5]])
-    """
-    w = validation.vector("w", w)
-    reciprocal = _rate(count("size", size))
-    running.need("the covariance", 3 * 8 * w.size**2)  # with two products on the way
-    with np.errstate(over="ignore", invalid="ignore"):
-        return checked_finite(_realization_covariance(w) * reciprocal)
-
-
-def vector_mse(w: ArrayLike, size: Size = 1) -> float:
-    """Mean squared 2-norm error of the average of ``size`` realizations of a vector.
-
-    Parameters
-    ----------
-    w, size
-        As in :func:`vector_covariance`.
-
-    Returns
-    -------
-    float
-        ``(||w||_1^2 - ||w||_2^2) / size``, the trace of :func:`vector_covariance`.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        As :func:`vector_covariance`.
-
-    Notes
-    -----
-    Lemma 4.1. Weights ``y`` with sum 1: the value for ``size=1`` times ``sum(y**2)``.
-
-    Examples
-    --------
-    >>> vector_mse([3.0, -1.0], size=2)
-    3.0
-    """
-    return matrix_mse(validation.vector("w", w)[:, None], size)
-
-
-def matrix_mse(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
-    """Mean squared Frobenius error of the average of ``size`` realizations of a matrix.
-
-    Parameters
-    ----------
-    A : (n, m) array_like
-        The matrix.
-    size : int or None, default 1
-        Number of independent realizations; None or inf: known exactly.
+        Number of realizations; None or inf: known exactly.
     axis : {"columns", "rows"}, default "columns"
-        Which lines are sampled.
+        Which lines of a matrix are sampled; no effect for a vector.
+    scheme : {"iid", "systematic"}, default "iid"
+        How the realizations are drawn.
 
     Returns
     -------
     float
-        ``sum_j (g_j^2 - ||a_j||_2^2) / size`` over the sampled lines ``a_j``.
+        The mean square of the 2-norm (vector) or Frobenius norm (matrix). Independent:
+        ``sum_j (g_j^2 - ||a_j||_2^2) / size`` over the sampled lines ``a_j``. Systematic:
+        ``sum_j (g_j / size)^2 sum_i f_ij (1 - f_ij)`` with ``f_ij = frac(size |a_ij| / g_j)``; at
+        most ``n g^2 / (4 size^2)`` per line, and 0 where every ``size |a_ij| / g_j`` is an integer.
 
     Raises
     ------
     InputError, InputTypeError
-        `A` is not a finite matrix, `size` is not a count, `axis` is unknown, or the error
-        overflows.
+        `target` is not a finite vector or matrix, `size` is not a count, a choice is unknown, or
+        the error overflows.
 
     Notes
     -----
-    Lemma 4.1, one vector per line. ``g^2 - ||a||_2^2 = sum_i |a_i| (g - |a_i|)``.
+    *Independent* (Lemma 4.1): ``g^2 - ||a||_2^2 = sum_i |a_i| (g - |a_i|)``. Weights ``y`` with sum
+    1: the value for ``size=1`` times ``sum(y**2)``.
+
+    *Systematic.* With one ``U`` per line, uniform on [0, 1), and ``c_i = size (p_1 + ... + p_i)``,
+    entry i is hit ``N_i = ceil(c_i - U) - ceil(c_{i-1} - U)`` times: ``floor`` or ``ceil`` of
+    ``size p_i``, the latter with probability ``f_i``. The error falls like ``1 / size^2``, that of
+    independent draws like ``1 / size``. The fractional parts are computed in integers, hence 0
+    exactly where they are 0.
+
+    References
+    ----------
+    W. G. Madow and L. H. Madow, "On the theory of systematic sampling", Ann. Math. Stat. 15, 1944.
 
     Examples
     --------
-    >>> matrix_mse([[1.0, 0.0], [2.0, 5.0]])
+    >>> mse([[1.0, 0.0], [2.0, 5.0]])
     4.0
+    >>> mse([3.0, -1.0], 6, scheme="systematic"), mse([3.0, -1.0], 8, scheme="systematic")
+    (0.2222222222222222, 0.0)
     """
-    lines = lines_of(validation.matrix("A", A), axis)
+    _, lines, N, systematic = _checked(target, size, axis, scheme)
     with np.errstate(over="ignore", invalid="ignore"):
-        mse = (np.abs(lines) * _sum_of_others(lines)).sum() * _rate(count("size", size))
-    return float(checked_finite(mse, "mean squared error"))
+        if not systematic:
+            found = (np.abs(lines) * _sum_of_others(lines)).sum() * _rate(N)
+        elif N == 0.0:
+            found = 0.0
+        else:
+            lines = lines.T[lines.any(axis=0)]
+            # as integers, each of 36 bytes or more and a pointer: W, N W, remainders, 1 - f, and
+            # quotients
+            running.need("the fractional parts", 5 * 44 * lines.size)
+            W = _whole_numbers(lines)
+            f, f_rest = _fractional_parts(N, W, W.sum(axis=1, keepdims=True))
+            found = ((np.abs(lines).sum(axis=1) / N) ** 2 * (f * f_rest).sum(axis=1)).sum()
+    return float(checked_finite(found, "mean squared error"))
 
 
-def matrix_covariance(A: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Floats:
-    """Covariance of the average of ``size`` realizations of a matrix, line by line.
+def covariance(
+    target: ArrayLike, size: Size = 1, *, axis: Axis = "columns", scheme: Scheme = "iid"
+) -> Floats:
+    """Covariance of the average of ``size`` realizations of a vector or of each line of a matrix.
 
     Parameters
     ----------
-    A, size, axis
-        As in :func:`matrix_mse`.
+    target, size, axis, scheme
+        As in :func:`mse`.
 
     Returns
     -------
-    (m, n, n) or (n, m, m) array
-        ``[j] = Cv(a_j) / size`` for the sampled line ``a_j``. Different lines are independent.
+    (n, n), (m, n, n) or (n, m, m) array
+        For a vector ``Cv(w) / size``, ``Cv(w) = ||w||_1 diag|w| - w w^T``; of systematic samples
+        ``(g / size)^2 sign(w_i) sign(w_k) Cov(N_i, N_k)``. For a matrix one such covariance per
+        sampled line; different lines are independent.
 
     Raises
     ------
     InputError, InputTypeError
-        As :func:`matrix_mse`.
+        As :func:`mse`.
     ResourceError
         The covariances do not fit into memory.
 
     Notes
     -----
-    Lemma 4.1, one vector per line; the traces add up to :func:`matrix_mse`.
+    *Independent* (Lemma 4.1): a scaled multinomial covariance. For fixed weights ``y`` with sum 1
+    instead of the average, multiply the value for ``size=1`` by ``sum(y**2)``.
+
+    *Systematic.* With ``c_i = size (p_1 + ... + p_i)`` and ``f_i = frac(c_i)``, the counts are
+    ``N_i = floor(c_i) - floor(c_{i-1}) + b_i - b_{i-1}`` with ``b_i = 1`` where the offset is
+    below ``f_i``; hence ``Cov(b_i, b_k) = min(f_i, f_k) - f_i f_k``. ``size=1`` is a single
+    independent draw. The traces add up to :func:`mse`.
 
     Examples
     --------
-    >>> matrix_covariance([[3.0, 0.0], [-1.0, 5.0]], size=3)[0]
+    >>> covariance([3.0, -1.0], size=2)
+    array([[1.5, 1.5],
+           [1.5, 1.5]])
+    >>> covariance([3.0, -1.0], size=2, scheme="systematic")
     array([[1., 1.],
            [1., 1.]])
     """
-    lines = lines_of(validation.matrix("A", A), axis).T
-    reciprocal = _rate(count("size", size))
-    running.need("the covariances", 2 * 8 * lines.size * lines.shape[1])  # before and after 1/N
+    vector, lines, N, systematic = _checked(target, size, axis, scheme)
+    # the result, and the arrays for one line, or the result before and after 1/N
+    running.need("the covariances", 8 * lines.shape[0] ** 2 * (2 * lines.shape[1] + 5))
     with np.errstate(over="ignore", invalid="ignore"):
-        covariances = np.array([_realization_covariance(line) for line in lines])
-        return checked_finite(covariances * reciprocal)
+        if systematic:
+            found = np.array([_systematic_covariance(line, N) for line in lines.T])
+        else:
+            found = np.array([_realization_covariance(line) for line in lines.T]) * _rate(N)
+    checked_finite(found)
+    return np.asarray(found[0] if vector else found, dtype=np.float64)
 
 
-def transition(A: ArrayLike, d: ArrayLike) -> Floats:
-    """``T_A(d)``, which sampling the columns of ``A`` adds to a second moment.
-
-    Parameters
-    ----------
-    A : (n, m) array_like
-        The matrix, sampled by columns.
-    d : (m,) array_like
-        One factor per column; for a random or fixed ``x`` the values ``E[x_j^2]``.
-
-    Returns
-    -------
-    (n, n) array
-        ``T_A(d) = sum_j d_j Cv(a_j) = diag(|A| (g * d)) - A diag(d) A^T``; positive semidefinite
-        for ``d >= 0``, with trace ``sum_j d_j (g_j^2 - ||a_j||_2^2)``.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        A shape does not fit, an entry is not finite, or the result overflows.
-
-    Notes
-    -----
-    Its diagonal is computed as ``Phi d`` with ``Phi_ij = |A_ij| (g_j - |A_ij|)``. For a fixed
-    vector ``x``, ``T_A(x * x)`` is the covariance of ``A^s x``.
-
-    Examples
-    --------
-    >>> transition([[1.0, 0.0], [2.0, 5.0]], [1.0, 1.0])
-    array([[ 2., -2.],
-           [-2.,  2.]])
-    """
-    A = validation.matrix("A", A)
-    d = validation.vector("d", d, length=A.shape[1])
-    with np.errstate(over="ignore", invalid="ignore"):
-        return checked_finite(_column_excess(A, d))
+def _checked(
+    target: object, size: object, axis: str, scheme: str
+) -> tuple[bool, Floats, float, bool]:
+    """Whether it is a vector, its lines as columns, their number, and whether it is systematic."""
+    values = validation.array("target", target, ndim=(1, 2))
+    validation.choice("axis", axis, AXES)
+    systematic = validation.choice("scheme", scheme, SCHEMES) == "systematic"
+    vector = values.ndim == 1
+    lines = values[:, None] if vector else lines_of(values, axis)
+    return vector, lines, count("size", size), systematic
 
 
 def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Floats:
@@ -406,7 +353,7 @@ def control_covariance(
 
         Rows: ``T_A(diag M)`` is replaced by the diagonal matrix of :func:`second_moment`, with
         ``M = x0 x0^T`` in the third and ``M = Cv(x0)`` in the last term. Systematic samples, with
-        ``V`` of :func:`systematic_covariance`: ``C = V(xf) + A V(x0) A^T + sum_j (x0_j^2 +
+        ``V`` of systematic :func:`covariance`: ``C = V(xf) + A V(x0) A^T + sum_j (x0_j^2 +
         V(x0)_jj) V(a_j)``; rows: the last sum is the diagonal of ``<V(row i), x0 x0^T + V(x0)>``.
 
     Raises
@@ -627,114 +574,6 @@ def final_state_covariance(
         for line, G_j in zip(A.T if axis == "columns" else A, G, strict=True):
             C += rA * (G_j @ _realization_covariance(line) @ G_j.T)
     return checked_finite(np.asarray((C + C.T) / 2.0, dtype=np.float64))
-
-
-def systematic_mse(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> float:
-    """Mean squared error of the average of ``size`` systematic samples.
-
-    Parameters
-    ----------
-    target : (n,) or (n, m) array_like
-        The vector, or the matrix whose lines are sampled with one offset each.
-    size : int or None, default 1
-        Number of samples; None or inf: known exactly.
-    axis : {"columns", "rows"}, default "columns"
-        Which lines of a matrix are sampled; no effect for a vector.
-
-    Returns
-    -------
-    float
-        ``sum_j (g_j / size)^2 sum_i f_ij (1 - f_ij)`` with ``f_ij = frac(size |a_ij| / g_j)``, the
-        square of the 2-norm (vector) or Frobenius norm (matrix). At most ``n g^2 / (4 size^2)``
-        per line, and 0 where every ``size |a_ij| / g_j`` is an integer.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        `target` is not a finite vector or matrix, `size` is not a count, `axis` is unknown, or the
-        error overflows.
-
-    Notes
-    -----
-    With one ``U`` per line, uniform on [0, 1), and ``c_i = size (p_1 + ... + p_i)``, entry i is hit
-    ``N_i = ceil(c_i - U) - ceil(c_{i-1} - U)`` times: ``floor`` or ``ceil`` of ``size p_i``, the
-    latter with probability ``f_i``. The error falls like ``1 / size^2``, that of independent draws
-    (:func:`vector_mse`) like ``1 / size``. The fractional parts are computed in integers, hence 0
-    exactly where they are 0.
-
-    References
-    ----------
-    W. G. Madow and L. H. Madow, "On the theory of systematic sampling", Ann. Math. Stat. 15, 1944.
-
-    Examples
-    --------
-    >>> systematic_mse([3.0, -1.0], size=6), systematic_mse([3.0, -1.0], size=8)
-    (0.2222222222222222, 0.0)
-    """
-    _, lines = _checked(target, axis)
-    N = count("size", size)
-    if N == 0.0:
-        return 0.0
-    lines = lines.T[lines.any(axis=0)]
-    # as integers, each of 36 bytes or more and a pointer: W, N W, remainders, 1 - f, and quotients
-    running.need("the fractional parts", 5 * 44 * lines.size)
-    with np.errstate(over="ignore", invalid="ignore"):
-        W = _whole_numbers(lines)
-        f, f_rest = _fractional_parts(N, W, W.sum(axis=1, keepdims=True))
-        mse = ((np.abs(lines).sum(axis=1) / N) ** 2 * (f * f_rest).sum(axis=1)).sum()
-    return float(checked_finite(mse, "mean squared error"))
-
-
-def systematic_covariance(target: ArrayLike, size: Size = 1, *, axis: Axis = "columns") -> Floats:
-    """Covariance of the average of ``size`` systematic samples.
-
-    Parameters
-    ----------
-    target, size, axis
-        As in :func:`systematic_mse`.
-
-    Returns
-    -------
-    (n, n), (m, n, n) or (n, m, m) array
-        For a vector, ``(g / size)^2 sign(w_i) sign(w_k) Cov(N_i, N_k)``. For a matrix one such
-        covariance per line; different lines are independent.
-
-    Raises
-    ------
-    InputError, InputTypeError
-        As :func:`systematic_mse`.
-    ResourceError
-        The covariances do not fit into memory.
-
-    Notes
-    -----
-    With ``c_i = size (p_1 + ... + p_i)`` and ``f_i = frac(c_i)``, the counts are
-    ``N_i = floor(c_i) - floor(c_{i-1}) + b_i - b_{i-1}`` with ``b_i = 1`` where the offset is
-    below ``f_i``; hence ``Cov(b_i, b_k) = min(f_i, f_k) - f_i f_k``. The traces add up to
-    :func:`systematic_mse`. ``size=1`` is a single independent draw.
-
-    Examples
-    --------
-    >>> systematic_covariance([3.0, -1.0], size=2)
-    array([[1., 1.],
-           [1., 1.]])
-    """
-    vector, lines = _checked(target, axis)
-    N = count("size", size)
-    # the result, and the arrays for one line
-    running.need("the covariances", 8 * lines.shape[0] ** 2 * (lines.shape[1] + 5))
-    with np.errstate(over="ignore", invalid="ignore"):
-        covariances = np.array([_systematic_covariance(line, N) for line in lines.T])
-    checked_finite(covariances)
-    return np.asarray(covariances[0] if vector else covariances, dtype=np.float64)
-
-
-def _checked(target: object, axis: str) -> tuple[bool, Floats]:
-    """Check a vector or matrix; return whether it is a vector, and its lines as columns."""
-    values = validation.array("target", target, ndim=(1, 2))
-    validation.choice("axis", axis, AXES)
-    vector = values.ndim == 1
-    return vector, values[:, None] if vector else lines_of(values, axis)
 
 
 def trajectory_covariance(

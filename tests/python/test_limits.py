@@ -12,6 +12,7 @@ from coverage_study import sets
 from limit_plans import WAYS, at_a_limit, check, draw_case, exactly, within
 from limit_problems import draw_box
 from stochens_rs import _core
+from stochens_rs.ensembles.ensemble import core_of
 from stochens_rs.limits.problem import Horizon
 from stochens_rs.theory.exact import best_control, factors
 from twin import limited_control as lc
@@ -119,8 +120,8 @@ def test_without_limits_no_bit_changes():
             assert made.limited is None
             assert made.status == "completed"
     inverse, out = factors(B).inverse, np.empty((50, 1))
-    needed = xf, drawn._core_realizations()
-    _core.realization_controls(out, False, inverse, start._core_realizations(), *needed, False, 1)
+    needed = xf, core_of(drawn)
+    _core.realization_controls(out, False, inverse, core_of(start), *needed, False, 1)
     assert se.realization_controls((drawn, B), start, xf).tobytes() == out.tobytes()
 
 

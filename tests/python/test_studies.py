@@ -217,7 +217,7 @@ def test_failures_are_kept_and_can_be_retried(monkeypatch: pytest.MonkeyPatch) -
     assert made.run(retry=True).digest == results.digest  # they fail again
     monkeypatch.setenv("STUDY_TEST_CALM", "1")
     again = made.run(retry=True)
-    assert again.failures == []
+    assert again.failures == ()
     assert again.digest == se.Study(noise, {"scale": [1.0, 2.0]}, replicates=40, rng=8).run().digest
 
 

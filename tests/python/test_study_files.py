@@ -127,13 +127,13 @@ def test_failures_are_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     results = made.run(path=path)
     loaded = se.Study.resume(path, sometimes)
     assert loaded.results.digest == results.digest
-    assert loaded.results.failures == results.failures != []
+    assert loaded.results.failures == results.failures != ()
     monkeypatch.setenv("STUDY_TEST_CALM", "1")
     calm = se.Study(noise, GRID, replicates=40, rng=8).run()
     assert loaded.run(path=path).digest == results.digest
     assert loaded.run(path=path, retry=True).digest == calm.digest
     assert se.Study.resume(path).results.digest == calm.digest
-    assert se.Study.resume(path).results.failures == []
+    assert se.Study.resume(path).results.failures == ()
 
 
 def test_without_the_function_numbers_can_be_read_only(path: Path) -> None:
@@ -477,7 +477,7 @@ def with_tree(sections: dict[str, np.ndarray], **changed: object) -> dict[str, n
 def test_the_hostile_files_are_near_a_good_one(tmp_path: Path) -> None:
     found = se.Study.resume(written(tmp_path / "a", FIRST, with_tree(SECOND))).results
     assert found.values["x"][0, 0] == 0.5
-    assert found.failures == [se.studies.Failure({"scale": 2.0}, 0, "E: no")]
+    assert found.failures == (se.studies.Failure({"scale": 2.0}, 0, "E: no"),)
 
 
 def bits(*values: object, dtype: type = np.int64) -> np.ndarray:

@@ -13,8 +13,7 @@ from .._base.names import Labels, default_labels
 from .._base.records import trusted
 from .._base.running import get_num_threads
 from .._base.types import FUSIONS, Floats, Fusion
-from ..ensembles.ensemble import Ensemble, sample
-from ..ensembles.law import Counts
+from ..ensembles.ensemble import Counts, Ensemble, core_of, sample
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError, SolverError
 from ..fusion.fits import Fit
@@ -24,7 +23,7 @@ from ..identification.identified import Identified
 from ..limits.limits import Cost, Uncertain, as_cost, as_limits
 from ..limits.problem import OPTIMAL, Horizon, checked_task, seconds
 from ..rng import RngLike, as_key
-from ..system.system import System
+from ..system.system import System, mean_of
 from ..theory.exact import best, best_control, checked_ends, checked_steps, factors, states
 from . import of_model
 from .plan import Plan
@@ -313,7 +312,7 @@ def realizations(entities: tuple[Entity, Entity, Entity]) -> tuple[Any, Any, Any
     """For the core: draws, dense rows or a flat exact value of x0, xf and A; if A has rows."""
     drawn = [entity.drawn() for entity in entities]
     x0, xf, A = (
-        entity.estimate().ravel() if one is None else one._core_realizations()
+        entity.estimate().ravel() if one is None else core_of(one)
         for entity, one in zip(entities, drawn, strict=True)
     )
     return x0, xf, A, drawn[2] is not None and drawn[2].axis == "rows"
@@ -337,10 +336,10 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
 def mean_warnings(system: SystemLike) -> tuple[str, ...]:
     """A warning where A or B are those of the mean of several models."""
     nominal = system[1] if isinstance(system, tuple) and len(system) > 1 else system
-    if not isinstance(nominal, System) or (nominal._mean_of or 1) == 1:
+    if not isinstance(nominal, System) or mean_of(nominal) == 1:
         return ()
     return (
-        f"the system is the mean of {nominal._mean_of} models, and all numbers are about this "
+        f"the system is the mean of {mean_of(nominal)} models, and all numbers are about this "
         "mean; how far a fresh model misses: plan.validate(fresh)",
     )
 

@@ -22,7 +22,7 @@ from ..fusion.provenance import Basis, completed
 from ..limits.problem import Horizon, Limited
 from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
-from ..system.system import System
+from ..system.system import System, in_order
 from ..theory import moments
 from ..theory.exact import (
     EPS,
@@ -725,7 +725,7 @@ class Plan(SavedRecord, Timed):
                 f"m={checked.m}"
             )
         validation.same_dt("system", checked.dt, self.dt, "this plan")
-        return checked._in_order("system", self.labels)
+        return in_order("system", checked, self.labels)
 
     def _parts(self) -> tuple[Any, ...]:
         limited = () if self.limited is None else (self.limited.task, self.limited)

@@ -17,12 +17,133 @@ from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from .._base import running, validation
-from .._base.records import SavedRecord, trusted
+from .._base.records import Count, Dense, Record, SavedRecord, trusted
 from .._base.running import get_num_threads
 from .._base.types import AXES, CENTRES, SCHEMES, Axis, Centre, Floats, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key, RngLike, as_key
-from .law import Counts, Law, dense, dense_blocks, from_lines, stack_from_lines, to_lines
+
+
+@dataclass(frozen=True, eq=False)
+class Law(Record):
+    """The distribution of realizations.
+
+    Attributes
+    ----------
+    values : ndarray, shape (n,) or (n, m)
+        The mean of the realizations.
+    axis : {"columns", "rows"}
+        Which lines of a matrix are drawn independently.
+    scheme : {"iid", "systematic"}
+        As in `sample`.
+    """
+
+    values: Dense
+    axis: Axis
+    scheme: Scheme
+
+
+def to_lines(values: Floats, axis: Axis) -> Floats:
+    """Return a vector as one row, a matrix with its lines as rows."""
+    if values.ndim == 1:
+        return values.reshape(1, -1)
+    return np.ascontiguousarray(values.T) if axis == "columns" else values
+
+
+def from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
+    """Undo `to_lines`."""
+    if len(shape) == 1:
+        return values.reshape(shape)
+    return np.ascontiguousarray(values.T) if axis == "columns" else values
+
+
+def stack_from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
+    """Undo `to_lines` for every row of (k, entries)."""
+    if len(shape) == 1 or axis == "rows":
+        return values.reshape(-1, *shape)
+    return np.ascontiguousarray(values.reshape(-1, shape[1], shape[0]).transpose(0, 2, 1))
+
+
+_BLOCK = 2**20  # entries written at a time, 8 MiB; between two blocks Ctrl-C is handled
+
+
+def dense_blocks(
+    draws: _core.Draws, shape: tuple[int, ...], axis: Axis, rows: int
+) -> Iterator[Floats]:
+    """Yield `rows` realizations at a time, each block of shape (rows, *shape)."""
+    for first in range(0, draws.size, rows):
+        index = draws.indices()[first : first + rows].astype(np.intp)
+        atoms = draws.atoms()
+        out = np.zeros((len(index), *atoms.shape))
+        s, j = np.arange(len(index))[:, None], np.arange(len(atoms))[None, :]
+        out[s, j, index] = atoms[j, index]
+        yield stack_from_lines(out.reshape(len(index), -1), shape, axis)
+
+
+def dense(draws: _core.Draws, shape: tuple[int, ...], axis: Axis) -> Floats:
+    """Return all realizations, shape (N, *shape)."""
+    entries = int(np.prod(shape))
+    rows = max(1, _BLOCK // entries)
+    # the result, and four arrays of the size of a block
+    largest = min(rows, draws.size) * entries
+    running.need("the dense realizations", (draws.size * entries + 4 * largest) * 8)
+    out = np.empty((draws.size, *shape))
+    first = 0
+    for block in dense_blocks(draws, shape, axis, rows):
+        out[first : first + len(block)] = block
+        first += len(block)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Counts(SavedRecord):
+    """How many of N realizations hit each entry.
+
+    Attributes
+    ----------
+    counts : ndarray of int64, shape (n,) or (n, m)
+        ``counts[i, j]``: how many realizations hit entry (i, j); 0 in a zero line.
+    estimate : ndarray, same shape
+        The uniform average ``g_j sign(A_ij) counts[i, j] / N``.
+    size : int
+        Number of realizations N.
+    key : Key
+        The key to repeat the draw.
+    law : Law or None
+        The law of the realizations; None if unknown.
+    """
+
+    counts: NDArray[np.int64]
+    estimate: Floats
+    size: Count
+    key: Key
+    law: Law | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        validation.kept("estimate", self.estimate, shape=self.counts.shape)
+        if self.counts.min() < 0:
+            raise InputError(f"`counts` must be >= 0, got {self.counts.min()}")
+        law = self.law
+        if law is None:
+            return
+        if law.values.shape != self.shape:
+            raise ShapeError(
+                f"`law` must have values of shape {self.shape}, got {law.values.shape}"
+            )
+        along = 1 if law.axis == "rows" and law.values.ndim == 2 else 0
+        # Sums up to 2^53 are exact. Converted in one step: NumPy's buffered loops, which mix
+        # types, crash if memory runs out.
+        hits = self.counts.astype(np.float64).sum(axis=along)
+        expected = np.where(law.values.any(axis=along), float(self.size), 0.0)
+        outside = (law.values == 0.0) & (self.counts != 0)
+        if (hits != expected).any() or outside.any():
+            raise InputError(f"`counts` must add up to {self.size} in every nonzero line")
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the vector or matrix."""
+        return self.counts.shape
 
 
 def _rebuilt(
@@ -350,13 +471,6 @@ class Ensemble(SavedRecord):
 
     __hash__ = None  # as for arrays
 
-    def _dense_blocks(self, rows: int) -> Iterator[Floats]:
-        """Return the dense realizations, `rows` at a time."""
-        if self._draws is not None:
-            return dense_blocks(self._draws, self.shape, self.axis, rows)
-        samples = self._dense()
-        return (samples[first : first + rows] for first in range(0, self.size, rows))
-
     def _values(self) -> Floats | None:
         """Return a copy of the vector or matrix that gives the 1-norms and signs of singletons."""
         if self._draws is None:
@@ -367,31 +481,42 @@ class Ensemble(SavedRecord):
         assert self.samples is not None
         return self.samples
 
-    def _lines_of(self, values: Floats) -> Floats:
-        """Return a target in the layout of the core (for dense realizations: one row)."""
-        return to_lines(values, self.axis) if self._draws is not None else values.reshape(1, -1)
-
-    def _from_core(self, values: Floats) -> Floats:
-        """Undo `_lines_of`."""
-        if self._draws is not None:
-            return from_lines(values, self.shape, self.axis)
-        return values.reshape(self.shape)
-
-    def _stack_from_core(self, values: Floats) -> Floats:
-        """Undo `_lines_of` for every row of (k, entries)."""
-        if self._draws is not None:
-            return stack_from_lines(values, self.shape, self.axis)
-        return values.reshape(-1, *self.shape)
-
-    def _core_realizations(self) -> _core.Draws | Floats:
-        """Return the realizations as the core takes them."""
-        return self._draws if self._draws is not None else self._dense().reshape(self.size, -1)
-
 
 _UNKNOWN: dict[str, Any] = {
     **dict.fromkeys(("_draws", "samples", "scheme", "key", "centre")),
     "axis": "columns",
 }
+
+
+def core_of(ensemble: Ensemble) -> _core.Draws | Floats:
+    """The realizations as the core takes them: draws, or dense ones as rows."""
+    if ensemble._draws is not None:
+        return ensemble._draws
+    return ensemble._dense().reshape(ensemble.size, -1)
+
+
+def lines_of(ensemble: Ensemble, values: Floats) -> Floats:
+    """A vector or matrix of the shape of a realization as the core takes it."""
+    return to_lines(values, ensemble.axis) if ensemble.is_singleton else values.reshape(1, -1)
+
+
+def from_core(ensemble: Ensemble, values: Floats, stack: bool = False) -> Floats:
+    """Undo `lines_of`; of a stack, whose first axis counts."""
+    if stack and ensemble.is_singleton:
+        return stack_from_lines(values, ensemble.shape, ensemble.axis)
+    if stack:
+        return values.reshape(-1, *ensemble.shape)
+    if ensemble.is_singleton:
+        return from_lines(values, ensemble.shape, ensemble.axis)
+    return values.reshape(ensemble.shape)
+
+
+def blocks_of(ensemble: Ensemble, rows: int) -> Iterator[Floats]:
+    """The dense realizations, so many at a time."""
+    if ensemble._draws is not None:
+        return dense_blocks(ensemble._draws, ensemble.shape, ensemble.axis, rows)
+    samples = ensemble._dense()
+    return (samples[first : first + rows] for first in range(0, len(samples), rows))
 
 
 def _checked_indices(indices: ArrayLike, lines: tuple[int, ...]) -> NDArray[np.uint32]:

@@ -14,7 +14,7 @@ from .._base.records import Line, Positive, SavedRecord
 from .._base.tables import Tabled
 from .._base.types import Centre, Floats
 from ..exceptions import InputError, ShapeError
-from ..system.system import System, _rebuild
+from ..system.system import System, in_order, rebuilt
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -112,7 +112,7 @@ class SystemEnsemble(SavedRecord, Tabled):
                 )
         dt = first.dt if isinstance(first.dt, float) else None
         labels = next((one.labels for one in found if one.labels.given), None)
-        found = [one._in_order(f"systems[{k}]", labels) for k, one in enumerate(found)]
+        found = [in_order(f"systems[{k}]", one, labels) for k, one in enumerate(found)]
         A, B = np.array([one.A for one in found]), np.array([one.B for one in found])
         return cls(A, B, centre=centre, dt=dt, labels=labels)
 
@@ -148,16 +148,7 @@ class SystemEnsemble(SavedRecord, Tabled):
         """
         with np.errstate(over="ignore"):  # `System` refuses what is not finite
             mean = self.A.mean(axis=0), self.B.mean(axis=0)
-            return _rebuild(*mean, self.dt, None, self.labels, self.size)
-
-    def _in_order(self, argument: str, labels: Labels | None) -> SystemEnsemble:
-        """The same models, with states and inputs in the order of these names, see `order_of`."""
-        order = order_of(argument, self.labels, labels)
-        if self.labels is None or order == Order():
-            return self
-        A, B = order.matrices(self.A, self.B)
-        c = None if self.c is None else order.of_states(self.c)
-        return replace(self, A=A, B=B, c=c, labels=order.labels(self.labels))
+            return rebuilt(*mean, self.dt, None, self.labels, self.size)
 
     def __len__(self) -> int:
         return self.size
@@ -174,7 +165,7 @@ class SystemEnsemble(SavedRecord, Tabled):
                 raise InputError("the slice must name at least one model")
             return replace(self, A=A, B=B, c=c)
         index = validation.size("model", s, minimum=-self.size, maximum=self.size - 1)
-        return _rebuild(self.A[index], self.B[index], self.dt, None, self.labels)
+        return rebuilt(self.A[index], self.B[index], self.dt, None, self.labels)
 
     def __iter__(self) -> Iterator[System]:
         return (self[s] for s in range(self.size))
@@ -193,3 +184,15 @@ class SystemEnsemble(SavedRecord, Tabled):
         count = show.number_of(self.size, "model")
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         return f"<SystemEnsemble: {count}, n={self.n} m={self.m}{dt}{about}>"
+
+
+def systems_in_order(
+    argument: str, systems: SystemEnsemble, labels: Labels | None
+) -> SystemEnsemble:
+    """The same models, with states and inputs in the order of these names, see `order_of`."""
+    order = order_of(argument, systems.labels, labels)
+    if systems.labels is None or order == Order():
+        return systems
+    A, B = order.matrices(systems.A, systems.B)
+    c = None if systems.c is None else order.of_states(systems.c)
+    return replace(systems, A=A, B=B, c=c, labels=order.labels(systems.labels))

@@ -15,6 +15,7 @@ from .._base.records import Probability, SavedRecord, require_shapes
 from .._base.running import get_num_threads
 from .._base.tables import Tabled
 from .._base.types import Floats, Status
+from ..ensembles.systems import systems_in_order
 from ..exceptions import InputError, ShapeError
 from ..limits.limits import as_cost, as_limits
 from ..limits.problem import read_task
@@ -388,7 +389,7 @@ class FleetPlan(SavedRecord, Tabled):
                 f"`new_units` must have n={mine.n} and m={mine.m}, got n={fresh.n} and m={fresh.m}"
             )
         validation.same_dt("new_units", fresh.dt, mine.dt, "this plan")
-        fresh = fresh._in_order("new_units", mine.labels)
+        fresh = systems_in_order("new_units", fresh, mine.labels)
         if x0 is None and len(self.units.x0) > 1:
             raise InputError(
                 "`x0` must be given: the units of the design began at different states"

@@ -1,7 +1,6 @@
 """Fusion of realizations, models or experiments into one estimate."""
 
-from .alse import Alse
-from .fits import Fit, Path
+from .fits import Alse, Fit, Path
 from .fused_model import FusedModel
 from .fusing import fuse, fuse_path
 

@@ -13,14 +13,13 @@ from .. import _core
 from .._base import numbers, running, show, validation
 from .._base.names import Labels, order_of
 from .._base.types import Floats, Status
-from ..ensembles.ensemble import Ensemble
-from ..ensembles.systems import SystemEnsemble
+from ..ensembles.ensemble import Ensemble, core_of, from_core, lines_of
+from ..ensembles.systems import SystemEnsemble, systems_in_order
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model
-from .alse import Alse, path, require, solve
-from .fits import Fit, Path, fit_of
+from .fits import Alse, Fit, Path, fit_of, path, require, solve
 from .fused_model import (
     FusedModel,
     coordinates,
@@ -219,9 +218,9 @@ def fuse(
     elif options is not None:
         return solve(given, goal, options)
     else:
-        of_core = given._core_realizations(), given._lines_of(goal)
+        of_core = core_of(given), lines_of(given, goal)
         w, sums, errors, _ = _core.fuse_path(*of_core, name, [given.size], False)
-        estimate, error = given._from_core(sums), float(errors[0])
+        estimate, error = from_core(given, sums), float(errors[0])
     return fit_of(given, goal, name, w, estimate, error)
 
 
@@ -290,11 +289,11 @@ def fuse_path(
     completed: Status = "completed"
     statuses = (completed,) * grid.size
     if options is None:
-        of_core = ensemble._core_realizations(), ensemble._lines_of(goal)
+        of_core = core_of(ensemble), lines_of(ensemble, goal)
         _, _, errors, stack = _core.fuse_path(*of_core, name, counts, estimates)
     else:
         errors, gaps, statuses, stack = path(ensemble, goal, options, counts, estimates)
-    kept = ensemble._stack_from_core(stack) if estimates else None
+    kept = from_core(ensemble, stack, stack=True) if estimates else None
     return Path(grid, errors, name, statuses, gaps, kept)
 
 
@@ -407,7 +406,7 @@ def _by_data(
     """Choose the weights by the data and mix; `fuse` says what the arguments are."""
     given = _models(models, data, validation.flag("independent", independent))
     least = _least_squares(given, data, noise)
-    given = given._in_order("ensemble", least.labels)
+    given = systems_in_order("ensemble", given, least.labels)
     f = least._blocks[0]
     if f.rank == 0:
         raise InputError("`data` determine nothing: all states and inputs are 0")

@@ -14,14 +14,13 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 import numpy as np
 
 from .._base import validation
-from .._base.records import Record, trusted
+from .._base.records import Count, Dense, Record, require_shapes, trusted
 from .._base.types import Floats
 from ..certificates.of_model import ModelBasis
-from ..ensembles.ensemble import Ensemble
-from ..ensembles.law import Counts
+from ..ensembles.ensemble import Counts, Ensemble
 from ..exceptions import InputError, ShapeError
 from ..rng import Key
-from ..system.system import System
+from ..system.system import System, in_order
 from .fits import Fit
 
 if TYPE_CHECKING:
@@ -72,20 +71,17 @@ class Known(Record):
 
     name: str
     kind: Kind
-    estimate: Floats | None
-    values: Floats | None = None
-    size: Annotated[int, validation.size] | None = None
+    estimate: Dense | None
+    values: Dense | None = None
+    size: Count | None = None
     axis: Axis = "columns"
     key: Key | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for field in ("estimate", "values", "size"):
-            value = getattr(self, field)
-            if value is None and field in _REQUIRED.get(self.kind, ()):
+        for field in _REQUIRED.get(self.kind, ()):
+            if getattr(self, field) is None:
                 raise InputError(f"`{field} of {self.name}` must be known for kind '{self.kind}'")
-            if isinstance(value, np.ndarray):
-                validation.kept(f"{field} of {self.name}", value)
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,11 +114,7 @@ class Basis(Record):
             one = getattr(self, name)
             if one.name != name:
                 raise InputError(f"`{name}` must be what is known of {name}, got {one.name!r:.40}")
-            for what, array in (("estimate", one.estimate), ("values", one.values)):
-                if array is not None and array.shape != shape:
-                    raise ShapeError(
-                        f"`{what} of {name}` must have shape {shape}, got {array.shape}"
-                    )
+            require_shapes(one, estimate=shape, values=shape)
 
     @property
     def entities(self) -> tuple[Known, Known, Known]:
@@ -203,21 +195,20 @@ def completed(
     }
     if system is not None:
         checked = System.from_any(system)
-        if checked.B.shape == basis.B.shape:
-            checked = checked._in_order("system", labels)
         if checked.B.shape != basis.B.shape:
             raise ShapeError(f"`system.B` must have shape {basis.B.shape}, got {checked.B.shape}")
+        checked = in_order("system", checked, labels)
         if not np.array_equal(checked.B, basis.B):
             raise InputError("`system.B` differs from the `B` of this plan")
         declared["A"] = np.asarray(checked.A)
-    entities = {e.name: _declare(e, declared.get(e.name), what) for e in basis.entities}
-    for one, other in itertools.combinations(entities.values(), 2):
+    entities = [_declare(one, declared.get(one.name), what) for one in basis.entities]
+    for one, other in itertools.combinations(entities, 2):
         if one.key is not None and one.key == other.key:
             raise InputError(
                 f"`{one.name}` and `{other.name}` were drawn with the same key, so they are not "
                 "independent: draw with key.child(name), or with one Generator"
             )
-    x0_known, xf_known, A_known = entities.values()
+    x0_known, xf_known, A_known = entities
     return trusted(Basis, basis.B, x0_known, xf_known, A_known, basis.rounding)
 
 
@@ -242,16 +233,11 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
             raise InputError(
                 f"`{entity.name}` is a fit with weights of its own: no {what} is known for it"
             )
-        if entity.estimate is None or not _possible(entity.estimate, values, entity.axis):
+        if why := _refused(entity, values):
             raise InputError(
-                f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from: "
-                "their average has other signs, zeros or 1-norms"
-            )
-        if not _counted(entity.estimate, values, entity.axis, entity.size):
-            raise InputError(
-                f"the realizations of `{entity.name}` are no singletons, with one nonzero entry in "
-                f"every line, so that no {what} follows from `{argument}`: their average is none "
-                "of such entries; how far fresh ones miss: plan.validate(fresh)"
+                f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from as "
+                f"singletons, with one nonzero entry in every line: {why}; how far fresh ones of "
+                "another law miss: plan.validate(fresh)"
             )
         return replace(entity, kind="iid", values=values)
     if values is None:
@@ -265,24 +251,21 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
     return entity
 
 
-def _possible(estimate: Floats, values: Floats, axis: Axis) -> bool:
-    """Whether `estimate` can be an average of singletons drawn from `values`."""
-    found, wanted = _norms(estimate, axis), _norms(values, axis)
-    signs = (estimate == 0.0) | (np.sign(estimate) == np.sign(values))
-    return bool(signs.all() and (np.abs(found - wanted) <= _SAME_NORM * wanted).all())
+def _refused(entity: Known, values: Floats) -> str:
+    """Why the estimate cannot be an average of singletons drawn from `values`; empty if it can.
 
-
-def _counted(estimate: Floats, values: Floats, axis: Axis, size: int) -> bool:
-    """Whether ``size |estimate_ij| / ||values_j||_1`` is how often an entry was drawn, an integer.
-
-    Up to rounding, which leaves nothing to see of a billion realizations.
+    ``size |estimate_ij| / ||values_j||_1`` is how often an entry was drawn, an integer up to
+    rounding, which leaves nothing to see of a billion realizations.
     """
-    norms = np.broadcast_to(_norms(values, axis), values.shape)
+    if (estimate := entity.estimate) is None:
+        return "their average is not kept"
+    along = 0 if values.ndim == 1 or entity.axis == "columns" else 1
+    found, wanted = (np.abs(one).sum(axis=along, keepdims=True) for one in (estimate, values))
+    signs = (estimate == 0.0) | (np.sign(estimate) == np.sign(values))
+    if not signs.all() or not (np.abs(found - wanted) <= _SAME_NORM * wanted).all():
+        return "their average has other signs, zeros or 1-norms"
+    size, norms = entity.size or 0, np.broadcast_to(wanted, values.shape)
     counts = size * np.divide(np.abs(estimate), norms, out=np.zeros(values.shape), where=norms > 0)
-    return bool((np.abs(counts - np.rint(counts)) <= _SAME_NORM * size).all())
-
-
-def _norms(values: Floats, axis: Axis) -> Floats:
-    """The 1-norms of the lines that are drawn on their own, along an axis that is kept."""
-    along = 0 if values.ndim == 1 or axis == "columns" else 1
-    return np.asarray(np.abs(values).sum(axis=along, keepdims=True))
+    if not (np.abs(counts - np.rint(counts)) <= _SAME_NORM * size).all():
+        return "their average is none of such entries"
+    return ""

@@ -16,7 +16,7 @@ from .._base.running import interruptible
 from .._base.types import DELTA, Floats
 from ..certificates.certificate import Certificate, radius_at
 from ..controls.bounds import Typical, ranked
-from ..ensembles.ensemble import Ensemble
+from ..ensembles.ensemble import Ensemble, blocks_of
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import as_key
 from ..theory.exact import EPS
@@ -414,7 +414,7 @@ def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
     if isinstance(value, Ensemble):
         if value.shape != shape:
             raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
-        return (block.reshape(-1, entries) for block in value._dense_blocks(rows))
+        return (block.reshape(-1, entries) for block in blocks_of(value, rows))
     if isinstance(value, Iterator):
         return _gathered(name, value, shape, rows)
     array = validation.array(name, value, ndim=(len(shape), len(shape) + 1))

@@ -7,19 +7,19 @@ import hashlib
 import io
 import itertools
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._base import fields, files, show, validation
+from .._base import files, show, validation
 from .._base.files import PathLike
-from .._base.records import cached_property
-from .._base.tables import extra
+from .._base.records import Record, cached_property
+from .._base.tables import columns, extra
 from .._base.types import Floats, Status
-from .grid import Label
+from .tasks import Label
 
 if TYPE_CHECKING:
     import xarray
@@ -47,7 +47,7 @@ class Failure:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Results:
+class Results(Record):
     """The numbers of a study. Made by `Study.run`; see also `Study.results`.
 
     As text it is a table of medians.
@@ -59,7 +59,7 @@ class Results:
         on.
     grid : dict of str to tuple
         The labels of each axis.
-    replicates : range
+    replicates : ndarray of int64
         Their numbers.
     values : dict of str to ndarray
         By name. Axes: those of `grid` in their order, the replicates, then those of what the
@@ -67,7 +67,7 @@ class Results:
         run on fills in what is missing.
     done, failed : ndarray of bool
         Whether a replicate has run, and how; axes of `grid`, then replicates.
-    failures : list of Failure
+    failures : tuple of Failure
         In the order of the replicates.
     about : dict of str to str
         The key of the study, the name of its function, and where it ran: versions, platform,
@@ -80,11 +80,11 @@ class Results:
 
     status: Status
     grid: dict[str, tuple[Label, ...]]
-    replicates: range
+    replicates: NDArray[np.int64]
     values: dict[str, Floats]
     done: NDArray[np.bool_]
     failed: NDArray[np.bool_]
-    failures: list[Failure]
+    failures: tuple[Failure, ...]
     about: dict[str, str]
     seconds: float
     units: dict[str, str] = field(default_factory=dict)
@@ -116,11 +116,11 @@ class Results:
         """
         ran = self.done | self.failed
         axes = [_numbers(labels) for labels in self.grid.values()]
-        axes.append(np.array(self.replicates, dtype=np.int64))
+        axes.append(self.replicates)
         names = (*self.grid, "replicate")
         where = np.nonzero(ran)
-        columns = {k: own[at] for k, own, at in zip(names, axes, where, strict=True)}
-        return columns | {name: rows[ran] for name, rows in self._entries().items()}
+        found = {k: own[at] for k, own, at in zip(names, axes, where, strict=True)}
+        return found | {name: rows[ran] for name, rows in self._entries().items()}
 
     def to_xarray(self) -> xarray.Dataset:
         """The numbers with named dimensions.
@@ -140,7 +140,7 @@ class Results:
             import xarray
         dims = (*self.grid, "replicate")
         coordinates: dict[str, Any] = {name: _numbers(own) for name, own in self.grid.items()}
-        coordinates["replicate"] = np.array(self.replicates, dtype=np.int64)
+        coordinates["replicate"] = self.replicates
         named = {
             name: ((*dims, *(f"{name}_{k}" for k in range(rows.ndim - len(dims)))), rows)
             for name, rows in self.values.items()
@@ -151,27 +151,6 @@ class Results:
             if name in self.units:
                 found[name].attrs["units"] = self.units[str(name)]
         return found
-
-    def to_dict(self) -> dict[str, Any]:
-        """Plain lists and numbers, ready for ``json.dumps``.
-
-        Returns
-        -------
-        dict
-            nan as None, infinite numbers as the texts "inf" and "-inf".
-        """
-        return {
-            "schema": "stochens-results/1",
-            "status": self.status,
-            "digest": self.digest,
-            **self.about,
-            "grid": {name: list(labels) for name, labels in self.grid.items()},
-            "replicates": [self.replicates.start, self.replicates.stop],
-            "values": {name: fields.listed(rows) for name, rows in self.values.items()},
-            "units": self.units,
-            "failures": [asdict(one) for one in self.failures],
-            "seconds": self.seconds,
-        }
 
     def save(self, path: PathLike) -> None:
         """Save as a table or data set, for other programs.
@@ -200,9 +179,9 @@ class Results:
         elif suffix == ".json":
             files.write_text(checked, json.dumps(self.to_dict(), allow_nan=False) + "\n")
         else:
-            columns, text = self.columns(), io.StringIO()
-            rows = zip(*(column.tolist() for column in columns.values()), strict=True)
-            csv.writer(text, lineterminator="\n").writerows([list(columns), *rows])
+            table, text = self.columns(), io.StringIO()
+            rows = zip(*(column.tolist() for column in table.values()), strict=True)
+            csv.writer(text, lineterminator="\n").writerows([list(table), *rows])
             files.write_text(checked, text.getvalue())
 
     def _entries(self) -> dict[str, Floats]:
@@ -240,10 +219,7 @@ class Results:
         return rows
 
     def __str__(self) -> str:
-        rows = self._medians()
-        widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-        padded = (map(str.rjust, row, widths) for row in rows)
-        return "\n".join([repr(self), *("  ".join(row) for row in padded)])
+        return "\n".join([repr(self), *columns(self._medians(), 1000)])
 
     def _repr_html_(self) -> str:
         head, *body = self._medians()

@@ -32,8 +32,7 @@ from .._base.types import Floats, Status
 from .._base.validation import show
 from ..exceptions import InputError, InputTypeError
 from ..rng import Key
-from .grid import OWN, Grid
-from .tasks import DONE, FAILED, Block, Layout, fingerprint, room
+from .tasks import DONE, FAILED, OWN, Block, Grid, Layout, fingerprint, room
 
 Function: TypeAlias = Callable[..., Mapping[str, Any]]
 

@@ -23,7 +23,6 @@ from .._base.validation import show
 from .._core import version as package_version
 from ..exceptions import InputError, InputTypeError, StateError
 from ..rng import Key, RngLike, as_key
-from .grid import checked_grid, full_name, function_digest
 from .results import Failure, Results
 from .running import Function, Work, checked_executor, interruptions, run_tasks
 from .tasks import (
@@ -36,7 +35,10 @@ from .tasks import (
     Manifest,
     StudyFile,
     Table,
+    checked_grid,
     fingerprint,
+    full_name,
+    function_digest,
 )
 from .tasks import read as read_file
 
@@ -233,11 +235,11 @@ class Study:
         return Results(
             status=self._status if table.count(WAITING) else "completed",
             grid=dict(grid.labels),
-            replicates=self.replicates,
+            replicates=np.array(self.replicates),
             values={name: self._arranged(rows) for name, rows in table.values.items()},
             done=self._arranged(table.states == DONE, of_calls=True),
             failed=self._arranged(table.states == FAILED, of_calls=True),
-            failures=failures,
+            failures=tuple(failures),
             about={"key": self.key.hex, "function": self._name, **where},
             seconds=self._seconds,
             units=self._units,

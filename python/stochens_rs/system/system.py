@@ -224,20 +224,6 @@ class System(Exported):
         """Names and units in one hashable record, with `states`, `inputs` and `units`."""
         return self._labels
 
-    def _in_order(self, argument: str, labels: Labels | None) -> System:
-        """The same system, with states and inputs in the order of these names, see `order_of`."""
-        order = order_of(argument, self._labels, labels)
-        if order == Order():
-            return self
-        A, B = order.matrices(self._A, self._B)
-        labels = order.labels(self._labels)
-        return _rebuild(A, B, self._dt, self._name, labels, self._mean_of)
-
-    def _as_mean(self, count: int | None) -> System:
-        """The mean of so many models: this system, before it is handed out."""
-        object.__setattr__(self, "_mean_of", count)
-        return self
-
     def __setattr__(self, attribute: str, value: object) -> None:
         raise AttributeError(f"a System is immutable: `{attribute}` cannot be set")
 
@@ -264,7 +250,7 @@ class System(Exported):
 
     def __reduce__(self) -> tuple[object, ...]:
         named = self._labels if self._labels.given else None
-        return (_rebuild, (self._A, self._B, self._dt, self._name, named, self._mean_of))
+        return (rebuilt, (self._A, self._B, self._dt, self._name, named, self._mean_of))
 
     def __copy__(self) -> System:
         return self
@@ -281,15 +267,32 @@ class System(Exported):
         return show.card(self, [("states n", self.n), ("inputs m", self.m), ("step dt", dt)])
 
 
-def _rebuild(
+def rebuilt(
     A: ArrayLike,
     B: ArrayLike,
     dt: float | bool | None,
     name: str | None,
     labels: Labels | None = None,
-    mean_of: int | None = None,
+    count: int | None = None,
 ) -> System:
     words: Any = {}
     if labels is not None:
         words = {"states": labels.states, "inputs": labels.inputs, "units": dict(labels.units)}
-    return System(A, B, dt=dt, name=name, **words)._as_mean(mean_of)
+    made = System(A, B, dt=dt, name=name, **words)
+    object.__setattr__(made, "_mean_of", count)
+    return made
+
+
+def in_order(argument: str, system: System, labels: Labels | None) -> System:
+    """The same system, with states and inputs in the order of these names, see `order_of`."""
+    order = order_of(argument, system.labels, labels)
+    if order == Order():
+        return system
+    A, B = order.matrices(system.A, system.B)
+    labels = order.labels(system.labels)
+    return rebuilt(A, B, system.dt, system.name, labels, system._mean_of)
+
+
+def mean_of(system: System) -> int:
+    """The number of models that a system is the mean of."""
+    return system._mean_of or 1

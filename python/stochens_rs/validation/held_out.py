@@ -14,7 +14,7 @@ from .._base.names import Labels, order_of
 from .._base.running import get_num_threads
 from .._base.types import Floats
 from ..certificates.of_model import ModelBasis
-from ..ensembles import SystemEnsemble
+from ..ensembles.systems import SystemEnsemble, systems_in_order
 from ..exceptions import InputError, ShapeError
 from ..fusion.provenance import Basis
 from ..identification import Model, Trajectories
@@ -231,7 +231,7 @@ def _of_systems(
             f"`runs` must have n={n} and m={m}, got systems with n={systems.n} and m={systems.m}"
         )
     validation.same_dt("runs", systems.dt, plan.dt, "this plan")
-    fresh, N = systems._in_order("runs", plan.labels), systems.size
+    fresh, N = systems_in_order("runs", systems, plan.labels), systems.size
     start = plan.x0 if x0 is None else x0
     if start is None:
         raise InputError("`x0` must be given: this plan begins at an estimate of it")

@@ -13,7 +13,6 @@ from .. import _core
 from .._base import show, validation
 from .._base.numbers import ROUNDING, norm
 from .._base.records import Count, FromZero, Probability, SavedRecord, trusted
-from .._base.running import get_num_threads
 from .._base.types import QUANTITIES, Floats
 from ..certificates.certificate import Certificate, Radius, radius_at
 from ..certificates.of_model import (
@@ -27,7 +26,6 @@ from ..certificates.of_model import (
 )
 from ..exceptions import InputError, InputTypeError, ShapeError, SizeError
 from ..feedback import Loop, LoopCertificate
-from ..identification.model import Model
 from ..limits.problem import Horizon, LimitedErrors, MovedTarget
 from ..rng import as_key
 from ..theory.drawn_bounds import (
@@ -48,7 +46,6 @@ if TYPE_CHECKING:
     from ..fusion.provenance import Basis, Known
     from ..identification.identified import Identified
     from ..limits.problem import Limited, Task
-    from ..rng import RngLike
 
 
 KEY = as_key(0).child("simulated bound")  # of the draws, which are the same in every call
@@ -583,57 +580,6 @@ class Typical(SavedRecord):
             f"<Typical: certified {show.at_most(self.certified)}, typical {self.miss:.3g}, "
             f"{show.percent(self.delta)}, {run}>"
         )
-
-
-def typical(
-    basis: Basis | ModelBasis | None,
-    u: Floats,
-    predicted: Floats,
-    bound: Callable[..., Certificate],
-    delta: float,
-    draws: int,
-    rng: RngLike,
-    noise: bool | None,
-) -> Typical:
-    """Draw the misses of models from the law of the estimate, where it can be trusted.
-
-    Without a target they are those of the last of the states or outputs that were `predicted`.
-    """
-    model = basis.model if isinstance(basis, ModelBasis) else None
-    if not isinstance(basis, ModelBasis) or not isinstance(model, Model):
-        raise InputError(
-            "`typical` needs a plan for a model by `identify`: only there the law of the estimate "
-            "is known, and no data were looked at in between"
-        )
-    if model.warnings:
-        raise InputError(f"`typical` must not be trusted beside a warning: {model.warnings[0]}")
-    window, assumed, rows = model.window, model.assumptions, model.n_outputs
-    noisy = window is not None if noise is None else validation.flag("noise", noise)
-    certified = bound(delta, noise=noisy).target
-    if basis.x0_error:
-        raise InputError("`typical` needs an exact x0, not an Uncertain one")
-    if assumed.tail:
-        raise InputError("`typical` is not for models with a tail: its law is not known")
-    law = model._law(windows=True)
-    if assumed.known is None and law[-1] < 2 * rows:
-        raise InputError(
-            f"`typical` needs {2 * rows} more pairs than unknowns of a row where the covariance "
-            f"is unknown, this model has {law[-1]}"
-        )
-    key, threads, goal = bytes(as_key(rng).child("typical")), get_num_threads(), basis.target
-    if goal is None:
-        goal = predicted[1:][-(1 if window is None else window.count) :].ravel()
-    exact = "states without error" if window is None else f"the window of {window.text} exact"
-    text = (
-        f"{assumed.text}; {exact}; number and lengths of the runs fixed beforehand; "
-        f"residuals {'not tested' if model.checks is None else 'without a warning'}"
-    )
-    of = None if window is None else window.core
-
-    def misses(size: int) -> Floats:
-        return _core.drawn_misses(law, basis.x0, u, goal, noisy, size, key, threads, of)
-
-    return ranked(misses, certified, delta, draws, noisy, text)
 
 
 def ranked(

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 
+from .. import _core
 from .._base import show, validation
 from .._base.names import Labels, default_labels, two_states
 from .._base.numbers import norm
 from .._base.records import Positive, SavedRecord, require_shapes
+from .._base.running import get_num_threads
 from .._base.tables import Timed
 from .._base.types import DELTA, QUANTITIES, Floats, Fusion, Quantity, Scheme, Status
 from ..certificates.certificate import Certificate
@@ -19,9 +21,11 @@ from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis, completed
+from ..identification.model import Model
 from ..limits.problem import Horizon, Limited
 from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
+from ..rng import as_key
 from ..system.system import System, in_order
 from ..theory import moments
 from ..theory.exact import (
@@ -35,7 +39,7 @@ from ..theory.exact import (
 )
 from ..validation.fresh_systems import Validation
 from ..validation.held_out import Predicted, Runs, validated
-from .bounds import Typical, limited_bound, model_bound, plan_bound, typical
+from .bounds import Typical, limited_bound, model_bound, plan_bound, ranked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -316,8 +320,42 @@ class Plan(SavedRecord, Timed):
         >>> se.control(model, [1.0], [0.0], steps=2).typical()
         <Typical: certified 0.00677, typical 0.00335, 95 %, without noise>
         """
-        share, (predicted, _) = validation.probability("delta", delta), self._drawn
-        return typical(self.basis, self.u, predicted, self.bound, share, draws, rng, noise)
+        share, basis = validation.probability("delta", delta), self.basis
+        model = basis.model if isinstance(basis, ModelBasis) else None
+        if not isinstance(basis, ModelBasis) or not isinstance(model, Model):
+            raise InputError(
+                "`typical` needs a plan for a model by `identify`: only there the law of the "
+                "estimate is known, and no data were looked at in between"
+            )
+        if model.warnings:
+            raise InputError(f"`typical` must not be trusted beside a warning: {model.warnings[0]}")
+        window, assumed, rows = model.window, model.assumptions, model.n_outputs
+        noisy = window is not None if noise is None else validation.flag("noise", noise)
+        certified = self.bound(share, noise=noisy).target
+        if basis.x0_error:
+            raise InputError("`typical` needs an exact x0, not an Uncertain one")
+        if assumed.tail:
+            raise InputError("`typical` is not for models with a tail: its law is not known")
+        law = model._law(windows=True)
+        if assumed.known is None and law[-1] < 2 * rows:
+            raise InputError(
+                f"`typical` needs {2 * rows} more pairs than unknowns of a row where the "
+                f"covariance is unknown, this model has {law[-1]}"
+            )
+        key, threads, goal = bytes(as_key(rng).child("typical")), get_num_threads(), basis.target
+        if goal is None:
+            goal = self._drawn[0][1:][-(1 if window is None else window.count) :].ravel()
+        exact = "states without error" if window is None else f"the window of {window.text} exact"
+        text = (
+            f"{assumed.text}; {exact}; number and lengths of the runs fixed beforehand; "
+            f"residuals {'not tested' if model.checks is None else 'without a warning'}"
+        )
+        of = None if window is None else window.core
+
+        def misses(size: int) -> Floats:
+            return _core.drawn_misses(law, basis.x0, self.u, goal, noisy, size, key, threads, of)
+
+        return ranked(misses, certified, share, draws, noisy, text)
 
     def covariance(
         self,

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
 
-__all__ = ["System"]
-
-
 class System(Exported):
     """The system ``x(k+1) = A x(k) + B u(k)``; immutable and hashable.
 
@@ -275,6 +272,7 @@ def rebuilt(
     labels: Labels | None = None,
     count: int | None = None,
 ) -> System:
+    """A system with these labels, the mean of `count` models if that is given."""
     words: Any = {}
     if labels is not None:
         words = {"states": labels.states, "inputs": labels.inputs, "units": dict(labels.units)}

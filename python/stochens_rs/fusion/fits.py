@@ -293,38 +293,23 @@ def solve(ensemble: Ensemble, goal: Floats, options: Alse) -> Fit:
         weights, estimate, error, gap, relative, unseen = _core.closed_form(
             draws, lines, options.weight_set == "subsimplex"
         )
-        return fit_of(
-            ensemble,
-            goal,
-            "alse",
-            weights if options.weight_set in _LINES else weights.ravel(),
-            from_core(ensemble, estimate),
-            error,
-            gap,
-            _status(relative, options),
-            # sqrt(error^2 - gap), 0 where the gap is larger; no square overflows or vanishes
-            lower_bound=error and error * sqrt(max(0.0, 1.0 - gap / error / error)),
-            exact=error <= _EXACT * norm(goal),
-            unseen=unseen,
-            info=info | {"solver": "closed form", "iterations": 0},
-        )
-    if options.weight_set in _LINES:
+        weights = weights if options.weight_set in _LINES else weights.ravel()
+        status = _status(relative, options)
+        # sqrt(error^2 - gap), 0 where the gap is larger; no square overflows or vanishes
+        lower_bound = error and error * sqrt(max(0.0, 1.0 - gap / error / error))
+        exact = error <= _EXACT * norm(goal)
+        info |= {"solver": "closed form", "iterations": 0}
+    elif options.weight_set in _LINES:
         return _line_by_line(ensemble, goal, options, info)
-    found = _core.alse(of_core, lines, _for_core(options))
-    return fit_of(
-        ensemble,
-        goal,
-        "alse",
-        found.weights,
-        from_core(ensemble, found.estimate),
-        found.error,
-        found.gap,
-        found.status,
-        lower_bound=found.lower_bound,
-        exact=found.exact,
-        unseen=found.unseen,
-        info=info | {"solver": found.solver, "iterations": found.iterations},
-    )
+    else:
+        found = _core.alse(of_core, lines, _for_core(options))
+        weights, estimate, error, gap = found.weights, found.estimate, found.error, found.gap
+        status, lower_bound = found.status, found.lower_bound
+        exact, unseen = found.exact, found.unseen
+        info |= {"solver": found.solver, "iterations": found.iterations}
+    more: dict[str, Any] = {"lower_bound": lower_bound, "exact": exact, "unseen": unseen}
+    result = weights, from_core(ensemble, estimate), error, gap, status
+    return fit_of(ensemble, goal, "alse", *result, info=info, **more)
 
 
 def path(

@@ -195,7 +195,7 @@ def fuse(
                 f"{validation.show(method)}"
             )
         _refuse("with `data`", target=target, weights=weights, variances=variances)
-        return _by_data(ensemble, data, noise, shrink, independent, options)
+        return _by_data(ensemble, data, noise, (shrink, independent), options)
     shrinks, own = (None if shrink is True else shrink), (None if independent is False else True)
     _refuse("without `data`", noise=noise, shrink=shrinks, independent=own)
     if isinstance(ensemble, SystemEnsemble):
@@ -396,15 +396,11 @@ def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variance
 
 
 def _by_data(
-    models: object,
-    data: object,
-    noise: Any,
-    shrink: bool,
-    independent: bool,
-    options: Alse,
+    models: object, data: object, noise: Any, asked: tuple[bool, bool], options: Alse
 ) -> FusedModel:
-    """Choose the weights by the data and mix; `fuse` says what the arguments are."""
-    given = _models(models, data, validation.flag("independent", independent))
+    """Weigh models by how well their mixture explains data; `asked`: `shrink`, `independent`."""
+    shrink, independent = map(validation.flag, ("shrink", "independent"), asked)
+    given = _models(models, data, independent)
     least = _least_squares(given, data, noise)
     given = systems_in_order("ensemble", given, least.labels)
     f = least._blocks[0]
@@ -415,13 +411,11 @@ def _by_data(
         S, t = coordinates(given, least)
     if not np.isfinite(S).all() or not np.isfinite(np.vdot(S, S)):
         raise NonFiniteError("the squares of the data and the models overflow: scale them down")
-    shrink = validation.flag("shrink", shrink)
     differences = (S - t).reshape(given.size, -1)
     fit = solve(Ensemble.from_samples(differences), np.zeros(differences.shape[1]), options)
-    weights, share = fit.weights / fit.weights.sum(), 0.0
-    if shrink:
-        share = _core.hull_share(position(S, t, weights), noise_of(least))
     assert fit.gap is not None
+    weights = fit.weights / fit.weights.sum()
+    share = _core.hull_share(position(S, t, weights), noise_of(least)) if shrink else 0.0
     fused = FusedModel(given, least, weights, share, fit.gap, fit.status)
     own = [text for text in fused.warnings if text not in least.warnings]
     if own:

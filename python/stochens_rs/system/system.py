@@ -221,6 +221,10 @@ class System(Exported):
         """Names and units in one hashable record, with `states`, `inputs` and `units`."""
         return self._labels
 
+    def _as_mean(self, count: int | None) -> System:
+        object.__setattr__(self, "_mean_of", count)
+        return self
+
     def __setattr__(self, attribute: str, value: object) -> None:
         raise AttributeError(f"a System is immutable: `{attribute}` cannot be set")
 
@@ -276,9 +280,7 @@ def rebuilt(
     words: Any = {}
     if labels is not None:
         words = {"states": labels.states, "inputs": labels.inputs, "units": dict(labels.units)}
-    made = System(A, B, dt=dt, name=name, **words)
-    object.__setattr__(made, "_mean_of", count)
-    return made
+    return System(A, B, dt=dt, name=name, **words)._as_mean(count)
 
 
 def in_order(argument: str, system: System, labels: Labels | None) -> System:
@@ -287,8 +289,7 @@ def in_order(argument: str, system: System, labels: Labels | None) -> System:
     if order == Order():
         return system
     A, B = order.matrices(system.A, system.B)
-    labels = order.labels(system.labels)
-    return rebuilt(A, B, system.dt, system.name, labels, system._mean_of)
+    return rebuilt(A, B, system.dt, system.name, order.labels(system.labels), system._mean_of)
 
 
 def mean_of(system: System) -> int:

@@ -29,7 +29,7 @@ _MOST = 6  # numbers of a table
 
 
 @dataclass(frozen=True)
-class Failure:
+class Failure(Record):
     """A replicate that raised an error.
 
     Attributes

@@ -10,8 +10,8 @@ from stochens_rs._base.types import Floats
 from stochens_rs.plots.style import (
     add_key,
     add_labels,
-    axes_or_new,
     look_of,
+    new_figure,
     number_text,
     root_of,
 )
@@ -39,7 +39,7 @@ def draw_certificates(
     An infinite certificate is an open marker at the upper edge. `tol` is a horizontal line. `kinds`
     says what a solid and a dashed line are.
     """
-    ax = axes_or_new(ax, width=7.8)
+    ax = new_figure(7.8, 4.2).add_subplot() if ax is None else ax
     from matplotlib.lines import Line2D
     from matplotlib.transforms import offset_copy
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from .._base import files, show, validation
 from .._base.files import PathLike
-from .._base.records import Record, cached_property
+from .._base.records import Record, cached_property, require_shapes
 from .._base.tables import columns, extra
 from .._base.types import Floats, Status
 from .tasks import Label
@@ -88,6 +88,11 @@ class Results(Record):
     about: dict[str, str]
     seconds: float
     units: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        shape = (*map(len, self.grid.values()), len(self.replicates))
+        require_shapes(self, done=shape, failed=shape)
 
     @cached_property
     def digest(self) -> str:

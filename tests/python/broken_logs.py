@@ -195,7 +195,7 @@ def misses(plant: Plant, model: Any, region: Any) -> bool:
         return not region.contains(truth[:, :p], truth[:, p:])
     silent = logged(plant, np.random.default_rng(0), 2, 50, law=lambda e, y: 0.0 * e)
     rows, d = rows_of(model.window, silent.data(True))[1], model.window.length
-    off = np.linalg.norm(rows[:, d:] - rows[:, :d] @ model._H.T, axis=1)
+    off = np.linalg.norm(rows[:, d:] - rows[:, :d] @ model.coefficients.T, axis=1)
     return any(
         e > region.bound(z[:p], z[p:]) + 1e-9 * np.abs(rows).max()
         for e, z in zip(off, rows[:, :d], strict=True)
@@ -205,7 +205,7 @@ def misses(plant: Plant, model: Any, region: Any) -> bool:
 def certified(plant: Plant, model: Any) -> bool:
     """Whether a gain from this model is certified; it is kept for `stays`."""
     p = len(plant.C)
-    size = np.abs(model.data._rows[:, :p]).max(axis=0) + 1e-300
+    size = np.abs(model.data.rows[:, :p]).max(axis=0) + 1e-300
     try:
         loop = se.gain(model, np.diag(size**-2.0), np.diag(plant.dither**-2.0))
     except (InputError, SolverError):

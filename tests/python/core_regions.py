@@ -25,4 +25,4 @@ def core_region(fitted, S, *, spectral=1.0, frobenius=np.inf, noise=False, offse
 
 def region_errors(region, x0, u, *, rho0=0.0, to_come=None):
     """The errors of a trajectory of the centre of a `Region` of the package."""
-    return region._core.errors(x0, np.ascontiguousarray(u), rho0, to_come)
+    return region.core.errors(x0, np.ascontiguousarray(u), rho0, to_come)

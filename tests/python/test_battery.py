@@ -218,7 +218,7 @@ def test_the_tests_are_those_of_the_twin(seed):
     data = of(*runs(gen, 6, 15, dead=seed % 2))
     x, u, y = data.pairs()
     model = se.identify(data, checks=False)
-    for name, expected in twin.tests(x, u, y, data._pieces.places(), data._pieces.runs()).items():
+    for name, expected in twin.tests(x, u, y, data.layout.places(), data.layout.runs()).items():
         np.testing.assert_allclose(model.tests[name], expected, rtol=1e-6, err_msg=name)
 
 
@@ -258,8 +258,8 @@ def test_last_pairs_keep_the_rows_before(tmp_path):
     data.last_pairs().save(tmp_path / "last.state")
     loaded = se.Trajectories.load(tmp_path / "last.state")
     assert loaded == data.last_pairs()
-    assert loaded._whole == data
-    assert data.last_pairs()[:5]._whole == data[:5]
+    assert loaded.whole == data
+    assert data.last_pairs()[:5].whole == data[:5]
     assert (
         se.identify(data.last_pairs(), **opts(**EXACT, checks=False)).tests["memory"] > checks.FAULT
     )

@@ -245,9 +245,9 @@ class Shifted(Identified):
 
     def __init__(self, model, shift):
         self.inner, self.shift = model, shift
-        self.of_A = np.arange(model._Theta.shape[1]) < len(model.A)
+        self.of_A = np.arange(model.Theta.shape[1]) < len(model.A)
 
-    _Theta = property(lambda self: self.inner._Theta + self.shift * self.of_A)
+    Theta = property(lambda self: self.inner.Theta + self.shift * self.of_A)
     warnings = property(lambda self: self.inner.warnings)
     dt = property(lambda self: self.inner.dt)
     state_names = property(lambda self: self.inner.state_names)

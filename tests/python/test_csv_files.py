@@ -76,7 +76,7 @@ def test_it_is_read_as_the_plain_file(tmp_path, what):
     text, options = AS_PLAIN[what]
     data, plain = read(tmp_path, text, **options), read(tmp_path, PLAIN)
     assert (data.dt, data.size) == (0.02, T - 1)
-    np.testing.assert_array_equal(data._rows, plain._rows)
+    np.testing.assert_array_equal(data.rows, plain.rows)
 
 
 @pytest.mark.parametrize(

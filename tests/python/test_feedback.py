@@ -425,8 +425,8 @@ def test_what_the_data_do_not_determine():
         one = se.identify(data, noise=se.Noise(sigma=0.05))
     other = se.gain(se.System(A, B), 1.0, 1.0).K
     region = one.region(0.05)
-    assert _core.Feedback(region._core, own).status == "certified"
-    assert _core.Feedback(region._core, np.ascontiguousarray(other)).status == "undetermined"
+    assert _core.Feedback(region.core, own).status == "certified"
+    assert _core.Feedback(region.core, np.ascontiguousarray(other)).status == "undetermined"
     loop = se.feedback.Loop(one.A, one.B, other, None, "least squares", None, one.labels, None, one)
     proof = loop.certificate(0.05)
     assert proof.status == "undetermined"
@@ -436,7 +436,7 @@ def test_what_the_data_do_not_determine():
     with pytest.raises(SolverError, match="do not determine"):
         se.gain(one)
     # a plan off the feedback leaves what the data determine
-    tube = _core.Feedback(region._core, own).tube(np.ones(2), 3, np.ones((1, 1)), 0.0, None)
+    tube = _core.Feedback(region.core, own).tube(np.ones(2), 3, np.ones((1, 1)), 0.0, None)
     assert not np.isfinite(tube[3][1:]).any()
     # a region for one start alone
     full = model()

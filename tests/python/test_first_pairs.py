@@ -180,7 +180,7 @@ def test_a_scale_and_all_times_take_the_old_units():
     np.testing.assert_array_equal(plain.A, told.A)  # least squares of all pairs
     region = plain.region(DELTA)
     assert "the first 37 tell the scale" in region.assumption
-    rows = data._rows[37:]
+    rows = data.rows[37:]
     H = np.linalg.lstsq(rows[:, :3], rows[:, 3:], rcond=None)[0].T
     np.testing.assert_allclose(region.centre, H, rtol=1e-9)
 

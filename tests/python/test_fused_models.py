@@ -68,7 +68,7 @@ def Theta_of(model):
 
 def error_of(region, model, Theta):
     """``||S^-1/2 (Theta - C) V^1/2||_F``, which the Frobenius radius of the region bounds."""
-    root = model.least_squares._blocks[0].root
+    root = model.least_squares.blocks[0].root
     L = np.linalg.cholesky(region.parts[0].S)
     return np.linalg.norm(np.linalg.solve(L, (Theta - region.centre) @ root.T))
 
@@ -195,9 +195,9 @@ def test_regions_hold(system, off):
         n, m = len(Theta), Theta.shape[1] - len(Theta)
         for place, sigma in ((0, 1.0), (2, None)):
             fused = fused_by(models, z, y, sigma)
-            regions = fused.region(DELTA), *fused._regions(DELTA)
+            regions = fused.region(DELTA), *fused.regions(DELTA)
             failed[place] += not all(contains(one, Theta, n, m) for one in regions)
-            regions = fused.region(DELTA, frobenius=True), *fused._regions(DELTA, frobenius=True)
+            regions = fused.region(DELTA, frobenius=True), *fused.regions(DELTA, frobenius=True)
             failed[place + 1] += any(error_of(r, fused, Theta) > r.frobenius for r in regions)
             if sigma:
                 sizes.append(fused._ball(DELTA, frobenius=True).frobenius)
@@ -294,10 +294,10 @@ def test_regions_with_noise_to_come_hold():
     for k in range(runs):
         Theta, z, y = independent(gen, N=30)
         fused = fused_by(hull(gen, Theta, 0.5, 0.3 * (k % 2)), z, y, 1.0 if k % 3 else None)
-        root, later = fused.least_squares._blocks[0].root, gen.standard_normal((4, 3))
+        root, later = fused.least_squares.blocks[0].root, gen.standard_normal((4, 3))
         wrong = [False, False]
         for i, frobenius in enumerate((False, True)):
-            for one in fused._regions(DELTA, future=3, frobenius=frobenius):
+            for one in fused.regions(DELTA, future=3, frobenius=frobenius):
                 both = np.hstack([(Theta - one.centre) @ root.T, later])
                 wrong[i] |= np.linalg.norm(both, 2) > one.radius
                 if frobenius:
@@ -339,13 +339,13 @@ def test_the_region_is_no_wider_than_that_of_least_squares(sigma):
             narrower += region.radius < own.radius
             is_own = np.array_equal(region.centre, own.centre)
             assert is_own == ("the region of least squares" in region.assumption)
-            first, second = fused._regions(DELTA)
+            first, second = fused.regions(DELTA)
             assert first.radius <= second.radius
             # a plan has the smaller target of both, with noise as well
             plan = se.control(fused, gen.standard_normal(n), np.zeros(n), steps=3)
             found = [
                 region_errors(one, plan.basis.x0, plan.u, rho0=0.0)
-                for one in fused._regions(DELTA, frobenius=True)
+                for one in fused.regions(DELTA, frobenius=True)
             ]
             targets = [np.linalg.norm(e.states[-1]) + e.radii[-1] for e in found]
             assert plan.bound().target == pytest.approx(min(targets))
@@ -389,7 +389,7 @@ def test_mean_square_error_is_below_that_of_least_squares(case, sigma):
     for _ in range(sets(400, 400 if case == "off" else 120)):
         Theta, z, y = independent(gen, n=n, d=d, N=N)
         fused = fused_by(hull(gen, Theta, 0.5, off, M=M), z, y, sigma)
-        root = fused.least_squares._blocks[0].root
+        root = fused.least_squares.blocks[0].root
         risks.append(
             [
                 np.sum(((Theta_of(one) - Theta) @ root.T) ** 2)
@@ -444,7 +444,7 @@ def test_data_that_do_not_determine_the_model():
     inside, outside = z[0], gen.standard_normal(5)
     assert region.bound(inside[:3], inside[3:]) < np.inf
     assert region.bound(outside[:3], outside[3:]) == np.inf
-    f = fused.least_squares._blocks[0]
+    f = fused.least_squares.blocks[0]
     null = np.linalg.svd(z)[2][3:].T  # there the model is that of the mixture
     V = np.tensordot(fused.weights, models, axes=1)
     change = Theta_of(fused) - V

@@ -72,7 +72,7 @@ def test_precision_of_experiments():
     for _ in range(200):
         Theta, sets = experiments(gen, [8, 10, 60], n=2, d=3, scales=[0.2, 1.0, 1.0])
         models = [se.identify(one, **opts(**INDEPENDENT)) for one in sets]
-        v = [np.sum(m._blocks[0].white ** 2) for m in models]
+        v = [np.sum(m.blocks[0].white ** 2) for m in models]
         apart = se.SystemEnsemble([m.A for m in models], [m.B for m in models], centre="truth")
         pooled = se.identify(sets, **opts(**INDEPENDENT))
         found = [

@@ -235,7 +235,7 @@ def test_alpha_and_gamma_are_those_of_the_twin(K):
         assert found.control <= wanted.input / np.sqrt(R) * ONCE
         # and it is one of the two
         p_ = lp.several_steps(model.A, model.B, x0, np.tile(xf, (K, 1)), K, Q=Q, R=R)
-        radii = region._core.spread(0, n), region._core.spread(n, n + m)
+        radii = region.core.spread(0, n), region.core.spread(n, n + m)
         radius = Horizon(limited.task, model.A, model.B).core.map_radius(radii)
         small = lb.uncertain_map_small_weight(p_, alpha, np.sqrt(squares), radius, gap)
         np.testing.assert_allclose(found["states"].radius, min(wanted.state, small), rtol=1e-6)

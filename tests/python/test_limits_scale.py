@@ -163,7 +163,7 @@ def test_limits_of_states_from_data_leave_what_each_state_can_be_wrong_by(gen):
             cost=se.Cost(Q=1 / scale**2, R=0.1),
         )
         statuses.append(plan.status)
-        bands = plan.bound(model._delta, bands=True)["bands"].radius
+        bands = plan.bound(model.level, bands=True)["bands"].radius
         if plan.status != "infeasible":
             assert (
                 np.abs(plan.predicted_states) + bands <= [1.2, 1.0] * scale + 1e-9 * scale

@@ -74,7 +74,7 @@ def test_pairs_and_pieces_are_those_by_hand(lost, delay):
     gen = np.random.default_rng(5)
     columns = several(gen, lost=lost)
     data, expected = read(columns, delay=delay), by_hand(columns, delay)
-    np.testing.assert_array_equal(data._rows, [row for run in expected for _, row in run])
+    np.testing.assert_array_equal(data.rows, [row for run in expected for _, row in run])
     assert data.lengths.tolist() == [len(run) for run in expected]
     pieces = [follows for run in expected for follows in one_step(run)]
     assert len(data.pieces) == pieces.count(False)
@@ -127,7 +127,7 @@ def test_what_counts_runs_counts_no_pieces():
     data, expected = read(columns), by_hand(columns)
     assert len(data.pieces) > len(data) == 4
     last = data.last_pairs()
-    np.testing.assert_array_equal(last._rows, [run[-1][1] for run in expected])
+    np.testing.assert_array_equal(last.rows, [run[-1][1] for run in expected])
     assert last.single
     first, second = data.split(2, rng=1)
     assert (len(first), len(second), first.lost + second.lost) == (2, 2, data.lost)

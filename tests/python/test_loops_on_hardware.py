@@ -157,7 +157,7 @@ def test_true_readings_pass_the_gate_as_often_as_said(monkeypatch):
         model = se.identify(
             system.data(14, 50, rng), checks=False, window=se.Window(lags=system.lags)
         )
-        own, J, window = gate.gate_of(model), model._loop.J, model.window
+        own, J, window = gate.gate_of(model), model.loop.J, model.window
         centre = model.region(0.05, method="mixture").centre
         for noise in rejected:
             y, u = system.run(20, rng)

@@ -149,7 +149,7 @@ def test_unequal_lengths_that_were_planned() -> None:
         model = se.identify(data, **opts(covariance=np.eye(4) * PLANT.sigma**2, **options))
         missed += not model.region(0.2).contains(A, B)
     assert 20 <= missed <= 60  # exact up to the halves of the two norms
-    rows, lengths = data[4:]._rows, data[4:].lengths
+    rows, lengths = data[4:].rows, data[4:].lengths
     starts = rows[np.cumsum(lengths) - lengths, :4]
     Q = np.linalg.qr(simulated(model.pilot.model, starts, lengths, rows[:, 4:5], None))[0]
     Z, Y = rows[:, :5], rows[:, 5:]

@@ -12,6 +12,7 @@ from declarations import opts
 from hidden_outputs import Arx, Rig
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, ShapeError
+from stochens_rs.identification.model import estimate_law
 from twin import feedback as exact
 from twin import windows as twin
 
@@ -54,8 +55,8 @@ def test_drawn_models_miss_as_fresh_runs_do():
 def test_the_misses_are_those_of_the_drawn_models():
     _, plan, _, _ = planned(3)
     model, window = plan.basis.model, plan.basis.model.window
-    law, key = model._law(windows=True), bytes(range(32))
-    models = _core.estimate_draws(law, 30, key, 1).reshape(30, *model._H.shape)
+    law, key = estimate_law(model, windows=True), bytes(range(32))
+    models = _core.estimate_draws(law, 30, key, 1).reshape(30, *model.coefficients.shape)
     target = np.arange(1.0, model.n_outputs + 1.0)
     given = plan.basis.x0, plan.u, target, False, 30, key, 1, window.core
     found = _core.drawn_misses(law, *given)

@@ -13,6 +13,7 @@ from declarations import opts
 from hidden_outputs import Arx
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 from stochens_rs.identification.assumptions import ACCEPTED
+from stochens_rs.identification.model import estimate_law
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 STEPS = 10
@@ -137,11 +138,11 @@ def test_the_misses_of_drawn_models_are_from_what_is_predicted():
     _, model, ((record, inputs, _), *_) = kept()
     plan = se.predict(model, record=record, inputs=inputs)
     rows = min(model.window.count, len(inputs))
-    law, key = model._law(windows=True), bytes(range(32))
+    law, key = estimate_law(model, windows=True), bytes(range(32))
     begin, end = (plan.basis.x0, plan.u), (False, 20, key, 1, model.window.core)
     goal = plan.predicted_outputs[-rows:]
     misses = se._core.drawn_misses(law, *begin, goal.ravel(), *end)
-    models = se._core.estimate_draws(law, 20, key, 1).reshape(20, *model._H.shape)
+    models = se._core.estimate_draws(law, 20, key, 1).reshape(20, *model.coefficients.shape)
     for miss, Theta in zip(misses, models, strict=True):
         loop, x, y = model.window.loop(Theta), plan.basis.x0, []
         for u in plan.u:

@@ -206,7 +206,7 @@ def test_nothing_in_the_region_is_worse(kind):
         for i in range(n):
             assert largest(region, x0, u, units[i], gen, 2) <= found.components[i] * (1 + 1e-9)
         at = trajectory(region.centre, x0, u)
-        ways = [(region._core, u, None, False)]
+        ways = [(region.core, u, None, False)]
         bands = _core.certify((x0, 0.0), at[-1], at, ways, None, True)[4]
         np.testing.assert_allclose(bands[-1], found.components)
         for i in range(n):

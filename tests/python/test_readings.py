@@ -106,7 +106,9 @@ def test_filters():
     model = se.identify(data, checks=False, window=se.Window(filters=(0.3, system.lags + 2)))
     record = system.run(60, rng)
     plan = se.control(model, record=record, steps=8, limits=(-3.0, 3.0))
-    ahead = model._H @ model._loop.J @ np.concatenate([plan.predicted_states[0], plan.u[0]])
+    ahead = (
+        model.coefficients @ model.loop.J @ np.concatenate([plan.predicted_states[0], plan.u[0]])
+    )
     np.testing.assert_allclose(plan.predicted_outputs[1], ahead)
     assert np.isfinite(plan.bound(noise=False).tube[1])
     proof = se.gain(model, 1.0, 1.0).certificate(0.05)
@@ -217,7 +219,7 @@ def test_the_window_the_limits_and_the_log():
     applied = np.zeros(system.m)
 
     def next_reading(acted):
-        return model._H @ model._loop.J @ np.concatenate([loop._window.now[0], acted])
+        return model.coefficients @ model.loop.J @ np.concatenate([loop._window.now[0], acted])
 
     read = next_reading(applied) + 0.02
     np.testing.assert_array_equal(loop(read, applied=applied), copy(read, applied=applied))
@@ -263,7 +265,7 @@ def test_the_certificate_of_a_loop_with_its_estimate():
     assert proof.status == "certified"
     assert proof.check()
     n, m, p = model.n, system.m, system.p
-    region, J, H = model.region(0.05), model._loop.J, model._H
+    region, J, H = model.region(0.05), model.loop.J, model.coefficients
     part = region.parts[0]
     K, E, P = loop._policy, loop._rest.states, loop._along
     g, Kd, r = loop._rest.outputs @ P, loop._gain, P.shape[1]
@@ -278,7 +280,7 @@ def test_the_certificate_of_a_loop_with_its_estimate():
         A[n:] = np.eye(r, n + r, n) + Kd @ ((Theta - H) @ J @ join - g @ np.eye(r, n + r, n))
         return A
 
-    D = np.vstack([model._loop.G, Kd]) @ root
+    D = np.vstack([model.loop.G, Kd]) @ root
     W = np.asarray(part.white) @ J @ join
     sizes = []
     for angle in np.linspace(0.0, np.pi, 400):

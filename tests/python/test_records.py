@@ -57,7 +57,7 @@ def model(N: int = 60, **options: Any) -> se.Model:
 
 def snapshot() -> Any:
     stream = se.ModelStream(2, 1, noise=se.Noise(sigma=0.1))
-    rows = data()._rows
+    rows = data().rows
     stream.update(rows[:, :2], rows[:, 2:3], rows[:, 3:])
     return stream.model
 

@@ -14,6 +14,7 @@ from declarations import opts
 from stochens_rs import _core
 from stochens_rs.controls import Typical
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, SizeError
+from stochens_rs.identification.model import estimate_law
 from twin import typical as twin
 
 pytestmark = pytest.mark.usefixtures("noise_by_formula")
@@ -51,7 +52,7 @@ LAWS = {
 def test_the_law_of_the_misses(kind: str, noise: bool) -> None:
     """4000 draws of each code: Kolmogorov and Smirnov's test at 1e-5."""
     plan = planned(**LAWS[kind])
-    law = plan.basis.model._law()
+    law = estimate_law(plan.basis.model)
     assert law[3] == kind
     what = law, plan.basis.x0, plan.u, plan.basis.xf
     found = _core.drawn_misses(*(law, plan.basis.x0, plan.u, plan.basis.xf), noise, 4000, KEY, 2)
@@ -76,7 +77,11 @@ def test_it_is_an_order_statistic_and_repeats() -> None:
     key = bytes(se.rng.as_key(7).child("typical"))
     misses = np.sort(
         _core.drawn_misses(
-            *(plan.basis.model._law(), plan.basis.x0, plan.u, plan.basis.xf), False, 400, key, 1
+            *(estimate_law(plan.basis.model), plan.basis.x0, plan.u, plan.basis.xf),
+            False,
+            400,
+            key,
+            1,
         )
     )
     assert found.miss == misses[361 - 1]  # ceil(.9 * 401)

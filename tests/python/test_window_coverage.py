@@ -250,7 +250,7 @@ def share_broken(count, **how):
         rows = rows_of(model.window, silent)[1]
         region, d, n = model.region(0.05), model.window.length, model.n_outputs
         assert region.bounded
-        errors = np.linalg.norm(rows[:, d:] - rows[:, :d] @ model._H.T, axis=1)
+        errors = np.linalg.norm(rows[:, d:] - rows[:, :d] @ model.coefficients.T, axis=1)
         bounds = [region.bound(z[:n], z[n:d]) for z in rows[:, :d]]
         broken += bool((errors > bounds).any())
     return broken / count

@@ -75,8 +75,8 @@ def test_the_smallest_tube_over_all_lags_is_no_choice():
         for lags in range(1, 9):
             model = se.identify(data, accept=ACCEPTED, checks=False, window=se.Window(lags=lags))
             x0 = model.window.state_of(y[:-10], u[:-10])
-            around = model._loop.ABc, model._loop.J, model._loop.G, model.m
-            core = model.region(0.05)._core
+            around = model.loop.ABc, model.loop.J, model.loop.G, model.m
+            core = model.region(0.05).core
             tube = _core.output_tube(core, around, x0, u[-10:].copy(), None, None)[2][0]
             found.append((tube[-1], model))
         model = min(found, key=lambda one: one[0])[1]

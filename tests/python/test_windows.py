@@ -94,9 +94,9 @@ def test_the_loop_predicts_as_the_window_does(kind, sizes):
 
 def test_oracle_of_lags():
     model = se.identify(one_run(), scale=1.0, checks=False, window=se.Window(lags=2))
-    block = model._blocks[0]
+    block = model.blocks[0]
     H = [1.204062117397, -0.4862093371455, 1.018049204415, 0.4159845872933]
-    np.testing.assert_allclose(model._H[0], H, rtol=1e-10)
+    np.testing.assert_allclose(model.coefficients[0], H, rtol=1e-10)
     np.testing.assert_allclose(block.S, 1.150019091501, rtol=1e-10)
     log_det = 2.0 * np.log(np.linalg.svd(block.root)[1]).sum()
     np.testing.assert_allclose(log_det, 15.84459596928, rtol=1e-10)
@@ -109,7 +109,7 @@ def test_oracle_of_a_finite_difference():
     speed = np.diff(y, axis=0, prepend=y[:1]) / 0.1
     data = se.Trajectories(np.hstack([y, speed])[1:], u[1:])
     model = se.identify(data, checks=False)
-    S = model._blocks[0].S
+    S = model.blocks[0].S
     scale = np.sqrt(np.diag(S))
     assert np.linalg.eigvalsh(S / scale / scale[:, None])[0] < 1e-12
     assert re.search("tied exactly.*outputs=", model.doubts[0])
@@ -123,8 +123,8 @@ def test_oracle_of_lost_rows():
     data = se.Trajectories.from_table(table, outputs=["y"], inputs=["u"], time="t")
     model = se.identify(data, scale=1.0, checks=False, window=se.Window(lags=2))
     H = [1.18569387532, -0.4779681122702, 1.034331191496, 0.4330868101888]
-    np.testing.assert_allclose(model._H[0], H, rtol=1e-10)
-    np.testing.assert_allclose(model._blocks[0].S, 0.957983156482, rtol=1e-10)
+    np.testing.assert_allclose(model.coefficients[0], H, rtol=1e-10)
+    np.testing.assert_allclose(model.blocks[0].S, 0.957983156482, rtol=1e-10)
     assert model.size == 52
 
 
@@ -142,7 +142,7 @@ def test_oracle_of_filters():
 
 def test_model_of_outputs_has_the_matrices_of_its_window():
     model = se.identify(arx(np.random.default_rng(1)), window=se.Window(lags=2))
-    a, b, c, d = model._H[0]
+    a, b, c, d = model.coefficients[0]
     np.testing.assert_array_equal(model.A, [[a, b, d], [1, 0, 0], [0, 0, 0]])
     np.testing.assert_array_equal(model.B, [[c], [0], [1]])
     assert (model.n, model.m, model.n_outputs, model.outputs) == (3, 1, 1, ("y[0]",))
@@ -221,9 +221,7 @@ def test_the_first_part_alone_chooses():
     one, other = arx(gen, runs=12), arx(gen, runs=12)
     runs = [*one.runs[:4], *other.runs[4:]]
     mixed = se.Trajectories(*map(list, zip(*runs, strict=True)), outputs=True)
-    models = [
-        se.identify(data, checks=False, window=se.Window(order="auto")) for data in (one, mixed)
-    ]
+    models = [se.identify(data, checks=False) for data in (one, mixed)]
     assert models[0].window == models[1].window
     assert models[0].first == models[1].first == -(-one.size // 4)
 
@@ -310,7 +308,7 @@ def test_states_with_a_dead_time(delay, noise):
         Z.append(np.hstack([x[delay:-1], u[: len(u) - delay], ones]))
         Y.append(x[delay + 1 :])
     H = np.linalg.lstsq(np.vstack(Z), np.vstack(Y), rcond=None)[0].T
-    np.testing.assert_allclose(model._H, H, rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(model.coefficients, H, rtol=1e-8, atol=1e-10)
     assert (
         se.identify(data, intercept=True, checks=False, window=se.Window(delay=(0, 5))).window.delay
         == delay

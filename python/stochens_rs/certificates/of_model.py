@@ -87,7 +87,7 @@ class ModelBasis(Record):
         if not isinstance(self.model, Model) or self.read is None:
             return None
         ones = np.ones((len(u), int(self.model.intercept)))
-        ahead = np.hstack([states[:-1], u, ones]) @ (self.model._H @ self.model._loop.J).T
+        ahead = np.hstack([states[:-1], u, ones]) @ (self.model.coefficients @ self.model.loop.J).T
         return np.vstack([self.read, ahead])
 
 
@@ -177,8 +177,8 @@ def certificate(
             (basis.x0, basis.x0_error),
             basis.xf,
             predicted,
-            [(region._core, u, to_come, K == 1) for region in regions],
-            None if apart is None else (apart._core, u, None, False),
+            [(region.core, u, to_come, K == 1) for region in regions],
+            None if apart is None else (apart.core, u, None, False),
             asked.bands,
         )
         said, missing = _said(basis, regions[0], to_come), regions[best].missing
@@ -235,7 +235,7 @@ def _noise_to_come(model: Identified) -> Literal["Gaussian", "sized", "region", 
         return "Gaussian" if assumed.noise == "gaussian" else "sized"
     if not isinstance(model, Model):
         return "region"
-    if assumed.noise != "gaussian" or len(model._blocks) > 1:
+    if assumed.noise != "gaussian" or len(model.blocks) > 1:
         return "unknown"
     return "region" if assumed.design == "independent" else "Gaussian"
 
@@ -246,7 +246,7 @@ def step_regions(
     """The regions for K steps, in one event, and the noise to come where that is not in them."""
     model, kind = basis.model, _noise_to_come(basis.model)
     options: dict[str, Any] = {}
-    if K > 1 and not (isinstance(model, Model) and len(model._blocks) > 1):
+    if K > 1 and not (isinstance(model, Model) and len(model.blocks) > 1):
         options["frobenius"] = True
     whole = delta
     if asked.noise and kind == "region":
@@ -264,7 +264,7 @@ def step_regions(
             "model has none of these"
         )
     try:
-        regions = model._regions(delta, **options)
+        regions = model.regions(delta, **options)
     except InputError as error:
         if "future" not in options:
             raise
@@ -317,8 +317,8 @@ def output_certificate(
     none = np.full((outputs, outputs), np.inf)
     covariance = none if region.noise is None else np.ascontiguousarray(region.noise)
     level = (covariance, delta * (1.0 - REGION)) if noise else None
-    system = model._loop.ABc, model._loop.J, model._loop.G, model.m
-    found = _core.output_tube(region._core, system, basis.x0, u, gain, level)
+    system = model.loop.ABc, model.loop.J, model.loop.G, model.m
+    found = _core.output_tube(region.core, system, basis.x0, u, gain, level)
     _, predicted, mean, read = found
     tube, components = mean if read is None else read
     if model.doubts:
@@ -392,11 +392,11 @@ def near_reference(
         return None
     if len(u) != model.pilot.steps or basis.x0_error:
         return None
-    plain, share = model._of_any_design, ANY_DESIGN if model._of_any_design is not None else 0.0
+    plain, share = model.of_any_design, ANY_DESIGN if model.of_any_design is not None else 0.0
     task = basis.x0, basis.xf, np.ascontiguousarray(u), np.ascontiguousarray(predicted)
     known = model.assumptions.covariance, model.assumptions.known
-    target, *parts, tube, components = model._piloted.near(
-        model._reference, *task, known, delta * (1.0 - share), asked.noise
+    target, *parts, tube, components = model.piloted.near(
+        model.reference, *task, known, delta * (1.0 - share), asked.noise
     )
     named = dict(zip(("reach", "quantile", "mismatch", "rest"), parts, strict=True))
     method = f"near a reference, {'with' if asked.noise else 'without'} noise"

@@ -26,6 +26,7 @@ from ..certificates.of_model import (
 )
 from ..exceptions import InputError, InputTypeError, ShapeError, SizeError
 from ..feedback import Loop, LoopCertificate
+from ..identification.model import in_states
 from ..limits.problem import Horizon, LimitedErrors, MovedTarget
 from ..rng import as_key
 from ..theory.drawn_bounds import (
@@ -299,8 +300,8 @@ def limited_certificate(
     if region is not None and np.isfinite(tube).all():
         at = np.ascontiguousarray(predicted[1:]), limited.u
         sure = len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise
-        alpha = horizon.alpha(region._core, tube, *at, basis.x0 if sure else None)
-        by = horizon.apart(region._core, *at, alpha, limited.gap)
+        alpha = horizon.alpha(region.core, tube, *at, basis.x0 if sure else None)
+        by = horizon.apart(region.core, *at, alpha, limited.gap)
         control, excess, states, reason = by.control, by.excess, by.state, SMALL
 
     def radius(value: float, distance_from: str, method: str = MOVED) -> Radius:
@@ -355,7 +356,7 @@ def within_state_limits(
 
     def certified() -> tuple[Floats, Certificate, Floats]:
         """The states of the model, the certificate, and the radius of each state, (K + 1, n)."""
-        at = trajectory(model._Theta, basis.x0, found.u)
+        at = trajectory(model.Theta, basis.x0, found.u)
         bound = certificate(basis, found.u, at, delta, asked._replace(bands=True))
         bands = bound.quantities.get("bands")
         radii = bound.tube[:, None] if bands is None else np.asarray(bands.radius)
@@ -476,7 +477,7 @@ def proof_of(
     """The certificate of a feedback of this model; a `Loop` is certified with `delta`."""
     proof = gain.certificate(delta) if isinstance(gain, Loop) else gain
     validation.instance("gain", proof, LoopCertificate)
-    own = model._in_states(model.region(proof.region.delta)).centre
+    own = in_states(model, model.region(proof.region.delta)).centre
     if not np.array_equal(own, proof.region.centre):
         raise InputError(f"`{name}` must be the model that `gain` was made for")
     return proof
@@ -500,7 +501,7 @@ def followed(
             f"{region.delta:g}, got {delta:g}"
         )
     # the centre of the region need not be the model that planned
-    centred = _core.followed_inputs(region._core, basis.x0, u, predicted, proof.K)
+    centred = _core.followed_inputs(region.core, basis.x0, u, predicted, proof.K)
     tube = proof.tube(
         basis.x0, len(u), inputs=centred, start=basis.x0_error, noise=left if noise else None
     )

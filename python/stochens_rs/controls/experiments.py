@@ -18,7 +18,7 @@ from .._base.tables import columns
 from .._base.types import DELTA, QUANTITIES, Floats, Fusion, Quantity
 from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, SizeError
-from ..identification.model import Model
+from ..identification.model import Model, require_states, white_of
 from ..limits.limits import as_limits
 from ..limits.problem import sides
 from ..rng import Key, RngLike, as_key
@@ -403,7 +403,7 @@ def design(
     if not (isinstance(basis, ModelBasis) and isinstance(basis.model, Model)):
         raise InputError("`plan` must be for a model by `identify`")
     model = basis.model
-    model._require_states("plan.model")
+    require_states(model, "plan.model")
     if model.pilot is not None:
         raise InputError(
             "`plan` must be for a model without a pilot: inputs chosen from its runs are not "
@@ -420,14 +420,14 @@ def design(
     low, high = sides("limits", as_limits(limits).only("u").u, length, model.labels)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise InputError("`limits` must be finite: the best inputs are at them")
-    first = model.data.pairs()[0][model.data._pieces.starts()].mean(axis=0)
+    first = model.data.pairs()[0][model.data.layout.starts()].mean(axis=0)
     given = validation.starts(first if x0 is None else x0, count, model.n, model.labels.states)
     begin = np.ascontiguousarray(np.broadcast_to(given, (count, model.n)))
-    white, covariance = model._white(), model.covariance
+    white, covariance = white_of(model), model.covariance
     if covariance is None:
         raise InputError("`plan` must be for a model with more pairs than unknowns")
     now = plan.bound(delta)
-    parts = model._Theta, white, covariance, basis.x0, plan.u
+    parts = model.Theta, white, covariance, basis.x0, plan.u
     key = bytes(as_key(rng).child("design"))
     inputs, phi = _core.next_runs(*parts, begin, length, low, high, key)
     falls = np.sqrt(phi / phi[0]) if phi[0] else np.ones(count + 1)

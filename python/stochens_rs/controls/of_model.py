@@ -108,9 +108,9 @@ def model_control(
         limited = Horizon(task, model.A, model.B, model.c).solve(basis.x0, time_limit=time)
         if task.state_low is not None and task.soft is None:
             left = None if time is None else time - (monotonic() - started)
-            limited, _ = within_state_limits(basis, limited, model._delta, Asked(noise=False), left)
+            limited, _ = within_state_limits(basis, limited, model.level, Asked(noise=False), left)
         u = limited.u
-    path = trajectory(model._Theta, basis.x0, u)
+    path = trajectory(model.Theta, basis.x0, u)
     if limited is not None and limited.states is not None:
         path = np.vstack([basis.x0, limited.states])
     return _planned(basis, u, path, found, limited, step_warnings(found, sure=False))
@@ -120,7 +120,7 @@ def _best(basis: ModelBasis, K: int) -> exact.Best:
     """The best control without limits; ``xf`` less what the offset alone adds over K steps."""
     model = basis.model
     n, m = model.B.shape
-    drift = trajectory(model._Theta, np.zeros(n), np.zeros((K, m)))[-1]
+    drift = trajectory(model.Theta, np.zeros(n), np.zeros((K, m)))[-1]
     return exact.best_control(model.A, model.B, basis.x0, basis.xf - drift, K)
 
 
@@ -138,7 +138,7 @@ def _planned(
     """
     model = basis.model
     beyond: tuple[str, ...] = ()
-    if (seen := model._largest) is not None:
+    if (seen := model.largest) is not None:
         size = np.hstack([np.abs(path[:-1]).max(axis=0), np.abs(u).max(axis=0)])
         times = np.divide(size, seen, out=np.zeros_like(size), where=seen > 0.0)
         most = int(np.argmax(times))
@@ -237,8 +237,8 @@ def start_of(model: Model, record: Any) -> Start:
     validation.choice("record", record[0], ("rest",))
     y = validation.vector("record", record[1], length=p, labels=model.outputs).copy()
     u = validation.vector("record", record[2], length=m, labels=model.input_names).copy()
-    x, z, _, _, _, off, rounding = window.core.rest(model._H, y, u)
-    room = model.region(DELTA)._core.bound(z, False)
+    x, z, _, _, _, off, rounding = window.core.rest(model.coefficients, y, u)
+    room = model.region(DELTA).core.bound(z, False)
     if off > room + rounding:
         raise InputError(
             f"`record` must be of a plant at rest: at the outputs {show.vector(y)} under the "
@@ -329,7 +329,7 @@ def rest_of(model: Model, target: Any, weights: Floats | None, low: Floats, high
     r = np.zeros(p) if target is None else target
     r = validation.vector("target", r, length=p, labels=model.outputs).copy()
     N = np.column_stack([spread(window, one) for one in np.eye(p + m + 1)])[: window.length]
-    HN = model._H @ N
+    HN = model.coefficients @ N
     M, c = np.eye(p, p + m) - HN[:, :-1], HN[:, -1]
     ranges = np.hstack([np.ptp(values, axis=0) for values in model.data.pairs()[:2]])
     unit = np.where(ranges > 0.0, ranges, 1.0)
@@ -360,7 +360,7 @@ def rest_of(model: Model, target: Any, weights: Floats | None, low: Floats, high
                 )
         text = f"`target` {show.vector(r)} is no point of rest of the model: {place}, and is taken"
         warnings.warn(DataWarning(text), stacklevel=4)
-    x, _, _, per_state, per_output, _, _ = window.core.rest(model._H, y, u)
+    x, _, _, per_state, per_output, _, _ = window.core.rest(model.coefficients, y, u)
     return Rest(x, u, per_state, per_output)
 
 
@@ -500,7 +500,7 @@ def predict(
         basis = basis_in_states(model, x0, nothing)
     names = model.input_names
     u = validation.inputs("inputs", inputs, cols=model.B.shape[1], empty=False, labels=names).copy()
-    path = trajectory(model._Theta, basis.x0, u)
+    path = trajectory(model.Theta, basis.x0, u)
     if not np.isfinite(path).all():
         raise NonFiniteError("the predicted states overflow: give fewer or smaller `inputs`")
     basis = replace(basis, xf=path[-1].copy(), given=True)

@@ -21,7 +21,7 @@ from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis, completed
-from ..identification.model import Model
+from ..identification.model import Model, estimate_law
 from ..limits.problem import Horizon, Limited
 from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
@@ -336,7 +336,7 @@ class Plan(SavedRecord, Timed):
             raise InputError("`typical` needs an exact x0, not an Uncertain one")
         if assumed.tail:
             raise InputError("`typical` is not for models with a tail: its law is not known")
-        law = model._law(windows=True)
+        law = estimate_law(model, windows=True)
         if assumed.known is None and law[-1] < 2 * rows:
             raise InputError(
                 f"`typical` needs {2 * rows} more pairs than unknowns of a row where the "

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._base import running, show, validation
-from .._base.names import Labels, checked_names
+from .._base import numbers, running, show, validation
+from .._base.names import Labels, checked_names, order_of
 from .._base.records import SavedRecord
 from .._base.types import Floats, Places
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -110,13 +110,9 @@ class Trajectories(SavedRecord):
     array([1. , 1.5, 0.5])
     """
 
-    __slots__ = (
-        "_pieces", "_rows", "_whole", "dt", "input_names", "n", "outputs", "state_names",
-    )  # fmt: skip
-
-    _rows: Floats
-    _pieces: Pieces
-    _whole: Trajectories | None  # the runs of which these are the last pairs
+    rows: Floats
+    layout: Pieces
+    whole: Trajectories | None  # the runs of which these are the last pairs
     n: int
     dt: float | None
     state_names: tuple[str, ...]
@@ -125,8 +121,8 @@ class Trajectories(SavedRecord):
 
     _made_by = staticmethod(_rebuild)
 
-    def __init__(
-        self,
+    def __new__(
+        cls,
         states: ArrayLike | Sequence[ArrayLike],
         inputs: ArrayLike | Sequence[ArrayLike],
         *,
@@ -134,7 +130,8 @@ class Trajectories(SavedRecord):
         state_names: Sequence[str] | None = None,
         input_names: Sequence[str] | None = None,
         outputs: bool = False,
-    ) -> None:
+    ) -> Self:
+        """Check arrays; see the class."""
         x, u = _several("states", states), _several("inputs", inputs)
         if len(x) != len(u):
             raise ShapeError(
@@ -153,8 +150,9 @@ class Trajectories(SavedRecord):
         rows = np.vstack([np.hstack([run[:-1], acting, run[1:]]) for run, acting in checked])
         pieces = Pieces.whole(np.array([len(acting) for _, acting in checked], dtype=np.int64))
         read = validation.flag("outputs", outputs)
-        self._set(rows, pieces, checked[0][0].shape[1], dt, state_names, input_names, read)
-        warn_of_ends(checked, self.state_names, stacklevel=3)
+        made = cls._of(rows, pieces, checked[0][0].shape[1], dt, state_names, input_names, read)
+        warn_of_ends(checked, made.state_names, stacklevel=3)
+        return made
 
     @classmethod
     def from_csv(
@@ -377,22 +375,22 @@ class Trajectories(SavedRecord):
     @property
     def size(self) -> int:
         """The number of pairs N, of all runs together."""
-        return len(self._rows)
+        return len(self.rows)
 
     @property
     def lengths(self) -> NDArray[np.int64]:
         """The number of pairs of each run, read-only; of all its pieces, if it has gaps."""
-        return self._pieces.lengths
+        return self.layout.lengths
 
     @property
     def pieces(self) -> NDArray[np.int64]:
         """The number of pairs of each piece: a run between two gaps, or a whole one."""
-        return np.diff(np.append(np.flatnonzero(self._pieces.places() == 0), self.size))
+        return np.diff(np.append(np.flatnonzero(self.layout.places() == 0), self.size))
 
     @property
     def lost(self) -> int:
         """The number of rows that the logs of these runs have lost: missing, or not complete."""
-        return int(self._pieces.lost.sum())
+        return int(self.layout.lost.sum())
 
     @property
     def single(self) -> bool:
@@ -402,10 +400,10 @@ class Trajectories(SavedRecord):
     @property
     def runs(self) -> list[tuple[Floats, Floats]]:
         """The states (T + 1, n) and inputs (T, m) of each run; nan for what is lost at a gap."""
-        n, found, skipped = self.n, [], self._pieces.skipped()
+        n, found, skipped = self.n, [], self.layout.skipped()
         running.need("the runs", 8 * (self.size + len(self) + int(skipped.sum())) * (n + self.m))
         for T, end in zip(self.lengths, np.cumsum(self.lengths), strict=True):
-            part = self._rows[end - T : end]
+            part = self.rows[end - T : end]
             at = np.arange(T) + np.cumsum(skipped[end - T : end])  # the step of each pair
             x, u = np.full((at[-1] + 2, n), np.nan), np.full((at[-1] + 1, self.m), np.nan)
             x[at], u[at], x[at + 1] = part[:, :n], part[:, n:-n], part[:, -n:]
@@ -427,7 +425,7 @@ class Trajectories(SavedRecord):
         >>> data.pairs()[0].ravel()
         array([0., 1.])
         """
-        x, u, x_next = np.split(self._rows, [self.n, self.n + self.m], axis=1)
+        x, u, x_next = np.split(self.rows, [self.n, self.n + self.m], axis=1)
         return x, u, x_next
 
     def last_pairs(self) -> Self:
@@ -451,8 +449,8 @@ class Trajectories(SavedRecord):
         """
         last = np.zeros(self.size, dtype=bool)
         last[np.cumsum(self.lengths) - 1] = True
-        whole = self if self._whole is None else self._whole
-        return self._part(self._rows[last], self._pieces.chosen(last), whole)
+        whole = self if self.whole is None else self.whole
+        return self._part(self.rows[last], self.layout.chosen(last), whole)
 
     def last_record(self) -> tuple[Floats, Floats]:
         """Return the readings and inputs of the last piece: where a plan may begin.
@@ -510,25 +508,14 @@ class Trajectories(SavedRecord):
         if not 0 < count < runs:
             raise InputError(f"`share` must leave a run for each part, got {share} of {runs}")
         chosen = as_key(rng).child("split").generator().permutation(runs)[:count]
-        first = np.isin(self._pieces.runs(), chosen)
+        first = np.isin(self.layout.runs(), chosen)
         return self._with(first), self._with(~first)
-
-    def _moved(self) -> Self:
-        """The same where a row held the states after its input: u(k + 1) in place of u(k)."""
-        behind = np.flatnonzero(self._pieces.places() > 0)
-        if not len(behind):
-            raise InputError("`delay` of -1 needs runs of two steps or more: the inputs are moved")
-        kept = np.zeros(self.size, dtype=bool)
-        kept[behind - 1] = True
-        rows = self._rows[kept]
-        rows[:, self.n : -self.n] = self._rows[behind, self.n : -self.n]
-        return self._part(rows, self._pieces.chosen(kept))
 
     def _with(self, pairs: NDArray[np.bool_]) -> Self:
         """Some of the pairs; their runs stay."""
-        if self._whole is not None:  # one pair of each run
-            return self._whole._with(pairs[self._whole._pieces.runs()]).last_pairs()  # type: ignore[return-value]
-        return self._part(self._rows[pairs], self._pieces.chosen(pairs))
+        if self.whole is not None:  # one pair of each run
+            return self.whole._with(pairs[self.whole.layout.runs()]).last_pairs()  # type: ignore[return-value]
+        return self._part(self.rows[pairs], self.layout.chosen(pairs))
 
     @overload
     def __getitem__(self, runs: int) -> tuple[Floats, Floats]: ...
@@ -544,7 +531,7 @@ class Trajectories(SavedRecord):
         chosen[runs] = True
         if not chosen.any() or (runs.step or 1) < 0:
             raise InputError("the slice must name at least one run, in their order")
-        return self._with(chosen[self._pieces.runs()])
+        return self._with(chosen[self.layout.runs()])
 
     def plot(
         self,
@@ -585,51 +572,37 @@ class Trajectories(SavedRecord):
         x, u = zip(*((x[:, at], u[:, some]) for x, u in self.runs), strict=True)
         return draw_runs(x, u, names, self.dt, figure)
 
-    def _set(
-        self,
+    @classmethod
+    def _of(
+        cls,
         rows: Floats,
-        pieces: Pieces,
+        layout: Pieces,
         n: int,
         dt: float | None,
         state_names: Sequence[str] | None,
         input_names: Sequence[str] | None,
         outputs: bool,
         whole: Trajectories | None = None,
-    ) -> None:
+    ) -> Self:
+        made = object.__new__(cls)
         rows.flags.writeable = False
         if outputs and state_names is None:
             state_names = [f"y[{i}]" for i in range(n)]
         names = checked_names(n, rows.shape[1] - 2 * n, state_names, input_names)
         step = None if dt is None else validation.positive("dt", dt)
-        self._keep(_rows=rows, _pieces=pieces, _whole=whole, n=n, dt=step)
-        self._keep(state_names=names[0], input_names=names[1], outputs=names[0] if outputs else ())
-
-    @classmethod
-    def _of(cls, *fields: Any) -> Self:
-        """Trajectories of these arguments of `_set`."""
-        made = object.__new__(cls)
-        made._set(*fields)
+        made._keep(rows=rows, layout=layout, whole=whole, n=n, dt=step)
+        made._keep(state_names=names[0], input_names=names[1], outputs=names[0] if outputs else ())
         return made
 
     def _part(self, rows: Floats, pieces: Pieces, whole: Trajectories | None = None) -> Self:
         return self._of(rows, pieces, *self._about(), whole)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        pieces = self._pieces
-        own = self._rows, pieces.lengths, pieces.gaps, pieces.lost
-        return _rebuild, (*own, *self._about(), self._whole)
-
-    def _require_whole(self, name: str, why: str) -> None:
-        """Refuse runs with gaps where an argument needs every row of a run."""
-        gaps = len(self._pieces.gaps)
-        if gaps:
-            raise InputError(
-                f"`{name}` must have no gaps, got {show.number_of(gaps, 'gap')} in "
-                f"{show.number_of(len(self), 'run')}: {why}"
-            )
+        own = self.rows, self.lengths, self.layout.gaps, self.layout.lost
+        return _rebuild, (*own, *self._about(), self.whole)
 
     @property
-    def _assumed(self) -> str:
+    def assumption(self) -> str:
         """What is assumed of the rows that are lost, behind the assumptions of a region."""
         return "; rows lost by chance, not for what they read" if self.lost else ""
 
@@ -644,18 +617,11 @@ class Trajectories(SavedRecord):
             return NotImplemented
         return (
             self._about() == other._about()
-            and self._pieces.same(other._pieces)
-            and np.array_equal(self._rows, other._rows)
+            and self.layout.same(other.layout)
+            and np.array_equal(self.rows, other.rows)
         )
 
     __hash__ = None  # as for arrays
-
-    def _shares(self, other: Trajectories) -> bool:
-        """Whether a pair is in both."""
-        if other._rows.shape[1] != self._rows.shape[1]:
-            return False
-        there = {row.tobytes() for row in other._rows}
-        return any(row.tobytes() in there for row in self._rows)
 
     def _about(self) -> tuple[int, float | None, tuple[str, ...], tuple[str, ...], bool]:
         """What data that are pooled have in common."""
@@ -666,7 +632,7 @@ class Trajectories(SavedRecord):
         words = [show.number_of(len(self), "run"), show.number_of(self.size, "pair")]
         if self.single:
             words = words[1:]
-        elif len(self._pieces.gaps):
+        elif len(self.layout.gaps):
             words[0] += f" in {show.number_of(len(self.pieces), 'piece')}"
         if self.lost:
             words.append(f"{show.number_of(self.lost, 'row')} lost")
@@ -675,14 +641,14 @@ class Trajectories(SavedRecord):
         return f"<Trajectories: {', '.join(words)}, {size}{dt}>"
 
     def _repr_html_(self) -> str:
-        kind, sizes = "piece" if len(self._pieces.gaps) else "run", sorted({*self.pieces.tolist()})
+        kind, sizes = "piece" if len(self.layout.gaps) else "run", sorted({*self.pieces.tolist()})
         rows = [
             (f"steps of a {kind}", " to ".join(map(str, dict.fromkeys((sizes[0], sizes[-1]))))),
             ("outputs" if self.outputs else "states", ", ".join(self.state_names)),
             ("inputs", ", ".join(self.input_names)),
         ]
         single = self.single and len(self) > 1
-        states = self._rows[: None if single else self.pieces[0], : self.n]
+        states = self.rows[: None if single else self.pieces[0], : self.n]
         about = "states over the pairs" if single else f"states of the first {kind}"
         return show.card(self, rows, show.states(np.arange(len(states)), states, about))
 
@@ -707,12 +673,48 @@ def pooled(data: object, name: str = "data") -> Trajectories:
             )
     if len(sets) == 1:
         return sets[0]
-    running.need("the pooled data", sum(one._rows.nbytes for one in sets))
-    parents = [one._whole for one in sets]
+    running.need("the pooled data", sum(one.rows.nbytes for one in sets))
+    parents = [one.whole for one in sets]
     if all(one is not None for one in parents):
         return pooled(parents, name).last_pairs()
-    rows = np.vstack([one._rows for one in sets])
-    return sets[0]._part(rows, Pieces.joined([one._pieces for one in sets]))
+    rows = np.vstack([one.rows for one in sets])
+    return sets[0]._part(rows, Pieces.joined([one.layout for one in sets]))
+
+
+def moved(data: Trajectories) -> Trajectories:
+    """The same where a row held the states after its input: u(k + 1) in place of u(k)."""
+    behind = np.flatnonzero(data.layout.places() > 0)
+    if not len(behind):
+        raise InputError("`delay` of -1 needs runs of two steps or more: the inputs are moved")
+    kept = np.zeros(data.size, dtype=bool)
+    kept[behind - 1] = True
+    rows = data.rows[kept]
+    rows[:, data.n : -data.n] = data.rows[behind, data.n : -data.n]
+    return data._part(rows, data.layout.chosen(kept))
+
+
+def require_whole(data: Trajectories, name: str, why: str) -> None:
+    """Refuse runs with gaps where an argument needs every row of a run."""
+    gaps = len(data.layout.gaps)
+    if gaps:
+        raise InputError(
+            f"`{name}` must have no gaps, got {show.number_of(gaps, 'gap')} in "
+            f"{show.number_of(len(data), 'run')}: {why}"
+        )
+
+
+def shared_rows(a: Trajectories, b: Trajectories) -> int:
+    """How many different pairs (x, u, x_next) two data sets share, aligned by name."""
+    if a.rows.shape[1] != b.rows.shape[1]:
+        return 0
+    try:
+        named = (Labels(one.state_names, one.input_names) for one in (b, a))
+        order = order_of("data", *named)
+    except InputError:  # of other signals
+        return 0
+    x, u, x_next = b.pairs()
+    mine = np.hstack([order.of_states(x), order.of_inputs(u), order.of_states(x_next)])
+    return numbers.shared(a.rows, mine)
 
 
 def _several(name: str, value: Any) -> list[tuple[str, Any]]:

@@ -124,7 +124,7 @@ class LoopCertificate(SavedRecord):
     @cached_property
     def _core(self) -> _core.Feedback:
         doubted = self.status == "undetermined"
-        return _core.Feedback(self.region._core, np.ascontiguousarray(self.K), doubted)
+        return _core.Feedback(self.region.core, np.ascontiguousarray(self.K), doubted)
 
     @property
     def margin(self) -> float:
@@ -425,7 +425,7 @@ def judged(
     `squares` bounds the covariance of the noise: the `residual` and its `degrees`.
     """
     doubt = model.doubts[0] if model.doubts else _no_effect(region, K, model)
-    found = _core.Feedback(region._core, np.ascontiguousarray(K), doubt is not None)
+    found = _core.Feedback(region.core, np.ascontiguousarray(K), doubt is not None)
     reason = doubt
     if doubt is None and found.status == "undetermined":
         reason = "the region is unbounded: too few data"

@@ -13,7 +13,7 @@ from .._base.names import Labels, weight
 from .._base.records import SavedRecord, trusted
 from ..exceptions import InputError, NonFiniteError
 from ..identification.identified import Identified
-from ..identification.model import Model
+from ..identification.model import Model, in_states
 from ..identification.region import Region
 from ..system.system import System
 from .certificate import LoopCertificate, judged
@@ -143,21 +143,21 @@ def _squares(model: Identified) -> tuple[Floats | None, int]:
     if not isinstance(model, Model) or model.pilot is not None:
         return None, 0
     given = model.assumptions
-    if (given.noise, given.design) != ("gaussian", "independent") or len(model._blocks) > 1:
+    if (given.noise, given.design) != ("gaussian", "independent") or len(model.blocks) > 1:
         return None, 0
-    return validation.frozen(model._blocks[0].S.copy()), model._blocks[0].nu
+    return validation.frozen(model.blocks[0].S.copy()), model.blocks[0].nu
 
 
 def region_of(name: str, model: Identified, value: object) -> Region:
     """Return a region of ``[A B c]``: as given, or that of the model with this probability."""
     if not isinstance(value, Region):
-        return model._in_states(model.region(validation.probability(name, value)))
+        return in_states(model, model.region(validation.probability(name, value)))
     own = model.region(value.delta).centre
     if value.centre.shape != own.shape:
         raise InputError(f"`{name}` must be a region of this model, got one of another size")
     if not np.array_equal(value.centre, own):
         raise InputError(f"`{name}` must be a region of this model, got one of another centre")
-    return model._in_states(value)
+    return in_states(model, value)
 
 
 def gain(
@@ -232,7 +232,7 @@ def gain(
         region = region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
     if Q is None or R is None:
         assert region is not None
-        K, S, parameter = _core.widest_gain(region._core)
+        K, S, parameter = _core.widest_gain(region.core)
         method = "widest margin"
     else:
         names = known.labels
@@ -243,7 +243,7 @@ def gain(
         if region is None:
             K, S, parameter = _core.feedback_gain(A, B, *weights, names.states)
         else:
-            K, S, parameter = _core.guaranteed_gain(region._core, *weights, states=names.states)
+            K, S, parameter = _core.guaranteed_gain(region.core, *weights, states=names.states)
             method = "guaranteed cost"
     return trusted(
         Loop,

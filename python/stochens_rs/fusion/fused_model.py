@@ -113,7 +113,8 @@ class FusedModel(SavedRecord, Identified):
             raise InputError(f"`share` must be in [0, 1], got {self.share:g}")
 
     @cached_property
-    def _Theta(self) -> Floats:
+    def Theta(self) -> Floats:
+        """``[A B c]`` or ``[A B]``, read-only."""
         # F + share (t - F R') white, which is H - F where the data determine the model
         F = np.tensordot(self.weights, stacked(self.models, self.least_squares.intercept), axes=1)
         away = self._fitted.H @ self._fitted.root.T - F @ self._fitted.root.T
@@ -125,15 +126,16 @@ class FusedModel(SavedRecord, Identified):
 
     @property
     def _fitted(self) -> _core.Fitted:
-        return self.least_squares._blocks[0]
+        return self.least_squares.blocks[0]
 
     @property
     def _noise(self) -> NoiseSize:
         return noise_of(self.least_squares)
 
     @property
-    def _largest(self) -> Floats | None:
-        return self.least_squares._largest
+    def largest(self) -> Floats | None:
+        """The largest size of each state and input in the data."""
+        return self.least_squares.largest
 
     @property
     def data(self) -> Trajectories:
@@ -254,7 +256,7 @@ class FusedModel(SavedRecord, Identified):
             "frobenius": validation.flag("frobenius", frobenius),
         }
         if self._sharper(delta, options["future"]):
-            return self._regions(delta, **options)[0]
+            return self.regions(delta, **options)[0]
         return self._own(delta, delta, **options)
 
     @property
@@ -283,7 +285,20 @@ class FusedModel(SavedRecord, Identified):
         own = self.least_squares.region(delta, future=future).parts[0]
         return ball < own.factor * (usual.rss if noise.variance is None else 1.0)
 
-    def _regions(self, delta: float, **options: Any) -> tuple[Region, ...]:
+    def regions(self, delta: float, **options: Any) -> tuple[Region, ...]:
+        """Return regions that hold in one event, the smallest first.
+
+        Parameters
+        ----------
+        delta : float
+            Probability of error, in (0, 1).
+        **options
+            As of `region`.
+
+        Returns
+        -------
+        tuple of Region
+        """
         if not self._exact:
             return (self._own(delta, delta, **options),)
         found = self._own(delta, delta / 2.0, **options), self._ball(delta, **options)
@@ -299,7 +314,7 @@ class FusedModel(SavedRecord, Identified):
         shape = np.eye(data.n) if known is None else known
         return replace(
             own,
-            centre=self._Theta,
+            centre=self.Theta,
             delta=delta,
             assumption=own.assumption + "; models independent of the data",
             parts=(_core.RegionPart.around(self._fitted, shape, radius**2),),
@@ -372,7 +387,7 @@ def units(data: Model) -> Floats:
     Else the estimated deviations of the rows, at least `_LEAST` of the sizes of their outcomes;
     these sizes where there are no residuals.
     """
-    fitted, known = data._blocks[0], data.assumptions.known
+    fitted, known = data.blocks[0], data.assumptions.known
     if known is not None:
         return np.asarray(np.linalg.cholesky(known))
     if one_variance(data):
@@ -385,7 +400,7 @@ def units(data: Model) -> Floats:
 
 def noise_of(data: Model) -> NoiseSize:
     """The noise in the `units`: 1 where the covariance is known, else from the residuals."""
-    fitted = data._blocks[0]
+    fitted = data.blocks[0]
     if one_variance(data):
         variance = None if data.assumptions.known is None else 1.0
         return NoiseSize(variance, float(np.trace(fitted.S)), data.n * fitted.nu)
@@ -394,7 +409,7 @@ def noise_of(data: Model) -> NoiseSize:
 
 def coordinates(models: SystemEnsemble, data: Model) -> tuple[Floats, Floats]:
     """The S_i (M, n, rank) and t (n, rank), each row in `units` L: ``L^-1 Theta R'``."""
-    fitted, L = data._blocks[0], units(data)
+    fitted, L = data.blocks[0], units(data)
     given = stacked(models, data.intercept), fitted.H
     S, t = (np.asarray(np.linalg.solve(L, Theta @ fitted.root.T)) for Theta in given)
     return S, t

@@ -11,14 +11,14 @@ import numpy as np
 
 from .. import _core
 from .._base import numbers, running, show, validation
-from .._base.names import Labels, order_of
 from .._base.types import Floats, Status
+from ..data.trajectories import Trajectories, shared_rows
 from ..ensembles.ensemble import Ensemble, core_of, from_core, lines_of
 from ..ensembles.systems import SystemEnsemble, systems_in_order
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
 from ..identification.identified import Identified
 from ..identification.identifying import identify
-from ..identification.model import Model
+from ..identification.model import Model, require_states
 from .fits import Alse, Fit, Path, fit_of, path, require, solve
 from .fused_model import (
     FusedModel,
@@ -33,7 +33,6 @@ from .fused_model import (
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from ..data import Trajectories
     from ..identification.assumptions import Noise
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
@@ -403,7 +402,7 @@ def _by_data(
     given = _models(models, data, independent)
     least = _least_squares(given, data, noise)
     given = systems_in_order("ensemble", given, least.labels)
-    f = least._blocks[0]
+    f = least.blocks[0]
     if f.rank == 0:
         raise InputError("`data` determine nothing: all states and inputs are 0")
     running.need("the models", 4 * 8 * given.size * given.n * (f.rank + len(f.columns)))
@@ -441,7 +440,7 @@ def _least_squares(given: SystemEnsemble, data: object, noise: Any) -> Model:
                     "readings of some of them; pass runs with all states of the models, states="
                 )
         least = identify(data, noise=noise, intercept=given.c is not None)  # type: ignore[arg-type]
-    least._require_states("data")
+    require_states(least, "data")
     require_fit("data", least, given)
     validation.same_dt("data", least.dt, given.dt, "the models")
     if (law := least.assumptions.noise) != "gaussian":
@@ -481,22 +480,8 @@ def _apart_from(k: int, one: Identified, data: object, independent: bool) -> Non
     sets = [data] if not isinstance(data, (list, tuple)) else data
     for other in sets:
         rows = getattr(other, "data", other)
-        if hasattr(rows, "_rows") and shared_rows(own, rows):
+        if isinstance(rows, Trajectories) and shared_rows(own, rows):
             raise InputError(
                 f"`ensemble[{k}]` was fitted on pairs that are also in `data`: it looks better "
                 "than it is, and no region holds; fit it on other runs, see data.split()"
             )
-
-
-def shared_rows(a: Any, b: Any) -> int:
-    """How many different pairs (x, u, x_next) two data sets share, aligned by name."""
-    if a._rows.shape[1] != b._rows.shape[1]:
-        return 0
-    try:
-        named = (Labels(one.state_names, one.input_names) for one in (b, a))
-        order = order_of("data", *named)
-    except InputError:  # of other signals
-        return 0
-    x, u, x_next = b.pairs()
-    mine = np.hstack([order.of_states(x), order.of_inputs(u), order.of_states(x_next)])
-    return numbers.shared(a._rows, mine)

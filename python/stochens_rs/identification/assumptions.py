@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import validation
-from .._base.records import NotNegative, Options, Record
+from .._base.records import NotNegative, Options, Record, trusted
 from .._base.running import get_num_threads
 from .._base.types import Floats
 from ..exceptions import InputError
@@ -121,9 +121,8 @@ class Noise(Options):
 class Window(Options):
     """The part of the past from which a model predicts, as you declare it.
 
-    At most one of `lags`, `filters` and `order` is given, for outputs. Without one the first
-    quarter of the pairs chooses, and counts no more: what Akaike's criterion asks for, and half as
-    much again.
+    At most one of `lags` and `filters` is given, for outputs. Without one the first quarter of the
+    pairs chooses, and counts no more: what Akaike's criterion asks for, and half as much again.
 
     Attributes
     ----------
@@ -131,8 +130,6 @@ class Window(Options):
         The last so many readings and inputs.
     filters : (float, int), optional
         Pole in (0, 1) and number of filters in a row, which reach further back with fewer unknowns.
-    order : "auto", optional
-        The default, written out.
     delay : int or (int, int), default 0
         The dead time: after how many steps an input acts. A pair is a range, of which the first
         quarter of the pairs chooses. Of states, the model is then one of the states now and the
@@ -159,16 +156,12 @@ class Window(Options):
 
     lags: int | Literal["auto"] | None = None
     filters: tuple[float, int] | None = None
-    order: Literal["auto"] | None = None
     delay: int | tuple[int, int] = 0
     tail: NotNegative = 0.0
 
     def __post_init__(self) -> None:
-        given = self.given
-        if len(given) > 1:
-            raise InputError(
-                f"only one of `lags`, `filters` and `order` must be given, got {given}"
-            )
+        if len(self.given) > 1:
+            raise InputError("only one of `lags` and `filters` must be given, got both")
         if self.lags is not None and not isinstance(self.lags, str):
             self._keep(lags=validation.size("lags", self.lags, maximum=LONGEST))
         if self.filters is not None:
@@ -187,13 +180,14 @@ class Window(Options):
         super().__post_init__()
         if isinstance(self.delay, tuple) and (self.filters or isinstance(self.lags, int)):
             raise InputError(
-                f"`delay` must be one number with `{given[0]}`: a range is for order='auto'"
+                f"`delay` must be one number with `{self.given[0]}`: a range is for a window that "
+                "the data choose"
             )
 
     @property
     def given(self) -> list[str]:
-        """Which of `lags`, `filters` and `order` is given."""
-        return [name for name in ("lags", "filters", "order") if getattr(self, name) is not None]
+        """Which of `lags` and `filters` is given."""
+        return [name for name in ("lags", "filters") if getattr(self, name) is not None]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -271,7 +265,10 @@ def as_noise(noise: Any) -> Noise:
     """`noise` itself, or that of a number as its `sigma`, or the default for None."""
     if validation.is_real(noise):
         return Noise(sigma=noise)
-    return Noise() if noise is None else validation.instance("noise", noise, Noise)
+    return GAUSSIAN if noise is None else validation.instance("noise", noise, Noise)
+
+
+GAUSSIAN, ANY = Noise(), Window()  # where nothing is declared
 
 
 @dataclass(frozen=True, eq=False)
@@ -301,7 +298,7 @@ class Assumptions(Record):
     covariance: Covariance
     known: Floats | None = None
     exact: tuple[int, ...] = ()
-    tail: float = 0.0
+    tail: NotNegative = 0.0
     accept: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -316,10 +313,6 @@ class Assumptions(Record):
             raise InputError(f"`known` must be given for {self.noise} noise")
         if list(self.exact) != sorted({validation.size("exact", i, minimum=0) for i in self.exact}):
             raise InputError("`exact` must be different states in their order")
-        if self.tail != 0.0 and (
-            validation.positive("tail", self.tail, maximum=LARGEST) and self.design != "adaptive"
-        ):
-            raise InputError("`tail` must be 0 for an independent design")
         if self.accept != checked_accept(self.accept):
             raise InputError("`accept` must be names of tests in their order")
 
@@ -368,7 +361,7 @@ def checked_assumptions(
         else:
             exact.add(validation.size("exact", one, minimum=0, maximum=len(names) - 1))
     found = tuple(sorted(exact)), tail, checked_accept(accept)
-    return Assumptions(noise.design, noise.law, word, known, *found)  # type: ignore[arg-type]
+    return trusted(Assumptions, noise.design, noise.law, word, known, *found)  # type: ignore[arg-type]
 
 
 def checked_accept(accept: object) -> tuple[str, ...]:
@@ -425,6 +418,8 @@ def refuse(assumed: Assumptions, n: int, single: bool) -> None:
             "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
             "noise; for 'independent' use data.last_pairs() or from_pairs"
         )
+    if assumed.tail and assumed.design == "independent":
+        raise InputError("`tail` must be 0 for an independent design")
     require_states(assumed, n)
 
 

@@ -7,13 +7,15 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from .._base import show
 from .._base.names import Labels
-from .._base.records import Record
+from .._base.records import Record, cached_property, trusted
 from .._base.tables import columns
 from .._base.types import DELTA
 from ..exceptions import StochensError
 from ..system.system import System
+from .checks import missing_directions
 
 if TYPE_CHECKING:
+    from .. import _core
     from .._base.types import Floats
     from .region import Region
     from .window import Regressors
@@ -30,7 +32,7 @@ class Identified(Record, ABC, listed=False):
 
     @property
     @abstractmethod
-    def _Theta(self) -> Floats:
+    def Theta(self) -> Floats:
         """``[A B c]`` or ``[A B]``, read-only."""
 
     @property
@@ -71,19 +73,19 @@ class Identified(Record, ABC, listed=False):
     @property
     def A(self) -> Floats:
         """The state matrix, shape (n, n), read-only."""
-        return self._Theta[:, : len(self.state_names)]
+        return self.Theta[:, : len(self.state_names)]
 
     @property
     def B(self) -> Floats:
         """The input matrix, shape (n, m), read-only."""
         n = len(self.state_names)
-        return self._Theta[:, n : n + len(self.input_names)]
+        return self.Theta[:, n : n + len(self.input_names)]
 
     @property
     def c(self) -> Floats | None:
         """The offset, shape (n,), read-only; None without intercept."""
         d = len(self.state_names) + len(self.input_names)
-        return self._Theta[:, d] if self._Theta.shape[1] > d else None
+        return self.Theta[:, d] if self.Theta.shape[1] > d else None
 
     @property
     def system(self) -> System:
@@ -92,19 +94,19 @@ class Identified(Record, ABC, listed=False):
         return System(self.A, self.B, dt=self.dt, states=names[0], inputs=names[1])
 
     @property
-    def _largest(self) -> Floats | None:
+    def largest(self) -> Floats | None:
         """The largest absolute value of each state and input in the data, (n + m,), if known."""
         return None
 
     @property
-    def _delta(self) -> float:
+    def level(self) -> float:
         """The level at which a control keeps hard limits of states."""
         return DELTA
 
     @property
     def labels(self) -> Labels:
         """The names in one record, as that of a `System`; data have no units."""
-        return Labels(self.state_names, self.input_names)
+        return trusted(Labels, self.state_names, self.input_names)
 
     @property
     def centre(self) -> Literal["estimate"]:
@@ -115,13 +117,21 @@ class Identified(Record, ABC, listed=False):
     def region(self, delta: float = 0.05, *, future: int = 0, frobenius: bool = False) -> Region:
         """Return a set of models that contains the true one, as `Model.region` does."""
 
-    def _regions(self, delta: float, **options: Any) -> tuple[Region, ...]:
-        """Regions that hold in one event, the smallest first; the options are those of `region`."""
-        return (self.region(delta, **options),)
+    def regions(self, delta: float, **options: Any) -> tuple[Region, ...]:
+        """Return regions that hold in one event, the smallest first.
 
-    def _in_states(self, region: Region) -> Region:
-        """A region of this model as one of ``[A B c]``."""
-        return region
+        Parameters
+        ----------
+        delta : float
+            Probability of error, in (0, 1).
+        **options
+            As of `region`.
+
+        Returns
+        -------
+        tuple of Region
+        """
+        return (self.region(delta, **options),)
 
     def __str__(self) -> str:
         """The repr, and the coefficients with what all of them are within at once."""
@@ -136,7 +146,7 @@ class Identified(Record, ABC, listed=False):
     @property
     def _coefficients(self) -> tuple[tuple[str, ...], tuple[str, ...], Floats]:
         """What is predicted, from what, and the coefficients."""
-        return self.state_names, (*self.state_names, *self.input_names, "1"), self._Theta
+        return self.state_names, (*self.state_names, *self.input_names, "1"), self.Theta
 
     def _cells(self) -> tuple[list[list[str]], list[str]]:
         """``[A B c]`` with its names, and what is known of its errors; empty if it is large."""
@@ -156,3 +166,36 @@ class Identified(Record, ABC, listed=False):
             about = [f"all within ± with {show.percent(region.delta)}, see region()"]
         body = [[f"{name}(k+1)", *row] for name, row in zip(names, rows, strict=True)]
         return [head, *body], about
+
+
+class Fitted(Identified, listed=False):
+    """A model of least squares, from the triangle of its pairs."""
+
+    @property
+    @abstractmethod
+    def estimate(self) -> _core.Estimate:
+        """The estimate of the core."""
+
+    @cached_property
+    def blocks(self) -> list[_core.Fitted]:
+        """The fits of the rows with the same unknown entries."""
+        return self.estimate.blocks
+
+    @property
+    def rank(self) -> int:
+        """How many directions of z = (x, u, 1) the data determine, the least over the rows."""
+        return self.estimate.rank
+
+    @property
+    def identifiable(self) -> bool:
+        """Whether the data determine the whole model."""
+        return bool(self.rank == self.estimate.Theta.shape[1])
+
+    @cached_property
+    def missing(self) -> tuple[str, ...]:
+        """The directions of z that the data do not determine, in the names of states and inputs.
+
+        ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
+        combination is 0.
+        """
+        return missing_directions(self.blocks, self._coefficients[1])

@@ -13,9 +13,10 @@ from .. import _core
 from .._base import show, validation
 from .._base.records import trusted
 from .._base.running import get_num_threads
-from ..data.trajectories import Trajectories, pooled
+from ..data.trajectories import Trajectories, moved, pooled
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
 from .assumptions import (
+    ANY,
     Noise,
     Pilot,
     Window,
@@ -28,7 +29,7 @@ from .assumptions import (
 from .checks import checked_residuals, tested_rows, too_many
 from .model import Model
 from .pilot import made
-from .window import Regressors, place_of, rows_of, spread
+from .window import Regressors, complete, of_states, rows_of, spread
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -67,20 +68,20 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
     names = runs.state_names, runs.input_names
     auto = lags == "auto"
     if isinstance(lags, int):
-        return Regressors(*names, lags, None, least, offset), 0
-    begins = (runs._pieces.places()[:first] == 0).tolist()
-    start = runs._rows[:first], begins, runs.n, runs.m, offset
+        return trusted(Regressors, *names, lags, None, least, offset), 0
+    begins = (runs.layout.places()[:first] == 0).tolist()
+    start = runs.rows[:first], begins, runs.n, runs.m, offset
     if filters is not None:
         pole, count = filters
         ratio = _core.readings_over_noise(*start)
         burn = _core.window_burn(pole, count, ratio, len(runs.pieces))
-        return Regressors(*names, count, pole, least, offset, burn), first
+        return trusted(Regressors, *names, count, pole, least, offset, burn), first
     poles = [] if auto or not runs.outputs else list(POLES)
     tried = (FILTERS, LAGS if runs.outputs else 1)
     pieces = len(runs.pieces), int(np.median(runs.pieces))
     found = _core.choose_window(*start, poles, tried, (least, most), pieces)
     if not runs.outputs:  # states say all of the past but the inputs under way
-        return Regressors(*names, 1, None, found[2], offset), first
+        return trusted(Regressors, *names, 1, None, found[2], offset), first
     if FILLED * found[3] > pieces[1]:
         found = _core.choose_window(*start, [], tried, (least, most), pieces)
     own_pole, count, back, burn, least, rows = found
@@ -92,7 +93,8 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
             f"got {runs.size} pairs, and needs {SHARE * (first + needed - rows)} to choose one by "
             "its first quarter"
         )
-    return Regressors(*names, count, own_pole, back, offset, burn, least), first
+    window = trusted(Regressors, *names, count, own_pole, back, offset, burn, least)
+    return window, first
 
 
 def sized(
@@ -105,12 +107,11 @@ def sized(
     """
     if sizes is not None:
         return spread(window, sizes), first
-    before, after = rows_of(window, runs, first)
-    rows = np.concatenate([before, after])
+    rows, at = complete(window, runs)
     asked = _core.first_pairs(rows, window.length, get_num_threads())
     if asked is None:
         return np.ones(window.length), first
-    return None, first if asked <= len(before) else place_of(window, runs, asked)
+    return None, first if asked <= np.searchsorted(at, first) else int(at[asked])
 
 
 def identify(
@@ -215,12 +216,12 @@ def identify(
     True
     """
     runs, law = pooled(data), as_noise(noise)
-    asked = Window() if window is None else validation.instance("window", window, Window)
+    asked = ANY if window is None else validation.instance("window", window, Window)
     guided = pilot if pilot is None or isinstance(pilot, Pilot) else Pilot(pilot)
     if asked.delay == -1:
-        runs, asked = runs._moved(), replace(asked, delay=0)
-    n, names = runs.n, (runs.state_names, runs.input_names)
-    assumed = checked_assumptions(n, law, names[0], guided is not None, asked.tail, accept)
+        runs, asked = moved(runs), replace(asked, delay=0)
+    n, names = runs.n, runs.state_names
+    assumed = checked_assumptions(n, law, names, guided is not None, asked.tail, accept)
     offset = validation.flag("intercept", intercept)
     past, first = chosen_window(runs, asked, offset)
     for name, one in (("known_A", known_A), ("known_B", known_B), ("pilot", guided)):
@@ -232,7 +233,7 @@ def identify(
                 else f"`{name}` must be left out with `delay`: it is about states that say all of "
                 "the past, and with a dead time inputs are under way"
             )
-    regressors = past or Regressors(*names, 1, None, 0, offset)
+    regressors = past or of_states(runs, offset)
     known = _known(n, runs.m, offset, known_A, known_B)
     sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
     if past is not None:

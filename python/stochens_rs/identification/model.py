@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.records import SavedRecord, cached_property, trusted
+from .._base.records import SavedRecord, cached_property
 from .._base.running import get_num_threads
 from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
@@ -27,13 +27,13 @@ from .assumptions import (
     require_triangle_of,
 )
 from .checks import Checks, Tested, cautions, missing_directions
-from .identified import Identified
+from .identified import Fitted, Identified
 from .pilot import PilotModel
 from .pilot import refuse as refuse_pilot
-from .region import METHODS, Method, Region, Wish, entered, region_of, said, withheld
+from .region import METHODS, Method, Region, Wish, entered, of_core, region_of, said, withheld
 from .region import directions as spanned_by
 from .region import refuse as refuse_region
-from .window import Loop, Regressors, assumed, rows_of
+from .window import Loop, Regressors, assumed, of_states, rows_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Model(SavedRecord, Identified):
+class Model(SavedRecord, Fitted):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
     Made by `identify`.
@@ -123,8 +123,7 @@ class Model(SavedRecord, Identified):
     @cached_property
     def regressors(self) -> Regressors:
         """What it predicts from: `window`, or for states without dead time one lag of them."""
-        names = self.data.state_names, self.data.input_names
-        return self.window or Regressors(*names, 1, None, 0, self.intercept)
+        return self.window or of_states(self.data, self.intercept)
 
     @cached_property
     def rows(self) -> Floats:
@@ -190,13 +189,9 @@ class Model(SavedRecord, Identified):
         """How many regressors there are behind the first n_outputs, without the 1."""
         return self._d - self.n_outputs - self.intercept
 
-    def _require_states(self, name: str) -> None:
-        """Refuse a model of outputs where an argument must be one of states."""
-        if self.window is not None:
-            raise InputError(f"`{name}` must be a model of states, got one of outputs: {self!r}")
-
     @cached_property
-    def _estimate(self) -> _core.Estimate:
+    def estimate(self) -> _core.Estimate:
+        """The estimate from all rows, without a pilot."""
         return self._fitted(self.triangle, self.size)
 
     def _fitted(self, triangle: Floats, size: int) -> _core.Estimate:
@@ -227,42 +222,23 @@ class Model(SavedRecord, Identified):
         return before, after
 
     @cached_property
-    def _blocks(self) -> list[_core.Fitted]:
-        return self._estimate.blocks
-
-    @cached_property
-    def _Theta(self) -> Floats:
+    def Theta(self) -> Floats:
         """``[A B c]``, read-only."""
-        return self._H if self.window is None else validation.frozen(self._loop.ABc)
+        return self.coefficients if self.window is None else validation.frozen(self.loop.ABc)
 
     @cached_property
-    def _loop(self) -> Loop:
+    def loop(self) -> Loop:
         """The linear system of the contents of the window."""
-        return self.regressors.loop(self._H)
-
-    def _with_outputs(self, covariance: Floats) -> tuple[Floats, Floats]:
-        """A and the covariance of the noise, of outputs in front of the window if there is one."""
-        if self.window is None:
-            return self.A, covariance
-        (J, _, G), n, p = self._loop, self.n, self.n_outputs
-        A = np.block([[np.zeros((p, p)), (self._H @ J)[:, :n]], [np.zeros((n, p)), self.A]])
-        both = np.vstack([np.eye(p), G])
-        return A, both @ covariance @ both.T
-
-    def _in_states(self, region: Region) -> Region:
-        if self.window is None:
-            return region
-        J, ABc, G = self.window.loop(region.centre)
-        return entered(region, ABc, J, G, self.m)
+        return self.regressors.loop(self.coefficients)
 
     @cached_property
-    def _H(self) -> Floats:
+    def coefficients(self) -> Floats:
         """The coefficients of z that were estimated, (n_outputs, d), read-only."""
-        made = self._estimate.Theta if self.pilot is None else self._piloted.centre
+        made = self.estimate.Theta if self.pilot is None else self.piloted.centre
         return validation.frozen(made)
 
     @cached_property
-    def _of_any_design(self) -> Model | None:
+    def of_any_design(self) -> Model | None:
         """Least squares of the pairs of a model by a pilot; None for a singular covariance."""
         known = self.assumptions.known
         if known is not None and least_correlation(known) <= 1e-12:
@@ -270,16 +246,18 @@ class Model(SavedRecord, Identified):
         return replace(self, pilot=None)
 
     @cached_property
-    def _piloted(self) -> _core.Pilot:
+    def piloted(self) -> _core.Pilot:
+        """The runs as the pilot simulates them."""
         assert self.pilot is not None
         return self.pilot.simulated(self.data)
 
     @cached_property
-    def _reference(self) -> _core.Reference:
+    def reference(self) -> _core.Reference:
+        """The reference of the pilot, with what the bounds near it need."""
         assert self.pilot is not None
         assert self.pilot.start is not None
         assert self.pilot.inputs is not None
-        return self._piloted.reference(self.pilot.start, np.ascontiguousarray(self.pilot.inputs))
+        return self.piloted.reference(self.pilot.start, np.ascontiguousarray(self.pilot.inputs))
 
     @property
     def covariance(self) -> Floats | None:
@@ -289,30 +267,11 @@ class Model(SavedRecord, Identified):
         """
         if self.assumptions.known is not None:
             return self.assumptions.known
-        return self._estimate.covariance
-
-    @property
-    def rank(self) -> int:
-        """How many directions of z = (x, u, 1) the data determine, the least over the rows."""
-        return self._estimate.rank
-
-    @property
-    def identifiable(self) -> bool:
-        """Whether the data determine the whole model."""
-        return self.rank == self._d
-
-    @cached_property
-    def missing(self) -> tuple[str, ...]:
-        """The directions of z that the data do not determine, in the names of states and inputs.
-
-        ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
-        combination is 0.
-        """
-        return missing_directions(self._blocks, self.regressors.regressor_names)
+        return self.estimate.covariance
 
     @property
     def _coefficients(self) -> tuple[tuple[str, ...], tuple[str, ...], Floats]:
-        return self.outputs, self.regressors.regressor_names, self._H
+        return self.outputs, self.regressors.regressor_names, self.coefficients
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -332,13 +291,13 @@ class Model(SavedRecord, Identified):
             said.append(
                 f"the residuals were not tested, as {self.size} pairs take long: see Model.check"
             )
-        said += cautions(self._blocks, self.missing)
+        said += cautions(self.blocks, self.missing)
         if self._first and self._divided[0].rank < self.rank:
             said.append(
                 f"the first {self._first} pairs do not determine what later ones do, so that "
                 "regions are infinite: pass `scale`"
             )
-        if self.pilot is not None and not self._piloted.determined:
+        if self.pilot is not None and not self.piloted.determined:
             said.append("the runs that the pilot simulates do not determine the model")
         return tuple(said)
 
@@ -367,8 +326,8 @@ class Model(SavedRecord, Identified):
     @cached_property
     def _tested(self) -> dict[str, Tested]:
         log, whole = (
-            None if data is None else (data._rows, data._pieces.places(), data._pieces.runs())
-            for data in (self.data, self.data._whole)
+            None if data is None else (data.rows, data.layout.places(), data.layout.runs())
+            for data in (self.data, self.data.whole)
         )
         assert log is not None
         about = self.regressors.core, self.first, self.window is not None, self.pilot is not None
@@ -441,10 +400,9 @@ class Model(SavedRecord, Identified):
         4
         """
         Z, Y = np.hsplit(self.rows, [self._d])
-        residuals = Y - Z @ self._H.T
+        residuals = Y - Z @ self.coefficients.T
         # h_t = ||z_t||^2 in the norm of V^-1, over the columns of all rows of Theta together
-        white = _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1).white
-        leverages = np.sum((Z @ white.T) ** 2, axis=1)
+        leverages = np.sum((Z @ self._plain.white.T) ** 2, axis=1)
         tested = None if self.checks is None else self.checks.p_values
         return draw_residuals(residuals, leverages, self.outputs, tested, figure)
 
@@ -532,45 +490,7 @@ class Model(SavedRecord, Identified):
             validation.choice("method", method, METHODS),
             validation.flag("anytime", anytime),
         )
-        return withheld(self._region(wish), self._refusing)
-
-    def _region(self, wish: Wish) -> Region:
-        """The region whatever the tests of the log say."""
-        refuse_region(self.assumptions, wish, len(self._blocks) > 1)
-        first = 0 if wish.anytime else self._first
-        assumption, missing = said(self.assumptions, wish, first), self.missing
-        if self.pilot is not None:
-            if wish != Wish(wish.delta, frobenius=wish.frobenius):
-                raise InputError("a region by a pilot takes `delta` and `frobenius` only")
-            law = self.assumptions.covariance, self.assumptions.known
-            made = self._piloted.region(law, wish.delta, wish.frobenius)
-            assumption = f"{self.assumptions.text}, {self.pilot.said}"
-        else:
-            scale = np.ones(self._d) if self.scale is None else self.scale
-            units, estimate = self._divided if first else (scale, self._estimate)
-            made = region_of(estimate, self.assumptions, wish, units)
-            missing = missing_directions(estimate.blocks, self.regressors.regressor_names)
-        noise = made.noise if self.assumptions.noise == "gaussian" else None
-        return trusted(
-            Region,
-            centre=validation.frozen(made.centre),
-            m=self._free,
-            delta=wish.delta,
-            assumption=assumption + self._assumed,
-            missing=missing,
-            parts=made.parts,
-            future=wish.future,
-            frobenius=made.frobenius,
-            noise=None if noise is None else validation.frozen(noise),
-        )
-
-    @property
-    def _assumed(self) -> str:
-        """What is assumed beside the law of the noise."""
-        noise = self.assumptions
-        own = "" if self.window is None else assumed(self.window, noise.tail)
-        accepted = f"; accepted by name: {', '.join(noise.accept)}" if noise.accept else ""
-        return own + self.data._assumed + accepted
+        return withheld(asked_region(self, wish), self._refusing)
 
     def draw(self, size: int, *, rng: RngLike = None) -> SystemEnsemble:
         """Draw models from the law that the region is made of.
@@ -604,10 +524,10 @@ class Model(SavedRecord, Identified):
         <SystemEnsemble: 100 models, n=1 m=1, about the estimate>
         """
         count = validation.size("size", size)
-        law, key = self._law(), as_key(rng).child("draw")
-        running.need("the models", 3 * 8 * count * self._Theta.size)
+        law, key = estimate_law(self), as_key(rng).child("draw")
+        running.need("the models", 3 * 8 * count * self.Theta.size)
         found = _core.estimate_draws(law, count, bytes(key), get_num_threads())
-        A, B, c = np.split(found.reshape(count, *self._Theta.shape), [self.n, self.n + self.m], 2)
+        A, B, c = np.split(found.reshape(count, *self.Theta.shape), [self.n, self.n + self.m], 2)
         return SystemEnsemble(
             A,
             B,
@@ -618,49 +538,16 @@ class Model(SavedRecord, Identified):
             about="draws of the law of the estimate",
         )
 
-    def _law(self, windows: bool = False) -> tuple[Floats, Floats, Floats, str, int]:
-        """The law of the estimate, for the core; only with `windows` also of models of outputs."""
-        self._refuse_resampling(windows)
-        if self.noise != "gaussian":
-            raise InputError(f"draw() needs Gaussian noise, got '{self.noise}'")
-        if len(self._blocks) > 1:
-            raise InputError("draw() knows no law with single known entries")
-        fitted, noise = self._blocks[0], self.assumptions
-        least = self.n_outputs if noise.covariance == "full" else 1
-        if noise.known is None and fitted.nu < least:
-            raise InputError(f"draw() needs at least {fitted.rank + least} pairs, got {fitted.N}")
-        S = fitted.S if noise.known is None else noise.known
-        return self._H, self._white(windows), S, noise.covariance, fitted.nu
-
-    def _white(self, windows: bool = False) -> Floats:
-        """``white' white = V^-1`` of all columns, where the rows of Theta have one V."""
-        self._refuse_resampling(windows)
-        if len(self._blocks) > 1:
-            raise InputError("the rows of a model with single known entries have no V in common")
-        if self.pilot is not None:
-            return self._piloted.white
-        fitted = self._blocks[0]
-        white = np.zeros((fitted.rank, self._d))  # 0 in columns that are known
-        white[:, fitted.columns] = fitted.white
-        return white
-
-    def _refuse_resampling(self, windows: bool = False) -> None:
-        if self.window is not None and not windows:
-            raise InputError("models of outputs are not resampled: see region()")
-        if not self.identifiable:
-            raise InputError(f"the data do not determine the model along {'; '.join(self.missing)}")
-        if self.pilot is not None and not self._piloted.determined:
-            raise InputError("the runs that the pilot simulates do not determine the model")
-
     @cached_property
     def _plain(self) -> _core.Fitted:
         """Least squares without regard to known entries."""
         if self.known is None:
-            return self._blocks[0]
+            return self.blocks[0]
         return _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1)
 
     @cached_property
-    def _largest(self) -> Floats | None:
+    def largest(self) -> Floats | None:
+        """The largest size of each state and input in the data; None for a window."""
         if self.window is not None:
             return None
         x, u, _ = self.data.pairs()
@@ -668,7 +555,7 @@ class Model(SavedRecord, Identified):
 
     def _verify(self) -> None:
         """Refuse a triangle that is not that of the data."""
-        running.need("the pairs", 3 * self.data._rows.nbytes)
+        running.need("the pairs", 3 * self.data.rows.nbytes)
         require_triangle_of(self.rows, self.triangle)
 
     def __repr__(self) -> str:
@@ -690,3 +577,76 @@ class Model(SavedRecord, Identified):
             ("residuals", checks),
         ]
         return show.card(self, rows, self._table())
+
+
+def require_states(model: Model, name: str) -> None:
+    """Refuse a model of outputs where an argument must be one of states."""
+    if model.window is not None:
+        raise InputError(f"`{name}` must be a model of states, got one of outputs: {model!r}")
+
+
+def in_states(model: Identified, region: Region) -> Region:
+    """A region of a model by the states of its window."""
+    if model.window is None:
+        return region
+    J, ABc, G = model.window.loop(region.centre)
+    return entered(region, ABc, J, G, len(model.input_names))
+
+
+def asked_region(model: Model, wish: Wish) -> Region:
+    """The region whatever the tests of the log say."""
+    refuse_region(model.assumptions, wish, len(model.blocks) > 1)
+    first = 0 if wish.anytime else model._first
+    assumption, missing = said(model.assumptions, wish, first), model.missing
+    if model.pilot is not None:
+        if wish != Wish(wish.delta, frobenius=wish.frobenius):
+            raise InputError("a region by a pilot takes `delta` and `frobenius` only")
+        law = model.assumptions.covariance, model.assumptions.known
+        made = model.piloted.region(law, wish.delta, wish.frobenius)
+        assumption = f"{model.assumptions.text}, {model.pilot.said}"
+    else:
+        scale = np.ones(model._d) if model.scale is None else model.scale
+        units, estimate = model._divided if first else (scale, model.estimate)
+        made = region_of(estimate, model.assumptions, wish, units)
+        missing = missing_directions(estimate.blocks, model.regressors.regressor_names)
+    assumption += "" if model.window is None else assumed(model.window, model.assumptions.tail)
+    accepted = ", ".join(model.assumptions.accept)
+    assumption += model.data.assumption + (f"; accepted by name: {accepted}" if accepted else "")
+    return of_core(made, model.assumptions, wish, model._free, assumption, missing)
+
+
+def estimate_law(model: Model, windows: bool = False) -> tuple[Floats, Floats, Floats, str, int]:
+    """The law of the estimate, for the core; only with `windows` also of models of outputs."""
+    _refuse_resampling(model, windows)
+    if model.noise != "gaussian":
+        raise InputError(f"draw() needs Gaussian noise, got '{model.noise}'")
+    if len(model.blocks) > 1:
+        raise InputError("draw() knows no law with single known entries")
+    fitted, noise = model.blocks[0], model.assumptions
+    least = model.n_outputs if noise.covariance == "full" else 1
+    if noise.known is None and fitted.nu < least:
+        raise InputError(f"draw() needs at least {fitted.rank + least} pairs, got {fitted.N}")
+    S = fitted.S if noise.known is None else noise.known
+    return model.coefficients, white_of(model, windows), S, noise.covariance, fitted.nu
+
+
+def white_of(model: Model, windows: bool = False) -> Floats:
+    """``white' white = V^-1`` of all columns, where the rows of Theta have one V."""
+    _refuse_resampling(model, windows)
+    if len(model.blocks) > 1:
+        raise InputError("the rows of a model with single known entries have no V in common")
+    if model.pilot is not None:
+        return model.piloted.white
+    fitted = model.blocks[0]
+    white = np.zeros((fitted.rank, model._d))  # 0 in columns that are known
+    white[:, fitted.columns] = fitted.white
+    return white
+
+
+def _refuse_resampling(model: Model, windows: bool = False) -> None:
+    if model.window is not None and not windows:
+        raise InputError("models of outputs are not resampled: see region()")
+    if not model.identifiable:
+        raise InputError(f"the data do not determine the model along {'; '.join(model.missing)}")
+    if model.pilot is not None and not model.piloted.determined:
+        raise InputError("the runs that the pilot simulates do not determine the model")

@@ -12,13 +12,13 @@ from .._base import show, validation
 from .._base.records import Record, sizes
 from .._base.running import get_num_threads
 from .._base.types import Floats
+from ..data.trajectories import Trajectories, require_whole, shared_rows
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..system.system import System
 from ..theory.exact import best_control, states
-from .window import Regressors, rows_of
+from .window import of_states, rows_of
 
 if TYPE_CHECKING:
-    from ..data import Trajectories
     from .assumptions import Assumptions, Pilot
 
 MOST = 100_000  # steps of a reference
@@ -83,7 +83,7 @@ class PilotModel(Record):
         feedback = None
         if self.gain is not None and self.dither is not None:
             feedback = np.ascontiguousarray(self.gain), np.ascontiguousarray(self.dither)
-        rows, model = np.ascontiguousarray(data._rows), np.ascontiguousarray(self.model)
+        rows, model = np.ascontiguousarray(data.rows), np.ascontiguousarray(self.model)
         return _core.Pilot(rows, data.lengths, model, feedback, get_num_threads())
 
 
@@ -94,8 +94,8 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
         number: float = np.asarray(pilot).item()
         first = _first(data, number, d)
         runs = data[:first]
-        window = Regressors(data.state_names, data.input_names, 1, None, 0, offset)
-        model = _core.fit(rows_of(window, runs)[1], d, runs.size, get_num_threads()).H
+        rows = rows_of(of_states(data, offset), runs)[1]
+        model = _core.fit(rows, d, runs.size, get_num_threads()).H
         source = f"runs 0 to {first - 1}, the model is of runs {first} to {len(data) - 1}"
         return np.ascontiguousarray(model), source, data[first:], runs.size
     if isinstance(pilot, (tuple, System)):
@@ -103,10 +103,10 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
             raise ShapeError(f"`pilot` must be (A, B), got {len(pilot)} items")
         system = pilot if isinstance(pilot, System) else System(*pilot)
         model, source = np.hstack([system.A, system.B]), "a system declared to be from elsewhere"
-    elif hasattr(pilot, "_Theta"):
-        model, source = pilot._Theta, "a model declared to be of other data"
+    elif hasattr(pilot, "Theta"):
+        model, source = pilot.Theta, "a model declared to be of other data"
         own = getattr(pilot, "data", None)
-        if own is not None and data._shares(own):
+        if own is not None and shared_rows(data, own):
             raise InputError(
                 "`pilot` shares runs with the data: it must be of other runs, or their number"
             )
@@ -148,9 +148,9 @@ def refuse(assumed: Assumptions, data: Trajectories, entries: bool) -> None:
         raise InputError("`pilot` needs Gaussian noise, and design='adaptive', which is then exact")
     if entries:
         raise InputError("`pilot` goes without known entries")
-    data._require_whole("data", "a pilot simulates whole runs from their starts")
-    n, first = data.n, data._pieces.starts()
-    starts, ends = data._rows[first, :n], data._rows[first + data.lengths - 1, -n:]
+    require_whole(data, "data", "a pilot simulates whole runs from their starts")
+    n, first = data.n, data.layout.starts()
+    starts, ends = data.rows[first, :n], data.rows[first + data.lengths - 1, -n:]
     known = {end.tobytes() for end in ends}
     if any(start.tobytes() in known for start in starts[starts.any(axis=1)]):
         raise InputError(
@@ -187,7 +187,7 @@ def _task(
     """Start and inputs of a reference: a plan, or what the pilot would do from x0 to xf."""
     if hasattr(reference, "predicted_states"):
         own = getattr(getattr(reference.basis, "model", None), "data", None)
-        if own is not None and main._shares(own):
+        if own is not None and shared_rows(main, own):
             raise InputError("`reference` must not come from the runs of the model")
         u = validation.matrix("reference.u", reference.u, cols=m)
         return validation.vector("reference.x0", reference.predicted_states[0], length=n), u

@@ -98,7 +98,8 @@ class Region(SavedRecord):
             _require_one_set(part)
 
     @cached_property
-    def _core(self) -> _core.Region:
+    def core(self) -> _core.Region:
+        """The region of the core."""
         centre = np.ascontiguousarray(self.centre)
         return _core.Region(centre, self.m, self.parts, self.frobenius, self.future > 0)
 
@@ -114,7 +115,7 @@ class Region(SavedRecord):
         Lengths are those of V^-1, in which the data make ``||z||`` about ``|z| / sqrt(N)``. With
         one part for each row, the root of the sum of squares.
         """
-        return self._core.radius
+        return self.core.radius
 
     @property
     def bounded(self) -> bool:
@@ -159,7 +160,7 @@ class Region(SavedRecord):
         if B is None:
             if c is not None:
                 raise InputError("`c` must be left out without `B`: `A` is then the whole model")
-            return self._core.contains(validation.matrix("A", A, rows=n, cols=d))
+            return self.core.contains(validation.matrix("A", A, rows=n, cols=d))
         blocks = [
             validation.matrix("A", A, rows=n, cols=n),
             validation.matrix("B", B, rows=n, cols=self.m),
@@ -168,7 +169,7 @@ class Region(SavedRecord):
         if d == n + self.m and offset.any():
             raise InputError("`c` must be left out: the model has no intercept")
         blocks.append(offset[:, None])
-        return self._core.contains(np.hstack(blocks if d > n + self.m else blocks[:2]))
+        return self.core.contains(np.hstack(blocks if d > n + self.m else blocks[:2]))
 
     def bound(self, x: ArrayLike, u: ArrayLike, *, noise: bool = False) -> float:
         """Bound how far one step of the true system is from that of the `centre`.
@@ -206,7 +207,7 @@ class Region(SavedRecord):
         z = self._z(x, u)
         if validation.flag("noise", noise) and not self.future:
             raise InputError("`noise` needs a region of noise to come: region(delta, future=1)")
-        return self._core.bound(z, noise)
+        return self.core.bound(z, noise)
 
     def component_bounds(self, x: ArrayLike, u: ArrayLike) -> Floats:
         """Bound every component of one step: ``|((Theta - C) z)_i|``.
@@ -234,7 +235,7 @@ class Region(SavedRecord):
         >>> se.identify(data, noise=0.1).region(0.05).component_bounds([0.0], [0.0])
         array([0.])
         """
-        return self._core.component_bounds(self._z(x, u))
+        return self.core.component_bounds(self._z(x, u))
 
     @property
     def entry_bounds(self) -> Floats:
@@ -243,7 +244,7 @@ class Region(SavedRecord):
         ``|e_i' (Theta - C) e_j| <= sqrt(factor S_ii) ||e_j||`` in the norm of V^-1; 0 where an
         entry is known, infinite where the data do not determine it.
         """
-        return self._core.entry_bounds()
+        return self.core.entry_bounds()
 
     def plot(
         self,
@@ -287,7 +288,7 @@ class Region(SavedRecord):
         one, other = self._entry("across", across), self._entry("up", up)
         if one == other:
             raise InputError(f"`up` must differ from `across`, got {other} twice")
-        corners = self._core.projection(one, other)
+        corners = self.core.projection(one, other)
         if corners is None:
             raise InputError("the data do not determine these coefficients: there is no edge")
         centre = np.array([self.centre[one], self.centre[other]])
@@ -315,7 +316,7 @@ class Region(SavedRecord):
 
     def _but(self, **fields: Any) -> Region:
         """The same with other fields."""
-        kept = {name: value for name, value in vars(self).items() if name != "_core"}
+        kept = {name: value for name, value in vars(self).items() if name != "core"}
         return trusted(Region, **{**kept, **fields})
 
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
@@ -344,7 +345,7 @@ def withheld(region: Region, doubts: tuple[str, ...]) -> Region:
 def entered(region: Region, matrix: Floats, J: Floats, G: Floats, m: int) -> Region:
     """The region of ``[A B c] = matrix + G (Theta - centre) J`` in the same event."""
     covariance = None if region.noise is None else np.ascontiguousarray(region.noise)
-    found, noise = _core.entered_region(region._core, (matrix, J, G, m), covariance)
+    found, noise = _core.entered_region(region.core, (matrix, J, G, m), covariance)
     noise = None if noise is None else validation.frozen(noise)
     centre, parts = validation.frozen(found.centre), found.parts
     return region._but(centre=centre, m=m, parts=parts, future=0, noise=noise)
@@ -389,6 +390,16 @@ def region_of(
     if isinstance(units, np.ndarray):
         units = np.ascontiguousarray(units)
     return estimate.region(law, units, *wish, get_num_threads(), noise.tail)
+
+
+def of_core(
+    made: _core.Region, noise: Assumptions, wish: Wish, m: int, said: str, missing: tuple[str, ...]
+) -> Region:
+    """The record of a region of the core."""
+    known = made.noise if noise.noise == "gaussian" else None
+    bound = None if known is None else validation.frozen(known)
+    about = validation.frozen(made.centre), m, wish.delta, said, missing, made.parts
+    return trusted(Region, *about, wish.future, made.frobenius, bound)
 
 
 def directions(

@@ -10,7 +10,7 @@ import numpy as np
 from .. import _core
 from .._base import running, show, validation
 from .._base.names import Labels, order_of
-from .._base.records import Count, Index, Record, cached_property
+from .._base.records import Count, Index, Record, cached_property, trusted
 from ..data import Trajectories
 from ..exceptions import InputError
 
@@ -144,7 +144,7 @@ class Regressors(Record):
             "what": what,
             "next": f"{self.count + 1} {what}",
             "own": str(self.count),
-            "take": "take " if self.found is not None else "take Window(order='auto'), ",
+            "take": "take " if self.found is not None else "leave `window` out, take ",
         }
 
     def loop(self, Theta: Floats) -> Loop:
@@ -273,6 +273,11 @@ class Regressors(Record):
         return f"<Regressors: {self.text} of {of[0]} and {of[1]}>"
 
 
+def of_states(data: Trajectories, intercept: bool) -> Regressors:
+    """The window of one lag: states say all of the past."""
+    return trusted(Regressors, data.state_names, data.input_names, 1, None, 0, intercept)
+
+
 def assumed(window: Regressors, tail: float) -> str:
     """What the region of a model with this window assumes, behind the law of the noise."""
     chosen = "" if window.found is None else ", chosen by the first part,"
@@ -286,8 +291,8 @@ def assumed(window: Regressors, tail: float) -> str:
 def rows_of(window: Regressors, data: Trajectories, first: int = 0) -> tuple[Floats, Floats]:
     """The rows (z, y one step later) of complete windows: before pair `first`, and after."""
     if (window.count, window.pole, window.delay, window.intercept) == (1, None, 0, False):
-        return data._rows[:first], data._rows[first:]  # as they are
-    rows, at = _complete(window, data)
+        return data.rows[:first], data.rows[first:]  # as they are
+    rows, at = complete(window, data)
     if not len(at) or at[-1] < first:
         raise InputError(
             f"a window of {window.text} needs pieces of more than {window.fill} pairs, but the "
@@ -298,14 +303,10 @@ def rows_of(window: Regressors, data: Trajectories, first: int = 0) -> tuple[Flo
     return rows[:place], rows[place:]
 
 
-def place_of(window: Regressors, data: Trajectories, count: int) -> int:
-    """The pair that the complete window behind the first `count` of them belongs to."""
-    return int(_complete(window, data)[1][count])
-
-
-def _complete(window: Regressors, data: Trajectories) -> tuple[Floats, NDArray[np.int64]]:
+def complete(window: Regressors, data: Trajectories) -> tuple[Floats, NDArray[np.int64]]:
+    """The rows of all complete windows, and the pair of each."""
     running.need("the pairs", 8 * data.size * (window.length + data.n))
-    return window.core.rows(data._rows, (data._pieces.places() == 0).tolist())
+    return window.core.rows(data.rows, (data.layout.places() == 0).tolist())
 
 
 def spread(window: Regressors, sizes: Floats) -> Floats:

@@ -25,7 +25,7 @@ from ..controls.of_model import (
 from ..exceptions import InputError, NonFiniteError, StochensError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import judged
-from ..identification.model import Model
+from ..identification.model import Model, asked_region
 from ..identification.region import Wish, entered
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import checked_task, loop_of, sides
@@ -205,7 +205,7 @@ class ReadingLoop(ControlLoop[Reading]):
         assert self.model.window is not None
         self._window = _core.Readings(
             self.model.window.core,
-            np.ascontiguousarray(self.model._H),
+            np.ascontiguousarray(self.model.coefficients),
             noise + 1e-12 * np.diag(squares + np.diag(noise)),
             (y.mean(axis=0), wide),
             gate_of(self.model),
@@ -433,7 +433,7 @@ class ReadingLoop(ControlLoop[Reading]):
             )
         model, K, names, Kd = self.model, self._policy, self.model.labels, self._gain
         region = model.region(validation.probability("delta", delta))
-        (J, ABc, G), n, r = model._loop, model.n, len(Kd)
+        (J, ABc, G), n, r = model.loop, model.n, len(Kd)
         if r:
             K = np.hstack([K, (K @ self._rest.states - np.eye(model.m)) @ self._along])
             J, ABc = (np.insert(M, [n] * r, 0.0, axis=1) for M in (J, ABc))
@@ -468,12 +468,12 @@ def gate_of(model: Model) -> _core.Gate | None:
         return None
     try:
         own = model.assumptions.known is None and model.assumptions.tail == 0.0
-        region = model._region(Wish(DELTA, method="mixture" if own else "auto"))
+        region = asked_region(model, Wish(DELTA, method="mixture" if own else "auto"))
     except StochensError:
         return None
     if region.noise is None or len(region.noise) != model.n_outputs:
         return None
-    return _core.Gate.of(region._core, np.ascontiguousarray(region.noise), FALSE_ALARM)
+    return _core.Gate.of(region.core, np.ascontiguousarray(region.noise), FALSE_ALARM)
 
 
 def disturbance_of(model: Model, rest: Rest, drift: Floats | None) -> tuple[Floats, Floats, Floats]:

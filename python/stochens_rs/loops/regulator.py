@@ -128,7 +128,7 @@ class Regulator(ControlLoop[Call]):
             )
         order, c, seen = order_of("system", system.labels, self.labels), None, None
         if isinstance(system, Identified):
-            seen = system._largest
+            seen = system.largest
             c = None if system.c is None else order.of_states(system.c)
         A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
         within = task if self.kept is None else self.kept.tightened(task)

@@ -34,12 +34,11 @@ from ..identification.assumptions import Assumptions, checked_scale, require_sta
 from ..identification.checks import (
     cautions,
     exact_relations,
-    missing_directions,
     noise_doubts,
     tested_rows,
 )
-from ..identification.identified import Identified
-from ..identification.region import Region, Wish, region_of, withheld
+from ..identification.identified import Fitted
+from ..identification.region import Region, Wish, of_core, region_of, withheld
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -48,7 +47,7 @@ Size: TypeAlias = Annotated[int, partial(validation.size, minimum=0)]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Snapshot(SavedRecord, Identified):
+class Snapshot(SavedRecord, Fitted):
     """The model of a `ModelStream` at one time. Made by `ModelStream.model`.
 
     Attributes
@@ -93,7 +92,8 @@ class Snapshot(SavedRecord, Identified):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self._d != self.n + self.m + self.intercept or len(self.triangle) != self._d + self.n:
+        d = len(self.scale)
+        if d != self.n + self.m + self.intercept or len(self.triangle) != d + self.n:
             raise ShapeError("`triangle` and `scale` must be of the sizes of n, m and intercept")
         validation.size("runs", self.runs, minimum=0, maximum=self.size)
         checked_names(self.n, self.m, self.state_names, self.input_names)
@@ -113,46 +113,25 @@ class Snapshot(SavedRecord, Identified):
             raise InputError(f"`triangle` must be that of {size} pairs")
 
     @property
-    def _delta(self) -> float:
+    def level(self) -> float:
+        """What `region` and plans take without a probability of error."""
         return self.delta
 
-    @property
-    def _d(self) -> int:
-        return len(self.scale)
-
     @cached_property
-    def _estimate(self) -> _core.Estimate:
+    def estimate(self) -> _core.Estimate:
+        """The estimate of the core."""
         triangle = np.ascontiguousarray(self.triangle)
         return _core.Estimate(triangle, self.size, self.n, self.m, self.intercept)
 
     @cached_property
-    def _block(self) -> _core.Fitted:
-        return self._estimate.blocks[0]
-
-    @cached_property
-    def _Theta(self) -> Floats:
+    def Theta(self) -> Floats:
         """``[A B c]``, read-only."""
-        return validation.frozen(self._estimate.Theta)
-
-    @property
-    def rank(self) -> int:
-        """How many directions of z = (x, u, 1) the data determine."""
-        return self._block.rank
-
-    @property
-    def identifiable(self) -> bool:
-        """Whether the data determine the whole model."""
-        return self.rank == self._d
-
-    @cached_property
-    def missing(self) -> tuple[str, ...]:
-        """The directions of z that the data do not determine, in the names of states and inputs."""
-        return missing_directions([self._block], [*self.state_names, *self.input_names, "1"])
+        return validation.frozen(self.estimate.Theta)
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each."""
-        return (*self.doubts, *cautions([self._block], self.missing))
+        return (*self.doubts, *cautions(self.blocks, self.missing))
 
     @cached_property
     def doubts(self) -> tuple[str, ...]:
@@ -161,7 +140,7 @@ class Snapshot(SavedRecord, Identified):
         Of the tests of `Model.doubts` those that need no pairs: a stream keeps their triangle. At
         each look they have a level of 5e-6.
         """
-        f = self._block
+        f = self.blocks[0]
         tested = tested_rows(self.assumptions, None, self.n)
         return (
             *exact_relations(f, tested, self.state_names),
@@ -223,21 +202,13 @@ class Snapshot(SavedRecord, Identified):
             text = f"{self.assumptions.text}, independent of all states and inputs, planned looks"
             j = look_after(self.first, self.size)
             level /= (j + 1.0) * (j + 2.0)
-        made = region_of(self._estimate, self.assumptions, Wish(level, anytime=True), self.scale)
-        # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
-        factor = made.parts[0].factor
-        wider = float(np.sqrt(factor * min(self.n, self.rank)))
-        noise = made.noise if self.assumptions.noise == "gaussian" else None
-        region = Region(
-            centre=self._Theta,
-            m=self.m,
-            delta=level,
-            assumption=text,
-            missing=self.missing,
-            parts=made.parts,
-            frobenius=wider if validation.flag("frobenius", frobenius) else None,
-            noise=None if noise is None else validation.frozen(noise),
-        )
+        wish = Wish(level, anytime=True)
+        made = region_of(self.estimate, self.assumptions, wish, self.scale)
+        region = of_core(made, self.assumptions, wish, self.m, text, self.missing)
+        if validation.flag("frobenius", frobenius):
+            # ||G||_F <= sqrt(min(n, rank)) ||G||: the same event
+            wider = np.sqrt(made.parts[0].factor * min(self.n, self.rank))
+            region = replace(region, frobenius=float(wider))
         return withheld(region, self.doubts)
 
     @property
@@ -268,7 +239,7 @@ class Snapshot(SavedRecord, Identified):
         return planned(self.first, look_after(self.first, N)) if self._planned else N
 
     def __repr__(self) -> str:
-        rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
+        rank = "" if self.identifiable else f", rank {self.rank} of {len(self.scale)}"
         dt = "" if self.dt is None else f" dt={self.dt:g}"
         pairs = show.number_of(self.size, "pair")
         design = self.assumptions.design_text
@@ -420,7 +391,7 @@ def _bound(basis: ModelBasis, u: Floats) -> Certificate:
     """The certificate of a control of the model."""
     model = basis.model
     assert isinstance(model, Snapshot)
-    predicted = trajectory(model._Theta, basis.x0, u)
+    predicted = trajectory(model.Theta, basis.x0, u)
     return certificate(basis, u, predicted, model.delta, Asked(noise=False))
 
 

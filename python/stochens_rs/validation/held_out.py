@@ -14,6 +14,7 @@ from .._base.names import Labels, order_of
 from .._base.running import get_num_threads
 from .._base.types import Floats
 from ..certificates.of_model import ModelBasis
+from ..data.trajectories import require_whole
 from ..ensembles.systems import SystemEnsemble, systems_in_order
 from ..exceptions import InputError, ShapeError
 from ..fusion.provenance import Basis
@@ -100,10 +101,16 @@ class Predicted(NamedTuple):
         units = np.tile(size, (K, 1))
         if not isinstance(self.basis, ModelBasis) or not isinstance(self.basis.model, Model):
             return units
-        covariance = self.basis.model.covariance
-        if covariance is None:
+        model = self.basis.model
+        A, added = model.A, model.covariance
+        if added is None:
             return units
-        A, added = map(np.ascontiguousarray, self.basis.model._with_outputs(covariance))
+        if model.window is not None:  # of the readings in front of the state
+            (J, _, G), p, H = model.loop, model.n_outputs, model.coefficients
+            A = np.hstack([np.zeros((p + model.n, p)), np.vstack([(H @ J)[:, : model.n], A])])
+            both = np.vstack([np.eye(p), G])
+            added = both @ added @ both.T
+        A, added = map(np.ascontiguousarray, (A, added))
         units = _core.noise_deviations(A, added, K)[:, :n]
         floor = np.maximum(_LEAST * size, np.finfo(float).tiny)
         return np.where(np.isfinite(units), np.maximum(units, floor), size)
@@ -279,7 +286,7 @@ def _of_trajectories(plan: Predicted, runs: Trajectories, loop: PredictedLoop | 
     if (runs.n, runs.m) != (n, m):
         raise ShapeError(f"`runs` must have n={n} and m={m}, got n={runs.n} and m={runs.m}")
     validation.same_dt("runs", runs.dt, plan.dt, "this plan" if loop is None else "this loop")
-    runs._require_whole("runs", "whether a run stayed inside is not known where rows are lost")
+    require_whole(runs, "runs", "whether a run stayed inside is not known where rows are lost")
     order = order_of("runs", Labels(runs.state_names, runs.input_names), plan.labels)
     running.need("the runs", 8 * len(runs) * rows * n)
     states = np.full((len(runs), rows, n), np.nan)

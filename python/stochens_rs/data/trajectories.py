@@ -674,9 +674,8 @@ def pooled(data: object, name: str = "data") -> Trajectories:
     if len(sets) == 1:
         return sets[0]
     running.need("the pooled data", sum(one.rows.nbytes for one in sets))
-    parents = [one.whole for one in sets]
-    if all(one is not None for one in parents):
-        return pooled(parents, name).last_pairs()
+    if all(one.whole is not None for one in sets):
+        return pooled([one.whole for one in sets], name).last_pairs()
     rows = np.vstack([one.rows for one in sets])
     return sets[0]._part(rows, Pieces.joined([one.layout for one in sets]))
 

@@ -231,6 +231,19 @@ class Model(SavedRecord, Fitted):
         """The linear system of the contents of the window."""
         return self.regressors.loop(self.coefficients)
 
+    @property
+    def with_outputs(self) -> tuple[Floats, Floats]:
+        """A and the covariance of the noise, of outputs in front of the window if there is one."""
+        covariance = self.covariance
+        assert covariance is not None
+        if self.window is None:
+            return self.A, covariance
+        (J, _, G), n, p = self.loop, self.n, self.n_outputs
+        ahead = (self.coefficients @ J)[:, :n]
+        A = np.block([[np.zeros((p, p)), ahead], [np.zeros((n, p)), self.A]])
+        both = np.vstack([np.eye(p), G])
+        return A, both @ covariance @ both.T
+
     @cached_property
     def coefficients(self) -> Floats:
         """The coefficients of z that were estimated, (n_outputs, d), read-only."""

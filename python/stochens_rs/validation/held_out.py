@@ -101,16 +101,9 @@ class Predicted(NamedTuple):
         units = np.tile(size, (K, 1))
         if not isinstance(self.basis, ModelBasis) or not isinstance(self.basis.model, Model):
             return units
-        model = self.basis.model
-        A, added = model.A, model.covariance
-        if added is None:
+        if self.basis.model.covariance is None:
             return units
-        if model.window is not None:  # of the readings in front of the state
-            (J, _, G), p, H = model.loop, model.n_outputs, model.coefficients
-            A = np.hstack([np.zeros((p + model.n, p)), np.vstack([(H @ J)[:, : model.n], A])])
-            both = np.vstack([np.eye(p), G])
-            added = both @ added @ both.T
-        A, added = map(np.ascontiguousarray, (A, added))
+        A, added = map(np.ascontiguousarray, self.basis.model.with_outputs)
         units = _core.noise_deviations(A, added, K)[:, :n]
         floor = np.maximum(_LEAST * size, np.finfo(float).tiny)
         return np.where(np.isfinite(units), np.maximum(units, floor), size)

@@ -418,13 +418,13 @@ def refuse(assumed: Assumptions, n: int, single: bool) -> None:
             "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
             "noise; for 'independent' use data.last_pairs() or from_pairs"
         )
+    require_declared(assumed, n)
+
+
+def require_declared(assumed: Assumptions, n: int) -> None:
+    """Refuse exact states that n states do not have, and a tail of an independent design."""
     if assumed.tail and assumed.design == "independent":
         raise InputError("`tail` must be 0 for an independent design")
-    require_states(assumed, n)
-
-
-def require_states(assumed: Assumptions, n: int) -> None:
-    """Refuse exact states that a system of n states does not have."""
     if any(state >= n for state in assumed.exact):
         raise InputError(f"`exact` must have numbers of states, below {n}")
 

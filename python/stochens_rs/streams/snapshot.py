@@ -30,7 +30,7 @@ from ..controls.control import control
 from ..exceptions import DataWarning, InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import judged
-from ..identification.assumptions import Assumptions, checked_scale, require_states
+from ..identification.assumptions import Assumptions, checked_scale, require_declared
 from ..identification.checks import (
     cautions,
     exact_relations,
@@ -100,7 +100,7 @@ class Snapshot(SavedRecord, Fitted):
 
     def _verify(self) -> None:
         refuse(self.assumptions)
-        require_states(self.assumptions, self.n)
+        require_declared(self.assumptions, self.n)
         d = self.n + self.m
         if not np.array_equal(checked_scale(self.scale[:d], d, self.intercept), self.scale):
             raise InputError("`scale` must be positive, and 1 for an offset")

@@ -285,12 +285,12 @@ class FusedModel(SavedRecord, Identified):
         own = self.least_squares.region(delta, future=future).parts[0]
         return ball < own.factor * (usual.rss if noise.variance is None else 1.0)
 
-    def regions(self, delta: float, **options: Any) -> tuple[Region, ...]:
+    def regions(self, delta: float = 0.05, **options: Any) -> tuple[Region, ...]:
         """Return regions that hold in one event, the smallest first.
 
         Parameters
         ----------
-        delta : float
+        delta : float, default 0.05
             Probability of error, in (0, 1).
         **options
             As of `region`.

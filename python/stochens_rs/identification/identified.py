@@ -117,12 +117,12 @@ class Identified(Record, ABC, listed=False):
     def region(self, delta: float = 0.05, *, future: int = 0, frobenius: bool = False) -> Region:
         """Return a set of models that contains the true one, as `Model.region` does."""
 
-    def regions(self, delta: float, **options: Any) -> tuple[Region, ...]:
+    def regions(self, delta: float = 0.05, **options: Any) -> tuple[Region, ...]:
         """Return regions that hold in one event, the smallest first.
 
         Parameters
         ----------
-        delta : float
+        delta : float, default 0.05
             Probability of error, in (0, 1).
         **options
             As of `region`.

@@ -574,9 +574,8 @@ class Window:
     def advance(self, x: _Floats, y: _Floats, u: _Floats) -> _Floats: ...
     # x, z, u, states (n, m), outputs (n_y, m), off, rounding
     def rest(
-        self, theta: _Floats, target: _Floats, inputs: _Floats | None = None
-    ) -> tuple[_Floats, _Floats, _Floats, _Floats, _Floats, float, float]: ...
-    # J, [A B c], G
+        self, theta: _Floats, outputs: _Floats, inputs: _Floats
+    ) -> tuple[_Floats, _Floats, float, float]: ...
     def linear(self, theta: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
 
 def window_burn(pole: float, count: int, ratio: float, pieces: int) -> int: ...
@@ -821,9 +820,48 @@ class Gate:
     def excess(self, off: _Floats, z: _Floats, seen: list[bool]) -> float: ...
 
 @final
+class SetPoints:
+    # the sizes of outputs and inputs
+    def __new__(cls, window: Window, theta: _Floats, unit: _Floats) -> SetPoints: ...
+    @property
+    def can_be_held(self) -> bool: ...
+    # of a constant input, to the next reading (p, m)
+    @property
+    def of_inputs(self) -> _Floats: ...
+    # nan where an output is free: it stays at `now` if it integrates
+    def at(
+        self, target: _Floats, weights: _Floats, now: _Floats, limits: tuple[_Floats, _Floats]
+    ) -> SetPoint: ...
+    # f* and the size of its terms: above 0 no system of the region rests there
+    def lacking(
+        self, region: Region, target: _Floats, limits: tuple[_Floats, _Floats]
+    ) -> tuple[float, float]: ...
+
+@final
+class SetPoint:
+    # outputs and inputs, and what a bias adds to them (p + m, p) and to the states (n, p)
+    @property
+    def place(self) -> _Floats: ...
+    @property
+    def of_bias(self) -> _Floats: ...
+    @property
+    def states_of_bias(self) -> _Floats: ...
+    @property
+    def at_limit(self) -> list[int]: ...
+    @property
+    def exact(self) -> list[bool]: ...
+    # of all systems of a region: shift and half widths (p + m,), and the norm of B
+    def spread(self, region: Region) -> tuple[_Floats, _Floats, float] | None: ...
+    # the state and the input that go with a target `step` away that moves by `slope`
+    def moving(self, bias: _Floats, step: _Floats, slope: _Floats) -> tuple[_Floats, _Floats]: ...
+
+# L and P (p, p) of a bias that is learned
+def bias_gain(of_inputs: _Floats, drift: _Floats, noise: _Floats) -> tuple[_Floats, _Floats]: ...
+
+@final
 class Readings:
     # signals: the mean of the outputs, and what is not known of outputs and inputs at first;
-    # disturbance: its effect, its gain, the covariance of its error; limits: us, low, high
+    # bias: its gain, the covariance of its error, and of the noise; aim: as of `aim`
     def __new__(
         cls,
         window: Window,
@@ -831,13 +869,15 @@ class Readings:
         noise: _Floats,
         signals: tuple[_Floats, _Floats],
         gate: Gate | None,
-        disturbance: tuple[_Floats, _Floats, _Floats],
-        limits: tuple[_Floats, _Floats, _Floats],
+        bias: tuple[_Floats, _Floats, _Floats],
+        aim: tuple[_Floats, _Floats, _Floats, _Floats],
         max_missing: int,
     ) -> Readings: ...
-    # what was predicted, the disturbance, how far off in widths of the gate, whether believed; x
+    # what a bias adds to the inputs that hold the set point, these inputs, and their limits
+    def aim(self, aim: tuple[_Floats, _Floats, _Floats, _Floats]) -> None: ...
+    # what was predicted, the bias, how far off in widths of the gate, whether believed; x
     def step(
-        self, y: _Floats, seen: list[bool], acted: _Floats, d: _Floats, started: bool
+        self, y: _Floats, seen: list[bool], acted: _Floats, bias: _Floats, started: bool
     ) -> tuple[_Floats | None, _Floats, float, bool, Literal["lost", "waits", "runs"], _Floats]: ...
     def start(self, x: _Floats) -> None: ...
     # x, whether it is known, excess, complete readings in a row, calls, readings of each output,

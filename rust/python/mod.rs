@@ -29,6 +29,7 @@ mod readings;
 mod realizations;
 mod region;
 mod run;
+mod set_points;
 mod shared;
 mod simulate;
 mod storage;
@@ -88,9 +89,11 @@ mod _core {
     #[pymodule_export]
     use super::pilot::{PyPilot, PyReference};
     #[pymodule_export]
-    use super::readings::{PyGate, PyReadings};
+    use super::readings::{PyGate, PyReadings, bias_gain};
     #[pymodule_export]
     use super::region::{PyErrors, PyPart, PyRegion, certify, followed_inputs};
+    #[pymodule_export]
+    use super::set_points::{PySetPoint, PySetPoints};
     #[pymodule_export]
     use super::simulate::{
         drawn_bounds, exceedances, simulate_estimates, simulate_plans, simulate_runs, simulate_systems, track,

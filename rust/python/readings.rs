@@ -1,22 +1,22 @@
-//! Loops from readings: the window, the gate, and what is learned of a disturbance.
+//! Loops from readings: the window, the gate, and what is learned of a bias.
 
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2};
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, slice};
+use super::convert::{array1, array2, slice};
 use super::outputs::with_noise;
 use super::region::PyRegion;
 use super::run::run;
 use super::shared::Shared;
 use super::window::PyWindow;
 use crate::memory::try_copy;
-use crate::region::{Disturbance, Gate, Readings};
+use crate::region::{Aim, Bias, Gate, Readings};
 use crate::window::{Contents, Filter};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Row<'py> = Bound<'py, PyArray1<f64>>;
-/// What was predicted, the disturbance, how far off, whether believed, what follows ("lost", "waits" or "runs"), and x.
+/// What was predicted, the bias, how far off, whether believed, what follows ("lost", "waits" or "runs"), and x.
 type Found<'py> = (Option<Row<'py>>, Row<'py>, f64, bool, &'static str, Row<'py>);
 /// x, whether it is known, excess, complete readings in a row, calls, readings of each output, and whether it is stuck.
 type Now<'py> = (Row<'py>, bool, f64, usize, usize, Vec<usize>, bool);
@@ -42,6 +42,28 @@ impl PyGate {
     }
 }
 
+fn aimed(aim: &(Matrix<'_>, Vector<'_>, Vector<'_>, Vector<'_>)) -> PyResult<Aim> {
+    let (us, low, high) = (slice("us", &aim.1)?, slice("low", &aim.2)?, slice("high", &aim.3)?);
+    Ok(Aim {
+        of_bias: try_copy(WHAT, slice("of_bias", &aim.0)?)?,
+        limits: [try_copy(WHAT, us)?, try_copy(WHAT, low)?, try_copy(WHAT, high)?],
+    })
+}
+
+/// `(L, P)` of a bias that is learned: see [`Bias::learned`].
+#[pyfunction]
+pub(super) fn bias_gain<'py>(
+    py: Python<'py>,
+    of_inputs: Matrix<'_>,
+    drift: Vector<'_>,
+    noise: Matrix<'_>,
+) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+    let drift = slice("drift", &drift)?;
+    let found = Bias::learned(slice("of_inputs", &of_inputs)?, drift, slice("noise", &noise)?)?;
+    let p = of_inputs.as_array().nrows();
+    Ok((array2(py, found.gain, p, p)?, array2(py, found.spread, p, p)?))
+}
+
 /// A window of readings that is kept from call to call.
 #[pyclass(frozen, module = "stochens_rs._core", name = "Readings")]
 pub(super) struct PyReadings {
@@ -52,8 +74,7 @@ pub(super) struct PyReadings {
 #[pymethods]
 impl PyReadings {
     /// Of a model `theta` with the covariance of its noise; `signals`: the mean of the outputs, and the range and deviation of
-    /// outputs and inputs; `disturbance`: what it does to the outputs, its gain, and what is not known of it; `limits`: us, low,
-    /// high.
+    /// outputs and inputs; `bias`: its gain, what is not known of it, and the noise; `aim`: see [`Self::aim`].
     #[new]
     #[expect(clippy::too_many_arguments, reason = "what a loop from readings is made of")]
     fn new(
@@ -62,24 +83,28 @@ impl PyReadings {
         noise: Matrix<'_>,
         signals: (Vector<'_>, Vector<'_>),
         gate: Option<&Bound<'_, PyGate>>,
-        disturbance: (Matrix<'_>, Matrix<'_>, Matrix<'_>),
-        limits: (Vector<'_>, Vector<'_>, Vector<'_>),
+        bias: (Matrix<'_>, Matrix<'_>, Matrix<'_>),
+        aim: (Matrix<'_>, Vector<'_>, Vector<'_>, Vector<'_>),
         max_missing: usize,
     ) -> PyResult<Self> {
         let (window, theta) = (window.get().0, slice("theta", &theta)?);
         let (mean, wide) = (slice("mean", &signals.0)?, slice("wide", &signals.1)?);
         let filter = Filter::new(window, theta, slice("noise", &noise)?, mean, wide)?;
-        let (outputs, gain, spread) = (&disturbance.0, &disturbance.1, &disturbance.2);
-        let (us, low, high) = (slice("us", &limits.0)?, slice("low", &limits.1)?, slice("high", &limits.2)?);
-        let of = Disturbance {
-            outputs: try_copy(WHAT, slice("outputs", outputs)?)?,
-            gain: try_copy(WHAT, slice("gain", gain)?)?,
-            spread: try_copy(WHAT, slice("spread", spread)?)?,
-            limits: [try_copy(WHAT, us)?, try_copy(WHAT, low)?, try_copy(WHAT, high)?],
+        let copied = |name, values: &Matrix<'_>| PyResult::Ok(try_copy(WHAT, slice(name, values)?)?);
+        let of = Bias {
+            gain: copied("gain", &bias.0)?,
+            spread: copied("spread", &bias.1)?,
+            noise: copied("noise", &bias.2)?,
         };
-        let made = Readings::new(filter, theta, gate.map(|gate| gate.get().0.clone()), of, max_missing)?;
+        let made = Readings::new(filter, theta, gate.map(|gate| gate.get().0.clone()), of, aimed(&aim)?, max_missing)?;
         let cost = 20.0 * ((window.states() + window.outputs()) as f64).powi(3);
         Ok(Self { inner: Shared::new("loop", made), cost })
+    }
+
+    /// Another set point: what a bias adds to its inputs (m, p), these inputs, and their limits.
+    fn aim(&self, py: Python<'_>, aim: (Matrix<'_>, Vector<'_>, Vector<'_>, Vector<'_>)) -> PyResult<()> {
+        let aim = aimed(&aim)?;
+        self.inner.with(py, 0.0, |inner, _| inner.aim(aim))
     }
 
     fn step<'py>(
@@ -88,12 +113,12 @@ impl PyReadings {
         y: Vector<'_>,
         seen: Vec<bool>,
         acted: Vector<'_>,
-        d: Vector<'_>,
+        bias: Vector<'_>,
         started: bool,
     ) -> PyResult<Found<'py>> {
-        let (y, acted, d) = (slice("y", &y)?, slice("applied", &acted)?, slice("d", &d)?);
+        let (y, acted, bias) = (slice("y", &y)?, slice("applied", &acted)?, slice("bias", &bias)?);
         let (found, x) = self.inner.with(py, self.cost, |inner, _| {
-            let found = inner.step(y, &seen, acted, d, started)?;
+            let found = inner.step(y, &seen, acted, bias, started)?;
             Ok((found, try_copy(WHAT, inner.state().0.map_or(&[], |now| &now.x))?))
         })?;
         let follows = match (found.lost, found.runs) {
@@ -102,7 +127,7 @@ impl PyReadings {
             (_, true) => "runs",
         };
         let predicted = found.predicted.map(|predicted| array1(py, predicted)).transpose()?;
-        Ok((predicted, array1(py, found.d)?, found.off, found.believed, follows, array1(py, x)?))
+        Ok((predicted, array1(py, found.bias)?, found.off, found.believed, follows, array1(py, x)?))
     }
 
     /// Go on from the state of a full window.

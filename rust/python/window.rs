@@ -14,7 +14,6 @@ type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Made<'py> = Bound<'py, PyArray2<f64>>;
 type Row<'py> = Bound<'py, PyArray1<f64>>;
-type Rested<'py> = (Row<'py>, Row<'py>, Row<'py>, Made<'py>, Made<'py>, f64, f64);
 
 const WHAT: &str = "a window";
 
@@ -91,28 +90,17 @@ impl PyWindow {
         array1(py, next)
     }
 
-    /// `(x, z, u, states (n, m), outputs (n_y, m), off, rounding)` where the model stays at `target`, with these inputs or the
-    /// best ones.
-    #[pyo3(signature = (theta, target, inputs=None))]
+    /// `(x, z, off, rounding)` where outputs and inputs were always these.
     fn rest<'py>(
         &self,
         py: Python<'py>,
         theta: Matrix<'py>,
-        target: Vector<'py>,
-        inputs: Option<Vector<'py>>,
-    ) -> PyResult<Rested<'py>> {
-        let inputs = inputs.as_ref().map(|u| slice("inputs", u)).transpose()?;
-        let found = self.0.rest(slice("theta", &theta)?, slice("target", &target)?, inputs)?;
-        let (n, y, m) = (self.0.states(), self.0.outputs(), self.0.inputs());
-        Ok((
-            array1(py, found.x)?,
-            array1(py, found.z)?,
-            array1(py, found.u)?,
-            array2(py, found.states, n, m)?,
-            array2(py, found.outputs, y, m)?,
-            found.off,
-            found.rounding,
-        ))
+        outputs: Vector<'py>,
+        inputs: Vector<'py>,
+    ) -> PyResult<(Row<'py>, Row<'py>, f64, f64)> {
+        let (y, u) = (slice("outputs", &outputs)?, slice("inputs", &inputs)?);
+        let found = self.0.rest(slice("theta", &theta)?, y, u)?;
+        Ok((array1(py, found.x)?, array1(py, found.z)?, found.off, found.rounding))
     }
 
     /// J, `[A B c]` and G for these coefficients.

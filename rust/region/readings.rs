@@ -2,11 +2,12 @@
 
 use std::sync::Arc;
 
+use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result};
 use crate::identify::chi2_upper;
-use crate::memory::{covered, room_for_products, try_collect, try_collect_all, try_copy};
+use crate::memory::{covered, room_for_products, try_collect, try_collect_all, try_copy, try_extend};
 use crate::vector::dot;
 use crate::window::{Contents, Filter};
 
@@ -17,6 +18,8 @@ const WHAT: &str = "a loop from readings";
 const BELIEVED: usize = 3;
 /// Of the excess of a window: what it holds says nothing.
 const USELESS: f64 = 1e12;
+/// Of the deviation of the noise: a walk of every output beside those that inputs can make.
+const EVERY: f64 = 0.01;
 
 /// A reading y is rejected if it is too far from what was predicted, p, for every system.
 ///
@@ -130,17 +133,64 @@ impl Gate {
     }
 }
 
-/// What a constant at the inputs does, and what is learned of it.
+/// A constant e in `y+ = Theta z + e`, and what is learned of it from what was not predicted: `e+ = e + L (y - Theta z - e)`.
 #[derive(Debug)]
-pub struct Disturbance {
-    /// What it makes of the readings at rest (p, m).
-    pub outputs: Vec<f64>,
-    /// Its change for a reading that is off (m, p).
+pub struct Bias {
+    /// L (p, p); 0 where none is learned.
     pub gain: Vec<f64>,
-    /// The covariance of what is not known of it, as the readings see it (p, p).
+    /// The covariance of what is not known of it (p, p).
     pub spread: Vec<f64>,
-    /// `us`, and the limits low and high of `us - d` (m).
+    /// The covariance of the noise (p, p).
+    pub noise: Vec<f64>,
+}
+
+/// The inputs that hold the set point, `us + T_e e`, and their limits.
+#[derive(Debug)]
+pub struct Aim {
+    /// `T_e` (m, p).
+    pub of_bias: Vec<f64>,
+    /// `us`, and the limits low and high (m).
     pub limits: [Vec<f64>; 3],
+}
+
+impl Bias {
+    /// The steady Kalman gain for random walks of steps `Q = B diag(drift^2) B' + EVERY^2 Sigma`, `B` (p, m) what inputs add to the
+    /// next reading.
+    ///
+    /// In units in which `Sigma = I` and `Q = U diag(q) U'`: `p = (q + sqrt(q^2 + 4 q)) / 2`, `L = U diag(p / (p + 1)) U'`,
+    /// `P = U diag(p) U'`. As L is invertible, a loop at rest holds its set point whatever constants act.
+    ///
+    /// # Errors
+    /// [`Error::Numerical`] for a Sigma that is not positive definite, [`Error::Memory`].
+    pub fn learned(of_inputs: &[f64], drift: &[f64], noise: &[f64]) -> Result<Self> {
+        let (m, p) = (drift.len(), of_inputs.len().checked_div(drift.len()).unwrap_or(0));
+        if of_inputs.len() != p * m || noise.len() != p * p {
+            let (expected, found) = (format!("{p} x {p} entries"), noise.len().to_string());
+            return Err(Error::Shape { name: "noise", expected, found });
+        }
+        room_for_products()?;
+        covered(WHAT, 1024 * (p as u128 + m as u128 + 16).pow(2), || {
+            let lost =
+                |_| Error::Numerical("the covariance of the noise of the readings is not positive definite".into());
+            let sigma = MatRef::from_row_major_slice(noise, p, p);
+            let root = sigma.llt(Side::Lower).map_err(lost)?.L().to_owned();
+            let back = root.as_ref().partial_piv_lu().inverse();
+            let walk = &back * Mat::from_fn(p, m, |i, j| of_inputs[i * m + j] * drift[j]);
+            let walk = &walk * walk.transpose() + Mat::from_fn(p, p, |i, j| if i == j { EVERY * EVERY } else { 0.0 });
+            let eigen = walk.self_adjoint_eigen(Side::Lower);
+            let eigen = eigen.map_err(|_| Error::Numerical("a random walk has no eigenvalues".into()))?;
+            let known = |j: usize| {
+                let q = eigen.S().column_vector()[j].max(0.0);
+                0.5 * (q + (q * q + 4.0 * q).sqrt())
+            };
+            let along =
+                |of: &dyn Fn(f64) -> f64| eigen.U() * Mat::from_fn(p, p, |i, j| of(known(i)) * eigen.U()[(j, i)]);
+            let gain = &root * along(&|p| p / (p + 1.0)) * &back;
+            let spread = &root * along(&|p| p) * root.transpose();
+            let listed = |a: Mat<f64>| try_collect(WHAT, (0..p * p).map(|at| a[(at / p, at % p)]));
+            Ok(Self { gain: listed(gain)?, spread: listed(spread)?, noise: try_copy(WHAT, noise)? })
+        })?
+    }
 }
 
 /// What a step found.
@@ -148,8 +198,8 @@ pub struct Disturbance {
 pub struct Step {
     /// What was predicted a step before; None at the first one.
     pub predicted: Option<Vec<f64>>,
-    /// The disturbance.
-    pub d: Vec<f64>,
+    /// The bias of the equation.
+    pub bias: Vec<f64>,
     /// How far off the readings are, in widths of the gate: above 1 they were rejected.
     pub off: f64,
     /// Or, after as many in a row, taken for true.
@@ -166,7 +216,8 @@ pub struct Readings {
     filter: Filter,
     theta: Vec<f64>,
     gate: Option<Gate>,
-    of: Disturbance,
+    of: Bias,
+    aim: Aim,
     max_missing: usize,
     now: Option<Contents>,
     raw: Option<Contents>,
@@ -183,15 +234,67 @@ impl Readings {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn new(filter: Filter, theta: &[f64], gate: Option<Gate>, of: Disturbance, max_missing: usize) -> Result<Self> {
-        let (p, m) = (filter.window.outputs(), filter.window.inputs());
-        let sizes = [of.outputs.len() == p * m, of.gain.len() == m * p, of.spread.len() == p * p];
-        if sizes.contains(&false) || of.limits.iter().any(|side| side.len() != m) {
-            let (expected, found) = (format!("{p} x {m} entries, as the others"), of.outputs.len().to_string());
-            return Err(Error::Shape { name: "outputs", expected, found });
+    pub fn new(
+        filter: Filter,
+        theta: &[f64],
+        gate: Option<Gate>,
+        of: Bias,
+        aim: Aim,
+        max_missing: usize,
+    ) -> Result<Self> {
+        let p = filter.window.outputs();
+        if [of.gain.len(), of.spread.len(), of.noise.len()] != [p * p; 3] {
+            let (expected, found) = (format!("{p} x {p} entries, as the others"), of.gain.len().to_string());
+            return Err(Error::Shape { name: "bias", expected, found });
         }
         let theta = try_copy(WHAT, theta)?;
-        Ok(Self { filter, theta, gate, of, max_missing, now: None, raw: None, rejected: 0 })
+        let none = Aim { of_bias: Vec::new(), limits: [const { Vec::new() }; 3] };
+        let mut made = Self { filter, theta, gate, of, aim: none, max_missing, now: None, raw: None, rejected: 0 };
+        made.aim(aim)?;
+        Ok(made)
+    }
+
+    /// Another set point.
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    pub fn aim(&mut self, aim: Aim) -> Result<()> {
+        let (p, m) = (self.filter.window.outputs(), self.filter.window.inputs());
+        if aim.of_bias.len() != m * p || aim.limits.iter().any(|side| side.len() != m) {
+            let (expected, found) = (format!("{m} x {p} entries"), aim.of_bias.len().to_string());
+            return Err(Error::Shape { name: "limits", expected, found });
+        }
+        self.aim = aim;
+        Ok(())
+    }
+
+    /// The bias nearest to this one, in the metric of the noise, that inputs within the limits hold the set point with:
+    /// `e + Sigma T'(T Sigma T')^-1 (limit - us - T e)` over the rows T of `T_e` of the inputs that are beyond.
+    fn capped(&self, bias: &mut [f64]) -> Result<()> {
+        let ([us, low, high], p) = (&self.aim.limits, bias.len());
+        let mut held: Vec<(usize, f64)> = Vec::new();
+        for _ in 0..us.len() {
+            let wanted = product(&self.aim.of_bias, bias)?;
+            let over = |i: usize| us[i] + wanted[i] - (us[i] + wanted[i]).clamp(low[i], high[i]);
+            let new = (0..us.len()).filter(|i| over(*i) != 0.0 && held.iter().all(|(at, _)| at != i));
+            let new = try_collect(WHAT, new.map(|i| (i, (us[i] + wanted[i]).clamp(low[i], high[i]) - us[i])))?;
+            if new.is_empty() {
+                break;
+            }
+            try_extend(WHAT, &mut held, new)?;
+            room_for_products()?;
+            covered(WHAT, 512 * (p as u128 + held.len() as u128 + 16).pow(2), || {
+                let rows = Mat::from_fn(held.len(), p, |i, j| self.aim.of_bias[held[i].0 * p + j]);
+                let across = MatRef::from_row_major_slice(&self.of.noise, p, p) * rows.transpose();
+                let e = Mat::from_fn(p, 1, |i, _| bias[i]);
+                let lacking = Mat::from_fn(held.len(), 1, |i, _| held[i].1) - &rows * e;
+                let by = &across * (&rows * &across).partial_piv_lu().solve(lacking);
+                if (0..p).all(|i| by[(i, 0)].is_finite()) {
+                    bias.iter_mut().enumerate().for_each(|(i, e)| *e += by[(i, 0)]);
+                }
+            })?;
+        }
+        Ok(())
     }
 
     /// The window, that with what was rejected, and how many readings in a row were.
@@ -220,7 +323,7 @@ impl Readings {
         Ok(())
     }
 
-    /// How far off a reading is, in widths of the gate, with the disturbance or without it.
+    /// How far off a reading is, in widths of the gate, with the bias or without it.
     fn off(&self, y: &[f64], now: &Contents, z: &[f64], shift: &[f64], seen: &[bool]) -> Result<f64> {
         let Some(gate) = self.gate.as_ref().filter(|_| seen.contains(&true)) else { return Ok(0.0) };
         let mut off = product(&gate.centre, z)?;
@@ -236,30 +339,29 @@ impl Readings {
         Ok(found)
     }
 
-    /// Take readings in, those with `seen`, or what is predicted in their place, with the input that acted, the disturbance
-    /// `d` that was found last, and whether the loop has run.
+    /// Take readings in, those with `seen`, or what is predicted in their place, with the input that acted, the bias that was
+    /// found last, and whether the loop has run.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn step(&mut self, y: &[f64], seen: &[bool], acted: &[f64], d: &[f64], started: bool) -> Result<Step> {
+    pub fn step(&mut self, y: &[f64], seen: &[bool], acted: &[f64], bias: &[f64], started: bool) -> Result<Step> {
         let (p, m) = (self.filter.window.outputs(), self.filter.window.inputs());
-        if y.len() != p || seen.len() != p || acted.len() != m || d.len() != m {
+        if y.len() != p || seen.len() != p || acted.len() != m || bias.len() != p {
             let (expected, found) = (format!("{p} entries, and {m} of inputs"), y.len().to_string());
             return Err(Error::Shape { name: "y", expected, found });
         }
         let mut step =
-            Step { predicted: None, d: try_copy(WHAT, d)?, off: 0.0, believed: false, lost: false, runs: false };
+            Step { predicted: None, bias: try_copy(WHAT, bias)?, off: 0.0, believed: false, lost: false, runs: false };
         let mut next = (None, None, self.rejected);
         if let Some(now) = &self.now {
-            let shift = product(&self.of.outputs, d)?;
             let ahead = |z: &[f64]| -> Result<Vec<f64>> {
                 let mut ahead = product(&self.theta, z)?;
-                ahead.iter_mut().zip(&shift).for_each(|(ahead, shift)| *ahead += shift);
+                ahead.iter_mut().zip(bias).for_each(|(ahead, shift)| *ahead += shift);
                 Ok(ahead)
             };
             let (mut now, mut z) = (now, self.filter.regressors(now, acted)?);
             let (mut seen, none) = (seen, try_collect(WHAT, seen.iter().map(|_| false))?);
-            step.off = if started { self.off(y, now, &z, &shift, seen)? } else { 0.0 };
+            step.off = if started { self.off(y, now, &z, bias, seen)? } else { 0.0 };
             if step.off > 1.0 {
                 let raw = self.raw.as_ref().unwrap_or(now);
                 let with_raw = self.filter.regressors(raw, acted)?;
@@ -276,13 +378,10 @@ impl Readings {
             let predicted = ahead(&z)?;
             let news = |i: usize| if started && seen[i] { y[i] - predicted[i] } else { 0.0 };
             let news = try_collect(WHAT, (0..p).map(news))?;
-            step.d.iter_mut().zip(product(&self.of.gain, &news)?).for_each(|(d, more)| *d += more);
+            step.bias.iter_mut().zip(product(&self.of.gain, &news)?).for_each(|(e, more)| *e += more);
             if self.gate.is_some() {
                 // alone, a cut would leave a part of a false reading behind
-                let [us, low, high] = &self.of.limits;
-                for (j, d) in step.d.iter_mut().enumerate() {
-                    *d = us[j] - (us[j] - *d).clamp(low[j], high[j]);
-                }
+                self.capped(&mut step.bias)?;
             }
             next.0 = Some(self.filter.advanced(now, y, acted, seen, &predicted)?);
             step.predicted = Some(predicted);
@@ -291,7 +390,7 @@ impl Readings {
             next.2 = 0;
         }
         let found = next.0.as_ref();
-        let sum = |now: &Contents| now.x.iter().chain(&step.d).sum::<f64>();
+        let sum = |now: &Contents| now.x.iter().chain(&step.bias).sum::<f64>();
         step.lost = !found.is_some_and(|now| sum(now).is_finite() && now.excess < USELESS);
         step.runs = !step.lost && found.is_some_and(|now| now.tells(started) && now.missed <= self.max_missing);
         if step.lost {

@@ -158,6 +158,25 @@ impl Window {
         acting.chunks_exact_mut(self.inputs).for_each(|to| to.copy_from_slice(u));
     }
 
+    /// What x differs by from that at rest where outputs and inputs rise by `y` and `u` in a step: `-lag` times these, of filter j
+    /// `a / (1 - a) + (j - 1) / (1 - a)`.
+    pub fn ramp(&self, y: &[f64], u: &[f64], x: &mut [f64]) {
+        let (past, acting) = x.split_at_mut(self.count() * self.outputs);
+        let (lag, filters) = match self.kind {
+            Kind::Lags(_) => ((0.0, 1.0), 0),
+            Kind::Filters { pole, count } => ((pole / (1.0 - pole), 1.0 / (1.0 - pole)), count),
+        };
+        let own = |j: usize| lag.0 + j as f64 * lag.1;
+        for (j, to) in past.chunks_exact_mut(self.outputs).enumerate() {
+            to.iter_mut().zip(y).for_each(|(to, y)| *to = -own(j) * y);
+        }
+        // inputs before this one: filtered ones of what was put in one step and the delay before, then the queue
+        for (j, to) in acting.chunks_exact_mut(self.inputs).enumerate() {
+            let back = if j < filters { own(j) + 1.0 + self.delay as f64 } else { (j - filters + 1) as f64 };
+            to.iter_mut().zip(u).for_each(|(to, u)| *to = -back * u);
+        }
+    }
+
     /// `z = J (x; u; one)`.
     pub fn regressors(&self, x: &[f64], u: &[f64], one: f64, z: &mut [f64]) {
         let (past, acting) = x.split_at(self.count() * self.outputs);

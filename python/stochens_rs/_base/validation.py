@@ -114,13 +114,15 @@ def starts(x0: object, N: int, n: int, names: Sequence[str] = ()) -> Floats:
     return frozen(vector("x0", given, length=n)[None, :])
 
 
-def array(name: str, value: object, *, ndim: tuple[int, ...]) -> Floats:
+def array(name: str, value: object, *, ndim: tuple[int, ...], finite: bool = True) -> Floats:
     """Return `value` as a C-contiguous float64 array with one of the numbers of dimensions."""
     given = _numeric(name, value)
     if given.ndim not in ndim:
-        wanted = " or ".join(map(str, ndim))
-        raise ShapeError(f"`{name}` must have {wanted} dimensions, got {_found(value, given)}")
-    return _finite(name, given)
+        wanted = " or ".join(str(k) for k in ndim)
+        found = found_shape(value, given)
+        what = "shape " * (found[0] == "(")
+        raise ShapeError(f"`{name}` must have {wanted} dimensions, got {what}{found}")
+    return _finite(name, given) if finite else np.ascontiguousarray(given, dtype=np.float64)
 
 
 def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, object]) -> Floats:

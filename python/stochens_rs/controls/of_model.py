@@ -2,30 +2,27 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from time import monotonic
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 
-from .. import _core
 from .._base import show, validation
-from .._base.names import weight
 from .._base.numbers import ROUNDING
 from .._base.records import trusted
 from .._base.types import DELTA, Floats, Fusion, Status, worst
 from ..certificates.of_model import Asked, ModelBasis, trajectory
-from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError
+from ..exceptions import InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
 from ..identification.identified import Identified
 from ..identification.model import Model
-from ..identification.window import spread
 from ..limits.limits import Uncertain, as_limits
 from ..limits.problem import Horizon, checked_task, seconds, sides
 from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
+from .set_point import output_weights, set_point, targets
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -37,8 +34,6 @@ if TYPE_CHECKING:
 
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
-RANK = 1e-10  # of the largest singular value: what is less is rounding
-NEAR = 3.0  # standard deviations of the innovations from which another point of rest is said
 
 
 def of_outputs(
@@ -237,8 +232,8 @@ def start_of(model: Model, record: Any) -> Start:
     validation.choice("record", record[0], ("rest",))
     y = validation.vector("record", record[1], length=p, labels=model.outputs).copy()
     u = validation.vector("record", record[2], length=m, labels=model.input_names).copy()
-    x, z, _, _, _, off, rounding = window.core.rest(model.coefficients, y, u)
-    room = model.region(DELTA).core.bound(z, False)
+    x, z, off, rounding = window.core.rest(model._H, y, u)
+    room = model.region(DELTA)._core.bound(z, False)
     if off > room + rounding:
         raise InputError(
             f"`record` must be of a plant at rest: at the outputs {show.vector(y)} under the "
@@ -277,165 +272,29 @@ def output_control(
             f"the end, got {K}"
         )
     weights = cost_of_outputs(model, cost)
-    low, high = (side[-1] for side in sides("limits", limits.u, K, model.labels))
-    rest = rest_of(model, target, output_weights(model, weights), low, high)
-    return plan_from(model, start, rest, K, limits, weights, time_limit)
-
-
-def output_weights(model: Model, cost: Cost) -> Floats | None:
-    """The weights of the outputs now, or of their first filters, (p, p), if there are any."""
-    p, found = model.n_outputs, cost.Q if cost.Q is not None else cost.Qf
-    if found is None:
-        return None
-    return np.ascontiguousarray(weight("Q", found, model.n)[:p, :p])
+    rows = targets(model, target)
+    if len(rows) > 1:
+        raise InputError(f"`target` must be one target for a plan, got {len(rows)} rows")
+    low, high = sides("limits", limits.u, K, model.labels)
+    own = output_weights(model, weights)
+    point = set_point(model, rows[0], own, (low[-1].copy(), high[-1].copy()), start.read)
+    none = np.zeros(model.n_outputs)
+    return plan_from(model, start, point.moving(none, none, none), K, limits, weights, time_limit)
 
 
 def plan_from(
     model: Model,
     start: Start,
-    rest: Rest,
+    rest: tuple[Floats, Floats],
     K: int,
     limits: LimitsLike,
     cost: Cost,
     time_limit: float | None = None,
 ) -> Plan:
-    """The plan from a window to one at rest; weights of states, and of inputs from those there."""
-    basis = trusted(ModelBasis, model, start.x, rest.x, 0.0, start.read, start.at_rest)
-    return model_control(basis, K, as_limits(limits), cost, time_limit, resting=rest.u)
-
-
-class Rest(NamedTuple):
-    """A rest point of a model of outputs."""
-
-    x: Floats
-    u: Floats
-    # what one unit of a constant input adds to the state (n, m), and to the next output (p, m)
-    states: Floats
-    outputs: Floats
-
-
-def rest_of(model: Model, target: Any, weights: Floats | None, low: Floats, high: Floats) -> Rest:
-    """Return where the model rests nearest to ``y = target``, within the limits of the inputs.
-
-    Refused where no system that the data allow rests at the target. At rest ``z = N (y, u, 1)``;
-    the points of rest are the (y, u) with ``M (y, u) = c``, ``[M, -c] = [I, 0, 0] - H N``, of
-    dimension m where a gain stabilizes the model, whether it integrates or not; the nearest has the
-    least ``(y - r)'Q(y - r)``, Q the `weights`, without them the squares of 1 / the range of each
-    output. Least squares in u alone go astray for two outputs and one input: what u cannot move it
-    leaves where it is asked for.
-    """
-    window, p, m = model.window, model.n_outputs, model.m
-    assert window is not None
-    r = np.zeros(p) if target is None else target
-    r = validation.vector("target", r, length=p, labels=model.outputs).copy()
-    N = np.column_stack([spread(window, one) for one in np.eye(p + m + 1)])[: window.length]
-    HN = model.coefficients @ N
-    M, c = np.eye(p, p + m) - HN[:, :-1], HN[:, -1]
-    ranges = np.hstack([np.ptp(values, axis=0) for values in model.data.pairs()[:2]])
-    unit = np.where(ranges > 0.0, ranges, 1.0)
-    sizes = np.linalg.svd(M * unit / np.abs(M * unit).max(axis=1, keepdims=True), compute_uv=False)
-    if not sizes[-1] > RANK * sizes[0]:
-        outputs = ", ".join(model.outputs)
-        raise InputError(f"`target` must be left out: no feedback holds {outputs} in this model")
-    Q = np.diag(unit[:p] ** -2.0) if weights is None or not weights.any() else weights
-    v, held = nearest_rest((M, c), unit, (low, high), r, Q)
-    y, u = v[:p].copy(), v[p:].copy()
-    variances = np.zeros(p) if model.covariance is None else np.diag(model.covariance)[:p]
-    if (np.abs(y - r) > NEAR * np.sqrt(variances) + 1e-9 * np.abs(r)).any():
-        place = f"the nearest is {show.vector(y)} with the inputs {show.vector(u)}"
-        if held:
-            place += f", held by the limit of {', '.join(model.input_names[i] for i in held)}"
-        # whether no system of the region rests at r, with any inputs within the limits
-        region = model.region(DELTA)
-        z, per = N @ np.hstack([r, np.zeros(m), 1.0]), N[:, p:-1] * unit[p:]
-        bounds = low / unit[p:], high / unit[p:]
-        for part in region.parts:
-            rows = np.asarray(part.rows)
-            lacking = region.centre[rows] @ z - r[rows], region.centre[rows] @ per
-            least, size = least_of(part, lacking, (z, per), bounds)
-            if least > 1e-9 * size:
-                raise InputError(
-                    f"`target` must be a point of rest, but {show.vector(r)} is one in no system "
-                    f"that the data allow ({show.percent(DELTA)}): {place}"
-                )
-        text = f"`target` {show.vector(r)} is no point of rest of the model: {place}, and is taken"
-        warnings.warn(DataWarning(text), stacklevel=4)
-    x, _, _, per_state, per_output, _, _ = window.core.rest(model.coefficients, y, u)
-    return Rest(x, u, per_state, per_output)
-
-
-def nearest_rest(
-    points: tuple[Floats, Floats],
-    unit: Floats,
-    limits: tuple[Floats, Floats],
-    r: Floats,
-    Q: Floats,
-) -> tuple[Floats, list[int]]:
-    """The nearest (y, u) with ``M (y, u) = c``, and the inputs that are held by their limits.
-
-    `unit` has the sizes of outputs and inputs; an active set of rows.
-    """
-    (M, c), p = points, len(r)
-    low, high = (side / unit[p:] for side in limits)
-    root = _core.weight_root(np.ascontiguousarray(Q * np.outer(unit[:p], unit[:p])))
-    active: dict[int, float] = {}
-    v, goal = np.zeros(len(unit)), r / unit[:p]
-    for _ in range(4 * len(low) + 4):
-        rows = np.vstack([M * unit, *(np.eye(len(unit))[p + i] for i in active)])
-        start = np.linalg.lstsq(rows, np.hstack([c, *active.values()]), rcond=None)[0]
-        T = np.linalg.svd(rows)[2][len(rows) :].T
-        # the shortest of all that are nearest
-        v = start + T @ np.linalg.lstsq(root @ T[:p], root @ (goal - start[:p]), rcond=None)[0]
-        u = v[p:]
-        over = np.maximum(low - u, u - high)
-        over[list(active)] = -np.inf
-        if over.max() > RANK * (1.0 + np.abs(u).max()):
-            i = int(np.argmax(over))
-            active[i] = float(low[i] if u[i] < low[i] else high[i])
-            continue
-        # the slope of the distance along each active row: it must rise away from its limit
-        slope = np.hstack([root.T @ (root @ (v[:p] - goal)), np.zeros(len(low))])
-        along = np.linalg.lstsq(rows.T, slope, rcond=None)[0][p:]
-        wrong = [
-            i
-            for i, s in zip(active, along, strict=True)
-            if low[i] < high[i] and (s < -RANK if active[i] == low[i] else s > RANK)
-        ]
-        if not wrong:
-            break
-        del active[wrong[0]]
-    v = v * unit
-    v[p:] = np.clip(v[p:], *limits)
-    return v, sorted(active)
-
-
-def least_of(
-    part: _core.RegionPart,
-    lacking: tuple[Floats, Floats],
-    at_rest: tuple[Floats, Floats],
-    sides: tuple[Floats, Floats],
-) -> tuple[float, float]:
-    """The least f(u) within limits, and the size of its terms; -inf where it is not known.
-
-    With ``z = z_0 + z_1 u`` and ``C z - r = l_0 + l_1 u`` the equation ``(Theta - C) z = r - C z``
-    has a solution ``Theta = C + D G W``, ``||G|| <= 1``, exactly where ``f(u) = |D^-1 (l_0 + l_1
-    u)|^2 - |W (z_0 + z_1 u)|^2 <= 0``; where f is convex its least value is that of a box.
-    """
-    D = np.asarray(part.S) * part.factor
-    if not np.isfinite(D).all() or np.asarray(part.missing).size:
-        return -np.inf, 1.0
-    columns, W, root = part.columns, np.asarray(part.white), np.linalg.cholesky(D)
-    (a, b), (c, d) = (
-        (np.linalg.solve(root, one) for one in lacking),
-        (W @ one[columns] for one in at_rest),
-    )
-    curve, slope = b.T @ b - d.T @ d, b.T @ a - d.T @ c
-    if not np.linalg.eigvalsh(curve)[0] > RANK * np.trace(b.T @ b):
-        return -np.inf, 1.0  # the data do not determine what constant inputs do
-    half = np.linalg.cholesky(curve).T
-    y, none = -np.linalg.solve(half.T, slope), np.zeros(len(slope))
-    u = _core.box_control(np.ascontiguousarray(half), y, none, *sides, None, None).control
-    return float(u @ curve @ u + 2.0 * slope @ u + a @ a - c @ c), float(a @ a + c @ c)
+    """The plan to a window and inputs at rest; inputs cost what they differ from those there."""
+    x, u = rest
+    basis = trusted(ModelBasis, model, start.x, x, 0.0, start.read, start.at_rest)
+    return model_control(basis, K, as_limits(limits), cost, time_limit, resting=u)
 
 
 def predict(

@@ -55,6 +55,8 @@ class Loop(SavedRecord):
         The time between two steps [s].
     model : Model, FusedModel or None
         The model from data it was made for.
+    R : ndarray, shape (m, m), or None
+        The weights of the inputs, where the cost is S.
     """
 
     A: Annotated[Floats, "state state"]
@@ -66,6 +68,7 @@ class Loop(SavedRecord):
     labels: Labels
     dt: float | None = None
     model: Identified | None = None
+    R: Annotated[Floats, "input input"] | None = None
 
     @property
     def E(self) -> NDArray[np.complex128]:
@@ -228,6 +231,7 @@ def gain(
         )
     region = None
     method: GainMethod = "least squares"
+    of_inputs = None
     if model is not None and (guarantee is not None or Q is None):
         region = region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
     if Q is None or R is None:
@@ -242,6 +246,7 @@ def gain(
         )
         if region is None:
             K, S, parameter = _core.feedback_gain(A, B, *weights, names.states)
+            of_inputs = validation.frozen(weights[1])
         else:
             K, S, parameter = _core.guaranteed_gain(region.core, *weights, states=names.states)
             method = "guaranteed cost"
@@ -256,6 +261,7 @@ def gain(
         labels=known.labels,
         dt=known.dt,
         model=model,
+        R=of_inputs,
     )
 
 

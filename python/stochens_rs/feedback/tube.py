@@ -21,7 +21,8 @@ if TYPE_CHECKING:
 class Rest(SavedRecord):
     """How far the point of rest of any system of a region is from a set point.
 
-    Made by `LoopCertificate.rest`; the feedback is ``u = inputs + K (x - states)``.
+    Made by `LoopCertificate.rest`; the feedback is ``u = inputs + K (x - states)``. That of
+    `ReadingLoop.rest` has the outputs as its states.
 
     Attributes
     ----------
@@ -39,6 +40,9 @@ class Rest(SavedRecord):
         The true system is outside of the region with at most this probability.
     labels : Labels
         The names of states and inputs.
+    exact : tuple of str
+        Those that a loop with a learned bias holds exactly once it is at rest, whatever constants
+        act.
     """
 
     states: Annotated[Floats, "state"]
@@ -48,6 +52,7 @@ class Rest(SavedRecord):
     radius: float
     delta: float
     labels: Labels
+    exact: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
         size, share = show.at_most(self.radius), show.percent(self.delta)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 LOGGED = 1000  # calls that the log keeps
 BEYOND = 1e6  # times the largest in the data from which a number is that of a broken sensor
-CORE = ("_solver", "_window")  # objects of the core, which are made anew in a copy
+CORE = ("_point", "_solver", "_window")  # objects of the core, which are made anew in a copy
 
 Entry = TypeVar("Entry")
 

@@ -13,15 +13,8 @@ from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.types import DELTA, Floats, Status
-from ..controls.of_model import (
-    Rest,
-    Start,
-    cost_of_outputs,
-    output_weights,
-    plan_from,
-    rest_of,
-    start_of,
-)
+from ..controls.of_model import Start, cost_of_outputs, plan_from, start_of
+from ..controls.set_point import nearest_point, output_weights, rest_at, set_point, targets
 from ..exceptions import InputError, NonFiniteError, StochensError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import judged
@@ -32,16 +25,19 @@ from ..limits.problem import checked_task, loop_of, sides
 from .loop import BEYOND, ControlLoop
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from numpy.typing import ArrayLike
 
-    from ..controls.of_model import Record, Rest
+    from ..controls.of_model import Record
     from ..controls.plan import Plan
+    from ..feedback.tube import Rest
 
 
+Target: TypeAlias = "ArrayLike | Mapping[str, ArrayLike]"
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
 FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected
-SEEN = 1e-10  # of the largest effect of a constant input: what is less is rounding
-MOVED = 0.01  # of the range of the limits: how far the disturbance may move without a new problem
+MOVED = 0.01  # of the range of the limits: how far the set point may move without a new problem
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +52,8 @@ class Reading:
         What the model predicted one step before; None at the first call.
     u : ndarray, shape (m,)
         The input returned.
-    disturbance : ndarray, shape (m,)
-        The estimate of what acts at the inputs.
+    bias : ndarray, shape (n_outputs,)
+        The estimate of a constant that is added to the next readings.
     status : str
         "gain", or that of the plan; "filling" or "cannot start" while the window does not say
         enough; "held": the last input once more.
@@ -70,7 +66,7 @@ class Reading:
     y: Floats
     predicted: Floats | None
     u: Floats
-    disturbance: Floats
+    bias: Floats
     status: ReadingStatus
     seconds: float
     reason: str | None = None
@@ -89,8 +85,13 @@ class ReadingLoop(ControlLoop[Reading]):
     as too far from what was predicted, p, for every system of the region, ``||T (y - p)|| > q + ||T
     D|| ||W z||``, T whitening the noise: a true one with at most 1e-5 a call, in the event of the
     region, for Gaussian noise without a disturbance. Three rejected in a row are a change of the
-    plant: they are taken for true. A disturbance is cut to what the limits can take off. Every call
-    that is not as usual says so in the log.
+    plant: they are taken for true. Every call that is not as usual says so in the log.
+
+    With `offset_free` a constant e that is added to each next reading is learned, ``e+ = e + L (y -
+    p)``, and cut to what the limits of the inputs can take off. If the loop then comes to rest,
+    with no input at a limit, the outputs `rest.exact` are at their targets, whatever constants act
+    on inputs, states and sensors, and whatever the plant is; m of them, or of their combinations,
+    can be held. Where a sensor reads wrong, it is held at the wrong place.
 
     Parameters
     ----------
@@ -116,25 +117,30 @@ class ReadingLoop(ControlLoop[Reading]):
     """
 
     __slots__ = (
-        "_along",
+        "_aimed",
         "_asked",
         "_at_rest",
-        "_d",
-        "_gain",
+        "_bias",
+        "_forward",
         "_high",
+        "_law",
+        "_learning",
         "_low",
         "_max_missing",
         "_most",
+        "_point",
         "_policy",
-        "_rest",
+        "_rows",
         "_runs",
-        "_seen",
         "_solved",
         "_solver",
         "_started",
+        "_weights",
         "_window",
         "model",
     )
+    _aimed: tuple[Floats, Floats]  # where free outputs stay, and the target of `_point`
+    _forward: Floats
 
     def __init__(
         self,
@@ -160,7 +166,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if within.x is not None or within.rate is not None:
             raise InputError("`limits` must be of the inputs alone for a model of outputs")
         policy: Any
-        asked, outputs = None, None
+        asked, outputs, law = None, None, None
         weights = cost_of_outputs(model, as_cost(cost))
         if gain and (steps is not None or cost is not None):
             raise InputError("`steps` and `cost` must be left out for a Loop, which has its gain")
@@ -169,6 +175,8 @@ class ReadingLoop(ControlLoop[Reading]):
         if gain:
             low, high = (side[0] for side in sides("limits", within.u, 1, labels))
             policy = gain.K
+            if gain.S is not None and gain.R is not None:
+                law = gain.S, gain.R
         else:
             if weights.R is None:
                 weights = replace(weights, R="auto")
@@ -186,18 +194,23 @@ class ReadingLoop(ControlLoop[Reading]):
             np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
         )
         self._max_missing = validation.size("max_missing", max_missing, minimum=0)
-        rest = rest_of(model, target, outputs, low, high)
-        self.model, self._rest, self._policy, self._asked = model, rest, policy, asked
-        self._low, self._high = low, high
-        self._along, self._gain, self._seen = disturbance_of(model, rest, drift)
+        self.model, self._policy, self._asked, self._law = model, policy, asked, law
+        self._low, self._high, self._weights = low.copy(), high.copy(), outputs
+        self._learning = bias_of(model, drift)
         most = BEYOND * np.hstack([np.abs(one).max(axis=0) for one in model.data.pairs()[:2]])
         self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
-        self._solved = np.zeros(model.m)  # the disturbance of the problem that is solved
+        self._solved = np.zeros(m)  # the inputs at rest of the problem that is solved
+        self._rows = targets(model, target)
+        here = model.data.pairs()[0].mean(axis=0)
+        self._aim(here, self._rows[0])
         self._restore((None, (None, None, 0)))
         self._forget()
 
     def _restore(self, core: Any) -> None:
         warm, window = core
+        now, target = self._aimed
+        sides = self._low, self._high
+        self._point = nearest_point(self.model, target, self._weights, sides, now)[1]
         y, u, _ = self.model.data.pairs()
         wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
         squares, noise = wide[: len(y[0])] ** 2, self.model.covariance
@@ -209,8 +222,8 @@ class ReadingLoop(ControlLoop[Reading]):
             noise + 1e-12 * np.diag(squares + np.diag(noise)),
             (y.mean(axis=0), wide),
             gate_of(self.model),
-            (self._rest.outputs, self._along @ self._gain, self._seen),
-            (self._rest.u, self._low, self._high),
+            self._learning,
+            self._toward(self._rows[0]),
             self._max_missing,
         )
         self._window.resume(*window)
@@ -223,12 +236,14 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _forget(self) -> None:
         self._window.resume()
-        self._d: Floats = np.zeros(self.model.m)
+        self._bias: Floats = np.zeros(self.model.n_outputs)
         self._runs = self._started = self._at_rest = False
         if not isinstance(self._policy, np.ndarray):
-            self._solver_at(self._d).resume(None)
+            self._solver_at(self._solved).resume(None)
 
-    def __call__(self, y: ArrayLike, *, applied: ArrayLike | None = None) -> Floats:
+    def __call__(
+        self, y: ArrayLike, *, applied: ArrayLike | None = None, target: Target | None = None
+    ) -> Floats:
         """Compute the input for the readings now.
 
         Parameters
@@ -237,6 +252,8 @@ class ReadingLoop(ControlLoop[Reading]):
             The readings; nan for one that is missing.
         applied : array_like, shape (m,), optional
             The input that acted since the last call, where it was not what that returned.
+        target : as `target`, optional
+            Another target from this call on.
 
         Returns
         -------
@@ -246,11 +263,13 @@ class ReadingLoop(ControlLoop[Reading]):
         Raises
         ------
         InputError, InputTypeError
-            If the readings have another shape or are no numbers, or another thread is in a call.
-            The loop is then as it was before the call.
+            If the readings have another shape or are no numbers, the target is none, or another
+            thread is in a call. The loop is then as it was before the call.
         """
         started, model = perf_counter(), self.model
         with self._turn():
+            if target is not None:
+                self._follow(targets(model, target))
             read = validation.measured("y", y, model.outputs)
             acted, why = self._last, []
             if applied is not None:
@@ -267,8 +286,8 @@ class ReadingLoop(ControlLoop[Reading]):
         seen = (np.abs(y) <= most).tolist()
         if not all(seen):
             why.append(str(validation.broken(y, most, self.model.outputs)))
-        found = self._window.step(y, seen, acted, self._d, self._started)
-        predicted, d, off, believed, follows, x = found
+        found = self._window.step(y, seen, acted, self._bias, self._started)
+        predicted, bias, off, believed, follows, x = found
         u = self._last
         status: ReadingStatus = "held" if self._started else "filling"
         if believed:
@@ -277,7 +296,7 @@ class ReadingLoop(ControlLoop[Reading]):
             why.append(f"rejected, {off:.3g} times as far off as the gate is wide")
         if follows == "runs":
             try:
-                u, status = self._input(x, d)
+                u, status = self._input(x, bias)
             except NonFiniteError:
                 follows = "lost"
         self._runs = follows == "runs"
@@ -285,14 +304,17 @@ class ReadingLoop(ControlLoop[Reading]):
             self._window.resume()
             why.append("the window is lost: it begins anew")
         else:
-            self._d = d
+            self._bias = bias
         if follows == "waits":
             waits, stuck = self._waits()
             why.append(waits)
             status = "cannot start" if stuck and not self._started else status
         self._started = self._started or self._runs
+        if len(self._rows) > 1:
+            self._rows, self._forward = self._rows[1:], self._forward[1:]
+            self._window.aim(self._toward(self._rows[0]))
         reason, took = "; ".join(why) or None, perf_counter() - started
-        return self._entered(Reading(y, predicted, u, self._d, status, took, reason), u)
+        return self._entered(Reading(y, predicted, u, self._bias, status, took, reason), u)
 
     def _waits(self) -> tuple[str, bool]:
         """What the loop waits for, and whether it will do."""
@@ -331,37 +353,117 @@ class ReadingLoop(ControlLoop[Reading]):
             found = start_of(self.model, record)
             self._begin()
             self._window.start(found.x)
-            u, status = self._input(found.x, self._d)
+            u, status = self._input(found.x, self._bias)
             self._at_rest, self._runs, self._started = found.at_rest, True, True
             took = perf_counter() - started
-            return self._entered(Reading(found.read, None, u, self._d, status, took), u)
+            return self._entered(Reading(found.read, None, u, self._bias, status, took), u)
 
-    def _input(self, x: Floats, d: Floats) -> tuple[Floats, Any]:
-        """The input within the limits, and how it was found."""
-        off = x + self._rest.states @ d - self._rest.x
+    def _input(self, x: Floats, bias: Floats) -> tuple[Floats, Any]:
+        """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""
+        row, after = self._rows[0], self._rows[min(1, len(self._rows) - 1)]
+        xs, us = self._point.moving(bias, self._step(row), np.nan_to_num(after - row))
         if isinstance(self._policy, np.ndarray):
-            v, status = self._policy @ off, "gain"
+            v, status = self._policy @ (x - xs) + self._forward[0], "gain"
         else:
-            found = self._solver_at(d).solve(off, None)
-            v, status = found.control[: len(d)], found.status
-        u = v + self._rest.u - d
+            found = self._solver_at(us).solve(x - xs, None)
+            v, status = found.control[: len(us)], found.status
+        u = v + us
         if not math.isfinite(u.sum()):
             raise NonFiniteError("`y` is too large: the input overflows")
         return np.minimum(np.maximum(u, self._low), self._high), status
 
-    def _solver_at(self, d: Floats) -> _core.Loop:
-        """The problem whose limits are those of ``v = u - u_s + d``, or of a d that is near."""
+    def _solver_at(self, us: Floats) -> _core.Loop:
+        """The problem whose limits are those of ``v = u - u_s``, or of a u_s that is near."""
         task: Any = self._policy
         far = MOVED * (self._high - self._low)
-        if self._solver is None or not (np.abs(d - self._solved) <= far).all():
-            by = d - self._rest.u
-            moved = replace(task, low=task.low + by, high=task.high + by)
+        if self._solver is None or not (np.abs(us - self._solved) <= far).all():
+            moved = replace(task, low=task.low - us, high=task.high - us)
             A, B = (np.ascontiguousarray(one) for one in (self.model.A, self.model.B))
             solver = loop_of(moved, A, B, None)
             if self._solver is not None:
                 solver.resume(self._solver.warm())
-            self._solver, self._solved = solver, d
+            self._solver, self._solved = solver, us
         return self._solver
+
+    def _aim(self, now: Floats, target: Floats) -> None:
+        """Choose the rows that hold a target; outputs that are free and integrate stay at `now`."""
+        limits = self._low, self._high
+        self._point = set_point(self.model, target, self._weights, limits, now)
+        self._aimed = now, target
+        self._forward = self._feed_forward()
+
+    def _follow(self, rows: Floats) -> None:
+        """Go to other targets, from this call on; the state of the loop stays."""
+        held = ~np.isnan(self._aimed[1])
+        self._rows = rows
+        if len(rows) > 1 and (~np.isnan(rows[0]) == held).all():
+            self._forward = self._feed_forward()
+        else:
+            now = self._window.now
+            p = self.model.n_outputs
+            self._aim(self._aimed[0] if now is None else now[0][:p], rows[0])
+        self._window.aim(self._toward(rows[0]))
+
+    def _step(self, row: Floats) -> Floats:
+        """How far a target is from that of the set point, 0 where it is free."""
+        off: Floats = np.nan_to_num(row - self._aimed[1])
+        return off
+
+    def _toward(self, row: Floats) -> tuple[Floats, Floats, Floats, Floats]:
+        """What a bias adds to the inputs that hold a target, these inputs, and the limits."""
+        p = self.model.n_outputs
+        none = np.zeros(p)
+        _, us = self._point.moving(none, self._step(row), none)
+        inputs = np.minimum(np.maximum(us, self._low), self._high)
+        return self._point.of_bias[p:].copy(), inputs, self._low, self._high
+
+    def _feed_forward(self) -> Floats:
+        """What targets to come add to the input of the gain, (h, m), 0 without weights.
+
+        ``v_k = -(R + B'SB)^-1 B' sum_j (A0')^j S s_{k+j}``, s what the window of the moving target
+        lacks of the next one, S of the cost: the best control of a quadratic cost with preview.
+        """
+        rows, model = self._rows, self.model
+        if self._law is None or len(rows) == 1:
+            return np.zeros((len(rows), model.m))
+        (S, R), none = self._law, np.zeros(model.n_outputs)
+        after = np.vstack([rows[1:], rows[-1:]])
+        steps = zip(rows, np.nan_to_num(after - rows), strict=True)
+        found = [self._point.moving(none, self._step(row), slope) for row, slope in steps]
+        x, u = (np.array(each) for each in zip(*found, strict=True))
+        c = np.zeros(model.n) if model.c is None else model.c
+        s = x @ model.A.T + u @ model.B.T + c - np.vstack([x[1:], x[-1:]])
+        B, after = model.B, np.zeros(model.n)
+        A0 = model.A + B @ self._policy
+        forward: Floats = np.zeros((len(rows), model.m))
+        per = -np.linalg.solve(R + B.T @ S @ B, B.T)
+        for k in range(len(rows) - 1, -1, -1):
+            after = A0.T @ after + S @ s[k]
+            forward[k] = per @ after
+        return forward
+
+    @property
+    def target(self) -> Floats:
+        """The target of the next call, (n_outputs,); nan where an output is free.
+
+        It can be set: to a target as in `regulate`, or to rows of one for each call to come, of
+        which the last stays. A loop with a gain from weights looks ahead along all of them; other
+        loops follow the slope. Constants and ramps are followed exactly by the model.
+        """
+        return self._rows[0].copy()
+
+    @target.setter
+    def target(self, target: Target) -> None:
+        with self._turn():
+            self._follow(targets(self.model, target))
+
+    @property
+    def rest(self) -> Rest:
+        """Where the loop will rest, with how far any system of the region at 95 % is from that.
+
+        A loop without `offset_free`, or away from the linear system of the data, rests elsewhere.
+        """
+        return rest_at(self.model, self._point)
 
     @property
     def full(self) -> bool:
@@ -369,9 +471,9 @@ class ReadingLoop(ControlLoop[Reading]):
         return self._runs
 
     @property
-    def disturbance(self) -> Floats:
-        """The estimate of the constant that acts at the inputs, (m,)."""
-        return self._d.copy()
+    def bias(self) -> Floats:
+        """The estimate of a constant that is added to each next reading, (n_outputs,)."""
+        return self._bias.copy()
 
     @property
     def limits(self) -> tuple[Floats, Floats]:
@@ -388,16 +490,16 @@ class ReadingLoop(ControlLoop[Reading]):
         """
         if self._asked is None:
             raise InputError("`plan` needs a loop that plans: regulate(model, steps, ...)")
-        if len(self._gain):
-            raise InputError(
-                "`plan` needs offset_free=False: its bound knows no estimated disturbance"
-            )
+        if self._learning[0].any():
+            raise InputError("`plan` needs offset_free=False: its bound knows no estimated bias")
         now = self._window.now
         if now is None or not now[1]:
             raise InputError("`plan` needs a full window, of which no reading was missing")
         steps, limits, cost = self._asked
         start = Start(now[0], validation.frozen(self._log[-1].y.copy()), self._at_rest)
-        return plan_from(self.model, start, self._rest, steps, limits, cost)
+        none = np.zeros(self.model.n_outputs)
+        rest = self._point.moving(none, self._step(self._rows[0]), none)
+        return plan_from(self.model, start, rest, steps, limits, cost)
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
         """Check whether all systems of a region are stable in this loop, estimate included.
@@ -410,8 +512,9 @@ class ReadingLoop(ControlLoop[Reading]):
         Returns
         -------
         LoopCertificate
-            Of the states (x, d), d the estimate of the disturbance, away from the limits. If it is
-            certified, the loop goes to one point of rest for each constant disturbance.
+            Of the states (x, e), e the learned bias, away from the limits. If it is certified, the
+            loop of every system of the region comes to rest at one point for each constant that
+            acts, and with `offset_free` at the targets of `rest.exact`.
 
         Raises
         ------
@@ -420,30 +523,31 @@ class ReadingLoop(ControlLoop[Reading]):
 
         Notes
         -----
-        ``u = K x + (K E - I) d + constant``, E what one unit of a constant input adds to x, and
-        ``d+ = d + Kd (y - y^)``, along the directions of d that the outputs show. With the target
-        0, no intercept and a disturbance at the inputs the outputs come to rest at 0, for every
-        system of the region; with as many inputs as outputs at the target. Else they rest near it.
-        The bias of a sensor is never removed.
+        ``u = K x + F e + constant``, ``F = T_u - K T_x``, T what one unit of e adds to the inputs
+        and the window that hold the set point, and ``e+ = e + L (y - y^)``. The error of a sensor
+        is never removed.
         """
         if not isinstance(self._policy, np.ndarray):
             raise InputError(
                 "`certificate` needs a loop with a gain: regulate(gain(model, Q, R), ...). Of one "
                 "that plans anew nothing is proved for all time; plan.bound(delta) bounds each plan"
             )
-        model, K, names, Kd = self.model, self._policy, self.model.labels, self._gain
+        model, K, names = self.model, self._policy, self.model.labels
         region = model.region(validation.probability("delta", delta))
-        (J, ABc, G), n, r = model.loop, model.n, len(Kd)
+        (J, ABc, G), n, p, L = model._loop, model.n, model.n_outputs, self._learning[0]
+        r = p if L.any() else 0
         if r:
-            K = np.hstack([K, (K @ self._rest.states - np.eye(model.m)) @ self._along])
+            K = np.hstack([K, self._point.of_bias[p:] - K @ self._point.states_of_bias])
             J, ABc = (np.insert(M, [n] * r, 0.0, axis=1) for M in (J, ABc))
-            below = np.eye(r, ABc.shape[1], n)
-            below[:, n : n + r] -= Kd @ self._rest.outputs @ self._along
-            ABc, G = np.vstack([ABc, below]), np.vstack([G, Kd])
-            more = tuple(f"disturbance[{i}]" for i in range(r))
+            below = np.zeros((r, ABc.shape[1]))
+            below[:, n : n + r] = np.eye(r) - L
+            ABc, G = np.vstack([ABc, below]), np.vstack([G, L])
+            more = tuple(f"bias[{name}]" for name in model.outputs)
             names = Labels((*names.states, *more), names.inputs)
         ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
-        target = np.hstack([self._rest.x, np.zeros(r), self._rest.u])
+        none = np.zeros(p)
+        xs, us = self._point.moving(none, self._step(self._rows[-1]), none)
+        target = np.hstack([xs, np.zeros(r), us])
         return judged(
             entered(region, ABc, J, G, model.m),
             K,
@@ -454,7 +558,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def __repr__(self) -> str:
         full = "" if self.full else ", the window is not full"
-        also = ", offset-free" if len(self._gain) else ""
+        also = ", offset-free" if self._learning[0].any() else ""
         return (
             f"<ReadingLoop: {', '.join(self.model.outputs)} to "
             f"{', '.join(self.model.input_names)}{also}, {show.number_of(len(self._log), 'call')}"
@@ -476,26 +580,15 @@ def gate_of(model: Model) -> _core.Gate | None:
     return _core.Gate.of(region.core, np.ascontiguousarray(region.noise), FALSE_ALARM)
 
 
-def disturbance_of(model: Model, rest: Rest, drift: Floats | None) -> tuple[Floats, Floats, Floats]:
-    """The directions P (m, r) of the disturbances that the outputs show, and the gain (r, p).
-
-    And the covariance of what is not known of them, as the outputs see it (p, p).
-
-    ``d = P xi``, xi a random walk of steps of covariance I that is seen through ``rest.outputs P``;
-    its steady gain is the transpose of that of a regulator of the transposed system.
-    """
-    m, p = model.m, model.n_outputs
-    if drift is None:
-        return np.zeros((m, 0)), np.zeros((0, p)), np.zeros((p, p))
-    U, sizes, Vt = np.linalg.svd(rest.outputs * drift, full_matrices=False)
-    r = int(np.count_nonzero(sizes > SEEN * sizes[0]))
-    covariance = model.covariance
-    if r == 0 or covariance is None:
-        raise InputError(
-            "`offset_free` must be False: the model does not say what constant inputs do to the "
-            "outputs"
-        )
-    seen = np.ascontiguousarray((U[:, :r] * sizes[:r]).T)
-    noise = np.ascontiguousarray(covariance)
-    K, S, _ = _core.feedback_gain(np.eye(r), seen, np.eye(r), noise)
-    return drift[:, None] * Vt[:r].T, -K.T, seen.T @ S @ seen
+def bias_of(model: Model, drift: Floats | None) -> tuple[Floats, Floats, Floats]:
+    """The gain L of a bias that is learned, what is not known of it, and the noise, each (p, p)."""
+    p, noise = model.n_outputs, model.covariance
+    if drift is None or noise is None:
+        if drift is not None:
+            raise InputError("`offset_free` must be False: the noise of the model is not known")
+        return np.zeros((p, p)), np.zeros((p, p)), np.eye(p)
+    noise = np.ascontiguousarray(noise)
+    points = _core.SetPoints(
+        model.regressors.core, np.ascontiguousarray(model._H), np.ones(p + model.m)
+    )
+    return (*_core.bias_gain(points.of_inputs, drift, noise), noise)

@@ -1,0 +1,168 @@
+"""Set points of models of readings: targets by name, and the nearest point of rest."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .. import _core
+from .._base import show, validation
+from .._base.names import Labels, weight
+from .._base.types import DELTA, Floats
+from ..exceptions import DataWarning, InputError, ShapeError, StochensError
+from ..feedback.tube import Rest
+
+if TYPE_CHECKING:
+    from ..identification.model import Model
+    from ..limits.limits import Cost
+
+NEAR = 3.0  # standard deviations of the innovations from which another point of rest is said
+
+
+def targets(model: Model, target: Any) -> Floats:
+    """Rows of outputs, (h, n_outputs): one target, or one for each step; nan where one is free."""
+    names = model.outputs
+    if target is None:
+        return np.zeros((1, len(names)))
+    if isinstance(target, Mapping):
+        unknown = [name for name in target if name not in names]
+        if unknown or not target:
+            raise InputError(
+                f"`target` must name some of the outputs {', '.join(names)}, got "
+                f"{unknown or 'none'}"
+            )
+        each = [
+            np.atleast_1d(validation.array("target", target[name], ndim=(0, 1))) for name in target
+        ]
+        if len({one.size for one in each} - {1}) > 1:
+            raise ShapeError("`target` must have as many steps for each of the outputs")
+        rows = np.full((max(one.size for one in each), len(names)), np.nan)
+        rows[:, [names.index(name) for name in target]] = np.column_stack(
+            np.broadcast_arrays(*each)
+        )
+        return rows
+    rows = np.atleast_2d(validation.array("target", target, ndim=(0, 1, 2), finite=False))
+    if rows.shape[1] != len(names):
+        raise ShapeError(
+            f"`target` must have shape (n_outputs,) = ({len(names)},), or a row for each step, "
+            f"got {np.shape(target)}"
+        )
+    held = ~np.isnan(rows)
+    if np.isinf(rows).any() or not held[0].any() or (held != held[0]).any():
+        raise InputError(
+            "`target` must be finite, or nan for an output that is free, in all steps alike, and "
+            f"of one output at least, got {validation.show(target)}"
+        )
+    return rows
+
+
+def output_weights(model: Model, cost: Cost) -> Floats | None:
+    """The weights of the outputs now, or of their first filters, (p, p), if there are any."""
+    p, found = model.n_outputs, cost.Q if cost.Q is not None else cost.Qf
+    if found is None:
+        return None
+    return np.ascontiguousarray(weight("Q", found, model.n)[:p, :p])
+
+
+def nearest_point(
+    model: Model,
+    target: Floats,
+    weights: Floats | None,
+    limits: tuple[Floats, Floats],
+    now: Floats,
+) -> tuple[_core.SetPoints, _core.SetPoint]:
+    """Return the points of rest and the nearest to ``y = target``, within the limits of the inputs.
+
+    With the least ``(y - r)'Q(y - r)``, Q the `weights`, without them the squares of 1 / the range
+    of each output; outputs that are free and integrate stay at `now`.
+    """
+    p, names = model.n_outputs, model.outputs
+    ranges = np.hstack([np.ptp(values, axis=0) for values in model.data.pairs()[:2]])
+    unit = np.where(ranges > 0.0, ranges, 1.0)
+    points = _core.SetPoints(model.regressors.core, np.ascontiguousarray(model._H), unit)
+    if not points.can_be_held:
+        raise InputError(
+            f"`target` must be left out: no feedback holds {', '.join(names)} in this model"
+        )
+    Q = np.diag(unit[:p] ** -2.0) if weights is None or not weights.any() else weights
+    return points, points.at(target, Q, now, limits)
+
+
+def set_point(
+    model: Model,
+    target: Floats,
+    weights: Floats | None,
+    limits: tuple[Floats, Floats],
+    now: Floats,
+) -> _core.SetPoint:
+    """Return `nearest_point`; refused where no system that the data allow rests at the target."""
+    p, names = model.n_outputs, model.outputs
+    points, point = nearest_point(model, target, weights, limits, now)
+    y, u = np.split(point.place, [p])
+    variances = np.zeros(p) if model.covariance is None else np.diag(model.covariance)[:p]
+    off = np.abs(y - target) > NEAR * np.sqrt(variances) + 1e-9 * np.abs(target)
+    if not off.any():
+        return point
+    shown = shown_target(names, target)
+    place = f"the nearest is {show.vector(y)} with the inputs {show.vector(u)}"
+    if point.at_limit:
+        held = ", ".join(model.input_names[i] for i in point.at_limit)
+        place += f", held by the limit of {held}"
+    m, given = model.m, np.flatnonzero(~np.isnan(target))
+    if len(given) > m:
+        place += (
+            f"; {show.number_of(m, 'input')} can hold {show.number_of(m, 'output')}: give "
+            f"`target` of {'one' if m == 1 else m} of them by name"
+        )
+    region, impossible = model.region(DELTA), False
+    if len(given) == p:
+        least, size = points.lacking(region._core, target, limits)
+        impossible = bool(least > 1e-9 * size)
+    elif point.at_limit:
+        # without limits the target would be held: do all systems need more than they leave?
+        inf = np.full(m, np.inf)
+        _, free = nearest_point(model, target, weights, (-inf, inf), now)
+        spread = free.spread(region._core)
+        if spread is not None:
+            middle, half = free.place[p:] + spread[0][p:], spread[1][p:]
+            impossible = bool(((middle - half > limits[1]) | (middle + half < limits[0])).any())
+            needed = ", ".join(
+                f"{name} at {v:.4g} ± {show.at_most(h)}"
+                for name, v, h in zip(model.input_names, middle, half, strict=True)
+            )
+            place = f"it needs {needed}; {place}"
+    if impossible:
+        raise InputError(
+            f"`target` must be a point of rest, but {shown} is one in no system that the data "
+            f"allow ({show.percent(DELTA)}): {place}"
+        )
+    text = f"`target` {shown} is no point of rest of the model: {place}, and is taken"
+    warnings.warn(DataWarning(text), stacklevel=4)
+    return point
+
+
+def shown_target(names: tuple[str, ...], target: Floats) -> str:
+    """A target in words; of some outputs with their names."""
+    if not np.isnan(target).any():
+        return show.vector(target)
+    pairs = zip(names, target, strict=True)
+    return ", ".join(f"{name} = {v:.4g}" for name, v in pairs if not np.isnan(v))
+
+
+def rest_at(model: Model, point: _core.SetPoint, delta: float = DELTA) -> Rest:
+    """Where all systems of a region rest that hold what this set point holds."""
+    p, place = model.n_outputs, point.place
+    try:
+        spread = point.spread(model.region(delta)._core)
+    except StochensError:
+        spread = None
+    errors = np.full(len(place), np.inf)
+    if spread is not None:
+        errors = np.abs(spread[0]) + spread[1]
+    labels = Labels(model.outputs, model.input_names)
+    exact = tuple(name for name, held in zip(model.outputs, point.exact, strict=True) if held)
+    radius = float(np.linalg.norm(errors[:p]))
+    return Rest(place[:p], place[p:], errors[:p], errors[p:], radius, delta, labels, exact)

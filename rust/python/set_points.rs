@@ -1,0 +1,146 @@
+//! Set points of models of readings.
+
+use std::sync::Arc;
+
+use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
+use pyo3::prelude::*;
+
+use super::convert::{array1, array2, slice};
+use super::region::PyRegion;
+use super::run::run;
+use super::window::PyWindow;
+use crate::memory::try_copy;
+use crate::region::{SetPoint, SetPoints, Wish};
+
+type Matrix<'py> = PyReadonlyArray2<'py, f64>;
+type Vector<'py> = PyReadonlyArray1<'py, f64>;
+type Row<'py> = Bound<'py, PyArray1<f64>>;
+type Made<'py> = Bound<'py, PyArray2<f64>>;
+
+const WHAT: &str = "a set point";
+
+/// The points of rest of a model.
+#[pyclass(frozen, module = "stochens_rs._core", name = "SetPoints")]
+pub(super) struct PySetPoints(Arc<SetPoints>);
+
+#[pymethods]
+impl PySetPoints {
+    /// Of a model `theta`; `unit` has the sizes of outputs and inputs.
+    #[new]
+    fn new(window: &Bound<'_, PyWindow>, theta: Matrix<'_>, unit: Vector<'_>) -> PyResult<Self> {
+        Ok(Self(Arc::new(SetPoints::new(window.get().0, slice("theta", &theta)?, slice("unit", &unit)?)?)))
+    }
+
+    /// Whether some feedback can hold the outputs.
+    #[getter]
+    fn can_be_held(&self) -> PyResult<bool> {
+        Ok(self.0.can_be_held()?)
+    }
+
+    /// What one unit of a constant input adds to the next reading (p, m).
+    #[getter]
+    fn of_inputs<'py>(&self, py: Python<'py>) -> PyResult<Made<'py>> {
+        let (p, m) = self.0.sizes();
+        array2(py, self.0.of_inputs()?, p, m)
+    }
+
+    /// The nearest one to a target; nan where an output is free, which stays at `now` if it integrates.
+    fn at(
+        &self,
+        py: Python<'_>,
+        target: Vector<'_>,
+        weights: Matrix<'_>,
+        now: Vector<'_>,
+        limits: (Vector<'_>, Vector<'_>),
+    ) -> PyResult<PySetPoint> {
+        let wish = Wish {
+            target: slice("target", &target)?,
+            weights: slice("weights", &weights)?,
+            now: slice("now", &now)?,
+            low: slice("low", &limits.0)?,
+            high: slice("high", &limits.1)?,
+        };
+        let point = run(py, 1e6, |_| self.0.at(&wish))?;
+        Ok(PySetPoint { points: Arc::clone(&self.0), point })
+    }
+
+    /// `(f*, size)` of all targets given: no system of the region rests there within the limits if `f* > 0`; -inf: not known.
+    fn lacking(
+        &self,
+        py: Python<'_>,
+        region: &Bound<'_, PyRegion>,
+        target: Vector<'_>,
+        limits: (Vector<'_>, Vector<'_>),
+    ) -> PyResult<(f64, f64)> {
+        let (target, low, high) = (slice("target", &target)?, slice("low", &limits.0)?, slice("high", &limits.1)?);
+        let region = &region.get().0;
+        Ok(run(py, 1e6, |stop| self.0.lacking(region, target, low, high, stop))?)
+    }
+}
+
+/// A point of rest, and the rows that hold it.
+#[pyclass(frozen, module = "stochens_rs._core", name = "SetPoint")]
+pub(super) struct PySetPoint {
+    points: Arc<SetPoints>,
+    point: SetPoint,
+}
+
+#[pymethods]
+impl PySetPoint {
+    /// Outputs and inputs.
+    #[getter]
+    fn place<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
+        array1(py, try_copy(WHAT, &self.point.place)?)
+    }
+
+    /// What a constant in the equation adds to them (p + m, p).
+    #[getter]
+    fn of_bias<'py>(&self, py: Python<'py>) -> PyResult<Made<'py>> {
+        array2(py, try_copy(WHAT, &self.point.of_bias)?, self.point.place.len(), self.points.sizes().0)
+    }
+
+    /// What it adds to the state of the window at rest (n, p).
+    #[getter]
+    fn states_of_bias<'py>(&self, py: Python<'py>) -> PyResult<Made<'py>> {
+        let found = self.points.states_of_bias(&self.point)?;
+        let p = self.points.sizes().0;
+        let n = found.len() / p;
+        array2(py, found, n, p)
+    }
+
+    /// Inputs that are held by a limit.
+    #[getter]
+    fn at_limit(&self) -> Vec<usize> {
+        self.point.at_limit.clone()
+    }
+
+    /// Outputs that are held exactly, whatever constant acts.
+    #[getter]
+    fn exact(&self) -> Vec<bool> {
+        self.point.exact.clone()
+    }
+
+    /// Where all systems of a region rest: (shift, half, norm), or None.
+    #[expect(clippy::type_complexity, reason = "three names for one tuple say less")]
+    fn spread<'py>(
+        &self,
+        py: Python<'py>,
+        region: &Bound<'_, PyRegion>,
+    ) -> PyResult<Option<(Row<'py>, Row<'py>, f64)>> {
+        let found = self.points.spread(&self.point, &region.get().0)?;
+        found.map(|found| Ok((array1(py, found.shift)?, array1(py, found.half)?, found.norm))).transpose()
+    }
+
+    /// State and input while the target is `step` away and moves by `slope` a step, with a constant `bias`.
+    fn moving<'py>(
+        &self,
+        py: Python<'py>,
+        bias: Vector<'_>,
+        step: Vector<'_>,
+        slope: Vector<'_>,
+    ) -> PyResult<(Row<'py>, Row<'py>)> {
+        let (bias, step, slope) = (slice("bias", &bias)?, slice("step", &step)?, slice("slope", &slope)?);
+        let (x, u) = self.points.moving(&self.point, bias, step, slope)?;
+        Ok((array1(py, x)?, array1(py, u)?))
+    }
+}

@@ -1,0 +1,549 @@
+//! Where a model of readings can rest, what holds it there, and where all systems of a region do.
+//!
+//! `y(t+1) = Theta z_t + e`; filters have the gain 1, so that at rest `z = N (y, u) + N_1`, and (y, u) rests iff
+//!
+//! ```text
+//! M (y, u) = c + e,    M = [I, 0] - Theta N,    c = Theta N_1
+//! ```
+//!
+//! Where a gain makes the loop of the model stable, M has full row rank: its points of rest are of dimension m, whether it
+//! integrates or not. m rows `[Hy Hu] (y, u) = r` choose one: `(y, u) = T_e (c + e) + T_r r`, `[T_e T_r] = [M; Hy Hu]^-1`.
+
+use faer::linalg::solvers::{DenseSolveCore, Solve};
+use faer::{Mat, MatRef, Side};
+
+use crate::error::{Error, Result};
+use crate::limits::{Bounds, Penalty, Until, box_control};
+use crate::memory::{covered, room_for_products, try_collect, try_push, try_zeros};
+use crate::parallel::Stop;
+use crate::window::Window;
+
+use super::{Part, Region};
+
+const WHAT: &str = "a set point";
+/// Relative singular values below it are rounding.
+const RANK: f64 = 1e-10;
+/// Inputs that move by less than this, in units of their ranges, while outputs move by their own: an output integrates.
+const FLAT: f64 = 1e-3;
+
+type Matrix = Mat<f64>;
+
+/// The points of rest of a model.
+#[derive(Debug)]
+pub struct SetPoints {
+    window: Window,
+    /// `[N_y N_u]` (d, p + m).
+    along: Matrix,
+    /// `M` (p, p + m), and c.
+    m: Matrix,
+    c: Matrix,
+    /// The state of the window per (y, u) at rest (n, p + m); what a slope of 1 per step takes off it, and off the next reading.
+    states: Matrix,
+    ramp: Matrix,
+    ahead: Matrix,
+    /// The sizes of outputs and inputs.
+    unit: Vec<f64>,
+}
+
+/// What is asked of a set point.
+#[derive(Debug, Clone, Copy)]
+pub struct Wish<'a> {
+    /// The outputs (p); nan where one is free.
+    pub target: &'a [f64],
+    /// The weights Q (p, p) of `(y - target)'Q (y - target)`.
+    pub weights: &'a [f64],
+    /// Where outputs stay that are free and integrate (p).
+    pub now: &'a [f64],
+    /// The limits of the inputs (m).
+    pub low: &'a [f64],
+    /// See `low`.
+    pub high: &'a [f64],
+}
+
+/// A point of rest, and the rows that hold it.
+#[derive(Debug)]
+pub struct SetPoint {
+    /// Outputs and inputs (p + m).
+    pub place: Vec<f64>,
+    /// `T_e` (p + m, p), of a constant e.
+    pub of_bias: Vec<f64>,
+    /// What one unit of each target adds (p + m, p), `T_r dr/dy`; 0 for free ones.
+    pub of_target: Vec<f64>,
+    /// Inputs that are held by a limit.
+    pub at_limit: Vec<usize>,
+    /// Outputs that are held exactly, whatever constant acts (p).
+    pub exact: Vec<bool>,
+}
+
+/// The points of rest of all systems of a region that keep the held rows.
+#[derive(Debug)]
+pub struct Spread {
+    /// Their middle less the set point (p + m).
+    pub shift: Vec<f64>,
+    /// How far they are from it at most.
+    pub half: Vec<f64>,
+    /// `||W N T_e D||`, below 1.
+    pub norm: f64,
+}
+
+/// `a = u diag(s) v'` with all of v.
+struct Parts {
+    u: Matrix,
+    s: Vec<f64>,
+    v: Matrix,
+}
+
+fn lost<T>(_: T) -> Error {
+    Error::Numerical("a decomposition of a set point did not converge".into())
+}
+
+fn parts(a: &Matrix) -> Result<Parts> {
+    if a.nrows() == 0 || a.ncols() == 0 {
+        let (u, v) = (Matrix::identity(a.nrows(), a.nrows()), Matrix::identity(a.ncols(), a.ncols()));
+        return Ok(Parts { u, s: Vec::new(), v });
+    }
+    let svd = a.svd().map_err(lost)?;
+    let s = try_collect(WHAT, svd.S().column_vector().iter().copied())?;
+    Ok(Parts { u: svd.U().to_owned(), s, v: svd.V().to_owned() })
+}
+
+impl Parts {
+    fn rank(&self, cut: f64) -> usize {
+        self.s.iter().filter(|s| **s > cut).count()
+    }
+
+    /// The shortest x with the least `||a x - b||`, of the first `rank` singular values.
+    fn solve(&self, b: &Matrix, rank: usize) -> Matrix {
+        let along = self.u.subcols(0, rank).transpose() * b;
+        self.v.subcols(0, rank) * Mat::from_fn(rank, b.ncols(), |i, j| along[(i, j)] / self.s[i])
+    }
+
+    /// The directions that the first `rank` leave free.
+    fn free(&self, rank: usize) -> Matrix {
+        self.v.subcols(rank, self.v.ncols() - rank).to_owned()
+    }
+}
+
+fn stacked(above: &Matrix, below: &Matrix) -> Matrix {
+    let first = above.nrows();
+    Mat::from_fn(first + below.nrows(), above.ncols().max(below.ncols()), |i, j| {
+        if i < first { above[(i, j)] } else { below[(i - first, j)] }
+    })
+}
+
+/// Row by row.
+fn listed(a: &Matrix) -> Result<Vec<f64>> {
+    try_collect(WHAT, (0..a.nrows() * a.ncols()).map(|at| a[(at / a.ncols(), at % a.ncols())]))
+}
+
+/// The nearest point in the units of the signals, with the rows that hold it and what these are per target and apart from it.
+struct Nearest {
+    v: Matrix,
+    rows: Matrix,
+    per_target: Matrix,
+    values: Matrix,
+}
+
+impl SetPoints {
+    /// Of a model `theta` (p, d); `unit` has the sizes of its outputs and inputs (p + m).
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn new(window: Window, theta: &[f64], unit: &[f64]) -> Result<Self> {
+        let (p, m, n, d) = (window.outputs(), window.inputs(), window.states(), window.length());
+        if theta.len() != p * d || unit.len() != p + m || !unit.iter().all(|v| *v > 0.0 && v.is_finite()) {
+            let expected = format!("{p} rows of {d}, and {} sizes", p + m);
+            return Err(Error::Shape { name: "theta, unit", expected, found: theta.len().to_string() });
+        }
+        room_for_products()?;
+        let ([mut x, mut z], mut both) =
+            ([try_zeros::<f64>(WHAT, n)?, try_zeros::<f64>(WHAT, d)?], try_zeros::<f64>(WHAT, p + m)?);
+        let none = try_zeros::<f64>(WHAT, m)?;
+        covered(WHAT, 256 * ((d + n + p + m) as u128 + 16).pow(2), || {
+            let h = MatRef::from_row_major_slice(theta, p, d).to_owned();
+            let k = p + m;
+            let (mut along, mut states) = (Mat::zeros(d, k), Mat::zeros(n, k));
+            let (mut ramp, mut of_ramp, mut offset) = (Mat::zeros(n, k), Mat::zeros(d, k), Mat::zeros(d, 1));
+            for j in 0..=k {
+                both.fill(0.0);
+                if j < k {
+                    both[j] = 1.0;
+                }
+                let (y, u) = both.split_at(p);
+                window.start(y, u, &mut x);
+                window.regressors(&x, u, f64::from(u8::from(j == k)), &mut z);
+                for i in 0..d {
+                    if j < k { along[(i, j)] = z[i] } else { offset[(i, 0)] = z[i] }
+                }
+                if j < k {
+                    (0..n).for_each(|i| states[(i, j)] = x[i]);
+                    window.ramp(y, u, &mut x);
+                    window.regressors(&x, &none, 0.0, &mut z);
+                    (0..n).for_each(|i| ramp[(i, j)] = x[i]);
+                    (0..d).for_each(|i| of_ramp[(i, j)] = z[i]);
+                }
+            }
+            let at = &h * &along;
+            let m = Mat::from_fn(p, k, |i, j| f64::from(u8::from(i == j)) - at[(i, j)]);
+            let (c, ahead) = (&h * offset, &h * of_ramp);
+            Ok(Self { window, along, m, c, states, ramp, ahead, unit: try_collect(WHAT, unit.iter().copied())? })
+        })?
+    }
+
+    /// p and m.
+    #[must_use]
+    pub const fn sizes(&self) -> (usize, usize) {
+        (self.window.outputs(), self.window.inputs())
+    }
+
+    fn bytes(&self) -> u128 {
+        1024 * (self.unit.len() as u128 + self.along.nrows() as u128 + 16).pow(2)
+    }
+
+    /// `M` for (y, u) in their units.
+    fn in_units(&self) -> Matrix {
+        Mat::from_fn(self.m.nrows(), self.m.ncols(), |i, j| self.m[(i, j)] * self.unit[j])
+    }
+
+    /// Whether some feedback can hold the outputs: whether M has full row rank.
+    ///
+    /// # Errors
+    /// [`Error::Numerical`], [`Error::Memory`].
+    pub fn can_be_held(&self) -> Result<bool> {
+        covered(WHAT, self.bytes(), || {
+            let scaled = self.in_units();
+            let largest = |i: usize| (0..scaled.ncols()).map(|j| scaled[(i, j)].abs()).fold(0.0, f64::max);
+            let found = parts(&Mat::from_fn(scaled.nrows(), scaled.ncols(), |i, j| scaled[(i, j)] / largest(i)))?;
+            Ok(found.s.last().is_some_and(|s| *s > RANK * found.s[0]))
+        })?
+    }
+
+    /// What a constant input adds to the next reading (p, m).
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn of_inputs(&self) -> Result<Vec<f64>> {
+        let (p, m) = self.sizes();
+        try_collect(WHAT, (0..p * m).map(|at| -self.m[(at / m, p + at % m)]))
+    }
+
+    /// What a constant e adds to the state of the window at a set point (n, p), `T_x = X T_e`.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn states_of_bias(&self, point: &SetPoint) -> Result<Vec<f64>> {
+        let (p, k) = (self.sizes().0, self.unit.len());
+        covered(WHAT, self.bytes(), || listed(&(&self.states * MatRef::from_row_major_slice(&point.of_bias, k, p))))?
+    }
+
+    /// The nearest point of rest, with some inputs at given values; see [`Self::at`].
+    fn nearest(&self, root: &Matrix, goal: &Matrix, now: &Matrix, active: &[(usize, f64)]) -> Result<Nearest> {
+        let (p, k) = (self.sizes().0, self.unit.len());
+        let units = Mat::from_fn(active.len(), k, |i, j| f64::from(u8::from(j == p + active[i].0)));
+        let all = stacked(&self.in_units(), &units);
+        let values = Mat::from_fn(all.nrows(), 1, |i, _| if i < p { self.c[(i, 0)] } else { active[i - p].1 });
+        let rest = parts(&all)?;
+        let rank = rest.rank(RANK * rest.s[0]);
+        let (start, free) = (rest.solve(&values, rank), rest.free(rank));
+        let outputs = |a: &Matrix| a.subrows(0, p).to_owned();
+        let inputs = |a: &Matrix| a.subrows(p, k - p).to_owned();
+        let count = free.ncols();
+        let mut rows = Mat::zeros(count + active.len(), k);
+        let (mut per_target, mut held) = (Mat::zeros(rows.nrows(), p), Mat::zeros(rows.nrows(), 1));
+        // least (y - r)'Q (y - r)
+        let first = parts(&(root * outputs(&free)))?;
+        let one = first.rank(RANK * root.norm_l2());
+        let mut v = &start + &free * first.solve(&(root * (goal - outputs(&start))), one);
+        let of_target = first.u.subcols(0, one).transpose() * root;
+        for i in 0..one {
+            for j in 0..p {
+                (rows[(i, j)], per_target[(i, j)]) = (of_target[(i, j)], of_target[(i, j)] / self.unit[j]);
+            }
+        }
+        // then the least inputs, in their units
+        let left = &free * first.free(one);
+        let second = parts(&inputs(&left))?;
+        let two = second.rank(FLAT);
+        v -= &left * second.solve(&inputs(&v), two);
+        for i in 0..two {
+            (p..k).for_each(|j| rows[(one + i, j)] = second.u[(j - p, i)]);
+        }
+        // what integrates stays where it is
+        let last = &left * second.free(two);
+        let third = parts(&outputs(&last))?;
+        let three = third.rank(RANK);
+        v += &last * third.solve(&(now - outputs(&v)), three);
+        for i in 0..three {
+            (0..p).for_each(|j| rows[(one + two + i, j)] = third.u[(j, i)]);
+            held[(one + two + i, 0)] = (0..p).map(|j| third.u[(j, i)] * now[(j, 0)]).sum::<f64>();
+        }
+        if one + two + three < count {
+            return Err(Error::Numerical("a set point is not determined".into()));
+        }
+        for (i, (input, value)) in active.iter().enumerate() {
+            (rows[(count + i, p + input)], held[(count + i, 0)]) = (1.0, *value);
+        }
+        Ok(Nearest { v, rows, per_target, values: held })
+    }
+
+    /// The point of rest with the least `(y - r)'Q (y - r)` within the limits of the inputs; among those that are as near the one
+    /// with the least inputs in their units, and an output that is free and integrates stays where it is.
+    ///
+    /// As many outputs as inputs, or fewer, are held exactly. An active set of limits.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].
+    pub fn at(&self, wish: &Wish<'_>) -> Result<SetPoint> {
+        let (p, m) = self.sizes();
+        let right = [wish.target.len() == p, wish.weights.len() == p * p, wish.now.len() == p];
+        if right.contains(&false) || wish.low.len() != m || wish.high.len() != m {
+            let (expected, found) = (format!("{p} outputs and {m} inputs"), wish.target.len().to_string());
+            return Err(Error::Shape { name: "target", expected, found });
+        }
+        room_for_products()?;
+        covered(WHAT, self.bytes(), || self.found(wish))?
+    }
+
+    fn found(&self, wish: &Wish<'_>) -> Result<SetPoint> {
+        let ((p, m), k) = (self.sizes(), self.unit.len());
+        let set = |i: usize| !wish.target[i].is_nan();
+        let weight = |i: usize, j: usize| {
+            if set(i) && set(j) { wish.weights[i * p + j] * self.unit[i] * self.unit[j] } else { 0.0 }
+        };
+        let eigen = Mat::from_fn(p, p, weight).self_adjoint_eigen(Side::Lower).map_err(lost)?;
+        let values = eigen.S().column_vector();
+        let root = Mat::from_fn(p, p, |i, j| values[i].max(0.0).sqrt() * eigen.U()[(j, i)]);
+        let goal = Mat::from_fn(p, 1, |i, _| if set(i) { wish.target[i] / self.unit[i] } else { 0.0 });
+        let now = Mat::from_fn(p, 1, |i, _| wish.now[i] / self.unit[i]);
+        let side = |of: &[f64], i: usize| of[i] / self.unit[p + i];
+        let mut active: Vec<(usize, f64)> = Vec::new();
+        let mut near = self.nearest(&root, &goal, &now, &active)?;
+        for _ in 0..4 * m + 4 {
+            let u = |i: usize| near.v[(p + i, 0)];
+            let over = |i: usize| (side(wish.low, i) - u(i)).max(u(i) - side(wish.high, i));
+            let size = (0..m).map(|i| u(i).abs()).fold(1.0, f64::max);
+            let out = (0..m).filter(|i| active.iter().all(|(held, _)| held != i));
+            let worst = out.max_by(|i, j| over(*i).total_cmp(&over(*j))).filter(|i| over(*i) > RANK * size);
+            if let Some(i) = worst {
+                let end = if u(i) < side(wish.low, i) { side(wish.low, i) } else { side(wish.high, i) };
+                try_push(WHAT, &mut active, (i, end))?;
+            } else if let Some(at) = self.to_release(&root, &goal, &near, &active, wish)? {
+                active.remove(at);
+            } else {
+                break;
+            }
+            near = self.nearest(&root, &goal, &now, &active)?;
+        }
+        let whole = stacked(&self.in_units(), &near.rows).partial_piv_lu().inverse();
+        if !(0..k).all(|i| (0..k).all(|j| whole[(i, j)].is_finite())) {
+            return Err(Error::Numerical("a set point is not determined".into()));
+        }
+        let of_bias = Mat::from_fn(k, p, |i, j| whole[(i, j)] * self.unit[i]);
+        let of_rows = Mat::from_fn(k, m, |i, j| whole[(i, p + j)] * self.unit[i]);
+        let reference = Mat::from_fn(p, 1, |i, _| if set(i) { wish.target[i] } else { 0.0 });
+        let of_target = &of_rows * &near.per_target;
+        let mut place = &of_bias * &self.c + &of_target * reference + &of_rows * &near.values;
+        for (i, end) in &active {
+            place[(p + i, 0)] = end * self.unit[p + i];
+        }
+        let largest = (0..p).map(|j| (0..k).map(|i| (whole[(i, j)]).abs()).fold(0.0, f64::max)).fold(0.0, f64::max);
+        let moves = |i: usize| (0..p).any(|j| whole[(i, j)].abs() > RANK * largest);
+        Ok(SetPoint {
+            place: listed(&place)?,
+            of_bias: listed(&of_bias)?,
+            of_target: listed(&of_target)?,
+            at_limit: try_collect(WHAT, active.iter().map(|(i, _)| *i))?,
+            exact: try_collect(WHAT, (0..p).map(|i| !moves(i)))?,
+        })
+    }
+
+    /// The place of an active limit along which the distance falls away from it.
+    fn to_release(
+        &self,
+        root: &Matrix,
+        goal: &Matrix,
+        near: &Nearest,
+        active: &[(usize, f64)],
+        wish: &Wish<'_>,
+    ) -> Result<Option<usize>> {
+        let (p, k) = (self.sizes().0, self.unit.len());
+        if active.is_empty() {
+            return Ok(None);
+        }
+        let off = root.transpose() * (root * (near.v.subrows(0, p) - goal));
+        let slope = Mat::from_fn(k, 1, |j, _| if j < p { off[(j, 0)] } else { 0.0 });
+        let units = Mat::from_fn(active.len(), k, |i, j| f64::from(u8::from(j == p + active[i].0)));
+        let across = stacked(&self.in_units(), &units).transpose().to_owned();
+        let found = parts(&across)?;
+        let along = found.solve(&slope, found.rank(RANK * found.s[0]));
+        Ok((0..active.len()).find(|at| {
+            let ((i, end), s) = (active[*at], along[(p + at, 0)]);
+            let at_low = end * self.unit[p + i] <= wish.low[i];
+            wish.low[i] < wish.high[i] && if at_low { s < -RANK } else { s > RANK }
+        }))
+    }
+
+    /// Where the windows of all systems of a region rest that keep the held rows of a set point, `e = 0`.
+    ///
+    /// `Theta = H + D G W` with `||G|| <= 1`: with `a = W z_s`, `B = W N T_e D` and `||B|| < 1` they are `(y, u)_s + T_e D q` for
+    ///
+    /// ```text
+    /// (q - q_c)'(I - B'B)(q - q_c) <= ||a||^2 + a'B q_c,    q_c = (I - B'B)^-1 B'a
+    /// ```
+    ///
+    /// None where the region is of several parts, or does not determine the point, or `||B|| >= 1`: one of them may have no such
+    /// point of rest.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].
+    pub fn spread(&self, point: &SetPoint, region: &Region) -> Result<Option<Spread>> {
+        let ((p, m), d) = (self.sizes(), self.along.nrows());
+        let whole = |part: &Part| part.rows.len() == p && part.columns.len() == d && part.missing.is_empty();
+        let [part] = region.parts() else { return Ok(None) };
+        if region.width() != d || !whole(part) || !part.radius().is_finite() || point.place.len() != p + m {
+            return Ok(None);
+        }
+        covered(WHAT, self.bytes() + 64 * (d as u128).pow(2), || {
+            let white = MatRef::from_row_major_slice(&part.white, part.rank(), d);
+            let eigen = Mat::from_fn(p, p, |i, j| part.factor * part.shape[i * p + j]);
+            let eigen = eigen.self_adjoint_eigen(Side::Lower).map_err(lost)?;
+            let size = |j: usize| eigen.S().column_vector()[j].max(0.0).sqrt();
+            let root = Mat::from_fn(p, p, |i, j| eigen.U()[(i, j)] * size(j));
+            let reach = MatRef::from_row_major_slice(&point.of_bias, p + m, p) * root;
+            let place = MatRef::from_row_major_slice(&point.place, p + m, 1);
+            // z_s, the 1 of the intercept included
+            let mut z = &self.along * place;
+            if self.window.intercept() {
+                z[(d - 1, 0)] = 1.0;
+            }
+            let (a, b) = (white * z, white * &self.along * &reach);
+            let room = Matrix::identity(p, p) - b.transpose() * &b;
+            let norm = parts(&b)?.s.first().copied().unwrap_or(0.0);
+            if !(norm < 1.0) {
+                return Ok(None);
+            }
+            let lu = room.partial_piv_lu();
+            let middle = lu.solve(b.transpose() * &a);
+            let square = (a.transpose() * &a)[(0, 0)] + (a.transpose() * &b * &middle)[(0, 0)];
+            let (shift, each) = (&reach * &middle, lu.solve(reach.transpose()));
+            let half = |i: usize| {
+                let row = (0..p).map(|j| reach[(i, j)] * each[(j, i)]).sum::<f64>();
+                (1.0 + 1e-9) * (square.max(0.0) * row.max(0.0)).sqrt()
+            };
+            Ok(Some(Spread { shift: listed(&shift)?, half: try_collect(WHAT, (0..p + m).map(half))?, norm }))
+        })?
+    }
+
+    /// The least f(u) within the limits, and the size of its terms: some system of one part of the region rests at `y = target`
+    /// under u iff `f(u) <= 0`; the largest of all parts; -inf where it is not known, or not convex.
+    ///
+    /// With `z = z_0 + z_1 u` and `H z - y = l_0 + l_1 u` the equation `(Theta - H) z = y - H z` has a solution
+    /// `Theta = H + D G W`, `||G|| <= 1`, exactly where
+    ///
+    /// ```text
+    /// f(u) = ||D^-1 (l_0 + l_1 u)||^2 - ||W (z_0 + z_1 u)||^2 <= 0
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`], [`Error::Interrupted`].
+    pub fn lacking(
+        &self,
+        region: &Region,
+        target: &[f64],
+        low: &[f64],
+        high: &[f64],
+        stop: &Stop,
+    ) -> Result<(f64, f64)> {
+        let ((p, m), d) = (self.sizes(), self.along.nrows());
+        if target.len() != p || low.len() != m || high.len() != m || region.width() != d {
+            let (expected, found) = (format!("{p} outputs and {m} inputs"), target.len().to_string());
+            return Err(Error::Shape { name: "target", expected, found });
+        }
+        let mut largest = (f64::NEG_INFINITY, 1.0);
+        for part in region.parts() {
+            let found = covered(WHAT, self.bytes() + 64 * (d as u128).pow(2), || {
+                self.lacking_in(part, target, (low, high), stop)
+            })??;
+            if let Some((least, size)) = found.filter(|(least, size)| *least > largest.0 * size / largest.1) {
+                largest = (least, size);
+            }
+        }
+        Ok(largest)
+    }
+
+    fn lacking_in(
+        &self,
+        part: &Part,
+        target: &[f64],
+        (low, high): (&[f64], &[f64]),
+        stop: &Stop,
+    ) -> Result<Option<(f64, f64)>> {
+        let ((p, m), d, rows, cols) = (self.sizes(), self.along.nrows(), part.rows.len(), part.columns.len());
+        let shape = Mat::from_fn(rows, rows, |i, j| part.factor * part.shape[i * rows + j]);
+        let finite = (0..rows).all(|i| (0..rows).all(|j| shape[(i, j)].is_finite()));
+        if !finite || !part.missing.is_empty() {
+            return Ok(None);
+        }
+        let Ok(root) = shape.llt(Side::Lower) else { return Ok(None) };
+        let back = root.L().partial_piv_lu();
+        let last = |i: usize| if self.window.intercept() && i == d - 1 { 1.0 } else { 0.0 };
+        let start = Mat::from_fn(d, 1, |i, _| (0..p).map(|j| self.along[(i, j)] * target[j]).sum::<f64>() + last(i));
+        // l_0 = c - M (r, 0) with the sign of H z - r; l_1 = -M_u, in the units of the inputs
+        let place = Mat::from_fn(p + m, 1, |i, _| if i < p { target[i] } else { 0.0 });
+        let off = &self.c - &self.m * place;
+        let a = back.solve(Mat::from_fn(rows, 1, |i, _| off[(part.rows[i], 0)]));
+        let b = back.solve(Mat::from_fn(rows, m, |i, j| -self.m[(part.rows[i], p + j)] * self.unit[p + j]));
+        let white = MatRef::from_row_major_slice(&part.white, part.rank(), cols);
+        let e = white * Mat::from_fn(cols, 1, |i, _| start[(part.columns[i], 0)]);
+        let f = white * Mat::from_fn(cols, m, |i, j| self.along[(part.columns[i], p + j)] * self.unit[p + j]);
+        let curve = b.transpose() * &b - f.transpose() * &f;
+        let slope = b.transpose() * &a - f.transpose() * &e;
+        let total: f64 = (0..m).map(|j| b.col(j).squared_norm_l2()).sum();
+        let values = curve.self_adjoint_eigenvalues(Side::Lower).map_err(lost)?;
+        if !values.first().is_some_and(|least| *least > RANK * total) {
+            return Ok(None); // the data do not determine what constant inputs do
+        }
+        let half = curve.llt(Side::Lower).map_err(lost)?;
+        let goal = listed(&half.L().partial_piv_lu().solve(&slope))?;
+        let goal = try_collect(WHAT, goal.iter().map(|v| -v))?;
+        let half = listed(&half.L().transpose().to_owned())?;
+        let sides = [low, high].map(|side| try_collect(WHAT, (0..m).map(|j| side[j] / self.unit[p + j])));
+        let [low, high] = sides;
+        let (low, high) = (low?, high?);
+        let none = try_zeros(WHAT, m)?;
+        let bounds = Bounds::new(&low, &high, m)?;
+        let u = box_control(&half, &goal, Penalty::Diagonal(&none), bounds, None, Until::new(stop, None))?.control;
+        let u = Mat::from_fn(m, 1, |j, _| u[j]);
+        let scalar = |x: Matrix| x[(0, 0)];
+        let own = scalar(a.transpose() * &a);
+        let other = scalar(e.transpose() * &e);
+        let moved = scalar(u.transpose() * &curve * &u) + 2.0 * scalar(slope.transpose() * &u);
+        Ok(Some((moved + own - other, own + other)))
+    }
+
+    /// The state of the window and the input while the target moves from `now` by `slope` a step (p, nan or 0 where free) and a
+    /// constant e acts: exact for the model on constants and ramps.
+    ///
+    /// `(y, u) = T_e (c + e + H Z s - y') + T_r r`, `x = X (y, u) + Z_x s` with `s = (y', u') = T_r r'`.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn moving(&self, point: &SetPoint, bias: &[f64], step: &[f64], slope: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
+        let (p, k) = (self.sizes().0, self.unit.len());
+        let sizes = [point.place.len() == k, bias.len() == p, step.len() == p, slope.len() == p];
+        if sizes.contains(&false) {
+            let (expected, found) = (format!("{p} outputs"), bias.len().to_string());
+            return Err(Error::Shape { name: "target", expected, found });
+        }
+        let of = |rows: &[f64], i: usize, by: &[f64]| (0..p).map(|j| rows[i * p + j] * by[j]).sum::<f64>();
+        let moved = try_collect(WHAT, (0..k).map(|i| of(&point.of_target, i, slope)))?;
+        let ahead = |i: usize| (0..k).map(|j| self.ahead[(i, j)] * moved[j]).sum::<f64>() - moved[i];
+        let bias = try_collect(WHAT, (0..p).map(|i| bias[i] + ahead(i)))?;
+        let place = |i: usize| point.place[i] + of(&point.of_bias, i, &bias) + of(&point.of_target, i, step);
+        let place = try_collect(WHAT, (0..k).map(place))?;
+        let state =
+            |i: usize| (0..k).map(|j| self.states[(i, j)] * place[j] + self.ramp[(i, j)] * moved[j]).sum::<f64>();
+        let x = try_collect(WHAT, (0..self.window.states()).map(state))?;
+        Ok((x, try_collect(WHAT, place[p..].iter().copied())?))
+    }
+}

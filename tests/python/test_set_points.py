@@ -1,0 +1,385 @@
+"""Set points, references and learned biases of loops from readings."""
+
+from __future__ import annotations
+
+import copy
+import pickle
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from coverage_study import sets
+from hidden_outputs import Arx, Belt
+from stochens_rs import _core
+from stochens_rs.controls.set_point import rest_at
+from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
+from test_feedback import S, V, white
+
+pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+
+# two outputs, one input, one lag; P2 integrates
+H = {"P1": [[0.9, 0.02, 0.1], [0.3, 0.6, 0.05]], "P2": [[0.9, 0.02, 0.1], [0.5, 0.9, 0.05]]}
+K = np.array([[-1.0, -0.4]])
+SIGMA, FREE = np.diag([4e-4, 1e-4]), np.array([np.inf])
+
+
+def points_of(name):
+    return _core.SetPoints(_core.Window(2, 1, 1), np.array(H[name]), np.ones(3))
+
+
+def at(points, target, weights=(1.0, 1.0), low=-np.inf, high=np.inf):
+    limits = np.array([low]), np.array([high])
+    return points.at(np.array(target), np.diag(weights), np.zeros(2), limits)
+
+
+def region_of(name):
+    part = _core.RegionPart(
+        np.arange(2), np.arange(3), white(V), np.linalg.cholesky(V).T.copy(), np.zeros((3, 0)), 1.0,
+        0.01 * S, 1.0,
+    )  # fmt: skip
+    return _core.Region(np.array(H[name]), 1, (part,), None, False), part
+
+
+NEAREST = {
+    "P1": [1.206944269719, 1.030318279029, 1.000880613914],
+    "P2": [0.482758620690, 2.413793103448, 0.0],
+}
+HELD = {"P1": (2.342857142857, 1.942857142857), "P2": (0.4, 0.0)}
+LEAST = {"P1": (7.176839427683, 166.115880358565), "P2": (-4.015003462006, 82.002385445212)}
+SPREAD = {
+    "P1": [-0.000792658291, 0.007545004871, 0.035406705937, 0.203065988343, 0.060327537093],
+    "P2": [-0.000073460391, 0.000860486352, 0.013379483673, 0.125902093395, 0.062907703468],
+}
+HALF = {
+    "P1": [0.002813002785, 0.013180927334, 0.113774231854],
+    "P2": [0.013921391870, 0.011137113496, 0.151960494705],
+}
+FEEDBACK = {"P1": [-7.142857142857, -5.714285714286], "P2": [-8.181818181818, -3.636363636364]}
+MOVING = {"P1": (2.354693877551, 2.071836734694), "P2": (0.416363636364, 0.036363636364)}
+
+
+@pytest.mark.parametrize("name", ["P1", "P2"])
+def test_known_set_points(name):
+    points = points_of(name)
+    nearest = at(points, [1.0, 2.0], (1.0, 0.25))
+    np.testing.assert_allclose(nearest.place, NEAREST[name], atol=1e-10)
+    assert nearest.exact == [False, False]
+    held = at(points, [np.nan, 2.0])
+    y, u = HELD[name]
+    np.testing.assert_allclose(held.place, [y, 2.0, u], atol=1e-10)
+    assert held.exact == [False, True]
+    # a limit takes the place of the target
+    cut = at(points, [1.0, 2.0], (1.0, 0.25), high=-0.1)
+    if name == "P1":
+        assert cut.at_limit == [0]
+        np.testing.assert_allclose(cut.place, -0.1 * nearest.place / nearest.place[2], atol=1e-9)
+    # whether any system of the region rests there
+    (region, _), (u, least) = region_of(name), LEAST[name]
+    target = np.array([1.0, 2.0])
+    assert points.lacking(region, target, (-FREE, FREE))[0] == pytest.approx(least, rel=1e-9)
+    inside = points.lacking(region, target, (np.array([u + 1.0]), FREE))[0]
+    assert inside == pytest.approx(least + 5.206266484416, rel=1e-9)  # f'' / 2
+
+
+@pytest.mark.parametrize("name", ["P1", "P2"])
+def test_where_all_systems_rest(name):
+    """The exact set: systems of its boundary reach it, and its half width times .95 does not do."""
+    points, (region, part) = points_of(name), region_of(name)
+    held, nearest = at(points, [np.nan, 2.0]), at(points, [1.0, 2.0], (1.0, 0.25))
+    shift, half, norm = held.spread(region)
+    found = [shift[0], shift[2], half[0], half[2], norm]
+    np.testing.assert_allclose(found, SPREAD[name], rtol=1e-8)
+    np.testing.assert_allclose(nearest.spread(region)[1], HALF[name], rtol=1e-8)
+    rng, reached = np.random.default_rng(3), np.zeros(3)
+    D, W = np.linalg.cholesky(0.01 * S), np.asarray(part.white)
+    for k in range(4000):
+        G = rng.standard_normal((2, 3))
+        if k % 2:  # of rank one, near the worst of the point
+            G = np.outer(rng.standard_normal(2), W @ held.place + 0.1 * rng.standard_normal(3))
+        Theta = np.array(H[name]) + D @ (G / np.linalg.norm(G, 2)) @ W
+        rows = np.vstack([np.hstack([np.eye(2) - Theta[:, :2], -Theta[:, 2:]]), [0.0, 1.0, 0.0]])
+        place = np.linalg.solve(rows, [0.0, 0.0, 2.0])
+        off = np.abs(place - held.place - shift)
+        assert (off <= half * (1.0 + 1e-9) + 1e-12).all()
+        reached = np.maximum(reached, off)
+    assert (reached[[0, 2]] > 0.95 * half[[0, 2]]).all()
+    assert half[1] < 1e-9
+
+
+@pytest.mark.parametrize("name", ["P1", "P2"])
+def test_known_loops_with_a_bias(name):
+    points = points_of(name)
+    L, P = _core.bias_gain(points.of_inputs, np.array([0.05]), SIGMA)
+    assert L[0, 0] == pytest.approx(0.153291614709, rel=1e-9)
+    assert L[1, 1] == pytest.approx(L[0, 0], rel=1e-9)
+    assert L[0, 1] == pytest.approx(4.0 * L[1, 0], rel=1e-9)
+    assert L[0, 1] == pytest.approx(0.286682979420, rel=1e-9)
+    # the steady covariance of a random walk that is seen with noise
+    b = points.of_inputs
+    np.testing.assert_allclose(P - P @ np.linalg.solve(P + SIGMA, P), P - L @ P, atol=1e-15)
+    walk = 0.05**2 * b @ b.T + 1e-4 * SIGMA
+    np.testing.assert_allclose(P - L @ P + walk, P, atol=1e-15)
+    held = at(points, [np.nan, 2.0])
+    F = held.of_bias[2:] - K @ held.states_of_bias
+    np.testing.assert_allclose(F[0], FEEDBACK[name], rtol=1e-10)
+    x, u = held.moving(np.zeros(2), np.zeros(2), np.array([0.0, 0.01]))
+    np.testing.assert_allclose([x[0], u[0]], MOVING[name], rtol=1e-9)
+    assert x[1] == 2.0
+
+
+def test_a_bias_that_the_limits_cannot_take_off():
+    points = points_of("P1")
+    held, model = at(points, [np.nan, 2.0]), np.array(H["P1"])
+    assert held.moving(np.array([3.0, -1.0]), np.zeros(2), np.zeros(2))[1] == pytest.approx(
+        [-20.914285714286]
+    )
+    window = _core.Window(2, 1, 1)
+    region, _ = region_of("P1")
+    loop = _core.Readings(
+        window, model, SIGMA, (np.zeros(2), np.ones(3)), _core.Gate.of(region, SIGMA, 1e-5),
+        (np.eye(2), SIGMA, SIGMA),
+        (held.of_bias[2:].copy(), held.place[2:].copy(), np.array([-4.0]), np.array([4.0])), 3,
+    )  # fmt: skip
+    loop.start(np.zeros(2))
+    bias = loop.step(np.zeros(2), [True, True], np.zeros(1), np.array([3.0, -1.0]), False)[1]
+    np.testing.assert_allclose(bias, [1.08, -1.16], atol=1e-9)
+
+
+# -- any system ------------------------------------------------------------------------------------
+
+
+def test_true_points_of_rest_are_not_refused():
+    """40 systems: that of the true one, at 5 %; those well beside it are refused."""
+    refused, count = {0.0: 0, 1.0: 0}, 0
+    for seed in range(40):
+        rng = np.random.default_rng([12, seed])
+        system = Arx(rng)
+        if system.p <= system.m:
+            continue
+        count += 1
+        model = se.identify(
+            system.data(14, 50, rng), checks=False, window=se.Window(lags=system.lags)
+        )
+        A, B = system.A.sum(axis=0), system.B.sum(axis=0)
+        y = np.linalg.lstsq(np.eye(system.p) - A, B @ np.ones(system.m), rcond=None)[0]
+        away = np.linalg.svd(np.hstack([np.eye(system.p) - A, -B]))[0][:, -1] * np.linalg.norm(y)
+        for far in refused:
+            try:
+                se.control(model, record="rest", target=y + far * away, steps=2 * model.n)
+            except InputError:
+                refused[far] += 1
+    assert count > 10
+    assert refused[0.0] <= 0.05 * count + 2
+    assert refused[1.0] > 0.3 * count
+
+
+@pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
+def test_the_true_system_rests_where_it_is_said(delta):
+    """Coverage of `loop.rest` on hidden systems with m outputs held, by name."""
+    missed = count = 0
+    for seed in range(sets(200, 60)):
+        rng = np.random.default_rng([40, seed])
+        system = Arx(rng)
+        model = se.identify(
+            system.data(8, 50, rng), checks=False, window=se.Window(lags=system.lags)
+        )
+        chosen = rng.permutation(system.p)[: system.m]
+        target = {model.outputs[i]: float(rng.standard_normal()) for i in chosen}
+        loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target=target)
+        rest = rest_at(model, loop._point, delta)
+        if not np.isfinite(rest.components).all():
+            continue
+        count += 1
+        A, B = system.A.sum(axis=0), system.B.sum(axis=0)
+        M = np.hstack([np.eye(system.p) - A, -B])
+        point = rows_of(loop, model)
+        place = np.linalg.solve(np.vstack([M, point[0]]), np.hstack([np.zeros(system.p), point[1]]))
+        off = np.abs(place - np.hstack([rest.states, rest.inputs]))
+        room = np.hstack([rest.components, rest.input_components])
+        missed += bool((off > room + 1e-9 * (1.0 + np.abs(place))).any())
+    assert count > 20
+    assert missed <= delta * count + 3.0 * np.sqrt(delta * count) + 1.0
+
+
+def rows_of(loop, model):
+    """The rows that a loop holds, as the null space of what a bias adds, and their values."""
+    of_bias, place = np.asarray(loop._point.of_bias), np.asarray(loop._point.place)
+    rows = np.linalg.svd(of_bias.T)[2][model.n_outputs :]
+    return rows, rows @ place
+
+
+def plant(system, loop, steps, force, shift, scale):
+    """Readings, without noise, of a plant with wrong sensors and constants everywhere."""
+    y, u = [np.zeros(system.p)] * system.lags, [np.zeros(system.m)] * (system.lags - 1)
+    acted, read = np.zeros(system.m), []
+    for _ in range(steps):
+        past, u = range(system.lags), [*u, acted]
+        y.append(
+            sum(system.A[i] @ y[-1 - i] + system.B[i] @ (u[-1 - i] + force[0]) for i in past)
+            + force[1]
+        )
+        read.append(scale * y[-1] + shift)
+        acted = loop(read[-1])
+    return np.array(read)
+
+
+def test_held_outputs_are_exact_on_any_plant():
+    """60 plants, in `make test` 20, 3 % off their models, with constants everywhere: 1e-6."""
+    rested, count = 0, sets(60, 20)
+    for seed in range(count):
+        rng = np.random.default_rng([41, seed])
+        system = Arx(rng)
+        model = se.identify(
+            system.data(6, 50, rng), checks=False, window=se.Window(lags=system.lags)
+        )
+        system.A = system.A * (1.0 + 0.03 * rng.standard_normal(system.A.shape))
+        system.B = system.B * (1.0 + 0.03 * rng.standard_normal(system.B.shape))
+        chosen = rng.permutation(system.p)[: system.m]
+        target = {model.outputs[i]: float(rng.standard_normal()) for i in chosen}
+        loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=0.05, target=target)
+        force = 0.3 * rng.standard_normal(system.m), 0.2 * rng.standard_normal(system.p)
+        shift, scale = rng.standard_normal(system.p), 1.0 + 0.02 * rng.standard_normal(system.p)
+        read = plant(system, loop, 2500, force, shift, scale)
+        if not np.abs(read[-1] - read[-200]).max() < 1e-9:
+            continue  # not a stable loop, or a slow one
+        rested += 1
+        exact = [model.outputs.index(name) for name in loop.rest.exact]
+        assert set(chosen) <= set(exact)
+        for i in chosen:
+            assert read[-1, i] == pytest.approx(target[model.outputs[i]], abs=1e-6)
+    assert rested > 0.6 * count
+
+
+# -- the belt --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def belt():
+    plant = Belt()
+    data = plant.data(8, np.random.default_rng(1))
+    model = se.identify(data, accept="memory", checks=False, window=se.Window(filters=(0.6, 4)))
+    return plant, model, se.gain(model, [100.0, 1.0], 1.0)
+
+
+def test_a_target_by_name(belt):
+    """Load at 45 mm, motor free; a camera that is 5 mm off; 1.5 A from elsewhere."""
+    plant, _, gain = belt
+    loop = se.regulate(gain, offset_free=True, target={"load": 45.0}, limits=(-3.0, 3.0))
+    rest = loop.rest
+    assert rest.exact == ("load",)
+    assert rest.states == pytest.approx([4.5, 45.0], abs=0.02)
+    assert rest.components[1] < 1e-9
+    assert 1e-4 < rest.components[0] < 0.1
+    assert loop.certificate(0.05).status == "certified"
+    k = 0
+
+    def act(read):
+        nonlocal k
+        k += 1
+        return loop(read + np.array([0.0, 5.0 if k > 500 else 0.0])) + (0.5 if k > 1200 else 0.0)
+
+    _, _, true = plant.simulate(act, 2000, np.random.default_rng(2))
+    assert abs(true[400:500, 1].mean() - 45.0) < 0.05
+    # it holds what it reads
+    assert abs(true[1100:1200, 1].mean() - 40.0) < 0.05
+    assert abs(true[-100:, 1].mean() - 40.0) < 0.05
+    with pytest.raises(InputError, match="`target` of one of them by name"):
+        se.regulate(gain, offset_free=True, target=[4.0, 45.0])
+
+
+def ramps(plant, gain, rows):
+    loop = se.regulate(gain, offset_free=True, target={"load": 0.0}, limits=(-3.0, 3.0))
+    loop.target = {"load": rows}
+    _, _, true = plant.simulate(loop, len(rows), np.random.default_rng(5))
+    return true[:, 1] - rows, loop
+
+
+def test_references_are_followed(belt):
+    """A ramp of 20 mm/s lags .1 mm; with the rests of each r(k) alone it is .65 mm."""
+    plant, model, gain = belt
+    t = 0.004 * np.arange(1000)
+    ramp = 20.0 * np.maximum(t - 1.0, 0.0)
+    off, loop = ramps(plant, gain, ramp)
+    assert abs(off[600:].mean()) < 0.1
+    assert np.sqrt((off[300:] ** 2).mean()) < 0.25
+    assert loop.target[1] == ramp[-1]
+    # the same target call by call knows nothing of what comes
+    again = se.regulate(gain, offset_free=True, target={"load": 0.0}, limits=(-3.0, 3.0))
+    wanted = iter(ramp)
+
+    def act(read):
+        return again(read, target={"load": next(wanted)})
+
+    _, _, true = plant.simulate(act, len(t), np.random.default_rng(5))
+    blind = (true[:, 1] - ramp)[600:].mean()
+    assert abs(blind) > 3.0 * abs(off[600:].mean())
+    # plans follow the slope
+    cost = se.Cost(Q=[100.0, 1.0], R=1.0)
+    planning = se.regulate(
+        model, 30, offset_free=True, target={"load": 0.0}, limits=(-3.0, 3.0), cost=cost
+    )
+    planning.target = {"load": ramp}
+    _, _, true = plant.simulate(planning, len(t), np.random.default_rng(5))
+    assert abs((true[:, 1] - ramp)[600:].mean()) < 0.2
+
+
+def test_a_new_target_moves_nothing_else(belt):
+    """The window and the bias stay; a pattern of other outputs is another set point."""
+    _, _, gain = belt
+    loop = se.regulate(gain, offset_free=True, target={"load": 10.0}, limits=(-3.0, 3.0))
+    for _ in range(40):
+        loop([1.0, 10.0])
+    bias, other = loop.bias, copy.deepcopy(loop)
+    u, v = loop([1.0, 10.0]), other([1.0, 10.0], target={"load": 10.0})
+    np.testing.assert_array_equal(u, v)
+    loop.target = {"phi": 1.0}
+    assert loop.rest.exact == ("phi",)
+    np.testing.assert_allclose(loop.bias, other.bias)
+    assert np.abs(loop.bias - bias).max() < 0.1
+    loop.target = {"load": np.linspace(10.0, 20.0, 50)}
+    again = pickle.loads(pickle.dumps(loop))
+    for _ in range(60):
+        np.testing.assert_array_equal(loop([1.0, 10.0]), again([1.0, 10.0]))
+    assert loop.target[1] == 20.0
+    assert np.isnan(loop.target[0])
+
+
+@pytest.mark.parametrize(
+    ("target", "error", "words"),
+    [
+        ({"weight": 1.0}, InputError, r"must name some of the outputs phi, load, got \['weight'\]"),
+        ({}, InputError, "must name some of the outputs"),
+        ([np.nan, np.nan], InputError, "of one output at least"),
+        ([np.inf, 1.0], InputError, "must be finite, or nan"),
+        ([[1.0, np.nan], [np.nan, 1.0]], InputError, "in all steps alike"),
+        ([1.0], ShapeError, "shape"),
+        ({"load": [1.0, 2.0], "phi": [1.0, 2.0, 3.0]}, ShapeError, "as many steps"),
+        ("load", InputTypeError, "`target`"),
+        ({"load": "high"}, InputTypeError, "`target`"),
+    ],
+)
+def test_targets_that_are_none(belt, target, error, words):
+    _, _, gain = belt
+    with pytest.raises(error, match=words):
+        se.regulate(gain, offset_free=True, target=target)
+    loop = se.regulate(gain, offset_free=True, target={"load": 1.0})
+    with pytest.raises(error, match=words):
+        loop([0.0, 0.0], target=target)
+    assert loop.target[1] == 1.0
+    assert loop.calls == 0
+
+
+def test_a_free_output_that_integrates_stays(belt):
+    """Nothing is asked of the load of a mass that is moved by its speed: it stays where it is."""
+    rng = np.random.default_rng(1)
+    y, u = np.zeros((400, 2)), rng.standard_normal((399, 1))
+    for t in range(399):
+        push = u[t, 0] - 0.1 * y[t, 1]
+        y[t + 1] = [0.5 * y[t, 0] + push, y[t, 1] + push]
+        y[t + 1] += 0.02 * rng.standard_normal(2)
+    data = se.Trajectories([y], [u], outputs=True, state_names=["speed", "place"])
+    model = se.identify(data, checks=False, window=se.Window(lags=1))
+    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target={"speed": 0.0})
+    assert loop.rest.exact[0] == "speed"
+    assert np.isfinite(loop.rest.states).all()

@@ -128,6 +128,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_low",
         "_max_missing",
         "_most",
+        "_moves",
         "_point",
         "_policy",
         "_rows",
@@ -141,6 +142,8 @@ class ReadingLoop(ControlLoop[Reading]):
     )
     _aimed: tuple[Floats, Floats]  # where free outputs stay, and the target of `_point`
     _forward: Floats
+    _rows: Floats
+    _moves: tuple[Floats, Floats]  # the target from that of `_point`, and its slope
 
     def __init__(
         self,
@@ -223,7 +226,7 @@ class ReadingLoop(ControlLoop[Reading]):
             (y.mean(axis=0), wide),
             gate_of(self.model),
             self._learning,
-            self._toward(self._rows[0]),
+            self._toward(),
             self._max_missing,
         )
         self._window.resume(*window)
@@ -312,7 +315,7 @@ class ReadingLoop(ControlLoop[Reading]):
         self._started = self._started or self._runs
         if len(self._rows) > 1:
             self._rows, self._forward = self._rows[1:], self._forward[1:]
-            self._window.aim(self._toward(self._rows[0]))
+            self._window.aim(self._toward())
         reason, took = "; ".join(why) or None, perf_counter() - started
         return self._entered(Reading(y, predicted, u, self._bias, status, took, reason), u)
 
@@ -360,8 +363,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _input(self, x: Floats, bias: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""
-        row, after = self._rows[0], self._rows[min(1, len(self._rows) - 1)]
-        xs, us = self._point.moving(bias, self._step(row), np.nan_to_num(after - row))
+        xs, us = self._point.moving(bias, *self._moves)
         if isinstance(self._policy, np.ndarray):
             v, status = self._policy @ (x - xs) + self._forward[0], "gain"
         else:
@@ -402,18 +404,18 @@ class ReadingLoop(ControlLoop[Reading]):
             now = self._window.now
             p = self.model.n_outputs
             self._aim(self._aimed[0] if now is None else now[0][:p], rows[0])
-        self._window.aim(self._toward(rows[0]))
+        self._window.aim(self._toward())
 
     def _step(self, row: Floats) -> Floats:
         """How far a target is from that of the set point, 0 where it is free."""
         off: Floats = np.nan_to_num(row - self._aimed[1])
         return off
 
-    def _toward(self, row: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """What a bias adds to the inputs that hold a target, these inputs, and the limits."""
-        p = self.model.n_outputs
-        none = np.zeros(p)
-        _, us = self._point.moving(none, self._step(row), none)
+    def _toward(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """What a bias adds to the inputs that hold the target, these inputs, and the limits."""
+        row, after, p = self._rows[0], self._rows[min(1, len(self._rows) - 1)], self.model.n_outputs
+        self._moves, none = (self._step(row), np.nan_to_num(after - row)), np.zeros(p)
+        _, us = self._point.moving(none, self._moves[0], none)
         inputs = np.minimum(np.maximum(us, self._low), self._high)
         return self._point.of_bias[p:].copy(), inputs, self._low, self._high
 
@@ -450,7 +452,8 @@ class ReadingLoop(ControlLoop[Reading]):
         which the last stays. A loop with a gain from weights looks ahead along all of them; other
         loops follow the slope. Constants and ramps are followed exactly by the model.
         """
-        return self._rows[0].copy()
+        row: Floats = self._rows[0].copy()
+        return row
 
     @target.setter
     def target(self, target: Target) -> None:

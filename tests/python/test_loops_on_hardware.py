@@ -13,7 +13,13 @@ import pytest
 import stochens_rs as se
 from coverage_study import sets
 from hidden_outputs import Arx, Belt
-from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.exceptions import (
+    InputError,
+    InputTypeError,
+    NonFiniteError,
+    ShapeError,
+    StateError,
+)
 from stochens_rs.loops import readings as gate
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -119,6 +125,23 @@ def test_attributes_that_do_not_exist_cannot_be_set(loops, name):
             continue  # it has one
         with pytest.raises(AttributeError):
             setattr(loops[name][0], attribute, 1.0)
+
+
+@pytest.mark.parametrize("name", NAMES[1:])
+def test_a_saved_loop_goes_on(loops, name, tmp_path):
+    loop, good = loops[name]
+    loop.save(tmp_path / "loop")
+    again = type(loop).load(tmp_path / "loop")
+    assert again.log == ()
+    assert again.calls == loop.calls
+    for other in (again, pickle.loads(pickle.dumps(loop)), copy.deepcopy(loop)):
+        one, two = copy.deepcopy(loop), other
+        for k in range(20):
+            read = good + 0.01 * np.sin(k + np.arange(len(good)))
+            np.testing.assert_array_equal(one(read), two(read))
+    other = se.loops.ReadingLoop if isinstance(loop, se.loops.Regulator) else se.loops.Regulator
+    with pytest.raises(StateError, match="must be of a"):
+        other.load(tmp_path / "loop")
 
 
 def test_a_loop_of_readings_in_two_threads(belt):

@@ -6,8 +6,11 @@ import copy
 import threading
 from collections import deque
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from .._base.files import Durable
+from .._base.records import SavedRecord
 from .._base.types import Floats
 from ..exceptions import InputError
 
@@ -18,19 +21,38 @@ if TYPE_CHECKING:
 
 LOGGED = 1000  # calls that the log keeps
 BEYOND = 1e6  # times the largest in the data from which a number is that of a broken sensor
-CORE = ("_point", "_solver", "_window")  # objects of the core, which are made anew in a copy
+CORE = ("_point", "_solver", "_window", "kept")  # made anew in a copy, from what `_saved` says
 
 Entry = TypeVar("Entry")
 
 
-class ControlLoop(Generic[Entry]):
+@dataclass(frozen=True, eq=False)
+class LoopState(SavedRecord):
+    """What a loop is made of and where it stands, without its log.
+
+    Attributes
+    ----------
+    kind : str
+        The name of its class.
+    parts : dict
+        Its attributes by name.
+    """
+
+    kind: str
+    parts: dict[str, Any]
+
+
+class ControlLoop(Durable, Generic[Entry]):
     """A loop that is called once in each step; it has no attributes but its own.
+
+    A copy, a pickle and a saved file go on where it is; a file has no log.
 
     What is measured comes in by `validation.measured`: a wrong type or shape raises and changes
     nothing. What a broken sensor sends (nan, inf, 1e300) does not stop the loop: it gives the last
     input once more, and the reason is in the log. No number that is not finite is kept.
     """
 
+    _kind = "loop"
     __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe")
 
     def __init__(self, safe: Floats) -> None:
@@ -96,6 +118,21 @@ class ControlLoop(Generic[Entry]):
         for name, value in state.items():
             setattr(self, name, value)
         self._restore(core)
+
+    def _to_sections(self) -> dict[str, Any]:
+        parts = self.__getstate__()
+        del parts["_log"]
+        return LoopState(type(self).__name__, parts)._to_sections()
+
+    @classmethod
+    def _from_sections(cls, sections: dict[str, Any]) -> Self:
+        state = LoopState._from_sections(sections)
+        slots = {*ControlLoop.__slots__, *cls.__slots__} - {"__weakref__", "_busy", "_log", *CORE}
+        if state.kind != cls.__name__ or set(state.parts) != {"core", *slots}:
+            raise InputError(f"the state must be of a {cls.__name__}, got one of a {state.kind}")
+        loop = cls.__new__(cls)
+        loop.__setstate__({"_log": deque(maxlen=LOGGED), **state.parts})
+        return loop
 
     def _fresh(self) -> Self:
         """A copy that begins anew."""

@@ -16,6 +16,9 @@ use crate::window::{Contents, Filter};
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Row<'py> = Bound<'py, PyArray1<f64>>;
+/// What a bias adds to the inputs that hold the set point (m, p), these inputs, and their limits low and high.
+type Aimed<'py> = (Matrix<'py>, Vector<'py>, Vector<'py>, Vector<'py>);
+type Made<'py> = Bound<'py, PyArray2<f64>>;
 /// What was predicted, the bias, how far off, whether believed, what follows ("lost", "waits" or "runs"), and x.
 type Found<'py> = (Option<Row<'py>>, Row<'py>, f64, bool, &'static str, Row<'py>);
 /// x, whether it is known, excess, complete readings in a row, calls, readings of each output, and whether it is stuck.
@@ -42,7 +45,7 @@ impl PyGate {
     }
 }
 
-fn aimed(aim: &(Matrix<'_>, Vector<'_>, Vector<'_>, Vector<'_>)) -> PyResult<Aim> {
+fn aimed(aim: &Aimed<'_>) -> PyResult<Aim> {
     let (us, low, high) = (slice("us", &aim.1)?, slice("low", &aim.2)?, slice("high", &aim.3)?);
     Ok(Aim {
         of_bias: try_copy(WHAT, slice("of_bias", &aim.0)?)?,
@@ -57,7 +60,7 @@ pub(super) fn bias_gain<'py>(
     of_inputs: Matrix<'_>,
     drift: Vector<'_>,
     noise: Matrix<'_>,
-) -> PyResult<(Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>)> {
+) -> PyResult<(Made<'py>, Made<'py>)> {
     let drift = slice("drift", &drift)?;
     let found = Bias::learned(slice("of_inputs", &of_inputs)?, drift, slice("noise", &noise)?)?;
     let p = of_inputs.as_array().nrows();
@@ -84,7 +87,7 @@ impl PyReadings {
         signals: (Vector<'_>, Vector<'_>),
         gate: Option<&Bound<'_, PyGate>>,
         bias: (Matrix<'_>, Matrix<'_>, Matrix<'_>),
-        aim: (Matrix<'_>, Vector<'_>, Vector<'_>, Vector<'_>),
+        aim: Aimed<'_>,
         max_missing: usize,
     ) -> PyResult<Self> {
         let (window, theta) = (window.get().0, slice("theta", &theta)?);
@@ -102,7 +105,7 @@ impl PyReadings {
     }
 
     /// Another set point: what a bias adds to its inputs (m, p), these inputs, and their limits.
-    fn aim(&self, py: Python<'_>, aim: (Matrix<'_>, Vector<'_>, Vector<'_>, Vector<'_>)) -> PyResult<()> {
+    fn aim(&self, py: Python<'_>, aim: Aimed<'_>) -> PyResult<()> {
         let aim = aimed(&aim)?;
         self.inner.with(py, 0.0, |inner, _| inner.aim(aim))
     }

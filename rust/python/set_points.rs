@@ -9,8 +9,8 @@ use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::run;
 use super::window::PyWindow;
+use crate::limits::{SetPoint, SetPoints, Wish};
 use crate::memory::try_copy;
-use crate::region::{SetPoint, SetPoints, Wish};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -74,7 +74,7 @@ impl PySetPoints {
     ) -> PyResult<(f64, f64)> {
         let (target, low, high) = (slice("target", &target)?, slice("low", &limits.0)?, slice("high", &limits.1)?);
         let region = &region.get().0;
-        Ok(run(py, 1e6, |stop| self.0.lacking(region, target, low, high, stop))?)
+        run(py, 1e6, |stop| self.0.lacking(region, target, low, high, stop))
     }
 }
 
@@ -121,7 +121,6 @@ impl PySetPoint {
     }
 
     /// Where all systems of a region rest: (shift, half, norm), or None.
-    #[expect(clippy::type_complexity, reason = "three names for one tuple say less")]
     fn spread<'py>(
         &self,
         py: Python<'py>,

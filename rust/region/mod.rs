@@ -13,7 +13,6 @@ mod models;
 mod part;
 mod projection;
 mod readings;
-mod set_points;
 
 pub use entering::Entering;
 pub use hull::{Mixture, Noise, Place, between};
@@ -21,7 +20,6 @@ pub use models::Region;
 pub use part::{Part, PartOf};
 pub use projection::DIRECTIONS;
 pub use readings::{Aim, Bias, Gate, Readings, Step};
-pub use set_points::{SetPoint, SetPoints, Spread, Wish};
 
 pub(crate) use part::times;
 

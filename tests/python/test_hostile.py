@@ -319,6 +319,7 @@ TAKEN = {
     ("Regulator.__call__", "x"): {"nan vector"},  # the last safe input is held
     ("ReadingLoop.__call__", "y"): {"nan vector"},
     ("ReadingLoop.__call__", "applied"): {"nan vector"},
+    ("ReadingLoop.__call__", "target"): {"nan vector"},  # of an output that is free
     # numbers, which are checked where the problem is known
     **{("Limits", name): {"object vector", "ragged", "list of None"} for name in LIMITS},
     **{("Cost", name): {"deep"} for name in ("Q", "Qf", "R", "reference")},

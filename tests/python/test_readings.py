@@ -269,7 +269,7 @@ def test_the_certificate_of_a_loop_with_its_estimate():
     assert proof.status == "certified"
     assert proof.check()
     n, p = model.n, system.p
-    region, J, H = model.region(0.05), model._loop.J, model._H
+    region, J, H = model.region(0.05), model.loop.J, model.coefficients
     part = region.parts[0]
     L, r, point = loop._learning[0], p, loop._point
     F = point.of_bias[p:] - loop._policy @ point.states_of_bias
@@ -283,7 +283,7 @@ def test_the_certificate_of_a_loop_with_its_estimate():
         A[n:] = (np.eye(r) - L) @ np.eye(r, n + r, n) + L @ (Theta - H) @ J @ join
         return A
 
-    D = np.vstack([model._loop.G, L]) @ root
+    D = np.vstack([model.loop.G, L]) @ root
     W = np.asarray(part.white) @ J @ join
     sizes = []
     for angle in np.linspace(0.0, np.pi, 400):

@@ -231,7 +231,12 @@ BAD_SCALARS = [
     (sizes, [1, 2, 2], InputError, r"`X\[2\]` is 2 after 2: sizes must increase strictly"),
     (sizes, [0, 1], SizeError, r"`X\[0\]` must be in \[1, 10\], got int 0"),
     (sizes, np.array([1, 2**64 - 1], np.uint64), SizeError, r"`X\[1\]`"),
-    (sizes, [True, True], InputTypeError, "`X` must contain integers or real floats, got dtype bool"),
+    (
+        sizes,
+        [True, True],
+        InputTypeError,
+        "`X` must contain integers or real floats, got dtype bool",
+    ),
     (choice, "ales", InputError, r"'alse', 'slse', got str 'ales'; did you mean 'alse'\?"),
     (choice, "q" * 10**6, InputError, r"must be one of"),
     (validation.positive, 0, SizeError, r"`X` must be > 0, got int 0"),

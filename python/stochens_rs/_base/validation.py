@@ -118,10 +118,8 @@ def array(name: str, value: object, *, ndim: tuple[int, ...], finite: bool = Tru
     """Return `value` as a C-contiguous float64 array with one of the numbers of dimensions."""
     given = _numeric(name, value)
     if given.ndim not in ndim:
-        wanted = " or ".join(str(k) for k in ndim)
-        found = found_shape(value, given)
-        what = "shape " * (found[0] == "(")
-        raise ShapeError(f"`{name}` must have {wanted} dimensions, got {what}{found}")
+        wanted = " or ".join(map(str, ndim))
+        raise ShapeError(f"`{name}` must have {wanted} dimensions, got {_found(value, given)}")
     return _finite(name, given) if finite else np.ascontiguousarray(given, dtype=np.float64)
 
 

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from ..fusion.fusing import Method
     from ..limits.limits import LimitsLike
     from .of_model import Record
+    from .set_point import Target
 
     EntityLike: TypeAlias = Fit | Ensemble | Counts | ArrayLike
     SystemLike: TypeAlias = System | tuple[EntityLike, ArrayLike] | Any
@@ -52,7 +53,7 @@ def control(
     fusion: Fusion = "product",
     time_limit: float | None = None,
     record: Record | None = None,
-    target: ArrayLike | None = None,
+    target: Target | None = None,
 ) -> Plan:
     """Compute the best control from x0 to xf in K steps, from estimates, also within limits.
 
@@ -86,9 +87,10 @@ def control(
         the inputs (T - 1, m) between them, enough to fill the window of the model; for example
         `Trajectories.last_record`. "rest" declares that outputs and inputs were 0 for so long, and
         ("rest", y, u) that they were these: refused where the data say that they do not stay there.
-    target : array_like, shape (n_outputs,), optional
+    target : array_like, shape (n_outputs,), or mapping of names, optional
         For a model of outputs, in place of xf: where they are to be, and to stay with a constant
-        input; default 0. Weights of `cost` may be of the outputs alone, as in `gain`.
+        input; default 0. Those with nan, or that are left out, are free. Weights of `cost` may be
+        of the outputs alone, as in `gain`.
 
     Returns
     -------

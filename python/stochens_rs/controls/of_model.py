@@ -232,8 +232,8 @@ def start_of(model: Model, record: Any) -> Start:
     validation.choice("record", record[0], ("rest",))
     y = validation.vector("record", record[1], length=p, labels=model.outputs).copy()
     u = validation.vector("record", record[2], length=m, labels=model.input_names).copy()
-    x, z, off, rounding = window.core.rest(model._H, y, u)
-    room = model.region(DELTA)._core.bound(z, False)
+    x, z, off, rounding = window.core.rest(model.coefficients, y, u)
+    room = model.region(DELTA).core.bound(z, False)
     if off > room + rounding:
         raise InputError(
             f"`record` must be of a plant at rest: at the outputs {show.vector(y)} under the "

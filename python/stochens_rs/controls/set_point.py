@@ -4,21 +4,24 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels, weight
 from .._base.types import DELTA, Floats
-from ..exceptions import DataWarning, InputError, ShapeError, StochensError
+from ..exceptions import DataWarning, InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.tube import Rest
 
 if TYPE_CHECKING:
     from ..identification.model import Model
     from ..limits.limits import Cost
 
+# Of all outputs, or by name; rows of them are one for each step.
+Target: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
 NEAR = 3.0  # standard deviations of the innovations from which another point of rest is said
 
 
@@ -82,13 +85,16 @@ def nearest_point(
     p, names = model.n_outputs, model.outputs
     ranges = np.hstack([np.ptp(values, axis=0) for values in model.data.pairs()[:2]])
     unit = np.where(ranges > 0.0, ranges, 1.0)
-    points = _core.SetPoints(model.regressors.core, np.ascontiguousarray(model._H), unit)
+    points = _core.SetPoints(model.regressors.core, np.ascontiguousarray(model.coefficients), unit)
     if not points.can_be_held:
         raise InputError(
             f"`target` must be left out: no feedback holds {', '.join(names)} in this model"
         )
     Q = np.diag(unit[:p] ** -2.0) if weights is None or not weights.any() else weights
-    return points, points.at(target, Q, now, limits)
+    point = points.at(target, Q, now, limits)
+    if not np.isfinite(point.place).all():
+        raise NonFiniteError("`target` is too large: the point of rest overflows")
+    return points, point
 
 
 def set_point(
@@ -119,13 +125,13 @@ def set_point(
         )
     region, impossible = model.region(DELTA), False
     if len(given) == p:
-        least, size = points.lacking(region._core, target, limits)
+        least, size = points.lacking(region.core, target, limits)
         impossible = bool(least > 1e-9 * size)
     elif point.at_limit:
         # without limits the target would be held: do all systems need more than they leave?
         inf = np.full(m, np.inf)
         _, free = nearest_point(model, target, weights, (-inf, inf), now)
-        spread = free.spread(region._core)
+        spread = free.spread(region.core)
         if spread is not None:
             middle, half = free.place[p:] + spread[0][p:], spread[1][p:]
             impossible = bool(((middle - half > limits[1]) | (middle + half < limits[0])).any())
@@ -156,7 +162,7 @@ def rest_at(model: Model, point: _core.SetPoint, delta: float = DELTA) -> Rest:
     """Where all systems of a region rest that hold what this set point holds."""
     p, place = model.n_outputs, point.place
     try:
-        spread = point.spread(model.region(delta)._core)
+        spread = point.spread(model.region(delta).core)
     except StochensError:
         spread = None
     errors = np.full(len(place), np.inf)

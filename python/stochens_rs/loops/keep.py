@@ -77,16 +77,8 @@ class Kept:
             raise SolverError("no bound of what noise does in this loop could be proved")
         return made
 
-    def state(self) -> dict[str, Any]:
-        """What it is made of and where it stands."""
+    def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_core"}
-
-    @classmethod
-    def of_state(cls, state: dict[str, Any]) -> Kept:
-        """Undo `state`."""
-        made = cls.__new__(cls)
-        vars(made).update(state)
-        return made
 
     @property
     def keep(self) -> float:

@@ -52,7 +52,7 @@ class ControlLoop(Durable, Generic[Entry]):
     input once more, and the reason is in the log. No number that is not finite is kept.
     """
 
-    _kind = "loop"
+    _kind = LoopState._kind
     __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe")
 
     def __init__(self, safe: Floats) -> None:

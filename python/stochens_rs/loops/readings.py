@@ -25,16 +25,14 @@ from ..limits.problem import checked_task, loop_of, sides
 from .loop import BEYOND, ControlLoop
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from numpy.typing import ArrayLike
 
     from ..controls.of_model import Record
     from ..controls.plan import Plan
+    from ..controls.set_point import Target
     from ..feedback.tube import Rest
 
 
-Target: TypeAlias = "ArrayLike | Mapping[str, ArrayLike]"
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
 FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected
 MOVED = 0.01  # of the range of the limits: how far the set point may move without a new problem
@@ -149,7 +147,7 @@ class ReadingLoop(ControlLoop[Reading]):
         self,
         system: Model | Loop,
         steps: int | None,
-        target: ArrayLike | None,
+        target: Target | None,
         limits: LimitsLike,
         cost: Cost | None,
         offset_free: bool | float | None,
@@ -396,15 +394,21 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""
-        held = ~np.isnan(self._aimed[1])
-        self._rows = rows
-        if len(rows) > 1 and (~np.isnan(rows[0]) == held).all():
-            self._forward = self._feed_forward()
-        else:
-            now = self._window.now
-            p = self.model.n_outputs
-            self._aim(self._aimed[0] if now is None else now[0][:p], rows[0])
-        self._window.aim(self._toward())
+        before = self._rows, self._point, self._aimed, self._forward, self._moves
+        try:
+            self._rows = rows
+            same = (np.isnan(rows[0]) == np.isnan(self._aimed[1])).all()
+            with np.errstate(all="ignore"):
+                if len(rows) > 1 and same:
+                    self._forward = self._feed_forward()
+                else:
+                    now = self._window.now
+                    here = self._aimed[0] if now is None else now[0][: rows.shape[1]]
+                    self._aim(here, rows[0])
+                self._window.aim(self._toward())
+        except BaseException:
+            self._rows, self._point, self._aimed, self._forward, self._moves = before
+            raise
 
     def _step(self, row: Floats) -> Floats:
         """How far a target is from that of the set point, 0 where it is free."""
@@ -442,6 +446,8 @@ class ReadingLoop(ControlLoop[Reading]):
         for k in range(len(rows) - 1, -1, -1):
             after = A0.T @ after + S @ s[k]
             forward[k] = per @ after
+        if not np.isfinite(forward).all():
+            raise NonFiniteError("`target` is too large: the inputs overflow")
         return forward
 
     @property
@@ -537,7 +543,7 @@ class ReadingLoop(ControlLoop[Reading]):
             )
         model, K, names = self.model, self._policy, self.model.labels
         region = model.region(validation.probability("delta", delta))
-        (J, ABc, G), n, p, L = model._loop, model.n, model.n_outputs, self._learning[0]
+        (J, ABc, G), n, p, L = model.loop, model.n, model.n_outputs, self._learning[0]
         r = p if L.any() else 0
         if r:
             K = np.hstack([K, self._point.of_bias[p:] - K @ self._point.states_of_bias])
@@ -592,6 +598,6 @@ def bias_of(model: Model, drift: Floats | None) -> tuple[Floats, Floats, Floats]
         return np.zeros((p, p)), np.zeros((p, p)), np.eye(p)
     noise = np.ascontiguousarray(noise)
     points = _core.SetPoints(
-        model.regressors.core, np.ascontiguousarray(model._H), np.ones(p + model.m)
+        model.regressors.core, np.ascontiguousarray(model.coefficients), np.ones(p + model.m)
     )
     return (*_core.bias_gain(points.of_inputs, drift, noise), noise)

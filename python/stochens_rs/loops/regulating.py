@@ -20,6 +20,7 @@ from .regulator import Regulator, checked_model
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
+    from ..controls.set_point import Target
     from ..identification.identified import Identified
     from ..limits.limits import LimitsLike
     from ..system.system import System
@@ -40,7 +41,7 @@ def regulate(
 def regulate(
     system: Model | Loop,
     steps: int | None = None,
-    target: ArrayLike | None = None,
+    target: Target | None = None,
     *,
     limits: LimitsLike = None,
     cost: Cost | None = None,
@@ -53,7 +54,7 @@ def regulate(
 def regulate(
     system: System | Identified | Any,
     steps: int | None = None,
-    target: ArrayLike | None = None,
+    target: Target | None = None,
     *,
     limits: LimitsLike = None,
     cost: Cost | None = None,
@@ -73,8 +74,10 @@ def regulate(
     steps : int
         The number of steps K of each plan; left out for a Loop.
     target : array_like, shape (n,), or (n_outputs,) for a model of outputs, optional
-        Where the states or the outputs are to stay; default: the origin. Of outputs one that is a
-        point of rest of no system in the region raises, with the nearest one.
+        Where the states or the outputs are to stay; default: the origin. Of outputs nan, or what a
+        mapping of names leaves out, is free; rows of them, (h, n_outputs), are one for each call,
+        of which the last stays. A target that is a point of rest of no system in the region
+        raises, with the nearest one.
     limits : Limits, tuple (low, high) or mapping, optional
         As in `control`. What differs from step to step belongs to the steps of each plan: the
         input that is returned is always that of the first one. With a rate, `previous` is the input
@@ -88,9 +91,9 @@ def regulate(
         For a model from data: a gain that is certified for all systems its region allows, with
         which the limits are kept in so many calls, with its probability; see Notes.
     offset_free : bool or float, optional
-        For a model of outputs, as all that follows, and to be given there: whether constant
-        disturbances at the inputs are estimated and taken off. True: as one that drifts by 1 % of
-        the rms of the input in the data in a step; a number: by this much.
+        For a model of outputs, as all that follows, and to be given there: whether a constant that
+        is added to the readings is learned and taken off. True: as inputs that drift by 1 % of
+        their rms in the data in a step; a number: by this much.
     hold : array_like, shape (m,), optional
         The input while the window fills; default 0.
     max_missing : int, default 3

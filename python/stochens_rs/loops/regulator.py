@@ -216,11 +216,13 @@ class Regulator(ControlLoop[Call]):
         return found.control[: shape[0] * shape[1]].reshape(shape), found.status, found.gap
 
     def _saved(self) -> Any:
-        return self._solver.warm(), None if self.kept is None else self.kept.state()
+        return self._solver.warm(), None if self.kept is None else self.kept.__getstate__()
 
     def _restore(self, core: Any) -> None:
         warm, kept = core
-        self.kept = None if kept is None else Kept.of_state(kept)
+        self.kept = None if kept is None else Kept.__new__(Kept)
+        if self.kept is not None:
+            vars(self.kept).update(kept)
         self._set(self._system, self._task)
         self._solver.resume(warm)
 

@@ -13,12 +13,12 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result};
-use crate::limits::{Bounds, Penalty, Until, box_control};
 use crate::memory::{covered, room_for_products, try_collect, try_push, try_zeros};
 use crate::parallel::Stop;
+use crate::region::{Part, Region};
 use crate::window::Window;
 
-use super::{Part, Region};
+use super::{Bounds, Penalty, Until, box_control};
 
 const WHAT: &str = "a set point";
 /// Relative singular values below it are rounding.
@@ -419,7 +419,7 @@ impl SetPoints {
             let (a, b) = (white * z, white * &self.along * &reach);
             let room = Matrix::identity(p, p) - b.transpose() * &b;
             let norm = parts(&b)?.s.first().copied().unwrap_or(0.0);
-            if !(norm < 1.0) {
+            if norm >= 1.0 || norm.is_nan() {
                 return Ok(None);
             }
             let lu = room.partial_piv_lu();

@@ -383,3 +383,28 @@ def test_a_free_output_that_integrates_stays(belt):
     loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target={"speed": 0.0})
     assert loop.rest.exact[0] == "speed"
     assert np.isfinite(loop.rest.states).all()
+
+
+def test_what_is_exact_needs_a_learned_bias(belt):
+    _, _, gain = belt
+    loop = se.regulate(gain, offset_free=False, target={"load": 10.0})
+    assert loop.rest.exact == ()
+    loop.target = {"load": [10.0, 20.0, 30.0]}
+    assert loop.rest.states[1] == pytest.approx(30.0)
+
+
+def test_exact_data_have_no_noise_to_weigh_with():
+    """Two sensors of one signal, without noise: the covariance of the noise is rounding."""
+    rng = np.random.default_rng(1)
+    y, u = np.zeros((60, 2)), rng.standard_normal((59, 1))
+    for t in range(59):
+        y[t + 1] = 0.5 * y[t, 0] + u[t, 0] * np.array([1.0, 2.0])
+    model = se.identify(
+        se.Trajectories([y], [u], outputs=True), checks=False, window=se.Window(lags=1)
+    )
+    name = model.outputs[0]
+    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target={name: 1.0})
+    read = np.zeros(2)
+    for _ in range(3000):
+        read = 0.5 * read[0] + loop(read)[0] * np.array([1.0, 2.0]) + 0.1
+    assert read[0] == pytest.approx(1.0, abs=1e-6)

@@ -214,13 +214,11 @@ class ReadingLoop(ControlLoop[Reading]):
         self._point = nearest_point(self.model, target, self._weights, sides, now)[1]
         y, u, _ = self.model.data.pairs()
         wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
-        squares, noise = wide[: len(y[0])] ** 2, self.model.covariance
-        noise = np.diag(1e-6 * squares) if noise is None else noise
         assert self.model.window is not None
         self._window = _core.Readings(
             self.model.window.core,
             np.ascontiguousarray(self.model.coefficients),
-            noise + 1e-12 * np.diag(squares + np.diag(noise)),
+            self._learning[2],
             (y.mean(axis=0), wide),
             gate_of(self.model),
             self._learning,
@@ -468,11 +466,14 @@ class ReadingLoop(ControlLoop[Reading]):
 
     @property
     def rest(self) -> Rest:
-        """Where the loop will rest, with how far any system of the region at 95 % is from that.
+        """Where the loop will rest at its last target, and how far from it any system may rest.
 
-        A loop without `offset_free`, or away from the linear system of the data, rests elsewhere.
+        Of the region at 95 %, with what is held as in `exact`, which needs `offset_free`.
         """
-        return rest_at(self.model, self._point)
+        sides, (now, _) = (self._low, self._high), self._aimed
+        point = nearest_point(self.model, self._rows[-1], self._weights, sides, now)[1]
+        found = rest_at(self.model, point)
+        return found if self._learning[0].any() else replace(found, exact=())
 
     @property
     def full(self) -> bool:
@@ -591,13 +592,14 @@ def gate_of(model: Model) -> _core.Gate | None:
 
 def bias_of(model: Model, drift: Floats | None) -> tuple[Floats, Floats, Floats]:
     """The gain L of a bias that is learned, what is not known of it, and the noise, each (p, p)."""
-    p, noise = model.n_outputs, model.covariance
-    if drift is None or noise is None:
-        if drift is not None:
-            raise InputError("`offset_free` must be False: the noise of the model is not known")
-        return np.zeros((p, p)), np.zeros((p, p)), np.eye(p)
-    noise = np.ascontiguousarray(noise)
-    points = _core.SetPoints(
-        model.regressors.core, np.ascontiguousarray(model.coefficients), np.ones(p + model.m)
-    )
+    p, read = model.n_outputs, model.data.pairs()[0]
+    squares, noise = (read.std(axis=0) + np.ptp(read, axis=0)) ** 2, model.covariance
+    if noise is None and drift is not None:
+        raise InputError("`offset_free` must be False: the noise of the model is not known")
+    noise = np.diag(1e-6 * squares) if noise is None else noise
+    noise = noise + 1e-12 * np.diag(squares + np.diag(noise))  # of exact data: rounding
+    if drift is None:
+        return np.zeros((p, p)), np.zeros((p, p)), noise
+    window, unit = model.regressors.core, np.ones(p + model.m)
+    points = _core.SetPoints(window, np.ascontiguousarray(model.coefficients), unit)
     return (*_core.bias_gain(points.of_inputs, drift, noise), noise)

@@ -1,8 +1,7 @@
 """Simulation of systems under controls: open loop, and tracking of a reference."""
 
 from .closed_loop import StepEstimate, Tracking, track
-from .records import EnsembleTrajectory, Trajectory
-from .simulating import simulate, simulate_ensemble
+from .trajectory import EnsembleTrajectory, Trajectory, simulate, simulate_ensemble
 
 __all__ = [
     "EnsembleTrajectory",

@@ -23,7 +23,7 @@ from ..plots.lines import draw_tracking
 from ..rng import Key, RngLike, as_key
 from ..system.system import System
 from ..theory.exact import REACHABLE, factors
-from .simulating import columns
+from .trajectory import columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable

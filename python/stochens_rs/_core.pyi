@@ -831,9 +831,14 @@ class SetPoints:
     # of a constant input, to the next reading (p, m)
     @property
     def of_inputs(self) -> _Floats: ...
-    # nan where an output is free: it stays at `now` if it integrates
+    # nan where an output is free: it stays at `now` if it integrates; and where an input is chosen
     def at(
-        self, target: _Floats, weights: _Floats, now: _Floats, limits: tuple[_Floats, _Floats]
+        self,
+        target: _Floats,
+        weights: _Floats,
+        now: _Floats,
+        limits: tuple[_Floats, _Floats],
+        given: _Floats,
     ) -> SetPoint: ...
     # f* and the size of its terms: above 0 no system of the region rests there
     def lacking(
@@ -855,8 +860,11 @@ class SetPoint:
     def exact(self) -> list[bool]: ...
     # of all systems of a region: shift and half widths (p + m,), and the norm of B
     def spread(self, region: Region) -> tuple[_Floats, _Floats, float] | None: ...
-    # the state and the input that go with a target `step` away that moves by `slope`
-    def moving(self, bias: _Floats, step: _Floats, slope: _Floats) -> tuple[_Floats, _Floats]: ...
+    # the state and the input that go with a target `step` away that moves by `slope`, and given
+    # inputs that are so far away
+    def moving(
+        self, bias: _Floats, step: _Floats, slope: _Floats, given: _Floats
+    ) -> tuple[_Floats, _Floats]: ...
 
 # L and P (p, p) of a bias that is learned
 def bias_gain(of_inputs: _Floats, drift: _Floats, noise: _Floats) -> tuple[_Floats, _Floats]: ...

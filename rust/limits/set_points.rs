@@ -58,6 +58,8 @@ pub struct Wish<'a> {
     pub low: &'a [f64],
     /// See `low`.
     pub high: &'a [f64],
+    /// Inputs that are measured and not chosen (m); nan where one is chosen.
+    pub given: &'a [f64],
 }
 
 /// A point of rest, and the rows that hold it.
@@ -69,6 +71,8 @@ pub struct SetPoint {
     pub of_bias: Vec<f64>,
     /// What one unit of each target adds (p + m, p), `T_r dr/dy`; 0 for free ones.
     pub of_target: Vec<f64>,
+    /// What one unit of each given input adds (p + m, m); 0 for chosen ones.
+    pub of_given: Vec<f64>,
     /// Inputs that are held by a limit.
     pub at_limit: Vec<usize>,
     /// Outputs that are held exactly, whatever constant acts (p).
@@ -296,7 +300,7 @@ impl SetPoints {
     pub fn at(&self, wish: &Wish<'_>) -> Result<SetPoint> {
         let (p, m) = self.sizes();
         let right = [wish.target.len() == p, wish.weights.len() == p * p, wish.now.len() == p];
-        if right.contains(&false) || wish.low.len() != m || wish.high.len() != m {
+        if right.contains(&false) || [wish.low, wish.high, wish.given].iter().any(|of| of.len() != m) {
             let (expected, found) = (format!("{p} outputs and {m} inputs"), wish.target.len().to_string());
             return Err(Error::Shape { name: "target", expected, found });
         }
@@ -316,7 +320,9 @@ impl SetPoints {
         let goal = Mat::from_fn(p, 1, |i, _| if set(i) { wish.target[i] / self.unit[i] } else { 0.0 });
         let now = Mat::from_fn(p, 1, |i, _| wish.now[i] / self.unit[i]);
         let side = |of: &[f64], i: usize| of[i] / self.unit[p + i];
-        let mut active: Vec<(usize, f64)> = Vec::new();
+        let given = (0..m).filter(|i| !wish.given[*i].is_nan());
+        let mut active = try_collect(WHAT, given.map(|i| (i, side(wish.given, i))))?;
+        let fixed = active.len();
         let mut near = self.nearest(&root, &goal, &now, &active)?;
         for _ in 0..4 * m + 4 {
             let u = |i: usize| near.v[(p + i, 0)];
@@ -327,7 +333,7 @@ impl SetPoints {
             if let Some(i) = worst {
                 let end = if u(i) < side(wish.low, i) { side(wish.low, i) } else { side(wish.high, i) };
                 try_push(WHAT, &mut active, (i, end))?;
-            } else if let Some(at) = self.to_release(&root, &goal, &near, &active, wish)? {
+            } else if let Some(at) = self.to_release(&root, &goal, &near, (&active, fixed), wish)? {
                 active.remove(at);
             } else {
                 break;
@@ -342,6 +348,11 @@ impl SetPoints {
         let of_rows = Mat::from_fn(k, m, |i, j| whole[(i, p + j)] * self.unit[i]);
         let reference = Mat::from_fn(p, 1, |i, _| if set(i) { wish.target[i] } else { 0.0 });
         let of_target = &of_rows * &near.per_target;
+        let free = m - active.len();
+        let of_given = Mat::from_fn(k, m, |i, j| {
+            let at = active[..fixed].iter().position(|(input, _)| *input == j);
+            at.map_or(0.0, |at| of_rows[(i, free + at)] / self.unit[p + j])
+        });
         let mut place = &of_bias * &self.c + &of_target * reference + &of_rows * &near.values;
         for (i, end) in &active {
             place[(p + i, 0)] = end * self.unit[p + i];
@@ -352,7 +363,8 @@ impl SetPoints {
             place: listed(&place)?,
             of_bias: listed(&of_bias)?,
             of_target: listed(&of_target)?,
-            at_limit: try_collect(WHAT, active.iter().map(|(i, _)| *i))?,
+            of_given: listed(&of_given)?,
+            at_limit: try_collect(WHAT, active[fixed..].iter().map(|(i, _)| *i))?,
             exact: try_collect(WHAT, (0..p).map(|i| !moves(i)))?,
         })
     }
@@ -363,11 +375,11 @@ impl SetPoints {
         root: &Matrix,
         goal: &Matrix,
         near: &Nearest,
-        active: &[(usize, f64)],
+        (active, fixed): (&[(usize, f64)], usize),
         wish: &Wish<'_>,
     ) -> Result<Option<usize>> {
         let (p, k) = (self.sizes().0, self.unit.len());
-        if active.is_empty() {
+        if active.len() == fixed {
             return Ok(None);
         }
         let off = root.transpose() * (root * (near.v.subrows(0, p) - goal));
@@ -376,7 +388,7 @@ impl SetPoints {
         let across = stacked(&self.in_units(), &units).transpose().to_owned();
         let found = parts(&across)?;
         let along = found.solve(&slope, found.rank(RANK * found.s[0]));
-        Ok((0..active.len()).find(|at| {
+        Ok((fixed..active.len()).find(|at| {
             let ((i, end), s) = (active[*at], along[(p + at, 0)]);
             let at_low = end * self.unit[p + i] <= wish.low[i];
             wish.low[i] < wish.high[i] && if at_low { s < -RANK } else { s > RANK }
@@ -521,16 +533,22 @@ impl SetPoints {
         Ok(Some((moved + own - other, own + other)))
     }
 
-    /// The state of the window and the input while the target moves from `now` by `slope` a step (p, nan or 0 where free) and a
-    /// constant e acts: exact for the model on constants and ramps.
+    /// The state of the window and the input while the target is `step` away and moves by `slope` a step (p, 0 where free), given
+    /// inputs are `given` away (m), and a constant e acts: exact for the model on constants and ramps.
     ///
     /// `(y, u) = T_e (c + e + H Z s - y') + T_r r`, `x = X (y, u) + Z_x s` with `s = (y', u') = T_r r'`.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn moving(&self, point: &SetPoint, bias: &[f64], step: &[f64], slope: &[f64]) -> Result<(Vec<f64>, Vec<f64>)> {
-        let (p, k) = (self.sizes().0, self.unit.len());
-        let sizes = [point.place.len() == k, bias.len() == p, step.len() == p, slope.len() == p];
+    pub fn moving(
+        &self,
+        point: &SetPoint,
+        bias: &[f64],
+        [step, slope]: [&[f64]; 2],
+        given: &[f64],
+    ) -> Result<(Vec<f64>, Vec<f64>)> {
+        let ((p, m), k) = (self.sizes(), self.unit.len());
+        let sizes = [point.place.len() == k, bias.len() == p, step.len() == p, slope.len() == p, given.len() == m];
         if sizes.contains(&false) {
             let (expected, found) = (format!("{p} outputs"), bias.len().to_string());
             return Err(Error::Shape { name: "target", expected, found });
@@ -539,7 +557,8 @@ impl SetPoints {
         let moved = try_collect(WHAT, (0..k).map(|i| of(&point.of_target, i, slope)))?;
         let ahead = |i: usize| (0..k).map(|j| self.ahead[(i, j)] * moved[j]).sum::<f64>() - moved[i];
         let bias = try_collect(WHAT, (0..p).map(|i| bias[i] + ahead(i)))?;
-        let place = |i: usize| point.place[i] + of(&point.of_bias, i, &bias) + of(&point.of_target, i, step);
+        let apart = |i: usize| (0..m).map(|j| point.of_given[i * m + j] * given[j]).sum::<f64>();
+        let place = |i: usize| point.place[i] + of(&point.of_bias, i, &bias) + of(&point.of_target, i, step) + apart(i);
         let place = try_collect(WHAT, (0..k).map(place))?;
         let state =
             |i: usize| (0..k).map(|j| self.states[(i, j)] * place[j] + self.ramp[(i, j)] * moved[j]).sum::<f64>();

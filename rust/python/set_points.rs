@@ -44,7 +44,8 @@ impl PySetPoints {
         array2(py, self.0.of_inputs()?, p, m)
     }
 
-    /// The nearest one to a target; nan where an output is free, which stays at `now` if it integrates.
+    /// The nearest one to a target; nan where an output is free, which stays at `now` if it integrates, and where an input is
+    /// chosen.
     fn at(
         &self,
         py: Python<'_>,
@@ -52,6 +53,7 @@ impl PySetPoints {
         weights: Matrix<'_>,
         now: Vector<'_>,
         limits: (Vector<'_>, Vector<'_>),
+        given: Vector<'_>,
     ) -> PyResult<PySetPoint> {
         let wish = Wish {
             target: slice("target", &target)?,
@@ -59,6 +61,7 @@ impl PySetPoints {
             now: slice("now", &now)?,
             low: slice("low", &limits.0)?,
             high: slice("high", &limits.1)?,
+            given: slice("given", &given)?,
         };
         let point = run(py, 1e6, |_| self.0.at(&wish))?;
         Ok(PySetPoint { points: Arc::clone(&self.0), point })
@@ -130,16 +133,17 @@ impl PySetPoint {
         found.map(|found| Ok((array1(py, found.shift)?, array1(py, found.half)?, found.norm))).transpose()
     }
 
-    /// State and input while the target is `step` away and moves by `slope` a step, with a constant `bias`.
+    /// State and input while the target is `step` away and moves by `slope` a step, and inputs are `given` away, with a `bias`.
     fn moving<'py>(
         &self,
         py: Python<'py>,
         bias: Vector<'_>,
         step: Vector<'_>,
         slope: Vector<'_>,
+        given: Vector<'_>,
     ) -> PyResult<(Row<'py>, Row<'py>)> {
-        let (bias, step, slope) = (slice("bias", &bias)?, slice("step", &step)?, slice("slope", &slope)?);
-        let (x, u) = self.points.moving(&self.point, bias, step, slope)?;
+        let moves = [slice("step", &step)?, slice("slope", &slope)?];
+        let (x, u) = self.points.moving(&self.point, slice("bias", &bias)?, moves, slice("given", &given)?)?;
         Ok((array1(py, x)?, array1(py, u)?))
     }
 }

@@ -453,7 +453,10 @@ def test_one_tube_about_the_target(belt):
     """It was +-76 mm by `rest=` and +-1.9 mm as the way from -xs to 0, which is another loop."""
     _, model, gain = belt
     loop = se.regulate(gain, offset_free=False, target=TARGET, limits=LIMITS)
-    proof, rest = loop.certificate(0.05), Place(*loop._point.moving(*[np.zeros(2)] * 3))
+    proof, rest = (
+        loop.certificate(0.05),
+        Place(*loop._point.moving(*[np.zeros(2)] * 3, np.zeros(1))),
+    )
     assert proof.status == "certified"
     np.testing.assert_array_equal(proof.rest().states, rest.x)
     np.testing.assert_array_equal(proof.rest().inputs, rest.u)

@@ -30,7 +30,8 @@ def points_of(name):
 
 def at(points, target, weights=(1.0, 1.0), low=-np.inf, high=np.inf):
     limits = np.array([low]), np.array([high])
-    return points.at(np.array(target), np.diag(weights), np.zeros(2), limits)
+    none = np.array([np.nan])
+    return points.at(np.array(target), np.diag(weights), np.zeros(2), limits, none)
 
 
 def region_of(name):
@@ -123,7 +124,7 @@ def test_known_loops_with_a_bias(name):
     held = at(points, [np.nan, 2.0])
     F = held.of_bias[2:] - K @ held.states_of_bias
     np.testing.assert_allclose(F[0], FEEDBACK[name], rtol=1e-10)
-    x, u = held.moving(np.zeros(2), np.zeros(2), np.array([0.0, 0.01]))
+    x, u = held.moving(np.zeros(2), np.zeros(2), np.array([0.0, 0.01]), np.zeros(1))
     np.testing.assert_allclose([x[0], u[0]], MOVING[name], rtol=1e-9)
     assert x[1] == 2.0
 
@@ -131,9 +132,9 @@ def test_known_loops_with_a_bias(name):
 def test_a_bias_that_the_limits_cannot_take_off():
     points = points_of("P1")
     held, model = at(points, [np.nan, 2.0]), np.array(H["P1"])
-    assert held.moving(np.array([3.0, -1.0]), np.zeros(2), np.zeros(2))[1] == pytest.approx(
-        [-20.914285714286]
-    )
+    assert held.moving(np.array([3.0, -1.0]), np.zeros(2), np.zeros(2), np.zeros(1))[
+        1
+    ] == pytest.approx([-20.914285714286])
     window = _core.Window(2, 1, 1)
     region, _ = region_of("P1")
     loop = _core.Readings(
@@ -408,3 +409,92 @@ def test_exact_data_have_no_noise_to_weigh_with():
     for _ in range(3000):
         read = 0.5 * read[0] + loop(read)[0] * np.array([1.0, 2.0]) + 0.1
     assert read[0] == pytest.approx(1.0, abs=1e-6)
+
+
+# -- inputs that are measured ----------------------------------------------------------------------
+
+
+def heated(rng, act, weather, noise=0.05, start=0.0):
+    """y+ = .9 y + .2 u + .5 v(t) - .3 v(t-1), v measured."""
+    y, u, last = [np.array([start])], [], weather[0]
+    for v in weather:
+        u.append([float(act(y[-1], v)), v])
+        mean = 0.9 * y[-1] + 0.2 * u[-1][0] + 0.5 * v - 0.3 * last
+        y.append(mean + noise * rng.standard_normal(1))
+        last = v
+    return np.array(y), np.array(u)
+
+
+@pytest.fixture(scope="module")
+def house():
+    rng = np.random.default_rng(1)
+    y, u = [], []
+    for _ in range(6):
+        weather = np.cumsum(0.3 * rng.standard_normal(200))
+        one = heated(rng, lambda y, v: rng.standard_normal() - 0.5 * y[0], weather)
+        y.append(one[0])
+        u.append(one[1])
+    names = {"state_names": ["room"], "input_names": ["heater", "outdoor"]}
+    data = se.Trajectories(y, u, outputs=True, **names)
+    return se.identify(data, checks=False, window=se.Window(lags=2))
+
+
+def test_a_measured_input_is_fed_forward(house):
+    """A step of the weather by 10: off by at most .6 with it, by more than 3 without."""
+    gain = se.gain(house, 1.0, 0.01, given=["outdoor"])
+    assert gain.given == ("outdoor",)
+    assert not gain.K[1].any()
+    assert np.abs(gain.E).max() < 1.0
+    loop = se.regulate(gain, offset_free=True, target=[20.0])
+    assert loop.certificate(0.05).status == "certified"
+    weather = np.repeat([0.0, 10.0], 150)
+    y, u = heated(np.random.default_rng(2), lambda y, v: loop(y, given=[v])[0], weather, start=20.0)
+    assert np.abs(y[60:] - 20.0).max() < 0.6
+    np.testing.assert_array_equal([call.u[1] for call in loop.log], weather)
+    # where it rests, with the weather as it is
+    rest = loop.rest
+    assert rest.exact == ("room",)
+    assert rest.inputs[1] == 10.0
+    assert rest.input_components[1] < 1e-9
+    assert abs(u[-50:, 0].mean() - rest.inputs[0]) < 0.5
+    # held as a constant it comes as a disturbance
+    blind = se.regulate(gain, offset_free=True, target=[20.0])
+    y, _ = heated(
+        np.random.default_rng(2), lambda y, _: blind(y, given=[0.0])[0], weather, start=20.0
+    )
+    assert np.abs(y[60:] - 20.0).max() > 3.0
+    assert abs(y[-30:].mean() - 20.0) < 0.2
+    again = pickle.loads(pickle.dumps(loop))
+    np.testing.assert_array_equal(loop([20.0], given=[np.nan]), again([20.0], given=[10.0]))
+
+
+def test_measured_inputs_that_are_none(house):
+    gain = se.gain(house, 1.0, 1.0, given=["outdoor"])
+    loop = se.regulate(gain, offset_free=True)
+    for wrong, words in (({}, "`given` must be outdoor, got None"), ({"given": 1j}, "`given`")):
+        with pytest.raises((InputError, InputTypeError), match=words):
+            loop([0.0], **wrong)
+    with pytest.raises(InputError, match="`given` must be left out"):
+        se.regulate(se.gain(house, 1.0, 1.0), offset_free=True)([0.0], given=[1.0])
+    for more in ({"given": ["sun"]}, {"given": ["heater", "outdoor"]}):
+        with pytest.raises(InputError, match="`given` must"):
+            se.gain(house, 1.0, 1.0, **more)
+    with pytest.raises(InputError, match="`given` must leave an input to choose, and needs Q and"):
+        se.gain(house, given=["outdoor"])
+    assert loop.calls == 0
+
+
+def test_known_set_points_with_a_given_input():
+    """Two inputs of P1, the second one given: what it moves by hand."""
+    model = np.hstack([np.array(H["P1"]), [[0.2], [0.1]]])
+    points = _core.SetPoints(_core.Window(2, 2, 1), model, np.ones(4))
+    free = np.full(2, np.inf)
+    point = points.at(
+        np.array([np.nan, 2.0]), np.eye(2), np.zeros(2), (-free, free), np.array([np.nan, 3.0])
+    )
+    rows = np.vstack([np.hstack([np.eye(2) - model[:, :2], -model[:, 2:]]), np.eye(4)[[1, 3]]])
+    for v in (3.0, 5.0):
+        expected = np.linalg.solve(rows, [0.0, 0.0, 2.0, v])
+        x, u = point.moving(*[np.zeros(2)] * 3, np.array([0.0, v - 3.0]))
+        np.testing.assert_allclose([*x[:2], *u], expected, rtol=1e-10)
+    assert point.at_limit == []

@@ -278,8 +278,10 @@ def output_control(
     low, high = sides("limits", limits.u, K, model.labels)
     own = output_weights(model, weights)
     point = set_point(model, rows[0], own, (low[-1].copy(), high[-1].copy()), start.read)
-    none = np.zeros(model.n_outputs)
-    return plan_from(model, start, point.moving(none, none, none), K, limits, weights, time_limit)
+    none, own = np.zeros(model.n_outputs), np.zeros(model.m)
+    return plan_from(
+        model, start, point.moving(none, none, none, own), K, limits, weights, time_limit
+    )
 
 
 def plan_from(

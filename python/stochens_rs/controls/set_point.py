@@ -76,11 +76,13 @@ def nearest_point(
     weights: Floats | None,
     limits: tuple[Floats, Floats],
     now: Floats,
+    given: Floats | None = None,
 ) -> tuple[_core.SetPoints, _core.SetPoint]:
     """Return the points of rest and the nearest to ``y = target``, within the limits of the inputs.
 
     With the least ``(y - r)'Q(y - r)``, Q the `weights`, without them the squares of 1 / the range
-    of each output; outputs that are free and integrate stay at `now`.
+    of each output; outputs that are free and integrate stay at `now`. Inputs that are `given` have
+    these values, (m,), nan where one is chosen.
     """
     p, names = model.n_outputs, model.outputs
     ranges = np.hstack([np.ptp(values, axis=0) for values in model.data.pairs()[:2]])
@@ -91,7 +93,7 @@ def nearest_point(
             f"`target` must be left out: no feedback holds {', '.join(names)} in this model"
         )
     Q = np.diag(unit[:p] ** -2.0) if weights is None or not weights.any() else weights
-    point = points.at(target, Q, now, limits)
+    point = points.at(target, Q, now, limits, np.full(model.m, np.nan) if given is None else given)
     if not np.isfinite(point.place).all():
         raise NonFiniteError("`target` is too large: the point of rest overflows")
     return points, point
@@ -103,10 +105,11 @@ def set_point(
     weights: Floats | None,
     limits: tuple[Floats, Floats],
     now: Floats,
+    given: Floats | None = None,
 ) -> _core.SetPoint:
     """Return `nearest_point`; refused where no system that the data allow rests at the target."""
     p, names = model.n_outputs, model.outputs
-    points, point = nearest_point(model, target, weights, limits, now)
+    points, point = nearest_point(model, target, weights, limits, now, given)
     y, u = np.split(point.place, [p])
     variances = np.zeros(p) if model.covariance is None else np.diag(model.covariance)[:p]
     off = np.abs(y - target) > NEAR * np.sqrt(variances) + 1e-9 * np.abs(target)
@@ -117,20 +120,24 @@ def set_point(
     if point.at_limit:
         held = ", ".join(model.input_names[i] for i in point.at_limit)
         place += f", held by the limit of {held}"
-    m, given = model.m, np.flatnonzero(~np.isnan(target))
-    if len(given) > m:
+    m = model.m if given is None else int(np.isnan(given).sum())
+    wanted = np.flatnonzero(~np.isnan(target))
+    if len(wanted) > m:
         place += (
             f"; {show.number_of(m, 'input')} can hold {show.number_of(m, 'output')}: give "
             f"`target` of {'one' if m == 1 else m} of them by name"
         )
     region, impossible = model.region(DELTA), False
-    if len(given) == p:
+    if len(wanted) == p:
+        if given is not None:
+            own = np.isnan(given)
+            limits = np.where(own, limits[0], given), np.where(own, limits[1], given)
         least, size = points.lacking(region.core, target, limits)
         impossible = bool(least > 1e-9 * size)
     elif point.at_limit:
         # without limits the target would be held: do all systems need more than they leave?
-        inf = np.full(m, np.inf)
-        _, free = nearest_point(model, target, weights, (-inf, inf), now)
+        inf = np.full(model.m, np.inf)
+        _, free = nearest_point(model, target, weights, (-inf, inf), now, given)
         spread = free.spread(region.core)
         if spread is not None:
             middle, half = free.place[p:] + spread[0][p:], spread[1][p:]

@@ -19,6 +19,8 @@ from ..system.system import System
 from .certificate import LoopCertificate, judged
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike, NDArray
 
     from .._base.types import Floats
@@ -57,6 +59,8 @@ class Loop(SavedRecord):
         The model from data it was made for.
     R : ndarray, shape (m, m), or None
         The weights of the inputs, where the cost is S.
+    given : tuple of str
+        Inputs that are measured and not chosen: their rows of K and R are 0.
     """
 
     A: Annotated[Floats, "state state"]
@@ -69,6 +73,7 @@ class Loop(SavedRecord):
     dt: float | None = None
     model: Identified | None = None
     R: Annotated[Floats, "input input"] | None = None
+    given: tuple[str, ...] = ()
 
     @property
     def E(self) -> NDArray[np.complex128]:
@@ -169,6 +174,7 @@ def gain(
     R: ArrayLike | None = None,
     *,
     guarantee: float | Region | None = None,
+    given: Sequence[str] = (),
 ) -> Loop:
     """Compute a linear feedback ``u = K x``, with the plus sign.
 
@@ -186,6 +192,10 @@ def gain(
         For a model, with Q and R: the least cost that is guaranteed for all systems of
         ``model.region(guarantee)``, in place of the least cost of the model. Without Q and R, where
         the default is 0.05: the widest margin in that region.
+    given : sequence of str, optional
+        Inputs that are measured and not chosen, such as the outdoor temperature: R is of the
+        others. What their past does is weighed by K; nothing is assumed of what they will be, but
+        that they do not react to the noise.
 
     Returns
     -------
@@ -229,7 +239,13 @@ def gain(
         raise InputError(
             "`guarantee` and a gain without `Q` and `R` need a model from data, which has a region"
         )
-    region = None
+    region, fixed = None, given_inputs(known.labels.inputs, given)
+    chosen = np.setdiff1d(np.arange(m), fixed)
+    if fixed and (guarantee is not None or Q is None or not len(chosen)):
+        raise InputError(
+            "`given` must leave an input to choose, and needs Q and R without `guarantee`: the "
+            "certificate of the loop holds for all systems of the region"
+        )
     method: GainMethod = "least squares"
     of_inputs = None
     if model is not None and (guarantee is not None or Q is None):
@@ -242,11 +258,14 @@ def gain(
         names = known.labels
         weights = (
             weight("Q", for_outputs(model, Q), n, labels=names.states),
-            weight("R", R, m, positive=True, labels=names.inputs),
+            weight("R", R, len(chosen), positive=True, labels=[names.inputs[j] for j in chosen]),
         )
         if region is None:
-            K, S, parameter = _core.feedback_gain(A, B, *weights, names.states)
-            of_inputs = validation.frozen(weights[1])
+            own = np.ascontiguousarray(B[:, chosen])
+            part, S, parameter = _core.feedback_gain(A, own, *weights, names.states)
+            K, of_inputs = np.zeros((m, n)), np.zeros((m, m))
+            K[chosen], of_inputs[np.ix_(chosen, chosen)] = part, weights[1]
+            of_inputs = validation.frozen(of_inputs)
         else:
             K, S, parameter = _core.guaranteed_gain(region.core, *weights, states=names.states)
             method = "guaranteed cost"
@@ -262,7 +281,14 @@ def gain(
         dt=known.dt,
         model=model,
         R=of_inputs,
+        given=tuple(known.labels.inputs[j] for j in fixed),
     )
+
+
+def given_inputs(names: tuple[str, ...], given: Sequence[str]) -> list[int]:
+    """The places of inputs that are measured and not chosen."""
+    found = [validation.choice("given", name, names) for name in validation.items("given", given)]
+    return sorted({names.index(name) for name in found})
 
 
 def for_outputs(model: object, value: ArrayLike) -> ArrayLike:

@@ -120,6 +120,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_at_rest",
         "_bias",
         "_forward",
+        "_given",
         "_high",
         "_law",
         "_learning",
@@ -138,10 +139,11 @@ class ReadingLoop(ControlLoop[Reading]):
         "_window",
         "model",
     )
-    _aimed: tuple[Floats, Floats]  # where free outputs stay, and the target of `_point`
+    _aimed: tuple[Floats, Floats, Floats]  # of `_point`: where free outputs stay, target, inputs
     _forward: Floats
     _rows: Floats
-    _moves: tuple[Floats, Floats]  # the target from that of `_point`, and its slope
+    _given: Floats  # the inputs that are measured, (m,); nan where one is chosen
+    _moves: tuple[Floats, Floats, Floats]  # the target from that of `_point`, its slope, and inputs
 
     def __init__(
         self,
@@ -168,6 +170,7 @@ class ReadingLoop(ControlLoop[Reading]):
             raise InputError("`limits` must be of the inputs alone for a model of outputs")
         policy: Any
         asked, outputs, law = None, None, None
+        names: tuple[str, ...] = ()
         weights = cost_of_outputs(model, as_cost(cost))
         if gain and (steps is not None or cost is not None):
             raise InputError("`steps` and `cost` must be left out for a Loop, which has its gain")
@@ -175,7 +178,7 @@ class ReadingLoop(ControlLoop[Reading]):
             raise InputError("`cost` must have no reference for a model of outputs: give `target`")
         if gain:
             low, high = (side[0] for side in sides("limits", within.u, 1, labels))
-            policy = gain.K
+            policy, names = gain.K, gain.given
             if gain.S is not None and gain.R is not None:
                 law = gain.S, gain.R
         else:
@@ -202,16 +205,19 @@ class ReadingLoop(ControlLoop[Reading]):
         self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
         self._solved = np.zeros(m)  # the inputs at rest of the problem that is solved
         self._rows = targets(model, target)
-        here = model.data.pairs()[0].mean(axis=0)
+        here, of_inputs = (one.mean(axis=0) for one in model.data.pairs()[:2])
+        fixed = np.isin(model.input_names, names)
+        self._given = np.where(fixed, of_inputs, np.nan)
+        self._low[fixed], self._high[fixed] = -np.inf, np.inf
         self._aim(here, self._rows[0])
         self._restore((None, (None, None, 0)))
         self._forget()
 
     def _restore(self, core: Any) -> None:
         warm, window = core
-        now, target = self._aimed
+        now, target, given = self._aimed
         sides = self._low, self._high
-        self._point = nearest_point(self.model, target, self._weights, sides, now)[1]
+        self._point = nearest_point(self.model, target, self._weights, sides, now, given)[1]
         y, u, _ = self.model.data.pairs()
         wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
         assert self.model.window is not None
@@ -241,7 +247,12 @@ class ReadingLoop(ControlLoop[Reading]):
             self._solver_at(self._solved).resume(None)
 
     def __call__(
-        self, y: ArrayLike, *, applied: ArrayLike | None = None, target: Target | None = None
+        self,
+        y: ArrayLike,
+        *,
+        applied: ArrayLike | None = None,
+        target: Target | None = None,
+        given: ArrayLike | None = None,
     ) -> Floats:
         """Compute the input for the readings now.
 
@@ -253,11 +264,14 @@ class ReadingLoop(ControlLoop[Reading]):
             The input that acted since the last call, where it was not what that returned.
         target : as `target`, optional
             Another target from this call on.
+        given : array_like, one number for each of ``gain(given=)``
+            What is measured of these inputs now; nan: as at the last call.
 
         Returns
         -------
         ndarray, shape (m,)
-            The input, within its limits; `hold` until the window tells enough.
+            The input, within its limits, with what was given at its places; `hold` until the window
+            tells enough.
 
         Raises
         ------
@@ -267,8 +281,6 @@ class ReadingLoop(ControlLoop[Reading]):
         """
         started, model = perf_counter(), self.model
         with self._turn():
-            if target is not None:
-                self._follow(targets(model, target))
             read = validation.measured("y", y, model.outputs)
             acted, why = self._last, []
             if applied is not None:
@@ -276,8 +288,27 @@ class ReadingLoop(ControlLoop[Reading]):
                 wrong = validation.broken(acted, self._most[len(read) :], model.input_names)
                 if wrong is not None:
                     acted, why = self._last, [wrong]
+            now = self._measured(given)
+            if target is not None:
+                self._follow(targets(model, target))
+            if given is not None:
+                self._given = now
+                self._window.aim(self._toward())
             with np.errstate(all="ignore"):
                 return self._stepped(read, acted, why, started)
+
+    def _measured(self, given: ArrayLike | None) -> Floats:
+        """The inputs that are measured; one that cannot be true is as before."""
+        names, own = self.model.input_names, np.flatnonzero(~np.isnan(self._given))
+        if (given is None) != (not len(own)):
+            wanted = ", ".join(names[j] for j in own) or "left out"
+            raise InputError(f"`given` must be {wanted}, got {validation.show(given)}")
+        now = self._given.copy()
+        if given is not None:
+            found = validation.measured("given", given, [names[j] for j in own])
+            good = np.abs(found) <= self._most[self.model.n_outputs + own]
+            now[own] = np.where(good, found, now[own])
+        return now
 
     def _stepped(self, y: Floats, acted: Floats, why: list[str], started: float) -> Floats:
         """Take the reading in, or what is predicted in its place."""
@@ -312,6 +343,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if len(self._rows) > 1:
             self._rows, self._forward = self._rows[1:], self._forward[1:]
             self._window.aim(self._toward())
+        u = np.where(np.isnan(self._given), u, self._given)
         reason, took = "; ".join(why) or None, perf_counter() - started
         return self._entered(Reading(y, predicted, u, self._bias, status, took, reason), u)
 
@@ -353,6 +385,7 @@ class ReadingLoop(ControlLoop[Reading]):
             self._begin()
             self._window.start(found.x)
             u, status = self._input(found.x, self._bias)
+            u = np.where(np.isnan(self._given), u, self._given)
             self._at_rest, self._runs, self._started = found.at_rest, True, True
             took = perf_counter() - started
             return self._entered(Reading(found.read, None, u, self._bias, status, took), u)
@@ -386,8 +419,8 @@ class ReadingLoop(ControlLoop[Reading]):
     def _aim(self, now: Floats, target: Floats) -> None:
         """Choose the rows that hold a target; outputs that are free and integrate stay at `now`."""
         limits = self._low, self._high
-        self._point = set_point(self.model, target, self._weights, limits, now)
-        self._aimed = now, target
+        self._point = set_point(self.model, target, self._weights, limits, now, self._given)
+        self._aimed = now, target, self._given
         self._forward = self._feed_forward()
 
     def _follow(self, rows: Floats) -> None:
@@ -416,8 +449,9 @@ class ReadingLoop(ControlLoop[Reading]):
     def _toward(self) -> tuple[Floats, Floats, Floats, Floats]:
         """What a bias adds to the inputs that hold the target, these inputs, and the limits."""
         row, after, p = self._rows[0], self._rows[min(1, len(self._rows) - 1)], self.model.n_outputs
-        self._moves, none = (self._step(row), np.nan_to_num(after - row)), np.zeros(p)
-        _, us = self._point.moving(none, self._moves[0], none)
+        apart, none = np.nan_to_num(self._given - self._aimed[2]), np.zeros(p)
+        self._moves = self._step(row), np.nan_to_num(after - row), apart
+        _, us = self._point.moving(none, self._moves[0], none, apart)
         inputs = np.minimum(np.maximum(us, self._low), self._high)
         return self._point.of_bias[p:].copy(), inputs, self._low, self._high
 
@@ -433,14 +467,17 @@ class ReadingLoop(ControlLoop[Reading]):
         (S, R), none = self._law, np.zeros(model.n_outputs)
         after = np.vstack([rows[1:], rows[-1:]])
         steps = zip(rows, np.nan_to_num(after - rows), strict=True)
-        found = [self._point.moving(none, self._step(row), slope) for row, slope in steps]
+        own = np.zeros(model.m)
+        found = [self._point.moving(none, self._step(row), slope, own) for row, slope in steps]
         x, u = (np.array(each) for each in zip(*found, strict=True))
         c = np.zeros(model.n) if model.c is None else model.c
         s = x @ model.A.T + u @ model.B.T + c - np.vstack([x[1:], x[-1:]])
         B, after = model.B, np.zeros(model.n)
         A0 = model.A + B @ self._policy
         forward: Floats = np.zeros((len(rows), model.m))
-        per = -np.linalg.solve(R + B.T @ S @ B, B.T)
+        chosen = np.isnan(self._given)
+        per = np.zeros((model.m, model.n))
+        per[chosen] = -np.linalg.solve((R + B.T @ S @ B)[np.ix_(chosen, chosen)], B[:, chosen].T)
         for k in range(len(rows) - 1, -1, -1):
             after = A0.T @ after + S @ s[k]
             forward[k] = per @ after
@@ -470,8 +507,8 @@ class ReadingLoop(ControlLoop[Reading]):
 
         Of the region at 95 %, with what is held as in `exact`, which needs `offset_free`.
         """
-        sides, (now, _) = (self._low, self._high), self._aimed
-        point = nearest_point(self.model, self._rows[-1], self._weights, sides, now)[1]
+        task, sides = (self.model, self._rows[-1], self._weights), (self._low, self._high)
+        point = nearest_point(*task, sides, self._aimed[0], self._given)[1]
         found = rest_at(self.model, point)
         return found if self._learning[0].any() else replace(found, exact=())
 
@@ -508,7 +545,7 @@ class ReadingLoop(ControlLoop[Reading]):
         steps, limits, cost = self._asked
         start = Start(now[0], validation.frozen(self._log[-1].y.copy()), self._at_rest)
         none = np.zeros(self.model.n_outputs)
-        rest = self._point.moving(none, self._step(self._rows[0]), none)
+        rest = self._point.moving(none, self._step(self._rows[0]), none, self._moves[2])
         return plan_from(self.model, start, rest, steps, limits, cost)
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
@@ -556,7 +593,7 @@ class ReadingLoop(ControlLoop[Reading]):
             names = Labels((*names.states, *more), names.inputs)
         ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
         none = np.zeros(p)
-        xs, us = self._point.moving(none, self._step(self._rows[-1]), none)
+        xs, us = self._point.moving(none, self._step(self._rows[-1]), none, self._moves[2])
         target = np.hstack([xs, np.zeros(r), us])
         return judged(
             entered(region, ABc, J, G, model.m),

@@ -566,3 +566,97 @@ impl SetPoints {
         Ok((x, try_collect(WHAT, place[p..].iter().copied())?))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use crate::region::PartOf;
+    use crate::window::Kind;
+
+    const INF: f64 = f64::INFINITY;
+
+    fn close(a: &[f64], b: &[f64], tol: f64) {
+        assert!(a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= tol), "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn the_nearest_and_the_held_point_of_two_outputs() {
+        let window = Window::new(2, 1, Kind::Lags(1), 0, false, 0).unwrap();
+        let points = SetPoints::new(window, &[0.9, 0.02, 0.1, 0.3, 0.6, 0.05], &[1.0; 3]).unwrap();
+        assert!(points.can_be_held().unwrap());
+        close(&points.of_inputs().unwrap(), &[0.1, 0.05], 1e-15);
+        let free = Wish {
+            target: &[1.0, 2.0],
+            weights: &[1.0, 0.0, 0.0, 0.25],
+            now: &[0.0; 2],
+            low: &[-INF],
+            high: &[INF],
+            given: &[f64::NAN],
+        };
+        let near = points.at(&free).unwrap();
+        close(&near.place, &[1.206944269719, 1.030318279029, 1.000880613914], 1e-11);
+        assert_eq!(near.exact, [false, false]);
+        let held = points.at(&Wish { target: &[f64::NAN, 2.0], ..free }).unwrap();
+        close(&held.place, &[2.342857142857, 2.0, 1.942857142857], 1e-11);
+        assert_eq!(held.exact, [false, true]);
+        let cut = points.at(&Wish { high: &[0.5], ..free }).unwrap();
+        assert_eq!((cut.at_limit.as_slice(), cut.place[2]), ([0].as_slice(), 0.5));
+        let (x, u) = points.moving(&held, &[0.0; 2], [&[0.0; 2], &[0.0, 0.01]], &[0.0]).unwrap();
+        close(&[x[0], x[1], u[0]], &[2.354693877551, 2.0, 2.071836734694], 1e-11);
+        assert!(points.at(&Wish { target: &[1.0], ..free }).is_err());
+    }
+
+    #[test]
+    fn an_output_that_integrates_and_is_free_stays() {
+        // y1+ = .5 y1 + u, y2+ = y2 + u: held at y1 = 0 the second one is anywhere
+        let window = Window::new(2, 1, Kind::Lags(1), 0, false, 0).unwrap();
+        let points = SetPoints::new(window, &[0.5, 0.0, 1.0, 0.0, 1.0, 1.0], &[1.0; 3]).unwrap();
+        let wish = Wish {
+            target: &[0.0, f64::NAN],
+            weights: &[1.0, 0.0, 0.0, 1.0],
+            now: &[5.0, 7.0],
+            low: &[-1.0],
+            high: &[1.0],
+            given: &[f64::NAN],
+        };
+        close(&points.at(&wish).unwrap().place, &[0.0, 7.0, 0.0], 1e-12);
+    }
+
+    #[test]
+    fn all_sizes_are_within_the_memory_that_was_asked_for() {
+        for (p, m, count, pole) in [(1, 1, 1, None), (3, 2, 4, None), (2, 3, 6, Some(0.7)), (6, 5, 12, None)] {
+            let kind = pole.map_or(Kind::Lags(count), |pole| Kind::Filters { pole, count });
+            let window = Window::new(p, m, kind, 2, true, 3).unwrap();
+            let d = window.length();
+            let theta: Vec<f64> = (0..p * d).map(|at| 0.3 * ((at * at + 1) as f64).sin() / count as f64).collect();
+            let points = SetPoints::new(window, &theta, &vec![1.0; p + m]).unwrap();
+            let mut target = vec![f64::NAN; p];
+            target[..p.min(m)].fill(0.1);
+            let eye = |n: usize| (0..n * n).map(|at| f64::from(u8::from(at % (n + 1) == 0))).collect::<Vec<_>>();
+            let (low, high, given) = (vec![-0.5; m], vec![0.5; m], vec![f64::NAN; m]);
+            let (weights, now) = (eye(p), vec![0.0; p]);
+            let wish = Wish { target: &target, weights: &weights, now: &now, low: &low, high: &high, given: &given };
+            let point = points.at(&wish).unwrap();
+            let (all, rows): (Vec<_>, Vec<_>) = ((0..d).collect(), (0..p).collect());
+            let part = Part::new(PartOf {
+                rows: &rows,
+                columns: &all,
+                white: &eye(d),
+                root: &eye(d),
+                missing: &[],
+                ratio: 1.0,
+                shape: &eye(p),
+                factor: 1e-8,
+            });
+            let part = Arc::new(part.unwrap());
+            let region = Region::new(&theta, p, d - p - 1, vec![part], None, false).unwrap();
+            let spread = points.spread(&point, &region).unwrap().unwrap();
+            assert!(spread.norm < 1.0 && spread.half.iter().all(|half| half.is_finite()));
+            let (least, size) = points.lacking(&region, &now, &low, &high, &Stop::new()).unwrap();
+            assert!(least <= size);
+            assert_eq!(points.states_of_bias(&point).unwrap().len(), window.states() * p);
+        }
+    }
+}

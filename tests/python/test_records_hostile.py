@@ -149,7 +149,7 @@ HOSTILE = [
     ("model", put("assumptions", "design", to="any"), "`assumptions.design` must be one of"),
     ("model", put("assumptions", "exact", to=[1, 0]), "`exact` must be different states"),
     ("model", array("triangle", lambda R: R + np.inf), "triangle"),
-    ("model", put("checks", "p_values", "tails", to=2.0), "must be at most 1"),
+    ("model", put("checks", "p_values", "tails", to=2.0), "and at most 1"),
     ("model, known entries", array("known", lambda one: one * np.nan), "`known` must have numbers"),
     ("model, covariance", array("assumptions.known", lambda one: -one), "`known` must be posit"),
     ("fit", array("weights", nan), r"`weights\[0\]` is nan"),

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .._base import running, validation
 from .._base.files import checked_path, is_state, regular_file
 from .._base.tables import extra
-from ..exceptions import InputError, ResourceError
+from ..exceptions import InputError, ResourceError, ShapeError
 from ..system.system import System
 
 _NAMES = ("A", "B", "x0", "xf", "dt", "states", "inputs", "units")
@@ -51,8 +51,8 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     path : path
         A ``.npz`` or ``.mat`` file; a file with any other name is read as JSON. Entries:
         ``A`` (n, n), ``B`` (n, m), and optionally ``x0`` (n,), ``xf`` (n,), the step ``dt`` [s],
-        the names ``states`` (n) and ``inputs`` (m), and in JSON ``units``, an object with those of
-        some names.
+        the names ``states`` (n) and ``inputs`` (m), and their ``units``: in JSON an object with
+        the units of some names, elsewhere texts in the order of states and inputs, "" for none.
 
     Returns
     -------
@@ -109,7 +109,18 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     for name, value in about.items():
         if isinstance(value, np.ndarray) and (name != "dt" or value.size == 1):
             about[name] = value.item() if name == "dt" else value.tolist()
+    units = about.pop("units")
     system = System(found["A"], found["B"], **about)
+    if not isinstance(units, dict) and units is not None:  # in the order of states and inputs
+        names, units = system.state_names + system.input_names, validation.items("units", units)
+        if len(units) != len(names):
+            raise ShapeError(
+                f"`units` must have {len(names)} texts, one for each state and input, "
+                f"got {len(units)}"
+            )
+        units = {name: unit for name, unit in zip(names, units, strict=True) if unit != ""}
+    if units:
+        system = System(system.A, system.B, **about, units=units)
     x0, xf = (
         None if found.get(name) is None else validation.vector(name, found[name], length=system.n)
         for name in ("x0", "xf")

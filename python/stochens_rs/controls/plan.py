@@ -775,6 +775,19 @@ class Plan(SavedRecord, Timed):
             facts |= {f"size_{one.name}": one.size, f"key_{one.name}": one.key}
         return facts
 
+    def _repr_html_(self) -> str:
+        rows: list[tuple[str, object]] = [("control u(0)", show.vector(self.u[0]))]
+        rows.append(show.largest(self.u))
+        for name in ("x0", "xf", "A"):
+            one = self.info.get(name)
+            if isinstance(one, dict) and "method" in one:
+                size = one.get("size")
+                drawn = f", {show.grouped(size)} realizations" if isinstance(size, int) else ""
+                rows.append((name, f"{one['method']}{drawn}"))
+        times = np.arange(self.steps + 1)
+        curves = show.states(times, self.predicted_states, "states of the model over the steps")
+        return show.card(self, rows, curves)
+
     def __repr__(self) -> str:
         text = self._expectation()
         if self.limited is not None:

@@ -65,8 +65,8 @@ def test_bad_output_is_refused() -> None:
     for out, message in (
         ([[0.0, 0.0]] * N, "a numpy.ndarray of float64, got an obj"),
         (np.ma.zeros((N, 2)), "a numpy.ndarray of float64"),
-        (np.zeros((N, 2), np.float32), "float64, got ndarray of shape .* of float32"),
-        (np.zeros((N, 2), ">f8"), "float64, got ndarray of shape .* of >f8"),
+        (np.zeros((N, 2), np.float32), "a .* of float64, got ndarray .* of float32"),
+        (np.zeros((N, 2), ">f8"), "a .* of float64, got ndarray .* of >f8"),
         (np.zeros((2, N)), r"shape \(700, 2\), got \(2, 700\)"),
         (np.zeros((2, N)).T, "C-contiguous"),
         (np.zeros((N, 4))[:, ::2], "C-contiguous"),

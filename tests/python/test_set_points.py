@@ -468,6 +468,18 @@ def test_a_measured_input_is_fed_forward(house):
     np.testing.assert_array_equal(loop([20.0], given=[np.nan]), again([20.0], given=[10.0]))
 
 
+def test_a_target_out_of_reach_is_held_again_when_the_weather_allows_it(house):
+    gain = se.gain(house, 1.0, 0.01, given=["outdoor"])
+    loop = se.regulate(gain, offset_free=True, target=[20.0], limits={"heater": (0.0, 12.0)})
+    weather = np.repeat([-10.0, 5.0], 150)
+    y, u = heated(np.random.default_rng(2), lambda y, v: loop(y, given=[v])[0], weather, start=15.0)
+    assert (u[:, 0] >= 0.0).all()
+    assert (u[:, 0] <= 12.0).all()
+    assert u[100:140, 0].min() > 11.9
+    assert y[100:140].mean() < 10.0
+    assert abs(y[-60:].mean() - 20.0) < 0.1
+
+
 def test_measured_inputs_that_are_none(house):
     gain = se.gain(house, 1.0, 1.0, given=["outdoor"])
     loop = se.regulate(gain, offset_free=True)

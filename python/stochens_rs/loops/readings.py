@@ -216,8 +216,7 @@ class ReadingLoop(ControlLoop[Reading]):
     def _restore(self, core: Any) -> None:
         warm, window = core
         now, target, given = self._aimed
-        sides = self._low, self._high
-        self._point = nearest_point(self.model, target, self._weights, sides, now, given)[1]
+        self._point = nearest_point(self.model, target, self._weights, self._sides, now, given)[1]
         y, u, _ = self.model.data.pairs()
         wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
         assert self.model.window is not None
@@ -418,10 +417,15 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _aim(self, now: Floats, target: Floats) -> None:
         """Choose the rows that hold a target; outputs that are free and integrate stay at `now`."""
-        limits = self._low, self._high
-        self._point = set_point(self.model, target, self._weights, limits, now, self._given)
+        self._point = set_point(self.model, target, self._weights, self._sides, now, self._given)
         self._aimed = now, target, self._given
         self._forward = self._feed_forward()
+
+    @property
+    def _sides(self) -> tuple[Floats, Floats]:
+        """The limits that a set point is within: none where measured inputs will move it."""
+        inf = np.full(self.model.m, np.inf)
+        return (self._low, self._high) if np.isnan(self._given).all() else (-inf, inf)
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""

@@ -23,8 +23,9 @@ use super::{Bounds, Penalty, Until, box_control};
 const WHAT: &str = "a set point";
 /// Relative singular values below it are rounding.
 const RANK: f64 = 1e-10;
-/// Inputs that move by less than this, in units of their ranges, while outputs move by their own: an output integrates.
-const FLAT: f64 = 1e-3;
+/// Held outputs or inputs that move by less than this, in units of their ranges, while others move by their own: these
+/// integrate.
+const FLAT: f64 = 0.03;
 
 type Matrix = Mat<f64>;
 
@@ -209,15 +210,26 @@ impl SetPoints {
         Mat::from_fn(self.m.nrows(), self.m.ncols(), |i, j| self.m[(i, j)] * self.unit[j])
     }
 
+    /// The largest entry of each row of `M` in its units.
+    fn row_sizes(&self) -> Result<Vec<f64>> {
+        let (scaled, k) = (self.in_units(), self.unit.len());
+        let largest = |i: usize| (0..k).map(|j| scaled[(i, j)].abs()).fold(0.0, f64::max);
+        try_collect(WHAT, (0..scaled.nrows()).map(|i| if largest(i) > 0.0 { largest(i) } else { 1.0 }))
+    }
+
+    /// `M` in its units, with rows of size 1.
+    fn in_rows(&self, sizes: &[f64]) -> Matrix {
+        let scaled = self.in_units();
+        Mat::from_fn(scaled.nrows(), scaled.ncols(), |i, j| scaled[(i, j)] / sizes[i])
+    }
+
     /// Whether some feedback can hold the outputs: whether M has full row rank.
     ///
     /// # Errors
     /// [`Error::Numerical`], [`Error::Memory`].
     pub fn can_be_held(&self) -> Result<bool> {
         covered(WHAT, self.bytes(), || {
-            let scaled = self.in_units();
-            let largest = |i: usize| (0..scaled.ncols()).map(|j| scaled[(i, j)].abs()).fold(0.0, f64::max);
-            let found = parts(&Mat::from_fn(scaled.nrows(), scaled.ncols(), |i, j| scaled[(i, j)] / largest(i)))?;
+            let found = parts(&self.in_rows(&self.row_sizes()?))?;
             Ok(found.s.last().is_some_and(|s| *s > RANK * found.s[0]))
         })?
     }
@@ -241,11 +253,19 @@ impl SetPoints {
     }
 
     /// The nearest point of rest, with some inputs at given values; see [`Self::at`].
-    fn nearest(&self, root: &Matrix, goal: &Matrix, now: &Matrix, active: &[(usize, f64)]) -> Result<Nearest> {
+    fn nearest(
+        &self,
+        root: &Matrix,
+        (goal, cut): (&Matrix, f64),
+        now: &Matrix,
+        active: &[(usize, f64)],
+    ) -> Result<Nearest> {
         let (p, k) = (self.sizes().0, self.unit.len());
         let units = Mat::from_fn(active.len(), k, |i, j| f64::from(u8::from(j == p + active[i].0)));
-        let all = stacked(&self.in_units(), &units);
-        let values = Mat::from_fn(all.nrows(), 1, |i, _| if i < p { self.c[(i, 0)] } else { active[i - p].1 });
+        let sizes = self.row_sizes()?;
+        let all = stacked(&self.in_rows(&sizes), &units);
+        let values =
+            Mat::from_fn(all.nrows(), 1, |i, _| if i < p { self.c[(i, 0)] / sizes[i] } else { active[i - p].1 });
         let rest = parts(&all)?;
         let rank = rest.rank(RANK * rest.s[0]);
         let (start, free) = (rest.solve(&values, rank), rest.free(rank));
@@ -256,7 +276,7 @@ impl SetPoints {
         let (mut per_target, mut held) = (Mat::zeros(rows.nrows(), p), Mat::zeros(rows.nrows(), 1));
         // least (y - r)'Q (y - r)
         let first = parts(&(root * outputs(&free)))?;
-        let one = first.rank(RANK * root.norm_l2());
+        let one = first.rank(cut * root.norm_l2());
         let mut v = &start + &free * first.solve(&(root * (goal - outputs(&start))), one);
         let of_target = first.u.subcols(0, one).transpose() * root;
         for i in 0..one {
@@ -311,9 +331,14 @@ impl SetPoints {
     fn found(&self, wish: &Wish<'_>) -> Result<SetPoint> {
         let ((p, m), k) = (self.sizes(), self.unit.len());
         let set = |i: usize| !wish.target[i].is_nan();
-        let weight = |i: usize, j: usize| {
-            if set(i) && set(j) { wish.weights[i * p + j] * self.unit[i] * self.unit[j] } else { 0.0 }
+        let chosen = (0..m).filter(|i| wish.given[*i].is_nan()).count();
+        let held = (0..p).filter(|i| set(*i)).count() <= chosen;
+        let weight = |i: usize, j: usize| match (set(i) && set(j), held) {
+            (false, _) => 0.0,
+            (true, true) => f64::from(u8::from(i == j)), // all are held: no weight decides
+            (true, false) => wish.weights[i * p + j] * self.unit[i] * self.unit[j],
         };
+        let cut = if held { FLAT } else { RANK };
         let eigen = Mat::from_fn(p, p, weight).self_adjoint_eigen(Side::Lower).map_err(lost)?;
         let values = eigen.S().column_vector();
         let root = Mat::from_fn(p, p, |i, j| values[i].max(0.0).sqrt() * eigen.U()[(j, i)]);
@@ -323,7 +348,7 @@ impl SetPoints {
         let given = (0..m).filter(|i| !wish.given[*i].is_nan());
         let mut active = try_collect(WHAT, given.map(|i| (i, side(wish.given, i))))?;
         let fixed = active.len();
-        let mut near = self.nearest(&root, &goal, &now, &active)?;
+        let mut near = self.nearest(&root, (&goal, cut), &now, &active)?;
         for _ in 0..4 * m + 4 {
             let u = |i: usize| near.v[(p + i, 0)];
             let over = |i: usize| (side(wish.low, i) - u(i)).max(u(i) - side(wish.high, i));
@@ -338,13 +363,18 @@ impl SetPoints {
             } else {
                 break;
             }
-            near = self.nearest(&root, &goal, &now, &active)?;
+            near = self.nearest(&root, (&goal, cut), &now, &active)?;
         }
-        let whole = stacked(&self.in_units(), &near.rows).partial_piv_lu().inverse();
+        let sizes = self.row_sizes()?;
+        let whole = stacked(&self.in_rows(&sizes), &near.rows);
+        if whole.nrows() != k {
+            return Err(Error::Numerical("no point of rest is within the limits of the inputs".into()));
+        }
+        let whole = whole.partial_piv_lu().inverse();
         if !(0..k).all(|i| (0..k).all(|j| whole[(i, j)].is_finite())) {
             return Err(Error::Numerical("a set point is not determined".into()));
         }
-        let of_bias = Mat::from_fn(k, p, |i, j| whole[(i, j)] * self.unit[i]);
+        let of_bias = Mat::from_fn(k, p, |i, j| whole[(i, j)] / sizes[j] * self.unit[i]);
         let of_rows = Mat::from_fn(k, m, |i, j| whole[(i, p + j)] * self.unit[i]);
         let reference = Mat::from_fn(p, 1, |i, _| if set(i) { wish.target[i] } else { 0.0 });
         let of_target = &of_rows * &near.per_target;
@@ -385,7 +415,7 @@ impl SetPoints {
         let off = root.transpose() * (root * (near.v.subrows(0, p) - goal));
         let slope = Mat::from_fn(k, 1, |j, _| if j < p { off[(j, 0)] } else { 0.0 });
         let units = Mat::from_fn(active.len(), k, |i, j| f64::from(u8::from(j == p + active[i].0)));
-        let across = stacked(&self.in_units(), &units).transpose().to_owned();
+        let across = stacked(&self.in_rows(&self.row_sizes()?), &units).transpose().to_owned();
         let found = parts(&across)?;
         let along = found.solve(&slope, found.rank(RANK * found.s[0]));
         Ok((fixed..active.len()).find(|at| {
@@ -417,10 +447,13 @@ impl SetPoints {
         }
         covered(WHAT, self.bytes() + 64 * (d as u128).pow(2), || {
             let white = MatRef::from_row_major_slice(&part.white, part.rank(), d);
-            let eigen = Mat::from_fn(p, p, |i, j| part.factor * part.shape[i * p + j]);
+            // D in units in which the diagonal of S is 1, so that no output is lost beside others
+            let deviation = |i: usize| part.deviations()[i];
+            let unit = |i: usize| if deviation(i) > 0.0 { deviation(i) } else { 1.0 };
+            let eigen = Mat::from_fn(p, p, |i, j| part.factor * part.shape[i * p + j] / unit(i) / unit(j));
             let eigen = eigen.self_adjoint_eigen(Side::Lower).map_err(lost)?;
-            let size = |j: usize| eigen.S().column_vector()[j].max(0.0).sqrt();
-            let root = Mat::from_fn(p, p, |i, j| eigen.U()[(i, j)] * size(j));
+            let size = |j: usize| (eigen.S().column_vector()[j].max(0.0) + p as f64 * 1e-14).sqrt();
+            let root = Mat::from_fn(p, p, |i, j| unit(i) * eigen.U()[(i, j)] * size(j));
             let reach = MatRef::from_row_major_slice(&point.of_bias, p + m, p) * root;
             let place = MatRef::from_row_major_slice(&point.place, p + m, 1);
             // z_s, the 1 of the intercept included

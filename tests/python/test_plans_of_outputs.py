@@ -141,6 +141,8 @@ def test_rest_is_that_of_the_twin(how, delay, intercept):
         target[held], step[held], slope[held] = gen.standard_normal((3, len(held)))
         free = np.full(m, np.inf)
         point = points.at(target, np.eye(p), np.zeros(p), (-free, free), np.full(m, np.nan))
+        if not np.asarray(point.exact)[held].all():
+            continue  # it would take much of the others
         np.testing.assert_allclose(point.place[held], target[held])
         x, u = point.moving(bias, step, slope, np.zeros(m))
         J, ABc, G = window.core.linear(H)

@@ -47,7 +47,7 @@ def targets(model: Model, target: Any) -> Floats:
             np.broadcast_arrays(*each)
         )
         return rows
-    rows = np.atleast_2d(validation.array("target", target, ndim=(0, 1, 2), finite=False))
+    rows = np.atleast_2d(validation.array("target", target, ndim=(0, 1, 2), finite=False)).copy()
     if rows.shape[1] != len(names):
         raise ShapeError(
             f"`target` must have shape (n_outputs,) = ({len(names)},), or a row for each step, "

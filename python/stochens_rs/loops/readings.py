@@ -209,6 +209,7 @@ class ReadingLoop(ControlLoop[Reading]):
         fixed = np.isin(model.input_names, names)
         self._given = np.where(fixed, of_inputs, np.nan)
         self._low[fixed], self._high[fixed] = -np.inf, np.inf
+        self._require(self._rows, here)
         self._aim(here, self._rows[0])
         self._restore((None, (None, None, 0)))
         self._forget()
@@ -216,7 +217,7 @@ class ReadingLoop(ControlLoop[Reading]):
     def _restore(self, core: Any) -> None:
         warm, window = core
         now, target, given = self._aimed
-        self._point = nearest_point(self.model, target, self._weights, self._sides, now, given)[1]
+        self._point = self._without_limits(target, now, given)
         y, u, _ = self.model.data.pairs()
         wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
         assert self.model.window is not None
@@ -325,8 +326,11 @@ class ReadingLoop(ControlLoop[Reading]):
             why.append(f"rejected, {off:.3g} times as far off as the gate is wide")
         if follows == "runs":
             try:
+                if not self._started and np.isnan(self._rows[0]).any():
+                    self._aim(x[: len(y)].copy(), self._aimed[1])  # what is free stays where it is
+                    self._window.aim(self._toward())
                 u, status = self._input(x, bias)
-            except NonFiniteError:
+            except InputError:  # what overflows, or leaves no room within the limits
                 follows = "lost"
         self._runs = follows == "runs"
         if follows == "lost":
@@ -381,7 +385,12 @@ class ReadingLoop(ControlLoop[Reading]):
         started = perf_counter()
         with self._turn():
             found = start_of(self.model, record)
+            last = np.zeros(self.model.m)
+            if not isinstance(record, str):  # what was measured last
+                last = np.vstack([last, np.asarray(record[-1], dtype=np.float64)])[-1]
             self._begin()
+            self._given = np.where(np.isnan(self._given), np.nan, last)
+            self._window.aim(self._toward())
             self._window.start(found.x)
             u, status = self._input(found.x, self._bias)
             u = np.where(np.isnan(self._given), u, self._given)
@@ -417,28 +426,38 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _aim(self, now: Floats, target: Floats) -> None:
         """Choose the rows that hold a target; outputs that are free and integrate stay at `now`."""
-        self._point = set_point(self.model, target, self._weights, self._sides, now, self._given)
+        self._point = self._without_limits(target, now, self._given)
         self._aimed = now, target, self._given
         self._forward = self._feed_forward()
 
-    @property
-    def _sides(self) -> tuple[Floats, Floats]:
-        """The limits that a set point is within: none where measured inputs will move it."""
+    def _without_limits(self, target: Floats, now: Floats, given: Floats) -> _core.SetPoint:
+        """The set point as it is asked for: what the inputs cannot do is cut in each call."""
         inf = np.full(self.model.m, np.inf)
-        return (self._low, self._high) if np.isnan(self._given).all() else (-inf, inf)
+        return nearest_point(self.model, target, self._weights, (-inf, inf), now, given)[1]
+
+    def _require(self, rows: Floats, now: Floats) -> None:
+        """Refuse targets that are too large, or rest in no system: the first and the last row."""
+        if (np.abs(rows) > self._most[: rows.shape[1]]).any():
+            raise InputError("`target` is too large: a million times the largest in the data")
+        if np.isnan(self._given).all():
+            limits = self._low, self._high
+            for row in rows[:: max(1, len(rows) - 1)]:
+                set_point(self.model, row, self._weights, limits, now)
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""
         before = self._rows, self._point, self._aimed, self._forward, self._moves
+        now = self._window.now
+        here = self._aimed[0] if now is None else now[0][: rows.shape[1]]
+        with np.errstate(all="ignore"):
+            self._require(rows, here)
         try:
             self._rows = rows
             same = (np.isnan(rows[0]) == np.isnan(self._aimed[1])).all()
             with np.errstate(all="ignore"):
-                if len(rows) > 1 and same:
+                if same:
                     self._forward = self._feed_forward()
                 else:
-                    now = self._window.now
-                    here = self._aimed[0] if now is None else now[0][: rows.shape[1]]
                     self._aim(here, rows[0])
                 self._window.aim(self._toward())
         except BaseException:

@@ -105,11 +105,10 @@ def set_point(
     weights: Floats | None,
     limits: tuple[Floats, Floats],
     now: Floats,
-    given: Floats | None = None,
 ) -> _core.SetPoint:
     """Return `nearest_point`; refused where no system that the data allow rests at the target."""
     p, names = model.n_outputs, model.outputs
-    points, point = nearest_point(model, target, weights, limits, now, given)
+    points, point = nearest_point(model, target, weights, limits, now)
     y, u = np.split(point.place, [p])
     variances = np.zeros(p) if model.covariance is None else np.diag(model.covariance)[:p]
     off = np.abs(y - target) > NEAR * np.sqrt(variances) + 1e-9 * np.abs(target)
@@ -120,24 +119,20 @@ def set_point(
     if point.at_limit:
         held = ", ".join(model.input_names[i] for i in point.at_limit)
         place += f", held by the limit of {held}"
-    m = model.m if given is None else int(np.isnan(given).sum())
-    wanted = np.flatnonzero(~np.isnan(target))
-    if len(wanted) > m:
+    m, wanted = model.m, int(np.count_nonzero(~np.isnan(target)))
+    if wanted > m:
         place += (
             f"; {show.number_of(m, 'input')} can hold {show.number_of(m, 'output')}: give "
             f"`target` of {'one' if m == 1 else m} of them by name"
         )
     region, impossible = model.region(DELTA), False
-    if len(wanted) == p:
-        if given is not None:
-            own = np.isnan(given)
-            limits = np.where(own, limits[0], given), np.where(own, limits[1], given)
+    if wanted == p:
         least, size = points.lacking(region.core, target, limits)
         impossible = bool(least > 1e-9 * size)
     elif point.at_limit:
         # without limits the target would be held: do all systems need more than they leave?
-        inf = np.full(model.m, np.inf)
-        _, free = nearest_point(model, target, weights, (-inf, inf), now, given)
+        inf = np.full(m, np.inf)
+        _, free = nearest_point(model, target, weights, (-inf, inf), now)
         spread = free.spread(region.core)
         if spread is not None:
             middle, half = free.place[p:] + spread[0][p:], spread[1][p:]

@@ -285,24 +285,10 @@ class FusedModel(SavedRecord, Identified):
         own = self.least_squares.region(delta, future=future).parts[0]
         return ball < own.factor * (usual.rss if noise.variance is None else 1.0)
 
-    def regions(self, delta: float = 0.05, **options: Any) -> tuple[Region, ...]:
-        """Return regions that hold in one event, the smallest first.
-
-        Parameters
-        ----------
-        delta : float, default 0.05
-            Probability of error, in (0, 1).
-        **options
-            As of `region`.
-
-        Returns
-        -------
-        tuple of Region
-        """
+    def _in_one_event(self, delta: float, **options: Any) -> tuple[Region, ...]:
         if not self._exact:
             return (self._own(delta, delta, **options),)
-        found = self._own(delta, delta / 2.0, **options), self._ball(delta, **options)
-        return tuple(sorted(found, key=lambda region: region.radius))
+        return self._own(delta, delta / 2.0, **options), self._ball(delta, **options)
 
     def _ball(self, delta: float, *, future: int = 0, frobenius: bool = False) -> Region:
         """A ball around this model, in one event with least squares at delta / 2."""

@@ -131,6 +131,10 @@ class Identified(Record, ABC, listed=False):
         -------
         tuple of Region
         """
+        found = self._in_one_event(delta, **options)
+        return tuple(sorted(found, key=lambda region: region.radius))
+
+    def _in_one_event(self, delta: float, **options: Any) -> tuple[Region, ...]:
         return (self.region(delta, **options),)
 
     def __str__(self) -> str:

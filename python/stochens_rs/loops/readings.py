@@ -210,8 +210,9 @@ class ReadingLoop(ControlLoop[Reading]):
         self._given = np.where(fixed, of_inputs, np.nan)
         self._low[fixed], self._high[fixed] = -np.inf, np.inf
         self._require(self._rows, here)
-        self._aim(here, self._rows[0])
+        self._aimed = here, self._rows[0], self._given
         self._restore((None, (None, None, 0)))
+        self._forward = self._feed_forward()
         self._forget()
 
     def _restore(self, core: Any) -> None:
@@ -451,18 +452,16 @@ class ReadingLoop(ControlLoop[Reading]):
         here = self._aimed[0] if now is None else now[0][: rows.shape[1]]
         with np.errstate(all="ignore"):
             self._require(rows, here)
-        try:
-            self._rows = rows
-            same = (np.isnan(rows[0]) == np.isnan(self._aimed[1])).all()
-            with np.errstate(all="ignore"):
-                if same:
+            try:
+                self._rows = rows
+                if (np.isnan(rows[0]) == np.isnan(self._aimed[1])).all():
                     self._forward = self._feed_forward()
                 else:
                     self._aim(here, rows[0])
                 self._window.aim(self._toward())
-        except BaseException:
-            self._rows, self._point, self._aimed, self._forward, self._moves = before
-            raise
+            except BaseException:
+                self._rows, self._point, self._aimed, self._forward, self._moves = before
+                raise
 
     def _step(self, row: Floats) -> Floats:
         """How far a target is from that of the set point, 0 where it is free."""
@@ -471,12 +470,16 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _toward(self) -> tuple[Floats, Floats, Floats, Floats]:
         """What a bias adds to the inputs that hold the target, these inputs, and the limits."""
-        row, after, p = self._rows[0], self._rows[min(1, len(self._rows) - 1)], self.model.n_outputs
-        apart, none = np.nan_to_num(self._given - self._aimed[2]), np.zeros(p)
+        row, after = self._rows[0], self._rows[min(1, len(self._rows) - 1)]
+        apart = np.nan_to_num(self._given - self._aimed[2])
         self._moves = self._step(row), np.nan_to_num(after - row), apart
-        _, us = self._point.moving(none, self._moves[0], none, apart)
-        inputs = np.minimum(np.maximum(us, self._low), self._high)
-        return self._point.of_bias[p:].copy(), inputs, self._low, self._high
+        inputs = np.minimum(np.maximum(self._at(row)[1], self._low), self._high)
+        return self._point.of_bias[len(row) :].copy(), inputs, self._low, self._high
+
+    def _at(self, row: Floats) -> tuple[Floats, Floats]:
+        """The window and the inputs at rest at a target, without a bias."""
+        none = np.zeros(len(row))
+        return self._point.moving(none, self._step(row), none, self._moves[2])
 
     def _feed_forward(self) -> Floats:
         """What targets to come add to the input of the gain, (h, m), 0 without weights.
@@ -567,9 +570,7 @@ class ReadingLoop(ControlLoop[Reading]):
             raise InputError("`plan` needs a full window, of which no reading was missing")
         steps, limits, cost = self._asked
         start = Start(now[0], validation.frozen(self._log[-1].y.copy()), self._at_rest)
-        none = np.zeros(self.model.n_outputs)
-        rest = self._point.moving(none, self._step(self._rows[0]), none, self._moves[2])
-        return plan_from(self.model, start, rest, steps, limits, cost)
+        return plan_from(self.model, start, self._at(self._rows[0]), steps, limits, cost)
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
         """Check whether all systems of a region are stable in this loop, estimate included.
@@ -615,8 +616,7 @@ class ReadingLoop(ControlLoop[Reading]):
             more = tuple(f"bias[{name}]" for name in model.outputs)
             names = Labels((*names.states, *more), names.inputs)
         ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
-        none = np.zeros(p)
-        xs, us = self._point.moving(none, self._step(self._rows[-1]), none, self._moves[2])
+        xs, us = self._at(self._rows[-1])
         target = np.hstack([xs, np.zeros(r), us])
         return judged(
             entered(region, ABc, J, G, model.m),

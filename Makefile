@@ -65,10 +65,17 @@ quick: $(VENV)/.dev ## what a change needs at once: a fast build of the extensio
 
 lint: $(VENV)/.dev ## lines per room, format, clippy, rustdoc, ruff, mypy --strict, stubs against the extension
 	"$(PY)" tools/lines.py
+	@# side by side: the checks of types leave a core idle
+	$(MAKE) --no-print-directory --jobs 2 --output-sync=target lint-rust lint-python
+
+.PHONY: lint-rust lint-python
+lint-rust:
 	cargo fmt --check
-	cargo clippy --release --locked --all-targets -- -D warnings
 	PYO3_PYTHON="$(PY)" cargo clippy --release --locked --all-targets --features python -- -D warnings
+	cargo clippy --release --locked --lib -- -D warnings
 	RUSTDOCFLAGS="-D warnings" cargo doc --release --locked --no-deps
+
+lint-python:
 	"$(BIN)/ruff" check .
 	"$(BIN)/ruff" format --check .
 	"$(PY)" -m mypy

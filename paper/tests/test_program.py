@@ -19,6 +19,7 @@ import pytest
 import paper
 from paper import __main__ as program
 from paper.experiments.replicate import Step
+from paper.report import page
 
 pytest.importorskip("matplotlib")
 ROOT = Path(__file__).resolve().parents[2]
@@ -62,6 +63,13 @@ def stopped(tmp_path_factory):
 
 
 @pytest.fixture
+def undrawn(monkeypatch):
+    """Runs without pages and figures, which are 9/10 of the time: `test_report` has them."""
+    monkeypatch.setattr(page, "save_figures", lambda *_: [])
+    monkeypatch.setattr(page, "render", lambda *_, **__: "")
+
+
+@pytest.fixture
 def begun(stopped, tmp_path):
     return Path(shutil.copytree(stopped, tmp_path / "out"))
 
@@ -73,11 +81,13 @@ def test_a_report_with_its_table(finished):
     assert {"report.html", "results.json", "power-figure-1.png"} <= set(os.listdir(out))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_any_number_of_workers_finds_the_same(finished, tmp_path):
     assert run(tmp_path / "two", "--workers", "2") == 0
     assert numbers(finished[0]) == numbers(tmp_path / "two")
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_done_is_not_computed_again(begun, finished, monkeypatch):
     honest, sizes = Step.draw, []
 
@@ -95,6 +105,7 @@ def test_what_is_done_is_not_computed_again(begun, finished, monkeypatch):
     assert numbers(begun) == numbers(finished[0])
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_another_run_and_a_damaged_list_of_options_are_refused(begun, capsys):
     before = {path: path.read_bytes() for path in begun.rglob("*") if path.is_file()}
     for options, text in (
@@ -111,6 +122,7 @@ def test_another_run_and_a_damaged_list_of_options_are_refused(begun, capsys):
     assert run(begun, "--force", "--seed", "4") == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_only_own_files_are_replaced(finished, tmp_path, capsys):
     out = Path(shutil.copytree(finished[0], tmp_path / "out"))
     assert run(out) == 0
@@ -125,6 +137,7 @@ def test_only_own_files_are_replaced(finished, tmp_path, capsys):
     assert run(out, "--replicates", "3", "--force") == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_killed_run_continues_with_the_same_numbers(tmp_path):
     options = ["reproduce", "--quick", "--no-claims", "--replicates", "8", "--samples", "30"]
     command = [sys.executable, "-m", "paper", *options, "--out", str(tmp_path / "out")]

@@ -895,10 +895,13 @@ class Readings:
     # whether it is stuck
     @property
     def now(self) -> tuple[_Floats, bool, float, int, int, list[int], bool] | None: ...
-    # of the window and of that with what was rejected, and how many readings in a row were
-    def state(self) -> tuple[_Floats | None, _Floats | None, int]: ...
+    # of the window and of that with what was rejected, and the doubt of the first
+    def state(self) -> tuple[_Floats | None, _Floats | None, _Floats]: ...
     def resume(
-        self, now: _Floats | None = None, raw: _Floats | None = None, rejected: int = 0
+        self,
+        now: _Floats | None = None,
+        raw: _Floats | None = None,
+        doubt: _Floats | None = None,
     ) -> None: ...
 
 @final

@@ -13,7 +13,7 @@ use faer::linalg::solvers::{DenseSolveCore, Solve};
 use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result};
-use crate::memory::{covered, room_for_products, try_collect, try_push, try_zeros};
+use crate::memory::{covered, room_for_products, try_collect, try_extend, try_push, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Part, Region};
 use crate::window::Window;
@@ -23,9 +23,14 @@ use super::{Bounds, Penalty, Until, box_control};
 const WHAT: &str = "a set point";
 /// Relative singular values below it are rounding.
 const RANK: f64 = 1e-10;
-/// Held outputs or inputs that move by less than this, in units of their ranges, while others move by their own: these
+/// Held outputs or inputs that move by less than this, in units of their ranges, while free outputs move by their own: these
 /// integrate.
 const FLAT: f64 = 0.03;
+
+/// The weight of an output with a target and none in the cost, beside the largest.
+const SMALL: f64 = 1e-6;
+/// So many inputs have all sets of their limits tried.
+const ENUMERATED: usize = 6;
 
 type Matrix = Mat<f64>;
 
@@ -149,6 +154,35 @@ struct Nearest {
     values: Matrix,
 }
 
+/// A target in units of the signals.
+struct Goal {
+    /// Ones of the outputs that have a target (p, p).
+    set: Matrix,
+    /// Directions that move these by less are none in which they are held.
+    cut: f64,
+    goal: Matrix,
+    now: Matrix,
+}
+
+/// The limits of the inputs in their units, behind so many that are given.
+struct Within {
+    fixed: usize,
+    sides: [Matrix; 2],
+}
+
+impl Within {
+    /// The input farthest beyond a limit that does not hold it, and this limit.
+    fn worst(&self, v: &Matrix, p: usize, active: &[(usize, f64)]) -> Option<(usize, f64)> {
+        let [low, high] = &self.sides;
+        let u = |i: usize| v[(p + i, 0)];
+        let over = |i: usize| (low[(i, 0)] - u(i)).max(u(i) - high[(i, 0)]);
+        let size = (0..low.nrows()).map(|i| u(i).abs()).fold(1.0, f64::max);
+        let out = (0..low.nrows()).filter(|i| active.iter().all(|(held, _)| held != i));
+        let worst = out.max_by(|i, j| over(*i).total_cmp(&over(*j))).filter(|i| over(*i) > RANK * size)?;
+        Some((worst, if u(worst) < low[(worst, 0)] { low[(worst, 0)] } else { high[(worst, 0)] }))
+    }
+}
+
 impl SetPoints {
     /// Of a model `theta` (p, d); `unit` has the sizes of its outputs and inputs (p + m).
     ///
@@ -253,13 +287,7 @@ impl SetPoints {
     }
 
     /// The nearest point of rest, with some inputs at given values; see [`Self::at`].
-    fn nearest(
-        &self,
-        root: &Matrix,
-        (goal, cut): (&Matrix, f64),
-        now: &Matrix,
-        active: &[(usize, f64)],
-    ) -> Result<Nearest> {
+    fn nearest(&self, root: &Matrix, Goal { set, cut, goal, now }: &Goal, active: &[(usize, f64)]) -> Result<Nearest> {
         let (p, k) = (self.sizes().0, self.unit.len());
         let units = Mat::from_fn(active.len(), k, |i, j| f64::from(u8::from(j == p + active[i].0)));
         let sizes = self.row_sizes()?;
@@ -274,10 +302,13 @@ impl SetPoints {
         let count = free.ncols();
         let mut rows = Mat::zeros(count + active.len(), k);
         let (mut per_target, mut held) = (Mat::zeros(rows.nrows(), p), Mat::zeros(rows.nrows(), 1));
-        // least (y - r)'Q (y - r)
-        let first = parts(&(root * outputs(&free)))?;
-        let one = first.rank(cut * root.norm_l2());
-        let mut v = &start + &free * first.solve(&(root * (goal - outputs(&start))), one);
+        // least (y - r)'Q (y - r), where the outputs of the target move
+        let split = parts(&(set * outputs(&free)))?;
+        let count_moving = split.rank(cut * set.norm_l2());
+        let moving = &free * split.v.subcols(0, count_moving);
+        let first = parts(&(root * outputs(&moving)))?;
+        let one = first.rank(RANK * root.norm_l2());
+        let mut v = &start + &moving * first.solve(&(root * (goal - outputs(&start))), one);
         let of_target = first.u.subcols(0, one).transpose() * root;
         for i in 0..one {
             for j in 0..p {
@@ -285,7 +316,10 @@ impl SetPoints {
             }
         }
         // then the least inputs, in their units
-        let left = &free * first.free(one);
+        let (here, still) = (moving * first.free(one), &free * split.free(count_moving));
+        let left = Mat::from_fn(k, here.ncols() + still.ncols(), |i, j| {
+            if j < here.ncols() { here[(i, j)] } else { still[(i, j - here.ncols())] }
+        });
         let second = parts(&inputs(&left))?;
         let two = second.rank(FLAT);
         v -= &left * second.solve(&inputs(&v), two);
@@ -333,37 +367,34 @@ impl SetPoints {
         let set = |i: usize| !wish.target[i].is_nan();
         let chosen = (0..m).filter(|i| wish.given[*i].is_nan()).count();
         let held = (0..p).filter(|i| set(*i)).count() <= chosen;
-        let weight = |i: usize, j: usize| match (set(i) && set(j), held) {
+        // an output with a target has a weight, where limits decide between them
+        let least = (0..p).map(|i| wish.weights[i * p + i] * self.unit[i].powi(2)).fold(0.0, f64::max) * SMALL;
+        let weight = |i: usize, j: usize| match (set(i) && set(j), i == j) {
             (false, _) => 0.0,
-            (true, true) => f64::from(u8::from(i == j)), // all are held: no weight decides
+            (true, true) => (wish.weights[i * p + j] * self.unit[i].powi(2)).max(if least > 0.0 { least } else { 1.0 }),
             (true, false) => wish.weights[i * p + j] * self.unit[i] * self.unit[j],
         };
-        let cut = if held { FLAT } else { RANK };
-        let eigen = Mat::from_fn(p, p, weight).self_adjoint_eigen(Side::Lower).map_err(lost)?;
-        let values = eigen.S().column_vector();
-        let root = Mat::from_fn(p, p, |i, j| values[i].max(0.0).sqrt() * eigen.U()[(j, i)]);
-        let goal = Mat::from_fn(p, 1, |i, _| if set(i) { wish.target[i] / self.unit[i] } else { 0.0 });
-        let now = Mat::from_fn(p, 1, |i, _| wish.now[i] / self.unit[i]);
+        let root = |of: Matrix| -> Result<Matrix> {
+            let eigen = of.self_adjoint_eigen(Side::Lower).map_err(lost)?;
+            let values = eigen.S().column_vector();
+            Ok(Mat::from_fn(p, p, |i, j| values[i].max(0.0).sqrt() * eigen.U()[(j, i)]))
+        };
         let side = |of: &[f64], i: usize| of[i] / self.unit[p + i];
         let given = (0..m).filter(|i| !wish.given[*i].is_nan());
         let mut active = try_collect(WHAT, given.map(|i| (i, side(wish.given, i))))?;
         let fixed = active.len();
-        let mut near = self.nearest(&root, (&goal, cut), &now, &active)?;
-        for _ in 0..4 * m + 4 {
-            let u = |i: usize| near.v[(p + i, 0)];
-            let over = |i: usize| (side(wish.low, i) - u(i)).max(u(i) - side(wish.high, i));
-            let size = (0..m).map(|i| u(i).abs()).fold(1.0, f64::max);
-            let out = (0..m).filter(|i| active.iter().all(|(held, _)| held != i));
-            let worst = out.max_by(|i, j| over(*i).total_cmp(&over(*j))).filter(|i| over(*i) > RANK * size);
-            if let Some(i) = worst {
-                let end = if u(i) < side(wish.low, i) { side(wish.low, i) } else { side(wish.high, i) };
-                try_push(WHAT, &mut active, (i, end))?;
-            } else if let Some(at) = self.to_release(&root, &goal, &near, (&active, fixed), wish)? {
-                active.remove(at);
-            } else {
-                break;
-            }
-            near = self.nearest(&root, (&goal, cut), &now, &active)?;
+        let limits =
+            Within { fixed, sides: [0, 1].map(|at| Mat::from_fn(m, 1, |i, _| side([wish.low, wish.high][at], i))) };
+        // all are held: no weight decides, unless a limit is in the way
+        let goal = Goal {
+            set: Mat::from_fn(p, p, |i, j| f64::from(u8::from(i == j && set(i)))),
+            cut: if held && !(0..p).all(set) { FLAT } else { RANK },
+            goal: Mat::from_fn(p, 1, |i, _| if set(i) { wish.target[i] / self.unit[i] } else { 0.0 }),
+            now: Mat::from_fn(p, 1, |i, _| wish.now[i] / self.unit[i]),
+        };
+        let mut near = self.nearest(&goal.set, &goal, &active)?;
+        if !held || limits.worst(&near.v, p, &active).is_some() {
+            near = self.settled(&root(Mat::from_fn(p, p, weight))?, &goal, &limits, &mut active)?;
         }
         let sizes = self.row_sizes()?;
         let whole = stacked(&self.in_rows(&sizes), &near.rows);
@@ -399,29 +430,68 @@ impl SetPoints {
         })
     }
 
+    /// The nearest point within the limits, and those that hold it: one limit more where one is broken, one less where the distance
+    /// falls away from it; where that goes round in a circle the best of all their sets.
+    fn settled(&self, root: &Matrix, goal: &Goal, limits: &Within, active: &mut Vec<(usize, f64)>) -> Result<Nearest> {
+        let (p, m) = self.sizes();
+        let mut near = self.nearest(root, goal, active)?;
+        for _ in 0..4 * m + 4 {
+            if let Some(new) = limits.worst(&near.v, p, active) {
+                try_push(WHAT, active, new)?;
+            } else if let Some(at) = self.to_release(root, goal, &near, active, limits)? {
+                active.remove(at);
+            } else {
+                return Ok(near);
+            }
+            near = self.nearest(root, goal, active)?;
+        }
+        let chosen = try_collect(WHAT, (0..m).filter(|i| active[..limits.fixed].iter().all(|(held, _)| held != i)))?;
+        let distance = |near: &Nearest| (root * (near.v.subrows(0, p) - &goal.goal)).norm_l2();
+        let mut best: Option<(Nearest, Vec<(usize, f64)>)> = None;
+        for code in 0..3_usize.pow(chosen.len().min(ENUMERATED) as u32) {
+            let ends = |at: usize| [f64::NAN, limits.sides[0][(chosen[at], 0)], limits.sides[1][(chosen[at], 0)]];
+            let held =
+                (0..chosen.len().min(ENUMERATED)).map(|at| (chosen[at], ends(at)[code / 3_usize.pow(at as u32) % 3]));
+            let mut tried = try_collect(WHAT, active[..limits.fixed].iter().copied())?;
+            try_extend(WHAT, &mut tried, held.filter(|(_, end)| !end.is_nan()))?;
+            if tried.iter().any(|(_, end)| end.is_infinite()) {
+                continue;
+            }
+            let found = self.nearest(root, goal, &tried)?;
+            let nearer = best.as_ref().is_none_or(|(best, _)| distance(&found) < distance(best));
+            if nearer && limits.worst(&found.v, p, &tried).is_none() {
+                best = Some((found, tried));
+            }
+        }
+        let lost = || Error::Numerical("no nearest point of rest was found within the limits of the inputs".into());
+        let (near, held) = best.ok_or_else(lost)?;
+        *active = held;
+        Ok(near)
+    }
+
     /// The place of an active limit along which the distance falls away from it.
     fn to_release(
         &self,
         root: &Matrix,
-        goal: &Matrix,
+        goal: &Goal,
         near: &Nearest,
-        (active, fixed): (&[(usize, f64)], usize),
-        wish: &Wish<'_>,
+        active: &[(usize, f64)],
+        limits: &Within,
     ) -> Result<Option<usize>> {
         let (p, k) = (self.sizes().0, self.unit.len());
-        if active.len() == fixed {
+        if active.len() == limits.fixed {
             return Ok(None);
         }
-        let off = root.transpose() * (root * (near.v.subrows(0, p) - goal));
+        let off = root.transpose() * (root * (near.v.subrows(0, p) - &goal.goal));
         let slope = Mat::from_fn(k, 1, |j, _| if j < p { off[(j, 0)] } else { 0.0 });
         let units = Mat::from_fn(active.len(), k, |i, j| f64::from(u8::from(j == p + active[i].0)));
         let across = stacked(&self.in_rows(&self.row_sizes()?), &units).transpose().to_owned();
         let found = parts(&across)?;
         let along = found.solve(&slope, found.rank(RANK * found.s[0]));
-        Ok((fixed..active.len()).find(|at| {
+        Ok((limits.fixed..active.len()).find(|at| {
             let ((i, end), s) = (active[*at], along[(p + at, 0)]);
-            let at_low = end * self.unit[p + i] <= wish.low[i];
-            wish.low[i] < wish.high[i] && if at_low { s < -RANK } else { s > RANK }
+            let [low, high] = [0, 1].map(|side| limits.sides[side][(i, 0)]);
+            low < high && if end <= low { s < -RANK } else { s > RANK }
         }))
     }
 

@@ -122,7 +122,7 @@ impl PyReadings {
         let (y, acted, bias) = (slice("y", &y)?, slice("applied", &acted)?, slice("bias", &bias)?);
         let (found, x) = self.inner.with(py, self.cost, |inner, _| {
             let found = inner.step(y, &seen, acted, bias, started)?;
-            Ok((found, try_copy(WHAT, inner.state().0.map_or(&[], |now| &now.x))?))
+            Ok((found, try_copy(WHAT, inner.window().map_or(&[], |now| &now.x))?))
         })?;
         let follows = match (found.lost, found.runs) {
             (true, _) => "lost",
@@ -142,7 +142,7 @@ impl PyReadings {
     /// None before the first readings.
     #[getter]
     fn now<'py>(&self, py: Python<'py>) -> PyResult<Option<Now<'py>>> {
-        let now = self.inner.with(py, 0.0, |inner, _| Ok(inner.state().0.cloned()))?;
+        let now = self.inner.with(py, 0.0, |inner, _| Ok(inner.window().cloned()))?;
         let handed = |now: Contents| {
             let known = now.covariance.is_none();
             Ok((array1(py, now.x)?, known, now.excess, now.since, now.calls, now.read, now.stuck))
@@ -150,27 +150,28 @@ impl PyReadings {
         now.map(handed).transpose()
     }
 
-    /// The window, that with what was rejected, and how many readings in a row were.
-    fn state<'py>(&self, py: Python<'py>) -> PyResult<(Option<Row<'py>>, Option<Row<'py>>, usize)> {
-        let (now, raw, rejected) = self.inner.with(py, 0.0, |inner, _| {
-            let (now, raw, rejected) = inner.state();
+    /// The window, that with what was rejected, and how much doubt there is of the first.
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<(Option<Row<'py>>, Option<Row<'py>>, Row<'py>)> {
+        let (now, raw, doubt) = self.inner.with(py, 0.0, |inner, _| {
+            let (now, raw, doubt) = inner.state()?;
             let numbers = |of: Option<&Contents>| of.map(Contents::numbers).transpose();
-            Ok((numbers(now)?, numbers(raw)?, rejected))
+            Ok((numbers(now)?, numbers(raw)?, doubt))
         })?;
         let handed = |of: Option<Vec<f64>>| of.map(|of| array1(py, of)).transpose();
-        Ok((handed(now)?, handed(raw)?, rejected))
+        Ok((handed(now)?, handed(raw)?, array1(py, doubt)?))
     }
 
-    #[pyo3(signature = (now=None, raw=None, rejected=0))]
+    #[pyo3(signature = (now=None, raw=None, doubt=None))]
     fn resume(
         &self,
         py: Python<'_>,
         now: Option<Vector<'_>>,
         raw: Option<Vector<'_>>,
-        rejected: usize,
+        doubt: Option<Vector<'_>>,
     ) -> PyResult<()> {
         let now = now.as_ref().map(|now| slice("now", now)).transpose()?;
         let raw = raw.as_ref().map(|raw| slice("raw", raw)).transpose()?;
-        self.inner.with(py, 0.0, |inner, _| inner.restore(now, raw, rejected))
+        let doubt = doubt.as_ref().map(|doubt| slice("doubt", doubt)).transpose()?.unwrap_or(&[]);
+        self.inner.with(py, 0.0, |inner, _| inner.restore(now, raw, doubt))
     }
 }

@@ -14,8 +14,10 @@ use crate::window::{Contents, Filter};
 use super::{Part, Region};
 
 const WHAT: &str = "a loop from readings";
-/// Rejected readings in a row, behind which the next ones are taken for true.
-const BELIEVED: usize = 3;
+/// Rejected readings in a row, or alike with few others between them, behind which the next rejected one is taken for true.
+const BELIEVED: f64 = 3.0;
+/// What an accepted reading takes off the number of those that were alike.
+const FORGOTTEN: f64 = 1.0 / 3.0;
 /// Of the excess of a window: what it holds says nothing.
 const USELESS: f64 = 1e12;
 /// Of the deviation of the noise: a walk of every output beside those that inputs can make.
@@ -221,7 +223,38 @@ pub struct Readings {
     max_missing: usize,
     now: Option<Contents>,
     raw: Option<Contents>,
-    rejected: usize,
+    doubt: Doubt,
+}
+
+/// Whether what is rejected is a change of the plant: a constant force can bring every second or third reading back to what is
+/// predicted, so that none of the others come in a row, but they are off by the same.
+#[derive(Debug, Clone, Default)]
+struct Doubt {
+    /// Rejected in a row.
+    row: f64,
+    /// Rejected and off by the same, less a third of the others between them.
+    alike: f64,
+    /// What the last rejected one was off by, in deviations of the noise (p).
+    off: Vec<f64>,
+}
+
+impl Doubt {
+    const fn of_change(&self) -> bool {
+        self.row >= BELIEVED || self.alike >= BELIEVED
+    }
+
+    fn accept(&mut self) {
+        (self.row, self.alike) = (0.0, (self.alike - FORGOTTEN).max(0.0));
+    }
+
+    /// Off by the same: within half of the larger one.
+    fn reject(&mut self, off: Vec<f64>) {
+        let size = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>();
+        let apart = self.off.iter().zip(&off).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
+        let same = self.off.len() == off.len() && 4.0 * apart <= size(&self.off).max(size(&off));
+        (self.row, self.alike) = (self.row + 1.0, if same { (self.alike + 1.0).min(2.0 * BELIEVED) } else { 1.0 });
+        self.off = off;
+    }
 }
 
 /// `M v`, row by row.
@@ -249,7 +282,8 @@ impl Readings {
         }
         let theta = try_copy(WHAT, theta)?;
         let none = Aim { of_bias: Vec::new(), limits: [const { Vec::new() }; 3] };
-        let mut made = Self { filter, theta, gate, of, aim: none, max_missing, now: None, raw: None, rejected: 0 };
+        let mut made =
+            Self { filter, theta, gate, of, aim: none, max_missing, now: None, raw: None, doubt: Doubt::default() };
         made.aim(aim)?;
         Ok(made)
     }
@@ -297,20 +331,41 @@ impl Readings {
         Ok(())
     }
 
-    /// The window, that with what was rejected, and how many readings in a row were.
+    /// The window, if it has begun.
     #[must_use]
-    pub const fn state(&self) -> (Option<&Contents>, Option<&Contents>, usize) {
-        (self.now.as_ref(), self.raw.as_ref(), self.rejected)
+    pub const fn window(&self) -> Option<&Contents> {
+        self.now.as_ref()
     }
 
-    /// Go on from there, with the numbers of both.
+    /// The window, that with what was rejected, and the doubt of the first: how many were rejected in a row, how many were alike,
+    /// and what the last was off by.
+    ///
+    /// # Errors
+    /// [`Error::Memory`].
+    pub fn state(&self) -> Result<(Option<&Contents>, Option<&Contents>, Vec<f64>)> {
+        let Doubt { row, alike, off } = &self.doubt;
+        let doubt = try_collect(WHAT, [*row, *alike].into_iter().chain(off.iter().copied()))?;
+        Ok((self.now.as_ref(), self.raw.as_ref(), doubt))
+    }
+
+    /// Go on from there, with the numbers of both, and the doubt.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn restore(&mut self, now: Option<&[f64]>, raw: Option<&[f64]>, rejected: usize) -> Result<()> {
+    pub fn restore(&mut self, now: Option<&[f64]>, raw: Option<&[f64]>, doubt: &[f64]) -> Result<()> {
         let contents = |numbers| self.filter.restored(numbers);
-        (self.now, self.raw, self.rejected) =
-            (now.map(contents).transpose()?, raw.map(contents).transpose()?, rejected);
+        let p = self.filter.window.outputs();
+        let doubt = match doubt {
+            [] => Doubt::default(),
+            [row, alike, off @ ..] if [0, p].contains(&off.len()) && doubt.iter().all(|v| v.is_finite()) => {
+                Doubt { row: *row, alike: *alike, off: try_copy(WHAT, off)? }
+            }
+            _ => {
+                let (expected, found) = (format!("2 or {} numbers", p + 2), doubt.len().to_string());
+                return Err(Error::Shape { name: "doubt", expected, found });
+            }
+        };
+        (self.now, self.raw, self.doubt) = (now.map(contents).transpose()?, raw.map(contents).transpose()?, doubt);
         Ok(())
     }
 
@@ -319,7 +374,7 @@ impl Readings {
     /// # Errors
     /// [`Error::Memory`].
     pub fn start(&mut self, x: &[f64]) -> Result<()> {
-        (self.now, self.raw, self.rejected) = (Some(self.filter.full(x)?), None, 0);
+        (self.now, self.raw, self.doubt) = (Some(self.filter.full(x)?), None, Doubt::default());
         Ok(())
     }
 
@@ -352,7 +407,7 @@ impl Readings {
         }
         let mut step =
             Step { predicted: None, bias: try_copy(WHAT, bias)?, off: 0.0, believed: false, lost: false, runs: false };
-        let mut next = (None, None, self.rejected);
+        let mut next = (None, None, self.doubt.clone());
         if let Some(now) = &self.now {
             let ahead = |z: &[f64]| -> Result<Vec<f64>> {
                 let mut ahead = product(&self.theta, z)?;
@@ -365,15 +420,24 @@ impl Readings {
             if step.off > 1.0 {
                 let raw = self.raw.as_ref().unwrap_or(now);
                 let with_raw = self.filter.regressors(raw, acted)?;
-                if self.rejected < BELIEVED {
-                    next.1 = Some(self.filter.advanced(raw, y, acted, seen, &ahead(&with_raw)?)?);
-                    next.2 += 1;
-                    seen = &none;
-                } else {
+                let predicted = ahead(&z)?;
+                let off = |i: usize| {
+                    let off = (y[i] - predicted[i]) / self.of.noise[i * p + i].sqrt();
+                    if seen[i] && off.is_finite() { off } else { 0.0 }
+                };
+                next.2.reject(try_collect(WHAT, (0..p).map(off))?);
+                next.1 = Some(self.filter.advanced(raw, y, acted, seen, &ahead(&with_raw)?)?);
+                if self.doubt.of_change() {
                     (now, z, step.believed) = (raw, with_raw, true);
+                } else {
+                    seen = &none;
                 }
             } else {
-                next.2 = 0;
+                next.2.accept();
+                if let Some(raw) = self.raw.as_ref().filter(|_| next.2.alike > 0.0) {
+                    let predicted = ahead(&self.filter.regressors(raw, acted)?)?;
+                    next.1 = Some(self.filter.advanced(raw, y, acted, seen, &predicted)?);
+                }
             }
             let predicted = ahead(&z)?;
             let news = |i: usize| if started && seen[i] { y[i] - predicted[i] } else { 0.0 };
@@ -387,16 +451,16 @@ impl Readings {
             step.predicted = Some(predicted);
         } else {
             next.0 = Some(self.filter.begun(y, acted, seen)?);
-            next.2 = 0;
+            next.2 = Doubt::default();
         }
         let found = next.0.as_ref();
         let sum = |now: &Contents| now.x.iter().chain(&step.bias).sum::<f64>();
         step.lost = !found.is_some_and(|now| sum(now).is_finite() && now.excess < USELESS);
         step.runs = !step.lost && found.is_some_and(|now| now.tells(started) && now.missed <= self.max_missing);
         if step.lost {
-            next = (None, None, 0);
+            next = (None, None, Doubt::default());
         }
-        (self.now, self.raw, self.rejected) = next;
+        (self.now, self.raw, self.doubt) = next;
         Ok(step)
     }
 }

@@ -24,7 +24,7 @@ from stochens_rs.loops import readings as gate
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 LIMITS, TARGET = (-3.0, 3.0), [4.0, 40.0]
-TAKEN = "rejected 3 times in a row: now taken for true"
+TAKEN = "rejected 3 times, and so no false reading: now taken for true"
 
 
 @pytest.fixture(scope="module")
@@ -291,6 +291,31 @@ def test_a_change_of_the_plant_is_believed(belt):
     assert "rejected, " in loop.log[300].reason
     assert TAKEN in {call.reason for call in loop.log[300:]}
     assert {call.status for call in loop.log[310:]} == {"gain"}
+
+
+@pytest.mark.parametrize("a", [[-1.04], [1.04], [-0.99, -0.99], [0.0, 0.0, 0.99], [1.9, -0.95]])
+def test_a_force_that_hides_behind_the_gate_is_believed(a):
+    """y+ = -1.04 y + u + 10 sd: what takes the place of a rejected reading brings the next back."""
+    rng, count = np.random.default_rng(0), len(a)
+    y, u = np.zeros((40, 30, 1)), rng.standard_normal((40, 29, 1))
+    for t in range(29):
+        past = sum(a[i] * y[:, t - i] for i in range(min(count, t + 1)))
+        y[:, t + 1] = past + u[:, t] + 0.1 * rng.standard_normal((40, 1))
+    model = se.identify(
+        se.Trajectories(list(y), list(u), outputs=True), window=se.Window(lags=count)
+    )
+    for force, spikes in ((1.0, 0.0), (3.0, 0.0), (0.0, 0.1)):
+        loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+        past, off = np.zeros(count), []
+        for t in range(400):
+            read = past[:1] + (rng.random() < spikes) * rng.uniform(-50.0, 50.0, 1)
+            act = float(loop(read)[0]) + force * (t >= 100) + 0.1 * rng.standard_normal()
+            past = np.r_[a @ past + act, past[:-1]]
+            off.append(abs(past[0]))
+        why = [one.reason or "" for one in loop.log]
+        assert sum("as far off as the gate" in text for text in why) <= (12 if force else 60)
+        assert np.mean(off[-100:]) < 0.15  # it was .9, with every second reading rejected
+        assert force or not any(TAKEN in text for text in why)
 
 
 def test_the_cap_keeps_the_disturbance_within_the_limits(belt):

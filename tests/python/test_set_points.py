@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import pickle
 
 import numpy as np
@@ -561,6 +562,44 @@ def test_units_change_no_point_of_rest(ratio):
         rest = loop.rest
         found.append([rest.components[1] / unit, rest.input_components[0], rest.states[1] / unit])
     np.testing.assert_allclose(found[1], found[0], rtol=1e-4)
+
+
+def nearest_of_all(A, B, r, weights, low, high):
+    """The least (y - r)'Q(y - r) at rest within the limits: all 3^m sets of them."""
+    (p, m), best = B.shape, np.inf
+    rest = np.linalg.svd(np.hstack([np.eye(p) - A, -B]))[2][p:].T
+    for pattern in itertools.product((-1, 0, 1), repeat=m):
+        at = np.array(pattern) != 0
+        ends = np.where(np.array(pattern) < 0, low, high)[at]
+        start = np.linalg.lstsq(rest[p:][at], ends, rcond=None)[0] if at.any() else np.zeros(m)
+        free = np.linalg.svd(rest[p:][at])[2][at.sum() :].T if at.any() else np.eye(m)
+        rows = np.sqrt(weights)[:, None] * rest[:p]
+        goal = np.sqrt(weights) * np.nan_to_num(r) - rows @ start
+        v = rest @ (start + free @ np.linalg.lstsq(rows @ free, goal, rcond=1e-10)[0])
+        if ((v[p:] >= low - 1e-9) & (v[p:] <= high + 1e-9)).all():
+            best = min(best, float(weights @ (v[:p] - np.nan_to_num(r)) ** 2))
+    return best
+
+
+def test_the_nearest_point_is_the_nearest_of_all():
+    """400 systems of 1 to 3 outputs and 1 to 4 inputs, with tight limits and weights."""
+    rng = np.random.default_rng(8)
+    for _ in range(400):
+        p, m = int(rng.integers(1, 4)), int(rng.integers(1, 5))
+        A, B = rng.standard_normal((p, p)), rng.standard_normal((p, m))
+        A *= rng.uniform(0.3, 1.2) / np.abs(np.linalg.eigvals(A)).max()
+        low, high = -rng.uniform(0.05, 1.0, m), rng.uniform(0.05, 1.0, m)
+        r, weights = rng.standard_normal(p) * rng.choice([0.3, 1.0, 5.0]), rng.uniform(0.1, 3.0, p)
+        if p > 1 and rng.random() < 0.3:
+            r[0] = np.nan
+        points = _core.SetPoints(_core.Window(p, m, 1), np.hstack([A, B]), np.ones(p + m))
+        args = np.diag(weights), np.zeros(p), (low, high), np.full(m, np.nan)
+        y, u = np.split(points.at(r, *args).place, [p])
+        weights = np.where(np.isnan(r), 0.0, weights)
+        least = nearest_of_all(A, B, r, weights, low, high)
+        assert ((u >= low - 1e-9) & (u <= high + 1e-9)).all()
+        if not np.isnan(r).any():
+            assert float(weights @ (y - np.nan_to_num(r)) ** 2) <= least + 1e-9 * (1.0 + least)
 
 
 def test_an_output_that_cannot_be_held_is_not_said_to_be():

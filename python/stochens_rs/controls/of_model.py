@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeGuard
 import numpy as np
 
 from .._base import show, validation
+from .._base.names import Labels
 from .._base.numbers import ROUNDING
 from .._base.records import trusted
 from .._base.types import DELTA, Floats, Fusion, Status, worst
@@ -17,8 +18,8 @@ from ..exceptions import InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
 from ..identification.identified import Identified
 from ..identification.model import Model
-from ..limits.limits import Uncertain, as_limits
-from ..limits.problem import Horizon, checked_task, seconds, sides
+from ..limits.limits import Cost, Uncertain, as_limits
+from ..limits.problem import Horizon, checked_task, read_task, seconds, sides
 from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
@@ -27,10 +28,9 @@ from .set_point import output_weights, set_point, targets
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from .._base.names import Labels
     from ..fusion.provenance import Basis
-    from ..limits.limits import Cost, Limits, LimitsLike
-    from ..limits.problem import Limited
+    from ..limits.limits import Limits, LimitsLike
+    from ..limits.problem import Limited, Task
 
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
@@ -89,7 +89,7 @@ def model_control(
     model, started = basis.model, monotonic()
     n, m = model.B.shape
     K = exact.checked_steps(steps, n, m)
-    task = checked_task(n, m, K, basis.xf, limits, cost, model.labels)
+    task, system, x0 = task_of(model, K, basis.xf, limits, cost)
     if task is not None and resting is not None and resting.any():
         task = replace(task, resting=resting)
     time = seconds(time_limit, task)
@@ -100,15 +100,58 @@ def model_control(
         effect = np.abs(u) * np.linalg.norm(model.B, axis=0)
         u = np.where(effect > ROUNDING * effect.max(), u, 0.0)
     else:
-        limited = Horizon(task, model.A, model.B, model.c).solve(basis.x0, time_limit=time)
+        x0[:n] = basis.x0
+        limited = Horizon(task, *system).solve(x0, time_limit=time)
         if task.state_low is not None and task.soft is None:
             left = None if time is None else time - (monotonic() - started)
             limited, _ = within_state_limits(basis, limited, model.level, Asked(noise=False), left)
         u = limited.u
     path = trajectory(model.Theta, basis.x0, u)
     if limited is not None and limited.states is not None:
-        path = np.vstack([basis.x0, limited.states])
+        path = np.vstack([basis.x0, limited.states[:, :n]])
     return _planned(basis, u, path, found, limited, step_warnings(found, sure=False))
+
+
+def task_of(
+    model: Identified, K: int, xf: Floats, limits: LimitsLike, cost: Cost
+) -> tuple[Task | None, tuple[Floats, Floats, Floats | None], Floats]:
+    """What is asked of a model, the system it is asked of, and a state of this one.
+
+    Of a model of outputs with limits of readings that is ``(x, y)``, x the window, so that they are
+    limits of states: ``y(t+1) = Theta J (x, u, 1)``.
+    """
+    within, (n, m) = as_limits(limits), model.B.shape
+    system: Any = model.A, model.B, model.c
+    if not isinstance(model, Model) or model.window is None or within.x is None:
+        return checked_task(n, m, K, xf, within, cost, model.labels), system, np.zeros(n)
+    p = model.n_outputs
+    if within.soft is False:
+        raise InputError(
+            "`soft` must not be False for a model of outputs: noise can lead readings beyond any "
+            "limit; give a weight, or leave it out"
+        )
+    of_outputs = Labels(model.outputs, model.input_names)
+    own = read_task(p, m, K, np.zeros(p), within, Cost(Q=output_weights(model, cost)), of_outputs)
+    task = read_task(n, m, K, xf, replace(within, x=None, soft=None), cost, model.labels)
+
+    def wider(M: Floats) -> Floats:
+        return np.pad(M, [(0, p)] * 2)
+
+    free, (low, high) = np.full((K, n), np.inf), sides("limits.x", within.x, K, of_outputs)
+    ahead = model.coefficients @ model.loop.J
+    task = replace(
+        task,
+        stage=wider(task.stage),
+        terminal=wider(task.terminal),
+        reference=np.pad(task.reference, [(0, 0), (0, p)]),
+        state_low=np.hstack([-free, low]),
+        state_high=np.hstack([free, high]),
+        soft=own.soft,
+    )
+    c = None if model.c is None else np.hstack([model.c, ahead[:, n + m]])
+    A = np.pad(np.vstack([model.A, ahead[:, :n]]), [(0, 0), (0, p)])
+    B = np.vstack([model.B, ahead[:, n : n + m]])
+    return task, (np.ascontiguousarray(A), np.ascontiguousarray(B), c), np.zeros(n + p)
 
 
 def _best(basis: ModelBasis, K: int) -> exact.Best:
@@ -263,8 +306,6 @@ def output_control(
 ) -> Plan:
     """Compute the control for a model of outputs; the arguments are those of `control`."""
     assert model.window is not None
-    if limits.x is not None:
-        raise InputError("`limits` of states are for models of states: give those of inputs")
     start, K = start_of(model, record), validation.size("steps", steps)
     if model.window.count > K:
         raise InputError(

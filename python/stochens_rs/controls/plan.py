@@ -631,7 +631,8 @@ class Plan(SavedRecord, Timed):
             if task.follows:
                 more["reference"] = task.reference
             if task.state_low is not None and task.state_high is not None:
-                more["limits"] = np.stack([task.state_low, task.state_high])
+                ends = np.stack([task.state_low, task.state_high])
+                more["limits"] = ends[..., -predicted.shape[1] :]  # of readings: behind the window
         more = {name: None if one is None else one[..., at] for name, one in more.items()}
         if some:
             names = [labels.input_axes[i] for i in some]
@@ -823,7 +824,9 @@ class Plan(SavedRecord, Timed):
         if task.rate is not None:
             text += f", {np.count_nonzero(limited.rate_active) or 'none'} at their rate"
         if limited.state_active is not None:
-            text += f", {_active(limited.state_active, 'states at a limit')}"
+            own = limited.state_active[:, -self._drawn[0].shape[1] :]
+            what = "states" if self.predicted_outputs is None else "readings"
+            text += f", {_active(own, f'{what} at a limit')}"
         if limited.missing > 0.0 and task.state_low is not None and task.state_high is not None:
             at = self.predicted_states[1:]
             over = np.maximum(at - task.state_high, task.state_low - at).max(axis=0)

@@ -161,7 +161,8 @@ class Limits(Asked):
     rate, previous : float or array_like, shape (m,), optional
         ``|u(k) - u(k-1)| <= rate`` with ``u(-1) = previous``, the input that is applied now.
     x : tuple (low, high) or mapping, optional
-        Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None; or by name.
+        Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None; or by name. Of
+        a model of outputs limits of the readings that it predicts, which are soft.
     soft : float or bool, optional
         The weight of the squares of what is beyond `x`; default: 1000 times the largest entry of
         Q and Qf. False: hard limits, with status "infeasible" if they cannot be kept; with a model

@@ -13,7 +13,7 @@ from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.types import DELTA, Floats, Status
-from ..controls.of_model import Start, cost_of_outputs, plan_from, start_of
+from ..controls.of_model import Start, cost_of_outputs, plan_from, start_of, task_of
 from ..controls.set_point import nearest_point, output_weights, rest_at, set_point, targets
 from ..exceptions import InputError, NonFiniteError, StochensError
 from ..feedback import Loop, LoopCertificate
@@ -21,7 +21,7 @@ from ..feedback.certificate import judged
 from ..identification.model import Model, asked_region
 from ..identification.region import Wish, entered
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
-from ..limits.problem import checked_task, loop_of, sides
+from ..limits.problem import loop_of, read_task
 from .loop import BEYOND, ControlLoop
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from ..controls.plan import Plan
     from ..controls.set_point import Target
     from ..feedback.tube import Rest
+    from ..limits.problem import Task
 
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
@@ -82,8 +83,9 @@ class ReadingLoop(ControlLoop[Reading]):
     A reading y is missing if it is nan, inf or a million times the largest in the data, or rejected
     as too far from what was predicted, p, for every system of the region, ``||T (y - p)|| > q + ||T
     D|| ||W z||``, T whitening the noise: a true one with at most 1e-5 a call, in the event of the
-    region, for Gaussian noise without a disturbance. Three rejected in a row are a change of the
-    plant: they are taken for true. Every call that is not as usual says so in the log.
+    region, for Gaussian noise without a disturbance. Three rejected in a row, or three that are off
+    by the same among a few others, are a change of the plant: they are taken for true. Every call
+    that is not as usual says so in the log.
 
     With `offset_free` a constant e that is added to each next reading is learned, ``e+ = e + L (y -
     p)``, and cut to what the limits of the inputs can take off. If the loop then comes to rest,
@@ -115,6 +117,7 @@ class ReadingLoop(ControlLoop[Reading]):
     """
 
     __slots__ = (
+        "_acted",
         "_aimed",
         "_asked",
         "_at_rest",
@@ -130,15 +133,19 @@ class ReadingLoop(ControlLoop[Reading]):
         "_moves",
         "_point",
         "_policy",
+        "_rate",
         "_rows",
         "_runs",
         "_solved",
         "_solver",
         "_started",
+        "_system",
         "_weights",
         "_window",
         "model",
     )
+    _system: tuple[Any, ...]  # A, B, c of the plans
+    _acted: Floats  # the input before that of the last call
     _aimed: tuple[Floats, Floats, Floats]  # of `_point`: where free outputs stay, target, inputs
     _forward: Floats
     _rows: Floats
@@ -166,10 +173,9 @@ class ReadingLoop(ControlLoop[Reading]):
                 "disturbance may act at the inputs, else False"
             )
         m, labels, within = model.m, model.labels, as_limits(limits)
-        if within.x is not None or within.rate is not None:
-            raise InputError("`limits` must be of the inputs alone for a model of outputs")
         policy: Any
-        asked, outputs, law = None, None, None
+        task: Task | None
+        asked, outputs, law, self._system = None, None, None, ()
         names: tuple[str, ...] = ()
         weights = cost_of_outputs(model, as_cost(cost))
         if gain and (steps is not None or cost is not None):
@@ -177,7 +183,11 @@ class ReadingLoop(ControlLoop[Reading]):
         if weights.reference is not None:
             raise InputError("`cost` must have no reference for a model of outputs: give `target`")
         if gain:
-            low, high = (side[0] for side in sides("limits", within.u, 1, labels))
+            if within.x is not None:
+                raise InputError(
+                    "`limits` of outputs need a loop that plans: regulate(model, steps, ...)"
+                )
+            task = read_task(model.n, m, 1, np.zeros(model.n), within, Cost(), labels)
             policy, names = gain.K, gain.given
             if gain.S is not None and gain.R is not None:
                 law = gain.S, gain.R
@@ -185,9 +195,14 @@ class ReadingLoop(ControlLoop[Reading]):
             if weights.R is None:
                 weights = replace(weights, R="auto")
             K = validation.size("steps", steps)
-            policy = checked_task(model.n, m, K, np.zeros(model.n), limits, weights, labels)
-            low, high = policy.low[0], policy.high[0]
-            asked, outputs = (K, limits, weights), output_weights(model, weights)
+            task, self._system, _ = task_of(model, K, np.zeros(model.n), within, weights)
+            policy = task
+            asked, outputs = (K, within, weights), output_weights(model, weights)
+        assert task is not None
+        low, high = task.low[0], task.high[0]
+        self._rate = np.full(m, np.inf) if task.rate is None else task.rate
+        if hold is None and task.previous is not None:
+            hold = task.previous
         drift = None
         if not isinstance(offset_free, bool | np.bool_):
             drift = np.full(m, validation.positive("offset_free", offset_free))
@@ -203,15 +218,16 @@ class ReadingLoop(ControlLoop[Reading]):
         self._learning = bias_of(model, drift)
         most = BEYOND * np.hstack([np.abs(one).max(axis=0) for one in model.data.pairs()[:2]])
         self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
-        self._solved = np.zeros(m)  # the inputs at rest of the problem that is solved
+        self._solved = np.zeros(model.n), np.zeros(m)  # of the problem that is solved, at rest
         self._rows = targets(model, target)
         here, of_inputs = (one.mean(axis=0) for one in model.data.pairs()[:2])
         fixed = np.isin(model.input_names, names)
         self._given = np.where(fixed, of_inputs, np.nan)
+        self._acted = self._safe
         self._low[fixed], self._high[fixed] = -np.inf, np.inf
         self._require(self._rows, here)
         self._aimed = here, self._rows[0], self._given
-        self._restore((None, (None, None, 0)))
+        self._restore((None, ()))
         self._forward = self._feed_forward()
         self._forget()
 
@@ -235,7 +251,7 @@ class ReadingLoop(ControlLoop[Reading]):
         self._window.resume(*window)
         self._solver: _core.Loop | None = None  # of plans, for a disturbance near this one
         if not isinstance(self._policy, np.ndarray):
-            self._solver_at(self._solved).resume(warm)
+            self._solver_at(*self._solved).resume(warm)
 
     def _saved(self) -> Any:
         return self._solver and self._solver.warm(), self._window.state()
@@ -245,7 +261,7 @@ class ReadingLoop(ControlLoop[Reading]):
         self._bias: Floats = np.zeros(self.model.n_outputs)
         self._runs = self._started = self._at_rest = False
         if not isinstance(self._policy, np.ndarray):
-            self._solver_at(self._solved).resume(None)
+            self._solver_at(*self._solved).resume(None)
 
     def __call__(
         self,
@@ -322,7 +338,7 @@ class ReadingLoop(ControlLoop[Reading]):
         u = self._last
         status: ReadingStatus = "held" if self._started else "filling"
         if believed:
-            why.append("rejected 3 times in a row: now taken for true")
+            why.append("rejected 3 times, and so no false reading: now taken for true")
         elif off > 1.0:
             why.append(f"rejected, {off:.3g} times as far off as the gate is wide")
         if follows == "runs":
@@ -330,7 +346,7 @@ class ReadingLoop(ControlLoop[Reading]):
                 if not self._started and np.isnan(self._rows[0]).any():
                     self._aim(x[: len(y)].copy(), self._aimed[1])  # what is free stays where it is
                     self._window.aim(self._toward())
-                u, status = self._input(x, bias)
+                u, status = self._input(x, bias, acted)
             except InputError:  # what overflows, or leaves no room within the limits
                 follows = "lost"
         self._runs = follows == "runs"
@@ -393,36 +409,51 @@ class ReadingLoop(ControlLoop[Reading]):
             self._given = np.where(np.isnan(self._given), np.nan, last)
             self._window.aim(self._toward())
             self._window.start(found.x)
-            u, status = self._input(found.x, self._bias)
+            u, status = self._input(found.x, self._bias, last)
             u = np.where(np.isnan(self._given), u, self._given)
             self._at_rest, self._runs, self._started = found.at_rest, True, True
             took = perf_counter() - started
             return self._entered(Reading(found.read, None, u, self._bias, status, took), u)
 
-    def _input(self, x: Floats, bias: Floats) -> tuple[Floats, Any]:
+    def _input(self, x: Floats, bias: Floats, acted: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""
         xs, us = self._point.moving(bias, *self._moves)
+        self._acted = acted
         if isinstance(self._policy, np.ndarray):
             v, status = self._policy @ (x - xs) + self._forward[0], "gain"
         else:
-            found = self._solver_at(us).solve(x - xs, None)
+            solver, off = self._solver_at(xs, us), np.zeros(len(self._system[0]))
+            off[: len(x)] = x - xs
+            if np.isfinite(self._rate).any():
+                solver.follow(acted - us)
+            found = solver.solve(off, None)
             v, status = found.control[: len(us)], found.status
         u = v + us
         if not math.isfinite(u.sum()):
             raise NonFiniteError("`y` is too large: the input overflows")
+        u = np.minimum(np.maximum(u, acted - self._rate), acted + self._rate)
         return np.minimum(np.maximum(u, self._low), self._high), status
 
-    def _solver_at(self, us: Floats) -> _core.Loop:
-        """The problem whose limits are those of ``v = u - u_s``, or of a u_s that is near."""
+    def _solver_at(self, xs: Floats, us: Floats) -> _core.Loop:
+        """The problem whose limits are those from a point of rest, or from one that is near."""
         task: Any = self._policy
-        far = MOVED * (self._high - self._low)
-        if self._solver is None or not (np.abs(us - self._solved) <= far).all():
-            moved = replace(task, low=task.low - us, high=task.high - us)
-            A, B = (np.ascontiguousarray(one) for one in (self.model.A, self.model.B))
-            solver = loop_of(moved, A, B, None)
+        far, (before, solved) = MOVED * (self._high - self._low), self._solved
+        near = (np.abs(us - solved) <= far).all()
+        moved = {"low": task.low - us, "high": task.high - us}
+        if task.rate is not None:
+            moved["previous"] = task.previous - us
+        if task.state_low is not None:  # of (x, y)
+            p = self.model.n_outputs
+            rooms = task.state_high[0, -p:] - task.state_low[0, -p:]
+            near &= (np.abs(xs[:p] - before[:p]) <= MOVED * rooms).all()
+            rest = np.hstack([xs, xs[:p]])  # at rest the first lags or filters are the readings
+            moved |= {"state_low": task.state_low - rest, "state_high": task.state_high - rest}
+        if self._solver is None or not near:
+            A, B, _ = self._system
+            solver = loop_of(replace(task, **moved), A, B, None)
             if self._solver is not None:
                 solver.resume(self._solver.warm())
-            self._solver, self._solved = solver, us
+            self._solver, self._solved = solver, (xs, us)
         return self._solver
 
     def _aim(self, now: Floats, target: Floats) -> None:
@@ -569,6 +600,8 @@ class ReadingLoop(ControlLoop[Reading]):
         if now is None or not now[1]:
             raise InputError("`plan` needs a full window, of which no reading was missing")
         steps, limits, cost = self._asked
+        if limits.rate is not None:
+            limits = replace(limits, previous=self._acted)
         start = Start(now[0], validation.frozen(self._log[-1].y.copy()), self._at_rest)
         return plan_from(self.model, start, self._at(self._rows[0]), steps, limits, cost)
 

@@ -81,7 +81,8 @@ def regulate(
     limits : Limits, tuple (low, high) or mapping, optional
         As in `control`. What differs from step to step belongs to the steps of each plan: the
         input that is returned is always that of the first one. With a rate, `previous` is the input
-        applied before the first call; later it is the one returned last.
+        applied before the first call; later it is the one returned last, or `applied`. A Loop has
+        limits of inputs and rates.
     cost : Cost, optional
         As in `control`; a reference has the states wanted over the steps of each plan.
     time_limit : float, optional

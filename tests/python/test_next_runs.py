@@ -119,3 +119,59 @@ def test_the_forecast_and_what_is_gained() -> None:
         gains.append(found[0] / found[1])
     assert 0.85 < np.median(ratios) < 1.15
     assert np.median(gains) < 0.9
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+@pytest.mark.parametrize("window", [se.Window(lags=2, delay=1), se.Window(filters=(0.5, 2))])
+def test_runs_of_readings(window) -> None:
+    """20 logs more: the definition in z, and a smaller error of the model than random inputs."""
+    gen = np.random.default_rng(5)
+
+    def logs(inputs):
+        outputs = np.zeros((len(inputs), inputs.shape[1] + 1, 2))
+        for t in range(inputs.shape[1]):
+            moved = outputs[:, t] @ [[0.9, 0.0], [0.2, 0.8]] - 0.1 * outputs[:, max(t - 1, 0)]
+            moved[:, 1] += 0.3 * inputs[:, max(t - 1, 0), 0]
+            outputs[:, t + 1] = moved + 0.05 * gen.standard_normal(moved.shape)
+        return list(outputs), list(inputs)
+
+    def identified(*some):
+        outputs, inputs = ([*itertools.chain(*each)] for each in zip(*some, strict=True))
+        data = se.Trajectories(outputs, inputs, outputs=True)
+        return se.identify(data, window=window, checks=False, accept=["memory"])
+
+    first = logs(gen.uniform(-1.0, 1.0, (30, 20, 1)))
+    model = identified(first)
+    plan = se.predict(model, record="rest", inputs=np.full((8, 1), 0.5))
+    more = se.design(plan, 20, limits=(-1.0, 1.0), steps=20)
+    assert set(more.inputs.ravel()) == {-1.0, 1.0}
+    # phi = tr Psi V^-1 in z = J (x, u, 1), before and after the first run
+    J, AB, G = model.loop
+    n, covariance = model.n, G @ model.covariance @ G.T
+    A = AB[:, :n]
+
+    def rows(x, u):
+        found = []
+        for one in u:
+            found.append(J @ np.r_[x, one, np.ones(J.shape[1] - n - 1)])
+            x = AB @ np.r_[x, one, np.ones(J.shape[1] - n - 1)]
+        return np.array(found)
+
+    z = rows(plan.basis.x0, plan.u)
+    powers = [np.linalg.matrix_power(A, 7 - j) for j in range(8)]
+    weight = [[np.trace(p @ covariance @ q.T) for q in powers] for p in powers]
+    white = model.blocks[0].white
+    Psi, V = z.T @ weight @ z, np.linalg.inv(white.T @ white)
+    own = rows(more.starts[0], more.inputs[0])
+    phi = [np.trace(Psi @ np.linalg.inv(one)) for one in (V, V + own.T @ own)]
+    bound = plan.bound()
+    fixed = sum(part for name, part in bound.parts.items() if name != "model error")
+    falls = (more.forecast[:2] - fixed) / bound.parts["model error"]
+    np.testing.assert_allclose(falls, np.sqrt(np.array(phi) / phi[0]), rtol=1e-6)
+    error = []
+    for inputs in (more.inputs, gen.uniform(-1.0, 1.0, more.inputs.shape)):
+        later = se.predict(identified(first, logs(inputs)), record="rest", inputs=plan.u)
+        error.append(later.bound().parts["model error"])
+    assert error[0] < 0.85 * error[1]
+    with pytest.raises(se.exceptions.InputError, match="`x0` must be left out"):
+        se.design(plan, 2, limits=(-1.0, 1.0), x0=np.zeros(n))

@@ -18,7 +18,7 @@ from .._base.tables import columns
 from .._base.types import DELTA, QUANTITIES, Floats, Fusion, Quantity
 from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, SizeError
-from ..identification.model import Model, require_states, white_of
+from ..identification.model import Model, white_of
 from ..limits.limits import as_limits
 from ..limits.problem import sides
 from ..rng import Key, RngLike, as_key
@@ -353,7 +353,8 @@ def design(
     steps : int, optional
         The steps L of a run; default: those of the plan.
     x0 : array_like, shape (n,) or (runs, n), optional
-        Where the runs begin; default: the mean of the starts of the measured runs.
+        Where the runs begin; default: the mean of the starts of the measured runs. For a model of
+        outputs left out: the runs begin at rest, at the mean of the readings and inputs.
     delta : float, default 0.05
         Of the certificate that is forecast.
     rng : None, int, SeedSequence, Generator, BitGenerator or Key, default 0
@@ -403,7 +404,6 @@ def design(
     if not (isinstance(basis, ModelBasis) and isinstance(basis.model, Model)):
         raise InputError("`plan` must be for a model by `identify`")
     model = basis.model
-    require_states(model, "plan.model")
     if model.pilot is not None:
         raise InputError(
             "`plan` must be for a model without a pilot: inputs chosen from its runs are not "
@@ -420,12 +420,21 @@ def design(
     low, high = sides("limits", as_limits(limits).only("u").u, length, model.labels)
     if not (np.isfinite(low).all() and np.isfinite(high).all()):
         raise InputError("`limits` must be finite: the best inputs are at them")
-    first = model.data.pairs()[0][model.data.layout.starts()].mean(axis=0)
-    given = validation.starts(first if x0 is None else x0, count, model.n, model.labels.states)
-    begin = np.ascontiguousarray(np.broadcast_to(given, (count, model.n)))
-    white, covariance = white_of(model), model.covariance
+    white, covariance, window = white_of(model, windows=True), model.covariance, model.window
     if covariance is None:
         raise InputError("`plan` must be for a model with more pairs than unknowns")
+    if window is None:
+        first = model.data.pairs()[0][model.data.layout.starts()].mean(axis=0)
+    else:
+        if x0 is not None:
+            raise InputError("`x0` must be left out for a model of outputs: runs begin at rest")
+        read, acted = (one.mean(axis=0) for one in model.data.pairs()[:2])
+        first = window.core.rest(model.coefficients, read, acted)[0]
+        J, _, G = model.loop  # z = J (x, u, 1), and the noise moves the window by G w
+        white = np.ascontiguousarray(white @ J)
+        covariance = np.ascontiguousarray(G @ covariance @ G.T)
+    given = validation.starts(first if x0 is None else x0, count, model.n, model.labels.states)
+    begin = np.ascontiguousarray(np.broadcast_to(given, (count, model.n)))
     now = plan.bound(delta)
     parts = model.Theta, white, covariance, basis.x0, plan.u
     key = bytes(as_key(rng).child("design"))

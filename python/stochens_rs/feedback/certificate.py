@@ -383,9 +383,13 @@ class LoopCertificate(SavedRecord):
         elif self.reason is not None:
             what = f"{self.status}: {self.reason}"
         elif self.status == "undecided":
-            what = f"undecided: {self.least:.6g} to {self.norm:.6g} of 1, too near for the proof"
-        else:
-            what = f"{self.status}: {self.least:.3g} of 1 allowed; try gain(model)"
+            what = f"undecided: the region is {self.least:.6g} times as large as can be proved"
+        else:  # rho g falls as the number of pairs to -1/2
+            what = (
+                f"{self.status}: the region is {self.least:.3g} times as large as can be proved; "
+                f"about {self.least**2:.2g} times as many logs like these will do (a forecast), or "
+                "a gain with a better margin: gain(model)"
+            )
         return f"<LoopCertificate: {what}{show.careful(self.warnings)}>"
 
     def _repr_html_(self) -> str:
@@ -393,7 +397,7 @@ class LoopCertificate(SavedRecord):
             ("holds with", f"{show.percent(self.region.delta)} at least"),
             ("for", self.region.assumption),
             ("spectral radius of the centre", self.spectral_radius),
-            ("rho g", f"{self.least:.6g} to {self.norm:.6g}"),
+            ("size of the region, of what is proved", f"{self.least:.6g} to {self.norm:.6g}"),
         ]
         return show.card(self, rows)
 

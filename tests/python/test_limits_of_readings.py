@@ -142,3 +142,19 @@ def test_limits_that_cannot_be():
         se.regulate(gain, offset_free=True, limits=se.Limits(x=(None, 1.0)))
     with pytest.raises(InputError, match="`previous` must be given with `rate`"):
         se.regulate(model, 5, offset_free=True, limits=se.Limits(rate=0.1))
+
+
+@pytest.mark.parametrize(
+    ("window", "names"), [(se.Window(lags=3), ["y[0]"]), (se.Window(filters=(0.5, 3)), ["y[0]~1"])]
+)
+def test_a_tube_draws_the_outputs_and_not_their_lags(window, names):
+    rng = np.random.default_rng(1)
+    u, y = rng.standard_normal((300, 1)), np.zeros((301, 1))
+    for t in range(300):
+        y[t + 1] = 0.8 * y[t] + u[t] + 0.01 * rng.standard_normal(1)
+    data = se.Trajectories([y], [u], outputs=True)
+    model = se.identify(data, window=window, accept=["memory"], checks=False)
+    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+    tube = proof.tube(np.zeros(model.n), 10)
+    assert [ax.get_ylabel() for ax in tube.plot().axes] == [*names, "u[0]"]
+    assert len(tube.plot(states=model.state_names[:2]).axes) == 3

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -90,6 +91,13 @@ class Labels(Record):
         if not found and not inputs:
             raise InputError(f"`{argument}` must name a state, got none")
         return [self.place(argument, one, inputs=inputs) for one in found]
+
+    @property
+    def leading(self) -> list[int]:
+        """The places of the states, of a window those of the outputs or their first filters."""
+        older = [re.fullmatch(r"(.+?)(\(-\d+\)|~\d+)", name) for name in self.states]
+        first = [k is None or (k[2] == "~1" and k[1] not in self.inputs) for k in older]
+        return [i for i, one in enumerate(first) if one] or list(range(len(first)))
 
     def units_of(self, places: Sequence[int]) -> str | None:
         """The unit that these states have in common."""

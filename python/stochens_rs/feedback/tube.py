@@ -14,6 +14,8 @@ from .._base.types import Floats
 from ..plots.panels import Inputs, draw_tube
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from matplotlib.figure import Figure, SubFigure
 
 
@@ -171,11 +173,15 @@ class Tube(SavedRecord):
         inside = np.flatnonzero(self.later <= validation.positive("r", r))
         return int(inside[0]) if len(inside) else None
 
-    def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
+    def plot(
+        self, *, states: Sequence[str] | None = None, figure: Figure | SubFigure | None = None
+    ) -> Figure:
         """Draw the states of the centre with the tube around them, and its inputs.
 
         Parameters
         ----------
+        states : sequence of str, optional
+            Which ones; default: all, of a window the outputs or their first filters.
         figure : matplotlib Figure or SubFigure, optional
             Where to draw; the default is a new figure.
 
@@ -197,12 +203,13 @@ class Tube(SavedRecord):
         >>> len(proof.tube([1.0], 10).plot().axes)
         2
         """
+        at = self.labels.leading if states is None else self.labels.places("states", states)
         free = np.full(self.inputs.shape, np.inf)
         inputs = Inputs(self.inputs, self.labels.input_axes, -free, free)
         return draw_tube(
-            self.states,
-            np.minimum(self.components, self.radii[:, None]),
-            self.labels.state_axes,
+            self.states[:, at],
+            np.minimum(self.components, self.radii[:, None])[:, at],
+            [self.labels.state_axes[i] for i in at],
             inputs=inputs,
             dt=self.dt,
             says=self._share,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import sets
+from coverage_study import most, sets
 from hidden_outputs import Arx, Belt
 from stochens_rs import _core
 from stochens_rs.controls.set_point import rest_at
@@ -641,3 +641,44 @@ def test_a_record_says_what_was_measured(house):
     first = loop.start((np.full((4, 1), 20.0), np.tile([u, 30.0], (3, 1))))
     assert first[0] == pytest.approx(u, abs=1.5)
     assert first[1] == 30.0
+
+
+def follows_targets(seed, delta, wrong=0.0):
+    """Whether a system stays in the tube along a ramp and a step, noise 0; None: no certificate."""
+    rng = np.random.default_rng([41, seed])
+    system = Arx(rng)
+    data = system.data(14, 50, rng)
+    model = se.identify(data, checks=False, accept="memory", window=se.Window(lags=system.lags))
+    gain = se.gain(model, 1.0, 1.0)
+    held = np.full((25, system.p), np.nan)
+    held[:, 0] = np.r_[np.linspace(0.0, 1.0, 15), np.full(10, 0.5)]
+    try:
+        loop = se.regulate(gain, offset_free=bool(seed % 2), target=held)
+    except (InputError, SolverError):
+        return None
+    y, u = system.run(15, rng)
+    loop.start((y, u))
+    tube = loop.tube(20, delta=delta)
+    if not np.isfinite(tube.radii).all():
+        return None
+    p, found = system.p, []
+    for k in range(21):
+        width = np.minimum(tube.components[k], tube.radii[k])[:p] * (1.0 - wrong) + 1e-9
+        found.append(bool((np.abs(y[-1] - tube.states[k, :p]) <= width).all()))
+        act = loop.log[-1].u if k == 0 else loop(y[-1])
+        y = np.vstack([y, system.follow(y, u, [act], rng, 0.0)])
+        u = np.vstack([u, act])
+    return all(found)
+
+
+@pytest.mark.slow
+def test_hidden_systems_stay_in_the_tube_of_a_reference():
+    """Targets to come, with and without a learned bias; half as wide it must fail."""
+    for delta in (0.5, 0.05):
+        found = [follows_targets(seed, delta) for seed in range(sets(200, 14))]
+        known = [one for one in found if one is not None]
+        assert len(known) > len(found) / 3
+        assert known.count(False) <= most(len(known), delta)
+    # anti-test: around the centre alone
+    thin = [follows_targets(seed, 0.5, 0.97) for seed in range(14)]
+    assert thin.count(False) > 0.5 * (14 - thin.count(None))

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..controls.of_model import Record
     from ..controls.plan import Plan
     from ..controls.set_point import Target
-    from ..feedback.tube import Rest
+    from ..feedback.tube import Rest, Tube
     from ..limits.problem import Task
 
 
@@ -360,9 +360,7 @@ class ReadingLoop(ControlLoop[Reading]):
             why.append(waits)
             status = "cannot start" if stuck and not self._started else status
         self._started = self._started or self._runs
-        if len(self._rows) > 1:
-            self._rows, self._forward = self._rows[1:], self._forward[1:]
-            self._window.aim(self._toward())
+        self._next_target()
         u = np.where(np.isnan(self._given), u, self._given)
         reason, took = "; ".join(why) or None, perf_counter() - started
         return self._entered(Reading(y, predicted, u, self._bias, status, took, reason), u)
@@ -412,6 +410,7 @@ class ReadingLoop(ControlLoop[Reading]):
             u, status = self._input(found.x, self._bias, last)
             u = np.where(np.isnan(self._given), u, self._given)
             self._at_rest, self._runs, self._started = found.at_rest, True, True
+            self._next_target()
             took = perf_counter() - started
             return self._entered(Reading(found.read, None, u, self._bias, status, took), u)
 
@@ -493,6 +492,11 @@ class ReadingLoop(ControlLoop[Reading]):
             except BaseException:
                 self._rows, self._point, self._aimed, self._forward, self._moves = before
                 raise
+
+    def _next_target(self) -> None:
+        if len(self._rows) > 1:
+            self._rows, self._forward = self._rows[1:], self._forward[1:]
+            self._window.aim(self._toward())
 
     def _step(self, row: Floats) -> Floats:
         """How far a target is from that of the set point, 0 where it is free."""
@@ -658,6 +662,54 @@ class ReadingLoop(ControlLoop[Reading]):
             model,
             target=target if target.any() else None,
         )
+
+    def tube(self, steps: int, *, delta: float = 0.05, noise: float | None = None) -> Tube:
+        """Bound where every system of the region goes from here, along the targets to come.
+
+        Parameters
+        ----------
+        steps : int
+            The number of steps K.
+        delta : float, default 0.05
+            As in `certificate`.
+        noise : float, optional
+            As in `LoopCertificate.tube`.
+
+        Returns
+        -------
+        Tube
+            Around the way of the centre of the region in this loop, for which no constant acts that
+            is not learned yet; infinite unless the loop is certified. It holds as long as no input
+            is at a limit and no reading is missing or rejected.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            As `certificate`; or if the window is not full, a reading in it was missing, or inputs
+            are measured.
+
+        Notes
+        -----
+        ``u = ub + K (x - xb) + F (e - eb)`` about the centre (xb, eb) under the same targets: their
+        feed-forward is a function of the targets alone.
+        """
+        proof, now = self.certificate(delta), self._window.now
+        if now is None or not now[1] or not self._runs:
+            raise InputError("`tube` needs a full window, of which no reading was missing")
+        if not np.isnan(self._given).all():
+            raise InputError("`tube` is for loops without measured inputs: their way is not known")
+        K, model, other = validation.size("steps", steps), self.model, self._fresh()
+        x, e, u = now[0], self._bias, self._last
+        first = np.hstack([x, e[: proof.region.n - len(x)]])
+        inputs = np.empty((K, model.m))
+        c = np.zeros(model.n) if model.c is None else model.c
+        for k in range(K):
+            inputs[k] = u
+            x, e = model.A @ x + model.B @ u + c, e - self._learning[0] @ e
+            xs, us = other._point.moving(e, *other._moves)
+            u = self._policy @ (x - xs) + other._forward[0] + us
+            other._next_target()
+        return proof.tube(first, K, inputs=inputs, noise=noise)
 
     def __repr__(self) -> str:
         full = "" if self.full else ", the window is not full"

@@ -288,6 +288,32 @@ def test_work_of_a_call_is_bounded():
     assert "pivoting" in methods
 
 
+@pytest.mark.parametrize(
+    "limits",
+    [
+        se.Limits(u=(-1.0, 1.0), rate=0.2, previous=0.0),
+        se.Limits(u=(-1.0, 1.0), x=(-3.0, 3.0)),
+        se.Limits(u=(-1.0, 1.0), x=(-3.0, 3.0), rate=0.2, previous=0.0),
+    ],
+    ids=["rate", "soft", "both"],
+)
+def test_calls_that_are_all_cut_still_stabilise(limits):
+    """An unstable system: cut at once, every call returned 0, and the state went to 1e5."""
+    rng = np.random.default_rng(0)
+    A, B = rng.standard_normal((6, 6)), rng.standard_normal((6, 2))
+    A *= 1.02 / np.abs(np.linalg.eigvals(A)).max()
+    cost = se.Cost(Q=1.0, R=0.1)
+    loop = se.regulate((A, B), 15, limits=limits, cost=cost, time_limit=1e-9)
+    x, last, rate = rng.standard_normal(6), np.zeros(2), 0.2 if limits.rate else 2.0
+    for _ in range(300):
+        u = loop(x)
+        assert np.abs(u).max() <= 1.0
+        assert np.abs(u - last).max() <= rate + 1e-12
+        x, last = A @ x + B @ u + 0.01 * rng.standard_normal(6), u
+    assert sum(call.status == "user_limit" for call in loop.log) > 5
+    assert np.abs(x).max() < 1.0
+
+
 def test_time_limit_gives_the_best_plan_so_far():
     F, X, gen = plant(5, 8, 4)
     loop = se.regulate((F, X), 40, time_limit=1e-9, limits=(-0.1, 0.1), cost=se.Cost(Q=1.0, R=0.1))

@@ -79,6 +79,17 @@ impl Horizon {
     /// # Errors
     /// As [`rows_control`].
     pub fn best(&self, x0: &[f64], free: bool, warm: Option<&[i8]>, until: Until<'_>) -> Result<RowsSolution> {
+        self.best_near(x0, free, (warm, &[]), until)
+    }
+
+    /// The same; where the time ends these inputs are tried, too.
+    fn best_near(
+        &self,
+        x0: &[f64],
+        free: bool,
+        (warm, near): (Option<&[i8]>, &[&[f64]]),
+        until: Until<'_>,
+    ) -> Result<RowsSolution> {
         let d = self.steps * self.m;
         let sides = if free { [f64::NEG_INFINITY, f64::INFINITY] } else { [0.0; 2] };
         let none = if free { Some((try_filled(WHAT, sides[0], d)?, try_filled(WHAT, sides[1], d)?)) } else { None };
@@ -121,6 +132,7 @@ impl Horizon {
             rate: self.task.rate.as_ref().map(|(rate, previous)| (&rate[..], &previous[..])),
             states: shifted.as_ref().map(|(low, high)| (&low[..], &high[..])),
             soft: self.task.soft,
+            near,
             grows: false,
         };
         rows_control(&steps, bounds, rows, warm, until).map(|found| self.unsure(found))
@@ -177,6 +189,7 @@ impl Horizon {
             rate: self.task.rate.as_ref().filter(|_| !free).map(|(rate, previous)| (&rate[..], &previous[..])),
             states: sides.as_ref().map(|(low, high)| (&low[..], &high[..])),
             soft: if free { None } else { self.task.soft },
+            near: &[],
             grows: true,
         };
         match rows_control(&steps, bounds, rows, None, until) {
@@ -275,12 +288,19 @@ impl Horizon {
     }
 }
 
+/// Of `n^4 K`, so many operations: what is prepared for calls that end early.
+const PREPARED: f64 = 1e8;
+
 /// The best inputs from one state after another, each begun at the limits of the one before, a step later.
 pub struct Loop {
     horizon: Horizon,
     /// One map for all states, where the limits are those of single inputs.
     solver: Option<Solver>,
     warm: Option<Vec<i8>>,
+    /// The inputs of the last call (K m); empty before it.
+    last: Vec<f64>,
+    /// The best inputs without limits, `free (x, 1)` (n + 1, K m), where they are quick to find; else empty.
+    free: Vec<f64>,
 }
 
 impl Loop {
@@ -296,7 +316,33 @@ impl Loop {
             let goal = (&state[..], &target[..]);
             solver = Some(Solver::new(horizon.map()?, Horizon::penalty(&cost), bounds, horizon.m, goal, stop)?);
         }
-        Ok(Self { horizon, solver, warm: None })
+        let mut made = Self { horizon, solver, warm: None, last: Vec::new(), free: Vec::new() };
+        made.prepare(stop)?;
+        Ok(made)
+    }
+
+    /// What a call goes back to that ends before it has a plan: the best inputs without limits, which it cuts.
+    fn prepare(&mut self, stop: &Stop) -> Result<()> {
+        let Self { horizon, .. } = self;
+        let (n, until) = (horizon.n, Until::new(stop, None));
+        if horizon.boxed() || horizon.grows || (n as f64).powi(4) * horizon.steps as f64 > PREPARED {
+            return Ok(());
+        }
+        let mut x = try_zeros(WHAT, n)?;
+        let none = horizon.best(&x, true, None, until)?.found.control;
+        let mut free = try_zeros(WHAT, checked_len(WHAT, n + 1, none.len())?)?;
+        for (i, row) in free.chunks_exact_mut(none.len().max(1)).enumerate() {
+            if i == n {
+                row.copy_from_slice(&none);
+                break;
+            }
+            x[i] = 1.0;
+            let found = horizon.best(&x, true, None, until)?.found.control;
+            row.iter_mut().zip(found.iter().zip(&none)).for_each(|(to, (one, none))| *to = one - none);
+            x[i] = 0.0;
+        }
+        self.free = free;
+        Ok(())
     }
 
     /// Whether one map serves all states.
@@ -317,17 +363,29 @@ impl Loop {
         if let Some(solver) = &mut self.solver {
             return solver.solve(x, until);
         }
-        let found = self.horizon.best(x, false, self.later()?.as_deref(), until)?;
+        // the last inputs one step later, the last of them once more
+        let mut near = try_copy(WHAT, &self.last)?;
+        near.copy_within(self.horizon.m.min(self.last.len()).., 0);
+        // without a call before, rates and limits of states begin with none that is active
+        let later = self.later()?;
+        let warm = Some(&later[..]).filter(|_| self.warm.is_some() || !self.horizon.boxed());
+        let mut free = try_zeros(WHAT, if self.free.is_empty() { 0 } else { self.horizon.steps * self.horizon.m })?;
+        for (row, x) in self.free.chunks_exact(free.len().max(1)).zip(x.iter().chain([&1.0])) {
+            free.iter_mut().zip(row).for_each(|(to, v)| *to += v * x);
+        }
+        let found = self.horizon.best_near(x, false, (warm, &[&near, &free]), until)?;
         let mut warm = try_copy(WHAT, &found.found.active)?;
         let sign = |v: &f64| if *v == 0.0 { 0 } else { v.signum() as i8 };
         try_extend(WHAT, &mut warm, found.rows.iter().flatten().map(sign))?;
+        self.last = try_copy(WHAT, &found.found.control)?;
         self.warm = Some(warm);
         Ok(found.found)
     }
 
-    /// The limits of the last call one step later, the last step once more; for each kind of limits.
-    fn later(&self) -> Result<Option<Vec<i8>>> {
-        let Some(warm) = &self.warm else { return Ok(None) };
+    /// The limits of the last call one step later, the last step once more; for each kind of limits. None before it.
+    fn later(&self) -> Result<Vec<i8>> {
+        let count = self.horizon.kinds().iter().map(|(len, _)| len).sum();
+        let Some(warm) = &self.warm else { return try_filled(WHAT, 0, count) };
         let mut warm = try_copy(WHAT, warm)?;
         let mut rest = &mut warm[..];
         for (len, width) in self.horizon.kinds() {
@@ -335,7 +393,7 @@ impl Loop {
             kind.copy_within(width.min(len).., 0);
             rest = others;
         }
-        Ok(Some(warm))
+        Ok(warm)
     }
 
     /// The limits at which the next call begins, before the shift.
@@ -358,6 +416,7 @@ impl Loop {
                 Err(Error::Shape { name: "warm", expected: format!("{len} entries"), found })
             }
             warm => {
+                self.last.clear();
                 self.warm = warm;
                 Ok(())
             }

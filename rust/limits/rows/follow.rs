@@ -6,7 +6,7 @@ use super::assembly::{Held, Kind, Multipliers};
 use super::search::{EXACT, Search};
 use super::task::{Task, WHAT};
 use crate::error::Result;
-use crate::limits::quadratic::{Quadratic, Status, Until};
+use crate::limits::quadratic::{Method, Quadratic, Status, Until};
 use crate::memory::{checked_len, try_copy, try_push, try_room, try_zeros};
 use crate::vector::dot;
 
@@ -191,9 +191,14 @@ impl Search<'_, '_> {
         let task = self.task;
         let (mut u, mut multipliers) = (try_zeros(WHAT, self.fixed.len())?, task.zeros()?);
         let mut x = try_zeros(WHAT, task.steps * task.n)?;
-        for _ in 0..SETS {
-            if let Some(early) = until.reached() {
-                return Ok(Some(early));
+        for count in 0..=SETS {
+            // of the last set what it led to, within the limits
+            let early = until.reached();
+            if early.is_some() || count == SETS {
+                if count > 0 && self.best.is_none() {
+                    self.verify((&u, &x), &task.zeros()?, Method::Pivoting, until)?;
+                }
+                return Ok(early);
             }
             let Some(face) = Face::new(self, held, until)? else { break };
             let (mut changed, mut before) = (false, f64::INFINITY);

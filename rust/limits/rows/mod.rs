@@ -151,6 +151,10 @@ fn found(
         if early.is_none() {
             early = search.try_run(until)?;
         }
+        let count = search.fixed.len();
+        for near in rows.near.iter().filter(|near| early.is_some() && near.len() == count) {
+            search.verify((near, &origin), &none, Method::Interior, until)?;
+        }
     }
     let mut missing = 0.0;
     let unmet = early.is_none()

@@ -25,6 +25,8 @@ pub struct Rows<'a> {
     pub states: Option<(&'a [f64], &'a [f64])>,
     /// The weight of `||max(0, x - high)||^2 + ||max(0, low - x)||^2`, for limits that may be exceeded.
     pub soft: Option<f64>,
+    /// Controls (K m) that are tried, too, where the time ends before another one is good.
+    pub near: &'a [&'a [f64]],
     /// Whether the system grows so much over the steps that inputs alone do not tell where its states are.
     pub grows: bool,
 }

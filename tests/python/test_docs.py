@@ -157,6 +157,7 @@ PAGES = (
     "docs/close-the-loop.md",
     "docs/compare.md",
     "docs/fleet.md",
+    "docs/how-much-can-go-wrong.md",
     "docs/logs.md",
     "docs/measured-runs.md",
     "docs/readings.md",

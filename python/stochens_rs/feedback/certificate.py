@@ -248,15 +248,13 @@ class LoopCertificate(SavedRecord):
             point = np.ascontiguousarray(xs), np.ascontiguousarray(rest.inputs)
             if self._resting(*point).to_dict() != rest.to_dict():
                 raise InputError("`rest` must be of this certificate: proof.rest(xs)")
-        if noise is not None:
-            self._linear("noise")
         noisy = None if noise is None else noise_bound(self, "noise", noise)
         nominal, *bounds = self._core.tube(first, K, plan, radius, noisy, point)
         if not np.isfinite(nominal).all():
             raise NonFiniteError("`x0`, `inputs` and `steps` lead beyond the largest number")
         about: list[Any] = [self.region.delta, noise, self.labels, self.dt]
         parts: list[Any] = bounds
-        if self.status != "certified" or not self._in_zone(bounds[-1]):
+        if self.status != "certified" or not self._in_zone(np.asarray(bounds[-1])):
             parts = [one + np.inf for one in parts]
         fields = [nominal[:, :n], nominal[:-1, n:], *parts, *about]
         for one in fields:
@@ -312,7 +310,7 @@ class LoopCertificate(SavedRecord):
 
     def _resting(self, xs: Floats, us: Floats) -> Rest:
         """The `Rest` about the states and inputs of a set point."""
-        self._linear("rest")
+        require_linear(self.region, "rest")
         rows, radius = self._core.rest(xs, us)
         parts: list[Any] = [validation.frozen(one) for one in (xs, us, *np.split(rows, [len(xs)]))]
         parts += [radius, self.region.delta, self.labels]
@@ -386,8 +384,9 @@ class LoopCertificate(SavedRecord):
         -------
         Margins
             Gain, phase and disk margins of each input, the disk of all inputs at once, delay, error
-            of readings, rounding of the gain and saturation, each beside that of the centre. Nothing
-            is certified unless `status` is "certified" and the data determine all directions.
+            of readings, rounding of the gain and saturation, each beside that of the centre.
+            Nothing is certified unless `status` is "certified" and the data determine all
+            directions.
 
         Notes
         -----
@@ -476,9 +475,9 @@ class LoopCertificate(SavedRecord):
 
         Notes
         -----
-        Near 0 by a sector, ``sat(v) = kappa v`` with kappa in ``[1 - beta, 1]``: a block beside that
-        of the region. From further away by the motion of the centre with an ellipsoid around it,
-        until that is in such a set; its rounding is allowed for, not proved.
+        Near 0 by a sector, ``sat(v) = kappa v``, ``1 - beta <= kappa <= 1``: a block beside
+        that of the region. From further away by the motion of the centre with an ellipsoid around
+        it, until that is in such a set; its rounding is allowed for, not proved.
 
         Examples
         --------
@@ -491,7 +490,7 @@ class LoopCertificate(SavedRecord):
         """
         self._at_zero("attracts")
         if self.region.misfit is not None and self.region.misfit.within < np.inf:
-            self._linear("attracts")
+            require_linear(self.region, "attracts")
         first = validation.vector("x0", x0, length=self.region.n, labels=self.labels.states)
         return self._core.attracted(_smaller("inputs", inputs, self.region.m), first)
 
@@ -535,7 +534,7 @@ class LoopCertificate(SavedRecord):
         <Rounding: 12 fraction bits, 95 %, off by at most x[0] 0.00046>
         """
         self._at_zero("rounding")
-        self._linear("rounding")
+        require_linear(self.region, "rounding")
         n, K = self.region.n, np.asarray(self.K)
         if bits is None:
             with np.errstate(over="ignore", under="ignore"):
@@ -570,13 +569,6 @@ class LoopCertificate(SavedRecord):
             raise InputError(
                 f"`{what}` needs a loop that rests at 0, without intercept and target: "
                 "tube(x0, steps, rest=rest(xs)).reach bounds states and inputs for all time"
-            )
-
-    def _linear(self, what: str) -> None:
-        """Refuse what holds of linear systems only."""
-        if self.region.misfit is not None:
-            raise InputError(
-                f"`{what}` must be left out for a model with a misfit: no bound is known there"
             )
 
     def _in_zone(self, reach: Floats) -> bool:
@@ -616,6 +608,14 @@ class LoopCertificate(SavedRecord):
             ("size of the region, of what is proved", f"{self.least:.6g} to {self.norm:.6g}"),
         ]
         return show.card(self, rows)
+
+
+def require_linear(region: Region, what: str) -> None:
+    """Refuse what holds of linear systems only."""
+    if region.misfit is not None:
+        raise InputError(
+            f"`{what}` must be left out for a model with a misfit: no bound is known there"
+        )
 
 
 def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -> Floats:
@@ -689,6 +689,7 @@ def judged(
 def noise_bound(proof: LoopCertificate, name: str, eps: float) -> tuple[Floats, float]:
     """A bound of the covariance, and what is left of `eps` for the noise itself."""
     left, region = validation.probability(name, eps), proof.region
+    require_linear(region, name)
     if left + region.delta >= 1.0:
         raise InputError(f"`{name}` must be below 1 - delta = {1.0 - region.delta:g}, got {eps:g}")
     if region.noise is not None:

@@ -62,9 +62,6 @@ class Margins(SavedRecord):
             "least share of the inputs",
         )
 
-    def _of(self, place: int) -> tuple[float, float]:
-        return float(self.certified[place]), float(self.nominal[place])
-
     @property
     def gain(self) -> Floats:
         """Constant factors of each input between these keep the loop stable, shape (m, 2)."""
@@ -120,8 +117,8 @@ class Margins(SavedRecord):
         >>> len(proof.margins().plot().axes)
         1
         """
-        tables = (one[:-_WHOLE].reshape(-1, _EACH) for one in (self.certified, self.nominal))
-        return draw_margins(*tables, self.labels.inputs, show.percent(self.delta), figure)
+        own, model = (one[:-_WHOLE].reshape(-1, _EACH) for one in (self.certified, self.nominal))
+        return draw_margins(own, model, self.labels.inputs, show.percent(self.delta), figure)
 
     def rows(self) -> list[list[str]]:
         """The table: what, certified, of the model."""

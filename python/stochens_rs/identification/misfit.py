@@ -98,7 +98,9 @@ class Misfit(Options):
     @property
     def gamma(self) -> float:
         """``||f|| <= gamma ||z||`` for all z up to `within`."""
-        return float(self.at_most * (self.within ** (self.power - 1.0) if self.power > 1.0 else 1.0))
+        return float(
+            self.at_most * (self.within ** (self.power - 1.0) if self.power > 1.0 else 1.0)
+        )
 
     @property
     def text(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -643,12 +643,13 @@ def with_misfit(
 ) -> Region:
     """The region of the linear part, grown by what the misfit did to the data."""
     if wish != Wish(wish.delta):
-        raise InputError("a region of a model with a misfit takes `delta` only")
+        raise InputError(
+            "a model with a misfit has certificates of a feedback only; its region takes `delta`"
+        )
     part, _ = misfit.grown(made.parts[0], model.rows[model._first :, : model._d], model.labels)
     assumption += model.data.assumption
-    assumption += f"; accepted by name: {', '.join(model.assumptions.accept)}" * bool(
-        model.assumptions.accept
-    )
+    accepted = ", ".join(model.assumptions.accept)
+    assumption += f"; accepted by name: {accepted}" if accepted else ""
     found = of_core(made, model.assumptions, wish, model._free, assumption, model.missing)
     return found._but(parts=(part,), frobenius=None, misfit=misfit)
 

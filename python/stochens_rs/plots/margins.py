@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -37,7 +37,7 @@ def draw_margins(
             far = min(float(high), _FAR)
             arc = np.exp(1j * np.deg2rad(np.linspace(-phase, phase, 60)))
             color, label = (look.ink, "of the model") if dashed else (look.color(0), says)
-            how = {"color": color, "linestyle": "--" if dashed else "-"}
+            how: dict[str, Any] = {"color": color, "linestyle": "--" if dashed else "-"}
             if not dashed:
                 ax.fill(disk.real, disk.imag, color=color, alpha=look.fill, linewidth=0)
             ax.plot(disk.real, disk.imag, linewidth=1.0, **how)

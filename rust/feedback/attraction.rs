@@ -8,7 +8,7 @@ use crate::memory::covered;
 use crate::parallel::Stop;
 
 use super::blocks::Blocks;
-use super::data::{Matrix, WHAT, filled, largest, symmetric, trace};
+use super::data::{Matrix, WHAT, filled, gathered, largest, symmetric, trace};
 use super::errors::by_rows;
 use super::loops::{Loop, bytes, squares};
 use super::scalings::hint;
@@ -97,7 +97,7 @@ impl Loop {
                 let found = hint(&of, &filled(m, 1.0), stop)?.filter(|found| found.gamma > 0.5 * beta);
                 let Some(found) = found else { break };
                 for shift in -4..=4 {
-                    let t = found.t.iter().map(|t| t * 10f64.powf(0.5 * f64::from(shift))).collect::<Vec<_>>();
+                    let t = gathered(found.t.iter().map(|t| t * 10f64.powf(0.5 * f64::from(shift))));
                     let gammas = filled(m, 0.5 * beta * (1.0 + 1e-12));
                     for slack in [1.02, 1.002] {
                         if let Some(root) = of.proof(&gammas, &t, (None, 1.0), slack) {

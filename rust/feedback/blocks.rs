@@ -17,7 +17,7 @@
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par, Side};
 
-use super::data::{Matrix, Uncertain, absolute, finite, stacked, symmetric};
+use super::data::{Matrix, Uncertain, absolute, finite, gathered, stacked, symmetric};
 use super::lemma::least;
 use super::verify::{Claim, Judged, holds};
 
@@ -115,7 +115,7 @@ impl Blocks {
             inputs.push(input);
             let through = of_inputs(&piece.w);
             let of = |f: &dyn Fn(&Matrix, &Matrix) -> Matrix| {
-                let each = channels.iter().map(|one| f(&through, &one.u)).collect::<Vec<_>>();
+                let each = gathered(channels.iter().map(|one| f(&through, &one.u)));
                 beside_each(&each, through.nrows())
             };
             d.push(of(&|w, u| w * u));
@@ -133,7 +133,7 @@ impl Blocks {
                 .iter()
                 .enumerate()
                 .map(|(i, other)| if i == j { one.own.clone() } else { Mat::zeros(one.h.nrows(), other.u.ncols()) });
-            let row = beside_each(&each.collect::<Vec<_>>(), one.h.nrows());
+            let row = beside_each(&gathered(each), one.h.nrows());
             d_sizes.push(absolute(&row));
             d.push(row);
         }
@@ -180,7 +180,7 @@ impl Blocks {
             let each = cuts.iter().flat_map(|(from, count)| {
                 [a.subrows(*from, *count).to_owned(), a.subrows(half + from, *count).to_owned()]
             });
-            stacked(&each.collect::<Vec<_>>(), a.ncols())
+            stacked(&gathered(each), a.ncols())
         };
         let im_sizes = stacked(&sizes, n);
         self.f = order(beside(&self.f, &stacked(&rows, n)));
@@ -260,7 +260,7 @@ impl Blocks {
         let wide = &self.inputs * faer::Scale(slack);
         let mut h = &wide * wide.transpose() + b_own.transpose() * &b_own;
         if let Some(x) = x {
-            h = h + x * faer::Scale(slack * slack);
+            h += x * faer::Scale(slack * slack);
         }
         let root = least(&a, Some(&c_own), &symmetric(&h), lambda, 1e-3 * (slack - 1.0)).found()?;
         self.verified(&root, gammas, t, (x, lambda)).then_some(root)

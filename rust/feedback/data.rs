@@ -31,6 +31,12 @@ pub(super) fn filled(count: usize, value: f64) -> Vec<f64> {
     all
 }
 
+pub(super) fn gathered<T>(values: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut all = Vec::new();
+    all.extend(values);
+    all
+}
+
 pub(super) fn inverse(units: &[f64]) -> Vec<f64> {
     let mut back = Vec::new();
     back.extend(units.iter().map(|unit| 1.0 / unit));
@@ -201,7 +207,12 @@ impl Uncertain {
         let c = region.offset().then(|| Mat::from_fn(n, 1, |i, _| back(i) * centre[(i, n + m)]));
         for one in &misfits {
             let (k, l) = (one.direction.len() / n, one.of.len() / (n + m));
-            if one.direction.len() != n * k || one.of.len() != l * (n + m) || k * l == 0 || !(one.most >= 0.0) {
+            if one.direction.len() != n * k
+                || one.of.len() != l * (n + m)
+                || k * l == 0
+                || one.most.is_nan()
+                || one.most < 0.0
+            {
                 let (expected, found) = (format!("{n} rows, and {} columns", n + m), "others".into());
                 return Err(Error::Shape { name: "misfit", expected, found });
             }

@@ -7,7 +7,7 @@ use crate::memory::covered;
 use crate::parallel::Stop;
 
 use super::blocks::{Blocks, Channel};
-use super::data::{Matrix, WHAT, absolute, filled, scaled};
+use super::data::{Matrix, WHAT, absolute, filled, gathered, scaled};
 use super::lemma::least;
 use super::loops::{Loop, best_of, bytes, squares};
 use super::spectrum::radius;
@@ -46,7 +46,7 @@ impl Loop {
             let whole = shares.iter().sum::<f64>().max(f64::MIN_POSITIVE);
             // relative to the largest, so that squares neither overflow nor vanish
             let roots = shares.iter().zip(sizes).map(|(share, own)| own / size / (share / whole).max(1e-3).sqrt());
-            let mut roots = roots.collect::<Vec<_>>();
+            let mut roots = gathered(roots);
             let sum: f64 = shares.iter().map(|share| (share / whole).max(1e-3)).sum();
             roots.iter_mut().for_each(|v| *v *= sum.sqrt() * (1.0 + 1e-12));
             let into = Mat::from_fn(m, m, |i, j| if i == j { roots[i] } else { 0.0 });
@@ -64,7 +64,7 @@ impl Loop {
                 let lambda = floor + (1.0 - floor) * share;
                 let at = |log: f64| {
                     let alpha = feed / (1.0 - lambda) * 10f64.powf(log);
-                    let t = self.closed.t.iter().map(|t| t * alpha).collect::<Vec<_>>();
+                    let t = gathered(self.closed.t.iter().map(|t| t * alpha));
                     let of = Blocks::new(&self.data, &self.closed.k, None, &t, &channel);
                     let root = [1e-5, 1e-3]
                         .iter()
@@ -100,17 +100,17 @@ impl Loop {
         }
         let k = absolute(&self.closed.k);
         let weigh = |sizes: &[f64]| {
-            (0..m).map(|i| (0..n).map(|j| k[(i, j)] / self.data.unit[j] * sizes[j]).sum::<f64>()).collect::<Vec<_>>()
+            gathered((0..m).map(|i| (0..n).map(|j| k[(i, j)] / self.data.unit[j] * sizes[j]).sum::<f64>()))
         };
         // each input by what it is wrong at least
         let asked = weigh(reach);
-        let start = asked.iter().zip(absolute_part).map(|(own, more)| relative * own + more).collect::<Vec<_>>();
+        let start = gathered(asked.iter().zip(absolute_part).map(|(own, more)| relative * own + more));
         let moved = self.errors(&start, stop)?;
         // the states may move by c times that: relative (asked + c K moved) + absolute <= c start
         let again = weigh(&moved[..n]);
         let part = again.iter().zip(&start).map(|(more, own)| if *more > 0.0 { relative * more / own } else { 0.0 });
         let chi = part.fold(0.0, f64::max);
-        if !(chi < 1.0) {
+        if chi.is_nan() || chi >= 1.0 {
             return Ok(filled(n + m, f64::INFINITY));
         }
         let mut found = moved;

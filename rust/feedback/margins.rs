@@ -8,7 +8,7 @@ use crate::parallel::Stop;
 
 use super::blocks::{Blocks, Channel};
 use super::certificate::{Status, judged};
-use super::data::{Closed, Matrix, Uncertain, WHAT, entries, filled, in_units, matrix, scaled};
+use super::data::{Closed, Matrix, Uncertain, WHAT, entries, filled, gathered, in_units, matrix, scaled};
 use super::late::with_past;
 use super::loops::{Loop, bytes};
 use super::scalings::{hint, largest};
@@ -190,7 +190,7 @@ impl Loop {
                 let (into, of) = (k.subcols(j, 1).to_owned(), Mat::from_fn(1, n, |_, at| f64::from(u8::from(at == j))));
                 Channel::at_inputs(into, of)
             };
-            let reads = (0..n).filter(|j| (0..m).any(|i| k[(i, *j)] != 0.0)).map(each).collect::<Vec<_>>();
+            let reads = gathered((0..n).filter(|j| (0..m).any(|i| k[(i, *j)] != 0.0)).map(each));
             let mut readings = Margin { certified: MOST, nominal: MOST };
             if !reads.is_empty() {
                 readings = self.sized(k, &reads, MOST, stop)?;
@@ -397,7 +397,7 @@ impl Loop {
 
     pub(super) fn cut_channels(&self, beta: f64) -> (Matrix, Vec<Channel>) {
         let (m, k) = (self.data.m, &self.closed.k);
-        let channels = (0..m).map(|i| Channel::at_inputs(unit(m, i), row_of(k, i))).collect();
+        let channels = gathered((0..m).map(|i| Channel::at_inputs(unit(m, i), row_of(k, i))));
         (scaled(k, 1.0 - 0.5 * beta), channels)
     }
 

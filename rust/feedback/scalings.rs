@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::parallel::Stop;
 
 use super::blocks::Blocks;
-use super::data::{Matrix, filled, lost};
+use super::data::{Matrix, filled, gathered, lost};
 use super::spectrum::eigenvalues;
 
 /// The channels at one angle, with the region closed around them: a proof at this angle needs
@@ -47,7 +47,8 @@ fn solved(l: &Mat<c64>, mut a: Mat<c64>) -> Mat<c64> {
 }
 
 fn angles(a: &Matrix) -> Result<Vec<f64>> {
-    let mut all = vec![0.0, std::f64::consts::PI];
+    let mut all = Vec::new();
+    all.extend([0.0, std::f64::consts::PI]);
     (0..16).for_each(|k| all.push(std::f64::consts::PI * 1e-4f64.powf(f64::from(k) / 16.0)));
     (1..24).for_each(|k| all.push(std::f64::consts::PI * f64::from(k) / 24.0));
     let mut own = eigenvalues(a)?;
@@ -152,7 +153,7 @@ fn least((low, high): (f64, f64), count: usize, mut f: impl FnMut(f64) -> f64) -
 pub(super) fn hint(of: &Blocks, shares: &[f64], stop: &Stop) -> Result<Option<Found>> {
     let response = Response::new(of);
     let mut grid = angles(&response.a).map_err(lost)?;
-    let rows = of.outs.iter().map(|j| shares[*j]).collect::<Vec<_>>();
+    let rows = gathered(of.outs.iter().map(|j| shares[*j]));
     let mut all = Vec::new();
     for angle in &grid {
         stop.check()?;
@@ -172,7 +173,7 @@ pub(super) fn hint(of: &Blocks, shares: &[f64], stop: &Stop) -> Result<Option<Fo
     }
     let mut logs = filled(count, 0.0);
     let size = |all: &[Reduced], logs: &[f64]| {
-        let s = logs.iter().zip(&unit).map(|(log, unit)| unit * 10f64.powf(*log)).collect::<Vec<_>>();
+        let s = gathered(logs.iter().zip(&unit).map(|(log, unit)| unit * 10f64.powf(*log)));
         all.iter().map(|one| one.least(&s, (&of.outs, &of.ins))).fold(
             0.0f64,
             |most, v| {
@@ -215,15 +216,15 @@ pub(super) fn hint(of: &Blocks, shares: &[f64], stop: &Stop) -> Result<Option<Fo
             grid.push(angle);
             all.push(one.scaled(&rows));
         }
-        let mut order = (0..grid.len()).collect::<Vec<_>>();
+        let mut order = gathered(0..grid.len());
         order.sort_by(|a, b| grid[*a].total_cmp(&grid[*b]));
-        grid = order.iter().map(|k| grid[*k]).collect();
-        let mut old = all.into_iter().map(Some).collect::<Vec<_>>();
-        all = order.iter().filter_map(|k| old[*k].take()).collect();
+        grid = gathered(order.iter().map(|k| grid[*k]));
+        let mut old = gathered(all.into_iter().map(Some));
+        all = gathered(order.iter().filter_map(|k| old[*k].take()));
     }
     let level = size(&all, &logs).max(1e-200);
     let gamma = level.sqrt().recip();
-    let t = (0..count).map(|j| unit[j] * 10f64.powf(logs[j]) / (shares[j] * shares[j]) * level).collect();
+    let t = gathered((0..count).map(|j| unit[j] * 10f64.powf(logs[j]) / (shares[j] * shares[j]) * level));
     Ok(Some(Found { gamma, t }))
 }
 
@@ -236,8 +237,8 @@ pub(super) fn largest(of: &Blocks, shares: &[f64], most: f64, stop: &Stop) -> Re
         let gamma = (share * found.gamma).min(most);
         let more = (found.gamma / gamma).min(4.0);
         // between the least T and S / gamma^2
-        let t = found.t.iter().map(|t| t * more).collect::<Vec<_>>();
-        let gammas = shares.iter().map(|c| c * gamma).collect::<Vec<_>>();
+        let t = gathered(found.t.iter().map(|t| t * more));
+        let gammas = gathered(shares.iter().map(|c| c * gamma));
         let room = (more - 1.0).min(0.5);
         for slack in [1.0 + 0.4 * room, 1.0 + 0.05 * room] {
             if let Some(root) = of.proof(&gammas, &t, (None, 1.0), slack) {

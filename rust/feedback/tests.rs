@@ -171,7 +171,7 @@ fn input_channels_carry_the_uncertain_input() {
     let channel = Channel::at_inputs(one(1.0), k.clone());
     let allowed = |channel: Channel| {
         let of = Blocks::new(&data, &k, None, &[1.0], &[channel]);
-        super::scalings::largest(&of, &[1.0], 9.0, &Stop::new()).unwrap().0.gamma
+        scalings::largest(&of, &[1.0], 9.0, &Stop::new()).unwrap().0.gamma
     };
     let found = allowed(channel);
     assert!(found <= 0.271259975206 && found > 0.27, "{found}");

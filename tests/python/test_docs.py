@@ -329,6 +329,7 @@ def test_rig_script_compares_and_draws(tmp_path, monkeypatch, capsys):
         "first-control.png",
         "limits-loop.png",
         "limits-plan.png",
+        "margins.png",
         "residuals.png",
         "tube.png",
         "which-number.png",

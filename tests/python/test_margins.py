@@ -28,7 +28,7 @@ WEIGHTS = {"Q": [1.0, 10.0, 0.1, 1.0], "R": 0.01}
 NAMES = {"state_names": ["position", "angle", "speed", "rate"], "input_names": ["force"]}
 
 
-def rig_data(runs, seed, f=lambda x, u: 0.0, noise=5e-4, steps=10):
+def rig_runs(runs, seed, f=lambda x, u: 0.0, noise=5e-4, steps=10):
     rng, states, inputs = np.random.default_rng(seed), [], []
     for _ in range(runs):
         x, u = [np.multiply(SIZES[:4], rng.standard_normal(4))], rng.standard_normal((steps, 1))
@@ -36,7 +36,11 @@ def rig_data(runs, seed, f=lambda x, u: 0.0, noise=5e-4, steps=10):
             x.append(A @ x[-1] + B @ v + f(x[-1], v) + noise * rng.standard_normal(4))
         states.append(np.array(x))
         inputs.append(u)
-    return se.Trajectories(states, inputs, dt=0.1, **NAMES)
+    return states, inputs
+
+
+def rig_data(*how):
+    return se.Trajectories(*rig_runs(*how), dt=0.1, **NAMES)
 
 
 def identified(data, **options):
@@ -341,6 +345,20 @@ def test_what_is_refused(proof):
         )
     with pytest.raises(InputError, match="`on` must be"):
         se.identify(data, noise=5e-4, misfit=se.Misfit(on="rat", of="angle", at_most=0.1))
+
+
+def test_a_model_of_readings_has_no_sheet():
+    states, inputs = rig_runs(12, 3)
+    read = se.Trajectories([x[:, :2] for x in states], inputs, outputs=True, dt=0.1)
+    model = se.identify(read, window=se.Window(lags=2), noise=0.01, checks=False)
+    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+    for call in (
+        proof.margins,
+        lambda: proof.rounding(np.zeros(model.n)),
+        lambda: proof.attracts((-1.0, 1.0), np.ones(model.n)),
+    ):
+        with pytest.raises(InputError, match="needs a model of states"):
+            call()
 
 
 def test_a_model_with_a_misfit_gives_nothing_that_is_linear():

@@ -15,7 +15,7 @@ from .._base.records import Index, SavedRecord, cached_property, require_shapes,
 from .._base.running import get_num_threads
 from ..exceptions import InputError, NonFiniteError
 from ..identification.identified import Identified
-from ..identification.misfit import directions_of, signals_of
+from ..identification.misfit import block_of, directions_of, signals_of, sizes_of
 from ..identification.model import Model
 from ..identification.region import Region
 from .margins import Margins, Rounding
@@ -388,6 +388,11 @@ class LoopCertificate(SavedRecord):
             Nothing is certified unless `status` is "certified" and the data determine all
             directions.
 
+        Raises
+        ------
+        InputError
+            If the model is one of outputs, or has a dead time.
+
         Notes
         -----
         Gain and phase: a chain of discs of factors, each with one Lyapunov function for all
@@ -405,8 +410,9 @@ class LoopCertificate(SavedRecord):
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
         >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> proof.margins()
-        <Margins: 95 %, gain 0.362 to 2.52, phase 51.6 deg, disk 0.865>
+        <Margins: 95 %, gain 0.333 to 2.52, phase 49.2 deg, disk 0.864>
         """
+        self._of_states("margins")
         found = np.ascontiguousarray(self._core.margins().T)
         m = len(self.labels.inputs)
         found[:, 2 : 4 * m : 4] = np.rad2deg(found[:, 2 : 4 * m : 4])
@@ -446,7 +452,7 @@ class LoopCertificate(SavedRecord):
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
         >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> round(proof.allows(on="x[0]", of="x[0]"), 2)
-        0.49
+        0.5
         """
         return self._core.allows(
             directions_of("on", on, self.labels), signals_of("of", of, self.labels)
@@ -486,9 +492,10 @@ class LoopCertificate(SavedRecord):
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
         >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> round(proof.attracts((-1.0, 1.0), [1.0]), 1), round(proof.holds((-1.0, 1.0), [1.0]), 1)
-        (3.3, 1.3)
+        (3.7, 1.3)
         """
         self._at_zero("attracts")
+        self._of_states("attracts")
         if self.region.misfit is not None and self.region.misfit.within < np.inf:
             require_linear(self.region, "attracts")
         first = validation.vector("x0", x0, length=self.region.n, labels=self.labels.states)
@@ -531,9 +538,10 @@ class LoopCertificate(SavedRecord):
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
         >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> proof.rounding([1.0], bits=12)
-        <Rounding: 12 fraction bits, 95 %, off by at most x[0] 0.00046>
+        <Rounding: 12 fraction bits, 95 %, off by at most x[0] 0.00042>
         """
         self._at_zero("rounding")
+        self._of_states("rounding")
         require_linear(self.region, "rounding")
         n, K = self.region.n, np.asarray(self.K)
         if bits is None:
@@ -563,6 +571,15 @@ class LoopCertificate(SavedRecord):
         about = bits, states, inputs, margin, self.region.delta, self.labels
         return Rounding(validation.frozen(kept), *about)
 
+    def _of_states(self, what: str) -> None:
+        """Refuse windows: the controller has the inputs it asked for, not those that acted."""
+        rows = {row for part in self.region.parts for row in part.rows.tolist()}
+        if len(rows) < self.region.n:
+            raise InputError(
+                f"`{what}` needs a model of states without dead time: in a window past inputs are "
+                "those that were asked for, and not those that act where an input is wrong"
+            )
+
     def _at_zero(self, what: str) -> None:
         """Refuse a loop that does not rest at 0."""
         if self.target is not None or self.region.centre.shape[1] > self.region.n + self.region.m:
@@ -574,7 +591,9 @@ class LoopCertificate(SavedRecord):
     def _in_zone(self, reach: Floats) -> bool:
         """Whether states and inputs up to these stay where the misfit is bounded."""
         misfit = self.region.misfit
-        return misfit is None or float(misfit.sizes(reach[None], self.labels)[0]) <= misfit.within
+        if misfit is None:
+            return True
+        return float(sizes_of(misfit, reach[None], self.labels)[0]) <= misfit.within
 
     def __repr__(self) -> str:
         share = show.percent(self.region.delta)
@@ -633,7 +652,7 @@ def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -
 
 
 def _judge(region: Region, K: Floats, labels: Labels, doubted: bool) -> _core.Feedback:
-    block = None if region.misfit is None else region.misfit.block(labels)
+    block = None if region.misfit is None else block_of(region.misfit, labels)
     return _core.Feedback(region.linear, np.ascontiguousarray(K), doubted, block)
 
 

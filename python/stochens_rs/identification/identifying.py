@@ -28,7 +28,7 @@ from .assumptions import (
     require_known,
 )
 from .checks import checked_residuals, tested_rows, too_many
-from .misfit import Misfit
+from .misfit import Misfit, sizes_of
 from .model import Model, require_fit
 from .pilot import made
 from .window import Regressors, complete, of_states, rows_of, spread
@@ -276,7 +276,7 @@ def below(runs: Trajectories, misfit: Misfit) -> Trajectories:
     """The pairs that begin where the misfit is small enough, in their order."""
     x, u, x_next = runs.pairs()
     labels = Labels(runs.state_names, runs.input_names)
-    kept = misfit.sizes(np.hstack([x, u]), labels) <= misfit.limit
+    kept = sizes_of(misfit, np.hstack([x, u]), labels) <= misfit.limit
     if not kept.any():
         raise InputError(f"`misfit` leaves out all pairs: none is below {misfit.limit:g}")
     names = {"state_names": runs.state_names, "input_names": runs.input_names}

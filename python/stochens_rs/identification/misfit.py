@@ -112,29 +112,31 @@ class Misfit(Options):
         zone = f" for ||z|| <= {self.within:g}" if self.within < np.inf else ""
         return f"a term of size up to {size}, z = ({of}), in {on}{zone}, in the data and in use"
 
-    def block(self, labels: Labels) -> tuple[Floats, Floats, float]:
-        """Its direction (n, k), z as rows of (x, u), and `gamma`."""
-        return directions_of("on", self.on, labels), signals_of("of", self.of, labels), self.gamma
 
-    def sizes(self, z: Floats, labels: Labels) -> Floats:
-        """``||z||`` in rows of (x, u)."""
-        rows = signals_of("of", self.of, labels)
-        return np.asarray(np.linalg.norm(z[:, : rows.shape[1]] @ rows.T, axis=1))
+def block_of(misfit: Misfit, labels: Labels) -> tuple[Floats, Floats, float]:
+    """Its direction (n, k), z as rows of (x, u), and `gamma`."""
+    direction, signals = directions_of("on", misfit.on, labels), signals_of("of", misfit.of, labels)
+    return direction, signals, misfit.gamma
 
-    def grown(
-        self, part: _core.RegionPart, z: Floats, labels: Labels
-    ) -> tuple[_core.RegionPart, float]:
-        """The part of a region for data with the misfit, z (N, d), and phi."""
-        each = self.at_most * self.sizes(z, labels) ** self.power
-        lengths = np.linalg.norm(z[:, part.columns] @ part.white.T, axis=1)
-        phi = min(float(np.linalg.norm(each)), float(each @ lengths)) * (1.0 + 1e-9)
-        E = directions_of("on", self.on, labels)
-        S, more = part.factor * part.S, phi**2 * (E @ E.T)
-        if phi > 0.0:
-            share = float(np.sqrt(np.trace(np.linalg.solve(S, more)) / len(S)))
-            S = (1.0 + share) * S + (1.0 + 1.0 / share) * more
-        fields = part.__reduce__()[1]
-        return _core.RegionPart(*fields[:-2], np.ascontiguousarray((S + S.T) / 2.0), 1.0), phi  # type: ignore[call-arg,arg-type]
+
+def sizes_of(misfit: Misfit, z: Floats, labels: Labels) -> Floats:
+    """``||z||`` in rows of (x, u)."""
+    rows = signals_of("of", misfit.of, labels)
+    return np.asarray(np.linalg.norm(z[:, : rows.shape[1]] @ rows.T, axis=1))
+
+
+def grown(misfit: Misfit, part: _core.RegionPart, z: Floats, labels: Labels) -> _core.RegionPart:
+    """The part of a region for data with the misfit, z (N, d)."""
+    each = misfit.at_most * sizes_of(misfit, z, labels) ** misfit.power
+    lengths = np.linalg.norm(z[:, part.columns] @ part.white.T, axis=1)
+    phi = min(float(np.linalg.norm(each)), float(each @ lengths)) * (1.0 + 1e-9)
+    E = directions_of("on", misfit.on, labels)
+    S, more = part.factor * part.S, phi**2 * (E @ E.T)
+    if phi > 0.0:
+        share = float(np.sqrt(np.trace(np.linalg.solve(S, more)) / len(S)))
+        S = (1.0 + share) * S + (1.0 + 1.0 / share) * more
+    fields = part.__reduce__()[1]
+    return _core.RegionPart(*fields[:-2], np.ascontiguousarray((S + S.T) / 2.0), 1.0)  # type: ignore[call-arg,arg-type]
 
 
 def signals_of(name: str, of: str | Sequence[str], labels: Labels) -> Floats:

@@ -29,7 +29,7 @@ from .assumptions import (
 )
 from .checks import Checks, Tested, cautions, missing_directions
 from .identified import Fitted, Identified
-from .misfit import Misfit
+from .misfit import Misfit, block_of, grown
 from .pilot import PilotModel
 from .pilot import refuse as refuse_pilot
 from .region import METHODS, Method, Region, Wish, entered, of_core, region_of, said, withheld
@@ -646,7 +646,8 @@ def with_misfit(
         raise InputError(
             "a model with a misfit has certificates of a feedback only; its region takes `delta`"
         )
-    part, _ = misfit.grown(made.parts[0], model.rows[model._first :, : model._d], model.labels)
+    z = model.rows[model._first :, : model._d]
+    part = grown(misfit, made.parts[0], z, model.labels)
     assumption += model.data.assumption
     accepted = ", ".join(model.assumptions.accept)
     assumption += f"; accepted by name: {accepted}" if accepted else ""
@@ -658,7 +659,7 @@ def require_fit(
     misfit: Misfit, data: Trajectories, assumed: Assumptions, scale: Floats | None, beside: Any
 ) -> None:
     """Refuse a misfit for which no region is known, or names that are not those of the data."""
-    misfit.block(Labels(data.state_names, data.input_names))
+    block_of(misfit, Labels(data.state_names, data.input_names))
     if assumed.known is None or assumed.exact or assumed.tail or any(x is not None for x in beside):
         raise InputError(
             "`misfit` needs noise of a declared size, noise=sigma, without exact states, known "

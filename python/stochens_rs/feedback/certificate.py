@@ -496,8 +496,7 @@ class LoopCertificate(SavedRecord):
         """
         self._at_zero("attracts")
         self._of_states("attracts")
-        if self.region.misfit is not None and self.region.misfit.within < np.inf:
-            require_linear(self.region, "attracts")
+        require_linear(self.region, "attracts")
         first = validation.vector("x0", x0, length=self.region.n, labels=self.labels.states)
         return self._core.attracted(_smaller("inputs", inputs, self.region.m), first)
 
@@ -556,8 +555,6 @@ class LoopCertificate(SavedRecord):
             half = 2.0 ** -(validation.size("bits", bits, minimum=0, maximum=62) + 1)
             kept, relative = np.round(K / (2.0 * half)) * (2.0 * half), 0.0
             fixed = (np.abs(kept).sum(axis=1) + 1.0) * half
-        if not np.isfinite(kept).all():
-            raise NonFiniteError("`bits` must hold the gain, which overflows")
         core = _judge(self.region, kept, self.labels, self.status == "undetermined")
         status, (norm, *_) = core.status, core.sizes
         # the gain that is stored, in place of this one
@@ -591,9 +588,7 @@ class LoopCertificate(SavedRecord):
     def _in_zone(self, reach: Floats) -> bool:
         """Whether states and inputs up to these stay where the misfit is bounded."""
         misfit = self.region.misfit
-        if misfit is None:
-            return True
-        return float(sizes_of(misfit, reach[None], self.labels)[0]) <= misfit.within
+        return misfit is None or sizes_of(misfit, reach[None], self.labels)[0] <= misfit.within
 
     def __repr__(self) -> str:
         share = show.percent(self.region.delta)

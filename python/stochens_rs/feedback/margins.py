@@ -86,11 +86,6 @@ class Margins(SavedRecord):
         """The input may be late by any constant time of whole steps up to this [s]."""
         return None if self.dt is None else self.dt * float(self.certified[-5])
 
-    @property
-    def bits(self) -> float:
-        """Entries of K rounded to this many bits, or more up to 16; infinite where none will do."""
-        return float(self.certified[-2])
-
     def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
         """Draw which factors of each input are certified, in the complex plane.
 
@@ -122,11 +117,10 @@ class Margins(SavedRecord):
 
     def rows(self) -> list[list[str]]:
         """The table: what, certified, of the model."""
-        upper = {"least gain", "bits of the gain", "least share of the inputs"}
         shown = []
         for name, *pair in zip(self.names, self.certified, self.nominal, strict=True):
-            up = name.split(" of ")[0] in upper or name in upper
-            texts = [show.at_most(float(v)) if up else f"{show.margin(float(v))}" for v in pair]
+            text = show.at_most if name.startswith(("least", "bits")) else show.margin
+            texts = [text(float(v)) for v in pair]
             shown.append([name, *("none" if t == "inf" else t.rstrip(".") for t in texts)])
         return shown
 
@@ -183,7 +177,5 @@ class Rounding(SavedRecord):
         return f"<Rounding: {form}, {show.percent(self.delta)}, off by at most {each}>"
 
     def _repr_html_(self) -> str:
-        names = (*self.labels.states, *self.labels.inputs)
-        sizes = (*self.states, *self.inputs)
-        rows = [(n, show.at_most(float(v))) for n, v in zip(names, sizes, strict=True)]
-        return show.card(self, rows[:12])
+        rows = [(f"|K x| of {n}", v) for n, v in zip(self.labels.inputs, self.inputs, strict=True)]
+        return show.card(self, [("margin of the stored gain", self.margin), *rows[:6]])

@@ -279,8 +279,8 @@ def below(runs: Trajectories, misfit: Misfit) -> Trajectories:
     kept = sizes_of(misfit, np.hstack([x, u]), labels) <= misfit.limit
     if not kept.any():
         raise InputError(f"`misfit` leaves out all pairs: none is below {misfit.limit:g}")
-    names = {"state_names": runs.state_names, "input_names": runs.input_names}
-    return Trajectories.from_pairs(x[kept], u[kept], x_next[kept], dt=runs.dt, **names)
+    how = {"state_names": labels.states, "input_names": labels.inputs}
+    return Trajectories.from_pairs(x[kept], u[kept], x_next[kept], dt=runs.dt, **how)
 
 
 def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | None) -> Floats | None:

@@ -11,7 +11,7 @@ import numpy as np
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
-from .._base.records import Options
+from .._base.records import FromZero, NotNegative, Options, Positive
 from .._base.types import Floats
 from ..exceptions import InputError
 
@@ -66,10 +66,10 @@ class Misfit(Options):
 
     on: str | tuple[str, ...] | Floats
     of: str | tuple[str, ...]
-    at_most: float
-    power: float = 1.0
-    within: float = np.inf
-    cut: float | None = None
+    at_most: NotNegative
+    power: Positive = 1.0
+    within: FromZero = np.inf
+    cut: FromZero | None = None
 
     def __post_init__(self) -> None:
         for name in ("on", "of"):
@@ -78,12 +78,6 @@ class Misfit(Options):
                 self._keep(**{name: tuple(value)})
             elif name == "on" and not isinstance(value, str):
                 self._keep(on=validation.vector("on", value))
-        self._keep(at_most=validation.nonnegative("at_most", self.at_most))
-        self._keep(power=validation.positive("power", self.power))
-        for name in ("within", "cut"):
-            size = getattr(self, name)
-            if size is not None and size != np.inf:
-                self._keep(**{name: validation.positive(name, size)})
         super().__post_init__()
         if self.power < 1.0 or (self.power > 1.0 and self.within == np.inf):
             raise InputError("`power` must be at least 1, and with one above 1 `within` be finite")
@@ -98,16 +92,18 @@ class Misfit(Options):
     @property
     def gamma(self) -> float:
         """``||f|| <= gamma ||z||`` for all z up to `within`."""
-        return float(
-            self.at_most * (self.within ** (self.power - 1.0) if self.power > 1.0 else 1.0)
-        )
+        far = self.within if self.power > 1.0 else 1.0
+        return float(self.at_most * far ** (self.power - 1.0))
 
     @property
     def text(self) -> str:
         """The declaration in words."""
         of = show.listed([self.of] if isinstance(self.of, str) else self.of)
-        on = f"direction {show.vector(self.on)}" if isinstance(self.on, np.ndarray) else self.on
-        on = on if isinstance(on, str) else show.listed(on)
+        on = (
+            f"direction {show.vector(self.on)}"
+            if isinstance(self.on, np.ndarray)
+            else (self.on if isinstance(self.on, str) else show.listed(self.on))
+        )
         size = f"{self.at_most:g} ||z||{f'^{self.power:g}' if self.power > 1.0 else ''}"
         zone = f" for ||z|| <= {self.within:g}" if self.within < np.inf else ""
         return f"a term of size up to {size}, z = ({of}), in {on}{zone}, in the data and in use"

@@ -631,28 +631,22 @@ def asked_region(model: Model, wish: Wish) -> Region:
         made = region_of(estimate, model.assumptions, wish, units)
         missing = missing_directions(estimate.blocks, model.regressors.regressor_names)
     assumption += "" if model.window is None else assumed(model.window, model.assumptions.tail)
-    if model.misfit is not None:
-        return with_misfit(model, model.misfit, made, wish, f"{assumption}, {model.misfit.text}")
+    assumption += "" if model.misfit is None else f", {model.misfit.text}"
     accepted = ", ".join(model.assumptions.accept)
     assumption += model.data.assumption + (f"; accepted by name: {accepted}" if accepted else "")
-    return of_core(made, model.assumptions, wish, model._free, assumption, missing)
+    found = of_core(made, model.assumptions, wish, model._free, assumption, missing)
+    return found if model.misfit is None else with_misfit(model, model.misfit, found, wish)
 
 
-def with_misfit(
-    model: Model, misfit: Misfit, made: _core.Region, wish: Wish, assumption: str
-) -> Region:
+def with_misfit(model: Model, misfit: Misfit, region: Region, wish: Wish) -> Region:
     """The region of the linear part, grown by what the misfit did to the data."""
     if wish != Wish(wish.delta):
         raise InputError(
             "a model with a misfit has certificates of a feedback only; its region takes `delta`"
         )
     z = model.rows[model._first :, : model._d]
-    part = grown(misfit, made.parts[0], z, model.labels)
-    assumption += model.data.assumption
-    accepted = ", ".join(model.assumptions.accept)
-    assumption += f"; accepted by name: {accepted}" if accepted else ""
-    found = of_core(made, model.assumptions, wish, model._free, assumption, model.missing)
-    return found._but(parts=(part,), frobenius=None, misfit=misfit)
+    part = grown(misfit, region.parts[0], z, model.labels)
+    return region._but(parts=(part,), frobenius=None, misfit=misfit)
 
 
 def require_fit(

@@ -169,6 +169,10 @@ def test_certify_says_what_is_proved(model, capsys):
     assert widest["margin"] > found["margin"]
     assert "tube" not in widest
     assert "--from" in failed(capsys, "certify", "model.safetensors", "--noise", "5%")
+    sheet = proof.margins()
+    assert f"phase [deg] of F  {sheet.rows()[2][1]}" in said(
+        capsys, "certify model.safetensors --margins"
+    ).replace("    ", "  ").replace("   ", "  ")
 
 
 def test_a_model_of_outputs(place, capsys):

@@ -12,6 +12,7 @@ import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
 from stochens_rs.feedback import Margins
+from stochens_rs.identification.misfit import grown
 
 A = np.array(
     [
@@ -361,7 +362,7 @@ def test_a_model_of_readings_has_no_sheet():
             call()
 
 
-def test_a_model_with_a_misfit_gives_nothing_that_is_linear():
+def test_a_model_with_a_misfit_gives_nothing_that_is_linear(tmp_path):
     misfit = se.Misfit(on="rate", of="angle", at_most=0.01)
     model = identified(rig_data(6, 1), misfit=misfit)
     x0, rest = [0.1, 0.05, 0.0, 0.0], np.zeros(4)
@@ -389,8 +390,47 @@ def test_a_model_with_a_misfit_gives_nothing_that_is_linear():
     ):
         with pytest.raises(InputError):
             call()
-    again = type(proof).from_bytes(proof.to_bytes()) if hasattr(proof, "to_bytes") else proof
-    assert again.margins().disk == proof.margins().disk
+    proof.save(tmp_path / "proof.safetensors")
+    again = type(proof).load(tmp_path / "proof.safetensors")
+    assert again.region.misfit is not None
+    assert again.check()
+    assert (again.margins().certified == proof.margins().certified).all()
+    assert type(model).load(saved(model, tmp_path)).misfit.at_most == 0.01
+
+
+def saved(record, folder):
+    record.save(folder / "record.safetensors")
+    return folder / "record.safetensors"
+
+
+def test_a_grown_region_has_the_errors_of_all_terms_of_the_declared_size():
+    """The error of least squares is ``X V^-1/2 + E F Z' V^-1``: for worst noise and worst signs."""
+    rng, worst = np.random.default_rng(12), 0.0
+    for _ in range(30):
+        N = int(rng.integers(4, 12))
+        z = rng.standard_normal((N, 3)) * [1.0, 5.0, 0.2]
+        V = z.T @ z
+        white = np.linalg.inv(np.linalg.cholesky(V))
+        part = _core.RegionPart(
+            np.arange(2), np.arange(3), white, np.ascontiguousarray(np.linalg.inv(white).T),
+            np.zeros((3, 0)), 1.0, np.diag([1.0, 0.01]), 0.25,
+        )  # fmt: skip
+        misfit = se.Misfit(on=[0.3, 1.0], of=["x[0]", "u[0]"], at_most=0.1)
+        labels = se.System(np.eye(2), np.ones((2, 1))).labels
+        wide = _core.Region(np.zeros((2, 3)), 1, (grown(misfit, part, z, labels),), None, False)
+        sizes = 0.1 * np.hypot(z[:, 0], z[:, 2])
+        for _ in range(40):
+            g, h = rng.standard_normal(2), rng.standard_normal(3)
+            G = 0.5 * np.outer(g, h) / np.linalg.norm(g) / np.linalg.norm(h)
+            # signs that add up along h, in the direction of the noise
+            f = sizes * np.sign(z @ white.T @ h) * np.sign(g @ [0.3, 10.0])
+            shift = np.outer([0.3, 1.0], f @ z @ white.T)
+            error = (np.diag([1.0, 0.1]) @ G + shift) @ white
+            assert wide.contains(np.ascontiguousarray(error))
+            S = grown(misfit, part, z, labels).S
+            X = np.linalg.solve(np.linalg.cholesky(S), error @ np.linalg.inv(white))
+            worst = max(worst, np.linalg.norm(X, 2))
+    assert 0.6 < worst <= 1.0  # not far from what can happen
 
 
 TERMS = {

@@ -8,8 +8,7 @@ use crate::memory::covered;
 use crate::parallel::Stop;
 
 use super::blocks::Blocks;
-use super::data::{Matrix, WHAT, filled, gathered, largest, symmetric, trace};
-use super::errors::by_rows;
+use super::data::{Matrix, WHAT, filled, gathered, in_units, largest, symmetric, trace};
 use super::loops::{Loop, bytes, squares};
 use super::scalings::hint;
 
@@ -148,7 +147,7 @@ impl Loop {
                 (mid[i], rad[i], off[i]) = (0.5 * (low + high), 0.5 * (high - low), r);
                 input[(i, 0)] = v.clamp(-limit, limit);
             }
-            let moved = by_rows(k, &mid);
+            let moved = in_units(k, &mid, &filled(n, 1.0));
             let a = &self.data.a + &self.data.b * &moved;
             let mut terms = Vec::new();
             terms.push(symmetric(&(&a * &y * a.transpose())));

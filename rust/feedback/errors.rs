@@ -7,7 +7,7 @@ use crate::memory::covered;
 use crate::parallel::Stop;
 
 use super::blocks::{Blocks, Channel};
-use super::data::{Matrix, WHAT, absolute, filled, gathered, scaled};
+use super::data::{Matrix, WHAT, absolute, filled, gathered};
 use super::lemma::least;
 use super::loops::{Loop, best_of, bytes, squares};
 use super::spectrum::radius;
@@ -117,11 +117,4 @@ impl Loop {
         found.iter_mut().for_each(|v| *v *= (1.0 + ROUNDING) / (1.0 - chi));
         Ok(found)
     }
-}
-
-/// `a` with each row times a number.
-pub(super) fn by_rows(a: &Matrix, by: &[f64]) -> Matrix {
-    let mut found = scaled(a, 1.0);
-    (0..a.nrows()).for_each(|i| (0..a.ncols()).for_each(|j| found[(i, j)] *= by[i]));
-    found
 }

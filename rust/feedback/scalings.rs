@@ -30,6 +30,8 @@ pub(super) struct Found {
 const SHARES: [f64; 8] = [0.9995, 0.998, 0.99, 0.97, 0.9, 0.7, 0.4, 0.1];
 /// Rounds over the channels, each by itself.
 const ROUNDS: usize = 2;
+/// Channels above which all have one multiplier in units of what is allowed of each by itself.
+const MANY: usize = 8;
 
 fn complex(a: &Matrix) -> Mat<c64> {
     Mat::from_fn(a.nrows(), a.ncols(), |i, j| c64::new(a[(i, j)], 0.0))
@@ -184,12 +186,12 @@ pub(super) fn hint(of: &Blocks, shares: &[f64], stop: &Stop) -> Result<Option<Fo
     for round in 0..3 {
         stop.check()?;
         let mut best = if round == 0 { f64::INFINITY } else { size(&all, &logs) };
-        let fine = if count == 1 { 24 } else { 12 };
+        let fine = if count == 1 { 24 } else { 10 };
         let (log, found) = least((-9.0, 0.0), fine, |log| size(&all, &filled(count, log)));
         if found < best {
             (logs, best) = (filled(count, log), found);
         }
-        for _ in 0..if count > 1 && count <= 30 { ROUNDS } else { 0 } {
+        for _ in 0..if (2..=MANY).contains(&count) { ROUNDS } else { 0 } {
             for j in 0..count {
                 let (from, at) = (logs.clone(), logs[j]);
                 let with = |log: f64| {
@@ -203,7 +205,7 @@ pub(super) fn hint(of: &Blocks, shares: &[f64], stop: &Stop) -> Result<Option<Fo
                 }
             }
         }
-        if round == 2 {
+        if round == 2 || count > MANY {
             break;
         }
         // finer around the largest

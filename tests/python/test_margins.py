@@ -222,14 +222,14 @@ def attacked(ball, rng, certified):
 
 def test_margins_hold_for_all_members():
     rng, found = np.random.default_rng(5), []
-    for _ in range(9):
+    for _ in range(6):
         ball = Ball(rng)
         certified, nominal = ball.core.margins().T
         m = ball.m
         proved = certified[4 * m : 4 * m + 4]
         assert (proved <= nominal[4 * m : 4 * m + 4] * (1 + 1e-3) + 1e-9).all()
         found += attacked(ball, rng, certified)
-    assert len(found) >= 60
+    assert len(found) >= 50
     assert max(found) < 1.0
 
 

@@ -197,6 +197,7 @@ def main() -> None:
     example(options.images)
     first_control(options.images)
     within_limits(options.images)
+    margins(options.images)
     which_number(options.images)
     known = {"all pairs, sigma known": WAYS["all pairs, sigma known"]}
     for law, reading, ways in (
@@ -244,6 +245,14 @@ def within_limits(images: Path) -> None:
     loop = se.regulate(model, 20, **task)
     se.track((A, B), np.zeros((61, 4)), controller=loop, x0=X0, noise=SIGMA, rng=3)
     loop.plot().savefig(images / "limits-loop.png", dpi=110)
+
+
+def margins(images: Path) -> None:
+    """The figure of how-much-can-go-wrong.md."""
+    data = runs(6, np.random.default_rng(1), gaussian)
+    model = se.identify(data, noise=SIGMA, scale=SCALE)
+    loop = se.gain(model, Q=[1.0, 10.0, 0.1, 1.0], R=0.01)
+    loop.certificate(DELTA).margins().plot().savefig(images / "margins.png", dpi=110)
 
 
 def which_number(images: Path, sets: int = 60) -> None:

@@ -21,6 +21,8 @@ WORDS = {
     "index": "csv, installation",
     "close-the-loop": "feedback, lqr, gain, stability, robust control, mpc, "
     "model predictive control, constraints, saturation",
+    "how-much-can-go-wrong": "gain margin, phase margin, disk margin, delay margin, nonlinear, "
+    "fixed point, float32, anti-windup",
     "measured-runs": "identification, system identification, least squares",
     "logs": "delay, missing data",
     "readings": "arx, outputs, kalman, kalman filter, observer, n4sid, "

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from .feedback import gain
     from .fleet import control_fleet
     from .fusion import Fit, fuse, fuse_path
-    from .identification import Model, Noise, Pilot, Trajectories, Window, identify
+    from .identification import Misfit, Model, Noise, Pilot, Trajectories, Window, identify
     from .limits import Cost, Limits, Uncertain
     from .loops import Keep, Regulator, regulate
     from .rng import Key
@@ -63,6 +63,7 @@ __all__ = [
     "Keep",
     "Key",
     "Limits",
+    "Misfit",
     "Model",
     "ModelStream",
     "Noise",
@@ -119,7 +120,7 @@ _ROOMS = {
     "feedback": "gain",
     "fleet": "control_fleet",
     "fusion": "Fit fuse fuse_path",
-    "identification": "Model Noise Pilot Trajectories Window identify",
+    "identification": "Misfit Model Noise Pilot Trajectories Window identify",
     "limits": "Cost Limits Uncertain",
     "loops": "Keep Regulator regulate",
     "rng": "Key",

@@ -31,6 +31,12 @@ pub(super) fn filled(count: usize, value: f64) -> Vec<f64> {
     all
 }
 
+pub(super) fn gathered<T>(values: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut all = Vec::new();
+    all.extend(values);
+    all
+}
+
 pub(super) fn inverse(units: &[f64]) -> Vec<f64> {
     let mut back = Vec::new();
     back.extend(units.iter().map(|unit| 1.0 / unit));
@@ -143,10 +149,28 @@ pub(super) struct Uncertain {
     /// Bound of `||G||_F`.
     pub phi: f64,
     pub region: Region,
+    pub misfits: Vec<Misfit>,
+}
+
+/// A term `f(z)`, `||f(z)|| <= most ||z||`, `z = of (x, u)`, that is added to the states along `direction`: any function, also
+/// of the step. In the units of the data.
+#[derive(Debug, Clone)]
+pub struct Misfit {
+    /// (n, k), row by row.
+    pub direction: Vec<f64>,
+    /// (l, n + m), row by row.
+    pub of: Vec<f64>,
+    /// The declared size.
+    pub most: f64,
 }
 
 impl Uncertain {
     pub fn new(region: &Region) -> Result<Self> {
+        Self::beside(region, Vec::new())
+    }
+
+    /// With terms that are declared beside the region: parts of their own, of all rows, that change from step to step.
+    pub fn beside(region: &Region, misfits: Vec<Misfit>) -> Result<Self> {
         let (n, m, d) = (region.n, region.m, region.d);
         let centre = matrix(&region.centre, n, d);
         let mut unit = filled(n, 1.0);
@@ -181,7 +205,46 @@ impl Uncertain {
         let a = Mat::from_fn(n, n, |i, j| back(i) * centre[(i, j)] * unit[j]);
         let b = Mat::from_fn(n, m, |i, j| back(i) * centre[(i, n + j)]);
         let c = region.offset().then(|| Mat::from_fn(n, 1, |i, _| back(i) * centre[(i, n + m)]));
-        Ok(Self { n, m, unit, a, b, c, pieces, phi: phi * (1.0 + 1e-8), region: region.clone() })
+        for one in &misfits {
+            let (k, l) = (one.direction.len() / n, one.of.len() / (n + m));
+            if one.direction.len() != n * k
+                || one.of.len() != l * (n + m)
+                || k * l == 0
+                || one.most.is_nan()
+                || one.most < 0.0
+            {
+                let (expected, found) = (format!("{n} rows, and {} columns", n + m), "others".into());
+                return Err(Error::Shape { name: "misfit", expected, found });
+            }
+            let e = Mat::from_fn(n, k, |i, j| back(i) * one.direction[i * k + j]);
+            let s = symmetric(&(&e * e.transpose()));
+            let own = |i: usize, j: usize| one.of[i * (n + m) + j] * unit.get(j).copied().unwrap_or(1.0);
+            let w = Mat::from_fn(l, d, |i, j| if j < n + m { own(i, j) } else { 0.0 });
+            let mut rows = Vec::new();
+            rows.extend(0..n);
+            // the product E E' is rounded
+            let rho = one.most * (1.0 + 1e-12);
+            pieces.push(Piece { rows, rho, root: root(&s)?, s, w });
+        }
+        Ok(Self { n, m, unit, a, b, c, pieces, phi: phi * (1.0 + 1e-8), region: region.clone(), misfits })
+    }
+
+    /// The misfits of a plant with the inputs of `d` steps before as states.
+    pub fn later_misfits(&self, d: usize) -> Vec<Misfit> {
+        let (n, m, more) = (self.n, self.m, self.m * d);
+        let mut all = Vec::new();
+        for one in &self.misfits {
+            let mut direction = one.direction.clone();
+            direction.resize(direction.len() + more * (direction.len() / n), 0.0);
+            let mut of = Vec::new();
+            for row in one.of.chunks_exact(n + m) {
+                of.extend_from_slice(&row[..n]);
+                of.resize(of.len() + more, 0.0);
+                of.extend_from_slice(&row[n..]);
+            }
+            all.push(Misfit { direction, of, most: one.most });
+        }
+        all
     }
 
     /// `1 / unit`.

@@ -114,9 +114,9 @@ impl Keeper {
                 found,
             });
         }
-        let Some(proof) =
-            of.proof.as_ref().filter(|_| of.certificate.status == Status::Certified && of.data.c.is_none())
-        else {
+        let Some(proof) = of.proof.as_ref().filter(|_| {
+            of.certificate.status == Status::Certified && of.data.c.is_none() && of.data.misfits.is_empty()
+        }) else {
             return Ok(None);
         };
         covered(WHAT, bytes(n, d) + 16 * (STEPS * q) as u128, || {

@@ -8,7 +8,7 @@ use crate::parallel::Stop;
 use crate::region::Region;
 
 use super::certificate::{Certificate, Status, judged};
-use super::data::{Closed, Matrix, Uncertain, WHAT, entries, in_units, matrix, scaled};
+use super::data::{Closed, Matrix, Misfit, Uncertain, WHAT, entries, in_units, matrix, scaled};
 use super::lemma::least;
 use super::verify::{Claim, verify};
 
@@ -65,6 +65,14 @@ impl Loop {
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
     pub fn new(region: &Region, gain: &[f64], stop: &Stop) -> Result<Self> {
+        Self::beside(region, Vec::new(), gain, stop)
+    }
+
+    /// The same for a plant with declared terms beside those of the region.
+    ///
+    /// # Errors
+    /// As [`Loop::new`].
+    pub fn beside(region: &Region, misfits: Vec<Misfit>, gain: &[f64], stop: &Stop) -> Result<Self> {
         let (n, m) = (region.n, region.m);
         if gain.len() != m * n {
             let found = gain.len().to_string();
@@ -73,7 +81,7 @@ impl Loop {
         crate::error::require_finite("K", gain)?;
         room_for_products()?;
         covered(WHAT, bytes(n, region.d), || {
-            let data = Uncertain::new(region)?;
+            let data = Uncertain::beside(region, misfits)?;
             let k = Mat::from_fn(m, n, |i, j| gain[i * n + j] * data.unit[j]);
             let closed = Closed::new(&data, k);
             let (mut certificate, proof, closed) = judged(&data, closed, stop)?;

@@ -26,28 +26,36 @@
 //! ```
 
 mod along;
+mod attraction;
+mod blocks;
 mod certificate;
 mod data;
 mod doubling;
+mod errors;
 mod first_order;
 mod gains;
 mod keeping;
+mod late;
 mod lemma;
 mod loops;
+mod margins;
 mod member;
 mod norm;
 mod rest;
 mod riccati;
 mod saturation;
+mod scalings;
 mod spectrum;
 mod tube;
 mod verify;
 mod way;
 
 pub use certificate::{Certificate, Status};
+pub use data::Misfit;
 pub use gains::{Gain, eigenvalues, guaranteed, least_squares, widest};
 pub use keeping::{Judged, Keeper, Short};
 pub use loops::Loop;
+pub use margins::{Margin, Margins};
 pub use tube::{Run, Tube};
 
 #[cfg(test)]

@@ -195,7 +195,8 @@ impl Loop {
                 end += 1;
             }
         }
-        let sharp = (end * n * n) as f64 * (parts + 1) as f64 <= WORK;
+        // the exact first order is that of one constant member
+        let sharp = (end * n * n) as f64 * (parts + 1) as f64 <= WORK && data.misfits.is_empty();
         let offset = run.rest.map(|(xs, us)| self.rest(xs, us)).transpose()?.unwrap_or_default();
         let mut found = self.along(run, &offset, end, &levels, sharp, &rows, stop)?;
         let beyond = if forever { after(end + 1) } else { f64::INFINITY };

@@ -82,16 +82,25 @@ pub(super) fn verify(data: &Uncertain, closed: &Closed, claim: &Claim<'_>) -> bo
         let rho = claim.by * piece.rho;
         for (i, to) in piece.rows.iter().enumerate() {
             for (j, col) in piece.rows.iter().enumerate() {
-                forcing[(*to, *col)] = claim.alpha * t * rho * rho * piece.s[(i, j)];
+                forcing[(*to, *col)] += claim.alpha * t * rho * rho * piece.s[(i, j)];
             }
         }
     }
-    holds(&f, &stacked(&size_blocks, n), (&forcing, &levels), data.region.d, claim)
+    holds(&Judged {
+        f: &f,
+        sizes: &stacked(&size_blocks, n),
+        beside: None,
+        forcing: &forcing,
+        levels: &levels,
+        terms: data.region.d,
+        claim,
+    })
 }
 
 /// [`verify`] for a matrix without uncertainty: `A Y A' / lambda + X < Y`.
 pub(super) fn verify_alone(a: &Matrix, claim: &Claim<'_>) -> bool {
-    holds(a, &absolute(a), (&Mat::zeros(a.nrows(), a.nrows()), &[]), 1, claim)
+    let (sizes, forcing) = (absolute(a), Mat::zeros(a.nrows(), a.nrows()));
+    holds(&Judged { f: a, sizes: &sizes, beside: None, forcing: &forcing, levels: &[], terms: 1, claim })
 }
 
 /// A product with its rounding: `|found - exact| <= off`, entry by entry.
@@ -118,16 +127,33 @@ impl Rounded {
     }
 }
 
-/// `sizes` bounds the sums of absolute values, of so many `terms`, that made each entry of F.
-///
+/// `diag(Y - X - forcing, levels) - F Y F' / lambda - G G' > 0`, and `Y > 0`, of a claim about `Y`.
+pub(super) struct Judged<'a> {
+    pub f: &'a Matrix,
+    /// Bounds of the sums of absolute values, of so many `terms`, that made each entry of F and G.
+    pub sizes: &'a Matrix,
+    /// G with its `sizes`; its first rows are those of `Y`, as of F.
+    pub beside: Option<(&'a Matrix, &'a Matrix)>,
+    pub forcing: &'a Matrix,
+    pub levels: &'a [f64],
+    pub terms: usize,
+    pub claim: &'a Claim<'a>,
+}
+
 /// The matrix is judged as `diag(L, I) (..) diag(L', I)` with L near the inverse of R, which is positive definite only if the
 /// matrix is: in it all is of size 1 however near to each other the states are, and rounding counts for `|L| |R|` times as
 /// much, not for the square of that.
-fn holds(f: &Matrix, sizes: &Matrix, (forcing, levels): (&Matrix, &[f64]), terms: usize, claim: &Claim<'_>) -> bool {
+pub(super) fn holds(of: &Judged<'_>) -> bool {
+    let Judged { f, sizes, beside, forcing, levels, terms, claim } = *of;
     let Claim { root, x, alpha, lambda, .. } = *claim;
     let n = root.nrows();
     let same = |a: &Matrix| finite(a) && (0..n).all(|i| (0..i).all(|j| a[(i, j)] == a[(j, i)]));
-    let sound = finite(root) && x.is_none_or(same) && same(forcing) && finite(f) && finite(sizes);
+    let sound = finite(root)
+        && x.is_none_or(same)
+        && same(forcing)
+        && finite(f)
+        && finite(sizes)
+        && beside.is_none_or(|(g, sizes)| finite(g) && finite(sizes));
     if !(sound
         && levels.iter().all(|v| *v > 0.0 && v.is_finite())
         && alpha > 0.0
@@ -146,9 +172,12 @@ fn holds(f: &Matrix, sizes: &Matrix, (forcing, levels): (&Matrix, &[f64]), terms
     // L R, and F R with L in front of its first rows
     let unit = Rounded::new(&back * root, &(&away * &around), n + 2).squared();
     let (moved, moved_sizes) = (f * root, sizes * &around);
-    let rows =
-        |a: &Matrix, own: &Matrix| stacked([&(own * a.subrows(0, n)), &a.subrows(n, a.nrows() - n).to_owned()], n);
+    let rows = |a: &Matrix, own: &Matrix| {
+        stacked([&(own * a.subrows(0, n)), &a.subrows(n, a.nrows() - n).to_owned()], a.ncols())
+    };
     let whole = Rounded::new(rows(&moved, &back), &rows(&moved_sizes, &away), 2 * terms + 2 * n + 16).squared();
+    let more =
+        beside.map(|(g, sizes)| Rounded::new(rows(g, &back), &rows(sizes, &away), 2 * terms + 2 * n + 16).squared());
     let given = x.map_or_else(|| forcing.clone(), |x| x + forcing);
     let given_sizes = x.map_or_else(|| absolute(forcing), |x| absolute(x) + absolute(forcing));
     let given = Rounded::new(
@@ -162,8 +191,9 @@ fn holds(f: &Matrix, sizes: &Matrix, (forcing, levels): (&Matrix, &[f64]), terms
             (false, true) => (levels[i - n], 0.0),
             (false, false) => (0.0, 0.0),
         };
-        let (product, rest) = (whole.found[(i, j)] / lambda, whole.off[(i, j)] / lambda);
-        (top - product, off + rest + gamma(8) * (top.abs() + product.abs()))
+        let (added, added_off) = more.as_ref().map_or((0.0, 0.0), |more| (more.found[(i, j)], more.off[(i, j)]));
+        let (product, rest) = (whole.found[(i, j)] / lambda + added, whole.off[(i, j)] / lambda + added_off);
+        (top - product, off + rest + gamma(8) * (top.abs() + (product - added).abs() + added.abs()))
     };
     let m = Mat::from_fn(f.nrows(), f.nrows(), |i, j| entry(i, j).0);
     proved(&m, |i, j| entry(i, j).1) && proved(&unit.found, |i, j| unit.off[(i, j)])

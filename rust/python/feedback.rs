@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use crate::Error;
-use crate::feedback::{self, Gain, Keeper, Loop, Run, Status};
+use crate::feedback::{self, Gain, Keeper, Loop, Misfit, Run, Status};
 use crate::memory::{try_collect, try_copy};
 use crate::parallel::Stop;
 
@@ -32,11 +32,22 @@ pub(super) struct PyFeedback {
 impl PyFeedback {
     /// Of data in doubt nothing is certified.
     #[new]
-    #[pyo3(signature = (region, gain, doubted=false))]
-    fn new(py: Python<'_>, region: &Bound<'_, PyRegion>, gain: Matrix<'_>, doubted: bool) -> PyResult<Self> {
+    #[pyo3(signature = (region, gain, doubted=false, misfit=None))]
+    fn new(
+        py: Python<'_>,
+        region: &Bound<'_, PyRegion>,
+        gain: Matrix<'_>,
+        doubted: bool,
+        misfit: Option<(Matrix<'_>, Matrix<'_>, f64)>,
+    ) -> PyResult<Self> {
         let (region, (m, n)) = (&region.get().0, gain.as_array().dim());
         let gain = slice("K", &gain)?;
-        let of = run(py, UNTIL_STOPPED, |stop| Loop::new(region, gain, stop))?;
+        let mut misfits = Vec::new();
+        if let Some((direction, of, most)) = &misfit {
+            let direction = try_copy(WHAT, slice("direction", direction)?)?;
+            misfits.push(Misfit { direction, of: try_copy(WHAT, slice("of", of)?)?, most: *most });
+        }
+        let of = run(py, UNTIL_STOPPED, |stop| Loop::beside(region, misfits, gain, stop))?;
         Ok(Self { of: Arc::new(if doubted { of.doubted() } else { of }), n, m })
     }
 
@@ -143,6 +154,50 @@ impl PyFeedback {
     fn rest<'py>(&self, py: Python<'py>, xs: Vector<'_>, us: Vector<'_>) -> PyResult<(Array1<'py>, f64)> {
         let (rows, radius) = self.of.rest(slice("xs", &xs)?, slice("us", &us)?)?;
         Ok((array1(py, rows)?, radius))
+    }
+
+    /// How large a term in the states `e` of `h (x, u)` may be, for all systems and for the centre.
+    fn allows(&self, py: Python<'_>, e: Matrix<'_>, h: Matrix<'_>) -> PyResult<(f64, f64)> {
+        let (e, h) = (slice("E", &e)?, slice("H", &h)?);
+        let found = run(py, UNTIL_STOPPED, |stop| self.of.allows(e, h, stop))?;
+        Ok((found.certified, found.nominal))
+    }
+
+    /// What the loop stands, certified and of the centre (4 m + 6, 2): for each input the least and largest gain, phase, disk; then
+    /// the disk of all, delay, varying delay, readings, bits, share.
+    fn margins<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
+        let found = run(py, UNTIL_STOPPED, |stop| self.of.margins(stop))?;
+        let mut all = Vec::new();
+        for ((gain, phase), disk) in found.gains.iter().zip(&found.phases).zip(&found.disks) {
+            all.extend([gain[0], gain[1], *phase, *disk]);
+        }
+        all.extend([found.disk, found.delay, found.varying, found.readings, found.bits, found.share]);
+        let values = try_collect(WHAT, all.iter().flat_map(|one| [one.certified, one.nominal]))?;
+        array2(py, values, all.len(), 2)
+    }
+
+    /// How far states and inputs are moved by errors of the inputs of these sizes.
+    fn errors<'py>(&self, py: Python<'py>, sizes: Vector<'_>) -> PyResult<Array1<'py>> {
+        let sizes = slice("sizes", &sizes)?;
+        array1(py, run(py, UNTIL_STOPPED, |stop| self.of.errors(sizes, stop))?)
+    }
+
+    /// The same by the rounding of inputs, relative to `|K| |x|`, and absolute.
+    fn computed<'py>(
+        &self,
+        py: Python<'py>,
+        reach: Vector<'_>,
+        relative: f64,
+        absolute: Vector<'_>,
+    ) -> PyResult<Array1<'py>> {
+        let (reach, absolute) = (slice("reach", &reach)?, slice("absolute", &absolute)?);
+        array1(py, run(py, UNTIL_STOPPED, |stop| self.of.computed(reach, relative, absolute, stop))?)
+    }
+
+    /// How many times `x0` all systems come to rest from, although the inputs saturate.
+    fn attracted(&self, py: Python<'_>, limits: Vector<'_>, x0: Vector<'_>) -> PyResult<f64> {
+        let (limits, x0) = (slice("limits", &limits)?, slice("x0", &x0)?);
+        run(py, UNTIL_STOPPED, |stop| self.of.attracted(limits, x0, stop))
     }
 
     fn holds(&self, py: Python<'_>, limits: Vector<'_>, x0: Option<Vector<'_>>) -> PyResult<(f64, Option<f64>)> {

@@ -169,6 +169,9 @@ def test_certify_says_what_is_proved(model, capsys):
     assert widest["margin"] > found["margin"]
     assert "tube" not in widest
     assert "--from" in failed(capsys, "certify", "model.safetensors", "--noise", "5%")
+    sheet = proof.margins()
+    table = " ".join(said(capsys, "certify model.safetensors --margins").split())
+    assert f"phase [deg] of F {sheet.rows()[2][1]} {sheet.rows()[2][2]}" in table
 
 
 def test_a_model_of_outputs(place, capsys):

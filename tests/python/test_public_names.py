@@ -13,7 +13,7 @@ import pytest
 import stochens_rs as se
 
 TOP = """
-    Certificate Cost Counts DataStream Ensemble EnsembleTrajectory Fit Keep Key Limits Model
+    Certificate Cost Counts DataStream Ensemble EnsembleTrajectory Fit Keep Key Limits Misfit Model
     ModelStream Noise Pilot Plan Regulator StepEstimate StochensError Stream Study System
     SystemEnsemble
     Tracking Trajectories Trajectory Uncertain Window __version__ cases control control_fleet design
@@ -24,7 +24,7 @@ TOP = """
 ROOMS = {
     "certificates": "Radius",
     "controls": "Limited NextRuns PlanError Reachability SamplePlan Typical",
-    "feedback": "Loop LoopCertificate Tube",
+    "feedback": "Loop LoopCertificate Margins Rounding Tube",
     "fleet": "FleetPlan RiskBound",
     "fusion": "Alse FusedModel Path",
     "identification": "Checks Region",

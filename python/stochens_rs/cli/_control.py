@@ -212,6 +212,7 @@ def certify_command(
     within: float | None = None,
     noise: Share = None,
     limits: tuple[str, ...] = (),
+    margins: bool = False,
     as_json: bool = False,
 ) -> None:
     """Certify a feedback for all systems.
@@ -231,9 +232,10 @@ def certify_command(
       within R  From which step on states are within R.
       noise P  Include Gaussian noise; it is larger with this.
       limits LOW,HIGH  Of all inputs, or INPUT=LOW,HIGH: how much of --from keeps them for all time.
+      margins  Gain, phase, delay, errors, rounding and saturation that all systems stand.
       as_json --json  Print JSON instead of text.
     For example:
-      certify model.safetensors --Q 1 --R 0.1
+      certify model.safetensors --Q 1 --R 0.1 --margins
       certify model.safetensors --from 1,0 --within 0.05 --noise 5%
       certify model.safetensors --widest --from 1,0 --limits -1,1 --json
     """
@@ -247,6 +249,10 @@ def certify_command(
     rows = zip(states, loop.K.T, strict=True)
     lines = grid([["K transposed", *inputs], *([k, *(f"{v:.4g}" for v in row)] for k, row in rows)])
     lines += ["", str(proof)]
+    if margins:
+        sheet = proof.margins()
+        facts["margins"] = sheet.to_dict()
+        lines += ["", *grid([["", "certified", "of the model"], *sheet.rows()]), ""]
     if start is not None:
         x0 = _vector_of("--from", start, model.n, None)
         sides = _sides_of("--limits", limits, inputs) if limits else None

@@ -2,6 +2,7 @@
 
 from .certificate import LoopCertificate
 from .loop import Loop, gain
+from .margins import Margins, Rounding
 from .tube import Rest, Tube
 
-__all__ = ["Loop", "LoopCertificate", "Rest", "Tube", "gain"]
+__all__ = ["Loop", "LoopCertificate", "Margins", "Rest", "Rounding", "Tube", "gain"]

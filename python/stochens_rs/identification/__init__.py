@@ -4,6 +4,7 @@ from ..data import Trajectories
 from .assumptions import Assumptions, Noise, Pilot, Window
 from .checks import Checks
 from .identifying import identify
+from .misfit import Misfit
 from .model import Model
 from .region import Region
 from .window import Regressors
@@ -11,6 +12,7 @@ from .window import Regressors
 __all__ = [
     "Assumptions",
     "Checks",
+    "Misfit",
     "Model",
     "Noise",
     "Pilot",

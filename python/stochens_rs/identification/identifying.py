@@ -11,6 +11,7 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
+from .._base.names import Labels
 from .._base.records import trusted
 from .._base.running import get_num_threads
 from ..data.trajectories import Trajectories, moved, pooled
@@ -27,7 +28,8 @@ from .assumptions import (
     require_known,
 )
 from .checks import checked_residuals, tested_rows, too_many
-from .model import Model
+from .misfit import Misfit, sizes_of
+from .model import Model, require_fit
 from .pilot import made
 from .window import Regressors, complete, of_states, rows_of, spread
 
@@ -124,6 +126,7 @@ def identify(
     known_A: ArrayLike | None = None,
     known_B: ArrayLike | None = None,
     scale: ArrayLike | None = None,
+    misfit: Misfit | None = None,
     checks: bool = True,
     accept: str | Sequence[str] = (),
 ) -> Model:
@@ -155,6 +158,9 @@ def identify(
         are then not used otherwise for a region: the number of pairs must be fixed beforehand, and
         the runs be in the order of time. 1 for fewer than 4 pairs for each unknown of a row, and
         for regions that hold for all N at once.
+    misfit : Misfit, optional
+        What the plant has beside the linear model: it widens the region, and certificates of a
+        feedback hold with it. Others are refused.
     checks : bool, default True
         Whether to test the residuals; not done for more than about 320 000 / n pairs, of which a
         warning says so: `Model.check` does it. `Model.doubts` are looked for in any case.
@@ -220,6 +226,8 @@ def identify(
     guided = pilot if pilot is None or isinstance(pilot, Pilot) else Pilot(pilot)
     if asked.delay == -1:
         runs, asked = moved(runs), replace(asked, delay=0)
+    if misfit is not None and validation.instance("misfit", misfit, Misfit).limit < np.inf:
+        runs = below(runs, misfit)
     n, names = runs.n, runs.state_names
     assumed = checked_assumptions(n, law, names, guided is not None, asked.tail, accept)
     offset = validation.flag("intercept", intercept)
@@ -239,6 +247,8 @@ def identify(
     if past is not None:
         sizes, first = sized(runs, past, sizes, first)
     refuse(assumed, n, runs.single)
+    if misfit is not None:
+        require_fit(misfit, runs, assumed, sizes, (past, guided, known))
     guide = None
     if guided is not None:
         guide, runs = made(runs, assumed, known is not None, guided, offset)
@@ -253,13 +263,24 @@ def identify(
     triangle = _core.triangle(rows, get_num_threads())
     if not np.isfinite(triangle).all():
         raise NonFiniteError("the products of the data overflow: scale them down")
-    found = runs, triangle, assumed, sizes, offset, known, tested, guide, past, first
+    found = runs, triangle, assumed, sizes, offset, known, tested, guide, past, first, misfit
     model = trusted(Model, *found)
     if model.warnings:
         text, more = model.warnings[0], len(model.warnings) - 1
         text += f"; {show.number_of(more, 'more warning')}: see model.warnings" if more else ""
         warnings.warn(DataWarning(text), stacklevel=2)
     return model
+
+
+def below(runs: Trajectories, misfit: Misfit) -> Trajectories:
+    """The pairs that begin where the misfit is small enough, in their order."""
+    x, u, x_next = runs.pairs()
+    labels = Labels(runs.state_names, runs.input_names)
+    kept = sizes_of(misfit, np.hstack([x, u]), labels) <= misfit.limit
+    if not kept.any():
+        raise InputError(f"`misfit` leaves out all pairs: none is below {misfit.limit:g}")
+    how = {"state_names": labels.states, "input_names": labels.inputs}
+    return Trajectories.from_pairs(x[kept], u[kept], x_next[kept], dt=runs.dt, **how)
 
 
 def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | None) -> Floats | None:

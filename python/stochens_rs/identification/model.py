@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
+from .._base.names import Labels
 from .._base.records import SavedRecord, cached_property
 from .._base.running import get_num_threads
 from ..data import Trajectories
@@ -28,6 +29,7 @@ from .assumptions import (
 )
 from .checks import Checks, Tested, cautions, missing_directions
 from .identified import Fitted, Identified
+from .misfit import Misfit, block_of, grown
 from .pilot import PilotModel
 from .pilot import refuse as refuse_pilot
 from .region import METHODS, Method, Region, Wish, entered, of_core, region_of, said, withheld
@@ -77,6 +79,8 @@ class Model(SavedRecord, Fitted):
     first : int
         With a window: how many of the first pairs of `data` say its size, or were used to choose
         it. They count no more: `triangle`, the model and its regions are of those after them.
+    misfit : Misfit or None
+        What the plant has beside the model, as declared.
     """
 
     _kind = "model"
@@ -91,9 +95,13 @@ class Model(SavedRecord, Fitted):
     pilot: PilotModel | None = None
     window: Regressors | None = None
     first: int = 0
+    misfit: Misfit | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.misfit is not None:
+            beside = self.window, self.pilot, self.known
+            require_fit(self.misfit, self.data, self.assumptions, self.scale, beside)
         validation.size("first", self.first, minimum=0, maximum=self.data.size)
         if self.window is None and self.data.outputs:
             raise InputError("`window` must be given for outputs")
@@ -623,9 +631,38 @@ def asked_region(model: Model, wish: Wish) -> Region:
         made = region_of(estimate, model.assumptions, wish, units)
         missing = missing_directions(estimate.blocks, model.regressors.regressor_names)
     assumption += "" if model.window is None else assumed(model.window, model.assumptions.tail)
+    assumption += "" if model.misfit is None else f", {model.misfit.text}"
     accepted = ", ".join(model.assumptions.accept)
     assumption += model.data.assumption + (f"; accepted by name: {accepted}" if accepted else "")
-    return of_core(made, model.assumptions, wish, model._free, assumption, missing)
+    found = of_core(made, model.assumptions, wish, model._free, assumption, missing)
+    return found if model.misfit is None else with_misfit(model, model.misfit, found, wish)
+
+
+def with_misfit(model: Model, misfit: Misfit, region: Region, wish: Wish) -> Region:
+    """The region of the linear part, grown by what the misfit did to the data."""
+    if wish != Wish(wish.delta):
+        raise InputError(
+            "a model with a misfit has certificates of a feedback only; its region takes `delta`"
+        )
+    z = model.rows[model._first :, : model._d]
+    part = grown(misfit, region.parts[0], z, model.labels)
+    return region._but(parts=(part,), frobenius=None, misfit=misfit)
+
+
+def require_fit(
+    misfit: Misfit, data: Trajectories, assumed: Assumptions, scale: Floats | None, beside: Any
+) -> None:
+    """Refuse a misfit for which no region is known, or names that are not those of the data."""
+    block_of(misfit, Labels(data.state_names, data.input_names))
+    if assumed.known is None or assumed.exact or assumed.tail or any(x is not None for x in beside):
+        raise InputError(
+            "`misfit` needs noise of a declared size, noise=sigma, without exact states, known "
+            "entries, window, tail and pilot: no region is known there"
+        )
+    if misfit.limit < np.inf and scale is None:
+        raise InputError(
+            "`misfit` leaves out pairs, so that their number is not fixed beforehand: pass `scale`"
+        )
 
 
 def estimate_law(model: Model, windows: bool = False) -> tuple[Floats, Floats, Floats, str, int]:
@@ -657,6 +694,8 @@ def white_of(model: Model, windows: bool = False) -> Floats:
 
 
 def _refuse_resampling(model: Model, windows: bool = False) -> None:
+    if model.misfit is not None:
+        raise InputError("models with a misfit are not resampled: see region()")
     if model.window is not None and not windows:
         raise InputError("models of outputs are not resampled: see region()")
     if not model.identifiable:

@@ -25,6 +25,7 @@ from .._base.types import Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..plots.certificates import draw_region
 from .assumptions import Assumptions
+from .misfit import Misfit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,6 +76,8 @@ class Region(SavedRecord):
     noise : ndarray, shape (n, n), or None
         The covariance of Gaussian noise is at most this, in the same event; None where no bound is
         known.
+    misfit : Misfit or None
+        What the true system has beside the model, as declared: the region is of its linear part.
     """
 
     centre: Annotated[Floats, "row column"]
@@ -86,6 +89,7 @@ class Region(SavedRecord):
     future: Index = 0
     frobenius: FromZero | None = None
     noise: Annotated[Floats, "row row"] | None = None
+    misfit: Misfit | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,9 +101,18 @@ class Region(SavedRecord):
         for part in self.parts:
             _require_one_set(part)
 
-    @cached_property
+    @property
     def core(self) -> _core.Region:
-        """The region of the core."""
+        """The region of the core, for what is proved of linear systems only."""
+        if self.misfit is not None:
+            raise InputError(
+                "a model with a misfit has certificates of a feedback only: gain(model).certificate"
+            )
+        return self.linear
+
+    @cached_property
+    def linear(self) -> _core.Region:
+        """The region of the core, of the linear part of the system."""
         centre = np.ascontiguousarray(self.centre)
         return _core.Region(centre, self.m, self.parts, self.frobenius, self.future > 0)
 
@@ -115,7 +128,7 @@ class Region(SavedRecord):
         Lengths are those of V^-1, in which the data make ``||z||`` about ``|z| / sqrt(N)``. With
         one part for each row, the root of the sum of squares.
         """
-        return self.core.radius
+        return self.linear.radius
 
     @property
     def bounded(self) -> bool:
@@ -160,7 +173,7 @@ class Region(SavedRecord):
         if B is None:
             if c is not None:
                 raise InputError("`c` must be left out without `B`: `A` is then the whole model")
-            return self.core.contains(validation.matrix("A", A, rows=n, cols=d))
+            return self.linear.contains(validation.matrix("A", A, rows=n, cols=d))
         blocks = [
             validation.matrix("A", A, rows=n, cols=n),
             validation.matrix("B", B, rows=n, cols=self.m),
@@ -169,7 +182,7 @@ class Region(SavedRecord):
         if d == n + self.m and offset.any():
             raise InputError("`c` must be left out: the model has no intercept")
         blocks.append(offset[:, None])
-        return self.core.contains(np.hstack(blocks if d > n + self.m else blocks[:2]))
+        return self.linear.contains(np.hstack(blocks if d > n + self.m else blocks[:2]))
 
     def bound(self, x: ArrayLike, u: ArrayLike, *, noise: bool = False) -> float:
         """Bound how far one step of the true system is from that of the `centre`.
@@ -244,7 +257,7 @@ class Region(SavedRecord):
         ``|e_i' (Theta - C) e_j| <= sqrt(factor S_ii) ||e_j||`` in the norm of V^-1; 0 where an
         entry is known, infinite where the data do not determine it.
         """
-        return self.core.entry_bounds()
+        return self.linear.entry_bounds()
 
     def plot(
         self,
@@ -288,7 +301,7 @@ class Region(SavedRecord):
         one, other = self._entry("across", across), self._entry("up", up)
         if one == other:
             raise InputError(f"`up` must differ from `across`, got {other} twice")
-        corners = self.core.projection(one, other)
+        corners = self.linear.projection(one, other)
         if corners is None:
             raise InputError("the data do not determine these coefficients: there is no edge")
         centre = np.array([self.centre[one], self.centre[other]])
@@ -316,7 +329,7 @@ class Region(SavedRecord):
 
     def _but(self, **fields: Any) -> Region:
         """The same with other fields."""
-        kept = {name: value for name, value in vars(self).items() if name != "core"}
+        kept = {name: value for name, value in vars(self).items() if name != "linear"}
         return trusted(Region, **{**kept, **fields})
 
     def _z(self, x: ArrayLike, u: ArrayLike) -> Floats:
@@ -345,7 +358,7 @@ def withheld(region: Region, doubts: tuple[str, ...]) -> Region:
 def entered(region: Region, matrix: Floats, J: Floats, G: Floats, m: int) -> Region:
     """The region of ``[A B c] = matrix + G (Theta - centre) J`` in the same event."""
     covariance = None if region.noise is None else np.ascontiguousarray(region.noise)
-    found, noise = _core.entered_region(region.core, (matrix, J, G, m), covariance)
+    found, noise = _core.entered_region(region.linear, (matrix, J, G, m), covariance)
     noise = None if noise is None else validation.frozen(noise)
     centre, parts = validation.frozen(found.centre), found.parts
     return region._but(centre=centre, m=m, parts=parts, future=0, noise=noise)

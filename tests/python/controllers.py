@@ -105,7 +105,9 @@ def random_readings(rng: Any, plans: bool) -> Any:
     target = y.mean(axis=0) + 0.1
     if p > m:
         target[m:] = np.nan
-    limits = (-rng.uniform(0.5, 2.0, m), rng.uniform(0.5, 2.0, m))
+    limits: Any = (-rng.uniform(0.5, 2.0, m), rng.uniform(0.5, 2.0, m))
+    if rng.random() < 0.5:
+        limits = se.Limits(u=limits, rate=rng.uniform(0.1, 0.5, m), previous=np.zeros(m))
     how: Any = {"limits": limits, "offset_free": free, "max_missing": int(rng.integers(0, 4))}
     if plans:
         cost = se.Cost(Q=np.ones(p), R=0.3)

@@ -729,7 +729,7 @@ class ReadingLoop(ControlLoop[Reading]):
         ------
         InputError, InputTypeError
             If an argument cannot be used; or the loop has measured inputs, targets to come, a free
-            output that integrates, or a gate of data that do not determine the model.
+            output that integrates, or limits of outputs.
 
         Examples
         --------

@@ -35,14 +35,14 @@ def write(path: Any, name: str, parts: list[str], sizes: Any, tables: Any, about
     for title, text in about.items():
         plain = re.sub(r"\*/|/\*|\?\?|[\x00-\x1f\\]", " ", f"{title}: {text}")
         lines += [f" * {line}" for line in wrap(plain, 108, subsequent_indent="  ")]
-    lines += [" */", _part("common")]
+    head, lines = "\n".join([*lines, " */", ""]), [_part("common")]
     lines += [f"#define $_{size} {number}" for size, number in sizes.items()]
     for table, values in tables.items():
         array = np.asarray(values, dtype=np.float64)
         body = "\n    ".join(wrap(", ".join(map(_number, array.ravel())) or "$_R(0)", 108))
         lines.append(f"static const @_real @_{table}[{max(array.size, 1)}] = {{\n    {body}}};")
     lines += [*map(_part, parts), "#endif", ""]
-    files.write_text(file, "\n".join(lines).replace("$", name.upper()).replace("@", name))
+    files.write_text(file, head + "\n".join(lines).replace("$", name.upper()).replace("@", name))
 
 
 def _part(name: str) -> str:

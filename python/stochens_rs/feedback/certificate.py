@@ -475,7 +475,7 @@ def sentence(K: Floats | None, proof: LoopCertificate | None) -> dict[str, str]:
         return {"proof": "none: nothing is certified of this loop"}
     if K is None or not np.array_equal(K, validation.instance("proof", proof, LoopCertificate).K):
         raise InputError("`proof` must be of this gain: loop.certificate(delta)")
-    more = "; a linear plant, exact states, inputs applied as they are returned"
+    more = "; a plant that is linear and read as in the data, inputs applied, none at a limit"
     return {
         "proof": repr(proof)[18:-1],
         "margin": f"{proof.margin:.6g}: the region could be so many times larger",

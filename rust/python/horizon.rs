@@ -11,7 +11,7 @@ use super::region::PyRegion;
 use super::run::run;
 use super::simulate::EstimateArgument;
 use crate::limits::Until;
-use crate::limits::horizon::{Cause, Horizon, Radii, Runs, Solved};
+use crate::limits::horizon::{Cause, Condensed, Horizon, Radii, Runs, Solved};
 use crate::memory::try_copy;
 use crate::simulate::Plans;
 
@@ -53,6 +53,13 @@ impl PyHorizon {
     fn r<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
         let m = self.inner.size().1;
         array2(py, try_copy(WHAT, self.inner.r())?, m, m)
+    }
+
+    /// The lower triangle of `H^-1` row by row, F (m K, n) and g (m K): the best inputs without limits are `F x0 + g`.
+    fn condensed<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, Array2<'py>, Array1<'py>)> {
+        let (n, m, steps) = self.inner.size();
+        let Condensed { inverse, map, offset } = run(py, self.cost, |_| self.inner.condensed())?;
+        Ok((array1(py, inverse)?, array2(py, map, m * steps, n)?, array1(py, offset)?))
     }
 
     #[getter]

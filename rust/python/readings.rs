@@ -9,7 +9,7 @@ use super::region::PyRegion;
 use super::run::run;
 use super::shared::Shared;
 use super::window::PyWindow;
-use crate::memory::try_copy;
+use crate::memory::{try_copy, try_push};
 use crate::region::{Aim, Bias, Gate, Readings};
 use crate::window::{Contents, Filter};
 
@@ -23,6 +23,8 @@ type Made<'py> = Bound<'py, PyArray2<f64>>;
 type Found<'py> = (Option<Row<'py>>, Row<'py>, f64, bool, &'static str, Row<'py>);
 /// x, whether it is known, excess, complete readings in a row, calls, readings of each output, and whether it is stuck.
 type Now<'py> = (Row<'py>, bool, f64, usize, usize, Vec<usize>, bool);
+
+type Tables<'py> = (Vec<(&'static str, usize)>, Vec<(&'static str, Row<'py>)>);
 
 const WHAT: &str = "a loop from readings";
 
@@ -131,6 +133,16 @@ impl PyReadings {
         };
         let predicted = found.predicted.map(|predicted| array1(py, predicted)).transpose()?;
         Ok((predicted, array1(py, found.bias)?, found.off, found.believed, follows, array1(py, x)?))
+    }
+
+    /// Sizes and numbers by their names, for a controller without this core.
+    fn tables<'py>(&self, py: Python<'py>) -> PyResult<Tables<'py>> {
+        let (sizes, tables) = self.inner.with(py, 0.0, |inner, _| inner.tables())?;
+        let mut made = Vec::new();
+        for (name, values) in tables {
+            try_push(WHAT, &mut made, (name, array1(py, values)?))?;
+        }
+        Ok((sizes, made))
     }
 
     /// Go on from the state of a full window.

@@ -13,7 +13,7 @@ pub(crate) fn times(a: f64, b: f64) -> f64 {
 }
 
 /// The ratio below which the missing directions are known to fewer than half of the digits.
-const TRUSTED: f64 = 1e-8;
+pub(super) const TRUSTED: f64 = 1e-8;
 
 /// See [`Part::around`].
 const WIDER: f64 = 10.0;

@@ -13,6 +13,8 @@ use crate::window::{Contents, Filter};
 
 use super::{Part, Region};
 
+mod tables;
+
 const WHAT: &str = "a loop from readings";
 /// Rejected readings in a row, or alike with few others between them, behind which the next rejected one is taken for true.
 const BELIEVED: f64 = 3.0;

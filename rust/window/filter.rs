@@ -70,15 +70,15 @@ impl Contents {
 pub struct Filter {
     pub(crate) window: Window,
     /// C (p, n).
-    c: Mat<f64>,
+    pub(crate) c: Mat<f64>,
     /// `[A_s G]` (n, n + p).
-    step: Mat<f64>,
+    pub(crate) step: Mat<f64>,
     noise: Mat<f64>,
     /// `Sigma^(-1/2) C`.
-    seen_by: Mat<f64>,
-    mean: Vec<f64>,
+    pub(crate) seen_by: Mat<f64>,
+    pub(crate) mean: Vec<f64>,
     /// The error of each state at the first reading.
-    apart: Vec<f64>,
+    pub(crate) apart: Vec<f64>,
 }
 
 impl Filter {

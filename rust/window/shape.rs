@@ -88,6 +88,21 @@ impl Window {
         self.intercept
     }
 
+    /// That of the filters; None for lags.
+    #[must_use]
+    pub const fn pole(&self) -> Option<f64> {
+        match self.kind {
+            Kind::Lags(_) => None,
+            Kind::Filters { pole, .. } => Some(pole),
+        }
+    }
+
+    /// After how many steps an input acts.
+    #[must_use]
+    pub const fn delay(&self) -> usize {
+        self.delay
+    }
+
     /// p or r.
     #[must_use]
     pub const fn count(&self) -> usize {

@@ -15,6 +15,7 @@ import stochens_rs
 LAYERS = (
     ("exceptions",),
     ("_base",),
+    ("export",),
     ("plots",),
     ("rng", "system"),
     ("data",),

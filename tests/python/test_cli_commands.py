@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shlex
+from pathlib import Path
 
 import click
 import numpy as np
@@ -99,6 +100,7 @@ def test_no_summary_of_a_command_is_cut(capsys, monkeypatch):
 
 RUNS = "identify runs.csv --states x,v --inputs F --by run"
 AS_JSON = {
+    "export": "export model.safetensors --out c.h --proof proof.json --checker check_proof.py",
     "certify": "certify model.safetensors --from 1,0 --within 0.1 --limits -9,9",
     "control": "control system.json",
     "doctor": "doctor",
@@ -144,6 +146,20 @@ def test_json_is_one_object_and_all_of_standard_output(name, model, capsys):
 def said(capsys, line):
     assert cli.main(line.split()) == 0
     return capsys.readouterr().out
+
+
+def test_export_writes_any_loop_with_its_proof(model, capsys):
+    assert said(capsys, AS_JSON["export"]).startswith("<Loop: n=2 m=1, least squares")
+    assert "law: u = K y" in Path("c.h").read_text()
+    assert Path("check_proof.py").read_text().startswith('"""Prove again')
+    assert json.loads(Path("proof.json").read_text())["proof"]["states"] == ["x", "v"]
+    read = se.Model.load("model.safetensors")
+    for loop in (se.gain(read, 1.0, 1.0), se.regulate(read, 4, limits=(-1.0, 1.0))):
+        loop.save("loop.safetensors")
+        said(capsys, "export loop.safetensors --out c.h --name rig")
+        assert "static inline int rig_step(" in Path("c.h").read_text()
+        Path("loop.safetensors").unlink()
+    assert "--name must be a C name" in failed(capsys, *AS_JSON["export"].split(), "--name", "A")
 
 
 def test_certify_says_what_is_proved(model, capsys):

@@ -165,6 +165,7 @@ PAGES = (
     "docs/several-models.md",
     "docs/studies.md",
     "docs/systems.md",
+    "docs/target.md",
     "docs/theory/drawn.md",
     "docs/theory/limits.md",
     "docs/theory/measured.md",

@@ -16,6 +16,7 @@ from ..studies.running import interruptions
 from ._command import EXIT_CODES, INTERNAL, INTERRUPTED, IO, OK, USAGE, Group
 from ._control import certify_command, control_command
 from ._doctor import doctor_command, study_command
+from ._export import export_command
 from ._identify import identify_command
 from ._output import drop_unwritten, note, occupy_standard_descriptors, show
 
@@ -47,6 +48,9 @@ def cli(context: click.Context) -> None:
     """
     if context.invoked_subcommand is None:
         show(context.get_help())
+
+
+cli.add_command(export_command)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -144,7 +144,7 @@ def control_command(
     if isinstance(known, Model):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DataWarning)  # the text has the reasons
-            loop = _feedback_for(known, Q, R) if gain else None
+            loop = feedback_for(known, Q, R) if gain else None
             found = plan.bound(delta, noise=counted, gain=loop)
         if not gain:
             try:
@@ -243,7 +243,7 @@ def certify_command(
         raise click.UsageError("give --from, which --within, --noise and --limits are about")
     model = Model.load(source)
     states, inputs = model.state_names, model.input_names
-    loop = _feedback_for(model, Q, R, delta if widest else None)
+    loop = feedback_for(model, Q, R, delta if widest else None)
     proof = loop.certificate(delta)
     facts = {"K": loop.K.tolist(), "margin": finite(proof.margin), "certificate": proof.to_dict()}
     rows = zip(states, loop.K.T, strict=True)
@@ -319,7 +319,7 @@ def _numbers(option: str, text: str, wanted: str = "", *counts: int) -> list[flo
     return values
 
 
-def _feedback_for(model: Model, Q: str | None, R: str | None, widest: float | None = None) -> Loop:
+def feedback_for(model: Model, Q: str | None, R: str | None, widest: float | None = None) -> Loop:
     """The gain of least squares with ``--Q`` and ``--R``, 1 where they are left out.
 
     With `widest` that of the widest margin in the region of this probability.

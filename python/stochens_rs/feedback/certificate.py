@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
+from .._base import files, show, validation
 from .._base.names import Labels, weight
 from .._base.reading import read
 from .._base.records import Index, SavedRecord, cached_property, require_shapes, trusted
@@ -128,6 +130,59 @@ class LoopCertificate(SavedRecord):
     @cached_property
     def _core(self) -> _core.Feedback:
         return _judge(self.region, self.K, self.labels, self.status == "undetermined")
+
+    def save(self, path: Any) -> int:
+        """Save to a file, or with the ending .json the proof for `check_proof.py`.
+
+        Parameters
+        ----------
+        path : path
+            The file. ``proof.json`` has names, delta, and a Q that proves stability for a region
+            as much larger as can be: the checker's own region is a cruder one.
+
+        Returns
+        -------
+        int
+            The generation, as of all saved records; of a proof 1.
+
+        Raises
+        ------
+        StateError, StateLockedError, StateIOError
+            As for all saved records.
+        InputError, InputTypeError
+            If `path` is not a path, or a proof is asked for where nothing is certified.
+
+        Examples
+        --------
+        >>> import numpy as np, pathlib, tempfile, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
+        >>> proof.save(pathlib.Path(tempfile.mkdtemp()) / "proof.json")
+        1
+        """
+        if not files.checked_path("path", path).endswith(".json"):
+            return super().save(path)
+        if self.proof is None:
+            raise InputError("`path` must not end in .json: nothing is certified of this gain")
+        if self.region.misfit is not None:
+            raise InputError("`path` must not end in .json: check_proof.py knows no misfit")
+        none, more = np.zeros_like(self.proof), min(self.margin, 1e3) - 1.0
+        larger = (1.0 + part * more for part in (0.98, 0.9, 0.7, 0.4))
+        found = (self._core.invariant(none, 1.0, 1.0, by * by - 1.0) for by in larger)
+        root = next((one for one in found if one is not None), self.proof)
+        Q = root @ root.T
+        tree = {
+            "states": list(self.labels.states),
+            "inputs": list(self.labels.inputs),
+            "offset": self.region.centre.shape[1] - self.region.n - self.region.m,
+            "delta": self.region.delta,
+            "Q": ((Q + Q.T) / 2.0).tolist(),
+        }
+        text = json.dumps(tree, sort_keys=True)
+        seal = hashlib.sha256(text.encode()).hexdigest()
+        files.write_text(path, json.dumps({"proof": tree, "sha256": seal}, indent=1) + "\n")
+        return 1
 
     @property
     def margin(self) -> float:
@@ -650,6 +705,21 @@ def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -
 def _judge(region: Region, K: Floats, labels: Labels, doubted: bool) -> _core.Feedback:
     block = None if region.misfit is None else block_of(region.misfit, labels)
     return _core.Feedback(region.linear, np.ascontiguousarray(K), doubted, block)
+
+
+def sentence(K: Floats | None, proof: LoopCertificate | None) -> dict[str, str]:
+    """What the head of a controller says of the proof of its gain."""
+    if proof is None:
+        return {"proof": "none: nothing is certified of this loop"}
+    if K is None or not np.array_equal(K, validation.instance("proof", proof, LoopCertificate).K):
+        raise InputError("`proof` must be of this gain: loop.certificate(delta)")
+    more = "; a plant that is linear and read as in the data, inputs applied, none at a limit"
+    return {
+        "proof": repr(proof)[18:-1],
+        "margin": f"{proof.margin:.6g}: the region could be so many times larger",
+        "delta": f"{proof.region.delta!r}, the probability that the true system is elsewhere",
+        "assumes": proof.region.assumption + more,
+    }
 
 
 def judged(

@@ -12,11 +12,12 @@ from .._base import show, validation
 from .._base.names import Labels, weight
 from .._base.records import SavedRecord, trusted
 from ..exceptions import InputError, NonFiniteError
+from ..export.header import believed, evidence, write
 from ..identification.identified import Identified
 from ..identification.model import Model, in_states
 from ..identification.region import Region
 from ..system.system import System
-from .certificate import LoopCertificate, judged
+from .certificate import LoopCertificate, judged, sentence
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -133,6 +134,89 @@ class Loop(SavedRecord):
         region = region_of("delta", self.model, delta)
         squares = _squares(self.model) if region.noise is None else (None, 0)
         return judged(region, self.K, self.labels, self.model, squares)
+
+    def to_c(
+        self, path: Any, *, name: str = "controller", proof: LoopCertificate | None = None
+    ) -> None:
+        """Write the feedback as one C99 header.
+
+        Parameters
+        ----------
+        path : path
+            The file, ``controller.h``.
+        name : str, default "controller"
+            What its names begin with: ``controller s; controller_start(&s);`` and then, once a
+            step, ``controller_step(&s, y, u)`` with the states y for the input u.
+        proof : LoopCertificate, optional
+            Of this gain: its sentence stands in the head. Default: `certificate` at 5 %, where
+            there is a model from data.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If an argument cannot be used, or the proof is of another gain.
+
+        Notes
+        -----
+        Nothing is allocated, nothing is called. A state that no sensor can have read (nan, inf, a
+        million times the largest in the data) holds the last input, and the code that is returned
+        says so. ``-DCONTROLLER_FLOAT`` makes it single precision: the proof is of double precision.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, stochens_rs as se
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "controller.h"
+        >>> se.gain(([[1.2]], [[1.0]]), Q=1.0, R=1.0).to_c(path)
+        >>> "static inline int controller_step(" in path.read_text()
+        True
+        """
+        if proof is None and self.model is not None:
+            proof = self.certificate()
+        signals = evidence(self.labels, self.dt, self.model, self.labels.states)
+        about = {"law": f"u = K y, {self.method}", **signals, **sentence(self.K, proof)}
+        m, n = self.K.shape
+        seen = None if self.model is None else self.model.largest
+        tables = {"K": self.K, "most": believed(np.zeros(n) if seen is None else seen[:n])}
+        write(path, name, ["gain"], {"N": n, "M": m}, tables, about)
+
+    def matrices(self) -> dict[str, Floats]:
+        """Return the matrices for other tools.
+
+        Returns
+        -------
+        dict
+            "A", "B", "K", and "closed", ``A + B K``, shape (n, n).
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.gain(([[1.2]], [[1.0]]), Q=1.0, R=1.0).matrices()["closed"].round(2)
+        array([[0.41]])
+        """
+        return {"A": self.A, "B": self.B, "K": self.K, "closed": self.A + self.B @ self.K}
+
+    def to_control(self) -> Any:
+        """Return the closed loop as a ``control.StateSpace`` with the same names.
+
+        Returns
+        -------
+        control.StateSpace
+            From what is added to each input to the states: ``x+ = (A + B K) x + B v``.
+
+        Raises
+        ------
+        ImportError
+            If python-control is not installed.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> loop = se.gain(([[1.2]], [[1.0]]), Q=1.0, R=1.0)
+        >>> loop.to_control().dt  # doctest: +SKIP
+        True
+        """
+        closed, of = self.A + self.B @ self.K, self.labels
+        return System(closed, self.B, dt=self.dt, states=of.states, inputs=of.inputs).to_control()
 
     def __repr__(self) -> str:
         radius = np.abs(self.E).max()

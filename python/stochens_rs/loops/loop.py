@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from typing_extensions import Self
 
 LOGGED = 1000  # calls that the log keeps
-BEYOND = 1e6  # times the largest in the data from which a number is that of a broken sensor
 CORE = ("_point", "_solver", "_window", "kept")  # made anew in a copy, from what `_saved` says
 
 Entry = TypeVar("Entry")

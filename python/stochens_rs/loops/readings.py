@@ -16,13 +16,15 @@ from .._base.types import DELTA, Floats, Status
 from ..controls.of_model import Start, cost_of_outputs, plan_from, start_of, task_of
 from ..controls.set_point import nearest_point, output_weights, rest_at, set_point, targets
 from ..exceptions import InputError, NonFiniteError, StochensError
+from ..export.header import BEYOND, LARGEST, evidence, write
 from ..feedback import Loop, LoopCertificate
-from ..feedback.certificate import judged
+from ..feedback.certificate import judged, sentence
 from ..identification.model import Model, asked_region
 from ..identification.region import Wish, entered
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import loop_of, read_task
-from .loop import BEYOND, ControlLoop
+from .loop import ControlLoop
+from .regulator import condensed
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -710,6 +712,67 @@ class ReadingLoop(ControlLoop[Reading]):
             u = self._policy @ (x - xs) + other._forward[0] + us
             other._next_target()
         return proof.tube(first, K, inputs=inputs, noise=noise)
+
+    def to_c(self, path: Any, *, name: str = "controller") -> None:
+        """Write the loop as one C99 header, as it is now: with its target, and an empty window.
+
+        Parameters
+        ----------
+        path : path
+            The file, ``controller.h``.
+        name : str, default "controller"
+            What its names begin with: ``controller_start(&s)``, then ``controller_step(&s, y, u)``
+            with the readings y, nan where one is missing. Between two calls ``s.target`` can be
+            set, and ``s.applied`` to the input that acted if it was not u.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If an argument cannot be used; or the loop has measured inputs, targets to come, a free
+            output that integrates, or limits of outputs.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(3)
+        >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+        >>> for t in range(1, 199):
+        ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+        >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "controller.h"
+        >>> se.regulate(se.gain(model, 1.0, 1.0), offset_free=True).to_c(path)
+        >>> "controller_real target[" in path.read_text()
+        True
+        """
+        model, row, now = self.model, self._rows[0], self._aimed[0]
+        if len(self._rows) > 1 or not np.isnan(self._given).all():
+            raise InputError("`to_c` writes loops of one target and without inputs that are given")
+        places = [self._without_limits(row, at, self._given).place for at in (now, now + 1.0)]
+        if not np.allclose(places[0], places[1]):
+            raise InputError("`to_c` needs a target of each output that integrates: some are free")
+        law, part = {"law": "u = us + K (x - xs), x the window"}, ["policy_gain"]
+        sizes, tables, about = {"N": model.n, "M": model.m}, {"K": self._policy}, law
+        if isinstance(self._policy, np.ndarray):
+            proof = self.certificate()
+            about |= sentence(proof.K, proof)
+        else:
+            sizes, tables, about = condensed(self._policy, *self._system[:2])
+            part, about = ["horizon", "policy_plan"], about | sentence(None, None)
+        tables |= {"far": MOVED * (self._high - self._low), "most_rate": self._rate}
+        counts, numbers = self._window.tables()
+        none, own = np.zeros(model.n_outputs), np.zeros(model.m)
+        base = np.hstack(self._point.moving(none, none, none, own))
+        steps = (self._point.moving(none, one, none, own) for one in np.diag(~np.isnan(row) * 1.0))
+        moved = np.transpose([np.hstack(one) - base for one in steps])
+        tables["xs_of_target"], tables["us_of_target"] = np.split(moved, [model.n])
+        tables["xs_of_bias"] = self._point.states_of_bias
+        tables["us_of_bias"] = self._point.of_bias[len(row) :]
+        tables["xs"], tables["us"] = self._at(row)
+        tables |= {"target": np.nan_to_num(row), "floor": self._low, "ceiling": self._high}
+        tables |= {"begin": self._safe, "most": np.minimum(self._most, LARGEST)}
+        about |= evidence(model.labels, model.dt, model, model.outputs)
+        tables |= dict(numbers)
+        write(path, name, [*part, "readings"], sizes | dict(counts), tables, about)
 
     def __repr__(self) -> str:
         full = "" if self.full else ", the window is not full"

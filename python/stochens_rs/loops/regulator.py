@@ -14,22 +14,22 @@ from .._base.names import order_of
 from .._base.types import DELTA, Floats, Status
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
+from ..export.header import believed, evidence, write
+from ..feedback.certificate import sentence
 from ..identification.identified import Identified
-from ..limits.problem import Task, loop_of
+from ..limits.problem import Horizon, Task, loop_of
 from ..plots.panels import Inputs, draw_calls
 from ..system.system import System
 from ..validation.fresh_systems import Validation
 from ..validation.held_out import PredictedLoop, Runs, validated_loop
 from .keep import Found, Kept
-from .loop import BEYOND, ControlLoop
+from .loop import ControlLoop
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure, SubFigure
     from numpy.typing import ArrayLike
 
     from ..limits.problem import Task
-
-LARGEST = 1e150  # of a state of a system without data: its cost is a number
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +58,21 @@ class Call:
     gap: float
     seconds: float
     reason: str | None = None
+
+
+def condensed(task: Task, A: Floats, B: Floats, c: Floats | None = None) -> tuple[Any, Any, Any]:
+    """The sizes and tables of plans in C, and what the head says of them."""
+    if task.state_low is not None:
+        raise InputError("`to_c` writes limits of inputs and rates: leave out those of states")
+    inverse, free, offset = Horizon(task, A, B, c).core.condensed()
+    (K, m), rates = task.low.shape, int(task.rate is not None)
+    most = 4 * K * m * (1 + rates) + 20
+    sizes = {"N": len(A), "M": m, "STEPS": K, "RATES": rates, "EXCHANGES": most}
+    tables = {"inverse": inverse, "map": free, "offset": offset, "low": task.low, "high": task.high}
+    tables["rate"] = np.zeros(m) if task.rate is None else task.rate
+    work = f"{most} at most, each {9 * (K * m) ** 2} operations at most; no factorization"
+    law = f"the first input of the best plan over {K} steps within the limits"
+    return sizes, tables, {"law": law, "exchanges": work}
 
 
 class Regulator(ControlLoop[Call]):
@@ -126,18 +141,62 @@ class Regulator(ControlLoop[Call]):
                     *wanted, *sizes
                 )
             )
-        order, c, seen = order_of("system", system.labels, self.labels), None, None
-        if isinstance(system, Identified):
-            seen = system.largest
-            c = None if system.c is None else order.of_states(system.c)
-        A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
+        order = order_of("system", system.labels, self.labels)
+        seen = system.largest if isinstance(system, Identified) else None
         within = task if self.kept is None else self.kept.tightened(task)
-        self._solver = loop_of(within, A, B, c)
+        self._solver = loop_of(within, *self._matrices(system))
         self._system, self._task = system, task
-        self._most: Floats = np.full(self.n, LARGEST)
-        if seen is not None:
-            seen = order.of_states(seen[: self.n])
-            self._most = np.where(seen > 0.0, BEYOND * seen, LARGEST)
+        none = np.zeros(self.n)
+        self._most = believed(none if seen is None else order.of_states(seen[: self.n]))
+
+    def _matrices(self, system: System | Identified) -> tuple[Floats, Floats, Floats | None]:
+        """A, B and c of a system in the order of this loop."""
+        order = order_of("system", system.labels, self.labels)
+        c = system.c if isinstance(system, Identified) else None
+        A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
+        return A, B, None if c is None else order.of_states(c)
+
+    def to_c(self, path: Any, *, name: str = "controller") -> None:
+        """Write the loop as one C99 header, as it is now: begun anew.
+
+        Parameters
+        ----------
+        path : path
+            The file, ``controller.h``.
+        name : str, default "controller"
+            What its names begin with: ``controller_start(&s)``, then ``controller_step(&s, y, u)``
+            with the states y for the first input u of the best plan.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If an argument cannot be used, the loop keeps limits with a probability, or has limits
+            of states: those of inputs and rates are written.
+        SolverError
+            If an input has no weight.
+
+        Notes
+        -----
+        ``H^-1`` of the plans is a table. A dual active-set method (Goldfarb and Idnani 1983) begins
+        at the active limits of the call before and exchanges one at a time; the head says how many
+        at most, and the work of each. A call that would need more returns a safe input, and a code.
+        Inputs agree with those of this loop to rounding, about 1e-12 of their limits.
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, stochens_rs as se
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "controller.h"
+        >>> se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0)).to_c(path)
+        >>> "exchanges: 32 at most" in path.read_text()
+        True
+        """
+        if self.kept is not None:
+            raise InputError("`to_c` writes no loop with `keep`: its promise needs its plans")
+        sizes, tables, about = condensed(self._task, *self._matrices(self._system))
+        tables |= {"begin": self._start(), "most": self._most}
+        about |= evidence(self.labels, self._dt, self._system, self.labels.states)
+        about |= sentence(None, None)
+        write(path, name, ["horizon", "regulator"], sizes, tables, about)
 
     def __call__(self, x: ArrayLike) -> Floats:
         """Compute the input for the state x.

@@ -4,6 +4,7 @@
 //! `J(u) = sum_{k=1..K} ||x(k) - r(k)||_{Q_k}^2 + ||u(k-1)||_R^2` is `||M u - y||^2 + u'R u` for `M = [F_k A^(k-1-j) B]`
 //! and `y = [F_k (r(k) - f(k))] - [F_k A^k] x0`.
 
+mod condensed;
 mod draws;
 mod errors;
 mod map;
@@ -13,6 +14,7 @@ mod suboptimality;
 #[cfg(test)]
 mod tests;
 
+pub use condensed::Condensed;
 pub use draws::{Given, Runs};
 pub use errors::{Cause, Radii};
 pub use map::{Horizon, Task};

@@ -1,0 +1,1 @@
+"""Controllers for other machines, and the checker of their proofs."""

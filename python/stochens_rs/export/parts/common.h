@@ -1,0 +1,43 @@
+#ifndef $_H
+#define $_H
+
+#include <float.h>
+#include <math.h>
+
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
+#error "this controller tells nan from numbers: compile without -ffast-math and -ffinite-math-only"
+#endif
+
+#ifdef $_FLOAT /* -D$_FLOAT: single precision */
+typedef float @_real;
+#define $_EPS FLT_EPSILON
+#define $_HUGE FLT_MAX
+#define $_LARGEST 1e18F
+#define $_SQRT(v) sqrtf(v)
+#else
+typedef double @_real;
+#define $_EPS DBL_EPSILON
+#define $_HUGE DBL_MAX
+#define $_LARGEST 1e150
+#define $_SQRT(v) sqrt(v)
+#endif
+#define $_R(v) ((@_real)(v))
+
+/* What @_step returns; in every case u holds numbers within the limits. */
+enum {
+    $_OK = 0,      /* a new input */
+    $_HELD = 1,    /* what was read cannot be true (nan, inf, huge): the last safe input goes on */
+    $_WAITS = 2,   /* the window is not full enough yet: the input held from the start */
+    $_INEXACT = 3, /* the bounded search for the active limits ended early: a safe input, not the best */
+    $_FILLED = 4   /* a new input, with a prediction in place of a reading that was missing or rejected */
+};
+
+static inline int @_fits(@_real v, @_real most)
+{
+    return v <= most && v >= -most; /* false for nan */
+}
+
+static inline @_real @_within(@_real v, @_real low, @_real high)
+{
+    return v < low ? low : v > high ? high : v;
+}

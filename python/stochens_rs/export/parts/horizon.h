@@ -1,0 +1,299 @@
+
+/* Plans within limits: the least (v - f)'H (v - f) over the rows low <= C v <= high of inputs and rates, by a
+   dual active-set method (Goldfarb and Idnani 1983) on H^-1, begun at the active limits of the call before. The
+   factors L D L' of C H^-1 C' of the active rows are updated: no call factors anew. */
+#define $_V ($_STEPS * $_M)
+#define $_ROWS ($_V + $_RATES * $_V)
+
+typedef struct {
+    @_real u[$_V];       /* the plan, step by step */
+    @_real f[$_V];       /* that without limits */
+    @_real size[$_V];    /* of the terms that made u */
+    @_real mu[$_V];      /* multipliers of the active rows */
+    @_real to[$_V];      /* what they would be without signs */
+    @_real pivot[$_V];   /* D */
+    @_real lower[$_V * ($_V + 1) / 2 + 1]; /* L below its diagonal, row by row */
+    int set[$_V];        /* the active rows */
+    int count;           /* how many */
+    int exchanges;       /* of the last call; at most $_EXCHANGES */
+    signed char side[$_ROWS]; /* -1: at its lower limit, 1: at the upper one */
+    @_real about[$_M]; /* the set point that limits are about */
+} @_plan;
+
+static inline @_real @_pair(int i, int j)
+{
+    return i >= j ? @_inverse[i * (i + 1) / 2 + j] : @_inverse[j * (j + 1) / 2 + i];
+}
+
+/* Entry i of H^-1 c, c a row: rows from $_V on are u_j - u_(j-m). */
+static inline @_real @_across(int i, int row)
+{
+    int j = row % $_V;
+    return $_RATES && row >= $_V && j >= $_M ? @_pair(i, j) - @_pair(i, j - $_M) : @_pair(i, j);
+}
+
+static inline @_real @_gram(int row, int other)
+{
+    int i = row % $_V;
+    return $_RATES && row >= $_V && i >= $_M ? @_across(i, other) - @_across(i - $_M, other) : @_across(i, other);
+}
+
+static inline @_real @_value(const @_real *v, int row)
+{
+    int i = row % $_V;
+    return $_RATES && row >= $_V && i >= $_M ? v[i] - v[i - $_M] : v[i];
+}
+
+/* The limit of a row; u = us + v, and the first rate is from the input that acts now. */
+static inline @_real @_limit(int row, int side, const @_real *us, const @_real *now)
+{
+    int i = row % $_V, j = i % $_M;
+    if (!$_RATES || row < $_V)
+        return (side < 0 ? @_low[i] : @_high[i]) - us[j];
+    return (side < 0 ? -@_rate[j] : @_rate[j]) + (i < $_M ? now[j] - us[j] : $_R(0));
+}
+
+/* A further active row; 0 if it depends on the others, with D^-1 L^-1 of its products where its row would be. */
+static inline int @_enter(@_plan *p, int row)
+{
+    int k = p->count;
+    @_real *own = &p->lower[k * (k - 1) / 2], size = @_gram(row, row), rest = size;
+    for (int i = 0; i < k; ++i) {
+        const @_real *l = &p->lower[i * (i - 1) / 2];
+        @_real v = @_gram(row, p->set[i]);
+        for (int j = 0; j < i; ++j)
+            v -= l[j] * own[j];
+        own[i] = v;
+    }
+    for (int i = 0; i < k; ++i) {
+        @_real v = own[i] / p->pivot[i];
+        rest -= own[i] * v;
+        own[i] = v;
+    }
+    if (k == $_V || !(rest > $_R(100) * $_EPS * size))
+        return 0;
+    p->pivot[k] = rest;
+    p->set[k] = row;
+    p->mu[k] = $_R(0);
+    p->count = k + 1;
+    return 1;
+}
+
+/* Without the active row k: a positive update of the factors behind it. */
+static inline void @_leave(@_plan *p, int k)
+{
+    int last = p->count - 1;
+    @_real *w = p->to, a = p->pivot[k];
+    for (int i = k + 1; i <= last; ++i)
+        w[i] = p->lower[i * (i - 1) / 2 + k];
+    for (int i = k + 1; i <= last; ++i) {
+        @_real v = w[i], d = p->pivot[i] + a * v * v, b = v * a / d;
+        a *= p->pivot[i] / d;
+        p->pivot[i] = d;
+        for (int r = i + 1; r <= last; ++r) {
+            @_real *l = &p->lower[r * (r - 1) / 2 + i];
+            w[r] -= v * *l;
+            *l += b * w[r];
+        }
+    }
+    for (int i = k; i < last; ++i) {
+        @_real *to = &p->lower[i * (i - 1) / 2], *from = &p->lower[(i + 1) * i / 2];
+        for (int j = 0; j < i; ++j)
+            to[j] = from[j < k ? j : j + 1];
+        p->pivot[i] = p->pivot[i + 1];
+        p->set[i] = p->set[i + 1];
+        p->mu[i] = p->mu[i + 1];
+    }
+    p->count = last;
+}
+
+/* L' x = x */
+static inline void @_back(const @_plan *p, @_real *x)
+{
+    for (int i = p->count - 1; i > 0; --i)
+        for (int j = 0; j < i; ++j)
+            x[j] -= p->lower[i * (i - 1) / 2 + j] * x[i];
+}
+
+/* to = (C H^-1 C')^-1 (C v - b) over the active rows. */
+static inline void @_aim(@_plan *p, const @_real *v, const @_real *us, const @_real *now)
+{
+    for (int i = 0; i < p->count; ++i) {
+        int row = p->set[i];
+        @_real x = @_value(v, row) - @_limit(row, p->side[row], us, now);
+        for (int j = 0; j < i; ++j)
+            x -= p->lower[i * (i - 1) / 2 + j] * p->to[j];
+        p->to[i] = x;
+    }
+    for (int i = 0; i < p->count; ++i)
+        p->to[i] /= p->pivot[i];
+    @_back(p, p->to);
+}
+
+/* u = f - H^-1 C' mu */
+static inline void @_move(@_plan *p)
+{
+    for (int i = 0; i < $_V; ++i) {
+        @_real v = p->f[i], size = v < $_R(0) ? -v : v;
+        for (int k = 0; k < p->count; ++k) {
+            @_real by = @_across(i, p->set[k]) * p->mu[k];
+            v -= by;
+            size += by < $_R(0) ? -by : by;
+        }
+        p->u[i] = v;
+        p->size[i] = size;
+    }
+}
+
+static inline int @_fixed(int row)
+{
+    return (!$_RATES || row < $_V) && !(@_low[row] < @_high[row]);
+}
+
+/* The active row that leaves first on the way of the multipliers by (x mu + y to), and how far that is. */
+static inline int @_first(const @_plan *p, @_real *far, int turn)
+{
+    int at = -1;
+    for (int i = 0; i < p->count; ++i) {
+        int row = p->set[i], side = p->side[row];
+        @_real by = turn ? $_R(-turn) * p->to[i] : p->to[i] - p->mu[i];
+        @_real end = turn ? by : p->to[i];
+        if (@_fixed(row) || (side > 0 ? end >= $_R(0) : end <= $_R(0)))
+            continue;
+        @_real t = -p->mu[i] / by;
+        if (at < 0 ? turn || t < *far : t < *far) {
+            *far = t;
+            at = i;
+        }
+    }
+    return at;
+}
+
+/* The row that is farthest beyond a limit, by more than rounding, with its side; -1 if there is none. */
+static inline int @_beyond(const @_plan *p, const @_real *us, const @_real *now, int *side)
+{
+    int at = -1;
+    @_real most = $_R(0);
+    for (int row = 0; row < $_ROWS; ++row) {
+        int i = row % $_V;
+        @_real v = @_value(p->u, row), size = p->size[i];
+        if (p->side[row])
+            continue;
+        if ($_RATES && row >= $_V && i >= $_M)
+            size += p->size[i - $_M];
+        for (int s = -1; s < 2; s += 2) {
+            @_real limit = @_limit(row, s, us, now), off = s < 0 ? limit - v : v - limit;
+            if (off > most && off > $_R(32) * $_EPS * (size + (limit < $_R(0) ? -limit : limit))) {
+                most = off;
+                at = row;
+                *side = s;
+            }
+        }
+    }
+    return at;
+}
+
+static inline void @_blank(@_plan *p)
+{
+    for (int row = 0; row < $_ROWS; ++row)
+        p->side[row] = 0;
+    for (int i = 0; i < $_V; ++i)
+        p->u[i] = $_R(0);
+    for (int j = 0; j < $_M; ++j)
+        p->about[j] = $_R(0);
+    p->count = 0;
+    p->exchanges = 0;
+}
+
+/* Within the limits in any case, each step from the one before. */
+static inline void @_clip(@_plan *p, const @_real *us, const @_real *now)
+{
+    for (int i = 0; i < $_V; ++i) {
+        @_real v = @_within(p->u[i], @_low[i] - us[i % $_M], @_high[i] - us[i % $_M]);
+        if ($_RATES) {
+            @_real before = i < $_M ? now[i] - us[i] : p->u[i - $_M];
+            v = @_within(v, before - @_rate[i % $_M], before + @_rate[i % $_M]);
+        }
+        p->u[i] = v;
+    }
+}
+
+/* The plan from the state x. */
+static inline int @_solve(@_plan *p, const @_real *x, const @_real *now)
+{
+    const @_real *us = p->about;
+    int done = 0;
+    for (int i = 0; i < $_V; ++i) {
+        @_real v = @_offset[i];
+        for (int j = 0; j < $_N; ++j)
+            v += @_map[i * $_N + j] * x[j];
+        p->f[i] = v;
+        if (!@_fits(v, $_LARGEST))
+            return $_HELD;
+    }
+    /* the active limits of the last call, one step later; the last step once more */
+    p->count = 0;
+    for (int row = 0; row < $_ROWS; ++row) {
+        int next = row % $_V + $_M < $_V ? row + $_M : row;
+        signed char side = (signed char)(@_fixed(row) ? 1 : p->side[next]);
+        if (side && !@_fits(@_limit(row, side, us, now), $_LARGEST))
+            side = 0;
+        p->side[row] = side;
+        if (side && !@_enter(p, row))
+            p->side[row] = 0;
+    }
+    for (p->exchanges = 0; p->exchanges < $_EXCHANGES && !done; ++p->exchanges) {
+        @_real far = $_R(1);
+        int side = 0, at, row;
+        @_aim(p, p->f, us, now);
+        at = @_first(p, &far, 0);
+        for (int i = 0; i < p->count; ++i)
+            p->mu[i] += at < 0 ? p->to[i] - p->mu[i] : far * (p->to[i] - p->mu[i]);
+        if (at >= 0) {
+            p->side[p->set[at]] = 0;
+            @_leave(p, at);
+            continue;
+        }
+        @_move(p);
+        row = @_beyond(p, us, now, &side);
+        if (row < 0) { /* the best: once more for the rounding of the factors */
+            @_aim(p, p->u, us, now);
+            for (int i = 0; i < p->count; ++i)
+                p->mu[i] += p->to[i];
+            @_move(p);
+            done = 1;
+            continue;
+        }
+        p->side[row] = (signed char)side;
+        /* a row that is a sum of active ones: their multipliers move along it until one of them leaves */
+        at = 0;
+        far = $_R(0);
+        while (at >= 0 && !@_enter(p, row)) {
+            int k = p->count;
+            @_real t = $_R(0);
+            for (int i = 0; i < k; ++i)
+                p->to[i] = p->lower[k * (k - 1) / 2 + i];
+            @_back(p, p->to);
+            at = @_first(p, &t, side);
+            if (at < 0)
+                continue;
+            for (int i = 0; i < k; ++i)
+                p->mu[i] -= t * (@_real)side * p->to[i];
+            far += t;
+            p->side[p->set[at]] = 0;
+            @_leave(p, at);
+        }
+        if (at < 0) { /* no room within the limits, but for rounding */
+            p->side[row] = 0;
+            break;
+        }
+        p->mu[p->count - 1] = far * (@_real)side;
+    }
+    for (int i = 0; i < p->count; ++i) { /* exactly at the limits */
+        int row = p->set[i];
+        if (done && (!$_RATES || row < $_V))
+            p->u[row] = @_limit(row, p->side[row], us, now);
+    }
+    @_clip(p, us, now);
+    return done ? $_OK : $_INEXACT;
+}

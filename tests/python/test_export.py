@@ -1,0 +1,272 @@
+"""Controllers in C compile without a warning, agree with the core, and survive what is read."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from controllers import BROKEN, FLAGS, KINDS, Controller, compiler
+
+pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+needs_gcc = pytest.mark.skipif(compiler() is None, reason="no gcc: controllers are not compiled")
+
+
+def made(kind: str, seed: int) -> Any:
+    return KINDS[kind](np.random.default_rng([seed, list(KINDS).index(kind)]))
+
+
+def sizes(loop: Any) -> tuple[int, int]:
+    if hasattr(loop, "K"):
+        return loop.K.shape[1], loop.K.shape[0]
+    if hasattr(loop, "model"):
+        return loop.model.n_outputs, loop.model.m
+    return loop.n, loop.m
+
+
+def readings(loop: Any, rng: Any, steps: int) -> Any:
+    """What a plant about the model gives, with broken, missing and false readings among it."""
+    n, _ = sizes(loop)
+    y = np.cumsum(0.1 * rng.standard_normal((steps, n)), axis=0)
+    if hasattr(loop, "model") and not hasattr(loop, "K"):
+        data = loop.model.data.pairs()[0]
+        y = data[rng.integers(len(data) - steps) :][:steps].copy()
+        y += 40.0 * data.std(axis=0) * (rng.random(steps) < 0.02)[:, None]
+        y[rng.random(steps) < 0.02] = np.nan
+    for t in np.flatnonzero(rng.random(steps) < 0.03):
+        y[t, rng.integers(n)] = BROKEN[rng.integers(len(BROKEN))]
+    return y
+
+
+def called(loop: Any, y: Any, last: Any) -> Any:
+    if hasattr(loop, "K"):  # a gain has no state: it refuses what the controller holds
+        return loop(y) if (np.abs(y) <= 1e150).all() else last
+    return loop(y)
+
+
+def differences(loop: Any, c: Controller, y: Any) -> Any:
+    _, m = sizes(loop)
+    last, found = np.zeros(m), []
+    for row in y:
+        last = called(loop, row, last)
+        _, u = c.step(row)
+        found.append(np.abs(u - last).max() / max(1.0, np.abs(last).max()))
+        if hasattr(loop, "model") and not hasattr(loop, "K"):
+            for j in range(m):
+                c.c.applied()[j] = last[j]
+    return np.array(found)
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_the_controller_is_the_loop(kind: str, seed: int, tmp_path: Path) -> None:
+    loop = made(kind, seed)
+    loop.to_c(tmp_path / "one.h", name="one")
+    c = Controller(tmp_path / "one.h", sizes(loop)[1])
+    y = readings(loop, np.random.default_rng(seed), 200)
+    assert differences(loop, c, y).max() < 1e-12
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", ["gain", "rates", "readings"])
+def test_another_number_makes_another_controller(kind: str, tmp_path: Path) -> None:
+    loop, file = made(kind, 1), tmp_path / "one.h"
+    loop.to_c(file, name="one")
+    text = file.read_text("utf-8")
+    table = "one_inverse" if kind == "rates" else "one_K"
+    at = text.index("ONE_R(", text.index(f"static const one_real {table}[")) + 6
+    file.write_text(f"{text[:at]}1e-9 + {text[at:]}", "utf-8")
+    c = Controller(file, sizes(loop)[1])
+    assert differences(loop, c, readings(loop, np.random.default_rng(1), 200)).max() > 1e-12
+
+
+@needs_gcc
+@pytest.mark.parametrize("single", [False, True], ids=["double", "single"])
+@pytest.mark.parametrize("kind", KINDS)
+def test_no_reading_makes_a_nan(kind: str, single: bool, tmp_path: Path) -> None:
+    loop, rng = made(kind, 3), np.random.default_rng(3)
+    loop.to_c(tmp_path / "one.h", name="one")
+    n, m = sizes(loop)
+    how = ["-fsanitize=undefined", "-fsanitize-undefined-trap-on-error"]
+    c = Controller(tmp_path / "one.h", m, single, how)
+    low, high = getattr(loop, "limits", (np.full(m, -np.inf), np.full(m, np.inf)))
+    last, codes, given = np.zeros(m), set(), [*BROKEN, 0.0, -0.0, 1e-310, 3e38, 1e17, -1e17, 1.0]
+    for t in range(2000):
+        y = rng.choice(given, n) if t % 3 else rng.standard_normal(n) * 10.0 ** rng.uniform(-5, 5)
+        with np.errstate(over="ignore"):
+            code, u = c.step(y)
+        codes.add(code)
+        assert np.isfinite(u).all(), (t, y, code)
+        edge = 1e-6 if single else 0.0  # the limits are rounded, too
+        assert (u >= low - edge).all()
+        assert (u <= high + edge).all()
+        if code == 1 and kind in ("gain", "readings"):
+            assert (u == last).all()
+        last = u
+    assert {1} <= codes <= {0, 1, 2, 3, 4} or codes == {2}
+
+
+@needs_gcc
+@pytest.mark.parametrize("kind", KINDS)
+def test_single_precision_is_near(kind: str, tmp_path: Path) -> None:
+    loop = made(kind, 1)
+    loop.to_c(tmp_path / "one.h", name="one")
+    c = Controller(tmp_path / "one.h", sizes(loop)[1], single=True)
+    n = sizes(loop)[0]
+    y = readings(loop, np.random.default_rng(1), 200)
+    y[~np.isfinite(y) | (np.abs(y) > 1e9)] = np.nan  # what is huge is another number there
+    with np.errstate(over="ignore"):
+        found = differences(loop, c, y.reshape(-1, n))
+    assert 1e-12 < np.quantile(found, 0.95) < 1e-3
+
+
+@needs_gcc
+@pytest.mark.parametrize("compile", ["clang", "gcc -m32", "gcc -O3 -DALL_FLOAT"])
+def test_it_compiles_without_a_warning(compile: str, tmp_path: Path) -> None:
+    """Several controllers in one file."""
+    command, *more = compile.split()
+    if compiler(command) is None:
+        pytest.skip(f"no {command} here")
+    if "-m32" in more:
+        (tmp_path / "a.c").write_text("#include <math.h>\nint main(void) { return 0; }\n")
+        if subprocess.run([command, "-m32", "a.c"], cwd=tmp_path, capture_output=True).returncode:
+            pytest.skip("no libraries of 32 bits here")
+    text, body = "", "    int code = 0;\n"
+    for at, kind in enumerate(("gain", "rates", "readings", "readings, plans")):
+        name = f"c{at}"
+        made(kind, 1).to_c(tmp_path / f"{name}.h", name=name)
+        text += f"#define C{at}_FLOAT\n" * ("-DALL_FLOAT" in more) + f'#include "{name}.h"\n'
+        body += f"    {{\n        static {name} s;\n        {name}_real y[9] = {{0}}, u[9];\n"
+        body += f"        {name}_start(&s);\n        code |= {name}_step(&s, y, u) > 4;\n    }}\n"
+    text += f"int main(void)\n{{\n{body}    return code;\n}}\n"
+    (tmp_path / "a.c").write_text(text)
+    run = [command, *FLAGS, "-O2", *more, "a.c", "-lm"]
+    done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert subprocess.run([str(tmp_path / "a.out")]).returncode == 0
+
+
+@needs_gcc
+def test_known_plans(tmp_path: Path) -> None:
+    """|u| <= 1 from 5 by steps of one; two steps with a rate from u = 0: -2/5."""
+    cost = se.Cost(Q=1.0, R=1.0)
+    se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), cost=cost).to_c(
+        tmp_path / "a.h", name="a"
+    )
+    c, x, found = Controller(tmp_path / "a.h", 1), 5.0, []
+    for _ in range(6):
+        found.append(float(c.step([x])[1][0]))
+        x += found[-1]
+    np.testing.assert_allclose(found, [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25], rtol=1e-14)
+    limits = se.Limits(u=(-0.5, 0.5), rate=0.5, previous=0.0)
+    system = [[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]]
+    last = se.Cost(Qf=1.0, R=0.0001)
+    loop = se.regulate(system, 2, limits=limits, cost=last)
+    loop.to_c(tmp_path / "b.h", name="b")
+    assert abs(Controller(tmp_path / "b.h", 1).step([1.0, 0.0])[1][0] + 0.4) < 1e-3
+
+
+@needs_gcc
+def test_an_early_end_is_safe(tmp_path: Path) -> None:
+    """With room for one exchange the code says so, and limits and rates are kept."""
+    rng, file = np.random.default_rng(5), tmp_path / "one.h"
+    limits = se.Limits(u=(-1.0, 1.0), rate=0.3, previous=0.0)
+    loop = se.regulate(se.cases.ieee14(dt=0.1), 8, limits=limits, cost=se.Cost(Q=1.0, R=0.1))
+    loop.to_c(file, name="one")
+    text = file.read_text("utf-8")
+    most = int(re.search(r"ONE_EXCHANGES (\d+)", text)[1])  # type: ignore[index]
+    assert f"exchanges: {most} at most" in text
+    full = Controller(file, loop.m)
+    file = tmp_path / "two.h"
+    file.write_text(re.sub(r"(ONE_EXCHANGES) \d+", r"\1 1", text).replace("one", "two"), "utf-8")
+    early, last, codes, counts = Controller(file, loop.m), np.zeros(loop.m), [], []
+    for _ in range(100):
+        x = 20.0 * rng.standard_normal(loop.n)
+        code, u = early.step(x)
+        codes.append(code)
+        assert (np.abs(u) <= 1.0).all()
+        assert (np.abs(u - last) <= 0.3 + 1e-15).all()
+        last = u
+        assert full.step(x)[0] == 0
+        counts.append(full.c.exchanges())
+    assert codes.count(3) > 50
+    assert 8 < max(counts) < most
+
+
+def test_the_plans_without_limits() -> None:
+    """``H^-1``, F and g of Riccati's recursion are those of the condensed problem."""
+    rng = np.random.default_rng(7)
+    n, m, K = 3, 2, 4
+    A, B = 0.5 * rng.standard_normal((n, n)), rng.standard_normal((n, m))
+    Q, Qf, R = np.diag([1.0, 0.0, 2.0]), np.eye(n), np.diag([0.3, 0.7])
+    r, c = rng.standard_normal((K + 1, n)), rng.standard_normal(n)
+    limited = se.limits.problem.read_task(
+        n, m, K, None, se.Limits(u=(-1.0, 1.0)), se.Cost(Q=Q, Qf=Qf, R=R, reference=r)
+    )
+    core = se.limits.problem.Horizon(limited, A, B, c).core
+    inverse, free, offset = core.condensed()
+    powers = [np.linalg.matrix_power(A, k) for k in range(K + 1)]
+    G = np.zeros((K * n, K * m))
+    for k in range(K):
+        for j in range(k + 1):
+            G[k * n : k * n + n, j * m : j * m + m] = powers[k - j] @ B
+    W = np.kron(np.diag([1.0] * (K - 1) + [0.0]), Q) + np.kron(np.diag([0.0] * (K - 1) + [1.0]), Qf)
+    H = G.T @ W @ G + np.kron(np.eye(K), R)
+    start = np.vstack(powers[1:])
+    drift = np.concatenate([sum(powers[:k]) @ c for k in range(1, K + 1)])
+    lower = np.linalg.inv(H)[np.tril_indices(K * m)]
+    np.testing.assert_allclose(inverse, lower, rtol=1e-12, atol=1e-14)
+    np.testing.assert_allclose(free, -np.linalg.solve(H, G.T @ W @ start), atol=1e-13)
+    goal = G.T @ W @ (r[1:].ravel() - drift)
+    np.testing.assert_allclose(offset, np.linalg.solve(H, goal), atol=1e-13)
+
+
+def test_the_head_says_what_is_proved(tmp_path: Path) -> None:
+    x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+    data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+    loop = se.gain(se.identify(data, noise=0.1), 1.0, 1.0)
+    loop.to_c(tmp_path / "c.h")
+    head = (tmp_path / "c.h").read_text("utf-8").partition("*/")[0]
+    for part in (
+        "certified for every system of the region (95 %): stable, margin at least 6.07",
+        "delta: 0.05",
+        "Gaussian noise of known covariance",
+        "40 pairs, sha256 ",
+        "reads: y = x[0]",
+    ):
+        assert part in re.sub(r"\n \* +", " ", head)
+    other = se.gain(loop.model, 1.0, 2.0)
+    with pytest.raises(se.StochensError, match="`proof` must be of this gain"):
+        other.to_c(tmp_path / "c.h", proof=loop.certificate())
+    named = se.System([[1.2]], [[1.0]], states=["*/ #error"], inputs=["\\"], units={"\\": "??/"})
+    se.gain(named, 1.0, 1.0).to_c(tmp_path / "d.h")
+    assert (tmp_path / "d.h").read_text("utf-8").count("*/ #error") == 0
+
+
+def test_what_is_not_written_says_so(tmp_path: Path) -> None:
+    loop = se.gain(([[1.2]], [[1.0]]), 1.0, 1.0)
+    for name in ("", "Cart", "1a", "a-b", "x" * 40, 3):
+        with pytest.raises(se.StochensError, match="`name` must be"):
+            loop.to_c(tmp_path / "c.h", name=name)  # type: ignore[arg-type]
+    within = se.Limits(u=(-1.0, 1.0), x=(-1.0, 1.0))
+    with pytest.raises(se.StochensError, match="leave out those of states"):
+        se.regulate(([[1.2]], [[1.0]]), 3, limits=within).to_c(tmp_path / "c.h")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_matrices_and_the_closed_loop() -> None:
+    loop = se.gain(se.System([[1.2]], [[1.0]], dt=0.5, states=["p"], inputs=["f"]), 1.0, 1.0)
+    found = loop.matrices()
+    assert found["closed"] == found["A"] + found["B"] @ found["K"]
+    control = pytest.importorskip("control")
+    closed = loop.to_control()
+    assert (closed.state_labels, closed.input_labels, closed.dt) == (["p"], ["f"], 0.5)
+    response = control.impulse_response(closed, T=np.arange(3) * 0.5)
+    a = found["closed"].item()
+    np.testing.assert_allclose(response.outputs.ravel() * 0.5, [0.0, 1.0, a], atol=1e-12)

@@ -34,6 +34,7 @@ __all__ = [
     "Stream",
     "Table",
     "TailBounds",
+    "Watch",
     "Window",
     "alse",
     "alse_path",
@@ -73,6 +74,7 @@ __all__ = [
     "least_squares_level",
     "log_multigamma",
     "log_tests",
+    "look_of_rows",
     "loop_eigenvalues",
     "mean_difference",
     "mean_radius",
@@ -108,6 +110,7 @@ __all__ = [
     "storage_load",
     "storage_save",
     "trace_quantile",
+    "test_of_two_logs",
     "track",
     "trajectory",
     "triangle",
@@ -813,6 +816,56 @@ class Feedback:
     # how far states and inputs are at rest from (xs, us), and the 2-norm of the states
     def rest(self, xs: _Floats, us: _Floats) -> tuple[_Floats, float]: ...
     def holds(self, limits: _Floats, x0: _Floats | None) -> tuple[float, float | None]: ...
+
+# rows that are watched; estimate, radius, allowed; the largest violations of all, without each group
+# of columns, and without each row; gains with both radii; white, root and factor
+_Looked: TypeAlias = tuple[
+    list[int],
+    list[_Floats],
+    float,
+    tuple[_Floats, _Floats],
+    list[_Floats],
+    tuple[_Floats, _Floats, float],
+]
+
+@final
+class Watch:
+    # law and whether the plant may move; steps between false alarms, or below 1 their probability
+    def __new__(
+        cls,
+        region: Region,
+        noise: _Floats,
+        window: Window,
+        law: tuple[str, bool],
+        promise: float,
+        pairs: int,
+        gains: list[int],
+    ) -> Watch: ...
+    def step(self, y: _Floats, acted: _Floats) -> tuple[str, float, int]: ...
+    @property
+    def threshold(self) -> float: ...
+    # call, onset, kind, row or column, column, whether it fell, steps
+    @property
+    def last(self) -> tuple[int, int, str, int, int, bool, int] | None: ...
+    def sights(self, steps: float) -> list[tuple[str, int, float]]: ...
+    def clear(self) -> None: ...
+    @property
+    def collected(self) -> int: ...
+    def look(self, alpha: float, groups: list[list[int]]) -> _Looked: ...
+    def state(self) -> tuple[_Floats, _Floats, int, bool]: ...
+    def resume(self, numbers: _Floats, triangle: _Floats, size: int, on: bool) -> None: ...
+
+def look_of_rows(
+    region: Region,
+    noise: _Floats,
+    pairs: int,
+    rows: _Floats,
+    alpha: float,
+    groups: list[list[int]],
+) -> tuple[_Looked, int]: ...
+def test_of_two_logs(
+    one: Fitted, other: Fitted, level: float, threads: int
+) -> tuple[float, float]: ...
 
 @final
 class Gate:

@@ -49,8 +49,9 @@ pub struct Look {
     pub columns: Vec<Change>,
     /// See `columns`.
     pub rows: Vec<Change>,
-    /// What the gain of each column is now in parts of that of C (d), along the direction of the old one, and its radius.
-    pub gains: [Vec<f64>; 2],
+    /// What the gain of each column is now in parts of that of C (d), along the direction of the old one, its radius, and what the
+    /// region adds for a system of it.
+    pub gains: [Vec<f64>; 3],
     /// `white` (rank, d) and `factor` of the set of systems that these pairs allow: `||(Theta - H) ..||^2 <= factor Sbar`.
     pub white: Vec<f64>,
     /// `root` (rank, d) with `white root' = I`.
@@ -209,7 +210,8 @@ impl<'a> Search<'a> {
         }
         let mut estimate = try_copy(WHAT, &frame.centre)?;
         let mut radius = [try_filled(WHAT, f64::INFINITY, n * d)?, try_filled(WHAT, f64::INFINITY, n * d)?];
-        let mut gains = [try_filled(WHAT, f64::NAN, d)?, try_filled(WHAT, f64::INFINITY, d)?];
+        let inf = || try_filled(WHAT, f64::INFINITY, d);
+        let mut gains = [try_filled(WHAT, f64::NAN, d)?, inf()?, inf()?];
         let (mut q, mut l) = (try_zeros(WHAT, d)?, try_zeros(WHAT, n)?);
         for j in 0..d {
             q.fill(0.0);
@@ -230,8 +232,8 @@ impl<'a> Search<'a> {
             }
             let size: f64 = l.iter().map(|v| v * v).sum();
             if seen && size > 0.0 {
-                let (new, _) = self.radii(&l, &q);
-                (gains[0][j], gains[1][j]) = (1.0 + self.along(&l, &q) / size, new / size);
+                let (new, old) = self.radii(&l, &q);
+                (gains[0][j], gains[1][j], gains[2][j]) = (1.0 + self.along(&l, &q) / size, new / size, old / size);
             }
         }
         let best = if self.absent.is_empty() { self.best_mixture(d) } else { None };

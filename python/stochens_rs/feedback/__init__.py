@@ -3,5 +3,6 @@
 from .certificate import LoopCertificate
 from .loop import Loop, gain
 from .tube import Rest, Tube
+from .watch import Watch, Watched
 
-__all__ = ["Loop", "LoopCertificate", "Rest", "Tube", "gain"]
+__all__ = ["Loop", "LoopCertificate", "Rest", "Tube", "Watch", "Watched", "gain"]

@@ -2,6 +2,7 @@
 
 from ..data import Trajectories
 from .assumptions import Assumptions, Noise, Pilot, Window
+from .changes import Changes, Source
 from .checks import Checks
 from .identifying import identify
 from .model import Model
@@ -10,12 +11,14 @@ from .window import Regressors
 
 __all__ = [
     "Assumptions",
+    "Changes",
     "Checks",
     "Model",
     "Noise",
     "Pilot",
     "Region",
     "Regressors",
+    "Source",
     "Trajectories",
     "Window",
     "identify",

@@ -18,8 +18,9 @@ from ..controls.set_point import nearest_point, output_weights, rest_at, set_poi
 from ..exceptions import InputError, NonFiniteError, StochensError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import judged
+from ..identification.changes import source_of
 from ..identification.model import Model, asked_region
-from ..identification.region import Wish, entered
+from ..identification.region import Wish
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import loop_of, read_task
 from .loop import BEYOND, ControlLoop
@@ -642,26 +643,17 @@ class ReadingLoop(ControlLoop[Reading]):
             )
         model, K, names = self.model, self._policy, self.model.labels
         region = model.region(validation.probability("delta", delta))
-        (J, ABc, G), n, p, L = model.loop, model.n, model.n_outputs, self._learning[0]
+        p, L = model.n_outputs, self._learning[0]
         r = p if L.any() else 0
+        source = source_of(model, region, L if r else None)
         if r:
             K = np.hstack([K, self._point.of_bias[p:] - K @ self._point.states_of_bias])
-            J, ABc = (np.insert(M, [n] * r, 0.0, axis=1) for M in (J, ABc))
-            below = np.zeros((r, ABc.shape[1]))
-            below[:, n : n + r] = np.eye(r) - L
-            ABc, G = np.vstack([ABc, below]), np.vstack([G, L])
             more = tuple(f"bias[{name}]" for name in model.outputs)
             names = Labels((*names.states, *more), names.inputs)
-        ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
         xs, us = self._at(self._rows[-1])
         target = np.hstack([xs, np.zeros(r), us])
-        return judged(
-            entered(region, ABc, J, G, model.m),
-            K,
-            names,
-            model,
-            target=target if target.any() else None,
-        )
+        about = source.entered(region), K, names, model
+        return judged(*about, target=target if target.any() else None, source=source)
 
     def tube(self, steps: int, *, delta: float = 0.05, noise: float | None = None) -> Tube:
         """Bound where every system of the region goes from here, along the targets to come.

@@ -1,0 +1,254 @@
+"""`Watch`: whether the plant in a loop is still one of those that its certificate covers."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from .. import _core
+from .._base import show, validation
+from .._base.files import Durable
+from .._base.records import SavedRecord
+from .._base.types import Floats
+from ..exceptions import InputError
+from ..identification.changes import Changes, Source
+from ..plots.lines import draw_evidence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+    from typing_extensions import Self
+
+WatchStatus: TypeAlias = Literal["quiet", "alarm", "blind", "skipping"]
+LawOfWatch: TypeAlias = Literal["variance", "gaussian", "symmetric", "bounded"]
+LAWS: tuple[LawOfWatch, ...] = ("variance", "gaussian", "symmetric", "bounded")
+HISTORY = 10_000  # calls whose evidence is drawn
+
+
+class Watched(NamedTuple):
+    """One call of a `Watch`.
+
+    Attributes
+    ----------
+    status : str
+        "quiet"; "alarm" since the last `Watch.clear`; "blind": for 200 pairs only louder noise
+        could have been seen; "skipping": no pair was complete in this call.
+    evidence : float
+        The alarm is at `Watch.threshold`.
+    alarms : int
+        How many there were.
+    """
+
+    status: WatchStatus
+    evidence: float
+    alarms: int
+
+
+@dataclass(frozen=True, eq=False)
+class WatchState(SavedRecord):
+    """What a watch is made of and where it stands.
+
+    Attributes
+    ----------
+    parts : dict
+        Its attributes by name.
+    """
+
+    parts: dict[str, Any]
+
+
+class Watch(Durable):
+    """An alarm whose false alarms are bounded, for all plants of a region and any feedback.
+
+    Made by `LoopCertificate.watch`. A copy, a pickle or a file goes on bit by bit.
+
+    Attributes
+    ----------
+    proof : LoopCertificate
+        What it watches over.
+    promise : float
+        The mean number of steps between false alarms, or below 1 the probability of one ever.
+    law : str
+        What is assumed of the noise.
+    moving : bool
+        Whether the plant may move inside the region.
+    history : deque of float
+        The evidence of the last 10 000 calls.
+    """
+
+    _kind = "watch"
+
+    def __init__(
+        self, proof: Any, promise: float, law: LawOfWatch, moving: bool
+    ) -> None:
+        self.proof, self.promise, self.law, self.moving = proof, promise, law, moving
+        if proof.source is None:
+            raise InputError("`proof` has no model to watch: it must be made by `certificate`")
+        self._source: Source = proof.source
+        own, m = self._source, len(self._source.window.inputs)
+        past = own.window.count * len(own.window.outputs)
+        gains = list(range(past, past + own.window.count * m))
+        noise, about = own.bounded_noise(), ((law, moving), promise, own.pairs, gains)
+        self._core = _core.Watch(own.region.core, noise, own.window.core, *about)
+        self.history: deque[float] = deque(maxlen=HISTORY)
+        self._next = np.full(m, np.nan)
+
+    def __call__(self, y: ArrayLike, u: ArrayLike) -> Watched:
+        """Look at one step.
+
+        Parameters
+        ----------
+        y : array_like, shape (n_outputs,)
+            The readings now, of a model of states the states; nan for one that is missing, by
+            chance or by a rule on the past, never by its value.
+        u : array_like, shape (m,)
+            The inputs that act from now on, as applied: within their limits.
+
+        Returns
+        -------
+        Watched
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If they have another shape or are no numbers.
+        """
+        window = self._source.window
+        acts = validation.measured("u", u, window.inputs).copy()
+        found = self.step(validation.measured("y", y, window.outputs), self._next)
+        self._next = acts
+        return found
+
+    def step(self, y: Floats, acted: Floats) -> Watched:
+        """The same for readings and the inputs that acted since the last call, unchecked."""
+        found = Watched(*self._core.step(y, acted))  # type: ignore[arg-type]
+        self.history.append(found.evidence)
+        return found
+
+    @property
+    def threshold(self) -> float:
+        """The evidence at which there is an alarm."""
+        return self._core.threshold
+
+    @property
+    def rang(self) -> str | None:
+        """What the last alarm saw first, and from which call on; None before the first one."""
+        last = self._core.last
+        if last is None:
+            return None
+        call, onset, kind, one, other, fell, _ = last
+        outputs, columns = self._source.window.outputs, self._source.window.regressor_names
+        what = {"noise": "the noise is larger than its bound", "mixed": "a change of several effects"}
+        if kind == "load":
+            what[kind] = f"a load on {outputs[one]}"
+        elif kind in ("gain", "entry"):
+            name = columns[one] if kind == "gain" else f"{columns[other]} on {outputs[one]}"
+            what[kind] = f"the effect of {name} is {'smaller' if fell else 'larger'}"
+        return f"{what[kind]}, from about call {onset} on, alarm at call {call}"
+
+    def sees(self, steps: int = 200) -> dict[str, float]:
+        """What would be seen now within so many steps: a rule from the last 200 pairs, no bound.
+
+        Parameters
+        ----------
+        steps : int, default 200
+            The delay.
+
+        Returns
+        -------
+        dict
+            For each input the least relative change of its effect, for each reading the least load
+            in deviations of its noise; infinite where it would take longer.
+        """
+        wanted = float(validation.size("steps", steps))
+        outputs, columns = self._source.window.outputs, self._source.window.regressor_names
+        name = {"gain": lambda j: columns[j], "load": lambda i: f"load on {outputs[i]}"}
+        return {name[kind](at): least for kind, at, least in self._core.sights(wanted)}
+
+    def changes(self, level: float = 0.05) -> Changes:
+        """What changed, from the pairs after the first alarm since `clear`; looks are free.
+
+        Parameters
+        ----------
+        level : float, default 0.05
+            The probability of error of all that is said from these pairs.
+
+        Returns
+        -------
+        Changes
+            For Gaussian or sub-Gaussian noise, and a plant that stays as it is after the alarm.
+        """
+        alpha, own = validation.probability("level", level), self._source
+        looked = self._core.look(alpha, list(own.groups.values()))
+        return own.changes(looked, self._core.collected, alpha)
+
+    def hold(self, level: float = 0.05) -> Any:
+        """What is still certified of the gain, by the pairs after the alarm alone.
+
+        Parameters
+        ----------
+        level : float, default 0.05
+            The probability that the plant is not in the region of these pairs.
+
+        Returns
+        -------
+        LoopCertificate
+            Before an alarm the one that is watched over. Behind it "certified": the old gain holds
+            again, with what these pairs prove of the plant; "undetermined" while they are too few.
+        """
+        if not self._core.collected and self.rang is None:
+            return self.proof
+        region = self.changes(level).region
+        if region is None:
+            return self.proof.of(None, "the pairs after the alarm are too few: excite all inputs")
+        return self.proof.of(self._source.entered(region))
+
+    def clear(self) -> None:
+        """Take the alarm as seen: quiet until the next one, and the pairs after it are forgotten."""
+        self._core.clear()
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Draw the evidence over the last calls, with the threshold.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw.
+
+        Returns
+        -------
+        matplotlib Axes
+        """
+        if not self.history:
+            raise InputError("the history is empty: there is nothing to draw before the first call")
+        return draw_evidence(np.array(self.history), self.threshold, dt=self.proof.dt, ax=ax)
+
+    def __getstate__(self) -> dict[str, Any]:
+        about = {"promise": self.promise, "law": self.law, "moving": self.moving}
+        own = {"state": self._core.state(), "history": np.array(self.history), "next": self._next}
+        return {"proof": self.proof, **about, **own}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        Watch.__init__(self, *(state[name] for name in ("proof", "promise", "law", "moving")))
+        self._core.resume(*state["state"])
+        self._next = np.array(state["next"])
+        self.history.extend(state["history"].tolist())
+
+    def _to_sections(self) -> dict[str, Any]:
+        return WatchState(self.__getstate__())._to_sections()
+
+    @classmethod
+    def _from_sections(cls, sections: dict[str, Any]) -> Self:
+        watch = cls.__new__(cls)
+        watch.__setstate__(WatchState._from_sections(sections).parts)
+        return watch
+
+    def __repr__(self) -> str:
+        often = f"one in {self.promise:.4g} steps" if self.promise >= 1 else f"{self.promise:.3g} ever"
+        null = "a plant that moves inside the region" if self.moving else "a constant plant"
+        last = "" if self.rang is None else f"; {self.rang}"
+        calls = show.number_of(len(self.history), "call")
+        return f"<Watch: false alarms at most {often} for {null}, noise '{self.law}', {calls}{last}>"

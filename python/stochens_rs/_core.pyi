@@ -74,7 +74,6 @@ __all__ = [
     "least_squares_level",
     "log_multigamma",
     "log_tests",
-    "look_of_rows",
     "loop_eigenvalues",
     "mean_difference",
     "mean_radius",
@@ -817,15 +816,14 @@ class Feedback:
     def rest(self, xs: _Floats, us: _Floats) -> tuple[_Floats, float]: ...
     def holds(self, limits: _Floats, x0: _Floats | None) -> tuple[float, float | None]: ...
 
-# rows that are watched; estimate, radius, allowed; the largest violations of all, without each group
-# of columns, and without each row; gains with both radii; white, root and factor
+# estimate, radius, allowed; violations of all, without each group of columns, without each row;
+# gains with both radii; white, root and factor
 _Looked: TypeAlias = tuple[
-    list[int],
-    list[_Floats],
-    float,
-    tuple[_Floats, _Floats],
-    list[_Floats],
-    tuple[_Floats, _Floats, float],
+    list[_Floats], _Floats, list[_Floats], tuple[_Floats, _Floats, float]
+]
+# threshold, pairs after the alarm, alarms; of the first one: call, onset, part, direction, column, fell
+_Now: TypeAlias = tuple[
+    float, float, float, tuple[float, float, int, int, int, bool] | None
 ]
 
 @final
@@ -839,30 +837,18 @@ class Watch:
         law: tuple[str, bool],
         promise: float,
         pairs: int,
-        gains: list[int],
     ) -> Watch: ...
     def step(self, y: _Floats, acted: _Floats) -> tuple[str, float, int]: ...
+    # rows (z, y) as pairs after an alarm
+    def take(self, rows: _Floats) -> None: ...
     @property
-    def threshold(self) -> float: ...
-    # call, onset, kind, row or column, column, whether it fell, steps
-    @property
-    def last(self) -> tuple[int, int, str, int, int, bool, int] | None: ...
-    def sights(self, steps: float) -> list[tuple[str, int, float]]: ...
+    def now(self) -> _Now: ...
+    def sights(self, steps: float) -> list[tuple[int, int, float]]: ...
     def clear(self) -> None: ...
-    @property
-    def collected(self) -> int: ...
     def look(self, alpha: float, groups: list[list[int]]) -> _Looked: ...
-    def state(self) -> tuple[_Floats, _Floats, int, bool]: ...
-    def resume(self, numbers: _Floats, triangle: _Floats, size: int, on: bool) -> None: ...
+    def state(self) -> _Floats: ...
+    def resume(self, numbers: _Floats) -> None: ...
 
-def look_of_rows(
-    region: Region,
-    noise: _Floats,
-    pairs: int,
-    rows: _Floats,
-    alpha: float,
-    groups: list[list[int]],
-) -> tuple[_Looked, int]: ...
 def test_of_two_logs(
     one: Fitted, other: Fitted, level: float, threads: int
 ) -> tuple[float, float]: ...

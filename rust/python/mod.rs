@@ -113,7 +113,7 @@ mod _core {
         noise_deviations, validation_mean, validation_rank, validation_runs, validation_systems, validation_weighted,
     };
     #[pymodule_export]
-    use super::watch::{PyWatch, look_of_rows, test_of_two_logs};
+    use super::watch::{PyWatch, test_of_two_logs};
     #[pymodule_export]
     use super::window::{PyWindow, choose_window, readings_over_noise, window_burn};
     #[pymodule_export]

@@ -4,6 +4,7 @@ use crate::error::{Error, Result};
 use crate::identify::{Fitted, cholesky, roy_quantile, spectral_norm};
 use crate::memory::try_zeros;
 use crate::parallel::Stop;
+use crate::vector::dot;
 
 use super::frame::WHAT;
 
@@ -65,8 +66,4 @@ pub fn open_loop(one: &Fitted, other: &Fitted, level: f64, threads: usize, stop:
     }
     let statistic = spectral_norm(&off, n, r)?.powi(2);
     Ok(OpenLoop { statistic, limit: roy_quantile(n, r, degrees, level, threads, stop)?, sizes: (r, degrees) })
-}
-
-fn dot(a: &[f64], b: &[f64]) -> f64 {
-    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }

@@ -4,24 +4,21 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::identify::{covariance_root, spectral_norm};
-use crate::memory::{checked_len, try_collect, try_copy, try_push, try_room, try_zeros};
+use crate::identify::{cholesky, covariance_root, spectral_norm};
+use crate::memory::{checked_len, try_collect, try_copy, try_extend, try_push, try_zeros};
 use crate::region::{Part, Region};
+use crate::vector::dot;
 
 pub(super) const WHAT: &str = "a watch";
-/// Of the variance of a row: what the other rows must leave of it, or it is a combination of them.
-const LEFT: f64 = 1e-10;
-/// Of the size of a row: a smaller deviation is rounding.
-const ROUNDING: f64 = 1e-13;
 /// What is taken for a bound is larger by this: the rounding of what it is compared with.
 pub(super) const WIDER: f64 = 1.0 + 1e-9;
 
-/// `e = L^-1 (y - C z)` of the rows that have noise of their own, `Sbar = L L'`.
+/// `e = L^-1 (y - C z)`, `Sbar = L L'`; plain arrays.
 #[derive(Debug, Clone)]
 pub struct Frame {
-    /// The rows that are watched, in the order of y.
-    pub rows: Vec<usize>,
-    /// C of these rows (n, d).
+    /// The number of readings n, and of regressors d.
+    pub sizes: (usize, usize),
+    /// C (n, d).
     pub centre: Vec<f64>,
     /// L (n, n), lower.
     pub root: Vec<f64>,
@@ -31,16 +28,16 @@ pub struct Frame {
     pub white: Vec<f64>,
     /// Where the rows of each part begin, and the end.
     pub begins: Vec<usize>,
-    /// `B = L^-1 S_r^(1/2)` of each part (parts, n, n).
+    /// `B' = (L^-1 S_r^(1/2))'` of each part (parts, n, n), and `||B||`.
     pub reach: Vec<f64>,
-    /// `||B||` of each part, enlarged by its rounding.
+    /// See `reach`.
     pub norms: Vec<f64>,
-    /// `P^(-1/2)` (own, d), P the mean of z z' in the data.
+    /// `P^(-1/2)` (d, d), P the mean of z z' in the data, or its diagonal.
     pub scaled: Vec<f64>,
-    /// `P^(1/2)'` (own, d): `scaled unscaled' = I`.
+    /// `P^(1/2)'` (d, d): `scaled unscaled' = I`.
     pub unscaled: Vec<f64>,
     /// The root mean squares (d) of z in the data.
-    pub sizes: Vec<f64>,
+    pub scale: Vec<f64>,
     parts: Vec<Arc<Part>>,
 }
 
@@ -48,155 +45,100 @@ impl Frame {
     /// Of a region of `pairs` pairs with this bound (n, n) of the covariance of the noise.
     ///
     /// # Errors
-    /// [`Error::Value`] for a region that is unbounded, or without noise; [`Error::Shape`], [`Error::Memory`].
+    /// [`Error::Value`] for a region that is unbounded, or noise that is not positive definite; [`Error::Memory`].
     pub fn new(region: &Region, noise: &[f64], pairs: usize) -> Result<Self> {
-        let (all, d) = (region.centre().len() / region.width(), region.width());
-        if noise.len() != all * all || noise.iter().any(|v| !v.is_finite()) {
-            let found = noise.len().to_string();
-            return Err(Error::Shape { name: "noise", expected: format!("{all} x {all} finite entries"), found });
-        }
+        let (d, pairs) = (region.width(), pairs.max(1) as f64);
+        let n = region.centre().len() / d;
+        let (square, own) = (checked_len(WHAT, d, d)?, checked_len(WHAT, n, n)?);
+        let wrong = |name, expected| Error::Value { name, expected, found: "another one".into() };
         if !region.radius().is_finite() {
-            return Err(Error::Value { name: "region", expected: "bounded", found: "one of infinite radius".into() });
+            return Err(wrong("region", "bounded"));
         }
-        let (mut begins, mut white) = (try_zeros::<usize>(WHAT, 1)?, Vec::new());
-        let (mut sizes, pairs) = (try_zeros::<f64>(WHAT, d)?, pairs.max(1) as f64);
+        let small = (0..n).any(|i| {
+            // noise that is rounding of the readings
+            let size = |part: &Arc<Part>| {
+                let lengths = norm(part.of().root.iter().copied()) / pairs.sqrt();
+                norm(region.centre()[i * d..(i + 1) * d].iter().copied()) * lengths
+            };
+            noise
+                .get(i * (n + 1))
+                .is_none_or(|v| v.sqrt() <= 1e-15 * region.parts().iter().map(size).fold(0.0, f64::max))
+        });
+        let root = if noise.len() == own && !small { cholesky(noise, n)? } else { None };
+        let root = root.ok_or_else(|| wrong("noise", "a positive definite bound, no row a combination of others"))?;
+        let mut back = try_zeros::<f64>(WHAT, own)?;
+        for j in 0..n {
+            for i in j..n {
+                let done: f64 = (j..i).map(|k| root[i * n + k] * back[k * n + j]).sum();
+                back[i * n + j] = (f64::from(u8::from(i == j)) - done) / root[i * (n + 1)];
+            }
+        }
+        let (mut begins, mut white, mut scale) = (try_zeros(WHAT, 1)?, Vec::new(), try_zeros::<f64>(WHAT, d)?);
+        let (mut reach, mut norms) = (Vec::new(), Vec::new());
         for part in region.parts() {
-            let (of, width) = (part.of(), part.columns.len().max(1));
+            let (of, width) = (part.of(), part.of().columns.len().max(1));
             for row in of.white.chunks_exact(width) {
                 let mut wide = try_zeros(WHAT, d)?;
                 of.columns.iter().zip(row).for_each(|(j, v)| wide[*j] = *v);
-                white.extend_from_slice(&wide);
-            }
-            for (at, j) in of.columns.iter().enumerate() {
-                let own = norm(of.root.iter().copied().skip(at).step_by(width)) / pairs.sqrt();
-                sizes[*j] = own.max(sizes[*j]);
+                try_extend(WHAT, &mut white, wide)?;
             }
             try_push(WHAT, &mut begins, white.len() / d)?;
-        }
-        sizes.iter_mut().filter(|size| **size == 0.0).for_each(|size| *size = 1.0);
-        let (rows, root, back) = factored(region, noise, &sizes)?;
-        let n = rows.len();
-        let (mut centre, mut reach) = (try_room(WHAT, n * d)?, try_room(WHAT, region.parts().len() * n * n)?);
-        rows.iter().for_each(|i| centre.extend_from_slice(&region.centre()[i * d..(i + 1) * d]));
-        let mut norms = try_room(WHAT, region.parts().len())?;
-        for part in region.parts() {
-            let (of, mut shape) = (part.of(), try_zeros(WHAT, checked_len(WHAT, n, n)?)?);
-            let place = |i: usize| of.rows.iter().position(|row| *row == rows[i]);
-            for (at, to) in shape.iter_mut().enumerate() {
-                if let (Some(i), Some(j)) = (place(at / n), place(at % n)) {
-                    *to = of.factor * of.shape[i * of.rows.len() + j];
-                }
+            for (at, j) in of.columns.iter().enumerate() {
+                scale[*j] = scale[*j].max(norm(of.root.iter().copied().skip(at).step_by(width)) / pairs.sqrt());
             }
-            let own = covariance_root(&shape, n)?;
-            let mut product = try_zeros::<f64>(WHAT, n * n)?;
-            for (at, to) in product.iter_mut().enumerate() {
-                *to = (0..=at / n).map(|k| back[at / n * n + k] * own[k * n + at % n]).sum();
+            let mut shape = try_zeros(WHAT, own)?;
+            for (at, v) in of.shape.iter().enumerate() {
+                shape[of.rows[at / of.rows.len()] * n + of.rows[at % of.rows.len()]] = of.factor * v;
             }
-            norms.push(WIDER * spectral_norm(&product, n, n)?);
-            reach.extend_from_slice(&product);
+            let half = covariance_root(&shape, n)?;
+            let product = |at: usize| (0..n).map(|k| back[at % n * n + k] * half[k * n + at / n]).sum::<f64>();
+            let turned = try_collect(WHAT, (0..own).map(product))?;
+            try_push(WHAT, &mut norms, WIDER * spectral_norm(&turned, n, n)?)?;
+            try_extend(WHAT, &mut reach, turned)?;
         }
-        let parts = try_collect(WHAT, region.parts().iter().cloned())?;
-        let whole = parts.len() == 1 && begins[1] == d && parts[0].of().root.len() == d * d;
-        let square = checked_len(WHAT, d, d)?;
+        scale.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = 1.0);
         let [mut scaled, mut unscaled] = [try_zeros(WHAT, square)?, try_zeros(WHAT, square)?];
-        for (j, size) in sizes.iter().enumerate() {
-            (scaled[j * (d + 1)], unscaled[j * (d + 1)]) = (1.0 / size, *size);
-        }
-        if whole {
-            let of = parts[0].of();
+        scale.iter().enumerate().for_each(|(j, v)| (scaled[j * (d + 1)], unscaled[j * (d + 1)]) = (1.0 / v, *v));
+        if let [part] = region.parts()
+            && white.len() == square
+            && part.of().root.len() == square
+        {
             scaled.iter_mut().zip(&white).for_each(|(to, v)| *to = pairs.sqrt() * v);
-            unscaled.iter_mut().zip(of.root).for_each(|(to, v)| *to = v / pairs.sqrt());
+            unscaled.iter_mut().zip(part.of().root).for_each(|(to, v)| *to = v / pairs.sqrt());
         }
-        Ok(Self { rows, centre, root, back, white, begins, reach, norms, scaled, unscaled, sizes, parts })
-    }
-
-    /// The number of rows that are watched.
-    #[must_use]
-    pub fn n(&self) -> usize {
-        self.rows.len()
-    }
-
-    /// The number of entries of z.
-    #[must_use]
-    pub fn width(&self) -> usize {
-        self.sizes.len()
-    }
-
-    /// The number of parts of the region.
-    #[must_use]
-    pub fn count(&self) -> usize {
-        self.norms.len()
+        let (centre, parts) = (try_copy(WHAT, region.centre())?, try_collect(WHAT, region.parts().iter().cloned())?);
+        Ok(Self { sizes: (n, d), centre, root, back, white, begins, reach, norms, scaled, unscaled, scale, parts })
     }
 
     /// `e` (n) and `W z` (any), and the lengths (parts) of z; false where a number is not finite, or z has a part in a direction
     /// that the data do not determine.
     pub fn residual(&self, z: &[f64], y: &[f64], e: &mut [f64], wz: &mut [f64], lengths: &mut [f64]) -> bool {
-        let (n, d) = (self.n(), self.width());
-        for (to, row) in wz.iter_mut().zip(self.white.chunks_exact(d)) {
-            *to = row.iter().zip(z).map(|(a, b)| a * b).sum();
-        }
+        let (n, d) = self.sizes;
+        wz.iter_mut().zip(self.white.chunks_exact(d)).for_each(|(to, row)| *to = dot(row, z));
         for (p, to) in lengths.iter_mut().enumerate() {
-            *to = if self.parts[p].length(z).is_finite() {
-                wz[self.begins[p]..self.begins[p + 1]].iter().map(|v| v * v).sum::<f64>().sqrt() * WIDER
-            } else {
-                f64::INFINITY
-            };
+            let known = self.parts[p].length(z).is_finite();
+            *to = if known { WIDER * size(&wz[self.begins[p]..self.begins[p + 1]]) } else { f64::INFINITY };
         }
-        for (to, i) in e.iter_mut().zip(&self.rows) {
-            *to = y[*i];
-        }
-        for (to, row) in e.iter_mut().zip(self.centre.chunks_exact(d)) {
-            *to -= row.iter().zip(z).map(|(a, b)| a * b).sum::<f64>();
-        }
-        for i in (0..n).rev() {
-            e[i] = self.back[i * n..=i * n + i].iter().zip(&e[..=i]).map(|(a, b)| a * b).sum();
-        }
+        e.iter_mut().zip(y).zip(self.centre.chunks_exact(d)).for_each(|((to, y), row)| *to = y - dot(row, z));
+        (0..n).rev().for_each(|i| e[i] = dot(&self.back[i * n..=i * n + i], &e[..=i]));
         e.iter().chain(lengths.iter()).all(|v| v.abs() <= 1e140)
     }
 
-    /// `|B' l|` of each part (parts) for a direction `l` (n) of e: `l' (Theta - C) z` is at most the sum of these times the
-    /// lengths of z.
-    pub fn spreads(&self, l: &[f64], to: &mut [f64]) {
-        let n = self.n();
-        for (to, reach) in to.iter_mut().zip(self.reach.chunks_exact(n * n)) {
-            let square = (0..n).map(|j| l.iter().enumerate().map(|(i, v)| v * reach[i * n + j]).sum::<f64>().powi(2));
-            *to = WIDER * square.sum::<f64>().sqrt();
-        }
+    /// `L^-1 x`.
+    pub(super) fn whitened(&self, x: impl Fn(usize) -> f64) -> Result<Vec<f64>> {
+        let n = self.sizes.0;
+        try_collect(WHAT, (0..n).map(|i| (0..=i).map(|k| self.back[i * n + k] * x(k)).sum::<f64>()))
+    }
+
+    /// `|B' l|` of a part: `l' (Theta - C) z` is at most the sum of these times the lengths of z.
+    pub(super) fn spread(&self, part: usize, l: &[f64]) -> f64 {
+        let own = l.len() * l.len();
+        let rows = self.reach[part * own..(part + 1) * own].chunks_exact(l.len());
+        WIDER * rows.map(|row| dot(row, l).powi(2)).sum::<f64>().sqrt()
     }
 }
 
-/// The rows with noise of their own, `L` and `L^-1` of them.
-fn factored(region: &Region, noise: &[f64], sizes: &[f64]) -> Result<(Vec<usize>, Vec<f64>, Vec<f64>)> {
-    let (all, d) = (region.centre().len() / sizes.len(), sizes.len());
-    let mut rows: Vec<usize> = try_room(WHAT, all)?;
-    let mut known = try_zeros(WHAT, all * all)?; // rows of L, of width `all`
-    for i in 0..all {
-        let at = rows.len();
-        for j in 0..at {
-            let done: f64 = (0..j).map(|k| known[at * all + k] * known[j * all + k]).sum();
-            known[at * all + j] = (noise[i * all + rows[j]] - done) / known[j * all + j];
-        }
-        let own = noise[i * (all + 1)];
-        let left = own - known[at * all..at * all + at].iter().map(|v| v * v).sum::<f64>();
-        let size = region.centre()[i * d..(i + 1) * d].iter().zip(sizes).map(|(c, size)| (c * size).abs()).sum::<f64>();
-        if left > LEFT * own && left.sqrt() > ROUNDING * size {
-            known[at * (all + 1)] = left.sqrt();
-            rows.push(i);
-        }
-    }
-    if rows.is_empty() {
-        return Err(Error::Value { name: "noise", expected: "of some row above rounding", found: "none".into() });
-    }
-    let n = rows.len();
-    let (mut root, mut back) = (try_copy(WHAT, &known[..0])?, try_zeros::<f64>(WHAT, n * n)?);
-    for row in known.chunks_exact(all).take(n) {
-        root.extend_from_slice(&row[..n]);
-    }
-    for j in 0..n {
-        for i in j..n {
-            let done: f64 = (j..i).map(|k| root[i * n + k] * back[k * n + j]).sum();
-            back[i * n + j] = (f64::from(u8::from(i == j)) - done) / root[i * (n + 1)];
-        }
-    }
-    Ok((rows, root, back))
+/// `||x||`, of numbers whose squares are numbers.
+pub(super) fn size(x: &[f64]) -> f64 {
+    dot(x, x).sqrt()
 }

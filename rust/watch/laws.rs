@@ -51,18 +51,15 @@ impl Laws {
         if factor.is_nan() { 0.0 } else { factor.min(LARGEST) }
     }
 
-    /// `log` of the factor without p, for `x` and for `-x`, and `phi'`: what a block adds up for a constant system. None where
-    /// a block has no penalty of its own.
+    /// What a block adds up for a constant system: parts of `log` of the factor without p that are odd and even in x, and
+    /// `phi'`.
     #[must_use]
-    pub fn block(self, s: f64, x: f64, v: f64) -> Option<(f64, f64, f64)> {
-        let t = s * x;
-        match self {
-            Self::Variance => {
-                let phi = t.signum() * square(t).ln();
-                Some((phi, (0.5 * s * s * v).ln_1p(), (1.0 + t.abs()) / square(t)))
-            }
-            Self::Gaussian | Self::Bounded => Some((t, 0.5 * s * s * v, 1.0)),
-            Self::Symmetric => None,
+    pub fn block(self, s: f64, x: f64, v: f64) -> [f64; 3] {
+        let (t, even) = (s * x, 0.5 * s * s * v);
+        if self == Self::Variance {
+            [t.signum() * square(t).ln(), even.ln_1p(), (1.0 + t.abs()) / square(t)]
+        } else {
+            [t, even, 1.0]
         }
     }
 
@@ -73,21 +70,18 @@ impl Laws {
     }
 
     /// The factor of a bet on the energy `r^2`, `r <= ||Sbar^(-1/2) w||` in `n` dimensions, with the share `b` in (0, 1):
-    /// `1 - b + b r^2 / n`, for Gaussian noise `(1 - b)^(n/2) exp(b r^2 / 2)`. None where the energy has no bound.
+    /// `1 - b + b r^2 / n`, for Gaussian noise `(1 - b)^(n/2) exp(b r^2 / 2)`.
     #[must_use]
-    pub fn energy(self, b: f64, r: f64, n: usize) -> Option<f64> {
-        let (n, square) = (n as f64, r * r);
-        let factor = match self {
-            Self::Variance => 1.0 - b + b * square / n,
-            Self::Gaussian => (0.5 * (n * (-b).ln_1p() + b * square)).exp(),
+    pub fn energy(self, b: f64, r: f64, n: usize) -> f64 {
+        match self {
+            Self::Gaussian => (0.5 * (n as f64 * (-b).ln_1p() + b * r * r)).exp(),
             Self::Bounded if r > 1.0 + 1e-9 => LARGEST,
-            Self::Bounded => 1.0 - b + b * square,
-            Self::Symmetric => return None,
-        };
-        Some(factor.min(LARGEST))
+            Self::Bounded => 1.0 - b + b * r * r,
+            Self::Variance | Self::Symmetric => 1.0 - b + b * r * r / n as f64,
+        }
     }
 
-    /// The shares of the bets on the energy.
+    /// The shares of the bets on the energy; none where it has no bound.
     #[must_use]
     pub fn shares(self) -> &'static [f64] {
         match self {

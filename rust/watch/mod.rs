@@ -17,11 +17,11 @@ mod laws;
 mod watch;
 
 pub use accept::{OpenLoop, open_loop};
-pub use bank::{Bank, Bet, Null};
+pub use bank::{Bank, Null};
 pub use frame::Frame;
-pub use fresh::{Change, Fresh, Look};
+pub use fresh::{Fresh, Look};
 pub use laws::Laws;
-pub use watch::{Alarm, Promise, Rang, Sight, State, Watch};
+pub use watch::{Counts, Promise, Watch};
 
 #[cfg(test)]
 mod tests;

@@ -64,12 +64,11 @@ fn frame() -> Frame {
 
 /// The one bet of the oracles: on the gain of the input, .1 of it, in blocks of so many steps.
 fn bank(frame: &Frame, steps: usize) -> Bank {
-    let mut bank = Bank::new(frame, &[2], false).unwrap();
-    let at = bank.bets.iter().position(|bet| *bet == Bet::Gain(2)).unwrap();
-    bank.direction = vec![bank.direction[at]];
-    bank.unit = vec![bank.whole[at]];
-    (bank.bets, bank.column, bank.whole) = (vec![Bet::Gain(2)], vec![2], vec![bank.whole[at]]);
-    (bank.shifts, bank.small, bank.blocks) = (vec![0.1], 1, (steps, 1000));
+    let mut bank = Bank::new(frame, 2..3, false).unwrap();
+    let at = bank.direction.iter().position(|direction| *direction == 2).unwrap();
+    (bank.direction, bank.column) = (vec![2], vec![bank.column[at]]);
+    (bank.unit, bank.whole) = (vec![bank.whole[at]], vec![bank.whole[at]]);
+    (bank.shifts, bank.small, bank.blocks) = (vec![0.1], 1, [steps, 1000 * steps]);
     bank
 }
 
@@ -126,15 +125,17 @@ fn watched(law: Laws, promise: Promise, null: Null, steps: usize) -> (Vec<f64>, 
     let frame = frame();
     let bank = bank(&frame, steps);
     let window = Window::new(2, 1, Kind::Lags(1), 0, false, 0).unwrap();
-    let mut watch = Watch::new(frame, bank, law, null, promise, window).unwrap();
+    let mut watch = Watch::new(frame, bank, (law, null), promise, window).unwrap();
     let mut found = vec![];
     for t in 0..12 {
         // a window of one lag begins anew at each pair
-        assert!(!watch.step(&[f64::NAN; 2], &[0.0]).unwrap());
+        watch.step(&[f64::NAN; 2], &[0.0]).unwrap();
         let [a, b, u] = z(t);
-        assert!(!watch.step(&[a, b], &[0.0]).unwrap());
-        assert!(watch.step(&y(&changed(), t), &[u]).unwrap());
-        found.push(watch.evidence()[0][1]); // the second side: g = -e_3
+        watch.step(&[a, b], &[0.0]).unwrap();
+        assert_eq!(watch.status(), "skipping");
+        watch.step(&y(&changed(), t), &[u]).unwrap();
+        assert_eq!(watch.counts().skipped, 0.0);
+        found.push(watch.evidence().0[1]); // the second side: g = -e_3
     }
     (found, watch)
 }
@@ -144,7 +145,9 @@ fn evidence_over_all_starts() {
     // O5, O6
     let huge = Promise::Every(1e14);
     let (m, _) = watched(Laws::Gaussian, huge, Null::Constant, 12);
-    for (t, expected) in [(0, 1.0), (1, 1.234_686_144_7), (2, 130.750_027_6), (3, 353.022_854_65), (11, 80746.480_515_5)] {
+    for (t, expected) in
+        [(0, 1.0), (1, 1.234_686_144_7), (2, 130.750_027_6), (3, 353.022_854_65), (11, 80746.480_515_5)]
+    {
         near(m[t], expected, 1e-7);
     }
     let (m, _) = watched(Laws::Variance, huge, Null::Constant, 12);
@@ -157,15 +160,21 @@ fn evidence_over_all_starts() {
     }
 }
 
+/// The evidence of the block.
+fn block(watch: &Watch) -> f64 {
+    let (evidence, begins) = watch.evidence();
+    evidence[begins[1] + 1]
+}
+
 #[test]
 fn a_block_of_twelve() {
     // O7: log e, and with the sum of the penalties of all steps
     let (xi, v, p, sum) = (256.142_857_14, 2545.714_285_71, 24.750_510_199, 37.003_263_078);
     let (_, watch) = watched(Laws::Gaussian, Promise::Every(1e14), Null::Constant, 12);
-    near(watch.evidence()[1][1].ln(), 10.410_663_266, 1e-7);
+    near(block(&watch).ln(), 10.410_663_266, 1e-7);
     near(0.1 * (xi - p) - 0.005 * v, 10.410_663_266, 1e-8);
     let (_, watch) = watched(Laws::Gaussian, Promise::Every(1e14), Null::Moving, 12);
-    near(watch.evidence()[1][1].ln(), 0.1 * (xi - sum) - 0.005 * v, 1e-7);
+    near(block(&watch).ln(), 0.1 * (xi - sum) - 0.005 * v, 1e-7);
     // `variance`, by the formula
     let (mut log, mut drift, mut squares) = (0.0, [0.0; 3], 0.0);
     let mut spread = 0.0;
@@ -183,7 +192,7 @@ fn a_block_of_twelve() {
     }
     log -= 0.1 * spread * drift.iter().map(|v| v * v).sum::<f64>().sqrt() + 0.01 / 8.0 * squares;
     let (_, watch) = watched(Laws::Variance, Promise::Every(1e14), Null::Constant, 12);
-    near(watch.evidence()[1][1].ln(), log, 1e-7);
+    near(block(&watch).ln(), log, 1e-7);
 }
 
 #[test]
@@ -211,7 +220,8 @@ fn bets_of_a_size_in_absolute_units_are_none() {
             sum + h * (-0.5 * x * x).exp() / (2.0 * std::f64::consts::PI).sqrt() * t(x, 1.3) / t(x, 1.0)
         })
     };
-    for (s2, nu, value) in [(0.1, 2, 1.225_983_243_8), (0.1, 5, 1.628_514_085_8), (1.0, 5, 0.935_865_974_6), (4.0, 5, 0.814_963_014_2)]
+    for (s2, nu, value) in
+        [(0.1, 2, 1.225_983_243_8), (0.1, 5, 1.628_514_085_8), (1.0, 5, 0.935_865_974_6), (4.0, 5, 0.814_963_014_2)]
     {
         near(expected(s2, nu), value, 1e-9);
     }
@@ -225,7 +235,7 @@ fn energy() {
     assert!(frame.residual(&z(0), &y(&changed(), 0), &mut e, &mut wz, &mut h));
     let r = e[0].hypot(e[1]) - frame.norms[0] * h[0];
     near(r, 1.170_332_584_9, 5e-9);
-    near(Laws::Gaussian.energy(0.6, r, 2).unwrap().ln(), -0.505_387_224_1, 1e-8);
+    near(Laws::Gaussian.energy(0.6, r, 2).ln(), -0.505_387_224_1, 1e-8);
 }
 
 #[test]
@@ -241,16 +251,16 @@ fn the_fresh_set() {
         of_data.add(&frame(), &z(t), &e);
     }
     let look = fresh.look(&own, 0.05, &[vec![0], vec![1], vec![2]]).unwrap();
-    near(look.estimate[5], 0.898_148_477_4, 1e-9);
-    near(look.radius[0][5], 0.089_227_053_3, 1e-8);
-    let old = of_data.look(&frame(), 0.05, &[]).unwrap().radius[1][5];
+    near(look.entries[0][5], 0.898_148_477_4, 1e-9);
+    near(look.entries[1][5], 0.089_227_053_3, 1e-8);
+    let old = of_data.look(&frame(), 0.05, &[]).unwrap().entries[2][5];
     near(old, 0.010_133_582_12, 1e-9);
-    near(1.0 - look.estimate[5] - look.radius[0][5] - old, 0.002_490_887_14, 3e-9);
+    near(1.0 - look.entries[0][5] - look.entries[1][5] - old, 0.002_490_887_14, 3e-9);
     // what the set allows is the same in its own form: |l'(H - Theta) q| at l = e_2, q = e_3
-    let size: f64 = look.white.chunks_exact(3).map(|row| row[2] * row[2]).sum::<f64>().sqrt();
-    near((look.factor * 0.04).sqrt() * size, 0.089_227_053_3, 1e-8);
+    let size: f64 = look.allowed.0.chunks_exact(3).map(|row| row[2] * row[2]).sum::<f64>().sqrt();
+    near((look.allowed.2 * 0.04).sqrt() * size, 0.089_227_053_3, 1e-8);
     for i in 0..9 {
-        let (a, b) = (&look.white[i / 3 * 3..][..3], &look.root[i % 3 * 3..][..3]);
+        let (a, b) = (&look.allowed.0[i / 3 * 3..][..3], &look.allowed.1[i % 3 * 3..][..3]);
         near(a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>(), f64::from(u8::from(i / 3 == i % 3)), 1e-10);
     }
 }
@@ -300,7 +310,7 @@ fn blocks_that_are_kept_are_no_detector() {
         .map(|k| f64::from(k) * h)
         .map(|s| h * normal(s / 2f64.sqrt()) / 2f64.sqrt() * (3.0 * s - 9.0).exp())
         .sum();
-    near(evidence, 1.0, 1e-9); // E e of the block: E R = 2 (1 + 2 Phi(1.5)) + ... is beyond what blocks at their ends allow
+    near(evidence, 1.0, 1e-9); // E e of a block
     // noise 1.5 times as large, per equation
     near(0.5 * (2.25 - 1.0 - 2.25f64.ln()), 0.219_534_891_9, 1e-10);
 }
@@ -315,7 +325,8 @@ fn columns_that_never_moved() {
         [0.6; 6],
         [5.0, 4.0, 3.0, 4.0, 5.0, 6.0],
     ];
-    let pairs: Vec<f64> = (0..6).flat_map(|t| [rows[0][t], rows[1][t], rows[2][t], rows[3][t], rows[4][t], 0.1]).collect();
+    let pairs: Vec<f64> =
+        (0..6).flat_map(|t| [rows[0][t], rows[1][t], rows[2][t], rows[3][t], rows[4][t], 0.1]).collect();
     let stop = crate::Stop::new();
     let triangle = crate::identify::triangle(&pairs, 6, 1, &stop).unwrap();
     let fitted = crate::identify::fit(&triangle, 6, 5, 6, 1, &stop).unwrap();
@@ -332,7 +343,8 @@ fn each_bet_has_expectation_at_most_1() {
             let (h, deviation) = (1e-3, f64::sqrt(v));
             let mean = |p: f64| {
                 (-30_000..30_000).map(|k| f64::from(k) * h).fold(0.0, |sum, w| {
-                    sum + h * (-0.5 * w * w).exp() / 2.506_628_274_631 * law.factor(a, deviation * w + p, p.min(0.1 + p), v)
+                    sum + h * (-0.5 * w * w).exp() / 2.506_628_274_631
+                        * law.factor(a, deviation * w + p, p.min(0.1 + p), v)
                 })
             };
             assert!(mean(p) <= 1.0 + 1e-9, "{law:?} {a} {p} {v}: {}", mean(p));
@@ -361,9 +373,9 @@ fn a_watch_goes_on_bit_by_bit() {
     };
     let new = || {
         let frame = frame();
-        let bank = Bank::new(&frame, &[2], false).unwrap();
+        let bank = Bank::new(&frame, 2..3, false).unwrap();
         let window = Window::new(2, 1, Kind::Lags(1), 0, false, 0).unwrap();
-        Watch::new(frame, bank, Laws::Variance, Null::Constant, Promise::Every(100.0), window).unwrap()
+        Watch::new(frame, bank, (Laws::Variance, Null::Constant), Promise::Every(100.0), window).unwrap()
     };
     let (mut one, mut other) = (new(), new());
     run(&mut one, 0);
@@ -372,6 +384,6 @@ fn a_watch_goes_on_bit_by_bit() {
     run(&mut other, 150);
     let bits = |watch: &mut Watch| watch.numbers().unwrap().iter().map(|v| v.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(&mut one), bits(&mut other));
-    assert!(one.counts().2 > 0 && one.last().is_some(), "there were alarms");
+    assert!(one.counts().alarms > 0.0, "there were alarms");
     assert!(one.resume(&[0.0; 3]).is_err());
 }

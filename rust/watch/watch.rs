@@ -1,15 +1,15 @@
 //! The evidence against the region, step by step, and the alarm.
 
 use crate::error::{Error, Result};
-use crate::memory::{try_collect, try_zeros};
+use crate::memory::{try_collect, try_copy, try_zeros};
+use crate::vector::{axpy, dot};
 use crate::window::Window;
 
-use super::bank::{Bank, Bet, Null};
-use super::frame::{Frame, WHAT};
+use super::bank::{Bank, Null};
+use super::frame::{Frame, WHAT, size};
+use super::fresh::Fresh;
 use super::laws::{LARGEST, Laws};
 
-/// Largest evidence of a bet.
-const MOST: f64 = 1e290;
 /// `L` of the learned bets, and the largest shift that they bet on.
 const LEARNED: [f64; 2] = [20.0, 200.0];
 const SHIFT: f64 = 5.0;
@@ -27,100 +27,63 @@ pub enum Promise {
     Ever(f64),
 }
 
-/// How a call ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum State {
-    /// A pair was looked at, without an alarm since the last [`Watch::clear`].
-    Quiet,
-    /// There was an alarm since then.
-    Alarm,
-    /// In the last 200 pairs nothing but louder noise could have told.
-    Blind,
-    /// No pair could be looked at in this call.
-    Skipping,
-}
-
-/// What has the most evidence.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Rang {
-    /// A bet, whether it fell, and over how many steps.
-    Bet(Bet, bool, usize),
-    /// The noise is larger than its bound.
-    Noise,
-    /// A learned bet: a change of no single entry.
-    Mixed,
-}
-
-/// An alarm.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Alarm {
-    /// The call, counted from 1.
-    pub call: u64,
-    /// The call from which on the evidence grew.
-    pub onset: u64,
-    /// What has the most evidence.
-    pub rang: Rang,
-}
-
-/// The least change of a bet that would be seen within so many steps; infinite where none of up to 800 %.
-#[derive(Debug, Clone, Copy)]
-pub struct Sight {
-    /// A gain or a load.
-    pub bet: Bet,
-    /// In parts of the gain, or in deviations of the noise.
-    pub least: f64,
-}
-
-/// The counters of a watch.
+/// What changes from call to call beside the arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-struct Counts {
-    calls: f64,
-    /// Pairs since the last restart, and blocks of the once form.
-    clock: f64,
-    starts: [f64; 3],
-    since: f64,
-    begun: f64,
-    idle: f64,
-    skipped: f64,
-    alarms: f64,
-    alarmed: f64,
-    evidence: f64,
+pub struct Counts {
+    /// All calls.
+    pub calls: f64,
+    /// Pairs since the evidence began; starts of single steps and of both blocks.
+    pub pairs: f64,
+    /// See `pairs`.
+    pub starts: [f64; 3],
+    /// Complete readings in a row.
+    pub since: f64,
+    /// Pairs in a row in which only louder noise could have been seen.
+    pub idle: f64,
+    /// Calls in a row without a pair.
+    pub skipped: f64,
+    /// The number of alarms, and whether one was not taken as seen.
+    pub alarms: f64,
+    /// See `alarms`.
+    pub alarmed: f64,
+    /// That of the last pair.
+    pub evidence: f64,
+    /// Of the first alarm since the last was seen: its call, that from which the evidence grew, and the place in `evidence`.
+    pub first: [f64; 3],
 }
 
-/// Bets on a region while the plant is in use; no call allocates.
+/// Bets on a region while the plant is in use; no call allocates. Plain arrays.
 #[derive(Debug)]
 pub struct Watch {
     frame: Frame,
     bank: Bank,
-    law: Laws,
-    null: Null,
+    law: (Laws, Null),
     promise: Promise,
     window: Window,
     counts: Counts,
-    last: Option<Alarm>,
+    fresh: Fresh,
     /// State of the window, its first reading, z.
     x: Vec<f64>,
     first: Vec<f64>,
     z: Vec<f64>,
-    /// Evidence (bets, shifts, 2), and of short and long blocks (bets, small, 2); of the energy; of learned bets.
-    single: Vec<f64>,
-    short: Vec<f64>,
-    long: Vec<f64>,
-    energy: Vec<f64>,
-    learned: Vec<f64>,
-    /// The call at which the evidence was last below that of one start, of all of these.
+    /// Evidence: of single steps (bets, shifts, 2), of short and of long blocks (bets, small, 2), of the energy, of learned bets;
+    /// where each begins, and `pi b` of each.
+    evidence: Vec<f64>,
+    begins: [usize; 6],
+    weights: [f64; 5],
+    /// The call at which the evidence was last that of one start.
     onset: Vec<f64>,
-    /// Sums of a short block and of a long one (bets, small, 2), `sum phi' g'z W z` (bets, small, any), `sum p^2` (bets), and
+    /// Of the short and the long block: sums of logarithms (bets, small, 2), `sum phi' g'z W z` (bets, small, any), `sum p^2` and
     /// `sum (g'z)^2` (bets).
     sums: [Vec<f64>; 2],
     drift: [Vec<f64>; 2],
     squares: [Vec<f64>; 2],
-    weights: [Vec<f64>; 2],
-    /// Estimates (2, n, own) of `L^-1 (Theta - C) P^(1/2)`.
+    sizes: [Vec<f64>; 2],
+    /// Estimates (2, n, d) of `L^-1 (Theta - C) P^(1/2)`.
     estimates: Vec<f64>,
     /// Growth of the evidence by changes (bets, CHANGES): mean of single steps, and of long blocks.
     growth: [Vec<f64>; 2],
-    /// Room for one step: e, W z, lengths, `l'e` of the directions, zeta, and the estimate of the mean of e.
+    /// Room for a step: e, W z, lengths, `l'e` of the directions, zeta, and an estimate of the mean of e.
     e: Vec<f64>,
     wz: Vec<f64>,
     lengths: Vec<f64>,
@@ -134,57 +97,56 @@ impl Watch {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Value`], [`Error::Memory`].
-    pub fn new(
-        frame: Frame,
-        bank: Bank,
-        law: Laws,
-        null: Null,
-        promise: Promise,
-        window: Window,
-    ) -> Result<Self> {
-        let (n, d) = (frame.n(), frame.width());
-        let all = frame.rows.last().map_or(0, |i| i + 1);
-        if window.length() != d || window.outputs() < all {
-            let (expected, found) = (format!("{d} regressors of {all} readings"), window.length().to_string());
+    pub fn new(frame: Frame, bank: Bank, law: (Laws, Null), promise: Promise, window: Window) -> Result<Self> {
+        let (n, d) = frame.sizes;
+        if (window.outputs(), window.length()) != (n, d) {
+            let (expected, found) = (format!("{n} readings and {d} regressors"), window.length().to_string());
             return Err(Error::Shape { name: "window", expected, found });
         }
-        let (name, low, high, value) = match promise {
-            Promise::Every(steps) => ("every", 2.0, 1e15, steps),
-            Promise::Ever(level) => ("level", 1e-15, 0.5, level),
+        let sound = match promise {
+            Promise::Every(steps) => (2.0..=1e15).contains(&steps),
+            Promise::Ever(level) => (1e-15..=0.5).contains(&level),
         };
-        if !(low..=high).contains(&value) {
-            let expected = "in [2, 1e15] for every, in [1e-15, 0.5] for level";
-            return Err(Error::Value { name, expected, found: value.to_string() });
+        if !sound {
+            let expected = "from 2 to 1e15 steps between false alarms, or a probability from 1e-15 to 0.5";
+            return Err(Error::Value { name: "promise", expected, found: format!("{promise:?}") });
         }
         let zeros = |count: usize| try_zeros::<f64>(WHAT, count);
         let pair = |count: usize| Ok::<_, Error>([zeros(count)?, zeros(count)?]);
-        let (bets, any, small) = (bank.bets.len(), frame.white.len() / d, bank.small);
-        let [single, short, energy] = [bets * bank.shifts.len() * 2, bets * small * 2, law.shares().len()];
+        let (bets, any, energy) = (bank.column.len(), frame.white.len() / d, law.0.shares().len());
+        let (small, counts) = (bets * bank.small, [0, 2 * bets * bank.shifts.len(), 0, 0, energy, LEARNED.len()]);
+        let counts = [0, counts[1], 2 * small, 2 * small, energy, LEARNED.len()];
+        let mut begins = counts;
+        (1..6).for_each(|part| begins[part] += begins[part - 1]);
+        // equal parts of the learned bets and all others but an energy without bets
+        let part = 1.0 / if energy == 0 { 5.0 } else { 6.0 };
+        let mut weights = [1.0, 2.0, 3.0, 4.0, 5.0].map(|at| part / counts[at as usize].max(1) as f64);
+        weights[4] = part;
+        if let Promise::Every(_) = promise {
+            (0..2).for_each(|k| weights[k + 1] *= bank.blocks[k] as f64);
+        }
         Ok(Self {
             law,
-            null,
             promise,
             window,
             counts: Counts::default(),
-            last: None,
+            fresh: Fresh::new(&frame, None)?,
             x: zeros(window.states())?,
-            first: zeros(window.outputs())?,
+            first: zeros(n)?,
             z: zeros(d)?,
-            single: zeros(single)?,
-            short: zeros(short)?,
-            long: zeros(short)?,
-            energy: zeros(energy)?,
-            learned: zeros(LEARNED.len())?,
-            onset: zeros(single + 2 * short + energy + LEARNED.len())?,
-            sums: pair(short)?,
-            drift: pair(bets * small * any)?,
+            evidence: zeros(begins[5])?,
+            onset: zeros(begins[5])?,
+            begins,
+            weights,
+            sums: pair(2 * small)?,
+            drift: pair(small * any)?,
             squares: pair(bets)?,
-            weights: pair(bets)?,
+            sizes: pair(bets)?,
             estimates: zeros(LEARNED.len() * n * d)?,
             growth: pair(bets * CHANGES)?,
             e: zeros(n)?,
             wz: zeros(any)?,
-            lengths: zeros(frame.count())?,
+            lengths: zeros(frame.norms.len())?,
             along: zeros(bank.directions.len() / n)?,
             zeta: zeros(d)?,
             mean: zeros(n)?,
@@ -193,160 +155,142 @@ impl Watch {
         })
     }
 
-    /// One call: readings `y`, nan where one is missing, and the inputs that acted since the last call. True where a pair was
-    /// complete, which is then in [`Watch::pair`].
+    /// One call: readings `y`, nan where one is missing, and the inputs that acted since the last call. After an alarm all pairs
+    /// are taken into the fresh set.
     ///
     /// # Errors
     /// [`Error::Shape`].
-    pub fn step(&mut self, y: &[f64], acted: &[f64]) -> Result<bool> {
-        if y.len() != self.window.outputs() || acted.len() != self.window.inputs() {
+    pub fn step(&mut self, y: &[f64], acted: &[f64]) -> Result<()> {
+        if (y.len(), acted.len()) != (self.window.outputs(), self.window.inputs()) {
             let expected = format!("{} readings and {} inputs", self.window.outputs(), self.window.inputs());
             return Err(Error::Shape { name: "y", expected, found: format!("{} and {}", y.len(), acted.len()) });
         }
         self.counts.calls += 1.0;
+        self.counts.skipped += 1.0;
         let read = y.iter().all(|v| v.is_finite());
-        let mut looked = false;
-        if self.counts.begun > 0.0 && acted.iter().all(|v| v.is_finite()) && read {
-            if self.counts.since == 0.0 {
+        if self.counts.since > 0.0 && read && acted.iter().all(|v| v.is_finite()) {
+            if self.counts.since == 1.0 {
                 self.window.start(&self.first, acted, &mut self.x);
             }
             self.window.regressors(&self.x, acted, 1.0, &mut self.z);
-            looked = self.counts.since >= self.window.fill() as f64 && self.bet(y);
+            if self.counts.since > self.window.fill() as f64 {
+                self.pair(y);
+            }
             self.window.advance(&mut self.x, y, acted);
             self.counts.since += 1.0;
+        } else if read {
+            self.first.copy_from_slice(y);
+            self.counts.since = 1.0;
         } else {
-            (self.counts.begun, self.counts.since) = (f64::from(u8::from(read)), 0.0);
-            if read {
-                self.first.copy_from_slice(y);
+            self.counts.since = 0.0;
+        }
+        Ok(())
+    }
+
+    /// All bets of a pair, if z is determined.
+    fn pair(&mut self, y: &[f64]) {
+        if !self.frame.residual(&self.z, y, &mut self.e, &mut self.wz, &mut self.lengths) {
+            return;
+        }
+        self.counts.skipped = 0.0;
+        if self.counts.alarmed > 0.0 {
+            self.fresh.add(&self.frame, &self.z, &self.e);
+        }
+        let (n, mut ends) = (self.e.len(), [true, false, false, true, true]);
+        for (to, l) in self.along.iter_mut().zip(self.bank.directions.chunks_exact(n)) {
+            *to = dot(l, &self.e);
+        }
+        self.counts.pairs += 1.0;
+        self.counts.starts[0] += 1.0;
+        let mut active = self.single_steps() | self.learned();
+        for k in 0..2 {
+            if (self.counts.pairs as u64).is_multiple_of(self.bank.blocks[k] as u64) {
+                self.counts.starts[k + 1] += 1.0;
+                active |= self.end(k);
+                ends[k + 1] = true;
             }
         }
-        self.counts.skipped = if looked { 0.0 } else { self.counts.skipped + 1.0 };
-        Ok(looked)
-    }
-
-    /// What of a start counts at this end of a block, the `k`th.
-    fn start(&self, k: f64) -> f64 {
-        match self.promise {
-            Promise::Every(_) => 1.0,
-            Promise::Ever(_) => 1.0 / (k * (k + 1.0)),
+        let r = (size(&self.e) - dot(&self.frame.norms, &self.lengths)).max(0.0);
+        for (k, b) in self.law.0.shares().iter().enumerate() {
+            self.grow(self.begins[3] + k, 0, self.law.0.energy(*b, r, n));
         }
-    }
-
-    /// All bets of a pair; false where none can be made.
-    fn bet(&mut self, y: &[f64]) -> bool {
-        if !self.frame.residual(&self.z, y, &mut self.e, &mut self.wz, &mut self.lengths) {
-            return false;
-        }
-        let n = self.frame.n();
-        for (to, l) in self.along.iter_mut().zip(self.bank.directions.chunks_exact(n)) {
-            *to = l.iter().zip(&self.e).map(|(a, b)| a * b).sum();
-        }
-        self.counts.clock += 1.0;
-        self.counts.starts[0] += 1.0;
-        let mut active = self.single_steps();
-        let (mut ends, clock) = ([true, false, false], self.counts.clock as u64);
-        if clock.is_multiple_of(self.bank.blocks.0 as u64) {
-            self.counts.starts[1] += 1.0;
-            active |= self.end(0);
-            ends[1] = true;
-        }
-        if clock.is_multiple_of(self.bank.long() as u64) {
-            self.counts.starts[2] += 1.0;
-            active |= self.end(1);
-            ends[2] = true;
-        }
-        active |= self.bet_on_estimates();
-        self.bet_on_energy();
         self.counts.idle = if active { 0.0 } else { self.counts.idle + 1.0 };
         self.judge(ends);
-        true
     }
 
-    fn single_steps(&mut self) -> bool {
-        let (mut active, add) = (false, self.start(self.counts.starts[0]));
-        let (count, small, any) = (self.bank.shifts.len(), self.bank.small, self.wz.len());
-        let joint = self.joint();
-        for b in 0..self.bank.bets.len() {
-            let g = self.z.get(self.bank.column[b]).copied().unwrap_or(1.0);
-            let direction = self.bank.direction[b];
-            let spreads = self.bank.spreads.iter().skip(direction * self.lengths.len());
-            let p = g.abs() * spreads.zip(&self.lengths).map(|(s, h)| s * h).sum::<f64>();
-            let (x, v) = (g * self.along[direction], g * g);
-            self.squares[0][b] += p * p;
-            self.weights[0][b] += v;
-            for (k, shift) in self.bank.shifts.iter().enumerate() {
-                let s = shift * self.bank.unit[b];
-                let a = if v > 0.0 { (s - p / v).max(0.0) } else { 0.0 };
-                active |= a > 0.0;
-                for (side, x) in [x, -x].into_iter().enumerate() {
-                    let at = (b * count + k) * 2 + side;
-                    let factor = self.law.factor(a, x, p, v);
-                    grow(&mut self.single[at], &mut self.onset[at], factor, add, self.counts.calls);
-                    if k < small && !joint {
-                        self.sums[0][(b * small + k) * 2 + side] += self.law.factor(s, x, p, v).ln();
-                    }
-                }
-                if let Some((odd, even, slope)) = self.law.block(s, x, v).filter(|_| k < small && joint) {
-                    let at = b * small + k;
-                    self.sums[0][2 * at] += odd;
-                    self.sums[0][2 * at + 1] += even;
-                    let drift = &mut self.drift[0][at * any..(at + 1) * any];
-                    drift.iter_mut().zip(&self.wz).for_each(|(to, w)| *to += slope * g * w);
-                }
-            }
-            if !matches!(self.bank.bets[b], Bet::Entry(..)) {
-                let rate = 1.0 / IDLE;
-                for (k, mean) in self.growth[0][b * CHANGES..(b + 1) * CHANGES].iter_mut().enumerate() {
-                    *mean += rate * (gained(change(k) * self.bank.whole[b], p, v) - *mean);
-                }
-            }
+    /// `M <- e (M + what starts)`: 1, or of the once form `1 / (k (k + 1))` at the kth end of a block.
+    fn grow(&mut self, at: usize, block: usize, factor: f64) {
+        let k = self.counts.starts[block];
+        let add = if let Promise::Every(_) = self.promise { 1.0 } else { 1.0 / (k * (k + 1.0)) };
+        let factor = if factor.is_nan() { 0.0 } else { factor.min(LARGEST) }; // what overflows counts for nothing
+        self.evidence[at] = (factor * (self.evidence[at] + add)).min(1e290);
+        if self.evidence[at] <= add {
+            self.onset[at] = self.counts.calls;
         }
-        active
     }
 
     /// Whether a block has one penalty, for a constant system.
     fn joint(&self) -> bool {
-        self.null == Null::Constant && self.law != Laws::Symmetric
+        self.law.1 == Null::Constant && self.law.0 != Laws::Symmetric
+    }
+
+    /// Bets on this pair alone, and what blocks add up.
+    fn single_steps(&mut self) -> bool {
+        let (law, joint, small, any) = (self.law.0, self.joint(), self.bank.small, self.wz.len());
+        let mut active = false;
+        for b in 0..self.bank.column.len() {
+            let g = self.z.get(self.bank.column[b]).copied().unwrap_or(1.0);
+            let (parts, direction) = (self.lengths.len(), self.bank.direction[b]);
+            let p = g.abs() * dot(&self.bank.spreads[direction * parts..(direction + 1) * parts], &self.lengths);
+            let (x, v) = (g * self.along[direction], g * g);
+            self.squares[0][b] += p * p;
+            self.sizes[0][b] += v;
+            for k in 0..self.bank.shifts.len() {
+                let s = self.bank.shifts[k] * self.bank.unit[b];
+                let a = if v > 0.0 { (s - p / v).max(0.0) } else { 0.0 };
+                active |= a > 0.0;
+                for (side, x) in [x, -x].into_iter().enumerate() {
+                    self.grow((b * self.bank.shifts.len() + k) * 2 + side, 0, law.factor(a, x, p, v));
+                    if k < small && !joint {
+                        self.sums[0][(b * small + k) * 2 + side] += law.factor(s, x, p, v).ln();
+                    }
+                }
+                if k < small && joint {
+                    let (at, [odd, even, slope]) = (b * small + k, law.block(s, x, v));
+                    self.sums[0][2 * at] += odd;
+                    self.sums[0][2 * at + 1] += even;
+                    axpy(slope * g, &self.wz, &mut self.drift[0][at * any..(at + 1) * any]);
+                }
+            }
+            self.seen(b, 0, p, v, 1.0, 1.0 / IDLE);
+        }
+        active
     }
 
     /// The end of a short block (0), which goes into the long one, or of a long one (1).
     fn end(&mut self, which: usize) -> bool {
-        let (small, any, parts) = (self.bank.small, self.wz.len(), self.lengths.len());
-        let add = self.start(self.counts.starts[which + 1]);
-        let joint = self.joint();
-        let begin = self.single.len() + which * self.short.len();
+        let (small, any, parts, joint) = (self.bank.small, self.wz.len(), self.lengths.len(), self.joint());
         let mut active = false;
-        for b in 0..self.bank.bets.len() {
+        for at in 0..self.bank.column.len() * small {
+            let (b, s) = (at / small, self.bank.shifts[at % small] * self.bank.unit[at / small]);
+            let drift = |p: usize| size(&self.drift[which][at * any..][self.frame.begins[p]..self.frame.begins[p + 1]]);
             let spreads = &self.bank.spreads[self.bank.direction[b] * parts..][..parts];
-            for k in 0..small {
-                let (at, s) = (b * small + k, self.bank.shifts[k] * self.bank.unit[b]);
-                let drift = &self.drift[which][at * any..(at + 1) * any];
-                let mut p = 0.0;
-                for (spread, ends) in spreads.iter().zip(self.frame.begins.windows(2)) {
-                    p += spread * drift[ends[0]..ends[1]].iter().map(|v| v * v).sum::<f64>().sqrt();
-                }
-                let (odd, even) = (self.sums[which][2 * at], self.sums[which][2 * at + 1]);
-                let lost = even + s * p + self.law.curvature() * s * s * self.squares[which][b];
-                active |= joint && s * self.weights[which][b] > 2.0 * p;
-                for (side, log) in [(0, odd - lost), (1, -odd - lost)] {
-                    let log = if joint { log } else { self.sums[which][2 * at + side] };
-                    let evidence = if which == 0 { &mut self.short } else { &mut self.long };
-                    let own = 2 * at + side;
-                    grow(&mut evidence[own], &mut self.onset[begin + own], log.exp(), add, self.counts.calls);
-                }
-                if which == 1 && k == 0 && joint && !matches!(self.bank.bets[b], Bet::Entry(..)) {
-                    let v = self.weights[which][b];
-                    for (k, mean) in self.growth[1][b * CHANGES..(b + 1) * CHANGES].iter_mut().enumerate() {
-                        let gained = gained(change(k) * self.bank.whole[b], p, v) / self.bank.long() as f64;
-                        *mean += 0.25 * (gained - *mean);
-                    }
-                }
+            let p: f64 = super::frame::WIDER * (0..parts).map(|p| spreads[p] * drift(p)).sum::<f64>();
+            let [mut one, mut other] = [self.sums[which][2 * at], self.sums[which][2 * at + 1]];
+            if joint {
+                let lost = other + s * p + self.law.0.curvature() * s * s * self.squares[which][b];
+                (one, other) = (one - lost, -one - lost);
+                active |= s * self.sizes[which][b] > 2.0 * p;
+            }
+            self.grow(self.begins[which + 1] + 2 * at, which + 1, one.exp());
+            self.grow(self.begins[which + 1] + 2 * at + 1, which + 1, other.exp());
+            if which == 1 && joint && at % small == 0 {
+                self.seen(b, 1, p, self.sizes[1][b], self.bank.blocks[1] as f64, 0.25);
             }
         }
-        for sums in [&mut self.sums, &mut self.drift, &mut self.squares, &mut self.weights] {
-            let [short, long] = sums;
+        for [short, long] in [&mut self.sums, &mut self.drift, &mut self.squares, &mut self.sizes] {
             if which == 0 {
-                long.iter_mut().zip(&*short).for_each(|(to, v)| *to += v);
+                axpy(1.0, short, long);
                 short.fill(0.0);
             } else {
                 long.fill(0.0);
@@ -355,202 +299,142 @@ impl Watch {
         active
     }
 
-    /// Bets on running estimates of the difference from C, less what the region may be off.
-    fn bet_on_estimates(&mut self) -> bool {
-        let (n, d) = (self.frame.n(), self.frame.width());
-        let add = self.start(self.counts.starts[0]);
-        let begin = self.onset.len() - LEARNED.len();
-        for (to, row) in self.zeta.iter_mut().zip(self.frame.scaled.chunks_exact(d)) {
-            *to = row.iter().zip(&self.z).map(|(a, b)| a * b).sum();
+    /// The mean growth `(s - p / v)_+^2 v / 2` of the evidence under each change of a gain or a load.
+    fn seen(&mut self, b: usize, which: usize, p: f64, v: f64, steps: f64, rate: f64) {
+        let whole = self.bank.whole[b];
+        if whole > 0.0 && v > 0.0 {
+            for (k, mean) in self.growth[which][b * CHANGES..(b + 1) * CHANGES].iter_mut().enumerate() {
+                *mean += rate * (0.5 * v * (change(k) * whole - p / v).max(0.0).powi(2) / steps - *mean);
+            }
         }
-        let size = self.zeta.iter().map(|v| v * v).sum::<f64>();
-        let far: f64 = self.frame.norms.iter().zip(&self.lengths).map(|(a, b)| a * b).sum();
+    }
+
+    /// Bets on running estimates of the difference from C, less what the region may be off.
+    fn learned(&mut self) -> bool {
+        let (n, d) = self.frame.sizes;
+        self.zeta.iter_mut().zip(self.frame.scaled.chunks_exact(d)).for_each(|(to, row)| *to = dot(row, &self.z));
         let mut active = false;
         for (q, memory) in LEARNED.iter().enumerate() {
-            let estimate = &mut self.estimates[q * n * d..(q + 1) * n * d];
-            for (to, row) in self.mean.iter_mut().zip(estimate.chunks_exact(d)) {
-                *to = row.iter().zip(&self.zeta).map(|(a, b)| a * b).sum();
-            }
-            let length = self.mean.iter().map(|v| v * v).sum::<f64>().sqrt();
-            let shift = (length - far).clamp(0.0, SHIFT);
+            let rows = self.estimates[q * n * d..].chunks_exact(d);
+            self.mean.iter_mut().zip(rows).for_each(|(to, row)| *to = dot(row, &self.zeta));
+            let shift = (size(&self.mean) - dot(&self.frame.norms, &self.lengths)).clamp(0.0, SHIFT);
             let mut factor = 1.0;
-            if shift > 0.0 && length.is_finite() {
-                // l'e with the unit vector l of the estimate
-                let unit = |v: f64| v / length;
-                let x = self.mean.iter().zip(&self.e).map(|(m, e)| unit(*m) * e).sum::<f64>();
-                let mut p = 0.0;
-                for (reach, h) in self.frame.reach.chunks_exact(n * n).zip(&self.lengths) {
-                    let along = |j: usize| (0..n).map(|i| unit(self.mean[i]) * reach[i * n + j]).sum::<f64>();
-                    p += super::frame::WIDER * h * (0..n).map(|j| along(j).powi(2)).sum::<f64>().sqrt();
-                }
-                factor = self.law.factor(shift, x, p, 1.0);
+            if shift > 0.0 {
+                let parts = self.lengths.iter().enumerate();
+                let p: f64 = parts.map(|(p, length)| self.frame.spread(p, &self.mean) * length).sum();
+                let l = 1.0 / size(&self.mean);
+                factor = self.law.0.factor(shift, l * dot(&self.mean, &self.e), l * p, 1.0);
                 active = true;
             }
-            grow(&mut self.learned[q], &mut self.onset[begin + q], factor, add, self.counts.calls);
-            for (i, row) in estimate.chunks_exact_mut(d).enumerate() {
-                let gain = (self.e[i] - self.mean[i]) / (memory + size);
-                if gain.is_finite() {
-                    row.iter_mut().zip(&self.zeta).for_each(|(to, z)| *to += gain * z);
-                }
+            self.grow(self.begins[4] + q, 0, factor);
+            let gain = 1.0 / (memory + dot(&self.zeta, &self.zeta));
+            for (i, row) in self.estimates[q * n * d..].chunks_exact_mut(d).take(n).enumerate() {
+                let rate = gain * (self.e[i] - self.mean[i]);
+                axpy(if rate.is_finite() { rate } else { 0.0 }, &self.zeta, row);
             }
         }
         active
     }
 
-    fn bet_on_energy(&mut self) {
-        let far: f64 = self.frame.norms.iter().zip(&self.lengths).map(|(a, b)| a * b).sum();
-        let r = (self.e.iter().map(|v| v * v).sum::<f64>().sqrt() - far).max(0.0);
-        let add = self.start(self.counts.starts[0]);
-        let begin = self.onset.len() - LEARNED.len() - self.energy.len();
-        for (k, b) in self.law.shares().iter().enumerate() {
-            let factor = self.law.energy(*b, r, self.frame.n()).unwrap_or(1.0);
-            grow(&mut self.energy[k], &mut self.onset[begin + k], factor, add, self.counts.calls);
+    /// `sum pi b M` over the parts whose block ends, and the alarm.
+    fn judge(&mut self, ends: [bool; 5]) {
+        let (mut sum, mut best, mut place) = (0.0, 0.0, 0);
+        for part in (0..5).filter(|part| ends[*part]) {
+            for at in self.begins[part]..self.begins[part + 1] {
+                let own = self.weights[part] * self.evidence[at];
+                sum += own;
+                if own > best {
+                    (best, place) = (own, at);
+                }
+            }
         }
-    }
-
-    /// The weight of each of the six parts, and the mean length of their blocks beyond 1.
-    fn weights(&self) -> (f64, f64) {
-        let weight = 1.0 / if self.energy.is_empty() { 5.0 } else { 6.0 };
-        (weight, weight * (self.bank.blocks.0 + self.bank.long() - 2) as f64)
+        self.counts.evidence = sum;
+        if sum >= self.threshold() * (1.0 + 1e-9) {
+            if self.counts.alarmed == 0.0 {
+                self.counts.first = [self.counts.calls, self.onset[place] + 1.0, place as f64];
+            }
+            self.counts.alarms += 1.0;
+            self.counts.alarmed = 1.0;
+            self.counts.pairs = 0.0; // the starts of the once form go on
+            self.evidence.fill(0.0);
+            self.onset.fill(self.counts.calls);
+            for sums in [&mut self.sums, &mut self.drift, &mut self.squares, &mut self.sizes] {
+                sums.iter_mut().for_each(|sums| sums.fill(0.0));
+            }
+        }
     }
 
     /// Evidence at which there is an alarm.
     #[must_use]
     pub fn threshold(&self) -> f64 {
         match self.promise {
-            Promise::Every(steps) => steps + self.weights().1,
+            // sum pi (b - 1): both blocks have the weight of a learned bet
+            Promise::Every(steps) => steps + self.weights[4] * (self.bank.blocks[0] + self.bank.blocks[1] - 2) as f64,
             Promise::Ever(level) => 1.0 / level,
         }
     }
 
-    /// `sum pi b M` over the parts whose block ends, and the alarm.
-    fn judge(&mut self, ends: [bool; 3]) {
-        let (weight, _) = self.weights();
-        let mean = |of: &[f64]| of.iter().sum::<f64>() / of.len().max(1) as f64;
-        let block = |steps: usize| if matches!(self.promise, Promise::Every(_)) { steps as f64 } else { 1.0 };
-        let mut sum = mean(&self.single) + mean(&self.energy) + self.learned.iter().sum::<f64>();
-        if ends[1] {
-            sum += block(self.bank.blocks.0) * mean(&self.short);
-        }
-        if ends[2] {
-            sum += block(self.bank.long()) * mean(&self.long);
-        }
-        self.counts.evidence = weight * sum;
-        if self.counts.evidence >= self.threshold() * (1.0 + 1e-9) {
-            let (rang, onset) = self.loudest(ends);
-            self.last = Some(Alarm { call: self.counts.calls as u64, onset: onset as u64, rang });
-            self.counts.alarms += 1.0;
-            self.counts.alarmed = 1.0;
-            self.restart();
-        }
-    }
-
-    fn loudest(&self, ends: [bool; 3]) -> (Rang, f64) {
-        let (blocks, small) = (self.bank.blocks, self.bank.small);
-        let lists: [(&[f64], usize, f64, usize); 5] = [
-            (&self.single, self.bank.shifts.len(), 1.0, 1),
-            (&self.short, small, blocks.0 as f64 * f64::from(u8::from(ends[1])), blocks.0),
-            (&self.long, small, self.bank.long() as f64 * f64::from(u8::from(ends[2])), self.bank.long()),
-            (&self.energy, 0, 1.0, 1),
-            (&self.learned, 0, 1.0, 1),
-        ];
-        let (mut best, mut found, mut place) = (f64::NEG_INFINITY, (Rang::Mixed, 0.0), 0);
-        for (part, (list, shifts, factor, steps)) in lists.into_iter().enumerate() {
-            // learned bets are parts of their own
-            let share = factor / if part == 4 { 1.0 } else { list.len().max(1) as f64 };
-            for (at, value) in list.iter().enumerate() {
-                if value * share > best {
-                    best = value * share;
-                    let rang = match part {
-                        3 => Rang::Noise,
-                        4 => Rang::Mixed,
-                        _ => Rang::Bet(self.bank.bets[at / (2 * shifts)], at % 2 == 1, steps),
-                    };
-                    found = (rang, self.onset[place + at] + 1.0);
-                }
-            }
-            place += list.len();
-        }
-        found
-    }
-
-    /// Begins the evidence anew; the starts of the once form go on.
-    fn restart(&mut self) {
-        for list in [&mut self.single, &mut self.short, &mut self.long, &mut self.energy, &mut self.learned] {
-            list.fill(0.0);
-        }
-        for [short, long] in [&mut self.sums, &mut self.drift, &mut self.squares, &mut self.weights] {
-            short.fill(0.0);
-            long.fill(0.0);
-        }
-        self.onset.fill(self.counts.calls);
-        self.counts.clock = 0.0;
-    }
-
-    /// Takes an alarm as seen: [`Watch::state`] is quiet until the next one.
-    pub fn clear(&mut self) {
-        self.counts.alarmed = 0.0;
-    }
-
     /// How the last call ended.
     #[must_use]
-    pub fn state(&self) -> State {
+    pub fn status(&self) -> &'static str {
         match self.counts {
-            Counts { alarmed, .. } if alarmed > 0.0 => State::Alarm,
-            Counts { skipped, .. } if skipped > 0.0 || self.counts.calls == 0.0 => State::Skipping,
-            Counts { idle, .. } if idle >= IDLE => State::Blind,
-            _ => State::Quiet,
+            Counts { alarmed, .. } if alarmed > 0.0 => "alarm",
+            Counts { skipped, calls, .. } if skipped > 0.0 || calls == 0.0 => "skipping",
+            Counts { idle, .. } if idle >= IDLE => "blind",
+            _ => "quiet",
         }
     }
 
-    /// z and the residual e of the last pair, in units of the noise.
-    #[must_use]
-    pub fn pair(&self) -> (&[f64], &[f64]) {
-        (&self.z, &self.e)
+    /// Takes an alarm as seen: quiet until the next one, and the pairs after it are forgotten.
+    pub fn clear(&mut self) {
+        self.counts.alarmed = 0.0;
+        self.fresh.clear();
     }
 
-    /// The evidence of single steps, short and long blocks, the energy and learned bets, from all starts.
+    /// What changes from call to call beside the arrays.
     #[must_use]
-    pub fn evidence(&self) -> [&[f64]; 5] {
-        [&self.single, &self.short, &self.long, &self.energy, &self.learned]
+    pub fn counts(&self) -> Counts {
+        self.counts
     }
 
-    /// What the region and the noise are measured in.
-    #[must_use]
-    pub fn frame(&self) -> &Frame {
-        &self.frame
+    /// What the region and the noise are measured in, and the pairs after an alarm.
+    pub fn after(&mut self) -> (&Frame, &mut Fresh) {
+        (&self.frame, &mut self.fresh)
     }
 
-    /// The evidence of the last pair, calls, and alarms.
+    /// What a place in the evidence is of: part, direction and column of the bet, and whether it fell.
     #[must_use]
-    pub fn counts(&self) -> (f64, u64, u64) {
-        (self.counts.evidence, self.counts.calls as u64, self.counts.alarms as u64)
+    pub fn bet(&self, place: usize) -> (usize, usize, usize, bool) {
+        let part = (0..5).rev().find(|part| place >= self.begins[*part]).unwrap_or(0);
+        let wide = 2 * if part == 0 { self.bank.shifts.len() } else { self.bank.small };
+        let b = (place - self.begins[part]) / wide;
+        let of = |list: &[usize]| list.get(b).copied().unwrap_or(0);
+        (part, of(&self.bank.direction), of(&self.bank.column), place % 2 == 1)
     }
 
-    /// The last alarm.
-    #[must_use]
-    pub fn last(&self) -> Option<Alarm> {
-        self.last
-    }
-
-    /// The least gain or load that would be seen within so many `steps`, by the growth of the evidence in the last 200 pairs: a
-    /// rule, not a bound.
+    /// Direction, column, and the least change of each gain, in parts of it, and load, in deviations, that would be seen within
+    /// so many `steps`, by the growth of the evidence in the last 200 pairs: a rule, not a bound.
     ///
     /// # Errors
     /// [`Error::Memory`].
-    pub fn sights(&self, steps: f64) -> Result<Vec<Sight>> {
+    pub fn sights(&self, steps: f64) -> Result<Vec<(usize, usize, f64)>> {
         let wanted = (self.threshold().ln() + 7.0) / steps;
         let seen = |b: usize, k: usize| self.growth.iter().any(|means| means[b * CHANGES + k] >= wanted);
-        let places = (0..self.bank.bets.len()).filter(|b| !matches!(self.bank.bets[*b], Bet::Entry(..)));
         let least = |b: usize| (0..CHANGES).find(|k| seen(b, *k)).map_or(f64::INFINITY, change);
-        try_collect(WHAT, places.map(|b| Sight { bet: self.bank.bets[b], least: least(b) }))
+        let places = (0..self.bank.whole.len()).filter(|b| self.bank.whole[*b] > 0.0);
+        try_collect(WHAT, places.map(|b| (self.bank.direction[b], self.bank.column[b], least(b))))
+    }
+
+    /// The evidence of each bet.
+    #[must_use]
+    pub fn evidence(&self) -> (&[f64], [usize; 6]) {
+        (&self.evidence, self.begins)
     }
 
     fn lists(&mut self) -> impl Iterator<Item = &mut Vec<f64>> {
-        let parts = [&mut self.sums, &mut self.drift, &mut self.squares, &mut self.weights, &mut self.growth];
-        let own = [&mut self.x, &mut self.first, &mut self.z, &mut self.single, &mut self.short, &mut self.long];
-        let last = [&mut self.energy, &mut self.learned, &mut self.onset, &mut self.estimates, &mut self.e];
-        own.into_iter().chain(last).chain(parts.into_iter().flatten())
+        let own = [&mut self.x, &mut self.first, &mut self.evidence, &mut self.onset, &mut self.estimates];
+        let pairs = [&mut self.sums, &mut self.drift, &mut self.squares, &mut self.sizes, &mut self.growth];
+        own.into_iter().chain(pairs.into_iter().flatten()).chain([self.fresh.triangle()])
     }
 
     /// All that changes from call to call, to go on from bit by bit.
@@ -558,12 +442,11 @@ impl Watch {
     /// # Errors
     /// [`Error::Memory`].
     pub fn numbers(&mut self) -> Result<Vec<f64>> {
-        let Counts { calls, clock, starts: [one, short, long], since, begun, idle, skipped, alarms, alarmed, evidence } =
-            self.counts;
-        let counts = [calls, clock, one, short, long, since, begun, idle, skipped, alarms, alarmed, evidence];
-        let last = self.last.map_or([0.0; 6], Alarm::numbers);
+        let c = self.counts;
+        let counts = [c.calls, c.pairs, c.since, c.idle, c.skipped, c.alarms, c.alarmed, c.evidence];
+        let size = [self.fresh.size()];
         let lists = self.lists().flat_map(|list| list.iter().copied());
-        try_collect(WHAT, counts.into_iter().chain(last).chain(lists))
+        try_collect(WHAT, counts.into_iter().chain(c.starts).chain(c.first).chain(size).chain(lists))
     }
 
     /// Undoes [`Watch::numbers`].
@@ -571,68 +454,23 @@ impl Watch {
     /// # Errors
     /// [`Error::Shape`] for numbers of another watch.
     pub fn resume(&mut self, numbers: &[f64]) -> Result<()> {
-        let own = 18 + self.lists().map(|list| list.len()).sum::<usize>();
-        if numbers.len() != own || numbers.iter().any(|v| v.is_nan()) {
+        let own = 15 + self.lists().map(|list| list.len()).sum::<usize>();
+        let sound = numbers.len() == own && numbers.iter().all(|v| v.is_finite());
+        let Some((counts, mut rest)) = numbers.split_first_chunk::<15>().filter(|_| sound) else {
             let found = numbers.len().to_string();
-            return Err(Error::Shape { name: "state", expected: format!("{own} numbers"), found });
-        }
-        let (counts, rest) = numbers.split_at(12);
-        let (last, mut rest) = rest.split_at(6);
-        if let [calls, clock, one, short, long, since, begun, idle, skipped, alarms, alarmed, evidence] = *counts {
-            let starts = [one, short, long];
-            self.counts = Counts { calls, clock, starts, since, begun, idle, skipped, alarms, alarmed, evidence };
-        }
-        self.last = Alarm::of(last);
+            return Err(Error::Shape { name: "state", expected: format!("{own} finite numbers"), found });
+        };
+        let [calls, pairs, since, idle, skipped, alarms, alarmed, evidence, a, b, c, d, e, f, size] = *counts;
+        let (starts, first) = ([a, b, c], [d, e, f]);
+        self.counts = Counts { calls, pairs, starts, since, idle, skipped, alarms, alarmed, evidence, first };
         for list in self.lists() {
             let (own, after) = rest.split_at(list.len());
-            list.copy_from_slice(own);
+            *list = try_copy(WHAT, own)?;
             rest = after;
         }
+        self.fresh.resume(size);
         Ok(())
     }
-}
-
-impl Alarm {
-    fn numbers(self) -> [f64; 6] {
-        let (kind, one, other, fell, steps) = match self.rang {
-            Rang::Bet(Bet::Entry(i, j), fell, steps) => (1.0, i, j, fell, steps),
-            Rang::Bet(Bet::Load(i), fell, steps) => (2.0, i, 0, fell, steps),
-            Rang::Bet(Bet::Gain(j), fell, steps) => (3.0, j, 0, fell, steps),
-            Rang::Noise => (4.0, 0, 0, false, 0),
-            Rang::Mixed => (5.0, 0, 0, false, 0),
-        };
-        let side = if fell { -(steps as f64) } else { steps as f64 };
-        [kind, one as f64, other as f64, side, self.call as f64, self.onset as f64]
-    }
-
-    fn of(numbers: &[f64]) -> Option<Self> {
-        let &[kind, one, other, side, call, onset] = numbers else { return None };
-        let (one, other) = (one as usize, other as usize);
-        let bet = |of: Bet| Rang::Bet(of, side < 0.0, side.abs() as usize);
-        let rang = match kind as u8 {
-            1 => bet(Bet::Entry(one, other)),
-            2 => bet(Bet::Load(one)),
-            3 => bet(Bet::Gain(one)),
-            4 => Rang::Noise,
-            5 => Rang::Mixed,
-            _ => return None,
-        };
-        Some(Self { call: call as u64, onset: onset as u64, rang })
-    }
-}
-
-/// `M <- e (M + what starts)`.
-fn grow(evidence: &mut f64, onset: &mut f64, factor: f64, add: f64, call: f64) {
-    let factor = if factor.is_nan() { 0.0 } else { factor.min(LARGEST) }; // what overflows counts for nothing
-    *evidence = (factor * (*evidence + add)).min(MOST);
-    if *evidence <= add {
-        *onset = call;
-    }
-}
-
-/// The mean growth of the evidence under the shift s: `(s - p / v)_+^2 v / 2`.
-fn gained(s: f64, p: f64, v: f64) -> f64 {
-    if v > 0.0 { 0.5 * v * (s - p / v).max(0.0).powi(2) } else { 0.0 }
 }
 
 fn change(k: usize) -> f64 {

@@ -88,13 +88,9 @@ class Watch(Durable):
         if proof.source is None:
             raise InputError("`proof` has no model to watch: it must be made by `certificate`")
         self._source: Source = proof.source
-        own, m = self._source, len(self._source.window.inputs)
-        past = own.window.count * len(own.window.outputs)
-        gains = list(range(past, past + own.window.count * m))
-        noise, about = own.bounded_noise(), ((law, moving), promise, own.pairs, gains)
-        self._core = _core.Watch(own.region.core, noise, own.window.core, *about)
+        self._core = self._source.watch(law, moving, promise)
         self.history: deque[float] = deque(maxlen=HISTORY)
-        self._next = np.full(m, np.nan)
+        self._next = np.full(len(self._source.window.inputs), np.nan)
 
     def __call__(self, y: ArrayLike, u: ArrayLike) -> Watched:
         """Look at one step.
@@ -131,23 +127,27 @@ class Watch(Durable):
     @property
     def threshold(self) -> float:
         """The evidence at which there is an alarm."""
-        return self._core.threshold
+        return self._core.now[0]
+
+    def _name(self, direction: int, column: int) -> str:
+        """What a bet is on."""
+        outputs, columns = self._source.window.outputs, self._source.window.regressor_names
+        if direction >= len(outputs):
+            return columns[column]
+        load = column == len(columns) or columns[column] == "1"
+        return f"{'load' if load else columns[column]} on {outputs[direction]}"
 
     @property
     def rang(self) -> str | None:
-        """What the last alarm saw first, and from which call on; None before the first one."""
-        last = self._core.last
-        if last is None:
+        """What the first alarm since `clear` saw, and from which call on; None without one."""
+        first = self._core.now[3]
+        if first is None:
             return None
-        call, onset, kind, one, other, fell, _ = last
-        outputs, columns = self._source.window.outputs, self._source.window.regressor_names
-        what = {"noise": "the noise is larger than its bound", "mixed": "a change of several effects"}
-        if kind == "load":
-            what[kind] = f"a load on {outputs[one]}"
-        elif kind in ("gain", "entry"):
-            name = columns[one] if kind == "gain" else f"{columns[other]} on {outputs[one]}"
-            what[kind] = f"the effect of {name} is {'smaller' if fell else 'larger'}"
-        return f"{what[kind]}, from about call {onset} on, alarm at call {call}"
+        call, onset, part, direction, column, fell = first
+        what = "a change of several effects" if part == 4 else "the noise is larger than its bound"
+        if part < 3:
+            what = f"{self._name(direction, column)} is {'smaller' if fell else 'larger'}"
+        return f"{what}, from about call {onset:.0f} on, alarm at call {call:.0f}"
 
     def sees(self, steps: int = 200) -> dict[str, float]:
         """What would be seen now within so many steps: a rule from the last 200 pairs, no bound.
@@ -164,9 +164,7 @@ class Watch(Durable):
             in deviations of its noise; infinite where it would take longer.
         """
         wanted = float(validation.size("steps", steps))
-        outputs, columns = self._source.window.outputs, self._source.window.regressor_names
-        name = {"gain": lambda j: columns[j], "load": lambda i: f"load on {outputs[i]}"}
-        return {name[kind](at): least for kind, at, least in self._core.sights(wanted)}
+        return {self._name(*at): least for *at, least in self._core.sights(wanted)}
 
     def changes(self, level: float = 0.05) -> Changes:
         """What changed, from the pairs after the first alarm since `clear`; looks are free.
@@ -181,9 +179,7 @@ class Watch(Durable):
         Changes
             For Gaussian or sub-Gaussian noise, and a plant that stays as it is after the alarm.
         """
-        alpha, own = validation.probability("level", level), self._source
-        looked = self._core.look(alpha, list(own.groups.values()))
-        return own.changes(looked, self._core.collected, alpha)
+        return self._source.changes(self._core, validation.probability("level", level))
 
     def hold(self, level: float = 0.05) -> Any:
         """What is still certified of the gain, by the pairs after the alarm alone.
@@ -199,7 +195,7 @@ class Watch(Durable):
             Before an alarm the one that is watched over. Behind it "certified": the old gain holds
             again, with what these pairs prove of the plant; "undetermined" while they are too few.
         """
-        if not self._core.collected and self.rang is None:
+        if self.rang is None:
             return self.proof
         region = self.changes(level).region
         if region is None:
@@ -233,7 +229,7 @@ class Watch(Durable):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         Watch.__init__(self, *(state[name] for name in ("proof", "promise", "law", "moving")))
-        self._core.resume(*state["state"])
+        self._core.resume(state["state"])
         self._next = np.array(state["next"])
         self.history.extend(state["history"].tolist())
 

@@ -67,33 +67,33 @@ class Source(SavedRecord):
             found[name] = list(range(past + j, past + own.count * m, m))
         return {**found, "1": [own.length - 1]} if own.intercept else found
 
-    def bounded_noise(self) -> Floats:
-        """The bound of the noise; refuses a source without one, or without a bounded region."""
+    def watch(self, law: str = "variance", moving: bool = False, promise: float = 1e5) -> _core.Watch:
+        """The alarm of the core; refuses a source without noise, or without a bounded region."""
         if self.noise is None:
             raise InputError(
                 "`region` has no bound of the noise: declare `sigma` or `covariance` in `identify`"
             )
         if not np.isfinite(self.region.radius):
             raise InputError(f"`region` must be bounded: {self.region.assumption}")
-        return np.ascontiguousarray(self.noise)
+        about = np.ascontiguousarray(self.noise), self.window.core, (law, moving), promise
+        return _core.Watch(self.region.core, *about, self.pairs)
 
-    def changes(self, looked: Any, pairs: int, level: float, exact: Any = (None, None)) -> Changes:
-        """The record of what the core found."""
-        rows, (estimate, radius, allowed), outside, without, gains, (white, root, factor) = looked
-        names, region = tuple(self.window.outputs[i] for i in rows), None
-        if np.isfinite(factor) and len(rows) == len(self.window.outputs):
-            d = estimate.shape[1]
-            all_of = np.arange(len(rows)), np.arange(d), white, root, np.zeros((d, 0)), 1.0
-            part = _core.RegionPart(*all_of, self.bounded_noise(), factor)
+    def changes(self, watch: _core.Watch, level: float, exact: Any = (None, None)) -> Changes:
+        """What the pairs after an alarm say."""
+        found = watch.look(level, list(self.groups.values()))
+        (estimate, *radii), violations, gains, (white, root, factor) = found
+        (n, d), region, k = estimate.shape, None, 1 + len(self.groups)
+        if np.isfinite(factor):
+            all_of = np.arange(n), np.arange(d), white, root, np.zeros((d, 0)), 1.0
+            part = _core.RegionPart(*all_of, np.ascontiguousarray(self.noise), factor)
             text = f"pairs after a stopping time, {self.law} noise within the same bound"
-            bound = self.region.noise
-            about = self.region.m, level, text, (), (part,), 0, None, bound
+            about = self.region.m, level, text, (), (part,), 0, None, self.region.noise
             region = trusted(Region, validation.frozen(estimate.copy()), *about)
-        centre = np.asarray(self.region.centre)[rows]
-        tables = (estimate, centre, radius, allowed, *without, *gains)
+        tables = estimate, self.region.centre, *radii, violations[1:k], violations[k:], *gains
         frozen: Any = [validation.frozen(np.ascontiguousarray(one)) for one in tables]
-        about = self.window.regressor_names, tuple(self.groups), level, self.region.delta, pairs
-        return Changes(names, *about, outside, *frozen, *exact, region)
+        names = self.window.outputs, self.window.regressor_names, tuple(self.groups)
+        numbers = level, self.region.delta, int(watch.now[1]), float(violations[0])
+        return Changes(*names, *numbers, *frozen, *exact, region)
 
     def entered(self, region: Region) -> Region:
         """The same region in the states of the loop."""
@@ -265,9 +265,9 @@ def accepted(model: Model, runs: Trajectories, level: float, design: Design) -> 
         threads = get_num_threads()
         other = _core.fit(_core.triangle(rows, threads), found.length, len(rows), threads)
         exact = _core.test_of_two_logs(model.blocks[0], other, level, threads)
-    own = source.region.core, source.bounded_noise(), source.pairs
-    looked, pairs = _core.look_of_rows(*own, rows, alpha, list(source.groups.values()))
-    return source.changes(looked, pairs, alpha, exact)
+    watch = source.watch()
+    watch.take(rows)
+    return source.changes(watch, alpha, exact)
 
 
 def unexcited(model: Model) -> tuple[str, ...]:

@@ -20,7 +20,6 @@ from .window import Regressors, of_names, rows_of
 if TYPE_CHECKING:
     from ..data import Trajectories
     from .identified import Identified
-    from .model import Model
 
 ChangeStatus: TypeAlias = Literal["refuted", "not refuted", "too few pairs"]
 SHARE = 0.01  # of the probability, for a bound of a covariance that the region does not have
@@ -244,7 +243,7 @@ class Changes(SavedRecord):
         return f"<Changes: {'; '.join(said)}{show.careful(self.unseen)}>"
 
 
-def accepted(model: Model, runs: Trajectories, level: float, design: Design) -> Changes:
+def accepted(model: Any, runs: Trajectories, level: float, design: Design) -> Changes:
     """What `Model.accepts` returns."""
     alpha = validation.probability("level", level) / 2.0
     source = source_of(model, model.region(alpha))
@@ -270,7 +269,7 @@ def accepted(model: Model, runs: Trajectories, level: float, design: Design) -> 
     return source.changes(watch, alpha, exact)
 
 
-def unexcited(model: Model) -> tuple[str, ...]:
+def unexcited(model: Any) -> tuple[str, ...]:
     """What `Model.excitation` returns."""
     names, rows = model.regressors.regressor_names, model.rows[:, : model.regressors.length]
     constant = {j for j in range(rows.shape[1]) if np.ptp(rows[:, j]) == 0.0} if len(rows) else set()

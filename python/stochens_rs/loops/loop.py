@@ -6,13 +6,14 @@ import copy
 import threading
 from collections import deque
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from .._base.files import Durable
 from .._base.records import SavedRecord
 from .._base.types import Floats
 from ..exceptions import InputError
+from ..feedback import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -53,12 +54,13 @@ class ControlLoop(Durable, Generic[Entry]):
     """
 
     _kind = LoopState._kind
-    __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe")
+    __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe", "watch")
+    watch: Watch | None  # looks at each call; to be set, and kept by `reset`
 
     def __init__(self, safe: Floats) -> None:
         self._busy = threading.Lock()
         self._log: deque[Entry] = deque(maxlen=LOGGED)
-        self._calls = 0
+        self._calls, self.watch = 0, None
         self._safe = self._last = safe  # the input before the first one, and that returned last
 
     @property
@@ -110,10 +112,14 @@ class ControlLoop(Durable, Generic[Entry]):
         with self._turn():
             slots = (*ControlLoop.__slots__, *type(self).__slots__)
             names = [name for name in slots if name not in ("__weakref__", "_busy", *CORE)]
-            return {"core": self._saved(), **{name: getattr(self, name) for name in names}}
+            parts = {"core": self._saved(), **{name: getattr(self, name) for name in names}}
+            return {**parts, "watch": None if self.watch is None else self.watch.__getstate__()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        core = state.pop("core")
+        core, watch = state.pop("core"), state.pop("watch")
+        self.watch = None if watch is None else Watch.__new__(Watch)
+        if self.watch is not None:
+            self.watch.__setstate__(watch)
         self._busy = threading.Lock()
         for name, value in state.items():
             setattr(self, name, value)
@@ -149,8 +155,11 @@ class ControlLoop(Durable, Generic[Entry]):
         finally:
             self._busy.release()
 
-    def _entered(self, entry: Entry, u: Floats) -> Floats:
-        """Write a call down; what is returned is the caller's own."""
+    def _entered(self, entry: Entry, u: Floats, read: Floats, acted: Floats) -> Floats:
+        """Write a call down, with what the watch says; what is returned is the caller's own."""
+        if self.watch is not None:
+            seen: Any = replace(entry, watch=self.watch.step(read, acted))  # type: ignore[type-var]
+            entry = seen
         self._last = u
         self._calls += 1
         self._log.append(entry)

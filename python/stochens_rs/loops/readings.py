@@ -16,7 +16,7 @@ from .._base.types import DELTA, Floats, Status
 from ..controls.of_model import Start, cost_of_outputs, plan_from, start_of, task_of
 from ..controls.set_point import nearest_point, output_weights, rest_at, set_point, targets
 from ..exceptions import InputError, NonFiniteError, StochensError
-from ..feedback import Loop, LoopCertificate
+from ..feedback import Loop, LoopCertificate, Watched
 from ..feedback.certificate import judged
 from ..identification.changes import source_of
 from ..identification.model import Model, asked_region
@@ -61,6 +61,8 @@ class Reading:
         The time that the call took [s].
     reason : str or None
         What was wrong with the reading and what was done, or what the loop waits for.
+    watch : Watched or None
+        What ``loop.watch`` says, if there is one.
     """
 
     y: Floats
@@ -70,6 +72,7 @@ class Reading:
     status: ReadingStatus
     seconds: float
     reason: str | None = None
+    watch: Watched | None = None
 
 
 class ReadingLoop(ControlLoop[Reading]):
@@ -364,7 +367,8 @@ class ReadingLoop(ControlLoop[Reading]):
         self._next_target()
         u = np.where(np.isnan(self._given), u, self._given)
         reason, took = "; ".join(why) or None, perf_counter() - started
-        return self._entered(Reading(y, predicted, u, self._bias, status, took, reason), u)
+        entry = Reading(y, predicted, u, self._bias, status, took, reason)
+        return self._entered(entry, u, y, acted)
 
     def _waits(self) -> tuple[str, bool]:
         """What the loop waits for, and whether it will do."""
@@ -413,7 +417,8 @@ class ReadingLoop(ControlLoop[Reading]):
             self._at_rest, self._runs, self._started = found.at_rest, True, True
             self._next_target()
             took = perf_counter() - started
-            return self._entered(Reading(found.read, None, u, self._bias, status, took), u)
+            entry = Reading(found.read, None, u, self._bias, status, took)
+            return self._entered(entry, u, found.read, last * np.nan)
 
     def _input(self, x: Floats, bias: Floats, acted: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""

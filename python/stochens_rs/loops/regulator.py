@@ -14,6 +14,7 @@ from .._base.names import order_of
 from .._base.types import DELTA, Floats, Status
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
+from ..feedback import Watched
 from ..identification.identified import Identified
 from ..limits.problem import Task, loop_of
 from ..plots.panels import Inputs, draw_calls
@@ -50,6 +51,8 @@ class Call:
         The time that the call took [s].
     reason : str or None
         Why the state could not be used ("held"), or no plan is accepted ("infeasible").
+    watch : Watched or None
+        What ``loop.watch`` says, if there is one.
     """
 
     x: Floats
@@ -58,6 +61,7 @@ class Call:
     gap: float
     seconds: float
     reason: str | None = None
+    watch: Watched | None = None
 
 
 class Regulator(ControlLoop[Call]):
@@ -192,7 +196,7 @@ class Regulator(ControlLoop[Call]):
                 self._task = replace(self._task, previous=u.copy())
                 self._solver.follow(u)
             call = Call(state, u, status, gap, perf_counter() - started, reason)
-            return self._entered(call, u)
+            return self._entered(call, u, state, self._last)
 
     def _kept(
         self, kept: Kept, x: Floats, found: Found, started: float

@@ -26,8 +26,12 @@ EVERY, LONGEST = 1000.0, 3000
 #: A, B, deviations of the noise, and of the dither.
 PLANTS: dict[str, tuple[Any, Any, Any, float]] = {
     "pendulum on a cart": (
-        [[1, -0.0099, 0.1, -0.0003], [0, 1.0594, 0, 0.102], [0, -0.2001, 1, -0.0099]]
-        + [[0, 1.2004, 0, 1.0594]],
+        [
+            [1, -0.0099, 0.1, -0.0003],
+            [0, 1.0594, 0, 0.102],
+            [0, -0.2001, 1, -0.0099],
+            [0, 1.2004, 0, 1.0594],
+        ],
         [[0.005], [-0.005], [0.1003], [-0.102]],
         [5e-4] * 4,
         0.5,
@@ -70,6 +74,7 @@ class Plant:
 
     @property
     def faults(self) -> dict[str, Any]:
+        """A, B and a load of each fault."""
         load = np.zeros(len(self.A))
         load[-1] = self.sizes[-1]
         return {
@@ -79,6 +84,7 @@ class Plant:
         }
 
     def false_alarms(self, steps: int) -> Floats:
+        """How many alarms there were after each step without a fault."""
         x, u = self.follow(steps)
         pairs = zip(x, u, strict=False)
         return np.array([self.watch(*pair).alarms for pair in pairs], dtype=np.float64)
@@ -108,6 +114,7 @@ class Plant:
 
 
 def main(steps: int, runs: int, path: Path) -> None:
+    """Draw both panels, and print their numbers."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
     left.plot([0, steps], [0, steps / EVERY], "k--", linewidth=1, label="promised")
     places, names = [], []
@@ -117,7 +124,7 @@ def main(steps: int, runs: int, path: Path) -> None:
         left.step(np.arange(len(alarms)), alarms, label=name, color=f"C{i}")
         print(f"{name}: {alarms[-1]:.0f} false alarms in {steps} steps")
         for j, (fault, change) in enumerate(plant.faults.items()):
-            own, known = (np.array(one) for one in zip(*(plant.delays(change) for _ in range(runs))))
+            own, known = np.array([plant.delays(change) for _ in range(runs)]).T
             at = 4.0 * j + 0.7 * i
             low, middle, high = np.quantile(own, (0.1, 0.5, 0.9), method="nearest")
             right.plot([at, at], [low, min(high, LONGEST)], color=f"C{i}", linewidth=2)
@@ -129,7 +136,7 @@ def main(steps: int, runs: int, path: Path) -> None:
     left.legend(frameon=False)
     right.set_yscale("log")
     right.set_xticks([4.0 * j + 1.05 for j in range(3)], list(dict.fromkeys(names)))
-    right.set(ylabel="delay [steps]", title="Delay: median, 10 % to 90 %; black: CUSUM that knows")
+    right.set(ylabel="delay [steps]", title="Delay (10 %, median, 90 %); black: CUSUM")
     for ax in (left, right):
         ax.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=110)

@@ -108,8 +108,8 @@ __all__ = [
     "storage_encode",
     "storage_load",
     "storage_save",
-    "trace_quantile",
     "test_of_two_logs",
+    "trace_quantile",
     "track",
     "trajectory",
     "triangle",
@@ -818,13 +818,9 @@ class Feedback:
 
 # estimate, radius, allowed; violations of all, without each group of columns, without each row;
 # gains with both radii; white, root and factor
-_Looked: TypeAlias = tuple[
-    list[_Floats], _Floats, list[_Floats], tuple[_Floats, _Floats, float]
-]
-# threshold, pairs after the alarm, alarms; of the first one: call, onset, part, direction, column, fell
-_Now: TypeAlias = tuple[
-    float, float, float, tuple[float, float, int, int, int, bool] | None
-]
+_Looked: TypeAlias = tuple[list[_Floats], _Floats, list[_Floats], tuple[_Floats, _Floats, float]]
+# threshold, pairs after the alarm, alarms; of the first: call, onset, part, direction, column, fell
+_Now: TypeAlias = tuple[float, float, float, tuple[float, float, int, int, int, bool] | None]
 
 @final
 class Watch:

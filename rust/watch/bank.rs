@@ -2,8 +2,9 @@
 
 use crate::error::Result;
 use crate::memory::{try_collect, try_copy, try_extend, try_push};
+use crate::vector::norm as size;
 
-use super::frame::{Frame, WHAT, size};
+use super::frame::{Frame, WHAT};
 
 /// Shifts of the mean at the root mean square of z, in deviations of the noise.
 const SHIFTS: [f64; 4] = [0.15, 0.5, 1.5, 5.0];

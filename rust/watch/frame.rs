@@ -7,7 +7,7 @@ use crate::fuse::norm;
 use crate::identify::{cholesky, covariance_root, spectral_norm};
 use crate::memory::{checked_len, try_collect, try_copy, try_extend, try_push, try_zeros};
 use crate::region::{Part, Region};
-use crate::vector::dot;
+use crate::vector::{dot, norm as size};
 
 pub(super) const WHAT: &str = "a watch";
 /// What is taken for a bound is larger by this: the rounding of what it is compared with.
@@ -136,9 +136,4 @@ impl Frame {
         let rows = self.reach[part * own..(part + 1) * own].chunks_exact(l.len());
         WIDER * rows.map(|row| dot(row, l).powi(2)).sum::<f64>().sqrt()
     }
-}
-
-/// `||x||`, of numbers whose squares are numbers.
-pub(super) fn size(x: &[f64]) -> f64 {
-    dot(x, x).sqrt()
 }

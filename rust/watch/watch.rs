@@ -2,11 +2,11 @@
 
 use crate::error::{Error, Result};
 use crate::memory::{try_collect, try_copy, try_zeros};
-use crate::vector::{axpy, dot};
+use crate::vector::{axpy, dot, norm as size};
 use crate::window::Window;
 
 use super::bank::{Bank, Null};
-use super::frame::{Frame, WHAT, size};
+use super::frame::{Frame, WHAT};
 use super::fresh::Fresh;
 use super::laws::{LARGEST, Laws};
 
@@ -114,8 +114,8 @@ impl Watch {
         let zeros = |count: usize| try_zeros::<f64>(WHAT, count);
         let pair = |count: usize| Ok::<_, Error>([zeros(count)?, zeros(count)?]);
         let (bets, any, energy) = (bank.column.len(), frame.white.len() / d, law.0.shares().len());
-        let (small, counts) = (bets * bank.small, [0, 2 * bets * bank.shifts.len(), 0, 0, energy, LEARNED.len()]);
-        let counts = [0, counts[1], 2 * small, 2 * small, energy, LEARNED.len()];
+        let small = bets * bank.small;
+        let counts = [0, 2 * bets * bank.shifts.len(), 2 * small, 2 * small, energy, LEARNED.len()];
         let mut begins = counts;
         (1..6).for_each(|part| begins[part] += begins[part - 1]);
         // equal parts of the learned bets and all others but an energy without bets

@@ -159,6 +159,7 @@ PAGES = (
     "docs/fleet.md",
     "docs/logs.md",
     "docs/measured-runs.md",
+    "docs/plant-changed.md",
     "docs/readings.md",
     "docs/realizations.md",
     "docs/several-models.md",

@@ -89,10 +89,9 @@ def test_the_evidence_is_that_of_the_formulas(moving):
     part = region.parts[0]
     V, S = part.root.T @ part.root, np.diag(PLANTS["units"][2] ** 2)
     rows = np.hstack([x[:-1], u, x[1:]])
-    twin = evidence(
-        region.centre, V, part.factor * part.S, S, model.size, rows, [2], moving=moving
-    )
-    assert watch.now[2] == 0 and max(found) > 10.0
+    twin = evidence(region.centre, V, part.factor * part.S, S, model.size, rows, [2], moving=moving)
+    assert watch.now[2] == 0
+    assert max(found) > 10.0
     np.testing.assert_allclose(found, twin, rtol=1e-7)
 
 
@@ -153,7 +152,8 @@ def test_an_alarm_says_which_part_changed():
         x, u = follow(new, K, *RIG[2:], 400, rng)
         for row, acts in zip(x, u, strict=False):
             state = watch(row, acts)
-        assert state.status == "alarm" and watch.rang is not None
+        assert state.status == "alarm"
+        assert watch.rang is not None
         changes, true = watch.changes(), np.hstack(new)
         assert changes.status == "refuted"
         wanted = ("u[0]",) if fault % 2 else ("x[1]", "x[3](k+1)")
@@ -163,7 +163,8 @@ def test_an_alarm_says_which_part_changed():
         for (row, column), (low, high) in changes.entries.items():
             j = list(changes.regressors).index(column)
             i = list(changes.outputs).index(row)
-            assert not np.isclose(true[i, j], np.hstack((A, B))[i, j]) and low <= true[i, j] <= high
+            assert not np.isclose(true[i, j], np.hstack((A, B))[i, j])
+            assert low <= true[i, j] <= high
         after = watch.hold()
         assert after.status != "certified" or after.region.contains(*new)
     assert right >= 6
@@ -174,7 +175,8 @@ def test_quiet_without_dither_proves_nothing():
     (A, B), K, model = made("rig")
     source = source_of(model, model.region(0.05))
     rng = [np.random.default_rng(7) for _ in range(2)]
-    runs = [follow(p, K, RIG[2], 0.0, 300, r) for p, r in zip(((A, B), (A + 0.5 * B @ K, 0.5 * B)), rng)]
+    pair = (A, B), (A + 0.5 * B @ K, 0.5 * B)
+    runs = [follow(p, K, RIG[2], 0.0, 300, r) for p, r in zip(pair, rng, strict=True)]
     np.testing.assert_allclose(*(one[0] for one in runs), atol=1e-12)
     proof = se.gain(model, np.diag(RIG[2] ** -2), np.eye(1) / RIG[3] ** 2).certificate(0.05)
     watch = source.watch()
@@ -202,7 +204,8 @@ def test_it_goes_on_from_a_file(tmp_path):
     assert wanted.status == "alarm"
     assert watch.changes() == others[1].changes()
     watch.clear()
-    assert watch(x[-1], u[-1]).status == "quiet" and watch.rang is None
+    assert watch(x[-1], u[-1]).status == "quiet"
+    assert watch.rang is None
     assert watch([np.nan], [0.0]).status == "skipping"
     assert watch.plot().get_ylabel() == "evidence of a change"
 
@@ -212,9 +215,7 @@ def test_loops_take_it_along(tmp_path):
     y, u = np.zeros((400, 1)), rng.standard_normal((399, 1))
     for t in range(1, 399):
         y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
-    model = se.identify(
-        se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2)
-    )
+    model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
     loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
     proof = loop.certificate(0.05)
     loop.watch = proof.watch(every=1e4)
@@ -224,7 +225,8 @@ def test_loops_take_it_along(tmp_path):
             gain = 0.4
             loop.save(tmp_path / "loop")
             loop = type(loop).load(tmp_path / "loop")
-            assert loop.watch is not None and not loop.log
+            assert loop.watch is not None
+            assert not loop.log
         target = [float(np.sign(np.sin(k / 9.0)))]
         acts = loop([now if k != 50 else np.nan], target=target)
         now, past = 1.2 * now - 0.4 * past + gain * acts[0] + 0.1 * rng.standard_normal(), now
@@ -235,7 +237,8 @@ def test_loops_take_it_along(tmp_path):
     assert loop.log[-1].watch.status == "alarm"
     assert "u[0]" in loop.watch.changes().explanations
     held = loop.watch.hold()
-    assert held.status == "certified" and held.region.centre.shape == proof.region.centre.shape
+    assert held.status == "certified"
+    assert held.region.centre.shape == proof.region.centre.shape
 
 
 def test_states_that_are_planned_for_take_it_along():
@@ -246,7 +249,8 @@ def test_states_that_are_planned_for_take_it_along():
     for k in range(200):
         u = loop(x)
         x = A @ x + (0.3 if k > 100 else 1.0) * B @ u + 0.1 * rng.standard_normal(1)
-    assert loop.log[99].watch.status == "quiet" and loop.log[-1].watch.alarms > 0
+    assert loop.log[99].watch.status == "quiet"
+    assert loop.log[-1].watch.alarms > 0
 
 
 @pytest.mark.parametrize("name", PLANTS)
@@ -259,7 +263,8 @@ def test_models_are_refuted_no_more_often_than_asked(name):
     assert refuted <= 40  # of 60 with at most 1 / 2 each: false with 5e-3
     x, u = follow((A, 0.3 * B), K, *PLANTS[name][2:], 400, rng)
     changes = model.accepts(se.Trajectories([x], [u]))
-    assert changes.status == "refuted" and "u[0]" in changes.explanations
+    assert changes.status == "refuted"
+    assert "u[0]" in changes.explanations
     assert type(changes).from_dict(changes.to_dict()) == changes
 
 
@@ -298,8 +303,7 @@ def test_what_a_log_says_nothing_about():
         model = se.identify(data, noise=0.1, intercept=True)
     (text,) = model.excitation()
     assert text == (
-        "heating and the offset: their effects are not determined apart "
-        "(heating was always 0.6)"
+        "heating and the offset: their effects are not determined apart (heating was always 0.6)"
     )
 
 

@@ -393,7 +393,7 @@ class LoopCertificate(SavedRecord):
             In its place the probability of a false alarm ever.
         law : {"variance", "gaussian", "symmetric", "bounded"}, default "variance"
             What is assumed of the noise given the past. "variance": mean 0 and a covariance within
-            its bound, nothing else. "gaussian": also sub-Gaussian. "symmetric": nothing of its size.
+            its bound, nothing else. "gaussian": also sub-Gaussian. "symmetric": of any size.
             "bounded": mean 0 and ``w' S^-1 w <= 1``.
         moving : bool, default False
             Whether the plant may move inside the region at will; else it is constant in each block

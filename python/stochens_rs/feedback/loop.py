@@ -252,7 +252,9 @@ def gain(
     method: GainMethod = "least squares"
     of_inputs = None
     if model is not None and (guarantee is not None or Q is None):
-        region = in_states(model, region_of("guarantee", model, 0.05 if guarantee is None else guarantee))
+        region = in_states(
+            model, region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
+        )
     if Q is None or R is None:
         assert region is not None
         K, S, parameter = _core.widest_gain(region.core)

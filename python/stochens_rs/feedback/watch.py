@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from .. import _core
 from .._base import show, validation
 from .._base.files import Durable
 from .._base.records import SavedRecord
@@ -81,9 +80,7 @@ class Watch(Durable):
 
     _kind = "watch"
 
-    def __init__(
-        self, proof: Any, promise: float, law: LawOfWatch, moving: bool
-    ) -> None:
+    def __init__(self, proof: Any, promise: float, law: LawOfWatch, moving: bool) -> None:
         self.proof, self.promise, self.law, self.moving = proof, promise, law, moving
         if proof.source is None:
             raise InputError("`proof` has no model to watch: it must be made by `certificate`")
@@ -120,14 +117,14 @@ class Watch(Durable):
 
     def step(self, y: Floats, acted: Floats) -> Watched:
         """The same for readings and the inputs that acted since the last call, unchecked."""
-        found = Watched(*self._core.step(y, acted))  # type: ignore[arg-type]
+        found = Watched(*self._core.step(y, acted))
         self.history.append(found.evidence)
         return found
 
     @property
     def threshold(self) -> float:
         """The evidence at which there is an alarm."""
-        return self._core.now[0]
+        return float(self._core.now[0])
 
     def _name(self, direction: int, column: int) -> str:
         """What a bet is on."""
@@ -146,7 +143,9 @@ class Watch(Durable):
         call, onset, part, direction, column, fell = first
         what = "a change of several effects" if part == 4 else "the noise is larger than its bound"
         if part < 3:
-            what = f"{self._name(direction, column)} is {'smaller' if fell else 'larger'}"
+            name = self._name(direction, column)
+            effect = "" if name.startswith("load on ") else "the effect of "
+            what = f"{effect}{name} is {'smaller' if fell else 'larger'}"
         return f"{what}, from about call {onset:.0f} on, alarm at call {call:.0f}"
 
     def sees(self, steps: int = 200) -> dict[str, float]:
@@ -199,11 +198,11 @@ class Watch(Durable):
             return self.proof
         region = self.changes(level).region
         if region is None:
-            return self.proof.of(None, "the pairs after the alarm are too few: excite all inputs")
+            return self.proof.of(None, "the pairs after the alarm are too few: excite the inputs")
         return self.proof.of(self._source.entered(region))
 
     def clear(self) -> None:
-        """Take the alarm as seen: quiet until the next one, and the pairs after it are forgotten."""
+        """Take the alarm as seen: quiet until the next one; the pairs after it are forgotten."""
         self._core.clear()
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
@@ -243,8 +242,12 @@ class Watch(Durable):
         return watch
 
     def __repr__(self) -> str:
-        often = f"one in {self.promise:.4g} steps" if self.promise >= 1 else f"{self.promise:.3g} ever"
+        often = (
+            f"one in {self.promise:.4g} steps" if self.promise >= 1 else f"{self.promise:.3g} ever"
+        )
         null = "a plant that moves inside the region" if self.moving else "a constant plant"
         last = "" if self.rang is None else f"; {self.rang}"
         calls = show.number_of(len(self.history), "call")
-        return f"<Watch: false alarms at most {often} for {null}, noise '{self.law}', {calls}{last}>"
+        return (
+            f"<Watch: false alarms at most {often} for {null}, noise '{self.law}', {calls}{last}>"
+        )

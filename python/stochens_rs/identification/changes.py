@@ -66,7 +66,9 @@ class Source(SavedRecord):
             found[name] = list(range(past + j, past + own.count * m, m))
         return {**found, "1": [own.length - 1]} if own.intercept else found
 
-    def watch(self, law: str = "variance", moving: bool = False, promise: float = 1e5) -> _core.Watch:
+    def watch(
+        self, law: str = "variance", moving: bool = False, promise: float = 1e5
+    ) -> _core.Watch:
         """The alarm of the core; refuses a source without noise, or without a bounded region."""
         if self.noise is None:
             raise InputError(
@@ -92,7 +94,8 @@ class Source(SavedRecord):
         frozen: Any = [validation.frozen(np.ascontiguousarray(one)) for one in tables]
         names = self.window.outputs, self.window.regressor_names, tuple(self.groups)
         numbers = level, self.region.delta, int(watch.now[1]), float(violations[0])
-        return Changes(*names, *numbers, *frozen, *exact, region)
+        fields: Any = [*names, *numbers, *frozen, *exact, region]
+        return Changes(*fields)
 
     def entered(self, region: Region) -> Region:
         """The same region in the states of the loop."""
@@ -105,7 +108,8 @@ class Source(SavedRecord):
             below = np.zeros((p, ABc.shape[1]))
             below[:, n : n + p] = np.eye(p) - self.bias
             ABc, G = np.vstack([ABc, below]), np.vstack([G, self.bias])
-        return entered(region, *(np.ascontiguousarray(one) for one in (ABc, J, G)), m)
+        ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
+        return entered(region, ABc, J, G, m)
 
 
 def source_of(model: Identified, region: Region, bias: Floats | None = None) -> Source:
@@ -180,7 +184,7 @@ class Changes(SavedRecord):
 
     @property
     def status(self) -> ChangeStatus:
-        """"refuted" is proved; "not refuted" is no proof that the model fits, see `detectable`."""
+        """Whether the model is refuted, which is proved; else see `detectable`."""
         if self.statistic is not None and self.limit is not None:
             return "refuted" if self.statistic > self.limit else "not refuted"
         if self.outside > 1.0:
@@ -201,7 +205,7 @@ class Changes(SavedRecord):
 
     @property
     def entries(self) -> dict[tuple[str, str], tuple[float, float]]:
-        """The coefficients (row, column) that changed for certain, and what they are between now."""
+        """The coefficients (row, column) that certainly changed, and between what they are now."""
         with np.errstate(invalid="ignore"):
             off = np.abs(self.estimate - self.centre) > self.radius + self.allowed
         found = {}
@@ -212,7 +216,7 @@ class Changes(SavedRecord):
 
     @property
     def detectable(self) -> dict[str, float]:
-        """The relative change of the effect of each column that is found with ``1 - level - delta``.
+        """The relative change of each effect that is found with ``1 - level - delta``.
 
         Twice both radii; infinite where the pairs cannot see it.
         """
@@ -250,8 +254,7 @@ def accepted(model: Any, runs: Trajectories, level: float, design: Design) -> Ch
     names, found = (runs.state_names, runs.input_names), source.window
     if names != (found.outputs, found.inputs):
         raise InputError(
-            f"`runs` must have {show.listed(found.outputs)} and {show.listed(found.inputs)} in this "
-            f"order, got {show.listed(names[0])} and {show.listed(names[1])}"
+            f"`runs` must have the names {found.outputs + found.inputs}, got {sum(names, ())}"
         )
     rows = np.ascontiguousarray(rows_of(found, runs)[1])
     exact: tuple[float | None, float | None] = (None, None)
@@ -271,28 +274,28 @@ def accepted(model: Any, runs: Trajectories, level: float, design: Design) -> Ch
 
 def unexcited(model: Any) -> tuple[str, ...]:
     """What `Model.excitation` returns."""
-    names, rows = model.regressors.regressor_names, model.rows[:, : model.regressors.length]
-    constant = {j for j in range(rows.shape[1]) if np.ptp(rows[:, j]) == 0.0} if len(rows) else set()
+    names, d = model.regressors.regressor_names, model.regressors.length
+    Z, missing, region = model.rows[:, :d], model._plain.missing != 0.0, model.region()
     found, done = [], set()
-    missing = model._plain.missing
-    tied = (np.abs(missing) > 0.0) @ (np.abs(missing) > 0.0).T
-    for j in range(len(names)):
-        group = [j]
-        for k in group:
-            group += [i for i in np.flatnonzero(tied[k]).tolist() if i not in group]
-        if not tied[j].any() or j in done:
-            continue
-        done |= set(group)
-        still = [f"{names[k]} was always {rows[0, k]:.4g}" for k in group if k in constant]
-        one = "its effect is" if len(group) == 1 else "their effects are"
-        apart = "" if len(group) == 1 else " apart"
-        why = f" ({'; '.join(s for s in still if not s.startswith('1 was'))})" if still else ""
-        own = show.listed(["the offset" if names[k] == "1" else names[k] for k in sorted(group)])
-        found.append(f"{own}: {one} not determined{apart}{why.replace(' ()', '')}")
-    region = model.region()
-    with np.errstate(invalid="ignore"):
-        weak = (np.abs(region.centre) <= region.entry_bounds).all(axis=0)
-    for j in np.flatnonzero(weak & np.isfinite(region.entry_bounds).any(axis=0)).tolist():
-        if j not in done and len(region.parts):
-            found.append(f"{names[j]}: little excited, the sign of its effect is not determined")
-    return tuple(found)
+    for j in np.flatnonzero(missing.any(axis=1)).tolist():
+        group = {j}
+        for _ in range(d):
+            group |= set(np.flatnonzero((missing & missing[list(group)].any(axis=0)).any(axis=1)))
+        if j not in done:
+            own = sorted(int(k) for k in group)
+            still = [k for k in own if names[k] != "1" and np.ptp(Z[:, k]) == 0.0]
+            why = "; ".join(f"{names[k]} was always {Z[0, k]:.4g}" for k in still)
+            who = show.listed(["the offset" if names[k] == "1" else names[k] for k in own])
+            what = (
+                "its effect is not determined"
+                if len(own) == 1
+                else "their effects are not determined apart"
+            )
+            found.append(f"{who}: {what}{f' ({why})' if why else ''}")
+        done |= group
+    weak = (np.abs(region.centre) <= region.entry_bounds).all(axis=0)
+    sign = "little excited, the sign of its effect is not determined"
+    return (
+        *found,
+        *(f"{names[j]}: {sign}" for j in np.flatnonzero(weak).tolist() if j not in done),
+    )

@@ -1,4 +1,4 @@
-"""The evidence of an alarm in plain NumPy: every bet by its formula, and the sum over all starts."""
+"""The evidence of an alarm in plain NumPy: every bet by its formula, summed over all starts."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ def evidence(C, V, S_r, S, pairs, rows, gains, moving=False):
     rms = np.sqrt(np.diag(V) / pairs)
     bets = [(back[:, i], j) for i in range(n) for j in range(d + 1)]
     bets += [(back @ C[:, j], j) for j in gains]
-    bets = [(l / np.linalg.norm(l), j) for l, j in bets]
+    bets = [(one / np.linalg.norm(one), j) for one, j in bets]
     units = np.append(1.0 / rms, 1.0)
     single = np.zeros((len(bets), len(SHIFTS), 2))
     blocks = [np.zeros((len(bets), SMALL, 2)) for _ in BLOCKS]
@@ -29,9 +29,9 @@ def evidence(C, V, S_r, S, pairs, rows, gains, moving=False):
         z, y = row[:d], row[d:]
         e, h = back @ (y - C @ z), np.linalg.norm(W @ z)
         past.append((z, e, h))
-        for b, (l, j) in enumerate(bets):
+        for b, (along, j) in enumerate(bets):
             g = 1.0 if j == d else z[j]
-            x, v, p = g * (l @ e), g * g, abs(g) * np.linalg.norm(B.T @ l) * h
+            x, v, p = g * (along @ e), g * g, abs(g) * np.linalg.norm(B.T @ along) * h
             for k, shift in enumerate(SHIFTS):
                 a = max(0.0, shift * units[j] - p / v)
                 for side, one in enumerate((x, -x)):
@@ -44,8 +44,8 @@ def evidence(C, V, S_r, S, pairs, rows, gains, moving=False):
             a = min(5.0, max(0.0, size - np.linalg.norm(B, 2) * h))
             factor = 1.0
             if a > 0.0:
-                l = mean / size
-                x, p = l @ e, np.linalg.norm(B.T @ l) * h
+                along = mean / size
+                x, p = along @ e, np.linalg.norm(B.T @ along) * h
                 factor = np.exp(phi(a * (x - p))) / (1.0 + a * a / 2.0)
             learned[q] = factor * (1.0 + learned[q])
             estimates[q] += np.outer(e - mean, zeta) / (memory + zeta @ zeta)
@@ -55,24 +55,24 @@ def evidence(C, V, S_r, S, pairs, rows, gains, moving=False):
         for which, steps in enumerate(BLOCKS):
             if t % steps:
                 continue
-            for b, (l, j) in enumerate(bets):
-                size = np.linalg.norm(B.T @ l)
+            for b, (along, j) in enumerate(bets):
+                size = np.linalg.norm(B.T @ along)
                 for k in range(SMALL):
                     s = SHIFTS[k] * units[j]
                     for side, sign in enumerate((1.0, -1.0)):
-                        log = block(past[-steps:], sign * l, j, s, size, W, d, moving)
+                        log = block(past[-steps:], sign * along, j, s, size, W, d, moving)
                         blocks[which][b, k, side] = np.exp(log) * (1.0 + blocks[which][b, k, side])
             total += steps * blocks[which].mean()
         found.append(total / 6.0)
     return np.array(found)
 
 
-def block(pairs, l, j, s, size, W, d, moving):
+def block(pairs, along, j, s, size, W, d, moving):
     """The logarithm of the factor of a block."""
     log, drift, squares = 0.0, 0.0, 0.0
     for z, e, h in pairs:
         g = 1.0 if j == d else z[j]
-        x, v, p = g * (l @ e), g * g, abs(g) * size * h
+        x, v, p = g * (along @ e), g * g, abs(g) * size * h
         t = s * x
         log += phi(s * (x - p) if moving else t) - np.log1p(s * s * v / 2.0)
         slope = (1.0 + abs(t)) / (1.0 + abs(t) + t * t / 2.0)

@@ -14,7 +14,7 @@ from .._base.reading import read
 from .._base.records import Index, SavedRecord, cached_property, require_shapes, trusted
 from .._base.running import get_num_threads
 from ..exceptions import InputError, NonFiniteError
-from ..identification.changes import Source
+from ..identification.changes import Predictor
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.region import Region
@@ -75,7 +75,7 @@ class LoopCertificate(SavedRecord):
         certified.
     target : ndarray, shape (n + m,), or None
         The states and inputs of the set point of the loop, ``u = us + K (x - xs)``; None: 0.
-    source : Source or None
+    source : Predictor or None
         What `watch` needs of the model.
     """
 
@@ -95,7 +95,7 @@ class LoopCertificate(SavedRecord):
     degrees: Index = 0
     warnings: tuple[str, ...] = ()
     target: Annotated[Floats, "state+input"] | None = None
-    source: Source | None = None
+    source: Predictor | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -501,7 +501,7 @@ def judged(
     model: Identified | None,
     squares: tuple[Floats | None, int] = (None, 0),
     target: Floats | None = None,
-    source: Source | None = None,
+    source: Predictor | None = None,
 ) -> LoopCertificate:
     """The verdict about a gain; doubts about the data of the model leave nothing to certify.
 

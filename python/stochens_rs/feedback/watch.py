@@ -13,7 +13,7 @@ from .._base.files import Durable
 from .._base.records import SavedRecord
 from .._base.types import Floats
 from ..exceptions import InputError
-from ..identification.changes import Changes, Source
+from ..identification.changes import Changes, Predictor
 from ..plots.lines import draw_evidence
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class Watch(Durable):
         self.proof, self.promise, self.law, self.moving = proof, promise, law, moving
         if proof.source is None:
             raise InputError("`proof` has no model to watch: it must be made by `certificate`")
-        self._source: Source = proof.source
+        self._source: Predictor = proof.source
         self._core = self._source.watch(law, moving, promise)
         self.history: deque[float] = deque(maxlen=HISTORY)
         self._next = np.full(len(self._source.window.inputs), np.nan)

@@ -26,7 +26,7 @@ SHARE = 0.01  # of the probability, for a bound of a covariance that the region 
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Source(SavedRecord):
+class Predictor(SavedRecord):
     """What an alarm needs of a model: its region in terms of its regressors, and the noise.
 
     Attributes
@@ -112,7 +112,7 @@ class Source(SavedRecord):
         return entered(region, ABc, J, G, m)
 
 
-def source_of(model: Identified, region: Region, bias: Floats | None = None) -> Source:
+def source_of(model: Identified, region: Region, bias: Floats | None = None) -> Predictor:
     """What an alarm needs, for a region of the coefficients of a model."""
     own: Any = getattr(model, "least_squares", model)
     given, noise, spent = own.assumptions, region.noise, 0.0
@@ -125,7 +125,7 @@ def source_of(model: Identified, region: Region, bias: Floats | None = None) -> 
     window = model.window or of_names(model.outputs, model.input_names, model.c is not None)
     kept = None if noise is None else validation.frozen(np.array(noise))
     frozen = None if bias is None else validation.frozen(bias.copy())
-    return Source(region, kept, window, given.noise, max(1, own.size), frozen, spent)
+    return Predictor(region, kept, window, given.noise, max(1, own.size), frozen, spent)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -169,7 +169,7 @@ impl<'a> Search<'a> {
         for j in 0..d {
             q.fill(0.0);
             q[j] = 1.0;
-            if !self.absent.chunks_exact(d).all(|row| row[j].abs() <= 1e-6 / frame.scale[j]) {
+            if !self.absent.chunks_exact(d).all(|row| row[j].abs() <= 1e-12 / frame.scale[j]) {
                 continue;
             }
             for i in 0..n {

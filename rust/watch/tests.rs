@@ -146,16 +146,16 @@ fn evidence_over_all_starts() {
     let huge = Promise::Every(1e14);
     let (m, _) = watched(Laws::Gaussian, huge, Null::Constant, 12);
     for (t, expected) in
-        [(0, 1.0), (1, 1.234_686_144_7), (2, 130.750_027_6), (3, 353.022_854_65), (11, 80746.480_515_5)]
+        [(0, 1.0), (1, 1.234_686_144_7), (2, 130.750_027_6), (3, 353.022_854_65), (11, 80_746.480_515_5)]
     {
         near(m[t], expected, 1e-7);
     }
     let (m, _) = watched(Laws::Variance, huge, Null::Constant, 12);
-    for (t, expected) in [(1, 2.071_870_511_6), (2, 27.007_623_245), (3, 66.930_186_755), (11, 3202.847_424_01)] {
+    for (t, expected) in [(1, 2.071_870_511_6), (2, 27.007_623_245), (3, 66.930_186_755), (11, 3_202.847_424_01)] {
         near(m[t], expected, 1e-7);
     }
     let (m, _) = watched(Laws::Gaussian, Promise::Ever(1e-14), Null::Constant, 12);
-    for (t, expected) in [(0, 0.5), (1, 0.411_562_048_1), (2, 28.956_005_722), (11, 17568.053_603_1)] {
+    for (t, expected) in [(0, 0.5), (1, 0.411_562_048_1), (2, 28.956_005_722), (11, 17_568.053_603_1)] {
         near(m[t], expected, 1e-7);
     }
 }
@@ -169,7 +169,7 @@ fn block(watch: &Watch) -> f64 {
 #[test]
 fn a_block_of_twelve() {
     // O7: log e, and with the sum of the penalties of all steps
-    let (xi, v, p, sum) = (256.142_857_14, 2545.714_285_71, 24.750_510_199, 37.003_263_078);
+    let (xi, v, p, sum) = (256.142_857_14, 2_545.714_285_71, 24.750_510_199, 37.003_263_078);
     let (_, watch) = watched(Laws::Gaussian, Promise::Every(1e14), Null::Constant, 12);
     near(block(&watch).ln(), 10.410_663_266, 1e-7);
     near(0.1 * (xi - p) - 0.005 * v, 10.410_663_266, 1e-8);

@@ -104,7 +104,7 @@ def test_false_alarms_are_as_rare_as_promised(name):
     for plant in ((A, B), edge(source.region, rng)):
         x, u = follow(plant, K, *PLANTS[name][2:], steps, rng, "t(3)")
         alarms += run(source.watch("variance", False, 50.0), x, u)
-    assert 10 < alarms <= 2 * (steps + 12) / 50.0
+    assert 10 < alarms <= 2 * (steps + 14) / 50.0
 
 
 def test_without_the_region_or_the_law_it_is_false():
@@ -312,6 +312,7 @@ def test_what_it_must_not_be_asked():
     proof = se.gain(model, 1.0, 1.0).certificate(0.05)
     x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1))
     data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+    other = se.regulate((np.eye(2), np.eye(2)), 3)
     unknown = se.gain(se.identify(data), 1.0, 1.0).certificate(0.05)
     assert unknown.watch().threshold > 1e5  # the region bounds its own noise
     for call, message in (
@@ -320,6 +321,8 @@ def test_what_it_must_not_be_asked():
         (lambda: proof.watch(law="normal"), "`law` must be"),
         (lambda: proof.watch()([1.0, 2.0], [0.0]), "`y` must"),
         (lambda: proof.watch().plot(), "the history is empty"),
+        (lambda: setattr(other, "watch", proof.watch()), "`watch` must be of"),
+        (lambda: setattr(other, "watch", 3), "`watch` must be a Watch"),
         (lambda: replace(proof, source=None).watch(), "`proof` has no model to watch"),
         (lambda: model.accepts(3), "`runs` must be"),
     ):

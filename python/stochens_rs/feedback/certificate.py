@@ -411,9 +411,10 @@ class LoopCertificate(SavedRecord):
 
         Notes
         -----
-        In the event of the region, of probability ``1 - delta``: the mean number of alarms in T
-        steps is at most ``(T + 12) / every``. The sum over starts of products of bets with
-        expectation at most 1 (Shin, Ramdas and Rinaldo 2023): docs, "Has my plant changed?".
+        In the event of the region and of the bound of the noise, of probability ``1 - delta -
+        source.spent``: the mean number of alarms in T steps is at most ``(T + 14) / every``. The
+        sum over starts of products of bets with expectation at most 1 (Shin, Ramdas and Rinaldo
+        2023): docs, "Has my plant changed?".
 
         Examples
         --------
@@ -441,7 +442,24 @@ class LoopCertificate(SavedRecord):
         return Watch(self, promise, law, validation.flag("moving", moving))
 
     def of(self, region: Region | None, reason: str | None = None) -> LoopCertificate:
-        """The verdict about the same gain for another region; without one undetermined."""
+        """Return the verdict about the same gain for another region.
+
+        Parameters
+        ----------
+        region : Region or None
+            Of the same states and inputs; None where there is none.
+        reason : str, optional
+            Why there is none.
+
+        Returns
+        -------
+        LoopCertificate
+            Without a region "undetermined".
+        """
+        if region is not None:
+            validation.instance("region", region, Region)
+        if reason is not None:
+            validation.text("reason", reason)
         if region is None:
             fields = {"status": "undetermined", "norm": np.inf, "proof": None, "reason": reason}
             return replace(self, **fields, multipliers=self.multipliers[:0], member=None)  # type: ignore[arg-type]

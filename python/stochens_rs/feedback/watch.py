@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.files import Durable
 from .._base.records import SavedRecord
-from .._base.types import Floats
 from ..exceptions import InputError
 from ..identification.changes import Changes, Predictor
 from ..plots.lines import draw_evidence
@@ -27,7 +26,8 @@ LAWS: tuple[LawOfWatch, ...] = ("variance", "gaussian", "symmetric", "bounded")
 HISTORY = 10_000  # calls whose evidence is drawn
 
 
-class Watched(NamedTuple):
+@dataclass(frozen=True)
+class Watched:
     """One call of a `Watch`.
 
     Attributes
@@ -41,7 +41,7 @@ class Watched(NamedTuple):
         How many there were.
     """
 
-    status: WatchStatus
+    status: WatchStatus | str
     evidence: float
     alarms: int
 
@@ -89,7 +89,7 @@ class Watch(Durable):
         self.history: deque[float] = deque(maxlen=HISTORY)
         self._next = np.full(len(self._source.window.inputs), np.nan)
 
-    def __call__(self, y: ArrayLike, u: ArrayLike) -> Watched:
+    def __call__(self, y: ArrayLike, u: ArrayLike, *, applied: ArrayLike | None = None) -> Watched:
         """Look at one step.
 
         Parameters
@@ -98,7 +98,9 @@ class Watch(Durable):
             The readings now, of a model of states the states; nan for one that is missing, by
             chance or by a rule on the past, never by its value.
         u : array_like, shape (m,)
-            The inputs that act from now on, as applied: within their limits.
+            The inputs that act from now on, within their limits.
+        applied : array_like, shape (m,), optional
+            What acted since the last call, where it was not the u of that.
 
         Returns
         -------
@@ -109,17 +111,18 @@ class Watch(Durable):
         InputError, InputTypeError
             If they have another shape or are no numbers.
         """
-        window = self._source.window
-        acts = validation.measured("u", u, window.inputs).copy()
-        found = self.step(validation.measured("y", y, window.outputs), self._next)
-        self._next = acts
+        outputs, inputs = self.names
+        read, acts = validation.measured("y", y, outputs), validation.measured("u", u, inputs)
+        acted = self._next if applied is None else validation.measured("applied", applied, inputs)
+        found = Watched(*self._core.step(read, acted))
+        self.history.append(found.evidence)
+        self._next = acts.copy()
         return found
 
-    def step(self, y: Floats, acted: Floats) -> Watched:
-        """The same for readings and the inputs that acted since the last call, unchecked."""
-        found = Watched(*self._core.step(y, acted))
-        self.history.append(found.evidence)
-        return found
+    @property
+    def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The names of what is read and of the inputs."""
+        return self._source.window.outputs, self._source.window.inputs
 
     @property
     def threshold(self) -> float:

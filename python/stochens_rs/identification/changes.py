@@ -72,7 +72,8 @@ class Predictor(SavedRecord):
         """The alarm of the core; refuses a source without noise, or without a bounded region."""
         if self.noise is None:
             raise InputError(
-                "`region` has no bound of the noise: declare `sigma` or `covariance` in `identify`"
+                "`region` has no bound of the noise given the past: declare `sigma` or "
+                "`covariance` in `identify`, without a `tail`"
             )
         if not np.isfinite(self.region.radius):
             raise InputError(f"`region` must be bounded: {self.region.assumption}")
@@ -93,7 +94,7 @@ class Predictor(SavedRecord):
         tables = estimate, self.region.centre, *radii, violations[1:k], violations[k:], *gains
         frozen: Any = [validation.frozen(np.ascontiguousarray(one)) for one in tables]
         names = self.window.outputs, self.window.regressor_names, tuple(self.groups)
-        numbers = level, self.region.delta, int(watch.now[1]), float(violations[0])
+        numbers = level, self.region.delta + self.spent, int(watch.now[1]), float(violations[0])
         fields: Any = [*names, *numbers, *frozen, *exact, region]
         return Changes(*fields)
 
@@ -112,7 +113,9 @@ class Predictor(SavedRecord):
         return entered(region, ABc, J, G, m)
 
 
-def source_of(model: Identified, region: Region, bias: Floats | None = None) -> Predictor:
+def source_of(
+    model: Identified, region: Region, bias: Floats | None = None, share: float = SHARE
+) -> Predictor:
     """What an alarm needs, for a region of the coefficients of a model."""
     own: Any = getattr(model, "least_squares", model)
     given, noise, spent = own.assumptions, region.noise, 0.0
@@ -120,8 +123,10 @@ def source_of(model: Identified, region: Region, bias: Floats | None = None) -> 
     if noise is None and given.design == "independent" and len(own.blocks) == 1:
         nu, S = own.blocks[0].nu, own.blocks[0].S
         if nu >= len(S):  # S >= a Sigma but with this probability
-            noise = S / _core.smallest_quantile(len(S), nu, SHARE, get_num_threads())
-            spent = SHARE
+            noise = S / _core.smallest_quantile(len(S), nu, share, get_num_threads())
+            spent = share
+    if given.tail:  # what the window leaves is no noise given the past
+        noise = None
     window = model.window or of_names(model.outputs, model.input_names, model.c is not None)
     kept = None if noise is None else validation.frozen(np.array(noise))
     frozen = None if bias is None else validation.frozen(bias.copy())
@@ -250,7 +255,8 @@ class Changes(SavedRecord):
 def accepted(model: Any, runs: Trajectories, level: float, design: Design) -> Changes:
     """What `Model.accepts` returns."""
     alpha = validation.probability("level", level) / 2.0
-    source = source_of(model, model.region(alpha))
+    source = source_of(model, model.region(alpha), share=alpha / 2.0)
+    alpha -= source.spent
     names, found = (runs.state_names, runs.input_names), source.window
     if names != (found.outputs, found.inputs):
         raise InputError(

@@ -594,10 +594,10 @@ class Model(SavedRecord, Fitted):
         --------
         >>> import numpy as np, stochens_rs as se
         >>> x, u, w = np.random.default_rng(1).standard_normal((3, 200, 1))
-        >>> runs = [se.Trajectories.from_pairs(x, u, 0.5 * x + b * u + w) for b in (1.0, 0.5)]
-        >>> model = se.identify(runs[0], noise=1.0)
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + w)
+        >>> model = se.identify(data, noise=1.0)
         >>> x, u, w = np.random.default_rng(2).standard_normal((3, 200, 1))
-        >>> model.accepts(se.Trajectories.from_pairs(x, u, 0.5 * x + 0.3 * u + w)).explanations
+        >>> model.accepts(se.Trajectories.from_pairs(x, u, 0.5 * x + 0.1 * u + w)).explanations
         ('u[0]', 'x[0](k+1)')
         """
         return accepted(self, validation.instance("runs", runs, Trajectories), level, design)
@@ -614,10 +614,10 @@ class Model(SavedRecord, Fitted):
         Examples
         --------
         >>> import numpy as np, stochens_rs as se
-        >>> x, w = np.random.default_rng(1).standard_normal((2, 100, 1))
-        >>> runs = se.Trajectories.from_pairs(x, 0.6 + 0.0 * x, 0.5 * x + 0.6 + 0.1 * w)
-        >>> se.identify(runs, noise=0.1, intercept=True).excitation()
-        ('u[0] and the offset: their effects are not determined apart (u[0] was always 0.6)',)
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
+        >>> runs = se.Trajectories.from_pairs(x, 0.01 * u, 0.5 * x + 0.01 * u + 0.1 * w)
+        >>> se.identify(runs, noise=0.1).excitation()
+        ('u[0]: little excited, the sign of its effect is not determined',)
         """
         return unexcited(self)
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from .._base import validation
 from .._base.files import Durable
 from .._base.records import SavedRecord
 from .._base.types import Floats
@@ -54,19 +55,39 @@ class ControlLoop(Durable, Generic[Entry]):
     """
 
     _kind = LoopState._kind
-    __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe", "watch")
-    watch: Watch | None  # looks at each call; to be set, and kept by `reset`
+    __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe", "_watch")
+
+    _watch: Watch | None
 
     def __init__(self, safe: Floats) -> None:
         self._busy = threading.Lock()
         self._log: deque[Entry] = deque(maxlen=LOGGED)
-        self._calls, self.watch = 0, None
+        self._calls, self._watch = 0, None
         self._safe = self._last = safe  # the input before the first one, and that returned last
 
     @property
     def calls(self) -> int:
         """The number of calls since the loop was made or reset, held ones included."""
         return self._calls
+
+    @property
+    def watch(self) -> Watch | None:
+        """The alarm that looks at each call, of `LoopCertificate.watch`; can be set.
+
+        `reset` leaves it as it is: its evidence is about the plant.
+        """
+        return self._watch
+
+    @watch.setter
+    def watch(self, watch: Watch | None) -> None:
+        if watch is not None and validation.instance("watch", watch, Watch).names != self._signals:
+            raise InputError(f"`watch` must be of {self._signals}, got one of {watch.names}")
+        self._watch = watch
+
+    @property
+    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The names of what is read and of the inputs."""
+        raise NotImplementedError
 
     @property
     def log(self) -> tuple[Entry, ...]:
@@ -113,13 +134,13 @@ class ControlLoop(Durable, Generic[Entry]):
             slots = (*ControlLoop.__slots__, *type(self).__slots__)
             names = [name for name in slots if name not in ("__weakref__", "_busy", *CORE)]
             parts = {"core": self._saved(), **{name: getattr(self, name) for name in names}}
-            return {**parts, "watch": None if self.watch is None else self.watch.__getstate__()}
+            return {**parts, "_watch": None if self.watch is None else self.watch.__getstate__()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        core, watch = state.pop("core"), state.pop("watch")
-        self.watch = None if watch is None else Watch.__new__(Watch)
-        if self.watch is not None:
-            self.watch.__setstate__(watch)
+        core, watch = state.pop("core"), state.pop("_watch")
+        self._watch = None if watch is None else Watch.__new__(Watch)
+        if self._watch is not None:
+            self._watch.__setstate__(watch)
         self._busy = threading.Lock()
         for name, value in state.items():
             setattr(self, name, value)
@@ -158,7 +179,8 @@ class ControlLoop(Durable, Generic[Entry]):
     def _entered(self, entry: Entry, u: Floats, read: Floats, acted: Floats) -> Floats:
         """Write a call down, with what the watch says; what is returned is the caller's own."""
         if self.watch is not None:
-            seen: Any = replace(entry, watch=self.watch.step(read, acted))  # type: ignore[type-var]
+            said = self.watch(read, u, applied=acted)
+            seen: Any = replace(entry, watch=said)  # type: ignore[type-var]
             entry = seen
         self._last = u
         self._calls += 1

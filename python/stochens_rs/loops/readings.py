@@ -553,6 +553,10 @@ class ReadingLoop(ControlLoop[Reading]):
         return forward
 
     @property
+    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return self.model.outputs, self.model.input_names
+
+    @property
     def target(self) -> Floats:
         """The target of the next call, (n_outputs,); nan where an output is free.
 

@@ -238,6 +238,10 @@ class Regulator(ControlLoop[Call]):
         self._solver.resume(None)
 
     @property
+    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return self.labels.states, self.labels.inputs
+
+    @property
     def n(self) -> int:
         """The number of states."""
         return int(self._task.reference.shape[1])

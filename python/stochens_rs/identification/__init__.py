@@ -2,7 +2,7 @@
 
 from ..data import Trajectories
 from .assumptions import Assumptions, Noise, Pilot, Window
-from .changes import Changes, Predictor
+from .changes import Changes
 from .checks import Checks
 from .identifying import identify
 from .model import Model
@@ -16,7 +16,6 @@ __all__ = [
     "Model",
     "Noise",
     "Pilot",
-    "Predictor",
     "Region",
     "Regressors",
     "Trajectories",

@@ -17,7 +17,8 @@
 //! 9. makes models of **windows** of readings and inputs where states are not measured ([`window`]);
 //! 10. finds one **command for a fleet** of units ([`fleet`]), and bounds what a fresh unit risks;
 //! 11. **bounds** the errors of averages of realizations by formulas ([`tails`]);
-//! 12. **reads** tables of measured runs from CSV files ([`table`]).
+//! 12. **reads** tables of measured runs from CSV files ([`table`]);
+//! 13. **watches** a loop in use: an alarm that is false no more often than promised ([`watch`]).
 //!
 //! The modules are listed in the order of the data, `stream -> sample -> fuse -> control -> simulate`, and use only
 //! earlier ones. Arrays of a law are stored line by line (see [`Law`]). The feature `python` adds the extension module.
@@ -88,6 +89,7 @@ pub mod streaming;
 pub mod table;
 pub mod tails;
 mod vector;
+pub mod watch;
 pub mod window;
 
 pub use error::{Error, Obstacle, Result};

@@ -34,6 +34,7 @@ __all__ = [
     "Stream",
     "Table",
     "TailBounds",
+    "Watch",
     "Window",
     "alse",
     "alse_path",
@@ -107,6 +108,7 @@ __all__ = [
     "storage_encode",
     "storage_load",
     "storage_save",
+    "test_of_two_logs",
     "trace_quantile",
     "track",
     "trajectory",
@@ -829,6 +831,39 @@ class Feedback:
     # how many times x0 all systems come to rest from with saturated inputs
     def attracted(self, limits: _Floats, x0: _Floats) -> float: ...
     def holds(self, limits: _Floats, x0: _Floats | None) -> tuple[float, float | None]: ...
+
+# estimate, radius, allowed; violations of all, without each group of columns, without each row;
+# gains with both radii; white, root and factor
+_Looked: TypeAlias = tuple[list[_Floats], _Floats, list[_Floats], tuple[_Floats, _Floats, float]]
+# threshold, pairs after the alarm, alarms; of the first: call, onset, part, direction, column, fell
+_Now: TypeAlias = tuple[float, float, float, tuple[float, float, int, int, int, bool] | None]
+
+@final
+class Watch:
+    # law and whether the plant may move; steps between false alarms, or below 1 their probability
+    def __new__(
+        cls,
+        region: Region,
+        noise: _Floats,
+        window: Window,
+        law: tuple[str, bool],
+        promise: float,
+        pairs: int,
+    ) -> Watch: ...
+    def step(self, y: _Floats, acted: _Floats) -> tuple[str, float, int]: ...
+    # rows (z, y) as pairs after an alarm
+    def take(self, rows: _Floats) -> None: ...
+    @property
+    def now(self) -> _Now: ...
+    def sights(self, steps: float) -> list[tuple[int, int, float]]: ...
+    def clear(self) -> None: ...
+    def look(self, alpha: float, groups: list[list[int]]) -> _Looked: ...
+    def state(self) -> _Floats: ...
+    def resume(self, numbers: _Floats) -> None: ...
+
+def test_of_two_logs(
+    one: Fitted, other: Fitted, level: float, threads: int
+) -> tuple[float, float]: ...
 
 @final
 class Gate:

@@ -37,6 +37,7 @@ mod streaming;
 mod table;
 mod tails;
 mod validation;
+mod watch;
 mod window;
 
 use pyo3::prelude::*;
@@ -111,6 +112,8 @@ mod _core {
     use super::validation::{
         noise_deviations, validation_mean, validation_rank, validation_runs, validation_systems, validation_weighted,
     };
+    #[pymodule_export]
+    use super::watch::{PyWatch, test_of_two_logs};
     #[pymodule_export]
     use super::window::{PyWindow, choose_window, readings_over_noise, window_burn};
     #[pymodule_export]

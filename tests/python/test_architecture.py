@@ -283,7 +283,7 @@ CORE = (
     ("identify", "storage", "streaming", "table", "tails"),
     ("simulate", "window"),
     ("region",),
-    ("certificate",),
+    ("certificate", "watch"),
     ("feedback",),
     ("limits",),
     ("fleet",),

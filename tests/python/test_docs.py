@@ -160,6 +160,7 @@ PAGES = (
     "docs/how-much-can-go-wrong.md",
     "docs/logs.md",
     "docs/measured-runs.md",
+    "docs/plant-changed.md",
     "docs/readings.md",
     "docs/realizations.md",
     "docs/several-models.md",

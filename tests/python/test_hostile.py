@@ -284,6 +284,9 @@ OWN = {
     "Study": {"function": drawn, "grid": {"a": [1, 2]}, "replicates": 2},
     "gain": {"Q": 1.0, "R": 1.0},
     "Loop.certificate": {"delta": 0.1},
+    "LoopCertificate.of": {"region": None},
+    "Watch.__call__": {"y": X0, "u": X0},
+    "Model.accepts": {"runs": runs()},
     "Tube.settles": {"r": 0.1},
     "LoopCertificate.allows": {"on": "x[0]", "of": "x[0]"},
     "LoopCertificate.attracts": {"inputs": (-1.0, 1.0), "x0": X0},
@@ -359,6 +362,7 @@ MADE = {
     "LoopCertificate": proof,
     "Margins": lambda: proof().margins(),
     "Tube": lambda: proof().tube(X0, 3),
+    "Watch": lambda: proof().watch(),
     "Typical": lambda: se.control(model(), X0, XF).typical(),
     "NextRuns": lambda: se.design(to_improve(), 2, limits=(-1.0, 1.0)),
     "Validation": lambda: se.control((A, B), X0, XF).validate([se.System(A, B)] * 20),
@@ -370,10 +374,10 @@ MADE = {
 }
 
 OPTIONS = {"Limits", "Cost", "Uncertain", "Key"}  # records that users make
-SEPARATE = {"Ensemble", "ReadingLoop", "Kept", "Plan.typical"}  # made by functions
+SEPARATE = {"Ensemble", "ReadingLoop", "Watch", "Kept", "Plan.typical"}  # made by functions
 # programs, and what ends in files of Matplotlib
 SEPARATE |= {"main", "save", "save_figures"}
-STATEFUL = {"DataStream", "ModelStream", "Regulator", "ReadingLoop", "Stream", "Study"}
+STATEFUL = {"DataStream", "ModelStream", "Regulator", "ReadingLoop", "Stream", "Study", "Watch"}
 MADE = {n: make if n in STATEFUL else cache(make) for n, make in MADE.items()}
 
 

@@ -4,5 +4,16 @@ from .certificate import LoopCertificate
 from .loop import Loop, gain
 from .margins import Margins, Rounding
 from .tube import Rest, Tube
+from .watch import Watch, Watched
 
-__all__ = ["Loop", "LoopCertificate", "Margins", "Rest", "Rounding", "Tube", "gain"]
+__all__ = [
+    "Loop",
+    "LoopCertificate",
+    "Margins",
+    "Rest",
+    "Rounding",
+    "Tube",
+    "Watch",
+    "Watched",
+    "gain",
+]

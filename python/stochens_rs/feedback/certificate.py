@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -16,12 +16,14 @@ from .._base.reading import read
 from .._base.records import Index, SavedRecord, cached_property, require_shapes, trusted
 from .._base.running import get_num_threads
 from ..exceptions import InputError, NonFiniteError
+from ..identification.changes import Predictor
 from ..identification.identified import Identified
 from ..identification.misfit import block_of, directions_of, signals_of, sizes_of
 from ..identification.model import Model
 from ..identification.region import Region
 from .margins import Margins, Rounding
 from .tube import Rest, Tube
+from .watch import LAWS, LawOfWatch, Watch
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -79,6 +81,8 @@ class LoopCertificate(SavedRecord):
         certified.
     target : ndarray, shape (n + m,), or None
         The states and inputs of the set point of the loop, ``u = us + K (x - xs)``; None: 0.
+    source : Predictor or None
+        What `watch` needs of the model.
     """
 
     region: Region
@@ -97,6 +101,7 @@ class LoopCertificate(SavedRecord):
     degrees: Index = 0
     warnings: tuple[str, ...] = ()
     target: Annotated[Floats, "state+input"] | None = None
+    source: Predictor | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -432,6 +437,98 @@ class LoopCertificate(SavedRecord):
         level, scale = self._core.holds(limits, first)
         return level if scale is None else scale
 
+    def watch(
+        self,
+        *,
+        every: float | None = None,
+        level: float | None = None,
+        law: LawOfWatch = "variance",
+        moving: bool = False,
+    ) -> Watch:
+        """Make an alarm that rings when the plant is none of the systems of `region` any more.
+
+        Parameters
+        ----------
+        every : float, optional
+            The mean number of steps between false alarms, at least; default 1e5.
+        level : float, optional
+            In its place the probability of a false alarm ever.
+        law : {"variance", "gaussian", "symmetric", "bounded"}, default "variance"
+            What is assumed of the noise given the past. "variance": mean 0 and a covariance within
+            its bound, nothing else. "gaussian": also sub-Gaussian. "symmetric": of any size.
+            "bounded": mean 0 and ``w' S^-1 w <= 1``.
+        moving : bool, default False
+            Whether the plant may move inside the region at will; else it is constant in each block
+            of 64 steps, for which small changes are seen sooner.
+
+        Returns
+        -------
+        Watch
+            ``state = watch(y, u)`` in each step.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If both are given, the region is unbounded, or no bound of the noise is known.
+
+        Notes
+        -----
+        In the event of the region and of the bound of the noise, of probability ``1 - delta -
+        source.spent``: the mean number of alarms in T steps is at most ``(T + 14) / every``. The
+        sum over starts of products of bets with expectation at most 1 (Shin, Ramdas and Rinaldo
+        2023): docs, "Has my plant changed?".
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(1)
+        >>> x, u, w = rng.standard_normal((3, 100, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
+        >>> watch, x = proof.watch(every=1e5), np.zeros(1)
+        >>> for k in range(300):
+        ...     u = proof.K @ x + 0.3 * rng.standard_normal(1)
+        ...     state = watch(x, u)
+        ...     x = 1.2 * x + (1.0 if k < 150 else 0.6) * u + 0.1 * rng.standard_normal(1)
+        >>> state.status, watch.changes().explanations
+        ('alarm', ('u[0]', 'x[0](k+1)'))
+        """
+        if every is not None and level is not None:
+            raise InputError("`every` and `level` must not be given both")
+        promise = 1e5 if every is None else validation.positive("every", every)
+        if every is not None and not 2.0 <= promise <= 1e15:
+            raise InputError(f"`every` must be from 2 to 1e15 steps, got {every:g}")
+        if level is not None:
+            promise = validation.probability("level", level)
+        law = validation.choice("law", law, LAWS)
+        require_linear(self.region, "watch")
+        return Watch(self, promise, law, validation.flag("moving", moving))
+
+    def of(self, region: Region | None, reason: str | None = None) -> LoopCertificate:
+        """Return the verdict about the same gain for another region.
+
+        Parameters
+        ----------
+        region : Region or None
+            Of the same states and inputs; None where there is none.
+        reason : str, optional
+            Why there is none.
+
+        Returns
+        -------
+        LoopCertificate
+            Without a region "undetermined".
+        """
+        if region is not None:
+            validation.instance("region", region, Region)
+        if reason is not None:
+            validation.text("reason", reason)
+        if region is None:
+            fields = {"status": "undetermined", "norm": np.inf, "proof": None, "reason": reason}
+            return replace(self, **fields, multipliers=self.multipliers[:0], member=None)  # type: ignore[arg-type]
+        found = judged(region, self.K, self.labels, None, (None, 0), self.target, self.source)
+        return replace(found, dt=self.dt)
+
     def margins(self) -> Margins:
         """Find how much the loop stands: proved for every system of the region.
 
@@ -726,15 +823,18 @@ def judged(
     region: Region,
     K: Floats,
     labels: Labels,
-    model: Identified,
+    model: Identified | None,
     squares: tuple[Floats | None, int] = (None, 0),
     target: Floats | None = None,
+    source: Predictor | None = None,
 ) -> LoopCertificate:
     """The verdict about a gain; doubts about the data of the model leave nothing to certify.
 
     `squares` bounds the covariance of the noise: the `residual` and its `degrees`.
     """
-    doubt = model.doubts[0] if model.doubts else _no_effect(region, K, model)
+    doubt = None
+    if model is not None:
+        doubt = model.doubts[0] if model.doubts else _no_effect(region, K, model)
     found = _judge(region, K, labels, doubt is not None)
     reason = doubt
     if doubt is None and found.status == "undetermined":
@@ -742,7 +842,7 @@ def judged(
         if np.isfinite(region.radius):
             along = ", ".join(region.missing[:3]) or "what is outside the span it was made for"
             reason = f"the data do not determine the system along {along}"
-    warnings = tuple(one for one in model.warnings if one != doubt)
+    warnings = tuple(one for one in (model.warnings if model else ()) if one != doubt)
     window = model.window if isinstance(model, Model) else None
     if window is not None and found.status in ("refuted", "not provable", "undecided"):
         warnings = (*window.long, *warnings)
@@ -760,7 +860,8 @@ def judged(
         multipliers=validation.frozen(found.multipliers),
         member=None if member is None else validation.frozen(member),
         labels=labels,
-        dt=model.dt,
+        dt=model.dt if model else None,
+        source=source,
         reason=reason,
         residual=squares[0],
         degrees=squares[1],

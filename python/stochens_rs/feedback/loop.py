@@ -13,6 +13,7 @@ from .._base.names import Labels, weight
 from .._base.records import SavedRecord, trusted
 from ..exceptions import InputError, NonFiniteError
 from ..export.header import believed, evidence, write
+from ..identification.changes import source_of
 from ..identification.identified import Identified
 from ..identification.model import Model, in_states
 from ..identification.region import Region
@@ -131,9 +132,11 @@ class Loop(SavedRecord):
         """
         if self.model is None:
             raise InputError("`certificate` needs a loop for a model from data: gain(model, ...)")
-        region = region_of("delta", self.model, delta)
+        own = region_of("delta", self.model, delta)
+        region = in_states(self.model, own)
         squares = _squares(self.model) if region.noise is None else (None, 0)
-        return judged(region, self.K, self.labels, self.model, squares)
+        source = source_of(self.model, own)
+        return judged(region, self.K, self.labels, self.model, squares, source=source)
 
     def to_c(
         self, path: Any, *, name: str = "controller", proof: LoopCertificate | None = None
@@ -241,15 +244,15 @@ def _squares(model: Identified) -> tuple[Floats | None, int]:
 
 
 def region_of(name: str, model: Identified, value: object) -> Region:
-    """Return a region of ``[A B c]``: as given, or that of the model with this probability."""
+    """Return a region of the regressors: as given, or that of the model with this probability."""
     if not isinstance(value, Region):
-        return in_states(model, model.region(validation.probability(name, value)))
+        return model.region(validation.probability(name, value))
     own = model.region(value.delta).centre
     if value.centre.shape != own.shape:
         raise InputError(f"`{name}` must be a region of this model, got one of another size")
     if not np.array_equal(value.centre, own):
         raise InputError(f"`{name}` must be a region of this model, got one of another centre")
-    return in_states(model, value)
+    return value
 
 
 def gain(
@@ -333,7 +336,9 @@ def gain(
     method: GainMethod = "least squares"
     of_inputs = None
     if model is not None and (guarantee is not None or Q is None):
-        region = region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
+        region = in_states(
+            model, region_of("guarantee", model, 0.05 if guarantee is None else guarantee)
+        )
     if Q is None or R is None:
         assert region is not None
         K, S, parameter = _core.widest_gain(region.core)

@@ -2,6 +2,7 @@
 
 from ..data import Trajectories
 from .assumptions import Assumptions, Noise, Pilot, Window
+from .changes import Changes
 from .checks import Checks
 from .identifying import identify
 from .misfit import Misfit
@@ -11,6 +12,7 @@ from .window import Regressors
 
 __all__ = [
     "Assumptions",
+    "Changes",
     "Checks",
     "Misfit",
     "Model",

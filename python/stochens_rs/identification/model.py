@@ -21,12 +21,14 @@ from . import checks as tests
 from .assumptions import (
     FAULTS,
     Assumptions,
+    Design,
     checked_scale,
     least_correlation,
     refuse,
     require_known,
     require_triangle_of,
 )
+from .changes import Changes, accepted, unexcited
 from .checks import Checks, Tested, cautions, missing_directions
 from .identified import Fitted, Identified
 from .misfit import Misfit, block_of, grown
@@ -558,6 +560,74 @@ class Model(SavedRecord, Fitted):
             labels=self.labels if self.labels.given else None,
             about="draws of the law of the estimate",
         )
+
+    def accepts(
+        self, runs: Trajectories, *, level: float = 0.05, design: Design = "adaptive"
+    ) -> Changes:
+        """Test whether new runs are of the plant that the model is of; exact for any number.
+
+        Parameters
+        ----------
+        runs : Trajectories
+            New runs, with the same names; they had no part in the model.
+        level : float, default 0.05
+            A model of the same plant is refuted with at most this probability: half of it is for
+            the region of the model, half for the new runs.
+        design : {"adaptive", "independent"}, default "adaptive"
+            "independent": the states and inputs of the pairs depend neither on their noise nor on
+            outcomes in the data of the model, as in open loop. Then the test is exact, for a model
+            that is of this design, too, with Gaussian noise of unknown covariance. Else any
+            feedback is allowed.
+
+        Returns
+        -------
+        Changes
+            "refuted" is proved. "not refuted" does not confirm the model: ``detectable`` says what
+            change would have been found.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the names differ, the model has no region or no bound of its noise, or the design
+            does not fit.
+
+        Notes
+        -----
+        ``|l' (H - Theta) q|`` of the new pairs is within ``sqrt(l' S l) r(q)`` for all l, q and
+        lengths at once (mixtures of supermartingales, Abbasi-Yadkori et al. 2011, with directions
+        on the sphere); what the region allows is added. In open loop ``lmax((S1 + S2)^-1 D K^-1
+        D')`` has Roy's law, D the difference of both estimates.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 200, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + w)
+        >>> model = se.identify(data, noise=1.0)
+        >>> x, u, w = np.random.default_rng(2).standard_normal((3, 200, 1))
+        >>> model.accepts(se.Trajectories.from_pairs(x, u, 0.5 * x + 0.1 * u + w)).explanations
+        ('u[0]', 'x[0](k+1)')
+        """
+        return accepted(self, validation.instance("runs", runs, Trajectories), level, design)
+
+    def excitation(self) -> tuple[str, ...]:
+        """Which effects the data do not determine, one sentence each; empty if all are.
+
+        Returns
+        -------
+        tuple of str
+            By the names of the regressors: what never moved, or only together, and effects whose
+            sign is not determined at 95 %.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 100, 1))
+        >>> runs = se.Trajectories.from_pairs(x, 0.01 * u, 0.5 * x + 0.01 * u + 0.1 * w)
+        >>> se.identify(runs, noise=0.1).excitation()
+        ('u[0]: little excited, the sign of its effect is not determined',)
+        """
+        return unexcited(self)
 
     @cached_property
     def _plain(self) -> _core.Fitted:

@@ -275,7 +275,12 @@ class Regressors(Record):
 
 def of_states(data: Trajectories, intercept: bool) -> Regressors:
     """The window of one lag: states say all of the past."""
-    return trusted(Regressors, data.state_names, data.input_names, 1, None, 0, intercept)
+    return of_names(data.state_names, data.input_names, intercept)
+
+
+def of_names(states: tuple[str, ...], inputs: tuple[str, ...], intercept: bool) -> Regressors:
+    """The same of named states and inputs."""
+    return trusted(Regressors, states, inputs, 1, None, 0, intercept)
 
 
 def assumed(window: Regressors, tail: float) -> str:

@@ -6,13 +6,15 @@ import copy
 import threading
 from collections import deque
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
+from .._base import validation
 from .._base.files import Durable
 from .._base.records import SavedRecord
 from .._base.types import Floats
 from ..exceptions import InputError
+from ..feedback import Watch
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,18 +54,39 @@ class ControlLoop(Durable, Generic[Entry]):
     """
 
     _kind = LoopState._kind
-    __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe")
+    __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe", "_watch")
+
+    _watch: Watch | None
 
     def __init__(self, safe: Floats) -> None:
         self._busy = threading.Lock()
         self._log: deque[Entry] = deque(maxlen=LOGGED)
-        self._calls = 0
+        self._calls, self._watch = 0, None
         self._safe = self._last = safe  # the input before the first one, and that returned last
 
     @property
     def calls(self) -> int:
         """The number of calls since the loop was made or reset, held ones included."""
         return self._calls
+
+    @property
+    def watch(self) -> Watch | None:
+        """The alarm that looks at each call, of `LoopCertificate.watch`; can be set.
+
+        `reset` leaves it as it is: its evidence is about the plant.
+        """
+        return self._watch
+
+    @watch.setter
+    def watch(self, watch: Watch | None) -> None:
+        if watch is not None and validation.instance("watch", watch, Watch).names != self._signals:
+            raise InputError(f"`watch` must be of {self._signals}, got one of {watch.names}")
+        self._watch = watch
+
+    @property
+    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The names of what is read and of the inputs."""
+        raise NotImplementedError
 
     @property
     def log(self) -> tuple[Entry, ...]:
@@ -109,10 +132,14 @@ class ControlLoop(Durable, Generic[Entry]):
         with self._turn():
             slots = (*ControlLoop.__slots__, *type(self).__slots__)
             names = [name for name in slots if name not in ("__weakref__", "_busy", *CORE)]
-            return {"core": self._saved(), **{name: getattr(self, name) for name in names}}
+            parts = {"core": self._saved(), **{name: getattr(self, name) for name in names}}
+            return {**parts, "_watch": None if self.watch is None else self.watch.__getstate__()}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        core = state.pop("core")
+        core, watch = state.pop("core"), state.pop("_watch")
+        self._watch = None if watch is None else Watch.__new__(Watch)
+        if self._watch is not None:
+            self._watch.__setstate__(watch)
         self._busy = threading.Lock()
         for name, value in state.items():
             setattr(self, name, value)
@@ -148,8 +175,12 @@ class ControlLoop(Durable, Generic[Entry]):
         finally:
             self._busy.release()
 
-    def _entered(self, entry: Entry, u: Floats) -> Floats:
-        """Write a call down; what is returned is the caller's own."""
+    def _entered(self, entry: Entry, u: Floats, read: Floats, acted: Floats) -> Floats:
+        """Write a call down, with what the watch says; what is returned is the caller's own."""
+        if self.watch is not None:
+            said = self.watch(read, u, applied=acted)
+            seen: Any = replace(entry, watch=said)  # type: ignore[type-var]
+            entry = seen
         self._last = u
         self._calls += 1
         self._log.append(entry)

@@ -17,10 +17,11 @@ from ..controls.of_model import Start, cost_of_outputs, plan_from, start_of, tas
 from ..controls.set_point import nearest_point, output_weights, rest_at, set_point, targets
 from ..exceptions import InputError, NonFiniteError, StochensError
 from ..export.header import BEYOND, LARGEST, evidence, write
-from ..feedback import Loop, LoopCertificate
+from ..feedback import Loop, LoopCertificate, Watched
 from ..feedback.certificate import judged, sentence
+from ..identification.changes import source_of
 from ..identification.model import Model, asked_region
-from ..identification.region import Wish, entered
+from ..identification.region import Wish
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import loop_of, read_task
 from .loop import ControlLoop
@@ -62,6 +63,8 @@ class Reading:
         The time that the call took [s].
     reason : str or None
         What was wrong with the reading and what was done, or what the loop waits for.
+    watch : Watched or None
+        What ``loop.watch`` says, if there is one.
     """
 
     y: Floats
@@ -71,6 +74,7 @@ class Reading:
     status: ReadingStatus
     seconds: float
     reason: str | None = None
+    watch: Watched | None = None
 
 
 class ReadingLoop(ControlLoop[Reading]):
@@ -365,7 +369,8 @@ class ReadingLoop(ControlLoop[Reading]):
         self._next_target()
         u = np.where(np.isnan(self._given), u, self._given)
         reason, took = "; ".join(why) or None, perf_counter() - started
-        return self._entered(Reading(y, predicted, u, self._bias, status, took, reason), u)
+        entry = Reading(y, predicted, u, self._bias, status, took, reason)
+        return self._entered(entry, u, y, acted)
 
     def _waits(self) -> tuple[str, bool]:
         """What the loop waits for, and whether it will do."""
@@ -414,7 +419,8 @@ class ReadingLoop(ControlLoop[Reading]):
             self._at_rest, self._runs, self._started = found.at_rest, True, True
             self._next_target()
             took = perf_counter() - started
-            return self._entered(Reading(found.read, None, u, self._bias, status, took), u)
+            entry = Reading(found.read, None, u, self._bias, status, took)
+            return self._entered(entry, u, found.read, last * np.nan)
 
     def _input(self, x: Floats, bias: Floats, acted: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""
@@ -549,6 +555,10 @@ class ReadingLoop(ControlLoop[Reading]):
         return forward
 
     @property
+    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return self.model.outputs, self.model.input_names
+
+    @property
     def target(self) -> Floats:
         """The target of the next call, (n_outputs,); nan where an output is free.
 
@@ -644,26 +654,17 @@ class ReadingLoop(ControlLoop[Reading]):
             )
         model, K, names = self.model, self._policy, self.model.labels
         region = model.region(validation.probability("delta", delta))
-        (J, ABc, G), n, p, L = model.loop, model.n, model.n_outputs, self._learning[0]
+        p, L = model.n_outputs, self._learning[0]
         r = p if L.any() else 0
+        source = source_of(model, region, L if r else None)
         if r:
             K = np.hstack([K, self._point.of_bias[p:] - K @ self._point.states_of_bias])
-            J, ABc = (np.insert(M, [n] * r, 0.0, axis=1) for M in (J, ABc))
-            below = np.zeros((r, ABc.shape[1]))
-            below[:, n : n + r] = np.eye(r) - L
-            ABc, G = np.vstack([ABc, below]), np.vstack([G, L])
             more = tuple(f"bias[{name}]" for name in model.outputs)
             names = Labels((*names.states, *more), names.inputs)
-        ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
         xs, us = self._at(self._rows[-1])
         target = np.hstack([xs, np.zeros(r), us])
-        return judged(
-            entered(region, ABc, J, G, model.m),
-            K,
-            names,
-            model,
-            target=target if target.any() else None,
-        )
+        about = source.entered(region), K, names, model
+        return judged(*about, target=target if target.any() else None, source=source)
 
     def tube(self, steps: int, *, delta: float = 0.05, noise: float | None = None) -> Tube:
         """Bound where every system of the region goes from here, along the targets to come.

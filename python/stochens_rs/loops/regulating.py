@@ -105,7 +105,7 @@ def regulate(
     -------
     Regulator or ReadingLoop
         ``u = loop(x)``, nan where the state is not known. For a model of outputs ``u = loop(y)``,
-        see `ReadingLoop`.
+        see `ReadingLoop`. ``loop.watch = proof.watch()`` looks at each call, see its log.
 
     Raises
     ------

@@ -15,6 +15,7 @@ from .._base.types import DELTA, Floats, Status
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
 from ..export.header import believed, evidence, write
+from ..feedback import Watched
 from ..feedback.certificate import sentence
 from ..identification.identified import Identified
 from ..limits.problem import Horizon, Task, loop_of
@@ -50,6 +51,8 @@ class Call:
         The time that the call took [s].
     reason : str or None
         Why the state could not be used ("held"), or no plan is accepted ("infeasible").
+    watch : Watched or None
+        What ``loop.watch`` says, if there is one.
     """
 
     x: Floats
@@ -58,6 +61,7 @@ class Call:
     gap: float
     seconds: float
     reason: str | None = None
+    watch: Watched | None = None
 
 
 def condensed(task: Task, A: Floats, B: Floats, c: Floats | None = None) -> tuple[Any, Any, Any]:
@@ -251,7 +255,7 @@ class Regulator(ControlLoop[Call]):
                 self._task = replace(self._task, previous=u.copy())
                 self._solver.follow(u)
             call = Call(state, u, status, gap, perf_counter() - started, reason)
-            return self._entered(call, u)
+            return self._entered(call, u, state, self._last)
 
     def _kept(
         self, kept: Kept, x: Floats, found: Found, started: float
@@ -291,6 +295,10 @@ class Regulator(ControlLoop[Call]):
             self.kept.reset()
             self._set(self._system, self._task)
         self._solver.resume(None)
+
+    @property
+    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return self.labels.states, self.labels.inputs
 
     @property
     def n(self) -> int:

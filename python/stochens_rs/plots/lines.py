@@ -10,7 +10,7 @@ import numpy as np
 from .._base.numbers import most_changing
 from .._base.types import Floats
 from . import style
-from .panels import extent
+from .panels import clock, extent
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
@@ -247,6 +247,22 @@ def draw_trace(
     style.add_labels(ax, "step", r"$\|B(v - v^*)\|$")
     if lines and not label_ends(ax, lines):
         style.add_key(ax)
+    return ax
+
+
+def draw_evidence(evidence: Floats, threshold: float, *, dt: float | None, ax: Axes | None) -> Axes:
+    """Draw the evidence of an alarm over its calls (T,), and the threshold."""
+    ax = style.axes_or_new(ax)
+    look, shown = style.look_of(ax), np.maximum(evidence, 1e-2)
+    times = np.arange(1, len(evidence) + 1) * (1.0 if dt is None else dt)
+    ax.plot(times, shown, color=look.color(0), linewidth=1.2, label="evidence")
+    ax.axhline(threshold, color=look.ink, linestyle="--", linewidth=1, label="alarm")
+    rung = shown >= threshold
+    ax.plot(times[rung], shown[rung], "o", color=look.color(1), markersize=5)
+    ax.set_yscale("log")
+    ax.set_ylim(1e-2, 1e2 * threshold)
+    style.add_labels(ax, clock(dt), "evidence of a change")
+    style.add_key(ax)
     return ax
 
 

@@ -1,0 +1,256 @@
+"""`Watch`: whether the plant in a loop is still one of those that its certificate covers."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+
+import numpy as np
+
+from .._base import show, validation
+from .._base.files import Durable
+from .._base.records import SavedRecord
+from ..exceptions import InputError
+from ..identification.changes import Changes, Predictor
+from ..plots.lines import draw_evidence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from numpy.typing import ArrayLike
+    from typing_extensions import Self
+
+WatchStatus: TypeAlias = Literal["quiet", "alarm", "blind", "skipping"]
+LawOfWatch: TypeAlias = Literal["variance", "gaussian", "symmetric", "bounded"]
+LAWS: tuple[LawOfWatch, ...] = ("variance", "gaussian", "symmetric", "bounded")
+HISTORY = 10_000  # calls whose evidence is drawn
+
+
+@dataclass(frozen=True)
+class Watched:
+    """One call of a `Watch`.
+
+    Attributes
+    ----------
+    status : str
+        "quiet"; "alarm" since the last `Watch.clear`; "blind": for 200 pairs only louder noise
+        could have been seen; "skipping": no pair was complete in this call.
+    evidence : float
+        The alarm is at `Watch.threshold`.
+    alarms : int
+        How many there were.
+    """
+
+    status: WatchStatus | str
+    evidence: float
+    alarms: int
+
+
+@dataclass(frozen=True, eq=False)
+class WatchState(SavedRecord):
+    """What a watch is made of and where it stands.
+
+    Attributes
+    ----------
+    parts : dict
+        Its attributes by name.
+    """
+
+    parts: dict[str, Any]
+
+
+class Watch(Durable):
+    """An alarm whose false alarms are bounded, for all plants of a region and any feedback.
+
+    Made by `LoopCertificate.watch`. A copy, a pickle or a file goes on bit by bit.
+
+    Attributes
+    ----------
+    proof : LoopCertificate
+        What it watches over.
+    promise : float
+        The mean number of steps between false alarms, or below 1 the probability of one ever.
+    law : str
+        What is assumed of the noise.
+    moving : bool
+        Whether the plant may move inside the region.
+    history : deque of float
+        The evidence of the last 10 000 calls.
+    """
+
+    _kind = "watch"
+
+    def __init__(self, proof: Any, promise: float, law: LawOfWatch, moving: bool) -> None:
+        self.proof, self.promise, self.law, self.moving = proof, promise, law, moving
+        if proof.source is None:
+            raise InputError("`proof` has no model to watch: it must be made by `certificate`")
+        self._source: Predictor = proof.source
+        self._core = self._source.watch(law, moving, promise)
+        self.history: deque[float] = deque(maxlen=HISTORY)
+        self._next = np.full(len(self._source.window.inputs), np.nan)
+
+    def __call__(self, y: ArrayLike, u: ArrayLike, *, applied: ArrayLike | None = None) -> Watched:
+        """Look at one step.
+
+        Parameters
+        ----------
+        y : array_like, shape (n_outputs,)
+            The readings now, of a model of states the states; nan for one that is missing, by
+            chance or by a rule on the past, never by its value.
+        u : array_like, shape (m,)
+            The inputs that act from now on, within their limits.
+        applied : array_like, shape (m,), optional
+            What acted since the last call, where it was not the u of that.
+
+        Returns
+        -------
+        Watched
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If they have another shape or are no numbers.
+        """
+        outputs, inputs = self.names
+        read, acts = validation.measured("y", y, outputs), validation.measured("u", u, inputs)
+        acted = self._next if applied is None else validation.measured("applied", applied, inputs)
+        found = Watched(*self._core.step(read, acted))
+        self.history.append(found.evidence)
+        self._next = acts.copy()
+        return found
+
+    @property
+    def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """The names of what is read and of the inputs."""
+        return self._source.window.outputs, self._source.window.inputs
+
+    @property
+    def threshold(self) -> float:
+        """The evidence at which there is an alarm."""
+        return float(self._core.now[0])
+
+    def _name(self, direction: int, column: int) -> str:
+        """What a bet is on."""
+        outputs, columns = self._source.window.outputs, self._source.window.regressor_names
+        if direction >= len(outputs):
+            return columns[column]
+        load = column == len(columns) or columns[column] == "1"
+        return f"{'load' if load else columns[column]} on {outputs[direction]}"
+
+    @property
+    def rang(self) -> str | None:
+        """What the first alarm since `clear` saw, and from which call on; None without one."""
+        first = self._core.now[3]
+        if first is None:
+            return None
+        call, onset, part, direction, column, fell = first
+        what = "a change of several effects" if part == 4 else "the noise is larger than its bound"
+        if part < 3:
+            name = self._name(direction, column)
+            effect = "" if name.startswith("load on ") else "the effect of "
+            what = f"{effect}{name} is {'smaller' if fell else 'larger'}"
+        return f"{what}, from about call {onset:.0f} on, alarm at call {call:.0f}"
+
+    def sees(self, steps: int = 200) -> dict[str, float]:
+        """What would be seen now within so many steps: a rule from the last 200 pairs, no bound.
+
+        Parameters
+        ----------
+        steps : int, default 200
+            The delay.
+
+        Returns
+        -------
+        dict
+            For each input the least relative change of its effect, for each reading the least load
+            in deviations of its noise; infinite where it would take longer.
+        """
+        wanted = float(validation.size("steps", steps))
+        return {self._name(*at): least for *at, least in self._core.sights(wanted)}
+
+    def changes(self, level: float = 0.05) -> Changes:
+        """What changed, from the pairs after the first alarm since `clear`; looks are free.
+
+        Parameters
+        ----------
+        level : float, default 0.05
+            The probability of error of all that is said from these pairs.
+
+        Returns
+        -------
+        Changes
+            For Gaussian or sub-Gaussian noise, and a plant that stays as it is after the alarm.
+        """
+        return self._source.changes(self._core, validation.probability("level", level))
+
+    def hold(self, level: float = 0.05) -> Any:
+        """What is still certified of the gain, by the pairs after the alarm alone.
+
+        Parameters
+        ----------
+        level : float, default 0.05
+            The probability that the plant is not in the region of these pairs.
+
+        Returns
+        -------
+        LoopCertificate
+            Before an alarm the one that is watched over. Behind it "certified": the old gain holds
+            again, with what these pairs prove of the plant; "undetermined" while they are too few.
+        """
+        if self.rang is None:
+            return self.proof
+        region = self.changes(level).region
+        if region is None:
+            return self.proof.of(None, "the pairs after the alarm are too few: excite the inputs")
+        return self.proof.of(self._source.entered(region))
+
+    def clear(self) -> None:
+        """Take the alarm as seen: quiet until the next one; the pairs after it are forgotten."""
+        self._core.clear()
+
+    def plot(self, *, ax: Axes | None = None) -> Axes:
+        """Draw the evidence over the last calls, with the threshold.
+
+        Parameters
+        ----------
+        ax : matplotlib Axes, optional
+            Where to draw.
+
+        Returns
+        -------
+        matplotlib Axes
+        """
+        if not self.history:
+            raise InputError("the history is empty: there is nothing to draw before the first call")
+        return draw_evidence(np.array(self.history), self.threshold, dt=self.proof.dt, ax=ax)
+
+    def __getstate__(self) -> dict[str, Any]:
+        about = {"promise": self.promise, "law": self.law, "moving": self.moving}
+        own = {"state": self._core.state(), "history": np.array(self.history), "next": self._next}
+        return {"proof": self.proof, **about, **own}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        Watch.__init__(self, *(state[name] for name in ("proof", "promise", "law", "moving")))
+        self._core.resume(state["state"])
+        self._next = np.array(state["next"])
+        self.history.extend(state["history"].tolist())
+
+    def _to_sections(self) -> dict[str, Any]:
+        return WatchState(self.__getstate__())._to_sections()
+
+    @classmethod
+    def _from_sections(cls, sections: dict[str, Any]) -> Self:
+        watch = cls.__new__(cls)
+        watch.__setstate__(WatchState._from_sections(sections).parts)
+        return watch
+
+    def __repr__(self) -> str:
+        often = (
+            f"one in {self.promise:.4g} steps" if self.promise >= 1 else f"{self.promise:.3g} ever"
+        )
+        null = "a plant that moves inside the region" if self.moving else "a constant plant"
+        last = "" if self.rang is None else f"; {self.rang}"
+        calls = show.number_of(len(self.history), "call")
+        return (
+            f"<Watch: false alarms at most {often} for {null}, noise '{self.law}', {calls}{last}>"
+        )

@@ -1,0 +1,139 @@
+//! A region in the units of its noise: what all bets and the fresh set are measured in.
+
+use std::sync::Arc;
+
+use crate::error::{Error, Result};
+use crate::fuse::norm;
+use crate::identify::{cholesky, covariance_root, spectral_norm};
+use crate::memory::{checked_len, try_collect, try_copy, try_extend, try_push, try_zeros};
+use crate::region::{Part, Region};
+use crate::vector::{dot, norm as size};
+
+pub(super) const WHAT: &str = "a watch";
+/// What is taken for a bound is larger by this: the rounding of what it is compared with.
+pub(super) const WIDER: f64 = 1.0 + 1e-9;
+
+/// `e = L^-1 (y - C z)`, `Sbar = L L'`; plain arrays.
+#[derive(Debug, Clone)]
+pub struct Frame {
+    /// The number of readings n, and of regressors d.
+    pub sizes: (usize, usize),
+    /// C (n, d).
+    pub centre: Vec<f64>,
+    /// L (n, n), lower.
+    pub root: Vec<f64>,
+    /// `L^-1` (n, n), lower.
+    pub back: Vec<f64>,
+    /// W of all parts, one below the other (any, d): `||W z||` of a part is its length.
+    pub white: Vec<f64>,
+    /// Where the rows of each part begin, and the end.
+    pub begins: Vec<usize>,
+    /// `B' = (L^-1 S_r^(1/2))'` of each part (parts, n, n), and `||B||`.
+    pub reach: Vec<f64>,
+    /// See `reach`.
+    pub norms: Vec<f64>,
+    /// `P^(-1/2)` (d, d), P the mean of z z' in the data, or its diagonal.
+    pub scaled: Vec<f64>,
+    /// `P^(1/2)'` (d, d): `scaled unscaled' = I`.
+    pub unscaled: Vec<f64>,
+    /// The root mean squares (d) of z in the data.
+    pub scale: Vec<f64>,
+    parts: Vec<Arc<Part>>,
+}
+
+impl Frame {
+    /// Of a region of `pairs` pairs with this bound (n, n) of the covariance of the noise.
+    ///
+    /// # Errors
+    /// [`Error::Value`] for a region that is unbounded, or noise that is not positive definite; [`Error::Memory`].
+    pub fn new(region: &Region, noise: &[f64], pairs: usize) -> Result<Self> {
+        let (d, pairs) = (region.width(), pairs.max(1) as f64);
+        let n = region.centre().len() / d;
+        let (square, own) = (checked_len(WHAT, d, d)?, checked_len(WHAT, n, n)?);
+        let wrong = |name, expected| Error::Value { name, expected, found: "another one".into() };
+        if !region.radius().is_finite() {
+            return Err(wrong("region", "bounded"));
+        }
+        let small = (0..n).any(|i| {
+            // noise that is rounding of the readings
+            let size = |part: &Arc<Part>| {
+                let lengths = norm(part.of().root.iter().copied()) / pairs.sqrt();
+                norm(region.centre()[i * d..(i + 1) * d].iter().copied()) * lengths
+            };
+            noise
+                .get(i * (n + 1))
+                .is_none_or(|v| v.sqrt() <= 1e-15 * region.parts().iter().map(size).fold(0.0, f64::max))
+        });
+        let root = if noise.len() == own && !small { cholesky(noise, n)? } else { None };
+        let root = root.ok_or_else(|| wrong("noise", "a positive definite bound, no row a combination of others"))?;
+        let mut back = try_zeros::<f64>(WHAT, own)?;
+        for j in 0..n {
+            for i in j..n {
+                let done: f64 = (j..i).map(|k| root[i * n + k] * back[k * n + j]).sum();
+                back[i * n + j] = (f64::from(u8::from(i == j)) - done) / root[i * (n + 1)];
+            }
+        }
+        let (mut begins, mut white, mut scale) = (try_zeros(WHAT, 1)?, Vec::new(), try_zeros::<f64>(WHAT, d)?);
+        let (mut reach, mut norms) = (Vec::new(), Vec::new());
+        for part in region.parts() {
+            let (of, width) = (part.of(), part.of().columns.len().max(1));
+            for row in of.white.chunks_exact(width) {
+                let mut wide = try_zeros(WHAT, d)?;
+                of.columns.iter().zip(row).for_each(|(j, v)| wide[*j] = *v);
+                try_extend(WHAT, &mut white, wide)?;
+            }
+            try_push(WHAT, &mut begins, white.len() / d)?;
+            for (at, j) in of.columns.iter().enumerate() {
+                scale[*j] = scale[*j].max(norm(of.root.iter().copied().skip(at).step_by(width)) / pairs.sqrt());
+            }
+            let mut shape = try_zeros(WHAT, own)?;
+            for (at, v) in of.shape.iter().enumerate() {
+                shape[of.rows[at / of.rows.len()] * n + of.rows[at % of.rows.len()]] = of.factor * v;
+            }
+            let half = covariance_root(&shape, n)?;
+            let product = |at: usize| (0..n).map(|k| back[at % n * n + k] * half[k * n + at / n]).sum::<f64>();
+            let turned = try_collect(WHAT, (0..own).map(product))?;
+            try_push(WHAT, &mut norms, WIDER * spectral_norm(&turned, n, n)?)?;
+            try_extend(WHAT, &mut reach, turned)?;
+        }
+        scale.iter_mut().filter(|v| **v == 0.0).for_each(|v| *v = 1.0);
+        let [mut scaled, mut unscaled] = [try_zeros(WHAT, square)?, try_zeros(WHAT, square)?];
+        scale.iter().enumerate().for_each(|(j, v)| (scaled[j * (d + 1)], unscaled[j * (d + 1)]) = (1.0 / v, *v));
+        if let [part] = region.parts()
+            && white.len() == square
+            && part.of().root.len() == square
+        {
+            scaled.iter_mut().zip(&white).for_each(|(to, v)| *to = pairs.sqrt() * v);
+            unscaled.iter_mut().zip(part.of().root).for_each(|(to, v)| *to = v / pairs.sqrt());
+        }
+        let (centre, parts) = (try_copy(WHAT, region.centre())?, try_collect(WHAT, region.parts().iter().cloned())?);
+        Ok(Self { sizes: (n, d), centre, root, back, white, begins, reach, norms, scaled, unscaled, scale, parts })
+    }
+
+    /// `e` (n) and `W z` (any), and the lengths (parts) of z; false where a number is not finite, or z has a part in a direction
+    /// that the data do not determine.
+    pub fn residual(&self, z: &[f64], y: &[f64], e: &mut [f64], wz: &mut [f64], lengths: &mut [f64]) -> bool {
+        let (n, d) = self.sizes;
+        wz.iter_mut().zip(self.white.chunks_exact(d)).for_each(|(to, row)| *to = dot(row, z));
+        for (p, to) in lengths.iter_mut().enumerate() {
+            let known = self.parts[p].length(z).is_finite();
+            *to = if known { WIDER * size(&wz[self.begins[p]..self.begins[p + 1]]) } else { f64::INFINITY };
+        }
+        e.iter_mut().zip(y).zip(self.centre.chunks_exact(d)).for_each(|((to, y), row)| *to = y - dot(row, z));
+        (0..n).rev().for_each(|i| e[i] = dot(&self.back[i * n..=i * n + i], &e[..=i]));
+        e.iter().chain(lengths.iter()).all(|v| v.abs() <= 1e140)
+    }
+
+    /// `L^-1 x`.
+    pub(super) fn whitened(&self, x: impl Fn(usize) -> f64) -> Result<Vec<f64>> {
+        let n = self.sizes.0;
+        try_collect(WHAT, (0..n).map(|i| (0..=i).map(|k| self.back[i * n + k] * x(k)).sum::<f64>()))
+    }
+
+    /// `|B' l|` of a part: `l' (Theta - C) z` is at most the sum of these times the lengths of z.
+    pub(super) fn spread(&self, part: usize, l: &[f64]) -> f64 {
+        let own = l.len() * l.len();
+        let rows = self.reach[part * own..(part + 1) * own].chunks_exact(l.len());
+        WIDER * rows.map(|row| dot(row, l).powi(2)).sum::<f64>().sqrt()
+    }
+}

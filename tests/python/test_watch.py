@@ -1,0 +1,330 @@
+"""An alarm of a loop in use: its promise, what it finds, and what it must not be asked."""
+
+import pickle
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs import _core
+from stochens_rs.exceptions import InputError, StochensError
+from stochens_rs.feedback import Watch
+from stochens_rs.identification.assumptions import ACCEPTED
+from stochens_rs.identification.changes import source_of
+from twin.watch import evidence
+
+RIG = (
+    np.array([[1.0, -0.01, 0.1, 0.0], [0, 1.06, 0, 0.1], [0, -0.2, 1, -0.01], [0, 1.2, 0, 1.06]]),
+    np.array([[0.005], [-0.005], [0.1], [-0.1]]),
+    np.full(4, 5e-4),
+    0.5,
+)
+ROOM = (np.array([[0.95, 0.03], [0.02, 0.9]]), np.array([[4e-4], [0.0]]), np.full(2, 0.05), 300.0)
+UNITS = (
+    np.array([[1.05, 2e-4], [0.0, 0.9]]),
+    np.array([[1e-3], [0.5]]),
+    np.array([1e-4, 100.0]),
+    50.0,
+)
+ONE = (np.array([[1.2]]), np.array([[1.0]]), np.array([0.1]), 0.3)
+PLANTS = {"rig": RIG, "room": ROOM, "units": UNITS, "one": ONE}
+
+
+def noise(rng, shape, law):
+    if law == "t(3)":
+        return rng.standard_t(3, shape) / np.sqrt(3.0)
+    return rng.standard_normal(shape)
+
+
+def made(name, runs=10, seed=1):
+    """A plant, its model from runs in closed loop, and the gain."""
+    A, B, sizes, dither = PLANTS[name]
+    rng = np.random.default_rng(seed)
+    Q, R = np.diag(sizes**-2.0), np.eye(B.shape[1]) / dither**2
+    K = se.gain((A, B), Q, R).K
+    logs = [follow((A, B), K, sizes, dither, 40, rng) for _ in range(runs)]
+    data = se.Trajectories(*zip(*logs, strict=True))
+    model = se.identify(data, noise=se.Noise(covariance=np.diag(sizes**2)))
+    return (A, B), K, model
+
+
+def follow(plant, K, sizes, dither, steps, rng, law="gaussian"):
+    A, B = plant
+    x, u = [sizes * rng.standard_normal(len(A))], []
+    w = noise(rng, (steps, len(A)), law) * sizes
+    for k in range(steps):
+        u.append(K @ x[-1] + dither * rng.standard_normal(B.shape[1]))
+        x.append(A @ x[-1] + B @ u[-1] + w[k])
+    return np.array(x), np.array(u)
+
+
+def run(watch, x, u):
+    """Readings and the inputs between them; how many alarms there were."""
+    before = np.full(u.shape[1], np.nan)
+    for k, row in enumerate(x):
+        watch.step(row, before)
+        before = u[min(k, len(u) - 1)]
+    return int(watch.now[2])
+
+
+def edge(region, rng):
+    """A system on the edge of a region of one part."""
+    part, L = region.parts[0], np.linalg.cholesky(region.parts[0].S * region.parts[0].factor)
+    a, b = rng.standard_normal(len(L)), rng.standard_normal(len(part.white))
+    off = np.outer(L @ a, b @ part.white) / np.linalg.norm(a) / np.linalg.norm(b)
+    return np.split(region.centre + 0.999 * off, [len(L)], axis=1)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_evidence_is_that_of_the_formulas(moving):
+    (A, B), K, model = made("units")
+    region = model.region(0.05)
+    rng = np.random.default_rng(2)
+    x, u = follow((A, 0.999 * B), K, *PLANTS["units"][2:], 130, rng)
+    watch = source_of(model, region).watch("variance", moving, 1e15)
+    watch.step(x[0], u[0])
+    found = [watch.step(row, acted)[1] for row, acted in zip(x[1:], u, strict=True)]
+    part = region.parts[0]
+    V, S = part.root.T @ part.root, np.diag(PLANTS["units"][2] ** 2)
+    rows = np.hstack([x[:-1], u, x[1:]])
+    twin = evidence(region.centre, V, part.factor * part.S, S, model.size, rows, [2], moving=moving)
+    assert watch.now[2] == 0
+    assert max(found) > 10.0
+    np.testing.assert_allclose(found, twin, rtol=1e-7)
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_false_alarms_are_as_rare_as_promised(name):
+    """Also on the edge of the region, with heavy tails; the steps are Bernoulli at most."""
+    (A, B), K, model = made(name)
+    source, rng, steps = source_of(model, model.region(0.05)), np.random.default_rng(3), 4000
+    alarms = 0
+    for plant in ((A, B), edge(source.region, rng)):
+        x, u = follow(plant, K, *PLANTS[name][2:], steps, rng, "t(3)")
+        alarms += run(source.watch("variance", False, 50.0), x, u)
+    assert 10 < alarms <= 2 * (steps + 14) / 50.0
+
+
+def test_without_the_region_or_the_law_it_is_false():
+    """The mutants: no penalty for the region, Gaussian bets on heavy tails."""
+    _, K, model = made("one", runs=3)
+    source, rng = source_of(model, model.region(0.05)), np.random.default_rng(4)
+    allowed = 5000 / 1000.0 + 1
+    fields = list(source.region.parts[0].__reduce__()[1])
+    point = _core.RegionPart(*fields[:-1], 1e-12)
+    small = replace(source.region, parts=(point,))
+    x, u = follow(edge(source.region, rng), K, *ONE[2:], 5000, rng)
+    assert run(source.watch("variance", False, 1000.0), x, u) <= allowed
+    assert run(replace(source, region=small).watch("variance", False, 1000.0), x, u) > 3 * allowed
+    x, u = follow(ONE[:2], K, *ONE[2:], 5000, rng, "t(3)")
+    assert run(source.watch("variance", False, 1000.0), x, u) <= allowed
+    assert run(source.watch("gaussian", False, 1000.0), x, u) > 3 * allowed
+
+
+def test_a_plant_that_moves_needs_the_larger_penalty():
+    """The worst member in each step: sums of blocks with the penalty of a constant ring."""
+    _, K, model = made("one", runs=3)
+    region = model.region(0.05)
+    source, rng, part = source_of(model, region), np.random.default_rng(5), region.parts[0]
+    size = np.sqrt(part.factor * part.S[0, 0])
+    x, u, before = np.zeros(1), np.zeros(1), np.full(1, np.nan)
+    watches = [source.watch("gaussian", moving, 1000.0) for moving in (False, True)]
+    for _ in range(8000):
+        for watch in watches:
+            watch.step(x, before)
+        u = K @ x + 0.3 * rng.standard_normal(1)
+        z = np.concatenate([x, u])
+        x = region.centre @ z + size * np.linalg.norm(part.white @ z) + 0.1 * rng.standard_normal(1)
+        before = u
+    constant, moves = (int(watch.now[2]) for watch in watches)
+    assert moves <= 9 < 27 < constant
+
+
+def test_an_alarm_says_which_part_changed():
+    (A, B), K, model = made("rig")
+    proof = se.gain(model, np.diag(RIG[2] ** -2), np.eye(1) / RIG[3] ** 2).certificate(0.05)
+    rng, right = np.random.default_rng(6), 0
+    for fault in range(10):
+        watch = proof.watch(every=1e4)
+        new = (A, 0.5 * B) if fault % 2 else (A + 0.2 * np.outer([0, 0, 0, 1], [0, 1, 0, 0]), B)
+        x, u = follow(new, K, *RIG[2:], 400, rng)
+        for row, acts in zip(x, u, strict=False):
+            state = watch(row, acts)
+        assert state.status == "alarm"
+        assert watch.rang is not None
+        changes, true = watch.changes(), np.hstack(new)
+        assert changes.status == "refuted"
+        wanted = ("u[0]",) if fault % 2 else ("x[1]", "x[3](k+1)")
+        assert set(wanted) <= set(changes.explanations)  # the true one is never refuted
+        right += set(changes.explanations) == set(wanted)
+        assert (np.abs(changes.estimate - true) <= changes.radius).all()
+        for (row, column), (low, high) in changes.entries.items():
+            j = list(changes.regressors).index(column)
+            i = list(changes.outputs).index(row)
+            assert not np.isclose(true[i, j], np.hstack((A, B))[i, j])
+            assert low <= true[i, j] <= high
+        after = watch.hold()
+        assert after.status != "certified" or after.region.contains(*new)
+    assert right >= 6
+
+
+def test_quiet_without_dither_proves_nothing():
+    """u = K x: all changes with dA = -dB K have the same record, and it is said by name."""
+    (A, B), K, model = made("rig")
+    source = source_of(model, model.region(0.05))
+    rng = [np.random.default_rng(7) for _ in range(2)]
+    pair = (A, B), (A + 0.5 * B @ K, 0.5 * B)
+    runs = [follow(p, K, RIG[2], 0.0, 300, r) for p, r in zip(pair, rng, strict=True)]
+    np.testing.assert_allclose(*(one[0] for one in runs), atol=1e-12)
+    proof = se.gain(model, np.diag(RIG[2] ** -2), np.eye(1) / RIG[3] ** 2).certificate(0.05)
+    watch = source.watch()
+    watch.take(np.hstack([runs[1][0][:-1], runs[1][1], runs[1][0][1:]]))
+    changes = source.changes(watch, 0.05)
+    assert changes.status == "not refuted" or not changes.outside > 1.0
+    assert any("u[0]" in text for text in changes.unseen)
+    assert changes.region is None
+    assert proof.watch().hold() is proof
+
+
+def test_it_goes_on_from_a_file(tmp_path):
+    (A, B), K, model = made("one")
+    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+    watch = proof.watch(level=0.01)
+    x, u = follow((A, 0.6 * B), K, *ONE[2:], 300, np.random.default_rng(8))
+    x[100] = np.nan
+    for row, acts in zip(x[:200], u, strict=False):
+        watch(row, acts)
+    watch.save(tmp_path / "watch")
+    others = [pickle.loads(pickle.dumps(watch)), Watch.load(tmp_path / "watch")]
+    for row, acts in zip(x[200:], u[199:], strict=False):
+        wanted = watch(row, acts)
+        assert all(other(row, acts) == wanted for other in others)
+    assert wanted.status == "alarm"
+    assert watch.changes() == others[1].changes()
+    watch.clear()
+    assert watch(x[-1], u[-1]).status == "quiet"
+    assert watch.rang is None
+    assert watch([np.nan], [0.0]).status == "skipping"
+    assert watch.plot().get_ylabel() == "evidence of a change"
+
+
+def test_loops_take_it_along(tmp_path):
+    rng = np.random.default_rng(9)
+    y, u = np.zeros((400, 1)), rng.standard_normal((399, 1))
+    for t in range(1, 399):
+        y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+    model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+    proof = loop.certificate(0.05)
+    loop.watch = proof.watch(every=1e4)
+    now, past, gain = 0.0, 0.0, 1.0
+    for k in range(700):
+        if k == 300:
+            gain = 0.4
+            loop.save(tmp_path / "loop")
+            loop = type(loop).load(tmp_path / "loop")
+            assert loop.watch is not None
+            assert not loop.log
+        target = [float(np.sign(np.sin(k / 9.0)))]
+        acts = loop([now if k != 50 else np.nan], target=target)
+        now, past = 1.2 * now - 0.4 * past + gain * acts[0] + 0.1 * rng.standard_normal(), now
+        if k == 50:
+            assert loop.log[-1].watch.status == "skipping"
+        if k == 299:
+            assert {call.watch.alarms for call in loop.log} == {0}
+    assert loop.log[-1].watch.status == "alarm"
+    assert "u[0]" in loop.watch.changes().explanations
+    held = loop.watch.hold()
+    assert held.status == "certified"
+    assert held.region.centre.shape == proof.region.centre.shape
+
+
+def test_states_that_are_planned_for_take_it_along():
+    (A, B), _, model = made("one")
+    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+    loop, rng, x = se.regulate(model, 5, limits=(-2.0, 2.0)), np.random.default_rng(1), np.zeros(1)
+    loop.watch = proof.watch(every=1e4)
+    for k in range(200):
+        u = loop(x)
+        x = A @ x + (0.3 if k > 100 else 1.0) * B @ u + 0.1 * rng.standard_normal(1)
+    assert loop.log[99].watch.status == "quiet"
+    assert loop.log[-1].watch.alarms > 0
+
+
+@pytest.mark.parametrize("name", PLANTS)
+def test_models_are_refuted_no_more_often_than_asked(name):
+    (A, B), K, model = made(name)
+    rng, refuted = np.random.default_rng(10), 0
+    for _ in range(60):
+        x, u = follow((A, B), K, *PLANTS[name][2:], 60, rng)
+        refuted += model.accepts(se.Trajectories([x], [u]), level=0.5).status == "refuted"
+    assert refuted <= 40  # of 60 with at most 1 / 2 each: false with 5e-3
+    x, u = follow((A, 0.3 * B), K, *PLANTS[name][2:], 400, rng)
+    changes = model.accepts(se.Trajectories([x], [u]))
+    assert changes.status == "refuted"
+    assert "u[0]" in changes.explanations
+    assert type(changes).from_dict(changes.to_dict()) == changes
+
+
+def test_two_logs_in_open_loop_are_tested_exactly():
+    rng, design = np.random.default_rng(11), se.Noise(design="independent")
+    L, refuted, runs = np.array([[0.3, 0.0], [0.1, 0.2]]), 0, 300
+
+    def pairs(N, B, heating=None):
+        x, w = rng.standard_normal((2, N, 2))
+        u = rng.standard_normal((N, 1)) if heating is None else np.full((N, 1), heating)
+        return se.Trajectories.from_pairs(x, u, x @ [[0.9, 0.2], [-0.1, 0.8]] + u * B + w @ L.T)
+
+    for k in range(runs):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", se.exceptions.DataWarning)  # the tests of 12 pairs
+            model = se.identify(pairs(12, [0.0, 1.0]), noise=design, checks=False, accept=ACCEPTED)
+        new = pairs(*((4, [0.0, 1.0]), (2, [0.0, 1.0], 0.6))[k % 2])
+        refuted += model.accepts(new, level=0.2, design="independent").status == "refuted"
+    assert abs(refuted - 0.2 * runs) <= 4.0 * np.sqrt(0.16 * runs)
+    model = se.identify(pairs(40, [0.0, 1.0]), noise=design, checks=False)
+    changed = pairs(40, [0.0, 0.5])
+    assert model.accepts(changed, design="independent").status == "refuted"
+    with pytest.raises(InputError, match="`design` must be 'adaptive'"):
+        se.identify(pairs(40, [0.0, 1.0]), noise=0.3).accepts(changed, design="independent")
+
+
+def test_what_a_log_says_nothing_about():
+    rng = np.random.default_rng(12)
+    x, w = rng.standard_normal((2, 80, 1))
+    u = np.hstack([np.full((80, 1), 0.6), rng.standard_normal((80, 1))])
+    data = se.Trajectories.from_pairs(
+        x, u, 0.5 * x + u @ [[1.0], [1.0]] + 0.1 * w, state_names=["room"],
+        input_names=["heating", "window"],
+    )  # fmt: skip
+    with pytest.warns(se.exceptions.DataWarning):
+        model = se.identify(data, noise=0.1, intercept=True)
+    (text,) = model.excitation()
+    assert text == (
+        "heating and the offset: their effects are not determined apart (heating was always 0.6)"
+    )
+
+
+def test_what_it_must_not_be_asked():
+    _, _, model = made("one")
+    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+    x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1))
+    data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+    other = se.regulate((np.eye(2), np.eye(2)), 3)
+    unknown = se.gain(se.identify(data), 1.0, 1.0).certificate(0.05)
+    assert unknown.watch().threshold > 1e5  # the region bounds its own noise
+    for call, message in (
+        (lambda: proof.watch(every=1.0), "`every` must be from 2"),
+        (lambda: proof.watch(every=9.0, level=0.1), "`every` and `level` must not be given both"),
+        (lambda: proof.watch(law="normal"), "`law` must be"),
+        (lambda: proof.watch()([1.0, 2.0], [0.0]), "`y` must"),
+        (lambda: proof.watch().plot(), "the history is empty"),
+        (lambda: setattr(other, "watch", proof.watch()), "`watch` must be of"),
+        (lambda: setattr(other, "watch", 3), "`watch` must be a Watch"),
+        (lambda: replace(proof, source=None).watch(), "`proof` has no model to watch"),
+        (lambda: model.accepts(3), "`runs` must be"),
+    ):
+        with pytest.raises(StochensError, match=message.replace("(", r"\(")):
+            call()

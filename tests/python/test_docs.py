@@ -157,6 +157,8 @@ PAGES = (
     "docs/close-the-loop.md",
     "docs/compare.md",
     "docs/fleet.md",
+    "docs/glossary.md",
+    "docs/heat-a-house.md",
     "docs/logs.md",
     "docs/measured-runs.md",
     "docs/readings.md",
@@ -172,6 +174,7 @@ PAGES = (
 NEEDED = {
     "README.md": ("matplotlib", "pandas"),
     "docs/fleet.md": ("matpowercaseframes", "matplotlib", "pypower"),
+    "docs/heat-a-house.md": ("matplotlib",),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
     "docs/systems.md": (
         "control",

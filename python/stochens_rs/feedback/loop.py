@@ -9,7 +9,7 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
-from .._base.names import Labels, weight
+from .._base.names import Labels, titled, weight
 from .._base.records import SavedRecord, trusted
 from ..exceptions import InputError, NonFiniteError
 from ..identification.identified import Identified
@@ -287,7 +287,8 @@ def gain(
 
 def given_inputs(names: tuple[str, ...], given: Sequence[str]) -> list[int]:
     """The places of inputs that are measured and not chosen."""
-    found = [validation.choice("given", name, names) for name in validation.items("given", given)]
+    short = [titled(name, names) for name in validation.items("given", given)]
+    found = [validation.choice("given", name, names) for name in short]
     return sorted({names.index(name) for name in found})
 
 

@@ -11,12 +11,12 @@ from .. import _core
 from .._base import show, validation
 from .._base.names import Labels, titled, weight
 from .._base.records import SavedRecord, trusted
-from ..exceptions import InputError, NonFiniteError
+from ..exceptions import InputError, NonFiniteError, SolverError
 from ..identification.identified import Identified
 from ..identification.model import Model, in_states
 from ..identification.region import Region
 from ..system.system import System
-from .certificate import LoopCertificate, judged
+from .certificate import LoopCertificate, judged, more_logs, unmoved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -267,7 +267,10 @@ def gain(
             K[chosen], of_inputs[np.ix_(chosen, chosen)] = part, weights[1]
             of_inputs = validation.frozen(of_inputs)
         else:
-            K, S, parameter = _core.guaranteed_gain(region.core, *weights, states=names.states)
+            try:
+                K, S, parameter = _core.guaranteed_gain(region.core, *weights, states=names.states)
+            except SolverError as error:
+                raise SolverError(f"{error}{_too_large(model, region)}") from None
             method = "guaranteed cost"
     return trusted(
         Loop,
@@ -283,6 +286,20 @@ def gain(
         R=of_inputs,
         given=tuple(known.labels.inputs[j] for j in fixed),
     )
+
+
+def _too_large(model: Identified | None, region: Region) -> str:
+    """Why there is no guarantee for a region: an input that is not seen to act, or few logs."""
+    reason = None if model is None else unmoved(model, region.delta)
+    if reason is not None:
+        return f": {reason}"
+    try:
+        widest = _core.widest_gain(region.core)[2]
+    except SolverError:
+        return ""
+    if not 0.0 < widest < 1.0:
+        return ""
+    return f": it is {1.0 / widest:.3g} times as large as can be; {more_logs(1.0 / widest)}"
 
 
 def given_inputs(names: tuple[str, ...], given: Sequence[str]) -> list[int]:

@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 
 import stochens_rs as se
-from stochens_rs.data.table import SECONDS, titled, unit_of
+from stochens_rs._base.names import titled
+from stochens_rs.data.table import SECONDS, unit_of
 from stochens_rs.exceptions import DataWarning, InputError, InputTypeError, ShapeError
 
 T = 12

@@ -158,6 +158,8 @@ PAGES = (
     "docs/compare.md",
     "docs/fleet.md",
     "docs/how-much-can-go-wrong.md",
+    "docs/glossary.md",
+    "docs/heat-a-house.md",
     "docs/logs.md",
     "docs/measured-runs.md",
     "docs/plant-changed.md",
@@ -175,6 +177,7 @@ PAGES = (
 NEEDED = {
     "README.md": ("matplotlib", "pandas"),
     "docs/fleet.md": ("matpowercaseframes", "matplotlib", "pypower"),
+    "docs/heat-a-house.md": ("matplotlib",),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),
     "docs/systems.md": (
         "control",

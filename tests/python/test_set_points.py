@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import itertools
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -682,3 +683,35 @@ def test_hidden_systems_stay_in_the_tube_of_a_reference():
     # anti-test: around the centre alone
     thin = [follows_targets(seed, 0.5, 0.97) for seed in range(14)]
     assert thin.count(False) > 0.5 * (14 - thin.count(None))
+
+
+def test_names_without_their_units_are_known():
+    """As in `from_csv` and `limits`: a user writes the names of the columns once."""
+    rng = np.random.default_rng(5)
+    y, u = np.zeros((300, 1)), rng.standard_normal((299, 2))
+    for t in range(299):
+        y[t + 1] = 0.8 * y[t] + u[t, :1] + 0.1 * u[t, 1:] + 0.1 * rng.standard_normal(1)
+    names = {"state_names": ["room [C]"], "input_names": ["heat [kW]", "outdoor [C]"]}
+    data = se.Trajectories([y], [u], outputs=True, **names)
+    model = se.identify(data, window=se.Window(filters=(0.5, 2)))
+    gain = se.gain(model, 1.0, 1.0, given=["outdoor"])
+    assert gain.given == ("outdoor [C]",)
+    loop = se.regulate(gain, target={"room": 2.0}, limits={"heat": (-9.0, 9.0)}, offset_free=True)
+    np.testing.assert_array_equal(loop.target, [2.0])
+    assert model.labels.place("inputs", "heat", inputs=True) == 0
+    with pytest.raises(InputError, match=r"did you mean 'outdoor \[C\]'"):
+        se.gain(model, 1.0, 1.0, given=["outdor"])
+    with pytest.raises(InputTypeError):
+        se.gain(model, 1.0, 1.0, given=[np.zeros(2)])
+    with pytest.raises(InputError, match="must name some of the outputs room"):
+        loop.target = {"rom": 2.0}
+    # when the estimate is sure enough, what the loop waits for is named alone
+    while not loop.full:
+        loop([0.0], given=[0.0])
+    reasons = [call.reason for call in loop.log[:-1]]
+    known = [re.match(r"the next readings are known to ([\d.e+-]+) dev", one) for one in reasons]
+    assert [float(one[1]) for one in known if one and float(one[1]) <= 3.0] == []
+    left = [int(one.split()[3]) for one in reasons if one.startswith("the window fills: ")]
+    assert len(left) >= 2
+    assert left[-1] == 1
+    assert (np.diff(left) == -1).all()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -18,6 +18,18 @@ from .records import Record
 from .types import Floats
 
 _LISTED = 12  # most names in a cell of a table
+_TITLE = re.compile(r"^(.*\S)\s*[\[(]\s*(?![-+]?\d)[^\[\]()]+[\])]$")
+
+
+def titled(name: Any, titles: Collection[Any]) -> Any:
+    """The one of `titles` that is this name with a unit behind it; else the name.
+
+    ``angle [rad]``, ``angle[rad]`` or ``angle (rad)``; but x[0] is a name.
+    """
+    if not isinstance(name, str) or name in titles:
+        return name
+    fits = [one for one in titles if isinstance(one, str) and _TITLE.sub(r"\1", one) == name]
+    return fits[0] if len(fits) == 1 else name
 
 
 @dataclass(frozen=True)
@@ -79,7 +91,7 @@ class Labels(Record):
         """The place of a state or input, which is given by name or number."""
         names = self.inputs if inputs else self.states
         if isinstance(one, str):
-            return names.index(validation.choice(argument, one, names))
+            return names.index(validation.choice(argument, titled(one, names), names))
         return validation.size(argument, one, minimum=0, maximum=len(names) - 1)
 
     def places(self, argument: str, chosen: object, *, inputs: bool = False) -> list[int]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from .. import cases
 from .._base.files import is_state
+from .._base.names import titled
 from .._base.numbers import ROUNDING
 from .._base.reading import number
 from .._base.show import at_most, listed, percent
@@ -19,7 +20,7 @@ from .._base.types import Floats
 from .._base.validation import nearest
 from ..controls import control
 from ..data.gaps import NEAR
-from ..data.table import Table, titled
+from ..data.table import Table
 from ..exceptions import DataWarning, InputError, SolverError
 from ..feedback import Loop
 from ..feedback import gain as gain_of

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from .. import _core
 from .._base import show, validation
-from .._base.names import Labels, weight
+from .._base.names import Labels, titled, weight
 from .._base.types import DELTA, Floats
 from ..exceptions import DataWarning, InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.tube import Rest
@@ -31,6 +31,7 @@ def targets(model: Model, target: Any) -> Floats:
     if target is None:
         return np.zeros((1, len(names)))
     if isinstance(target, Mapping):
+        target = {titled(name, names): value for name, value in target.items()}
         unknown = [name for name in target if name not in names]
         if unknown or not target:
             raise InputError(

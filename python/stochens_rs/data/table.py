@@ -8,7 +8,7 @@ import glob
 import os
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import date
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from .. import _core
 from .._base import running, validation
 from .._base.files import PathLike, checked_path, regular_file
+from .._base.names import titled
 from .._base.reading import printable
 from .._base.types import Floats
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -110,7 +111,7 @@ class Table:
 
     def title(self, name: Any) -> Any:
         """The column of this name, with the unit that stands behind it."""
-        return titled(name, self.names) if isinstance(name, str) else name
+        return titled(name, self.names)
 
     def row(self, row: int) -> str:
         """A row in words: of a file its line."""
@@ -340,7 +341,6 @@ def _rows(table: Table, by: Any, rows: int) -> dict[tuple[bool, Any], NDArray[np
     return {label: np.array(places) for label, places in found.items()}
 
 
-_TITLE = re.compile(r"^(.*\S)\s*[\[(]\s*(?![-+]?\d)[^\[\]()]+[\])]$")
 _WORDS = {  # (times, parts): a time times / parts is in seconds, rounded once
     (1, 1): "s sec secs second seconds",
     (1, 10**3): "ms msec msecs millis millisec millisecs millisecond milliseconds",
@@ -362,15 +362,6 @@ _ENDINGS = (  # t_ms, time.us, t ms; ms, tms, timeus; TimeUS, stampMs
 )
 _EPOCH = (9.4e8, 4.2e9)  # seconds from 1970 to 1999 and to 2103
 LATEST = 1e11  # seconds, the year 5138
-
-
-def titled(name: str, titles: Collection[Any]) -> str:
-    """The one of `titles` that is this name with a unit behind it; else the name.
-
-    ``angle [rad]``, ``angle[rad]`` or ``angle (rad)``; but x[0] is a name.
-    """
-    fits = [one for one in titles if isinstance(one, str) and _TITLE.sub(r"\1", one) == name]
-    return fits[0] if len(fits) == 1 and name not in titles else name
 
 
 def unit_of(title: object) -> str:

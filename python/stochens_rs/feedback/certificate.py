@@ -19,7 +19,7 @@ from ..exceptions import InputError, NonFiniteError
 from ..identification.changes import Predictor
 from ..identification.identified import Identified
 from ..identification.misfit import block_of, directions_of, signals_of, sizes_of
-from ..identification.model import Model
+from ..identification.model import Model, in_states
 from ..identification.region import Region
 from .margins import Margins, Rounding
 from .tube import Rest, Tube
@@ -752,18 +752,26 @@ class LoopCertificate(SavedRecord):
                 what += f", with {self.region.misfit.text}"
         elif self.status == "refuted":
             what = (
-                f"refuted: this gain leaves a system of the region ({share}) unstable, see "
-                "`member`; more data make the region smaller"
+                f"refuted: this gain leaves a system of the region ({share}) unstable, see `member`"
             )
+            if self.reason is not None:
+                what += f": {self.reason}"
+            elif self.spectral_radius >= 1.0:
+                what += ", and the model itself: take another gain"
+            else:
+                what += f"; {more_logs(self.least)}, or a gain with a better margin: gain(model)"
         elif self.reason is not None:
             what = f"{self.status}: {self.reason}"
         elif self.status == "undecided":
-            what = f"undecided: the region is {self.least:.6g} times as large as can be proved"
-        else:  # rho g falls as the number of pairs to -1/2
+            what = (
+                "undecided: no system of the region was found unstable, but the proof fails by "
+                f"rounding, with a region {self.least:.6g} times as large as the largest that can "
+                "be proved: fewer lags or filters, or more weight of the inputs, help"
+            )
+        else:
             what = (
                 f"{self.status}: the region is {self.least:.3g} times as large as can be proved; "
-                f"about {self.least**2:.2g} times as many logs like these will do (a forecast), or "
-                "a gain with a better margin: gain(model)"
+                f"{more_logs(self.least)}, or a gain with a better margin: gain(model)"
             )
         return f"<LoopCertificate: {what}{show.careful(self.warnings)}>"
 
@@ -842,6 +850,8 @@ def judged(
         if np.isfinite(region.radius):
             along = ", ".join(region.missing[:3]) or "what is outside the span it was made for"
             reason = f"the data do not determine the system along {along}"
+    if model is not None and found.status in ("refuted", "not provable") and found.sizes[2] < 1.0:
+        reason = unmoved(model, region.delta)
     warnings = tuple(one for one in (model.warnings if model else ()) if one != doubt)
     window = model.window if isinstance(model, Model) else None
     if window is not None and found.status in ("refuted", "not provable", "undecided"):
@@ -888,6 +898,39 @@ def noise_bound(proof: LoopCertificate, name: str, eps: float) -> tuple[Floats, 
     # S >= a Sigma but with eps / 2, a the quantile of the smallest root of W_n(nu, I)
     a = _core.smallest_quantile(region.n, proof.degrees, left / 2.0, get_num_threads())
     return np.ascontiguousarray(proof.residual) / a, left / 2.0
+
+
+def more_logs(least: float) -> str:
+    """How many logs would do, as ``rho g`` falls as the number of pairs to -1/2."""
+    return f"about {least**2:.2g} times as many logs like these will do (a forecast)"
+
+
+def unmoved(model: Identified, delta: float) -> str | None:
+    """A mode that does not decay, and of which no input is seen to move it in this region.
+
+    ``w'(A - L I) = 0``, w_p the part of the p rows that were identified, and x_j how the rest of
+    the window follows an input ``e_j L^t``: the mode is moved by ``w_p'(A_p x_j + B_p e_j)``, which
+    the region knows up to ``||w_p|| ||(Theta - C)(x_j, e_j)||``.
+    """
+    if not isinstance(model, Model):
+        return None
+    (n, m), p = model.B.shape, model.n_outputs if model.window is not None else model.n
+    region, rows = in_states(model, model.region(delta)), np.arange(n) < p
+    values, left = np.linalg.eig(model.A.T)
+    shift, own = (np.where(rows[:, None], 0.0, M) for M in (model.A, model.B))
+    for k in np.flatnonzero(np.abs(values) >= 1.0):
+        w = left[:p, k]
+        x = np.linalg.solve(values[k] * np.eye(n) - shift, own)
+        moved = np.abs(w @ (model.A[:p] @ x + model.B[:p]))
+        parts = [(x.real, np.eye(m)), (x.imag, np.zeros((m, m)))]
+        off = sum(np.array([region.bound(a[:, j], u[:, j]) for j in range(m)]) for a, u in parts)
+        if (moved <= np.linalg.norm(w) * off).all():
+            name = model.labels.states[int(np.argmax(np.abs(w)))]
+            return (
+                f"{name} has a part that is {np.abs(values[k]):.3g} times as large after a step, "
+                "and the data do not show that an input moves it: more data, or another input"
+            )
+    return None
 
 
 def _no_effect(region: Region, K: Floats, model: Identified) -> str | None:

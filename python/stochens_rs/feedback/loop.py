@@ -9,16 +9,16 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
-from .._base.names import Labels, weight
+from .._base.names import Labels, titled, weight
 from .._base.records import SavedRecord, trusted
-from ..exceptions import InputError, NonFiniteError
+from ..exceptions import InputError, NonFiniteError, SolverError
 from ..export.header import believed, evidence, write
 from ..identification.changes import source_of
 from ..identification.identified import Identified
 from ..identification.model import Model, in_states
 from ..identification.region import Region
 from ..system.system import System
-from .certificate import LoopCertificate, judged, sentence
+from .certificate import LoopCertificate, judged, more_logs, sentence, unmoved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -356,7 +356,10 @@ def gain(
             K[chosen], of_inputs[np.ix_(chosen, chosen)] = part, weights[1]
             of_inputs = validation.frozen(of_inputs)
         else:
-            K, S, parameter = _core.guaranteed_gain(region.core, *weights, states=names.states)
+            try:
+                K, S, parameter = _core.guaranteed_gain(region.core, *weights, states=names.states)
+            except SolverError as error:
+                raise SolverError(f"{error}{_too_large(model, region)}") from None
             method = "guaranteed cost"
     return trusted(
         Loop,
@@ -374,9 +377,24 @@ def gain(
     )
 
 
+def _too_large(model: Identified | None, region: Region) -> str:
+    """Why there is no guarantee for a region: an input that is not seen to act, or few logs."""
+    reason = None if model is None else unmoved(model, region.delta)
+    if reason is not None:
+        return f": {reason}"
+    try:
+        widest = _core.widest_gain(region.core)[2]
+    except SolverError:
+        return ""
+    if not 0.0 < widest < 1.0:
+        return ""
+    return f": it is {1.0 / widest:.3g} times as large as can be; {more_logs(1.0 / widest)}"
+
+
 def given_inputs(names: tuple[str, ...], given: Sequence[str]) -> list[int]:
     """The places of inputs that are measured and not chosen."""
-    found = [validation.choice("given", name, names) for name in validation.items("given", given)]
+    short = [titled(name, names) for name in validation.items("given", given)]
+    found = [validation.choice("given", name, names) for name in short]
     return sorted({names.index(name) for name in found})
 
 

@@ -11,13 +11,12 @@ import numpy as np
 
 from .. import _core
 from .._base import running, validation
-from .._base.names import Labels, default_labels, weight
+from .._base.names import Labels, default_labels, titled, weight
 from .._base.numbers import ROUNDING
 from .._base.reading import shown_labels
 from .._base.records import Record, require_shapes, trusted
 from .._base.running import get_num_threads
 from .._base.types import Floats, Status
-from ..data.table import titled
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..theory.exact import matrix_powers
 from .limits import Cost, Entries, Limits, Named, as_cost, as_limits

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
 FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected
+SURE = 3.0  # deviations of the noise: what a loop runs with knows the next readings so well
 MOVED = 0.01  # of the range of the limits: how far the set point may move without a new problem
 
 
@@ -384,7 +385,9 @@ class ReadingLoop(ControlLoop[Reading]):
             name = self.model.outputs[i]
             return f"of {name} {read[i]} of {calls} were read: {known}, must be 3", stuck
         left = show.number_of(max(1, window.fill + 1 - since), "complete reading")
-        return f"{known}: 3 will do, or {left} in a row", stuck
+        if excess <= SURE**2:
+            return f"the window fills: {left} in a row to come", stuck
+        return f"{known}: {SURE:g} will do, or {left} in a row", stuck
 
     def start(self, record: Record) -> Floats:
         """Fill the window from a record that just happened.

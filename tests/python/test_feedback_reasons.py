@@ -1,0 +1,77 @@
+"""Why nothing is certified of a gain, in words."""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from stochens_rs.exceptions import SolverError
+from stochens_rs.feedback.certificate import judged, unmoved
+
+pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+
+B = np.array([[0.5], [0.0]])
+APART = np.array([[0.9, 0.2], [0.0, 1.05]])  # nothing moves the second state
+CHAIN = np.array([[1.05, 0.2], [0.1, 0.7]])
+
+
+def model_of(A, runs, outputs, seed=1, B=B):
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(runs):
+        x, u = np.zeros((41, 2)), rng.standard_normal((40, 1))
+        x[0] = 0.1 * rng.standard_normal(2)
+        for k in range(40):
+            x[k + 1] = A @ x[k] + B @ u[k] + 0.05 * rng.standard_normal(2)
+        found.append((x, u))
+    read = {"outputs": True} if outputs else {}
+    data = se.Trajectories(*zip(*found, strict=True), state_names=["a", "b"], **read)
+    return se.identify(data, checks=False, **({"window": se.Window(lags=2)} if outputs else {}))
+
+
+@pytest.mark.parametrize("outputs", [False, True])
+def test_a_mode_that_no_input_moves_is_named(outputs):
+    model = model_of(APART, 30, outputs)
+    why = unmoved(model, 0.05)
+    assert why is not None
+    assert re.match(r"b has a part that is 1\.0[3-7]\d? times as large after a step, and the", why)
+    proof = se.gain(model, [1.0, 1.0], 1.0).certificate(0.05)
+    assert proof.status in ("refuted", "not provable")
+    assert proof.reason == why
+    assert why in repr(proof)
+    with pytest.raises(SolverError, match="the data do not show that an input moves it"):
+        se.gain(model, [1.0, 1.0], 1.0, guarantee=0.05)
+
+
+@pytest.mark.parametrize("outputs", [False, True])
+def test_a_mode_that_the_input_moves_is_not(outputs):
+    model = model_of(CHAIN, 30, outputs)
+    assert np.abs(np.linalg.eigvals(model.A)).max() > 1.0
+    assert unmoved(model, 0.05) is None
+    assert se.gain(model, [1.0, 1.0], 1.0).certificate(0.05).status == "certified"
+
+
+def test_complex_modes_are_looked_at_in_both_parts():
+    turn = 1.03 * np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]])
+    assert unmoved(model_of(turn, 30, False), 0.05) is None
+    why = unmoved(model_of(turn, 30, False, B=0.0 * B), 0.05)
+    assert why is not None
+    assert "1.03 times as large" in why
+
+
+def test_too_few_logs_say_how_many_more():
+    """A forecast from the size of the region, and none where the model itself is unstable."""
+    model = model_of(CHAIN, 2, False, seed=3)
+    bold = se.gain(model, [1.0, 1.0], 1e-6)
+    proof = judged(model.region(0.05), 0.0 * bold.K, model.labels, model)
+    assert proof.status == "refuted"
+    assert proof.spectral_radius >= 1.0
+    assert "and the model itself: take another gain" in repr(proof)
+    proof = dataclasses.replace(proof, least=1.5, spectral_radius=0.9)
+    assert "; about 2.2 times as many logs like these will do (a forecast)" in repr(proof)
+    proof = dataclasses.replace(proof, status="undecided", least=0.8)
+    assert "the proof fails by rounding, with a region 0.8 times as large" in repr(proof)

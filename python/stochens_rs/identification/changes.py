@@ -100,7 +100,8 @@ class Predictor(SavedRecord):
 
     def entered(self, region: Region) -> Region:
         """The same region in the states of the loop."""
-        if (self.window.count, self.window.pole, self.window.delay) == (1, None, 0):
+        own = self.window.count, self.window.pole, self.window.delay
+        if own == (1, None, 0) and self.bias is None:
             return region
         J, ABc, G = self.window.loop(region.centre)
         n, m, p = len(G), len(self.window.inputs), len(self.window.outputs)

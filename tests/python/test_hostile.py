@@ -211,6 +211,12 @@ LOG = Path(__file__).parents[2] / "docs" / "data" / "runs.csv"
 TABLE = {"t": [0.0, 0.1, 0.2], "x": [1.0, 2.0, 3.0], "u": [1.0, 0.0, 0.0]}
 
 
+def watched():
+    watch = proof().watch()
+    watch(X0, X0)
+    return watch
+
+
 def model_stream():
     draws = np.random.default_rng(1).standard_normal((12, 6))
     stream = se.ModelStream(2, 2)
@@ -324,6 +330,10 @@ TAKEN = {
     ("regulate", "limits"): {"object vector", "list of None"},
     ("control_fleet", "limits"): {"object vector", "list of None"},
     ("Regulator.__call__", "x"): {"nan vector"},  # the last safe input is held
+    ("LoopCertificate.of", "reason"): {"text"},
+    ("Watch.__call__", "y"): {"nan vector"},  # a missing reading
+    ("Watch.__call__", "u"): {"nan vector"},
+    ("Watch.__call__", "applied"): {"nan vector"},
     ("ReadingLoop.__call__", "y"): {"nan vector"},
     ("ReadingLoop.__call__", "applied"): {"nan vector"},
     ("ReadingLoop.__call__", "target"): {"nan vector"},  # of an output that is free
@@ -362,7 +372,7 @@ MADE = {
     "LoopCertificate": proof,
     "Margins": lambda: proof().margins(),
     "Tube": lambda: proof().tube(X0, 3),
-    "Watch": lambda: proof().watch(),
+    "Watch": watched,
     "Typical": lambda: se.control(model(), X0, XF).typical(),
     "NextRuns": lambda: se.design(to_improve(), 2, limits=(-1.0, 1.0)),
     "Validation": lambda: se.control((A, B), X0, XF).validate([se.System(A, B)] * 20),
@@ -377,7 +387,7 @@ OPTIONS = {"Limits", "Cost", "Uncertain", "Key"}  # records that users make
 SEPARATE = {"Ensemble", "ReadingLoop", "Watch", "Kept", "Plan.typical"}  # made by functions
 # programs, and what ends in files of Matplotlib
 SEPARATE |= {"main", "save", "save_figures"}
-STATEFUL = {"DataStream", "ModelStream", "Regulator", "ReadingLoop", "Stream", "Study", "Watch"}
+STATEFUL = {"DataStream", "ModelStream", "Regulator", "ReadingLoop", "Stream", "Study"}
 MADE = {n: make if n in STATEFUL else cache(make) for n, make in MADE.items()}
 
 

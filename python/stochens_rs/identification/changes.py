@@ -84,6 +84,8 @@ class Predictor(SavedRecord):
         """What the pairs after an alarm say."""
         found = watch.look(level, list(self.groups.values()))
         (estimate, *radii), violations, gains, (white, root, factor) = found
+        estimate = np.where(np.isnan(estimate), self.region.centre, estimate)
+        gains[0] = np.where(np.isnan(gains[0]), 1.0, gains[0])
         (n, d), region, k = estimate.shape, None, 1 + len(self.groups)
         if np.isfinite(factor):
             all_of = np.arange(n), np.arange(d), white, root, np.zeros((d, 0)), 1.0
@@ -100,7 +102,8 @@ class Predictor(SavedRecord):
 
     def entered(self, region: Region) -> Region:
         """The same region in the states of the loop."""
-        if (self.window.count, self.window.pole, self.window.delay) == (1, None, 0):
+        own = self.window.count, self.window.pole, self.window.delay
+        if own == (1, None, 0) and self.bias is None:
             return region
         J, ABc, G = self.window.loop(region.centre)
         n, m, p = len(G), len(self.window.inputs), len(self.window.outputs)
@@ -153,7 +156,7 @@ class Changes(SavedRecord):
         The largest violation of the region that was found; above 1 it is proved that the plant is
         outside.
     estimate, centre : ndarray, shape (row, column)
-        The coefficients of the new pairs, nan where they do not determine them, and the old ones.
+        The coefficients of the new pairs, and the old ones, which stand where these are not known.
     radius, allowed : ndarray, shape (row, column)
         `estimate` is within `radius` of the plant; a plant of the region differs by `allowed`.
     by_others, by_other_rows : ndarray, shapes (signal,) and (row,)

@@ -204,6 +204,10 @@ class Watch(Durable):
             return self.proof.of(None, "the pairs after the alarm are too few: excite the inputs")
         return self.proof.of(self._source.entered(region))
 
+    def _skip(self) -> None:
+        """Say that the next call does not follow on the last one, as where the plant was moved."""
+        self._core.step(*(np.full(len(names), np.nan) for names in self.names))
+
     def clear(self) -> None:
         """Take the alarm as seen: quiet until the next one; the pairs after it are forgotten."""
         self._core.clear()

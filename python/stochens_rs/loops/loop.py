@@ -73,7 +73,7 @@ class ControlLoop(Durable, Generic[Entry]):
     def watch(self) -> Watch | None:
         """The alarm that looks at each call, of `LoopCertificate.watch`; can be set.
 
-        `reset` leaves it as it is: its evidence is about the plant.
+        `reset` leaves its evidence, which is about the plant; the next call begins anew.
         """
         return self._watch
 
@@ -115,6 +115,8 @@ class ControlLoop(Durable, Generic[Entry]):
         self._calls = 0
         self._forget()
         self._last = self._safe
+        if self._watch is not None:
+            self._watch._skip()
 
     def _forget(self) -> None:
         """Begin anew but for the log."""

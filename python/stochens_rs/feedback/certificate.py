@@ -500,6 +500,8 @@ class LoopCertificate(SavedRecord):
             raise InputError(f"`every` must be from 2 to 1e15 steps, got {every:g}")
         if level is not None:
             promise = validation.probability("level", level)
+            if not 1e-15 <= promise <= 0.5:
+                raise InputError(f"`level` must be from 1e-15 to 0.5, got {level:g}")
         law = validation.choice("law", law, LAWS)
         require_linear(self.region, "watch")
         return Watch(self, promise, law, validation.flag("moving", moving))

@@ -230,7 +230,8 @@ class Watch(Durable):
 
     def __getstate__(self) -> dict[str, Any]:
         about = {"promise": self.promise, "law": self.law, "moving": self.moving}
-        own = {"state": self._core.state(), "history": np.array(self.history), "next": self._next}
+        finite = np.clip(self._core.state(), -1e300, 1e300)  # -inf: the logarithm of a lost bet
+        own = {"state": finite, "history": np.array(self.history), "next": self._next}
         return {"proof": self.proof, **about, **own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:

@@ -914,7 +914,7 @@ def unmoved(model: Identified, delta: float) -> str | None:
     the window follows an input ``e_j L^t``: the mode is moved by ``w_p'(A_p x_j + B_p e_j)``, which
     the region knows up to ``||w_p|| ||(Theta - C)(x_j, e_j)||``.
     """
-    if not isinstance(model, Model):
+    if not isinstance(model, Model) or model.misfit is not None:
         return None
     (n, m), p = model.B.shape, model.n_outputs if model.window is not None else model.n
     region, rows = in_states(model, model.region(delta)), np.arange(n) < p

@@ -205,7 +205,7 @@ class Changes(SavedRecord):
 
         The true one is among them if it is one of these.
         """
-        if not self.outside > 1.0:
+        if self.status != "refuted":  # the exact test can refute what no bound does: then all may
             return ()
         named = [*self.signals, *(f"{name}(k+1)" for name in self.outputs)]
         values = [*self.by_others, *self.by_other_rows]

@@ -81,6 +81,8 @@ class Misfit(Options):
         super().__post_init__()
         if self.power < 1.0 or (self.power > 1.0 and self.within == np.inf):
             raise InputError("`power` must be at least 1, and with one above 1 `within` be finite")
+        if not self.gamma <= 1e100:
+            raise InputError("`at_most` and `power` must give a term of size below 1e100 ||z||")
         if self.cut is not None and self.cut > self.within:
             raise InputError("`cut` must be at most `within`, where the bound is true")
 
@@ -93,7 +95,8 @@ class Misfit(Options):
     def gamma(self) -> float:
         """``||f|| <= gamma ||z||`` for all z up to `within`."""
         far = self.within if self.power > 1.0 else 1.0
-        return float(self.at_most * far ** (self.power - 1.0))
+        with np.errstate(over="ignore", invalid="ignore"):
+            return float(self.at_most * np.float64(far) ** (self.power - 1.0))
 
     @property
     def text(self) -> str:

@@ -306,7 +306,7 @@ fn call(name: &str) -> Option<Call> {
                 let horizon = Steps { a, b, x0: &one[..2], reference: &one, stage, terminal, r };
                 let bounds = Bounds::new(&low[..N], &high[..N], N)?;
                 let rate = Some((&[0.3][..], &[0.0][..]));
-                let soft = Rows { rate, states: Some((&low, &high)), soft: Some(2.0), grows: false };
+                let soft = Rows { rate, states: Some((&low, &high)), soft: Some(2.0), near: &[], grows: false };
                 limits::rows_control(&horizon, bounds, soft, None, until())?;
                 let hard = Rows { states: Some((&high, &high)), soft: None, ..soft };
                 limits::rows_control(&horizon, bounds, hard, None, until())?;

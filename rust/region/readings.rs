@@ -20,6 +20,8 @@ const WHAT: &str = "a loop from readings";
 const BELIEVED: f64 = 3.0;
 /// What an accepted reading takes off the number of those that were alike.
 const FORGOTTEN: f64 = 1.0 / 3.0;
+/// Relative: inputs that hold a capped bias are at their limits to rounding.
+const CAPPED: f64 = 1e-9;
 /// Of the excess of a window: what it holds says nothing.
 const USELESS: f64 = 1e12;
 /// Of the deviation of the noise: a walk of every output beside those that inputs can make.
@@ -305,9 +307,11 @@ impl Readings {
     }
 
     /// The bias nearest to this one, in the metric of the noise, that inputs within the limits hold the set point with:
-    /// `e + Sigma T'(T Sigma T')^-1 (limit - us - T e)` over the rows T of `T_e` of the inputs that are beyond.
+    /// `e + Sigma T'(T Sigma T')^-1 (limit - us - T e)` over the rows T of `T_e` of the inputs that are beyond. Where that is more
+    /// than can be met, as of two inputs for one output, the largest share of it that all limits allow.
     fn capped(&self, bias: &mut [f64]) -> Result<()> {
         let ([us, low, high], p) = (&self.aim.limits, bias.len());
+        let asked = try_copy(WHAT, bias)?;
         let mut held: Vec<(usize, f64)> = Vec::new();
         for _ in 0..us.len() {
             let wanted = product(&self.aim.of_bias, bias)?;
@@ -318,6 +322,9 @@ impl Readings {
                 break;
             }
             try_extend(WHAT, &mut held, new)?;
+            if held.len() > p {
+                break;
+            }
             room_for_products()?;
             covered(WHAT, 512 * (p as u128 + held.len() as u128 + 16).pow(2), || {
                 let rows = Mat::from_fn(held.len(), p, |i, j| self.aim.of_bias[held[i].0 * p + j]);
@@ -329,6 +336,22 @@ impl Readings {
                     bias.iter_mut().enumerate().for_each(|(i, e)| *e += by[(i, 0)]);
                 }
             })?;
+        }
+        let share = |bias: &[f64]| -> Result<f64> {
+            let wanted = product(&self.aim.of_bias, bias)?;
+            let allowed = (0..us.len()).map(|i| {
+                let there = (us[i] + wanted[i]).clamp(low[i], high[i]) - us[i];
+                if (wanted[i] - there).abs() > CAPPED * wanted[i].abs().max(us[i].abs()) {
+                    there / wanted[i]
+                } else {
+                    1.0
+                }
+            });
+            Ok(allowed.fold(1.0, f64::min).max(0.0))
+        };
+        if share(bias)? < 1.0 {
+            let part = share(&asked)?;
+            bias.iter_mut().zip(&asked).for_each(|(e, asked)| *e = part * asked);
         }
         Ok(())
     }

@@ -332,6 +332,28 @@ def test_the_cap_keeps_the_disturbance_within_the_limits(belt):
     assert off[-100:].max() < 0.3
 
 
+def test_the_cap_of_more_inputs_than_outputs():
+    """y+ = .8 y + u_0 + .5 u_1 + 3: both inputs at their limits cannot be met; the bias jumped."""
+    rng = np.random.default_rng(3)
+    y, u, b = np.zeros((300, 1)), rng.standard_normal((299, 2)), np.array([1.0, 0.5])
+    for t in range(299):
+        y[t + 1] = 0.8 * y[t] + u[t] @ b + 0.05 * rng.standard_normal(1)
+    model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=1))
+    low, high = np.array([-1.0, -0.3]), np.array([0.4, 1.5])
+    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=0.3, limits=(low, high))
+    read, found = np.zeros(1), []
+    for t in range(120):
+        act = loop(read)
+        wanted = loop._point.of_bias[1:] @ loop.bias
+        assert ((wanted >= low - 1e-6) & (wanted <= high + 1e-6)).all()
+        found.append(loop.bias[0])
+        read = 0.8 * read + act @ b + (3.0 if 20 <= t < 80 else 0.0)
+    found = np.array(found)
+    assert np.ptp(found[60:80]) < 1e-6
+    assert found[70] > 0.2
+    assert abs(found[-1]) < 0.1
+
+
 @pytest.mark.parametrize("seed", range(sets(4, 1)))
 def test_random_faults_never_leave_the_limits(belt, seed):
     """10 000 calls with every kind of fault: never nan, always said, back at the target."""

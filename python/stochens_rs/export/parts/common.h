@@ -13,15 +13,18 @@ typedef float @_real;
 #define $_EPS FLT_EPSILON
 #define $_HUGE FLT_MAX
 #define $_LARGEST 1e18F
+#define $_CAPPED 1e-5F
 #define $_SQRT(v) sqrtf(v)
 #else
 typedef double @_real;
 #define $_EPS DBL_EPSILON
 #define $_HUGE DBL_MAX
 #define $_LARGEST 1e150
+#define $_CAPPED 1e-9
 #define $_SQRT(v) sqrt(v)
 #endif
 #define $_R(v) ((@_real)(v))
+#define $_ABS(v) ((v) < $_R(0) ? -(v) : (v))
 
 /* What @_step returns; in every case u holds numbers within the limits. */
 enum {

@@ -404,8 +404,24 @@ static inline @_real @_off(const @ *s, const @_real *y, const @_real *z, const i
     return found;
 }
 
+/* The largest share of a bias that the limits of all inputs allow. */
+static inline @_real @_share(const @_real *bias, const @_real *us)
+{
+    @_real share = $_R(1);
+    for (int j = 0; j < $_M; ++j) {
+        @_real wanted = $_R(0), there, size;
+        for (int i = 0; i < $_P; ++i)
+            wanted += @_us_of_bias[j * $_P + i] * bias[i];
+        there = @_within(us[j] + wanted, @_floor[j], @_ceiling[j]) - us[j];
+        size = $_ABS(wanted) > $_ABS(us[j]) ? $_ABS(wanted) : $_ABS(us[j]);
+        if ($_ABS(wanted - there) > $_CAPPED * size && there / wanted < share)
+            share = there / wanted;
+    }
+    return share > $_R(0) ? share : $_R(0);
+}
+
 /* The nearest bias that inputs within the limits can take off at the set point. */
-static inline void @_capped(@_real *bias, const @_real *us)
+static inline void @_project(@_real *bias, const @_real *us)
 {
     int held[$_M] = {0}, count = 0;
     @_real value[$_M] = {0}, across[$_P * $_M] = {0}, a[$_M * $_M] = {0}, b[$_M] = {0};
@@ -424,7 +440,7 @@ static inline void @_capped(@_real *bias, const @_real *us)
                 held[count++] = j;
             }
         }
-        if (count == before)
+        if (count == before || count > $_P)
             return;
         for (int k = 0; k < count; ++k)
             for (int i = 0; i < $_P; ++i) {
@@ -448,6 +464,20 @@ static inline void @_capped(@_real *bias, const @_real *us)
         for (int i = 0; i < $_P && fine; ++i)
             for (int k = 0; k < count; ++k)
                 bias[i] += across[i * $_M + k] * b[k];
+    }
+}
+
+/* Where the limits are more than a bias can meet, the largest share of it that all of them allow. */
+static inline void @_capped(@_real *bias, const @_real *us)
+{
+    @_real asked[$_P], share;
+    for (int i = 0; i < $_P; ++i)
+        asked[i] = bias[i];
+    @_project(bias, us);
+    if (@_share(bias, us) < $_R(1)) {
+        share = @_share(asked, us);
+        for (int i = 0; i < $_P; ++i)
+            bias[i] = share * asked[i];
     }
 }
 

@@ -581,3 +581,14 @@ def test_errors_of_inputs_stay_within_their_ellipsoid():
                 most[at] = np.maximum(most[at], response @ sizes)
         assert (most <= bound * (1 + 1e-9)).all()
         assert (bound <= 12 * most).all()
+
+
+def test_a_gain_that_fails_with_a_misfit_has_its_verdict():
+    rng = np.random.default_rng(1)
+    x, u, w = rng.standard_normal((3, 20, 1))
+    data = se.Trajectories.from_pairs(x, u, 1.2 * x + 0.3 * u + 0.1 * w)
+    misfit = se.Misfit(on="x[0]", of="x[0]", at_most=0.1)
+    proof = se.gain(se.identify(data, noise=0.1, misfit=misfit), 1.0, 1.0).certificate(0.05)
+    assert proof.status in ("refuted", "not provable", "certified")
+    with pytest.raises(se.exceptions.InputError):
+        se.Misfit(on="x[0]", of="x[0]", at_most=1.0, power=1e3, within=10.0)

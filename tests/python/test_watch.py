@@ -328,3 +328,53 @@ def test_what_it_must_not_be_asked():
     ):
         with pytest.raises(StochensError, match=message.replace("(", r"\(")):
             call()
+
+
+def one_state(law="variance", **options):
+    rng = np.random.default_rng(1)
+    x, u, w = rng.standard_normal((3, 60, 1))
+    data = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.1 * w)
+    model = se.identify(data, noise=0.1)
+    return model, se.gain(model, 1.0, 1.0).certificate(0.05).watch(law=law, **options)
+
+
+def test_a_loop_that_begins_anew_makes_no_alarm():
+    """Each episode begins elsewhere: the last reading before the reset is no pair with the next."""
+    model, watch = one_state()
+    loop, rng = se.regulate(model, 10, limits=(-5.0, 5.0)), np.random.default_rng(5)
+    loop.watch = watch
+    for _ in range(12):
+        x = rng.standard_normal(1)
+        for _ in range(40):
+            x = 0.9 * x + loop(x) + 0.1 * rng.standard_normal(1)
+        loop.reset()
+    assert loop.watch.rang is None
+
+
+@pytest.mark.parametrize("law", ["gaussian", "bounded", "symmetric"])
+def test_a_watch_with_a_lost_bet_is_loaded(law):
+    _, watch = one_state(law, moving=True)
+    rng, x = np.random.default_rng(1), np.zeros(1)
+    for _ in range(256):
+        u = watch.proof.K @ x + 30.0
+        watch(x, u)
+        x = 0.9 * x + u + 0.1 * rng.uniform(-1.0, 1.0, 1)
+    other = pickle.loads(pickle.dumps(watch))
+    assert other(x, u) == watch(x, u)
+
+
+def test_what_an_exact_test_refutes_has_explanations():
+    rng, found = np.random.default_rng(4), []
+
+    def pairs(effect):
+        x, u, w = rng.standard_normal((3, 60, 1))
+        return se.Trajectories.from_pairs(x, u, 0.9 * x + effect * u + w)
+
+    for _ in range(10):
+        model = se.identify(pairs(1.0), noise=se.Noise(design="independent"), checks=False)
+        changes = model.accepts(pairs(0.3), design="independent")
+        found += [changes.explanations] if changes.status == "refuted" else []
+    assert len(found) > 5
+    assert () not in found
+    with pytest.raises(InputError, match="`level` must be from 1e-15"):
+        one_state(level=0.9)

@@ -747,6 +747,8 @@ class LoopCertificate(SavedRecord):
 
     def __repr__(self) -> str:
         share = show.percent(self.region.delta)
+        # more data make the region smaller, and no misfit
+        more = "" if self.region.misfit else f"{more_logs(self.least)}, or "
         if self.status == "certified":
             what = f"certified for every system of the region ({share}): stable, "
             what += f"margin at least {show.margin(self.margin)}"
@@ -761,7 +763,7 @@ class LoopCertificate(SavedRecord):
             elif self.spectral_radius >= 1.0:
                 what += ", and the model itself: take another gain"
             else:
-                what += f"; {more_logs(self.least)}, or a gain with a better margin: gain(model)"
+                what += f"; {more}a gain with a better margin: gain(model)"
         elif self.reason is not None:
             what = f"{self.status}: {self.reason}"
         elif self.status == "undecided":
@@ -773,7 +775,7 @@ class LoopCertificate(SavedRecord):
         else:
             what = (
                 f"{self.status}: the region is {self.least:.3g} times as large as can be proved; "
-                f"{more_logs(self.least)}, or a gain with a better margin: gain(model)"
+                f"{more}a gain with a better margin: gain(model)"
             )
         return f"<LoopCertificate: {what}{show.careful(self.warnings)}>"
 

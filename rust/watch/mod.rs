@@ -10,18 +10,18 @@
 //! changed from the pairs after an alarm, and [`open_loop`] tests whether two logs are of one plant.
 
 mod accept;
+mod alarm;
 mod bank;
 mod frame;
 mod fresh;
 mod laws;
-mod watch;
 
 pub use accept::{OpenLoop, open_loop};
+pub use alarm::{Counts, Promise, Watch};
 pub use bank::{Bank, Null};
 pub use frame::Frame;
 pub use fresh::{Fresh, Look};
 pub use laws::Laws;
-pub use watch::{Counts, Promise, Watch};
 
 #[cfg(test)]
 mod tests;

@@ -37,7 +37,7 @@ pub struct Margin {
 pub struct Margins {
     /// The least and the largest constant factor of each input.
     pub gains: Vec<[Margin; 2]>,
-    /// The largest turn of each input [rad].
+    /// The largest turn of each input, in rad.
     pub phases: Vec<Margin>,
     /// The largest alpha of `(1 + delta / 2) / (1 - delta / 2)`, `|delta| <= alpha`, at each input.
     pub disks: Vec<Margin>,

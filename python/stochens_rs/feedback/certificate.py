@@ -906,7 +906,7 @@ def noise_bound(proof: LoopCertificate, name: str, eps: float) -> tuple[Floats, 
 
 def more_logs(least: float) -> str:
     """How many logs would do, as ``rho g`` falls as the number of pairs to -1/2."""
-    return f"about {least**2:.2g} times as many logs like these will do (a forecast)"
+    return f"about {least * least:.2g} times as many logs like these will do (a forecast)"
 
 
 def unmoved(model: Identified, delta: float) -> str | None:

@@ -130,22 +130,24 @@ def task_of(
             "`soft` must not be False for a model of outputs: noise can lead readings beyond any "
             "limit; give a weight, or leave it out"
         )
-    of_outputs = Labels(model.outputs, model.input_names)
-    own = read_task(p, m, K, np.zeros(p), within, Cost(Q=output_weights(model, cost)), of_outputs)
+    names = Labels(model.outputs, model.input_names)
+    own = read_task(p, m, K, np.zeros(p), within, Cost(Q=output_weights(model, cost)), names)
+    assert own.state_low is not None
+    assert own.state_high is not None
     task = read_task(n, m, K, xf, replace(within, x=None, soft=None), cost, model.labels)
 
     def wider(M: Floats) -> Floats:
         return np.pad(M, [(0, p)] * 2)
 
-    free, (low, high) = np.full((K, n), np.inf), sides("limits.x", within.x, K, of_outputs)
+    free = np.full((K, n), np.inf)
     ahead = model.coefficients @ model.loop.J
     task = replace(
         task,
         stage=wider(task.stage),
         terminal=wider(task.terminal),
         reference=np.pad(task.reference, [(0, 0), (0, p)]),
-        state_low=np.hstack([-free, low]),
-        state_high=np.hstack([free, high]),
+        state_low=np.hstack([-free, own.state_low]),
+        state_high=np.hstack([free, own.state_high]),
         soft=own.soft,
     )
     c = None if model.c is None else np.hstack([model.c, ahead[:, n + m]])
@@ -240,11 +242,12 @@ Record: TypeAlias = (
 
 
 class Start(NamedTuple):
-    """Where a record ends: the state, the last readings, and whether rest was declared."""
+    """Where a record ends: state and last readings, whether rest was declared, the last input."""
 
     x: Floats
     read: Floats
     at_rest: bool
+    acted: Floats
 
 
 def start_of(model: Model, record: Any) -> Start:
@@ -271,7 +274,8 @@ def start_of(model: Model, record: Any) -> Start:
     if len(record) == 2:
         x = window.state_of(*record)
         read = np.asarray(record[0], dtype=np.float64)[-1]
-        return Start(x, validation.frozen(read), False)
+        acted = np.vstack([np.zeros(m), np.asarray(record[1], dtype=np.float64)])[-1]
+        return Start(x, validation.frozen(read), False, acted)
     validation.choice("record", record[0], ("rest",))
     y = validation.vector("record", record[1], length=p, labels=model.outputs).copy()
     u = validation.vector("record", record[2], length=m, labels=model.input_names).copy()
@@ -283,7 +287,7 @@ def start_of(model: Model, record: Any) -> Start:
             f"inputs {show.vector(u)} the model moves by {off:.3g} in a step, of which its error "
             f"explains {room:.3g}"
         )
-    return Start(x, validation.frozen(y), True)
+    return Start(x, validation.frozen(y), True, u)
 
 
 def cost_of_outputs(model: Model, cost: Cost) -> Cost:
@@ -308,8 +312,7 @@ def output_control(
     assert model.window is not None
     start, K = start_of(model, record), validation.size("steps", steps)
     if limits.rate is not None and limits.previous is None:
-        last = 0.0 if isinstance(record, str) else np.atleast_2d(record[-1])[-1]
-        limits = replace(limits, previous=last)
+        limits = replace(limits, previous=start.acted)
     if model.window.count > K:
         raise InputError(
             f"`steps` must be {model.window.count} at least, so that the window can be at rest in "

@@ -532,7 +532,7 @@ class LoopCertificate(SavedRecord):
         return replace(found, dt=self.dt)
 
     def margins(self) -> Margins:
-        """Find how much the loop stands: proved for every system of the region.
+        """Find how much the loop withstands: proved for every system of the region.
 
         Returns
         -------
@@ -747,8 +747,6 @@ class LoopCertificate(SavedRecord):
 
     def __repr__(self) -> str:
         share = show.percent(self.region.delta)
-        # more data make the region smaller, and no misfit
-        more = "" if self.region.misfit else f"{more_logs(self.least)}, or "
         if self.status == "certified":
             what = f"certified for every system of the region ({share}): stable, "
             what += f"margin at least {show.margin(self.margin)}"
@@ -763,7 +761,7 @@ class LoopCertificate(SavedRecord):
             elif self.spectral_radius >= 1.0:
                 what += ", and the model itself: take another gain"
             else:
-                what += f"; {more}a gain with a better margin: gain(model)"
+                what += f"; {self._cure}"
         elif self.reason is not None:
             what = f"{self.status}: {self.reason}"
         elif self.status == "undecided":
@@ -775,9 +773,15 @@ class LoopCertificate(SavedRecord):
         else:
             what = (
                 f"{self.status}: the region is {self.least:.3g} times as large as can be proved; "
-                f"{more}a gain with a better margin: gain(model)"
+                f"{self._cure}"
             )
         return f"<LoopCertificate: {what}{show.careful(self.warnings)}>"
+
+    @property
+    def _cure(self) -> str:
+        """What makes a proof possible: more data make the region smaller, but no misfit."""
+        more = "" if self.region.misfit else f"{more_logs(self.least)}, or "
+        return f"{more}a gain with a better margin: gain(model)"
 
     def _repr_html_(self) -> str:
         rows = [
@@ -812,6 +816,7 @@ def _smaller(name: str, limits: tuple[ArrayLike, ArrayLike] | None, size: int) -
 
 
 def _judge(region: Region, K: Floats, labels: Labels, doubted: bool) -> _core.Feedback:
+    """What the core finds of a gain, with the misfit of the region as a block beside it."""
     block = None if region.misfit is None else block_of(region.misfit, labels)
     return _core.Feedback(region.linear, np.ascontiguousarray(K), doubted, block)
 

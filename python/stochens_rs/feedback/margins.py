@@ -1,4 +1,4 @@
-"""`Margins` and `Rounding`: how much a certified loop stands beside the error of its model."""
+"""`Margins` and `Rounding`: how much a certified loop withstands beside the error of its model."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _EACH, _WHOLE = 4, 6  # margins of each input, and of the loop
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Margins(SavedRecord):
-    """What a loop stands: for every system of a region, and the same of its centre alone.
+    """What a loop withstands: for every system of a region, and the same of its centre alone.
 
     Made by `LoopCertificate.margins`. Each margin is for one fault while all else is as it was; for
     several at once use `LoopCertificate.allows` or a model with a `Misfit`.

@@ -205,8 +205,9 @@ class Changes(SavedRecord):
 
         The true one is among them if it is one of these.
         """
-        if self.status != "refuted":  # the exact test can refute what no bound does: then all may
+        if self.status != "refuted":
             return ()
+        # where only the exact test refutes, no bound excludes any of them
         named = [*self.signals, *(f"{name}(k+1)" for name in self.outputs)]
         values = [*self.by_others, *self.by_other_rows]
         return tuple(name for name, value in zip(named, values, strict=True) if value <= 1.0)
@@ -244,15 +245,15 @@ class Changes(SavedRecord):
         return tuple(found)
 
     def __repr__(self) -> str:
-        said = [self.status + f" by {show.number_of(self.pairs, 'pair')}"]
+        parts = [self.status + f" by {show.number_of(self.pairs, 'pair')}"]
         if self.outside > 1.0:
             alone = ", ".join(self.explanations) or "no single signal or row"
-            said.append(f"a change of one alone: {alone}")
+            parts.append(f"a change of one alone: {alone}")
         seen = {name: v for name, v in self.detectable.items() if np.isfinite(v)}
         if self.status == "not refuted" and seen:
             name = min(seen, key=lambda name: seen[name])
-            said.append(f"a change of {name} by {seen[name]:.0%} would have shown")
-        return f"<Changes: {'; '.join(said)}{show.careful(self.unseen)}>"
+            parts.append(f"a change of {name} by {seen[name]:.0%} would have shown")
+        return f"<Changes: {'; '.join(parts)}{show.careful(self.unseen)}>"
 
 
 def accepted(model: Any, runs: Trajectories, level: float, design: Design) -> Changes:

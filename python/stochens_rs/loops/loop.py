@@ -180,9 +180,9 @@ class ControlLoop(Durable, Generic[Entry]):
     def _entered(self, entry: Entry, u: Floats, read: Floats, acted: Floats) -> Floats:
         """Write a call down, with what the watch says; what is returned is the caller's own."""
         if self.watch is not None:
-            said = self.watch(read, u, applied=acted)
-            seen: Any = replace(entry, watch=said)  # type: ignore[type-var]
-            entry = seen
+            found = self.watch(read, u, applied=acted)
+            watched: Any = replace(entry, watch=found)  # type: ignore[type-var]
+            entry = watched
         self._last = u
         self._calls += 1
         self._log.append(entry)

@@ -410,20 +410,17 @@ class ReadingLoop(ControlLoop[Reading]):
         started = perf_counter()
         with self._turn():
             found = start_of(self.model, record)
-            last = np.zeros(self.model.m)
-            if not isinstance(record, str):  # what was measured last
-                last = np.vstack([last, np.asarray(record[-1], dtype=np.float64)])[-1]
             self._begin()
-            self._given = np.where(np.isnan(self._given), np.nan, last)
+            self._given = np.where(np.isnan(self._given), np.nan, found.acted)
             self._window.aim(self._toward())
             self._window.start(found.x)
-            u, status = self._input(found.x, self._bias, last)
+            u, status = self._input(found.x, self._bias, found.acted)
             u = np.where(np.isnan(self._given), u, self._given)
             self._at_rest, self._runs, self._started = found.at_rest, True, True
             self._next_target()
             took = perf_counter() - started
             entry = Reading(found.read, None, u, self._bias, status, took)
-            return self._entered(entry, u, found.read, last * np.nan)
+            return self._entered(entry, u, found.read, np.full(self.model.m, np.nan))
 
     def _input(self, x: Floats, bias: Floats, acted: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""
@@ -449,16 +446,17 @@ class ReadingLoop(ControlLoop[Reading]):
         task: Any = self._policy
         far, (before, solved) = MOVED * (self._high - self._low), self._solved
         near = (np.abs(us - solved) <= far).all()
-        moved = {"low": task.low - us, "high": task.high - us}
-        if task.rate is not None:
-            moved["previous"] = task.previous - us
+        p = self.model.n_outputs
         if task.state_low is not None:  # of (x, y)
-            p = self.model.n_outputs
             rooms = task.state_high[0, -p:] - task.state_low[0, -p:]
             near &= (np.abs(xs[:p] - before[:p]) <= MOVED * rooms).all()
-            rest = np.hstack([xs, xs[:p]])  # at rest the first lags or filters are the readings
-            moved |= {"state_low": task.state_low - rest, "state_high": task.state_high - rest}
         if self._solver is None or not near:
+            moved = {"low": task.low - us, "high": task.high - us}
+            if task.rate is not None:
+                moved["previous"] = task.previous - us
+            if task.state_low is not None:
+                rest = np.hstack([xs, xs[:p]])  # at rest the first lags or filters are the readings
+                moved |= {"state_low": task.state_low - rest, "state_high": task.state_high - rest}
             A, B, _ = self._system
             solver = loop_of(replace(task, **moved), A, B, None)
             if self._solver is not None:
@@ -516,11 +514,15 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _toward(self) -> tuple[Floats, Floats, Floats, Floats]:
         """What a bias adds to the inputs that hold the target, these inputs, and the limits."""
-        row, after = self._rows[0], self._rows[min(1, len(self._rows) - 1)]
-        apart = np.nan_to_num(self._given - self._aimed[2])
-        self._moves = self._step(row), np.nan_to_num(after - row), apart
+        row, self._moves = self._rows[0], self._moves_of(0)
         inputs = np.minimum(np.maximum(self._at(row)[1], self._low), self._high)
         return self._point.of_bias[len(row) :].copy(), inputs, self._low, self._high
+
+    def _moves_of(self, k: int) -> tuple[Floats, Floats, Floats]:
+        """The target of the call k to come, from that of `_point`, its slope, and given inputs."""
+        row, after = (self._rows[min(at, len(self._rows) - 1)] for at in (k, k + 1))
+        apart = np.nan_to_num(self._given - self._aimed[2])
+        return self._step(row), np.nan_to_num(after - row), apart
 
     def _at(self, row: Floats) -> tuple[Floats, Floats]:
         """The window and the inputs at rest at a target, without a bias."""
@@ -621,7 +623,8 @@ class ReadingLoop(ControlLoop[Reading]):
         steps, limits, cost = self._asked
         if limits.rate is not None:
             limits = replace(limits, previous=self._acted)
-        start = Start(now[0], validation.frozen(self._log[-1].y.copy()), self._at_rest)
+        read = validation.frozen(self._log[-1].y.copy())
+        start = Start(now[0], read, self._at_rest, self._acted)
         return plan_from(self.model, start, self._at(self._rows[0]), steps, limits, cost)
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
@@ -704,7 +707,7 @@ class ReadingLoop(ControlLoop[Reading]):
             raise InputError("`tube` needs a full window, of which no reading was missing")
         if not np.isnan(self._given).all():
             raise InputError("`tube` is for loops without measured inputs: their way is not known")
-        K, model, other = validation.size("steps", steps), self.model, self._fresh()
+        K, model, last = validation.size("steps", steps), self.model, len(self._rows) - 1
         x, e, u = now[0], self._bias, self._last
         first = np.hstack([x, e[: proof.region.n - len(x)]])
         inputs = np.empty((K, model.m))
@@ -712,9 +715,8 @@ class ReadingLoop(ControlLoop[Reading]):
         for k in range(K):
             inputs[k] = u
             x, e = model.A @ x + model.B @ u + c, e - self._learning[0] @ e
-            xs, us = other._point.moving(e, *other._moves)
-            u = self._policy @ (x - xs) + other._forward[0] + us
-            other._next_target()
+            xs, us = self._point.moving(e, *self._moves_of(k))
+            u = self._policy @ (x - xs) + self._forward[min(k, last)] + us
         return proof.tube(first, K, inputs=inputs, noise=noise)
 
     def to_c(self, path: Any, *, name: str = "controller") -> None:

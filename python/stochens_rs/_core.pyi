@@ -1239,7 +1239,10 @@ class Apart:
 # a step later. Nothing changes where a call raises.
 @final
 class Loop:
-    def __new__(cls, a: _Floats, b: _Floats, c: _Floats | None, task: object) -> Loop: ...
+    # `timed`: for calls with a time limit
+    def __new__(
+        cls, a: _Floats, b: _Floats, c: _Floats | None, task: object, timed: bool = False
+    ) -> Loop: ...
     # whether one condensed map serves all states
     @property
     def condensed(self) -> bool: ...

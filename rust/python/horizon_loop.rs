@@ -25,17 +25,26 @@ pub(super) struct PyLoop {
 
 #[pymethods]
 impl PyLoop {
+    /// `timed`: for calls with a time limit.
     #[new]
+    #[pyo3(signature = (a, b, c, task, timed=false))]
     fn new(
         py: Python<'_>,
         a: Matrix<'_>,
         b: Matrix<'_>,
         c: Option<Vector<'_>>,
         task: TaskArgument<'_>,
+        timed: bool,
     ) -> PyResult<Self> {
         let horizon = made(py, &a, &b, c.as_ref(), task.task(None, None)?)?;
         let cost = cost(&horizon);
-        let made = run(py, cost, |stop| Loop::new(horizon, stop))?;
+        let made = run(py, cost, |stop| {
+            let mut made = Loop::new(horizon, stop)?;
+            if timed {
+                made.prepare(stop)?;
+            }
+            Ok(made)
+        })?;
         // one map for all states leaves a factorization
         let cost = if made.condensed() { (task.low.as_array().len() as f64).powi(3) } else { cost };
         Ok(Self { inner: Shared::new("loop", made), cost })

@@ -311,8 +311,7 @@ impl Readings {
     /// than can be met, as of two inputs for one output, the largest share of it that all limits allow.
     fn capped(&self, bias: &mut [f64]) -> Result<()> {
         let ([us, low, high], p) = (&self.aim.limits, bias.len());
-        let asked = try_copy(WHAT, bias)?;
-        let mut held: Vec<(usize, f64)> = Vec::new();
+        let (mut asked, mut held) = (Vec::new(), Vec::<(usize, f64)>::new());
         for _ in 0..us.len() {
             let wanted = product(&self.aim.of_bias, bias)?;
             let over = |i: usize| us[i] + wanted[i] - (us[i] + wanted[i]).clamp(low[i], high[i]);
@@ -320,6 +319,9 @@ impl Readings {
             let new = try_collect(WHAT, new.map(|i| (i, (us[i] + wanted[i]).clamp(low[i], high[i]) - us[i])))?;
             if new.is_empty() {
                 break;
+            }
+            if held.is_empty() {
+                asked = try_copy(WHAT, bias)?;
             }
             try_extend(WHAT, &mut held, new)?;
             if held.len() > p {
@@ -336,6 +338,9 @@ impl Readings {
                     bias.iter_mut().enumerate().for_each(|(i, e)| *e += by[(i, 0)]);
                 }
             })?;
+        }
+        if held.is_empty() {
+            return Ok(());
         }
         let share = |bias: &[f64]| -> Result<f64> {
             let wanted = product(&self.aim.of_bias, bias)?;

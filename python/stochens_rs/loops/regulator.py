@@ -148,7 +148,8 @@ class Regulator(ControlLoop[Call]):
         order = order_of("system", system.labels, self.labels)
         seen = system.largest if isinstance(system, Identified) else None
         within = task if self.kept is None else self.kept.tightened(task)
-        self._solver = loop_of(within, *self._matrices(system))
+        timed = self._time_limit is not None
+        self._solver = loop_of(within, *self._matrices(system), timed=timed)
         self._system, self._task = system, task
         none = np.zeros(self.n)
         self._most = believed(none if seen is None else order.of_states(seen[: self.n]))

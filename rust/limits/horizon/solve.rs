@@ -316,13 +316,15 @@ impl Loop {
             let goal = (&state[..], &target[..]);
             solver = Some(Solver::new(horizon.map()?, Horizon::penalty(&cost), bounds, horizon.m, goal, stop)?);
         }
-        let mut made = Self { horizon, solver, warm: None, last: Vec::new(), free: Vec::new() };
-        made.prepare(stop)?;
-        Ok(made)
+        Ok(Self { horizon, solver, warm: None, last: Vec::new(), free: Vec::new() })
     }
 
-    /// What a call goes back to that ends before it has a plan: the best inputs without limits, which it cuts.
-    fn prepare(&mut self, stop: &Stop) -> Result<()> {
+    /// For calls with a time limit: what one goes back to that ends before it has a plan, the best inputs without limits, which
+    /// it cuts.
+    ///
+    /// # Errors
+    /// As [`Horizon::best`].
+    pub fn prepare(&mut self, stop: &Stop) -> Result<()> {
         let Self { horizon, .. } = self;
         let (n, until) = (horizon.n, Until::new(stop, None));
         if horizon.boxed() || horizon.grows || (n as f64).powi(4) * horizon.steps as f64 > PREPARED {
@@ -363,15 +365,18 @@ impl Loop {
         if let Some(solver) = &mut self.solver {
             return solver.solve(x, until);
         }
-        // the last inputs one step later, the last of them once more
-        let mut near = try_copy(WHAT, &self.last)?;
-        near.copy_within(self.horizon.m.min(self.last.len()).., 0);
         // without a call before, rates and limits of states begin with none that is active
         let later = self.later()?;
         let warm = Some(&later[..]).filter(|_| self.warm.is_some() || !self.horizon.boxed());
-        let mut free = try_zeros(WHAT, if self.free.is_empty() { 0 } else { self.horizon.steps * self.horizon.m })?;
-        for (row, x) in self.free.chunks_exact(free.len().max(1)).zip(x.iter().chain([&1.0])) {
-            free.iter_mut().zip(row).for_each(|(to, v)| *to += v * x);
+        let (mut near, mut free) = (Vec::new(), Vec::new());
+        if until.left().is_some() {
+            // the last inputs one step later, the last of them once more
+            near = try_copy(WHAT, &self.last)?;
+            near.copy_within(self.horizon.m.min(self.last.len()).., 0);
+            free = try_zeros(WHAT, self.free.len() / (self.horizon.n + 1))?;
+            for (row, x) in self.free.chunks_exact(free.len().max(1)).zip(x.iter().chain([&1.0])) {
+                free.iter_mut().zip(row).for_each(|(to, v)| *to += v * x);
+            }
         }
         let found = self.horizon.best_near(x, false, (warm, &[&near, &free]), until)?;
         let mut warm = try_copy(WHAT, &found.found.active)?;

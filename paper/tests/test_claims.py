@@ -32,6 +32,7 @@ from stochens_rs.theory import moments
 
 ROOT = Path(__file__).resolve().parents[2]
 Claimed: TypeAlias = "tuple[paper.Claims, list[tuple[int, int | None]]]"
+SOAK = pytest.mark.skipif("SOAK" not in os.environ, reason="make soak: seconds each")
 FALSE = {
     "Contribution vi",
     "Lemma 3.1",
@@ -73,6 +74,7 @@ def test_progress_counts_the_statements(claimed: Claimed) -> None:
     assert seen == [(k, len(found.rows)) for k in range(1, len(found.rows) + 1)]
 
 
+@SOAK
 def test_executors_and_files_change_nothing(found: paper.Claims, tmp_path: Path) -> None:
     whole, folder = found.to_dict(), tmp_path / "made"
 
@@ -94,7 +96,7 @@ def test_executors_and_files_change_nothing(found: paper.Claims, tmp_path: Path)
         paper.claims(2, quick=True, path=folder)
 
 
-@pytest.mark.skipif("SOAK" not in os.environ, reason="make soak: seconds for one more seed")
+@SOAK
 def test_another_seed_gives_the_same_verdicts() -> None:
     # the Monte Carlo parts decide at 4 standard errors or at margins of factors
     key = as_key(12345)

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import most, sets
 from stochens_rs.export import check_proof
 
 CSV = Path(__file__).parents[2] / "docs/data/runs.csv"
@@ -79,8 +80,8 @@ def least_eigenvalue(C: Any, V: Any, fS: Any, K: Any, Q: Any) -> float:
     return max(found)
 
 
-def test_200_mutated_proofs_are_refused(made: Any) -> None:
-    """Half of them are damaged files; the others are sealed anew, and are no proofs by a twin."""
+def test_mutated_proofs_are_refused(made: Any) -> None:
+    """Half of the 200 (60 in `make test`) are damaged files; the others are sealed anew, and are no proofs by a twin."""
     folder, _ = made
     text, header = ((folder / one).read_text("utf-8") for one in ("proof.json", "controller.h"))
     sums = folder / "sums.json"
@@ -95,7 +96,7 @@ def test_200_mutated_proofs_are_refused(made: Any) -> None:
             return False
 
     assert accepted(json.loads(text))
-    for _ in range(100):
+    for _ in range(sets(100, 30)):
         at = int(rng.integers(len(text)))
         while text[at].isspace():
             at = int(rng.integers(len(text)))
@@ -120,7 +121,7 @@ def test_200_mutated_proofs_are_refused(made: Any) -> None:
     K = np.array([float(one.split(")")[0]) for one in header[places[0] :].split("_R(")[1:5]])[None]
     assert least_eigenvalue(C, V, fS, K, np.array(true["Q"])) > 0.0
     kinds = ("names", "delta", "Q", "scale", "K", "shape", "digest")
-    for turn in range(100):
+    for turn in range(sets(100, 30)):
         tree, head, kind = json.loads(text)["proof"], header, kinds[turn % len(kinds)]
         Q = np.array(tree["Q"])
         if kind == "names":
@@ -153,7 +154,7 @@ def test_200_mutated_proofs_are_refused(made: Any) -> None:
         else:
             head = header.replace("sha256 ", f"sha256 {turn % 10}", 1)
         refused.append(not accepted(sealed(tree), head))
-    assert len(refused) >= 190
+    assert len(refused) >= sets(190, 55)
     assert all(refused), [k for k, one in enumerate(refused) if not one]
 
 
@@ -195,11 +196,11 @@ def outside(rng: Any, noise: float | None, colour: float = 0.0, steps: int = 24)
 
 
 def test_the_region_holds_the_true_system() -> None:
-    """At most 20 % may be missed; a false alarm has a probability below 1e-6."""
-    rng = np.random.default_rng(11)
+    """At most 20 % may be missed; a false alarm has a probability below 1e-4."""
+    rng, count = np.random.default_rng(11), 100
     for noise in (None, 0.1):
-        missed = sum(outside(rng, noise) for _ in range(100))
-        assert missed <= 40, noise
+        missed = sum(outside(rng, noise) for _ in range(count))
+        assert missed <= most(count, 0.2), noise
         assert missed >= 1, noise  # a region that cannot miss proves nothing about this test
     assert sum(outside(rng, None, 0.95, 100) for _ in range(20)) > 2  # noise that is not white
 

@@ -17,10 +17,11 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs import theory
 
 W = np.array([3.0, -1.0, 0.0, 2.0])
-SIZE, REPLICATES = 6, 5000
+SIZE, REPLICATES = 6, sets(5000, 2000)
 QUANTILE = 77.2  # of chi-square, 27 degrees of freedom (the 28 outcomes) or fewer, at 1e-6
 
 Outcome = tuple[int, ...]
@@ -56,7 +57,7 @@ def two_sample(first: list[Outcome], second: list[Outcome]) -> float:
 
 
 def test_counts_have_the_distribution_of_counted_realizations() -> None:
-    # 2 x 5000 replicates, at most 27 degrees of freedom: a false alarm has probability 1e-6
+    # REPLICATES of each, at most 27 degrees of freedom: a false alarm has probability 1e-6
     sampled = [drawn(seed) for seed in range(REPLICATES)]
     assert two_sample(sampled, [counted(10**6 + seed) for seed in range(REPLICATES)]) < 1.0
     # refused: the right means with less spread, and five hundredths moved from one entry to another
@@ -110,8 +111,8 @@ def kolmogorov_smirnov(first: list[float], second: list[float]) -> float:
 
 
 def test_controls_from_counts_have_the_distribution_of_those_from_realizations() -> None:
-    # 2 x 1500 controls: a false alarm has probability 1e-6
-    size, replicates = 5, 1500
+    # pairs of controls: a false alarm has probability 1e-6
+    size, replicates = 5, sets(1500, 700)
     sampled = [squared_error(se.sample, size, seed) for seed in range(replicates)]
     counted = [squared_error(se.sample_counts, size, 10**6 + s) for s in range(replicates)]
     assert kolmogorov_smirnov(sampled, counted) < 1.0

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -225,7 +226,7 @@ KINDS = {
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-@pytest.mark.parametrize(("name", "kills"), [("stream", 100), ("means", 20), ("pairs", 40)])
+@pytest.mark.parametrize(("name", "kills"), [("stream", sets(100, 30)), ("means", sets(20, 10)), ("pairs", sets(40, 15))])
 def test_kills_lose_nothing(tmp_path: Path, name: str, kills: int) -> None:
     """A run that is killed repeatedly ends with the result of an undisturbed one."""
     kind, path, moments = KINDS[name], tmp_path / "a.state", random.Random(4)

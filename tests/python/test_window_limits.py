@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs import _core
 from stochens_rs.identification import Regressors
 from stochens_rs.identification.assumptions import ACCEPTED
@@ -65,8 +66,8 @@ def test_runs_cut_before_a_bad_reading():
 
 def test_the_smallest_tube_over_all_lags_is_no_choice():
     """The order with the smallest tube of 10 steps, on the same data that certify it."""
-    misses = 0
-    for seed in range(60):
+    misses, count = 0, sets(60, 20)
+    for seed in range(count):
         gen = np.random.default_rng([13, seed])
         system = hidden_arx(gen)
         data = se.Trajectories(*arx_runs(gen, system, 24, 30), outputs=True)
@@ -86,14 +87,15 @@ def test_the_smallest_tube_over_all_lags_is_no_choice():
             misses += 1  # too short to contain the system
         else:
             misses += missed(model, Theta)
-    assert misses > 0.4 * 60
+    assert misses > 0.4 * count
 
 
 def test_filters_need_a_burn_in_units_of_the_noise():
     """Signals 1000 times the noise: a^b <= 1e-3 leaves the start values in the residuals."""
     pole, r, sigma, short, misses = 0.8, 2, 3e-4, 0, 0
     Theta = np.array([[1.2, -0.4, 1.0, 1.0]])
-    for seed in range(20):
+    count = sets(20, 8)
+    for seed in range(count):
         gen = np.random.default_rng([14, seed])
         runs = filter_runs(gen, Regressors(("y",), ("u",), r, pole), Theta, 20, 150, sigma)
         # logs that begin inside the runs: the filters are not at rest
@@ -107,5 +109,5 @@ def test_filters_need_a_burn_in_units_of_the_noise():
             ),
             Theta,
         )
-    assert short > 0.9 * 20
+    assert short > 0.9 * count
     assert misses == 0

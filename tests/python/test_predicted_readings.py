@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import at_most
+from coverage_study import at_most, sets
 from declarations import opts
 from hidden_outputs import Arx
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
@@ -61,11 +61,11 @@ def left(seed, deltas, **window):
 
 
 def test_readings_that_were_kept_apart_are_in_the_tube():
-    """50 plants, one run of each under inputs of another kind; false alarms 1e-5 for each level."""
-    levels = (0.05, 0.5)
-    count = np.sum([left(seed, levels, lags=8, delay=3) for seed in range(50)], axis=0)
+    """One run of each plant under inputs of another kind; false alarms 1e-5 for each level."""
+    levels, plants = (0.05, 0.5), sets(50, 25)
+    count = np.sum([left(seed, levels, lags=8, delay=3) for seed in range(plants)], axis=0)
     for outside, delta in zip(count, levels, strict=True):
-        at_most(outside, 50, delta)
+        at_most(outside, plants, delta)
 
 
 def test_windows_that_do_not_reach_back_to_the_input_leave_the_tube():

@@ -63,6 +63,20 @@ def test_the_true_proof_as_a_user_checks_it(made: Any, tmp_path: Path) -> None:
     assert done.returncode == 1
 
 
+def test_names_with_units_are_those_of_their_columns(tmp_path: Path) -> None:
+    log, header = tmp_path / "runs.csv", tmp_path / "controller.h"
+    log.write_text(CSV.read_text("utf-8").replace("angle", "angle [rad]", 1), "utf-8")
+    names = {**NAMES, "states": [n.replace("angle", "angle [rad]") for n in NAMES["states"]]}
+    model = se.identify(se.Trajectories.from_csv(log, **names, by="run", time="time"))
+    loop = se.gain(model, [1.0, 10.0, 0.1, 1.0], 0.01)
+    loop.certificate(0.05).save(tmp_path / "proof.json")
+    loop.to_c(header)
+    proof = json.loads((tmp_path / "proof.json").read_text("utf-8"))
+    assert proof["proof"]["states"][1] == "angle [rad]"
+    found = check_proof.check(proof, header.read_text("utf-8"), [str(log)], HOW)
+    assert found.startswith("proved")
+
+
 def least_eigenvalue(C: Any, V: Any, fS: Any, K: Any, Q: Any) -> float:
     """The largest least eigenvalue over t of the matrix of the S-lemma, in balanced units."""
     n, d = len(C), len(V)

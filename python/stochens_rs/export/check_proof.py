@@ -121,6 +121,7 @@ def _pairs(path: str, names: list[str], n: int, run: str | None) -> Matrix:
     """(x, u, x one step later) of rows that follow each other in a run: exact decimals."""
     pairs: Matrix = []
     before: Any = None
+    names = [name.split(" [")[0].strip() for name in names]
     with open(path, newline="", encoding="utf-8-sig") as file:
         for cells in csv.DictReader(file):
             row = {str(k).split(" [")[0].strip(): str(v or "").strip() for k, v in cells.items()}

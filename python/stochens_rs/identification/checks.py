@@ -54,7 +54,8 @@ def exact_relations(
         said.append(
             f"the residuals of {show.listed(tied)} are tied exactly: a column was computed "
             "from others, as a finite difference or a filter; then leave it out"
-            + states * ", and pass the others as outputs=. If all are exact states, and the noise "
+            + states
+            * ", and pass the others as outputs=. If all are exact states, and the noise "
             f"has fewer sources than states, declare Noise(exact={_short(last)})"
         )
     return tuple(said)

@@ -167,5 +167,5 @@ def test_a_column_of_nan_hints_at_outputs() -> None:
     with pytest.raises(NonFiniteError, match=r"`states\[1, 1\]` is nan"):
         se.Trajectories(x, u)
     x[:, 1] = np.nan
-    with pytest.raises(NonFiniteError, match="column of nan.*outputs=True"):
+    with pytest.raises(NonFiniteError, match=r"column of nan.*outputs=True"):
         se.Trajectories(x, u)

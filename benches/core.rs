@@ -8,10 +8,10 @@ use std::sync::Arc;
 
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use stochens::control::{Entity, Memory, Realized, pseudoinverse};
-use stochens::fuse::{Method, Settings, Status, Weights, alse, closed_form, slse, slse_each};
+use stochens::fuse::{Fusion, Settings, WeightStatus, Weights, alse, closed_form, slse, slse_each};
 use stochens::sample::multinomial_counts;
 use stochens::simulate::{ClosedLoop, Drawn, Model, Second, mean_field, runs};
-use stochens::streaming::{Config, Geometry, Laws, Limits, Order, Stream};
+use stochens::streaming::{Budget, Config, Geometry, Order, Stream, StreamLaws};
 use stochens::{Key, Law, Scheme, Singletons, Stop, sample};
 
 /// Entries of both signs and unequal magnitudes, the same in every run.
@@ -126,7 +126,7 @@ fn least_squares(c: &mut Criterion) {
         group.bench_function(BenchmarkId::from_parameter(format!("{n}x{n}, N = {size}")), |b| {
             b.iter(|| {
                 let fit = alse(&matrix, law.values(), &settings, &Stop::new()).expect("a posed problem");
-                assert_eq!(fit.status, Status::Optimal);
+                assert_eq!(fit.status, WeightStatus::Optimal);
                 fit
             });
         });
@@ -210,7 +210,7 @@ fn following(c: &mut Criterion) {
         right: &factors.right,
         singular_values: &factors.singular_values[..factors.rank],
         size: 10_000,
-        method: Method::Uniform,
+        method: Fusion::Uniform,
         feedback: false,
         sample_states: false,
     };
@@ -231,10 +231,10 @@ fn streaming(c: &mut Criterion) {
             let m = n / 2;
             let geometry = Geometry::new(entries(n * m), n, m).expect("finite entries");
             let keys = [1, 2, 3, 4].map(|k| Key([k; 32]));
-            let laws = Laws { x0: entries(n), xf: entries(n), a: entries(n * n), keys };
+            let laws = StreamLaws { x0: entries(n), xf: entries(n), a: entries(n * n), keys };
             let config = Config { safeguard, order: Order::Random };
             let mut stream = Stream::new(geometry, laws, config).expect("fitting shapes");
-            let limits = Limits { steps, tolerance: None, deadline: None };
+            let limits = Budget { steps, tolerance: None, deadline: None };
             group.throughput(Throughput::Elements(steps));
             let name = if safeguard { "safeguarded" } else { "plain" };
             group.bench_function(BenchmarkId::new(name, n), |b| b.iter(|| stream.advance(&limits, &Stop::new())));

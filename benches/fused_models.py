@@ -7,7 +7,7 @@ by 3 %; "wrong hull": inertias and dampings of its own, which vary by 60 %. The 
 mean square of one predicted step on fresh states and inputs, in units of the noise, over 40
 repetitions of models, grid and data.
 
-    python benches/fused_models.py [figure.png]
+    python benches/fused_models.py [docs/images/fused-by-data.png]
 """
 
 from __future__ import annotations

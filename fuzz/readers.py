@@ -97,6 +97,19 @@ def _table(path: Path) -> None:
     path.write_text("\n".join(rows))
 
 
+def _network(path: Path) -> None:
+    # two machines at rest beside each other: no flow, and so a solved one
+    tables = {
+        "bus": [[k, 4 - k, 0, 0, 0, 0, 1, 1, 0, 100, 1, 1.1, 0.9] for k in (1, 2)],
+        "gen": [[k, 0, 0, 9, -9, 1, 100, 1, 9, 0, *[0] * 11] for k in (1, 2)],
+        "branch": [[1, 2, 0.01, 0.1, 0, 0, 0, 0, 0, 0, 1, -360, 360]],
+    }
+    lines = ["function mpc = network", "mpc.version = '2';", "mpc.baseMVA = 100;"]
+    for name, rows in tables.items():
+        lines += [f"mpc.{name} = [", *(" ".join(map(str, row)) + ";" for row in rows), "];"]
+    path.write_text("\n".join(lines) + "\n")
+
+
 def _indices(path: Path) -> None:
     # rows, kind of number, indices
     path.write_bytes(bytes([2, 0]) + np.array([0, 1, 1, 0, 1, 1], dtype=np.int64).tobytes())
@@ -140,6 +153,7 @@ def _read_trajectories(path: Path) -> None:
 def _read_study(path: Path) -> None:
     study = se.Study.resume(path, half)
     repr(study.results)
+    repr(se.Study.merge([path]).results)
 
 
 def _read_problem(path: Path) -> None:
@@ -150,6 +164,13 @@ def _read_problem(path: Path) -> None:
 
 def _read_table(path: Path) -> None:
     se.Trajectories.from_csv(path, states=["x", "v"], inputs=["u"], by="run", time="t")
+
+
+def _read_network(path: Path) -> None:
+    case = se.cases.read_matpower(path)
+    buses = case["gen"][:2, 0]
+    machines = {"bus": buses, "H": [4.0, 5.0], "D": [2.0, 2.0], "xd1": [0.1, 0.2]}
+    se.cases.from_matpower(case, machines, dt=0.1)
 
 
 def _read_indices(path: Path) -> None:
@@ -173,6 +194,7 @@ READERS: dict[str, Reader] = {
     "problem": (".json", "", _problem, _read_problem),
     "archive": (".npz", "", _archive, _read_problem),
     "table": (".csv", "", _table, _read_table),
+    "network": (".m", "", _network, _read_network),
     "indices": (".bin", "", _indices, _read_indices),
 }
 

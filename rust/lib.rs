@@ -35,7 +35,7 @@
 //! From measured pairs to a plan with a certificate:
 //!
 //! ```
-//! use stochens::identify::{Assumed, Covariance, Data, Design, Estimate, Noise, Units, Wish, triangle};
+//! use stochens::identify::{Assumed, Covariance, Data, Design, Estimate, Noise, Magnitudes, Wish, triangle};
 //! use stochens::{Stop, certificate, region::Region};
 //! // 40 pairs (x, u, y) of y = x / 2 + u + w, |w| <= .01
 //! let row = |k: f64| (k.cos(), (1.7 * k).sin(), 0.01 * (2.9 * k).sin());
@@ -46,12 +46,12 @@
 //! let estimate = Estimate::new(data, &stop)?;
 //! let covariance = Covariance::Known(&[1e-4]);
 //! let assumed = Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance, tail: 0.0 };
-//! let region = Region::from_data(&estimate, assumed, Wish::new(0.05), Units::Expected(&[1.0, 1.0]), 1, &stop)?;
+//! let region = Region::from_data(&estimate, assumed, Wish::new(0.05), Magnitudes::Expected(&[1.0, 1.0]), 1, &stop)?;
 //! assert!(region.contains(&[0.5, 1.0])? && !region.contains(&[0.6, 1.0])?);
 //! // the control by the model from x0 = 1 to xf = 2, and how far the true system ends from there
 //! let ([x0, xf], [a, b]) = ([1.0, 2.0], [estimate.model[0], estimate.model[1]]);
 //! let u = (xf - a * x0) / b;
-//! let task = certificate::Task { x0: &[x0], rho0: 0.0, xf: &[xf], predicted: &[x0, a * x0 + b * u] };
+//! let task = certificate::Endpoints { x0: &[x0], rho0: 0.0, xf: &[xf], predicted: &[x0, a * x0 + b * u] };
 //! let way = certificate::Way { region: &region, inputs: &[u], to_come: None, compares: false };
 //! let plan = certificate::certify(task, &[way], None, (false, &stop))?;
 //! assert!((x0 / 2.0 + u - xf).abs() <= plan.target && plan.target < 0.03);

@@ -14,7 +14,7 @@ const CHUNK: usize = 64;
 
 /// A control and its target.
 #[derive(Debug, Clone, Copy)]
-pub struct Aim<'a> {
+pub struct PlannedRun<'a> {
     /// The initial state (n).
     pub x0: &'a [f64],
     /// `u(0), .., u(K-1)`, each with m entries.
@@ -36,13 +36,13 @@ pub struct Aim<'a> {
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Memory`], [`Error::Interrupted`].
 pub fn drawn_misses(
     law: &EstimateLaw<'_>,
-    aim: Aim<'_>,
+    aim: PlannedRun<'_>,
     key: &Key,
     size: usize,
     threads: usize,
     stop: &Stop,
 ) -> Result<Vec<f64>> {
-    let (n, d, Aim { x0, inputs, m, target, noise, window }) = (law.n(), law.d(), aim);
+    let (n, d, PlannedRun { x0, inputs, m, target, noise, window }) = (law.n(), law.d(), aim);
     let (fits, held) = match &window {
         None => (d.wrapping_sub(n + m) <= 1, n),
         Some(window) => ((window.outputs(), window.inputs(), window.length()) == (n, m, d), window.states()),
@@ -108,7 +108,7 @@ mod tests {
         let centre = Centre { model: &[0.5, 1.0, 2.0], white: &[0.1, 0.0, 0.0] };
         let law = EstimateLaw::new(centre, &[4.0], NoiseLaw::Known).unwrap();
         let (key, stop) = (Key([3; 32]), Stop::new());
-        let aim = Aim { x0: &[1.0], inputs: &[3.0, -1.0], m: 1, target: &[0.25], noise: false, window: None };
+        let aim = PlannedRun { x0: &[1.0], inputs: &[3.0, -1.0], m: 1, target: &[0.25], noise: false, window: None };
         let found = drawn_misses(&law, aim, &key, 130, 2, &stop).unwrap();
         let models = law.models(&key, 130, 1, &stop).unwrap();
         for (miss, model) in found.iter().zip(models.chunks_exact(3)) {
@@ -117,7 +117,7 @@ mod tests {
             assert!((miss - expected).abs() < 1e-13 * (1.0 + expected));
         }
         // the variance of the noise is 4 (1 + a^2) more
-        let many = |noise| drawn_misses(&law, Aim { noise, ..aim }, &key, 4000, 2, &stop).unwrap();
+        let many = |noise| drawn_misses(&law, PlannedRun { noise, ..aim }, &key, 4000, 2, &stop).unwrap();
         let square = |values: Vec<f64>| values.iter().map(|v| v * v).sum::<f64>() / 4000.0;
         let more = square(many(true)) - square(many(false));
         assert!((more / (4.0 * 1.25) - 1.0).abs() < 0.3, "{more}");
@@ -128,14 +128,14 @@ mod tests {
         let centre = Centre { model: &[1e200, 1.0], white: &[1.0, 0.0] };
         let law = EstimateLaw::new(centre, &[1.0], NoiseLaw::Known).unwrap();
         let (key, stop) = (Key([3; 32]), Stop::new());
-        let aim = Aim { x0: &[1.0], inputs: &[0.0; 4], m: 1, target: &[0.0], noise: true, window: None };
+        let aim = PlannedRun { x0: &[1.0], inputs: &[0.0; 4], m: 1, target: &[0.0], noise: true, window: None };
         assert_eq!(drawn_misses(&law, aim, &key, 2, 1, &stop).unwrap(), [f64::INFINITY; 2]);
         for wrong in [
-            Aim { x0: &[], ..aim },
-            Aim { m: 0, ..aim },
-            Aim { m: 2, ..aim },
-            Aim { target: &[0.0; 2], ..aim },
-            Aim { x0: &[f64::NAN], ..aim },
+            PlannedRun { x0: &[], ..aim },
+            PlannedRun { m: 0, ..aim },
+            PlannedRun { m: 2, ..aim },
+            PlannedRun { target: &[0.0; 2], ..aim },
+            PlannedRun { x0: &[f64::NAN], ..aim },
         ] {
             assert!(drawn_misses(&law, wrong, &key, 2, 1, &stop).is_err());
         }

@@ -28,13 +28,13 @@ mod reference;
 mod several_steps;
 mod trajectory;
 
-pub use drawn_misses::{Aim, drawn_misses};
+pub use drawn_misses::{PlannedRun, drawn_misses};
 pub use near::Near;
-pub use next_runs::{Design, Goal, NextRuns, next_runs};
+pub use next_runs::{DesignedRuns, Goal, NextRuns, next_runs};
 pub use noise::{Gaussian, ToCome};
-pub use outputs::{Along, Outputs, Tube, outputs};
+pub use outputs::{Along, OutputTube, Outputs, outputs};
 pub use pilot::{Event, MainRuns, Pilot, Simulation};
-pub use plan::{Control, Plan, Task, Way, certify};
+pub use plan::{ControlError, Endpoints, Plan, Way, certify};
 pub use reference::{Reference, Shares};
 pub use trajectory::{Errors, followed, states, trajectory};
 

@@ -33,7 +33,7 @@ use crate::region::{Region, times};
 use super::noise::Gaussian;
 use super::nuclear::EFFORT;
 use super::pilot::{Event, Pilot, WHAT};
-use super::plan::Task;
+use super::plan::Endpoints;
 use super::powers::{Powers, deviations, first_order, in_units, largest_difference, product, products};
 use super::reference::{Reference, Shares};
 use super::several_steps::{Radii, Seen, norms, several_steps};
@@ -231,7 +231,7 @@ impl Pilot {
     pub fn near(
         &self,
         reference: &Reference,
-        task: Task<'_>,
+        task: Endpoints<'_>,
         inputs: &[f64],
         event: &Event,
         shares: Shares,
@@ -278,7 +278,7 @@ impl Pilot {
     fn bounded(
         &self,
         reference: &Reference,
-        task: Task<'_>,
+        task: Endpoints<'_>,
         (region, at, inputs): (&Region, &[f64], &[f64]),
         (event, shares): (&Event, Shares),
         stop: &Stop,

@@ -52,7 +52,7 @@ pub struct NextRuns<'a> {
 
 /// Inputs and what follows from them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Design {
+pub struct DesignedRuns {
     /// (runs, steps, m)
     pub inputs: Vec<f64>,
     /// `phi` before the first run and after each (runs + 1).
@@ -78,11 +78,11 @@ struct Search<'a> {
 /// # Errors
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for limits in the wrong order, [`Error::Overflow`] if states of
 /// the model overflow, [`Error::Memory`], [`Error::Interrupted`].
-pub fn next_runs(goal: Goal<'_>, runs: NextRuns<'_>, key: &Key, stop: &Stop) -> Result<Design> {
+pub fn next_runs(goal: Goal<'_>, runs: NextRuns<'_>, key: &Key, stop: &Stop) -> Result<DesignedRuns> {
     let (count, mut search) = checked(goal, runs)?;
     let (n, one) = (goal.n, checked_len(WHAT, runs.steps, goal.m)?);
     let mut design =
-        Design { inputs: try_zeros(WHAT, checked_len(WHAT, count, one)?)?, phi: try_zeros(WHAT, count + 1)? };
+        DesignedRuns { inputs: try_zeros(WHAT, checked_len(WHAT, count, one)?)?, phi: try_zeros(WHAT, count + 1)? };
     design.phi[0] = search.refresh()?;
     let [mut u, mut kept, mut next] = [try_zeros(WHAT, one)?, try_zeros(WHAT, one)?, try_zeros(WHAT, one)?];
     let mut path = search.path(runs.steps)?;

@@ -32,7 +32,7 @@ pub struct Along<'a> {
 
 /// Bounds of the outputs along a run.
 #[derive(Debug, Clone)]
-pub struct Tube {
+pub struct OutputTube {
     /// `||y(k) - yh(k)||` (K + 1), 0 for the reading that is known.
     pub radii: Vec<f64>,
     /// `|y(k) - yh(k)|_i` (K + 1, p); with noise a statement of its own.
@@ -47,9 +47,9 @@ pub struct Outputs {
     /// The outputs along the centre, of the steps from 1 on, (K, p).
     pub predicted: Vec<f64>,
     /// Of the mean of the outputs, given the record.
-    pub mean: Tube,
+    pub mean: OutputTube,
     /// Of the readings.
-    pub readings: Option<Tube>,
+    pub readings: Option<OutputTube>,
 }
 
 /// The tubes for a `region` of the coefficients (p, d) of `y+ = Theta z` in this system, whose states are the window; those of
@@ -116,13 +116,13 @@ pub fn outputs(
     Ok(Outputs { states, predicted, mean, readings })
 }
 
-fn unbounded(steps: usize, p: usize) -> Result<Tube> {
+fn unbounded(steps: usize, p: usize) -> Result<OutputTube> {
     let filled = |width: usize| -> Result<Vec<f64>> {
         let mut values = try_filled(WHAT, f64::INFINITY, (steps + 1) * width)?;
         values[..width].fill(0.0);
         Ok(values)
     };
-    Ok(Tube { radii: filled(1)?, components: filled(p)? })
+    Ok(OutputTube { radii: filled(1)?, components: filled(p)? })
 }
 
 /// A region of the system (y; x), with a root (n, p) of its shape.
@@ -138,7 +138,7 @@ impl Of {
         (at, inputs, gain): (&[f64], &[f64], Option<&[f64]>),
         noise: Option<Gaussian<'_>>,
         stop: &Stop,
-    ) -> Result<Tube> {
+    ) -> Result<OutputTube> {
         let (region, p, steps) = (&self.region, self.p, inputs.len() / self.region.m);
         let radii = Radii {
             spectral: region.parts[0].of().factor.sqrt(),
@@ -161,6 +161,6 @@ impl Of {
         if nan(&found.radii) || nan(&components) {
             return unbounded(steps, p);
         }
-        Ok(Tube { radii: found.radii, components })
+        Ok(OutputTube { radii: found.radii, components })
     }
 }

@@ -14,7 +14,7 @@ use super::trajectory::{Errors, trajectory};
 
 /// Where a plan begins and ends.
 #[derive(Debug, Clone, Copy)]
-pub struct Task<'a> {
+pub struct Endpoints<'a> {
     /// The initial state (n).
     pub x0: &'a [f64],
     /// How far the true one may be from it.
@@ -40,7 +40,7 @@ pub struct Way<'a> {
 
 /// How far a control is from the best one of the true system.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Control {
+pub enum ControlError {
     /// At most so far; may be infinite.
     Within(f64),
     /// There are more inputs than states, so that many controls are as good.
@@ -69,7 +69,7 @@ pub struct Plan {
     /// `|x(k) - predicted[k]|_i <= bands[k, i]` (K + 1, n); empty where they were not asked for.
     pub bands: Vec<f64>,
     /// Of the ways that compare, the smallest; `None` if there are none.
-    pub control: Option<Control>,
+    pub control: Option<ControlError>,
 }
 
 /// The certificate from all `ways`, of which each holds: the smallest target, and the smallest radius and component of any.
@@ -77,7 +77,12 @@ pub struct Plan {
 ///
 /// # Errors
 /// As [`trajectory`].
-pub fn certify(task: Task<'_>, ways: &[Way<'_>], apart: Option<Way<'_>>, (every, stop): (bool, &Stop)) -> Result<Plan> {
+pub fn certify(
+    task: Endpoints<'_>,
+    ways: &[Way<'_>],
+    apart: Option<Way<'_>>,
+    (every, stop): (bool, &Stop),
+) -> Result<Plan> {
     let n = task.xf.len();
     if n == 0 || task.x0.len() != n || !task.predicted.len().is_multiple_of(n) || task.predicted.len() < 2 * n {
         let found = format!("{}, {} and {} entries", task.x0.len(), n, task.predicted.len());
@@ -111,7 +116,7 @@ fn components(errors: &Errors, xf: &[f64]) -> Result<Vec<f64>> {
 }
 
 /// The bands around the predicted states; a region of all steps at once says nothing between.
-fn around(errors: &Errors, task: Task<'_>) -> Result<Vec<f64>> {
+fn around(errors: &Errors, task: Endpoints<'_>) -> Result<Vec<f64>> {
     let n = task.xf.len();
     let each = (task.predicted.len() / n - 1) / (errors.radii.len() - 1);
     let mut bands = try_filled(WHAT, f64::INFINITY, task.predicted.len())?;
@@ -133,9 +138,9 @@ fn smaller(before: Plan, mut found: Plan) -> Plan {
     least(&mut found.tube, &before.tube);
     least(&mut found.bands, &before.bands);
     found.control = match (before.control, found.control) {
-        (Some(Control::Within(a)), Some(Control::Within(b))) => Some(Control::Within(a.min(b))),
-        (Some(Control::Within(a)), Some(_)) if a.is_finite() => Some(Control::Within(a)),
-        (None | Some(_), Some(Control::Within(b))) if b.is_finite() => Some(Control::Within(b)),
+        (Some(ControlError::Within(a)), Some(ControlError::Within(b))) => Some(ControlError::Within(a.min(b))),
+        (Some(ControlError::Within(a)), Some(_)) if a.is_finite() => Some(ControlError::Within(a)),
+        (None | Some(_), Some(ControlError::Within(b))) if b.is_finite() => Some(ControlError::Within(b)),
         (before, found) => before.or(found),
     };
     if found.target < before.target {
@@ -144,7 +149,7 @@ fn smaller(before: Plan, mut found: Plan) -> Plan {
     Plan { components: found.components, tube: found.tube, bands: found.bands, control: found.control, ..before }
 }
 
-fn one_way(task: Task<'_>, way: &Way<'_>, index: usize, (every, stop): (bool, &Stop)) -> Result<Plan> {
+fn one_way(task: Endpoints<'_>, way: &Way<'_>, index: usize, (every, stop): (bool, &Stop)) -> Result<Plan> {
     let (n, region) = (task.xf.len(), way.region);
     let errors = trajectory(region, task.x0, way.inputs, task.rho0, way.to_come, (every, stop))?;
     let (steps, all) = (errors.radii.len() - 1, task.predicted.len() / n - 1);
@@ -189,18 +194,18 @@ fn one_way(task: Task<'_>, way: &Way<'_>, index: usize, (every, stop): (bool, &S
 /// ```text
 /// (||D z|| + (||B_C' r|| + eB ||r||) / (s - eB)) / (s - eB).
 /// ```
-fn control(task: Task<'_>, way: &Way<'_>, end: &[f64]) -> Result<Control> {
+fn control(task: Endpoints<'_>, way: &Way<'_>, end: &[f64]) -> Result<ControlError> {
     let region = way.region;
     let (n, m, d) = (region.n, region.m, region.d);
     if m > n {
-        return Ok(Control::Many);
+        return Ok(ControlError::Many);
     }
     let mut b = try_room(WHAT, n * m)?;
     region.centre.chunks_exact(d).for_each(|row| b.extend_from_slice(&row[n..n + m]));
     let least = singular_values(&b, m)?.last().copied().unwrap_or(f64::INFINITY);
     let spread = region.spread(n, n + m)?;
     if spread.is_nan() || spread >= least {
-        return Ok(Control::NoEffect);
+        return Ok(ControlError::NoEffect);
     }
     let mut wrong = region.bound(&region.regressor(task.x0, way.inputs)?, false)?;
     if task.rho0 > 0.0 {
@@ -215,5 +220,5 @@ fn control(task: Task<'_>, way: &Way<'_>, end: &[f64]) -> Result<Control> {
         across.iter_mut().zip(row).for_each(|(to, b)| *to += b * r);
     }
     let (across, room) = (norm(across.iter().copied()) + spread * norm(r()), least - spread);
-    Ok(Control::Within((wrong + across / room) / room))
+    Ok(ControlError::Within((wrong + across / room) / room))
 }

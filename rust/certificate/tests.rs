@@ -123,7 +123,7 @@ fn a_plan_takes_the_best_of_all_ways() {
     let (wide, narrow) = (scalar(&WHITE, &[], 2.25, None, false), scalar(&WHITE, &[], 1.0, None, false));
     let way = |region| Way { region, inputs: &[1.0], to_come: None, compares: true };
     let (x0, xf, predicted) = ([2.0], [3.0], [2.0, 2.5]);
-    let task = Task { x0: &x0, rho0: 0.0, xf: &xf, predicted: &predicted };
+    let task = Endpoints { x0: &x0, rho0: 0.0, xf: &xf, predicted: &predicted };
     let found = certify(task, &[way(&wide), way(&narrow)], None, (true, &Stop::new())).unwrap();
     let radius = 0.5 * 0.08f64.sqrt();
     assert_eq!(found.best, 1);
@@ -136,10 +136,10 @@ fn a_plan_takes_the_best_of_all_ways() {
     assert_eq!((found.start, found.tube[0]), (0.0, 0.0));
     near(found.model_error, radius - 0.1);
     // eB = .5 * .2: (||D z|| + (|r| + eB |r|) / (1 - eB)) / (1 - eB)
-    let Some(Control::Within(control)) = found.control else { panic!("{:?}", found.control) };
+    let Some(ControlError::Within(control)) = found.control else { panic!("{:?}", found.control) };
     near(control, (radius + 0.4 * 1.1 / 0.9) / 0.9);
     // an uncertain start is told apart
-    let found = certify(Task { rho0: 0.1, ..task }, &[way(&wide)], None, (true, &Stop::new())).unwrap();
+    let found = certify(Endpoints { rho0: 0.1, ..task }, &[way(&wide)], None, (true, &Stop::new())).unwrap();
     near(found.model_error, 1.5 * radius - 0.1);
     near(found.start, 0.8 * 0.1 + 0.75 * 0.1 * 0.1);
     near(found.target, found.reach + found.model_error + found.start);
@@ -156,13 +156,13 @@ fn a_plan_takes_the_best_of_all_ways() {
     };
     let direct = Region::new(&[0.64, 0.8, 1.0], 1, 2, vec![Arc::new(Part::new(of).unwrap())], None, false).unwrap();
     let way = Way { region: &direct, inputs: &[1.0, 1.0], to_come: None, compares: true };
-    let task = Task { predicted: &[2.0, 2.6, 3.08], ..task };
+    let task = Endpoints { predicted: &[2.0, 2.6, 3.08], ..task };
     let found = certify(task, &[way], None, (true, &Stop::new())).unwrap();
-    assert_eq!((found.tube[0], found.tube[1], found.control), (0.0, f64::INFINITY, Some(Control::Many)));
+    assert_eq!((found.tube[0], found.tube[1], found.control), (0.0, f64::INFINITY, Some(ControlError::Many)));
     near(found.tube[2], 6f64.sqrt());
     let blurred = scalar(&[0.1, 0.0, 0.0, 4.0], &[], 1.0, None, false);
     let way = Way { region: &blurred, inputs: &[1.0], to_come: None, compares: true };
-    let task = Task { predicted: &[2.0, 2.6], ..task };
-    assert_eq!(certify(task, &[way], None, (true, &Stop::new())).unwrap().control, Some(Control::NoEffect));
+    let task = Endpoints { predicted: &[2.0, 2.6], ..task };
+    assert_eq!(certify(task, &[way], None, (true, &Stop::new())).unwrap().control, Some(ControlError::NoEffect));
     assert!(certify(task, &[], None, (true, &Stop::new())).is_err());
 }

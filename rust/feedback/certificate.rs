@@ -10,7 +10,7 @@ use super::spectrum::radius;
 
 /// The verdict; only the first one is a promise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Status {
+pub enum Verdict {
     /// Every member is stable: the proof has been verified.
     Certified,
     /// A member is unstable: it is in hand.
@@ -27,7 +27,7 @@ pub enum Status {
 #[derive(Debug)]
 pub struct Certificate {
     /// The verdict.
-    pub status: Status,
+    pub status: Verdict,
     /// A proved upper bound of `rho g`, infinite without a proof; less than 1 where `status` is certified, at most 1.
     pub norm: f64,
     /// A lower bound of `rho g`, by frequencies; not proved.
@@ -48,7 +48,7 @@ pub(super) fn judged(data: &Uncertain, closed: Closed, stop: &Stop) -> Result<(C
     let (mut closed, mut found) = (
         closed,
         Certificate {
-            status: Status::Undetermined,
+            status: Verdict::Undetermined,
             norm: f64::INFINITY,
             least: f64::INFINITY,
             radius: own,
@@ -84,21 +84,21 @@ pub(super) fn judged(data: &Uncertain, closed: Closed, stop: &Stop) -> Result<(C
         found.multipliers = closed.t.clone();
         if q.is_some() {
             found.norm = bound(data, &closed, 1.0, largest.g).min(1.0);
-            found.status = Status::Certified;
+            found.status = Verdict::Certified;
             return Ok((found, q, closed));
         }
         // broken at all sizes that were tried, the last of which is larger by 1e-5
         let beyond = broken && proof(data, &closed, 1.0, 1.0, 1.0).1;
-        found.status = if beyond { Status::NotProvable } else { Status::Undecided };
+        found.status = if beyond { Verdict::NotProvable } else { Verdict::Undecided };
         found.norm = bound(data, &closed, 1.0, largest.g);
         top = Some(largest);
     } else {
-        found.status = Status::NotProvable;
+        found.status = Verdict::NotProvable;
         found.multipliers = closed.t.clone();
     }
     found.member = unstable(data, &closed, top.as_ref(), stop)?;
     if found.member.is_some() {
-        found.status = Status::Refuted;
+        found.status = Verdict::Refuted;
     }
     Ok((found, None, closed))
 }

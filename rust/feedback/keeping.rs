@@ -21,7 +21,7 @@ use crate::identify::normal_quantile;
 use crate::memory::{covered, try_copy};
 use crate::parallel::Stop;
 
-use super::certificate::Status;
+use super::certificate::Verdict;
 use super::data::{Matrix, WHAT, entries, in_units, matrix, symmetric};
 use super::first_order::FirstOrder;
 use super::loops::{Loop, bytes, forms, squares};
@@ -115,7 +115,7 @@ impl Keeper {
             });
         }
         let Some(proof) = of.proof.as_ref().filter(|_| {
-            of.certificate.status == Status::Certified && of.data.c.is_none() && of.data.misfits.is_empty()
+            of.certificate.status == Verdict::Certified && of.data.c.is_none() && of.data.misfits.is_empty()
         }) else {
             return Ok(None);
         };

@@ -7,7 +7,7 @@ use crate::memory::{covered, room_for_products};
 use crate::parallel::Stop;
 use crate::region::Region;
 
-use super::certificate::{Certificate, Status, judged};
+use super::certificate::{Certificate, Verdict, judged};
 use super::data::{Closed, Matrix, Misfit, Uncertain, WHAT, entries, in_units, matrix, scaled};
 use super::lemma::least;
 use super::verify::{Claim, verify};
@@ -94,7 +94,7 @@ impl Loop {
     #[must_use]
     pub fn doubted(mut self) -> Self {
         let of = &mut self.certificate;
-        (of.status, of.norm, of.proof, of.member) = (Status::Undetermined, f64::INFINITY, None, None);
+        (of.status, of.norm, of.proof, of.member) = (Verdict::Undetermined, f64::INFINITY, None, None);
         self.proof = None;
         self
     }

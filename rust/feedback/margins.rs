@@ -7,7 +7,7 @@ use crate::memory::covered;
 use crate::parallel::Stop;
 
 use super::blocks::{Blocks, Channel};
-use super::certificate::{Status, judged};
+use super::certificate::{Verdict, judged};
 use super::data::{Closed, Matrix, Uncertain, WHAT, entries, filled, gathered, in_units, matrix, scaled};
 use super::late::with_past;
 use super::loops::{Loop, bytes};
@@ -126,7 +126,7 @@ fn crossing(mut allowed: impl FnMut(f64) -> Result<f64>) -> Result<f64> {
 impl Loop {
     /// Whether the loop is certified, and the data determine all directions: those of another gain, too.
     pub(super) fn free(&self) -> bool {
-        self.certificate.status == Status::Certified
+        self.certificate.status == Verdict::Certified
             && self.data.region.parts.iter().all(|part| part.missing.is_empty())
     }
 
@@ -161,7 +161,7 @@ impl Loop {
             let own = in_units(&h.subcols(0, n).to_owned(), &filled(h.nrows(), 1.0), &self.data.unit);
             let h = own + h.subcols(n, m) * &self.closed.k;
             let mut found = self.sized(&self.closed.k, &[Channel::at_states(e, h, m)], f64::MAX.sqrt(), stop)?;
-            if self.certificate.status != Status::Certified {
+            if self.certificate.status != Verdict::Certified {
                 found.certified = 0.0;
             }
             Ok(found)
@@ -310,7 +310,7 @@ impl Loop {
     fn delay(&self, stop: &Stop) -> Result<Margin> {
         let (n, m) = (self.data.n, self.data.m);
         let mut found = Margin { certified: 0.0, nominal: 0.0 };
-        let (mut proved, mut stable) = (self.certificate.status == Status::Certified, self.certificate.radius < 1.0);
+        let (mut proved, mut stable) = (self.certificate.status == Verdict::Certified, self.certificate.radius < 1.0);
         for d in 1..=LATE {
             if !stable {
                 break;
@@ -324,7 +324,7 @@ impl Loop {
             })?;
             stable = radius(&closed.a0)? < 1.0;
             if proved {
-                proved = judged(&data, closed, stop)?.0.status == Status::Certified;
+                proved = judged(&data, closed, stop)?.0.status == Verdict::Certified;
             }
             let d = d as f64;
             found = Margin {

@@ -12,7 +12,7 @@
 //!
 //! ```
 //! use std::sync::Arc;
-//! use stochens::{Stop, feedback::{Loop, Status}, region::{Part, PartOf, Region}};
+//! use stochens::{Stop, feedback::{Loop, Verdict}, region::{Part, PartOf, Region}};
 //! // x(k+1) = 1.2 x(k) + u(k), both coefficients within a circle of radius .3
 //! let (one, eye) = ([1.0], [1.0, 0.0, 0.0, 1.0]);
 //! let part = PartOf {
@@ -20,7 +20,7 @@
 //! };
 //! let region = Region::new(&[1.2, 1.0], 1, 1, vec![Arc::new(Part::new(part)?)], None, false)?;
 //! let found = Loop::new(&region, &[-0.9], &Stop::new())?;
-//! assert_eq!(found.certificate().status, Status::Certified);
+//! assert_eq!(found.certificate().status, Verdict::Certified);
 //! assert!((found.certificate().norm - 0.5766).abs() < 1e-3); // .3 sqrt(1 + .9^2) / (1 - .3)
 //! # Ok::<(), stochens::Error>(())
 //! ```
@@ -50,7 +50,7 @@ mod tube;
 mod verify;
 mod way;
 
-pub use certificate::{Certificate, Status};
+pub use certificate::{Certificate, Verdict};
 pub use data::Misfit;
 pub use gains::{Gain, eigenvalues, guaranteed, least_squares, widest};
 pub use keeping::{Judged, Keeper, Short};

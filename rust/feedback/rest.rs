@@ -6,7 +6,7 @@ use faer::linalg::solvers::Solve;
 use crate::error::{Error, Result};
 use crate::memory::{covered, try_copy};
 
-use super::certificate::Status;
+use super::certificate::Verdict;
 use super::data::{Matrix, WHAT, lost, scaled, size_of};
 use super::loops::{Loop, bytes};
 use super::tube::ROUNDING;
@@ -37,7 +37,7 @@ impl Loop {
             return Err(Error::Shape { name: "xs", expected, found });
         }
         let (mut x, mut u) = (try_copy(WHAT, xs)?, try_copy(WHAT, us)?);
-        if self.certificate.status != Status::Certified {
+        if self.certificate.status != Verdict::Certified {
             return Ok((x, u));
         }
         covered(WHAT, bytes(data.n, data.region.d), || {
@@ -64,7 +64,7 @@ impl Loop {
         }
         let mut own = Vec::new();
         own.extend(xs.iter().chain(us).copied().chain(data.c.iter().map(|_| 1.0)));
-        if self.certificate.status != Status::Certified || !data.determined(&own) {
+        if self.certificate.status != Verdict::Certified || !data.determined(&own) {
             return Ok(None);
         }
         covered(WHAT, bytes(n, d), || {

@@ -33,12 +33,12 @@ fn one_state() {
     let region = round(&[1.2, 1.0], 1, 1, 0.3);
     let found = Loop::new(&region, &[-0.9], &Stop::new()).unwrap();
     let one = found.certificate();
-    assert_eq!(one.status, Status::Certified);
+    assert_eq!(one.status, Verdict::Certified);
     near(one.least, 0.3 * 1.81f64.sqrt() / 0.7, 1e-7); // rho is widened by 1e-8
     assert!(one.norm >= one.least && one.norm <= one.least * 1.002);
     let q = found.invariant(&[0.0], 1.0, 1.0, Some(0.0)).unwrap().unwrap();
     near(q[0] * q[0], 0.101142725470413, 1e-6); // its root
-    for (by, status) in [(0.999, Status::Certified), (1.001, Status::Refuted)] {
+    for (by, status) in [(0.999, Verdict::Certified), (1.001, Verdict::Refuted)] {
         let region = round(&[1.2, 1.0], 1, 1, by * 0.7 / 1.81f64.sqrt());
         assert_eq!(Loop::new(&region, &[-0.9], &Stop::new()).unwrap().certificate().status, status);
     }

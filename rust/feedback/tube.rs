@@ -8,7 +8,7 @@ use crate::identify::normal_quantile;
 use crate::memory::{checked_len, covered, try_collect};
 use crate::parallel::Stop;
 
-use super::certificate::{Status, weighted};
+use super::certificate::{Verdict, weighted};
 use super::data::{Matrix, WHAT, in_units, largest, matrix, scaled, stacked, symmetric};
 use super::lemma::least;
 use super::loops::{Loop, bytes, squares};
@@ -171,7 +171,7 @@ impl Loop {
             way.step();
         }
         let beside = run.rest.map(|(xs, us)| self.spread_at_rest(xs, us)).transpose()?;
-        let certified = self.certificate.status == Status::Certified && known && beside != Some(None);
+        let certified = self.certificate.status == Verdict::Certified && known && beside != Some(None);
         let (beside, mut levels) = (beside.flatten(), Vec::new());
         if certified {
             for share in RATES {
@@ -216,7 +216,7 @@ impl Loop {
             let back = data.back();
             let root = self.smallest(&in_units(&matrix(covariance, n, n), &back, &back), 1.0, &rows);
             let quantile = normal_quantile(&[1.0], 1, eps / ((n + m) * run.steps.max(1)) as f64)? * (1.0 + ROUNDING);
-            let root = root.filter(|_| self.certificate.status == Status::Certified);
+            let root = root.filter(|_| self.certificate.status == Verdict::Certified);
             found.noise.fill(f64::INFINITY);
             found.noise_radius = f64::INFINITY;
             if let Some(root) = root {

@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::chosen::EXACT;
 use super::held::{Forces, Held, broken, scaled};
 use super::look::look;
-use super::mean::{moments, slope, triangle};
+use super::mean::{moments, moments_root, slope};
 use super::missing::least_excess;
 use super::program::Program;
 use super::units::{Units, WHAT};
@@ -325,7 +325,7 @@ fn without_squares(units: &Units<'_>, r: &[f64], stop: &Stop) -> Result<Vec<f64>
     let (d, m) = (units.inputs(), units.m);
     let share = (units.size as f64).sqrt().recip();
     let mut rows = Vec::new();
-    for row in triangle(units, stop)?.chunks_exact(d + 1) {
+    for row in moments_root(units, stop)?.chunks_exact(d + 1) {
         try_extend(WHAT, &mut rows, row[..d].iter().map(|v| v * share))?;
     }
     let root = if r.is_empty() { Vec::new() } else { limits::root(r, m)? };

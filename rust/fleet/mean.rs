@@ -128,7 +128,7 @@ pub fn moments(units: &Units<'_>, threads: usize, stop: &Stop) -> Result<Moments
 ///
 /// # Errors
 /// [`Error::Overflow`], [`Error::Memory`], [`Error::Interrupted`].
-pub fn triangle(units: &Units<'_>, stop: &Stop) -> Result<Vec<f64>> {
+pub fn moments_root(units: &Units<'_>, stop: &Stop) -> Result<Vec<f64>> {
     let (q, side) = (units.rows(), units.inputs() + 1);
     let mut r = try_zeros(WHAT, checked_len(WHAT, side, side)?)?;
     let at_once = (4 * ROWS).max(side).div_ceil(q);

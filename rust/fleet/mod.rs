@@ -27,7 +27,7 @@ mod tests;
 
 pub use few::{Few, alone, of_few};
 pub use least_mean::{LeastMean, least_mean};
-pub use mean::{Moments, moments, slope, triangle};
+pub use mean::{Moments, moments, moments_root, slope};
 pub use scenario::{at_most, compression, discarding, judged, rank, relaxed, required};
 pub use units::Units;
 pub use within::{Limits, misses};

@@ -7,7 +7,7 @@ use crate::sample::Singletons;
 
 /// Fusion of realizations into an estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
+pub enum Fusion {
     /// Their average.
     Uniform,
     /// Accumulated least squares: [`super::alse()`] and [`super::closed_form()`].
@@ -28,7 +28,7 @@ pub enum Samples<'a> {
     Dense(&'a Dense<'a>),
 }
 
-impl Method {
+impl Fusion {
     /// All methods by their names.
     pub const NAMED: [(&'static str, Self); 4] = [
         ("uniform", Self::Uniform),

@@ -19,10 +19,10 @@ mod slse_sample;
 mod slse_tables;
 mod uniform;
 
-pub use alse::{Realizations, Settings, Solution, Status, alse, alse_prefixes, second_opinion};
+pub use alse::{CertifiedWeights, Realizations, Settings, WeightStatus, alse, alse_prefixes, second_opinion};
 pub use closed_form::{ClosedForm, Gap, closed_form, project_on_simplex};
 pub use dense::Dense;
-pub use method::{Method, Samples};
+pub use method::{Fusion, Samples};
 pub use path::{Path, alse_path, uniform_dense, uniform_path};
 pub use slse::{Sequential, slse, slse_each};
 pub use slse_dense::slse_dense;

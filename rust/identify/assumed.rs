@@ -53,7 +53,7 @@ impl Assumed<'_> {
 
 /// For Gaussian noise of unknown covariance with any design.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Method {
+pub enum RegionMethod {
     /// The smaller of both, each with `delta / 2`.
     Auto,
     /// Small, but infinite with few pairs.
@@ -75,9 +75,9 @@ pub struct Wish<'a> {
     pub future: usize,
     /// Whether the Frobenius norm is bounded as well.
     pub frobenius: bool,
-    /// See [`Method`].
-    pub method: Method,
-    /// Whether the region of [`Method::Mixture`] holds for all N at once.
+    /// See [`RegionMethod`].
+    pub method: RegionMethod,
+    /// Whether the region of [`RegionMethod::Mixture`] holds for all N at once.
     pub anytime: bool,
 }
 
@@ -85,7 +85,7 @@ impl Wish<'_> {
     /// A region of all rows that does not contain the true model with probability `delta`.
     #[must_use]
     pub const fn new(delta: f64) -> Self {
-        let (directions, method) = (None, Method::Auto);
+        let (directions, method) = (None, RegionMethod::Auto);
         Self { delta, components: false, directions, future: 0, frobenius: false, method, anytime: false }
     }
 }

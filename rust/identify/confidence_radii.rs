@@ -10,7 +10,7 @@ use crate::error::Result;
 use crate::memory::{checked_len, try_collect, try_copy, try_zeros};
 use crate::parallel::Stop;
 
-use super::assumed::{Assumed, Covariance, Method, Wish};
+use super::assumed::{Assumed, Covariance, RegionMethod, Wish};
 use super::distributions::{chi2_quantile, chi2_upper};
 use super::kept::{Law, kept};
 use super::least_squares::{Fitted, WHAT, add, cholesky};
@@ -126,7 +126,7 @@ pub(crate) fn independent(
 /// The factor for any design, in `units` fixed before the pairs; unbounded without them.
 ///
 /// Known noise: the sphere mixture. Unknown Gaussian noise: the same with a lower bound of the covariance, or the marginal
-/// likelihood over the largest; [`Method::Auto`] takes the smaller of both at `delta / 2` each.
+/// likelihood over the largest; [`RegionMethod::Auto`] takes the smaller of both at `delta / 2` each.
 pub(crate) fn adaptive(
     f: &Fitted,
     assumed: Assumed<'_>,
@@ -143,10 +143,10 @@ pub(crate) fn adaptive(
     if let Covariance::Known(known) = assumed.covariance {
         return Radius::of(mixture_level(f, &units, delta, assumed.tail)?, known);
     }
-    let auto = wish.method == Method::Auto && assumed.tail == 0.0; // with a tail there is no likelihood
+    let auto = wish.method == RegionMethod::Auto && assumed.tail == 0.0; // with a tail there is no likelihood
     let share = if auto { delta / 2.0 } else { delta };
     let marginal = |share| Radius::of(universal(f, &units, share)?, &f.residual);
-    if wish.method == Method::Universal && assumed.tail == 0.0 {
+    if wish.method == RegionMethod::Universal && assumed.tail == 0.0 {
         return marginal(share);
     }
     let mixed = unknown_noise(f, assumed, &units, share, wish.anytime, by)?;

@@ -22,7 +22,7 @@ mod symmetric;
 mod triangle;
 mod units;
 
-pub use assumed::{Assumed, Covariance, Design, Method, Noise, Wish};
+pub use assumed::{Assumed, Covariance, Design, Noise, RegionMethod, Wish};
 pub use battery::{Declared, Explained, Given, Test, battery, noise_tests};
 pub use beta_model::DRAWS;
 pub(crate) use confidence_radii::{By, Radius, adaptive, independent};
@@ -46,4 +46,4 @@ pub use span::Span;
 pub(crate) use symmetric::{Symmetric, covariance_root, spectral_norm, squares};
 pub use triangle::{triangle, update};
 pub(crate) use units::Measured;
-pub use units::{MIXTURES, PRIOR_NOISE, Units, first_pairs};
+pub use units::{MIXTURES, Magnitudes, PRIOR_NOISE, first_pairs};

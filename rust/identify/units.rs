@@ -35,7 +35,7 @@ const SHARES: [f64; 3] = [1.0 / 6.0, 1.0 / 3.0, 2.0 / 3.0];
 
 /// What the size of z and of the noise is expected to be.
 #[derive(Debug, Clone, Copy)]
-pub enum Units<'a> {
+pub enum Magnitudes<'a> {
     /// As told: sizes (d) of the columns of z, fixed before the data.
     Expected(&'a [f64]),
     /// As in the first part of the data, which the pairs of the estimate come after; their number was fixed beforehand.

@@ -53,7 +53,7 @@ pub struct SetPoints {
 
 /// What is asked of a set point.
 #[derive(Debug, Clone, Copy)]
-pub struct Wish<'a> {
+pub struct SetPointTask<'a> {
     /// The outputs (p); nan where one is free.
     pub target: &'a [f64],
     /// The weights Q (p, p) of `(y - target)'Q (y - target)`.
@@ -351,7 +351,7 @@ impl SetPoints {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`].
-    pub fn at(&self, wish: &Wish<'_>) -> Result<SetPoint> {
+    pub fn at(&self, wish: &SetPointTask<'_>) -> Result<SetPoint> {
         let (p, m) = self.sizes();
         let right = [wish.target.len() == p, wish.weights.len() == p * p, wish.now.len() == p];
         if right.contains(&false) || [wish.low, wish.high, wish.given].iter().any(|of| of.len() != m) {
@@ -362,7 +362,7 @@ impl SetPoints {
         covered(WHAT, self.bytes(), || self.found(wish))?
     }
 
-    fn found(&self, wish: &Wish<'_>) -> Result<SetPoint> {
+    fn found(&self, wish: &SetPointTask<'_>) -> Result<SetPoint> {
         let ((p, m), k) = (self.sizes(), self.unit.len());
         let set = |i: usize| !wish.target[i].is_nan();
         let chosen = (0..m).filter(|i| wish.given[*i].is_nan()).count();
@@ -690,7 +690,7 @@ mod tests {
         let points = SetPoints::new(window, &[0.9, 0.02, 0.1, 0.3, 0.6, 0.05], &[1.0; 3]).unwrap();
         assert!(points.can_be_held().unwrap());
         close(&points.of_inputs().unwrap(), &[0.1, 0.05], 1e-15);
-        let free = Wish {
+        let free = SetPointTask {
             target: &[1.0, 2.0],
             weights: &[1.0, 0.0, 0.0, 0.25],
             now: &[0.0; 2],
@@ -701,14 +701,14 @@ mod tests {
         let near = points.at(&free).unwrap();
         close(&near.place, &[1.206944269719, 1.030318279029, 1.000880613914], 1e-11);
         assert_eq!(near.exact, [false, false]);
-        let held = points.at(&Wish { target: &[f64::NAN, 2.0], ..free }).unwrap();
+        let held = points.at(&SetPointTask { target: &[f64::NAN, 2.0], ..free }).unwrap();
         close(&held.place, &[2.342857142857, 2.0, 1.942857142857], 1e-11);
         assert_eq!(held.exact, [false, true]);
-        let cut = points.at(&Wish { high: &[0.5], ..free }).unwrap();
+        let cut = points.at(&SetPointTask { high: &[0.5], ..free }).unwrap();
         assert_eq!((cut.at_limit.as_slice(), cut.place[2]), ([0].as_slice(), 0.5));
         let (x, u) = points.moving(&held, &[0.0; 2], [&[0.0; 2], &[0.0, 0.01]], &[0.0]).unwrap();
         close(&[x[0], x[1], u[0]], &[2.354693877551, 2.0, 2.071836734694], 1e-11);
-        assert!(points.at(&Wish { target: &[1.0], ..free }).is_err());
+        assert!(points.at(&SetPointTask { target: &[1.0], ..free }).is_err());
     }
 
     #[test]
@@ -716,7 +716,7 @@ mod tests {
         // y1+ = .5 y1 + u, y2+ = y2 + u: held at y1 = 0 the second one is anywhere
         let window = Window::new(2, 1, Kind::Lags(1), 0, false, 0).unwrap();
         let points = SetPoints::new(window, &[0.5, 0.0, 1.0, 0.0, 1.0, 1.0], &[1.0; 3]).unwrap();
-        let wish = Wish {
+        let wish = SetPointTask {
             target: &[0.0, f64::NAN],
             weights: &[1.0, 0.0, 0.0, 1.0],
             now: &[5.0, 7.0],
@@ -740,7 +740,8 @@ mod tests {
             let eye = |n: usize| (0..n * n).map(|at| f64::from(u8::from(at % (n + 1) == 0))).collect::<Vec<_>>();
             let (low, high, given) = (vec![-0.5; m], vec![0.5; m], vec![f64::NAN; m]);
             let (weights, now) = (eye(p), vec![0.0; p]);
-            let wish = Wish { target: &target, weights: &weights, now: &now, low: &low, high: &high, given: &given };
+            let wish =
+                SetPointTask { target: &target, weights: &weights, now: &now, low: &low, high: &high, given: &given };
             let point = points.at(&wish).unwrap();
             let (all, rows): (Vec<_>, Vec<_>) = ((0..d).collect(), (0..p).collect());
             let part = Part::new(PartOf {

@@ -10,16 +10,19 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use super::*;
-use crate::certificate::{Aim, Gaussian, Goal, NextRuns, Task, ToCome, Way, certify, drawn_misses, next_runs};
+use crate::certificate::{
+    Endpoints, Gaussian, Goal, NextRuns, PlannedRun, ToCome, Way, certify, drawn_misses, next_runs,
+};
 use crate::control::{Entity, Factors, Motion, Realized, best_control, pseudoinverse};
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::identify;
 use crate::limits::{self, Bounds, Penalty, Rows, Steps, Until};
 use crate::region::{Part, PartOf, Region};
 use crate::sample::{multinomial_counts, systematic_counts};
-use crate::simulate::{self, Average, Drawn, Estimate, Exact, Model, Norm, Plans, Second, mean_field, runs};
+use crate::simulate::{self, Average, Drawn, Exact, Model, PlanEntity, Plans, Second, mean_field, runs};
 use crate::storage::{self, Section, Values};
-use crate::streaming::{Config, Data, Geometry, Laws, Limits, Order, Rule, Stream};
+use crate::streaming::{Budget, Config, DataStream, Geometry, Order, Rule, Stream, StreamLaws};
+use crate::tails::Norm;
 use crate::{Key, Law, Scheme, Singletons, Stop, sample};
 
 /// Smallest allocation that can fail, in bytes. The tested arrays are larger; everything of bounded size (messages,
@@ -165,12 +168,12 @@ fn call(name: &str) -> Option<Call> {
         let stop = Stop::new();
         Box::new(move || {
             let copy = |len| try_copy("an input", entries_of(len));
-            let laws = Laws { x0: copy(N)?, xf: copy(N)?, a: copy(N * N)?, keys: [key; 4] };
+            let laws = StreamLaws { x0: copy(N)?, xf: copy(N)?, a: copy(N * N)?, keys: [key; 4] };
             let geometry = Geometry::new(copy(2 * N)?, N, 2)?;
             let mut stream = Stream::new(geometry, laws, Config { safeguard, order })?;
-            let limits = Limits { steps: 2500, tolerance: Some((Rule::Certificate, 0.0)), deadline: None };
+            let limits = Budget { steps: 2500, tolerance: Some((Rule::Certificate, 0.0)), deadline: None };
             stream.advance(&limits, &stop)?;
-            stream.advance(&Limits { steps: 3, tolerance: Some((Rule::Printed, 0.0)), deadline: None }, &stop)?;
+            stream.advance(&Budget { steps: 3, tolerance: Some((Rule::Printed, 0.0)), deadline: None }, &stop)?;
             let _ = (stream.control()?, stream.estimates()?, stream.residuals()?, stream.certificate()?);
             Stream::from_sections(stream.to_sections()?).map(drop)
         })
@@ -341,7 +344,7 @@ fn call(name: &str) -> Option<Call> {
             Box::new(move || {
                 let law = Law::new(try_copy("an input", &b)?, N, N)?;
                 let average = Average::new(law, 100, scheme)?;
-                simulate::estimate_errors(&average, Norm::Two, 200, &key, 2, &stop)?;
+                simulate::estimate_errors(&average, Norm::Frobenius, 200, &key, 2, &stop)?;
                 simulate::estimate_errors(&average, Norm::Spectral, 2, &key, 2, &stop).map(drop)
             })
         }
@@ -349,11 +352,11 @@ fn call(name: &str) -> Option<Call> {
             let (x, a, b, c) = (entries(N), entries(N * N), entries(2 * N), entries(4 * N));
             Box::new(move || {
                 let copy = |values: &[f64]| try_copy("an input", values);
-                let average = |values: &[f64], lines| -> Result<Estimate> {
-                    Ok(Estimate::Drawn(Average::new(Law::new(copy(values)?, lines, N)?, 100, Scheme::Systematic)?))
+                let average = |values: &[f64], lines| -> Result<PlanEntity> {
+                    Ok(PlanEntity::Drawn(Average::new(Law::new(copy(values)?, lines, N)?, 100, Scheme::Systematic)?))
                 };
                 for (several, paired) in [(false, true), (true, false)] {
-                    let fixed = Estimate::Fixed(copy(&x)?);
+                    let fixed = PlanEntity::Fixed(copy(&x)?);
                     let plans = Plans::new(average(&x, 1)?, fixed, average(&a, N)?, false, paired)?;
                     let exact = if several {
                         Exact::Steps { b: &b, c: &c, v: &x[..4] }
@@ -370,13 +373,13 @@ fn call(name: &str) -> Option<Call> {
         "data stream" => Box::new(move || {
             let copy = |len| try_copy("an input", entries_of(len));
             let geometry = Geometry::new(copy(2 * N)?, N, 2)?;
-            let mut data = Data::new(geometry, [Some(copy(N)?), Some(copy(N)?), Some(copy(N * N)?)])?;
+            let mut data = DataStream::new(geometry, [Some(copy(N)?), Some(copy(N)?), Some(copy(N * N)?)])?;
             let samples = entries_of(2 * N * N);
             data.update(0, &Dense::new(samples, 2 * N, N)?, &stop)?;
             data.update(1, &Dense::new(samples, 2 * N, N)?, &stop)?;
             data.update(2, &Dense::new(samples, 2, N * N)?, &stop)?;
             let _ = (data.control()?, data.certificate()?);
-            Data::from_sections(data.to_sections()?).map(drop)
+            DataStream::from_sections(data.to_sections()?).map(drop)
         }),
         "triangle" => {
             let rows = entries(200 * 40);
@@ -405,7 +408,7 @@ fn call(name: &str) -> Option<Call> {
                     covariance: identify::Covariance::Known(&known),
                 };
                 let wish = identify::Wish::new(0.05);
-                let units = identify::Units::Expected(&[1.0; 12]);
+                let units = identify::Magnitudes::Expected(&[1.0; 12]);
                 let [any, exact] = [identify::Design::Adaptive, identify::Design::Independent].map(assumed);
                 Region::from_data(&estimate, any, wish, units, 1, &stop)?;
                 Region::from_data(&estimate, any, identify::Wish { components: true, ..wish }, units, 1, &stop)?;
@@ -428,11 +431,11 @@ fn call(name: &str) -> Option<Call> {
                 let parts = (0..n).map(|i| part(&places[i..=i], &[1.0])).collect::<Result<_>>()?;
                 let rows = Region::new(&model, n, 2, parts, None, false)?;
                 let noise = Gaussian { root: &square[..n * n], end: 0.02, before: 0.01 };
-                let task = Task { x0: &model[..n], rho0: 0.1, xf: &model[..n], predicted: &model[..4 * n] };
+                let task = Endpoints { x0: &model[..n], rho0: 0.1, xf: &model[..n], predicted: &model[..4 * n] };
                 let to_come = Some(ToCome::Gaussian(noise));
                 let way = |region, to_come| Way { region, inputs: &model[..6], to_come, compares: false };
                 certify(task, &[way(&whole, to_come), way(&rows, None)], Some(way(&rows, to_come)), (true, &stop))?;
-                let task = Task { predicted: &model[..2 * n], ..task };
+                let task = Endpoints { predicted: &model[..2 * n], ..task };
                 let one = Way { region: &whole, inputs: &model[..2], to_come: None, compares: true };
                 certify(task, &[one], None, (true, &stop))?;
                 whole.projection((0, 0), (1, 1))?;
@@ -447,7 +450,7 @@ fn call(name: &str) -> Option<Call> {
                 let law = identify::EstimateLaw::new(centre, &white, identify::NoiseLaw::Full(40))?;
                 law.models(&key, 3, 2, &stop)?;
                 let (x0, inputs) = (&model[..15], &model[..3]);
-                let aim = Aim { x0, inputs: &[], m: 1, target: x0, noise: true, window: None };
+                let aim = PlannedRun { x0, inputs: &[], m: 1, target: x0, noise: true, window: None };
                 drawn_misses(&law, aim, &key, 3, 2, &stop).err();
                 let goal = Goal {
                     model: &model[..90],

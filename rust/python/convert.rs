@@ -7,7 +7,7 @@ use pyo3::types::PyList;
 use super::arrays::{Values, array};
 use super::error::{InputError, ShapeError};
 use crate::Key;
-use crate::fuse::Method;
+use crate::fuse::Fusion;
 use crate::memory::{try_copy, try_room};
 
 /// A read-only view of a contiguous array of doubles.
@@ -42,10 +42,10 @@ where
 }
 
 /// A fusing method by its name.
-pub(super) fn method(name: &str) -> PyResult<Method> {
-    let found = Method::NAMED.into_iter().find(|(known, _)| *known == name);
+pub(super) fn method(name: &str) -> PyResult<Fusion> {
+    let found = Fusion::NAMED.into_iter().find(|(known, _)| *known == name);
     found.map(|(_, method)| method).ok_or_else(|| {
-        let known = Method::NAMED.map(|(known, _)| format!("'{known}'")).join(", ");
+        let known = Fusion::NAMED.map(|(known, _)| format!("'{known}'")).join(", ");
         InputError::new_err(format!("`method` must be one of {known}, got '{name}'"))
     })
 }

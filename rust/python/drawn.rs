@@ -7,7 +7,7 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, key, slice};
 use super::run::{UNTIL_STOPPED, run};
 use super::window::PyWindow;
-use crate::certificate::{self, Aim, Goal, NextRuns};
+use crate::certificate::{self, Goal, NextRuns, PlannedRun};
 use crate::identify::{Centre, EstimateLaw, NoiseLaw};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -63,7 +63,7 @@ pub(super) fn drawn_misses<'py>(
     let window = window.map(|one| one.get().0);
     let (given, key, m) = (law.get()?, self::key(key)?, inputs.as_array().dim().1);
     let (x0, inputs, target) = (slice("x0", &x0)?, slice("inputs", &inputs)?, slice("xf", &xf)?);
-    let aim = Aim { x0, inputs, m, target, noise, window };
+    let aim = PlannedRun { x0, inputs, m, target, noise, window };
     array1(py, run(py, UNTIL_STOPPED, |stop| certificate::drawn_misses(&given, aim, &key, size, threads, stop))?)
 }
 

@@ -10,7 +10,7 @@ use super::error::InputError;
 use super::fitted::{PyFitted, copied};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
-use crate::identify::{self, Assumed, Covariance, Data, Design, Estimate, Method, Noise, Units, Wish};
+use crate::identify::{self, Assumed, Covariance, Data, Design, Estimate, Magnitudes, Noise, RegionMethod, Wish};
 use crate::memory::{try_collect, try_room};
 use crate::region::Region;
 
@@ -97,16 +97,16 @@ impl PyEstimate {
             other => return Err(InputError::new_err(format!("`noise` has no region of this kind, got '{other}'"))),
         };
         let method = match method {
-            "mixture" => Method::Mixture,
-            "universal" => Method::Universal,
-            _ => Method::Auto,
+            "mixture" => RegionMethod::Mixture,
+            "universal" => RegionMethod::Universal,
+            _ => RegionMethod::Auto,
         };
         let directions = directions.as_ref().map(|q| slice("directions", q)).transpose()?;
         let wish = Wish { delta, components, directions, future, frobenius, method, anytime };
         let assumed = Assumed { design, noise, covariance, tail };
         let units = match &units {
-            UnitsOf::First(first) => Units::First(&first.get().estimate),
-            UnitsOf::Expected(scale) => Units::Expected(slice("scale", scale)?),
+            UnitsOf::First(first) => Magnitudes::First(&first.get().estimate),
+            UnitsOf::Expected(scale) => Magnitudes::Expected(slice("scale", scale)?),
         };
         let region =
             run(py, UNTIL_STOPPED, |stop| Region::from_data(&self.estimate, assumed, wish, units, threads, stop))?;

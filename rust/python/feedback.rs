@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use crate::Error;
-use crate::feedback::{self, Gain, Keeper, Loop, Misfit, Run, Status};
+use crate::feedback::{self, Gain, Keeper, Loop, Misfit, Run, Verdict};
 use crate::memory::{try_collect, try_copy};
 use crate::parallel::Stop;
 
@@ -54,11 +54,11 @@ impl PyFeedback {
     #[getter]
     fn status(&self) -> &'static str {
         match self.of.certificate().status {
-            Status::Certified => "certified",
-            Status::Refuted => "refuted",
-            Status::NotProvable => "not provable",
-            Status::Undetermined => "undetermined",
-            Status::Undecided => "undecided",
+            Verdict::Certified => "certified",
+            Verdict::Refuted => "refuted",
+            Verdict::NotProvable => "not provable",
+            Verdict::Undetermined => "undetermined",
+            Verdict::Undecided => "undecided",
         }
     }
 

@@ -90,7 +90,7 @@ pub(super) fn alse<'py>(
             run_to_best(py, |stop| fuse::alse(&samples, values, &settings, stop))?
         }
     };
-    let solution = told(ended, |solution| solution.status == fuse::Status::Interrupted)?;
+    let solution = told(ended, |solution| solution.status == fuse::WeightStatus::Interrupted)?;
     Ok(Alse {
         weights: array1(py, solution.weights)?.unbind(),
         estimate: array2(py, solution.estimate, lines, length)?.unbind(),
@@ -191,7 +191,7 @@ pub(super) fn alse_prefixes<'py>(
         })?;
         Ok((errors, gaps, statuses, estimates))
     })?;
-    let (errors, gaps, statuses, estimates) = told(ended, |path| path.2.contains(&fuse::Status::Interrupted))?;
+    let (errors, gaps, statuses, estimates) = told(ended, |path| path.2.contains(&fuse::WeightStatus::Interrupted))?;
     let kept = if keep_estimates { sizes.len() } else { 0 };
     let statuses = try_collect("the statuses", statuses.iter().map(|status| status.as_str()))?;
     Ok((array1(py, errors)?, array1(py, gaps)?, statuses, array2(py, estimates, kept, values.len())?))

@@ -10,7 +10,7 @@ use super::run::run;
 use super::simulate::EstimateArgument;
 use crate::Result;
 use crate::limits::Solution;
-use crate::limits::horizon::{Given, Horizon, Task};
+use crate::limits::horizon::{DrawnEntity, Horizon, Task};
 use crate::memory::{try_collect, try_copy};
 
 const WHAT: &str = "the control within limits";
@@ -90,12 +90,12 @@ pub(super) fn made(
     run(py, work, |_| Horizon::new(a, b, c.as_deref(), n, task))
 }
 
-pub(super) fn given<'a>(name: &str, (lines, drawn): &'a EstimateArgument<'_>) -> PyResult<Given<'a>> {
+pub(super) fn given<'a>(name: &str, (lines, drawn): &'a EstimateArgument<'_>) -> PyResult<DrawnEntity<'a>> {
     let drawn = match drawn {
         None => None,
         Some((size, name)) => Some((*size, scheme(name)?)),
     };
-    Ok(Given { lines: slice(name, lines)?, length: lines.as_array().dim().1, drawn })
+    Ok(DrawnEntity { lines: slice(name, lines)?, length: lines.as_array().dim().1, drawn })
 }
 
 /// What the package keeps of a control within limits.

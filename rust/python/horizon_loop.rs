@@ -10,7 +10,7 @@ use super::limits::{seconds, signs};
 use super::run::run;
 use super::shared::Shared;
 use crate::limits::Until;
-use crate::limits::horizon::Loop;
+use crate::limits::horizon::RecedingHorizon;
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -19,7 +19,7 @@ type Vector<'py> = PyReadonlyArray1<'py, f64>;
 /// The best inputs from one state after another.
 #[pyclass(frozen, name = "Loop", module = "stochens_rs._core")]
 pub(super) struct PyLoop {
-    inner: Shared<Loop>,
+    inner: Shared<RecedingHorizon>,
     cost: f64,
 }
 
@@ -39,7 +39,7 @@ impl PyLoop {
         let horizon = made(py, &a, &b, c.as_ref(), task.task(None, None)?)?;
         let cost = cost(&horizon);
         let made = run(py, cost, |stop| {
-            let mut made = Loop::new(horizon, stop)?;
+            let mut made = RecedingHorizon::new(horizon, stop)?;
             if timed {
                 made.prepare(stop)?;
             }
@@ -71,7 +71,9 @@ impl PyLoop {
     }
 
     fn warm<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray1<i8>>>> {
-        let copy = |inner: &mut Loop, _: &crate::Stop| inner.warm().map(|warm| try_copy("a start", warm)).transpose();
+        let copy = |inner: &mut RecedingHorizon, _: &crate::Stop| {
+            inner.warm().map(|warm| try_copy("a start", warm)).transpose()
+        };
         self.inner.with(py, 0.0, copy)?.map(|warm| array1(py, warm)).transpose()
     }
 

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::convert::{array1, slice};
 use super::run::{UNTIL_STOPPED, run};
 use crate::identify;
-use crate::region::{Mixture, Noise, Place, between};
+use crate::region::{CoordinateNoise, Mixture, Place, between};
 
 /// Quantiles of sizes, a level and a number of threads.
 macro_rules! quantiles {
@@ -83,11 +83,11 @@ pub(super) struct NoiseArgument {
 }
 
 impl NoiseArgument {
-    fn get(&self) -> Noise {
+    fn get(&self) -> CoordinateNoise {
         match (self.variance, self.rows) {
-            (Some(variance), _) => Noise::Known(variance),
-            (None, 1) => Noise::Estimated { rss: self.rss, degrees: self.degrees },
-            (None, count) => Noise::Rows { count, degrees: self.degrees },
+            (Some(variance), _) => CoordinateNoise::Known(variance),
+            (None, 1) => CoordinateNoise::Estimated { rss: self.rss, degrees: self.degrees },
+            (None, count) => CoordinateNoise::Rows { count, degrees: self.degrees },
         }
     }
 }

@@ -6,7 +6,7 @@ use pyo3::prelude::*;
 use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::run;
-use crate::certificate::{self, Along, Tube};
+use crate::certificate::{self, Along, OutputTube};
 use crate::memory::try_copy;
 use crate::region::{Entering, Region};
 
@@ -50,7 +50,7 @@ pub(super) fn entered_region<'py>(
     Ok((PyRegion(found), noise))
 }
 
-fn handed<'py>(py: Python<'py>, tube: Tube) -> PyResult<Radii<'py>> {
+fn handed<'py>(py: Python<'py>, tube: OutputTube) -> PyResult<Radii<'py>> {
     let (rows, cols) = (tube.radii.len(), tube.components.len() / tube.radii.len());
     Ok((array1(py, tube.radii)?, array2(py, tube.components, rows, cols)?))
 }

@@ -7,7 +7,7 @@ use super::convert::{array1, array2, slice};
 use super::estimate::covariance;
 use super::region::{PyRegion, places};
 use super::run::{UNTIL_STOPPED, run};
-use crate::certificate::{MainRuns, Pilot, Reference, Shares, Simulation, Task};
+use crate::certificate::{Endpoints, MainRuns, Pilot, Reference, Shares, Simulation};
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -98,7 +98,7 @@ impl PyPilot {
         noise: bool,
     ) -> PyResult<FoundNear<'py>> {
         let steps = inputs.as_array().dim().0;
-        let task = Task {
+        let task = Endpoints {
             x0: slice("x0", &x0)?,
             rho0: 0.0,
             xf: slice("xf", &xf)?,

@@ -10,7 +10,7 @@ use super::convert::{array1, array2, slice};
 use super::error::ShapeError;
 use super::fitted::{PyFitted, copied, places as as_places};
 use super::run::run;
-use crate::certificate::{self, Control, Gaussian, Task, ToCome, Way};
+use crate::certificate::{self, ControlError, Endpoints, Gaussian, ToCome, Way};
 use crate::error::require_finite;
 use crate::memory::{try_copy, try_room};
 use crate::region::{DIRECTIONS, Part, PartOf, Region};
@@ -355,7 +355,8 @@ pub(super) fn certify<'py>(
     every: bool,
 ) -> PyResult<Found<'py>> {
     let (x0, rho0) = start;
-    let task = Task { x0: slice("x0", &x0)?, rho0, xf: slice("xf", &xf)?, predicted: slice("predicted", &predicted)? };
+    let task =
+        Endpoints { x0: slice("x0", &x0)?, rho0, xf: slice("xf", &xf)?, predicted: slice("predicted", &predicted)? };
     let (mut given, mut cost) = (try_room(WHAT, ways.len())?, 0.0);
     for way in &ways {
         cost += way.0.get().cost(way.1.as_array().dim().0);
@@ -366,11 +367,13 @@ pub(super) fn certify<'py>(
     let (steps, n) = predicted.as_array().dim();
     let (control, reason) = match found.control {
         None => (f64::INFINITY, Some("over several steps no bound of the control is known")),
-        Some(Control::Within(value)) => (value, None),
-        Some(Control::Many) => {
+        Some(ControlError::Within(value)) => (value, None),
+        Some(ControlError::Many) => {
             (f64::INFINITY, Some("there are more inputs than states, so that many controls are as good"))
         }
-        Some(Control::NoEffect) => (f64::INFINITY, Some("within the error of the data some inputs may have no effect")),
+        Some(ControlError::NoEffect) => {
+            (f64::INFINITY, Some("within the error of the data some inputs may have no effect"))
+        }
     };
     Ok((
         found.best,

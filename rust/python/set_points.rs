@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::run;
 use super::window::PyWindow;
-use crate::limits::{SetPoint, SetPoints, Wish};
+use crate::limits::{SetPoint, SetPointTask, SetPoints};
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -55,7 +55,7 @@ impl PySetPoints {
         limits: (Vector<'_>, Vector<'_>),
         given: Vector<'_>,
     ) -> PyResult<PySetPoint> {
-        let wish = Wish {
+        let wish = SetPointTask {
             target: slice("target", &target)?,
             weights: slice("weights", &weights)?,
             now: slice("now", &now)?,

@@ -8,11 +8,10 @@ use super::convert::{array1, array2, key, law, method, slice};
 use super::draws::scheme;
 use super::error::InputError;
 use super::run::run;
-use crate::fuse::Method;
+use crate::fuse::Fusion;
 use crate::memory::try_copy;
-use crate::simulate::{
-    self, Average, ClosedLoop, Drawn, Ensemble, Estimate, Exact, Model, Norm, Plans, Second, Systems,
-};
+use crate::simulate::{self, Average, ClosedLoop, Drawn, Ensemble, Exact, Model, PlanEntity, Plans, Second, Systems};
+use crate::tails::Norm;
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
@@ -159,7 +158,7 @@ pub(super) fn track<'py>(
         sample_states,
     };
     let (n, m, times) = (a.as_array().dim().0, b.as_array().dim().0, reference.as_array().dim().0);
-    let draws = if method == Method::Uniform { 100.0 } else { f64::INFINITY };
+    let draws = if method == Fusion::Uniform { 100.0 } else { f64::INFINITY };
     let cost = draws * (runs * times) as f64 * products(&a, &b);
     let found = run(py, cost, |stop| given.run(runs, &key, threads, stop))?;
     let states = array2(py, found.states, runs * times, n)?;
@@ -169,10 +168,10 @@ pub(super) fn track<'py>(
 /// An exact entity as its lines, or `(size, scheme)` if every run draws an average of realizations.
 pub(super) type EstimateArgument<'py> = (PyReadonlyArray2<'py, f64>, Option<(u64, String)>);
 
-fn estimate(name: &str, (lines, drawn): &EstimateArgument<'_>) -> PyResult<Estimate> {
+fn estimate(name: &str, (lines, drawn): &EstimateArgument<'_>) -> PyResult<PlanEntity> {
     Ok(match drawn {
-        None => Estimate::Fixed(try_copy("an estimate", slice(name, lines)?)?),
-        Some((size, scheme)) => Estimate::Drawn(Average::new(law(lines)?, *size, self::scheme(scheme)?)?),
+        None => PlanEntity::Fixed(try_copy("an estimate", slice(name, lines)?)?),
+        Some((size, scheme)) => PlanEntity::Drawn(Average::new(law(lines)?, *size, self::scheme(scheme)?)?),
     })
 }
 
@@ -223,7 +222,7 @@ pub(super) fn simulate_estimates<'py>(
     let average = Average::new(law(&values)?, size, self::scheme(scheme)?)?;
     let norm = match norm {
         "1" => Norm::One,
-        "2" => Norm::Two,
+        "2" => Norm::Frobenius,
         "spectral" => Norm::Spectral,
         other => return Err(InputError::new_err(format!("`norm` must be '1', '2' or 'spectral', got '{other}'"))),
     };

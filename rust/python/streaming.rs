@@ -13,7 +13,9 @@ use super::run::run_unstoppable;
 use super::shared::Shared;
 use super::storage::Array;
 use crate::memory::{try_collect, try_copy, try_room};
-use crate::streaming::{Config, Data, End, Geometry, Laws, Limits, Order, Rule, Section, Sections, Stream};
+use crate::streaming::{
+    Budget, Config, DataStream, End, Geometry, Order, Rule, SavedArray, Sections, Stream, StreamLaws,
+};
 use crate::{Key, Result};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
@@ -35,9 +37,9 @@ fn to_python<'py>(py: Python<'py>, sections: Sections) -> PyResult<Vec<(String, 
     let mut made = try_room("the sections", sections.0.len())?;
     for (name, section) in sections.0 {
         let array = match section {
-            Section::U8(values) => array1(py, values)?.into_any(),
-            Section::U64(values) => array1(py, values)?.into_any(),
-            Section::F64(values) => array1(py, values)?.into_any(),
+            SavedArray::U8(values) => array1(py, values)?.into_any(),
+            SavedArray::U64(values) => array1(py, values)?.into_any(),
+            SavedArray::F64(values) => array1(py, values)?.into_any(),
         };
         made.push((name, array));
     }
@@ -49,9 +51,9 @@ fn from_python(sections: Vec<(String, Array<'_>)>) -> PyResult<Sections> {
     let mut plain = try_room(WHAT, sections.len())?;
     for (name, array) in sections {
         let section = match array {
-            Array::Bytes(values) => Section::U8(try_collect(WHAT, values.as_array().iter().copied())?),
-            Array::Integers(values) => Section::U64(try_collect(WHAT, values.as_array().iter().copied())?),
-            Array::Reals(values) => Section::F64(try_collect(WHAT, values.as_array().iter().copied())?),
+            Array::Bytes(values) => SavedArray::U8(try_collect(WHAT, values.as_array().iter().copied())?),
+            Array::Integers(values) => SavedArray::U64(try_collect(WHAT, values.as_array().iter().copied())?),
+            Array::Reals(values) => SavedArray::F64(try_collect(WHAT, values.as_array().iter().copied())?),
         };
         plain.push((name, section));
     }
@@ -100,7 +102,7 @@ impl PyStream {
         for (to, bytes) in checked.iter_mut().zip(&keys) {
             *to = key(bytes)?;
         }
-        let laws = Laws {
+        let laws = StreamLaws {
             x0: try_copy("x0", slice("x0", &x0)?)?,
             xf: try_copy("xf", slice("xf", &xf)?)?,
             a: try_copy("A", slice("A", &a)?)?,
@@ -131,7 +133,7 @@ impl PyStream {
         // a time beyond the range of the clock is no limit
         let deadline =
             seconds.and_then(|s| Duration::try_from_secs_f64(s).ok()).and_then(|time| Instant::now().checked_add(time));
-        let limits = Limits { steps, tolerance: rule.map(|rule| (rule, tol)), deadline };
+        let limits = Budget { steps, tolerance: rule.map(|rule| (rule, tol)), deadline };
         let end =
             self.inner.with(py, 10.0 * (steps as f64) * self.n as f64, |stream, stop| stream.advance(&limits, stop))?;
         Ok(match end {
@@ -198,7 +200,7 @@ impl PyStream {
 /// The algorithm on realizations that are passed in.
 #[pyclass(frozen, name = "DataStream", module = "stochens_rs._core")]
 pub(super) struct PyDataStream {
-    inner: Shared<Data>,
+    inner: Shared<DataStream>,
     n: usize,
 }
 
@@ -220,7 +222,7 @@ impl PyDataStream {
         ];
         let geometry = geometry(py, &b)?;
         let n = geometry.size().0;
-        Ok(Self { inner: Shared::new("stream", Data::new(geometry, targets)?), n })
+        Ok(Self { inner: Shared::new("stream", DataStream::new(geometry, targets)?), n })
     }
 
     /// Realizations of entity 0, 1, 2, one per row, in order.
@@ -292,7 +294,7 @@ impl PyDataStream {
     fn from_sections(py: Python<'_>, sections: Vec<(String, Array<'_>)>) -> PyResult<Self> {
         let sections = from_python(sections)?;
         let all = f64::INFINITY;
-        let data = run_unstoppable(py, all, move || Data::from_sections(sections))?;
+        let data = run_unstoppable(py, all, move || DataStream::from_sections(sections))?;
         Ok(Self { n: data.n(), inner: Shared::new("stream", data) })
     }
 }

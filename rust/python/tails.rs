@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice};
 use super::error::{InputError, ShapeError};
 use super::run::run;
 use crate::memory::try_copy;
-use crate::tails::{Control, Inequality, Lines, Norm, Problem};
+use crate::tails::{FusedControl, Inequality, Lines, Norm, Problem};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -20,7 +20,7 @@ const WHAT: &str = "a tail bound";
 
 enum Setting {
     Lines(Lines),
-    Control(Box<Control>),
+    Control(Box<FusedControl>),
 }
 
 /// The numbers of lines (k, n) and a norm, or of a control problem.
@@ -47,7 +47,7 @@ impl PyTailBounds {
             let (x0, xf) = (slice("x0", &x0)?, slice("xf", &xf)?);
             let cost = 10.0 * (a.len() * x0.len()) as f64;
             let of = Problem { a, b, x0, xf, rows, control, paired };
-            Setting::Control(Box::new(run(py, cost, |_| Control::new(of))?))
+            Setting::Control(Box::new(run(py, cost, |_| FusedControl::new(of))?))
         };
         Ok(Self { of, made_of: made_of.unbind() })
     }

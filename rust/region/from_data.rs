@@ -5,8 +5,8 @@ use std::sync::Arc;
 use crate::control::singular;
 use crate::error::{Error, Result};
 use crate::identify::{
-    Assumed, By, Covariance, Estimate, Fitted, Measured, Noise, Radius, Units, Wish, adaptive, independent, lengths,
-    level, null_space,
+    Assumed, By, Covariance, Estimate, Fitted, Magnitudes, Measured, Noise, Radius, Wish, adaptive, independent,
+    lengths, level, null_space,
 };
 use crate::memory::{try_collect, try_copy, try_extend, try_push, try_room, try_zeros};
 use crate::parallel::Stop;
@@ -25,7 +25,7 @@ impl Region {
         estimate: &Estimate,
         assumed: Assumed<'_>,
         wish: Wish<'_>,
-        units: Units<'_>,
+        units: Magnitudes<'_>,
         threads: usize,
         stop: &Stop,
     ) -> Result<Self> {
@@ -40,12 +40,12 @@ impl Region {
             &estimate.blocks
         };
         let firsts = match units {
-            Units::First(first) if by_rows && !assumed.exact() => {
+            Magnitudes::First(first) if by_rows && !assumed.exact() => {
                 first_rows = first.least_squares(true, stop)?;
                 &first_rows
             }
-            Units::First(first) => &first.blocks,
-            Units::Expected(_) => blocks,
+            Magnitudes::First(first) => &first.blocks,
+            Magnitudes::Expected(_) => blocks,
         };
         if assumed.noise != Noise::Gaussian && !matches!(assumed.covariance, Covariance::Known(_)) {
             let found = "an unknown one".into();
@@ -58,9 +58,9 @@ impl Region {
             return Err(Error::Value { name, expected, found });
         }
         let sized = match units {
-            Units::Expected(scale) => scale.len(),
-            Units::First(first) if first.n == n && firsts.len() == blocks.len() => first.d,
-            Units::First(_) => 0,
+            Magnitudes::Expected(scale) => scale.len(),
+            Magnitudes::First(first) if first.n == n && firsts.len() == blocks.len() => first.d,
+            Magnitudes::First(_) => 0,
         };
         if sized != d || wish.directions.is_some_and(|q| q.is_empty() || !q.len().is_multiple_of(d)) {
             let found = sized.to_string();
@@ -90,7 +90,7 @@ impl Region {
                 (missing, independent(f, covariance, columns, delta, by)?)
             } else {
                 let measured = || {
-                    let Units::Expected(scale) = units else { return Measured::first(f, first) };
+                    let Magnitudes::Expected(scale) = units else { return Measured::first(f, first) };
                     let of = |places: &[usize]| try_collect(WHAT, places.iter().map(|&j| scale[j]));
                     Measured::expected(f, &of(&f.columns)?, of(&f.rows)?).map(Some)
                 };

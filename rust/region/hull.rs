@@ -21,7 +21,7 @@ const LARGE: f64 = 1e4;
 
 /// The noise of the data in each coordinate.
 #[derive(Debug, Clone, Copy)]
-pub enum Noise {
+pub enum CoordinateNoise {
     /// Its variance.
     Known(f64),
     /// The residual sum of squares, and its degrees of freedom.
@@ -40,7 +40,7 @@ pub enum Noise {
     },
 }
 
-impl Noise {
+impl CoordinateNoise {
     /// Whether there are no residuals to estimate it from.
     fn is_unknown(self) -> bool {
         matches!(self, Self::Estimated { degrees: 0, .. } | Self::Rows { degrees: 0, .. })
@@ -168,7 +168,7 @@ impl Place {
     ///
     /// # Errors
     /// As [`chi2_upper`].
-    pub fn share(&self, noise: Noise) -> Result<f64> {
+    pub fn share(&self, noise: CoordinateNoise) -> Result<f64> {
         let q = (self.p - self.face) as f64;
         if self.distance == 0.0 || noise.is_unknown() {
             return Ok(0.0);
@@ -177,12 +177,12 @@ impl Place {
             return Ok(1.0);
         }
         let (rss, free) = match noise {
-            Noise::Known(_) => (0.0, 0.0),
-            Noise::Estimated { rss, degrees } => (rss, degrees as f64),
-            Noise::Rows { count, degrees } => ((count * degrees) as f64, (count * degrees) as f64),
+            CoordinateNoise::Known(_) => (0.0, 0.0),
+            CoordinateNoise::Estimated { rss, degrees } => (rss, degrees as f64),
+            CoordinateNoise::Rows { count, degrees } => ((count * degrees) as f64, (count * degrees) as f64),
         };
         let c = match noise {
-            Noise::Known(variance) => variance * (MOST * (q - 2.0)).min(chi2_upper(DOUBT, q)?),
+            CoordinateNoise::Known(variance) => variance * (MOST * (q - 2.0)).min(chi2_upper(DOUBT, q)?),
             _ => rss * (MOST * (q - 2.0) / (free + 2.0)).min(q / free * f_upper(DOUBT, q, free)?),
         };
         Ok((1.0 - c / self.distance).max(0.0))
@@ -196,18 +196,18 @@ impl Place {
     ///
     /// # Errors
     /// As [`chi2_upper`].
-    pub fn explained(&self, noise: Noise) -> Result<Option<bool>> {
+    pub fn explained(&self, noise: CoordinateNoise) -> Result<Option<bool>> {
         let off = (self.p - self.k) as f64;
         if off == 0.0 || noise.is_unknown() {
             return Ok(None);
         }
         Ok(match noise {
-            Noise::Known(variance) => Some(self.off <= variance * chi2_upper(DOUBT, off)?),
-            Noise::Estimated { rss, degrees } => {
+            CoordinateNoise::Known(variance) => Some(self.off <= variance * chi2_upper(DOUBT, off)?),
+            CoordinateNoise::Estimated { rss, degrees } => {
                 let free = degrees as f64;
                 Some(self.off <= rss * (off / free * f_upper(DOUBT, off, free)?))
             }
-            Noise::Rows { count, degrees } => {
+            CoordinateNoise::Rows { count, degrees } => {
                 let rank = (self.p / count) as f64;
                 Some(self.off <= self.p as f64 * f_upper(DOUBT / count as f64, rank, degrees as f64)?)
             }
@@ -224,17 +224,17 @@ impl Place {
     ///
     /// # Errors
     /// As [`chi2_upper`] and [`noncentrality_limit`].
-    pub fn radius(&self, noise: Noise, delta: f64, extra: usize) -> Result<f64> {
+    pub fn radius(&self, noise: CoordinateNoise, delta: f64, extra: usize) -> Result<f64> {
         let (inside, off) = ((self.k + extra) as f64, (self.p - self.k) as f64);
         let squared = |v: f64, limit: f64, chi: f64| v * limit + (self.along + v.sqrt() * chi).powi(2);
         let (rss, degrees) = match noise {
-            Noise::Known(variance) => {
+            CoordinateNoise::Known(variance) => {
                 let share = if inside > 0.0 && off > 0.0 { delta / 2.0 } else { delta };
                 let chi = chi2_upper(share, inside)?.sqrt();
                 return Ok(squared(variance, limit(self.off / variance, off, share)?, chi));
             }
-            Noise::Estimated { degrees: 0, .. } | Noise::Rows { .. } => return Ok(f64::INFINITY),
-            Noise::Estimated { rss, degrees } => (rss, degrees as f64),
+            CoordinateNoise::Estimated { degrees: 0, .. } | CoordinateNoise::Rows { .. } => return Ok(f64::INFINITY),
+            CoordinateNoise::Estimated { rss, degrees } => (rss, degrees as f64),
         };
         let (low, high) = (rss / chi2_upper(delta / 6.0, degrees)?, rss / chi2_quantile(delta / 6.0, degrees)?);
         if low <= 0.0 {

@@ -15,7 +15,7 @@ mod projection;
 mod readings;
 
 pub use entering::Entering;
-pub use hull::{Mixture, Noise, Place, between};
+pub use hull::{CoordinateNoise, Mixture, Place, between};
 pub use models::Region;
 pub use part::{Part, PartOf};
 pub use projection::DIRECTIONS;

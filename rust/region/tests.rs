@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use super::*;
 use crate::Stop;
-use crate::identify::{Assumed, Covariance, Data, Design, Estimate, Noise, Units, Wish, f_upper, triangle};
+use crate::identify::{Assumed, Covariance, Data, Design, Estimate, Magnitudes, Noise, Wish, f_upper, triangle};
 
 /// V = diag(4, 16), S = diag(1, 4): everything in closed form.
 fn region(factor: f64, by_rows: bool) -> Region {
@@ -127,7 +127,7 @@ fn estimate(known: Option<&[f64]>) -> Estimate {
 
 fn made(known: Option<&[f64]>, design: Design, wish: Wish<'_>) -> crate::Result<Region> {
     let assumed = Assumed { design, noise: Noise::Gaussian, covariance: Covariance::Full, tail: 0.0 };
-    Region::from_data(&estimate(known), assumed, wish, Units::Expected(&[1.0, 1.0]), 1, &Stop::new())
+    Region::from_data(&estimate(known), assumed, wish, Magnitudes::Expected(&[1.0, 1.0]), 1, &Stop::new())
 }
 
 #[test]
@@ -165,7 +165,13 @@ fn no_region_is_made_up() {
     assert!(refused(Design::Independent, one) && refused(Design::Adaptive, one));
     let assumed =
         Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance: Covariance::Full, tail: 0.0 };
-    let found =
-        Region::from_data(&estimate(None), assumed, Wish::new(0.05), Units::Expected(&[1.0, 1.0]), 1, &Stop::new());
+    let found = Region::from_data(
+        &estimate(None),
+        assumed,
+        Wish::new(0.05),
+        Magnitudes::Expected(&[1.0, 1.0]),
+        1,
+        &Stop::new(),
+    );
     assert!(found.is_err()); // a size that bounds the noise must be known
 }

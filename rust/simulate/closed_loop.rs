@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use super::model::add_product;
 use crate::Scheme;
 use crate::error::{Error, Result};
-use crate::fuse::{Method, Samples, Settings, Status, Weights, alse, closed_form, uniform};
+use crate::fuse::{Fusion, Samples, Settings, WeightStatus, Weights, alse, closed_form, uniform};
 use crate::memory::{checked_len, try_collect, try_copy, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::{Law, multinomial_counts, sample};
@@ -41,7 +41,7 @@ pub struct ClosedLoop<'a> {
     /// Realizations per estimate.
     pub size: u64,
     /// The fusion method.
-    pub method: Method,
+    pub method: Fusion,
     /// Whether the control uses `x(k)`, or `r(k)` instead.
     pub feedback: bool,
     /// Whether the states in the formula of the control are estimates too.
@@ -50,7 +50,7 @@ pub struct ClosedLoop<'a> {
 
 /// The trajectories along the reference.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Followed {
+pub struct ReferenceRuns {
     /// `x(0), ..., x(K)` of every run. If `||x(k) - r(k)||^2` of a run is not finite, the states after it are zeros.
     pub states: Vec<f64>,
     /// `u(0), ..., u(K-1)` of every run.
@@ -66,7 +66,7 @@ impl ClosedLoop<'_> {
     /// # Errors
     /// [`Error::Shape`] if the arguments do not fit together, [`Error::NonFinite`] if the 1-norm of a state overflows,
     /// errors of the fusion method, [`Error::Memory`], [`Error::Interrupted`] after a stop.
-    pub fn run(&self, runs: usize, key: &Key, threads: usize, stop: &Stop) -> Result<Followed> {
+    pub fn run(&self, runs: usize, key: &Key, threads: usize, stop: &Stop) -> Result<ReferenceRuns> {
         let (n, m, rank) = (self.a.lines(), self.b.lines(), self.singular_values.len());
         let shape = |name, expected: String, found: usize| Error::Shape { name, expected, found: found.to_string() };
         for (name, found, expected) in [
@@ -88,7 +88,7 @@ impl ClosedLoop<'_> {
         let mut inputs = try_zeros(WHAT, checked_len(WHAT, runs, moved)?)?;
         let (lost, optimal) = (AtomicUsize::new(usize::MAX), AtomicBool::new(true));
         // the solver divides its own work among the threads
-        let (threads, inner) = if self.method == Method::Alse { (1, threads) } else { (threads, 1) };
+        let (threads, inner) = if self.method == Fusion::Alse { (1, threads) } else { (threads, 1) };
         let chunks = states.chunks_exact_mut(one).zip(inputs.chunks_exact_mut(moved)).enumerate();
         for_each_chunk(chunks, threads, stop, |(run, (states, inputs))| {
             if run > lost.load(Ordering::Relaxed) {
@@ -104,7 +104,7 @@ impl ClosedLoop<'_> {
             }
             Ok(())
         })?;
-        Ok(Followed { states, inputs, optimal: optimal.into_inner() })
+        Ok(ReferenceRuns { states, inputs, optimal: optimal.into_inner() })
     }
 
     /// Fills one trajectory and its inputs; stops and returns false if the squared error is not finite.
@@ -170,20 +170,20 @@ impl ClosedLoop<'_> {
         let (draws, goal) = (|| sample(target, size, Scheme::Iid, key, threads, stop), target.values());
         let settings = Settings { threads, ..Settings::new(Weights::Simplex, 1e-9) };
         Ok(match self.method {
-            Method::Uniform => {
+            Fusion::Uniform => {
                 let counts = multinomial_counts(target, self.size, key, stop)?;
                 (uniform(target, &counts, self.size)?, true)
             }
-            Method::Alse if target.lines() == 1 => {
+            Fusion::Alse if target.lines() == 1 => {
                 let fit = closed_form(&draws()?, goal, settings.set, stop)?;
                 (fit.estimate, fit.gap.relative <= settings.tol)
             }
-            Method::Alse => {
+            Fusion::Alse => {
                 let fit = alse(&draws()?, goal, &settings, stop)?;
-                if fit.status == Status::Interrupted {
+                if fit.status == WeightStatus::Interrupted {
                     return Err(Error::Interrupted); // half a trajectory is of no use
                 }
-                (fit.estimate, fit.status == Status::Optimal)
+                (fit.estimate, fit.status == WeightStatus::Optimal)
             }
             other => (other.fuse(Samples::Drawn(&draws()?), goal, &[size], false, stop)?.estimate, true),
         })

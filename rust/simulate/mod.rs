@@ -23,12 +23,12 @@ mod systems;
 mod validation;
 mod words;
 
-pub use closed_loop::{ClosedLoop, Followed};
+pub use closed_loop::{ClosedLoop, ReferenceRuns};
 pub use drawn_bounds::{drawn_bounds, exceedances};
 pub use mean_field::mean_field;
 pub use model::{Drawn, Model};
 pub use moments::{Ensemble, Second};
-pub use plans::{Average, Estimate, Exact, Norm, Plans, estimate_errors};
+pub use plans::{Average, Exact, PlanEntity, Plans, estimate_errors};
 pub use runs::runs;
 pub use systems::Systems;
 pub use validation::{Predicted, Scores, mean_miss, noise_deviations, order_statistic, weighted_order_statistic};

@@ -23,17 +23,17 @@ mod average;
 mod estimates;
 mod sizes;
 
-pub use average::{Average, Estimate};
-pub use estimates::{Norm, estimate_errors};
+pub use average::{Average, PlanEntity};
+pub use estimates::estimate_errors;
 
 use sizes::{CHUNK, WHAT};
 
 /// The fused control of a problem, whose realizations every run draws again.
 #[derive(Debug, Clone)]
 pub struct Plans {
-    x0: Estimate,
-    xf: Estimate,
-    a: Estimate,
+    x0: PlanEntity,
+    xf: PlanEntity,
+    a: PlanEntity,
     rows: bool,
     paired: bool,
     n: usize,
@@ -67,20 +67,20 @@ impl Plans {
     ///
     /// # Errors
     /// [`Error::Shape`] if the entities do not fit together, [`Error::Value`] for systematic rows that are paired.
-    pub fn new(x0: Estimate, xf: Estimate, a: Estimate, rows: bool, paired: bool) -> Result<Self> {
+    pub fn new(x0: PlanEntity, xf: PlanEntity, a: PlanEntity, rows: bool, paired: bool) -> Result<Self> {
         let n = x0.len();
         for (name, entity, len) in [("xf", &xf, n), ("A", &a, checked_len("A", n, n)?)] {
             if entity.len() != len {
                 return Err(Error::Shape { name, expected: format!("{len} entries"), found: entity.len().to_string() });
             }
         }
-        let systematic = matches!(&a, Estimate::Drawn(average) if average.scheme == Scheme::Systematic);
+        let systematic = matches!(&a, PlanEntity::Drawn(average) if average.scheme == Scheme::Systematic);
         if rows && paired && systematic {
             let found = "systematic rows".into();
             return Err(Error::Value { name: "fusion", expected: "'product' for systematic rows of `A`", found });
         }
         // with fewer than two random entities nothing is paired
-        let paired = paired && matches!((&x0, &a), (Estimate::Drawn(_), Estimate::Drawn(_)));
+        let paired = paired && matches!((&x0, &a), (PlanEntity::Drawn(_), PlanEntity::Drawn(_)));
         Ok(Self { x0, xf, a, rows, paired, n })
     }
 
@@ -129,13 +129,13 @@ impl Plans {
         self.x0.vector(rng, x)?;
         let n = self.n;
         let a = match &self.a {
-            Estimate::Fixed(a) => {
+            PlanEntity::Fixed(a) => {
                 for (column, x) in a.chunks_exact(n).zip(x.iter()) {
                     y.iter_mut().zip(column).for_each(|(y, a)| *y -= a * x);
                 }
                 return Ok(());
             }
-            Estimate::Drawn(a) => a,
+            PlanEntity::Drawn(a) => a,
         };
         for j in 0..n {
             let (line, g, value) = (a.law.line(j), a.law.gamma()[j], x[j]);
@@ -172,7 +172,7 @@ impl Plans {
     /// How many realizations of `x0` hit entry `i`, whose average is `value = g0 sign(x0_i) hits / N`.
     fn hits(&self, i: usize, value: f64) -> u64 {
         match &self.x0 {
-            Estimate::Drawn(x0) if value != 0.0 => {
+            PlanEntity::Drawn(x0) if value != 0.0 => {
                 let share = value / x0.law.gamma()[0].copysign(x0.law.line(0)[i]);
                 (share * x0.size as f64).round() as u64
             }
@@ -186,12 +186,12 @@ impl Plans {
         self.xf.vector(rng, xf)?;
         self.x0.vector(rng, x0)?;
         match &self.a {
-            Estimate::Fixed(columns) => {
+            PlanEntity::Fixed(columns) => {
                 for (j, column) in columns.chunks_exact(n).enumerate() {
                     column.iter().enumerate().for_each(|(i, value)| a[i * n + j] = *value);
                 }
             }
-            Estimate::Drawn(average) => {
+            PlanEntity::Drawn(average) => {
                 a.fill(0.0);
                 for j in 0..n {
                     average.line(j, rng, |i, value| a[if self.rows { j * n + i } else { i * n + j }] = value)?;

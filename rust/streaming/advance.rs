@@ -19,7 +19,7 @@ pub enum Rule {
 
 /// Limits of a run.
 #[derive(Debug, Clone, Copy)]
-pub struct Limits {
+pub struct Budget {
     /// Steps of this run.
     pub steps: u64,
     /// The rule and its tolerance.
@@ -44,7 +44,7 @@ impl Stream {
     ///
     /// # Errors
     /// [`crate::Error::Interrupted`] after a stop, [`crate::Error::Memory`]; with the steps taken so far.
-    pub fn advance(&mut self, limits: &Limits, stop: &Stop) -> Result<End> {
+    pub fn advance(&mut self, limits: &Budget, stop: &Stop) -> Result<End> {
         let n = self.n() as u64;
         let look_every = (1 << 17) / n + 1; // well below a millisecond
         for taken in 0..limits.steps {
@@ -91,15 +91,15 @@ mod tests {
     fn limits_end_a_run_and_a_stop_leaves_a_stream() {
         for config in every_config() {
             let (mut one, mut many) = (stream(5, config), stream(5, config));
-            let limits = Limits { steps: 300, tolerance: None, deadline: None };
+            let limits = Budget { steps: 300, tolerance: None, deadline: None };
             assert_eq!(one.advance(&limits, &Stop::new()), Ok(End::Steps));
             let stop = Stop::new();
             stop.request();
             assert_eq!(many.advance(&limits, &stop), Err(Error::Interrupted));
-            let late = Limits { deadline: Some(Instant::now()), ..limits };
+            let late = Budget { deadline: Some(Instant::now()), ..limits };
             assert_eq!(many.advance(&late, &Stop::new()), Ok(End::Time));
             for steps in [0, 1, 99, 200] {
-                assert_eq!(many.advance(&Limits { steps, ..limits }, &Stop::new()), Ok(End::Steps));
+                assert_eq!(many.advance(&Budget { steps, ..limits }, &Stop::new()), Ok(End::Steps));
             }
             assert_eq!(one.to_sections().unwrap(), many.to_sections().unwrap());
         }
@@ -110,12 +110,12 @@ mod tests {
         let config = every_config()[0];
         let mut sound = stream(5, config);
         let tolerance = 1e-2 * sound.certificate().unwrap().0;
-        let limits = Limits { steps: u64::MAX, tolerance: Some((Rule::Certificate, tolerance)), deadline: None };
+        let limits = Budget { steps: u64::MAX, tolerance: Some((Rule::Certificate, tolerance)), deadline: None };
         assert_eq!(sound.advance(&limits, &Stop::new()), Ok(End::Converged));
         let (certificate, error) = sound.certificate().unwrap();
         assert!(error <= certificate && certificate <= tolerance);
         let mut printed = stream(5, config);
-        let limits = Limits { tolerance: Some((Rule::Printed, 1e-12)), ..limits };
+        let limits = Budget { tolerance: Some((Rule::Printed, 1e-12)), ..limits };
         assert_eq!(printed.advance(&limits, &Stop::new()), Ok(End::Converged));
         assert!(printed.steps() < 100 && printed.certificate().unwrap().1 > 10.0 * tolerance);
     }

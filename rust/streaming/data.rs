@@ -133,13 +133,13 @@ impl Feed {
 
 /// The sequential algorithm on realizations that are passed in.
 #[derive(Debug)]
-pub struct Data {
+pub struct DataStream {
     pub(super) geometry: Geometry,
     /// `x0`, `xf`, `A` (row by row)
     pub(super) feeds: [Feed; 3],
 }
 
-impl Data {
+impl DataStream {
     /// A stream without realizations. An entity without a target is averaged.
     ///
     /// # Errors
@@ -271,8 +271,8 @@ mod tests {
     #[test]
     fn means_spreads_and_line_searches() {
         let geometry = Geometry::new(vec![1.0, 0.0, 0.0, 2.0], 2, 2).unwrap();
-        let mut data = Data::new(geometry, [None, Some(vec![0.0, 0.0]), None]).unwrap();
-        let feed = |data: &mut Data, entity, values: &[f64], dim| {
+        let mut data = DataStream::new(geometry, [None, Some(vec![0.0, 0.0]), None]).unwrap();
+        let feed = |data: &mut DataStream, entity, values: &[f64], dim| {
             data.update(entity, &Dense::new(values, values.len() / dim, dim).unwrap(), &Stop::new())
         };
         // (1,0), (0,2), (-1,-2) towards 0: SLSE^2 = 4/25, while the mean is exact
@@ -290,16 +290,16 @@ mod tests {
         assert_eq!([data.apart()[0], data.apart()[2]], [4.0, 0.0]);
         assert_eq!(data.certificate(), Ok(None));
         assert!(matches!(feed(&mut data, 2, &three, 2), Err(Error::Shape { name: "A", .. })));
-        let back = Data::from_sections(data.to_sections().unwrap()).unwrap();
+        let back = DataStream::from_sections(data.to_sections().unwrap()).unwrap();
         assert_eq!(back.to_sections(), data.to_sections());
     }
 
     #[test]
     fn what_overflows_changes_nothing() {
         let geometry = Geometry::new(vec![1.0], 1, 1).unwrap();
-        let mut data = Data::new(geometry, [None, None, None]).unwrap();
+        let mut data = DataStream::new(geometry, [None, None, None]).unwrap();
         let far = [1.2e308, -1.2e308];
-        let before = |data: &Data| data.feeds[0].clone();
+        let before = |data: &DataStream| data.feeds[0].clone();
         assert!(data.update(0, &Dense::new(&far[..1], 1, 1).unwrap(), &Stop::new()).is_ok());
         let kept = before(&data);
         assert!(data.update(0, &Dense::new(&far[1..], 1, 1).unwrap(), &Stop::new()).is_err());

@@ -1,6 +1,6 @@
 //! Saves a data stream as sections and loads it, bit for bit; loaded numbers are checked as in [`super::state`].
 
-use super::data::{Data, Feed, GROUPS, size};
+use super::data::{DataStream, Feed, GROUPS, size};
 use super::estimator::damaged;
 use super::geometry::Geometry;
 use super::sections::{LARGEST, NAMES, Sections};
@@ -10,7 +10,7 @@ use crate::fuse::distance;
 /// Version of the sections. Others are refused, because their steps may differ in the last bits.
 const FORMAT: u64 = 4;
 
-impl Data {
+impl DataStream {
     /// Everything that the next update depends on.
     ///
     /// # Errors
@@ -36,7 +36,7 @@ impl Data {
         Ok(out)
     }
 
-    /// The stream that [`Data::to_sections`] saved.
+    /// The stream that [`DataStream::to_sections`] saved.
     ///
     /// # Errors
     /// [`crate::Error::Value`] for `state` if the sections cannot come from a stream.

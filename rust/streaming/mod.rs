@@ -11,7 +11,7 @@
 //!
 //! `||B (v - v*)|| <= ||P [(Ff - xf) - A (F0 - x0)]|| + ||FA - A|| ||F0||`
 //!
-//! is the certificate of the stopping rule. [`Data`] takes realizations from outside.
+//! is the certificate of the stopping rule. [`DataStream`] takes realizations from outside.
 
 mod advance;
 mod confidence;
@@ -27,10 +27,10 @@ mod stream;
 mod trace;
 mod typical;
 
-pub use advance::{End, Limits, Rule};
+pub use advance::{Budget, End, Rule};
 pub use confidence::mean_radius;
-pub use data::Data;
+pub use data::DataStream;
 pub use geometry::Geometry;
-pub use sections::{Section, Sections};
-pub use stream::{Config, Laws, Order, Stream};
+pub use sections::{SavedArray, Sections};
+pub use stream::{Config, Order, Stream, StreamLaws};
 pub use trace::Entry;

@@ -14,7 +14,7 @@ pub(super) const LARGEST: u64 = 1 << 24;
 
 /// One array of a saved state.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Section {
+pub enum SavedArray {
     /// Bytes.
     U8(Vec<u8>),
     /// Counters.
@@ -25,25 +25,25 @@ pub enum Section {
 
 /// Named arrays, in a fixed order.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Sections(pub Vec<(String, Section)>);
+pub struct Sections(pub Vec<(String, SavedArray)>);
 
 impl Sections {
     pub(super) fn put_u64(&mut self, name: impl Into<String>, values: &[u64]) -> Result<()> {
-        let section = Section::U64(try_copy(WHAT, values)?);
+        let section = SavedArray::U64(try_copy(WHAT, values)?);
         try_push(WHAT, &mut self.0, (name.into(), section))
     }
 
     pub(super) fn put_f64(&mut self, name: impl Into<String>, values: &[f64]) -> Result<()> {
-        let section = Section::F64(try_copy(WHAT, values)?);
+        let section = SavedArray::F64(try_copy(WHAT, values)?);
         try_push(WHAT, &mut self.0, (name.into(), section))
     }
 
     pub(super) fn put_u8(&mut self, name: impl Into<String>, values: &[u8]) -> Result<()> {
-        let section = Section::U8(try_copy(WHAT, values)?);
+        let section = SavedArray::U8(try_copy(WHAT, values)?);
         try_push(WHAT, &mut self.0, (name.into(), section))
     }
 
-    fn take(&mut self, name: &str) -> Result<Section> {
+    fn take(&mut self, name: &str) -> Result<SavedArray> {
         let at = self.0.iter().position(|(known, _)| known == name);
         let at = at.ok_or_else(|| damaged("complete", format!("no section {name:?}")))?;
         Ok(self.0.remove(at).1)
@@ -51,7 +51,7 @@ impl Sections {
 
     pub(super) fn take_u64(&mut self, name: &str, len: Option<usize>) -> Result<Vec<u64>> {
         match self.take(name)? {
-            Section::U64(values) if len.is_none_or(|len| len == values.len()) => Ok(values),
+            SavedArray::U64(values) if len.is_none_or(|len| len == values.len()) => Ok(values),
             other => Err(misfit(name, "counters", len, &other)),
         }
     }
@@ -59,7 +59,7 @@ impl Sections {
     /// Numbers, all of them finite.
     pub(super) fn take_f64(&mut self, name: &str, len: Option<usize>) -> Result<Vec<f64>> {
         match self.take(name)? {
-            Section::F64(values) if len.is_none_or(|len| len == values.len()) => {
+            SavedArray::F64(values) if len.is_none_or(|len| len == values.len()) => {
                 match values.iter().position(|v| !v.is_finite()) {
                     None => Ok(values),
                     Some(at) => {
@@ -73,7 +73,7 @@ impl Sections {
 
     pub(super) fn take_u8(&mut self, name: &str, len: usize) -> Result<Vec<u8>> {
         match self.take(name)? {
-            Section::U8(values) if len == values.len() => Ok(values),
+            SavedArray::U8(values) if len == values.len() => Ok(values),
             other => Err(misfit(name, "bytes", Some(len), &other)),
         }
     }
@@ -87,11 +87,11 @@ impl Sections {
     }
 }
 
-fn misfit(name: &str, kind: &str, len: Option<usize>, found: &Section) -> crate::Error {
+fn misfit(name: &str, kind: &str, len: Option<usize>, found: &SavedArray) -> crate::Error {
     let (is, has) = match found {
-        Section::U8(values) => ("bytes", values.len()),
-        Section::U64(values) => ("counters", values.len()),
-        Section::F64(values) => ("numbers", values.len()),
+        SavedArray::U8(values) => ("bytes", values.len()),
+        SavedArray::U64(values) => ("counters", values.len()),
+        SavedArray::F64(values) => ("numbers", values.len()),
     };
     let wanted = len.map_or(String::new(), |len| format!("{len} "));
     damaged("a state with arrays of the right sizes", format!("{has} {is} for {wanted}{kind} in {name:?}"))

@@ -5,7 +5,7 @@ use super::estimator::{Estimator, damaged};
 use super::geometry::Geometry;
 use super::products::Products;
 use super::sections::{LARGEST, NAMES, Sections};
-use super::stream::{Config, Laws, Order, Stream};
+use super::stream::{Config, Order, Stream, StreamLaws};
 use super::trace::{Entry, on_grid};
 use crate::error::Result;
 use crate::fuse::distance;
@@ -68,7 +68,7 @@ impl Stream {
         keys.iter_mut().zip(bytes.as_chunks::<32>().0).for_each(|(key, bytes)| key.0 = *bytes);
         let geometry = Geometry::new(from.take_f64("B", Some(n * m))?, n, m)?;
         let [x0, xf, a] = [n, n, n * n];
-        let laws = Laws {
+        let laws = StreamLaws {
             x0: from.take_f64("x0", Some(x0))?,
             xf: from.take_f64("xf", Some(xf))?,
             a: from.take_f64("A", Some(a))?,
@@ -159,7 +159,7 @@ fn load_slot(slot: &mut Estimator, name: &str, count: u64, config: Config, from:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::streaming::Section;
+    use crate::streaming::SavedArray;
     use crate::streaming::stream::tests::{every_config, stream};
     use proptest::prelude::*;
 
@@ -199,10 +199,10 @@ mod tests {
             let mut sections = good.to_sections().unwrap();
             let count = sections.0.len();
             match &mut sections.0[which % count].1 {
-                Section::U8(values) => { let at = at % values.len(); values[at] = bits as u8; }
-                Section::U64(values) => { let at = at % values.len(); values[at] = bits; }
-                Section::F64(values) if values.is_empty() => values.push(1.0),
-                Section::F64(values) => { let at = at % values.len(); values[at] = f64::from_bits(bits); }
+                SavedArray::U8(values) => { let at = at % values.len(); values[at] = bits as u8; }
+                SavedArray::U64(values) => { let at = at % values.len(); values[at] = bits; }
+                SavedArray::F64(values) if values.is_empty() => values.push(1.0),
+                SavedArray::F64(values) => { let at = at % values.len(); values[at] = f64::from_bits(bits); }
             }
             if let Ok(mut stream) = Stream::from_sections(sections) {
                 (0..600).for_each(|_| {

@@ -33,7 +33,7 @@ pub struct Config {
 
 /// The means that are drawn from and fitted to, one key per slot, and one key for the choice of slots.
 #[derive(Clone)]
-pub struct Laws {
+pub struct StreamLaws {
     /// `x0`, `n` entries.
     pub x0: Vec<f64>,
     /// `xf`, `n` entries.
@@ -99,7 +99,7 @@ impl Stream {
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`] or [`Error::Value`] for laws or a `B` that cannot be used.
-    pub fn new(geometry: Geometry, laws: Laws, config: Config) -> Result<Self> {
+    pub fn new(geometry: Geometry, laws: StreamLaws, config: Config) -> Result<Self> {
         let mut stream = Self::unstarted(geometry, laws, config)?;
         for slot in &mut stream.slots {
             slot.fuse_next();
@@ -111,7 +111,7 @@ impl Stream {
     }
 
     /// The stream before its first realizations.
-    pub(super) fn unstarted(geometry: Geometry, laws: Laws, config: Config) -> Result<Self> {
+    pub(super) fn unstarted(geometry: Geometry, laws: StreamLaws, config: Config) -> Result<Self> {
         let n = geometry.n;
         let shapes = [("x0", &laws.x0, n), ("xf", &laws.xf, n), ("A", &laws.a, checked_len("A", n, n)?)];
         for (name, values, len) in shapes {

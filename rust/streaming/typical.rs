@@ -2,7 +2,7 @@
 
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
-use super::data::{Data, Feed, GROUPS};
+use super::data::{DataStream, Feed, GROUPS};
 use super::sections::NAMES;
 use crate::error::{Error, Result, require_finite};
 use crate::memory::try_zeros;
@@ -28,7 +28,7 @@ impl Feed {
     }
 }
 
-impl Data {
+impl DataStream {
     /// `||x(K) - xf||` under `inputs` (K, m) for `size` resampled means of x0, xf and A; infinite where a run overflows. Those of
     /// an `exact` entity stay.
     ///

@@ -17,7 +17,7 @@ use crate::memory::try_collect;
 /// fusion the error is bilinear: `y_hat - y = (xf_hat - xf) - A (x0_hat - x0) - (A_hat - A) x0_hat`. By diagonal fusion it
 /// is that of the average of N pairs, `xf^s` and `z^s = A^s x0^s`; one size for all that is not exact.
 #[derive(Debug)]
-pub struct Control {
+pub struct FusedControl {
     /// What realizations can be.
     pub image: Image,
     pub(super) paired: bool,
@@ -28,7 +28,7 @@ pub struct Control {
     tops: [OnceLock<f64>; 16],
 }
 
-impl Control {
+impl FusedControl {
     /// The numbers of a problem.
     ///
     /// # Errors

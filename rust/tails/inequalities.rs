@@ -1,6 +1,6 @@
 //! The inequalities, as formulas of a setting, its rates and a level `L = log(1 / delta)`.
 
-use super::control::Control;
+use super::control::FusedControl;
 use super::lines::{Lines, Norm};
 use crate::error::Result;
 
@@ -76,7 +76,7 @@ impl Lines {
     }
 }
 
-impl Control {
+impl FusedControl {
     /// The bound, where the inequality is one for this fusion.
     ///
     /// # Errors

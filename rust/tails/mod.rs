@@ -1,6 +1,6 @@
 //! Tail bounds on the errors of averages of realizations: a setting times an inequality.
 //!
-//! A setting is what the error is of: [`Lines`] of a vector or a matrix, or a [`Control`]. It is known by a few numbers,
+//! A setting is what the error is of: [`Lines`] of a vector or a matrix, or a [`FusedControl`]. It is known by a few numbers,
 //! which the formulas of `inequalities` combine with *rates*, `1 / size` of every entity (0 for one known exactly), and a
 //! *level* `L = log(1 / delta)`. All numbers are in a unit of the setting, in which nothing overflows.
 
@@ -13,7 +13,7 @@ mod sizes;
 #[cfg(test)]
 mod tests;
 
-pub use control::Control;
+pub use control::FusedControl;
 pub use image::{Image, Problem};
 pub use inequalities::Inequality;
 pub use lines::{Lines, Norm};

@@ -52,7 +52,7 @@ fn the_largest_eigenvalue_is_that_of_the_covariance() {
 
 #[test]
 fn a_known_diagonal_matrix_leaves_the_vectors() {
-    let of = Control::new(PROBLEM).unwrap();
+    let of = FusedControl::new(PROBLEM).unwrap();
     let (unit, rates) = (of.image.unit, [0.1, 0.1, 0.0]);
     // M = diag(1/2, 1); Cv(xf) = 3 [[1, 1], [1, 1]], A Cv(x0) A' = [[4, -8], [-8, 16]]
     close(of.mean_square(rates) * unit * unit, 0.1 * (7.0 / 4.0 + 19.0));
@@ -60,7 +60,7 @@ fn a_known_diagonal_matrix_leaves_the_vectors() {
     close(of.mean_square([0.0, 0.0, 1.0]), 0.0);
     close(of.image.d_f * unit, 20f64.sqrt());
     let product = of.radius(Inequality::Bousquet, rates, 3.0).unwrap().unwrap();
-    let paired = Control::new(Problem { paired: true, ..PROBLEM }).unwrap();
+    let paired = FusedControl::new(Problem { paired: true, ..PROBLEM }).unwrap();
     close(product, paired.radius(Inequality::Bousquet, rates, 3.0).unwrap().unwrap());
     assert!(paired.radius(Inequality::McDiarmid, rates, 3.0).unwrap().is_none());
     assert!(of.cap(rates) > 0.0);
@@ -69,7 +69,7 @@ fn a_known_diagonal_matrix_leaves_the_vectors() {
 #[test]
 fn without_inputs_nothing_is_random() {
     for rows in [false, true] {
-        let of = Control::new(Problem { b: &[0.0, 0.0], rows, a: &[1.0, 2.0, 3.0, 4.0], ..PROBLEM }).unwrap();
+        let of = FusedControl::new(Problem { b: &[0.0, 0.0], rows, a: &[1.0, 2.0, 3.0, 4.0], ..PROBLEM }).unwrap();
         assert_eq!(of.cap([1.0; 3]), 0.0);
         assert_eq!(of.radius(Inequality::Bousquet, [1.0; 3], 9.0).unwrap(), Some(0.0));
     }
@@ -86,6 +86,6 @@ fn wrong_arguments_are_errors() {
         Problem { xf: &[1.0, f64::INFINITY], ..PROBLEM },
         Problem { a: &[1e10; 4], x0: &[1e308, 1e308], ..PROBLEM },
     ] {
-        assert!(Control::new(wrong).is_err(), "{wrong:?}");
+        assert!(FusedControl::new(wrong).is_err(), "{wrong:?}");
     }
 }

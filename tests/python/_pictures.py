@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import itertools
 import sys
+import tempfile
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -151,7 +152,21 @@ def pixels(figure: Figure) -> np.ndarray:
     return blocks.mean(axis=(1, 3))
 
 
+def advice(name: str, found: float) -> str:
+    """What to do about a picture that is another one, which is written for a look."""
+    new = Path(tempfile.mkdtemp(prefix="stochens-pictures-"))
+    write(name, new)
+    return (
+        f"'{name}' is drawn otherwise, {found:.3g} times what may differ: look at "
+        f"{new / name}.png beside {REFERENCES / name}.png; where the new one is right copy it "
+        "there, else mend the drawing"
+    )
+
+
 def kept(name: str) -> np.ndarray:
+    """The reference of that name."""
+    known = (REFERENCES / f"{name}.png").exists()
+    assert known, f"'{name}' has no reference: {__doc__.splitlines()[2]}"
     return np.asarray(matplotlib.image.imread(REFERENCES / f"{name}.png"))[..., :3]
 
 

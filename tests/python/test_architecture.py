@@ -393,6 +393,23 @@ def test_a_sound_core_has_no_faults() -> None:
     assert list(core_faults(Core(sound))) == []
 
 
+def test_a_public_name_of_the_core_is_there_once() -> None:
+    """What rustdoc lists: the names that public modules define or hand on."""
+    root = Path(__file__).parents[2] / "rust"
+    found: dict[str, list[str]] = {}
+    modules = re.findall(r"^pub mod (\w+);", (root / "lib.rs").read_text(), re.M)
+    for module in (*modules, "limits/horizon"):
+        text = (root / module / "mod.rs").read_text()
+        names = re.findall(r"^pub (?:struct|enum|trait|fn|type|const) (\w+)", text, re.M)
+        for used in re.findall(r"^pub use ([^;]+);", text, re.M):
+            inner = used.partition("{")[2].rstrip("} \n,") or used.rsplit("::", 1)[-1]
+            names += [name.split(" as ")[-1].strip() for name in inner.split(",")]
+        for name in names:
+            found.setdefault(name, []).append(module)
+    assert len(found) > 200
+    assert {name: where for name, where in found.items() if len(where) > 1} == {}
+
+
 def test_the_page_for_contributors_names_every_room_and_only_files_that_exist() -> None:
     root = Path(__file__).parents[2]
     text = (root / "CONTRIBUTING.md").read_text("utf-8")

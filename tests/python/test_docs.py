@@ -129,6 +129,73 @@ def names(section):
     return found
 
 
+# What older texts lack; the list may only become shorter.
+LACKING = {
+    "identification.model.Model.check": "Raises",
+    "studies.study.Study.run": "Examples",
+    "studies.study.Study.merge": "Examples",
+    "feedback.certificate.LoopCertificate.of": "Examples Raises",
+    "feedback.margins.Margins.rows": "Examples Returns",
+    "feedback.watch.Watch.sees": "Examples Raises",
+    "feedback.watch.Watch.changes": "Examples Raises",
+    "feedback.watch.Watch.hold": "Examples Raises",
+    "feedback.watch.Watch.clear": "Examples",
+    "feedback.watch.Watch.plot": "Examples Raises",
+    "identification.checks.Checks.failed": "Raises",
+    "identification.window.Regressors.loop": "Raises",
+    "loops.keep.Kept.reset": "Examples",
+    "loops.keep.Kept.tightened": "Examples Raises",
+    "loops.keep.Kept.choose": "Examples",
+    "loops.keep.Kept.unplanned": "Examples Raises",
+    "loops.readings.ReadingLoop.start": "Examples",
+    "loops.readings.ReadingLoop.certificate": "Examples",
+    "loops.readings.ReadingLoop.tube": "Examples",
+    "studies.results.Results.to_xarray": "Examples",
+    "studies.results.Results.save": "Examples",
+}
+
+
+def lacking(obj):
+    """The sections that a function or method needs and has not: see CONTRIBUTING.md."""
+    found = sections(inspect.getdoc(obj) or "")
+    needed = {"Examples"}
+    if inspect.signature(obj).return_annotation not in (None, "None"):
+        needed.add("Returns")
+    if parameters(obj):
+        needed.add("Raises")
+    if "Yields" in found:
+        needed.discard("Returns")
+    return " ".join(sorted(needed - set(found)))
+
+
+def test_every_function_says_what_it_returns_and_raises_and_has_an_example():
+    functions = {
+        name.removeprefix("stochens_rs."): unwrap(PUBLIC[name])
+        for name in CALLABLES
+        if not inspect.isclass(PUBLIC[name]) and not name.endswith(".main")
+    }
+    assert len(functions) > 100
+    found = {name: lack for name, obj in functions.items() if (lack := lacking(obj))}
+    assert found == LACKING, "write these sections, or take a name from LACKING that has them"
+
+
+def test_a_method_without_sections_is_seen():
+    def bare(self, x: float) -> float:
+        """Give it back."""
+
+    def full(self) -> None:
+        """Do it.
+
+        Examples
+        --------
+        >>> 1
+        1
+        """
+
+    assert lacking(bare) == "Examples Raises Returns"
+    assert lacking(full) == ""
+
+
 def test_the_section_parser_sees_faults():
     text = "Sum.\n\nParameters\n----------\na, b : float\n    Two.\n*args\n    More.\n\n"
     text += "Returns\n-------\nint\n    It."
@@ -213,6 +280,17 @@ def test_code_blocks_run_and_print_what_they_say(path, tmp_path, monkeypatch, ca
         expected = re.findall(r"^print\(.*\)\s+# (.*)$", block, re.MULTILINE)
         printed = capsys.readouterr().out.splitlines()
         assert printed == expected
+
+
+def test_the_page_for_contributors_names_the_program_of_every_picture():
+    text = (ROOT / "CONTRIBUTING.md").read_text("utf-8") if MARKDOWN else pytest.skip("no checkout")
+    rule = re.search(r"^- A picture of `docs/images/`.*?(?=^- )", text, re.M | re.S)[0]
+    programs = re.findall(r"`((?:docs|benches)/[\w/-]+\.\w+)`", rule)
+    sources = {name: (ROOT / name).read_text("utf-8") for name in programs}
+    pictures = {path.name for path in (ROOT / "docs" / "images").iterdir()}
+    drawn = {name: set(re.findall(r"([\w-]+\.png)\b", source)) for name, source in sources.items()}
+    assert pictures - set().union(*drawn.values()) == set(), "name its program in CONTRIBUTING.md"
+    assert {name for name, found in drawn.items() if not found & pictures} == set()
 
 
 def test_readme_has_examples():

@@ -534,3 +534,12 @@ def test_models_about_an_estimate_are_refused_unless_declared():
             se.fuse(
                 [own, other], "alse", data=[some(2), some(4)], noise=se.Noise(design="independent")
             )
+
+
+@pytest.mark.parametrize("more", [{}, {"method": "uniform"}, {"target": [1.0]}])
+def test_readings_weigh_no_models_and_this_is_said_before_anything_else(more):
+    rng = np.random.default_rng(1)
+    log = se.Trajectories(rng.standard_normal((61, 1)), rng.standard_normal((60, 1)), outputs=True)
+    for data in (log, [log], se.identify(log, checks=False)):
+        with pytest.raises(InputError, match="`data` must have states, got readings"):
+            se.fuse(["no model"], **({"method": "alse"} | more), data=data)

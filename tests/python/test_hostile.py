@@ -419,6 +419,14 @@ def targets():
     return with_arguments
 
 
+def missing(label, name):
+    """What to do for a callable whose argument has no good value here."""
+    return (
+        f"no good value of `{name}` for {label}: add it to GOOD of {Path(__file__).name}, for this "
+        f"callable alone to OWN[{label!r}], or, if it is made by a function, its name to SEPARATE"
+    )
+
+
 def call(label, get, parameters, tried=None, value=None):
     """Call with one bad argument."""
     name = label.rpartition(".")[2]
@@ -432,6 +440,7 @@ def call(label, get, parameters, tried=None, value=None):
         elif p.default is not p.empty or p.kind is p.VAR_KEYWORD:
             continue
         else:
+            assert p.name in GOOD, missing(label, p.name)
             given = GOOD[p.name]
             given = given() if callable(given) else given
         if p.kind is p.VAR_KEYWORD:
@@ -503,6 +512,16 @@ def test_no_argument_lets_a_foreign_exception_out(label, tmp_path, monkeypatch):
                 wrong.append(f"{p.name} = {what}: {said}"[:160])
     se.set_num_threads(None)
     assert not wrong, "\n".join(["", *wrong])
+
+
+def test_a_callable_without_good_arguments_says_what_to_do():
+    def new(surprise):
+        return surprise
+
+    with pytest.raises(
+        AssertionError, match=r"no good value of `surprise` for new: add it to GOOD"
+    ):
+        call("new", lambda: new, list(inspect.signature(new).parameters.values()))
 
 
 @pytest.mark.parametrize("name", RECORDS)

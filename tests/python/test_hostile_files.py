@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import random
 import sys
 from pathlib import Path
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from test_docs import PUBLIC, unwrap
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -18,6 +20,31 @@ sys.path.insert(0, str(ROOT / "fuzz"))
 import readers  # noqa: E402
 
 CORPUS = ROOT / "fuzz" / "corpus"
+
+
+WRITERS = {"save", "save_figures", "to_c", "run"}
+
+
+def readers_of_files():
+    """The public functions with an argument that names files to read, each where it is defined."""
+    found = {}
+    for path, obj in PUBLIC.items():
+        of_class = [getattr(obj, name) for name in dir(obj)] if inspect.isclass(obj) else []
+        for one in map(unwrap, [obj, *of_class]):
+            if inspect.isfunction(one) and one.__name__ not in WRITERS and one.__name__[0] != "_":
+                named = inspect.signature(one).parameters.values()
+                if any("path" in f"{p.name} {p.annotation}".lower() for p in named):
+                    found[one.__qualname__] = path
+    return found
+
+
+def test_every_reader_is_fuzzed():
+    """A new one needs an example and what is then done with it in READERS of fuzz/readers.py."""
+    found = readers_of_files()
+    assert {"from_file", "read_matpower", "Durable.load", "Study.resume"} <= set(found)
+    text = Path(readers.__file__).read_text("utf-8")
+    missing = [name for name in found if f".{name.rpartition('.')[2]}(" not in text]
+    assert missing == [], "give these readers a line in READERS of fuzz/readers.py, then make fuzz"
 
 
 @pytest.mark.parametrize("name", readers.READERS)

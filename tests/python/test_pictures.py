@@ -9,6 +9,8 @@ artist in it is taken away once, and every such picture is told apart.
 from __future__ import annotations
 
 import itertools
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -34,7 +36,7 @@ def test_a_plot_looks_as_it_did_and_its_texts_can_be_read(name: str) -> None:
     """Texts stand out from the background, lie within the figure and cover no other."""
     figure = pictures.drawn(name)
     found = pictures.difference(pictures.pixels(figure), pictures.kept(name))
-    assert found <= pictures.SLACK
+    assert found <= pictures.SLACK, pictures.advice(name, found)
     face = to_rgb(figure.get_facecolor())
     for text in figure.findobj(matplotlib.text.Text):
         if text.get_text().strip() and text.get_visible():
@@ -96,6 +98,20 @@ def test_moves_of_two_pixels_are_no_difference() -> None:
     whole = pictures.kept("plan")
     for shift in ((0, 2), (-2, 0), (1, -2)):
         assert pictures.difference(np.roll(whole, shift, axis=(0, 1)), whole) <= 1
+
+
+def test_a_picture_that_differs_says_what_to_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    other = pictures.kept("trace")
+    with monkeypatch.context() as patch:
+        patch.setattr(pictures, "kept", lambda _: other)
+        with pytest.raises(
+            AssertionError, match=r"look at (.+)/plan.png beside .*copy it"
+        ) as found:
+            test_a_plot_looks_as_it_did_and_its_texts_can_be_read("plan")
+    folder = re.search("look at (.+?)/plan.png", str(found.value))[1]  # type: ignore[index]
+    assert Path(folder, "plan.png").stat().st_size > 1000
+    with pytest.raises(AssertionError, match="'none' has no reference: ``python tests"):
+        pictures.kept("none")
 
 
 def test_pictures_are_small() -> None:

@@ -25,8 +25,21 @@ def test_which_records_have_axes() -> None:
     timed = {"Plan", "Trajectory", "EnsembleTrajectory"}
     assert kinds == timed | {"SystemEnsemble", "FleetPlan", "Tracking"}
     assert {type(ALL[name]()).__name__ for name in CUBES if hasattr(ALL[name](), "to_pandas")} == (
-        timed
+        timed | {"FleetPlan"}
     )
+
+
+def test_the_command_of_a_fleet_is_a_table_of_its_inputs() -> None:
+    B = np.array([[[1.0]], [[1.2]]])
+    units = [se.System(0.5 * b, b, dt=0.1, inputs=["force"]) for b in B]
+    plan = se.control_fleet(units, [0.0], [1.0], 3, limits=(-1.0, 1.0))
+    table = plan.to_pandas()
+    assert list(table.columns) == ["force"]
+    assert table.index.name == "time"
+    np.testing.assert_array_equal(table["force"][:-1], plan.u[:, 0])
+    np.testing.assert_allclose(table.index, 0.1 * np.arange(4))
+    assert np.isnan(table["force"].iloc[-1])
+    assert table.attrs["status"] == plan.status
 
 
 @pytest.mark.parametrize("name", CUBES)

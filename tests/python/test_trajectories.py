@@ -8,7 +8,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.data.trajectories import pooled
-from stochens_rs.exceptions import InputError, InputTypeError
+from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError
 from twin import triangle as tr
 
 
@@ -159,3 +159,13 @@ def test_bad_tables_are_refused_with_run_and_time(what):
         read(columns)
     assert said in str(caught.value)
     assert len(str(caught.value)) < 300
+
+
+def test_a_column_of_nan_hints_at_outputs() -> None:
+    x, u = np.ones((4, 2)), np.ones((3, 1))
+    x[1, 1] = np.nan
+    with pytest.raises(NonFiniteError, match=r"`states\[1, 1\]` is nan"):
+        se.Trajectories(x, u)
+    x[:, 1] = np.nan
+    with pytest.raises(NonFiniteError, match=r"column of nan.*outputs=True"):
+        se.Trajectories(x, u)

@@ -112,7 +112,13 @@ def test_oracle_of_a_finite_difference():
     S = model.blocks[0].S
     scale = np.sqrt(np.diag(S))
     assert np.linalg.eigvalsh(S / scale / scale[:, None])[0] < 1e-12
-    assert re.search("tied exactly.*outputs=", model.doubts[0])
+    assert re.search("tied exactly.*outputs=.*Noise\\(exact=", model.doubts[0])
+    # readings are no states: neither cure can be had there
+    read = se.Trajectories(np.hstack([y, speed])[1:], u[1:], outputs=True)
+    model = se.identify(read, window=se.Window(lags=1), checks=False)
+    tied = [text for text in model.doubts if "tied exactly" in text]
+    assert tied
+    assert not any("exact=" in text or "outputs=" in text for text in tied)
 
 
 def test_oracle_of_lost_rows():

@@ -58,7 +58,7 @@ proptest! {
         let mean = draws.combine(&vec![1.0 / size as f64; size], &Stop::new()).unwrap();
         let squared = |e: f64| e * e;
         let slack = 1e-12 * draws.law().squared_norm();
-        prop_assert_eq!(alse.status, stochens::fuse::Status::Optimal);
+        prop_assert_eq!(alse.status, stochens::fuse::WeightStatus::Optimal);
         // two solvers, one optimum: they agree within their gaps
         prop_assert!((squared(alse.error) - squared(second.error)).abs() <= alse.gap + second.gap + slack);
         for other in [slse.errors[0], safe.errors[0], distance(&mean, &values)] {

@@ -71,6 +71,12 @@ def get_num_threads() -> int:
     -------
     int
         At least 1.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> se.get_num_threads() >= 1
+    True
     """
     return threads_by()[0]
 

@@ -150,7 +150,8 @@ class Timed(Tabled):
             The index is "time" [s] where the length of a step is known, else "step". The columns
             are the states, then the inputs, by their names, with nan in the last row of the
             inputs, where none acts; then what else is known of each, such as ``variance[p]``.
-            ``attrs`` has "units" by name, the key and the versions.
+            ``attrs`` has "units" by name, the key and the versions. A `FleetPlan` has the inputs
+            alone.
 
         Raises
         ------
@@ -185,7 +186,8 @@ class Timed(Tabled):
                 if title in further or first.get(title) is not None:
                     raise InputError(f"two columns would be '{title:.60}': use to_xarray()")
                 (first if plain else further)[title] = column
-        found = pandas.DataFrame(first | further, index=pandas.Index(times, name=clock))
+        known = {name: column for name, column in first.items() if column is not None}
+        found = pandas.DataFrame(known | further, index=pandas.Index(times, name=clock))
         found.attrs = {**attrs, "units": dict(labels.units)}
         return found
 

@@ -16,7 +16,7 @@ from .._base import numbers, running, show, validation
 from .._base.names import Labels, checked_names, order_of
 from .._base.records import SavedRecord
 from .._base.types import Floats, Places
-from ..exceptions import InputError, InputTypeError, ShapeError
+from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
 from .gaps import OnGap, Pieces, pairs_of, warn_of_ends
@@ -141,7 +141,15 @@ class Trajectories(SavedRecord):
         checked: list[tuple[Floats, Floats]] = []
         n = m = None
         for (states_name, one), (inputs_name, acting) in zip(x, u, strict=True):
-            run = validation.matrix(states_name, one, cols=n)
+            try:
+                run = validation.matrix(states_name, one, cols=n)
+            except NonFiniteError as error:
+                if np.isnan(np.asarray(one, dtype=np.float64)).all(axis=0).any():
+                    raise NonFiniteError(
+                        f"`{states_name}` has a column of nan: a state that was not measured; "
+                        "leave it out, and pass outputs=True, for the others are then readings"
+                    ) from error
+                raise
             if len(run) < 2:
                 raise ShapeError(f"`{states_name}` must have at least 2 rows, got {len(run)}")
             control = validation.matrix(inputs_name, acting, rows=len(run) - 1, cols=m)

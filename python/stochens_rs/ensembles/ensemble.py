@@ -331,6 +331,12 @@ class Ensemble(SavedRecord):
         ------
         InputTypeError
             If the realizations are not singletons.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> int(se.sample([3.0, 0.0, -1.0], 50, rng=1).counts().sum())
+        50
         """
         if self._draws is None:
             raise InputTypeError("counts() needs singleton realizations, got dense ones")
@@ -351,6 +357,12 @@ class Ensemble(SavedRecord):
         ------
         ResourceError
             If the array does not fit into the memory this process may use.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.sample([3.0, 0.0, -1.0], 50, rng=1).dense().shape
+        (50, 3)
         """
         if self._draws is not None:
             return dense(self._draws, self.shape, self.axis)
@@ -370,6 +382,17 @@ class Ensemble(SavedRecord):
         Ensemble
             Of an iid sample: the sample of this size with the same key. A part of a systematic
             sample is not a systematic sample, so it has no key and no scheme.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `size` is no number from 1 to N.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.sample([3.0, 1.0], 50, rng=1).prefix(20) == se.sample([3.0, 1.0], 20, rng=1)
+        True
         """
         count = validation.size("size", size, maximum=self.size)
         if self._draws is None:
@@ -400,6 +423,12 @@ class Ensemble(SavedRecord):
         -----
         The result is an array, and `control` takes an array as exact, so that its bound is, too.
         For an estimate of your own pass a Fit.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.Ensemble.from_samples([[1.0, 2.0], [3.0, 4.0]]).combine([0.25, 0.75])
+        array([2.5, 3.5])
         """
         w = validation.vector("weights", weights, length=self.size)
         result: Floats
@@ -419,6 +448,12 @@ class Ensemble(SavedRecord):
         -------
         ndarray
             In the shape of a realization.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> se.Ensemble.from_samples([[1.0, 2.0], [3.0, 4.0]]).mean()
+        array([2., 3.])
         """
         if self._draws is not None:
             # converted first: NumPy's loops that mix types end the process where memory runs out

@@ -13,7 +13,7 @@ from .._base.names import default_labels, weight
 from .._base.numbers import ROUNDING
 from .._base.records import Probability, SavedRecord, require_shapes
 from .._base.running import get_num_threads
-from .._base.tables import Tabled
+from .._base.tables import Timed
 from .._base.types import Floats, Status
 from ..ensembles.systems import systems_in_order
 from ..exceptions import InputError, ShapeError
@@ -98,7 +98,7 @@ class RiskBound(SavedRecord):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FleetPlan(SavedRecord, Tabled):
+class FleetPlan(SavedRecord, Timed):
     """One command for many units, made by `control_fleet`.
 
     Attributes

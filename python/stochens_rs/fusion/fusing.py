@@ -187,6 +187,12 @@ def fuse(
     True
     """
     if data is not None:
+        for one in data if isinstance(data, (list, tuple)) else [data]:
+            if getattr(getattr(one, "data", one), "outputs", ()):
+                raise InputError(
+                    "`data` must have states, got readings: models of states cannot be weighed by "
+                    "readings of some of them; pass runs with all states of the models, states="
+                )
         _, options = _method(method)
         if options is None or options.weight_set != "simplex":
             raise InputError(
@@ -433,12 +439,6 @@ def _least_squares(given: SystemEnsemble, data: object, noise: Any) -> Model:
     elif isinstance(data, Identified):
         raise InputTypeError(f"`data` must be Trajectories or a Model, got {validation.show(data)}")
     else:
-        for one in data if isinstance(data, (list, tuple)) else [data]:
-            if getattr(one, "outputs", ()):
-                raise InputError(
-                    "`data` must have states, got readings: models of states cannot be weighed by "
-                    "readings of some of them; pass runs with all states of the models, states="
-                )
         least = identify(data, noise=noise, intercept=given.c is not None)  # type: ignore[arg-type]
     require_states(least, "data")
     require_fit("data", least, given)

@@ -33,10 +33,12 @@ def tested_rows(assumed: Assumptions, known: Floats | None, n: int) -> list[int]
     return [i for i in rows if known is None or np.isnan(known[i, :n]).any()]
 
 
-def exact_relations(f: _core.Fitted, tested: list[int], names: Sequence[str]) -> tuple[str, ...]:
+def exact_relations(
+    f: _core.Fitted, tested: list[int], names: Sequence[str], states: bool = True
+) -> tuple[str, ...]:
     """What is said of residuals that are 0, or tied to each other, where pairs are left to see it.
 
-    The columns after "declare" leave others that are independent.
+    The columns after "declare" leave others that are independent; readings are no exact states.
     """
     if f.nu <= len(f.S):
         return ()
@@ -46,14 +48,15 @@ def exact_relations(f: _core.Fitted, tested: list[int], names: Sequence[str]) ->
         said.append(
             f"{show.listed(zero)} {'have' if len(zero) > 1 else 'has'} no residual: computed from "
             "the other columns, or without noise. If that is how the plant is, declare "
-            f"exact={_short(zero)}"
+            f"Noise(exact={_short(zero)})"
         )
     if tied:
         said.append(
             f"the residuals of {show.listed(tied)} are tied exactly: a column was computed "
-            "from others, as a finite difference or a filter; then leave it out, and pass the "
-            "others as outputs=. If all are exact states, and the noise has fewer sources than "
-            f"states, declare exact={_short(last)}"
+            "from others, as a finite difference or a filter; then leave it out"
+            + states
+            * ", and pass the others as outputs=. If all are exact states, and the noise "
+            f"has fewer sources than states, declare Noise(exact={_short(last)})"
         )
     return tuple(said)
 

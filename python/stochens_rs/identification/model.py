@@ -332,7 +332,9 @@ class Model(SavedRecord, Fitted):
         fail and were not accepted by name: each has a level of 5e-4, so that together they refuse
         less than 1 % of sound logs. Empty where nothing is seen, which proves nothing.
         """
-        exact = tests.exact_relations(self._plain, self._tested_rows, self.outputs)
+        exact = tests.exact_relations(
+            self._plain, self._tested_rows, self.outputs, not self.data.outputs
+        )
         return (*exact, *self._refusing)
 
     @property

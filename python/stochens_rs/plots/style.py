@@ -314,6 +314,24 @@ def save_figures(
         Must exist.
     dpi : int, default 200
         Pixels per inch of the PNG.
+
+    Returns
+    -------
+    list of Path
+        Of each figure the PNG, then the SVG.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be written.
+
+    Examples
+    --------
+    >>> import stochens_rs as se, tempfile
+    >>> figure = se.simulate(([[0.5]], [[1.0]]), [0.0], [[1.0]]).plot().figure
+    >>> with tempfile.TemporaryDirectory() as folder:
+    ...     [path.name for path in se.plots.save_figures({"run": figure}, folder)]
+    ['run.png', 'run.svg']
     """
     to = Path(directory)
     return [path for name, one in figures.items() for path in save(one, to / name, dpi=dpi)]

@@ -16,9 +16,9 @@ use crate::memory::try_filled;
 use crate::parallel::Stop;
 use crate::sample::Singletons;
 
-pub use super::simplex::Status;
+pub use super::simplex::WeightStatus;
 pub use realizations::Realizations;
-pub use solution::{Settings, Solution};
+pub use solution::{CertifiedWeights, Settings};
 
 use solution::{Clock, Proposal};
 
@@ -32,7 +32,12 @@ const SECOND_OPINION: usize = 200_000;
 ///
 /// # Errors
 /// [`Error::Numerical`] if a solver refuses the problem, [`Error::Memory`].
-pub fn alse(realizations: &impl Realizations, target: &[f64], settings: &Settings, stop: &Stop) -> Result<Solution> {
+pub fn alse(
+    realizations: &impl Realizations,
+    target: &[f64],
+    settings: &Settings,
+    stop: &Stop,
+) -> Result<CertifiedWeights> {
     let clock = Clock::start(settings);
     let own = realizations.solve(target, &settings.options(&clock), None, stop)?;
     certified(realizations, own, target, settings, &clock, stop)
@@ -53,7 +58,7 @@ pub fn alse_prefixes(
     settings: &Settings,
     sizes: &[usize],
     stop: &Stop,
-    mut visit: impl FnMut(&Solution) -> Result<()>,
+    mut visit: impl FnMut(&CertifiedWeights) -> Result<()>,
 ) -> Result<()> {
     let clock = Clock::start(settings);
     let mut warm: Option<Vec<f64>> = None;
@@ -75,16 +80,16 @@ fn certified(
     settings: &Settings,
     clock: &Clock,
     stop: &Stop,
-) -> Result<Solution> {
+) -> Result<CertifiedWeights> {
     let spent = settings.max_passes.is_some_and(|most| own.info.passes >= most as f64);
     let status = match own.status {
-        Status::UserLimit if !spent && !clock.over() => Status::OptimalInaccurate,
+        WeightStatus::UserLimit if !spent && !clock.over() => WeightStatus::OptimalInaccurate,
         status => status,
     };
     // one pass, also after a stop, since the caller needs the estimate
     let estimate = realizations.combine(&own.weights, &Stop::new())?;
     let error = distance(&estimate, target);
-    let first = Solution {
+    let first = CertifiedWeights {
         error,
         estimate,
         gap: own.gap,
@@ -96,15 +101,17 @@ fn certified(
         iterations: own.info.passes as u64,
         weights: own.weights,
     };
-    if status != Status::OptimalInaccurate || realizations.nonzeros() > SECOND_OPINION {
+    if status != WeightStatus::OptimalInaccurate || realizations.nonzeros() > SECOND_OPINION {
         return Ok(first);
     }
     let left = Settings { time_limit: clock.left(), ..*settings };
     match second_opinion(realizations, target, &left, stop) {
-        Ok(second) if second.gap < first.gap => Ok(Solution { unseen: first.unseen, ..second }),
-        Ok(second) if second.status == Status::UserLimit => Ok(Solution { status: Status::UserLimit, ..first }),
+        Ok(second) if second.gap < first.gap => Ok(CertifiedWeights { unseen: first.unseen, ..second }),
+        Ok(second) if second.status == WeightStatus::UserLimit => {
+            Ok(CertifiedWeights { status: WeightStatus::UserLimit, ..first })
+        }
         Ok(_) => Ok(first),
-        Err(Error::Interrupted) => Ok(Solution { status: Status::Interrupted, ..first }),
+        Err(Error::Interrupted) => Ok(CertifiedWeights { status: WeightStatus::Interrupted, ..first }),
         Err(error) => Err(error),
     }
 }
@@ -119,7 +126,7 @@ pub fn second_opinion(
     target: &[f64],
     settings: &Settings,
     stop: &Stop,
-) -> Result<Solution> {
+) -> Result<CertifiedWeights> {
     let clock = Clock::start(settings);
     let size = realizations.size();
     let norm = realizations.norm();
@@ -130,6 +137,6 @@ pub fn second_opinion(
         clarabel::propose(realizations, target, settings, norm, stop)?
     };
     let solution = verify::verify(realizations, proposal, target, settings, stop)?;
-    let limited = solution.status == Status::OptimalInaccurate && clock.over();
-    Ok(Solution { status: if limited { Status::UserLimit } else { solution.status }, ..solution })
+    let limited = solution.status == WeightStatus::OptimalInaccurate && clock.over();
+    Ok(CertifiedWeights { status: if limited { WeightStatus::UserLimit } else { solution.status }, ..solution })
 }

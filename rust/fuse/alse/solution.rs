@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use crate::fuse::Weights;
-use crate::fuse::simplex::{Options, Status};
+use crate::fuse::simplex::{Options, WeightStatus};
 
 /// Weight set, tolerance, and limits on time and passes.
 #[derive(Debug, Clone, Copy)]
@@ -58,7 +58,7 @@ impl Clock {
 
 /// Weights with their certificate.
 #[derive(Debug, Clone)]
-pub struct Solution {
+pub struct CertifiedWeights {
     /// One weight per realization, feasible.
     pub weights: Vec<f64>,
     /// `sum_i w_i E_i`.
@@ -74,7 +74,7 @@ pub struct Solution {
     /// The target lies in the hull of the realizations, so the error is rounding only.
     pub exact: bool,
     /// Status that follows from the recomputed gap.
-    pub status: Status,
+    pub status: WeightStatus,
     /// Which solver proposed the weights, and its number of iterations.
     pub solver: &'static str,
     /// Iterations of that solver.

@@ -1,9 +1,9 @@
 //! Checks every proposal: feasible weights, with error and gap recomputed from the realizations.
 
 use super::realizations::Realizations;
-use super::solution::{Proposal, Settings, Solution};
+use super::solution::{CertifiedWeights, Proposal, Settings};
 use crate::error::Result;
-use crate::fuse::simplex::{self, Status};
+use crate::fuse::simplex::{self, WeightStatus};
 use crate::fuse::{Weights, distance, power_of_two_scale};
 use crate::memory::try_collect;
 use crate::parallel::Stop;
@@ -18,7 +18,7 @@ pub(super) fn verify(
     target: &[f64],
     settings: &Settings,
     stop: &Stop,
-) -> Result<Solution> {
+) -> Result<CertifiedWeights> {
     let Settings { set, tol, .. } = *settings;
     let Proposal { mut weights, solver, iterations } = proposal;
     make_feasible(&mut weights, set);
@@ -40,7 +40,7 @@ pub(super) fn verify(
     let zero = target.iter().all(|t| *t == 0.0);
     let reference = if zero { (norm / scale).powi(2) } else { squared_target };
     let error = distance(&estimate, target);
-    Ok(Solution {
+    Ok(CertifiedWeights {
         error,
         weights,
         gap: gap * scale * scale,
@@ -48,7 +48,7 @@ pub(super) fn verify(
         unseen: 0,
         exact: false,
         estimate,
-        status: if gap <= tol * reference { Status::Optimal } else { Status::OptimalInaccurate },
+        status: if gap <= tol * reference { WeightStatus::Optimal } else { WeightStatus::OptimalInaccurate },
         solver,
         iterations,
     })

@@ -36,7 +36,7 @@ mod tests;
 mod threshold;
 mod triangle;
 
-pub use problem::{DenseProblem, IndexView, Info, Invalid, Options, Phase, SingletonProblem, Solution, Status};
+pub use problem::{DenseProblem, IndexView, Info, Invalid, Options, Phase, SingletonProblem, Solution, WeightStatus};
 
 use crate::error::Result;
 use crate::memory::{try_collect, try_filled, try_room};
@@ -147,12 +147,12 @@ fn finish(
     }
     let relative_gap = if certificate.gap > 0.0 { certificate.gap / reference } else { 0.0 };
     let status = if relative_gap <= options.tol {
-        Status::Optimal
+        WeightStatus::Optimal
     } else {
         match budget.limit() {
-            Some(Limit::Stop) => Status::Interrupted,
-            Some(Limit::Time | Limit::Work) => Status::UserLimit,
-            None => Status::OptimalInaccurate,
+            Some(Limit::Stop) => WeightStatus::Interrupted,
+            Some(Limit::Time | Limit::Work) => WeightStatus::UserLimit,
+            None => WeightStatus::OptimalInaccurate,
         }
     };
     // The bound in closed form is a sum of d rounded squares.

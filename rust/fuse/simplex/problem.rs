@@ -157,7 +157,7 @@ impl Default for Options {
 
 /// The end of the search, judged by the gap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Status {
+pub enum WeightStatus {
     /// The gap is at most `tol ||E*||^2` (`tol` times the squared norm of a realization where `E* = 0`).
     Optimal,
     /// The best weights found, with a larger gap.
@@ -168,7 +168,7 @@ pub enum Status {
     Interrupted,
 }
 
-impl Status {
+impl WeightStatus {
     /// The status, in the words of other convex solvers.
     pub fn as_str(self) -> &'static str {
         match self {
@@ -241,7 +241,7 @@ pub struct Solution {
     pub least_error: f64,
     /// The target lies in the hull, so `||S w - target||` is rounding error.
     pub exact: bool,
-    pub status: Status,
+    pub status: WeightStatus,
     pub info: Info,
     /// Nonzero entries of the target that no realization hits.
     pub unseen: usize,

@@ -12,7 +12,7 @@ use crate::limits::solve::{Penalty, aim, stacked};
 use crate::memory::{checked_len, try_copy, try_extend, try_filled, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::sample::Law;
-use crate::simulate::{Average, Estimate, Exact, Plans};
+use crate::simulate::{Average, Exact, PlanEntity, Plans};
 use crate::{Key, Scheme, vector};
 
 /// Draws that one thread takes at a time.
@@ -20,7 +20,7 @@ const CHUNK: usize = 64;
 
 /// An entity as lines, and the number of realizations and the scheme of an average that every run draws anew.
 #[derive(Clone, Copy)]
-pub struct Given<'a> {
+pub struct DrawnEntity<'a> {
     /// The lines: of a matrix its columns, or its rows where they are drawn.
     pub lines: &'a [f64],
     /// The length of a line.
@@ -29,31 +29,31 @@ pub struct Given<'a> {
     pub drawn: Option<(u64, Scheme)>,
 }
 
-impl Given<'_> {
+impl DrawnEntity<'_> {
     /// What [`Plans`] draws.
     ///
     /// # Errors
     /// As [`Law::new`] and [`Average::new`].
-    pub fn estimate(&self) -> Result<Estimate> {
+    pub fn estimate(&self) -> Result<PlanEntity> {
         let lines = try_copy(WHAT, self.lines)?;
         Ok(match self.drawn {
-            None => Estimate::Fixed(lines),
+            None => PlanEntity::Fixed(lines),
             Some((size, scheme)) => {
                 let law = Law::new(lines, self.lines.len() / self.length.max(1), self.length)?;
-                Estimate::Drawn(Average::new(law, size, scheme)?)
+                PlanEntity::Drawn(Average::new(law, size, scheme)?)
             }
         })
     }
 
     /// Each line between zeros, and as many lines of zeros: `diag(0, A)` of a matrix.
-    fn padded(&self, before: usize, after: usize, above: usize) -> Result<Estimate> {
+    fn padded(&self, before: usize, after: usize, above: usize) -> Result<PlanEntity> {
         let length = before + self.length + after;
         let count = above + self.lines.len() / self.length.max(1);
         let mut lines = try_zeros(WHAT, checked_len(WHAT, count, length)?)?;
         for (line, from) in lines.chunks_exact_mut(length).skip(above).zip(self.lines.chunks_exact(self.length)) {
             line[before..before + self.length].copy_from_slice(from);
         }
-        Given { lines: &lines, length, drawn: self.drawn }.estimate()
+        DrawnEntity { lines: &lines, length, drawn: self.drawn }.estimate()
     }
 }
 
@@ -98,7 +98,7 @@ impl Horizon {
     /// As [`Plans::errors`].
     pub fn moved_targets(
         &self,
-        [x0, xf, a]: [Given<'_>; 3],
+        [x0, xf, a]: [DrawnEntity<'_>; 3],
         (rows, paired): (bool, bool),
         values: [&[f64]; 2],
         runs: Runs<'_>,
@@ -115,7 +115,7 @@ impl Horizon {
             let one = self.steps == 1;
             let mut identity = try_zeros(WHAT, n * n)?;
             identity.iter_mut().step_by(n + 1).for_each(|v| *v = 1.0);
-            let matrix = if one { a } else { Given { lines: &identity, length: n, drawn: None } };
+            let matrix = if one { a } else { DrawnEntity { lines: &identity, length: n, drawn: None } };
             plans = Plans::new(x0.padded(n, 0, 0)?, xf.padded(0, n, 0)?, matrix.padded(n, 0, n)?, rows, paired)?;
             let moved = if one { times(&self.a, values[0], n)? } else { try_copy(WHAT, values[0])? };
             let mut both = try_copy(WHAT, values[1])?;

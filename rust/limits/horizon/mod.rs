@@ -15,8 +15,8 @@ mod suboptimality;
 mod tests;
 
 pub use condensed::Condensed;
-pub use draws::{Given, Runs};
+pub use draws::{DrawnEntity, Runs};
 pub use errors::{Cause, Radii};
 pub use map::{Horizon, Task};
-pub use solve::{Loop, Solved};
+pub use solve::{RecedingHorizon, Solved};
 pub use suboptimality::Apart;

@@ -292,7 +292,7 @@ impl Horizon {
 const PREPARED: f64 = 1e8;
 
 /// The best inputs from one state after another, each begun at the limits of the one before, a step later.
-pub struct Loop {
+pub struct RecedingHorizon {
     horizon: Horizon,
     /// One map for all states, where the limits are those of single inputs.
     solver: Option<Solver>,
@@ -303,7 +303,7 @@ pub struct Loop {
     free: Vec<f64>,
 }
 
-impl Loop {
+impl RecedingHorizon {
     /// Everything that does not depend on the state is computed here.
     ///
     /// # Errors

@@ -78,7 +78,7 @@ fn rates_and_states_and_a_loop() {
     let u = &best.found.control;
     assert!(u[0].abs() <= 0.2 + 1e-12 && u.windows(2).all(|u| (u[1] - u[0]).abs() <= 0.2 + 1e-12));
     assert_eq!(best.state_active.as_ref().map(Vec::len), Some(8));
-    let mut many = Loop::new(horizon(limited), &Stop::new()).unwrap();
+    let mut many = RecedingHorizon::new(horizon(limited), &Stop::new()).unwrap();
     let mut first = many.solve(&X0, Until::new(&Stop::new(), None)).unwrap().control;
     assert!(!many.condensed() && first.iter().zip(u).all(|(a, b)| (a - b).abs() < 1e-8));
     let warm = many.warm().map(<[i8]>::to_vec);
@@ -161,9 +161,11 @@ fn drawn_errors_do_not_depend_on_threads_and_follow_the_estimates() {
         given.r = if auto { None } else { given.r };
         let h = Horizon::new(A.to_vec(), B.to_vec(), None, 2, given).unwrap();
         let columns = [A[0], A[2], A[1], A[3]];
-        let drawn = |lines, length| Given { lines, length, drawn: Some((50, Scheme::Iid)) };
-        let [x0, xf] =
-            [Given { lines: &X0, length: 2, drawn: None }, Given { lines: &[0.0; 2], length: 2, drawn: None }];
+        let drawn = |lines, length| DrawnEntity { lines, length, drawn: Some((50, Scheme::Iid)) };
+        let [x0, xf] = [
+            DrawnEntity { lines: &X0, length: 2, drawn: None },
+            DrawnEntity { lines: &[0.0; 2], length: 2, drawn: None },
+        ];
         let a = drawn(&columns, 2);
         let plans = || Plans::new(x0.estimate()?, xf.estimate()?, a.estimate()?, false, false);
         let (stop, key) = (Stop::new(), Key([3; 32]));
@@ -186,7 +188,7 @@ fn drawn_errors_do_not_depend_on_threads_and_follow_the_estimates() {
 
 #[test]
 fn moved_targets_are_zero_without_draws() {
-    let entity = |lines| Given { lines, length: 2, drawn: None };
+    let entity = |lines| DrawnEntity { lines, length: 2, drawn: None };
     let columns = [A[0], A[2], A[1], A[3]];
     let (stop, key) = (Stop::new(), Key([3; 32]));
     for (steps, soft) in [(1, None), (3, None), (1, Some(2.0)), (3, Some(2.0))] {

@@ -17,7 +17,7 @@ fn with_loop<T>(a: &[f64], b: &[f64], reference: &[f64], work: impl FnOnce(Close
         right: &factors.right,
         singular_values: &factors.singular_values[..factors.rank],
         size: 40,
-        method: Method::Uniform,
+        method: Fusion::Uniform,
         feedback: true,
         sample_states: false,
     })
@@ -29,7 +29,7 @@ const R: [f64; 8] = [1.0, -1.0, 0.5, 2.0, 0.0, 1.0, -1.0, 0.5];
 
 #[test]
 fn threads_change_nothing_and_more_runs_start_with_the_fewer() {
-    for ((_, method), sample_states) in Method::NAMED.into_iter().zip([false, true, true, false]) {
+    for ((_, method), sample_states) in Fusion::NAMED.into_iter().zip([false, true, true, false]) {
         with_loop(&A, &B, &R, |given| {
             let given = ClosedLoop { method, sample_states, ..given };
             let run = |runs, threads| given.run(runs, &Key([1; 32]), threads, &Stop::new()).unwrap();
@@ -51,7 +51,7 @@ fn a_stop_and_what_does_not_fit_are_errors_and_a_lost_run_ends() {
         assert!(matches!(run(&short), Err(Error::Shape { name: "x0", .. })));
         let short = ClosedLoop { reference: &R[..2], ..given.clone() };
         assert!(matches!(run(&short), Err(Error::Shape { name: "reference", .. })));
-        let none = ClosedLoop { size: 0, method: Method::Alse, ..given.clone() };
+        let none = ClosedLoop { size: 0, method: Fusion::Alse, ..given.clone() };
         assert!(run(&none).is_err());
         let far = ClosedLoop { x0: &[1e200, 0.0], ..given.clone() };
         let lost = run(&far).unwrap();

@@ -87,14 +87,14 @@ impl Average {
 
 /// An entity of a control: exact, or an average that every run draws.
 #[derive(Debug, Clone)]
-pub enum Estimate {
+pub enum PlanEntity {
     /// Exact entries, of a matrix column by column.
     Fixed(Vec<f64>),
     /// An average of realizations.
     Drawn(Average),
 }
 
-impl Estimate {
+impl PlanEntity {
     pub(super) fn len(&self) -> usize {
         match self {
             Self::Fixed(values) => values.len(),

@@ -6,20 +6,10 @@ use crate::fuse::norm;
 use crate::memory::try_zeros;
 use crate::parallel::{Stop, for_each_chunk};
 use crate::stream::{Key, Purpose};
+use crate::tails::Norm;
 
 use super::average::Average;
 use super::sizes::CHUNK;
-
-/// The norm of an error.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Norm {
-    /// The sum of the magnitudes.
-    One,
-    /// The root of the sum of squares: Frobenius for a matrix.
-    Two,
-    /// The largest singular value.
-    Spectral,
-}
 
 /// `||average - mean||` of every run.
 ///
@@ -46,7 +36,7 @@ pub fn estimate_errors(
             }
             *error = match kind {
                 Norm::One => wrong.iter().map(|w| w.abs()).sum(),
-                Norm::Two => norm(wrong.iter().copied()),
+                Norm::Frobenius => norm(wrong.iter().copied()),
                 Norm::Spectral => singular_values(&wrong, length)?.first().copied().unwrap_or(0.0),
             };
         }

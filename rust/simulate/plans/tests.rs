@@ -1,9 +1,9 @@
 use super::*;
 use crate::sample::Law;
 
-fn drawn(values: &[f64], lines: usize, size: u64) -> Estimate {
+fn drawn(values: &[f64], lines: usize, size: u64) -> PlanEntity {
     let law = Law::new(values.to_vec(), lines, values.len() / lines).unwrap();
-    Estimate::Drawn(Average::new(law, size, Scheme::Iid).unwrap())
+    PlanEntity::Drawn(Average::new(law, size, Scheme::Iid).unwrap())
 }
 
 /// `A = I`, `B = I`, `xf = 0`: the error of the state is that of `A_hat x0_hat`, by hand for one realization.
@@ -11,7 +11,7 @@ fn drawn(values: &[f64], lines: usize, size: u64) -> Estimate {
 fn one_realization_by_hand() {
     let (identity, x0, stop) = ([1.0, 0.0, 0.0, 1.0], [3.0, -1.0], Stop::new());
     let plans = |paired| {
-        Plans::new(drawn(&x0, 1, 1), Estimate::Fixed(vec![0.0; 2]), drawn(&identity, 2, 1), false, paired).unwrap()
+        Plans::new(drawn(&x0, 1, 1), PlanEntity::Fixed(vec![0.0; 2]), drawn(&identity, 2, 1), false, paired).unwrap()
     };
     let exact = Exact::OneStep { basis: &identity, singular_values: &[1.0, 1.0], y: &[-3.0, 1.0] };
     for paired in [false, true] {
@@ -40,12 +40,12 @@ fn threads_change_nothing_and_more_runs_start_with_the_fewer() {
 
 #[test]
 fn what_does_not_fit_is_refused() {
-    let fixed = |len| Estimate::Fixed(vec![1.0; len]);
+    let fixed = |len| PlanEntity::Fixed(vec![1.0; len]);
     assert!(matches!(Plans::new(fixed(2), fixed(3), fixed(4), false, false), Err(Error::Shape { name: "xf", .. })));
     assert!(matches!(Plans::new(fixed(2), fixed(2), fixed(5), false, false), Err(Error::Shape { name: "A", .. })));
     let law = Law::new(vec![1.0; 4], 2, 2).unwrap();
     assert!(matches!(Average::new(law.clone(), 0, Scheme::Iid), Err(Error::Value { name: "size", .. })));
-    let rows = Estimate::Drawn(Average::new(law, 5, Scheme::Systematic).unwrap());
+    let rows = PlanEntity::Drawn(Average::new(law, 5, Scheme::Systematic).unwrap());
     assert!(matches!(Plans::new(fixed(2), fixed(2), rows, true, true), Err(Error::Value { name: "fusion", .. })));
 }
 
@@ -54,7 +54,7 @@ fn what_does_not_fit_is_refused() {
 fn estimates_are_those_behind_the_errors() {
     let (a, x0, exact, stop) = ([0.5, -1.0, 0.25, 2.0], [1.0, -2.0], [0.3, -0.7], Stop::new());
     for rows in [false, true] {
-        let fixed = Estimate::Fixed(exact.to_vec());
+        let fixed = PlanEntity::Fixed(exact.to_vec());
         let plans = Plans::new(drawn(&x0, 1, 40), fixed, drawn(&a, 2, 40), rows, false).unwrap();
         let (identity, key) = ([1.0, 0.0, 0.0, 1.0], Key([3; 32]));
         let errors = plans.errors(Exact::Steps { b: &identity, c: &identity, v: &exact }, 50, &key, 2, &stop).unwrap();

@@ -8,7 +8,7 @@ pub(in crate::streaming) fn stream(n: usize, config: Config) -> Stream {
     let m = n.div_ceil(2);
     let geometry = Geometry::new(entries(n * m, 0.5), n, m).unwrap();
     let keys = [1, 2, 3, 4].map(|k| Key([k; 32]));
-    let laws = Laws { x0: entries(n, 1.0), xf: entries(n, 2.0), a: entries(n * n, 3.0), keys };
+    let laws = StreamLaws { x0: entries(n, 1.0), xf: entries(n, 2.0), a: entries(n * n, 3.0), keys };
     Stream::new(geometry, laws, config).unwrap()
 }
 
@@ -55,7 +55,7 @@ fn scalars_are_exact_at_once() {
     for config in every_config() {
         let geometry = Geometry::new(vec![2.0], 1, 1).unwrap();
         let keys = [Key([0; 32]); 4];
-        let laws = Laws { x0: vec![-3.0], xf: vec![5.0], a: vec![0.5], keys };
+        let laws = StreamLaws { x0: vec![-3.0], xf: vec![5.0], a: vec![0.5], keys };
         let mut stream = Stream::new(geometry, laws, config).unwrap();
         for _ in 0..600 {
             assert_eq!(stream.control().unwrap().control, [3.25]);

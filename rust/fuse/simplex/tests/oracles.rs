@@ -87,7 +87,7 @@ fn the_gap_bounds_the_exact_suboptimality_of_small_instances() {
             let rounding = 1e-15 * norm;
             for tol in [1e-9, 1e-2, 0.5] {
                 let s = x.solve(&Options { tol, subsimplex, ..Options::default() });
-                assert_eq!(s.status, Status::Optimal, "seed {seed}");
+                assert_eq!(s.status, WeightStatus::Optimal, "seed {seed}");
                 let error = s.objective - exact;
                 assert!(error >= -rounding, "seed {seed}: below the minimum by {error}");
                 assert!(error <= s.gap + rounding, "seed {seed}: error {error}, gap {}", s.gap);
@@ -119,7 +119,7 @@ fn clarabel_agrees_within_the_gaps() {
         let norm: f64 = x.target.iter().map(|t| t * t).sum();
         let s = x.solve(&Options::default());
         let (f, gap) = recompute(&x, &peer::clarabel(&x, 1e-10), false);
-        assert_eq!(s.status, Status::Optimal);
+        assert_eq!(s.status, WeightStatus::Optimal);
         assert!(s.objective - f <= s.gap + 1e-13 * norm, "seed {seed}: ours {} theirs {f}", s.objective);
         assert!(f - s.objective <= gap + 1e-13 * norm, "seed {seed}: ours {} theirs {f}", s.objective);
     }
@@ -127,10 +127,10 @@ fn clarabel_agrees_within_the_gaps() {
 
 fn optimal(x: &Instance, what: &str) -> Solution {
     let s = x.solve(&Options::default());
-    assert_eq!(s.status, Status::Optimal, "{what}: {:?}", s.info);
+    assert_eq!(s.status, WeightStatus::Optimal, "{what}: {:?}", s.info);
     assert!((s.weights.iter().sum::<f64>() - 1.0).abs() < 1e-12, "{what}");
     let sub = x.solve(&Options { subsimplex: true, ..Options::default() });
-    assert_eq!(sub.status, Status::Optimal, "{what}, subsimplex: {:?}", sub.info);
+    assert_eq!(sub.status, WeightStatus::Optimal, "{what}, subsimplex: {:?}", sub.info);
     assert!(sub.objective <= s.objective * (1.0 + 1e-12) + sub.gap, "{what}");
     s
 }
@@ -247,7 +247,7 @@ fn a_time_limit_holds_where_factors_take_long() {
         let start = std::time::Instant::now();
         let s = x.solve(&Options { time_limit: Some(limit), ..Options::default() });
         assert!(start.elapsed() < limit + Duration::from_secs(1), "{:?}", start.elapsed());
-        assert_eq!(s.status, Status::UserLimit);
+        assert_eq!(s.status, WeightStatus::UserLimit);
         let (f, gap) = recompute(&x, &s.weights, false);
         assert!((f - s.objective).abs() <= 1e-12 * f && (gap - s.gap).abs() <= 1e-9 * gap);
     }
@@ -260,7 +260,7 @@ fn a_tolerance_below_rounding_is_reported_as_missed() {
     x.target.iter_mut().for_each(|t| *t *= 1e-10);
     let s = x.solve(&Options::default());
     let gamma: f64 = x.g.iter().map(|g| g * g).sum();
-    assert_eq!(s.status, Status::OptimalInaccurate);
+    assert_eq!(s.status, WeightStatus::OptimalInaccurate);
     assert!(s.gap < 1e-14 * gamma && s.gap > 0.0);
 }
 
@@ -301,11 +301,11 @@ fn index_types_and_the_dense_form_agree() {
         let wide = x.solve(&options);
         let dense = x.dense();
         let s = solve_dense(&DenseProblem::new(&dense, x.size, &x.target).unwrap(), &options, None, &stop).unwrap();
-        assert_eq!(s.status, Status::Optimal);
+        assert_eq!(s.status, WeightStatus::Optimal);
         assert!((s.objective - wide.objective).abs() <= s.gap + wide.gap + 1e-13);
     }
     let threads = x.solve(&Options { threads: 2, ..Options::default() });
-    assert_eq!(threads.status, Status::Optimal);
+    assert_eq!(threads.status, WeightStatus::Optimal);
 }
 
 #[test]
@@ -320,7 +320,7 @@ fn dense_samples_of_every_shape_reach_the_tolerance() {
             let options = Options { subsimplex, ..Options::default() };
             let s = solve_dense(&DenseProblem::new(&samples, size, &target).unwrap(), &options, None, &Stop::new())
                 .unwrap();
-            assert_eq!(s.status, Status::Optimal, "seed {seed} dim {dim} size {size}: {:?}", s.info);
+            assert_eq!(s.status, WeightStatus::Optimal, "seed {seed} dim {dim} size {size}: {:?}", s.info);
         }
     }
 }
@@ -329,9 +329,9 @@ fn dense_samples_of_every_shape_reach_the_tolerance() {
 fn limits_return_certified_weights_and_say_so() {
     let x = Instance::gaussian(20, 700, 1);
     for (options, stop, status) in [
-        (Options { time_limit: Some(Duration::ZERO), ..Options::default() }, false, Status::UserLimit),
-        (Options { max_passes: 5, ..Options::default() }, false, Status::UserLimit),
-        (Options::default(), true, Status::Interrupted),
+        (Options { time_limit: Some(Duration::ZERO), ..Options::default() }, false, WeightStatus::UserLimit),
+        (Options { max_passes: 5, ..Options::default() }, false, WeightStatus::UserLimit),
+        (Options::default(), true, WeightStatus::Interrupted),
     ] {
         let asked = Stop::new();
         if stop {
@@ -360,7 +360,7 @@ fn a_path_is_certified_at_every_point() {
     for &size in &sizes {
         let prefix = Instance { indices: x.indices[..size * x.lines].to_vec(), size, ..x.clone() };
         let s = solve(&prefix.problem(), &Options::default(), Some(&warm), &Stop::new()).unwrap();
-        assert_eq!((s.status, s.weights.len()), (Status::Optimal, size));
+        assert_eq!((s.status, s.weights.len()), (WeightStatus::Optimal, size));
         assert!(s.objective <= last + s.gap);
         (last, warm) = (s.objective, s.weights);
     }

@@ -1,6 +1,6 @@
 //! Random instances of many kinds: no gap above tolerance, certificate confirmed by plain formulas.
 use super::common::{Instance, Rng, recompute};
-use crate::fuse::simplex::{Options, Status};
+use crate::fuse::simplex::{Options, WeightStatus};
 
 /// One random instance: size 1-24, N/dimension 0.3-40, column scales, heavy tails, duplicates, foreign targets.
 pub fn random(seed: u64) -> Instance {
@@ -76,7 +76,7 @@ fn check(seed: u64, options: &Options) {
     assert!((gap - s.gap).abs() <= rounding, "seed {seed}: gap {gap} {}", s.gap);
     assert!(s.lower_bound <= s.objective && s.lower_bound >= s.objective - s.gap - rounding);
     let context = format!("seed {seed}: {} x {}, N = {}: {:?}", x.length, x.lines, x.size, s.info);
-    assert_eq!(s.status, Status::Optimal, "{context}");
+    assert_eq!(s.status, WeightStatus::Optimal, "{context}");
 }
 
 #[test]

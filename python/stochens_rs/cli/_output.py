@@ -10,20 +10,18 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from textwrap import wrap
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 import numpy as np
 
 from .._base import files
 from .._base.tables import columns
+from .._base.types import Figure
 from .._base.validation import nearest
 from ..exceptions import InputError
 from ..plots import save_figures
 from ..plots.style import require_matplotlib
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 _UNBROKEN = 10_000  # columns of an output that is no terminal
 

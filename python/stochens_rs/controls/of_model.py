@@ -12,25 +12,21 @@ from .._base import show, validation
 from .._base.names import Labels
 from .._base.numbers import ROUNDING
 from .._base.records import trusted
-from .._base.types import DELTA, Floats, Fusion, Status, worst
+from .._base.types import DELTA, ArrayLike, Floats, Fusion, Status, worst
 from ..certificates.of_model import Asked, ModelBasis, trajectory
 from ..exceptions import InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
 from ..identification.identified import Identified
 from ..identification.model import Model
-from ..limits.limits import Cost, Uncertain, as_limits
-from ..limits.problem import Horizon, checked_task, read_task, seconds, sides
+from ..limits.limits import Cost, Limits, LimitsLike, Uncertain, as_limits
+from ..limits.problem import Horizon, Limited, Task, checked_task, read_task, seconds, sides
 from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
 from .set_point import output_weights, set_point, targets
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from ..fusion.provenance import Basis
-    from ..limits.limits import Limits, LimitsLike
-    from ..limits.problem import Limited, Task
 
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -15,7 +15,20 @@ from .._base.numbers import norm
 from .._base.records import Positive, SavedRecord, require_shapes
 from .._base.running import get_num_threads
 from .._base.tables import Timed
-from .._base.types import DELTA, QUANTITIES, Floats, Fusion, Quantity, Scheme, Status
+from .._base.types import (
+    DELTA,
+    QUANTITIES,
+    ArrayLike,
+    Axes,
+    Figure,
+    Floats,
+    Fusion,
+    Places,
+    Quantity,
+    Scheme,
+    Status,
+    SubFigure,
+)
 from ..certificates.certificate import Certificate
 from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, ShapeError
@@ -25,7 +38,7 @@ from ..identification.model import Model, estimate_law
 from ..limits.problem import Horizon, Limited
 from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
-from ..rng import as_key
+from ..rng import RngLike, as_key
 from ..system.system import System, in_order
 from ..theory import moments
 from ..theory.exact import (
@@ -40,14 +53,6 @@ from ..theory.exact import (
 from ..validation.fresh_systems import Validation
 from ..validation.held_out import Predicted, Runs, validated
 from .bounds import Typical, limited_bound, model_bound, plan_bound, ranked
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import ArrayLike
-
-    from .._base.types import Places
-    from ..rng import RngLike
 
 _NOT_FOR = {
     True: "for a model from data, whose region needs no exact values: use Plan.error to compare",

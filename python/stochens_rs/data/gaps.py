@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import running, validation
-from .._base.types import Floats
+from .._base.types import Floats, NDArray
 from ..exceptions import DataWarning, InputError
 from .table import LATEST, Run
 

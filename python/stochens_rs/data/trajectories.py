@@ -7,24 +7,19 @@ rows (x, u, x_next) of one array, with the number of pairs of each run.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from .._base import numbers, running, show, validation
 from .._base.names import Labels, checked_names, order_of
 from .._base.records import SavedRecord
-from .._base.types import Floats, Places
+from .._base.types import ArrayLike, Figure, Floats, NDArray, Places, Self, SubFigure
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
 from .gaps import OnGap, Pieces, pairs_of, warn_of_ends
 from .table import Columns, Table, csv_files, read_runs
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
-    from typing_extensions import Self
 
 
 def _rebuild(

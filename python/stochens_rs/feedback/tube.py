@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import Probability, SavedRecord
-from .._base.types import Floats
+from .._base.types import Figure, Floats, SubFigure
 from ..plots.panels import Inputs, draw_tube
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.figure import Figure, SubFigure
 
 
 @dataclass(frozen=True, eq=False, repr=False)

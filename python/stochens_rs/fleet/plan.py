@@ -3,34 +3,26 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.names import default_labels, weight
+from .._base.names import Labels, default_labels, weight
 from .._base.numbers import ROUNDING
 from .._base.records import Probability, SavedRecord, require_shapes
 from .._base.running import get_num_threads
 from .._base.tables import Tabled
-from .._base.types import Floats, Status
+from .._base.types import ArrayLike, Axes, Floats, NDArray, Status
 from ..ensembles.systems import systems_in_order
 from ..exceptions import InputError, ShapeError
-from ..limits.limits import as_cost, as_limits
+from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import read_task
 from ..plots.lines import draw_misses
 from ..theory import scenario
 from ..validation.fresh_systems import needed, rank_of
 from .units import Systems, Units, read_systems
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
-
-    from .._base.names import Labels
-    from ..limits.limits import Cost, LimitsLike
-
 
 Risk: TypeAlias = Literal["mean", "worst"]
 Method: TypeAlias = Literal["compression", "a priori", "discarding", "hold-out"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -20,8 +21,6 @@ from ..identification.identified import Identified
 from ..limits.problem import Task
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from ..system.system import System
 
 

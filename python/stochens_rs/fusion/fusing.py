@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
+from typing import Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 
 from .. import _core
 from .._base import numbers, running, show, validation
-from .._base.types import Floats, Status
+from .._base.types import ArrayLike, Floats, Status
 from ..data.trajectories import Trajectories, shared_rows
 from ..ensembles.ensemble import Ensemble, core_of, from_core, lines_of
 from ..ensembles.systems import SystemEnsemble, systems_in_order
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
+from ..identification.assumptions import Noise
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model, require_states
@@ -29,11 +30,6 @@ from .fused_model import (
     require_fit,
     stacked,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ..identification.assumptions import Noise
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
 

@@ -14,6 +14,7 @@ from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import trusted
 from .._base.running import get_num_threads
+from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, moved, pooled
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
 from .assumptions import (
@@ -34,9 +35,6 @@ from .pilot import made
 from .window import Regressors, complete, of_states, rows_of, spread
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from .._base.types import Floats
     from ..system.system import System
     from .identified import Identified
 

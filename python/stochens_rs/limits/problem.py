@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import isnan
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -16,19 +17,12 @@ from .._base.numbers import ROUNDING
 from .._base.reading import shown_labels
 from .._base.records import Record, require_shapes, trusted
 from .._base.running import get_num_threads
-from .._base.types import Floats, Status
+from .._base.types import Floats, NDArray, Status
 from ..exceptions import InputError, NonFiniteError, ShapeError
+from ..rng import Key
+from ..theory.drawn_bounds import PlanErrors
 from ..theory.exact import matrix_powers
 from .limits import Cost, Entries, Limits, Named, as_cost, as_limits
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from ..rng import Key
-    from ..theory.drawn_bounds import PlanErrors
-
 
 SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of Q
 

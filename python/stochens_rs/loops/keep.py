@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -21,8 +22,6 @@ from ..feedback.certificate import noise_bound
 from ..identification.identified import Identified
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ..limits.problem import Task
     from ..system.system import System
 

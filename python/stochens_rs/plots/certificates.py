@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from statistics import NormalDist
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._base.numbers import ROUNDING
-from .._base.types import Floats
+from .._base.types import Axes, Figure, Floats, SubFigure
 from . import style
 from .panels import panel_grid
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
 
 _BARS = 12  # most bars of a panel that are drawn
 

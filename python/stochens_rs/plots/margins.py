@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from .._base.types import Floats
+from .._base.types import Figure, Floats, SubFigure
 from . import style
 from .panels import panel_grid
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
 
 _FAR = 3.0  # largest factor that is drawn
 

@@ -9,14 +9,11 @@ import numpy as np
 
 from .._base import validation
 from .._base.numbers import most_changing
-from .._base.types import Floats
+from .._base.types import Axes, Figure, Floats, NDArray, SubFigure
 from . import style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import NDArray
 
 
 PANELS = 12  # most states, and most inputs, that are drawn

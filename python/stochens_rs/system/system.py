@@ -5,7 +5,8 @@ x(k+1) = A x(k) + B u(k),    x(k) in R^n,  u(k) in R^m
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +14,8 @@ from .._base import show, validation
 from .._base.names import Labels, Order, made_labels, order_of, texts
 from .._base.reading import matrices
 from .._base.tables import Exported
+from .._base.types import ArrayLike, NDArray
 from . import conversions
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from numpy.typing import ArrayLike, NDArray
 
 
 class System(Exported):

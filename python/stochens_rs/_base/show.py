@@ -12,8 +12,7 @@ from html import escape
 
 import numpy as np
 
-from .numbers import most_changing
-from .types import Floats, NDArray
+from .types import Floats, NDArray, most_changing
 
 Rows = Iterable[tuple[str, object]]
 

@@ -10,9 +10,8 @@ import numpy as np
 
 from .. import _core
 from .._base import show
-from .._base.numbers import norm
 from .._base.records import NotNegative, Record, trusted
-from .._base.types import Floats
+from .._base.types import Floats, norm
 from ..exceptions import InputError, ShapeError
 from ..identification.assumptions import Assumptions
 from ..identification.identified import Identified

@@ -12,9 +12,8 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
-from .._base.numbers import ROUNDING, norm
 from .._base.records import Count, FromZero, Probability, SavedRecord, trusted
-from .._base.types import QUANTITIES, Floats, Fusion
+from .._base.types import QUANTITIES, ROUNDING, Floats, Fusion, norm
 from ..certificates.certificate import Certificate, Radius, radius_at
 from ..certificates.of_model import (
     Asked,

@@ -12,10 +12,9 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.numbers import smallest_size
 from .._base.records import Probability, Record, SavedRecord
 from .._base.tables import columns
-from .._base.types import DELTA, QUANTITIES, ArrayLike, Floats, Fusion, Quantity
+from .._base.types import DELTA, QUANTITIES, ArrayLike, Floats, Fusion, Quantity, smallest_size
 from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, SizeError
 from ..identification.model import Model, white_of

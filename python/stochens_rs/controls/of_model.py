@@ -10,9 +10,8 @@ import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels
-from .._base.numbers import ROUNDING
 from .._base.records import trusted
-from .._base.types import DELTA, ArrayLike, Floats, Fusion, Status, worst
+from .._base.types import DELTA, ROUNDING, ArrayLike, Floats, Fusion, Status, worst
 from ..certificates.of_model import Asked, ModelBasis, trajectory
 from ..exceptions import InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs

@@ -11,7 +11,6 @@ import numpy as np
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels, default_labels, two_states
-from .._base.numbers import norm
 from .._base.records import Positive, SavedRecord, require_shapes
 from .._base.running import get_num_threads
 from .._base.tables import Timed
@@ -28,6 +27,7 @@ from .._base.types import (
     Scheme,
     Status,
     SubFigure,
+    norm,
 )
 from ..certificates.certificate import Certificate
 from ..certificates.of_model import ModelBasis

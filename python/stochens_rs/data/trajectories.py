@@ -11,10 +11,10 @@ from typing import Any, overload
 
 import numpy as np
 
-from .._base import numbers, running, show, validation
+from .._base import running, show, validation
 from .._base.names import Labels, checked_names, order_of
 from .._base.records import SavedRecord
-from .._base.types import ArrayLike, Figure, Floats, NDArray, Places, Self, SubFigure
+from .._base.types import ArrayLike, Figure, Floats, NDArray, Places, Self, SubFigure, shared
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
@@ -708,7 +708,7 @@ def shared_rows(a: Trajectories, b: Trajectories) -> int:
         return 0
     x, u, x_next = b.pairs()
     mine = np.hstack([order.of_states(x), order.of_inputs(u), order.of_states(x_next)])
-    return numbers.shared(a.rows, mine)
+    return shared(a.rows, mine)
 
 
 def _several(name: str, value: Any) -> list[tuple[str, Any]]:

@@ -11,7 +11,7 @@ from .._base import show
 from .._base.names import Labels
 from .._base.records import Probability, SavedRecord
 from .._base.types import Figure, Floats, SubFigure
-from ..plots.margins import draw_margins
+from ..plots.certificates import draw_margins
 
 _EACH, _WHOLE = 4, 6  # margins of each input, and of the loop
 

@@ -12,10 +12,9 @@ import numpy as np
 
 from .. import _core
 from .._base import running, validation
-from .._base.numbers import ROUNDING, norm
 from .._base.records import Count, Dense, Line, Options, Positive, SavedRecord, require_shapes
 from .._base.running import get_num_threads
-from .._base.types import Floats, NDArray, Status, worst
+from .._base.types import ROUNDING, Floats, NDArray, Status, norm, worst
 from ..ensembles.ensemble import Ensemble, blocks_of, core_of, from_core, lines_of
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..theory.exact import EPS

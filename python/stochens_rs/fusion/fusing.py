@@ -10,8 +10,8 @@ from typing import Any, Literal, TypeAlias, get_args, overload
 import numpy as np
 
 from .. import _core
-from .._base import numbers, running, show, validation
-from .._base.types import ArrayLike, Floats, Status
+from .._base import running, show, validation
+from .._base.types import ArrayLike, Floats, Status, norm
 from ..data.trajectories import Trajectories, shared_rows
 from ..ensembles.ensemble import Ensemble, core_of, from_core, lines_of
 from ..ensembles.systems import SystemEnsemble, systems_in_order
@@ -208,7 +208,7 @@ def fuse(
         return _weighted(given, goal, weights, variances)
     if goal is None or name == "uniform":
         estimate = given.mean()
-        error = None if goal is None else numbers.norm(estimate - goal)
+        error = None if goal is None else norm(estimate - goal)
         w = np.full(given.size, 1.0 / given.size)
     elif options is not None:
         return solve(given, goal, options)
@@ -383,7 +383,7 @@ def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variance
         largest = float(spread.max())
         info["rms"] = float(np.sqrt(np.sum(chosen**2 * (spread / largest)))) * largest**0.5
     estimate = ensemble.combine(chosen)
-    error = None if goal is None else numbers.norm(estimate - goal)
+    error = None if goal is None else norm(estimate - goal)
     return fit_of(ensemble, goal, method, chosen, estimate, error, info=info)
 
 

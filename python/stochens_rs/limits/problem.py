@@ -13,11 +13,10 @@ import numpy as np
 from .. import _core
 from .._base import running, validation
 from .._base.names import Labels, default_labels, titled, weight
-from .._base.numbers import ROUNDING
 from .._base.reading import shown_labels
 from .._base.records import Record, require_shapes, trusted
 from .._base.running import get_num_threads
-from .._base.types import Floats, NDArray, Status
+from .._base.types import ROUNDING, Floats, NDArray, Status
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..rng import Key
 from ..theory.drawn_bounds import PlanErrors

@@ -12,9 +12,8 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
-from .._base.numbers import ROUNDING
 from .._base.records import Options, Probability, cached_property
-from .._base.types import Floats, Status
+from .._base.types import ROUNDING, Floats, Status
 from ..controls.bounds import proof_of
 from ..exceptions import InputError, SolverError
 from ..feedback import Loop, LoopCertificate

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.numbers import most_changing
-from .._base.types import Axes, Floats, NDArray
+from .._base.types import Axes, Floats, NDArray, most_changing
 from . import style
 from .panels import clock, extent
 

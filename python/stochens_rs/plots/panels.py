@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._base import validation
-from .._base.numbers import most_changing
-from .._base.types import Axes, Figure, Floats, NDArray, SubFigure
+from .._base.types import Axes, Figure, Floats, NDArray, SubFigure, most_changing
 from . import style
 
 if TYPE_CHECKING:

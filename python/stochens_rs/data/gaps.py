@@ -283,7 +283,7 @@ def _refuse_useless(z: Floats, names: Sequence[Any], n: int) -> None:
             if k >= n:
                 cure = (
                     "it says nothing of B: excite it, as by the rows before a step; or, for "
-                    "states, pass arrays to Trajectories, and B to identify as known_B="
+                    "states, pass arrays to Trajectories, and B to identify as known=(None, B)"
                 )
             raise InputError(f"`{name!s:.40}` is constant ({top:.6g}) in all rows: {cure}")
         twin = shapes.setdefault((np.round(column / top, 9) + 0.0).tobytes(), name)

@@ -198,15 +198,15 @@ def control(
     else:
         predicted = states(A, B, start, u)
     sure = matrix.size is None or task is not None
-    info = {entity.name: entity.description for entity in entities}
-    said = mean_warnings(system) + of_model.step_warnings(found, sure=sure)
+    info: dict[str, Any] = {entity.name: entity.description for entity in entities}
+    info["warnings"] = mean_warnings(system) + of_model.step_warnings(found, sure=sure)
     entries = zip(entities, (start, goal, A), strict=True)
     x0_known, xf_known, A_known = (known(one.name, one.value, used) for one, used in entries)
     rounding = found.state_rounding, found.control_rounding
     kept = trusted(Basis, B, x0_known, xf_known, A_known, rounding)
     ended = tuple(one.value.status for one in entities if isinstance(one.value, Fit))
     result = u, predicted, found, limited
-    return of_model.planned(kept, *result, info, said, labels, dt, how, ended)
+    return of_model.planned(kept, *result, info, labels, dt, how, ended)
 
 
 @dataclass(frozen=True)

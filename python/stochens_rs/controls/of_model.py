@@ -184,9 +184,9 @@ def _planned(
                 "in the data: the certificate holds if the plant is linear there, too",
             )
     given = {"method": "exact", "size": None}
-    info = {"x0": given, "xf": given, "A": {"method": "from data", "size": None}}
-    said = (*beyond, *model.warnings, *further)
-    return planned(basis, u, path, found, limited, info, said, model.labels, model.dt)
+    info: dict[str, Any] = {"x0": given, "xf": given, "A": {"method": "from data", "size": None}}
+    info["warnings"] = (*beyond, *model.warnings, *further)
+    return planned(basis, u, path, found, limited, info, model.labels, model.dt)
 
 
 def planned(
@@ -196,16 +196,22 @@ def planned(
     found: exact.Best,
     limited: Limited | None,
     info: dict[str, Any],
-    said: tuple[str, ...],
     labels: Labels,
     dt: float | None,
     fusion: Fusion = "product",
     statuses: tuple[Status, ...] = (),
 ) -> Plan:
-    """The plan whose `info` has an entry for each of x0, xf and A; `said` are its warnings."""
-    known = {"singular_values": found.factors.singular_values, "warnings": said}
+    """The plan whose `info` has an entry for each of x0, xf and A, and its warnings."""
     status = worst(["completed", *statuses, *([limited.status] if limited else [])])
-    about = fusion, status, {**info, **known}, basis, limited, labels, dt
+    about = (
+        fusion,
+        status,
+        {**info, "singular_values": found.factors.singular_values},
+        basis,
+        limited,
+        labels,
+        dt,
+    )
     return trusted(Plan, u, path, found.reachability(), *about)
 
 

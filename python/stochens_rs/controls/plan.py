@@ -643,10 +643,9 @@ class Plan(SavedRecord, Timed):
             names = [labels.input_axes[i] for i in some]
             given = self.u[:, some], names, low[:, some], high[:, some]
             more["inputs"] = Inputs(*given, at_rate=at_rate)
-        tube = tube if tube is None or tube.ndim == 1 else tube[:, at]
+        around = None if tube is None else (tube if tube.ndim == 1 else tube[:, at], says)
         names = [labels.state_axes[i] for i in at]
-        more |= {"dt": self.dt, "says": says, "figure": figure}
-        return draw_tube(predicted[:, at], tube, names, **more)
+        return draw_tube(predicted[:, at], around, names, dt=self.dt, figure=figure, **more)
 
     def plot_phase(
         self,

@@ -204,11 +204,10 @@ class Tube(SavedRecord):
         inputs = Inputs(self.inputs, self.labels.input_axes, -free, free)
         return draw_tube(
             self.states[:, at],
-            np.minimum(self.components, self.radii[:, None])[:, at],
+            (np.minimum(self.components, self.radii[:, None])[:, at], self._share),
             [self.labels.state_axes[i] for i in at],
             inputs=inputs,
             dt=self.dt,
-            says=self._share,
             figure=figure,
         )
 

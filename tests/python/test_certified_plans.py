@@ -130,7 +130,7 @@ def test_known_inputs_are_those_of_a_smaller_regression():
     """B known: y - B u on x; the kernel sees a region of four columns."""
     gen, Theta, z, y = case(3)
     plan = se.control(
-        model_of(z, y, known_B=Theta[:, 4:]),
+        model_of(z, y, known=(None, Theta[:, 4:])),
         *uncertain(*gen.standard_normal((2, 4)), 0.01),
         steps=4,
     )
@@ -188,7 +188,7 @@ def test_no_model_of_the_region_leaves_the_tube(kind, noise, ends):
     known, K = None, 3
     if kind == "by rows":
         known = np.where([[1, 0], [1, 1]], np.nan, Theta[:, :2])
-    model = model_of(z, y, known_A=known)
+    model = model_of(z, y, known=(known, None))
     plan = se.control(model, *uncertain(*ends), steps=K)
     found = plan.bound(noise=noise)
     wish = {} if known is not None else {"frobenius": True, "future": K if noise else 0}

@@ -38,7 +38,7 @@ def options(gen, kind, Theta):
         return {"intercept": True}
     if kind == "known entries":
         known = np.where(gen.random(Theta.shape) < 0.5, Theta, np.nan)
-        return {"known_A": known[:, :4], "known_B": known[:, 4:]}
+        return {"known": (known[:, :4], known[:, 4:])}
     if kind == "known sigma":
         return {"sigma": SIGMA, "design": "adaptive"}
     return {}

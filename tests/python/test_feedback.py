@@ -493,7 +493,7 @@ def test_nothing_holds_where_the_data_are_doubted():
 
 def test_a_row_that_is_known():
     nan = np.nan
-    model = of_runs(sigma=0.05, known_A=[[1.0, 0.1], [nan, nan]], known_B=[[0.0], [nan]])
+    model = of_runs(sigma=0.05, known=([[1.0, 0.1], [nan, nan]], [[0.0], [nan]]))
     proof = se.gain(model, 1.0, 1.0).certificate(0.05)
     assert proof.status == "certified"
     assert proof.check()

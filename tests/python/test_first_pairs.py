@@ -233,8 +233,8 @@ def test_known_entries_and_rows():
     data, A, B = runs(gen, 3, 1, 20)
     some = np.where([[1, 1, 0], [1, 1, 1], [0, 1, 1]], np.nan, A)
     for model, wish in (
-        (se.identify(data, known_A=some, noise=se.Noise(sigma=0.1)), {}),
-        (se.identify(data, known_A=some), {"method": "universal"}),
+        (se.identify(data, known=(some, None), noise=se.Noise(sigma=0.1)), {}),
+        (se.identify(data, known=(some, None)), {"method": "universal"}),
         (se.identify(data), {"components": True}),
     ):
         found = model.region(DELTA, **wish)

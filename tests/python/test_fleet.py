@@ -11,7 +11,7 @@ from scipy.optimize import linprog
 import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, ShapeError
-from stochens_rs.fleet.units import Units
+from stochens_rs.fleet.plan import Units
 from twin import populations as twin
 
 

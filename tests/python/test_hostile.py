@@ -320,8 +320,6 @@ TAKEN = {
     ("ModelStream", "state_names"): {"text array"},
     ("ModelStream", "input_names"): {"text array"},
     ("Trajectories.from_pairs", "state_names"): {"text array"},
-    ("identify", "known_A"): {"nan matrix"},
-    ("identify", "known_B"): {"nan matrix"},
     ("Key.child", "name"): {"text"},
     ("control", "limits"): {"object vector", "list of None"},
     ("ModelStream.look", "limits"): {"object vector", "list of None"},

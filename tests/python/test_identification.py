@@ -215,7 +215,7 @@ def test_an_offset_is_one_more_column():
 
 
 def test_known_columns_leave_the_full_theory_for_the_others():
-    model = fixed(known_B=[[0.0], [1.0]])
+    model = fixed(known=(None, [[0.0], [1.0]]))
     T, Theta0 = np.eye(3)[:2], np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     twin = rg.full(rg.restricted(Z, Y, T, Theta0), DELTA)
     check(model.A, twin.fitted.H, atol=1e-12)
@@ -229,7 +229,7 @@ def test_known_columns_leave_the_full_theory_for_the_others():
 def test_single_known_entries_are_fitted_row_by_row():
     free = np.array([[True, True, False], [True, True, True]])
     rows = rg.pattern(Z, Y, free, DELTA)
-    model = fixed(known_B=[[0.0], [np.nan]])
+    model = fixed(known=(None, [[0.0], [np.nan]]))
     check(theta(model), rows.H, atol=1e-12)
     region = model.region(DELTA)
     check(region.component_bounds(X0, U0), rg.pattern_bounds(rows, POINT), rtol=1e-10)
@@ -237,7 +237,7 @@ def test_single_known_entries_are_fitted_row_by_row():
     assert region.contains(model.A, model.B)
     assert not region.contains(model.A, model.B + np.array([[0.0], [1.0]]))
     assert (
-        se.identify(DATA, known_B=[[0.0], [np.nan]], noise=se.Noise(sigma=0.3))
+        se.identify(DATA, known=(None, [[0.0], [np.nan]]), noise=se.Noise(sigma=0.3))
         .region(DELTA)
         .contains(*TRUE)
     )
@@ -378,7 +378,7 @@ def test_drawn_models_have_the_covariance_of_their_law(options):
 
 def test_ensembles_that_would_mislead_are_refused():
     with pytest.raises(InputError, match="single known entries"):
-        fixed(known_B=[[0.0], [np.nan]]).draw(3)
+        fixed(known=(None, [[0.0], [np.nan]])).draw(3)
     with pytest.raises(InputError, match="needs Gaussian noise"):
         fixed(noise="bounded", sigma=1.0).draw(3)
 

@@ -116,7 +116,7 @@ def test_coverage_with_known_entries():
 
     def failed(gen, Theta, z, y):
         known = np.where(free, np.nan, Theta)
-        model = model_of(z, y, known_A=known[:, :4], known_B=known[:, 4:])
+        model = model_of(z, y, known=(known[:, :4], known[:, 4:]))
         return misses(model.region(DELTA), Theta)
 
     at_most(count(87, RUNS, failed, root=SKEWED), RUNS)
@@ -222,7 +222,7 @@ def test_a_random_walk_with_offset_breaks_the_exact_region():
         model = se.identify(
             data,
             intercept=True,
-            known_B=[[0.0]],
+            known=(None, [[0.0]]),
             checks=False,
             noise=se.Noise(design="independent"),
         )

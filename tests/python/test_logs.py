@@ -270,7 +270,7 @@ def test_without_times_the_rows_are_the_steps():
         (
             lambda c: c | {"u": np.full(40, 0.3)},
             "excite it, as by the rows before a step; or, for states, pass arrays to Trajectories, "
-            "and B to identify as known_B=",
+            "and B to identify as known=(None, B)",
         ),
         (lambda c: c | {"v": np.zeros(40)}, "`v` is constant (0) in all rows"),
         (lambda c: c | {"v": -57.29577951 * c["x"]}, "`x` and `v` are proportional in all rows"),
@@ -288,7 +288,7 @@ def test_a_constant_input_of_states_has_a_known_B():
     gen, x = np.random.default_rng(16), [np.zeros(1)]
     for _ in range(60):
         x.append(0.8 * x[-1] + 0.2 + 0.01 * gen.standard_normal(1))
-    model = se.identify(se.Trajectories(np.array(x), np.ones((60, 1))), known_B=[[0.2]])
+    model = se.identify(se.Trajectories(np.array(x), np.ones((60, 1))), known=(None, [[0.2]]))
     assert not model.warnings
     assert model.region(0.05).contains([[0.8]], [[0.2]])
 

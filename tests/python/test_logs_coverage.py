@@ -91,7 +91,7 @@ def test_rows_lost_for_what_they_read_make_the_region_miss():
     """y(k+1) = 1.2 y(k) - 0.5 y(k-1) + u(k) + w(k): the log is split where |y| > 1.5."""
     runs, N = sets(100, 40), 3000
     A, B = np.array([[1.2, -0.5], [1.0, 0.0]]), np.array([[1.0], [0.0]])
-    known = {"known_A": [[nan, nan], [1.0, 0.0]], "known_B": [[nan], [0.0]]}
+    known = {"known": ([[nan, nan], [1.0, 0.0]], [[nan], [0.0]])}
 
     def case(gen):
         y, u, w = np.zeros(N + 2), 0.3 * gen.standard_normal(N + 2), 0.5 * gen.standard_normal(N)

@@ -9,7 +9,7 @@ import pytest
 
 import stochens_rs as se
 import tail_bounds as bounds
-from stochens_rs._base.numbers import smallest_size
+from stochens_rs._base.types import smallest_size
 from stochens_rs.exceptions import InputError, SizeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import moments

@@ -79,7 +79,7 @@ def test_entry_bounds_of_known_entries_and_missing_directions():
     x, u = x[:, :2], u[:, :1]
     known = np.array([[0.9, np.nan], [np.nan, np.nan]])
     model = se.identify(
-        se.Trajectories(x, u), known_A=known, checks=False, noise=se.Noise(sigma=0.05)
+        se.Trajectories(x, u), known=(known, None), checks=False, noise=se.Noise(sigma=0.05)
     )
     bounds = model.region(0.05).entry_bounds
     assert bounds[0, 0] == 0.0

@@ -114,7 +114,7 @@ PLANS = {
     "plan of a model": lambda: se.control(model(), X0, XF, steps=3),
     "model, one step": lambda: se.control(model(covariance="diagonal"), X0, XF),
     "model, limits": lambda: se.control(model(sigma=0.01), X0, XF, steps=3, limits=(-9.0, 9.0)),
-    "model, known": lambda: se.control(model(known_B=B), X0, XF, steps=2),
+    "model, known": lambda: se.control(model(known=(None, B)), X0, XF, steps=2),
     "model, intercept": lambda: se.control(model(intercept=True), X0, XF, steps=2),
     "fused model": lambda: se.control(fused(), X0, XF, steps=2),
     "model of a stream": lambda: se.control(snapshot(), X0, XF, steps=2),
@@ -144,8 +144,8 @@ PARTS = {
     "model, adaptive": lambda: model(
         design="adaptive", intercept=True, scale=[1.0, 2.0, 3.0], sigma=0.1
     ),
-    "model, known columns": lambda: model(known_B=B, covariance="diagonal"),
-    "model, known entries": lambda: model(known_A=[[np.nan, 0.1], [np.nan, np.nan]]),
+    "model, known columns": lambda: model(known=(None, B), covariance="diagonal"),
+    "model, known entries": lambda: model(known=([[np.nan, 0.1], [np.nan, np.nan]], None)),
     "model, covariance": lambda: model(covariance=[[0.01, 0.001], [0.001, 0.02]]),
     "model, bounded": lambda: model(design="adaptive", law="bounded", sigma=1e-60),
     "model, few pairs": lambda: model(2),

@@ -53,9 +53,9 @@ DECLARED = {
     "sub-gaussian": {"noise": "sub-gaussian", "sigma": 0.1},
     "bounded": {"noise": "bounded", "sigma": 0.5},
     "intercept": {"intercept": True},
-    "known column": {"known_A": COLUMN},
-    "known entries": {"known_A": SINGLE},
-    "known entries, scalar": {"known_A": SINGLE, "covariance": "scalar"},
+    "known column": {"known": (COLUMN, None)},
+    "known entries": {"known": (SINGLE, None)},
+    "known entries, scalar": {"known": (SINGLE, None), "covariance": "scalar"},
 }
 EXACT = (
     {},

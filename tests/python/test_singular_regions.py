@@ -137,7 +137,7 @@ def test_residual_tests_of_singular_noise_have_their_level_and_never_raise():
 
 
 def test_a_declared_row_of_the_state_matrix_gives_no_warning():
-    """x[0] follows x[1] without noise, which `known_A` says."""
+    """x[0] follows x[1] without noise, which `known` says."""
     warned = 0
     for seed in range(60):
         gen = np.random.default_rng([96, seed])
@@ -147,10 +147,10 @@ def test_a_declared_row_of_the_state_matrix_gives_no_warning():
             x.append(A @ x[-1] + B @ acting + [0.0, 0.1] * gen.standard_normal(2))
         data = se.Trajectories(np.array(x), u)
         known = [[1.0, 0.1], [np.nan, np.nan]]
-        model = se.identify(data, known_A=known, known_B=[[0.0], [np.nan]])
+        model = se.identify(data, known=(known, [[0.0], [np.nan]]))
         warned += bool(model.warnings)
         assert model.region(DELTA).contains(A, B)
-        doubts = se.identify(data, known_A=known, checks=False).doubts
+        doubts = se.identify(data, known=(known, None), checks=False).doubts
         assert not any("residual" in text and "declare exact" in text for text in doubts)
         assert "x[0] has no residual" in se.identify(data, checks=False).doubts[0]
     at_most(warned, 60, 0.02)

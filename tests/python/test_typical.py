@@ -42,7 +42,7 @@ def planned(**options) -> se.Plan:
 LAWS = {
     "known": {"covariance": [[0.0125, 0.0015], [0.0015, 0.0009]]},
     "scalar": {"covariance": "scalar", "intercept": True},
-    "diagonal": {"covariance": "diagonal", "known_B": [[0.0], [1.0]]},
+    "diagonal": {"covariance": "diagonal", "known": (None, [[0.0], [1.0]])},
     "full": {},
 }
 
@@ -139,7 +139,7 @@ def test_where_no_law_is_known_it_is_refused() -> None:
         (se.control(noisy, [1.0, 0.0], [0.0, 0.0], steps=3), "beside a warning"),
         (se.control(same, [1.0, 0.0], [0.0, 0.0], steps=3), "beside a warning"),
         (planned(noise="sub-gaussian", sigma=0.1), "Gaussian noise"),
-        (planned(known_B=[[0.0], [np.nan]]), "single known entries"),
+        (planned(known=(None, [[0.0], [np.nan]])), "single known entries"),
     ):
         with pytest.raises(InputError, match=text):
             plan.typical()

@@ -332,8 +332,8 @@ def test_states_with_a_dead_time(delay, noise):
         u.append(regulator(x))
         x = A @ x + B @ ((u[k - delay] if k >= delay else 0.0) + np.array([3.0]))
     assert np.abs(x).max() < 0.05
-    with pytest.raises(InputError, match="`known_A` must be left out with `delay`"):
-        se.identify(data, known_A=A, window=se.Window(delay=1))
+    with pytest.raises(InputError, match="`known` must be left out with `delay`"):
+        se.identify(data, known=(A, None), window=se.Window(delay=1))
     with pytest.raises(InputError, match="`pilot` must be left out with `delay`"):
         se.identify(data, window=se.Window(delay=1), pilot=0.5)
 

@@ -14,10 +14,10 @@ from itertools import repeat
 from typing import Any, Literal, NoReturn, TypeAlias, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError, StochensError
 from . import types, validation
+from .types import NDArray
 
 Put: TypeAlias = Callable[[str, NDArray[Any], bool], Any]
 Get: TypeAlias = Callable[[str, dict[str, Any], "np.dtype[Any]"], NDArray[Any] | None]

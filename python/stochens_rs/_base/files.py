@@ -15,19 +15,15 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from importlib import metadata
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _core
 from ..exceptions import InputError, InputTypeError, StateError, StateRecoveredWarning
 from . import running
-from .types import Floats
+from .types import Floats, NDArray, Self
 from .validation import show
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 PathLike: TypeAlias = "str | os.PathLike[str]"
 _KINDS = {"d": "directory", "p": "pipe", "c": "device", "b": "device", "s": "socket"}

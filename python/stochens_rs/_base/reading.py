@@ -10,9 +10,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError
+from .types import NDArray
 
 # Objects of the package that are passed for an array, and the array to pass in their place.
 _ARRAYS = {

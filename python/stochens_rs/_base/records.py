@@ -32,14 +32,11 @@ from typing import (
 )
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import fields, running, show, types, validation
 from .files import Durable
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
+from .types import NDArray, Self
 
 
 def _from_zero(name: str, value: float) -> float:

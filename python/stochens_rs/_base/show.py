@@ -9,16 +9,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context, Decimal
 from html import escape
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .numbers import most_changing
-from .types import Floats
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+from .types import Floats, NDArray, most_changing
 
 Rows = Iterable[tuple[str, object]]
 

@@ -14,11 +14,11 @@ from . import fields, records, running
 from .files import versions
 from .names import Labels, default_labels
 from .reading import DIMS
+from .types import NDArray
 
 if TYPE_CHECKING:
     import pandas
     import xarray
-    from numpy.typing import NDArray
 
 
 @contextmanager

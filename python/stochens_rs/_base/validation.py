@@ -15,20 +15,18 @@ from itertools import islice, pairwise
 from typing import Any, TypeGuard, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError, SizeError
 from .reading import aligned, printable, shown_labels, shown_shape, whole
 from .reading import article as article
 from .reading import read as read
 from .reading import show as show
-from .types import Floats
+from .types import EXACT as EXACT
+from .types import Floats, NDArray
 
 T = TypeVar("T")
 W = TypeVar("W", bound=str)
 
-# Every whole number up to this one is a float64 (53 bits of mantissa).
-EXACT = 2**53
 _BOOLS = frozenset((bool, np.bool_))
 
 

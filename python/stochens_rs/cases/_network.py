@@ -10,12 +10,11 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import running, validation
 from .._base.files import checked_path
 from .._base.tables import extra
-from .._base.types import Floats
+from .._base.types import Floats, NDArray
 from ..data.table import Table
 from ..exceptions import InputError, InputTypeError, ShapeError
 

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import running, validation
 from .._base.files import checked_path, is_state, regular_file
 from .._base.tables import extra
+from .._base.types import NDArray
 from ..exceptions import InputError, ResourceError, ShapeError
 from ..system.system import System
 

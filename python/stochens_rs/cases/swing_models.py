@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .._base import running, validation
 from .._base.running import interruptible
-from .._base.types import Floats
+from .._base.types import ArrayLike, Floats
 from ..exceptions import InputError, SizeError
 from ..rng import RngLike, as_key
 from ..system.conversions import discretize

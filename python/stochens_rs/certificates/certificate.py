@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.records import Probability, Record, SavedRecord, trusted
-from .._base.types import Floats
+from .._base.types import Figure, Floats, SubFigure
 from ..exceptions import InputError, ShapeError
 from ..plots.certificates import draw_radii
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -4,25 +4,22 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import show
-from .._base.numbers import norm
 from .._base.records import NotNegative, Record, trusted
-from .._base.types import Floats
+from .._base.types import Floats, norm
 from ..exceptions import InputError, ShapeError
+from ..identification.assumptions import Assumptions
 from ..identification.identified import Identified
 from ..identification.model import Model
+from ..identification.region import Region
+from ..identification.window import Regressors
 from ..theory.exact import states
 from .certificate import Certificate, Radius, radius_at
-
-if TYPE_CHECKING:
-    from ..identification.assumptions import Assumptions
-    from ..identification.region import Region
-    from ..identification.window import Regressors
 
 
 @dataclass(frozen=True, eq=False)

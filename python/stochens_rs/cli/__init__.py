@@ -13,12 +13,22 @@ from .._base.files import versions
 from .._base.validation import nearest
 from ..exceptions import InputError, InputTypeError, StateError
 from ..studies.running import interruptions
-from ._command import EXIT_CODES, INTERNAL, INTERRUPTED, IO, OK, USAGE, Group
-from ._control import certify_command, control_command
+from ._command import (
+    EXIT_CODES,
+    INTERNAL,
+    INTERRUPTED,
+    IO,
+    OK,
+    USAGE,
+    Group,
+    drop_unwritten,
+    note,
+    occupy_standard_descriptors,
+    show,
+)
+from ._control import certify_command, control_command, export_command
 from ._doctor import doctor_command, study_command
-from ._export import export_command
 from ._identify import identify_command
-from ._output import drop_unwritten, note, occupy_standard_descriptors, show
 
 __all__ = ["main"]
 

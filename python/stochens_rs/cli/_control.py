@@ -1,33 +1,47 @@
-"""``stochens control`` and ``stochens certify``: inputs for a model, and the proof of a gain."""
+"""``stochens control``, ``certify`` and ``export``: inputs, the proof of a gain, a loop in C."""
 
 from __future__ import annotations
 
 import math
 import warnings
 from collections.abc import Sequence
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
 from .. import cases
-from .._base.files import is_state
+from .._base.files import is_state, write_text
 from .._base.names import titled
-from .._base.numbers import ROUNDING
 from .._base.reading import number
 from .._base.show import at_most, listed, percent
-from .._base.types import Floats
+from .._base.types import ROUNDING, Floats
 from .._base.validation import nearest
 from ..controls import control
 from ..data.gaps import NEAR
 from ..data.table import Table
-from ..exceptions import DataWarning, InputError, SolverError
+from ..exceptions import DataWarning, InputError, SolverError, StateError
+from ..export import check_proof
 from ..feedback import Loop
 from ..feedback import gain as gain_of
 from ..identification import Model
 from ..limits import Cost, Limits, Uncertain
-from ._command import LEVEL, Count, File, Share, command, parsed
-from ._output import Out, finite, grid, show_result
+from ..loops import ReadingLoop, Regulator
+from ._command import (
+    LEVEL,
+    Count,
+    File,
+    Out,
+    Share,
+    command,
+    finite,
+    grid,
+    note,
+    parsed,
+    show_result,
+)
 
 
 @command(x0="start", xf="goal", target="goal", radius="x0_error")
@@ -357,3 +371,50 @@ def _last_rows(path: str, model: Model, time: str | None, skip: int) -> tuple[Fl
         follows &= np.abs(np.diff(table.times(table.title(time))) / model.dt - 1.0) <= NEAR
     first = int(np.max(np.flatnonzero(~follows), initial=-1)) + 1
     return y[first:], u[first:-1]
+
+
+@command()
+def export_command(
+    source: File,
+    *,
+    out: str = "controller.h",
+    name: str = "controller",
+    Q: str = "1",
+    R: str = "1",
+    proof: str | None = None,
+    checker: str | None = None,
+    as_json: bool = False,
+) -> None:
+    """Write a controller in C.
+
+    Writes a loop as one C99 header without malloc; that of a model is the feedback u = K x of
+    least cost. A proof can be checked without this package.
+
+    Options:
+      source FILE  A loop.save(path), or a model of `identify --out`.
+      out --out FILE  The header.
+      name NAME  What its names begin with.
+      Q --Q W  For a model, the weight of the states or outputs.
+      R --R W  For a model, the weight of the inputs, one or each.
+      proof FILE.json  Write the proof of a feedback, too.
+      checker FILE.py  Write the checker of proofs, one file that needs Python alone.
+      as_json --json  Print JSON instead of text.
+    For example:
+      export model.safetensors --Q 1,10,0.1,1 --R 0.01 --out controller.h
+      export loop.safetensors --out loop.h --name cart
+      export model.safetensors --proof proof.json --checker check_proof.py
+    """
+    loop: Any = None
+    for kind in (Loop, Regulator, ReadingLoop):
+        with suppress(StateError):  # a file of another kind
+            loop = loop or kind.load(source)
+    loop = loop or feedback_for(Model.load(source), Q, R)
+    loop.to_c(out, name=name)
+    if proof is not None:
+        loop.certificate().save(proof)
+    if checker is not None:
+        write_text(checker, Path(check_proof.__file__).read_text("utf-8"))
+    facts = {"header": out, "proof": proof, "checker": checker, "loop": repr(loop)}
+    for path in filter(None, (out, proof, checker)):
+        note(f"written: {path}")
+    show_result(facts, repr(loop), as_json)

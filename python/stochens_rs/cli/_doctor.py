@@ -18,8 +18,7 @@ from ..controls import control
 from ..ensembles import sample
 from ..studies import Study
 from ..studies.tasks import fingerprint
-from ._command import INTERNAL, OK, File, command
-from ._output import note, show_result
+from ._command import INTERNAL, OK, File, command, note, show_result
 
 
 @command()

@@ -14,8 +14,19 @@ from ..data.table import Table, csv_files, natural
 from ..exceptions import DataWarning
 from ..identification import Model, Noise, Pilot, Trajectories, Window, identify
 from ..identification.region import Region
-from ._command import LEVEL, File, Share, Word, command, names_of, parsed
-from ._output import Out, finite, note, show_result
+from ._command import (
+    LEVEL,
+    File,
+    Out,
+    Share,
+    Word,
+    command,
+    finite,
+    names_of,
+    note,
+    parsed,
+    show_result,
+)
 
 
 @command(law="noise")

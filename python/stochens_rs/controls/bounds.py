@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf, sqrt
 from time import monotonic
@@ -11,9 +12,8 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
-from .._base.numbers import ROUNDING, norm
 from .._base.records import Count, FromZero, Probability, SavedRecord, trusted
-from .._base.types import QUANTITIES, Floats
+from .._base.types import QUANTITIES, ROUNDING, Floats, Fusion, norm
 from ..certificates.certificate import Certificate, Radius, radius_at
 from ..certificates.of_model import (
     Asked,
@@ -26,8 +26,9 @@ from ..certificates.of_model import (
 )
 from ..exceptions import InputError, InputTypeError, ShapeError, SizeError
 from ..feedback import Loop, LoopCertificate
+from ..identification.identified import Identified
 from ..identification.model import in_states
-from ..limits.problem import Horizon, LimitedErrors, MovedTarget
+from ..limits.problem import Horizon, Limited, LimitedErrors, MovedTarget, Task
 from ..rng import as_key
 from ..theory.drawn_bounds import (
     Bounded,
@@ -41,12 +42,7 @@ from ..theory.exact import EPS, checked_finite, matrix_powers
 from ..validation.fresh_systems import needed, rank_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from .._base.types import Fusion
     from ..fusion.provenance import Basis, Known
-    from ..identification.identified import Identified
-    from ..limits.problem import Limited, Task
 
 
 KEY = as_key(0).child("simulated bound")  # of the draws, which are the same in every call

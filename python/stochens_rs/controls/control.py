@@ -12,15 +12,15 @@ from .._base import running, validation
 from .._base.names import Labels, default_labels
 from .._base.records import trusted
 from .._base.running import get_num_threads
-from .._base.types import FUSIONS, Floats, Fusion
+from .._base.types import FUSIONS, ArrayLike, Floats, Fusion
 from ..ensembles.ensemble import Counts, Ensemble, core_of, sample
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError, SolverError
 from ..fusion.fits import Fit
-from ..fusion.fusing import fuse
+from ..fusion.fusing import Method, fuse
 from ..fusion.provenance import Basis, known
 from ..identification.identified import Identified
-from ..limits.limits import Cost, Uncertain, as_cost, as_limits
+from ..limits.limits import Cost, LimitsLike, Uncertain, as_cost, as_limits
 from ..limits.problem import OPTIMAL, Horizon, checked_task, seconds
 from ..rng import RngLike, as_key
 from ..system.system import System, mean_of
@@ -31,10 +31,6 @@ from .plan import Plan
 if TYPE_CHECKING:
     from typing import TypeGuard
 
-    from numpy.typing import ArrayLike
-
-    from ..fusion.fusing import Method
-    from ..limits.limits import LimitsLike
     from .of_model import Record
     from .set_point import Target
 
@@ -202,15 +198,15 @@ def control(
     else:
         predicted = states(A, B, start, u)
     sure = matrix.size is None or task is not None
-    info = {entity.name: entity.description for entity in entities}
-    said = mean_warnings(system) + of_model.step_warnings(found, sure=sure)
+    info: dict[str, Any] = {entity.name: entity.description for entity in entities}
+    info["warnings"] = mean_warnings(system) + of_model.step_warnings(found, sure=sure)
     entries = zip(entities, (start, goal, A), strict=True)
     x0_known, xf_known, A_known = (known(one.name, one.value, used) for one, used in entries)
     rounding = found.state_rounding, found.control_rounding
     kept = trusted(Basis, B, x0_known, xf_known, A_known, rounding)
     ended = tuple(one.value.status for one in entities if isinstance(one.value, Fit))
     result = u, predicted, found, limited
-    return of_model.planned(kept, *result, info, said, labels, dt, how, ended)
+    return of_model.planned(kept, *result, info, labels, dt, how, ended)
 
 
 @dataclass(frozen=True)

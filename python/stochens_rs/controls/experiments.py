@@ -6,20 +6,19 @@ from dataclasses import dataclass
 from functools import cache
 from html import escape
 from math import ceil, inf
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.numbers import smallest_size
 from .._base.records import Probability, Record, SavedRecord
 from .._base.tables import columns
-from .._base.types import DELTA, QUANTITIES, Floats, Fusion, Quantity
+from .._base.types import DELTA, QUANTITIES, ArrayLike, Floats, Fusion, Quantity, smallest_size
 from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, SizeError
 from ..identification.model import Model, white_of
-from ..limits.limits import as_limits
+from ..limits.limits import LimitsLike, as_limits
 from ..limits.problem import sides
 from ..rng import Key, RngLike, as_key
 from ..system.system import System
@@ -28,11 +27,6 @@ from ..theory.drawn_bounds import Bounded, not_simulated, runs_for, searched_siz
 from ..theory.exact import RELATIVE_TO, best_control, checked_ends
 from .control import fusion_over
 from .plan import Plan
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ..limits.limits import LimitsLike
 
 
 @dataclass(frozen=True)

@@ -10,27 +10,22 @@ import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels
-from .._base.numbers import ROUNDING
 from .._base.records import trusted
-from .._base.types import DELTA, Floats, Fusion, Status, worst
+from .._base.types import DELTA, ROUNDING, ArrayLike, Floats, Fusion, Status, worst
 from ..certificates.of_model import Asked, ModelBasis, trajectory
 from ..exceptions import InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
 from ..identification.identified import Identified
 from ..identification.model import Model
-from ..limits.limits import Cost, Uncertain, as_limits
-from ..limits.problem import Horizon, checked_task, read_task, seconds, sides
+from ..limits.limits import Cost, Limits, LimitsLike, Uncertain, as_limits
+from ..limits.problem import Horizon, Limited, Task, checked_task, read_task, seconds, sides
 from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
 from .set_point import output_weights, set_point, targets
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from ..fusion.provenance import Basis
-    from ..limits.limits import Limits, LimitsLike
-    from ..limits.problem import Limited, Task
 
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
@@ -189,9 +184,9 @@ def _planned(
                 "in the data: the certificate holds if the plant is linear there, too",
             )
     given = {"method": "exact", "size": None}
-    info = {"x0": given, "xf": given, "A": {"method": "from data", "size": None}}
-    said = (*beyond, *model.warnings, *further)
-    return planned(basis, u, path, found, limited, info, said, model.labels, model.dt)
+    info: dict[str, Any] = {"x0": given, "xf": given, "A": {"method": "from data", "size": None}}
+    info["warnings"] = (*beyond, *model.warnings, *further)
+    return planned(basis, u, path, found, limited, info, model.labels, model.dt)
 
 
 def planned(
@@ -201,16 +196,22 @@ def planned(
     found: exact.Best,
     limited: Limited | None,
     info: dict[str, Any],
-    said: tuple[str, ...],
     labels: Labels,
     dt: float | None,
     fusion: Fusion = "product",
     statuses: tuple[Status, ...] = (),
 ) -> Plan:
-    """The plan whose `info` has an entry for each of x0, xf and A; `said` are its warnings."""
-    known = {"singular_values": found.factors.singular_values, "warnings": said}
+    """The plan whose `info` has an entry for each of x0, xf and A, and its warnings."""
     status = worst(["completed", *statuses, *([limited.status] if limited else [])])
-    about = fusion, status, {**info, **known}, basis, limited, labels, dt
+    about = (
+        fusion,
+        status,
+        {**info, "singular_values": found.factors.singular_values},
+        basis,
+        limited,
+        labels,
+        dt,
+    )
     return trusted(Plan, u, path, found.reachability(), *about)
 
 

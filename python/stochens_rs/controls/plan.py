@@ -4,18 +4,31 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels, default_labels, two_states
-from .._base.numbers import norm
 from .._base.records import Positive, SavedRecord, require_shapes
 from .._base.running import get_num_threads
 from .._base.tables import Timed
-from .._base.types import DELTA, QUANTITIES, Floats, Fusion, Quantity, Scheme, Status
+from .._base.types import (
+    DELTA,
+    QUANTITIES,
+    ArrayLike,
+    Axes,
+    Figure,
+    Floats,
+    Fusion,
+    Places,
+    Quantity,
+    Scheme,
+    Status,
+    SubFigure,
+    norm,
+)
 from ..certificates.certificate import Certificate
 from ..certificates.of_model import ModelBasis
 from ..exceptions import InputError, ShapeError
@@ -25,7 +38,7 @@ from ..identification.model import Model, estimate_law
 from ..limits.problem import Horizon, Limited
 from ..plots.lines import draw_phase
 from ..plots.panels import Inputs, draw_tube
-from ..rng import as_key
+from ..rng import RngLike, as_key
 from ..system.system import System, in_order
 from ..theory import moments
 from ..theory.exact import (
@@ -40,14 +53,6 @@ from ..theory.exact import (
 from ..validation.fresh_systems import Validation
 from ..validation.held_out import Predicted, Runs, validated
 from .bounds import Typical, limited_bound, model_bound, plan_bound, ranked
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import ArrayLike
-
-    from .._base.types import Places
-    from ..rng import RngLike
 
 _NOT_FOR = {
     True: "for a model from data, whose region needs no exact values: use Plan.error to compare",
@@ -638,10 +643,9 @@ class Plan(SavedRecord, Timed):
             names = [labels.input_axes[i] for i in some]
             given = self.u[:, some], names, low[:, some], high[:, some]
             more["inputs"] = Inputs(*given, at_rate=at_rate)
-        tube = tube if tube is None or tube.ndim == 1 else tube[:, at]
+        around = None if tube is None else (tube if tube.ndim == 1 else tube[:, at], says)
         names = [labels.state_axes[i] for i in at]
-        more |= {"dt": self.dt, "says": says, "figure": figure}
-        return draw_tube(predicted[:, at], tube, names, **more)
+        return draw_tube(predicted[:, at], around, names, dt=self.dt, figure=figure, **more)
 
     def plot_phase(
         self,

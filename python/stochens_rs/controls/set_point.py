@@ -7,12 +7,11 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels, titled, weight
-from .._base.types import DELTA, Floats
+from .._base.types import DELTA, ArrayLike, Floats
 from ..exceptions import DataWarning, InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.tube import Rest
 

@@ -14,10 +14,9 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import running, validation
-from .._base.types import Floats
+from .._base.types import Floats, NDArray
 from ..exceptions import DataWarning, InputError
 from .table import LATEST, Run
 
@@ -284,7 +283,7 @@ def _refuse_useless(z: Floats, names: Sequence[Any], n: int) -> None:
             if k >= n:
                 cure = (
                     "it says nothing of B: excite it, as by the rows before a step; or, for "
-                    "states, pass arrays to Trajectories, and B to identify as known_B="
+                    "states, pass arrays to Trajectories, and B to identify as known=(None, B)"
                 )
             raise InputError(f"`{name!s:.40}` is constant ({top:.6g}) in all rows: {cure}")
         twin = shapes.setdefault((np.round(column / top, 9) + 0.0).tobytes(), name)

@@ -14,14 +14,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _core
 from .._base import running, validation
 from .._base.files import PathLike, checked_path, regular_file
 from .._base.names import titled
 from .._base.reading import printable
-from .._base.types import Floats
+from .._base.types import Floats, NDArray
 from ..exceptions import InputError, InputTypeError, ShapeError
 
 _PARSED = 30  # bytes of memory for one of a file: an empty cell is one, and has its place

@@ -7,24 +7,19 @@ rows (x, u, x_next) of one array, with the number of pairs of each run.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, overload
+from typing import Any, overload
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
-from .._base import numbers, running, show, validation
+from .._base import running, show, validation
 from .._base.names import Labels, checked_names, order_of
 from .._base.records import SavedRecord
-from .._base.types import Floats, Places
+from .._base.types import ArrayLike, Figure, Floats, NDArray, Places, Self, SubFigure, shared
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
 from .gaps import OnGap, Pieces, pairs_of, warn_of_ends
 from .table import Columns, Table, csv_files, read_runs
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
-    from typing_extensions import Self
 
 
 def _rebuild(
@@ -721,7 +716,7 @@ def shared_rows(a: Trajectories, b: Trajectories) -> int:
         return 0
     x, u, x_next = b.pairs()
     mine = np.hstack([order.of_states(x), order.of_inputs(u), order.of_states(x_next)])
-    return numbers.shared(a.rows, mine)
+    return shared(a.rows, mine)
 
 
 def _several(name: str, value: Any) -> list[tuple[str, Any]]:

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from .._base import running, validation
 from .._base.records import Count, Dense, Record, SavedRecord, trusted
 from .._base.running import get_num_threads
-from .._base.types import AXES, CENTRES, SCHEMES, Axis, Centre, Floats, Scheme
+from .._base.types import AXES, CENTRES, SCHEMES, ArrayLike, Axis, Centre, Floats, NDArray, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key, RngLike, as_key
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from .._base.names import Labels, weight
 from .._base.reading import read
 from .._base.records import Index, SavedRecord, cached_property, require_shapes, trusted
 from .._base.running import get_num_threads
+from .._base.types import ArrayLike, Floats
 from ..exceptions import InputError, NonFiniteError
 from ..identification.changes import Predictor
 from ..identification.identified import Identified
@@ -24,13 +26,6 @@ from ..identification.region import Region
 from .margins import Margins, Rounding
 from .tube import Rest, Tube
 from .watch import LAWS, LawOfWatch, Watch
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike
-
-    from .._base.types import Floats
 
 LoopStatus: TypeAlias = Literal["certified", "refuted", "not provable", "undetermined", "undecided"]
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from .. import _core
 from .._base import show, validation
 from .._base.names import Labels, titled, weight
 from .._base.records import SavedRecord, trusted
+from .._base.types import ArrayLike, Floats, NDArray
 from ..exceptions import InputError, NonFiniteError, SolverError
 from ..export.header import believed, evidence, write
 from ..identification.changes import source_of
@@ -19,14 +21,6 @@ from ..identification.model import Model, in_states
 from ..identification.region import Region
 from ..system.system import System
 from .certificate import LoopCertificate, judged, more_logs, sentence, unmoved
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from .._base.types import Floats
-
 
 GainMethod: TypeAlias = Literal["least squares", "guaranteed cost", "widest margin"]
 

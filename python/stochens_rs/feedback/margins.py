@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
 from .._base import show
 from .._base.names import Labels
 from .._base.records import Probability, SavedRecord
-from .._base.types import Floats
-from ..plots.margins import draw_margins
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
+from .._base.types import Figure, Floats, SubFigure
+from ..plots.certificates import draw_margins
 
 _EACH, _WHOLE = 4, 6  # margins of each input, and of the loop
 

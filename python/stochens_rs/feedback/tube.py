@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import Probability, SavedRecord
-from .._base.types import Floats
+from .._base.types import Figure, Floats, SubFigure
 from ..plots.panels import Inputs, draw_tube
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.figure import Figure, SubFigure
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -208,11 +204,10 @@ class Tube(SavedRecord):
         inputs = Inputs(self.inputs, self.labels.input_axes, -free, free)
         return draw_tube(
             self.states[:, at],
-            np.minimum(self.components, self.radii[:, None])[:, at],
+            (np.minimum(self.components, self.radii[:, None])[:, at], self._share),
             [self.labels.state_axes[i] for i in at],
             inputs=inputs,
             dt=self.dt,
-            says=self._share,
             figure=figure,
         )
 

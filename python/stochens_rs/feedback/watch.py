@@ -4,21 +4,17 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.files import Durable
 from .._base.records import SavedRecord
+from .._base.types import ArrayLike, Axes, Self
 from ..exceptions import InputError
 from ..identification.changes import Changes, Predictor
 from ..plots.lines import draw_evidence
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike
-    from typing_extensions import Self
 
 WatchStatus: TypeAlias = Literal["quiet", "alarm", "blind", "skipping"]
 LawOfWatch: TypeAlias = Literal["variance", "gaussian", "symmetric", "bounded"]

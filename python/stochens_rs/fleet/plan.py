@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
 
@@ -9,28 +10,24 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.names import default_labels, weight
-from .._base.numbers import ROUNDING
-from .._base.records import Probability, SavedRecord, require_shapes
+from .._base.names import Labels, default_labels, weight
+from .._base.records import Probability, Record, SavedRecord, require_shapes
 from .._base.running import get_num_threads
 from .._base.tables import Timed
-from .._base.types import Floats, Status
+from .._base.types import ROUNDING, ArrayLike, Axes, Floats, NDArray, Status, shared
+from ..ensembles import SystemEnsemble
 from ..ensembles.systems import systems_in_order
 from ..exceptions import InputError, ShapeError
-from ..limits.limits import as_cost, as_limits
-from ..limits.problem import read_task
+from ..fusion.fused_model import ensemble_of
+from ..identification.identified import Identified
+from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
+from ..limits.problem import Task, read_task
 from ..plots.lines import draw_misses
 from ..theory import scenario
 from ..validation.fresh_systems import needed, rank_of
-from .units import Systems, Units, read_systems
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
-
-    from .._base.names import Labels
-    from ..limits.limits import Cost, LimitsLike
-
+    from ..system.system import System
 
 Risk: TypeAlias = Literal["mean", "worst"]
 Method: TypeAlias = Literal["compression", "a priori", "discarding", "hold-out"]
@@ -613,3 +610,78 @@ def control_fleet(
     left = tuple(support), tuple(removed)
     numbers = *units.misses(u), value, lower_bound, status
     return FleetPlan(u, risk, *numbers, *left, units, R, widest, out, missing)
+
+
+Systems: TypeAlias = "SystemEnsemble | Sequence[System | Identified | Any]"
+
+
+@dataclass(frozen=True, eq=False)
+class Units(Record):
+    """Units ``x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s``, and where they shall go.
+
+    Attributes
+    ----------
+    systems : SystemEnsemble
+        The units.
+    x0 : ndarray, shape (N, n) or (1, n)
+        Where they begin; one row: all at the same place.
+    task : Task
+        What is wanted of all, and the limits.
+    """
+
+    systems: SystemEnsemble
+    x0: Floats
+    task: Task
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        N, n, task = self.systems.size, self.systems.n, self.task
+        if validation.kept("x0", self.x0, ndim=(2,)).shape not in ((1, n), (N, n)):
+            raise ShapeError(f"`x0` must have shape ({n},) or ({N}, {n}), got {self.x0.shape}")
+        require_shapes(task, low=(task.steps, self.systems.m), reference=(task.steps, n))
+
+    @property
+    def size(self) -> int:
+        """The number of units N."""
+        return self.systems.size
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, Floats | None, Floats]:
+        """What the core takes."""
+        s = self.systems
+        return s.A, s.B, s.c, self.x0
+
+    def rows(self) -> Floats:
+        """All numbers of each unit, with where it begins, in one row."""
+        s, N = self.systems, self.size
+        c = np.zeros((N, s.n)) if s.c is None else s.c
+        x0 = np.broadcast_to(self.x0, (N, s.n))
+        return np.hstack([s.A.reshape(N, -1), s.B.reshape(N, -1), c, x0])
+
+    def of_design(self, design: Units) -> int:
+        """How many of these units are among those of the design, but for rounding.
+
+        Of a law that draws equal units, fresh ones may be equal to some of the design; there only
+        the design as a whole is refused.
+        """
+        mine, theirs = self.rows(), design.rows()
+        if len(np.unique(theirs, axis=0)) == design.size:
+            return shared(theirs, mine)
+        return self.size if sorted(mine.tolist()) == sorted(theirs.tolist()) else 0
+
+    def misses(self, u: Floats) -> tuple[Floats, Floats]:
+        """The miss of every unit (N,), and by how much it leaves limits of states, else 0."""
+        return _core.fleet_misses(self.arrays, self.task, u, get_num_threads())
+
+
+def read_systems(systems: Systems) -> SystemEnsemble:
+    """Units as one record; models that are no units are refused."""
+    if not isinstance(systems, SystemEnsemble):
+        return ensemble_of("systems", validation.items("systems", systems))
+    if systems.centre == "estimate":
+        raise InputError(
+            "`systems` scatter about an estimate, as drawn models of one plant do: they are no "
+            "units of a fleet, and no risk of that plant follows; use control(model, ...), or "
+            "SystemEnsemble(A, B) if these are units"
+        )
+    return systems

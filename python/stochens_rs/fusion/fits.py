@@ -6,23 +6,18 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from math import isfinite, sqrt
 from time import monotonic
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import running, validation
-from .._base.numbers import ROUNDING, norm
 from .._base.records import Count, Dense, Line, Options, Positive, SavedRecord, require_shapes
 from .._base.running import get_num_threads
-from .._base.types import Floats, Status, worst
+from .._base.types import ROUNDING, Floats, NDArray, Status, norm, worst
 from ..ensembles.ensemble import Ensemble, blocks_of, core_of, from_core, lines_of
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..theory.exact import EPS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
 
 _BLOCK = 1 << 20  # entries of dense realizations at a time
 

@@ -19,9 +19,8 @@ import numpy as np
 from .. import _core
 from .._base import show, validation
 from .._base.names import order_of
-from .._base.numbers import ROUNDING
 from .._base.records import SavedRecord, cached_property
-from .._base.types import Floats, Status
+from .._base.types import ROUNDING, Floats, Status
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified

@@ -5,17 +5,18 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args, overload
+from typing import Any, Literal, TypeAlias, get_args, overload
 
 import numpy as np
 
 from .. import _core
-from .._base import numbers, running, show, validation
-from .._base.types import Floats, Status
+from .._base import running, show, validation
+from .._base.types import ArrayLike, Floats, Status, norm
 from ..data.trajectories import Trajectories, shared_rows
 from ..ensembles.ensemble import Ensemble, core_of, from_core, lines_of
 from ..ensembles.systems import SystemEnsemble, systems_in_order
 from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
+from ..identification.assumptions import Noise
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model, require_states
@@ -29,11 +30,6 @@ from .fused_model import (
     require_fit,
     stacked,
 )
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ..identification.assumptions import Noise
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
 
@@ -218,7 +214,7 @@ def fuse(
         return _weighted(given, goal, weights, variances)
     if goal is None or name == "uniform":
         estimate = given.mean()
-        error = None if goal is None else numbers.norm(estimate - goal)
+        error = None if goal is None else norm(estimate - goal)
         w = np.full(given.size, 1.0 / given.size)
     elif options is not None:
         return solve(given, goal, options)
@@ -393,7 +389,7 @@ def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variance
         largest = float(spread.max())
         info["rms"] = float(np.sqrt(np.sum(chosen**2 * (spread / largest)))) * largest**0.5
     estimate = ensemble.combine(chosen)
-    error = None if goal is None else numbers.norm(estimate - goal)
+    error = None if goal is None else norm(estimate - goal)
     return fit_of(ensemble, goal, method, chosen, estimate, error, info=info)
 
 

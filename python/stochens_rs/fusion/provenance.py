@@ -9,26 +9,20 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 
 from .._base import validation
+from .._base.names import Labels
 from .._base.records import Count, Dense, Record, require_shapes, trusted
-from .._base.types import Floats
+from .._base.types import ArrayLike, Axis, Floats
 from ..certificates.of_model import ModelBasis
 from ..ensembles.ensemble import Counts, Ensemble
 from ..exceptions import InputError, ShapeError
 from ..rng import Key
 from ..system.system import System, in_order
 from .fits import Fit
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from .._base.names import Labels
-    from .._base.types import Axis
-
 
 Kind: TypeAlias = Literal["exact", "iid", "systematic", "fitted", "unknown", "estimate"]
 

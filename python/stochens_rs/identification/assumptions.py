@@ -72,7 +72,7 @@ class Noise(Options):
         the other states, as where one force disturbs position and velocity, or for the states of a
         Kalman filter in its steady state. Not for columns that were computed from others, as
         velocities by finite differences: they are no states. Rows of which the whole state matrix
-        is in `known_A` count as declared.
+        is in `known` count as declared.
     design : {"adaptive", "independent"}, default "adaptive"
         "adaptive": inputs and states may depend on earlier noise, as in every run of more than one
         step. "independent": all states and inputs of the pairs are independent of all noise in

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -16,15 +16,10 @@ from .. import _core
 from .._base import show, validation
 from .._base.records import Count, Record, trusted
 from .._base.running import get_num_threads
+from .._base.types import Floats, NDArray
 from ..exceptions import InputError
 from ..rng import Key, as_key
-from .assumptions import FAULTS
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from .._base.types import Floats
-    from .assumptions import Assumptions
+from .assumptions import FAULTS, Assumptions
 
 
 def tested_rows(assumed: Assumptions, known: Floats | None, n: int) -> list[int]:

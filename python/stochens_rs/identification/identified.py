@@ -5,18 +5,17 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, Literal
 
+from .. import _core
 from .._base import show
 from .._base.names import Labels
 from .._base.records import Record, cached_property, trusted
 from .._base.tables import columns
-from .._base.types import DELTA
+from .._base.types import DELTA, Floats
 from ..exceptions import StochensError
 from ..system.system import System
 from .checks import missing_directions
 
 if TYPE_CHECKING:
-    from .. import _core
-    from .._base.types import Floats
     from .region import Region
     from .window import Regressors
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import trusted
 from .._base.running import get_num_threads
+from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, moved, pooled
-from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
+from ..exceptions import DataWarning, InputError, NonFiniteError, ShapeError
 from .assumptions import (
     ANY,
     Noise,
@@ -34,9 +35,6 @@ from .pilot import made
 from .window import Regressors, complete, of_states, rows_of, spread
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from .._base.types import Floats
     from ..system.system import System
     from .identified import Identified
 
@@ -123,8 +121,7 @@ def identify(
     window: Window | None = None,
     pilot: Pilot | float | Identified | System | tuple[ArrayLike, ArrayLike] | None = None,
     intercept: bool = False,
-    known_A: ArrayLike | None = None,
-    known_B: ArrayLike | None = None,
+    known: tuple[ArrayLike | None, ArrayLike | None] | None = None,
     scale: ArrayLike | None = None,
     misfit: Misfit | None = None,
     checks: bool = True,
@@ -150,8 +147,9 @@ def identify(
         runs, a model or a system is its `source`.
     intercept : bool, default False
         Whether there is an offset c. Do not centre the data by hand instead.
-    known_A, known_B : array_like, shapes (n, n), (n, m), optional
-        Entries that are known beforehand; nan where an entry is to be estimated.
+    known : (A, B), array_likes of shapes (n, n) and (n, m), optional
+        Entries that are known beforehand; nan where an entry is to be estimated, None for a matrix
+        of which none is known.
     scale : float or array_like, shape (n + m,), optional
         The size of states and inputs that is expected before the data, in their units. Regions for
         any design hold for any scale. Left out, it is that of the first eighth of the pairs, which
@@ -232,7 +230,7 @@ def identify(
     assumed = checked_assumptions(n, law, names, guided is not None, asked.tail, accept)
     offset = validation.flag("intercept", intercept)
     past, first = chosen_window(runs, asked, offset)
-    for name, one in (("known_A", known_A), ("known_B", known_B), ("pilot", guided)):
+    for name, one in (("known", known), ("pilot", guided)):
         if past is not None and one is not None:
             raise InputError(
                 f"`{name}` must be left out for outputs: it is about states, and errors of reading "
@@ -242,28 +240,28 @@ def identify(
                 "the past, and with a dead time inputs are under way"
             )
     regressors = past or of_states(runs, offset)
-    known = _known(n, runs.m, offset, known_A, known_B)
+    entries = known_entries(n, runs.m, offset, known)
     sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
     if past is not None:
         sizes, first = sized(runs, past, sizes, first)
     refuse(assumed, n, runs.single)
     if misfit is not None:
-        require_fit(misfit, runs, assumed, sizes, (past, guided, known))
+        require_fit(misfit, runs, assumed, sizes, (past, guided, entries))
     guide = None
     if guided is not None:
-        guide, runs = made(runs, assumed, known is not None, guided, offset)
+        guide, runs = made(runs, assumed, entries is not None, guided, offset)
     rows = rows_of(regressors, runs, first)[1]
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(rows, rows)):
             raise NonFiniteError("the squares of the data overflow: scale the data down")
     tested = None
     if validation.flag("checks", checks) and not too_many(len(rows), n):
-        exact = tested_rows(assumed, known, n)
+        exact = tested_rows(assumed, entries, n)
         tested = checked_residuals(rows, assumed, exact, d=regressors.length)
     triangle = _core.triangle(rows, get_num_threads())
     if not np.isfinite(triangle).all():
         raise NonFiniteError("the products of the data overflow: scale them down")
-    found = runs, triangle, assumed, sizes, offset, known, tested, guide, past, first, misfit
+    found = runs, triangle, assumed, sizes, offset, entries, tested, guide, past, first, misfit
     model = trusted(Model, *found)
     if model.warnings:
         text, more = model.warnings[0], len(model.warnings) - 1
@@ -283,22 +281,21 @@ def below(runs: Trajectories, misfit: Misfit) -> Trajectories:
     return Trajectories.from_pairs(x[kept], u[kept], x_next[kept], dt=runs.dt, **how)
 
 
-def _known(n: int, m: int, offset: bool, A: ArrayLike | None, B: ArrayLike | None) -> Floats | None:
+def known_entries(n: int, m: int, offset: bool, given: Any) -> Floats | None:
     """The known entries of [A B c], nan where an entry is to be estimated; None if none is."""
     known = np.full((n, n + m + offset), np.nan)
-    for name, value, start, width in (("known_A", A, 0, n), ("known_B", B, n, m)):
-        if value is None:
-            continue
-        given = validation.read(name, value)
-        if given.dtype.kind not in "iuf":
-            raise InputTypeError(
-                f"`{name}` must contain real numbers, got {validation.show(value)}"
-            )
-        if given.shape != (n, width):
-            raise ShapeError(f"`{name}` must have shape ({n}, {width}), got {given.shape}")
-        known[:, start : start + width] = given
-        require_known(name, known)
+    pair = (None, None) if given is None else validation.items("known", given)
+    if len(pair) != 2:
+        raise ShapeError(f"`known` must be (A, B), each with nan or None, got {len(pair)} items")
+    for k, (value, columns) in enumerate(zip(pair, (slice(n), slice(n, n + m)), strict=True)):
+        if value is not None:
+            name, wanted = f"known[{k}]", known[:, columns].shape
+            entries = validation.array(name, value, ndim=(2,), finite=False)
+            if entries.shape != wanted:
+                raise ShapeError(f"`{name}` must have shape {wanted}, got {entries.shape}")
+            known[:, columns] = entries
+            require_known(name, known)
     free = np.isnan(known)
     if not free.any():
-        raise InputError("`known_A` and `known_B` leave nothing to estimate")
+        raise InputError("`known` must leave an entry to be estimated, got numbers alone")
     return None if free.all() else known

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -12,11 +11,8 @@ from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import FromZero, NotNegative, Options, Positive
-from .._base.types import Floats
+from .._base.types import ArrayLike, Floats
 from ..exceptions import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from .._base import running, show, validation
 from .._base.names import Labels
 from .._base.records import SavedRecord, cached_property
 from .._base.running import get_num_threads
+from .._base.types import ArrayLike, Figure, Floats, SubFigure
 from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
@@ -38,12 +39,6 @@ from .region import METHODS, Method, Region, Wish, entered, of_core, region_of, 
 from .region import directions as spanned_by
 from .region import refuse as refuse_region
 from .window import Loop, Regressors, assumed, of_states, rows_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import ArrayLike
-
-    from .._base.types import Floats
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TypeAlias, get_args
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import _core
 from .._base import fields, show, validation
@@ -21,16 +20,11 @@ from .._base.records import (
     trusted,
 )
 from .._base.running import get_num_threads
-from .._base.types import Floats
+from .._base.types import ArrayLike, Axes, Floats, NDArray
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..plots.certificates import draw_region
 from .assumptions import Assumptions
 from .misfit import Misfit
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike
-
 
 fields.enter(
     _core.RegionPart,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,13 +11,9 @@ from .. import _core
 from .._base import running, show, validation
 from .._base.names import Labels, order_of
 from .._base.records import Count, Index, Record, cached_property, trusted
+from .._base.types import ArrayLike, Floats, NDArray
 from ..data import Trajectories
 from ..exceptions import InputError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
-
-    from .._base.types import Floats
 
 
 class Stretch(NamedTuple):

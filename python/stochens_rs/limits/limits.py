@@ -4,19 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from .._base import validation
 from .._base.reading import aligned, labels_along, shown_labels
 from .._base.records import NotNegative, Record, SavedRecord
-from .._base.types import Floats
+from .._base.types import Floats, NDArray, Self
 from ..exceptions import InputError, InputTypeError, NonFiniteError
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-    from typing_extensions import Self
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import isnan
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from .. import _core
 from .._base import running, validation
 from .._base.names import Labels, default_labels, titled, weight
-from .._base.numbers import ROUNDING
 from .._base.reading import shown_labels
 from .._base.records import Record, require_shapes, trusted
 from .._base.running import get_num_threads
-from .._base.types import Floats, Status
+from .._base.types import ROUNDING, Floats, NDArray, Status
 from ..exceptions import InputError, NonFiniteError, ShapeError
+from ..rng import Key
+from ..theory.drawn_bounds import PlanErrors
 from ..theory.exact import matrix_powers
 from .limits import Cost, Entries, Limits, Named, as_cost, as_limits
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from numpy.typing import NDArray
-
-    from ..rng import Key
-    from ..theory.drawn_bounds import PlanErrors
-
 
 SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of Q
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
@@ -11,9 +12,8 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
-from .._base.numbers import ROUNDING
 from .._base.records import Options, Probability, cached_property
-from .._base.types import Floats, Status
+from .._base.types import ROUNDING, Floats, Status
 from ..controls.bounds import proof_of
 from ..exceptions import InputError, SolverError
 from ..feedback import Loop, LoopCertificate
@@ -21,8 +21,6 @@ from ..feedback.certificate import noise_bound
 from ..identification.identified import Identified
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from ..limits.problem import Task
     from ..system.system import System
 

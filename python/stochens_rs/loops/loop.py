@@ -5,21 +5,17 @@ from __future__ import annotations
 import copy
 import threading
 from collections import deque
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from .._base import validation
 from .._base.files import Durable
 from .._base.records import SavedRecord
-from .._base.types import Floats
+from .._base.types import Floats, Self
 from ..exceptions import InputError
 from ..feedback import Watch
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from typing_extensions import Self
 
 LOGGED = 1000  # calls that the log keeps
 CORE = ("_point", "_solver", "_window", "kept")  # made anew in a copy, from what `_saved` says

@@ -5,37 +5,29 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
-from .._base.types import DELTA, Floats, Status
-from ..controls.of_model import Start, cost_of_outputs, plan_from, start_of, task_of
-from ..controls.set_point import nearest_point, output_weights, rest_at, set_point, targets
+from .._base.types import DELTA, ArrayLike, Floats, Status
+from ..controls.of_model import Record, Start, cost_of_outputs, plan_from, start_of, task_of
+from ..controls.plan import Plan
+from ..controls.set_point import Target, nearest_point, output_weights, rest_at, set_point, targets
 from ..exceptions import InputError, NonFiniteError, StochensError
 from ..export.header import BEYOND, LARGEST, evidence, write
 from ..feedback import Loop, LoopCertificate, Watched
 from ..feedback.certificate import judged, sentence
+from ..feedback.tube import Rest, Tube
 from ..identification.changes import source_of
 from ..identification.model import Model, asked_region
 from ..identification.region import Wish
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
-from ..limits.problem import loop_of, read_task
+from ..limits.problem import Task, loop_of, read_task
 from .loop import ControlLoop
 from .regulator import condensed
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ..controls.of_model import Record
-    from ..controls.plan import Plan
-    from ..controls.set_point import Target
-    from ..feedback.tube import Rest, Tube
-    from ..limits.problem import Task
-
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
 FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected

@@ -8,21 +8,19 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 
 from .._base import validation
+from .._base.types import ArrayLike
 from ..exceptions import InputError
 from ..feedback import Loop
+from ..identification.identified import Identified
 from ..identification.model import Model
-from ..limits.limits import Cost, as_cost
+from ..limits.limits import Cost, LimitsLike, as_cost
 from ..limits.problem import checked_task
 from .keep import Keep, kept_of
 from .readings import ReadingLoop
 from .regulator import Regulator, checked_model
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
     from ..controls.set_point import Target
-    from ..identification.identified import Identified
-    from ..limits.limits import LimitsLike
     from ..system.system import System
 
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.names import order_of
-from .._base.types import DELTA, Floats, Status
+from .._base.types import DELTA, ArrayLike, Figure, Floats, Status, SubFigure
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
 from ..export.header import believed, evidence, write
@@ -25,12 +25,6 @@ from ..validation.fresh_systems import Validation
 from ..validation.held_out import PredictedLoop, Runs, validated_loop
 from .keep import Found, Kept
 from .loop import ControlLoop
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import ArrayLike
-
-    from ..limits.problem import Task
 
 
 @dataclass(frozen=True, eq=False)

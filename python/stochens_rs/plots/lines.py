@@ -7,16 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .._base.numbers import most_changing
-from .._base.types import Floats
+from .._base.types import Axes, Floats, NDArray, most_changing
 from . import style
 from .panels import clock, extent
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
-    from numpy.typing import NDArray
 
 
 MOST = 6  # lines that are labelled at their ends; more need a legend

@@ -8,15 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from .._base import validation
-from .._base.numbers import most_changing
-from .._base.types import Floats
+from .._base.types import Axes, Figure, Floats, NDArray, SubFigure, most_changing
 from . import style
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-    from numpy.typing import NDArray
 
 
 PANELS = 12  # most states, and most inputs, that are drawn
@@ -174,7 +170,7 @@ RUNS = 20  # most runs that are drawn one by one
 
 def draw_tube(
     predicted: Floats,
-    tube: Floats | None,
+    tube: tuple[Floats, str] | None,
     names: Sequence[str],
     *,
     measured: Floats | None = None,
@@ -183,14 +179,13 @@ def draw_tube(
     limits: tuple[Floats, Floats] | None = None,
     inputs: Inputs | None = None,
     dt: float | None = None,
-    says: str = "",
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
     """Draw each state of `predicted` (K + 1, n) in its panel over time, and then each input.
 
     Of many those that change most.
 
-    With the `tube` (K + 1,) or (K + 1, n) around it, of which the legend `says` what it is; with
+    With the `tube`, radii (K + 1,) or (K + 1, n) around it and what the legend says of them; with
     what was `measured` (K + 1, n), or several of them (R, K + 1, n), many as a band, the `target`
     (n,) at the end, a `reference` (K, n) and `limits` (K, n) of x(1) .. x(K). A tube (K + 1,)
     bounds the distance in the 2-norm, hence each state.
@@ -209,7 +204,8 @@ def draw_tube(
             sides = limits[0][:, i], limits[1][:, i]
             floor, top = draw_limits(ax, times[1:], sides, (floor, top, reach))
         if tube is not None:  # a wider one leaves the panel
-            radius = np.minimum(tube if tube.ndim == 1 else tube[:, i], 10.0 * reach)
+            radii, says = tube
+            radius = np.minimum(radii if radii.ndim == 1 else radii[:, i], 10.0 * reach)
             low, high = predicted[:, i] - radius, predicted[:, i] + radius
             floor, top = max(floor - reach, low.min()), min(top + reach, high.max())
             style.add_band(ax, times, low, high, look.color(0), label=says)

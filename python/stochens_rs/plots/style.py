@@ -13,17 +13,13 @@ import os
 import sys
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from .._base import validation
 from .._base.running import in_ipython
 from .._base.tables import extra
+from .._base.types import Axes, Figure, SubFigure
 from ..exceptions import InputError, InputTypeError
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure, SubFigure
-
 
 # The palette of Okabe and Ito (2008), distinct for all colour vision.
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#E69F00", "#56B4E9", "#CC79A7", "#222222")

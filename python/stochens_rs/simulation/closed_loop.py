@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import KW_ONLY, dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from .._base import running, show, validation
 from .._base.names import order_of
 from .._base.records import SavedRecord
 from .._base.tables import Tabled
-from .._base.types import Floats, Status, worst
+from .._base.types import ArrayLike, Axes, Floats, Status, worst
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..feedback import Loop
 from ..fusion.fusing import METHODS, Method
@@ -24,12 +25,6 @@ from ..rng import Key, RngLike, as_key
 from ..system.system import System
 from ..theory.exact import REACHABLE, factors
 from .trajectory import columns
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike
 
 # states (R, K + 1, n), inputs (R, K, m), how the computations ended, and what made them
 Driven: TypeAlias = tuple[Floats, Floats, Status, dict[str, Any]]

@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
@@ -17,21 +17,13 @@ from .._base.names import Labels, default_labels, two_states
 from .._base.reading import aligned
 from .._base.records import Count, Positive, SavedRecord
 from .._base.tables import Timed
-from .._base.types import AVERAGINGS, Averaging, Centre, Floats
+from .._base.types import AVERAGINGS, ArrayLike, Averaging, Axes, Centre, Floats
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..plots.lines import draw_phase, draw_states
-from ..rng import RngLike, as_key
+from ..rng import Key, RngLike, as_key
 from ..system.system import System
 from ..theory.exact import checked_motion
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike
-
-    from ..rng import Key
 
 
 class _OverTime(SavedRecord, Timed, listed=False):

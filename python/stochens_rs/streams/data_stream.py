@@ -13,20 +13,16 @@ from .._base import running, show, validation
 from .._base.files import Durable
 from .._base.records import trusted
 from .._base.running import interruptible
-from .._base.types import DELTA, Floats
+from .._base.types import DELTA, ArrayLike, Floats
 from ..certificates.certificate import Certificate, radius_at
 from ..controls.bounds import Typical, ranked
 from ..ensembles.ensemble import Ensemble, blocks_of
 from ..exceptions import InputError, InputTypeError, ShapeError
-from ..rng import as_key
+from ..rng import RngLike, as_key
 from ..theory.exact import EPS
 from .stream import ENTITIES
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from ..rng import RngLike
-
     FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
 
 T = TypeVar("T")

@@ -13,16 +13,13 @@ from .. import _core
 from .._base import running, show, validation
 from .._base.files import Durable
 from .._base.names import Labels, checked_names, order_of
-from .._base.types import DELTA
+from .._base.types import DELTA, ArrayLike, Floats
 from ..data import Trajectories
 from ..exceptions import InputError
 from ..identification.assumptions import Noise, as_noise, checked_assumptions, checked_scale
 from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, refuse
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from .._base.types import Floats
     from ..feedback import Loop
     from ..limits import Cost
     from ..limits.limits import LimitsLike

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from math import ceil, floor, inf, isfinite, isqrt, log2
-from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from .._base.records import (
     cached_property,
     trusted,
 )
-from .._base.types import Floats
+from .._base.types import ArrayLike, Floats
 from ..certificates.certificate import Certificate
 from ..certificates.of_model import Asked, ModelBasis, certificate, trajectory
 from ..controls.control import control
@@ -39,9 +39,6 @@ from ..identification.checks import (
 )
 from ..identification.identified import Fitted
 from ..identification.region import Region, Wish, of_core, region_of, withheld
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
 
 Size: TypeAlias = Annotated[int, partial(validation.size, minimum=0)]
 

@@ -6,7 +6,7 @@ import os
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -14,16 +14,12 @@ from .. import _core
 from .._base import files, running, show, validation
 from .._base.files import Durable, PathLike
 from .._base.running import Progress, progress_bar
-from .._base.types import Floats, Status
+from .._base.types import ArrayLike, Axes, Floats, NDArray, Status
 from ..exceptions import InputError, StateError, StateIOError
 from ..plots.lines import draw_trace
 from ..rng import Key, RngLike, as_key
 from ..system.system import System
 from ..theory.exact import checked_ends
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from numpy.typing import ArrayLike, NDArray
 
 ENTITIES = ("x0", "xf", "A")
 Slots: TypeAlias = Literal["random", "round-robin", "gain"]

@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import files, show, validation
 from .._base.files import PathLike
 from .._base.records import Record, cached_property, require_shapes
 from .._base.tables import columns, extra
-from .._base.types import Floats, Status
+from .._base.types import Floats, NDArray, Status
 from .tasks import Label
 
 if TYPE_CHECKING:

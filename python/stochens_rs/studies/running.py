@@ -24,11 +24,10 @@ from types import FrameType
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import validation
 from .._base.running import one_thread
-from .._base.types import Floats, Status
+from .._base.types import Floats, NDArray, Status
 from .._base.validation import show
 from ..exceptions import InputError, InputTypeError
 from ..rng import Key

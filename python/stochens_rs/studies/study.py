@@ -10,15 +10,14 @@ from concurrent.futures import Executor
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import files, validation
 from .._base.files import PathLike
 from .._base.running import Progress, progress_bar
-from .._base.types import Status
+from .._base.types import NDArray, Self, Status
 from .._base.validation import show
 from .._core import version as package_version
 from ..exceptions import InputError, InputTypeError, StateError
@@ -41,9 +40,6 @@ from .tasks import (
     function_digest,
 )
 from .tasks import read as read_file
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
 
 EVERY = 1.0  # seconds between two writes to a file
 _PATIENCE = 10  # first tasks that may fail before the study is given up

@@ -28,14 +28,13 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, BinaryIO, TypeAlias
+from typing import Annotated, Any, BinaryIO, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import files, running, validation
 from .._base.records import Record, SavedRecord
-from .._base.types import Floats
+from .._base.types import Floats, NDArray, Self
 from .._base.validation import show
 from .._core import version
 from ..exceptions import (
@@ -47,10 +46,6 @@ from ..exceptions import (
     StateNotFoundError,
 )
 from ..rng import Key
-
-if TYPE_CHECKING:
-    from typing_extensions import Self
-
 
 Label: TypeAlias = bool | int | float | str | None
 OWN = ("key", "self", "replicate")  # names of arguments and columns that every study has

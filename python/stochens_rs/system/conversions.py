@@ -12,11 +12,10 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .._base import validation
 from .._base.reading import matrices
-from .._base.types import Floats
+from .._base.types import Floats, NDArray
 from ..exceptions import DataWarning, InputError, InputTypeError
 
 # Coefficients of the (13, 13) Pade approximant of exp, b_k = (26-k)! 13! / (26! k! (13-k)!),

@@ -5,7 +5,8 @@ x(k+1) = A x(k) + B u(k),    x(k) in R^n,  u(k) in R^m
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -13,12 +14,8 @@ from .._base import show, validation
 from .._base.names import Labels, Order, made_labels, order_of, texts
 from .._base.reading import matrices
 from .._base.tables import Exported
+from .._base.types import ArrayLike, NDArray
 from . import conversions
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from numpy.typing import ArrayLike, NDArray
 
 
 class System(Exported):
@@ -79,14 +76,21 @@ class System(Exported):
     (('p', 'v'), ('F',), {'p': 'm'})
     """
 
-    __slots__ = ("_A", "_B", "_dt", "_labels", "_mean_of", "_name")
+    __slots__ = {
+        "A": "The state matrix, shape (n, n), read-only.",
+        "B": "The input matrix, shape (n, m), read-only.",
+        "_mean_of": "The number of models, if it is their mean.",
+        "dt": "The time between two steps [s]; True or None if unspecified.",
+        "labels": "Names and units in one hashable record, with `states`, `inputs` and `units`.",
+        "name": "The label, or None.",
+    }
 
-    _A: NDArray[np.float64]
-    _B: NDArray[np.float64]
-    _dt: float | bool | None
-    _name: str | None
-    _labels: Labels
-    _mean_of: int | None  # the number of models, if it is their mean
+    A: NDArray[np.float64]
+    B: NDArray[np.float64]
+    dt: float | bool | None
+    name: str | None
+    labels: Labels
+    _mean_of: int | None
 
     def __init__(
         self,
@@ -108,11 +112,11 @@ class System(Exported):
         n, m = checked_B.shape
         labels = made_labels(n, m, of_states, of_inputs, units)
         for slot, value in (
-            ("_labels", labels),
-            ("_A", validation.frozen(checked_A)),
-            ("_B", validation.frozen(checked_B)),
-            ("_dt", conversions.checked_dt(dt)),
-            ("_name", label or None),
+            ("labels", labels),
+            ("A", validation.frozen(checked_A)),
+            ("B", validation.frozen(checked_B)),
+            ("dt", conversions.checked_dt(dt)),
+            ("name", label or None),
             ("_mean_of", None),
         ):
             object.__setattr__(self, slot, value)
@@ -172,54 +176,29 @@ class System(Exported):
         return cls(**conversions.arguments(system, dt))
 
     @property
-    def A(self) -> NDArray[np.float64]:
-        """The state matrix, shape (n, n), read-only."""
-        return self._A
-
-    @property
-    def B(self) -> NDArray[np.float64]:
-        """The input matrix, shape (n, m), read-only."""
-        return self._B
-
-    @property
     def n(self) -> int:
         """The number of states."""
-        return int(self._B.shape[0])
+        return int(self.B.shape[0])
 
     @property
     def m(self) -> int:
         """The number of inputs."""
-        return int(self._B.shape[1])
-
-    @property
-    def dt(self) -> float | bool | None:
-        """The time between two steps [s]; True or None if unspecified."""
-        return self._dt
-
-    @property
-    def name(self) -> str | None:
-        """The label, or None."""
-        return self._name
+        return int(self.B.shape[1])
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """The names of the states; by default ``x[0]``, ``x[1]``, ...."""
-        return self._labels.states
+        return self.labels.states
 
     @property
     def input_names(self) -> tuple[str, ...]:
         """The names of the inputs; by default ``u[0]``, ``u[1]``, ...."""
-        return self._labels.inputs
+        return self.labels.inputs
 
     @property
     def units(self) -> dict[str, str]:
         """The units that are known, by the names of states and inputs; a copy."""
-        return dict(self._labels.units)
-
-    @property
-    def labels(self) -> Labels:
-        """Names and units in one hashable record, with `states`, `inputs` and `units`."""
-        return self._labels
+        return dict(self.labels.units)
 
     def _as_mean(self, count: int | None) -> System:
         object.__setattr__(self, "_mean_of", count)
@@ -236,22 +215,22 @@ class System(Exported):
             return NotImplemented
         return (
             self._step() == other._step()
-            and np.array_equal(self._A, other._A)
-            and np.array_equal(self._B, other._B)
+            and np.array_equal(self.A, other.A)
+            and np.array_equal(self.B, other.B)
         )
 
     def __hash__(self) -> int:
         # Adding 0.0 turns -0.0 into 0.0: they are equal, so their hashes must be equal.
         return hash(
-            (self._B.shape, (self._A + 0.0).tobytes(), (self._B + 0.0).tobytes(), self._step())
+            (self.B.shape, (self.A + 0.0).tobytes(), (self.B + 0.0).tobytes(), self._step())
         )
 
     def _step(self) -> tuple[bool, float | bool | None]:
-        return (self._dt is True, self._dt)  # True == 1.0 in Python, but not here
+        return (self.dt is True, self.dt)  # True == 1.0 in Python, but not here
 
     def __reduce__(self) -> tuple[object, ...]:
-        named = self._labels if self._labels.given else None
-        return (rebuilt, (self._A, self._B, self._dt, self._name, named, self._mean_of))
+        named = self.labels if self.labels.given else None
+        return (rebuilt, (self.A, self.B, self.dt, self.name, named, self._mean_of))
 
     def __copy__(self) -> System:
         return self
@@ -260,8 +239,8 @@ class System(Exported):
         return self
 
     def __repr__(self) -> str:
-        label = "" if self._name is None else f" {self._name}"
-        return f"<System{label}: n={self.n} m={self.m} dt={self._dt}>"
+        label = "" if self.name is None else f" {self.name}"
+        return f"<System{label}: n={self.n} m={self.m} dt={self.dt}>"
 
     def _repr_html_(self) -> str:
         dt = f"{self.dt} s" if isinstance(self.dt, float) else str(self.dt)

@@ -29,9 +29,19 @@ import numpy as np
 
 from .. import _core
 from .._base import running, validation
-from .._base.numbers import norm, smallest_size
 from .._base.running import get_num_threads
-from .._base.types import AXES, FUSIONS, QUANTITIES, SCHEMES, Axis, Floats, Fusion, Scheme
+from .._base.types import (
+    AXES,
+    FUSIONS,
+    QUANTITIES,
+    SCHEMES,
+    Axis,
+    Floats,
+    Fusion,
+    Scheme,
+    norm,
+    smallest_size,
+)
 from ..exceptions import InputError, InputTypeError, SizeError
 from ..rng import Key, RngLike, as_key
 from .exact import EPS, best_control, checked_ends, checked_finite
@@ -483,7 +493,7 @@ def _approach(
 ) -> tuple[int | None, int | None]:
     """The last size guessed, and the smallest one found with ``radius(size) <= eps``.
 
-    A power of the size is fitted to the radius in every round. `numbers.smallest_size` would need
+    A power of the size is fitted to the radius in every round. `smallest_size` would need
     up to 106 radii, but delta is shared among ten.
     """
     size, slope = start, -0.5  # the power of an average of many realizations

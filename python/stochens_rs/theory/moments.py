@@ -29,7 +29,6 @@ from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from .. import _core
 from .._base import running, validation
@@ -38,10 +37,12 @@ from .._base.types import (
     AXES,
     FUSIONS,
     SCHEMES,
+    ArrayLike,
     Averaging,
     Axis,
     Floats,
     Fusion,
+    NDArray,
     Scheme,
 )
 from ..exceptions import InputError, ShapeError

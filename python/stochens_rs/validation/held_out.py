@@ -6,13 +6,12 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from .. import _core
 from .._base import running, validation
 from .._base.names import Labels, order_of
 from .._base.running import get_num_threads
-from .._base.types import Floats
+from .._base.types import ArrayLike, Floats
 from ..certificates.of_model import ModelBasis
 from ..data.trajectories import require_whole
 from ..ensembles.systems import SystemEnsemble, systems_in_order

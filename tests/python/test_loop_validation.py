@@ -156,9 +156,7 @@ def test_a_loop_from_readings_by_definition() -> None:
     held = made.validate(y, 0.2, scale=[0.1, 0.2])
     model = made.model
     J = model.loop.J
-    for r, (run, deviation, miss) in enumerate(
-        zip(y, held.deviations, held.misses, strict=True)
-    ):
+    for r, (run, deviation, miss) in enumerate(zip(y, held.deviations, held.misses, strict=True)):
         if r in (3, 7):
             assert np.isinf([deviation, miss]).all()
             continue
@@ -167,9 +165,9 @@ def test_a_loop_from_readings_by_definition() -> None:
         for k in range(K):
             v = made(path[k])
             if made.log[-1].status == "gain":  # lags: the last two readings, and the input before
-                x = np.hstack([path[k], path[k - 1], u[r, k - 1] if k < 2 else inputs])
+                acted = made.log[-2].u
+                x = np.hstack([path[k], path[k - 1], acted])
                 path[k + 1] = model.coefficients @ (J @ np.hstack([x, v]))
-            inputs = v
         off = np.abs(run - path) / [0.1, 0.2]
         assert deviation == pytest.approx(off.max(), rel=1e-6)
         assert miss == pytest.approx(abs(run[-1, 0] - 0.5), rel=1e-12)  # the other one is free
@@ -193,7 +191,7 @@ def test_a_run_in_which_the_loop_never_begins_is_lost() -> None:
 
 
 def test_coverage_of_a_loop_from_readings() -> None:
-    """25 draws (300), of 19 runs and a next one at 5 %; starts that grow for the last run fail more."""
+    """25 draws (300), of 19 runs and a next one at 5 %; a far start of the last one fails more."""
     made, ride = of_readings(target={"y[0]": 0.5})
     failed, moved, count = np.zeros(2, dtype=int), 0, sets(300, 25)
     for _ in range(count):

@@ -157,8 +157,8 @@ class ControlLoop(Durable, Generic[Entry]):
         -----
         As for `Plan.validate`. The loop begins each run at its first row, without a plan or a
         reading, and with a rate of change from the input that is applied now. A run in which a loop
-        from readings never knew enough to begin is one that diverged. A loop that was tuned after the runs were seen needs
-        fresh ones.
+        from readings never knew enough to begin is one that diverged. A loop that was tuned after
+        the runs were seen needs fresh ones.
 
         Examples
         --------
@@ -180,7 +180,7 @@ class ControlLoop(Durable, Generic[Entry]):
 
     def _along(self, read: Floats) -> Floats:
         """What the loop gives along a run."""
-        loop = self._fresh()
+        loop: Any = self._fresh()
         return np.array([loop(one) for one in read])
 
     def _begin(self) -> None:

@@ -644,9 +644,9 @@ class ReadingLoop(ControlLoop[Reading]):
         ahead = model.coefficients @ model.loop.J
         for k in range(len(run) - 1):
             u = loop(path[k])
-            if loop._started:
-                z = np.hstack([loop._window.now[0], u, np.ones(int(model.intercept))])
-                path[k + 1] = ahead @ z
+            now = loop._window.now
+            if now is not None and loop._started:
+                path[k + 1] = ahead @ np.hstack([now[0], u, np.ones(int(model.intercept))])
         return path if loop._started else np.full_like(path, np.inf)
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:

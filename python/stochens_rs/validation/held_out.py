@@ -177,8 +177,8 @@ def validated_loop(
     if not held.all():
         part = tuple(np.ascontiguousarray(one[..., held]) for one in (paths, units, target, states))
         p = len(part[2])
-        told = part[0].reshape(-1, p), np.zeros((p, p)), *part[1:3]
-        scores = scores[0], _core.validation_runs(told, part[3], threads)[1]
+        own = part[0].reshape(-1, p), np.zeros((p, p)), part[1], part[2]
+        scores = scores[0], _core.validation_runs(own, part[3], threads)[1]
     return _judged(scores, units, target, delta, sure, weights, "runs of a loop", None)
 
 

@@ -1008,6 +1008,7 @@ def drawn_misses(
     key: bytes,
     threads: int,
     window: Window | None = None,
+    gain: _Floats | None = None,
 ) -> _Floats: ...
 
 # inputs (runs, steps m); phi before the first run and after each

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result, require_finite};
 use crate::identify::EstimateLaw;
-use crate::memory::{checked_len, try_zeros};
+use crate::memory::{checked_len, try_copy, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 use crate::scaled::distance;
 use crate::stream::Key;
@@ -27,6 +27,8 @@ pub struct PlannedRun<'a> {
     pub noise: bool,
     /// For models of n outputs, what they see: `x0` is the contents of this window.
     pub window: Option<Window>,
+    /// With a gain K (m rows) the input in step k is `u(k) + K (x(k) - xh(k))`, xh the centre without noise.
+    pub gain: Option<&'a [f64]>,
 }
 
 /// `||x(K) - target||` of `size` drawn models, each of its own run; infinite where a run overflows. Of models of outputs it is
@@ -42,7 +44,7 @@ pub fn drawn_misses(
     threads: usize,
     stop: &Stop,
 ) -> Result<Vec<f64>> {
-    let (n, d, PlannedRun { x0, inputs, m, target, noise, window }) = (law.n(), law.d(), aim);
+    let (n, d, PlannedRun { x0, inputs, m, target, noise, window, gain }) = (law.n(), law.d(), aim);
     let (fits, held) = match &window {
         None => (d.wrapping_sub(n + m) <= 1, n),
         Some(window) => ((window.outputs(), window.inputs(), window.length()) == (n, m, d), window.states()),
@@ -55,8 +57,34 @@ pub fn drawn_misses(
         let found = format!("{}, {} and {} entries", inputs.len(), x0.len(), target.len());
         return Err(Error::Shape { name: "inputs, x0, xf", expected, found });
     }
-    for (name, values) in [("x0", x0), ("inputs", inputs), ("xf", target)] {
+    let gain = gain.unwrap_or(&[]);
+    if !gain.is_empty() && gain.len() != checked_len(WHAT, m, held)? {
+        let expected = format!("{m} rows of {held}");
+        return Err(Error::Shape { name: "gain", expected, found: format!("{} entries", gain.len()) });
+    }
+    for (name, values) in [("x0", x0), ("inputs", inputs), ("xf", target), ("gain", gain)] {
         require_finite(name, values)?;
+    }
+    // one step of a model from x, with the noise of the step: (x, its last outputs)
+    let step = |model: &[f64], noise: &[f64], x: &mut [f64], u: &[f64], z: &mut [f64], next: &mut [f64]| {
+        match &window {
+            Some(window) => window.regressors(x, u, 1.0, z),
+            None => z.iter_mut().zip(x.iter().chain(u).chain(&[1.0])).for_each(|(to, v)| *to = *v),
+        }
+        for (i, (to, row)) in next.iter_mut().zip(model.chunks_exact(d)).enumerate() {
+            let noise = noise.get(i).copied().unwrap_or(0.0);
+            *to = row.iter().zip(&*z).map(|(a, z)| a * z).sum::<f64>() + noise;
+        }
+        match &window {
+            Some(window) => window.advance(x, next, u),
+            None => x.copy_from_slice(next),
+        }
+    };
+    let mut path = try_zeros(WHAT, if gain.is_empty() { 0 } else { checked_len(WHAT, steps, held)? })?;
+    let (mut x, mut next, mut z) = (try_copy(WHAT, x0)?, try_zeros(WHAT, n)?, try_zeros(WHAT, d)?);
+    for (xh, u) in path.chunks_exact_mut(held).zip(inputs.chunks_exact(m)) {
+        xh.copy_from_slice(&x);
+        step(law.centre(), &[], &mut x, u, &mut z, &mut next);
     }
     let noises = if noise { steps } else { 0 };
     let mut misses = try_zeros(WHAT, size)?;
@@ -64,24 +92,21 @@ pub fn drawn_misses(
         let (mut drawing, mut model) = (law.drawing(noises)?, try_zeros(WHAT, checked_len(WHAT, n, d)?)?);
         let mut w = try_zeros(WHAT, checked_len(WHAT, noises, n)?)?;
         let (mut x, mut next, mut z) = (try_zeros(WHAT, held)?, try_zeros(WHAT, n)?, try_zeros(WHAT, d)?);
+        let mut u = try_zeros(WHAT, m)?;
         for (b, miss) in misses.iter_mut().enumerate() {
             stop.check()?;
             law.draw(key, chunk * CHUNK + b, &mut drawing, &mut model, &mut w);
             x.copy_from_slice(x0);
             *miss = if steps == 0 && window.is_none() { distance(&x, target) } else { 0.0 };
-            for (k, u) in inputs.chunks_exact(m).enumerate() {
-                match &window {
-                    Some(window) => window.regressors(&x, u, 1.0, &mut z),
-                    None => z.iter_mut().zip(x.iter().chain(u).chain(&[1.0])).for_each(|(to, v)| *to = *v),
+            for (k, planned) in inputs.chunks_exact(m).enumerate() {
+                u.copy_from_slice(planned);
+                if let Some(xh) = path.chunks_exact(held).nth(k) {
+                    for (to, row) in u.iter_mut().zip(gain.chunks_exact(held)) {
+                        *to += row.iter().zip(&x).zip(xh).map(|((k, x), xh)| k * (x - xh)).sum::<f64>();
+                    }
                 }
-                for (i, (to, row)) in next.iter_mut().zip(model.chunks_exact(d)).enumerate() {
-                    let noise = w.get(k * n + i).copied().unwrap_or(0.0);
-                    *to = row.iter().zip(&z).map(|(a, z)| a * z).sum::<f64>() + noise;
-                }
-                match &window {
-                    Some(window) => window.advance(&mut x, &next, u),
-                    None => x.copy_from_slice(&next),
-                }
+                let acts = w.get(k * n..(k + 1) * n).unwrap_or(&[]);
+                step(&model, acts, &mut x, &u, &mut z, &mut next);
                 if k >= last {
                     let at = (k - last) * n % target.len();
                     let off = distance(&next, &target[at..at + n]);
@@ -108,12 +133,21 @@ mod tests {
         let centre = Centre { model: &[0.5, 1.0, 2.0], white: &[0.1, 0.0, 0.0] };
         let law = EstimateLaw::new(centre, &[4.0], NoiseLaw::Known).unwrap();
         let (key, stop) = (Key([3; 32]), Stop::new());
-        let aim = PlannedRun { x0: &[1.0], inputs: &[3.0, -1.0], m: 1, target: &[0.25], noise: false, window: None };
+        let aim =
+            PlannedRun { x0: &[1.0], inputs: &[3.0, -1.0], m: 1, target: &[0.25], noise: false, window: None, gain: None };
         let found = drawn_misses(&law, aim, &key, 130, 2, &stop).unwrap();
         let models = law.models(&key, 130, 1, &stop).unwrap();
         for (miss, model) in found.iter().zip(models.chunks_exact(3)) {
             assert_eq!(model[1..], [1.0, 2.0]);
             let expected = (model[0] * (model[0] + 5.0) + 1.0 - 0.25).abs();
+            assert!((miss - expected).abs() < 1e-13 * (1.0 + expected));
+        }
+        // followed: u(1) = -1 + k (a - 0.5), as x(1) = 1 a + 5 and the centre is at 5.5
+        let gain = Some(&[-0.4][..]);
+        let followed = drawn_misses(&law, PlannedRun { gain, ..aim }, &key, 130, 2, &stop).unwrap();
+        for (miss, model) in followed.iter().zip(models.chunks_exact(3)) {
+            let a = model[0];
+            let expected = (a * (a + 5.0) + 1.0 - 0.4 * (a - 0.5) - 0.25).abs();
             assert!((miss - expected).abs() < 1e-13 * (1.0 + expected));
         }
         // the variance of the noise is 4 (1 + a^2) more
@@ -128,11 +162,12 @@ mod tests {
         let centre = Centre { model: &[1e200, 1.0], white: &[1.0, 0.0] };
         let law = EstimateLaw::new(centre, &[1.0], NoiseLaw::Known).unwrap();
         let (key, stop) = (Key([3; 32]), Stop::new());
-        let aim = PlannedRun { x0: &[1.0], inputs: &[0.0; 4], m: 1, target: &[0.0], noise: true, window: None };
+        let aim = PlannedRun { x0: &[1.0], inputs: &[0.0; 4], m: 1, target: &[0.0], noise: true, window: None, gain: None };
         assert_eq!(drawn_misses(&law, aim, &key, 2, 1, &stop).unwrap(), [f64::INFINITY; 2]);
         for wrong in [
             PlannedRun { x0: &[], ..aim },
             PlannedRun { m: 0, ..aim },
+            PlannedRun { gain: Some(&[1.0; 3]), ..aim },
             PlannedRun { m: 2, ..aim },
             PlannedRun { target: &[0.0; 2], ..aim },
             PlannedRun { x0: &[f64::NAN], ..aim },

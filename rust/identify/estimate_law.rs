@@ -97,6 +97,12 @@ impl<'a> EstimateLaw<'a> {
         Ok(Self { centre, noise, root: root(s, n, noise)?, chi2: try_collect_all(WHAT, laws)? })
     }
 
+    /// The estimate (n, d).
+    #[must_use]
+    pub fn centre(&self) -> &[f64] {
+        self.centre.model
+    }
+
     /// The number of states.
     #[must_use]
     pub fn n(&self) -> usize {

@@ -450,7 +450,7 @@ fn call(name: &str) -> Option<Call> {
                 let law = identify::EstimateLaw::new(centre, &white, identify::NoiseLaw::Full(40))?;
                 law.models(&key, 3, 2, &stop)?;
                 let (x0, inputs) = (&model[..15], &model[..3]);
-                let aim = PlannedRun { x0, inputs: &[], m: 1, target: x0, noise: true, window: None };
+                let aim = PlannedRun { x0, inputs: &[], m: 1, target: x0, noise: true, window: None, gain: None };
                 drawn_misses(&law, aim, &key, 3, 2, &stop).err();
                 let goal = Goal {
                     model: &model[..90],

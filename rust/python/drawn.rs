@@ -44,9 +44,10 @@ pub(super) fn estimate_draws<'py>(
     array2(py, run(py, UNTIL_STOPPED, |stop| given.models(&key, size, threads, stop))?, size, width)
 }
 
-/// `||x(K) - xf||` of drawn models under `inputs` (K, m); of models of outputs, with a `window`, of the last outputs together.
+/// `||x(K) - xf||` of drawn models under `inputs` (K, m); of models of outputs, with a `window`, of the last outputs together;
+/// with a `gain` (m, states) of plans that are followed.
 #[pyfunction]
-#[pyo3(signature = (law, x0, inputs, xf, noise, size, key, threads, window=None))]
+#[pyo3(signature = (law, x0, inputs, xf, noise, size, key, threads, window=None, gain=None))]
 #[expect(clippy::too_many_arguments, reason = "one call, named in the stub")]
 pub(super) fn drawn_misses<'py>(
     py: Python<'py>,
@@ -59,11 +60,13 @@ pub(super) fn drawn_misses<'py>(
     key: &[u8],
     threads: usize,
     window: Option<&Bound<'py, PyWindow>>,
+    gain: Option<Matrix<'py>>,
 ) -> PyResult<Bound<'py, PyArray1<f64>>> {
     let window = window.map(|one| one.get().0);
     let (given, key, m) = (law.get()?, self::key(key)?, inputs.as_array().dim().1);
     let (x0, inputs, target) = (slice("x0", &x0)?, slice("inputs", &inputs)?, slice("xf", &xf)?);
-    let aim = PlannedRun { x0, inputs, m, target, noise, window };
+    let gain = gain.as_ref().map(|one| slice("gain", one)).transpose()?;
+    let aim = PlannedRun { x0, inputs, m, target, noise, window, gain };
     array1(py, run(py, UNTIL_STOPPED, |stop| certificate::drawn_misses(&given, aim, &key, size, threads, stop))?)
 }
 

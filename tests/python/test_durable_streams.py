@@ -226,7 +226,9 @@ KINDS = {
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-@pytest.mark.parametrize(("name", "kills"), [("stream", sets(100, 30)), ("means", sets(20, 10)), ("pairs", sets(40, 15))])
+@pytest.mark.parametrize(
+    ("name", "kills"), [("stream", sets(100, 30)), ("means", sets(20, 10)), ("pairs", sets(40, 15))]
+)
 def test_kills_lose_nothing(tmp_path: Path, name: str, kills: int) -> None:
     """A run that is killed repeatedly ends with the result of an undisturbed one."""
     kind, path, moments = KINDS[name], tmp_path / "a.state", random.Random(4)

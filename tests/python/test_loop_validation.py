@@ -117,3 +117,87 @@ def test_the_mean_of_the_last_state() -> None:
     assert plan.validate(runs[:2]).noise_free == np.inf
     runs[0, 0] += 0.1
     assert plan.validate(runs).noise_free is None
+
+
+def of_readings(**options):
+    """A loop of two outputs and one input, and runs of a plant that is not its model."""
+    gen = np.random.default_rng(5)
+
+    def ahead(y, before, v, w):
+        pull = [0.02 * np.tanh(5.0 * (y[0] - before[0])), 0.0]
+        now = [1.6 * y[0] - 0.7 * before[0] + v[0], 0.5 * y[1] + 0.3 * y[0]]
+        return np.array(now) - pull + 0.05 * w
+
+    y, u = np.zeros((400, 2)), gen.standard_normal((399, 1))
+    for t in range(1, 399):
+        y[t + 1] = ahead(y[t], y[t - 1], u[t], gen.standard_normal(2))
+    data = se.Trajectories([y], [u], outputs=True)
+    model = se.identify(data, window=se.Window(lags=2), checks=False)
+    made = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, limits=(-1.5, 1.5), **options)
+
+    def ride(M, spread=1.0):
+        y, u = np.empty((M, K + 1, 2)), np.empty((M, K, 1))
+        for run, inputs in zip(y, u, strict=True):
+            made.reset()
+            run[0] = spread * gen.uniform(-1.0, 1.0, 2)
+            for k in range(K):
+                inputs[k] = made(run[k])
+                w = gen.standard_t(3, 2)
+                run[k + 1] = ahead(run[k], run[max(k - 1, 0)], inputs[k], w)
+        return y, u
+
+    return made, ride
+
+
+def test_a_loop_from_readings_by_definition() -> None:
+    made, ride = of_readings(target={"y[0]": 0.5})
+    y, u = ride(20)
+    y[3, 5:], y[7, 1:] = np.nan, np.nan  # aborted
+    held = made.validate(y, 0.2, scale=[0.1, 0.2])
+    model = made.model
+    J = model.loop.J
+    for r, (run, deviation, miss) in enumerate(zip(y, held.deviations, held.misses, strict=True)):
+        if r in (3, 7):
+            assert np.isinf([deviation, miss]).all()
+            continue
+        made.reset()
+        path = run.copy()
+        for k in range(K):
+            v = made(path[k])
+            if made.log[-1].status == "gain":  # lags: the last two readings, and the input before
+                acted = made.log[-2].u
+                x = np.hstack([path[k], path[k - 1], acted])
+                path[k + 1] = model.coefficients @ (J @ np.hstack([x, v]))
+        off = np.abs(run - path) / [0.1, 0.2]
+        assert deviation == pytest.approx(off.max(), rel=1e-6)
+        assert miss == pytest.approx(abs(run[-1, 0] - 0.5), rel=1e-12)  # the other one is free
+    assert held.diverged == 2
+    whole = [r for r in range(20) if r not in (3, 7)]
+    data = se.Trajectories(list(y[whole]), list(u[whole]), outputs=True)
+    same = made.validate(data, 0.2, scale=[0.1, 0.2])
+    np.testing.assert_array_equal(same.deviations, held.deviations[whole])
+    own = made.validate(data, 0.2)
+    unit = own.tube[-1] / own.factor
+    np.testing.assert_allclose(unit, np.sqrt(np.diag(model.covariance)), rtol=1e-12)
+    with pytest.raises(InputError, match="`runs` must have the inputs of this loop, run 0"):
+        made.validate(se.Trajectories(list(y[whole]), list(0.5 * u[whole]), outputs=True))
+
+
+def test_a_run_in_which_the_loop_never_begins_is_lost() -> None:
+    made, ride = of_readings(target=[0.5, np.nan], max_missing=0)
+    y, _ = ride(3)
+    y[1] = 1e12  # a sensor that is broken from the first call on
+    assert np.isinf(made.validate(y, 0.5).deviations).tolist() == [False, True, False]
+
+
+def test_coverage_of_a_loop_from_readings() -> None:
+    """25 draws (300), of 19 runs and a next one at 5 %; a far start of the last one fails more."""
+    made, ride = of_readings(target={"y[0]": 0.5})
+    failed, moved, count = np.zeros(2, dtype=int), 0, sets(300, 25)
+    for _ in range(count):
+        held = made.validate(ride(19)[0])
+        last, far = (made.validate(ride(1, size)[0], 0.5) for size in (1.0, 300.0))
+        failed += [last.deviations[0] > held.factor, last.misses[0] > held.target]
+        moved += far.misses[0] > held.target
+    exactly(failed, count)
+    assert moved > stats.binom.ppf(1 - 1e-5, count, 0.05)

@@ -73,6 +73,48 @@ def test_the_misses_are_those_of_the_drawn_models():
         model.draw(3)
 
 
+def followed(system, plan, K, record, rng, noise):
+    """Readings under ``u(k) + K (x(k) - xh(k))``, x the window of the run."""
+    window, (y, u) = plan.basis.model.window, record
+    for planned, xh in zip(plan.u, plan.predicted_states, strict=False):
+        v = planned + K @ (window.state_of(y, u) - xh)
+        y = np.vstack([y, system.follow(y, u, [v], rng, noise)])
+        u = np.vstack([u, v])
+    return y[-len(plan.u) :]
+
+
+def test_typical_misses_of_plans_that_are_followed():
+    """80 systems, 5 runs each; the models drawn one by one; without K it is another."""
+    beyond, counted, count = {True: 0, False: 0}, 0, sets(80, 20)
+    for seed in range(count):
+        system, plan, record, rng = planned(seed)
+        model = plan.basis.model
+        if model.warnings:
+            continue
+        counted, gain = counted + 1, se.gain(model, 1.0, 1.0)
+        for noise in (True, False):
+            found = plan.typical(0.2, noise=noise, draws=200, gain=gain)
+            assert found.certified == plan.bound(0.2, noise=noise, gain=gain).target
+            runs = [followed(system, plan, gain.K, record, rng, float(noise)) for _ in range(5)]
+            beyond[noise] += np.mean([last(y, model.window) > found.miss for y in runs])
+    for share in beyond.values():
+        assert stats.binom.ppf(1e-4, counted, 0.12) <= share <= stats.binom.isf(1e-4, counted, 0.28)
+    law, key = estimate_law(model, windows=True), bytes(range(32))
+    models = _core.estimate_draws(law, 30, key, 1).reshape(30, *model.coefficients.shape)
+    given = plan.basis.x0, plan.u, np.zeros(model.n_outputs), False, 30, key, 1, model.window.core
+    misses = _core.drawn_misses(law, *given, np.ascontiguousarray(gain.K))
+    assert np.abs(misses / _core.drawn_misses(law, *given) - 1.0).max() > 0.01
+    for miss, Theta in zip(misses, models, strict=True):
+        loop, x, y = model.window.loop(Theta), plan.basis.x0, []
+        for u, xh in zip(plan.u, plan.predicted_states, strict=False):
+            both = np.concatenate([x, u + gain.K @ (x - xh)])
+            y.append(Theta @ loop.J @ both)
+            x = loop.ABc @ both
+        np.testing.assert_allclose(miss, last(np.array(y), model.window), rtol=1e-8)
+    with pytest.raises(ShapeError, match="gain"):
+        _core.drawn_misses(law, *given, np.ones((model.m, model.n + 1)))
+
+
 @pytest.mark.parametrize("noise", [True, False])
 def test_typical_refuses_a_model_with_a_tail(noise):
     _, plan, _, _ = planned(3, tail=0.01)

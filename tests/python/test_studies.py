@@ -446,9 +446,7 @@ if __name__ == "__main__":
 
 @FORK
 @pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_workers_are_killed_and_nothing_changes(
-    gen: np.random.Generator, tmp_path: Path
-) -> None:
+def test_workers_are_killed_and_nothing_changes(gen: np.random.Generator, tmp_path: Path) -> None:
     """What a progress was told of is in the file, and is not computed again."""
     whole = se.Study(noise, {"scale": [1.0, 3.0]}, replicates=150, rng=2).run().digest
     killed, number = 0, 0

@@ -278,6 +278,7 @@ class Plan(SavedRecord, Timed):
         draws: int = 1000,
         rng: RngLike = 0,
         noise: bool | None = None,
+        gain: Loop | LoopCertificate | None = None,
     ) -> Typical:
         """Estimate how far models that may be the true one miss the target: approximate, no bound.
 
@@ -292,6 +293,8 @@ class Plan(SavedRecord, Timed):
         noise : bool, optional
             Whether the noise of the run to come is included, in the certificate too; default: for
             models of outputs, as in `bound`.
+        gain : Loop or LoopCertificate, optional
+            A feedback with which the plan is followed, as in `bound`.
 
         Returns
         -------
@@ -336,7 +339,8 @@ class Plan(SavedRecord, Timed):
             raise InputError(f"`typical` must not be trusted beside a warning: {model.warnings[0]}")
         window, assumed, rows = model.window, model.assumptions, model.n_outputs
         noisy = window is not None if noise is None else validation.flag("noise", noise)
-        certified = self.bound(share, noise=noisy).target
+        certified = self.bound(share, noise=noisy, gain=gain).target
+        K = None if gain is None else np.ascontiguousarray(gain.K)
         if basis.x0_error:
             raise InputError("`typical` needs an exact x0, not an Uncertain one")
         if assumed.tail:
@@ -358,7 +362,8 @@ class Plan(SavedRecord, Timed):
         of = None if window is None else window.core
 
         def misses(size: int) -> Floats:
-            return _core.drawn_misses(law, basis.x0, self.u, goal, noisy, size, key, threads, of)
+            own = law, basis.x0, self.u, goal, noisy, size, key, threads
+            return _core.drawn_misses(*own, of, K)
 
         return ranked(misses, certified, share, draws, noisy, text)
 

@@ -10,9 +10,9 @@ import numpy as np
 from .. import _core
 from .._base import running, show, validation
 from .._base.names import Labels
-from .._base.records import SavedRecord, cached_property
+from .._base.records import Probability, SavedRecord, cached_property
 from .._base.running import get_num_threads
-from .._base.types import ArrayLike, Figure, Floats, SubFigure
+from .._base.types import DELTA, ArrayLike, Figure, Floats, SubFigure
 from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
@@ -78,6 +78,8 @@ class Model(SavedRecord, Fitted):
         it. They count no more: `triangle`, the model and its regions are of those after them.
     misfit : Misfit or None
         What the plant has beside the model, as declared.
+    looks : float or None
+        Of a `ModelStream`: the probability that any of its regions is wrong, at any look.
     """
 
     _kind = "model"
@@ -93,9 +95,12 @@ class Model(SavedRecord, Fitted):
     window: Regressors | None = None
     first: int = 0
     misfit: Misfit | None = None
+    looks: Probability | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.looks is not None and (self.scale is None or self.first or self.pilot):
+            raise InputError("`looks` needs `scale`, and neither a first part nor a pilot")
         if self.misfit is not None:
             beside = self.window, self.pilot, self.known
             require_fit(self.misfit, self.data, self.assumptions, self.scale, beside)
@@ -276,6 +281,11 @@ class Model(SavedRecord, Fitted):
         assert self.pilot.start is not None
         assert self.pilot.inputs is not None
         return self.piloted.reference(self.pilot.start, np.ascontiguousarray(self.pilot.inputs))
+
+    @property
+    def level(self) -> float:
+        """What plans take without a probability of error."""
+        return DELTA if self.looks is None else self.looks
 
     @property
     def covariance(self) -> Floats | None:
@@ -681,8 +691,24 @@ def in_states(model: Identified, region: Region) -> Region:
     return entered(region, ABc, J, G, len(model.input_names))
 
 
+def after(model: Model, size: int) -> Model:
+    """The model with so many pairs, if data go on like those so far; with all else as it is."""
+    later = object.__new__(Model)
+    vars(later).update({k: v for k, v in vars(model).items() if k not in ("blocks", "missing")})
+    triangle = model.triangle * np.sqrt(size / model.size)
+    vars(later)["estimate"] = model._fitted(triangle, size)
+    return later
+
+
 def asked_region(model: Model, wish: Wish) -> Region:
-    """The region whatever the tests of the log say."""
+    """The region whatever the tests of the log say; of a stream it holds at all looks."""
+    if model.looks is not None:
+        if wish.delta > model.looks:
+            raise InputError(
+                f"`delta` must be at most {model.looks:g}, which all looks at this stream share, "
+                f"got {wish.delta:g}"
+            )
+        wish = wish._replace(anytime=True)
     refuse_region(model.assumptions, wish, len(model.blocks) > 1)
     first = 0 if wish.anytime else model._first
     assumption, missing = said(model.assumptions, wish, first), model.missing
@@ -734,6 +760,8 @@ def require_fit(
 
 def estimate_law(model: Model, windows: bool = False) -> tuple[Floats, Floats, Floats, str, int]:
     """The law of the estimate, for the core; only with `windows` also of models of outputs."""
+    if model.looks is not None:
+        raise InputError("the law of an estimate needs a number of pairs that was fixed beforehand")
     _refuse_resampling(model, windows)
     if model.noise != "gaussian":
         raise InputError(f"draw() needs Gaussian noise, got '{model.noise}'")

@@ -10,12 +10,16 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
+import numpy as np
+
 from .._base import validation
 from .._base.files import Durable
 from .._base.records import SavedRecord
-from .._base.types import Floats, Self
+from .._base.types import DELTA, ArrayLike, Floats, Self
 from ..exceptions import InputError
 from ..feedback import Watch
+from ..validation.fresh_systems import Validation
+from ..validation.held_out import PredictedLoop, Runs, validated_loop
 
 LOGGED = 1000  # calls that the log keeps
 CORE = ("_point", "_solver", "_window", "kept")  # made anew in a copy, from what `_saved` says
@@ -105,6 +109,73 @@ class ControlLoop(Durable, Generic[Entry]):
         """
         with self._turn():
             self._begin()
+
+    def validate(
+        self,
+        runs: Runs,
+        delta: float = DELTA,
+        *,
+        beta: float | None = None,
+        scale: ArrayLike | None = None,
+        weights: ArrayLike | None = None,
+    ) -> Validation:
+        """Bound where the next run of this loop will be, from runs of it, for any noise and plant.
+
+        Parameters
+        ----------
+        runs : Trajectories or array_like of shape (M, K + 1, n)
+            States or readings of runs of this loop that had no part in it, all of them, from starts
+            that vary as later ones will: a run that diverged or was aborted has fewer rows, or nan.
+            The inputs of Trajectories must be what this loop gives at them.
+        delta, beta, weights
+            As for `Plan.validate`: 19 runs for 95 %, 59 with confidence 95 %.
+        scale : array_like, shape (n,) or (K + 1, n), optional
+            Units of the deviations, > 0, fixed before these runs. The default is the standard
+            deviation of the noise of one step for a `Model`, else 1.
+
+        Returns
+        -------
+        Validation
+            ``tube`` around ``p(k)``, the states of the loop around its model from the run's own
+            start, and ``target``, the distance of x(K) from the last set point. Of a loop from
+            readings x are these; it predicts from its first input on, and ``target`` is of the
+            outputs that have one.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the runs do not fit this loop, or had other inputs: of another controller, of one
+            that was tuned or swapped in between, or with held ones.
+
+        Notes
+        -----
+        As for `Plan.validate`. The loop begins each run at its first row, without a plan or a
+        reading, and with a rate of change from the input that is applied now. A run in which a loop
+        from readings never knew enough to begin is one that diverged. A loop that was tuned after
+        the runs were seen needs fresh ones.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> loop = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0))
+        >>> rng = np.random.default_rng(1)
+        >>> x = rng.uniform(1.0, 3.0, (19, 6, 1))
+        >>> for run in x:
+        ...     for k in range(5):
+        ...         run[k + 1] = run[k] + loop(run[k]) + 0.1 * rng.standard_normal(1)
+        >>> loop.validate(x, scale=[0.1])
+        <Validation: 19 runs of a loop, x(K) within 0.483 of xf, tube 2.96 scales, 95 % each>
+        """
+        return validated_loop(self._predictions(), runs, delta, beta, scale, weights)
+
+    def _predictions(self) -> PredictedLoop:
+        """What `validate` compares runs with."""
+        raise NotImplementedError
+
+    def _along(self, read: Floats) -> Floats:
+        """What the loop gives along a run."""
+        loop: Any = self._fresh()
+        return np.array([loop(one) for one in read])
 
     def _begin(self) -> None:
         self._log.clear()

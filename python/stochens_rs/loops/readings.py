@@ -26,6 +26,7 @@ from ..identification.model import Model, asked_region
 from ..identification.region import Wish
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import Task, loop_of, read_task
+from ..validation.held_out import PredictedLoop
 from .loop import ControlLoop
 from .regulator import condensed
 
@@ -618,6 +619,27 @@ class ReadingLoop(ControlLoop[Reading]):
         read = validation.frozen(self._log[-1].y.copy())
         start = Start(now[0], read, self._at_rest, self._acted)
         return plan_from(self.model, start, self._at(self._rows[0]), steps, limits, cost)
+
+    def _predictions(self) -> PredictedLoop:
+        if not np.isnan(self._given).all():
+            raise InputError("`validate` is for loops without measured inputs: their way is open")
+        model, noise = self.model, self.model.covariance
+        unit = np.ones(model.n_outputs) if noise is None else np.sqrt(np.diag(noise))
+        sizes = self._rows[-1].copy(), np.where(unit > 0.0, unit, 1.0)
+        labels = Labels(model.outputs, model.input_names)
+        about = model.n_outputs, model.m, *sizes, labels, model.dt
+        return PredictedLoop(self._path, self._along, *about)
+
+    def _path(self, run: Floats) -> Floats:
+        """The readings of a run until the loop begins, and from there on those of its model."""
+        loop, model, path = self._fresh(), self.model, run.copy()
+        ahead = model.coefficients @ model.loop.J
+        for k in range(len(run) - 1):
+            u = loop(path[k])
+            now = loop._window.now
+            if now is not None and loop._started:
+                path[k + 1] = ahead @ np.hstack([now[0], u, np.ones(int(model.intercept))])
+        return path if loop._started else np.full_like(path, np.inf)
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
         """Check whether all systems of a region are stable in this loop, estimate included.

@@ -11,7 +11,7 @@ import numpy as np
 
 from .._base import show, validation
 from .._base.names import order_of
-from .._base.types import DELTA, ArrayLike, Figure, Floats, Status, SubFigure
+from .._base.types import ArrayLike, Figure, Floats, Status, SubFigure
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
 from ..export.header import believed, evidence, write
@@ -21,8 +21,7 @@ from ..identification.identified import Identified
 from ..limits.problem import Horizon, Task, loop_of
 from ..plots.panels import Inputs, draw_calls
 from ..system.system import System
-from ..validation.fresh_systems import Validation
-from ..validation.held_out import PredictedLoop, Runs, validated_loop
+from ..validation.held_out import PredictedLoop
 from .keep import Found, Kept
 from .loop import ControlLoop
 
@@ -356,89 +355,24 @@ class Regulator(ControlLoop[Call]):
             if not self.labels.given:
                 self.labels = checked.labels
 
-    def validate(
-        self,
-        runs: Runs,
-        delta: float = DELTA,
-        *,
-        beta: float | None = None,
-        scale: ArrayLike | None = None,
-        weights: ArrayLike | None = None,
-    ) -> Validation:
-        """Bound where the next run of this loop will be, from runs of it, for any noise and plant.
-
-        Parameters
-        ----------
-        runs : Trajectories or array_like of shape (M, K + 1, n)
-            States of runs of this loop that had no part in it, all of them, from starts that vary
-            as later ones will: a run that diverged or was aborted has fewer rows, or nan. The
-            inputs of Trajectories must be what this loop gives at their states.
-        delta, beta, weights
-            As for `Plan.validate`: 19 runs for 95 %, 59 with confidence 95 %.
-        scale : array_like, shape (n,) or (K + 1, n), optional
-            Units of the deviations, > 0, fixed before these runs. The default is the standard
-            deviation of the noise of one step for a `Model`, else 1.
-
-        Returns
-        -------
-        Validation
-            ``tube`` around ``p(k)``, the states of the loop around its model from the run's own
-            start, and ``target``, the distance of x(K) from the last set point.
-
-        Raises
-        ------
-        InputError, InputTypeError
-            If the runs do not fit this loop, or had other inputs: of another controller, of one
-            that was tuned or swapped in between, or with held ones.
-
-        Notes
-        -----
-        As for `Plan.validate`. The loop begins each run without a plan, and with a rate of change
-        from the input that is applied now. A loop that was tuned after the runs were seen needs
-        fresh ones.
-
-        Examples
-        --------
-        >>> import numpy as np, stochens_rs as se
-        >>> loop = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0))
-        >>> rng = np.random.default_rng(1)
-        >>> x = rng.uniform(1.0, 3.0, (19, 6, 1))
-        >>> for run in x:
-        ...     for k in range(5):
-        ...         run[k + 1] = run[k] + loop(run[k]) + 0.1 * rng.standard_normal(1)
-        >>> loop.validate(x, scale=[0.1])
-        <Validation: 19 runs of a loop, x(K) within 0.483 of xf, tube 2.96 scales, 95 % each>
-        """
+    def _predictions(self) -> PredictedLoop:
         order = order_of("system", self._system.labels, self.labels)
         covariance = getattr(self._system, "covariance", None)
         unit = np.ones(self.n) if covariance is None else np.sqrt(np.diag(covariance))
         unit = order.of_states(unit)
-        mine = PredictedLoop(
-            self._path,
-            self._inputs,
-            self.n,
-            self.m,
-            validation.frozen(self._task.reference[-1].copy()),
-            np.where(unit > 0.0, unit, 1.0),
-            self.labels,
-            self._dt,
-        )
-        return validated_loop(mine, runs, delta, beta, scale, weights)
+        target = validation.frozen(self._task.reference[-1].copy())
+        sizes = target, np.where(unit > 0.0, unit, 1.0)
+        return PredictedLoop(self._path, self._along, self.n, self.m, *sizes, self.labels, self._dt)
 
-    def _inputs(self, states: Floats) -> Floats:
-        """What the loop gives along a run."""
-        loop = self._fresh()
-        return np.array([loop(x) for x in states])
-
-    def _path(self, x0: Floats, steps: int) -> Floats:
-        """The states of the loop around its model."""
+    def _path(self, run: Floats) -> Floats:
+        """The states of the loop around its model, from the start of a run."""
         loop, system = self._fresh(), self._system
         order = order_of("system", system.labels, self.labels)
         Theta = np.hstack(order.matrices(system.A, system.B))
         if isinstance(system, Identified) and system.c is not None:
             Theta = np.hstack([Theta, order.of_states(system.c)[:, None]])
-        path = [x0]
-        for _ in range(steps):
+        path = [run[0]]
+        for _ in run[1:]:
             path.append(trajectory(Theta, path[-1], loop(path[-1])[None])[-1])
         return np.array(path)
 

@@ -17,10 +17,13 @@ from .._base.types import DELTA, ArrayLike, Floats
 from ..data import Trajectories
 from ..exceptions import InputError
 from ..identification.assumptions import Noise, as_noise, checked_assumptions, checked_scale
-from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, refuse
+from ..identification.model import Model
+from .logs import Logs, declared_window, sizes
+from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, look_of_outputs, refuse
 
 if TYPE_CHECKING:
     from ..feedback import Loop
+    from ..identification import Regressors, Window
     from ..limits import Cost
     from ..limits.limits import LimitsLike
 
@@ -31,6 +34,8 @@ _MIXTURES = _core.mixtures()
 
 class ModelStream(Durable):
     """The model ``x(k+1) = A x(k) + B u(k) + c + w(k)`` from pairs, as they arrive.
+
+    With a `window` it is one of outputs, from whole logs, ``Trajectories(..., outputs=True)``.
 
     The model and its region may be asked for after every pair, inputs may be chosen from them, and
     the experiments may be stopped when a certificate is small enough: all looks at the stream are
@@ -54,7 +59,10 @@ class ModelStream(Durable):
     dt : float, optional
         The time between two steps [s].
     state_names, input_names : sequence of str, optional
-        The names; the default is ``x[0]``, ``u[0]``, ....
+        The names; the default is ``x[0]``, ``u[0]``, ..., of outputs ``y[0]``.
+    window : Window or Regressors, optional
+        For n outputs: ``Window(lags=, delay=)``, or that of a model of earlier runs,
+        ``model.window``, which had no part in this stream. The logs themselves are kept then.
 
     Raises
     ------
@@ -91,6 +99,7 @@ class ModelStream(Durable):
     """
 
     _kind = "pairs"
+    _logs: Logs | None = None  # of outputs
 
     def __init__(
         self,
@@ -105,9 +114,21 @@ class ModelStream(Durable):
         dt: float | None = None,
         state_names: Sequence[str] | None = None,
         input_names: Sequence[str] | None = None,
+        window: Window | Regressors | None = None,
     ) -> None:
         states, inputs = validation.size("n", n), validation.size("m", m)
         offset = validation.flag("intercept", intercept)
+        if window is not None:
+            past = declared_window(window, states, inputs, (state_names, input_names), offset)
+            own = checked_assumptions(states, as_noise(noise), past.outputs)
+            if first is not None or own.design != "adaptive":
+                raise InputError("`window` must be left out with `first` or design='independent'")
+            level, step = (
+                validation.probability("delta", delta),
+                dt and validation.positive("dt", dt),
+            )
+            self._start(Logs(past, own, sizes(past, scale), level, step))
+            return
         d = states + inputs + offset
         running.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
         names = checked_names(states, inputs, state_names, input_names)
@@ -138,6 +159,9 @@ class ModelStream(Durable):
         self._state = model.triangle, model.size, model.runs, end  # replaced as one, never changed
         self._lock = threading.RLock()
 
+    def _start(self, logs: Logs) -> None:
+        self._logs, self._lock = logs, threading.RLock()
+
     def update(
         self,
         x: ArrayLike | Trajectories,
@@ -150,7 +174,7 @@ class ModelStream(Durable):
         ----------
         x : array_like of shape (n,) or (N, n), or Trajectories
             The state before the step, or those of N steps in the order of time; or whole runs,
-            without `u` and `x_next`.
+            without `u` and `x_next`; of outputs these alone.
         u : array_like, shape (m,) or (N, m)
             The inputs.
         x_next : array_like, shape (n,) or (N, n)
@@ -171,6 +195,12 @@ class ModelStream(Durable):
         >>> stream.size
         3
         """
+        if self._logs is not None:
+            if u is not None or x_next is not None:
+                raise InputError("`u` and `x_next` must be left out with Trajectories")
+            with self._lock:
+                self._logs = self._logs.after(x)
+            return
         rows = pair_rows(self._about, x, u, x_next)
         # copies: NumPy 2.4 ends the process where strided arrays find no memory for its buffer
         n = self._about.n
@@ -190,12 +220,12 @@ class ModelStream(Durable):
     @property
     def size(self) -> int:
         """The number of pairs taken in so far."""
-        return self._state[1]
+        return self._state[1] if self._logs is None else self._logs.size
 
     @property
-    def model(self) -> Snapshot:
-        """The model after the pairs so far; later pairs do not change it."""
-        return self._after(self._state)
+    def model(self) -> Snapshot | Model:
+        """The model after the pairs so far; later pairs do not change it. Of outputs a `Model`."""
+        return self._after(self._state) if self._logs is None else self._logs.model
 
     def _after(self, state: tuple[Floats, int, int, Floats]) -> Snapshot:
         triangle, size, runs, _ = state
@@ -233,7 +263,7 @@ class ModelStream(Durable):
         ----------
         x0, xf : array_like, shape (n,)
             The initial state and the target; may depend on the data. With a reference in `cost` xf
-            is left out.
+            is left out. Of outputs the `record` and the `target` of `control`.
         tol : float
             The tolerance, in the units of the state (2-norm).
         steps : int, default 1
@@ -288,6 +318,11 @@ class ModelStream(Durable):
         if gain is not None:
             _leave_out(given, "gain", *given)
             return look_at_loop(model, gain)
+        if isinstance(model, Model):
+            _leave_out(given, "window", "u")
+            limit = validation.positive("tol", tol)
+            task = {"record": x0, "target": xf, "steps": steps, **best}
+            return look_of_outputs(model, limit, task)
         for name in ("x0", "tol") if u is None and cost is not None else ("x0", "xf", "tol"):
             if given[name] is None:
                 raise InputError(f"`{name}` must be given, or a `gain`")
@@ -301,6 +336,8 @@ class ModelStream(Durable):
         return look(model, limit, u, {"x0": x0, "xf": xf, "steps": steps, **best})
 
     def __repr__(self) -> str:
+        if self._logs is not None:
+            return f"<ModelStream: {self._logs.window!r}, {show.number_of(self.size, 'pair')}>"
         about = self._about
         dt = "" if about.dt is None else f" dt={about.dt:g}"
         pairs = show.number_of(self.size, "pair")
@@ -308,7 +345,9 @@ class ModelStream(Durable):
         return f"<ModelStream: n={about.n} m={about.m}{dt}, {pairs}{design}>"
 
     def _repr_html_(self) -> str:
-        model = self.model
+        if self._logs is not None:
+            return show.card(self, [("assumed", self._logs.assumptions.text)])
+        model = self._after(self._state)
         rows = [
             ("assumed", model.assumptions.text),
             ("wrong at any look", f"with {100 * model.delta:.6g} % at most"),
@@ -318,6 +357,8 @@ class ModelStream(Durable):
         return show.card(self, rows)
 
     def _to_sections(self) -> dict[str, Any]:
+        if self._logs is not None:
+            return {**self._logs._to_sections(), "mixtures": _MIXTURES}
         state = self._state
         about = self._after(state)._to_sections()
         return {**about, "mixtures": _MIXTURES, "end": state[3]}
@@ -325,10 +366,15 @@ class ModelStream(Durable):
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> ModelStream:
         about = dict(sections)
-        mixtures, end = about.pop("mixtures"), about.pop("end")
+        mixtures, outputs = about.pop("mixtures"), "triangle" not in about
+        end = None if outputs else about.pop("end")
         if not np.array_equal(mixtures, _MIXTURES):
             raise InputError("`mixtures` must be those of this version: its event is another")
-        made, model = cls.__new__(cls), Snapshot._from_sections(about)
+        made = cls.__new__(cls)
+        if outputs:
+            made._start(Logs._from_sections(about))
+            return made
+        model = Snapshot._from_sections(about)
         made._set(model, validation.vector("end", end, length=model.n))
         return made
 

@@ -25,7 +25,13 @@ from .._base.records import (
 )
 from .._base.types import ArrayLike, Floats
 from ..certificates.certificate import Certificate
-from ..certificates.of_model import Asked, ModelBasis, certificate, trajectory
+from ..certificates.of_model import (
+    Asked,
+    ModelBasis,
+    certificate,
+    output_certificate,
+    trajectory,
+)
 from ..controls.control import control
 from ..exceptions import DataWarning, InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
@@ -38,6 +44,7 @@ from ..identification.checks import (
     tested_rows,
 )
 from ..identification.identified import Fitted
+from ..identification.model import Model, after, in_states
 from ..identification.region import Region, Wish, of_core, region_of, withheld
 
 Size: TypeAlias = Annotated[int, partial(validation.size, minimum=0)]
@@ -226,10 +233,6 @@ class Snapshot(SavedRecord, Fitted):
         made.__dict__["doubts"] = self.doubts  # too few pairs for a residual are no exact relation
         return made
 
-    def _in_runs(self, pairs: float) -> float:
-        """So many pairs in runs of the mean length of those so far."""
-        return pairs * self.runs / self.size if self.size else pairs
-
     def _size_after(self, size: float) -> int:
         """The first possible look at `size` pairs or more."""
         N = ceil(size)
@@ -331,7 +334,7 @@ class Look(Record):
 
 def more(pairs: float, runs: float) -> str:
     """A forecast in words."""
-    also = "" if runs == pairs else f", {runs:.3g} runs like those so far"
+    also = "" if runs == pairs else f", {runs:.3g} run{'s' * (runs != 1)} like those so far"
     return f"about {pairs:.4g} more pairs{also}"
 
 
@@ -380,8 +383,45 @@ def look(model: Snapshot, tol: float, u: Floats | None, task: dict[str, Any]) ->
             return _bound(replace(basis, model=later), fixed).parts["model error"]
 
         forecast = _forecast(model, tol - parts["reach"], parts["model error"], error)
-    runs = model._in_runs(forecast)
+    runs = _in_runs(model, forecast)
     return trusted(Look, validation.frozen(u), found, tol, forecast, runs, model.size, missing)
+
+
+def look_of_outputs(model: Model, tol: float, task: dict[str, Any]) -> Look:
+    """The same of a model of outputs: the means of the last readings of its window."""
+    for said in model.doubts:
+        warnings.warn(DataWarning(f"the certificate is infinite: {said}"), stacklevel=3)
+    plan = control(model, **task)
+    found, basis, forecast = plan.bound(model.level, noise=False), plan.basis, inf
+    assert isinstance(basis, ModelBasis)
+    parts, missing = found.parts, plan.limited.missing if plan.limited else 0.0
+
+    def error(later: Model) -> float:
+        own = output_certificate(replace(basis, model=later), plan.u, model.level, False)
+        return own.parts["model error"]
+
+    if not model.doubts:
+        forecast = _forecast(model, tol - parts["reach"], parts["model error"], error)
+    runs = _in_runs(model, forecast)
+    return trusted(Look, plan.u, found, tol, forecast, runs, model.size, missing)
+
+
+def _in_runs(model: Snapshot | Model, pairs: float) -> float:
+    """So many pairs in runs of the mean length of those so far; logs of outputs come as a whole."""
+    if isinstance(model, Model):
+        return float(np.ceil(pairs * len(model.data) / model.size))
+    return pairs * model.runs / model.size if model.size else pairs
+
+
+def _later(model: Snapshot | Model, size: float) -> tuple[Any, int]:
+    """The model at a look at `size` pairs or more, and their number."""
+    pairs = _next_look(model, size)
+    return after(model, pairs) if isinstance(model, Model) else model._after(pairs), pairs
+
+
+def _next_look(model: Snapshot | Model, size: float) -> int:
+    """The first possible look at `size` pairs or more."""
+    return ceil(size) if isinstance(model, Model) else model._size_after(size)
 
 
 def _bound(basis: ModelBasis, u: Floats) -> Certificate:
@@ -393,7 +433,7 @@ def _bound(basis: ModelBasis, u: Floats) -> Certificate:
 
 
 def _forecast(
-    model: Snapshot, room: float, now: float, error_of: Callable[[Snapshot], float]
+    model: Snapshot | Model, room: float, now: float, error_of: Callable[[Any], float]
 ) -> float:
     """How many more pairs until the error is at most `room`; `now` it is at this."""
     error = now
@@ -409,8 +449,8 @@ def _forecast(
         # next to where ``error ~ N^(-1/2)`` would be `room`
         more = 2.0 * (log2(max(error, SMALL)) - log2(room)) if isfinite(error) else 0.0
         power = min(max(ceil(log2(size) + more), low + 1), high - 1)
-        later = model._after(2.0**power)
-        size, error = float(later.size), error_of(later)
+        later, pairs = _later(model, 2.0**power)
+        size, error = float(pairs), error_of(later)
         if error > room:
             low, above = power, (size, error)
         else:
@@ -420,7 +460,7 @@ def _forecast(
         size *= (error / room) * (error / room)  # inf where it overflows
     elif isfinite(error) and below[1] > 0.0:  # as a power of N in between
         share = np.log(error / room) / np.log(error / below[1])
-        size = float(model._size_after(size * (below[0] / size) ** share))
+        size = float(_next_look(model, size * (below[0] / size) ** share))
     else:
         size = below[0]
     return max(size - model.size, 1.0)
@@ -466,17 +506,18 @@ class LoopLook(Record):
         return show.card(self, [], self.proof._repr_html_())
 
 
-def look_at_loop(model: Snapshot, gain: Loop | ArrayLike) -> LoopLook:
+def look_at_loop(model: Snapshot | Model, gain: Loop | ArrayLike) -> LoopLook:
     """Judge a gain for the region of this look; ``rho g`` falls as N^(-1/2)."""
     n, m = model.n, model.m
     K = gain.K if isinstance(gain, Loop) else validation.matrix("gain", gain, rows=m, cols=n)
     if K.shape != (m, n):
         raise InputError(f"`gain` must be of shape ({m}, {n}), got {K.shape}")
     own = validation.frozen(np.array(K))
-    proof = judged(model.region(), own, model.labels, model)
+    proof = judged(in_states(model, model.region(model.level)), own, model.labels, model)
     needed = 0.0
     if proof.status != "certified":
         stable = not model.doubts and isfinite(proof.least)
-        needed = model._size_after(model.size * proof.least**2) - model.size if stable else inf
+        size = model.size
+        needed = _next_look(model, size * proof.least**2) - size if stable else inf
     forecast = float(max(needed, 0.0))
-    return trusted(LoopLook, proof, forecast, model._in_runs(forecast), model.size)
+    return trusted(LoopLook, proof, forecast, _in_runs(model, forecast), model.size)

@@ -32,9 +32,12 @@ _INPUTS = 1e-6
 
 
 class PredictedLoop(NamedTuple):
-    """A loop: the states that its model predicts from a start, and its inputs along a run."""
+    """A loop: what its model predicts along a run from its start, and its inputs there.
 
-    path: Callable[[Floats, int], Floats]
+    Of outputs the states of a run are its readings; those that are free have no target, nan.
+    """
+
+    path: Callable[[Floats], Floats]
     inputs: Callable[[Floats], Floats]
     n: int
     m: int
@@ -163,11 +166,19 @@ def validated_loop(
     states = _states(like, runs, loop)
     units = np.tile(loop.scale, (K, 1)) if scale is None else _scale(scale, like.states)
     running.need("the predictions", states.nbytes)
-    starts = np.nan_to_num(states[:, 0])  # of a run without any state: it diverged
-    paths = np.array([loop.path(start, K) for start in starts])
-    told = paths.reshape(-1, loop.n), np.zeros((loop.n, loop.n)), units, loop.target
-    scores = _core.validation_runs(told, states, get_num_threads())
-    return _judged(scores, units, loop.target, delta, sure, weights, "runs of a loop", None)
+    paths = np.array([loop.path(run) for run in np.nan_to_num(states)])
+    lost = ~np.isfinite(paths).all(axis=(1, 2))  # nothing is predicted: as a run that ended
+    states[lost], paths[lost] = np.nan, 0.0
+    threads, held, n = get_num_threads(), ~np.isnan(loop.target), loop.n
+    target = np.where(held, loop.target, paths[0, -1])
+    told = paths.reshape(-1, n), np.zeros((n, n)), units, target
+    scores = _core.validation_runs(told, states, threads)
+    if not held.all():
+        part = tuple(np.ascontiguousarray(one[..., held]) for one in (paths, units, target, states))
+        p = len(part[2])
+        own = part[0].reshape(-1, p), np.zeros((p, p)), part[1], part[2]
+        scores = scores[0], _core.validation_runs(own, part[3], threads)[1]
+    return _judged(scores, units, target, delta, sure, weights, "runs of a loop", None)
 
 
 def _judged(

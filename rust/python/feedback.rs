@@ -176,13 +176,7 @@ impl PyFeedback {
         array2(py, values, all.len(), 2)
     }
 
-    /// How far states and inputs are moved by errors of the inputs of these sizes.
-    fn errors<'py>(&self, py: Python<'py>, sizes: Vector<'_>) -> PyResult<Array1<'py>> {
-        let sizes = slice("sizes", &sizes)?;
-        array1(py, run(py, UNTIL_STOPPED, |stop| self.of.errors(sizes, stop))?)
-    }
-
-    /// The same by the rounding of inputs, relative to `|K| |x|`, and absolute.
+    /// How far states and inputs are moved by errors of the inputs, relative to `|K| |x|`, and absolute.
     fn computed<'py>(
         &self,
         py: Python<'py>,

@@ -9,7 +9,7 @@ use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use super::shared::Shared;
 use super::window::PyWindow;
-use crate::memory::try_zeros;
+use crate::memory::{try_copy, try_zeros};
 use crate::watch::{Bank, Frame, Laws, Null, Promise, Watch, open_loop};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -71,7 +71,7 @@ impl PyWatch {
             let (n, d) = frame.sizes;
             let [mut e, mut wz] = [try_zeros(WHAT, n)?, try_zeros(WHAT, frame.white.len() / d)?];
             let mut lengths = try_zeros(WHAT, frame.norms.len())?;
-            for row in rows.chunks_exact(width).filter(|row| row.len() == n + d) {
+            for row in rows.chunks_exact(width).filter(|row| row.len() == frame.outputs + d) {
                 if frame.residual(&row[..d], &row[d..], &mut e, &mut wz, &mut lengths) {
                     fresh.add(frame, &row[..d], &e);
                 }
@@ -96,6 +96,12 @@ impl PyWatch {
         self.0.with(py, 0.0, |watch, _| watch.sights(steps))
     }
 
+    /// The readings that are watched.
+    #[getter]
+    fn rows(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
+        self.0.with(py, 0.0, |watch, _| Ok(try_copy(WHAT, &watch.after().0.rows)?))
+    }
+
     fn clear(&self, py: Python<'_>) -> PyResult<()> {
         self.0.with(py, 0.0, |watch, _| {
             watch.clear();
@@ -104,9 +110,9 @@ impl PyWatch {
     }
 
     fn look<'py>(&self, py: Python<'py>, alpha: f64, groups: Vec<Vec<usize>>) -> PyResult<Looked<'py>> {
-        let ((n, d), look) = self.0.with(py, UNTIL_STOPPED, |watch, _| {
+        let (n, d, look) = self.0.with(py, UNTIL_STOPPED, |watch, _| {
             let (frame, fresh) = watch.after();
-            Ok((frame.sizes, fresh.look(frame, alpha, &groups)?))
+            Ok((frame.outputs, frame.sizes.1, fresh.look(frame, alpha, &groups)?))
         })?;
         let [a, b, c] = look.entries;
         let [gain, new, old] = look.gains;

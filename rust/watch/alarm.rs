@@ -15,6 +15,9 @@ const LEARNED: [f64; 2] = [20.0, 200.0];
 const SHIFT: f64 = 5.0;
 /// Steps in which nothing could have told, to be blind; also those of the mean of what is seen.
 const IDLE: f64 = 200.0;
+/// Least factor of a bet, and largest sums: what is beyond is evidence that is lost, or of no use, and all numbers are finite.
+const LEAST: f64 = 1e-300;
+const MOST: f64 = 1e290;
 /// Relative changes that are looked at by what it sees now: `.02 1.5^k`.
 const CHANGES: usize = 16;
 
@@ -99,8 +102,8 @@ impl Watch {
     /// [`Error::Shape`], [`Error::Value`], [`Error::Memory`].
     pub fn new(frame: Frame, bank: Bank, law: (Laws, Null), promise: Promise, window: Window) -> Result<Self> {
         let (n, d) = frame.sizes;
-        if (window.outputs(), window.length()) != (n, d) {
-            let (expected, found) = (format!("{n} readings and {d} regressors"), window.length().to_string());
+        if (window.outputs(), window.length()) != (frame.outputs, d) {
+            let (expected, found) = (format!("{} readings, {d} regressors", frame.outputs), window.length().to_string());
             return Err(Error::Shape { name: "window", expected, found });
         }
         let sound = match promise {
@@ -132,7 +135,7 @@ impl Watch {
             counts: Counts::default(),
             fresh: Fresh::new(&frame, None)?,
             x: zeros(window.states())?,
-            first: zeros(n)?,
+            first: zeros(window.outputs())?,
             z: zeros(d)?,
             evidence: zeros(begins[5])?,
             onset: zeros(begins[5])?,
@@ -243,7 +246,7 @@ impl Watch {
             let (parts, direction) = (self.lengths.len(), self.bank.direction[b]);
             let p = g.abs() * dot(&self.bank.spreads[direction * parts..(direction + 1) * parts], &self.lengths);
             let (x, v) = (g * self.along[direction], g * g);
-            self.squares[0][b] += p * p;
+            self.squares[0][b] += (p * p).min(MOST);
             self.sizes[0][b] += v;
             for k in 0..self.bank.shifts.len() {
                 let s = self.bank.shifts[k] * self.bank.unit[b];
@@ -252,7 +255,7 @@ impl Watch {
                 for (side, x) in [x, -x].into_iter().enumerate() {
                     self.grow((b * self.bank.shifts.len() + k) * 2 + side, 0, law.factor(a, x, p, v));
                     if k < small && !joint {
-                        self.sums[0][(b * small + k) * 2 + side] += law.factor(s, x, p, v).ln();
+                        self.sums[0][(b * small + k) * 2 + side] += law.factor(s, x, p, v).max(LEAST).ln();
                     }
                 }
                 if k < small && joint {
@@ -304,7 +307,8 @@ impl Watch {
         let whole = self.bank.whole[b];
         if whole > 0.0 && v > 0.0 {
             for (k, mean) in self.growth[which][b * CHANGES..(b + 1) * CHANGES].iter_mut().enumerate() {
-                *mean += rate * (0.5 * v * (change(k) * whole - p / v).max(0.0).powi(2) / steps - *mean);
+                let growth = 0.5 * v * (change(k) * whole - p / v).max(0.0).powi(2) / steps;
+                *mean += rate * (growth.min(MOST) - *mean);
             }
         }
     }
@@ -409,7 +413,12 @@ impl Watch {
         let wide = 2 * if part == 0 { self.bank.shifts.len() } else { self.bank.small };
         let b = (place - self.begins[part]) / wide;
         let of = |list: &[usize]| list.get(b).copied().unwrap_or(0);
-        (part, of(&self.bank.direction), of(&self.bank.column), place % 2 == 1)
+        (part, self.reading(of(&self.bank.direction)), of(&self.bank.column), place % 2 == 1)
+    }
+
+    /// The reading of a direction; their number for those of gains.
+    fn reading(&self, direction: usize) -> usize {
+        self.frame.rows.get(direction).copied().unwrap_or(self.frame.outputs)
     }
 
     /// Direction, column, and the least change of each gain, in parts of it, and load, in deviations, that would be seen within
@@ -422,7 +431,7 @@ impl Watch {
         let seen = |b: usize, k: usize| self.growth.iter().any(|means| means[b * CHANGES + k] >= wanted);
         let least = |b: usize| (0..CHANGES).find(|k| seen(b, *k)).map_or(f64::INFINITY, change);
         let places = (0..self.bank.whole.len()).filter(|b| self.bank.whole[*b] > 0.0);
-        try_collect(WHAT, places.map(|b| (self.bank.direction[b], self.bank.column[b], least(b))))
+        try_collect(WHAT, places.map(|b| (self.reading(self.bank.direction[b]), self.bank.column[b], least(b))))
     }
 
     /// The evidence of each bet.

@@ -5,19 +5,28 @@ use std::sync::Arc;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::identify::{cholesky, covariance_root, spectral_norm};
-use crate::memory::{checked_len, try_collect, try_copy, try_extend, try_push, try_zeros};
+use crate::memory::{checked_len, try_collect, try_extend, try_push, try_zeros};
 use crate::region::{Part, Region};
 use crate::vector::{dot, norm as size};
 
 pub(super) const WHAT: &str = "a watch";
 /// What is taken for a bound is larger by this: the rounding of what it is compared with.
 pub(super) const WIDER: f64 = 1.0 + 1e-9;
+/// Noise of a row, in parts of its readings, and variance in parts of its own that other rows leave: below these, rounding.
+const ROUNDING: f64 = 1e-15;
+const TIED: f64 = 1e-12;
+/// Noise whose square has few digits.
+const LEAST: f64 = 1e-140;
 
 /// `e = L^-1 (y - C z)`, `Sbar = L L'`; plain arrays.
 #[derive(Debug, Clone)]
 pub struct Frame {
-    /// The number of readings n, and of regressors d.
+    /// The number of rows n that are watched, and of regressors d.
     pub sizes: (usize, usize),
+    /// The number of readings, and which of them are watched: a row without noise of its own, by rounding, is not.
+    pub outputs: usize,
+    /// See `outputs`.
+    pub rows: Vec<usize>,
     /// C (n, d).
     pub centre: Vec<f64>,
     /// L (n, n), lower.
@@ -45,27 +54,30 @@ impl Frame {
     /// Of a region of `pairs` pairs with this bound (n, n) of the covariance of the noise.
     ///
     /// # Errors
-    /// [`Error::Value`] for a region that is unbounded, or noise that is not positive definite; [`Error::Memory`].
+    /// [`Error::Value`] for a region that is unbounded, or noise that is rounding in all rows; [`Error::Memory`].
     pub fn new(region: &Region, noise: &[f64], pairs: usize) -> Result<Self> {
         let (d, pairs) = (region.width(), pairs.max(1) as f64);
-        let n = region.centre().len() / d;
-        let (square, own) = (checked_len(WHAT, d, d)?, checked_len(WHAT, n, n)?);
-        let wrong = |name, expected| Error::Value { name, expected, found: "another one".into() };
+        let outputs = region.centre().len() / d;
+        let square = checked_len(WHAT, d, d)?;
+        let wrong = |name, expected, found: &str| Error::Value { name, expected, found: found.into() };
         if !region.radius().is_finite() {
-            return Err(wrong("region", "bounded"));
+            return Err(wrong("region", "bounded", "another one"));
         }
-        let small = (0..n).any(|i| {
-            // noise that is rounding of the readings
-            let size = |part: &Arc<Part>| {
-                let lengths = norm(part.of().root.iter().copied()) / pairs.sqrt();
-                norm(region.centre()[i * d..(i + 1) * d].iter().copied()) * lengths
-            };
-            noise
-                .get(i * (n + 1))
-                .is_none_or(|v| v.sqrt() <= 1e-15 * region.parts().iter().map(size).fold(0.0, f64::max))
-        });
-        let root = if noise.len() == own && !small { cholesky(noise, n)? } else { None };
-        let root = root.ok_or_else(|| wrong("noise", "a positive definite bound, no row a combination of others"))?;
+        let mut scale = try_zeros::<f64>(WHAT, d)?;
+        for part in region.parts() {
+            let (of, width) = (part.of(), part.of().columns.len().max(1));
+            for (at, j) in of.columns.iter().enumerate() {
+                scale[*j] = scale[*j].max(norm(of.root.iter().copied().skip(at).step_by(width)) / pairs.sqrt());
+            }
+        }
+        let readings = |row: &[f64]| row.iter().zip(&scale).map(|(c, size)| (c * size).abs()).sum::<f64>();
+        let sizes = try_collect(WHAT, region.centre().chunks_exact(d).map(readings))?;
+        let rows = watched(noise, &sizes)?;
+        let n = rows.len();
+        let own = checked_len(WHAT, n, n)?;
+        let noise = try_collect(WHAT, (0..own).map(|at| noise[rows[at / n] * outputs + rows[at % n]]))?;
+        let root = if n > 0 { cholesky(&noise, n)? } else { None };
+        let root = root.ok_or_else(|| wrong("noise", "a bound above rounding for a reading", "none"))?;
         let mut back = try_zeros::<f64>(WHAT, own)?;
         for j in 0..n {
             for i in j..n {
@@ -73,7 +85,7 @@ impl Frame {
                 back[i * n + j] = (f64::from(u8::from(i == j)) - done) / root[i * (n + 1)];
             }
         }
-        let (mut begins, mut white, mut scale) = (try_zeros(WHAT, 1)?, Vec::new(), try_zeros::<f64>(WHAT, d)?);
+        let (mut begins, mut white) = (try_zeros(WHAT, 1)?, Vec::new());
         let (mut reach, mut norms) = (Vec::new(), Vec::new());
         for part in region.parts() {
             let (of, width) = (part.of(), part.of().columns.len().max(1));
@@ -83,12 +95,12 @@ impl Frame {
                 try_extend(WHAT, &mut white, wide)?;
             }
             try_push(WHAT, &mut begins, white.len() / d)?;
-            for (at, j) in of.columns.iter().enumerate() {
-                scale[*j] = scale[*j].max(norm(of.root.iter().copied().skip(at).step_by(width)) / pairs.sqrt());
-            }
             let mut shape = try_zeros(WHAT, own)?;
             for (at, v) in of.shape.iter().enumerate() {
-                shape[of.rows[at / of.rows.len()] * n + of.rows[at % of.rows.len()]] = of.factor * v;
+                let place = |k: usize| rows.iter().position(|row| *row == of.rows[k]);
+                if let (Some(i), Some(j)) = (place(at / of.rows.len()), place(at % of.rows.len())) {
+                    shape[i * n + j] = of.factor * v;
+                }
             }
             let half = covariance_root(&shape, n)?;
             let product = |at: usize| (0..n).map(|k| back[at % n * n + k] * half[k * n + at / n]).sum::<f64>();
@@ -106,8 +118,9 @@ impl Frame {
             scaled.iter_mut().zip(&white).for_each(|(to, v)| *to = pairs.sqrt() * v);
             unscaled.iter_mut().zip(part.of().root).for_each(|(to, v)| *to = v / pairs.sqrt());
         }
-        let (centre, parts) = (try_copy(WHAT, region.centre())?, try_collect(WHAT, region.parts().iter().cloned())?);
-        Ok(Self { sizes: (n, d), centre, root, back, white, begins, reach, norms, scaled, unscaled, scale, parts })
+        let centre = try_collect(WHAT, (0..n * d).map(|at| region.centre()[rows[at / d] * d + at % d]))?;
+        let (sizes, parts) = ((n, d), try_collect(WHAT, region.parts().iter().cloned())?);
+        Ok(Self { sizes, outputs, rows, centre, root, back, white, begins, reach, norms, scaled, unscaled, scale, parts })
     }
 
     /// `e` (n) and `W z` (any), and the lengths (parts) of z; false where a number is not finite, or z has a part in a direction
@@ -119,9 +132,11 @@ impl Frame {
             let known = self.parts[p].length(z).is_finite();
             *to = if known { WIDER * size(&wz[self.begins[p]..self.begins[p + 1]]) } else { f64::INFINITY };
         }
-        e.iter_mut().zip(y).zip(self.centre.chunks_exact(d)).for_each(|((to, y), row)| *to = y - dot(row, z));
+        for (i, row) in self.centre.chunks_exact(d).enumerate() {
+            e[i] = y[self.rows[i]] - dot(row, z);
+        }
         (0..n).rev().for_each(|i| e[i] = dot(&self.back[i * n..=i * n + i], &e[..=i]));
-        e.iter().chain(lengths.iter()).all(|v| v.abs() <= 1e140)
+        e.iter().chain(lengths.iter()).chain(z).all(|v| v.abs() <= 1e140)
     }
 
     /// `L^-1 x`.
@@ -136,4 +151,24 @@ impl Frame {
         let rows = self.reach[part * own..(part + 1) * own].chunks_exact(l.len());
         WIDER * rows.map(|row| dot(row, l).powi(2)).sum::<f64>().sqrt()
     }
+}
+
+/// The rows with noise of their own: more than rounding of readings of these `sizes`, and of the rows before.
+fn watched(noise: &[f64], sizes: &[f64]) -> Result<Vec<usize>> {
+    let n = sizes.len();
+    let (mut rows, mut own) = (Vec::new(), Vec::new()); // own: rows of the root, each n wide
+    for i in (0..n).filter(|i| noise.len() == n * n && noise[i * (n + 1)].sqrt() > (ROUNDING * sizes[*i]).max(LEAST)) {
+        let mut row = try_zeros::<f64>(WHAT, n)?;
+        for (k, j) in rows.iter().enumerate() {
+            let before: &[f64] = &own[k * n..(k + 1) * n];
+            row[k] = (noise[i * n + j] - dot(&row[..k], &before[..k])) / before[k];
+        }
+        let left = noise[i * (n + 1)] - dot(&row, &row);
+        if left > TIED * noise[i * (n + 1)] {
+            row[rows.len()] = left.sqrt();
+            try_push(WHAT, &mut rows, i)?;
+            try_extend(WHAT, &mut own, row)?;
+        }
+    }
+    Ok(rows)
 }

@@ -22,6 +22,8 @@ use super::frame::{Frame, WHAT, WIDER};
 const MIXTURES: [f64; 3] = [5.0, 50.0, 500.0];
 /// Of the largest: directions of z that are as good as absent. Any limit is valid, as the others are orthogonal to them.
 const ABSENT: f64 = 1e-9;
+/// In units of the data of the region: what is smaller is absent, too, and squares stay numbers.
+const TINY: f64 = 1e-100;
 /// Shares of the new pairs in a bound, between which the search for a violation chooses.
 const SHARES: [f64; 5] = [0.1, 0.3, 0.5, 0.7, 0.9];
 
@@ -37,8 +39,8 @@ pub struct Fresh {
 /// What the pairs say.
 #[derive(Debug)]
 pub struct Look {
-    /// The estimate (n, d), nan where the pairs do not determine a column; it is within this of the system; and what the region
-    /// adds for a system of it.
+    /// The estimate (outputs, d), nan where the pairs do not determine a column, or the row is not watched; it is within this of
+    /// the system; and what the region adds for a system of it.
     pub entries: [Vec<f64>; 3],
     /// The largest violation of the region: of all, without each of the groups of columns, and without each row. Above 1 a proof
     /// that the system is outside, and that these columns or this row alone do not explain it.
@@ -46,7 +48,7 @@ pub struct Look {
     /// What the gain of each column is now in parts of that of C (d), along the direction of the old one, and both radii.
     pub gains: [Vec<f64>; 3],
     /// `white` (d, d), `root` with `white root' = I`, and `factor` of the set that these pairs allow: `(H - Theta) V (H - Theta)'
-    /// <= factor Sbar`, `V = root' root`. Empty where they do not determine all of z.
+    /// <= factor Sbar`, `V = root' root`. Empty where they do not determine all of z, or not all rows are watched.
     pub allowed: (Vec<f64>, Vec<f64>, f64),
 }
 
@@ -123,7 +125,7 @@ impl<'a> Search<'a> {
     fn new(of: &Fresh, frame: &'a Frame, alpha: f64) -> Result<Self> {
         let ((n, d), k) = (frame.sizes, of.row.len());
         let svd = singular(&try_collect(WHAT, (0..d * d).map(|at| of.triangle[at / d * k + at % d]))?, d, d)?;
-        let least = ABSENT * svd.s.first().copied().unwrap_or(0.0);
+        let least = (ABSENT * svd.s.first().copied().unwrap_or(0.0)).max(TINY);
         let rank = svd.s.iter().filter(|s| **s > least).count();
         // rows v_i' P^(-1/2) of z, and v_i' P^(1/2)'
         let [mut along, mut back] = [try_zeros::<f64>(WHAT, d * d)?, try_zeros::<f64>(WHAT, d * d)?];
@@ -155,8 +157,10 @@ impl<'a> Search<'a> {
         for group in groups {
             try_push(WHAT, &mut violations, self.largest(group, None)?)?;
         }
-        for i in 0..n {
-            try_push(WHAT, &mut violations, self.largest(&[], Some(i))?)?;
+        for row in 0..frame.outputs {
+            let own = frame.rows.iter().position(|one| *one == row); // one that is not watched explains nothing
+            let found = own.map_or(Ok(violations[0]), |i| self.largest(&[], Some(i)))?;
+            try_push(WHAT, &mut violations, found)?;
         }
         let filled = |count: usize| {
             Ok::<_, crate::Error>([
@@ -165,7 +169,7 @@ impl<'a> Search<'a> {
                 try_filled(WHAT, f64::INFINITY, count)?,
             ])
         };
-        let (mut entries, mut gains, mut q) = (filled(n * d)?, filled(d)?, try_zeros(WHAT, d)?);
+        let (mut entries, mut gains, mut q) = (filled(frame.outputs * d)?, filled(d)?, try_zeros(WHAT, d)?);
         for j in 0..d {
             q.fill(0.0);
             q[j] = 1.0;
@@ -173,8 +177,8 @@ impl<'a> Search<'a> {
                 continue;
             }
             for i in 0..n {
-                let (at, l) = (i * d + j, &frame.root[i * n..(i + 1) * n]); // l = e_i is L' e_i in the units of e
-                entries[0][at] = frame.centre[at] + self.along(l, &q);
+                let (at, l) = (frame.rows[i] * d + j, &frame.root[i * n..(i + 1) * n]); // l = e_i is L' e_i in the units of e
+                entries[0][at] = frame.centre[i * d + j] + self.along(l, &q);
                 (entries[1][at], entries[2][at]) = self.radii(l, &q);
             }
             let l = frame.whitened(|k| frame.centre[k * d + j])?; // Sbar^-1 C e_j there
@@ -188,7 +192,8 @@ impl<'a> Search<'a> {
         let trace =
             |form: &[f64]| form.iter().enumerate().map(|(at, v)| (v * frame.scale[at % d]).powi(2)).sum::<f64>();
         let best = self.forms.into_iter().min_by(|a, b| trace(&a.0).total_cmp(&trace(&b.0)));
-        let allowed = best.filter(|_| self.absent.is_empty()).map(|(mut form, root, level)| {
+        let known = self.absent.is_empty() && n == frame.outputs;
+        let allowed = best.filter(|of| known && of.0.iter().all(|v| v.is_finite())).map(|(mut form, root, level)| {
             form.iter_mut().for_each(|v| *v /= level.sqrt());
             (form, root, level)
         });

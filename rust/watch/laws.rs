@@ -52,10 +52,10 @@ impl Laws {
     }
 
     /// What a block adds up for a constant system: parts of `log` of the factor without p that are odd and even in x, and
-    /// `phi'`.
+    /// `phi'`; finite numbers.
     #[must_use]
     pub fn block(self, s: f64, x: f64, v: f64) -> [f64; 3] {
-        let (t, even) = (s * x, 0.5 * s * s * v);
+        let (t, even) = ((s * x).clamp(-1e150, 1e150), (0.5 * s * s * v).min(1e290));
         if self == Self::Variance {
             [t.signum() * square(t).ln(), even.ln_1p(), (1.0 + t.abs()) / square(t)]
         } else {

@@ -387,3 +387,14 @@ fn a_watch_goes_on_bit_by_bit() {
     assert!(one.counts().alarms > 0.0, "there were alarms");
     assert!(one.resume(&[0.0; 3]).is_err());
 }
+
+#[test]
+fn rows_without_noise_of_their_own() {
+    let rows = |noise: [f64; 4]| Frame::new(&region(None), &noise, 12).map(|frame| frame.rows);
+    assert_eq!(rows(SBAR).unwrap(), [0, 1]);
+    assert_eq!(rows([1e-40, 0.0, 0.0, 0.04]).unwrap(), [1]); // rounding of the readings
+    assert_eq!(rows([0.09, 0.06, 0.06, 0.04]).unwrap(), [0]); // 2/3 of the first row
+    assert_eq!(rows([0.04, 0.0, 0.0, -1.0]).unwrap(), [0]);
+    assert!(rows([0.0; 4]).is_err());
+    assert!(Frame::new(&region(None), &SBAR[..1], 12).is_err());
+}

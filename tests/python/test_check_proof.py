@@ -95,7 +95,7 @@ def least_eigenvalue(C: Any, V: Any, fS: Any, K: Any, Q: Any) -> float:
 
 
 def test_mutated_proofs_are_refused(made: Any) -> None:
-    """Half of the 200 (60 in `make test`) are damaged files; the others are sealed anew, and are no proofs by a twin."""
+    """200, 60 in `make test`: half are damaged files; the others are no proofs by a twin."""
     folder, _ = made
     text, header = ((folder / one).read_text("utf-8") for one in ("proof.json", "controller.h"))
     sums = folder / "sums.json"

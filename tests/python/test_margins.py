@@ -272,7 +272,7 @@ def test_an_uncertified_loop_has_no_margins():
     assert (certified[4 * m :] == [0.0, 0.0, 0.0, 0.0, np.inf, 1.0]).all()
     assert wide.core.allows(np.eye(wide.n), np.eye(wide.n + m))[0] == 0.0
     assert wide.core.attracted(np.ones(m), np.ones(wide.n)) == 0.0
-    assert np.isinf(wide.core.errors(np.ones(m))).all()
+    assert np.isinf(wide.core.computed(np.zeros(wide.n), 0.0, np.ones(m))).all()
 
 
 def test_directions_that_no_data_determine_have_no_margins():

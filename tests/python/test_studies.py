@@ -18,8 +18,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import sets
 import study_functions as functions
+from coverage_study import sets
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.studies import running
 from stochens_rs.studies import study as study_module

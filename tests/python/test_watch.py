@@ -1,5 +1,6 @@
 """An alarm of a loop in use: its promise, what it finds, and what it must not be asked."""
 
+import copy
 import pickle
 import warnings
 from dataclasses import replace
@@ -153,7 +154,7 @@ def test_an_alarm_says_which_part_changed():
         for row, acts in zip(x, u, strict=False):
             state = watch(row, acts)
         assert state.status == "alarm"
-        assert watch.rang is not None
+        assert watch.alarm is not None
         changes, true = watch.changes(), np.hstack(new)
         assert changes.status == "refuted"
         wanted = ("u[0]",) if fault % 2 else ("x[1]", "x[3](k+1)")
@@ -205,7 +206,7 @@ def test_it_goes_on_from_a_file(tmp_path):
     assert watch.changes() == others[1].changes()
     watch.clear()
     assert watch(x[-1], u[-1]).status == "quiet"
-    assert watch.rang is None
+    assert watch.alarm is None
     assert watch([np.nan], [0.0]).status == "skipping"
     assert watch.plot().get_ylabel() == "evidence of a change"
 
@@ -348,7 +349,7 @@ def test_a_loop_that_begins_anew_makes_no_alarm():
         for _ in range(40):
             x = 0.9 * x + loop(x) + 0.1 * rng.standard_normal(1)
         loop.reset()
-    assert loop.watch.rang is None
+    assert loop.watch.alarm is None
 
 
 @pytest.mark.parametrize("law", ["gaussian", "bounded", "symmetric"])
@@ -378,3 +379,113 @@ def test_what_an_exact_test_refutes_has_explanations():
     assert () not in found
     with pytest.raises(InputError, match="`level` must be from 1e-15"):
         one_state(level=0.9)
+
+
+def test_behind_clear_nothing_is_certified():
+    """The pairs after the alarm are forgotten, and the plant is not the old one."""
+    _, watch = one_state()
+    assert watch.hold().status == "certified"
+    rng, x = np.random.default_rng(2), np.zeros(1)
+    for _ in range(300):
+        u = watch.proof.K @ x + rng.standard_normal(1)
+        watch(x, u)
+        x = 0.9 * x + 0.3 * u + 0.1 * rng.standard_normal(1)
+    assert watch.alarm is not None
+    watch.clear()
+    held = watch.hold()
+    assert (watch.alarm, held.status) == (None, "undetermined")
+    assert "an alarm was cleared" in str(held)
+
+
+def test_a_watch_is_of_one_loop():
+    model, watch = one_state()
+    first, other = (se.regulate(model, 3) for _ in range(2))
+    first.watch = first.watch = watch
+    with pytest.raises(InputError, match="`watch` is that of another loop"):
+        other.watch = watch
+    other.watch = copy.copy(watch)
+    first([1.0])
+    assert (len(watch.history), len(other.watch.history)) == (1, 0)
+    again = pickle.loads(pickle.dumps(first))
+    with pytest.raises(InputError, match="`watch` is that of another loop"):
+        other.watch = again.watch
+    first.watch = None
+    other.watch = watch
+    assert other.watch is watch
+
+
+def test_what_no_sensor_reads_is_named():
+    _, watch = one_state()
+    for y, u, reason in (
+        ([0.0], [0.0], None),
+        ([np.nan], [0.0], None),  # missing
+        ([np.inf], [0.0], "x[0] = inf cannot have been measured"),
+        ([0.0], [-np.inf], "u[0] = -inf cannot have been measured"),
+        ([1e200], [0.0], "x[0] = 1e+200 cannot have been measured"),
+    ):
+        assert watch(y, u).reason == reason
+    assert watch.alarm is None
+
+
+@pytest.mark.parametrize("law", ["variance", "gaussian", "bounded", "symmetric"])
+@pytest.mark.parametrize("moving", [False, True])
+def test_all_numbers_of_a_watch_are_finite(law, moving):
+    _, watch = one_state(law, moving=moving)
+    rng = np.random.default_rng(3)
+    for k in range(300):
+        size = 10.0 ** rng.uniform(-320, 150, 2)
+        watch(rng.standard_normal(1) * size[0] * (k % 3 > 0), rng.standard_normal(1) * size[1])
+    state = watch.__getstate__()["state"]
+    assert np.isfinite(state).all()
+    assert np.abs(state).max() > 1e100
+
+
+def test_logs_of_tiny_numbers_say_little():
+    model, watch = one_state()
+    x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1)) * 1e-170
+    runs = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.1 * w)
+    changes = model.accepts(runs)
+    assert (changes.status, changes.region) == ("too few pairs", None)
+
+
+def exact_row(size):
+    """A position that is the sum of speeds, with noise that is rounding beside a real one."""
+    rng = np.random.default_rng(1)
+    A, B, x, us = np.array([[1.0, 0.1], [0.0, 0.9]]), np.array([[0.0], [0.5]]), [np.zeros(2)], []
+    for _ in range(200):
+        us.append(rng.standard_normal(1) - x[-1] @ [0.3, 0.5])
+        w = rng.standard_normal(2) * [size, 0.1]
+        x.append(A @ x[-1] + B @ us[-1] + w)
+    data, law = se.Trajectories([np.array(x)], [np.array(us)]), np.diag([size**2, 0.01])
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return (A, B), se.identify(data, noise=se.Noise(covariance=law))
+
+
+def test_a_row_without_noise_is_not_watched_and_the_others_are():
+    (A, B), model = exact_row(1e-19)
+    source, rng = source_of(model, model.region(0.05)), np.random.default_rng(5)
+    K, alarms = np.array([[-0.3, -0.5]]), 0
+    assert source.watch().rows == [1]
+    for _ in range(2):  # as often as promised
+        x, u = follow((A, B), K, np.array([1e-19, 0.1]), 1.0, 4000, rng, "t(3)")
+        alarms += run(source.watch("variance", False, 50.0), x, u)
+    assert 10 < alarms <= 2 * (8000 + 28) / 50.0
+    watch = source.watch()
+    x, u = follow((A, 0.5 * B), K, np.array([1e-19, 0.1]), 1.0, 400, rng)
+    assert run(watch, x, u) > 0
+    changes = source.changes(watch, 0.05)
+    assert changes.status == "refuted"
+    assert {"u[0]", "x[1](k+1)"} == set(changes.explanations)
+    assert np.isinf(changes.radius[0]).all()
+    assert changes.region is None
+    _, loud = exact_row(0.1)
+    assert source_of(loud, loud.region(0.05)).watch().rows == [0, 1]
+
+
+def test_inputs_in_tiny_units_are_watched():
+    rng = np.random.default_rng(1)
+    x, u, w = rng.standard_normal((3, 60, 1))
+    data = se.Trajectories.from_pairs(x, 1e-30 * u, 0.9 * x + u + 0.1 * w)
+    model = se.identify(data, noise=0.1)
+    assert source_of(model, model.region()).watch().rows == [0]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
+from weakref import ref
 
 import numpy as np
 
@@ -35,11 +36,14 @@ class Watched:
         The alarm is at `Watch.threshold`.
     alarms : int
         How many there were.
+    reason : str or None
+        What cannot have been measured (inf, or beyond 1e140), and is taken as missing.
     """
 
     status: WatchStatus | str
     evidence: float
     alarms: int
+    reason: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +88,7 @@ class Watch(Durable):
         self._core = self._source.watch(law, moving, promise)
         self.history: deque[float] = deque(maxlen=HISTORY)
         self._next = np.full(len(self._source.window.inputs), np.nan)
+        self._loop: Any = None
 
     def __call__(self, y: ArrayLike, u: ArrayLike, *, applied: ArrayLike | None = None) -> Watched:
         """Look at one step.
@@ -110,7 +115,9 @@ class Watch(Durable):
         outputs, inputs = self.names
         read, acts = validation.measured("y", y, outputs), validation.measured("u", u, inputs)
         acted = self._next if applied is None else validation.measured("applied", applied, inputs)
-        found = Watched(*self._core.step(read, acted))
+        now, names = np.concatenate([read, acts]), (*outputs, *inputs)
+        broken = validation.broken(np.where(np.isnan(now), 0.0, now), 1e140, names)
+        found = Watched(*self._core.step(read, acted), broken)
         self.history.append(found.evidence)
         self._next = acts.copy()
         return found
@@ -134,7 +141,7 @@ class Watch(Durable):
         return f"{'load' if load else columns[column]} on {outputs[direction]}"
 
     @property
-    def rang(self) -> str | None:
+    def alarm(self) -> str | None:
         """What the first alarm since `clear` saw, and from which call on; None without one."""
         first = self._core.now[3]
         if first is None:
@@ -159,10 +166,13 @@ class Watch(Durable):
         -------
         dict
             For each input the least relative change of its effect, for each reading the least load
-            in deviations of its noise; infinite where it would take longer.
+            in deviations of its noise; infinite where it would take longer, or where the noise of a
+            reading is rounding or follows from that of others: there nothing is watched.
         """
-        wanted = float(validation.size("steps", steps))
-        return {self._name(*at): least for *at, least in self._core.sights(wanted)}
+        found = self._core.sights(float(validation.size("steps", steps)))
+        blind = set(range(len(self.names[0]))).difference(self._core.rows)
+        no_load = {f"load on {self.names[0][i]}": np.inf for i in blind}
+        return {self._name(*at): least for *at, least in found} | no_load
 
     def changes(self, level: float = 0.05) -> Changes:
         """What changed, from the pairs after the first alarm since `clear`; looks are free.
@@ -191,14 +201,24 @@ class Watch(Durable):
         -------
         LoopCertificate
             Before an alarm the one that is watched over. Behind it "certified": the old gain holds
-            again, with what these pairs prove of the plant; "undetermined" while they are too few.
+            again, with what these pairs prove of the plant; "undetermined" while they are too few,
+            or where `clear` forgot them.
         """
-        if self.rang is None:
+        if self.alarm is None and not self._core.now[2]:
             return self.proof
-        region = self.changes(level).region
+        region = None if self.alarm is None else self.changes(level).region
         if region is None:
-            return self.proof.of(None, "the pairs after the alarm are too few: excite the inputs")
+            few = "the pairs after the alarm are too few: excite the inputs"
+            gone = "an alarm was cleared, and with it the pairs after it: certify with a new model"
+            return self.proof.of(None, gone if self.alarm is None else few)
         return self.proof.of(self._source.entered(region))
+
+    def attach(self, loop: Any) -> None:
+        """Be the watch of a loop, which calls it; refused while it is that of another one."""
+        other = self._loop and self._loop()
+        if other is not None and other is not loop and other.watch is self:
+            raise InputError("`watch` is that of another loop, of one plant: set copy.copy(watch)")
+        self._loop = ref(loop)
 
     def _skip(self) -> None:
         """Say that the next call does not follow on the last one, as where the plant was moved."""
@@ -226,8 +246,7 @@ class Watch(Durable):
 
     def __getstate__(self) -> dict[str, Any]:
         about = {"promise": self.promise, "law": self.law, "moving": self.moving}
-        finite = np.clip(self._core.state(), -1e300, 1e300)  # -inf: the logarithm of a lost bet
-        own = {"state": finite, "history": np.array(self.history), "next": self._next}
+        own = {"state": self._core.state(), "history": np.array(self.history), "next": self._next}
         return {"proof": self.proof, **about, **own}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -250,7 +269,7 @@ class Watch(Durable):
             f"one in {self.promise:.4g} steps" if self.promise >= 1 else f"{self.promise:.3g} ever"
         )
         null = "a plant that moves inside the region" if self.moving else "a constant plant"
-        last = "" if self.rang is None else f"; {self.rang}"
+        last = "" if self.alarm is None else f"; {self.alarm}"
         calls = show.number_of(len(self.history), "call")
         return (
             f"<Watch: false alarms at most {often} for {null}, noise '{self.law}', {calls}{last}>"

@@ -455,18 +455,14 @@ class ReadingLoop(ControlLoop[Reading]):
         if task.state_low is not None:  # of (x, y)
             rooms = task.state_high[0, -p:] - task.state_low[0, -p:]
             near &= (np.abs(xs[:p] - before[:p]) <= MOVED * rooms).all()
-        if self._solver is None or not near:
-            moved = {"low": task.low - us, "high": task.high - us}
-            if task.rate is not None:
-                moved["previous"] = task.previous - us
-            if task.state_low is not None:
-                rest = np.hstack([xs, xs[:p]])  # at rest the first lags or filters are the readings
-                moved |= {"state_low": task.state_low - rest, "state_high": task.state_high - rest}
+        if self._solver is None:
             A, B, _ = self._system
-            solver = loop_of(replace(task, **moved), A, B, None)
-            if self._solver is not None:
-                solver.resume(self._solver.warm())
-            self._solver, self._solved = solver, (xs, us)
+            self._solver, near = loop_of(task, A, B, None), np.False_
+        if not near:
+            # at rest the first lags or filters are the readings
+            rest = xs if task.state_low is None else np.hstack([xs, xs[:p]])
+            self._solver.about(us, rest)
+            self._solved = xs, us
         return self._solver
 
     def _aim(self, now: Floats, target: Floats) -> None:

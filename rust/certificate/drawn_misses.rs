@@ -133,8 +133,15 @@ mod tests {
         let centre = Centre { model: &[0.5, 1.0, 2.0], white: &[0.1, 0.0, 0.0] };
         let law = EstimateLaw::new(centre, &[4.0], NoiseLaw::Known).unwrap();
         let (key, stop) = (Key([3; 32]), Stop::new());
-        let aim =
-            PlannedRun { x0: &[1.0], inputs: &[3.0, -1.0], m: 1, target: &[0.25], noise: false, window: None, gain: None };
+        let aim = PlannedRun {
+            x0: &[1.0],
+            inputs: &[3.0, -1.0],
+            m: 1,
+            target: &[0.25],
+            noise: false,
+            window: None,
+            gain: None,
+        };
         let found = drawn_misses(&law, aim, &key, 130, 2, &stop).unwrap();
         let models = law.models(&key, 130, 1, &stop).unwrap();
         for (miss, model) in found.iter().zip(models.chunks_exact(3)) {
@@ -162,7 +169,8 @@ mod tests {
         let centre = Centre { model: &[1e200, 1.0], white: &[1.0, 0.0] };
         let law = EstimateLaw::new(centre, &[1.0], NoiseLaw::Known).unwrap();
         let (key, stop) = (Key([3; 32]), Stop::new());
-        let aim = PlannedRun { x0: &[1.0], inputs: &[0.0; 4], m: 1, target: &[0.0], noise: true, window: None, gain: None };
+        let aim =
+            PlannedRun { x0: &[1.0], inputs: &[0.0; 4], m: 1, target: &[0.0], noise: true, window: None, gain: None };
         assert_eq!(drawn_misses(&law, aim, &key, 2, 1, &stop).unwrap(), [f64::INFINITY; 2]);
         for wrong in [
             PlannedRun { x0: &[], ..aim },

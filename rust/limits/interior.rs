@@ -12,7 +12,7 @@ use crate::memory::try_zeros;
 const WHAT: &str = "a control within limits";
 
 /// Most factorizations.
-const MOST: usize = 25;
+pub(super) const MOST: usize = 25;
 /// Share of the way to the next limit.
 const SHORT: f64 = 0.995;
 

@@ -84,7 +84,7 @@ pub(super) fn axpy(a: f64, x: &[f64], y: &mut [f64]) {
 
 /// `out += sum_i w_i row_i` over rows of the length of `out`, from entry `from` on; the `w_i` are `stride` apart.
 #[inline(always)]
-fn add_rows(rows: &[f64], weights: &[f64], stride: usize, out: &mut [f64], from: usize) {
+pub(super) fn add_rows(rows: &[f64], weights: &[f64], stride: usize, out: &mut [f64], from: usize) {
     let ld = out.len();
     let count = rows.len() / ld;
     let out = &mut out[from..];

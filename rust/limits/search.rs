@@ -6,7 +6,7 @@
 
 use super::bounds::Bounds;
 use super::certificate::{Certificate, frank_wolfe};
-use super::interior::Interior;
+use super::interior::{self, Interior};
 use super::quadratic::{Method, Quadratic, Status, Until};
 use crate::error::{Error, Result};
 use crate::memory::try_zeros;
@@ -16,6 +16,8 @@ const WHAT: &str = "a control within limits";
 /// Most rounds of pivoting, and after the interior point.
 const PIVOTS: usize = 15;
 const LAST_PIVOTS: usize = 5;
+/// Of a search, at most: twice pivoting, the interior point, and pivoting from its limits.
+pub(super) const FACTORIZATIONS: usize = 2 * PIVOTS + interior::MOST + LAST_PIVOTS;
 /// Rounds without fewer violations after which pivoting ends.
 const PATIENCE: usize = 4;
 /// Gaps relative to `J(0) + J(u)`: where refinement ends, and from where more is tried.

@@ -39,6 +39,12 @@ pub struct Solution {
 }
 
 impl Solution {
+    /// Room for `d` inputs.
+    pub(super) fn sized(d: usize) -> Result<Self> {
+        let (control, multipliers) = (try_zeros(WHAT, d)?, try_zeros(WHAT, d)?);
+        Ok(Self { control, active: try_filled(WHAT, 0, d)?, multipliers, ..Self::default() })
+    }
+
     /// A control that is known with its certificate alone.
     pub fn of(control: Vec<f64>, gap: f64, distance: f64, objective: f64) -> Self {
         let (active, multipliers, method) = (Vec::new(), Vec::new(), Method::default());
@@ -57,6 +63,17 @@ impl Solution {
             method,
         }
     }
+}
+
+/// The work of a call of a loop at most.
+#[derive(Debug, Clone, Copy)]
+pub struct Most {
+    /// Factorizations of a matrix, and updates of one.
+    pub factorizations: usize,
+    /// Operations with numbers.
+    pub operations: f64,
+    /// What they take on this machine [s], by the time of each part as measured.
+    pub seconds: f64,
 }
 
 /// `R`: its diagonal, or all of it.
@@ -165,29 +182,31 @@ pub(super) fn or_ended(found: Result<Option<Status>>, until: Until<'_>) -> Resul
 pub(super) fn told(
     search: &Search,
     bounds: Bounds<'_>,
+    ended: (Option<Status>, Certificate),
+    scales: (f64, f64),
+) -> Result<Solution> {
+    let mut to = Solution::sized(search.u.len())?;
+    tell(search, bounds, ended, scales, &mut to);
+    Ok(to)
+}
+
+/// The same into what is there.
+pub(super) fn tell(
+    search: &Search,
+    bounds: Bounds<'_>,
     (early, found): (Option<Status>, Certificate),
     (at_zero, scale): (f64, f64),
-) -> Result<Solution> {
-    let d = search.u.len();
-    let mut multipliers = try_zeros(WHAT, d)?;
-    let mut active = try_filled(WHAT, 0, d)?;
+    to: &mut Solution,
+) {
+    to.control.copy_from_slice(&search.u);
     for (i, (u, g)) in search.u.iter().zip(&search.g).enumerate() {
-        active[i] = bounds.reached(i, *u, *g);
-        multipliers[i] = (-2.0 * f64::from(active[i]) * g).max(0.0) + 0.0;
+        to.active[i] = bounds.reached(i, *u, *g);
+        to.multipliers[i] = (-2.0 * f64::from(to.active[i]) * g).max(0.0) + 0.0;
     }
-    Ok(Solution {
-        control: try_copy(WHAT, &search.u)?,
-        active,
-        multipliers,
-        status: status(early, &found, scale),
-        gap: found.gap,
-        frank_wolfe: found.frank_wolfe,
-        distance: found.distance,
-        objective: found.objective,
-        at_zero,
-        iterations: search.factorizations,
-        method: search.method,
-    })
+    to.status = status(early, &found, scale);
+    (to.gap, to.frank_wolfe, to.distance, to.objective) =
+        (found.gap, found.frank_wolfe, found.distance, found.objective);
+    (to.at_zero, to.iterations, to.method) = (at_zero, search.factorizations, search.method);
 }
 
 /// `M`, checked against `d`, with the rows of a root of `R` below; the number of its own rows.

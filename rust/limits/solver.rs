@@ -1,16 +1,22 @@
 //! One `M` for many states.
 
+use std::time::Instant;
+
 use super::bounds::Bounds;
 use super::dense::Dense;
 use super::orthogonal::reduce;
 use super::quadratic::{Quadratic, Until};
-use super::search::Search;
-use super::solve::{Penalty, Solution, checked_warm, find, stacked, told};
+use super::search::{FACTORIZATIONS, Search};
+use super::solve::{Most, Penalty, Solution, checked_warm, find, stacked, tell};
 use crate::error::{Error, Result, require_finite};
-use crate::memory::{checked_len, try_copy, try_zeros};
+use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
 use crate::parallel::Stop;
 
 const WHAT: &str = "a control within limits";
+
+/// Gradients for each factorization, at most, and how often both are measured; the longest counts.
+const GRADIENTS: usize = 6;
+const MEASURED: usize = 5;
 
 /// One `M`, `R` and limits for many `x` with `y = target - state x`.
 pub struct Solver {
@@ -22,7 +28,12 @@ pub struct Solver {
     /// `[state target]` after reduction: the rows of `T` first, then those that no input changes.
     map: Vec<f64>,
     n: usize,
-    warm: Option<Vec<i8>>,
+    /// The limits that the last call has reached, if there was one; those of this call; and its `y` and result.
+    warm: Vec<i8>,
+    begun: bool,
+    shifted: Vec<i8>,
+    y: Vec<f64>,
+    found: Solution,
 }
 
 impl Solver {
@@ -51,14 +62,17 @@ impl Solver {
         let (mut dense, map) = reduced(&dense, rows, state, target, n, stop)?;
         dense.prepare(Until::new(stop, None))?;
         let (low, high) = (try_copy(WHAT, bounds.low)?, try_copy(WHAT, bounds.high)?);
-        Ok(Self { search: Search::new(d)?, dense, low, high, shift, map, n, warm: None })
+        dense.reserve()?;
+        let signs = || try_filled(WHAT, 0, d);
+        let (warm, shifted, y, found) = (signs()?, signs()?, try_zeros(WHAT, d)?, Solution::sized(d)?);
+        Ok(Self { search: Search::new(d)?, dense, low, high, shift, map, n, warm, begun: false, shifted, y, found })
     }
 
-    /// The best control for `x`. After an error, all is as before.
+    /// The best control for `x`. After an error, all is as before. Without allocations, unless rounding hides the best.
     ///
     /// # Errors
     /// As [`super::box_control`].
-    pub fn solve(&mut self, x: &[f64], until: Until<'_>) -> Result<Solution> {
+    pub fn solve(&mut self, x: &[f64], until: Until<'_>) -> Result<&Solution> {
         let (d, n) = (self.low.len(), self.n);
         if x.len() != n {
             return Err(Error::Shape {
@@ -68,28 +82,54 @@ impl Solver {
             });
         }
         require_finite("x", x)?;
-        let mut y = try_zeros(WHAT, d)?;
         let (of_inputs, others) = self.map.split_at(d * (n + 1));
         let at = |row: &[f64]| row[n] - x.iter().zip(row).map(|(x, v)| x * v).sum::<f64>();
-        y.iter_mut().zip(of_inputs.chunks_exact(n + 1)).for_each(|(y, row)| *y = at(row));
+        self.y.iter_mut().zip(of_inputs.chunks_exact(n + 1)).for_each(|(y, row)| *y = at(row));
         self.dense.rest = others.chunks_exact(n + 1).map(|row| at(row).powi(2)).sum();
-        self.dense.aim(&y)?;
+        self.dense.aim(&self.y)?;
         let bounds = Bounds { low: &self.low, high: &self.high };
-        let mut first = None;
-        if let Some(warm) = &self.warm {
-            let mut shifted = try_copy(WHAT, warm)?;
-            shifted.copy_within(self.shift.min(d).., 0);
-            first = Some(shifted);
+        self.shifted.copy_from_slice(&self.warm);
+        self.shifted.copy_within(self.shift.min(d).., 0);
+        let first = self.begun.then_some(&self.shifted[..]);
+        let ended = find(&mut self.dense, &mut self.search, bounds, first, until)?;
+        tell(&self.search, bounds, ended, (self.dense.scale(), self.dense.scale()), &mut self.found);
+        self.warm.copy_from_slice(&self.found.active);
+        self.begun = true;
+        Ok(&self.found)
+    }
+
+    /// Other limits, as many.
+    pub(super) fn limit(&mut self, low: &[f64], high: &[f64]) {
+        self.low.copy_from_slice(low);
+        self.high.copy_from_slice(high);
+    }
+
+    /// The work of a call at most, by the time that a factorization and a gradient take now.
+    ///
+    /// # Errors
+    /// As [`super::box_control`].
+    pub fn most(&mut self) -> Result<Most> {
+        let (d, stop) = (self.low.len() as f64, Stop::new());
+        let mut seconds = 0.0f64;
+        for _ in 0..MEASURED {
+            let start = Instant::now();
+            self.shifted.fill(0);
+            self.search.u.fill(0.0);
+            self.dense.barrier(&self.shifted, &self.y, Until::new(&stop, None))?;
+            for _ in 0..GRADIENTS {
+                self.dense.slope(&self.search.u, &mut self.search.g);
+            }
+            seconds = seconds.max(start.elapsed().as_secs_f64());
         }
-        let found = find(&mut self.dense, &mut self.search, bounds, first.as_deref(), until)?;
-        let told = told(&self.search, bounds, found, (self.dense.scale(), self.dense.scale()))?;
-        self.warm = Some(try_copy(WHAT, &told.active)?);
-        Ok(told)
+        let each = d * d * (d / 3.0 + 4.0 * GRADIENTS as f64);
+        // those by orthogonal factors take four times the work
+        let (factorizations, count) = (2 * FACTORIZATIONS, 5.0 * FACTORIZATIONS as f64);
+        Ok(Most { factorizations, operations: count * each, seconds: count * seconds })
     }
 
     /// The limits at which the next call begins.
     pub fn warm(&self) -> Option<&[i8]> {
-        self.warm.as_deref()
+        self.begun.then_some(&self.warm)
     }
 
     /// Sets them.
@@ -98,7 +138,10 @@ impl Solver {
     /// [`Error::Shape`].
     pub fn resume(&mut self, warm: Option<Vec<i8>>) -> Result<()> {
         checked_warm(warm.as_deref(), self.low.len())?;
-        self.warm = warm;
+        self.begun = warm.is_some();
+        if let Some(warm) = warm {
+            self.warm = warm;
+        }
         Ok(())
     }
 }

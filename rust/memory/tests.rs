@@ -301,7 +301,6 @@ fn call(name: &str) -> Option<Call> {
         }
         "limits of rows" => {
             let (one, low, high) = (entries(2 * N), vec![-1.0; 2 * N], vec![1.0; 2 * N]);
-            let warm: Vec<i8> = (0..4 * N).map(|i| i8::from(i % 4 == 0)).collect();
             Box::new(move || {
                 let until = || Until::new(&stop, None);
                 let (stage, terminal, r) = (&[1.0, 0.0, 0.0, 1.0], &[1.0, 0.0, 0.0, 1.0], &[0.01]);
@@ -309,11 +308,10 @@ fn call(name: &str) -> Option<Call> {
                 let horizon = Steps { a, b, x0: &one[..2], reference: &one, stage, terminal, r };
                 let bounds = Bounds::new(&low[..N], &high[..N], N)?;
                 let rate = Some((&[0.3][..], &[0.0][..]));
-                let soft = Rows { rate, states: Some((&low, &high)), soft: Some(2.0), near: &[], grows: false };
-                limits::rows_control(&horizon, bounds, soft, None, until())?;
+                let soft = Rows { rate, states: Some((&low, &high)), soft: Some(2.0), grows: false };
+                limits::rows_control(&horizon, bounds, soft, until())?;
                 let hard = Rows { states: Some((&high, &high)), soft: None, ..soft };
-                limits::rows_control(&horizon, bounds, hard, None, until())?;
-                limits::rows_control(&horizon, bounds, soft, Some(&warm), until()).map(drop)
+                limits::rows_control(&horizon, bounds, hard, until()).map(drop)
             })
         }
         "controls" => {

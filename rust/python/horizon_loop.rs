@@ -25,26 +25,17 @@ pub(super) struct PyLoop {
 
 #[pymethods]
 impl PyLoop {
-    /// `timed`: for calls with a time limit.
     #[new]
-    #[pyo3(signature = (a, b, c, task, timed=false))]
     fn new(
         py: Python<'_>,
         a: Matrix<'_>,
         b: Matrix<'_>,
         c: Option<Vector<'_>>,
         task: TaskArgument<'_>,
-        timed: bool,
     ) -> PyResult<Self> {
         let horizon = made(py, &a, &b, c.as_ref(), task.task(None, None)?)?;
         let cost = cost(&horizon);
-        let made = run(py, cost, |stop| {
-            let mut made = RecedingHorizon::new(horizon, stop)?;
-            if timed {
-                made.prepare(stop)?;
-            }
-            Ok(made)
-        })?;
+        let made = run(py, cost, |stop| RecedingHorizon::new(horizon, stop))?;
         // one map for all states leaves a factorization
         let cost = if made.condensed() { (task.low.as_array().len() as f64).powi(3) } else { cost };
         Ok(Self { inner: Shared::new("loop", made), cost })
@@ -58,7 +49,19 @@ impl PyLoop {
 
     fn solve(&self, py: Python<'_>, x: Vector<'_>, time_limit: Option<f64>) -> PyResult<BoxControl> {
         let (x, limit) = (slice("x", &x)?, seconds(time_limit));
-        Ok(BoxControl(self.inner.with(py, self.cost, |inner, stop| inner.solve(x, Until::new(stop, limit)))?))
+        Ok(BoxControl(self.inner.with(py, self.cost, |inner, stop| inner.solve(x, Until::new(stop, limit)).cloned())?))
+    }
+
+    /// Inputs (m,) and states (n,) from which those of the plans count; the limits are moved by them.
+    fn about(&self, py: Python<'_>, inputs: Vector<'_>, states: Vector<'_>) -> PyResult<()> {
+        let (inputs, states) = (slice("inputs", &inputs)?, slice("states", &states)?);
+        self.inner.with(py, 0.0, |inner, _| inner.about(inputs, states))
+    }
+
+    /// Factorizations, operations and seconds of a call at most; None where they have no bound.
+    fn most(&self, py: Python<'_>) -> PyResult<Option<(usize, f64, f64)>> {
+        let most = self.inner.with(py, self.cost, |inner, _| inner.most())?;
+        Ok(most.map(|most| (most.factorizations, most.operations, most.seconds)))
     }
 
     /// The input that is applied now.

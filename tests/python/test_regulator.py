@@ -314,6 +314,91 @@ def test_calls_that_are_all_cut_still_stabilise(limits):
     assert np.abs(x).max() < 1.0
 
 
+def saved(loop, path):
+    loop.save(path / "loop.safetensors")
+    return se.Regulator.load(path / "loop.safetensors")
+
+
+def model_of(F):
+    """A model: a loop of a plain system has no file."""
+    x, u, w = np.random.default_rng(8).standard_normal((3, 200, 2))
+    y = x @ F.T + u[:, :1] @ B.T + 1e-3 * w
+    return se.identify(se.Trajectories.from_pairs(x, u[:, :1], y), checks=False)
+
+
+def swapped(loop, _):
+    loop.swap(model_of(0.9 * A))
+    return loop
+
+
+def held(loop, _):
+    """Three calls without a state go on along the plan, which moves at the rate."""
+    for _ in range(3):
+        before = loop.log[-1].u
+        u = loop(LOST)
+        assert loop.log[-1].status == "held"
+        assert np.abs(u - before).max() <= 0.1 + 1e-12
+    return loop
+
+
+def begun_anew(loop, _):
+    loop.reset()
+    return loop
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        swapped,
+        held,
+        begun_anew,
+        saved,
+        lambda loop, _: pickle.loads(pickle.dumps(loop)),
+        lambda loop, _: copy.deepcopy(loop),
+        lambda loop, path: swapped(saved(held(loop, path), path), path),
+    ],
+    ids=["swap", "hold", "reset", "save", "pickle", "copy", "all"],
+)
+@pytest.mark.parametrize("calls", [1, 9])
+def test_the_rate_counts_from_the_input_that_acts(change, calls, tmp_path):
+    """The inputs are then far from `previous`, and the state asks for the other end at once."""
+    limits = se.Limits(u=(-1.0, 1.0), rate=0.1, previous=0.0)
+    loop = se.regulate(model_of(A), 12, limits=limits, cost=se.Cost(Q=[1.0, 0.1], R=0.001))
+    for _ in range(calls):
+        last = loop([-30.0, 0.0])
+    assert abs(last[0] - 0.1 * calls) < 1e-9
+    loop = change(loop, tmp_path)
+    last = loop._last
+    for call in range(3):
+        u = loop([30.0, 30.0])
+        assert abs(u[0] - last[0] + 0.1) < 1e-9, call  # at the rate, and not beyond it
+        last = u
+
+
+def test_the_work_of_a_call_is_bounded():
+    """As much for every state, however far, and not reached; none where plans grow."""
+    F, X, gen = plant(7, 4, 2)
+    cost = se.Cost(Q=1.0, R=0.1)
+    for limits in (
+        se.Limits(u=(-0.3, 0.3)),
+        se.Limits(u=(-0.3, 0.3), rate=0.1, previous=0.0),
+        se.Limits(u=(-0.3, 0.3), x=(-2.0, 2.0)),
+    ):
+        loop = se.regulate((F / 1.1, X), 10, limits=limits, cost=cost)
+        before = loop(np.ones(4))
+        work = loop.worst_time()
+        assert work.operations > 1e4
+        assert 0.0 < work.seconds < 60.0
+        loop.reset()
+        for _ in range(50):
+            x = 10.0 ** gen.uniform(-1, 2) * gen.normal(size=4)
+            assert loop._solver.solve(x, None).iterations < work.factorizations
+        assert loop.worst_time()[:2] == work[:2]
+        assert np.abs(before).max() <= 0.3
+    grown = se.regulate((3.0 * F, X), 30, limits=limits, cost=cost)
+    assert grown.worst_time().seconds == np.inf
+
+
 def test_time_limit_gives_the_best_plan_so_far():
     F, X, gen = plant(5, 8, 4)
     loop = se.regulate((F, X), 40, time_limit=1e-9, limits=(-0.1, 0.1), cost=se.Cost(Q=1.0, R=0.1))

@@ -441,7 +441,7 @@ def test_all_numbers_of_a_watch_are_finite(law, moving):
 
 
 def test_logs_of_tiny_numbers_say_little():
-    model, watch = one_state()
+    model, _ = one_state()
     x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1)) * 1e-170
     runs = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.1 * w)
     changes = model.accepts(runs)

@@ -85,8 +85,7 @@ def nearest_point(
     these values, (m,), nan where one is chosen.
     """
     p, names = model.n_outputs, model.outputs
-    ranges = np.hstack([np.ptp(values, axis=0) for values in model.data.pairs()[:2]])
-    unit = np.where(ranges > 0.0, ranges, 1.0)
+    unit = model.ranges
     points = _core.SetPoints(model.regressors.core, np.ascontiguousarray(model.coefficients), unit)
     if not points.can_be_held:
         raise InputError(
@@ -109,7 +108,7 @@ def set_point(
     """Return `nearest_point`; refused where no system that the data allow rests at the target."""
     p, names = model.n_outputs, model.outputs
     points, point = nearest_point(model, target, weights, limits, now)
-    y, u = np.split(point.place, [p])
+    y, u = point.place[:p], point.place[p:]
     variances = np.zeros(p) if model.covariance is None else np.diag(model.covariance)[:p]
     off = np.abs(y - target) > NEAR * np.sqrt(variances) + 1e-9 * np.abs(target)
     if not off.any():

@@ -136,6 +136,12 @@ class Model(SavedRecord, Fitted):
         return self.window or of_states(self.data, self.intercept)
 
     @cached_property
+    def ranges(self) -> Floats:
+        """Between the least and largest reading and input of its data, 1 for a constant."""
+        found = np.hstack([np.ptp(values, axis=0) for values in self.data.pairs()[:2]])
+        return validation.frozen(np.where(found > 0.0, found, 1.0))
+
+    @cached_property
     def rows(self) -> Floats:
         """The rows (z, outcomes) that the model is of, (N, d + n_outputs)."""
         return rows_of(self.regressors, self.data, self.first)[1]

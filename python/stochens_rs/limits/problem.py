@@ -385,12 +385,10 @@ class Horizon:
         return Limited(*made, *gaps, *ended, **more)
 
 
-def loop_of(
-    task: Task, A: Floats, B: Floats, c: Floats | None, *, timed: bool = False
-) -> _core.Loop:
+def loop_of(task: Task, A: Floats, B: Floats, c: Floats | None) -> _core.Loop:
     """What solves the plans of a `Regulator`, one state after another."""
     with _exponents(task, A):
-        return _core.Loop(A, B, c, task, timed)
+        return _core.Loop(A, B, c, task)
 
 
 @contextmanager

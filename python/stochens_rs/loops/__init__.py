@@ -3,6 +3,15 @@
 from .keep import Keep, Kept
 from .readings import Reading, ReadingLoop
 from .regulating import regulate
-from .regulator import Call, Regulator
+from .regulator import Call, Regulator, WorstTime
 
-__all__ = ["Call", "Keep", "Kept", "Reading", "ReadingLoop", "Regulator", "regulate"]
+__all__ = [
+    "Call",
+    "Keep",
+    "Kept",
+    "Reading",
+    "ReadingLoop",
+    "Regulator",
+    "WorstTime",
+    "regulate",
+]

@@ -36,6 +36,11 @@ SURE = 3.0  # deviations of the noise: what a loop runs with knows the next read
 MOVED = 0.01  # of the range of the limits: how far the set point may move without a new problem
 
 
+def _or_zero(values: Floats) -> Floats:
+    """0 in place of nan; `np.nan_to_num` takes ten times as long."""
+    return np.where(np.isnan(values), 0.0, values)
+
+
 @dataclass(frozen=True, eq=False)
 class Reading:
     """One call of a `ReadingLoop`.
@@ -443,18 +448,14 @@ class ReadingLoop(ControlLoop[Reading]):
         if task.state_low is not None:  # of (x, y)
             rooms = task.state_high[0, -p:] - task.state_low[0, -p:]
             near &= (np.abs(xs[:p] - before[:p]) <= MOVED * rooms).all()
-        if self._solver is None or not near:
-            moved = {"low": task.low - us, "high": task.high - us}
-            if task.rate is not None:
-                moved["previous"] = task.previous - us
-            if task.state_low is not None:
-                rest = np.hstack([xs, xs[:p]])  # at rest the first lags or filters are the readings
-                moved |= {"state_low": task.state_low - rest, "state_high": task.state_high - rest}
+        if self._solver is None:
             A, B, _ = self._system
-            solver = loop_of(replace(task, **moved), A, B, None)
-            if self._solver is not None:
-                solver.resume(self._solver.warm())
-            self._solver, self._solved = solver, (xs, us)
+            self._solver, near = loop_of(task, A, B, None), np.False_
+        if not near:
+            # at rest the first lags or filters are the readings
+            rest = xs if task.state_low is None else np.hstack([xs, xs[:p]])
+            self._solver.about(us, rest)
+            self._solved = xs, us
         return self._solver
 
     def _aim(self, now: Floats, target: Floats) -> None:
@@ -502,7 +503,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _step(self, row: Floats) -> Floats:
         """How far a target is from that of the set point, 0 where it is free."""
-        off: Floats = np.nan_to_num(row - self._aimed[1])
+        off: Floats = _or_zero(row - self._aimed[1])
         return off
 
     def _toward(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -514,8 +515,8 @@ class ReadingLoop(ControlLoop[Reading]):
     def _moves_of(self, k: int) -> tuple[Floats, Floats, Floats]:
         """The target of the call k to come, from that of `_point`, its slope, and given inputs."""
         row, after = (self._rows[min(at, len(self._rows) - 1)] for at in (k, k + 1))
-        apart = np.nan_to_num(self._given - self._aimed[2])
-        return self._step(row), np.nan_to_num(after - row), apart
+        apart = _or_zero(self._given - self._aimed[2])
+        return self._step(row), _or_zero(after - row), apart
 
     def _at(self, row: Floats) -> tuple[Floats, Floats]:
         """The window and the inputs at rest at a target, without a bias."""
@@ -533,7 +534,7 @@ class ReadingLoop(ControlLoop[Reading]):
             return np.zeros((len(rows), model.m))
         (S, R), none = self._law, np.zeros(model.n_outputs)
         after = np.vstack([rows[1:], rows[-1:]])
-        steps = zip(rows, np.nan_to_num(after - rows), strict=True)
+        steps = zip(rows, _or_zero(after - rows), strict=True)
         own = np.zeros(model.m)
         found = [self._point.moving(none, self._step(row), slope, own) for row, slope in steps]
         x, u = (np.array(each) for each in zip(*found, strict=True))
@@ -788,7 +789,7 @@ class ReadingLoop(ControlLoop[Reading]):
         tables["xs_of_bias"] = self._point.states_of_bias
         tables["us_of_bias"] = self._point.of_bias[len(row) :]
         tables["xs"], tables["us"] = self._at(row)
-        tables |= {"target": np.nan_to_num(row), "floor": self._low, "ceiling": self._high}
+        tables |= {"target": _or_zero(row), "floor": self._low, "ceiling": self._high}
         tables |= {"begin": self._safe, "most": np.minimum(self._most, LARGEST)}
         about |= evidence(model.labels, model.dt, model, model.outputs)
         tables |= dict(numbers)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -55,6 +55,24 @@ class Call:
     seconds: float
     reason: str | None = None
     watch: Watched | None = None
+
+
+class WorstTime(NamedTuple):
+    """What the search for a plan computes in a call at most.
+
+    Attributes
+    ----------
+    factorizations : int
+        Factorizations of a matrix, and updates of one.
+    operations : float
+        Operations with numbers, about.
+    seconds : float
+        Their time on this machine, by the time that each part takes now [s].
+    """
+
+    factorizations: int
+    operations: float
+    seconds: float
 
 
 def condensed(task: Task, A: Floats, B: Floats, c: Floats | None = None) -> tuple[Any, Any, Any]:
@@ -141,8 +159,7 @@ class Regulator(ControlLoop[Call]):
         order = order_of("system", system.labels, self.labels)
         seen = system.largest if isinstance(system, Identified) else None
         within = task if self.kept is None else self.kept.tightened(task)
-        timed = self._time_limit is not None
-        self._solver = loop_of(within, *self._matrices(system), timed=timed)
+        self._solver = loop_of(within, *self._matrices(system))
         self._system, self._task = system, task
         none = np.zeros(self.n)
         self._most = believed(none if seen is None else order.of_states(seen[: self.n]))
@@ -321,6 +338,40 @@ class Regulator(ControlLoop[Call]):
         `predict` with them says where a model leads from x, and how far that is certain.
         """
         return None if self._plan is None else self._plan.copy()
+
+    def worst_time(self) -> WorstTime:
+        """Bound the work of a call, whatever the state, by the most rounds that a search can take.
+
+        Returns
+        -------
+        WorstTime
+            Of the plan, without the microseconds that Python takes around it; infinite where the
+            search has no bound: over hundreds of steps without rates, where the system grows by 1e4
+            over the steps, or with `keep`.
+
+        Raises
+        ------
+        InputError
+            If another thread is in a call.
+
+        Notes
+        -----
+        The work is bounded by construction; calls are faster by a factor of 10 to 1000. The time is
+        no guarantee: it is the work times what its parts took when this was called, and an
+        operating system can interrupt any call for longer. Hard limits of states that cannot be
+        met, and plans that rounding hides, ask an interior point, whose work is not in it; the
+        latter not with a `time_limit`.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> loop = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0))
+        >>> loop.worst_time().factorizations
+        120
+        """
+        with self._turn():
+            found = None if self.kept else self._solver.most()
+        return WorstTime(0, np.inf, np.inf) if found is None else WorstTime(*found)
 
     def swap(self, system: System | Identified | Any) -> None:
         """Go on with another system or model from the next call on.

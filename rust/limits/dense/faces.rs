@@ -6,7 +6,7 @@ use crate::limits::bounds::Bounds;
 use crate::limits::factor::Factor;
 use crate::limits::kernel::{add_gradient, add_lines, descend, padded, times};
 use crate::limits::quadratic::{Quadratic, Until};
-use crate::memory::{try_room, try_zeros};
+use crate::memory::{try_extend, try_room, try_zeros};
 use crate::vector;
 
 /// Inputs from which the inverse of `H` is worth its cost.
@@ -19,6 +19,24 @@ const NOTHING: f64 = 1e-24;
 const SWEEPS: usize = 4;
 
 impl Dense {
+    /// Memory for what is asked for at its first use.
+    pub(in crate::limits) fn reserve(&mut self) -> Result<()> {
+        if (SMALL..=LARGE).contains(&self.d) {
+            (self.inverse, self.spare) = (try_zeros(WHAT, self.h.len())?, try_zeros(WHAT, self.h.len())?);
+            self.centre = try_room(WHAT, self.d)?;
+        }
+        self.none = try_zeros(WHAT, self.d)?;
+        self.beside()
+    }
+
+    /// The second factor.
+    fn beside(&mut self) -> Result<()> {
+        if self.others.capacity() < self.d {
+            (self.other, self.others) = (Factor::new(self.d)?, try_room(WHAT, self.d)?);
+        }
+        Ok(())
+    }
+
     /// `v <- H_FF^{-1} v` by the factor of the block.
     fn solve_block(&mut self, v: &mut [f64]) {
         solve_block(&self.factor, &self.free, &mut self.work, v);
@@ -79,7 +97,7 @@ impl Quadratic for Dense {
                 return Ok(false);
             }
             if self.centre.is_empty() {
-                self.centre = try_zeros(WHAT, d)?;
+                try_extend(WHAT, &mut self.centre, std::iter::repeat_n(0.0, d))?;
                 times(&self.inverse, &self.f, false, &mut self.centre);
             }
             let mut v = std::mem::take(&mut self.third);
@@ -160,9 +178,7 @@ impl Quadratic for Dense {
 
     fn barrier(&mut self, held: &[i8], diagonal: &[f64], until: Until<'_>) -> Result<bool> {
         self.whole = false;
-        if self.others.capacity() < self.d {
-            (self.other, self.others) = (Factor::new(self.d)?, try_room(WHAT, self.d)?);
-        }
+        self.beside()?;
         block((&self.h, self.ld), held, &mut self.others, Some(diagonal), &mut self.other, until)
     }
 
@@ -183,8 +199,10 @@ impl Quadratic for Dense {
         }
         let (by_inverse, by_face) = (self.inverted && all, self.unlimited && all);
         if !by_inverse && !by_face && !self.whole {
-            let zeros = try_zeros(WHAT, self.d)?;
-            self.whole = self.barrier(held, &zeros, until)?;
+            let zeros = if self.none.is_empty() { try_zeros(WHAT, self.d)? } else { std::mem::take(&mut self.none) };
+            let whole = self.barrier(held, &zeros, until);
+            self.none = zeros;
+            self.whole = whole?;
         }
         if !by_inverse && !by_face && !self.whole {
             return Ok(if e.iter().all(|e| *e == 0.0) { 0.0 } else { f64::INFINITY });

@@ -57,6 +57,8 @@ pub(super) struct Dense {
     spare: Vec<f64>,
     /// `H^{-1} M'y`, from the first face on that uses it.
     centre: Vec<f64>,
+    /// Zeros.
+    none: Vec<f64>,
     /// Faces since the last `M`, and whether `factor` is of `H` itself.
     faces: usize,
     unlimited: bool,

@@ -35,30 +35,42 @@ struct Step {
     inverse: Matrix,
 }
 
+/// The best inputs and the states behind all steps: (K m, wide) and (K n, wide).
+type Ways = (Matrix, Matrix);
+
 impl Horizon {
     /// The same inputs, condensed; limits of states are not in it.
     ///
     /// # Errors
     /// [`Error::Numerical`] where an input has no weight at some step, [`Error::Memory`].
     pub fn condensed(&self) -> Result<Condensed> {
+        self.with_states(&[])
+    }
+
+    /// The same with these entries of `x(1) .. x(K)` behind the inputs: for `C = [I; G]` of these `C H^-1 C'`, C F and C g.
+    pub(super) fn with_states(&self, states: &[usize]) -> Result<Condensed> {
         let (n, m, steps) = (self.n, self.m, self.steps);
-        let (d, wide) = (steps * m, steps * m + n + 1);
-        let bytes = 8 * (checked_len(WHAT, d + 8 * n, wide)? as u128 + (steps * (n + m + 4) * (n + m + 4)) as u128);
+        let (d, more) = (steps * m, steps * n);
+        let (size, wide) = (d + states.len(), d + states.len() + n + 1);
+        let kept = checked_len(WHAT, if states.is_empty() { d } else { d + more }, wide)?;
+        let bytes = 8 * ((kept + 8 * n * wide) as u128 + (steps * (n + m + 4) * (n + m + 4)) as u128);
         room_for_products()?;
-        let u = covered(WHAT, 4 * bytes, || self.rolled_out(d, wide))??;
-        let mut inverse = try_room(WHAT, checked_len(WHAT, d, d + 1)? / 2)?;
-        (0..d).for_each(|i| (0..=i).for_each(|j| inverse.push(-0.5 * (u[(i, j)] + u[(j, i)]))));
-        let map = try_collect(WHAT, (0..d * n).map(|at| u[(at / n, d + at % n)]))?;
-        let offset = try_collect(WHAT, (0..d).map(|i| u[(i, d + n)]))?;
+        let (u, x) = covered(WHAT, 4 * bytes, || self.rolled_out(states, wide))??;
+        let at = |i: usize, j: usize| if i < d { u[(i, j)] } else { x[(states[i - d], j)] };
+        let mut inverse = try_room(WHAT, checked_len(WHAT, size, size + 1)? / 2)?;
+        (0..size).for_each(|i| (0..=i).for_each(|j| inverse.push(-0.5 * (at(i, j) + at(j, i)))));
+        let map = try_collect(WHAT, (0..size * n).map(|e| at(e / n, size + e % n)))?;
+        let offset = try_collect(WHAT, (0..size).map(|i| at(i, size + n)))?;
         if inverse.iter().chain(&map).chain(&offset).any(|v| !v.is_finite()) {
             return Err(Error::Numerical("the plans of this loop overflow".into()));
         }
         Ok(Condensed { inverse, map, offset })
     }
 
-    /// The best inputs (K m) for each unit vector q, each unit vector x0, and the reference with the offset.
-    fn rolled_out(&self, d: usize, wide: usize) -> Result<Matrix> {
-        let (n, m) = (self.n, self.m);
+    /// The best inputs for each unit vector q of inputs and of these states, each unit vector x0, and the reference with the
+    /// offset.
+    fn rolled_out(&self, states: &[usize], wide: usize) -> Result<Ways> {
+        let (n, m, d) = (self.n, self.m, self.steps * self.m);
         let of = |values: &[f64], rows, cols| MatRef::from_row_major_slice(values, rows, cols).to_owned();
         let (a, b, r) = (of(&self.a, n, n), of(&self.b, n, m), of(&self.r, m, m));
         let (stage, terminal) = (of(&self.task.stage, n, n), of(&self.task.terminal, n, n));
@@ -87,6 +99,8 @@ impl Horizon {
             let wanted = of(&self.task.reference[k * n..(k + 1) * n], n, 1);
             let own = &step.p * &c - weight * wanted;
             (0..n).for_each(|i| rest[(i, wide - 1)] += own[(i, 0)]);
+            let here = states.iter().enumerate().filter(|(_, at)| **at / n == k);
+            here.for_each(|(i, at)| rest[(at % n, d + i)] += 1.0);
             // u = K x - (R + B'PB)^-1 (B'p + q), p with P c and the reference; then p = (A + BK)'p + K'q
             let mut q = Mat::<f64>::zeros(m, wide);
             (0..m).for_each(|j| q[(j, k * m + j)] = 1.0);
@@ -95,14 +109,18 @@ impl Horizon {
         }
         forward.reverse();
         let mut x = Mat::<f64>::zeros(n, wide);
-        (0..n).for_each(|i| x[(i, d + i)] = 1.0);
+        (0..n).for_each(|i| x[(i, wide - 1 - n + i)] = 1.0);
         let mut all = Mat::<f64>::zeros(d, wide);
+        let mut ways = Mat::<f64>::zeros(if states.is_empty() { 0 } else { self.steps * n }, wide);
         for (k, (step, own)) in steps.iter().zip(&forward).enumerate() {
             let u = &step.feedback * &x + own;
             x = &a * x + &b * &u;
             (0..n).for_each(|i| x[(i, wide - 1)] += c[(i, 0)]);
             (0..m).for_each(|j| (0..wide).for_each(|i| all[(k * m + j, i)] = u[(j, i)]));
+            if !states.is_empty() {
+                (0..n).for_each(|j| (0..wide).for_each(|i| ways[(k * n + j, i)] = x[(j, i)]));
+            }
         }
-        Ok(all)
+        Ok((all, ways))
     }
 }

@@ -8,9 +8,12 @@ mod condensed;
 mod draws;
 mod errors;
 mod map;
+mod pivoting;
 mod solve;
 mod suboptimality;
 
+#[cfg(test)]
+mod loop_tests;
 #[cfg(test)]
 mod tests;
 

@@ -1,6 +1,7 @@
 //! The best inputs of a horizon.
 
 use super::map::{Horizon, WHAT};
+use super::pivoting::Pivoting;
 use crate::error::{Error, Result};
 use crate::limits::bounds::Bounds;
 use crate::limits::linear::{form, least_eigenvalue, norm, product, singular_values};
@@ -8,9 +9,9 @@ use crate::limits::quadratic::{Status, Until};
 use crate::limits::riccati::closed::{Followed, followed_control};
 use crate::limits::riccati::{Steps, horizon_control};
 use crate::limits::rows::{KINDS, Rows, RowsSolution, rows_control};
-use crate::limits::solve::{Solution, box_control};
+use crate::limits::solve::{Most, Solution, box_control, checked_warm};
 use crate::limits::solver::Solver;
-use crate::memory::{checked_len, try_copy, try_extend, try_filled, try_zeros};
+use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
 use crate::parallel::Stop;
 
 /// Relative rounding of a value beside its limit.
@@ -74,22 +75,17 @@ impl Horizon {
         [count(true, self.m), count(self.task.rate.is_some(), self.m), count(self.task.states.is_some(), self.n)]
     }
 
-    /// The best inputs from `x0` within the limits, or with `free` without them, begun at the limits that `warm` names.
+    /// A sign for each limit of a loop: how many.
+    pub(super) fn signs(&self) -> usize {
+        self.kinds().iter().map(|(len, _)| len).sum()
+    }
+
+    /// The best inputs from `x0` within the limits, or with `free` without them, begun at the limits that `warm` names where
+    /// there are those of inputs alone.
     ///
     /// # Errors
     /// As [`rows_control`].
     pub fn best(&self, x0: &[f64], free: bool, warm: Option<&[i8]>, until: Until<'_>) -> Result<RowsSolution> {
-        self.best_near(x0, free, (warm, &[]), until)
-    }
-
-    /// The same; where the time ends these inputs are tried, too.
-    fn best_near(
-        &self,
-        x0: &[f64],
-        free: bool,
-        (warm, near): (Option<&[i8]>, &[&[f64]]),
-        until: Until<'_>,
-    ) -> Result<RowsSolution> {
         let d = self.steps * self.m;
         let sides = if free { [f64::NEG_INFINITY, f64::INFINITY] } else { [0.0; 2] };
         let none = if free { Some((try_filled(WHAT, sides[0], d)?, try_filled(WHAT, sides[1], d)?)) } else { None };
@@ -132,10 +128,9 @@ impl Horizon {
             rate: self.task.rate.as_ref().map(|(rate, previous)| (&rate[..], &previous[..])),
             states: shifted.as_ref().map(|(low, high)| (&low[..], &high[..])),
             soft: self.task.soft,
-            near,
             grows: false,
         };
-        rows_control(&steps, bounds, rows, warm, until).map(|found| self.unsure(found))
+        rows_control(&steps, bounds, rows, until).map(|found| self.unsure(found))
     }
 
     /// Where the system grows, a certificate of the inputs alone says nothing of it.
@@ -189,10 +184,9 @@ impl Horizon {
             rate: self.task.rate.as_ref().filter(|_| !free).map(|(rate, previous)| (&rate[..], &previous[..])),
             states: sides.as_ref().map(|(low, high)| (&low[..], &high[..])),
             soft: if free { None } else { self.task.soft },
-            near: &[],
             grows: true,
         };
-        match rows_control(&steps, bounds, rows, None, until) {
+        match rows_control(&steps, bounds, rows, until) {
             Ok(found) if best.as_ref().is_none_or(|best| found.found.gap < best.found.gap) => best = Some(found),
             Ok(_) => {}
             Err(Error::Numerical(_) | Error::Interrupted) => {}
@@ -288,68 +282,56 @@ impl Horizon {
     }
 }
 
-/// Of `n^4 K`, so many operations: what is prepared for calls that end early.
-const PREPARED: f64 = 1e8;
-
 /// The best inputs from one state after another, each begun at the limits of the one before, a step later.
 pub struct RecedingHorizon {
     horizon: Horizon,
+    /// The limits of inputs and states as they were given.
+    given: [Vec<f64>; 4],
+    found: Solution,
+    way: Way,
+}
+
+/// How a loop finds its plans.
+enum Way {
     /// One map for all states, where the limits are those of single inputs.
-    solver: Option<Solver>,
-    warm: Option<Vec<i8>>,
-    /// The inputs of the last call (K m); empty before it.
-    last: Vec<f64>,
-    /// The best inputs without limits, `free (x, 1)` (n + 1, K m), where they are quick to find; else empty.
-    free: Vec<f64>,
+    Inputs(Box<Solver>),
+    /// One table for all states, where there are others.
+    Rows(Box<Pivoting>),
+    /// Anew, from these limits if they are those of inputs alone.
+    Anew(Option<Vec<i8>>),
 }
 
 impl RecedingHorizon {
-    /// Everything that does not depend on the state is computed here.
+    /// Everything that does not depend on the state is computed here, with a first call that is forgotten.
     ///
     /// # Errors
     /// As [`Solver::new`].
     pub fn new(horizon: Horizon, stop: &Stop) -> Result<Self> {
-        let mut solver = None;
+        let d = horizon.steps * horizon.m;
+        let mut way = Way::Anew(None);
         if !horizon.long() && horizon.boxed() && !horizon.map()?.is_empty() {
             let (cost, state, target) = (horizon.cost()?, horizon.state()?, horizon.target()?);
-            let bounds = Bounds::new(&horizon.task.low, &horizon.task.high, horizon.steps * horizon.m)?;
+            let bounds = Bounds::new(&horizon.task.low, &horizon.task.high, d)?;
             let goal = (&state[..], &target[..]);
-            solver = Some(Solver::new(horizon.map()?, Horizon::penalty(&cost), bounds, horizon.m, goal, stop)?);
+            let solver = Solver::new(horizon.map()?, Horizon::penalty(&cost), bounds, horizon.m, goal, stop)?;
+            way = Way::Inputs(Box::new(solver));
+        } else if let Some(mut table) = Pivoting::new(&horizon)? {
+            let mut first = Solution::sized(d)?;
+            // a previous input from where no limit can be kept has its error in the calls
+            let _ = table.solve(&horizon, &try_zeros(WHAT, horizon.n)?, Until::new(stop, None), &mut first);
+            table.resume(None);
+            way = Way::Rows(Box::new(table));
         }
-        Ok(Self { horizon, solver, warm: None, last: Vec::new(), free: Vec::new() })
-    }
-
-    /// For calls with a time limit: what one goes back to that ends before it has a plan, the best inputs without limits, which
-    /// it cuts.
-    ///
-    /// # Errors
-    /// As [`Horizon::best`].
-    pub fn prepare(&mut self, stop: &Stop) -> Result<()> {
-        let Self { horizon, .. } = self;
-        let (n, until) = (horizon.n, Until::new(stop, None));
-        if horizon.boxed() || horizon.grows || (n as f64).powi(4) * horizon.steps as f64 > PREPARED {
-            return Ok(());
-        }
-        let mut x = try_zeros(WHAT, n)?;
-        let none = horizon.best(&x, true, None, until)?.found.control;
-        let mut free = try_zeros(WHAT, checked_len(WHAT, n + 1, none.len())?)?;
-        for (i, row) in free.chunks_exact_mut(none.len().max(1)).enumerate() {
-            if i == n {
-                row.copy_from_slice(&none);
-                break;
-            }
-            x[i] = 1.0;
-            let found = horizon.best(&x, true, None, until)?.found.control;
-            row.iter_mut().zip(found.iter().zip(&none)).for_each(|(to, (one, none))| *to = one - none);
-            x[i] = 0.0;
-        }
-        self.free = free;
-        Ok(())
+        let task = &horizon.task;
+        let (below, above) = task.states.as_ref().map_or((&[][..], &[][..]), |(low, high)| (&low[..], &high[..]));
+        let given =
+            [try_copy(WHAT, &task.low)?, try_copy(WHAT, &task.high)?, try_copy(WHAT, below)?, try_copy(WHAT, above)?];
+        Ok(Self { found: Solution::sized(d)?, given, horizon, way })
     }
 
     /// Whether one map serves all states.
     pub fn condensed(&self) -> bool {
-        self.solver.is_some()
+        matches!(self.way, Way::Inputs(_))
     }
 
     /// `u(-1)` from now on, if the task has rates.
@@ -357,53 +339,85 @@ impl RecedingHorizon {
         self.horizon.follow(previous);
     }
 
+    /// From now on inputs and states are those away from this point: the limits as they were given, less it.
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    pub fn about(&mut self, inputs: &[f64], states: &[f64]) -> Result<()> {
+        let Self { horizon, given, way, .. } = self;
+        for (name, of, len) in [("inputs", inputs, horizon.m), ("states", states, horizon.n)] {
+            if of.len() != len {
+                let found = format!("{} entries", of.len());
+                return Err(Error::Shape { name, expected: format!("{len} entries"), found });
+            }
+        }
+        let less = |to: &mut [f64], from: &[f64], point: &[f64]| {
+            to.iter_mut().zip(from).zip(point.iter().cycle()).for_each(|((to, side), by)| *to = side - by);
+        };
+        less(&mut horizon.task.low, &given[0], inputs);
+        less(&mut horizon.task.high, &given[1], inputs);
+        if let Some((low, high)) = &mut horizon.task.states {
+            less(low, &given[2], states);
+            less(high, &given[3], states);
+        }
+        if let Way::Inputs(solver) = way {
+            solver.limit(&horizon.task.low, &horizon.task.high);
+        }
+        Ok(())
+    }
+
     /// The best inputs from `x`. After an error, all is as before.
+    ///
+    /// Without allocations and threads where one map or one table serves all states, unless hard limits of states cannot be
+    /// met, or rounding hides the best and there is no time limit: an interior point decides then.
     ///
     /// # Errors
     /// As [`Horizon::best`].
-    pub fn solve(&mut self, x: &[f64], until: Until<'_>) -> Result<Solution> {
-        if let Some(solver) = &mut self.solver {
-            return solver.solve(x, until);
-        }
-        // without a call before, rates and limits of states begin with none that is active
-        let later = self.later()?;
-        let warm = Some(&later[..]).filter(|_| self.warm.is_some() || !self.horizon.boxed());
-        let (mut near, mut free) = (Vec::new(), Vec::new());
-        if until.left().is_some() {
-            // the last inputs one step later, the last of them once more
-            near = try_copy(WHAT, &self.last)?;
-            near.copy_within(self.horizon.m.min(self.last.len()).., 0);
-            free = try_zeros(WHAT, self.free.len() / (self.horizon.n + 1))?;
-            for (row, x) in self.free.chunks_exact(free.len().max(1)).zip(x.iter().chain([&1.0])) {
-                free.iter_mut().zip(row).for_each(|(to, v)| *to += v * x);
+    pub fn solve(&mut self, x: &[f64], until: Until<'_>) -> Result<&Solution> {
+        let Self { horizon, found, way, .. } = self;
+        match way {
+            Way::Inputs(solver) => return solver.solve(x, until),
+            Way::Rows(table) => {
+                let sure = table.solve(horizon, x, until, found)?;
+                if sure || horizon.soft() && until.left().is_some() {
+                    return Ok(found);
+                }
+                let other = horizon.best(x, false, None, until)?;
+                if !matches!(other.found.status, Status::Limit | Status::Interrupted) {
+                    table.follow(&other.found.control, signs(&other));
+                    *found = other.found;
+                }
+            }
+            Way::Anew(warm) => {
+                let later = warm.as_ref().map(|warm| horizon.later(warm)).transpose()?;
+                let other = horizon.best(x, false, later.as_deref().filter(|_| horizon.boxed()), until)?;
+                *warm = Some(crate::memory::try_collect(WHAT, signs(&other))?);
+                *found = other.found;
             }
         }
-        let found = self.horizon.best_near(x, false, (warm, &[&near, &free]), until)?;
-        let mut warm = try_copy(WHAT, &found.found.active)?;
-        let sign = |v: &f64| if *v == 0.0 { 0 } else { v.signum() as i8 };
-        try_extend(WHAT, &mut warm, found.rows.iter().flatten().map(sign))?;
-        self.last = try_copy(WHAT, &found.found.control)?;
-        self.warm = Some(warm);
-        Ok(found.found)
+        Ok(found)
     }
 
-    /// The limits of the last call one step later, the last step once more; for each kind of limits. None before it.
-    fn later(&self) -> Result<Vec<i8>> {
-        let count = self.horizon.kinds().iter().map(|(len, _)| len).sum();
-        let Some(warm) = &self.warm else { return try_filled(WHAT, 0, count) };
-        let mut warm = try_copy(WHAT, warm)?;
-        let mut rest = &mut warm[..];
-        for (len, width) in self.horizon.kinds() {
-            let (kind, others) = rest.split_at_mut(len);
-            kind.copy_within(width.min(len).., 0);
-            rest = others;
+    /// The work of a call at most, where one map or one table serves all states; where hard limits of states cannot be met,
+    /// an interior point adds to it. The next call begins as before.
+    ///
+    /// # Errors
+    /// As [`Solver::new`].
+    pub fn most(&mut self) -> Result<Option<Most>> {
+        match &mut self.way {
+            Way::Inputs(solver) => solver.most().map(Some),
+            Way::Rows(table) => table.most(&self.horizon).map(Some),
+            Way::Anew(_) => Ok(None),
         }
-        Ok(warm)
     }
 
     /// The limits at which the next call begins, before the shift.
     pub fn warm(&self) -> Option<&[i8]> {
-        self.solver.as_ref().map_or(self.warm.as_deref(), Solver::warm)
+        match &self.way {
+            Way::Inputs(solver) => solver.warm(),
+            Way::Rows(table) => table.signs(),
+            Way::Anew(warm) => warm.as_deref(),
+        }
     }
 
     /// Sets them.
@@ -411,20 +425,37 @@ impl RecedingHorizon {
     /// # Errors
     /// [`Error::Shape`].
     pub fn resume(&mut self, warm: Option<Vec<i8>>) -> Result<()> {
-        if let Some(solver) = &mut self.solver {
-            return solver.resume(warm);
+        checked_warm(warm.as_deref(), self.horizon.signs())?;
+        match &mut self.way {
+            Way::Inputs(solver) => return solver.resume(warm),
+            Way::Rows(table) => table.resume(warm.as_deref()),
+            Way::Anew(there) => *there = warm,
         }
-        let len = self.horizon.kinds().iter().map(|(len, _)| len).sum::<usize>();
-        match warm {
-            Some(warm) if warm.len() != len => {
-                let found = format!("{} entries", warm.len());
-                Err(Error::Shape { name: "warm", expected: format!("{len} entries"), found })
-            }
-            warm => {
-                self.last.clear();
-                self.warm = warm;
-                Ok(())
-            }
+        Ok(())
+    }
+}
+
+/// The active limits, by kind.
+fn signs(all: &RowsSolution) -> impl Iterator<Item = i8> {
+    let sign = |v: &f64| if *v == 0.0 { 0 } else { v.signum() as i8 };
+    all.found.active.iter().copied().chain(all.rows.iter().flatten().map(sign))
+}
+
+impl Horizon {
+    /// Whether there is a plan that keeps all hard limits.
+    fn soft(&self) -> bool {
+        self.task.states.is_none() || self.task.soft.is_some()
+    }
+
+    /// Active limits one step later, the last step once more; for each kind of limits.
+    fn later(&self, warm: &[i8]) -> Result<Vec<i8>> {
+        let mut warm = try_copy(WHAT, warm)?;
+        let mut rest = &mut warm[..];
+        for (len, width) in self.kinds() {
+            let (kind, others) = rest.split_at_mut(len);
+            kind.copy_within(width.min(len).., 0);
+            rest = others;
         }
+        Ok(warm)
     }
 }

@@ -1,6 +1,5 @@
 //! Many steps with limits on inputs, on their changes and on states: a sparse interior point proposes, one linear system
-//! for the active limits corrects, and the certificate is computed from the data. In a loop the active limits of the call
-//! before propose, and the interior point is asked where they do not lead to a control that is certified.
+//! for the active limits corrects, and the certificate is computed from the data.
 //!
 //! For any `u` within all limits, multipliers `l >= 0` of its rows `C u <= c`, `e = J'(u) + C' l` and `s = l' (c - C u)`:
 //! `J(u) - min J <= s + ||e||^2_{H^-1} / 4` and `||u - u*||_H <= (||e||_{H^-1} + (||e||^2_{H^-1} + 8 s)^(1/2)) / 4`.
@@ -8,7 +7,6 @@
 //! the certificate is then for limits that are wider by this rounding. With soft limits `J'` has their weight and `H` has not.
 
 mod assembly;
-mod follow;
 mod missing;
 mod polish;
 mod program;
@@ -20,17 +18,18 @@ mod tests;
 
 pub use assembly::KINDS;
 pub use task::Rows;
+pub(super) use task::{KEPT, Within, clipped};
 
 use assembly::{Aim, FAR, Kind, Row};
 use program::Program;
 use search::{GOOD, Search};
-use task::{KEPT, Task, WHAT};
+use task::{Task, WHAT};
 
 use super::bounds::Bounds;
 use super::quadratic::{Method, Status, Until};
 use super::riccati::closed::Followed;
 use super::riccati::{Riccati, Steps};
-use super::solve::{Solution, checked_warm, or_ended, told};
+use super::solve::{Solution, or_ended, told};
 use crate::error::{Error, Result};
 use crate::memory::{try_copy, try_zeros};
 
@@ -101,23 +100,16 @@ impl Search<'_, '_> {
     }
 }
 
-/// The best inputs of a horizon within `bounds` (K m), step by step, and within `rows`. `warm`: signs of the limits that are
-/// probably reached, of inputs, then of rates and of states where there are such limits.
+/// The best inputs of a horizon within `bounds` (K m), step by step, and within `rows`.
 ///
 /// # Errors
 /// As [`super::horizon_control`], and [`Error::Value`] for `rate`, `previous`, `state_low` and `soft`.
-pub fn rows_control(
-    horizon: &Steps<'_>,
-    bounds: Bounds<'_>,
-    rows: Rows<'_>,
-    warm: Option<&[i8]>,
-    until: Until<'_>,
-) -> Result<RowsSolution> {
-    let first = found(horizon, bounds, rows, warm, until)?;
+pub fn rows_control(horizon: &Steps<'_>, bounds: Bounds<'_>, rows: Rows<'_>, until: Until<'_>) -> Result<RowsSolution> {
+    let first = found(horizon, bounds, rows, until)?;
     if rows.grows || first.found.status != Status::Inaccurate {
         return Ok(first);
     }
-    match found(horizon, bounds, Rows { grows: true, ..rows }, None, until) {
+    match found(horizon, bounds, Rows { grows: true, ..rows }, until) {
         Ok(again) if again.found.gap < first.found.gap => Ok(again),
         Ok(_) | Err(Error::Numerical(_) | Error::Interrupted) => Ok(first),
         Err(other) => Err(other),
@@ -125,37 +117,17 @@ pub fn rows_control(
 }
 
 /// The same, in one of both ways.
-fn found(
-    horizon: &Steps<'_>,
-    bounds: Bounds<'_>,
-    rows: Rows<'_>,
-    warm: Option<&[i8]>,
-    until: Until<'_>,
-) -> Result<RowsSolution> {
+fn found(horizon: &Steps<'_>, bounds: Bounds<'_>, rows: Rows<'_>, until: Until<'_>) -> Result<RowsSolution> {
     let mut q = if rows.grows { Riccati::growing(horizon)? } else { Riccati::new(horizon)? };
     let task = Task::new(*horizon, bounds, rows)?;
     let none = task.zeros()?;
     let origin = try_zeros(WHAT, task.steps * task.n)?;
     let mut search = Search::new(&task, &mut q)?;
-    let mut early = None;
     if rows.grows && !search.q.free(&search.fixed, until)? {
         return Err(Error::Numerical(SINGULAR.into()));
     }
-    if let Some(warm) = warm.filter(|_| !rows.grows) {
-        checked_warm(Some(warm), task.kinds().iter().map(|(_, len)| len).sum())?;
-        let mut held = task.held(warm)?;
-        early = or_ended(search.follow(&mut held, until), until)?;
-    }
-    if search.best.as_ref().is_none_or(|best| best.merit > GOOD) {
-        search.verify((&none[Kind::Input as usize], &origin), &none, Method::Interior, until)?;
-        if early.is_none() {
-            early = search.try_run(until)?;
-        }
-        let count = search.fixed.len();
-        for near in rows.near.iter().filter(|near| early.is_some() && near.len() == count) {
-            search.verify((near, &origin), &none, Method::Interior, until)?;
-        }
-    }
+    search.verify((&none[Kind::Input as usize], &origin), &none, Method::Interior, until)?;
+    let mut early = search.try_run(until)?;
     let mut missing = 0.0;
     let unmet = early.is_none()
         && task.hard()

@@ -8,7 +8,7 @@ use crate::memory::{try_copy, try_filled, try_zeros};
 pub(super) const WHAT: &str = "a control with limits on states or rates";
 
 /// Excess of a limit on a state, relative to the size that the state has on the way, up to which the limit is kept.
-pub(super) const KEPT: f64 = 1e-9;
+pub(in crate::limits) const KEPT: f64 = 1e-9;
 /// Rounding of a step of `rate`, relative.
 const SLACK: f64 = 1e-12;
 /// Ratio of the sizes of two states from where each is scaled by its own.
@@ -25,8 +25,6 @@ pub struct Rows<'a> {
     pub states: Option<(&'a [f64], &'a [f64])>,
     /// The weight of `||max(0, x - high)||^2 + ||max(0, low - x)||^2`, for limits that may be exceeded.
     pub soft: Option<f64>,
-    /// Controls (K m) that are tried, too, where the time ends before another one is good.
-    pub near: &'a [&'a [f64]],
     /// Whether the system grows so much over the steps that inputs alone do not tell where its states are.
     pub grows: bool,
 }
@@ -108,6 +106,76 @@ fn sizes(h: &Steps<'_>, low: &[f64], high: &[f64]) -> Result<Vec<f64>> {
     if least > 0.0 && largest(&own) > APART * least { Ok(own) } else { try_filled(WHAT, common, n) }
 }
 
+/// What rates leave of the inputs; a pair of a lower and an upper side, step by step.
+pub(in crate::limits) struct Within<'a> {
+    pub(in crate::limits) rate: &'a [f64],
+    /// `u(-1)`
+    pub(in crate::limits) previous: &'a [f64],
+}
+
+type Pair<'a> = (&'a mut [f64], &'a mut [f64]);
+
+impl Within<'_> {
+    /// Values from where all later limits can be kept.
+    pub(in crate::limits) fn look_ahead(&self, (low, high): Pair<'_>) -> Result<()> {
+        let (rate, previous, m) = (self.rate, self.previous, self.rate.len());
+        let gap = |l: f64, h: f64| l - h > SLACK * (1.0 + l.abs());
+        for i in (0..low.len()).rev() {
+            if let (Some(&l), Some(&h)) = (low.get(i + m), high.get(i + m)) {
+                low[i] = low[i].max(l - rate[i % m]);
+                high[i] = high[i].min(h + rate[i % m]);
+            }
+            if gap(low[i], high[i]) {
+                let found = format!("input {} of step {}, where {:.3e} are missing", i % m, i / m, low[i] - high[i]);
+                return Err(Error::Value { name: "rate", expected: "enough for the limits of all steps", found });
+            }
+        }
+        for i in 0..m.min(low.len()) {
+            let off = (low[i] - rate[i] - previous[i]).max(previous[i] - rate[i] - high[i]);
+            if off > SLACK * (1.0 + previous[i].abs() + rate[i]) {
+                let found = format!("input {i}, which is {off:.3e} too far");
+                return Err(Error::Value { name: "previous", expected: "within `rate` of the limits", found });
+            }
+        }
+        Ok(())
+    }
+
+    /// The values that can be reached; where it is one, no limit but this is left of the input, with `width` of rounding.
+    pub(in crate::limits) fn reach(&self, (low, high): Pair<'_>, inputs: Pair<'_>, width: &mut [f64]) {
+        let (rate, previous, m) = (self.rate, self.previous, self.rate.len());
+        for i in 0..low.len() {
+            let (l, h) = if i < m { (previous[i], previous[i]) } else { (low[i - m], high[i - m]) };
+            low[i] = low[i].max(l - rate[i % m]);
+            high[i] = high[i].min(h + rate[i % m]);
+            if high[i] - low[i] <= SLACK * (1.0 + low[i].abs()) {
+                width[i] = (high[i] - low[i]).abs();
+                let value = low[i].max(inputs.0[i]).min(inputs.1[i]);
+                (low[i], high[i], inputs.0[i], inputs.1[i]) = (value, value, value, value);
+            }
+        }
+    }
+}
+
+/// An input inside its limits, and within the rate of the one `before`.
+pub(in crate::limits) fn clipped(
+    value: f64,
+    before: Option<(f64, f64)>,
+    (low, high): (f64, f64),
+    (below, above): (f64, f64),
+) -> f64 {
+    let value = before.map_or(value, |(last, rate)| value.max(last - rate).min(last + rate));
+    // where rounding leaves nothing, the limits are kept, and the rate to rounding
+    let clipped = value.max(low).min(high).max(below).min(above) + 0.0;
+    let near = |limit: f64| limit.is_finite() && (clipped - limit).abs() <= NEAR * limit.abs();
+    if near(below) {
+        below
+    } else if near(above) {
+        above
+    } else {
+        clipped
+    }
+}
+
 impl<'a> Task<'a> {
     /// `h` has been checked.
     pub(super) fn new(h: Steps<'a>, bounds: Bounds<'a>, rows: Rows<'a>) -> Result<Self> {
@@ -154,8 +222,12 @@ impl<'a> Task<'a> {
         let (rate, soft, grows) = (rows.rate, rows.soft, rows.grows);
         let mut new =
             Self { h, n, m, steps, inputs, width, rate, low, high, soft, grows, within, size: (state, input) };
-        new.look_ahead()?;
-        new.reach();
+        if let Some((rate, previous)) = new.rate {
+            let of_rates = Within { rate, previous };
+            of_rates.look_ahead((&mut new.within.0, &mut new.within.1))?;
+            let inputs = (&mut new.inputs.0[..], &mut new.inputs.1[..]);
+            of_rates.reach((&mut new.within.0, &mut new.within.1), inputs, &mut new.width);
+        }
         for (j, unit) in new.size.1.iter_mut().enumerate() {
             let sides = [&new.within.0, &new.within.1].map(|side| side.iter().skip(j).step_by(m));
             let reach = sides.into_iter().flatten().fold(0.0f64, |reach, v| reach.max(v.abs()));
@@ -164,46 +236,6 @@ impl<'a> Task<'a> {
             }
         }
         Ok(new)
-    }
-
-    fn look_ahead(&mut self) -> Result<()> {
-        let Some((rate, previous)) = self.rate else { return Ok(()) };
-        let (m, (low, high)) = (self.m, &mut self.within);
-        let gap = |l: f64, h: f64| l - h > SLACK * (1.0 + l.abs());
-        for i in (0..low.len()).rev() {
-            if let (Some(&l), Some(&h)) = (low.get(i + m), high.get(i + m)) {
-                low[i] = low[i].max(l - rate[i % m]);
-                high[i] = high[i].min(h + rate[i % m]);
-            }
-            if gap(low[i], high[i]) {
-                let found = format!("input {} of step {}, where {:.3e} are missing", i % m, i / m, low[i] - high[i]);
-                return Err(Error::Value { name: "rate", expected: "enough for the limits of all steps", found });
-            }
-        }
-        for i in 0..m.min(low.len()) {
-            let off = (low[i] - rate[i] - previous[i]).max(previous[i] - rate[i] - high[i]);
-            if off > SLACK * (1.0 + previous[i].abs() + rate[i]) {
-                let found = format!("input {i}, which is {off:.3e} too far");
-                return Err(Error::Value { name: "previous", expected: "within `rate` of the limits", found });
-            }
-        }
-        Ok(())
-    }
-
-    /// The values that can be reached; where it is one, no limit but this is left of the input.
-    fn reach(&mut self) {
-        let Some((rate, previous)) = self.rate else { return };
-        let (m, (low, high)) = (self.m, &mut self.within);
-        for i in 0..low.len() {
-            let (l, h) = if i < m { (previous[i], previous[i]) } else { (low[i - m], high[i - m]) };
-            low[i] = low[i].max(l - rate[i % m]);
-            high[i] = high[i].min(h + rate[i % m]);
-            if high[i] - low[i] <= SLACK * (1.0 + low[i].abs()) {
-                self.width[i] = (high[i] - low[i]).abs();
-                let value = low[i].max(self.inputs.0[i]).min(self.inputs.1[i]);
-                (low[i], high[i], self.inputs.0[i], self.inputs.1[i]) = (value, value, value, value);
-            }
-        }
     }
 
     pub(super) fn bounds(&self) -> Bounds<'_> {
@@ -242,23 +274,8 @@ impl<'a> Task<'a> {
 
     /// The input `i` inside its limits, and within the rate of the one before.
     pub(super) fn clipped(&self, u: &[f64], i: usize) -> f64 {
-        let (low, high) = &self.within;
-        let mut value = u[i];
-        if let Some((rate, _)) = self.rate {
-            let (last, rate) = (self.before(u, i), rate[i % self.m]);
-            value = value.max(last - rate).min(last + rate);
-        }
-        // where rounding leaves nothing, the limits are kept, and the rate to rounding
-        let (below, above) = (self.inputs.0[i], self.inputs.1[i]);
-        let clipped = value.max(low[i]).min(high[i]).max(below).min(above) + 0.0;
-        let near = |limit: f64| limit.is_finite() && (clipped - limit).abs() <= NEAR * limit.abs();
-        if near(below) {
-            below
-        } else if near(above) {
-            above
-        } else {
-            clipped
-        }
+        let before = self.rate.map(|(rate, _)| (self.before(u, i), rate[i % self.m]));
+        clipped(u[i], before, (self.within.0[i], self.within.1[i]), (self.inputs.0[i], self.inputs.1[i]))
     }
 
     /// How far the input `i` can move from `u` where those before have moved by `moves`.

@@ -34,7 +34,7 @@ impl Case {
     fn solve(&self, rows: Rows<'_>) -> RowsSolution {
         let stop = Stop::new();
         let bounds = Bounds::new(&self.low, &self.high, self.steps * self.m).unwrap();
-        rows_control(&self.horizon(), bounds, rows, None, Until::new(&stop, None)).unwrap()
+        rows_control(&self.horizon(), bounds, rows, Until::new(&stop, None)).unwrap()
     }
 
     fn states(&self, u: &[f64]) -> Vec<f64> {
@@ -192,7 +192,7 @@ fn random_problems_satisfy_the_conditions_of_a_minimum() {
         let (low, high): (Vec<f64>, Vec<f64>) =
             (x.iter().map(|v| v - 0.05).collect(), x.iter().map(|v| v + 0.2).collect());
         let soft = [None, Some(1e-2), Some(1.0), Some(1e6)][seed as usize % 4];
-        let rows = Rows { rate: rates.rate, states: Some((&low, &high)), soft, near: &[], grows: false };
+        let rows = Rows { rate: rates.rate, states: Some((&low, &high)), soft, grows: false };
         let all = case.solve(rows);
         let found = &all.found;
         assert_eq!(found.status, Status::Optimal, "{seed} {all:?}");
@@ -254,10 +254,10 @@ fn time_stops_and_arguments() {
     let (stop, bounds) = (Stop::new(), Bounds::new(&case.low, &case.high, 4).unwrap());
     let now = Until::new(&stop, Some(std::time::Duration::ZERO));
     let states = Some((&[-INF; 8][..], &[9.0; 8][..]));
-    let found = rows_control(&case.horizon(), bounds, Rows { states, ..Rows::default() }, None, now).unwrap();
+    let found = rows_control(&case.horizon(), bounds, Rows { states, ..Rows::default() }, now).unwrap();
     assert!(matches!(found.found.status, Status::Limit | Status::Optimal));
     let refused = |rows: Rows<'_>, name: &str| {
-        let error = rows_control(&case.horizon(), bounds, rows, None, Until::new(&stop, None)).unwrap_err();
+        let error = rows_control(&case.horizon(), bounds, rows, Until::new(&stop, None)).unwrap_err();
         assert!(error.to_string().contains(&format!("`{name}`")), "{error}");
     };
     refused(Rows { rate: Some((&[0.0], &[0.0])), ..Rows::default() }, "rate");
@@ -267,7 +267,7 @@ fn time_stops_and_arguments() {
     refused(Rows { states: Some((&[0.0; 7], &[1.0; 8])), ..Rows::default() }, "state_low");
     refused(Rows { states, soft: Some(0.0), ..Rows::default() }, "soft");
     stop.request();
-    let early = rows_control(&case.horizon(), bounds, Rows::default(), None, Until::new(&stop, None));
+    let early = rows_control(&case.horizon(), bounds, Rows::default(), Until::new(&stop, None));
     assert!(matches!(early, Err(Error::Interrupted)) || early.unwrap().found.status == Status::Interrupted);
 }
 
@@ -279,13 +279,7 @@ fn larger_problems_of_unlike_shapes() {
         case.a.iter_mut().for_each(|a| *a *= 0.5 / (n as f64).sqrt());
         let (rate, previous) = (vec![0.4; m], vec![0.0; m]);
         let (low, high) = (vec![-0.5; n * steps], vec![0.5; n * steps]);
-        let rows = Rows {
-            rate: Some((&rate, &previous)),
-            states: Some((&low, &high)),
-            soft: Some(3.0),
-            near: &[],
-            grows: false,
-        };
+        let rows = Rows { rate: Some((&rate, &previous)), states: Some((&low, &high)), soft: Some(3.0), grows: false };
         let found = case.solve(rows);
         assert_eq!((found.found.status, found.found.method), (Status::Optimal, Method::Refinement), "{seed}");
         let hard = case.solve(Rows { soft: None, ..rows });

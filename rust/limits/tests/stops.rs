@@ -57,11 +57,7 @@ fn horizons() {
     stopped_at_any_look(|until| horizon_control(&horizon, bounds, None, until).unwrap());
     let rate = Some((&[0.1; 2][..], &[0.0; 2][..]));
     let rows = Rows { rate, ..Rows::default() };
-    stopped_at_any_look(|until| rows_control(&horizon, bounds, rows, None, until).unwrap().found);
-    let best = rows_control(&horizon, bounds, rows, None, Until::new(&Stop::new(), None)).unwrap();
-    let signs = best.rows[1].iter().map(|v| if *v == 0.0 { 0 } else { v.signum() as i8 });
-    let warm: Vec<i8> = best.found.active.iter().copied().chain(signs).collect();
-    stopped_at_any_look(|until| rows_control(&horizon, bounds, rows, Some(&warm), until).unwrap().found);
+    stopped_at_any_look(|until| rows_control(&horizon, bounds, rows, until).unwrap().found);
 }
 
 /// A large product by tiles of its own, and by rows.

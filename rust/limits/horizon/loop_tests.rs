@@ -1,0 +1,186 @@
+//! Loops beside single problems, which the interior point solves; what a call allocates; calls that are cut.
+
+use std::time::{Duration, Instant};
+
+use super::{Horizon, RecedingHorizon, Task};
+use crate::Stop;
+use crate::limits::tests::Normal;
+use crate::limits::{Status, Until};
+use crate::memory::tests::counted;
+
+/// Limits besides those of single inputs.
+#[derive(Clone, Copy)]
+struct Kind {
+    rate: bool,
+    /// Of the first half of the states, with the weight of soft ones.
+    states: Option<Option<f64>>,
+}
+
+const RATES: Kind = Kind { rate: true, states: None };
+const SOFT: Kind = Kind { rate: false, states: Some(Some(20.0)) };
+const BOTH: Kind = Kind { rate: true, states: Some(Some(20.0)) };
+const HARD: Kind = Kind { rate: true, states: Some(None) };
+const BOX: Kind = Kind { rate: false, states: None };
+
+struct Plant {
+    a: Vec<f64>,
+    b: Vec<f64>,
+    n: usize,
+    m: usize,
+    normal: Normal,
+}
+
+impl Plant {
+    fn new(seed: u8, n: usize, m: usize, growth: f64) -> Self {
+        let mut normal = Normal::new(seed);
+        let scale = growth / (n as f64).sqrt();
+        let a = normal.take(n * n).iter().map(|v| scale * v).collect();
+        let b = normal.take(n * m);
+        Self { a, b, n, m, normal }
+    }
+
+    fn horizon(&self, steps: usize, kind: Kind) -> Horizon {
+        let (n, m) = (self.n, self.m);
+        let unit = |n: usize, w: f64| (0..n * n).map(|i| if i % (n + 1) == 0 { w } else { 0.0 }).collect::<Vec<_>>();
+        let sides = |side: f64| {
+            let of = |i: usize| if i % n <= n / 2 { side * (1.0 + 0.1 * (i % 3) as f64) } else { side * f64::INFINITY };
+            (0..n * steps).map(of).collect::<Vec<_>>()
+        };
+        let task = Task {
+            low: vec![-0.3; m * steps],
+            high: (0..m * steps).map(|i| 0.3 + 0.1 * (i % m) as f64).collect(),
+            stage: unit(n, 1.0),
+            terminal: unit(n, 2.0),
+            reference: (0..n * steps).map(|i| 0.1 * (i as f64).sin()).collect(),
+            r: Some(unit(m, 0.1)),
+            rate: kind.rate.then(|| (vec![0.11; m], vec![0.0; m])),
+            states: kind.states.map(|_| (sides(-0.6), sides(0.8))),
+            soft: kind.states.flatten(),
+        };
+        Horizon::new(self.a.clone(), self.b.clone(), Some(&vec![0.01; n]), n, task).unwrap()
+    }
+
+    /// The state behind `u`, with noise.
+    fn step(&mut self, x: &[f64], u: &[f64], noise: f64) -> Vec<f64> {
+        let (n, m, w) = (self.n, self.m, self.normal.take(self.n));
+        let of_state = |i: usize| self.a[i * n..(i + 1) * n].iter().zip(x).map(|(a, x)| a * x).sum::<f64>();
+        let of_input = |i: usize| self.b[i * m..(i + 1) * m].iter().zip(u).map(|(b, u)| b * u).sum::<f64>();
+        (0..n).map(|i| of_state(i) + of_input(i) + 0.01 + noise * w[i]).collect()
+    }
+}
+
+#[test]
+fn calls_agree_with_single_problems() {
+    let (mut active, mut unmet) = ([0; 2], 0);
+    for (seed, n, m, steps, kind) in [
+        (1, 3, 1, 8, RATES),
+        (2, 2, 2, 5, SOFT),
+        (3, 4, 2, 6, BOTH),
+        (4, 3, 2, 7, HARD),
+        (5, 10, 5, 20, RATES),
+        (6, 5, 1, 25, BOTH),
+        (7, 1, 1, 1, BOTH),
+        (8, 6, 3, 10, HARD),
+    ] {
+        let mut plant = Plant::new(seed, n, m, 1.0);
+        let (mut many, mut one) =
+            (RecedingHorizon::new(plant.horizon(steps, kind), &Stop::new()).unwrap(), plant.horizon(steps, kind));
+        assert!(!many.condensed());
+        let mut x = plant.normal.take(n);
+        for call in 0..25 {
+            let stop = Stop::new();
+            let found = many.solve(&x, Until::new(&stop, None)).unwrap().clone();
+            let other = one.best(&x, false, None, Until::new(&stop, None)).unwrap();
+            unmet += usize::from(found.status == Status::Infeasible);
+            assert_eq!(found.status, other.found.status, "{seed} {call}\n{found:?}\n{other:?}");
+            if found.status == Status::Optimal {
+                assert!(found.gap <= 1e-9 * found.objective + 1e-12, "{seed} {call} {found:?}");
+                let (most, size) = (found.gap + other.found.gap, 1.0 + found.objective);
+                assert!((found.objective - other.found.objective).abs() <= most + 1e-12 * size, "{seed} {call}");
+                assert!((found.at_zero - other.found.at_zero).abs() <= 1e-10 * (1.0 + found.at_zero), "{seed} {call}");
+            }
+            for (i, (u, v)) in found.control.iter().zip(&other.found.control).enumerate() {
+                assert!((u - v).abs() <= 1e-6, "{seed} {call} {i}: {u} {v}\n{found:?}\n{other:?}");
+            }
+            active[0] += found.active.iter().filter(|side| **side != 0).count();
+            active[1] += many.warm().unwrap()[m * steps..].iter().filter(|side| **side != 0).count();
+            let u = found.control[..m].to_vec();
+            many.follow(&u);
+            one.follow(&u);
+            x = plant.step(&x, &u, if kind.states == Some(None) { 0.05 } else { 0.5 });
+        }
+    }
+    assert!(active[0] > 500 && active[1] > 500 && unmet < 100, "{active:?} {unmet}");
+}
+
+#[test]
+fn calls_allocate_nothing() {
+    for (seed, n, m, steps, kind) in [
+        (11, 10, 5, 20, BOX),
+        (12, 2, 1, 6, BOX),
+        (13, 10, 5, 20, RATES),
+        (14, 4, 2, 10, SOFT),
+        (15, 4, 2, 10, BOTH),
+        (16, 8, 4, 60, RATES),
+    ] {
+        let mut plant = Plant::new(seed, n, m, 0.8);
+        let mut many = RecedingHorizon::new(plant.horizon(steps, kind), &Stop::new()).unwrap();
+        let (mut x, stop) = (plant.normal.take(n), Stop::new());
+        for call in 0..40 {
+            let limit = (call % 4 == 3).then_some(Duration::from_micros(call));
+            let (u, bytes) = counted(|| {
+                let found = many.solve(&x, Until::new(&stop, limit)).unwrap();
+                assert!(limit.is_some() || found.status == Status::Optimal, "{seed} {call} {found:?}");
+                [found.control[0], found.control[m - 1]]
+            });
+            assert_eq!(bytes, 0, "{seed} {call}");
+            many.follow(&vec![0.5 * (u[0] + u[1]); m].iter().map(|u| u.clamp(-0.3, 0.3)).collect::<Vec<_>>());
+            x = plant.step(&x, &vec![u[0]; m], 0.5);
+        }
+    }
+}
+
+/// Calls without any time go on where the last one ended: after some the plan is the best, and none is worse than the last.
+#[test]
+fn cut_calls_go_on() {
+    for (seed, kind) in [(21, RATES), (22, BOTH), (23, SOFT)] {
+        let mut plant = Plant::new(seed, 6, 3, 1.1);
+        let horizon = plant.horizon(12, kind);
+        let (x, stop) = (plant.normal.take(6).iter().map(|v| 3.0 * v).collect::<Vec<_>>(), Stop::new());
+        let best = horizon.best(&x, false, None, Until::new(&stop, None)).unwrap().found;
+        let mut many = RecedingHorizon::new(horizon, &Stop::new()).unwrap();
+        let mut values = Vec::new();
+        for _ in 0..30 {
+            let found = many.solve(&x, Until::new(&stop, Some(Duration::ZERO))).unwrap();
+            assert!(found.objective >= best.objective - best.gap - found.gap - 1e-9 * best.objective);
+            assert!(found.objective - best.objective <= found.gap + 1e-9 * best.objective, "{found:?}");
+            values.push(found.objective / best.objective);
+        }
+        assert!(values[0] < 3.0 && values.last().unwrap() - 1.0 < 1e-6, "{seed} {values:?}");
+    }
+}
+
+#[test]
+fn no_call_takes_more_than_the_most() {
+    for (seed, n, m, steps, kind) in [(31, 4, 2, 10, BOX), (32, 4, 2, 10, BOTH)] {
+        let mut plant = Plant::new(seed, n, m, 1.0);
+        let mut many = RecedingHorizon::new(plant.horizon(steps, kind), &Stop::new()).unwrap();
+        let (mut x, stop) = (plant.normal.take(n), Stop::new());
+        let first = many.solve(&x, Until::new(&stop, None)).unwrap().control.clone();
+        let most = many.most().unwrap().unwrap();
+        assert!(most.operations > 1e4 && most.seconds > 0.0, "{most:?}");
+        let again = many.solve(&x, Until::new(&stop, None)).unwrap();
+        assert!(again.control.iter().zip(&first).all(|(a, b)| (a - b).abs() < 1e-9));
+        for _ in 0..200 {
+            let start = Instant::now();
+            let found = many.solve(&x, Until::new(&stop, None)).unwrap();
+            let took = start.elapsed().as_secs_f64();
+            assert!(found.iterations <= most.factorizations);
+            // a pause of the system is none of the loop
+            assert!(took < most.seconds || took > 1e-3, "{took} {most:?}");
+            let u = found.control[..m].to_vec();
+            many.follow(&u);
+            x = plant.step(&x, &u, 0.5);
+        }
+    }
+}

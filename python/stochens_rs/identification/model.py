@@ -658,10 +658,7 @@ class Model(SavedRecord, Fitted):
 
     def _repr_html_(self) -> str:
         checks = "not tested" if self.checks is None else repr(self.checks)[1:-1]
-        rows = [
-            ("assumed", said(self.assumptions, None, self._first)),
-            ("residuals", checks),
-        ]
+        rows = [("assumed", said(self.assumptions, None, self._first)), ("residuals", checks)]
         return show.card(self, rows, self._table())
 
 

@@ -437,10 +437,7 @@ def directions(
 def refuse(noise: Assumptions, wish: Wish, by_rows: bool) -> None:
     """Refuse a region that the assumptions do not have."""
     plain = noise.design == "independent" and noise.noise == "gaussian"
-    for name, asked in (
-        ("directions", wish.directions is not None),
-        ("future", wish.future > 0),
-    ):
+    for name, asked in (("directions", wish.directions is not None), ("future", wish.future > 0)):
         if asked and (not plain or by_rows or wish.components):
             raise InputError(
                 f"`{name}` needs a region of all rows at once for design='independent', "

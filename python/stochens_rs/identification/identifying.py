@@ -18,9 +18,8 @@ from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, moved, pooled
 from ..exceptions import DataWarning, InputError, NonFiniteError, ShapeError
 from . import assumptions
-from .assumptions import ANY, Noise, Pilot, Window
+from .assumptions import ANY, Misfit, Noise, Pilot, Window, sizes_of
 from .checks import checked_residuals, tested_rows, too_many
-from .misfit import Misfit, sizes_of
 from .model import Model, require_fit
 from .pilot import made
 from .window import Regressors, complete, of_states, rows_of, spread

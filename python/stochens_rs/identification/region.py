@@ -23,8 +23,7 @@ from .._base.running import get_num_threads
 from .._base.types import ArrayLike, Axes, Floats, NDArray
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..plots.certificates import draw_region
-from .assumptions import Assumptions
-from .misfit import Misfit
+from .assumptions import Assumptions, Misfit
 
 fields.enter(
     _core.RegionPart,

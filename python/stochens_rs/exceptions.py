@@ -68,10 +68,7 @@ class ResourceError(MemoryError, StochensError):
     """
 
     def __init__(
-        self,
-        message: str = "",
-        needed_bytes: int | None = None,
-        limit_bytes: int | None = None,
+        self, message: str = "", needed_bytes: int | None = None, limit_bytes: int | None = None
     ) -> None:
         super().__init__(message)
         self.needed_bytes = needed_bytes

@@ -13,7 +13,7 @@ from coverage_study import sets
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError
 from stochens_rs.feedback import Margins
-from stochens_rs.identification.misfit import grown
+from stochens_rs.identification.assumptions import grown
 
 A = np.array(
     [

@@ -10,7 +10,7 @@ import pytest
 
 import stochens_rs as se
 from grids import MACHINES_9, MACHINES_39, admittances, modes, nine_buses, write_m
-from stochens_rs.cases import _network, matpower, swing_models
+from stochens_rs.cases import matpower, swing_models
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 
 NINE = nine_buses()
@@ -30,8 +30,8 @@ def solved_39():
 
 def test_nine_buses_have_the_printed_reduced_network():
     """Anderson and Fouad, examples 2.6 and 2.7: voltages behind x'd and reduced admittances."""
-    network = _network.read_network(NINE)
-    data = matpower.matched(network, _network.read_machines(MACHINES_9))
+    network = matpower.read_network(NINE)
+    data = matpower.matched(network, swing_models.read_machines(MACHINES_9))
     E, Y = matpower.internal(network, data.xd1)
     np.testing.assert_allclose(np.abs(E), [1.0566, 1.0502, 1.0170], atol=6e-5)
     np.testing.assert_allclose(np.rad2deg(np.angle(E)), [2.2717, 19.7315, 13.1752], atol=0.01)
@@ -106,8 +106,8 @@ def with_taps():
 
 @pytest.mark.parametrize("case", [NINE, with_taps()], ids=["plain", "taps"])
 def test_stiffness_is_the_derivative_of_the_powers(case):
-    network = _network.read_network(case)
-    data = matpower.matched(network, _network.read_machines(MACHINES_9))
+    network = matpower.read_network(case)
+    data = matpower.matched(network, swing_models.read_machines(MACHINES_9))
     E, _ = matpower.internal(network, data.xd1)
     K = matpower.synchronizing(network, data.xd1)
     start = np.angle(E)
@@ -127,8 +127,8 @@ def test_stiffness_is_the_derivative_of_the_powers(case):
 def test_system_follows_the_nonlinear_machines():
     """x' of 20 000 Euler steps of the swing equations against the linear system, small push."""
     machines = {bus: {**row, "D": 5.0} for bus, row in MACHINES_9.items()}
-    network = _network.read_network(NINE)
-    data = matpower.matched(network, _network.read_machines(machines))
+    network = matpower.read_network(NINE)
+    data = matpower.matched(network, swing_models.read_machines(machines))
     E, _ = matpower.internal(network, data.xd1)
     start, power = np.angle(E), NINE["gen"][:, 1] / 100.0
     push, h = np.array([0.01, 0.0, -0.01]), 1e-4

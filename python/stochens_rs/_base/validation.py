@@ -340,11 +340,7 @@ def _numeric(name: str, value: object, labels: Sequence[str] | None = None) -> N
 
 
 def _fit(
-    name: str,
-    value: object,
-    given: NDArray[Any],
-    wanted: tuple[int | str, ...],
-    meaning: str = "",
+    name: str, value: object, given: NDArray[Any], wanted: tuple[int | str, ...], meaning: str = ""
 ) -> None:
     """Refuse another shape; a letter stands for any length, the same one everywhere."""
     if given.shape == wanted:

@@ -13,19 +13,7 @@ from .._base.files import versions
 from .._base.validation import nearest
 from ..exceptions import InputError, InputTypeError, StateError
 from ..studies.running import interruptions
-from ._command import (
-    EXIT_CODES,
-    INTERNAL,
-    INTERRUPTED,
-    IO,
-    OK,
-    USAGE,
-    Group,
-    drop_unwritten,
-    note,
-    occupy_standard_descriptors,
-    show,
-)
+from . import _command as commands
 from ._control import certify_command, control_command, export_command
 from ._doctor import doctor_command, study_command
 from ._identify import identify_command
@@ -34,10 +22,10 @@ __all__ = ["main"]
 
 
 @click.group(
-    cls=Group,
+    cls=commands.Group,
     commands=[identify_command, control_command, certify_command, study_command, doctor_command],
     invoke_without_command=True,
-    epilog=EXIT_CODES,
+    epilog=commands.EXIT_CODES,
     context_settings={
         "help_option_names": ["-h", "--help"],
         "max_content_width": 100,
@@ -57,7 +45,7 @@ def cli(context: click.Context) -> None:
     `stochens COMMAND --help` has examples.
     """
     if context.invoked_subcommand is None:
-        show(context.get_help())
+        commands.show(context.get_help())
 
 
 cli.add_command(export_command)
@@ -82,32 +70,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     >>> main(["control", "no.json", "--steps", "0"])
     2
     """
-    occupy_standard_descriptors()
+    commands.occupy_standard_descriptors()
     if sys.stdout is None:
-        return _fail("standard output is closed: nowhere to write results", IO)
+        return _fail("standard output is closed: nowhere to write results", commands.IO)
     with interruptions() as seen:
         seen.breakable = True
         code = _code(None if argv is None else list(argv))
-    drop_unwritten()
-    return 128 + seen.number if code == INTERRUPTED and seen.number else code
+    commands.drop_unwritten()
+    return 128 + seen.number if code == commands.INTERRUPTED and seen.number else code
 
 
 def _code(args: list[str] | None) -> int:
     try:
         code = cli.main(args=args, prog_name="stochens", standalone_mode=False)
-        return code if isinstance(code, int) else OK
+        return code if isinstance(code, int) else commands.OK
     except click.ClickException as error:
-        return _fail(error.format_message(), USAGE)
+        return _fail(error.format_message(), commands.USAGE)
     except (click.Abort, KeyboardInterrupt):
-        return _fail("interrupted", INTERRUPTED)
+        return _fail("interrupted", commands.INTERRUPTED)
     except SystemExit as end:  # of click: a completion, or the reader of the output has closed it
-        return OK if not end.code else IO
+        return commands.OK if not end.code else commands.IO
     except (OSError, StateError) as error:
-        return _fail(_fault(error), IO)
+        return _fail(_fault(error), commands.IO)
     except (InputError, InputTypeError, MemoryError, ImportError) as error:
-        return _fail(str(error), USAGE)
+        return _fail(str(error), commands.USAGE)
     except Exception as error:
-        return _fail(f"internal error: {type(error).__name__}: {error}", INTERNAL)
+        return _fail(f"internal error: {type(error).__name__}: {error}", commands.INTERNAL)
 
 
 def _fault(error: Exception) -> str:
@@ -124,5 +112,5 @@ def _fault(error: Exception) -> str:
 
 def _fail(message: str, code: int) -> int:
     """Say why in one line on standard error."""
-    note(f"stochens: {' '.join(message.split())}")
+    commands.note(f"stochens: {' '.join(message.split())}")
     return code

@@ -18,9 +18,9 @@ from .._base.records import Index, SavedRecord, cached_property, require_shapes,
 from .._base.running import get_num_threads
 from .._base.types import ArrayLike, Floats
 from ..exceptions import InputError, NonFiniteError
+from ..identification.assumptions import block_of, directions_of, signals_of, sizes_of
 from ..identification.changes import Predictor
 from ..identification.identified import Identified
-from ..identification.misfit import block_of, directions_of, signals_of, sizes_of
 from ..identification.model import Model, in_states
 from ..identification.region import Region
 from .margins import Margins, Rounding

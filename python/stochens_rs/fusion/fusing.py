@@ -20,16 +20,9 @@ from ..identification.assumptions import Noise
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model, require_states
+from . import fused_model
 from .fits import Alse, Fit, Path, fit_of, path, require, solve
-from .fused_model import (
-    FusedModel,
-    coordinates,
-    ensemble_of,
-    noise_of,
-    position,
-    require_fit,
-    stacked,
-)
+from .fused_model import FusedModel
 
 Method: TypeAlias = Literal["uniform", "alse", "slse", "slse-safeguarded"]
 
@@ -200,7 +193,7 @@ def fuse(
     shrinks, own = (None if shrink is True else shrink), (None if independent is False else True)
     _refuse("without `data`", noise=noise, shrink=shrinks, independent=own)
     if isinstance(ensemble, SystemEnsemble):
-        matrices = stacked(ensemble, ensemble.c is not None)
+        matrices = fused_model.stacked(ensemble, ensemble.c is not None)
         ensemble = Ensemble.from_samples(matrices, centre=ensemble.centre)
     elif isinstance(ensemble, (list, tuple)):
         ensemble = _of_senders(ensemble)
@@ -409,14 +402,18 @@ def _by_data(
         raise InputError("`data` determine nothing: all states and inputs are 0")
     running.need("the models", 4 * 8 * given.size * given.n * (f.rank + len(f.columns)))
     with np.errstate(over="ignore", invalid="ignore"):
-        S, t = coordinates(given, least)
+        S, t = fused_model.coordinates(given, least)
     if not np.isfinite(S).all() or not np.isfinite(np.vdot(S, S)):
         raise NonFiniteError("the squares of the data and the models overflow: scale them down")
     differences = (S - t).reshape(given.size, -1)
     fit = solve(Ensemble.from_samples(differences), np.zeros(differences.shape[1]), options)
     assert fit.gap is not None
     weights = fit.weights / fit.weights.sum()
-    share = _core.hull_share(position(S, t, weights), noise_of(least)) if shrink else 0.0
+    share = (
+        _core.hull_share(fused_model.position(S, t, weights), fused_model.noise_of(least))
+        if shrink
+        else 0.0
+    )
     fused = FusedModel(given, least, weights, share, fit.gap, fit.status)
     own = [text for text in fused.warnings if text not in least.warnings]
     if own:
@@ -437,7 +434,7 @@ def _least_squares(given: SystemEnsemble, data: object, noise: Any) -> Model:
     else:
         least = identify(data, noise=noise, intercept=given.c is not None)  # type: ignore[arg-type]
     require_states(least, "data")
-    require_fit("data", least, given)
+    fused_model.require_fit("data", least, given)
     validation.same_dt("data", least.dt, given.dt, "the models")
     if (law := least.assumptions.noise) != "gaussian":
         raise InputError(f"`data` must be identified with Gaussian noise, got '{law}'")
@@ -453,7 +450,7 @@ def _models(models: object, data: object, independent: bool) -> SystemEnsemble:
         for k, one in enumerate(items):
             if isinstance(one, Identified):
                 _apart_from(k, one, data, independent)
-        given = ensemble_of("ensemble", items)
+        given = fused_model.ensemble_of("ensemble", items)
     if given.centre == "estimate" and not independent:
         raise InputError(
             "`ensemble` scatters about an estimate from data: models fitted on the same data look "

@@ -1,11 +1,10 @@
 """Models from measured runs, and regions that contain the true system."""
 
 from ..data import Trajectories
-from .assumptions import Assumptions, Noise, Pilot, Window
+from .assumptions import Assumptions, Misfit, Noise, Pilot, Window
 from .changes import Changes
 from .checks import Checks
 from .identifying import identify
-from .misfit import Misfit
 from .model import Model
 from .region import Region
 from .window import Regressors

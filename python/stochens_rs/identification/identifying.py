@@ -17,19 +17,9 @@ from .._base.running import get_num_threads
 from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, moved, pooled
 from ..exceptions import DataWarning, InputError, NonFiniteError, ShapeError
-from .assumptions import (
-    ANY,
-    Noise,
-    Pilot,
-    Window,
-    as_noise,
-    checked_assumptions,
-    checked_scale,
-    refuse,
-    require_known,
-)
+from . import assumptions
+from .assumptions import ANY, Misfit, Noise, Pilot, Window, sizes_of
 from .checks import checked_residuals, tested_rows, too_many
-from .misfit import Misfit, sizes_of
 from .model import Model, require_fit
 from .pilot import made
 from .window import Regressors, complete, of_states, rows_of, spread
@@ -219,7 +209,7 @@ def identify(
     >>> near.target < plain.target / 2
     True
     """
-    runs, law = pooled(data), as_noise(noise)
+    runs, law = pooled(data), assumptions.as_noise(noise)
     asked = ANY if window is None else validation.instance("window", window, Window)
     guided = pilot if pilot is None or isinstance(pilot, Pilot) else Pilot(pilot)
     if asked.delay == -1:
@@ -227,7 +217,7 @@ def identify(
     if misfit is not None and validation.instance("misfit", misfit, Misfit).limit < np.inf:
         runs = below(runs, misfit)
     n, names = runs.n, runs.state_names
-    assumed = checked_assumptions(n, law, names, guided is not None, asked.tail, accept)
+    assumed = assumptions.checked_assumptions(n, law, names, guided is not None, asked.tail, accept)
     offset = validation.flag("intercept", intercept)
     past, first = chosen_window(runs, asked, offset)
     for name, one in (("known", known), ("pilot", guided)):
@@ -241,10 +231,10 @@ def identify(
             )
     regressors = past or of_states(runs, offset)
     entries = known_entries(n, runs.m, offset, known)
-    sizes = None if scale is None else checked_scale(scale, n + runs.m, offset)
+    sizes = None if scale is None else assumptions.checked_scale(scale, n + runs.m, offset)
     if past is not None:
         sizes, first = sized(runs, past, sizes, first)
-    refuse(assumed, n, runs.single)
+    assumptions.refuse(assumed, n, runs.single)
     if misfit is not None:
         require_fit(misfit, runs, assumed, sizes, (past, guided, entries))
     guide = None
@@ -294,7 +284,7 @@ def known_entries(n: int, m: int, offset: bool, given: Any) -> Floats | None:
             if entries.shape != wanted:
                 raise ShapeError(f"`{name}` must have shape {wanted}, got {entries.shape}")
             known[:, columns] = entries
-            require_known(name, known)
+            assumptions.require_known(name, known)
     free = np.isnan(known)
     if not free.any():
         raise InputError("`known` must leave an entry to be estimated, got numbers alone")

@@ -23,7 +23,10 @@ from .assumptions import (
     FAULTS,
     Assumptions,
     Design,
+    Misfit,
+    block_of,
     checked_scale,
+    grown,
     least_correlation,
     refuse,
     require_known,
@@ -32,7 +35,6 @@ from .assumptions import (
 from .changes import Changes, accepted, unexcited
 from .checks import Checks, Tested, cautions, missing_directions
 from .identified import Fitted, Identified
-from .misfit import Misfit, block_of, grown
 from .pilot import PilotModel
 from .pilot import refuse as refuse_pilot
 from .region import METHODS, Method, Region, Wish, entered, of_core, region_of, said, withheld
@@ -676,10 +678,7 @@ class Model(SavedRecord, Fitted):
 
     def _repr_html_(self) -> str:
         checks = "not tested" if self.checks is None else repr(self.checks)[1:-1]
-        rows = [
-            ("assumed", said(self.assumptions, None, self._first)),
-            ("residuals", checks),
-        ]
+        rows = [("assumed", said(self.assumptions, None, self._first)), ("residuals", checks)]
         return show.card(self, rows, self._table())
 
 

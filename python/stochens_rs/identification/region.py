@@ -23,8 +23,7 @@ from .._base.running import get_num_threads
 from .._base.types import ArrayLike, Axes, Floats, NDArray
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..plots.certificates import draw_region
-from .assumptions import Assumptions
-from .misfit import Misfit
+from .assumptions import Assumptions, Misfit
 
 fields.enter(
     _core.RegionPart,
@@ -437,10 +436,7 @@ def directions(
 def refuse(noise: Assumptions, wish: Wish, by_rows: bool) -> None:
     """Refuse a region that the assumptions do not have."""
     plain = noise.design == "independent" and noise.noise == "gaussian"
-    for name, asked in (
-        ("directions", wish.directions is not None),
-        ("future", wish.future > 0),
-    ):
+    for name, asked in (("directions", wish.directions is not None), ("future", wish.future > 0)):
         if asked and (not plain or by_rows or wish.components):
             raise InputError(
                 f"`{name}` needs a region of all rows at once for design='independent', "

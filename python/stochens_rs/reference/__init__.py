@@ -19,12 +19,4 @@ from __future__ import annotations
 from . import controls, fusing, sampling, simulation, streams
 from .validation import Comparison, validate
 
-__all__ = [
-    "Comparison",
-    "controls",
-    "fusing",
-    "sampling",
-    "simulation",
-    "streams",
-    "validate",
-]
+__all__ = ["Comparison", "controls", "fusing", "sampling", "simulation", "streams", "validate"]

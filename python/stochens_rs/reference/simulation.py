@@ -51,13 +51,7 @@ def simulate_runs(
 
 
 def _block(
-    A: Array,
-    B: Array,
-    u: Array,
-    x0: Array,
-    key: bytes,
-    block: int,
-    sampled: tuple[str, ...],
+    A: Array, B: Array, u: Array, x0: Array, key: bytes, block: int, sampled: tuple[str, ...]
 ) -> Array:
     """The runs 32 b, ..., 32 b + 31; they take the words of line b in the order of the loops."""
     sample_A, sample_B, sample_x0 = (name in sampled for name in ("A", "B", "x0"))

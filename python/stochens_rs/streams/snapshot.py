@@ -37,12 +37,7 @@ from ..exceptions import DataWarning, InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import judged
 from ..identification.assumptions import Assumptions, checked_scale, require_declared
-from ..identification.checks import (
-    cautions,
-    exact_relations,
-    noise_doubts,
-    tested_rows,
-)
+from ..identification.checks import cautions, exact_relations, noise_doubts, tested_rows
 from ..identification.identified import Fitted
 from ..identification.model import Model, after, in_states
 from ..identification.region import Region, Wish, of_core, region_of, withheld

@@ -104,10 +104,7 @@ class Work:
 
 
 def run_block(
-    work: Work,
-    tasks: NDArray[np.int64],
-    layout: Layout,
-    interruption: Interruption | None = None,
+    work: Work, tasks: NDArray[np.int64], layout: Layout, interruption: Interruption | None = None
 ) -> Block:
     """Run tasks; without `interruption` in a worker, which ignores Ctrl-C and uses one thread.
 

@@ -22,24 +22,10 @@ from .._base.validation import show
 from .._core import version as package_version
 from ..exceptions import InputError, InputTypeError, StateError
 from ..rng import Key, RngLike, as_key
+from . import tasks
 from .results import Failure, Results
 from .running import Function, Work, checked_executor, interruptions, run_tasks
-from .tasks import (
-    DONE,
-    FAILED,
-    MOST,
-    WAITING,
-    Block,
-    Layout,
-    Manifest,
-    StudyFile,
-    Table,
-    checked_grid,
-    fingerprint,
-    full_name,
-    function_digest,
-)
-from .tasks import read as read_file
+from .tasks import Block, Layout, Manifest, StudyFile, Table, fingerprint
 
 EVERY = 1.0  # seconds between two writes to a file
 _PATIENCE = 10  # first tasks that may fail before the study is given up
@@ -118,7 +104,7 @@ class Study:
         self._function: Function | None = function
         self._units = _units_of(function)
         self._version = None if version is None else validation.text("version", version)
-        self._grid = checked_grid(grid, nested, shared)
+        self._grid = tasks.checked_grid(grid, nested, shared)
         size = self._grid.size
         self.replicates = _checked_replicates(replicates, size)
         self.key = as_key(rng)
@@ -188,7 +174,7 @@ class Study:
                 save()
             if again:
                 table.forget_failures()
-            if by is None and table.count(WAITING):
+            if by is None and table.count(tasks.WAITING):
                 self._require_platform(fingerprint())
             report = stack.enter_context(progress_bar(progress, total, "study"))
             interruption = stack.enter_context(interruptions())
@@ -204,12 +190,12 @@ class Study:
                     save()
                     saved = time.monotonic()
                 if block is not None:
-                    report(total - table.count(WAITING))
+                    report(total - table.count(tasks.WAITING))
                 return table.layout
 
             self._status = "interrupted"
             work, end = Work(self._function, self._grid, self.key), began + limit
-            waiting = np.flatnonzero(table.states == WAITING) + table.first
+            waiting = np.flatnonzero(table.states == tasks.WAITING) + table.first
             try:
                 self._status = run_tasks(work, waiting, table.layout, keep, by, interruption, end)
             finally:
@@ -229,12 +215,12 @@ class Study:
             at = {name: grid.labels[name][k] for name, k in grid.positions(number).items()}
             failures.append(Failure(at, replicate, table.errors[task]))
         return Results(
-            status=self._status if table.count(WAITING) else "completed",
+            status=self._status if table.count(tasks.WAITING) else "completed",
             grid=dict(grid.labels),
             replicates=np.array(self.replicates),
             values={name: self._arranged(rows) for name, rows in table.values.items()},
-            done=self._arranged(table.states == DONE, of_calls=True),
-            failed=self._arranged(table.states == FAILED, of_calls=True),
+            done=self._arranged(table.states == tasks.DONE, of_calls=True),
+            failed=self._arranged(table.states == tasks.FAILED, of_calls=True),
             failures=tuple(failures),
             about={"key": self.key.hex, "function": self._name, **where},
             seconds=self._seconds,
@@ -297,7 +283,7 @@ class Study:
         True
         """
         checked = files.checked_path("path", path)
-        found, blocks, _ = read_file(checked)
+        found, blocks, _ = tasks.read(checked)
         study = cls._of(checked, found, function, grid)
         if function is not None:
             _require_same(checked, found, study._described())
@@ -334,7 +320,7 @@ class Study:
         checked = [files.checked_path("paths", one) for one in validation.items("paths", paths)]
         if not checked:
             raise InputError("`paths` must name at least one file, got none")
-        parts = [(one, *read_file(one)[:2]) for one in checked]
+        parts = [(one, *tasks.read(one)[:2]) for one in checked]
         first, spans = parts[0][1], [found.replicates for _, found, _ in parts]
         whole = replace(first, replicates=(min(a for a, _ in spans), max(b for _, b in spans)))
         study = cls._of(checked[0], whole)
@@ -385,7 +371,7 @@ class Study:
         table, manifest = self._table, self._described()
         states, ours = np.zeros_like(table.states), bool(table.platforms)
         if os.path.lexists(file.path):
-            found, blocks, end = read_file(file.path)
+            found, blocks, end = tasks.read(file.path)
             _require_same(file.path, found, manifest)
             for block in blocks:
                 if ours and block.platform:
@@ -402,7 +388,7 @@ class Study:
     def _save(self, file: StudyFile, states: NDArray[np.int8]) -> None:
         """Append what a file has not, which has tasks in these states."""
         found = self._table.states
-        missing = (found != WAITING) & (found != states)
+        missing = (found != tasks.WAITING) & (found != states)
         if missing.any():
             file.append(self._table.block(missing))
             states[missing] = found[missing]
@@ -421,7 +407,7 @@ class Study:
         table = self._table
         if table.layout:
             return
-        failed = table.count(FAILED)
+        failed = table.count(tasks.FAILED)
         if failed >= min(max(_PATIENCE, self._grid.size), len(table.states)):
             text = table.errors[min(table.errors)]
             table.forget_failures()
@@ -431,7 +417,7 @@ class Study:
     def _name(self) -> str:
         if self._function is None and self._found is not None:
             return self._found.function
-        return full_name(self._function)
+        return tasks.full_name(self._function)
 
     def _described(self) -> Manifest:
         function, span = self._function, (self.replicates.start, self.replicates.stop)
@@ -448,13 +434,13 @@ class Study:
             replicates=span,
             function=self._name,
             version=self._version,
-            function_digest=function_digest(function, self._version),
+            function_digest=tasks.function_digest(function, self._version),
             units=self._units,
         )
 
     def __repr__(self) -> str:
         axes = "".join(f"{len(labels)} {name} x " for name, labels in self._grid.labels.items())
-        left = self._table.count(WAITING)
+        left = self._table.count(tasks.WAITING)
         return f"<Study: {self._name} of {axes}{len(self.replicates)} replicates, {left} to run>"
 
 
@@ -477,7 +463,7 @@ def _units_of(function: object) -> dict[str, str]:
 
 def _checked_replicates(given: object, size: int) -> range:
     """The replicates that a user asked for, of `size` configurations."""
-    most = MOST // size
+    most = tasks.MOST // size
     if isinstance(given, range):
         if given.step != 1 or given.start < 0 or not given:
             raise InputError(f"`replicates` must be a range(first, stop) from 0 on, got {given}")

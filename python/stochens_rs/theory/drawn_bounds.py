@@ -28,20 +28,9 @@ from typing import Any, Protocol
 import numpy as np
 
 from .. import _core
-from .._base import running, validation
+from .._base import running, types, validation
 from .._base.running import get_num_threads
-from .._base.types import (
-    AXES,
-    FUSIONS,
-    QUANTITIES,
-    SCHEMES,
-    Axis,
-    Floats,
-    Fusion,
-    Scheme,
-    norm,
-    smallest_size,
-)
+from .._base.types import Axis, Floats, Fusion, Scheme, norm, smallest_size
 from ..exceptions import InputError, InputTypeError, SizeError
 from ..rng import Key, RngLike, as_key
 from .exact import EPS, best_control, checked_ends, checked_finite
@@ -185,7 +174,7 @@ class Bounded:
         steps: object = 1,
     ) -> None:
         self.quantity = validation.choice("quantity", quantity, tuple(NORMS))
-        control = self.quantity in QUANTITIES
+        control = self.quantity in types.QUANTITIES
         if len(data) != (3 if control else 1):
             expected = "system, x0, xf" if control else "one array"
             raise InputTypeError(
@@ -193,10 +182,10 @@ class Bounded:
             )
         norms = NORMS[self.quantity]
         self.norm = norms[0] if norm is None else validation.choice("norm", norm, norms)
-        self.paired = validation.choice("fusion", fusion, FUSIONS) == "diagonal"
-        lines = validation.choice("axis", axis, AXES)
+        self.paired = validation.choice("fusion", fusion, types.FUSIONS) == "diagonal"
+        lines = validation.choice("axis", axis, types.AXES)
         self.rows = lines == "rows"
-        self.scheme: Scheme = validation.choice("scheme", scheme, SCHEMES)
+        self.scheme: Scheme = validation.choice("scheme", scheme, types.SCHEMES)
         K = validation.size("steps", steps)
         self.which = int(self.quantity == "control")  # column of the drawn errors
         vector = self.quantity == "vector"

@@ -335,19 +335,10 @@ class Best(_core.Best):
     def error(self, u: Floats, x0: Floats) -> PlanError:
         """Compare another control, in the order of time, with this one."""
         of_control, of_state, residual = self.beside(np.ascontiguousarray(u), x0)
-        control, control_relative_to, size, control_rounding = of_control
-        state, state_relative_to, length, state_rounding = of_state
-        return PlanError(
-            control=control,
-            control_relative=relative(control, size),
-            state=state,
-            state_relative=relative(state, length),
-            residual=residual,
-            control_rounding=control_rounding,
-            state_rounding=state_rounding,
-            control_relative_to=control_relative_to,
-            state_relative_to=state_relative_to,
-        )
+        control, control_to, size, control_rounding = of_control
+        state, state_to, length, state_rounding = of_state
+        shares = control, relative(control, size), state, relative(state, length)
+        return PlanError(*shares, residual, control_rounding, state_rounding, control_to, state_to)
 
 
 def relative(value: float, size: float) -> float:

@@ -31,32 +31,12 @@ from typing import TYPE_CHECKING, Any, TypeAlias, TypedDict
 import numpy as np
 
 from .. import _core
-from .._base import running, validation
-from .._base.types import (
-    AVERAGINGS,
-    AXES,
-    FUSIONS,
-    SCHEMES,
-    ArrayLike,
-    Averaging,
-    Axis,
-    Floats,
-    Fusion,
-    NDArray,
-    Scheme,
-)
+from .._base import running, types, validation
+from .._base.types import ArrayLike, Averaging, Axis, Floats, Fusion, NDArray, Scheme
 from ..exceptions import InputError, ShapeError
 from ..system.system import System
-from .exact import (
-    best_control,
-    checked_ends,
-    checked_finite,
-    checked_motion,
-    checked_steps,
-    factors,
-    matrix_powers,
-    states,
-)
+from . import exact
+from .exact import checked_ends, checked_finite, checked_motion, checked_steps
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -224,8 +204,8 @@ def _checked(
 ) -> tuple[bool, Floats, float, bool]:
     """Whether it is a vector, its lines as columns, their number, and whether it is systematic."""
     values = validation.array("target", target, ndim=(1, 2))
-    validation.choice("axis", axis, AXES)
-    systematic = validation.choice("scheme", scheme, SCHEMES) == "systematic"
+    validation.choice("axis", axis, types.AXES)
+    systematic = validation.choice("scheme", scheme, types.SCHEMES) == "systematic"
     vector = values.ndim == 1
     lines = values[:, None] if vector else lines_of(values, axis)
     return vector, lines, count("size", size), systematic
@@ -266,7 +246,7 @@ def second_moment(A: ArrayLike, M: ArrayLike, *, axis: Axis = "columns") -> Floa
     """
     A = validation.matrix("A", A)
     M = validation.matrix("M", M, rows=A.shape[1], cols=A.shape[1])
-    validation.choice("axis", axis, AXES)
+    validation.choice("axis", axis, types.AXES)
     with np.errstate(over="ignore", invalid="ignore"):
         return checked_finite(A @ M @ A.T + _matrix_excess(A, M, axis), "second moment")
 
@@ -306,7 +286,7 @@ def product_covariance(A: ArrayLike, x0: ArrayLike, *, axis: Axis = "columns") -
     """
     A = validation.matrix("A", A)
     x0 = validation.vector("x0", x0, length=A.shape[1])
-    validation.choice("axis", axis, AXES)
+    validation.choice("axis", axis, types.AXES)
     with np.errstate(over="ignore", invalid="ignore"):
         return checked_finite(_product_covariance(A, x0, 1.0, 1.0, axis))
 
@@ -549,9 +529,9 @@ def final_state_covariance(
     checked, x0, xf = checked_ends(system, x0, xf)
     A, B, n = checked.A, checked.B, checked.n
     K = checked_steps(steps, n, checked.m)
-    validation.choice("axis", axis, AXES)
+    validation.choice("axis", axis, types.AXES)
     r0, rf, rA = (_rate(N) for N in counts(size))
-    best = best_control(A, B, x0, xf, K)
+    best = exact.best_control(A, B, x0, xf, K)
     rank = best.factors.rank
     if rank < n:
         raise InputError(
@@ -560,9 +540,9 @@ def final_state_covariance(
         )
     # the powers, and their order that `tensordot` takes; the n matrices G_j, twice
     running.need("the covariance", (2 * n**3 + 2 * (K + 1) * n * n) * 8)
-    powers = matrix_powers(A, K)
+    powers = exact.matrix_powers(A, K)
     with np.errstate(over="ignore", invalid="ignore"):
-        x = states(A, B, x0, best.u.reshape(K, -1))[:K]
+        x = exact.states(A, B, x0, best.u.reshape(K, -1))[:K]
         C = (
             rf * _realization_covariance(xf)
             + r0 * powers[K] @ _realization_covariance(x0) @ powers[K].T
@@ -645,13 +625,13 @@ def trajectory_covariance(
     """
     checked, x0, u = checked_motion(system, x0, u)
     A, B, n = checked.A, checked.B, checked.n
-    per_step = validation.choice("averaging", averaging, AVERAGINGS) == "mean-field"
-    validation.choice("axis", axis, AXES)
+    per_step = validation.choice("averaging", averaging, types.AVERAGINGS) == "mean-field"
+    validation.choice("axis", axis, types.AXES)
     reciprocal = _rate(count("size", size))
     step = reciprocal if per_step else 1.0
     drawn = validation.subset("sampled", sampled, ("A", "B", "x0"))
     rA, rB, r0 = (step * (name in drawn) for name in ("A", "B", "x0"))
-    mu = states(A, B, x0, u)
+    mu = exact.states(A, B, x0, u)
     running.need("the covariances", (len(u) + 5) * n * n * 8)  # and four products of a step
     S = np.empty((len(u) + 1, n, n))
     with np.errstate(over="ignore", invalid="ignore"):
@@ -721,7 +701,7 @@ def counts(size: object) -> tuple[float, float, float]:
 
 def lines_of(A: Floats, axis: str) -> Floats:
     """``A`` with the sampled lines as columns."""
-    return A if validation.choice("axis", axis, AXES) == "columns" else A.T
+    return A if validation.choice("axis", axis, types.AXES) == "columns" else A.T
 
 
 def _rate(N: float) -> float:
@@ -872,11 +852,11 @@ def _fused_covariance(
 ) -> tuple[_core.Factors, Floats]:
     """``B`` and the covariance of ``xf_hat - A_hat x0_hat`` (diagonal: of the average pair)."""
     checked, x0, xf = checked_ends(system, x0, xf)
-    A, B = checked.A, factors(checked.B)
-    validation.choice("axis", axis, AXES)
+    A, B = checked.A, exact.factors(checked.B)
+    validation.choice("axis", axis, types.AXES)
     N0, Nf, NA = sizes = counts(size)
-    paired = validation.choice("fusion", fusion, FUSIONS) == "diagonal"
-    if validation.choice("scheme", scheme, SCHEMES) == "systematic":
+    paired = validation.choice("fusion", fusion, types.FUSIONS) == "diagonal"
+    if validation.choice("scheme", scheme, types.SCHEMES) == "systematic":
         if paired:
             raise InputError(
                 "`fusion` must be 'product' with scheme='systematic', got 'diagonal': there is no "

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
@@ -10,10 +9,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .. import _core
-from .._base import show, validation
+from .._base import running, show, validation
 from .._base.names import Labels, titled, weight
 from .._base.types import DELTA, Floats
-from ..exceptions import DataWarning, InputError, NonFiniteError, ShapeError, StochensError
+from ..exceptions import InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.tube import Rest
 
 if TYPE_CHECKING:
@@ -149,7 +148,7 @@ def set_point(
             f"allow ({show.percent(DELTA)}): {place}"
         )
     text = f"`target` {shown} is no point of rest of the model: {place}, and is taken"
-    warnings.warn(DataWarning(text), stacklevel=4)
+    running.warn(text)
     return point
 
 

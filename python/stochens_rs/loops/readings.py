@@ -620,8 +620,8 @@ class ReadingLoop(ControlLoop[Reading]):
             return None
         T = np.linalg.inv(np.linalg.cholesky(self._learning[2]))
         half = recent[calls // 2 :]
-        moved, size = (np.linalg.norm(T @ off) for off in (self._bias - half[0].bias, self._bias))
-        if moved > max(1.0, 0.2 * size):
+        off = np.linalg.norm(T @ np.array([self._bias - half[0].bias, self._bias]).T, axis=0)
+        if off[0] > max(1.0, 0.2 * off[1]):
             return None
         y, u = (np.mean([getattr(one, name) for one in half], axis=0) for name in "yu")
         return explained(self.model, self._bias, L, y, u)

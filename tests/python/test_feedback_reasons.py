@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs.exceptions import SolverError
 from stochens_rs.feedback.certificate import judged, unmoved
+from stochens_rs.identification.model import in_states
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 
@@ -72,6 +74,28 @@ def test_too_few_logs_say_how_many_more():
     assert proof.spectral_radius >= 1.0
     assert "and the model itself: take another gain" in repr(proof)
     proof = dataclasses.replace(proof, least=1.5, spectral_radius=0.9)
-    assert "; about 2.2 times as many logs like these will do (a forecast)" in repr(proof)
+    assert "; more logs, or a gain with a better margin" in repr(proof)  # of what is not known
     proof = dataclasses.replace(proof, status="undecided", least=0.8)
     assert "the proof fails by rounding, with a region 0.8 times as large" in repr(proof)
+
+
+@pytest.mark.usefixtures("noise_by_formula")
+@pytest.mark.parametrize("outputs", [False, True])
+def test_how_many_logs_are_forecast_from_few(outputs):
+    """From one or two logs: so many do, within a factor of 4 (N^(-1/2) alone: 100 and more)."""
+    ratios, begin = [], 4 if outputs else 1
+    for seed in range(sets(40, 6)):
+        model = model_of(CHAIN, begin, outputs, seed=seed)
+        K = se.gain(model_of(CHAIN, 200, outputs, seed=99), [1.0, 1.0], 1.0).K
+        proof = judged(in_states(model, model.region(0.05)), K, model.labels, model)
+        found = re.search(r"about ([0-9.e+]+) times as many logs", repr(proof))
+        if proof.status == "certified" or found is None:
+            continue
+        for times in (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 64, 128):
+            later = model_of(CHAIN, begin * times, outputs, seed=seed)
+            own = judged(in_states(later, later.region(0.05)), K, later.labels, later)
+            if own.status == "certified":
+                break
+        ratios.append(float(found[1]) / times)
+    assert ratios
+    assert 0.25 < np.median(ratios) < 4.0

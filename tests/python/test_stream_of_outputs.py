@@ -98,7 +98,7 @@ def test_the_region_is_that_of_any_time_and_the_forecast_leads_to_the_tolerance(
     names = {"state_names": [f"a{i}" for i in range(system.p)]}
     stream = stream_of(system, scale=2.0, delta=0.1, **names)
     logs = [system.data(1, 40, rng) for _ in range(6)]
-    with pytest.raises(InputError, match="`x` must be runs of the outputs a0"):
+    with pytest.raises(InputError, match="`window` must have the outputs"):
         stream.update(logs[0])
     stream = stream_of(system, scale=2.0, delta=0.1)
     with pytest.raises(InputError, match="no log yet"):
@@ -162,9 +162,9 @@ def test_windows_of_earlier_runs_and_what_is_refused():
     for options, text in (
         ({"window": se.Window()}, "`window` must be Window"),
         ({"window": se.Window(filters=(0.5, 4))}, "`window` must be Window"),
-        ({"window": se.Window(lags=2, tail=0.1)}, "no tail"),
+        ({"window": se.Window(lags=2, tail=0.1)}, "without a tail"),
         ({"window": se.Window(lags=2), "first": 3}, "with `first`"),
-        ({"window": before.window, "intercept": True}, "intercept=True"),
+        ({"window": before.window, "intercept": True}, "`intercept` must be False"),
     ):
         with pytest.raises(InputError, match=text):
             se.ModelStream(system.p, system.m, **options)

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
+from .._base import running, show, validation
 from .._base.names import Labels, titled, weight
 from .._base.types import DELTA, ArrayLike, Floats
-from ..exceptions import DataWarning, InputError, NonFiniteError, ShapeError, StochensError
+from ..exceptions import InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.tube import Rest
 
 if TYPE_CHECKING:
@@ -147,7 +146,7 @@ def set_point(
             f"allow ({show.percent(DELTA)}): {place}"
         )
     text = f"`target` {shown} is no point of rest of the model: {place}, and is taken"
-    warnings.warn(DataWarning(text), stacklevel=4)
+    running.warn(text)
     return point
 
 

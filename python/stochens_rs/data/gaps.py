@@ -8,7 +8,6 @@ piece is no run of its own: the noise before a gap is in the states behind it.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias, get_args
@@ -17,7 +16,7 @@ import numpy as np
 
 from .._base import running, validation
 from .._base.types import Floats, NDArray
-from ..exceptions import DataWarning, InputError
+from ..exceptions import InputError
 from .table import LATEST, Run
 
 OnGap: TypeAlias = Literal["split", "raise"]
@@ -192,10 +191,10 @@ def pairs_of(
         saved = sum(int(part.lost.sum()) for part in pieces) - less
         if saved > MANY * readings:
             text = f"{saved} rows dropped because the stamps jitter; declare dt={wide:g}"
-            warnings.warn(DataWarning(text), stacklevel=4)
+            running.warn(text)
     every = np.vstack(rows)
     _refuse_useless(every[:, : len(names)], names, n)
-    warn_of_ends([(run.z[:, :n], run.z[:, n:]) for run in runs], names, stacklevel=5)
+    warn_of_ends([(run.z[:, :n], run.z[:, n:]) for run in runs], names)
     return every, Pieces.joined(pieces), step
 
 
@@ -293,9 +292,7 @@ def _refuse_useless(z: Floats, names: Sequence[Any], n: int) -> None:
             )
 
 
-def warn_of_ends(
-    runs: Sequence[tuple[Floats, Floats]], names: Sequence[Any], stacklevel: int
-) -> None:
+def warn_of_ends(runs: Sequence[tuple[Floats, Floats]], names: Sequence[Any]) -> None:
     """Warn of readings (T + 1, n) that are often the largest or least, and seldom the next value.
 
     It is the end of the range of a sensor, or a stop; or the plant rests there, which does no harm,
@@ -320,7 +317,7 @@ def warn_of_ends(
             "or at a stop, it is no linear system. Neither leave these rows out nor cut runs "
             "before them: that chooses pairs by their outcomes"
         )
-        warnings.warn(DataWarning(text), stacklevel=stacklevel)
+        running.warn(text)
 
 
 def _first_change(x: Floats, u: Floats) -> int:

@@ -154,7 +154,7 @@ class Trajectories(SavedRecord):
         pieces = Pieces.whole(np.array([len(acting) for _, acting in checked], dtype=np.int64))
         read = validation.flag("outputs", outputs)
         made = cls._of(rows, pieces, checked[0][0].shape[1], dt, state_names, input_names, read)
-        warn_of_ends(checked, made.state_names, stacklevel=3)
+        warn_of_ends(checked, made.state_names)
         return made
 
     @classmethod

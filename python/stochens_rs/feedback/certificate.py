@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from bisect import bisect_left
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -17,17 +19,19 @@ from .._base.reading import read
 from .._base.records import Index, SavedRecord, cached_property, require_shapes, trusted
 from .._base.running import get_num_threads
 from .._base.types import ArrayLike, Floats
-from ..exceptions import InputError, NonFiniteError
+from ..exceptions import InputError, NonFiniteError, StochensError
 from ..identification.assumptions import block_of, directions_of, signals_of, sizes_of
 from ..identification.changes import Predictor
 from ..identification.identified import Identified
-from ..identification.model import Model, in_states
+from ..identification.model import Model, after, in_states
 from ..identification.region import Region
 from .margins import Margins, Rounding
 from .tube import Rest, Tube
 from .watch import LAWS, LawOfWatch, Watch
 
 LoopStatus: TypeAlias = Literal["certified", "refuted", "not provable", "undetermined", "undecided"]
+
+DOUBLED = 10  # times that the number of logs is doubled in a forecast
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -775,8 +779,18 @@ class LoopCertificate(SavedRecord):
     @property
     def _cure(self) -> str:
         """What makes a proof possible: more data make the region smaller, but no misfit."""
-        more = "" if self.region.misfit else f"{more_logs(self.least)}, or "
-        return f"{more}a gain with a better margin: gain(model)"
+        if self.region.misfit:
+            return "a gain with a better margin: gain(model)"
+
+        model: Any = vars(self).get("_model")
+        source = self.source
+
+        def holds(region: Region) -> bool:
+            own = in_states(model, region) if source is None else source.entered(region)
+            return _judge(own, self.K, self.labels, False).sizes[1] < 1.0
+
+        more = more_logs(model, self.region.delta, holds)
+        return f"{more}, or a gain with a better margin: gain(model)"
 
     def _repr_html_(self) -> str:
         rows = [
@@ -883,6 +897,7 @@ def judged(
         target=None if target is None else validation.frozen(target),
     )
     vars(made)["_core"] = found  # so that it is not computed again
+    vars(made)["_model"] = model  # for a forecast
     return made
 
 
@@ -904,9 +919,22 @@ def noise_bound(proof: LoopCertificate, name: str, eps: float) -> tuple[Floats, 
     return np.ascontiguousarray(proof.residual) / a, left / 2.0
 
 
-def more_logs(least: float) -> str:
-    """How many logs would do, as ``rho g`` falls as the number of pairs to -1/2."""
-    return f"about {least * least:.2g} times as many logs like these will do (a forecast)"
+def more_logs(model: Identified | None, delta: float, holds: Callable[[Region], bool]) -> str:
+    """How many times as many logs will do: `holds` for the region of so many, if they go on so."""
+    if not isinstance(model, Model) or model.pilot is not None:
+        return "more logs"
+    known = model
+
+    def enough(half: int) -> bool:
+        try:
+            return holds(after(known, ceil(known.size * 2.0 ** (half / 2))).region(delta))
+        except StochensError:
+            return False
+
+    found = bisect_left(range(2 * DOUBLED + 1), True, key=enough)
+    if found > 2 * DOUBLED:
+        return f"more than {2**DOUBLED} times as many logs like these (a forecast)"
+    return f"about {2.0 ** (found / 2):.2g} times as many logs like these will do (a forecast)"
 
 
 def unmoved(model: Identified, delta: float) -> str | None:

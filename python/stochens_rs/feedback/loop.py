@@ -382,7 +382,13 @@ def _too_large(model: Identified | None, region: Region) -> str:
         return ""
     if not 0.0 < widest < 1.0:
         return ""
-    return f": it is {1.0 / widest:.3g} times as large as can be; {more_logs(1.0 / widest)}"
+
+    def holds(later: Region) -> bool:
+        assert model is not None
+        return _core.widest_gain(in_states(model, later).core)[2] >= 1.0
+
+    more = more_logs(model, region.delta, holds)
+    return f": it is {1.0 / widest:.3g} times as large as can be; {more}"
 
 
 def given_inputs(names: tuple[str, ...], given: Sequence[str]) -> list[int]:

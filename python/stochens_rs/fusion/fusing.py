@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from typing import Any, Literal, TypeAlias, get_args, overload
 
@@ -15,7 +14,7 @@ from .._base.types import ArrayLike, Floats, Status, norm
 from ..data.trajectories import Trajectories, shared_rows
 from ..ensembles.ensemble import Ensemble, core_of, from_core, lines_of
 from ..ensembles.systems import SystemEnsemble, systems_in_order
-from ..exceptions import DataWarning, InputError, InputTypeError, NonFiniteError, ShapeError
+from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..identification.assumptions import Noise
 from ..identification.identified import Identified
 from ..identification.identifying import identify
@@ -419,7 +418,7 @@ def _by_data(
     if own:
         more = len(own) - 1
         rest = f"; {show.number_of(more, 'more warning')}: see fused.warnings" if more else ""
-        warnings.warn(DataWarning(own[0] + rest), stacklevel=3)
+        running.warn(own[0] + rest)
     return fused
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
@@ -13,10 +12,10 @@ from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import trusted
-from .._base.running import get_num_threads
+from .._base.running import get_num_threads, warn
 from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, moved, pooled
-from ..exceptions import DataWarning, InputError, NonFiniteError, ShapeError
+from ..exceptions import InputError, NonFiniteError, ShapeError
 from . import assumptions
 from .assumptions import ANY, Misfit, Noise, Pilot, Window, sizes_of
 from .checks import checked_residuals, tested_rows, too_many
@@ -256,7 +255,7 @@ def identify(
     if model.warnings:
         text, more = model.warnings[0], len(model.warnings) - 1
         text += f"; {show.number_of(more, 'more warning')}: see model.warnings" if more else ""
-        warnings.warn(DataWarning(text), stacklevel=2)
+        warn(text)
     return model
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import ceil
 from typing import Any
 
 import numpy as np
@@ -698,10 +699,15 @@ def in_states(model: Identified, region: Region) -> Region:
 
 def after(model: Model, size: int) -> Model:
     """The model with so many pairs, if data go on like those so far; with all else as it is."""
-    later = object.__new__(Model)
+    later, times = object.__new__(Model), size / model.size
     vars(later).update({k: v for k, v in vars(model).items() if k not in ("blocks", "missing")})
-    triangle = model.triangle * np.sqrt(size / model.size)
-    vars(later)["estimate"] = model._fitted(triangle, size)
+    vars(later)["estimate"] = model._fitted(model.triangle * np.sqrt(times), size)
+    if model._first:
+        before, own = model._divided
+        own_size = own.blocks[0].N
+        rows = model.rows if model.window is not None else model.rows[model._first :]
+        triangle = _core.triangle(rows, get_num_threads()) * np.sqrt(times)
+        vars(later)["_divided"] = before, model._fitted(triangle, ceil(own_size * times))
     return later
 
 

@@ -12,23 +12,23 @@ import numpy as np
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
-from .._base.types import DELTA, ArrayLike, Floats, Status
+from .._base.types import ArrayLike, Floats, Status
 from ..controls.of_model import Record, Start, cost_of_outputs, plan_from, start_of, task_of
 from ..controls.plan import Plan
 from ..controls.set_point import Target, nearest_point, output_weights, rest_at, set_point, targets
-from ..exceptions import InputError, NonFiniteError, StochensError
+from ..exceptions import InputError, NonFiniteError
 from ..export.header import BEYOND, LARGEST, evidence, write
 from ..feedback import Loop, LoopCertificate, Watched
 from ..feedback.certificate import judged, sentence
 from ..feedback.tube import Rest, Tube
 from ..identification.changes import source_of
-from ..identification.model import Model, asked_region
-from ..identification.region import Wish
+from ..identification.model import Model
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import Task, loop_of, read_task
 from ..validation.held_out import PredictedLoop
 from .loop import ControlLoop
 from .regulator import condensed
+from .sensors import bounded, explained
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
 FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected
@@ -595,6 +595,31 @@ class ReadingLoop(ControlLoop[Reading]):
         return self._bias.copy()
 
     @property
+    def explanation(self) -> str | None:
+        """What the bias that was learned at rest says, beside noise and the error of the model.
+
+        A constant that acts at the inputs, or a sensor that reads wrong by so much, or "undecided
+        which": without more outputs than inputs both explain all, and of n outputs one is named
+        where ``n >= m + 2``, as far as they move the next readings in different directions. None
+        where nothing acts that noise and the region do not explain (with 1e-4 at rest), or the loop
+        is not at rest for long enough: some 100 calls without a missing reading.
+        """
+        L = self._learning[0]
+        if not L.any():
+            return None
+        calls = math.ceil(1.0 / np.abs(np.linalg.eigvals(L)).min())
+        recent = list(self._log)[-calls:]
+        if len(recent) < calls or any(one.reason or one.predicted is None for one in recent):
+            return None
+        T = np.linalg.inv(np.linalg.cholesky(self._learning[2]))
+        half = recent[calls // 2 :]
+        off = np.linalg.norm(T @ np.array([self._bias - half[0].bias, self._bias]).T, axis=0)
+        if off[0] > max(1.0, 0.2 * off[1]):
+            return None
+        y, u = (np.mean([getattr(one, name) for one in half], axis=0) for name in "yu")
+        return explained(self.model, self._bias, L, y, u)
+
+    @property
     def limits(self) -> tuple[Floats, Floats]:
         """The limits (low, high) of the input that is returned, each (m,)."""
         return self._low.copy(), self._high.copy()
@@ -807,14 +832,8 @@ class ReadingLoop(ControlLoop[Reading]):
 
 def gate_of(model: Model) -> _core.Gate | None:
     """The gate of a model, also of one in doubt; None where no bound of its noise is known."""
-    if model.noise != "gaussian":
-        return None
-    try:
-        own = model.assumptions.known is None and model.assumptions.tail == 0.0
-        region = asked_region(model, Wish(DELTA, method="mixture" if own else "auto"))
-    except StochensError:
-        return None
-    if region.noise is None or len(region.noise) != model.n_outputs:
+    region = bounded(model)
+    if region is None or region.noise is None:
         return None
     return _core.Gate.of(region.core, np.ascontiguousarray(region.noise), FALSE_ALARM)
 

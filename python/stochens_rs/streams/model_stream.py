@@ -18,8 +18,9 @@ from ..data import Trajectories
 from ..exceptions import InputError
 from ..identification.assumptions import Noise, as_noise, checked_assumptions, checked_scale
 from ..identification.model import Model
-from .logs import Logs, declared_window, sizes
-from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, look_of_outputs, refuse
+from ..identification.window import spread
+from .logs import Logs, declared_window
+from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, refuse
 
 if TYPE_CHECKING:
     from ..feedback import Loop
@@ -119,15 +120,14 @@ class ModelStream(Durable):
         states, inputs = validation.size("n", n), validation.size("m", m)
         offset = validation.flag("intercept", intercept)
         if window is not None:
-            past = declared_window(window, states, inputs, (state_names, input_names), offset)
-            own = checked_assumptions(states, as_noise(noise), past.outputs)
+            given = state_names or [f"y[{i}]" for i in range(states)]
+            named = checked_names(states, inputs, given, input_names)
+            past, own = declared_window(window, named, offset), as_noise(noise)
             if first is not None or own.design != "adaptive":
                 raise InputError("`window` must be left out with `first` or design='independent'")
-            level, step = (
-                validation.probability("delta", delta),
-                dt and validation.positive("dt", dt),
-            )
-            self._start(Logs(past, own, sizes(past, scale), level, step))
+            sizes = spread(past, checked_scale(scale, states + inputs, offset))
+            law = checked_assumptions(states, own, past.outputs)
+            self._start(Logs(past, law, sizes, delta, dt))
             return
         d = states + inputs + offset
         running.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
@@ -320,9 +320,8 @@ class ModelStream(Durable):
             return look_at_loop(model, gain)
         if isinstance(model, Model):
             _leave_out(given, "window", "u")
-            limit = validation.positive("tol", tol)
             task = {"record": x0, "target": xf, "steps": steps, **best}
-            return look_of_outputs(model, limit, task)
+            return look(model, validation.positive("tol", tol), None, task)
         for name in ("x0", "tol") if u is None and cost is not None else ("x0", "xf", "tol"):
             if given[name] is None:
                 raise InputError(f"`{name}` must be given, or a `gain`")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -12,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
+from .._base import running, show, validation
 from .._base.names import checked_names
 from .._base.records import (
     Count,
@@ -33,7 +32,7 @@ from ..certificates.of_model import (
     trajectory,
 )
 from ..controls.control import control
-from ..exceptions import DataWarning, InputError, ShapeError
+from ..exceptions import InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import judged
 from ..identification.assumptions import Assumptions, checked_scale, require_declared
@@ -337,17 +336,17 @@ FAR = 30  # a power of 2; laws of more pairs are slow to compute
 SMALL = 1e-300
 
 
-def look(model: Snapshot, tol: float, u: Floats | None, task: dict[str, Any]) -> Look:
+def look(model: Snapshot | Model, tol: float, u: Floats | None, task: dict[str, Any]) -> Look:
     """Control by the model, or the given u; its certificate, and the forecast.
 
     `task` has the arguments of `control` after the model.
     """
     for said in model.doubts:
-        warnings.warn(DataWarning(f"the certificate is infinite: {said}"), stacklevel=3)
+        running.warn(f"the certificate is infinite: {said}")
     missing, again = 0.0, False
     if u is None:
         plan = control(model, **task)
-        u, basis, found = plan.u, plan.basis, plan.bound(model.delta)
+        u, basis, found = plan.u, plan.basis, plan.bound(model.level, noise=False)
         if plan.limited is not None:
             missing, hard = plan.limited.missing, plan.limited.task
             again = hard.state_low is not None and hard.soft is None
@@ -357,16 +356,16 @@ def look(model: Snapshot, tol: float, u: Floats | None, task: dict[str, Any]) ->
     assert isinstance(basis, ModelBasis)
     if model.doubts or not model.size:
         forecast = inf
-    elif again:
+    elif again and isinstance(model, Snapshot):
         # the best control of the model itself, once its regions are small, is the end of the way
         end = control(model._after(2.0**FAR), **task)
         assert end.limited is not None
         parts = end.bound(model.delta).parts
 
-        def error(later: Snapshot) -> float:
+        def error(later: Any) -> float:
             plan = control(later, **task)
             lacks = plan.limited is None or plan.limited.missing > 0.0
-            return inf if lacks else plan.bound(model.delta).target - parts["reach"]
+            return inf if lacks else plan.bound(model.level).target - parts["reach"]
 
         room = -inf if end.limited.missing else tol - parts["reach"]
         now = inf if missing else found.target - parts["reach"]
@@ -374,31 +373,12 @@ def look(model: Snapshot, tol: float, u: Floats | None, task: dict[str, Any]) ->
     else:
         fixed, parts = u, found.parts
 
-        def error(later: Snapshot) -> float:
+        def error(later: Any) -> float:
             return _bound(replace(basis, model=later), fixed).parts["model error"]
 
         forecast = _forecast(model, tol - parts["reach"], parts["model error"], error)
     runs = _in_runs(model, forecast)
     return trusted(Look, validation.frozen(u), found, tol, forecast, runs, model.size, missing)
-
-
-def look_of_outputs(model: Model, tol: float, task: dict[str, Any]) -> Look:
-    """The same of a model of outputs: the means of the last readings of its window."""
-    for said in model.doubts:
-        warnings.warn(DataWarning(f"the certificate is infinite: {said}"), stacklevel=3)
-    plan = control(model, **task)
-    found, basis, forecast = plan.bound(model.level, noise=False), plan.basis, inf
-    assert isinstance(basis, ModelBasis)
-    parts, missing = found.parts, plan.limited.missing if plan.limited else 0.0
-
-    def error(later: Model) -> float:
-        own = output_certificate(replace(basis, model=later), plan.u, model.level, False)
-        return own.parts["model error"]
-
-    if not model.doubts:
-        forecast = _forecast(model, tol - parts["reach"], parts["model error"], error)
-    runs = _in_runs(model, forecast)
-    return trusted(Look, plan.u, found, tol, forecast, runs, model.size, missing)
 
 
 def _in_runs(model: Snapshot | Model, pairs: float) -> float:
@@ -422,9 +402,10 @@ def _next_look(model: Snapshot | Model, size: float) -> int:
 def _bound(basis: ModelBasis, u: Floats) -> Certificate:
     """The certificate of a control of the model."""
     model = basis.model
-    assert isinstance(model, Snapshot)
+    if isinstance(model, Model):
+        return output_certificate(basis, u, model.level, False)
     predicted = trajectory(model.Theta, basis.x0, u)
-    return certificate(basis, u, predicted, model.delta, Asked(noise=False))
+    return certificate(basis, u, predicted, model.level, Asked(noise=False))
 
 
 def _forecast(
@@ -502,7 +483,7 @@ class LoopLook(Record):
 
 
 def look_at_loop(model: Snapshot | Model, gain: Loop | ArrayLike) -> LoopLook:
-    """Judge a gain for the region of this look; ``rho g`` falls as N^(-1/2)."""
+    """Judge a gain for the region of this look; the forecast asks for the regions of more pairs."""
     n, m = model.n, model.m
     K = gain.K if isinstance(gain, Loop) else validation.matrix("gain", gain, rows=m, cols=n)
     if K.shape != (m, n):
@@ -511,8 +492,12 @@ def look_at_loop(model: Snapshot | Model, gain: Loop | ArrayLike) -> LoopLook:
     proof = judged(in_states(model, model.region(model.level)), own, model.labels, model)
     needed = 0.0
     if proof.status != "certified":
-        stable = not model.doubts and isfinite(proof.least)
-        size = model.size
-        needed = _next_look(model, size * proof.least**2) - size if stable else inf
+
+        def error(later: Snapshot | Model) -> float:
+            region = in_states(later, later.region(model.level))
+            return judged(region, own, model.labels, None).least
+
+        stable = not model.doubts and proof.spectral_radius < 1.0
+        needed = _forecast(model, 1.0, proof.least, error) if stable else inf
     forecast = float(max(needed, 0.0))
     return trusted(LoopLook, proof, forecast, _in_runs(model, forecast), model.size)

@@ -7,16 +7,15 @@ from __future__ import annotations
 
 import json
 import math
-import warnings
 from contextlib import suppress
 from typing import Any
 
 import numpy as np
 
-from .._base import validation
+from .._base import running, validation
 from .._base.reading import matrices
 from .._base.types import Floats, NDArray
-from ..exceptions import DataWarning, InputError, InputTypeError
+from ..exceptions import InputError, InputTypeError
 
 # Coefficients of the (13, 13) Pade approximant of exp, b_k = (26-k)! 13! / (26! k! (13-k)!),
 # scaled to integers; theta_13 is the largest 1-norm for which its backward error is below 2^-53.
@@ -327,14 +326,11 @@ def _compare_poles(A: Any, wanted: Any) -> None:
     if off.max() > 0.0:
         k = int(off.argmax())
         largest, true = float(np.abs(found).max()), float(np.abs(wanted).max())
-        warnings.warn(
-            DataWarning(
-                f"the realization of the transfer function has other poles: {found[k]:.6g} where "
-                f"{nearest[k]:.6g} is the nearest, and {largest:.6g} as largest modulus for "
-                f"{true:.6g}; polynomials of order {len(wanted)} determine their roots badly: pass "
-                "a state space of first- and second-order parts in series"
-            ),
-            stacklevel=4,
+        running.warn(
+            f"the realization of the transfer function has other poles: {found[k]:.6g} where "
+            f"{nearest[k]:.6g} is the nearest, and {largest:.6g} as largest modulus for "
+            f"{true:.6g}; polynomials of order {len(wanted)} determine their roots badly: pass "
+            "a state space of first- and second-order parts in series"
         )
 
 

@@ -1,0 +1,108 @@
+"""What a learned bias says of a loop at rest: constants, sensors that are wrong, undecided."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+
+import stochens_rs as se
+from coverage_study import sets
+from stochens_rs.loops.sensors import explained
+
+SIGMA = 0.05
+
+
+def hidden(seed, p, m):
+    """A stable plant of p states and m inputs, and a model from 8 logs of it."""
+    rng = np.random.default_rng(seed)
+    A, B = rng.standard_normal((p, p)), rng.standard_normal((p, m))
+    A *= rng.uniform(0.5, 0.98) / np.abs(np.linalg.eigvals(A)).max()
+    y, u = np.zeros((8, 61, p)), rng.standard_normal((8, 60, m))
+    for t in range(60):
+        y[:, t + 1] = y[:, t] @ A.T + u[:, t] @ B.T + SIGMA * rng.standard_normal((8, p))
+    data = se.Trajectories(list(y), list(u), outputs=True)
+    return A, B, se.identify(data, window=se.Window(lags=1), checks=False), rng
+
+
+def ridden(seed, p, m, sensors=None, inputs=None, calls=400):
+    """The explanation of a loop behind wrong sensors, and constants at its inputs."""
+    A, B, model, rng = hidden(seed, p, m)
+    target = np.full(p, np.nan)
+    target[: min(p, m)] = rng.standard_normal(min(p, m))
+    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target=target)
+    y, off, d = np.zeros(p), np.zeros(p), np.zeros(m)
+    off[list(sensors or {})] = list((sensors or {}).values())
+    d[list(inputs or {})] = list((inputs or {}).values())
+    for _ in range(calls):
+        u = loop(y + off)
+        y = A @ y + B @ (u + d) + SIGMA * rng.standard_normal(p)
+    return loop
+
+
+def number(text, pattern):
+    found = re.search(pattern, text)
+    return None if found is None else float(found.group(1))
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+@pytest.mark.parametrize(("p", "m"), [(1, 1), (2, 1), (3, 1), (4, 2), (2, 2)])
+def test_nothing_wrong_is_ever_named(p, m):
+    """Hidden plants: none acts, one sensor is off, a constant acts. No verdict leaves it out."""
+    named = 0
+    for seed in range(sets(40, 4)):
+        i, j = seed % p, seed % m
+        assert ridden(seed, p, m).explanation is None
+        for off in (20.0 * SIGMA, -60.0 * SIGMA):
+            said = ridden(seed, p, m, sensors={i: off}).explanation
+            more = "more" if off > 0.0 else "less"
+            if said is not None:
+                assert f"y[{i}] reads" in said
+                size = number(said, rf"y\[{i}\] reads ([0-9.e+-]+) {more}")
+                assert size is not None
+                if p > 1:
+                    assert abs(size - abs(off)) < 0.35 * abs(off)
+                named += "undecided" not in said
+            said = ridden(seed, p, m, inputs={j: off}).explanation
+            if said is not None:
+                assert abs(number(said, rf"(-?[0-9.e+-]+) at u\[{j}\]") - off) < 0.3 * abs(off)
+    if p >= m + 2:
+        assert named > 0
+    else:
+        assert named == 0  # which sensor it is cannot be seen
+
+
+@pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
+def test_when_two_sensors_are_wrong_none_is_named_alone():
+    """The anti-test: what is assumed, one cause, is broken; it is refuted, and said so."""
+    said = [ridden(seed, 5, 1, sensors={0: 3.0, 3: -3.0}).explanation for seed in range(4)]
+    said = [text for text in said if text is not None]
+    assert said
+    for text in said:
+        assert "contradict each other at rest, and no single sensor explains it" in text
+
+
+def test_the_fit_is_exact_without_noise():
+    """``e = M s`` and ``e = b d`` of the centre, by hand; a wide region explains them itself."""
+    _, _, model, _ = hidden(1, 3, 1)
+    H, L, y, u = model.coefficients, 0.05 * np.eye(3), np.zeros(3), np.zeros(1)
+    M, b = np.eye(3) - H[:, :3], H[:, 3]
+    for i, s in ((0, 4.0), (2, -2.5)):
+        reads = y + s * np.eye(3)[i]
+        said = explained(model, M[:, i] * s, L, reads, u)
+        assert (
+            said == f"y[{i}] reads {abs(s):.3g} {'more' if s > 0 else 'less'} than the others say"
+        )
+    assert explained(model, b * 1.5, L, y, u) == "a constant acts, as 1.5 at u[0]"
+    assert explained(model, 1e-3 * b, L, y, u) is None
+    # at a far point of rest the error of the model explains as much
+    assert explained(model, b * 1.5, L, y, np.array([1e3])) is None
+
+
+def test_when_there_is_nothing_to_say():
+    loop = ridden(1, 3, 1, sensors={0: 3.0}, calls=50)
+    assert loop.explanation is None  # not for long enough
+    model = hidden(1, 3, 1)[2]
+    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=False, target=[0.0, np.nan, np.nan])
+    assert loop.explanation is None

@@ -131,6 +131,10 @@ class Watch(Durable):
         """The names of what is read and of the inputs."""
         return self._source.window.outputs, self._source.window.inputs
 
+    def tables(self) -> Any:
+        """The sizes and numbers of the alarm, for a controller in C."""
+        return self._core.tables()
+
     @property
     def threshold(self) -> float:
         """The evidence at which there is an alarm."""

@@ -16,7 +16,7 @@ from .._base.types import DELTA, Floats, Status
 from ..controls.of_model import Start, cost_of_outputs, plan_from, start_of, task_of
 from ..controls.set_point import nearest_point, output_weights, rest_at, set_point, targets
 from ..exceptions import InputError, NonFiniteError, StochensError
-from ..export.header import BEYOND, LARGEST, evidence, write
+from ..export.header import BEYOND, LARGEST, evidence
 from ..feedback import Loop, LoopCertificate, Watched
 from ..feedback.certificate import judged, sentence
 from ..identification.changes import source_of
@@ -129,6 +129,8 @@ class ReadingLoop(ControlLoop[Reading]):
         "_asked",
         "_at_rest",
         "_bias",
+        "_drift",
+        "_fading",
         "_forward",
         "_given",
         "_high",
@@ -154,6 +156,7 @@ class ReadingLoop(ControlLoop[Reading]):
     _system: tuple[Any, ...]  # A, B, c of the plans
     _acted: Floats  # the input before that of the last call
     _aimed: tuple[Floats, Floats, Floats]  # of `_point`: where free outputs stay, target, inputs
+    _fading: tuple[Floats, float]  # what is added since a swap, and its factor from call to call
     _forward: Floats
     _rows: Floats
     _given: Floats  # the inputs that are measured, (m,); nan where one is chosen
@@ -220,11 +223,9 @@ class ReadingLoop(ControlLoop[Reading]):
             np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
         )
         self._max_missing = validation.size("max_missing", max_missing, minimum=0)
-        self.model, self._policy, self._asked, self._law = model, policy, asked, law
+        self._policy, self._asked, self._law, self._drift = policy, asked, law, drift
         self._low, self._high, self._weights = low.copy(), high.copy(), outputs
-        self._learning = bias_of(model, drift)
-        most = BEYOND * np.hstack([np.abs(one).max(axis=0) for one in model.data.pairs()[:2]])
-        self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
+        self._of(model)
         self._solved = np.zeros(model.n), np.zeros(m)  # of the problem that is solved, at rest
         self._rows = targets(model, target)
         here, of_inputs = (one.mean(axis=0) for one in model.data.pairs()[:2])
@@ -237,6 +238,12 @@ class ReadingLoop(ControlLoop[Reading]):
         self._restore((None, ()))
         self._forward = self._feed_forward()
         self._forget()
+
+    def _of(self, model: Model) -> None:
+        """Take what the loop needs of a model."""
+        self.model, self._learning = model, bias_of(model, self._drift)
+        most = BEYOND * np.hstack([np.abs(one).max(axis=0) for one in model.data.pairs()[:2]])
+        self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
 
     def _restore(self, core: Any) -> None:
         warm, window = core
@@ -266,6 +273,7 @@ class ReadingLoop(ControlLoop[Reading]):
     def _forget(self) -> None:
         self._window.resume()
         self._bias: Floats = np.zeros(self.model.n_outputs)
+        self._fading = np.zeros(self.model.m), 0.0
         self._runs = self._started = self._at_rest = False
         if not isinstance(self._policy, np.ndarray):
             self._solver_at(*self._solved).resume(None)
@@ -435,9 +443,11 @@ class ReadingLoop(ControlLoop[Reading]):
                 solver.follow(acted - us)
             found = solver.solve(off, None)
             v, status = found.control[: len(us)], found.status
-        u = v + us
+        more, by = self._fading
+        u = v + us + more
         if not math.isfinite(u.sum()):
             raise NonFiniteError("`y` is too large: the input overflows")
+        self._fading = more * by, by
         u = np.minimum(np.maximum(u, acted - self._rate), acted + self._rate)
         return np.minimum(np.maximum(u, self._low), self._high), status
 
@@ -627,6 +637,78 @@ class ReadingLoop(ControlLoop[Reading]):
         start = Start(now[0], read, self._at_rest, self._acted)
         return plan_from(self.model, start, self._at(self._rows[0]), steps, limits, cost)
 
+    def swap(self, gain: Loop) -> None:
+        """Go on with another gain from the next call on, without a jump of the input.
+
+        The window, targets and limits are kept, and the bias that was learned takes up what both
+        models predict otherwise of the next readings. What the last input
+        differs by from that of the new gain is added to the next one, and then dies out as the
+        slowest mode of the new loop: a stable loop comes to rest where it would without it.
+
+        Parameters
+        ----------
+        gain : Loop
+            Of the same or another model of these outputs and inputs, with the same window:
+            ``regulate(gain, ...).certificate()`` says what is certain of it.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the loop plans, or the gain is of another window, is not stable for its model, or
+            cannot hold the target; or another thread is in a call. The loop then goes on with the
+            old one.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(3)
+        >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+        >>> for t in range(1, 199):
+        ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+        >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+        >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+        >>> before = [loop([1.0]) for _ in range(3)]
+        >>> loop.swap(se.gain(model, 1.0, 100.0))
+        >>> bool(abs(loop([1.0]) - before[-1]) < 0.2)
+        True
+        """
+        model = validation.instance("gain", gain, Loop).model
+        if self._asked is not None or not isinstance(model, Model):
+            raise InputError("`gain` must be of a model, and takes the place of a gain, not a plan")
+        windows = (replace(of.regressors, found=None) for of in (model, self.model))
+        if next(windows) != next(windows) or gain.given != self._given_names:
+            raise InputError("`gain` must have the outputs, inputs, window and `given` of this loop")
+        radius = float(np.abs(gain.E).max())
+        if radius >= 1.0:
+            raise InputError(f"`gain` must be stable for its model, its radius is {radius:.4g}")
+        with self._turn():
+            before = {name: getattr(self, name, None) for name in self.__slots__}
+            try:
+                self._policy, self._law = gain.K, None
+                if gain.S is not None and gain.R is not None:
+                    self._law = gain.S, gain.R
+                self._of(model)
+                self._require(self._rows, self._aimed[0])
+                self._restore(self._saved())
+                self._forward = self._feed_forward()
+                self._fading = np.zeros(model.m), radius
+                now, more = self._window.now, np.zeros(model.m)
+                if self._runs and now is not None:
+                    if self._learning[0].any():  # the next readings are predicted as before
+                        of = (_ahead(one, now[0], self._last) for one in (before["model"], model))
+                        self._bias = self._bias + next(of) - next(of)
+                    more = self._last - self._input(now[0], self._bias, self._acted)[0]
+                self._fading = np.where(np.isnan(self._given), more, 0.0), radius
+            except BaseException:
+                for name, value in before.items():
+                    setattr(self, name, value)
+                raise
+
+    @property
+    def _given_names(self) -> tuple[str, ...]:
+        fixed = ~np.isnan(self._given)
+        return tuple(name for name, one in zip(self.model.input_names, fixed, strict=True) if one)
+
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
         """Check whether all systems of a region are stable in this loop, estimate included.
 
@@ -708,6 +790,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if not np.isnan(self._given).all():
             raise InputError("`tube` is for loops without measured inputs: their way is not known")
         K, model, last = validation.size("steps", steps), self.model, len(self._rows) - 1
+        more, by = self._fading
         x, e, u = now[0], self._bias, self._last
         first = np.hstack([x, e[: proof.region.n - len(x)]])
         inputs = np.empty((K, model.m))
@@ -716,7 +799,7 @@ class ReadingLoop(ControlLoop[Reading]):
             inputs[k] = u
             x, e = model.A @ x + model.B @ u + c, e - self._learning[0] @ e
             xs, us = self._point.moving(e, *self._moves_of(k))
-            u = self._policy @ (x - xs) + self._forward[min(k, last)] + us
+            u = self._policy @ (x - xs) + self._forward[min(k, last)] + us + more * by**k
         return proof.tube(first, K, inputs=inputs, noise=noise)
 
     def to_c(self, path: Any, *, name: str = "controller") -> None:
@@ -778,7 +861,7 @@ class ReadingLoop(ControlLoop[Reading]):
         tables |= {"begin": self._safe, "most": np.minimum(self._most, LARGEST)}
         about |= evidence(model.labels, model.dt, model, model.outputs)
         tables |= dict(numbers)
-        write(path, name, [*part, "readings"], sizes | dict(counts), tables, about)
+        self._write(path, name, [*part, "readings"], sizes | dict(counts), tables, about)
 
     def __repr__(self) -> str:
         full = "" if self.full else ", the window is not full"
@@ -788,6 +871,14 @@ class ReadingLoop(ControlLoop[Reading]):
             f"{', '.join(self.model.input_names)}{also}, {show.number_of(len(self._log), 'call')}"
             f"{full}>"
         )
+
+
+def _ahead(model: Model, x: Floats, u: Floats) -> Floats:
+    """The readings that are predicted behind a window."""
+    p, pole = model.n_outputs, model.regressors.pole or 0.0
+    after = model.A[:p] @ x + model.B[:p] @ u + (0.0 if model.c is None else model.c[:p])
+    before: Floats = (after - pole * x[:p]) / (1.0 - pole)
+    return before
 
 
 def gate_of(model: Model) -> _core.Gate | None:

@@ -103,7 +103,8 @@ impl Watch {
     pub fn new(frame: Frame, bank: Bank, law: (Laws, Null), promise: Promise, window: Window) -> Result<Self> {
         let (n, d) = frame.sizes;
         if (window.outputs(), window.length()) != (frame.outputs, d) {
-            let (expected, found) = (format!("{} readings, {d} regressors", frame.outputs), window.length().to_string());
+            let (expected, found) =
+                (format!("{} readings, {d} regressors", frame.outputs), window.length().to_string());
             return Err(Error::Shape { name: "window", expected, found });
         }
         let sound = match promise {

@@ -120,7 +120,22 @@ impl Frame {
         }
         let centre = try_collect(WHAT, (0..n * d).map(|at| region.centre()[rows[at / d] * d + at % d]))?;
         let (sizes, parts) = ((n, d), try_collect(WHAT, region.parts().iter().cloned())?);
-        Ok(Self { sizes, outputs, rows, centre, root, back, white, begins, reach, norms, scaled, unscaled, scale, parts })
+        Ok(Self {
+            sizes,
+            outputs,
+            rows,
+            centre,
+            root,
+            back,
+            white,
+            begins,
+            reach,
+            norms,
+            scaled,
+            unscaled,
+            scale,
+            parts,
+        })
     }
 
     /// `e` (n) and `W z` (any), and the lengths (parts) of z; false where a number is not finite, or z has a part in a direction

@@ -88,9 +88,7 @@ def of_readings(rng: Any, filters: bool, delay: int) -> Any:
     for t in range(delay + 1, 299):
         effect = u[t - delay] @ [1.0, 0.4]
         y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + effect + 0.1 * rng.standard_normal(1)
-    window = (
-        se.Window(filters=(0.4, 3), delay=delay) if filters else se.Window(lags=2, delay=delay)
-    )
+    window = se.Window(filters=(0.4, 3), delay=delay) if filters else se.Window(lags=2, delay=delay)
     data = se.Trajectories([y], [u], outputs=True)
     model = se.identify(data, window=window, noise=0.1, accept="memory" if filters else ())
     loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
@@ -108,7 +106,7 @@ MADE = {
 
 
 def followed(watch: Any, c: Alarm, rng: Any, steps: int, still: bool = False) -> tuple[Any, Any]:
-    """Both alarms on records of the model, then of another plant, with readings that are missing."""
+    """Both alarms on records of a plant that changes, with readings that are missing."""
     source, n = watch.proof.source, len(watch.names[0])
     z = source.window
     x, off, statuses = np.zeros((z.count + z.delay, n)), 0.0, set()
@@ -203,7 +201,7 @@ def test_it_is_in_double_precision_in_any_case(tmp_path: Path) -> None:
 @pytest.mark.parametrize("table", ["centre", "spreads", "scaled", "weights"])
 def test_another_number_makes_another_alarm(table: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(4)
-    loop, proof, model = MADE["states"](rng)
+    loop, proof, _ = MADE["states"](rng)
     loop.watch = proof.watch(every=1e12)
     loop.to_c(tmp_path / "one.h", name="one")
     text = (tmp_path / "one.h").read_text("utf-8")

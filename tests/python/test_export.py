@@ -131,7 +131,11 @@ def test_single_precision_is_in_the_tube_of_the_head(tmp_path: Path) -> None:
     """Every plant of the region, with the compiled controller beside the loop of exact numbers."""
     rng = np.random.default_rng(4)
     A, B = np.array([[1.1, 0.3], [-0.2, 0.9]]), np.array([[0.1], [1.0]])
-    x, u, w = rng.standard_normal((100, 2)), rng.standard_normal((100, 1)), rng.standard_normal((100, 2))
+    x, u, w = (
+        rng.standard_normal((100, 2)),
+        rng.standard_normal((100, 1)),
+        rng.standard_normal((100, 2)),
+    )
     x *= [1.0, 30.0]
     data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.05 * w)
     loop = se.gain(se.identify(data, noise=0.05), 1.0, 1.0)

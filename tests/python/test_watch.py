@@ -441,7 +441,7 @@ def test_all_numbers_of_a_watch_are_finite(law, moving):
 
 
 def test_logs_of_tiny_numbers_say_little():
-    model, watch = one_state()
+    model, _ = one_state()
     x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1)) * 1e-170
     runs = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.1 * w)
     changes = model.accepts(runs)
@@ -551,7 +551,7 @@ def test_a_swap_that_cannot_be_leaves_the_loop_as_it_was():
     for one, gain, message in (
         (loop, 3, "`gain` must be a Loop"),
         (loop, se.gain(([[1.0]], [[1.0]]), 1.0, 1.0), "`gain` must be of a model"),
-        (loop, se.gain(of_outputs(rng, lags=3), 1.0, 1.0), "`gain` must have the outputs"),
+        (loop, se.gain(of_outputs(rng, lags=3), 1.0, 1.0), "`gain` must have the signals"),
         (loop, unstable, "`gain` must be stable"),
         (plans, se.gain(model, 1.0, 1.0), "takes the place of a gain, not a plan"),
     ):

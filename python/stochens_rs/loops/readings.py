@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -185,7 +186,7 @@ class ReadingLoop(ControlLoop[Reading]):
         m, labels, within = model.m, model.labels, as_limits(limits)
         policy: Any
         task: Task | None
-        asked, outputs, law, self._system = None, None, None, ()
+        asked, outputs, self._system = None, None, ()
         names: tuple[str, ...] = ()
         weights = cost_of_outputs(model, as_cost(cost))
         if gain and (steps is not None or cost is not None):
@@ -199,8 +200,6 @@ class ReadingLoop(ControlLoop[Reading]):
                 )
             task = read_task(model.n, m, 1, np.zeros(model.n), within, Cost(), labels)
             policy, names = gain.K, gain.given
-            if gain.S is not None and gain.R is not None:
-                law = gain.S, gain.R
         else:
             if weights.R is None:
                 weights = replace(weights, R="auto")
@@ -223,9 +222,9 @@ class ReadingLoop(ControlLoop[Reading]):
             np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
         )
         self._max_missing = validation.size("max_missing", max_missing, minimum=0)
-        self._policy, self._asked, self._law, self._drift = policy, asked, law, drift
+        self._policy, self._asked, self._drift = policy, asked, drift
         self._low, self._high, self._weights = low.copy(), high.copy(), outputs
-        self._of(model)
+        self._of(model, gain)
         self._solved = np.zeros(model.n), np.zeros(m)  # of the problem that is solved, at rest
         self._rows = targets(model, target)
         here, of_inputs = (one.mean(axis=0) for one in model.data.pairs()[:2])
@@ -239,9 +238,11 @@ class ReadingLoop(ControlLoop[Reading]):
         self._forward = self._feed_forward()
         self._forget()
 
-    def _of(self, model: Model) -> None:
-        """Take what the loop needs of a model."""
-        self.model, self._learning = model, bias_of(model, self._drift)
+    def _of(self, model: Model, gain: Loop | None) -> None:
+        """Take what the loop needs of a model, and of the cost of its gain."""
+        self.model, self._learning, self._law = model, bias_of(model, self._drift), None
+        if gain is not None and gain.S is not None and gain.R is not None:
+            self._law = gain.S, gain.R
         most = BEYOND * np.hstack([np.abs(one).max(axis=0) for one in model.data.pairs()[:2]])
         self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
 
@@ -672,42 +673,30 @@ class ReadingLoop(ControlLoop[Reading]):
         >>> bool(abs(loop([1.0]) - before[-1]) < 0.2)
         True
         """
-        model = validation.instance("gain", gain, Loop).model
+        model, fixed = validation.instance("gain", gain, Loop).model, ~np.isnan(self._given)
         if self._asked is not None or not isinstance(model, Model):
             raise InputError("`gain` must be of a model, and takes the place of a gain, not a plan")
-        windows = (replace(of.regressors, found=None) for of in (model, self.model))
-        if next(windows) != next(windows) or gain.given != self._given_names:
-            raise InputError("`gain` must have the outputs, inputs, window and `given` of this loop")
+        one, other = (replace(of.regressors, found=None) for of in (model, self.model))
+        if one != other or gain.given != tuple(np.array(one.inputs)[fixed].tolist()):
+            raise InputError("`gain` must have the signals, the window and `given` of this loop")
         radius = float(np.abs(gain.E).max())
         if radius >= 1.0:
             raise InputError(f"`gain` must be stable for its model, its radius is {radius:.4g}")
+        new, now, more = copy.copy(self), self._window.now, np.zeros(model.m)
+        new._policy = gain.K
+        new._of(model, gain)
+        new._require(new._rows, new._aimed[0])
+        new._restore(new._saved())
+        new._forward, new._fading = new._feed_forward(), (more, radius)
+        if self._runs and now is not None:
+            if new._learning[0].any():  # the next readings are predicted as before
+                before, after = (_ahead(of, now[0], self._last) for of in (self.model, model))
+                new._bias = self._bias + before - after
+            more = self._last - new._input(now[0], new._bias, self._acted)[0]
+        new._fading = np.where(fixed, 0.0, more), radius
         with self._turn():
-            before = {name: getattr(self, name, None) for name in self.__slots__}
-            try:
-                self._policy, self._law = gain.K, None
-                if gain.S is not None and gain.R is not None:
-                    self._law = gain.S, gain.R
-                self._of(model)
-                self._require(self._rows, self._aimed[0])
-                self._restore(self._saved())
-                self._forward = self._feed_forward()
-                self._fading = np.zeros(model.m), radius
-                now, more = self._window.now, np.zeros(model.m)
-                if self._runs and now is not None:
-                    if self._learning[0].any():  # the next readings are predicted as before
-                        of = (_ahead(one, now[0], self._last) for one in (before["model"], model))
-                        self._bias = self._bias + next(of) - next(of)
-                    more = self._last - self._input(now[0], self._bias, self._acted)[0]
-                self._fading = np.where(np.isnan(self._given), more, 0.0), radius
-            except BaseException:
-                for name, value in before.items():
-                    setattr(self, name, value)
-                raise
-
-    @property
-    def _given_names(self) -> tuple[str, ...]:
-        fixed = ~np.isnan(self._given)
-        return tuple(name for name, one in zip(self.model.input_names, fixed, strict=True) if one)
+            for name in self.__slots__:
+                setattr(self, name, getattr(new, name))
 
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
         """Check whether all systems of a region are stable in this loop, estimate included.

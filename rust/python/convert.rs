@@ -20,6 +20,19 @@ pub(super) fn slice<'a, D: ndarray::Dimension>(
     rows_first.ok_or_else(|| ShapeError::new_err(format!("`{name}` must be C-contiguous")))
 }
 
+/// Whole numbers, and rows of numbers, by their names.
+pub(super) type Tables<'py> = (Vec<(&'static str, usize)>, Vec<(&'static str, Bound<'py, PyArray1<f64>>)>);
+
+/// The tables of a controller in C.
+pub(super) fn named<'py>(
+    py: Python<'py>,
+    sizes: Vec<(&'static str, usize)>,
+    tables: Vec<(&'static str, Vec<f64>)>,
+) -> PyResult<Tables<'py>> {
+    let made = tables.into_iter().map(|(name, values)| Ok((name, array1(py, values)?)));
+    Ok((sizes, made.collect::<PyResult<_>>()?))
+}
+
 /// 32 bytes as a key.
 pub(super) fn key(bytes: &[u8]) -> PyResult<Key> {
     let found = bytes.len();

@@ -3,13 +3,13 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{Tables, array1, array2, named, slice};
 use super::outputs::with_noise;
 use super::region::PyRegion;
 use super::run::run;
 use super::shared::Shared;
 use super::window::PyWindow;
-use crate::memory::{try_copy, try_push};
+use crate::memory::try_copy;
 use crate::region::{Aim, Bias, Gate, Readings};
 use crate::window::{Contents, Filter};
 
@@ -23,8 +23,6 @@ type Made<'py> = Bound<'py, PyArray2<f64>>;
 type Found<'py> = (Option<Row<'py>>, Row<'py>, f64, bool, &'static str, Row<'py>);
 /// x, whether it is known, excess, complete readings in a row, calls, readings of each output, and whether it is stuck.
 type Now<'py> = (Row<'py>, bool, f64, usize, usize, Vec<usize>, bool);
-
-type Tables<'py> = (Vec<(&'static str, usize)>, Vec<(&'static str, Row<'py>)>);
 
 const WHAT: &str = "a loop from readings";
 
@@ -138,11 +136,7 @@ impl PyReadings {
     /// Sizes and numbers by their names, for a controller without this core.
     fn tables<'py>(&self, py: Python<'py>) -> PyResult<Tables<'py>> {
         let (sizes, tables) = self.inner.with(py, 0.0, |inner, _| inner.tables())?;
-        let mut made = Vec::new();
-        for (name, values) in tables {
-            try_push(WHAT, &mut made, (name, array1(py, values)?))?;
-        }
-        Ok((sizes, made))
+        named(py, sizes, tables)
     }
 
     /// Go on from the state of a full window.

@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{Tables, array1, array2, named, slice};
 use super::fitted::PyFitted;
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
@@ -100,6 +100,12 @@ impl PyWatch {
     #[getter]
     fn rows(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
         self.0.with(py, 0.0, |watch, _| Ok(try_copy(WHAT, &watch.after().0.rows)?))
+    }
+
+    /// Sizes and numbers by their names, for a controller without this core.
+    fn tables<'py>(&self, py: Python<'py>) -> PyResult<Tables<'py>> {
+        let (sizes, tables) = self.0.with(py, 0.0, |watch, _| watch.tables())?;
+        named(py, sizes, tables)
     }
 
     fn clear(&self, py: Python<'_>) -> PyResult<()> {

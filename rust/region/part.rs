@@ -167,7 +167,7 @@ impl Part {
             return 0.0;
         }
         let scaled = || self.columns.iter().map(|&j| z[j] / largest); // no square overflows
-        let tolerance = 100.0 * self.columns.len() as f64 * f64::EPSILON / self.ratio.max(TRUSTED);
+        let tolerance = self.roundoffs() * f64::EPSILON;
         let directions = self.missing.len() / self.columns.len();
         for q in 0..directions {
             let terms = || self.missing.iter().skip(q).step_by(directions).zip(scaled()).map(|(m, z)| m * z);
@@ -178,6 +178,11 @@ impl Part {
         let white = self.white.chunks_exact(self.columns.len());
         let size = norm(white.map(|row| row.iter().zip(scaled()).map(|(w, z)| w * z).sum::<f64>()));
         largest * size
+    }
+
+    /// In how many roundoffs of its terms a missing direction is absent.
+    pub(crate) fn roundoffs(&self) -> f64 {
+        100.0 * self.columns.len() as f64 / self.ratio.max(TRUSTED)
     }
 
     /// The length of the unit vector of an entry of `columns`, by its place there.

@@ -11,7 +11,7 @@ use super::fresh::Fresh;
 use super::laws::{LARGEST, Laws};
 
 /// `L` of the learned bets, and the largest shift that they bet on.
-const LEARNED: [f64; 2] = [20.0, 200.0];
+pub(super) const LEARNED: [f64; 2] = [20.0, 200.0];
 const SHIFT: f64 = 5.0;
 /// Steps in which nothing could have told, to be blind; also those of the mean of what is seen.
 const IDLE: f64 = 200.0;
@@ -58,11 +58,11 @@ pub struct Counts {
 /// Bets on a region while the plant is in use; no call allocates. Plain arrays.
 #[derive(Debug)]
 pub struct Watch {
-    frame: Frame,
-    bank: Bank,
-    law: (Laws, Null),
-    promise: Promise,
-    window: Window,
+    pub(super) frame: Frame,
+    pub(super) bank: Bank,
+    pub(super) law: (Laws, Null),
+    pub(super) promise: Promise,
+    pub(super) window: Window,
     counts: Counts,
     fresh: Fresh,
     /// State of the window, its first reading, z.
@@ -72,8 +72,8 @@ pub struct Watch {
     /// Evidence: of single steps (bets, shifts, 2), of short and of long blocks (bets, small, 2), of the energy, of learned bets;
     /// where each begins, and `pi b` of each.
     evidence: Vec<f64>,
-    begins: [usize; 6],
-    weights: [f64; 5],
+    pub(super) begins: [usize; 6],
+    pub(super) weights: [f64; 5],
     /// The call at which the evidence was last that of one start.
     onset: Vec<f64>,
     /// Of the short and the long block: sums of logarithms (bets, small, 2), `sum phi' g'z W z` (bets, small, any), `sum p^2` and
@@ -234,7 +234,7 @@ impl Watch {
     }
 
     /// Whether a block has one penalty, for a constant system.
-    fn joint(&self) -> bool {
+    pub(super) fn joint(&self) -> bool {
         self.law.1 == Null::Constant && self.law.0 != Laws::Symmetric
     }
 

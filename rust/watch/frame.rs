@@ -47,7 +47,7 @@ pub struct Frame {
     pub unscaled: Vec<f64>,
     /// The root mean squares (d) of z in the data.
     pub scale: Vec<f64>,
-    parts: Vec<Arc<Part>>,
+    pub(super) parts: Vec<Arc<Part>>,
 }
 
 impl Frame {

@@ -15,6 +15,7 @@ mod bank;
 mod frame;
 mod fresh;
 mod laws;
+mod tables;
 
 pub use accept::{OpenLoop, open_loop};
 pub use alarm::{Counts, Promise, Watch};

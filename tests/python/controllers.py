@@ -58,7 +58,7 @@ class Controller:
         self.start()
 
     def step(self, y: Any) -> tuple[int, Any]:
-        read, u = np.ascontiguousarray(y, dtype=self.real), np.full(self.m, 7e77).astype(self.real)
+        read, u = np.ascontiguousarray(y, dtype=self.real), np.full(self.m, 7e37, self.real)
         code = self.c.step(read.ctypes.data_as(ctypes.c_void_p), u.ctypes.data_as(ctypes.c_void_p))
         return code, u
 

@@ -79,8 +79,8 @@ def test_another_number_makes_another_controller(kind: str, tmp_path: Path) -> N
     loop, file = made(kind, 1), tmp_path / "one.h"
     loop.to_c(file, name="one")
     text = file.read_text("utf-8")
-    table = "one_inverse" if kind == "rates" else "one_K"
-    at = text.index("ONE_R(", text.index(f"static const one_real {table}[")) + 6
+    table, real = ("one_inverse", "W") if kind == "rates" else ("one_K", "R")
+    at = text.index(f"ONE_{real}(", text.index(f" {table}[")) + 6
     file.write_text(f"{text[:at]}1e-9 + {text[at:]}", "utf-8")
     c = Controller(file, sizes(loop)[1])
     assert differences(loop, c, readings(loop, np.random.default_rng(1), 200)).max() > 1e-12
@@ -124,6 +124,64 @@ def test_single_precision_is_near(kind: str, tmp_path: Path) -> None:
     with np.errstate(over="ignore"):
         found = differences(loop, c, y.reshape(-1, n))
     assert 1e-12 < np.quantile(found, 0.95) < 1e-3
+
+
+@needs_gcc
+def test_single_precision_is_in_the_tube_of_the_head(tmp_path: Path) -> None:
+    """Every plant of the region, with the compiled controller beside the loop of exact numbers."""
+    rng = np.random.default_rng(4)
+    A, B = np.array([[1.1, 0.3], [-0.2, 0.9]]), np.array([[0.1], [1.0]])
+    x, u, w = (
+        rng.standard_normal((100, 2)),
+        rng.standard_normal((100, 1)),
+        rng.standard_normal((100, 2)),
+    )
+    x *= [1.0, 30.0]
+    data = se.Trajectories.from_pairs(x, u, x @ A.T + u @ B.T + 0.05 * w)
+    loop = se.gain(se.identify(data, noise=0.05), 1.0, 1.0)
+    proof = loop.certificate()
+    loop.to_c(tmp_path / "one.h", name="one", proof=proof)
+    head = (tmp_path / "one.h").read_text("utf-8").partition("*/")[0]
+    assert "single precision: float32, 95 %, off by at most x[0] " in re.sub(r"\n \* +", " ", head)
+    first, most, part = np.abs(x).max(axis=0), np.zeros(2), proof.region.parts[0]
+    bound = proof.rounding(first).states
+    L = np.linalg.cholesky(part.S * part.factor)
+    for _ in range(20):
+        a, b = rng.standard_normal(2), rng.standard_normal(3)
+        off = np.outer(L @ a, b @ part.white) / np.linalg.norm(a) / np.linalg.norm(b)
+        plant = np.asarray(proof.region.centre) + 0.99 * off
+        c = Controller(tmp_path / "one.h", 1, single=True)
+        near = exact = first
+        for _ in range(60):
+            near = plant @ np.concatenate([near, c.step(near)[1]])
+            exact = plant @ np.concatenate([exact, np.float32(loop.K).astype(float) @ exact])
+            most = np.maximum(most, np.abs(near - exact))
+    assert (1e-3 * bound < most).all()
+    assert (most <= bound).all()
+
+
+@needs_gcc
+def test_plans_that_single_precision_does_not_resolve(tmp_path: Path) -> None:
+    """Three inputs for one output: all but its own weight of 1e-8 is rounding there."""
+    rng = np.random.default_rng(5)
+    A, B = np.diag([0.9, 0.8, 0.7, 1.05]), rng.standard_normal((4, 3))
+    cost = se.Cost(Q=[1.0, 0.0, 0.0, 0.0], R="auto")
+    loop = se.regulate((A, B), 2, limits=(-np.ones(3), np.ones(3)), cost=cost)
+    loop.to_c(tmp_path / "one.h", name="one")
+    pair = [Controller(tmp_path / "one.h", 3, single) for single in (True, False)]
+    codes, off = set(), 0.0
+    for _ in range(500):
+        x = 5.0 * rng.standard_normal(4)
+        (code, u), (_, v) = (c.step(x) for c in pair)
+        codes.add(code)
+        off = max(off, np.abs(u - v).max())
+    assert codes == {0}
+    assert off < 1e-2
+    narrow = tmp_path / "two.h"
+    text = (tmp_path / "one.h").read_text("utf-8").replace("one", "two").replace("ONE", "TWO")
+    narrow.write_text(text.replace("TWO_WIDE 1", "TWO_WIDE 0"), "utf-8")
+    c, x = Controller(narrow, 3, single=True), 5.0 * rng.standard_normal((500, 4))
+    assert 3 in {c.step(row)[0] for row in x}
 
 
 @needs_gcc

@@ -36,11 +36,18 @@ def write(path: Any, name: str, parts: list[str], sizes: Any, tables: Any, about
         plain = re.sub(r"\*/|/\*|\?\?|[\x00-\x1f\\]", " ", f"{title}: {text}")
         lines += [f" * {line}" for line in wrap(plain, 108, subsequent_indent="  ")]
     head, lines = "\n".join([*lines, " */", ""]), [_part("common")]
-    lines += [f"#define $_{size} {number}" for size, number in sizes.items()]
+    sizes = {"WIDE": 0} | sizes
+    lines += [*(f"#define $_{size} {number}" for size, number in sizes.items()), _part("types")]
     for table, values in tables.items():
         array = np.asarray(values, dtype=np.float64)
-        body = "\n    ".join(wrap(", ".join(map(_number, array.ravel())) or "$_R(0)", 108))
-        lines.append(f"static const @_real @_{table}[{max(array.size, 1)}] = {{\n    {body}}};")
+        real, kind = "@_real", "$_R"
+        if table.startswith("alarm_"):
+            real, kind = "double", ""
+        elif table in ("inverse", "map", "offset"):
+            real, kind = "@_wide", "$_W"
+        numbers = ", ".join(_number(value, kind) for value in array.ravel().tolist())
+        body = "\n    ".join(wrap(numbers or "0", 108))
+        lines.append(f"static const {real} @_{table}[{max(array.size, 1)}] = {{\n    {body}}};")
     lines += [*map(_part, parts), "#endif", ""]
     files.write_text(file, head + "\n".join(lines).replace("$", name.upper()).replace("@", name))
 
@@ -49,11 +56,11 @@ def _part(name: str) -> str:
     return Path(__file__).with_name("parts").joinpath(f"{name}.h").read_text("utf-8")
 
 
-def _number(value: float) -> str:
+def _number(value: float, kind: str) -> str:
     """A constant; infinite ones are the largest, those that no float holds the largest of use."""
-    if np.isinf(value):
+    if kind and np.isinf(value):
         return "$_HUGE" if value > 0 else "-$_HUGE"
-    return "$_LARGEST" if value >= LARGEST else f"$_R({float(value)!r})"
+    return "$_LARGEST" if kind and value >= LARGEST else f"{kind}({value!r})"
 
 
 def evidence(labels: Labels, dt: float | None, model: Any, read: Sequence[str]) -> dict[str, str]:

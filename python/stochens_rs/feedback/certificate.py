@@ -494,13 +494,12 @@ class LoopCertificate(SavedRecord):
         """
         if every is not None and level is not None:
             raise InputError("`every` and `level` must not be given both")
-        promise = 1e5 if every is None else validation.positive("every", every)
-        if every is not None and not 2.0 <= promise <= 1e15:
-            raise InputError(f"`every` must be from 2 to 1e15 steps, got {every:g}")
+        name, value, low, high = "every", 1e5 if every is None else every, 2.0, 1e15
         if level is not None:
-            promise = validation.probability("level", level)
-            if not 1e-15 <= promise <= 0.5:
-                raise InputError(f"`level` must be from 1e-15 to 0.5, got {level:g}")
+            name, value, low, high = "level", level, 1e-15, 0.5
+        promise = validation.positive(name, value)
+        if not low <= promise <= high:
+            raise InputError(f"`{name}` must be from {low:g} to {high:g}, got {promise:g}")
         law = validation.choice("law", law, LAWS)
         require_linear(self.region, "watch")
         return Watch(self, promise, law, validation.flag("moving", moving))
@@ -699,26 +698,23 @@ class LoopCertificate(SavedRecord):
         n, K = self.region.n, np.asarray(self.K)
         if bits is None:
             with np.errstate(over="ignore", under="ignore"):
-                stored = K.astype(np.float32)
-            tiny = float(np.finfo(np.float32).tiny)
-            stored[np.abs(stored) < tiny] = 0.0
-            kept, unit = stored.astype(np.float64), (n + 2) * 2.0**-24
+                kept, unit = K.astype(np.float32).astype(np.float64), (n + 2) * 2.0**-24
+            kept[np.abs(kept) < 2.0**-126] = 0.0  # subnormal
             relative = unit / (1.0 - unit)
             fixed = np.full(len(K), n * (1.0 + np.abs(kept).max()) * 2.0**-125)
         else:
             half = 2.0 ** -(validation.size("bits", bits, minimum=0, maximum=62) + 1)
             kept, relative = np.round(K / (2.0 * half)) * (2.0 * half), 0.0
             fixed = (np.abs(kept).sum(axis=1) + 1.0) * half
-        core = _judge(self.region, kept, self.labels, self.status == "undetermined")
-        status, (norm, *_) = core.status, core.sizes
         # the gain that is stored, in place of this one
+        core = _judge(self.region, kept, self.labels, self.status == "undetermined")
         first = validation.vector("x0", x0, length=n, labels=self.labels.states)
         reach = core.tube(first, 1, np.zeros((0, len(K))), 0.0, None)[-1]
         moved = np.full(n + len(K), np.inf)
-        if self.status == status == "certified" and np.isfinite(reach[:n]).all():
+        if self.status == core.status == "certified" and np.isfinite(reach[:n]).all():
             moved = core.computed(np.ascontiguousarray(reach[:n]), relative, fixed)
         states, inputs = (validation.frozen(one.copy()) for one in np.split(moved, [n]))
-        margin = 1.0 / norm if status == "certified" else 0.0
+        margin = 1.0 / core.sizes[0] if core.status == "certified" else 0.0
         about = bits, states, inputs, margin, self.region.delta, self.labels
         return Rounding(validation.frozen(kept), *about)
 
@@ -745,24 +741,18 @@ class LoopCertificate(SavedRecord):
         return misfit is None or sizes_of(misfit, reach[None], self.labels)[0] <= misfit.within
 
     def __repr__(self) -> str:
-        share = show.percent(self.region.delta)
+        share, misfit, why = show.percent(self.region.delta), self.region.misfit, self.reason
         if self.status == "certified":
-            what = f"certified for every system of the region ({share}): stable, "
-            what += f"margin at least {show.margin(self.margin)}"
-            if self.region.misfit is not None:
-                what += f", with {self.region.misfit.text}"
+            what = f"certified for every system of the region ({share}): stable, margin at least "
+            what += show.margin(self.margin) + (f", with {misfit.text}" if misfit else "")
         elif self.status == "refuted":
-            what = (
-                f"refuted: this gain leaves a system of the region ({share}) unstable, see `member`"
-            )
-            if self.reason is not None:
-                what += f": {self.reason}"
-            elif self.spectral_radius >= 1.0:
-                what += ", and the model itself: take another gain"
-            else:
-                what += f"; {self._cure}"
-        elif self.reason is not None:
-            what = f"{self.status}: {self.reason}"
+            end = f": {why}" if why else f"; {self._cure}"
+            if why is None and self.spectral_radius >= 1.0:
+                end = ", and the model itself: take another gain"
+            what = f"refuted: this gain leaves a system of the region ({share}) unstable, see "
+            what += f"`member`{end}"
+        elif why is not None:
+            what = f"{self.status}: {why}"
         elif self.status == "undecided":
             what = (
                 "undecided: no system of the region was found unstable, but the proof fails by "
@@ -770,10 +760,8 @@ class LoopCertificate(SavedRecord):
                 "be proved: fewer lags or filters, or more weight of the inputs, help"
             )
         else:
-            what = (
-                f"{self.status}: the region is {self.least:.3g} times as large as can be proved; "
-                f"{self._cure}"
-            )
+            size = f"{self.least:.3g} times as large as can be proved"
+            what = f"{self.status}: the region is {size}; {self._cure}"
         return f"<LoopCertificate: {what}{show.careful(self.warnings)}>"
 
     @property

@@ -157,7 +157,8 @@ class Loop(SavedRecord):
         -----
         Nothing is allocated, nothing is called. A state that no sensor can have read (nan, inf, a
         million times the largest in the data) holds the last input, and the code that is returned
-        says so. ``-DCONTROLLER_FLOAT`` makes it single precision: the proof is of double precision.
+        says so. ``-DCONTROLLER_FLOAT`` makes it single precision: the head says how far from the
+        loop of exact numbers that is at most, by `LoopCertificate.rounding`.
 
         Examples
         --------
@@ -173,6 +174,13 @@ class Loop(SavedRecord):
         about = {"law": f"u = K y, {self.method}", **signals, **sentence(self.K, proof)}
         m, n = self.K.shape
         seen = None if self.model is None else self.model.largest
+        if proof is not None and seen is not None:
+            try:
+                off = repr(proof.rounding(seen[:n]))[11:-1]
+                first = ", ".join(f"{size:.3g}" for size in seen[:n])
+                about["single precision"] = f"{off}, for all time from x = ({first})"
+            except InputError as error:
+                about["single precision"] = f"nothing is proved: {error}"
         tables = {"K": self.K, "most": believed(np.zeros(n) if seen is None else seen[:n])}
         write(path, name, ["gain"], {"N": n, "M": m}, tables, about)
 

@@ -47,10 +47,8 @@ class Margins(SavedRecord):
     def names(self) -> tuple[str, ...]:
         """What each of the numbers is."""
         one = ("least gain", "largest gain", "phase [deg]", "disk")
-        inputs = self.labels.inputs
-        each = [f"{what} of {name}" for name in inputs for what in one]
         return (
-            *each,
+            *(f"{what} of {name}" for name in self.labels.inputs for what in one),
             "disk of all inputs at once",
             "constant delay [steps]",
             "delay that varies [steps]",

@@ -21,6 +21,7 @@ WatchStatus: TypeAlias = Literal["quiet", "alarm", "blind", "skipping"]
 LawOfWatch: TypeAlias = Literal["variance", "gaussian", "symmetric", "bounded"]
 LAWS: tuple[LawOfWatch, ...] = ("variance", "gaussian", "symmetric", "bounded")
 HISTORY = 10_000  # calls whose evidence is drawn
+FIXED = ("proof", "promise", "law", "moving")  # what a watch is made of
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,8 @@ class Watch(Durable):
         acted = self._next if applied is None else validation.measured("applied", applied, inputs)
         now, names = np.concatenate([read, acts]), (*outputs, *inputs)
         broken = validation.broken(np.where(np.isnan(now), 0.0, now), 1e140, names)
-        found = Watched(*self._core.step(read, acted), broken)
+        status, evidence, alarms = self._core.step(read, acted)
+        found = Watched(status, evidence, alarms, broken)
         self.history.append(found.evidence)
         self._next = acts.copy()
         return found
@@ -126,6 +128,10 @@ class Watch(Durable):
     def names(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """The names of what is read and of the inputs."""
         return self._source.window.outputs, self._source.window.inputs
+
+    def tables(self) -> Any:
+        """The sizes and numbers of the alarm, for a controller in C."""
+        return self._core.tables()
 
     @property
     def threshold(self) -> float:
@@ -245,12 +251,12 @@ class Watch(Durable):
         return draw_evidence(np.array(self.history), self.threshold, dt=self.proof.dt, ax=ax)
 
     def __getstate__(self) -> dict[str, Any]:
-        about = {"promise": self.promise, "law": self.law, "moving": self.moving}
-        own = {"state": self._core.state(), "history": np.array(self.history), "next": self._next}
-        return {"proof": self.proof, **about, **own}
+        own = {name: getattr(self, name) for name in FIXED}
+        history, state = np.array(self.history), self._core.state()
+        return {**own, "state": state, "history": history, "next": self._next}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        Watch.__init__(self, *(state[name] for name in ("proof", "promise", "law", "moving")))
+        Watch.__init__(self, *(state[name] for name in FIXED))
         self._core.resume(state["state"])
         self._next = np.array(state["next"])
         self.history.extend(state["history"].tolist())
@@ -265,9 +271,8 @@ class Watch(Durable):
         return watch
 
     def __repr__(self) -> str:
-        often = (
-            f"one in {self.promise:.4g} steps" if self.promise >= 1 else f"{self.promise:.3g} ever"
-        )
+        p = self.promise
+        often = f"one in {p:.4g} steps" if p >= 1 else f"{p:.3g} ever"
         null = "a plant that moves inside the region" if self.moving else "a constant plant"
         last = "" if self.alarm is None else f"; {self.alarm}"
         calls = show.number_of(len(self.history), "call")

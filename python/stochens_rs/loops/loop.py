@@ -17,6 +17,7 @@ from .._base.files import Durable
 from .._base.records import SavedRecord
 from .._base.types import DELTA, ArrayLike, Floats, Self
 from ..exceptions import InputError
+from ..export.header import write
 from ..feedback import Watch
 from ..validation.fresh_systems import Validation
 from ..validation.held_out import PredictedLoop, Runs, validated_loop
@@ -178,6 +179,18 @@ class ControlLoop(Durable, Generic[Entry]):
         """What the loop gives along a run."""
         loop: Any = self._fresh()
         return np.array([loop(one) for one in read])
+
+    def _write(self, path: Any, name: str, parts: list[str], *of: dict[str, Any]) -> None:
+        """Write the header of a controller from its sizes, tables and head, with the alarm."""
+        sizes, tables, about = of
+        if self.watch is not None:
+            counts, numbers = self.watch.tables()
+            parts = [*parts, "alarm"]
+            sizes = sizes | {f"ALARM_{one}": count for one, count in counts}
+            tables = tables | {f"alarm_{one}": values for one, values in numbers}
+            how = f"{name}_look(&alarm, y, the inputs that acted since the last call)"
+            about = about | {"alarm": f"{repr(self.watch)[8:-1]}; {how}"}
+        write(path, name, parts, sizes, tables, about)
 
     def _begin(self) -> None:
         self._log.clear()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
 from time import perf_counter
@@ -17,7 +18,7 @@ from ..controls.of_model import Record, Start, cost_of_outputs, plan_from, start
 from ..controls.plan import Plan
 from ..controls.set_point import Target, nearest_point, output_weights, rest_at, set_point, targets
 from ..exceptions import InputError, NonFiniteError
-from ..export.header import BEYOND, LARGEST, evidence, write
+from ..export.header import BEYOND, LARGEST, evidence
 from ..feedback import Loop, LoopCertificate, Watched
 from ..feedback.certificate import judged, sentence
 from ..feedback.tube import Rest, Tube
@@ -127,6 +128,8 @@ class ReadingLoop(ControlLoop[Reading]):
         "_asked",
         "_at_rest",
         "_bias",
+        "_drift",
+        "_fading",
         "_forward",
         "_given",
         "_high",
@@ -152,6 +155,7 @@ class ReadingLoop(ControlLoop[Reading]):
     _system: tuple[Any, ...]  # A, B, c of the plans
     _acted: Floats  # the input before that of the last call
     _aimed: tuple[Floats, Floats, Floats]  # of `_point`: where free outputs stay, target, inputs
+    _fading: tuple[Floats, float]  # what is added since a swap, and its factor from call to call
     _forward: Floats
     _rows: Floats
     _given: Floats  # the inputs that are measured, (m,); nan where one is chosen
@@ -180,7 +184,7 @@ class ReadingLoop(ControlLoop[Reading]):
         m, labels, within = model.m, model.labels, as_limits(limits)
         policy: Any
         task: Task | None
-        asked, outputs, law, self._system = None, None, None, ()
+        asked, outputs, self._system = None, None, ()
         names: tuple[str, ...] = ()
         weights = cost_of_outputs(model, as_cost(cost))
         if gain and (steps is not None or cost is not None):
@@ -194,8 +198,6 @@ class ReadingLoop(ControlLoop[Reading]):
                 )
             task = read_task(model.n, m, 1, np.zeros(model.n), within, Cost(), labels)
             policy, names = gain.K, gain.given
-            if gain.S is not None and gain.R is not None:
-                law = gain.S, gain.R
         else:
             if weights.R is None:
                 weights = replace(weights, R="auto")
@@ -218,11 +220,9 @@ class ReadingLoop(ControlLoop[Reading]):
             np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
         )
         self._max_missing = validation.size("max_missing", max_missing, minimum=0)
-        self.model, self._policy, self._asked, self._law = model, policy, asked, law
+        self._policy, self._asked, self._drift = policy, asked, drift
         self._low, self._high, self._weights = low.copy(), high.copy(), outputs
-        self._learning = bias_of(model, drift)
-        most = BEYOND * np.hstack([np.abs(one).max(axis=0) for one in model.data.pairs()[:2]])
-        self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
+        self._of(model, gain)
         self._solved = np.zeros(model.n), np.zeros(m)  # of the problem that is solved, at rest
         self._rows = targets(model, target)
         here, of_inputs = (one.mean(axis=0) for one in model.data.pairs()[:2])
@@ -235,6 +235,14 @@ class ReadingLoop(ControlLoop[Reading]):
         self._restore((None, ()))
         self._forward = self._feed_forward()
         self._forget()
+
+    def _of(self, model: Model, gain: Loop | None) -> None:
+        """Take what the loop needs of a model, and of the cost of its gain."""
+        self.model, self._learning, self._law = model, bias_of(model, self._drift), None
+        if gain is not None and gain.S is not None and gain.R is not None:
+            self._law = gain.S, gain.R
+        most = BEYOND * np.hstack([np.abs(one).max(axis=0) for one in model.data.pairs()[:2]])
+        self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
 
     def _restore(self, core: Any) -> None:
         warm, window = core
@@ -264,6 +272,7 @@ class ReadingLoop(ControlLoop[Reading]):
     def _forget(self) -> None:
         self._window.resume()
         self._bias: Floats = np.zeros(self.model.n_outputs)
+        self._fading = np.zeros(self.model.m), 0.0
         self._runs = self._started = self._at_rest = False
         if not isinstance(self._policy, np.ndarray):
             self._solver_at(*self._solved).resume(None)
@@ -433,9 +442,11 @@ class ReadingLoop(ControlLoop[Reading]):
                 solver.follow(acted - us)
             found = solver.solve(off, None)
             v, status = found.control[: len(us)], found.status
-        u = v + us
+        more, by = self._fading
+        u = v + us + more
         if not math.isfinite(u.sum()):
             raise NonFiniteError("`y` is too large: the input overflows")
+        self._fading = more * by, by
         u = np.minimum(np.maximum(u, acted - self._rate), acted + self._rate)
         return np.minimum(np.maximum(u, self._low), self._high), status
 
@@ -667,6 +678,66 @@ class ReadingLoop(ControlLoop[Reading]):
                 path[k + 1] = ahead @ np.hstack([now[0], u, np.ones(int(model.intercept))])
         return path if loop._started else np.full_like(path, np.inf)
 
+    def swap(self, gain: Loop) -> None:
+        """Go on with another gain from the next call on, without a jump of the input.
+
+        The window, targets and limits are kept, and the bias that was learned takes up what both
+        models predict otherwise of the next readings. What the last input
+        differs by from that of the new gain is added to the next one, and then dies out as the
+        slowest mode of the new loop: a stable loop comes to rest where it would without it.
+
+        Parameters
+        ----------
+        gain : Loop
+            Of the same or another model of these outputs and inputs, with the same window:
+            ``regulate(gain, ...).certificate()`` says what is certain of it.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the loop plans, or the gain is of another window, is not stable for its model, or
+            cannot hold the target; or another thread is in a call. The loop then goes on with the
+            old one.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(3)
+        >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+        >>> for t in range(1, 199):
+        ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+        >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+        >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+        >>> before = [loop([1.0]) for _ in range(3)]
+        >>> loop.swap(se.gain(model, 1.0, 100.0))
+        >>> bool(abs(loop([1.0]) - before[-1]) < 0.2)
+        True
+        """
+        model, fixed = validation.instance("gain", gain, Loop).model, ~np.isnan(self._given)
+        if self._asked is not None or not isinstance(model, Model):
+            raise InputError("`gain` must be of a model, and takes the place of a gain, not a plan")
+        one, other = (replace(of.regressors, found=None) for of in (model, self.model))
+        if one != other or gain.given != tuple(np.array(one.inputs)[fixed].tolist()):
+            raise InputError("`gain` must have the signals, the window and `given` of this loop")
+        radius = float(np.abs(gain.E).max())
+        if radius >= 1.0:
+            raise InputError(f"`gain` must be stable for its model, its radius is {radius:.4g}")
+        new, now, more = copy.copy(self), self._window.now, np.zeros(model.m)
+        new._policy = gain.K
+        new._of(model, gain)
+        new._require(new._rows, new._aimed[0])
+        new._restore(new._saved())
+        new._forward, new._fading = new._feed_forward(), (more, radius)
+        if self._runs and now is not None:
+            if new._learning[0].any():  # the next readings are predicted as before
+                before, after = (_ahead(of, now[0], self._last) for of in (self.model, model))
+                new._bias = self._bias + before - after
+            more = self._last - new._input(now[0], new._bias, self._acted)[0]
+        new._fading = np.where(fixed, 0.0, more), radius
+        with self._turn():
+            for name in self.__slots__:
+                setattr(self, name, getattr(new, name))
+
     def certificate(self, delta: float = 0.05) -> LoopCertificate:
         """Check whether all systems of a region are stable in this loop, estimate included.
 
@@ -748,6 +819,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if not np.isnan(self._given).all():
             raise InputError("`tube` is for loops without measured inputs: their way is not known")
         K, model, last = validation.size("steps", steps), self.model, len(self._rows) - 1
+        more, by = self._fading
         x, e, u = now[0], self._bias, self._last
         first = np.hstack([x, e[: proof.region.n - len(x)]])
         inputs = np.empty((K, model.m))
@@ -756,7 +828,7 @@ class ReadingLoop(ControlLoop[Reading]):
             inputs[k] = u
             x, e = model.A @ x + model.B @ u + c, e - self._learning[0] @ e
             xs, us = self._point.moving(e, *self._moves_of(k))
-            u = self._policy @ (x - xs) + self._forward[min(k, last)] + us
+            u = self._policy @ (x - xs) + self._forward[min(k, last)] + us + more * by**k
         return proof.tube(first, K, inputs=inputs, noise=noise)
 
     def to_c(self, path: Any, *, name: str = "controller") -> None:
@@ -818,7 +890,7 @@ class ReadingLoop(ControlLoop[Reading]):
         tables |= {"begin": self._safe, "most": np.minimum(self._most, LARGEST)}
         about |= evidence(model.labels, model.dt, model, model.outputs)
         tables |= dict(numbers)
-        write(path, name, [*part, "readings"], sizes | dict(counts), tables, about)
+        self._write(path, name, [*part, "readings"], sizes | dict(counts), tables, about)
 
     def __repr__(self) -> str:
         full = "" if self.full else ", the window is not full"
@@ -828,6 +900,14 @@ class ReadingLoop(ControlLoop[Reading]):
             f"{', '.join(self.model.input_names)}{also}, {show.number_of(len(self._log), 'call')}"
             f"{full}>"
         )
+
+
+def _ahead(model: Model, x: Floats, u: Floats) -> Floats:
+    """The readings that are predicted behind a window."""
+    p, pole = model.n_outputs, model.regressors.pole or 0.0
+    after = model.A[:p] @ x + model.B[:p] @ u + (0.0 if model.c is None else model.c[:p])
+    before: Floats = (after - pole * x[:p]) / (1.0 - pole)
+    return before
 
 
 def gate_of(model: Model) -> _core.Gate | None:

@@ -14,7 +14,7 @@ from .._base.names import order_of
 from .._base.types import ArrayLike, Figure, Floats, Status, SubFigure
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
-from ..export.header import believed, evidence, write
+from ..export.header import believed, evidence
 from ..feedback import Watched
 from ..feedback.certificate import sentence
 from ..identification.identified import Identified
@@ -82,7 +82,10 @@ def condensed(task: Task, A: Floats, B: Floats, c: Floats | None = None) -> tupl
     inverse, free, offset = Horizon(task, A, B, c).core.condensed()
     (K, m), rates = task.low.shape, int(task.rate is not None)
     most = 4 * K * m * (1 + rates) + 20
-    sizes = {"N": len(A), "M": m, "STEPS": K, "RATES": rates, "EXCHANGES": most}
+    H = np.zeros((K * m, K * m))  # the inverse
+    H[np.tril_indices(K * m)] = inverse
+    wide = int(np.linalg.cond(H + np.tril(H, -1).T) > 1e4)  # single precision has 7 digits
+    sizes = {"N": len(A), "M": m, "STEPS": K, "RATES": rates, "EXCHANGES": most, "WIDE": wide}
     tables = {"inverse": inverse, "map": free, "offset": offset, "low": task.low, "high": task.high}
     tables["rate"] = np.zeros(m) if task.rate is None else task.rate
     work = f"{most} at most, each {9 * (K * m) ** 2} operations at most; no factorization"
@@ -211,7 +214,7 @@ class Regulator(ControlLoop[Call]):
         tables |= {"begin": self._start(), "most": self._most}
         about |= evidence(self.labels, self._dt, self._system, self.labels.states)
         about |= sentence(None, None)
-        write(path, name, ["horizon", "regulator"], sizes, tables, about)
+        self._write(path, name, ["horizon", "regulator"], sizes, tables, about)
 
     def __call__(self, x: ArrayLike) -> Floats:
         """Compute the input for the state x.

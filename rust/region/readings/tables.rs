@@ -5,7 +5,6 @@ use faer::Mat;
 use crate::error::Result;
 use crate::memory::{checked_len, covered, try_collect, try_copy, try_zeros};
 
-use super::super::part::TRUSTED;
 use super::{Readings, WHAT};
 
 /// Names with whole numbers, and with numbers, of matrices row by row.
@@ -39,7 +38,7 @@ impl Readings {
                 let missing = &part.missing[at * (part.missing.len() / wide)..][..part.missing.len() / wide];
                 missing.iter().enumerate().for_each(|(q, v)| lost[(k * most + q) * d + j] = *v);
             }
-            tolerance[k] = 100.0 * wide as f64 / part.ratio.max(TRUSTED);
+            tolerance[k] = part.roundoffs();
         }
         let sizes = [
             ("P", p),

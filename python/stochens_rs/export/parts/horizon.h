@@ -6,13 +6,13 @@
 #define $_ROWS ($_V + $_RATES * $_V)
 
 typedef struct {
-    @_real u[$_V];       /* the plan, step by step */
-    @_real f[$_V];       /* that without limits */
-    @_real size[$_V];    /* of the terms that made u */
-    @_real mu[$_V];      /* multipliers of the active rows */
-    @_real to[$_V];      /* what they would be without signs */
-    @_real pivot[$_V];   /* D */
-    @_real lower[$_V * ($_V + 1) / 2 + 1]; /* L below its diagonal, row by row */
+    @_wide u[$_V];       /* the plan, step by step */
+    @_wide f[$_V];       /* that without limits */
+    @_wide size[$_V];    /* of the terms that made u */
+    @_wide mu[$_V];      /* multipliers of the active rows */
+    @_wide to[$_V];      /* what they would be without signs */
+    @_wide pivot[$_V];   /* D */
+    @_wide lower[$_V * ($_V + 1) / 2 + 1]; /* L below its diagonal, row by row */
     int set[$_V];        /* the active rows */
     int count;           /* how many */
     int exchanges;       /* of the last call; at most $_EXCHANGES */
@@ -20,61 +20,61 @@ typedef struct {
     @_real about[$_M]; /* the set point that limits are about */
 } @_plan;
 
-static inline @_real @_pair(int i, int j)
+static inline @_wide @_pair(int i, int j)
 {
     return i >= j ? @_inverse[i * (i + 1) / 2 + j] : @_inverse[j * (j + 1) / 2 + i];
 }
 
 /* Entry i of H^-1 c, c a row: rows from $_V on are u_j - u_(j-m). */
-static inline @_real @_across(int i, int row)
+static inline @_wide @_across(int i, int row)
 {
     int j = row % $_V;
     return $_RATES && row >= $_V && j >= $_M ? @_pair(i, j) - @_pair(i, j - $_M) : @_pair(i, j);
 }
 
-static inline @_real @_gram(int row, int other)
+static inline @_wide @_gram(int row, int other)
 {
     int i = row % $_V;
     return $_RATES && row >= $_V && i >= $_M ? @_across(i, other) - @_across(i - $_M, other) : @_across(i, other);
 }
 
-static inline @_real @_value(const @_real *v, int row)
+static inline @_wide @_value(const @_wide *v, int row)
 {
     int i = row % $_V;
     return $_RATES && row >= $_V && i >= $_M ? v[i] - v[i - $_M] : v[i];
 }
 
 /* The limit of a row; u = us + v, and the first rate is from the input that acts now. */
-static inline @_real @_limit(int row, int side, const @_real *us, const @_real *now)
+static inline @_wide @_limit(int row, int side, const @_real *us, const @_real *now)
 {
     int i = row % $_V, j = i % $_M;
     if (!$_RATES || row < $_V)
         return (side < 0 ? @_low[i] : @_high[i]) - us[j];
-    return (side < 0 ? -@_rate[j] : @_rate[j]) + (i < $_M ? now[j] - us[j] : $_R(0));
+    return (side < 0 ? -@_rate[j] : @_rate[j]) + (i < $_M ? now[j] - us[j] : $_W(0));
 }
 
 /* A further active row; 0 if it depends on the others, with D^-1 L^-1 of its products where its row would be. */
 static inline int @_enter(@_plan *p, int row)
 {
     int k = p->count;
-    @_real *own = &p->lower[k * (k - 1) / 2], size = @_gram(row, row), rest = size;
+    @_wide *own = &p->lower[k * (k - 1) / 2], size = @_gram(row, row), rest = size;
     for (int i = 0; i < k; ++i) {
-        const @_real *l = &p->lower[i * (i - 1) / 2];
-        @_real v = @_gram(row, p->set[i]);
+        const @_wide *l = &p->lower[i * (i - 1) / 2];
+        @_wide v = @_gram(row, p->set[i]);
         for (int j = 0; j < i; ++j)
             v -= l[j] * own[j];
         own[i] = v;
     }
     for (int i = 0; i < k; ++i) {
-        @_real v = own[i] / p->pivot[i];
+        @_wide v = own[i] / p->pivot[i];
         rest -= own[i] * v;
         own[i] = v;
     }
-    if (k == $_V || !(rest > $_R(100) * $_EPS * size))
+    if (k == $_V || !(rest > $_W(100) * $_WIDE_EPS * size))
         return 0;
     p->pivot[k] = rest;
     p->set[k] = row;
-    p->mu[k] = $_R(0);
+    p->mu[k] = $_W(0);
     p->count = k + 1;
     return 1;
 }
@@ -83,21 +83,21 @@ static inline int @_enter(@_plan *p, int row)
 static inline void @_leave(@_plan *p, int k)
 {
     int last = p->count - 1;
-    @_real *w = p->to, a = p->pivot[k];
+    @_wide *w = p->to, a = p->pivot[k];
     for (int i = k + 1; i <= last; ++i)
         w[i] = p->lower[i * (i - 1) / 2 + k];
     for (int i = k + 1; i <= last; ++i) {
-        @_real v = w[i], d = p->pivot[i] + a * v * v, b = v * a / d;
+        @_wide v = w[i], d = p->pivot[i] + a * v * v, b = v * a / d;
         a *= p->pivot[i] / d;
         p->pivot[i] = d;
         for (int r = i + 1; r <= last; ++r) {
-            @_real *l = &p->lower[r * (r - 1) / 2 + i];
+            @_wide *l = &p->lower[r * (r - 1) / 2 + i];
             w[r] -= v * *l;
             *l += b * w[r];
         }
     }
     for (int i = k; i < last; ++i) {
-        @_real *to = &p->lower[i * (i - 1) / 2], *from = &p->lower[(i + 1) * i / 2];
+        @_wide *to = &p->lower[i * (i - 1) / 2], *from = &p->lower[(i + 1) * i / 2];
         for (int j = 0; j < i; ++j)
             to[j] = from[j < k ? j : j + 1];
         p->pivot[i] = p->pivot[i + 1];
@@ -108,7 +108,7 @@ static inline void @_leave(@_plan *p, int k)
 }
 
 /* L' x = x */
-static inline void @_back(const @_plan *p, @_real *x)
+static inline void @_back(const @_plan *p, @_wide *x)
 {
     for (int i = p->count - 1; i > 0; --i)
         for (int j = 0; j < i; ++j)
@@ -116,11 +116,11 @@ static inline void @_back(const @_plan *p, @_real *x)
 }
 
 /* to = (C H^-1 C')^-1 (C v - b) over the active rows. */
-static inline void @_aim(@_plan *p, const @_real *v, const @_real *us, const @_real *now)
+static inline void @_aim(@_plan *p, const @_wide *v, const @_real *us, const @_real *now)
 {
     for (int i = 0; i < p->count; ++i) {
         int row = p->set[i];
-        @_real x = @_value(v, row) - @_limit(row, p->side[row], us, now);
+        @_wide x = @_value(v, row) - @_limit(row, p->side[row], us, now);
         for (int j = 0; j < i; ++j)
             x -= p->lower[i * (i - 1) / 2 + j] * p->to[j];
         p->to[i] = x;
@@ -134,11 +134,11 @@ static inline void @_aim(@_plan *p, const @_real *v, const @_real *us, const @_r
 static inline void @_move(@_plan *p)
 {
     for (int i = 0; i < $_V; ++i) {
-        @_real v = p->f[i], size = v < $_R(0) ? -v : v;
+        @_wide v = p->f[i], size = v < $_W(0) ? -v : v;
         for (int k = 0; k < p->count; ++k) {
-            @_real by = @_across(i, p->set[k]) * p->mu[k];
+            @_wide by = @_across(i, p->set[k]) * p->mu[k];
             v -= by;
-            size += by < $_R(0) ? -by : by;
+            size += by < $_W(0) ? -by : by;
         }
         p->u[i] = v;
         p->size[i] = size;
@@ -151,16 +151,16 @@ static inline int @_fixed(int row)
 }
 
 /* The active row that leaves first on the way of the multipliers by (x mu + y to), and how far that is. */
-static inline int @_first(const @_plan *p, @_real *far, int turn)
+static inline int @_first(const @_plan *p, @_wide *far, int turn)
 {
     int at = -1;
     for (int i = 0; i < p->count; ++i) {
         int row = p->set[i], side = p->side[row];
-        @_real by = turn ? $_R(-turn) * p->to[i] : p->to[i] - p->mu[i];
-        @_real end = turn ? by : p->to[i];
-        if (@_fixed(row) || (side > 0 ? end >= $_R(0) : end <= $_R(0)))
+        @_wide by = turn ? $_W(-turn) * p->to[i] : p->to[i] - p->mu[i];
+        @_wide end = turn ? by : p->to[i];
+        if (@_fixed(row) || (side > 0 ? end >= $_W(0) : end <= $_W(0)))
             continue;
-        @_real t = -p->mu[i] / by;
+        @_wide t = -p->mu[i] / by;
         if (at < 0 ? turn || t < *far : t < *far) {
             *far = t;
             at = i;
@@ -173,17 +173,17 @@ static inline int @_first(const @_plan *p, @_real *far, int turn)
 static inline int @_beyond(const @_plan *p, const @_real *us, const @_real *now, int *side)
 {
     int at = -1;
-    @_real most = $_R(0);
+    @_wide most = $_W(0);
     for (int row = 0; row < $_ROWS; ++row) {
         int i = row % $_V;
-        @_real v = @_value(p->u, row), size = p->size[i];
+        @_wide v = @_value(p->u, row), size = p->size[i];
         if (p->side[row])
             continue;
         if ($_RATES && row >= $_V && i >= $_M)
             size += p->size[i - $_M];
         for (int s = -1; s < 2; s += 2) {
-            @_real limit = @_limit(row, s, us, now), off = s < 0 ? limit - v : v - limit;
-            if (off > most && off > $_R(32) * $_EPS * (size + (limit < $_R(0) ? -limit : limit))) {
+            @_wide limit = @_limit(row, s, us, now), off = s < 0 ? limit - v : v - limit;
+            if (off > most && off > $_W(32) * $_WIDE_EPS * (size + (limit < $_W(0) ? -limit : limit))) {
                 most = off;
                 at = row;
                 *side = s;
@@ -198,7 +198,7 @@ static inline void @_blank(@_plan *p)
     for (int row = 0; row < $_ROWS; ++row)
         p->side[row] = 0;
     for (int i = 0; i < $_V; ++i)
-        p->u[i] = $_R(0);
+        p->u[i] = $_W(0);
     for (int j = 0; j < $_M; ++j)
         p->about[j] = $_R(0);
     p->count = 0;
@@ -209,9 +209,9 @@ static inline void @_blank(@_plan *p)
 static inline void @_clip(@_plan *p, const @_real *us, const @_real *now)
 {
     for (int i = 0; i < $_V; ++i) {
-        @_real v = @_within(p->u[i], @_low[i] - us[i % $_M], @_high[i] - us[i % $_M]);
+        @_wide v = @_within(p->u[i], @_low[i] - us[i % $_M], @_high[i] - us[i % $_M]);
         if ($_RATES) {
-            @_real before = i < $_M ? now[i] - us[i] : p->u[i - $_M];
+            @_wide before = i < $_M ? now[i] - us[i] : p->u[i - $_M];
             v = @_within(v, before - @_rate[i % $_M], before + @_rate[i % $_M]);
         }
         p->u[i] = v;
@@ -224,7 +224,7 @@ static inline int @_solve(@_plan *p, const @_real *x, const @_real *now)
     const @_real *us = p->about;
     int done = 0;
     for (int i = 0; i < $_V; ++i) {
-        @_real v = @_offset[i];
+        @_wide v = @_offset[i];
         for (int j = 0; j < $_N; ++j)
             v += @_map[i * $_N + j] * x[j];
         p->f[i] = v;
@@ -243,7 +243,7 @@ static inline int @_solve(@_plan *p, const @_real *x, const @_real *now)
             p->side[row] = 0;
     }
     for (p->exchanges = 0; p->exchanges < $_EXCHANGES && !done; ++p->exchanges) {
-        @_real far = $_R(1);
+        @_wide far = $_W(1);
         int side = 0, at, row;
         @_aim(p, p->f, us, now);
         at = @_first(p, &far, 0);
@@ -267,10 +267,10 @@ static inline int @_solve(@_plan *p, const @_real *x, const @_real *now)
         p->side[row] = (signed char)side;
         /* a row that is a sum of active ones: their multipliers move along it until one of them leaves */
         at = 0;
-        far = $_R(0);
+        far = $_W(0);
         while (at >= 0 && !@_enter(p, row)) {
             int k = p->count;
-            @_real t = $_R(0);
+            @_wide t = $_W(0);
             for (int i = 0; i < k; ++i)
                 p->to[i] = p->lower[k * (k - 1) / 2 + i];
             @_back(p, p->to);
@@ -278,7 +278,7 @@ static inline int @_solve(@_plan *p, const @_real *x, const @_real *now)
             if (at < 0)
                 continue;
             for (int i = 0; i < k; ++i)
-                p->mu[i] -= t * (@_real)side * p->to[i];
+                p->mu[i] -= t * (@_wide)side * p->to[i];
             far += t;
             p->side[p->set[at]] = 0;
             @_leave(p, at);
@@ -287,7 +287,7 @@ static inline int @_solve(@_plan *p, const @_real *x, const @_real *now)
             p->side[row] = 0;
             break;
         }
-        p->mu[p->count - 1] = far * (@_real)side;
+        p->mu[p->count - 1] = far * (@_wide)side;
     }
     for (int i = 0; i < p->count; ++i) { /* exactly at the limits */
         int row = p->set[i];

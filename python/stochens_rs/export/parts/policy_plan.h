@@ -13,6 +13,6 @@ static inline int @_policy(@_plan *p, const @_real *x, const @_real *us, const @
         now[j] = acted[j] - us[j] + p->about[j];
     code = @_solve(p, x, now);
     for (int j = 0; j < $_M; ++j)
-        v[j] = p->u[j];
+        v[j] = $_R(p->u[j]);
     return code;
 }

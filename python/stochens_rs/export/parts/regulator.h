@@ -29,7 +29,7 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
         ++s->held;
     for (int j = 0; j < $_M; ++j) {
         if (s->held >= 0)
-            s->u[j] = s->plan.u[s->held * $_M + j];
+            s->u[j] = $_R(s->plan.u[s->held * $_M + j]);
         u[j] = s->u[j];
     }
     return code;

@@ -13,7 +13,8 @@
 //!    ([`storage`]).
 //! 6. **identifies** `A` and `B` from measured pairs ([`identify`]): least squares, and the laws of its error;
 //! 7. makes a **region** of models from data, says what it contains ([`region`]), and where a control leads the true system ([`certificate`]);
-//! 8. computes **controls within limits** ([`limits`]), with a certificate;
+//! 8. computes **controls within limits** ([`limits`]), with a certificate, in loops anew at every state
+//!    ([`limits::horizon::RecedingHorizon`]), and **gains** that are proved for a region ([`feedback`]);
 //! 9. makes models of **windows** of readings and inputs where states are not measured ([`window`]);
 //! 10. finds one **command for a fleet** of units ([`fleet`]), and bounds what a fresh unit risks;
 //! 11. **bounds** the errors of averages of realizations by formulas ([`tails`]);
@@ -57,6 +58,10 @@
 //! assert!((x0 / 2.0 + u - xf).abs() <= plan.target && plan.target < 0.03);
 //! # Ok::<(), stochens::Error>(())
 //! ```
+//!
+//! The best inputs within limits, again at every state: [`limits::horizon::RecedingHorizon`], a loop at 1 kHz. A gain that
+//! is proved for every system of a region, and what it survives: [`feedback::Loop`], [`feedback::Loop::margins`]. Three
+//! programs are in `examples/`: `certified_gain`, `kilohertz_loop` and `fleet`.
 
 #![deny(missing_docs, unsafe_code)]
 #![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
@@ -97,3 +102,7 @@ pub use parallel::Stop;
 pub use sample::{Law, Scheme, Singletons, sample};
 pub use simd::LANES;
 pub use stream::{CHUNK, Key, Purpose};
+
+#[cfg(doctest)]
+#[doc = include_str!("README.md")]
+struct Readme;

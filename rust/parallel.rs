@@ -151,6 +151,9 @@ where
 
 /// Calls `work` on this thread and on up to `threads - 1` others; compiled once for all kinds of chunks.
 fn on_threads(threads: usize, stop: &Stop, work: &(dyn Fn() + Sync)) {
+    if threads < 2 || cfg!(not(feature = "threads")) {
+        return work();
+    }
     std::thread::scope(|scope| {
         let (working, done) = channel::<()>();
         for _ in 1..threads {
@@ -195,6 +198,9 @@ where
     F: FnOnce() -> Result<T> + Send + 'static,
 {
     let (send, receive) = sync_channel(1);
+    if cfg!(not(feature = "threads")) {
+        return work();
+    }
     let slot = Arc::new(Mutex::new(Some(work)));
     let theirs = Arc::clone(&slot);
     let spawned = std::thread::Builder::new().name(name.into()).spawn(move || {

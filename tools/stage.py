@@ -16,7 +16,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[1]
 FILES = ["Cargo.toml", "Cargo.lock", "pyproject.toml", "LICENSE", "THIRD-PARTY-LICENSES"]
 FILES += ["CHANGELOG.md", "benches/core.rs"]
-FOLDERS = ["rust", "python", "tests/rust"]
+FOLDERS = ["rust", "python", "tests/rust", "examples"]
 
 # [text](path), ![text](path): neither scheme: nor #anchor
 RELATIVE = re.compile(r"(!?)\[([^\]]*)\]\((?![a-z]+:|#)([^)]*)\)")

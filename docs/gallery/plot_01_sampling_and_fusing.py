@@ -37,7 +37,7 @@ fig, ax = plt.subplots(figsize=(7, 4))
 ax.loglog(sizes, expected, color="0.7", lw=5)
 ax.text(300, 1.9 * expected[12], "grey: expected rms of the average", color="0.35")
 for k, (label, errors) in enumerate(curves.items()):
-    seen = errors > 1e-9
+    seen = errors > 1e-5  # what the axes show
     ax.loglog(sizes[seen], errors[seen], marker=".", color=f"C{k}")
     if not seen.all():
         label += f":\nexact from N = {sizes[seen].max()}\nor a little later"

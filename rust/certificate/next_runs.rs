@@ -52,6 +52,7 @@ pub struct NextRuns<'a> {
 
 /// Inputs and what follows from them.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct DesignedRuns {
     /// (runs, steps, m)
     pub inputs: Vec<f64>,

@@ -32,6 +32,7 @@ pub struct Along<'a> {
 
 /// Bounds of the outputs along a run.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct OutputTube {
     /// `||y(k) - yh(k)||` (K + 1), 0 for the reading that is known.
     pub radii: Vec<f64>,
@@ -41,6 +42,7 @@ pub struct OutputTube {
 
 /// The window along the plan, and how far the outputs may be.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Outputs {
     /// The window along the centre, (K + 1, n).
     pub states: Vec<f64>,

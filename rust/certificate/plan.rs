@@ -40,6 +40,7 @@ pub struct Way<'a> {
 
 /// How far a control is from the best one of the true system.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub enum ControlError {
     /// At most so far; may be infinite.
     Within(f64),
@@ -51,6 +52,7 @@ pub enum ControlError {
 
 /// What holds in one event.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Plan {
     /// The way of the smallest `target`.
     pub best: usize,

@@ -43,6 +43,7 @@ pub struct Factors<'a> {
 
 /// The best control and what is known of it.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Best {
     /// The control in the order of `C_K`, the nearest doubles.
     pub control: Vec<f64>,

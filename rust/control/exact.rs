@@ -93,6 +93,7 @@ impl Factored {
 
 /// The best control of one problem.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct ExactControl {
     /// `A`, row by row.
     pub a: Vec<f64>,

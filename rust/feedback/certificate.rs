@@ -10,6 +10,7 @@ use super::spectrum::radius;
 
 /// The verdict; only the first one is a promise.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Verdict {
     /// Every member is stable: the proof has been verified.
     Certified,
@@ -25,6 +26,7 @@ pub enum Verdict {
 
 /// The verdict, with its proof or counterexample.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct Certificate {
     /// The verdict.
     pub status: Verdict,

@@ -20,6 +20,7 @@ const SLACKS: [f64; 4] = [1.0005, 1.005, 1.05, 1.5];
 
 /// A gain `u = K x`, with the matrix of its cost `x'Px` or bound.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Gain {
     /// K (m, n).
     pub gain: Vec<f64>,

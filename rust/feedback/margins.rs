@@ -25,6 +25,7 @@ const PIECE: f64 = 2e-3;
 
 /// One number for all members of the region, and that of the centre.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
 pub struct Margin {
     /// A proved bound for every member.
     pub certified: f64,
@@ -34,6 +35,7 @@ pub struct Margin {
 
 /// What the loop stands. Each by itself, the others as they are.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Margins {
     /// The least and the largest constant factor of each input.
     pub gains: Vec<[Margin; 2]>,

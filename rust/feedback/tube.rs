@@ -44,6 +44,7 @@ pub struct Run<'a> {
 
 /// Bounds for all members of the region at once; rows are states, then inputs.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Tube {
     /// Those of the centre (K + 1, n + m).
     pub nominal: Vec<f64>,

@@ -18,6 +18,7 @@ const REGULAR: f64 = 1e-8;
 const CARRIES: f64 = 1e-6;
 
 /// A command, what it rests on, and how far from the best one it can be.
+#[non_exhaustive]
 pub struct Few {
     /// `u`, inside the limits of inputs and rates.
     pub control: Vec<f64>,

@@ -29,6 +29,7 @@ const REACHED: f64 = 1e-6;
 const ROUNDS: usize = 4;
 
 /// A command and how far from the best one it can be.
+#[non_exhaustive]
 pub struct LeastMean {
     /// `u`, inside the limits.
     pub control: Vec<f64>,

@@ -30,6 +30,7 @@ const OPTIMAL: f64 = 1e-9;
 const LARGE: usize = 100;
 
 /// The command with the least largest miss.
+#[non_exhaustive]
 pub struct Worst {
     /// `u`, inside the limits.
     pub control: Vec<f64>,

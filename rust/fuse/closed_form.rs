@@ -23,6 +23,7 @@ const WHAT: &str = "a fit";
 
 /// The solution of the least-squares problem of every line.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct ClosedForm {
     /// One weight per realization and line, realization by realization.
     pub weights: Vec<f64>,

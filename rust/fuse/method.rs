@@ -7,6 +7,7 @@ use crate::sample::Singletons;
 
 /// Fusion of realizations into an estimate.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Fusion {
     /// Their average.
     Uniform,

@@ -20,6 +20,7 @@ const CACHE: usize = 32 << 10;
 
 /// The result of a sequential fusion.
 #[derive(Debug, Clone, Default)]
+#[non_exhaustive]
 pub struct Sequential {
     /// One weight per realization, which add up to one; none for an average, where they are equal.
     pub weights: Vec<f64>,

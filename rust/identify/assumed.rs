@@ -53,6 +53,7 @@ impl Assumed<'_> {
 
 /// For Gaussian noise of unknown covariance with any design.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum RegionMethod {
     /// The smaller of both, each with `delta / 2`.
     Auto,

@@ -28,6 +28,7 @@ pub struct Data<'a> {
 
 /// The model of [`Data`], and least squares of its rows.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Estimate {
     /// Theta (n, d), least squares.
     pub model: Vec<f64>,

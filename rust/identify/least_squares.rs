@@ -19,6 +19,7 @@ pub(crate) const SLACK: f64 = 4.0;
 
 /// Least squares for some rows and columns of Theta, and what its error is measured with.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct Fitted {
     /// Rows (n) of Theta.
     pub rows: Vec<usize>,

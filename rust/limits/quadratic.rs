@@ -54,6 +54,7 @@ pub(super) trait Quadratic {
 
 /// How a computation ended.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Status {
     /// The gap is at most `1e-9 J(u)`, or rounding of what `J(u)` is before anything cancels.
     Optimal,
@@ -86,6 +87,7 @@ impl Status {
 
 /// What found the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Default)]
+#[non_exhaustive]
 pub enum Method {
     /// Block principal pivoting.
     #[default]

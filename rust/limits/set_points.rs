@@ -70,6 +70,7 @@ pub struct SetPointTask<'a> {
 
 /// A point of rest, and the rows that hold it.
 #[derive(Debug)]
+#[non_exhaustive]
 pub struct SetPoint {
     /// Outputs and inputs (p + m).
     pub place: Vec<f64>,

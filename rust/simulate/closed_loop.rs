@@ -50,6 +50,7 @@ pub struct ClosedLoop<'a> {
 
 /// The trajectories along the reference.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub struct ReferenceRuns {
     /// `x(0), ..., x(K)` of every run. If `||x(k) - r(k)||^2` of a run is not finite, the states after it are zeros.
     pub states: Vec<f64>,

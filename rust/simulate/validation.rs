@@ -31,6 +31,7 @@ pub struct Predicted<'a> {
 
 /// Of each run: the largest deviation of a state, in its units, and `||x(K) - target||`; infinite for a run that diverged.
 #[derive(Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Scores {
     /// The largest deviations.
     pub deviations: Vec<f64>,

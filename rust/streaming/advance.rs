@@ -30,6 +30,7 @@ pub struct Budget {
 
 /// The reason why a run ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum End {
     /// The rule is satisfied.
     Converged,

@@ -11,6 +11,7 @@ const ABOVE_ROUNDING: f64 = 1.0 + 1e-12;
 
 /// An inequality, and with a setting the error that is exceeded with probability `exp(-level)` at most.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Inequality {
     /// `U l / 3 + sqrt((U l / 3)^2 + 2 v l)` for matrices, `l = log((n + m) / delta)`, best for large ones: J. A. Tropp,
     /// "User-friendly tail bounds for sums of random matrices", Found. Comput. Math. 12, 2012. `v` is the

@@ -32,6 +32,7 @@ pub enum Promise {
 
 /// What changes from call to call beside the arrays.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
 pub struct Counts {
     /// All calls.
     pub calls: f64,

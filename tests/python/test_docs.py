@@ -222,6 +222,7 @@ PAGES = (
     "README.md",
     "CONTRIBUTING.md",
     "docs/close-the-loop.md",
+    "docs/coming-from.md",
     "docs/compare.md",
     "docs/fleet.md",
     "docs/how-much-can-go-wrong.md",
@@ -243,6 +244,7 @@ PAGES = (
 # Packages of the extras `dev` that a page needs.
 NEEDED = {
     "README.md": ("matplotlib", "pandas"),
+    "docs/coming-from.md": ("control",),
     "docs/fleet.md": ("matpowercaseframes", "matplotlib", "pypower"),
     "docs/heat-a-house.md": ("matplotlib",),
     "docs/studies.md": ("distributed", "matplotlib", "pandas", "xarray"),

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+import stochens_rs
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -27,11 +29,40 @@ def test_both_manifests_say_the_same():
     tomllib = pytest.importorskip("tomllib")  # Python 3.11
     crate = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))["package"]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
-    for field in ("version", "description", "license", "readme", "keywords"):
+    for field in ("version", "description", "license", "keywords"):
         assert crate[field] == project[field], field
     assert crate["authors"] == [author["name"] for author in project["authors"]]
     assert f"Copyright (c) 2026 {crate['authors'][0]}\n" in (ROOT / "LICENSE").read_text("utf-8")
     assert project["license-files"] == ["LICENSE", "THIRD-PARTY-LICENSES"]
+
+
+def test_every_place_states_the_same_version():
+    text = (ROOT / "pyproject.toml").read_text("utf-8")
+    version = re.search(r'^version = "(.*)"$', text, re.M)[1]
+    assert stochens_rs.__version__ == version
+    places = {
+        "Cargo.toml": r'^version = "(.*)"$',
+        "Cargo.lock": r'^name = "stochens"\nversion = "(.*)"$',
+        "CITATION.cff": r"^version: (.*)$",
+        "packaging/recipe.yaml": r'^  version: "(.*)"$',
+        "docs/index.md": r"^  version = \{(.*)\},$",
+        "CHANGELOG.md": r"^## \[(.*?)\]",
+    }
+    for name, pattern in places.items():
+        found = re.search(pattern, (ROOT / name).read_text("utf-8"), re.M)
+        assert found, name
+        assert found[1] == version, name
+
+
+def test_the_crate_is_its_sources_and_examples():
+    tomllib = pytest.importorskip("tomllib")
+    crate = tomllib.loads((ROOT / "Cargo.toml").read_text("utf-8"))
+    for pattern in crate["package"]["include"]:
+        assert list(ROOT.glob(pattern.lstrip("/"))), pattern
+    assert not re.search("fuzz|benches|docs|github|tests", " ".join(crate["package"]["include"]))
+    assert (ROOT / crate["package"]["readme"]).exists()
+    assert crate["lib"]["bench"] is False  # else its options are not those of criterion
+    assert "crate-type" not in crate["lib"]  # users of the crate link no cdylib
 
 
 def test_all_is_every_extra_of_users():

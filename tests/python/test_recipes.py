@@ -114,7 +114,7 @@ def test_a_fusion_method() -> None:
     named = "reference/fusing.py rust/fuse/ rust/fuse/mod.rs rust/fuse/method.rs fusion/fusing.py"
     assert all(f"`{name}`" in text for name in named.split())
     source = (ROOT / "rust" / "fuse" / "method.rs").read_text("utf-8")
-    assert {"enum Method", "fn fuse"} <= set(re.findall(r"pub (enum Method|fn fuse)\b", source))
+    assert {"enum Fusion", "fn fuse"} <= set(re.findall(r"pub (enum Fusion|fn fuse)\b", source))
     names = re.findall(r'\("([\w-]+)", Self::', source)
     assert names == list(get_args(Method)) == list(fusing.METHODS)
     assert all(f'"{name}"' in str(se.fuse.__doc__) for name in names)

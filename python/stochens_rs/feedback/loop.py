@@ -229,10 +229,11 @@ class Loop(SavedRecord):
         return f"<Loop: n={n} m={m}, {self.method}, spectral radius {radius:.4g}>"
 
     def _repr_html_(self) -> str:
-        head = ["", *self.labels.states]
-        rows = zip(self.labels.inputs, self.K, strict=True)
-        table = show.grid(head, [[name, *(f"{v:.4g}" for v in row)] for name, row in rows])
-        return show.card(self, [("u = K x with", "K below")], table)
+        across, down, K, below = self.labels.states, self.labels.inputs, self.K, "K below"
+        if len(across) > 8:  # of a window: a row for each of its signals
+            across, down, K, below = down, across, K.T, "K' below"
+        rows = [[name, *(f"{v:.4g}" for v in row)] for name, row in zip(down, K, strict=True)]
+        return show.card(self, [("u = K x with", below)], show.grid(["", *across], rows))
 
 
 def _squares(model: Identified) -> tuple[Floats | None, int]:

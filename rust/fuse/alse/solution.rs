@@ -58,6 +58,7 @@ impl Clock {
 
 /// Weights with their certificate.
 #[derive(Debug, Clone)]
+#[non_exhaustive]
 pub struct CertifiedWeights {
     /// One weight per realization, feasible.
     pub weights: Vec<f64>,

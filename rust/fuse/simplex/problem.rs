@@ -157,6 +157,7 @@ impl Default for Options {
 
 /// The end of the search, judged by the gap.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum WeightStatus {
     /// The gap is at most `tol ||E*||^2` (`tol` times the squared norm of a realization where `E* = 0`).
     Optimal,

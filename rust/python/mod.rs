@@ -24,6 +24,7 @@ mod laws;
 mod limited;
 mod limits;
 mod outputs;
+mod pieces;
 mod pilot;
 mod readings;
 mod realizations;
@@ -87,6 +88,8 @@ mod _core {
     use super::limits::{box_batch, box_control, weight_root};
     #[pymodule_export]
     use super::outputs::{entered_region, output_tube};
+    #[pymodule_export]
+    use super::pieces::PyPieces;
     #[pymodule_export]
     use super::pilot::{PyPilot, PyReference};
     #[pymodule_export]

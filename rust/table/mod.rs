@@ -3,12 +3,14 @@
 
 mod cell;
 mod layout;
+mod pieces;
 mod time;
 
 use std::ops::Range;
 
 use csv::{Reader, StringRecord};
 
+pub use pieces::Pieces;
 pub use time::instants;
 
 use crate::error::{Error, Result};

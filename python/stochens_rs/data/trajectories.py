@@ -15,10 +15,11 @@ from .._base import running, show, validation
 from .._base.names import Labels, checked_names, order_of
 from .._base.records import SavedRecord
 from .._base.types import ArrayLike, Figure, Floats, NDArray, Places, Self, SubFigure, shared
+from .._core import Pieces
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..plots.panels import draw_runs
 from ..rng import RngLike, as_key
-from .gaps import OnGap, Pieces, pairs_of, warn_of_ends
+from .gaps import OnGap, pairs_of, warn_of_ends
 from .table import Columns, Table, csv_files, read_runs
 
 
@@ -36,12 +37,12 @@ def _rebuild(
 ) -> Trajectories:
     """Make trajectories from their fields, which may come from anywhere."""
     checked, count = validation.matrix("rows", rows).copy(), validation.size("n", n)
-    each = np.array(
-        [validation.size("lengths", T) for T in np.asarray(lengths).tolist()], dtype=np.int64
-    )
-    if checked.shape[1] <= 2 * count or each.sum() != len(checked):
+    whole_numbers = [np.asarray(one) for one in (lengths, gaps, lost)]
+    if any(one.dtype.kind not in "iu" for one in whole_numbers):
+        raise InputTypeError("`lengths`, `gaps` and `lost` must be whole numbers")
+    pieces = Pieces(*(one.ravel().astype(np.int64) for one in whole_numbers))
+    if checked.shape[1] <= 2 * count or pieces.lengths.sum() != len(checked):
         raise InputTypeError("the fields of these Trajectories do not fit together")
-    pieces = Pieces.checked(each, np.asarray(gaps), np.asarray(lost))
     made = Trajectories._of(checked, pieces, count, dt, state_names, input_names, bool(outputs))
     if whole is None:
         return made
@@ -151,7 +152,7 @@ class Trajectories(SavedRecord):
             n, m = run.shape[1], control.shape[1]
             checked.append((run, control))
         rows = np.vstack([np.hstack([run[:-1], acting, run[1:]]) for run, acting in checked])
-        pieces = Pieces.whole(np.array([len(acting) for _, acting in checked], dtype=np.int64))
+        pieces = Pieces(np.array([len(acting) for _, acting in checked], dtype=np.int64))
         read = validation.flag("outputs", outputs)
         made = cls._of(rows, pieces, checked[0][0].shape[1], dt, state_names, input_names, read)
         warn_of_ends(checked, made.state_names)
@@ -366,7 +367,7 @@ class Trajectories(SavedRecord):
         acting = validation.matrix("u", u, rows=N)
         after = validation.matrix("x_next", x_next, rows=N, cols=n)
         running.need("the pairs", (2 * before.nbytes) + acting.nbytes)
-        pieces = Pieces.whole(np.ones(N, dtype=np.int64))
+        pieces = Pieces(np.ones(N, dtype=np.int64))
         rows = np.hstack([before, acting, after])
         return cls._of(rows, pieces, n, dt, state_names, input_names, False)
 
@@ -620,7 +621,7 @@ class Trajectories(SavedRecord):
             return NotImplemented
         return (
             self._about() == other._about()
-            and self.layout.same(other.layout)
+            and self.layout == other.layout
             and np.array_equal(self.rows, other.rows)
         )
 

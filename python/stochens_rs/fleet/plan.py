@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
 
@@ -23,11 +23,9 @@ from ..identification.identified import Identified
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import Task, read_task
 from ..plots.lines import draw_misses
+from ..system.system import System
 from ..theory import scenario
 from ..validation.fresh_systems import needed, rank_of
-
-if TYPE_CHECKING:
-    from ..system.system import System
 
 Risk: TypeAlias = Literal["mean", "worst"]
 Method: TypeAlias = Literal["compression", "a priori", "discarding", "hold-out"]

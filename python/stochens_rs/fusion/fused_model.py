@@ -12,7 +12,7 @@ deviations of the rows.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -21,14 +21,12 @@ from .._base import show, validation
 from .._base.names import order_of
 from .._base.records import SavedRecord, cached_property
 from .._base.types import ROUNDING, Floats, Status
+from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, ShapeError
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.region import Region
-
-if TYPE_CHECKING:
-    from ..data import Trajectories
 
 # Least unit of a row, of the size of its outcomes: the weights of rows are then at most 1e6 apart,
 # and directions of the hull are seen in all of them (`position` drops those below 1e-10).

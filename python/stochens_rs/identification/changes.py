@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -12,14 +12,12 @@ from .._base import show, validation
 from .._base.records import Count, FromZero, Index, Probability, SavedRecord, trusted
 from .._base.running import get_num_threads
 from .._base.types import Floats
+from ..data import Trajectories
 from ..exceptions import InputError
 from .assumptions import Design, NoiseLaw
+from .identified import Identified
 from .region import Region, entered
 from .window import Regressors, of_names, rows_of
-
-if TYPE_CHECKING:
-    from ..data import Trajectories
-    from .identified import Identified
 
 ChangeStatus: TypeAlias = Literal["refuted", "not refuted", "too few pairs"]
 SHARE = 0.01  # of the probability, for a bound of a covariance that the region does not have

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from .. import _core
 from .._base import show
@@ -14,10 +14,8 @@ from .._base.types import DELTA, Floats
 from ..exceptions import StochensError
 from ..system.system import System
 from .checks import missing_directions
-
-if TYPE_CHECKING:
-    from .region import Region
-    from .window import Regressors
+from .region import Region
+from .window import Regressors
 
 LISTED = 12  # most rows and columns of a table of coefficients
 WIDE = 100  # characters of a line

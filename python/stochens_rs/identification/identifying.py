@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -16,17 +16,14 @@ from .._base.running import get_num_threads, warn
 from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, moved, pooled
 from ..exceptions import InputError, NonFiniteError, ShapeError
+from ..system.system import System
 from . import assumptions
 from .assumptions import ANY, Misfit, Noise, Pilot, Window, sizes_of
 from .checks import checked_residuals, tested_rows, too_many
+from .identified import Identified
 from .model import Model, require_fit
 from .pilot import made
 from .window import Regressors, complete, of_states, rows_of, spread
-
-if TYPE_CHECKING:
-    from ..system.system import System
-    from .identified import Identified
-
 
 POLES = (0.2, 0.4, 0.6, 0.8, 0.9)  # of filters that are tried
 FILTERS, LAGS = 6, 12  # how many at most

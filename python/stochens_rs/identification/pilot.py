@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -16,10 +16,8 @@ from ..data.trajectories import Trajectories, require_whole, shared_rows
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..system.system import System
 from ..theory.exact import best_control, states
+from .assumptions import Assumptions, Pilot
 from .window import of_states, rows_of
-
-if TYPE_CHECKING:
-    from .assumptions import Assumptions, Pilot
 
 MOST = 100_000  # steps of a reference
 

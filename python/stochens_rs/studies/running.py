@@ -42,13 +42,13 @@ _GRACE = 5.0  # seconds that running blocks get to end after Ctrl-C
 _LONGEST = 300  # characters of the text of an error
 
 
+@dataclass(eq=False)
 class Interruption:
     """Whether a run is to stop, and whether a task runs that a signal may break off."""
 
-    def __init__(self) -> None:
-        self.count = 0
-        self.number = 0  # of the first signal
-        self.breakable = False
+    count: int = 0
+    number: int = 0  # of the first signal
+    breakable: bool = False
 
 
 _open: list[Interruption] = []  # of the runs in the main thread, the outermost first
@@ -156,14 +156,10 @@ def _run_tasks(
             break
         states.append(state)
         errors += failure
-    return Block(
-        tasks[: len(states)],
-        np.array(states, np.int8),
-        {name: rows[: len(states)] for name, rows in values.items()} if DONE in states else {},
-        tuple(errors),
-        fingerprint(),
-        time.perf_counter() - began,
-    )
+    count, seconds = len(states), time.perf_counter() - began
+    done = {name: rows[:count] for name, rows in values.items()} if DONE in states else {}
+    states_of = np.array(states, np.int8)
+    return Block(tasks[:count], states_of, done, tuple(errors), fingerprint(), seconds)
 
 
 def _fitted(found: object, layout: Layout, grid: Grid) -> tuple[dict[str, Any], Layout]:

@@ -350,15 +350,10 @@ class Study:
     ) -> Self:
         """A study as a manifest says, with nothing done yet."""
         try:
-            study = cls(
-                function or _unknown,
-                found.grid if grid is None else grid,
-                replicates=range(*found.replicates),
-                rng=found.key,
-                nested=found.nested,
-                shared=found.shared,
-                version=found.version,
-            )
+            axes, span = found.grid if grid is None else grid, range(*found.replicates)
+            about: Any = {"rng": found.key, "nested": found.nested, "shared": found.shared}
+            about["version"] = found.version
+            study = cls(function or _unknown, axes, replicates=span, **about)
         except (InputError, InputTypeError) as error:
             raise StateError(f"{path} is not the file of this study: {error}") from error
         study._found = found
@@ -424,19 +419,10 @@ class Study:
         if function is None:
             assert self._found is not None
             return replace(self._found, replicates=span)
-        return Manifest(
-            stochens_rs=package_version(),
-            key=self.key,
-            grid=self._grid.labels,
-            digests=self._grid.digests(),
-            nested=self._grid.nested,
-            shared=self._grid.shared,
-            replicates=span,
-            function=self._name,
-            version=self._version,
-            function_digest=tasks.function_digest(function, self._version),
-            units=self._units,
-        )
+        grid, version = self._grid, self._version
+        axes = grid.labels, grid.digests(), grid.nested, grid.shared
+        own = self._name, version, tasks.function_digest(function, version), self._units
+        return Manifest(package_version(), self.key, *axes, span, *own)
 
     def __repr__(self) -> str:
         axes = "".join(f"{len(labels)} {name} x " for name, labels in self._grid.labels.items())

@@ -260,10 +260,7 @@ def wrong(found, plan, path):
 DECLARED = {
     "known": lambda S, B: {"covariance": S},
     "independent": lambda S, B: {"covariance": S, "design": "independent"},
-    "by rows": lambda S, B: {
-        "covariance": S,
-        "known": (None, np.where(np.abs(B) > 1.0, B, np.nan)),
-    },
+    "by rows": lambda S, B: {"covariance": S, "known": (None, np.where(abs(B) > 1, B, np.nan))},
     "unknown": lambda S, B: {},
 }
 

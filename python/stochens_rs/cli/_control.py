@@ -195,9 +195,8 @@ def _text(plan: Any, found: Any, near: Any, names: Any, path: Any, xf: Any) -> s
     lines = [*grid(rows), "", str(plan)]
     if found is None:
         off = float(np.linalg.norm(path[-1] - xf))
-        where = "at the target"
-        if off > ROUNDING * float(np.abs(path).max()):
-            where = f"{off:.4g} from the target"
+        there = off <= ROUNDING * float(np.abs(path).max())
+        where = "at the target" if there else f"{off:.4g} from the target"
         lines.append(f"ends       {where}; the system is taken as known")
     else:
         each = found.quantities.get("last", found.quantities.get("components"))

@@ -1,4 +1,4 @@
-"""What is declared of measured runs, never inferred: `Noise`, `Window`, `Pilot`, `Assumptions`."""
+"""What is declared of measured runs, never inferred: `Noise`, `Window`, `Pilot`, `Misfit`."""
 
 from __future__ import annotations
 

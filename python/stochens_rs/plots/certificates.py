@@ -1,4 +1,4 @@
-"""What data say: radii of a certificate, regions of coefficients, residuals."""
+"""What data say: radii of a certificate, regions of coefficients, residuals, margins of a loop."""
 
 from __future__ import annotations
 

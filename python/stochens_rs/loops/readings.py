@@ -28,12 +28,15 @@ from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import Task, loop_of, read_task
 from ..validation.held_out import PredictedLoop
 from .loop import ControlLoop
+from .preview import preview
 from .regulator import condensed
 from .sensors import bounded, explained
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
 FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected
 SURE = 3.0  # deviations of the noise: what a loop runs with knows the next readings so well
+EASE = 0.01  # of the weights of the inputs of a gain: what those cost that are known beforehand
+SETTLES = 100  # calls behind the last target in which what was added to the inputs dies out
 MOVED = 0.01  # of the range of the limits: how far the set point may move without a new problem
 
 
@@ -148,6 +151,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_solver",
         "_started",
         "_system",
+        "_way",
         "_weights",
         "_window",
         "model",
@@ -159,6 +163,7 @@ class ReadingLoop(ControlLoop[Reading]):
     _forward: Floats
     _rows: Floats
     _given: Floats  # the inputs that are measured, (m,); nan where one is chosen
+    _way: tuple[Floats, Floats] | None  # of the window along the targets to come, and these
     _moves: tuple[Floats, Floats, Floats]  # the target from that of `_point`, its slope, and inputs
 
     def __init__(
@@ -224,7 +229,7 @@ class ReadingLoop(ControlLoop[Reading]):
         self._low, self._high, self._weights = low.copy(), high.copy(), outputs
         self._of(model, gain)
         self._solved = np.zeros(model.n), np.zeros(m)  # of the problem that is solved, at rest
-        self._rows = targets(model, target)
+        self._rows, self._way = self._padded(targets(model, target)), None
         here, of_inputs = (one.mean(axis=0) for one in model.data.pairs()[:2])
         fixed = np.isin(model.input_names, names)
         self._given = np.where(fixed, of_inputs, np.nan)
@@ -491,25 +496,33 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""
-        before = self._rows, self._point, self._aimed, self._forward, self._moves
+        before = self._rows, self._point, self._aimed, self._forward, self._moves, self._way
         now = self._window.now
         here = self._aimed[0] if now is None else now[0][: rows.shape[1]]
         with np.errstate(all="ignore"):
             self._require(rows, here)
             try:
-                self._rows = rows
+                self._rows = rows = self._padded(rows)
                 if (np.isnan(rows[0]) == np.isnan(self._aimed[1])).all():
                     self._forward = self._feed_forward()
                 else:
                     self._aim(here, rows[0])
                 self._window.aim(self._toward())
             except BaseException:
-                self._rows, self._point, self._aimed, self._forward, self._moves = before
+                self._rows, self._point, self._aimed, self._forward, self._moves = before[:5]
+                self._way = before[5]
                 raise
+
+    def _padded(self, rows: Floats) -> Floats:
+        """Targets to come, the last one for some more calls."""
+        if len(rows) == 1 or self._law is None:
+            return rows
+        return np.vstack([rows, np.repeat(rows[-1:], SETTLES, axis=0)])
 
     def _next_target(self) -> None:
         if len(self._rows) > 1:
             self._rows, self._forward = self._rows[1:], self._forward[1:]
+            self._way = self._way and (self._way[0][1:], self._way[1][1:])
             self._window.aim(self._toward())
 
     def _step(self, row: Floats) -> Floats:
@@ -537,31 +550,41 @@ class ReadingLoop(ControlLoop[Reading]):
     def _feed_forward(self) -> Floats:
         """What targets to come add to the input of the gain, (h, m), 0 without weights.
 
-        ``v_k = -(R + B'SB)^-1 B' sum_j (A0')^j S s_{k+j}``, s what the window of the moving target
-        lacks of the next one, S of the cost: the best control of a quadratic cost with preview.
+        With it the loop of the model goes the way ``x*`` of the least ``sum |y - r|_Q^2 + EASE |u -
+        u_s|_R^2``, Q and R of the gain: these are weighed against noise, and what is known
+        beforehand has none. With R itself, where that takes the inputs out of limits and data.
         """
         rows, model = self._rows, self.model
+        forward: Floats = np.zeros((len(rows), model.m))
         if self._law is None or len(rows) == 1:
-            return np.zeros((len(rows), model.m))
-        (S, R), none = self._law, np.zeros(model.n_outputs)
-        after = np.vstack([rows[1:], rows[-1:]])
-        steps = zip(rows, _or_zero(after - rows), strict=True)
-        own = np.zeros(model.m)
+            self._way = None
+            return forward
+        (S, R), none, n, p = self._law, np.zeros(model.n_outputs), model.n, model.n_outputs
+        slopes = np.nan_to_num(np.vstack([rows[1:], rows[-1:]]) - rows)
+        own, chosen = np.zeros(model.m), np.isnan(self._given)
+        steps = zip(rows, slopes, strict=True)
         found = [self._point.moving(none, self._step(row), slope, own) for row, slope in steps]
         x, u = (np.array(each) for each in zip(*found, strict=True))
-        c = np.zeros(model.n) if model.c is None else model.c
-        s = x @ model.A.T + u @ model.B.T + c - np.vstack([x[1:], x[-1:]])
-        B, after = model.B, np.zeros(model.n)
-        A0 = model.A + B @ self._policy
-        forward: Floats = np.zeros((len(rows), model.m))
-        chosen = np.isnan(self._given)
-        per = np.zeros((model.m, model.n))
-        per[chosen] = -np.linalg.solve((R + B.T @ S @ B)[np.ix_(chosen, chosen)], B[:, chosen].T)
-        for k in range(len(rows) - 1, -1, -1):
-            after = A0.T @ after + S @ s[k]
-            forward[k] = per @ after
+        A, B, K, H = model.A, model.B, self._policy, model.coefficients @ model.loop.J
+        Q = (S - A.T @ S @ (A + B @ K))[:p, :p]  # of Riccati's equation
+        w = u[:, ~chosen] @ B[:, ~chosen].T + (0.0 if model.c is None else model.c)
+        of, u = (A, B[:, chosen], H[:, :n], H[:, n : n + model.m][:, chosen]), u[:, chosen]
+        start = self._point.moving(none, self._step(rows[0]), none, own)[0]
+        if self._way is not None and np.allclose(rows[0], self._way[1][0], equal_nan=True):
+            start = self._way[0][0]
+        used = np.vstack([model.data.pairs()[1][:, chosen], u])
+        low = np.maximum(self._low[chosen], used.min(axis=0)) - 1e-9
+        high = np.minimum(self._high[chosen], used.max(axis=0)) + 1e-9
+        for ease in (EASE, 1.0):
+            weights = Q, ease * R[np.ix_(chosen, chosen)]
+            forward[:, chosen], way = preview(of, weights, K[chosen], (x, u, w), start)
+            acts = u + forward[:, chosen] + (way - x) @ K[chosen].T
+            if ((acts >= low) & (acts <= high)).all():
+                break
         if not np.isfinite(forward).all():
             raise NonFiniteError("`target` is too large: the inputs overflow")
+        forward[-1] = 0.0  # the last target stays
+        self._way = way, rows
         return forward
 
     @property

@@ -47,6 +47,21 @@ def spent(call: Callable[[Floats], Floats], calls: int, size: float = 0.3) -> Fl
     return 1e-9 * took
 
 
+def core(loop: se.Regulator, *, cold: bool = False) -> Callable[[Floats], Floats]:
+    """The plan alone; `cold`: without the active limits of the call before."""
+    solver, m, rated = loop._solver, loop.m, loop._task.rate is not None
+
+    def call(x: Floats) -> Floats:
+        if cold:
+            solver.resume(None)
+        u = solver.solve(x, None).control[:m]
+        if rated:
+            solver.follow(u)
+        return u
+
+    return call
+
+
 def main() -> None:
     """Print the table."""
     calls = int(sys.argv[1]) if len(sys.argv) > 1 else 1_000_000
@@ -57,22 +72,10 @@ def main() -> None:
     print("|---|---|---:|---:|---:|---:|")
     for name, limits in LIMITS.items():
         loop = se.regulate(plant(), 20, limits=limits, cost=se.Cost(Q=1.0, R=0.1))
-        solver, m, rated = loop._solver, loop.m, limits.rate is not None
-
-        def core(x: Floats) -> Floats:
-            u = solver.solve(x, None).control[:m]
-            if rated:
-                solver.follow(u)
-            return u
-
-        def cold(x: Floats) -> Floats:
-            solver.resume(None)
-            return core(x)
-
         bound = 1e6 * loop.worst_time().seconds
         for what, call, count in (
-            ("core", core, calls),
-            ("core, cold", cold, calls // 10),
+            ("core", core(loop), calls),
+            ("core, cold", core(loop, cold=True), calls // 10),
             ("whole call", loop, calls),
         ):
             took = 1e6 * spent(call, count)

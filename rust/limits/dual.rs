@@ -6,12 +6,10 @@
 //! one at a time, with updates of one factor. W may be singular, as only products of rows with it are used: a limit that may
 //! be exceeded at the cost `w s^2` is one with `1 / w` added to its diagonal entry.
 
-use std::time::Instant;
-
 use super::factor::Factor;
 use super::kernel::{add_lines, padded};
 use super::quadratic::{Status, Until};
-use super::solve::Most;
+use super::solve::{Most, measured};
 use crate::error::Result;
 use crate::memory::{checked_len, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
@@ -25,9 +23,6 @@ const PATIENCE: usize = 4;
 const ROUNDING: f64 = 1e-13;
 /// Share of a product with itself below which a row depends on those before it.
 const DEPENDENT: f64 = 100.0 * f64::EPSILON;
-
-/// How often a part of a search is measured; the longest counts.
-const MEASURED: usize = 5;
 
 /// How a search ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,42 +124,40 @@ impl Dual {
     pub(super) fn most(&mut self) -> Result<Most> {
         let (size, stop) = (self.size as f64, Stop::new());
         let until = Until::new(&stop, None);
-        // as many active rows as there can be independent ones without limited states; the time of more grows with the work
-        self.side.fill(0);
-        self.side[..self.d].fill(1);
+        // as many active rows as there are inputs; the time of more grows with the work
         let more = size / self.d as f64;
-        let mut times = [0.0f64; 2];
-        for _ in 0..MEASURED {
-            let start = Instant::now();
-            self.face(until)?;
-            self.exchange();
-            times[0] = times[0].max(start.elapsed().as_secs_f64());
+        let round = measured(|| {
             self.side.fill(0);
             self.side[..self.d].fill(1);
-            self.set.clear();
-            for row in 0..self.d {
-                self.enter(row);
-            }
-            let start = Instant::now();
+            self.face(until)?;
+            self.exchange();
+            Ok(())
+        })?;
+        self.side.fill(0);
+        self.side[..self.d].fill(1);
+        self.set.clear();
+        for row in 0..self.d {
+            self.enter(row);
+        }
+        let exchange = measured(|| {
             self.aim(false);
             self.moved();
             std::hint::black_box(self.rows().filter(|row| self.broken(*row).is_some()).count());
-            if !self.set.is_empty() {
+            if let Some(row) = self.set.first().copied() {
                 self.leave(0);
-                self.enter(0);
+                self.enter(row);
+                self.side[row] = 1;
             }
-            times[1] = times[1].max(start.elapsed().as_secs_f64());
-            self.side[..self.d].fill(1);
-        }
+            Ok(())
+        })?;
         self.side.fill(0);
-        let (rounds, exchanges) = (ROUNDS as f64, self.exchanges() as f64);
-        // the exchanges begin with a factor of their own
-        let round = size * size * (size / 3.0 + 8.0) + 8.0 * self.side.len() as f64;
-        let exchange = 12.0 * size * size + 8.0 * self.side.len() as f64;
+        let (rounds, exchanges, rows) = (ROUNDS as f64, self.exchanges() as f64, 8.0 * self.side.len() as f64);
         Ok(Most {
             factorizations: ROUNDS + self.exchanges(),
-            operations: (rounds + 1.0) * round + exchanges * exchange,
-            seconds: (rounds * times[0] * more.powi(3)) + (exchanges + size) * times[1] * more.powi(2),
+            // the exchanges begin with a factor of their own
+            operations: (rounds + 1.0) * (size * size * (size / 3.0 + 8.0) + rows)
+                + exchanges * (12.0 * size * size + rows),
+            seconds: rounds * round * more.powi(3) + (exchanges + size) * exchange * more.powi(2),
         })
     }
 

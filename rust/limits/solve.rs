@@ -1,5 +1,7 @@
 //! One problem, and what one problem and many share.
 
+use std::time::Instant;
+
 use super::bounds::Bounds;
 use super::certificate::{Certificate, status};
 use super::dense::Dense;
@@ -75,6 +77,18 @@ pub struct Most {
     pub operations: f64,
     /// What they take on this machine [s], by the time of each part as measured.
     pub seconds: f64,
+}
+
+/// The median of five times of some work [s]: another process may interrupt one or two.
+pub(super) fn measured(mut work: impl FnMut() -> Result<()>) -> Result<f64> {
+    let mut times = [0.0; 5];
+    for time in &mut times {
+        let start = Instant::now();
+        work()?;
+        *time = start.elapsed().as_secs_f64();
+    }
+    times.sort_by(f64::total_cmp);
+    Ok(times[2])
 }
 
 /// `R`: its diagonal, or all of it.

@@ -1,22 +1,19 @@
 //! One `M` for many states.
 
-use std::time::Instant;
-
 use super::bounds::Bounds;
 use super::dense::Dense;
 use super::orthogonal::reduce;
 use super::quadratic::{Quadratic, Until};
 use super::search::{FACTORIZATIONS, Search};
-use super::solve::{Most, Penalty, Solution, checked_warm, find, stacked, tell};
+use super::solve::{Most, Penalty, Solution, checked_warm, find, measured, stacked, tell};
 use crate::error::{Error, Result, require_finite};
 use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
 use crate::parallel::Stop;
 
 const WHAT: &str = "a control within limits";
 
-/// Gradients for each factorization, at most, and how often both are measured; the longest counts.
+/// Gradients for each factorization, at most.
 const GRADIENTS: usize = 6;
-const MEASURED: usize = 5;
 
 /// One `M`, `R` and limits for many `x` with `y = target - state x`.
 pub struct Solver {
@@ -110,17 +107,15 @@ impl Solver {
     /// As [`super::box_control`].
     pub fn most(&mut self) -> Result<Most> {
         let (d, stop) = (self.low.len() as f64, Stop::new());
-        let mut seconds = 0.0f64;
-        for _ in 0..MEASURED {
-            let start = Instant::now();
-            self.shifted.fill(0);
-            self.search.u.fill(0.0);
+        self.shifted.fill(0);
+        self.search.u.fill(0.0);
+        let seconds = measured(|| {
             self.dense.barrier(&self.shifted, &self.y, Until::new(&stop, None))?;
             for _ in 0..GRADIENTS {
                 self.dense.slope(&self.search.u, &mut self.search.g);
             }
-            seconds = seconds.max(start.elapsed().as_secs_f64());
-        }
+            Ok(())
+        })?;
         let each = d * d * (d / 3.0 + 4.0 * GRADIENTS as f64);
         // those by orthogonal factors take four times the work
         let (factorizations, count) = (2 * FACTORIZATIONS, 5.0 * FACTORIZATIONS as f64);

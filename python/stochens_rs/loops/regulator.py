@@ -143,11 +143,17 @@ class Regulator(ControlLoop[Call]):
         self._set(checked, validation.instance("task", task, Task))
         self._plan: Floats | None = None
         self._held = 0
+        self._last = np.zeros(self.m) if task.previous is None else task.previous
         super().__init__(self._start())
+
+    def _acting(self) -> Task:
+        """The task from the input that acts now on."""
+        task = self._task
+        return task if task.rate is None else replace(task, previous=self._last.copy())
 
     def _start(self) -> Floats:
         """The input before the first plan: the one that acts, or 0, within the limits."""
-        none = np.zeros(self.m) if self._task.previous is None else self._task.previous
+        none = np.zeros(self.m) if self._task.rate is None else self._last
         return np.clip(none, self._task.low[0], self._task.high[0])
 
     def _set(self, system: System | Identified, task: Task) -> None:
@@ -266,7 +272,6 @@ class Regulator(ControlLoop[Call]):
             # nothing above has changed the loop, so that an exception leaves it as it was
             self._plan, self._held = plan, held
             if self._task.rate is not None:
-                self._task = replace(self._task, previous=u.copy())
                 self._solver.follow(u)
             call = Call(state, u, status, gap, perf_counter() - started, reason)
             return self._entered(call, u, state, self._last)
@@ -277,14 +282,14 @@ class Regulator(ControlLoop[Call]):
         limit = self._time_limit
 
         def again() -> Found:
-            self._set(self._system, self._task)
+            self._set(self._system, self._acting())
             left = None if limit is None else max(limit - perf_counter() + started, 1e-6)
             return self._solve(x, left)
 
         try:
             return *kept.choose(x, found, again, started + (limit or np.inf)), None
         except SolverError as error:
-            self._set(self._system, self._task)  # without what was kept back for the model
+            self._set(self._system, self._acting())  # without what was kept back for the model
             return None, kept.unplanned(x), "infeasible", np.nan, str(error)
 
     def _solve(self, x: Floats, limit: float | None) -> Found:
@@ -300,14 +305,14 @@ class Regulator(ControlLoop[Call]):
         self.kept = None if kept is None else Kept.__new__(Kept)
         if self.kept is not None:
             vars(self.kept).update(kept)
-        self._set(self._system, self._task)
+        self._set(self._system, self._acting())
         self._solver.resume(warm)
 
     def _forget(self) -> None:
         self._plan, self._held, self._safe = None, 0, self._start()
         if self.kept is not None:
             self.kept.reset()
-            self._set(self._system, self._task)
+            self._set(self._system, self._acting())
         self._solver.resume(None)
 
     @property
@@ -404,7 +409,7 @@ class Regulator(ControlLoop[Call]):
         checked = checked_model(system)
         with self._turn():
             warm = self._solver.warm()
-            self._set(checked, self._task)
+            self._set(checked, self._acting())
             self._solver.resume(warm)
             if not self.labels.given:
                 self.labels = checked.labels

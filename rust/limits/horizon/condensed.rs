@@ -52,10 +52,12 @@ impl Horizon {
         let (n, m, steps) = (self.n, self.m, self.steps);
         let (d, more) = (steps * m, steps * n);
         let (size, wide) = (d + states.len(), d + states.len() + n + 1);
-        let kept = checked_len(WHAT, if states.is_empty() { d } else { d + more }, wide)?;
-        let bytes = 8 * ((kept + 8 * n * wide) as u128 + (steps * (n + m + 4) * (n + m + 4)) as u128);
+        // columns are padded to whole lines of the cache
+        let kept = checked_len(WHAT, if states.is_empty() { d + 8 } else { d + more + 16 }, wide)?;
+        let small = (n + 8) * (wide + 8) + steps * (n + m + 8) * (n + m + 8);
+        let bytes = 8 * (kept as u128 + 8 * small as u128);
         room_for_products()?;
-        let (u, x) = covered(WHAT, 4 * bytes, || self.rolled_out(states, wide))??;
+        let (u, x) = covered(WHAT, 2 * bytes, || self.rolled_out(states, wide))??;
         let at = |i: usize, j: usize| if i < d { u[(i, j)] } else { x[(states[i - d], j)] };
         let mut inverse = try_room(WHAT, checked_len(WHAT, size, size + 1)? / 2)?;
         (0..size).for_each(|i| (0..=i).for_each(|j| inverse.push(-0.5 * (at(i, j) + at(j, i)))));

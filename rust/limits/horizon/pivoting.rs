@@ -5,8 +5,6 @@
 //! costates, as in `rows`: with multipliers `l` of rates and states, `e` the part of the half gradient that no limit of an
 //! input balances and `s = l' (c - C u)`, `J(u) - min J <= s + e' H^-1 e`.
 
-use std::time::Instant;
-
 use super::map::{Horizon, WHAT};
 use crate::error::{Error, Result};
 use crate::limits::bounds::Bounds;
@@ -16,7 +14,7 @@ use crate::limits::kernel::{Work, add_lines, add_rows, dot, kernel, padded, time
 use crate::limits::linear::least_eigenvalue;
 use crate::limits::quadratic::{Method, Status, Until};
 use crate::limits::rows::{KEPT, Within, clipped};
-use crate::limits::solve::{Most, Solution};
+use crate::limits::solve::{Most, Solution, measured};
 use crate::memory::{checked_len, try_filled, try_push, try_room, try_zeros};
 
 /// Inputs and limited states up to which there is a table of their products.
@@ -314,21 +312,19 @@ impl Pivoting {
     /// The work of a call at most: of the search, and of plans that are judged.
     pub(super) fn most(&mut self, h: &Horizon) -> Result<Most> {
         let mut most = self.dual.most()?;
-        let mut seconds = 0.0f64;
         let (d, n, m) = (h.steps * h.m, h.n, h.m);
-        for _ in 0..3 {
-            let start = Instant::now();
+        let seconds = measured(|| {
             self.states_of(h, false);
             self.size_states(h);
             self.e[..d].fill(1.0);
             self.solved();
             self.solved();
             self.states_of(h, true);
-            let Self { lines, w, p, residual, .. } = self;
+            let Self { lines, w, p, residual, .. } = &mut *self;
             pulled(&lines.rows, &lines.columns[1], w, p, residual);
             pulled(&lines.rows, &lines.columns[1], w, p, residual);
-            seconds = seconds.max(start.elapsed().as_secs_f64());
-        }
+            Ok(())
+        })?;
         let judged = (h.steps * (10 * n * n + 8 * n * m + 4 * m * m)) as f64 + 4.0 * (d * d) as f64;
         most.operations += (JUDGED as f64) * judged + 2.0 * ((d + self.states.len()) * (n + 1)) as f64;
         most.seconds += 1.5 * (JUDGED as f64) * seconds;

@@ -8,7 +8,7 @@ use super::arrays::{Values, array};
 use super::error::{InputError, ShapeError};
 use crate::Key;
 use crate::fuse::Fusion;
-use crate::memory::{try_copy, try_room};
+use crate::memory::{try_copy, try_push, try_room};
 
 /// A read-only view of a contiguous array of doubles.
 pub(super) fn slice<'a, D: ndarray::Dimension>(
@@ -29,8 +29,11 @@ pub(super) fn named<'py>(
     sizes: Vec<(&'static str, usize)>,
     tables: Vec<(&'static str, Vec<f64>)>,
 ) -> PyResult<Tables<'py>> {
-    let made = tables.into_iter().map(|(name, values)| Ok((name, array1(py, values)?)));
-    Ok((sizes, made.collect::<PyResult<_>>()?))
+    let mut made = Vec::new();
+    for (name, values) in tables {
+        try_push("the tables of a controller", &mut made, (name, array1(py, values)?))?;
+    }
+    Ok((sizes, made))
 }
 
 /// 32 bytes as a key.

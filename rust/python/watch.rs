@@ -99,7 +99,7 @@ impl PyWatch {
     /// The readings that are watched.
     #[getter]
     fn rows(&self, py: Python<'_>) -> PyResult<Vec<usize>> {
-        self.0.with(py, 0.0, |watch, _| Ok(try_copy(WHAT, &watch.after().0.rows)?))
+        self.0.with(py, 0.0, |watch, _| try_copy(WHAT, &watch.after().0.rows))
     }
 
     /// Sizes and numbers by their names, for a controller without this core.

@@ -255,6 +255,7 @@ OWN = {
     "regulate": {"steps": 3},
     "Regressors.loop": {"Theta": np.ones((2, 4))},
     "Regressors.state_of": {"outputs": np.ones((3, 2)), "inputs": np.ones((2, 2))},
+    "ReadingLoop.swap": {"gain": se.gain(read_model(), 1.0, 1.0)},
     "ReadingLoop.start": {"record": (np.ones((3, 2)), np.ones((2, 2)))},
     "Plan.error": {"xf": XF},
     "Results.save": {"path": "results.json"},

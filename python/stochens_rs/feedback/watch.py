@@ -219,7 +219,7 @@ class Watch(Durable):
             return self.proof.of(None, gone if self.alarm is None else few)
         return self.proof.of(self._source.entered(region))
 
-    def attach(self, loop: Any) -> None:
+    def _attach(self, loop: Any) -> None:
         """Be the watch of a loop, which calls it; refused while it is that of another one."""
         other = self._loop and self._loop()
         if other is not None and other is not loop and other.watch is self:

@@ -83,7 +83,7 @@ class ControlLoop(Durable, Generic[Entry]):
         if watch is not None and validation.instance("watch", watch, Watch).names != self._signals:
             raise InputError(f"`watch` must be of {self._signals}, got one of {watch.names}")
         if watch is not None:
-            watch.attach(self)
+            watch._attach(self)
         self._watch = watch
 
     @property
@@ -224,7 +224,7 @@ class ControlLoop(Durable, Generic[Entry]):
         self._watch = None if watch is None else Watch.__new__(Watch)
         if self._watch is not None:
             self._watch.__setstate__(watch)
-            self._watch.attach(self)
+            self._watch._attach(self)
         self._busy = threading.Lock()
         for name, value in state.items():
             setattr(self, name, value)

@@ -552,7 +552,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
         With it the loop of the model goes the way ``x*`` of the least ``sum |y - r|_Q^2 + EASE |u -
         u_s|_R^2``, Q and R of the gain: these are weighed against noise, and what is known
-        beforehand has none. With R itself, where that takes the inputs out of limits and data.
+        beforehand has none.
         """
         rows, model = self._rows, self.model
         forward: Floats = np.zeros((len(rows), model.m))
@@ -572,15 +572,8 @@ class ReadingLoop(ControlLoop[Reading]):
         start = self._point.moving(none, self._step(rows[0]), none, own)[0]
         if self._way is not None and np.allclose(rows[0], self._way[1][0], equal_nan=True):
             start = self._way[0][0]
-        used = np.vstack([model.data.pairs()[1][:, chosen], u])
-        low = np.maximum(self._low[chosen], used.min(axis=0)) - 1e-9
-        high = np.minimum(self._high[chosen], used.max(axis=0)) + 1e-9
-        for ease in (EASE, 1.0):
-            weights = Q, ease * R[np.ix_(chosen, chosen)]
-            forward[:, chosen], way = preview(of, weights, K[chosen], (x, u, w), start)
-            acts = u + forward[:, chosen] + (way - x) @ K[chosen].T
-            if ((acts >= low) & (acts <= high)).all():
-                break
+        weights = Q, EASE * R[np.ix_(chosen, chosen)]
+        forward[:, chosen], way = preview(of, weights, K[chosen], (x, u, w), start)
         if not np.isfinite(forward).all():
             raise NonFiniteError("`target` is too large: the inputs overflow")
         forward[-1] = 0.0  # the last target stays

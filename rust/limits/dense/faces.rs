@@ -20,7 +20,7 @@ const SWEEPS: usize = 4;
 
 impl Dense {
     /// Memory for what is asked for at its first use.
-    pub(in crate::limits) fn reserve(&mut self) -> Result<()> {
+    pub(crate) fn reserve(&mut self) -> Result<()> {
         if (SMALL..=LARGE).contains(&self.d) {
             (self.inverse, self.spare) = (try_zeros(WHAT, self.h.len())?, try_zeros(WHAT, self.h.len())?);
             self.centre = try_room(WHAT, self.d)?;

@@ -13,8 +13,6 @@ mod solve;
 mod suboptimality;
 
 #[cfg(test)]
-mod loop_tests;
-#[cfg(test)]
 mod tests;
 
 pub use condensed::Condensed;

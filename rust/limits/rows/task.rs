@@ -8,7 +8,7 @@ use crate::memory::{try_copy, try_filled, try_zeros};
 pub(super) const WHAT: &str = "a control with limits on states or rates";
 
 /// Excess of a limit on a state, relative to the size that the state has on the way, up to which the limit is kept.
-pub(in crate::limits) const KEPT: f64 = 1e-9;
+pub(crate) const KEPT: f64 = 1e-9;
 /// Rounding of a step of `rate`, relative.
 const SLACK: f64 = 1e-12;
 /// Ratio of the sizes of two states from where each is scaled by its own.
@@ -107,17 +107,17 @@ fn sizes(h: &Steps<'_>, low: &[f64], high: &[f64]) -> Result<Vec<f64>> {
 }
 
 /// What rates leave of the inputs; a pair of a lower and an upper side, step by step.
-pub(in crate::limits) struct Within<'a> {
-    pub(in crate::limits) rate: &'a [f64],
+pub(crate) struct Within<'a> {
+    pub(crate) rate: &'a [f64],
     /// `u(-1)`
-    pub(in crate::limits) previous: &'a [f64],
+    pub(crate) previous: &'a [f64],
 }
 
 type Pair<'a> = (&'a mut [f64], &'a mut [f64]);
 
 impl Within<'_> {
     /// Values from where all later limits can be kept.
-    pub(in crate::limits) fn look_ahead(&self, (low, high): Pair<'_>) -> Result<()> {
+    pub(crate) fn look_ahead(&self, (low, high): Pair<'_>) -> Result<()> {
         let (rate, previous, m) = (self.rate, self.previous, self.rate.len());
         let gap = |l: f64, h: f64| l - h > SLACK * (1.0 + l.abs());
         for i in (0..low.len()).rev() {
@@ -141,7 +141,7 @@ impl Within<'_> {
     }
 
     /// The values that can be reached; where it is one, no limit but this is left of the input, with `width` of rounding.
-    pub(in crate::limits) fn reach(&self, (low, high): Pair<'_>, inputs: Pair<'_>, width: &mut [f64]) {
+    pub(crate) fn reach(&self, (low, high): Pair<'_>, inputs: Pair<'_>, width: &mut [f64]) {
         let (rate, previous, m) = (self.rate, self.previous, self.rate.len());
         for i in 0..low.len() {
             let (l, h) = if i < m { (previous[i], previous[i]) } else { (low[i - m], high[i - m]) };
@@ -157,7 +157,7 @@ impl Within<'_> {
 }
 
 /// An input inside its limits, and within the rate of the one `before`.
-pub(in crate::limits) fn clipped(
+pub(crate) fn clipped(
     value: f64,
     before: Option<(f64, f64)>,
     (low, high): (f64, f64),

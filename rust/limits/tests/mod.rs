@@ -4,6 +4,7 @@
 
 mod batches;
 mod horizons;
+mod loops;
 mod stops;
 
 use proptest::prelude::*;

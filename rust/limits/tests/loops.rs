@@ -2,10 +2,8 @@
 
 use std::time::{Duration, Instant};
 
-use super::{Horizon, RecedingHorizon, Task};
-use crate::Stop;
-use crate::limits::tests::Normal;
-use crate::limits::{Status, Until};
+use super::*;
+use crate::limits::horizon::{Horizon, RecedingHorizon, Task};
 use crate::memory::tests::counted;
 
 /// Limits besides those of single inputs.

@@ -5,6 +5,8 @@
 //! costates, as in `rows`: with multipliers `l` of rates and states, `e` the part of the half gradient that no limit of an
 //! input balances and `s = l' (c - C u)`, `J(u) - min J <= s + e' H^-1 e`.
 
+#![allow(clippy::needless_range_loop, reason = "formulas with indices")]
+
 use super::map::{Horizon, WHAT};
 use crate::error::{Error, Result};
 use crate::limits::bounds::Bounds;

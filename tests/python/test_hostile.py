@@ -305,6 +305,7 @@ OWN = {
     "design": {"limits": (-1.0, 1.0)},
     "Plan.validate": {"runs": np.ones((3, 2, 2))},
     "Regulator.validate": {"runs": np.ones((3, 2, 2))},
+    "ReadingLoop.validate": {"runs": np.ones((3, 4, 2))},
     "Plan.plot_phase": {"across": 0, "up": 1},
     "Trajectory.plot_phase": {"across": 0, "up": 1},
     "EnsembleTrajectory.plot_phase": {"across": 0, "up": 1},
@@ -343,6 +344,8 @@ TAKEN = {
     # runs that diverged
     ("Plan.validate", "runs"): {"nan matrix"},
     ("Regulator.validate", "runs"): {"nan matrix"},
+    ("ReadingLoop.validate", "runs"): {"nan matrix"},
+    ("identify", "known"): {"list of None"},
     ("Stream.run", "checkpoint"): {"text"},
     ("Study", "function"): {"class"},
     ("Study", "version"): {"text"},
@@ -383,7 +386,14 @@ MADE = {
 }
 
 OPTIONS = {"Limits", "Cost", "Uncertain", "Key"}  # records that users make
-SEPARATE = {"Ensemble", "ReadingLoop", "Watch", "Kept", "Plan.typical"}  # made by functions
+SEPARATE = {
+    "Ensemble",
+    "ReadingLoop",
+    "Watch",
+    "Kept",
+    "WorstTime",
+    "Plan.typical",
+}  # made by functions
 # programs, and what ends in files of Matplotlib
 SEPARATE |= {"main", "save", "save_figures"}
 STATEFUL = {"DataStream", "ModelStream", "Regulator", "ReadingLoop", "Stream", "Study"}

@@ -567,7 +567,7 @@ def test_errors_of_inputs_stay_within_their_ellipsoid():
         ball = Ball(rng)
         n, m = ball.n, ball.m
         sizes = rng.uniform(0.1, 1.0, m)
-        bound, most = ball.core.errors(sizes), np.zeros(n + m)
+        bound, most = ball.core.computed(np.zeros(n), 0.0, sizes), np.zeros(n + m)
         for _ in range(20):
             Theta = ball.member(rng)
             A0, B0 = Theta @ ball.J(), Theta[:, n:]

@@ -136,7 +136,8 @@ class Plan(SavedRecord, Timed):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; those of a model from data among them."""
-        return tuple(self.info.get("warnings", ()))
+        found = self.info.get("warnings", ())  # of a file it may be anything
+        return tuple(map(str, found)) if isinstance(found, (tuple, list)) else ()
 
     @property
     def _shape(self) -> tuple[int, int]:

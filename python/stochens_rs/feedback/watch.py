@@ -130,7 +130,22 @@ class Watch(Durable):
         return self._source.window.outputs, self._source.window.inputs
 
     def tables(self) -> Any:
-        """The sizes and numbers of the alarm, for a controller in C."""
+        """List the sizes and numbers of the alarm, for a controller in C.
+
+        Returns
+        -------
+        tuple of (list of (name, int), list of (name, ndarray))
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> z = np.random.default_rng(1).standard_normal((60, 3))
+        >>> data = se.Trajectories.from_pairs(z[:, :1], z[:, 1:2], z @ [[0.5], [1.0], [0.1]])
+        >>> proof = se.gain(se.identify(data), 1.0, 1.0).certificate(0.05)
+        >>> sizes, numbers = proof.watch(level=0.01).tables()
+        >>> len(sizes) > 0
+        True
+        """
         return self._core.tables()
 
     @property

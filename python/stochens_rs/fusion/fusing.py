@@ -176,7 +176,8 @@ def fuse(
     """
     if data is not None:
         for one in data if isinstance(data, (list, tuple)) else [data]:
-            if getattr(getattr(one, "data", one), "outputs", ()):
+            runs = one.data if isinstance(one, Model) else one
+            if isinstance(runs, Trajectories) and runs.outputs:
                 raise InputError(
                     "`data` must have states, got readings: models of states cannot be weighed by "
                     "readings of some of them; pass runs with all states of the models, states="

@@ -357,7 +357,7 @@ class ModelStream(Durable):
 
     def _to_sections(self) -> dict[str, Any]:
         if self._logs is not None:
-            return {**self._logs._to_sections(), "mixtures": _MIXTURES}
+            return {**self._logs._to_sections(), "mixtures": _MIXTURES, "outputs": np.ones(1)}
         state = self._state
         about = self._after(state)._to_sections()
         return {**about, "mixtures": _MIXTURES, "end": state[3]}
@@ -365,12 +365,12 @@ class ModelStream(Durable):
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> ModelStream:
         about = dict(sections)
-        mixtures, outputs = about.pop("mixtures"), "triangle" not in about
-        end = None if outputs else about.pop("end")
+        mixtures, outputs = about.pop("mixtures"), about.pop("outputs", None)
+        end = about.pop("end") if outputs is None else None
         if not np.array_equal(mixtures, _MIXTURES):
             raise InputError("`mixtures` must be those of this version: its event is another")
         made = cls.__new__(cls)
-        if outputs:
+        if outputs is not None:
             made._start(Logs._from_sections(about))
             return made
         model = Snapshot._from_sections(about)

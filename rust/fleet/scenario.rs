@@ -145,7 +145,7 @@ pub fn rank(size: usize, delta: f64, beta: f64) -> Result<usize> {
 pub fn required(epsilon: f64, dimension: usize, beta: f64) -> Result<usize> {
     level("epsilon", epsilon)?;
     level("beta", beta)?;
-    const MOST: usize = 1 << 53;
+    const MOST: usize = if usize::BITS > 53 { (1_u64 << 53) as usize } else { usize::MAX / 2 };
     let (odds, log_beta) = (Odds::new(epsilon / (1.0 - epsilon)), beta.ln());
     let enough = |size: usize| log_tails(size as f64, dimension as f64 - 1.0, odds).0 <= log_beta;
     let (mut low, mut high) = (dimension.saturating_sub(1), dimension);

@@ -5,7 +5,7 @@ use crate::memory::{try_collect, try_extend, try_push, try_room};
 
 const WHAT: &str = "the pieces of a log";
 /// Steps of a gap, so that no sum of them overflows.
-const LONGEST: usize = 1 << 40;
+const LONGEST: usize = if usize::BITS > 40 { (1_u64 << 40) as usize } else { usize::MAX >> 8 };
 
 /// Runs and their pieces.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

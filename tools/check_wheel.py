@@ -64,7 +64,7 @@ def look(wheel: Path) -> None:
         for name in LICENSES:
             assert packed.read(f"{info}/licenses/{name}"), name
     description = about["Description"] or about.get_payload()
-    assert "## From a CSV file to a control" in description
+    assert "## A plan within limits" in description
     assert not re.search(r"\]\((?![a-z]+:|#)", description), "a relative link in the description"
     print(f"{wheel.name} is complete: {size / 1e6:.2f} MB")
 

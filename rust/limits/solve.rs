@@ -75,7 +75,7 @@ pub struct Most {
     pub factorizations: usize,
     /// Operations with numbers.
     pub operations: f64,
-    /// What they take on this machine [s], by the time of each part as measured.
+    /// Seconds that they take on this machine, by the time of each part as measured.
     pub seconds: f64,
 }
 

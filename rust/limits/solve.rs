@@ -79,7 +79,7 @@ pub struct Most {
     pub seconds: f64,
 }
 
-/// The median of five times of some work [s]: another process may interrupt one or two.
+/// The median of five times of some work, in seconds: another process may interrupt one or two.
 pub(super) fn measured(mut work: impl FnMut() -> Result<()>) -> Result<f64> {
     let mut times = [0.0; 5];
     for time in &mut times {

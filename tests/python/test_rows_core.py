@@ -195,7 +195,8 @@ def test_the_twin_finds_the_same_control(kind: str) -> None:
         assert found.status == "optimal", (trial, found.gap)
         assert case.missing() == 0.0
         size = J + found.at_zero
-        assert found.gap <= 1e-9 * size
+        # plans with soft limits: as good as "optimal" says
+        assert found.gap <= (1e-9 if "soft" in kind else 1e-11) * size
         assert found.objective == pytest.approx(J, abs=1e-9 * size)
         p = case.problem()
         off = problems.norm(found.control - u, p.H)

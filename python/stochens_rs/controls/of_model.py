@@ -203,15 +203,8 @@ def planned(
 ) -> Plan:
     """The plan whose `info` has an entry for each of x0, xf and A, and its warnings."""
     status = worst(["completed", *statuses, *([limited.status] if limited else [])])
-    about = (
-        fusion,
-        status,
-        {**info, "singular_values": found.factors.singular_values},
-        basis,
-        limited,
-        labels,
-        dt,
-    )
+    info = {**info, "singular_values": found.factors.singular_values}
+    about = fusion, status, info, basis, limited, labels, dt
     return trusted(Plan, u, path, found.reachability(), *about)
 
 

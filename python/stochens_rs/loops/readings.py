@@ -496,7 +496,8 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""
-        before = self._rows, self._point, self._aimed, self._forward, self._moves, self._way
+        names = "_rows", "_point", "_aimed", "_forward", "_moves", "_way"
+        before = {name: getattr(self, name) for name in names}
         now = self._window.now
         here = self._aimed[0] if now is None else now[0][: rows.shape[1]]
         with np.errstate(all="ignore"):
@@ -509,8 +510,8 @@ class ReadingLoop(ControlLoop[Reading]):
                     self._aim(here, rows[0])
                 self._window.aim(self._toward())
             except BaseException:
-                self._rows, self._point, self._aimed, self._forward, self._moves = before[:5]
-                self._way = before[5]
+                for name, value in before.items():
+                    setattr(self, name, value)
                 raise
 
     def _padded(self, rows: Floats) -> Floats:
@@ -560,7 +561,7 @@ class ReadingLoop(ControlLoop[Reading]):
             self._way = None
             return forward
         (S, R), none, n, p = self._law, np.zeros(model.n_outputs), model.n, model.n_outputs
-        slopes = np.nan_to_num(np.vstack([rows[1:], rows[-1:]]) - rows)
+        slopes = _or_zero(np.vstack([rows[1:], rows[-1:]]) - rows)
         own, chosen = np.zeros(model.m), np.isnan(self._given)
         steps = zip(rows, slopes, strict=True)
         found = [self._point.moving(none, self._step(row), slope, own) for row, slope in steps]
@@ -697,10 +698,10 @@ class ReadingLoop(ControlLoop[Reading]):
     def swap(self, gain: Loop) -> None:
         """Go on with another gain from the next call on, without a jump of the input.
 
-        The window, targets and limits are kept, and the bias that was learned takes up what both
-        models predict otherwise of the next readings. What the last input
-        differs by from that of the new gain is added to the next one, and then dies out as the
-        slowest mode of the new loop: a stable loop comes to rest where it would without it.
+        The window, targets and limits are kept. The bias that was learned changes by the difference
+        of what both models predict of the next readings. The difference of the last input and that
+        of the new gain is added to the next input, and dies out as the slowest mode of the new
+        loop: a stable loop comes to rest where it would without it.
 
         Parameters
         ----------
@@ -746,7 +747,8 @@ class ReadingLoop(ControlLoop[Reading]):
         new._forward, new._fading = new._feed_forward(), (more, radius)
         if self._runs and now is not None:
             if new._learning[0].any():  # the next readings are predicted as before
-                before, after = (_ahead(of, now[0], self._last) for of in (self.model, model))
+                row = np.hstack([now[0], self._last, np.ones(int(model.intercept))])
+                before, after = (of.coefficients @ of.loop.J @ row for of in (self.model, model))
                 new._bias = self._bias + before - after
             more = self._last - new._input(now[0], new._bias, self._acted)[0]
         new._fading = np.where(fixed, 0.0, more), radius
@@ -916,14 +918,6 @@ class ReadingLoop(ControlLoop[Reading]):
             f"{', '.join(self.model.input_names)}{also}, {show.number_of(len(self._log), 'call')}"
             f"{full}>"
         )
-
-
-def _ahead(model: Model, x: Floats, u: Floats) -> Floats:
-    """The readings that are predicted behind a window."""
-    p, pole = model.n_outputs, model.regressors.pole or 0.0
-    after = model.A[:p] @ x + model.B[:p] @ u + (0.0 if model.c is None else model.c[:p])
-    before: Floats = (after - pole * x[:p]) / (1.0 - pole)
-    return before
 
 
 def gate_of(model: Model) -> _core.Gate | None:

@@ -74,21 +74,21 @@ def explained(model: Model, bias: Floats, L: Floats, y: Floats, u: Floats) -> st
     acting = constants(inputs)
     if acting is not None:
         pairs = zip(acting, model.input_names, strict=True)
-        said = [f"a constant acts, as {show.listed([f'{v:.3g} at {name}' for v, name in pairs])}"]
+        causes = [f"a constant acts, as {show.listed([f'{v:.3g} at {name}' for v, name in pairs])}"]
         beside: list[int] = []
     else:
-        said, beside = [], inputs
+        causes, beside = [], inputs
     for i in range(p):
         found = constants([i, *beside])
         if found is not None:
             much = f"{abs(found[0]):.3g} {'more' if found[0] > 0.0 else 'less'}"
             others = "the others say" if p > 1 else "the model says"
-            said.append(f"{model.outputs[i]} reads {much} than {others}")
-    if not said:
+            causes.append(f"{model.outputs[i]} reads {much} than {others}")
+    if not causes:
         several = any(constants([*two, *inputs]) is not None for two in combinations(range(p), 2))
         tail = "two of them are wrong" if several else "the plant is not the model"
         return (
             f"the readings contradict each other at rest, and no single sensor explains it: {tail}"
         )
-    text = ", or ".join(said)
-    return text if len(said) == 1 else f"{text}: undecided which"
+    text = ", or ".join(causes)
+    return text if len(causes) == 1 else f"{text}: undecided which"

@@ -2,8 +2,8 @@
 
 A code line is one that is no docstring, no comment and not blank; tests inside a Rust file count
 as tests. Budgets only fall: ``python tools/lines.py --lower`` writes those of rooms that shrank.
-A budget above the least one that a room had is a raise, and its line must say why:
-``python tools/lines.py --raise "why"`` writes those of rooms that grew, behind their old reasons.
+A budget above the least one that a room had is a raise, and must have a reason below the table:
+``python tools/lines.py --raise "why"`` writes those of rooms that grew.
 """
 
 from __future__ import annotations
@@ -17,7 +17,8 @@ from typing import NamedTuple
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = ROOT / "tools" / "lines.txt"
-HEAD = "# room | files | code lines | least code lines so far | why it was raised\n"
+HEAD = "# room | files | code lines | least code lines so far\n"
+RAISES = "\n# why budgets were raised: reason | rooms\n"
 
 
 class Budget(NamedTuple):
@@ -26,7 +27,7 @@ class Budget(NamedTuple):
     files: int
     lines: int
     least: int
-    reason: str
+    reasons: tuple[str, ...] = ()
 
 
 def python_lines(text: str) -> int:
@@ -85,23 +86,36 @@ def counted(root: Path = ROOT) -> dict[str, tuple[int, int]]:
 
 
 def read_table(text: str) -> dict[str, Budget]:
-    """The budgets of a table, whose lines are ``room | files | lines | least | reason``."""
-    table = {}
+    """The budgets of a table: lines ``room | files | lines | least``, then ``reason | rooms``."""
+    table: dict[str, Budget] = {}
     for row in text.splitlines():
-        if row.strip() and not row.startswith("#"):
-            room, files, lines, least, reason = (cell.strip() for cell in row.split("|"))
-            table[room] = Budget(int(files), int(lines), int(least), reason)
+        if not row.strip() or row.startswith("#"):
+            continue
+        name, *cells = (cell.strip() for cell in row.split("|"))
+        if len(cells) == 3:
+            table[name] = Budget(*map(int, cells))
+        else:
+            for room in cells[0].split(", "):
+                table[room] = table[room]._replace(reasons=(*table[room].reasons, name))
     return table
 
 
 def written(table: dict[str, Budget]) -> str:
     """The table as text."""
     wide = max(map(len, table))
-    rows = (
-        f"{room:{wide}} | {b.files:4d} | {b.lines:6d} | {b.least:6d} | {b.reason}".rstrip()
-        for room, b in sorted(table.items())
+    rooms = sorted(table)
+    rows = [
+        f"{r:{wide}} | {table[r].files:4d} | {table[r].lines:6d} | {table[r].least:6d}"
+        for r in rooms
+    ]
+    reasons = dict.fromkeys(reason for r in rooms for reason in table[r].reasons)
+    raises = [
+        f"{why} | {', '.join(r for r in rooms if why in table[r].reasons)}" for why in reasons
+    ]
+    return (
+        "\n".join([HEAD + "\n".join(rows), *([RAISES + "\n".join(raises)] if raises else [])])
+        + "\n"
     )
-    return HEAD + "".join(f"{row}\n" for row in rows)
 
 
 def faults(found: dict[str, tuple[int, int]], table: dict[str, Budget]) -> list[str]:
@@ -117,12 +131,12 @@ def faults(found: dict[str, tuple[int, int]], table: dict[str, Budget]) -> list[
             if now > most:
                 wrong.append(
                     f"{room} has {now} {what}, its budget is {most}: remove {now - most}, or raise "
-                    "the budget and write the reason in its line"
+                    "the budget and write the reason below the table"
                 )
     for room, budget in table.items():
         if room not in found:
             wrong.append(f"{room} is gone: remove its line")
-        if budget.lines > budget.least and not budget.reason:
+        if budget.lines > budget.least and not budget.reasons:
             wrong.append(f"{room} was raised from {budget.least} to {budget.lines}: say why")
     return wrong
 
@@ -131,10 +145,10 @@ def lowered(found: dict[str, tuple[int, int]], table: dict[str, Budget]) -> dict
     """The table with the budgets of rooms that shrank, and without those of rooms that are gone."""
     new = {}
     for room, (files, lines) in found.items():
-        old = table.get(room, Budget(files, lines, lines, ""))
+        old = table.get(room, Budget(files, lines, lines))
         count = min(lines, old.lines)
-        reason = old.reason if count > old.least else ""
-        new[room] = Budget(min(files, old.files), count, min(count, old.least), reason)
+        reasons = old.reasons if count > old.least else ()
+        new[room] = Budget(min(files, old.files), count, min(count, old.least), reasons)
     return new
 
 
@@ -144,10 +158,10 @@ def raised(
     """The table with the budgets of rooms that grew, each with the reason behind its old ones."""
     new = dict(table)
     for room, (files, lines) in found.items():
-        old = table.get(room, Budget(0, 0, lines, ""))
+        old = table.get(room, Budget(0, 0, lines))
         if files > old.files or lines > old.lines:
-            reason = "; ".join(filter(None, (old.reason, why)))
-            new[room] = Budget(max(files, old.files), max(lines, old.lines), old.least, reason)
+            reasons = tuple(dict.fromkeys((*old.reasons, why)))
+            new[room] = Budget(max(files, old.files), max(lines, old.lines), old.least, reasons)
     return new
 
 

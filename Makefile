@@ -71,9 +71,10 @@ lint: $(VENV)/.dev ## lines per room, format, clippy, rustdoc, ruff, mypy --stri
 .PHONY: lint-rust lint-python
 lint-rust:
 	cargo fmt --check
+	@# with the same features of the dependencies three times: they are checked once
 	PYO3_PYTHON="$(PY)" cargo clippy --release --locked --all-targets --features python -- -D warnings
-	cargo clippy --release --locked --lib -- -D warnings
-	RUSTDOCFLAGS="-D warnings" cargo doc --release --locked --no-deps
+	cargo clippy --release --locked --all-targets -- -D warnings
+	PYO3_PYTHON="$(PY)" RUSTDOCFLAGS="-D warnings" cargo doc --release --locked --no-deps --features python
 
 lint-python:
 	"$(BIN)/ruff" check .

@@ -47,7 +47,7 @@ compare/bin/python tools/compare_features.py --write docs/compare.md
 BETTER = """\
 Take the neighbour where its job is yours:
 
-- **lmpc**: the feedback must run as C code on a small processor, or has inputs that are on or off.
+- **lmpc**: the C code must keep limits of states, or inputs are on or off.
 - **AMPyC**: schemes of robust, stochastic and nonlinear MPC are studied side by side.
 - **ctrlsys**: the routines of SLICOT are what you build on: matrix equations, H-infinity design.
 - **direct-data-driven-mpc**: no model is wanted, or the plant is not linear.

@@ -24,7 +24,7 @@ from stochens_rs.limits import problem as limited_errors
 from stochens_rs.limits.problem import Horizon, Limited, checked_task
 from stochens_rs.theory.exact import states
 from test_bounds_coverage import exceeded_too_often, systems
-from test_limit_bounds import PLAIN, Planned, drawn, errors_of, measured, onto
+from test_limit_bounds import Planned, drawn, errors_of, measured, onto
 from twin import limit_bounds as lb
 from twin import limited_control as lc
 from twin import limited_problems as lp
@@ -417,7 +417,7 @@ def test_a_control_that_cannot_keep_the_limits_says_by_how_much(gen):
         )
         plain = Horizon(replace(task, state_low=None, state_high=None), model.A, model.B).solve(x0)
         first: Limited = replace(plain, task=task)
-        found, bound = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN)
+        found, bound = limit_certificate.within_state_limits(basis, first, 0.1)
         assert found.status == status
         at = states(model.A, model.B, x0, found.u)
         np.testing.assert_allclose(
@@ -446,13 +446,13 @@ def test_a_time_limit_ends_the_search_for_limits_that_the_tube_keeps(gen):
         cost=se.Cost(R=1e-3),
     )
     first = Horizon(task, model.A, model.B).solve(x0)
-    found, bound = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN, 0.0)
+    found, bound = limit_certificate.within_state_limits(basis, first, 0.1, 0.0)
     assert found.status == "user_limit"
     assert np.array_equal(found.u, first.u)
     at = states(model.A, model.B, x0, found.u)
     assert found.missing == limit_certificate.lacking(task, at, bound["bands"].radius) > 0.0
     for limit in (None, 60.0):
-        done, _ = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN, limit)
+        done, _ = limit_certificate.within_state_limits(basis, first, 0.1, limit)
         assert done.status != "user_limit"
         assert done.missing < found.missing
     more = {"limits": (-1, 1), "state_limits": (-1.0, 0.98), "soft": False}

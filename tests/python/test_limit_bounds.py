@@ -17,7 +17,7 @@ from coverage_study import sets
 from hidden_systems import of_each_kind
 from limit_plans import within
 from limit_problems import draws, weight
-from stochens_rs.certificates.of_model import Asked, ModelBasis
+from stochens_rs.certificates.of_model import ModelBasis, Question
 from stochens_rs.controls import bounds as limit_bound
 from stochens_rs.controls import bounds as limit_certificate
 from stochens_rs.controls.bounds import FIRM, limited_bound, limited_certificate
@@ -30,7 +30,6 @@ from twin import limited_control as lc
 from twin import limited_problems as lp
 
 ONCE = 1.0 + 1e-9
-PLAIN = Asked(noise=False)
 
 
 class Planned:
@@ -188,13 +187,14 @@ def measured(gen, A, B, count, noise):
     )
 
 
-def certified(model, x0, xf, K, delta=0.1, x0_error=0.0, asked=PLAIN, **limits):
+def certified(model, x0, xf, K, delta=0.1, x0_error=0.0, noise=False, **limits):
     n, m = model.B.shape
     task = checked_task(n, m, K, xf, **within(**limits))
     basis = ModelBasis(model, x0, xf, x0_error)
     limited = Horizon(task, model.A, model.B, model.c).solve(x0)
     predicted = states(model.A, model.B, x0, limited.u)
-    return limited, limited_certificate(basis, limited, predicted, delta, asked), predicted
+    question = Question(basis, limited.u, predicted, delta, noise)
+    return limited, limited_certificate(question, limited), predicted
 
 
 @pytest.mark.parametrize("K", [1, 3])
@@ -207,7 +207,8 @@ def test_alpha_and_gamma_are_those_of_the_twin(K):
         R = 10.0 ** gen.uniform(-1, 1)
         Q = np.eye(n) if K > 1 else weight(gen, n)
         limited, found, predicted = certified(model, x0, xf, K, limits=(-0.5, 0.5), Q=Q, R=R)
-        region = limit_certificate.step_regions(ModelBasis(model, x0, xf), 0.1, K, PLAIN)[0][0]
+        question = Question(ModelBasis(model, x0, xf), limited.u, predicted, 0.1)
+        region = limit_certificate.step_regions(question)[0][0]
         part = region.parts[0]
         S = part.factor * part.S
         alpha = np.sqrt(np.sum(found.tube[1:] ** 2))

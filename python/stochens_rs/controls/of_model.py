@@ -12,7 +12,7 @@ from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import trusted
 from .._base.types import DELTA, ROUNDING, ArrayLike, Floats, Fusion, Status, worst
-from ..certificates.of_model import Asked, ModelBasis, trajectory
+from ..certificates.of_model import ModelBasis, trajectory
 from ..exceptions import InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
 from ..identification.identified import Identified
@@ -99,7 +99,7 @@ def model_control(
         limited = Horizon(task, *system).solve(x0, time_limit=time)
         if task.state_low is not None and task.soft is None:
             left = None if time is None else time - (monotonic() - started)
-            limited, _ = within_state_limits(basis, limited, model.level, Asked(noise=False), left)
+            limited, _ = within_state_limits(basis, limited, model.level, left)
         u = limited.u
     path = trajectory(model.Theta, basis.x0, u)
     if limited is not None and limited.states is not None:

@@ -30,7 +30,7 @@ from .._base.types import (
     norm,
 )
 from ..certificates.certificate import Certificate
-from ..certificates.of_model import ModelBasis
+from ..certificates.of_model import ModelBasis, Question
 from ..exceptions import InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis, completed
@@ -263,7 +263,8 @@ class Plan(SavedRecord, Timed):
             if value is not None and value is not False:
                 raise InputError(f"`{name}` must be left out {_NOT_FOR[model]}")
         if isinstance(basis, ModelBasis):
-            found = model_bound(basis, self.u, predicted, limited, delta, noise, bands, gain)
+            question = Question(basis, self.u, predicted, delta)
+            found = model_bound(question, limited, noise, bands, gain)
         else:
             known = completed(basis, system, x0, xf, "bound", self.labels)
             if limited is None:

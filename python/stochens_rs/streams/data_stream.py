@@ -11,10 +11,9 @@ import numpy as np
 from .. import _core
 from .._base import running, show, validation
 from .._base.files import Durable
-from .._base.records import trusted
 from .._base.running import interruptible
 from .._base.types import DELTA, ArrayLike, Floats
-from ..certificates.certificate import Certificate, radius_at
+from ..certificates.certificate import Certificate, certificate_of
 from ..controls.bounds import Typical, ranked
 from ..ensembles.ensemble import Ensemble, blocks_of
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -449,9 +448,6 @@ def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:
     return validation.matrix(name, item, rows=shape[0], cols=shape[1])
 
 
-_SUM = "the sum of the errors of the means"
-
-
 def radii_of_means(
     core: _core.DataStream, ranges: Mapping[str, float], sizes: Mapping[str, int], delta: float
 ) -> Certificate:
@@ -487,17 +483,16 @@ def radii_of_means(
     reason = "the radius of the state overflows"
     if single:
         reason = f"only one realization of {', '.join(single)}, and `ranges` does not bound it"
-    said = [("state", state, "where the control from the exact means leads", _SUM)]
-    means = (f"the mean of the law of {name}" for name in ENTITIES)
-    said += zip(ENTITIES, radii, means, methods, strict=True)
-    return trusted(
-        Certificate,
+    means = {
+        name: (radius, f"the mean of the law of {name}", method, reason)
+        for name, radius, method in zip(ENTITIES, radii, methods, strict=True)
+    }
+    return certificate_of(
+        delta,
+        "the sum of the errors of the means",
+        reason,
+        {"state": (state, "where the control from the exact means leads"), **means},
         kind="guaranteed" if len(ranges) == len(ENTITIES) else "estimated",
-        delta=delta,
-        quantities={
-            name: radius_at(radius, mean, delta, method, reason)
-            for name, radius, mean, method in said
-        },
         covers="all together, at all numbers of realizations at once",
         assumption="realizations of each entity independent, of one law, within its range; a bias "
         "of the realizations is not covered",

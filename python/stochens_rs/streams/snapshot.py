@@ -25,8 +25,8 @@ from .._base.records import (
 from .._base.types import ArrayLike, Floats
 from ..certificates.certificate import Certificate
 from ..certificates.of_model import (
-    Asked,
     ModelBasis,
+    Question,
     certificate,
     output_certificate,
     trajectory,
@@ -405,7 +405,7 @@ def _bound(basis: ModelBasis, u: Floats) -> Certificate:
     if isinstance(model, Model):
         return output_certificate(basis, u, model.level, False)
     predicted = trajectory(model.Theta, basis.x0, u)
-    return certificate(basis, u, predicted, model.level, Asked(noise=False))
+    return certificate(Question(basis, u, predicted, model.level))
 
 
 def _forecast(

@@ -250,9 +250,8 @@ def step_regions(of: Question) -> tuple[tuple[Region, ...], ToCome | None]:
         delta /= 2.0
     elif of.noise:
         raise InputError(
-            "`noise` must be False: noise to come is bounded for noise of known covariance or "
-            "size (`sigma` of identify), and for Gaussian noise without single known entries; this "
-            "model has none of these"
+            "`noise` must be False: this model has neither noise of known covariance or size "
+            "(`sigma` of identify) nor Gaussian noise without single known entries"
         )
     try:
         regions = model.regions(delta, **options)

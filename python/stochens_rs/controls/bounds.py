@@ -39,7 +39,7 @@ from ..theory.drawn_bounds import (
     radii,
 )
 from ..theory.exact import EPS, checked_finite, matrix_powers
-from ..validation.fresh_systems import needed, rank_of
+from ..validation.held_out import needed, rank_of
 
 if TYPE_CHECKING:
     from ..fusion.provenance import Basis, Known

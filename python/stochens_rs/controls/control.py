@@ -230,8 +230,7 @@ class Entity:
         if value is None or isinstance(value, Fit | Counts):
             raise InputError(
                 f"`{self.name}` must be an Ensemble or an array here, got "
-                f"{validation.article(type(self.value))}: paired realizations share one weight "
-                "vector; weights of their own, and counts, go with fusion='product'"
+                f"{validation.article(type(self.value))}: it goes with fusion='product'"
             )
         return value if isinstance(value, Ensemble) else None
 
@@ -324,9 +323,8 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
     K = validation.size("steps", steps)
     if K > 1:
         raise InputError(
-            f"`fusion` must be 'product' with steps={K}, got 'diagonal': the control over K >= 2 "
-            "steps is not linear in A, so the average of the controls of the realizations is "
-            "biased, and more of them do not help"
+            f"`fusion` must be 'product' with steps={K}, got 'diagonal': over several steps the "
+            "average of the controls is biased"
         )
     return K, how
 

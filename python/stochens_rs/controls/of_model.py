@@ -122,8 +122,7 @@ def task_of(
     p = model.n_outputs
     if within.soft is False:
         raise InputError(
-            "`soft` must not be False for a model of outputs: noise can lead readings beyond any "
-            "limit; give a weight, or leave it out"
+            "`soft` must not be False for a model of outputs: give a weight, or leave it out"
         )
     names = Labels(model.outputs, model.input_names)
     own = read_task(p, m, K, np.zeros(p), within, Cost(Q=output_weights(model, cost)), names)
@@ -254,16 +253,14 @@ def start_of(model: Model, record: Any) -> Start:
     if record is None:
         raise InputError(
             f"`record` needs {window.fill + 1} rows of outputs and {window.fill} of inputs that "
-            "were measured, got none: a model of outputs starts from what happened, see "
-            "Trajectories.last_record()"
+            "were measured, got none: see Trajectories.last_record()"
         )
     if isinstance(record, str):
         record = (record, np.zeros(p), np.zeros(m))
     if not isinstance(record, tuple | list) or len(record) not in (2, 3):
         raise InputError(
-            "`record` must be a pair (outputs, inputs) of rows that were measured, see "
-            'Trajectories.last_record(), or "rest" or ("rest", outputs, inputs), got '
-            f"{validation.show(record)}"
+            "`record` must be a pair (outputs, inputs) of rows that were measured, "
+            f'"rest" or ("rest", outputs, inputs), got {validation.show(record)}'
         )
     if len(record) == 2:
         x = window.state_of(*record)
@@ -309,8 +306,7 @@ def output_control(
         limits = replace(limits, previous=start.acted)
     if model.window.count > K:
         raise InputError(
-            f"`steps` must be {model.window.count} at least, so that the window can be at rest in "
-            f"the end, got {K}"
+            f"`steps` must be {model.window.count} at least, to rest in the end, got {K}"
         )
     weights = cost_of_outputs(model, cost)
     rows = targets(model, target)

@@ -50,8 +50,7 @@ from ..theory.exact import (
     relative,
     states,
 )
-from ..validation.fresh_systems import Validation
-from ..validation.held_out import Predicted, Runs, validated
+from ..validation.held_out import Asked, Predicted, Runs, Validation, validated
 from .bounds import Typical, limited_bound, model_bound, plan_bound, ranked
 
 _NOT_FOR = {
@@ -334,8 +333,7 @@ class Plan(SavedRecord, Timed):
         model = basis.model if isinstance(basis, ModelBasis) else None
         if not isinstance(basis, ModelBasis) or not isinstance(model, Model):
             raise InputError(
-                "`typical` needs a plan for a model by `identify`: only there the law of the "
-                "estimate is known, and no data were looked at in between"
+                "`typical` needs a plan for a model by `identify`, of which the law is known"
             )
         if model.warnings:
             raise InputError(f"`typical` must not be trusted beside a warning: {model.warnings[0]}")
@@ -583,7 +581,7 @@ class Plan(SavedRecord, Timed):
         """
         states, labels = self._drawn
         mine = Predicted(self.u, states, self.basis, self.limited, labels, self.dt)
-        return validated(mine, runs, delta, beta, x0, scale, weights)
+        return validated(mine, runs, x0, Asked.checked(delta, beta, scale, weights))
 
     def plot(
         self,

@@ -178,10 +178,7 @@ def fuse(
         for one in data if isinstance(data, (list, tuple)) else [data]:
             runs = one.data if isinstance(one, Model) else one
             if isinstance(runs, Trajectories) and runs.outputs:
-                raise InputError(
-                    "`data` must have states, got readings: models of states cannot be weighed by "
-                    "readings of some of them; pass runs with all states of the models, states="
-                )
+                raise InputError("`data` must have states, got readings: read it with states=")
         _, options = _method(method)
         if options is None or options.weight_set != "simplex":
             raise InputError(
@@ -315,10 +312,7 @@ def _checked(ensemble: object, method: object) -> tuple[Ensemble, Method, Alse |
 def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
     """Check the target that a method fits to."""
     if target is None:
-        raise InputError(
-            f"`target` is required for method '{method}': the vector or matrix to fit to "
-            "(a nominal model or a held-out estimate)"
-        )
+        raise InputError(f"`target` is required for method '{method}': what to fit to")
     goal = validation.array("target", target, ndim=(1, 2))
     if goal.shape != ensemble.shape:
         raise ShapeError(
@@ -361,8 +355,7 @@ def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variance
             raise InputError(f"`variances` must be positive, got {spread.min():g}")
         if ensemble.centre == "estimate":
             raise InputError(
-                "`variances` must be left out: the realizations scatter about an estimate from "
-                "data, so that no error follows"
+                "`variances` must be left out: the realizations scatter about an estimate"
             )
     method, chosen = "uniform", np.full(N, 1.0 / N)
     if isinstance(weights, str):
@@ -453,9 +446,8 @@ def _models(models: object, data: object, independent: bool) -> SystemEnsemble:
         given = fused_model.ensemble_of("ensemble", items)
     if given.centre == "estimate" and not independent:
         raise InputError(
-            "`ensemble` scatters about an estimate from data: models fitted on the same data look "
-            "better than they are, and no region holds; pass independent=True if they are from "
-            "other data"
+            "`ensemble` scatters about an estimate from data, and no region holds; pass "
+            "independent=True if that is of other data"
         )
     return given
 

@@ -219,9 +219,8 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
         if values is None:
             raise InputError(
                 f"the law of `{entity.name}` is unknown (realizations brought by the user), and "
-                f"the {what} depends on it. Are they independent singletons of a known mean, with "
-                f"one nonzero entry in every line? Then pass `{argument}=`. How far fresh ones of "
-                "any other law miss: plan.validate(fresh)"
+                f"the {what} depends on it: pass `{argument}=` if they are independent singletons "
+                "of a known mean; for other laws see plan.validate(fresh)"
             )
         if entity.size is None:
             raise InputError(
@@ -230,8 +229,7 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
         if why := _refused(entity, values):
             raise InputError(
                 f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from as "
-                f"singletons, with one nonzero entry in every line: {why}; how far fresh ones of "
-                "another law miss: plan.validate(fresh)"
+                f"singletons, with one nonzero entry in every line: {why}; see plan.validate(fresh)"
             )
         return replace(entity, kind="iid", values=values)
     if values is None:

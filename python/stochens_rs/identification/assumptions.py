@@ -181,8 +181,7 @@ class Window(Options):
         super().__post_init__()
         if isinstance(self.delay, tuple) and (self.filters or isinstance(self.lags, int)):
             raise InputError(
-                f"`delay` must be one number with `{self.given[0]}`: a range is for a window that "
-                "the data choose"
+                f"`delay` must be one number with `{self.given[0]}`, which is no choice"
             )
 
     @property
@@ -248,8 +247,7 @@ class Pilot(Options):
             self._keep(inputs=validation.matrix("inputs", self.inputs))
         if open_loop != (self.dither is None):
             raise InputError(
-                "`dither` must be given with a gain as `inputs`, what was added, as recorded; and "
-                "must be left out for 'open loop'"
+                "`dither` must be given with a gain as `inputs`, and be left out for 'open loop'"
             )
         if self.dither is not None:
             self._keep(dither=validation.matrix("dither", self.dither))
@@ -399,8 +397,7 @@ def checked_covariance(name: str, value: Any, n: int, *, semi: bool = False) -> 
     least = least_correlation(given)
     if least < (-ROUNDING if semi else ROUNDING) * n * n:
         raise InputError(
-            f"`{name}` must be positive {'semi' * semi}definite, the least eigenvalue of its "
-            f"correlation matrix is {least:.3g}"
+            f"`{name}` must be positive {'semi' * semi}definite, an eigenvalue is {least:.3g}"
         )
     return (given + given.T) / 2.0
 
@@ -416,8 +413,7 @@ def refuse(assumed: Assumptions, n: int, single: bool) -> None:
     """Refuse assumptions that do not fit to n states; `single`: every run is one pair."""
     if assumed.design == "independent" and not single:
         raise InputError(
-            "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
-            "noise; for 'independent' use data.last_pairs() or from_pairs"
+            "`design` must be 'adaptive' for runs of several steps: else use data.last_pairs()"
         )
     require_declared(assumed, n)
 

@@ -70,8 +70,7 @@ class Predictor(SavedRecord):
         """The alarm of the core; refuses a source without noise, or without a bounded region."""
         if self.noise is None:
             raise InputError(
-                "`region` has no bound of the noise given the past: declare `sigma` or "
-                "`covariance` in `identify`, without a `tail`"
+                "`region` has no bound of the noise: declare `sigma` or `covariance`, no `tail`"
             )
         if not np.isfinite(self.region.radius):
             raise InputError(f"`region` must be bounded: {self.region.assumption}")
@@ -269,8 +268,7 @@ def accepted(model: Any, runs: Trajectories, level: float, design: Design) -> Ch
     if validation.choice("design", design, ("adaptive", "independent")) == "independent":
         if (model.design, model.noise, model.known) != ("independent", "gaussian", None):
             raise InputError(
-                "`design` must be 'adaptive' for a model that was not identified with "
-                "Noise(design='independent'), Gaussian noise and without known entries"
+                "`design` must be 'adaptive' but for a model with Noise(design='independent')"
             )
         threads = get_num_threads()
         other = _core.fit(_core.triangle(rows, threads), found.length, len(rows), threads)

@@ -42,8 +42,7 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
     if not runs.outputs:
         if given:
             raise InputError(
-                f"`{given[0]}` is for outputs, but `data` has states: read it with outputs= in "
-                "place of states="
+                f"`{given[0]}` is for outputs, but `data` has states: read it with outputs="
             )
         if most == 0:
             return None, 0
@@ -75,9 +74,8 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
     needed = 2 * (min(least + 1, COMPARED) * (runs.n + runs.m) + offset + runs.n)
     if rows < needed:
         raise InputError(
-            "`data` must be longer, or its window declared as Window(lags=) or Window(filters=), "
-            f"got {runs.size} pairs, and needs {SHARE * (first + needed - rows)} to choose one by "
-            "its first quarter"
+            f"`data` must have {SHARE * (first + needed - rows)} pairs to choose a window, got "
+            f"{runs.size}: declare Window(lags=) or Window(filters=)"
         )
     window = trusted(Regressors, *names, count, own_pole, back, offset, burn, least)
     return window, first
@@ -219,11 +217,9 @@ def identify(
     for name, one in (("known", known), ("pilot", guided)):
         if past is not None and one is not None:
             raise InputError(
-                f"`{name}` must be left out for outputs: it is about states, and errors of reading "
-                "are part of the noise of a model of outputs"
+                f"`{name}` must be left out for outputs: it is about states"
                 if runs.outputs
-                else f"`{name}` must be left out with `delay`: it is about states that say all of "
-                "the past, and with a dead time inputs are under way"
+                else f"`{name}` must be left out with `delay`: it is about states that say all"
             )
     regressors = past or of_states(runs, offset)
     entries = known_entries(n, runs.m, offset, known)

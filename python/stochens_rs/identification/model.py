@@ -760,8 +760,7 @@ def require_fit(
     block_of(misfit, Labels(data.state_names, data.input_names))
     if assumed.known is None or assumed.exact or assumed.tail or any(x is not None for x in beside):
         raise InputError(
-            "`misfit` needs noise of a declared size, noise=sigma, without exact states, known "
-            "entries, window, tail and pilot: no region is known there"
+            "`misfit` needs noise=sigma, without exact states, known entries, window, tail or pilot"
         )
     if misfit.limit < np.inf and scale is None:
         raise InputError(

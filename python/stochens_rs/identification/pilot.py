@@ -152,8 +152,7 @@ def refuse(assumed: Assumptions, data: Trajectories, entries: bool) -> None:
     known = {end.tobytes() for end in ends}
     if any(start.tobytes() in known for start in starts[starts.any(axis=1)]):
         raise InputError(
-            "`pilot` needs runs that start independently: one starts where another one ended, "
-            "and so holds its noise"
+            "`pilot` needs runs that start independently: one starts where another ended"
         )
 
 
@@ -164,10 +163,7 @@ def made(
     n, m = data.n, data.m
     refuse(assumed, data, entries)
     if data.lengths.min() != data.lengths.max() and not asked.lengths_fixed:
-        raise InputError(
-            "runs of unequal length need `lengths_fixed=True`: was any run ended because of "
-            "what was measured?"
-        )
+        raise InputError("runs of unequal length, fixed beforehand, need `lengths_fixed=True`")
     model, source, main, before = divided(data, asked.source, offset)
     gain = dither = None
     if asked.dither is not None:

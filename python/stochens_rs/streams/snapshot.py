@@ -248,8 +248,7 @@ def refuse(assumed: Assumptions) -> None:
     """Refuse assumptions whose regions do not hold while data arrive."""
     if assumed.design == "independent" and assumed.noise != "gaussian":
         raise InputError(
-            f"`design` must be 'adaptive' for noise='{assumed.noise}': the region is the same, "
-            "and may be looked at any time"
+            f"`design` must be 'adaptive' for noise='{assumed.noise}': the region is the same"
         )
 
 
@@ -317,13 +316,6 @@ class Look(Record):
         then += show.warned(self.certificate.warnings)
         target = self.certificate.target
         return f"<Look: within {target:.4g} after {pairs}, tol {self.tol:g}, {then}>"
-
-    def _repr_html_(self) -> str:
-        rows = [
-            ("forecast", None if self.stop else self._more()),
-            ("control u", show.vector(self.u.ravel())),
-        ]
-        return show.card(self, rows, self.certificate._repr_html_())
 
 
 def more(pairs: float, runs: float) -> str:
@@ -477,9 +469,6 @@ class LoopLook(Record):
             return f"<LoopLook: certified after {pairs}, margin at least {margin}>"
         then = more(self.forecast, self.runs) if isfinite(self.forecast) else "unknown"
         return f"<LoopLook: {self.proof.status} after {pairs}, forecast: {then}>"
-
-    def _repr_html_(self) -> str:
-        return show.card(self, [], self.proof._repr_html_())
 
 
 def look_at_loop(model: Snapshot | Model, gain: Loop | ArrayLike) -> LoopLook:

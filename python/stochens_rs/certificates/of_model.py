@@ -212,10 +212,9 @@ def _said(basis: ModelBasis, region: Region, to_come: ToCome | None) -> str:
     text = region.assumption
     if basis.x0_error:
         text += f"; x0 within {basis.x0_error:.4g}"
-    if isinstance(to_come, SizedNoise):
-        text += "; noise to come of the same size, at half of the probability of failure"
-    if isinstance(to_come, GaussianNoise):
-        text += "; noise to come independent of the data, at half of the probability of failure"
+    if to_come is not None:
+        of = "of the same size" if isinstance(to_come, SizedNoise) else "independent of the data"
+        text += f"; noise to come {of}, at half of the probability of failure"
     return text
 
 

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf, sqrt
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from ..certificates.of_model import (
 )
 from ..exceptions import InputError, InputTypeError, ShapeError, SizeError
 from ..feedback import Loop, LoopCertificate
+from ..fusion.provenance import Basis, Known
 from ..identification.identified import Identified
 from ..identification.model import in_states
 from ..limits.problem import Horizon, Limited, LimitedErrors, MovedTarget, Task
@@ -40,10 +41,6 @@ from ..theory.drawn_bounds import (
 )
 from ..theory.exact import EPS, checked_finite, matrix_powers
 from ..validation.held_out import needed, rank_of
-
-if TYPE_CHECKING:
-    from ..fusion.provenance import Basis, Known
-
 
 KEY = as_key(0).child("simulated bound")  # of the draws, which are the same in every call
 LAWS = "the exact values are those that the realizations were drawn from, independently"

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeGuard
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import trusted
-from .._base.types import DELTA, ROUNDING, ArrayLike, Floats, Fusion, Status, worst
+from .._base.types import DELTA, ROUNDING, ArrayLike, Floats
 from ..certificates.of_model import ModelBasis, trajectory
 from ..exceptions import InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
@@ -23,10 +23,6 @@ from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
 from .set_point import output_weights, set_point, targets
-
-if TYPE_CHECKING:
-    from ..fusion.provenance import Basis
-
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
 
@@ -185,26 +181,10 @@ def _planned(
     given = {"method": "exact", "size": None}
     info: dict[str, Any] = {"x0": given, "xf": given, "A": {"method": "from data", "size": None}}
     info["warnings"] = (*beyond, *model.warnings, *further)
-    return planned(basis, u, path, found, limited, info, model.labels, model.dt)
-
-
-def planned(
-    basis: Basis | ModelBasis,
-    u: Floats,
-    path: Floats,
-    found: exact.Best,
-    limited: Limited | None,
-    info: dict[str, Any],
-    labels: Labels,
-    dt: float | None,
-    fusion: Fusion = "product",
-    statuses: tuple[Status, ...] = (),
-) -> Plan:
-    """The plan whose `info` has an entry for each of x0, xf and A, and its warnings."""
-    status = worst(["completed", *statuses, *([limited.status] if limited else [])])
-    info = {**info, "singular_values": found.factors.singular_values}
-    about = fusion, status, info, basis, limited, labels, dt
-    return trusted(Plan, u, path, found.reachability(), *about)
+    info["singular_values"] = found.factors.singular_values
+    status = "completed" if limited is None else limited.status
+    about = "product", status, info, basis, limited, model.labels, model.dt
+    return trusted(Plan, u, path, found.reachability(), *about)  # type: ignore[arg-type]
 
 
 def step_warnings(found: exact.Best, *, sure: bool) -> tuple[str, ...]:

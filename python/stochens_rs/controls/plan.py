@@ -739,8 +739,7 @@ class Plan(SavedRecord, Timed):
             tube = validation.instance("certificate", certificate, Certificate).tube
             if len(tube) != len(predicted):
                 raise ShapeError(
-                    f"`certificate` must be of this plan, over {show.number_of(self.steps)}, got "
-                    f"one over {show.number_of(len(tube) - 1)}"
+                    f"`certificate` must be over {self.steps} steps, got {len(tube) - 1}"
                 )
             says, known = certificate.share, certificate.quantities
             if "readings" in known:
@@ -758,8 +757,7 @@ class Plan(SavedRecord, Timed):
                 raise InputError(f"`measured` must be at most {_DRAWN:.0e} to be drawn")
             if runs.shape[-2:] != predicted.shape:
                 raise ShapeError(
-                    f"`measured` must have shape {predicted.shape}, or (R, ..) for R runs, got "
-                    f"{runs.shape}"
+                    f"`measured` must have shape {predicted.shape} each, got {runs.shape}"
                 )
         return tube, says, runs
 
@@ -769,8 +767,7 @@ class Plan(SavedRecord, Timed):
         n, m = self._shape
         if (checked.n, checked.m) != (n, m):
             raise ShapeError(
-                f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
-                f"m={checked.m}"
+                f"`system` must have n={n} and m={m}, got n={checked.n} and m={checked.m}"
             )
         validation.same_dt("system", checked.dt, self.dt, "this plan")
         return in_order("system", checked, self.labels)

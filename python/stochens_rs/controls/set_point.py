@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -13,10 +13,8 @@ from .._base.names import Labels, titled, weight
 from .._base.types import DELTA, ArrayLike, Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.tube import Rest
-
-if TYPE_CHECKING:
-    from ..identification.model import Model
-    from ..limits.limits import Cost
+from ..identification.model import Model
+from ..limits.limits import Cost
 
 # Of all outputs, or by name; rows of them are one for each step.
 Target: TypeAlias = ArrayLike | Mapping[str, ArrayLike]

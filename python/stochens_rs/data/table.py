@@ -158,8 +158,7 @@ class Table:
                 column = column.astype(np.float64)
         if column.dtype.kind not in "iuf":
             raise InputTypeError(
-                f"{self.in_words(name)} must contain real numbers, got dtype "
-                f"{str(column.dtype)[:40]}"
+                f"{self.in_words(name)} must contain real numbers, got {str(column.dtype)[:40]}"
             )
         numbers: Floats = column.astype(np.float64)
         return numbers
@@ -383,8 +382,7 @@ def in_seconds(what: str, title: object, values: Floats) -> Floats:
     unit = unit_of(title)
     if unit and unit not in SECONDS:
         raise InputError(
-            f"`time` must be in seconds or a unit of time, but {what} is in {unit[:20]!r}: name "
-            "s, ms, us, ns, min, h or d"
+            f"`time` must be in seconds, ms, us, ns, min, h or d, but {what} is in {unit[:20]!r}"
         )
     times, parts = SECONDS[unit or "s"]
     known = values[np.isfinite(values)]

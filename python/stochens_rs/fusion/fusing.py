@@ -9,13 +9,14 @@ from typing import Any, Literal, TypeAlias, get_args, overload
 import numpy as np
 
 from .. import _core
-from .._base import running, show, validation
+from .._base import running, validation
 from .._base.types import ArrayLike, Floats, Status, norm
 from ..data.trajectories import Trajectories, shared_rows
 from ..ensembles.ensemble import Ensemble, core_of, from_core, lines_of
 from ..ensembles.systems import SystemEnsemble, systems_in_order
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..identification.assumptions import Noise
+from ..identification.checks import warn_of
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model, require_states
@@ -300,8 +301,7 @@ def _checked(ensemble: object, method: object) -> tuple[Ensemble, Method, Alse |
     """Check realizations, the method, and its options."""
     if not isinstance(ensemble, Ensemble):
         raise InputTypeError(
-            "`ensemble` must be an Ensemble (see `sample`, `Ensemble.from_samples`), "
-            f"got {type(ensemble).__name__}"
+            f"`ensemble` must be an Ensemble (see `sample`), got {type(ensemble).__name__}"
         )
     name, options = _method(method)
     if options is not None:
@@ -409,10 +409,7 @@ def _by_data(
     )
     fused = FusedModel(given, least, weights, share, fit.gap, fit.status)
     own = [text for text in fused.warnings if text not in least.warnings]
-    if own:
-        more = len(own) - 1
-        rest = f"; {show.number_of(more, 'more warning')}: see fused.warnings" if more else ""
-        running.warn(own[0] + rest)
+    warn_of(own, "fused.warnings")
     return fused
 
 
@@ -457,16 +454,12 @@ def _apart_from(k: int, one: Identified, data: object, independent: bool) -> Non
     own = getattr(one, "data", None)
     if own is None:
         if not independent:
-            raise InputError(
-                f"`ensemble[{k}]` is a model from data that it does not keep: pass "
-                "independent=True if they are other data than `data`"
-            )
+            raise InputError(f"`ensemble[{k}]` does not keep its data: pass independent=True")
         return
     sets = [data] if not isinstance(data, (list, tuple)) else data
     for other in sets:
         rows = getattr(other, "data", other)
         if isinstance(rows, Trajectories) and shared_rows(own, rows):
             raise InputError(
-                f"`ensemble[{k}]` was fitted on pairs that are also in `data`: it looks better "
-                "than it is, and no region holds; fit it on other runs, see data.split()"
+                f"`ensemble[{k}]` was fitted on pairs that are also in `data`: see data.split()"
             )

@@ -176,10 +176,7 @@ def completed(
     if basis is None:
         raise InputError(f"this plan was not made by `control`: it has no {what}")
     if isinstance(basis, ModelBasis):
-        raise InputError(
-            f"no {what} over draws is known for a model from data: use plan.bound(), or control "
-            "the models of model.draw()"
-        )
+        raise InputError(f"no {what} over draws is known for a model from data: use plan.bound()")
     n = len(basis.B)
     names = None if labels is None else labels.states
     declared: dict[str, Floats] = {
@@ -199,8 +196,7 @@ def completed(
     for one, other in itertools.combinations(entities, 2):
         if one.key is not None and one.key == other.key:
             raise InputError(
-                f"`{one.name}` and `{other.name}` were drawn with the same key, so they are not "
-                "independent: draw with key.child(name), or with one Generator"
+                f"`{one.name}` and `{other.name}` were drawn with the same key: use key.child(name)"
             )
     x0_known, xf_known, A_known = entities
     return trusted(Basis, basis.B, x0_known, xf_known, A_known, basis.rounding)

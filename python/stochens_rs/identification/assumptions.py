@@ -415,11 +415,6 @@ def refuse(assumed: Assumptions, n: int, single: bool) -> None:
         raise InputError(
             "`design` must be 'adaptive' for runs of several steps: else use data.last_pairs()"
         )
-    require_declared(assumed, n)
-
-
-def require_declared(assumed: Assumptions, n: int) -> None:
-    """Refuse exact states that n states do not have, and a tail of an independent design."""
     if assumed.tail and assumed.design == "independent":
         raise InputError("`tail` must be 0 for an independent design")
     if any(state >= n for state in assumed.exact):

@@ -20,6 +20,7 @@ from .region import Region, entered
 from .window import Regressors, of_names, rows_of
 
 ChangeStatus: TypeAlias = Literal["refuted", "not refuted", "too few pairs"]
+LITTLE = "little excited, the sign of its effect is not determined"
 SHARE = 0.01  # of the probability, for a bound of a covariance that the region does not have
 
 
@@ -238,7 +239,7 @@ class Changes(SavedRecord):
             if not np.isfinite(self.radius[:, j]).any():
                 found.append(f"{name}: not excited, its effect cannot be seen")
             elif (size[:, j] <= self.radius[:, j]).all():
-                found.append(f"{name}: little excited, the sign of its effect is not determined")
+                found.append(f"{name}: {LITTLE}")
         return tuple(found)
 
     def __repr__(self) -> str:
@@ -292,16 +293,9 @@ def unexcited(model: Any) -> tuple[str, ...]:
             still = [k for k in own if names[k] != "1" and np.ptp(Z[:, k]) == 0.0]
             why = "; ".join(f"{names[k]} was always {Z[0, k]:.4g}" for k in still)
             who = show.listed(["the offset" if names[k] == "1" else names[k] for k in own])
-            what = (
-                "its effect is not determined"
-                if len(own) == 1
-                else "their effects are not determined apart"
-            )
-            found.append(f"{who}: {what}{f' ({why})' if why else ''}")
+            its, apart = ("its effect is", "") if len(own) == 1 else ("their effects are", " apart")
+            found.append(f"{who}: {its} not determined{apart}{f' ({why})' if why else ''}")
         done |= group
     weak = (np.abs(region.centre) <= region.entry_bounds).all(axis=0)
-    sign = "little excited, the sign of its effect is not determined"
-    return (
-        *found,
-        *(f"{names[j]}: {sign}" for j in np.flatnonzero(weak).tolist() if j not in done),
-    )
+    also = [names[j] for j in np.flatnonzero(weak).tolist() if j not in done]
+    return (*found, *(f"{name}: {LITTLE}" for name in also))

@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
+from .._base import validation
 from .._base.names import Labels
 from .._base.records import trusted
-from .._base.running import get_num_threads, warn
+from .._base.running import get_num_threads
 from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, moved, pooled
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..system.system import System
 from . import assumptions
 from .assumptions import ANY, Misfit, Noise, Pilot, Window, sizes_of
-from .checks import checked_residuals, tested_rows, too_many
+from .checks import KEY, too_many, warn_of
 from .identified import Identified
 from .model import Model, require_fit
 from .pilot import made
-from .window import Regressors, complete, of_states, rows_of, spread
+from .window import Regressors, complete, of_names, rows_of, spread
 
 POLES = (0.2, 0.4, 0.6, 0.8, 0.9)  # of filters that are tried
 FILTERS, LAGS = 6, 12  # how many at most
@@ -221,7 +221,7 @@ def identify(
                 if runs.outputs
                 else f"`{name}` must be left out with `delay`: it is about states that say all"
             )
-    regressors = past or of_states(runs, offset)
+    regressors = past or of_names(names, runs.input_names, offset)
     entries = known_entries(n, runs.m, offset, known)
     sizes = None if scale is None else assumptions.checked_scale(scale, n + runs.m, offset)
     if past is not None:
@@ -236,19 +236,15 @@ def identify(
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(rows, rows)):
             raise NonFiniteError("the squares of the data overflow: scale the data down")
-    tested = None
-    if validation.flag("checks", checks) and not too_many(len(rows), n):
-        exact = tested_rows(assumed, entries, n)
-        tested = checked_residuals(rows, assumed, exact, d=regressors.length)
+    wanted = validation.flag("checks", checks) and not too_many(len(rows), n)
     triangle = _core.triangle(rows, get_num_threads())
     if not np.isfinite(triangle).all():
         raise NonFiniteError("the products of the data overflow: scale them down")
-    found = runs, triangle, assumed, sizes, offset, entries, tested, guide, past, first, misfit
+    found = runs, triangle, assumed, sizes, offset, entries, None, guide, past, first, misfit
     model = trusted(Model, *found)
-    if model.warnings:
-        text, more = model.warnings[0], len(model.warnings) - 1
-        text += f"; {show.number_of(more, 'more warning')}: see model.warnings" if more else ""
-        warn(text)
+    if wanted:
+        model._keep(checks=model.check(rng=KEY))
+    warn_of(model.warnings, "model.warnings")
     return model
 
 

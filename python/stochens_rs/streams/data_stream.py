@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import inf
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -21,8 +21,7 @@ from ..rng import RngLike, as_key
 from ..theory.exact import EPS
 from .stream import ENTITIES
 
-if TYPE_CHECKING:
-    FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
+FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
 
 T = TypeVar("T")
 
@@ -411,7 +410,7 @@ def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
             raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
         return (block.reshape(-1, entries) for block in blocks_of(value, rows))
     if isinstance(value, Iterator):
-        return _gathered(name, value, shape, rows)
+        return (_one(name, item, shape).reshape(1, -1) for item in value)
     array = validation.array(name, value, ndim=(len(shape), len(shape) + 1))
     if array.shape[-len(shape) :] != shape:
         raise ShapeError(
@@ -419,27 +418,6 @@ def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
             f"got {array.shape}"
         )
     return [array.reshape(-1, entries)]
-
-
-def _gathered(
-    name: str, items: Iterator[Any], shape: tuple[int, ...], rows: int
-) -> Iterator[Floats]:
-    """Collect single realizations into blocks of rows."""
-    pending: list[Floats] = []
-    try:
-        for item in items:
-            pending.append(_one(name, item, shape).ravel())
-            if len(pending) == rows:
-                yield np.stack(pending)
-                pending = []
-    except GeneratorExit:  # the core refused a block
-        raise
-    except BaseException:  # the realizations before the faulty one, or Ctrl-C, are taken in
-        if pending:
-            yield np.stack(pending)
-        raise
-    if pending:
-        yield np.stack(pending)
 
 
 def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:

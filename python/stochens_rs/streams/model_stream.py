@@ -5,19 +5,20 @@ from __future__ import annotations
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, overload
+from typing import Annotated, Any, NamedTuple, overload
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
 from .._base.files import Durable
-from .._base.names import Labels, checked_names, order_of
+from .._base.names import checked_names
 from .._base.records import Positive, Probability, SavedRecord, cached_property
 from .._base.running import get_num_threads
 from .._base.types import DELTA, ArrayLike, Floats
 from ..data.trajectories import Trajectories, pooled
 from ..exceptions import InputError
+from ..feedback import Loop
 from ..identification import Window
 from ..identification.assumptions import (
     Assumptions,
@@ -28,13 +29,8 @@ from ..identification.assumptions import (
 )
 from ..identification.model import Model
 from ..identification.window import Regressors, rows_of, spread
+from ..limits.limits import Cost, LimitsLike
 from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, refuse
-
-if TYPE_CHECKING:
-    from ..feedback import Loop
-    from ..limits import Cost
-    from ..limits.limits import LimitsLike
-
 
 # The event of a stream refers to these: a stream must not go on with others.
 _MIXTURES = _core.mixtures()
@@ -445,10 +441,7 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
     n, m = about.n, about.m
     if isinstance(x, Trajectories):
         _refuse_runs(about, x)
-        order = order_of("x", Labels(x.state_names, x.input_names), about.labels)
-        before, inputs, after = x.pairs()
-        before, after = order.of_states(before), order.of_states(after)
-        inputs = order.of_inputs(inputs)
+        before, inputs, after = x.in_order("x", about.labels)
     elif u is None or x_next is None:
         raise InputError("`u` and `x_next` must be given with `x`")
     elif validation.array("x", x, ndim=(1, 2)).ndim == 1:

@@ -361,7 +361,7 @@ class StudyFile:
     def __init__(self, path: str) -> None:
         self.path = path
         self._lock = files.lock(path)
-        self._file: BinaryIO | None = None
+        self._file: Any = None
         self._records, self._end = 1, 0
 
     def create(self, study: Manifest) -> None:
@@ -388,7 +388,6 @@ class StudyFile:
 
     def append(self, block: Block) -> None:
         """Write a block; it is on the disk when this returns."""
-        assert self._file is not None
         record = framed(block, self._records + 1)
         try:
             self._write(self._end, record)
@@ -401,13 +400,11 @@ class StudyFile:
 
     def _commit(self, end: int) -> None:
         """Say that all up to here is on the disk, once it is."""
-        assert self._file is not None
         os.fsync(self._file.fileno())
         self._write(0, head(end))
         self._end = end
 
     def _write(self, at: int, content: bytes) -> None:
-        assert self._file is not None
         self._file.seek(at)
         while content:
             content = content[self._file.write(content) :]

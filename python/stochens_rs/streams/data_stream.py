@@ -362,16 +362,13 @@ class DataStream(Durable):
     def _from_sections(cls, sections: dict[str, Any]) -> DataStream:
         """Check the arrays of `_to_sections` and make a stream of them."""
         state, made = dict(sections), cls.__new__(cls)
-        ranges, sizes = (np.asarray(state.pop(name, ())) for name in ("ranges", "sizes"))
-        if ranges.shape != (3,) or sizes.shape != (3,) or sizes.dtype != np.uint64:
-            raise InputError("`state` must have three ranges, -1 for none, and sizes, 0 for none")
-        bounds, planned = (
-            dict(zip(ENTITIES, own.tolist(), strict=True)) for own in (ranges, sizes)
-        )
-        known = {name: value for name, value in bounds.items() if value != -1.0}
-        made._ranges = _checked("ranges", known, validation.nonnegative)
-        known = {name: value for name, value in planned.items() if value != 0}
-        made._sizes = _checked("sizes", known, validation.size)
+        checks: Any = (("ranges", np.float64, -1.0, validation.nonnegative),)
+        for name, kind, none, check in (*checks, ("sizes", np.uint64, 0, validation.size)):
+            own = np.asarray(state.pop(name, ()))
+            if own.shape != (3,) or own.dtype != kind:
+                raise InputError("`state` must have three ranges and sizes, -1 and 0 for none")
+            known = {k: v for k, v in zip(ENTITIES, own.tolist(), strict=True) if v != none}
+            setattr(made, f"_{name}", _checked(name, known, check))
         made._core = _core.DataStream.from_sections(list(state.items()))
         _, n, m, *targets = (int(v) for v in state["format"])
         made._shape, made._targets = (n, m), tuple(bool(v) for v in targets)

@@ -35,17 +35,14 @@ _LEAST = 1e-3
 # Recorded inputs may be rounded: by this much of the largest one they are those of the plan.
 _INPUTS = 1e-6
 
+_RUNS = (
+    "the next run of this very {0}: the same {1}, hardware and limits, its start drawn and its end "
+    "decided by the same rule. No run was left out, whatever came of it, and {2}, scale and delta "
+    "were fixed before the runs were seen"
+)
 _SAME = {
-    "runs": (
-        "the next run of this very plan: the same inputs, hardware and limits, its start drawn and "
-        "its end decided by the same rule. No run was left out, whatever came of it, and plan, "
-        "scale and delta were fixed before the runs were seen"
-    ),
-    "runs of a loop": (
-        "the next run of this very loop: the same controller, set points, hardware and limits, its "
-        "start drawn and its end decided by the same rule. No run was left out, whatever came of "
-        "it, and controller, scale and delta were fixed before the runs were seen"
-    ),
+    "runs": _RUNS.format("plan", "inputs", "plan"),
+    "runs of a loop": _RUNS.format("loop", "controller, set points", "controller"),
     "fresh systems": (
         "this command on one more system, drawn as these were, from a start drawn as theirs. No "
         "system was left out, and plan, scale and delta were fixed before they were seen. Only "

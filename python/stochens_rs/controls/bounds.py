@@ -373,11 +373,7 @@ _MANY = "without a weight of the inputs more than one control is the best"
 
 
 def limited_bound(
-    basis: Basis,
-    limited: Limited,
-    predicted: Floats,
-    delta: float,
-    fusion: Fusion = "product",
+    basis: Basis, limited: Limited, predicted: Floats, delta: float, fusion: Fusion = "product"
 ) -> Certificate:
     """Bound the errors of a control within limits, which leads the model along `predicted`."""
     errors = plan_errors(basis, len(limited.u), fusion)

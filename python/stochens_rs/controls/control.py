@@ -151,14 +151,15 @@ def control(
     (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
     within, weights = as_limits(limits), as_cost(cost)
+    wanted = of_model.Wanted(steps, within, weights, time_limit)
     if of_model.of_outputs(system, {"x0": x0, "xf": xf}, {"record": record, "target": target}):
-        return of_model.output_control(system, record, target, steps, within, weights, time_limit)
+        return of_model.output_control(system, record, target, wanted)
     if isinstance(system, Identified):
         if validation.choice("fusion", fusion, FUSIONS) != "product":
             raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
         goal = of_model.ending(weights.reference, xf, system.state_names)
         basis = of_model.basis_in_states(system, x0, goal)
-        return of_model.model_control(basis, steps, within, weights, time_limit)
+        return of_model.model_control(basis, wanted)
     if isinstance(x0, Uncertain):
         raise InputError("`x0` may be Uncertain for models from data only; else pass a Fit")
 

@@ -265,7 +265,7 @@ class Plan(SavedRecord, Timed):
             question = Question(basis, self.u, predicted, delta)
             found = model_bound(question, limited, noise, bands, gain)
         else:
-            known = completed(basis, system, x0, xf, "bound", self.labels)
+            known = completed(basis, (system, x0, xf), "bound", self.labels)
             if limited is None:
                 found = plan_bound(known, self.u, predicted, self.fusion, delta)
             else:
@@ -415,7 +415,7 @@ class Plan(SavedRecord, Timed):
         """
         if self.limited is not None:
             raise InputError("no covariance is known within limits or with weights: use error()")
-        basis = completed(self.basis, system, x0, xf, "covariance", self.labels)
+        basis = completed(self.basis, (system, x0, xf), "covariance", self.labels)
         of_control = validation.choice("quantity", quantity, QUANTITIES) == "control"
         fitted = [entity.name for entity in basis.entities if entity.kind == "fitted"]
         schemes = {entity.kind for entity in basis.entities} - {"exact"}
@@ -739,7 +739,8 @@ class Plan(SavedRecord, Timed):
             tube = validation.instance("certificate", certificate, Certificate).tube
             if len(tube) != len(predicted):
                 raise ShapeError(
-                    f"`certificate` must be over {self.steps} steps, got {len(tube) - 1}"
+                    f"`certificate` must be over {show.number_of(self.steps)}, got one over "
+                    f"{show.number_of(len(tube) - 1)}"
                 )
             says, known = certificate.share, certificate.quantities
             if "readings" in known:

@@ -382,7 +382,8 @@ def in_seconds(what: str, title: object, values: Floats) -> Floats:
     unit = unit_of(title)
     if unit and unit not in SECONDS:
         raise InputError(
-            f"`time` must be in seconds, ms, us, ns, min, h or d, but {what} is in {unit[:20]!r}"
+            f"`time` must be in seconds or a unit of time, but {what} is in {unit[:20]!r}: name "
+            "s, ms, us, ns, min, h or d"
         )
     times, parts = SECONDS[unit or "s"]
     known = values[np.isfinite(values)]

@@ -433,12 +433,6 @@ class Trajectories(SavedRecord):
         x, u, x_next = np.split(self.rows, [self.n, self.n + self.m], axis=1)
         return x, u, x_next
 
-    def in_order(self, argument: str, labels: Labels) -> tuple[Floats, Floats, Floats]:
-        """The pairs, with states and inputs in the order of these names."""
-        order = order_of(argument, Labels(self.state_names, self.input_names), labels)
-        x, u, x_next = self.pairs()
-        return order.of_states(x), order.of_inputs(u), order.of_states(x_next)
-
     def last_pairs(self) -> Self:
         """Keep only the last pair of each run.
 
@@ -700,12 +694,19 @@ def require_whole(data: Trajectories, name: str, why: str) -> None:
         )
 
 
+def in_order(name: str, data: Trajectories, labels: Labels) -> tuple[Floats, Floats, Floats]:
+    """The pairs, with states and inputs in the order of these names."""
+    order = order_of(name, Labels(data.state_names, data.input_names), labels)
+    x, u, x_next = data.pairs()
+    return order.of_states(x), order.of_inputs(u), order.of_states(x_next)
+
+
 def shared_rows(a: Trajectories, b: Trajectories) -> int:
     """How many different pairs (x, u, x_next) two data sets share, aligned by name."""
     if a.rows.shape[1] != b.rows.shape[1]:
         return 0
     try:
-        mine = b.in_order("data", Labels(a.state_names, a.input_names))
+        mine = in_order("data", b, Labels(a.state_names, a.input_names))
     except InputError:  # of other signals
         return 0
     return shared(a.rows, np.hstack(mine))

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
 from .._base import validation
 from .._base.names import Labels
 from .._base.records import Count, Dense, Record, require_shapes, trusted
-from .._base.types import ArrayLike, Axis, Floats
+from .._base.types import Axis, Floats
 from ..certificates.of_model import ModelBasis
 from ..ensembles.ensemble import Counts, Ensemble
 from ..exceptions import InputError, ShapeError
@@ -164,22 +164,16 @@ def _drawn(name: str, value: Ensemble | Counts, estimate: Floats | None) -> Know
     return trusted(Known, name, kind, mean, size=value.size, axis=value.axis)
 
 
-def completed(
-    basis: Basis | ModelBasis | None,
-    system: System | None,
-    x0: ArrayLike | None,
-    xf: ArrayLike | None,
-    what: str,
-    labels: Labels | None = None,
-) -> Basis:
+def completed(basis: Any, declared: tuple[Any, ...], what: str, labels: Labels | None) -> Basis:
     """The basis of a plan, in which the given exact values complete the unknown laws."""
+    system, x0, xf = declared
     if basis is None:
         raise InputError(f"this plan was not made by `control`: it has no {what}")
     if isinstance(basis, ModelBasis):
         raise InputError(f"no {what} over draws is known for a model from data: use plan.bound()")
     n = len(basis.B)
     names = None if labels is None else labels.states
-    declared: dict[str, Floats] = {
+    values: dict[str, Floats] = {
         name: validation.vector(name, value, length=n, labels=names)
         for name, value in (("x0", x0), ("xf", xf))
         if value is not None
@@ -191,8 +185,8 @@ def completed(
         checked = in_order("system", checked, labels)
         if not np.array_equal(checked.B, basis.B):
             raise InputError("`system.B` differs from the `B` of this plan")
-        declared["A"] = np.asarray(checked.A)
-    entities = [_declare(one, declared.get(one.name), what) for one in basis.entities]
+        values["A"] = np.asarray(checked.A)
+    entities = [_declare(one, values.get(one.name), what) for one in basis.entities]
     for one, other in itertools.combinations(entities, 2):
         if one.key is not None and one.key == other.key:
             raise InputError(

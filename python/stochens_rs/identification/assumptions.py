@@ -338,14 +338,14 @@ class Assumptions(Record):
 
 
 def checked_assumptions(
-    n: int,
     noise: Noise,
-    names: Sequence[str] = (),
+    names: Sequence[str],
     singular: bool = False,
     tail: float = 0.0,
     accept: object = (),
 ) -> Assumptions:
-    """What is declared of n states of these names; `singular`: the known covariance may be so."""
+    """What is declared of states of these names; `singular`: the covariance may be semidefinite."""
+    n = len(names)
     known, word = None, "known"
     if noise.sigma is not None:
         known = noise.sigma**2 * np.eye(n)

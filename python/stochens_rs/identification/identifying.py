@@ -74,8 +74,8 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
     needed = 2 * (min(least + 1, COMPARED) * (runs.n + runs.m) + offset + runs.n)
     if rows < needed:
         raise InputError(
-            f"`data` must have {SHARE * (first + needed - rows)} pairs to choose a window, got "
-            f"{runs.size}: declare Window(lags=) or Window(filters=)"
+            f"`data` must be longer, or Window(lags=) declared, got {runs.size} pairs, and needs "
+            f"{SHARE * (first + needed - rows)} to choose one"
         )
     window = trusted(Regressors, *names, count, own_pole, back, offset, burn, least)
     return window, first
@@ -211,7 +211,7 @@ def identify(
     if misfit is not None and validation.instance("misfit", misfit, Misfit).limit < np.inf:
         runs = below(runs, misfit)
     n, names = runs.n, runs.state_names
-    assumed = assumptions.checked_assumptions(n, law, names, guided is not None, asked.tail, accept)
+    assumed = assumptions.checked_assumptions(law, names, guided is not None, asked.tail, accept)
     offset = validation.flag("intercept", intercept)
     past, first = chosen_window(runs, asked, offset)
     for name, one in (("known", known), ("pilot", guided)):

@@ -12,7 +12,7 @@ from .._base import running, show, validation
 from .._base.names import Labels
 from .._base.records import Count, Index, Record, cached_property, trusted
 from .._base.types import ArrayLike, Floats, NDArray
-from ..data import Trajectories
+from ..data.trajectories import Trajectories, in_order
 from ..exceptions import InputError
 
 
@@ -200,7 +200,7 @@ class Regressors(Record):
         """
         K, names = validation.size("steps", steps), Labels(self.outputs, self.inputs)
         read = validation.instance("data", data, Trajectories)
-        pairs, found, begun = read.in_order("data", names), [], 0
+        pairs, found, begun = in_order("data", read, names), [], 0
         for length in read.pieces:
             x, u, after = (one[begun : begun + length] for one in pairs)
             begun += length

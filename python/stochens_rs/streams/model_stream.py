@@ -16,7 +16,7 @@ from .._base.names import checked_names
 from .._base.records import Positive, Probability, SavedRecord, cached_property
 from .._base.running import get_num_threads
 from .._base.types import DELTA, ArrayLike, Floats
-from ..data.trajectories import Trajectories, pooled
+from ..data.trajectories import Trajectories, in_order, pooled
 from ..exceptions import InputError
 from ..feedback import Loop
 from ..identification import Window
@@ -211,13 +211,13 @@ class ModelStream(Durable):
             if first is not None or own.design != "adaptive":
                 raise InputError("`window` must be left out with `first` or design='independent'")
             sizes = spread(past, checked_scale(scale, states + inputs, offset))
-            law = checked_assumptions(states, own, past.outputs)
+            law = checked_assumptions(own, past.outputs)
             self._begin(Logs(past, law, sizes, delta, dt))
             return
         d = states + inputs + offset
         running.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
         names = checked_names(states, inputs, state_names, input_names)
-        assumed = checked_assumptions(states, as_noise(noise), names[0])
+        assumed = checked_assumptions(as_noise(noise), names[0])
         refuse(assumed)
         if first is not None and assumed.design == "adaptive":
             raise InputError("`first` needs design='independent': others may be looked at any time")
@@ -441,7 +441,7 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
     n, m = about.n, about.m
     if isinstance(x, Trajectories):
         _refuse_runs(about, x)
-        before, inputs, after = x.in_order("x", about.labels)
+        before, inputs, after = in_order("x", x, about.labels)
     elif u is None or x_next is None:
         raise InputError("`u` and `x_next` must be given with `x`")
     elif validation.array("x", x, ndim=(1, 2)).ndim == 1:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
@@ -293,11 +293,7 @@ class Certificate(SavedRecord):
 
 
 def certificate_of(
-    delta: float,
-    method: str,
-    reason: str | None,
-    quantities: Mapping[str, tuple[Any, ...]],
-    **about: Any,
+    delta: float, method: str, reason: str | None, quantities: dict[str, Any], **about: Any
 ) -> Certificate:
     """A guaranteed one, of radii and what each is from; behind them its own method and reason."""
     radii = {

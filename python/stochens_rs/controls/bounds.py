@@ -235,11 +235,7 @@ AHEAD = 1e-6  # the solver keeps limits to 1e-9 of the states, which must not un
 
 
 def model_bound(
-    of: Question,
-    limited: Limited | None,
-    noise: bool | None,
-    bands: bool | None,
-    gain: Loop | LoopCertificate | None,
+    of: Question, limited: Limited | None, noise: bool | None, bands: bool | None, gain: Any
 ) -> Certificate:
     """Bound where the true system ends; the arguments are those of `Plan.bound`."""
     basis = of.basis

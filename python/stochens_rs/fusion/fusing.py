@@ -213,7 +213,7 @@ def fuse(
         of_core = core_of(given), lines_of(given, goal)
         w, sums, errors, _ = _core.fuse_path(*of_core, name, [given.size], False)
         estimate, error = from_core(given, sums), float(errors[0])
-    return fit_of(given, goal, name, w, estimate, error)
+    return fit_of(given, goal, name, estimate, w, error, None, "completed")
 
 
 def fuse_path(
@@ -376,7 +376,8 @@ def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variance
         info["rms"] = float(np.sqrt(np.sum(chosen**2 * (spread / largest)))) * largest**0.5
     estimate = ensemble.combine(chosen)
     error = None if goal is None else norm(estimate - goal)
-    return fit_of(ensemble, goal, method, chosen, estimate, error, info=info)
+    result = estimate, chosen, error, None, "completed"
+    return fit_of(ensemble, goal, method, *result, info=info)
 
 
 # -- models weighed by data -----------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -21,8 +21,6 @@ Design: TypeAlias = Literal["independent", "adaptive"]
 NoiseLaw: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded"]
 Covariance: TypeAlias = Literal["full", "diagonal", "scalar", "known"]
 
-DESIGNS: tuple[Design, ...] = get_args(Design)
-LAWS: tuple[NoiseLaw, ...] = get_args(NoiseLaw)
 UNKNOWN = ("full", "diagonal", "scalar")  # covariances that are estimated
 #: What `sigma` is for the laws that need it.
 SIZES: dict[NoiseLaw, str] = {"sub-gaussian": "", "bounded": ", the largest norm of the noise"}

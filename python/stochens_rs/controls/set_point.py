@@ -53,8 +53,8 @@ def targets(model: Model, target: Any) -> Floats:
     held = ~np.isnan(rows)
     if np.isinf(rows).any() or not held[0].any() or (held != held[0]).any():
         raise InputError(
-            "`target` must be finite, or nan for an output that is free, in all steps alike, got "
-            f"{validation.show(target)}"
+            "`target` must be finite, or nan for an output that is free, in all steps alike, and "
+            f"of one output at least, got {validation.show(target)}"
         )
     return rows
 

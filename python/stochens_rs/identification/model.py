@@ -713,7 +713,8 @@ def asked_region(model: Model, wish: Wish) -> Region:
     if model.looks is not None:
         if wish.delta > model.looks:
             raise InputError(
-                f"`delta` must be at most {model.looks:g}, that of all looks, got {wish.delta:g}"
+                f"`delta` must be at most {model.looks:g}, which all looks share, got "
+                f"{wish.delta:g}"
             )
         wish = wish._replace(anytime=True)
     refuse_region(model.assumptions, wish, len(model.blocks) > 1)

@@ -183,7 +183,7 @@ class Snapshot(SavedRecord, Fitted):
         level = self.delta if delta is None else validation.probability("delta", delta)
         if level > self.delta:
             raise InputError(
-                f"`delta` must be at most {self.delta:g}, that of all looks, got {level:g}"
+                f"`delta` must be at most {self.delta:g}, which all looks share, got {level:g}"
             )
         if validation.size("future", future, minimum=0):
             raise InputError("`future` must be 0: regions of a stream cover no noise to come")

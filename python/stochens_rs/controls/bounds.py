@@ -85,11 +85,7 @@ def plan_bound(
 
 
 def certificate_of_laws(
-    basis: Basis,
-    delta: float,
-    random: bool,
-    quantities: dict[str, tuple[float, str, str, str | None]],
-    parts: dict[str, float],
+    basis: Basis, delta: float, random: bool, quantities: dict[str, Any], parts: dict[str, float]
 ) -> Certificate:
     """The certificate of a plan of estimates: radius, what it is from, method, reason of each."""
     sure = 1.0 - delta if random else 1.0

@@ -71,7 +71,6 @@ __all__ = [
     "hull_share",
     "instants",
     "joint_radii",
-    "kept_quantiles",
     "least_squares_level",
     "log_multigamma",
     "log_tests",
@@ -121,7 +120,6 @@ __all__ = [
     "validation_systems",
     "validation_weighted",
     "version",
-    "weight_root",
     "widest_gain",
     "window_burn",
     "wishart_quantile",
@@ -626,7 +624,6 @@ def choose_window(
 ) -> tuple[float | None, int, int, int, int, int]: ...
 def first_pairs(rows: _Floats, d: int, threads: int) -> int | None: ...
 def mixtures() -> _Floats: ...
-def kept_quantiles() -> int: ...
 
 # (Theta - C) V (Theta - C)' <= S times the factor for some rows and columns of Theta; white' white
 # = V^+, root' root = V; columns of missing: what the data do not determine
@@ -1291,7 +1288,6 @@ def box_batch(
 ) -> tuple[_Floats, _Floats | None]: ...
 
 # F (rank, n) with F'F = Q
-def weight_root(q: _Floats) -> _Floats: ...
 
 # -- fleets: x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s, d = steps m; u is (d,) --
 

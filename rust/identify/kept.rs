@@ -45,9 +45,3 @@ pub(super) fn kept(
     }
     Ok(found)
 }
-
-/// How many quantiles are kept.
-#[must_use]
-pub fn kept_quantiles() -> usize {
-    KEPT.try_lock().map_or(0, |kept| kept.len())
-}

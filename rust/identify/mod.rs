@@ -30,7 +30,6 @@ pub use distributions::{chi2_quantile, chi2_upper, f_upper, noncentrality_limit}
 pub(crate) use distributions::{level, positive_root, root};
 pub use estimate::{Data, Estimate};
 pub use estimate_law::{Centre, EstimateLaw, NoiseLaw};
-pub use kept::kept_quantiles;
 pub use least_squares::{Fitted, fit};
 pub(crate) use least_squares::{SLACK, cholesky, lengths, null_space};
 pub(crate) use levels::smallest;

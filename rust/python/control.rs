@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{array1, array2, getters, slice};
 use super::error::{InputError, ShapeError};
 use super::realizations::EntityArgument;
 use super::run::{run, run_unstoppable};
@@ -24,8 +24,14 @@ fn vector<'py>(py: Python<'py>, values: &[f64]) -> PyResult<Vector<'py>> {
 #[pyclass(frozen, module = "stochens_rs._core", name = "Factors")]
 pub(super) struct PyFactors(Arc<Factored>);
 
-#[pymethods]
-impl PyFactors {
+getters! {
+    PyFactors {
+        s<'py>: PyResult<Vector<'py>> = |own, py| vector(py, own.0.s());
+        singular_values<'py>: PyResult<Vector<'py>> = |own, py| vector(py, &own.0.parts.singular_values);
+        rank: usize = |own| own.0.parts.rank;
+        off: f64 = |own| own.0.off();
+    }
+
     #[new]
     fn new(py: Python<'_>, b: PyReadonlyArray2<'_, f64>) -> PyResult<Self> {
         let (rows, cols) = b.as_array().dim();
@@ -44,34 +50,14 @@ impl PyFactors {
         array2(py, try_copy(WHAT, &self.0.parts.basis)?, self.0.parts.rank, self.0.rows)?.getattr("T")
     }
 
-    #[getter]
-    fn s<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
-        vector(py, self.0.s())
-    }
-
     #[getter(V)]
     fn right<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         array2(py, try_copy(WHAT, &self.0.parts.right)?, self.0.parts.rank, self.0.cols)?.getattr("T")
     }
 
     #[getter]
-    fn singular_values<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
-        vector(py, &self.0.parts.singular_values)
-    }
-
-    #[getter]
-    fn rank(&self) -> usize {
-        self.0.parts.rank
-    }
-
-    #[getter]
     fn inverse<'py>(&self, py: Python<'py>) -> PyResult<Matrix<'py>> {
         array2(py, try_copy(WHAT, &self.0.parts.matrix)?, self.0.cols, self.0.rows)
-    }
-
-    #[getter]
-    fn off(&self) -> f64 {
-        self.0.off()
     }
 }
 
@@ -84,8 +70,23 @@ type Beside = ((f64, &'static str, f64, f64), (f64, &'static str, f64, f64), f64
 #[pyclass(frozen, subclass, module = "stochens_rs._core", name = "Best")]
 pub(super) struct PyBest(pub(super) ExactControl);
 
-#[pymethods]
-impl PyBest {
+getters! {
+    PyBest {
+        factors: PyFactors = |own| PyFactors(Arc::clone(&own.0.factors));
+        /// The control in the order of time, (m K,).
+        u<'py>: PyResult<Vector<'py>> = |own, py| array1(py, own.0.reversed(&own.0.best.control)?);
+        free<'py>: PyResult<Vector<'py>> = |own, py| vector(py, &own.0.best.free);
+        needed<'py>: PyResult<Vector<'py>> = |own, py| vector(py, &own.0.best.needed);
+        missed<'py>: PyResult<Vector<'py>> = |own, py| vector(py, &own.0.best.residual);
+        reached<'py>: PyResult<Vector<'py>> = |own, py| vector(py, &own.0.reached);
+        off: f64 = |own| own.0.off;
+        gap: f64 = |own| own.0.gap;
+        unsure: f64 = |own| own.0.unsure;
+        upper: f64 = |own| own.0.best.upper;
+        control_rounding: f64 = |own| own.0.best.control_rounding;
+        state_rounding: f64 = |own| own.0.best.state_rounding;
+    }
+
     #[new]
     #[pyo3(signature = (a, b, x0, xf, steps, free=None))]
     fn new(
@@ -112,67 +113,6 @@ impl PyBest {
             Some(free) => ExactControl::added(b, free, xf, stop),
             None => ExactControl::new(a, b, x0, xf, steps, stop),
         })?))
-    }
-
-    #[getter]
-    fn factors(&self) -> PyFactors {
-        PyFactors(Arc::clone(&self.0.factors))
-    }
-
-    /// The control in the order of time, (m K,).
-    #[getter]
-    fn u<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
-        array1(py, self.0.reversed(&self.0.best.control)?)
-    }
-
-    #[getter]
-    fn free<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
-        vector(py, &self.0.best.free)
-    }
-
-    #[getter]
-    fn needed<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
-        vector(py, &self.0.best.needed)
-    }
-
-    #[getter]
-    fn missed<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
-        vector(py, &self.0.best.residual)
-    }
-
-    #[getter]
-    fn reached<'py>(&self, py: Python<'py>) -> PyResult<Vector<'py>> {
-        vector(py, &self.0.reached)
-    }
-
-    #[getter]
-    fn off(&self) -> f64 {
-        self.0.off
-    }
-
-    #[getter]
-    fn gap(&self) -> f64 {
-        self.0.gap
-    }
-
-    #[getter]
-    fn unsure(&self) -> f64 {
-        self.0.unsure
-    }
-
-    #[getter]
-    fn upper(&self) -> f64 {
-        self.0.best.upper
-    }
-
-    #[getter]
-    fn control_rounding(&self) -> f64 {
-        self.0.best.control_rounding
-    }
-
-    #[getter]
-    fn state_rounding(&self) -> f64 {
-        self.0.best.state_rounding
     }
 
     fn amplified(&self, state: f64) -> f64 {

@@ -94,3 +94,24 @@ pub(super) fn law(values: &PyReadonlyArray2<'_, f64>) -> PyResult<crate::Law> {
     let (lines, length) = values.as_array().dim();
     Ok(crate::Law::new(try_copy("a law", slice("target", values)?)?, lines, length)?)
 }
+
+/// `#[pymethods]` of a class: attributes `name: type = |own| expression;`, then its other methods.
+macro_rules! getters {
+    ($class:ident {
+        $($(#[$about:meta])* $name:ident $(<$life:lifetime>)?: $kind:ty = |$own:ident $(, $py:ident)?| $value:expr;)*
+    } $($rest:tt)*) => {
+        #[pymethods]
+        impl $class {
+            $($(#[$about])*
+            #[getter]
+            fn $name $(<$life>)? (&self $(, $py: Python<$life>)?) -> $kind {
+                let $own = self;
+                $value
+            })*
+
+            $($rest)*
+        }
+    };
+}
+
+pub(super) use getters;

@@ -6,7 +6,7 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
 use super::arrays::{array, over};
-use super::convert::{array1, array2, key, law, slice};
+use super::convert::{array1, array2, getters, key, law, slice};
 use super::error::{InputError, ShapeError};
 use super::run::run;
 use crate::memory::{checked_len, try_collect, try_copy};
@@ -27,8 +27,18 @@ pub(super) fn scheme(name: &str) -> PyResult<Scheme> {
     }
 }
 
-#[pymethods]
-impl Draws {
+getters! {
+    Draws {
+        /// Number of realizations.
+        size: usize = |own| own.inner.size();
+        /// Independent indices of a realization.
+        lines: usize = |own| own.inner.law().lines();
+        /// Entries of a line.
+        length: usize = |own| own.inner.law().length();
+        /// Bytes of the indices of these realizations.
+        nbytes: usize = |own| own.inner.size() * own.inner.law().lines() * own.inner.indices().width();
+    }
+
     /// Draws `size` realizations with mean `values` (lines, length).
     #[staticmethod]
     fn sample(
@@ -67,30 +77,6 @@ impl Draws {
             }
         });
         Ok(Self { inner: Singletons::new(law.into(), narrow, size)? })
-    }
-
-    /// Number of realizations.
-    #[getter]
-    fn size(&self) -> usize {
-        self.inner.size()
-    }
-
-    /// Independent indices of a realization.
-    #[getter]
-    fn lines(&self) -> usize {
-        self.inner.law().lines()
-    }
-
-    /// Entries of a line.
-    #[getter]
-    fn length(&self) -> usize {
-        self.inner.law().length()
-    }
-
-    /// Bytes of the indices of these realizations.
-    #[getter]
-    fn nbytes(&self) -> usize {
-        self.inner.size() * self.inner.law().lines() * self.inner.indices().width()
     }
 
     /// The mean of the law (lines, length).

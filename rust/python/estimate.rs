@@ -145,9 +145,3 @@ pub(super) fn first_pairs(py: Python<'_>, rows: Matrix<'_>, d: usize, threads: u
 pub(super) fn mixtures(py: Python<'_>) -> PyResult<Bound<'_, PyArray1<f64>>> {
     array1(py, try_collect(WHAT, identify::MIXTURES.into_iter().chain([identify::PRIOR_NOISE]))?)
 }
-
-/// How many quantiles are kept.
-#[pyfunction]
-pub(super) fn kept_quantiles() -> usize {
-    identify::kept_quantiles()
-}

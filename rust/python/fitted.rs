@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{array1, array2, getters, slice};
 use super::run::run;
 use crate::identify::{self, Fitted};
 use crate::memory::{try_collect, try_copy};
@@ -31,16 +31,14 @@ pub(super) fn copied<'py>(
     array2(py, try_copy(WHAT, values)?, rows, columns)
 }
 
-#[pymethods]
-impl PyFitted {
-    #[getter]
-    fn rows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        places(py, &self.0.rows)
-    }
-
-    #[getter]
-    fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        places(py, &self.0.columns)
+getters! {
+    PyFitted {
+        rows<'py>: PyResult<Bound<'py, PyArray1<i64>>> = |own, py| places(py, &own.0.rows);
+        columns<'py>: PyResult<Bound<'py, PyArray1<i64>>> = |own, py| places(py, &own.0.columns);
+        rounding<'py>: PyResult<Bound<'py, PyArray1<f64>>> = |own, py| array1(py, try_copy(WHAT, &own.0.rounding)?);
+        rank: usize = |own| own.0.rank();
+        nu: usize = |own| own.0.degrees();
+        ratio: f64 = |own| own.0.ratio;
     }
 
     #[getter(H)]
@@ -80,29 +78,9 @@ impl PyFitted {
         Ok((found.zero, found.tied, found.last))
     }
 
-    #[getter]
-    fn rounding<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        array1(py, try_copy(WHAT, &self.0.rounding)?)
-    }
-
     #[getter(N)]
     fn size(&self) -> usize {
         self.0.size
-    }
-
-    #[getter]
-    fn rank(&self) -> usize {
-        self.0.rank()
-    }
-
-    #[getter]
-    fn nu(&self) -> usize {
-        self.0.degrees()
-    }
-
-    #[getter]
-    fn ratio(&self) -> f64 {
-        self.0.ratio
     }
 }
 

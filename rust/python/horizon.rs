@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, key, slice};
+use super::convert::{array1, array2, getters, key, slice};
 use super::horizon_arguments::{CauseArgument, GivenControl, TaskArgument, cost, given, made};
 use super::horizon_results::{Apart, HorizonControl};
 use super::limits::{seconds, to_best};
@@ -30,8 +30,13 @@ pub(super) struct PyHorizon {
     cost: f64,
 }
 
-#[pymethods]
-impl PyHorizon {
+getters! {
+    PyHorizon {
+        long: bool = |own| own.inner.long();
+        /// Rows of the map.
+        rows: usize = |own| own.inner.rows();
+    }
+
     #[new]
     #[pyo3(signature = (a, b, c, task, reference=None, r=None))]
     fn new(
@@ -60,17 +65,6 @@ impl PyHorizon {
         let (n, m, steps) = self.inner.size();
         let Condensed { inverse, map, offset } = run(py, self.cost, |_| self.inner.condensed())?;
         Ok((array1(py, inverse)?, array2(py, map, m * steps, n)?, array1(py, offset)?))
-    }
-
-    #[getter]
-    fn long(&self) -> bool {
-        self.inner.long()
-    }
-
-    /// Rows of the map.
-    #[getter]
-    fn rows(&self) -> usize {
-        self.inner.rows()
     }
 
     /// `M` (rows, m K), `state` (rows, n) and `target` (rows,).

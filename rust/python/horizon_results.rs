@@ -4,7 +4,7 @@ use numpy::PyArray2;
 use pyo3::prelude::*;
 
 use super::arrays::array;
-use super::convert::array2;
+use super::convert::{array2, getters};
 use crate::limits::horizon::Solved;
 use crate::memory::try_copy;
 
@@ -17,31 +17,13 @@ type FollowedArrays<'py> = (Array2<'py>, Array2<'py>, usize, f64);
 #[pyclass(frozen, module = "stochens_rs._core")]
 pub(super) struct Apart(pub(super) crate::limits::horizon::Apart);
 
-#[pymethods]
-impl Apart {
-    #[getter]
-    fn state(&self) -> f64 {
-        self.0.state
-    }
-
-    #[getter]
-    fn weighted(&self) -> f64 {
-        self.0.weighted
-    }
-
-    #[getter]
-    fn distance(&self) -> f64 {
-        self.0.distance
-    }
-
-    #[getter]
-    fn control(&self) -> f64 {
-        self.0.control
-    }
-
-    #[getter]
-    fn excess(&self) -> f64 {
-        self.0.excess
+getters! {
+    Apart {
+        state: f64 = |own| own.0.state;
+        weighted: f64 = |own| own.0.weighted;
+        distance: f64 = |own| own.0.distance;
+        control: f64 = |own| own.0.control;
+        excess: f64 = |own| own.0.excess;
     }
 }
 
@@ -54,8 +36,16 @@ pub(super) struct HorizonControl {
     pub(super) steps: usize,
 }
 
-#[pymethods]
-impl HorizonControl {
+getters! {
+    HorizonControl {
+        gap: f64 = |own| own.solved.found.gap;
+        distance: f64 = |own| own.solved.found.distance;
+        objective: f64 = |own| own.solved.found.objective;
+        missed: f64 = |own| own.solved.missed;
+        status: &'static str = |own| own.solved.found.status.as_str();
+        missing: f64 = |own| own.solved.missing;
+    }
+
     #[getter]
     fn u<'py>(&self, py: Python<'py>) -> PyResult<Array2<'py>> {
         array2(py, try_copy(WHAT, &self.solved.found.control)?, self.steps, self.m)
@@ -75,36 +65,6 @@ impl HorizonControl {
     fn state_active<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<i8>>>> {
         let Some(sides) = &self.solved.state_active else { return Ok(None) };
         array(py, try_copy(WHAT, sides)?, [self.steps, self.n]).map(Some)
-    }
-
-    #[getter]
-    fn gap(&self) -> f64 {
-        self.solved.found.gap
-    }
-
-    #[getter]
-    fn distance(&self) -> f64 {
-        self.solved.found.distance
-    }
-
-    #[getter]
-    fn objective(&self) -> f64 {
-        self.solved.found.objective
-    }
-
-    #[getter]
-    fn missed(&self) -> f64 {
-        self.solved.missed
-    }
-
-    #[getter]
-    fn status(&self) -> &'static str {
-        self.solved.found.status.as_str()
-    }
-
-    #[getter]
-    fn missing(&self) -> f64 {
-        self.solved.missing
     }
 
     /// Of a plan to be followed: states (K, n), the feedback (K m, n), steps over which the inputs alone lead to the

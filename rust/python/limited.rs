@@ -3,7 +3,7 @@
 use numpy::PyArray1;
 use pyo3::prelude::*;
 
-use super::convert::array1;
+use super::convert::{array1, getters};
 use crate::limits::Solution;
 use crate::memory::try_copy;
 
@@ -11,8 +11,17 @@ use crate::memory::try_copy;
 #[pyclass(frozen, module = "stochens_rs._core")]
 pub(super) struct BoxControl(pub(super) Solution);
 
-#[pymethods]
-impl BoxControl {
+getters! {
+    BoxControl {
+        status: &'static str = |own| own.0.status.as_str();
+        gap: f64 = |own| own.0.gap;
+        distance: f64 = |own| own.0.distance;
+        objective: f64 = |own| own.0.objective;
+        at_zero: f64 = |own| own.0.at_zero;
+        iterations: usize = |own| own.0.iterations;
+        method: &'static str = |own| own.0.method.as_str();
+    }
+
     #[getter]
     fn control<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         array1(py, try_copy("a control", &self.0.control)?)
@@ -26,40 +35,5 @@ impl BoxControl {
     #[getter]
     fn multipliers<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         array1(py, try_copy("the multipliers of a control", &self.0.multipliers)?)
-    }
-
-    #[getter]
-    fn status(&self) -> &'static str {
-        self.0.status.as_str()
-    }
-
-    #[getter]
-    fn gap(&self) -> f64 {
-        self.0.gap
-    }
-
-    #[getter]
-    fn distance(&self) -> f64 {
-        self.0.distance
-    }
-
-    #[getter]
-    fn objective(&self) -> f64 {
-        self.0.objective
-    }
-
-    #[getter]
-    fn at_zero(&self) -> f64 {
-        self.0.at_zero
-    }
-
-    #[getter]
-    fn iterations(&self) -> usize {
-        self.0.iterations
-    }
-
-    #[getter]
-    fn method(&self) -> &'static str {
-        self.0.method.as_str()
     }
 }

@@ -103,12 +103,3 @@ pub(super) fn box_batch<'py>(
     let (u, gaps) = run(py, cost, |stop| limits::box_batch(m, y, size, r, bounds, gaps, threads, stop))?;
     Ok((array2(py, u, size, d)?, gaps.map(|gaps| array1(py, gaps)).transpose()?))
 }
-
-/// `F` (rank, n) with `F'F = Q`.
-#[pyfunction]
-pub(super) fn weight_root<'py>(py: Python<'py>, q: Matrix<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-    let (n, q) = (q.as_array().dim().0, slice("Q", &q)?);
-    let root = run(py, 10.0 * (n as f64).powi(3), |_| limits::root(q, n))?;
-    let rows = root.len() / n.max(1);
-    array2(py, root, rows, n)
-}

@@ -56,7 +56,7 @@ mod _core {
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
-    use super::estimate::{PyEstimate, first_pairs, kept_quantiles, mixtures};
+    use super::estimate::{PyEstimate, first_pairs, mixtures};
     #[pymodule_export]
     use super::feedback::{PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, widest_gain};
     #[pymodule_export]
@@ -85,7 +85,7 @@ mod _core {
     #[pymodule_export]
     use super::limited::BoxControl;
     #[pymodule_export]
-    use super::limits::{box_batch, box_control, weight_root};
+    use super::limits::{box_batch, box_control};
     #[pymodule_export]
     use super::outputs::{entered_region, output_tube};
     #[pymodule_export]

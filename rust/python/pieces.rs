@@ -3,6 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1};
 use pyo3::prelude::*;
 
+use super::convert::getters;
 use super::error::InputError;
 use super::fitted::places;
 use super::region::places as counts;
@@ -18,8 +19,12 @@ type Numbers<'py> = Bound<'py, PyArray1<i64>>;
 #[derive(PartialEq)]
 pub(super) struct PyPieces(Pieces);
 
-#[pymethods]
-impl PyPieces {
+getters! {
+    PyPieces {
+        lengths<'py>: PyResult<Numbers<'py>> = |own, py| places(py, own.0.lengths());
+        lost<'py>: PyResult<Numbers<'py>> = |own, py| places(py, own.0.lost());
+    }
+
     #[new]
     #[pyo3(signature = (lengths, gaps=None, lost=None))]
     fn new(
@@ -47,18 +52,8 @@ impl PyPieces {
     }
 
     #[getter]
-    fn lengths<'py>(&self, py: Python<'py>) -> PyResult<Numbers<'py>> {
-        places(py, self.0.lengths())
-    }
-
-    #[getter]
     fn gaps<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<i64>>> {
         places(py, self.0.gaps().as_flattened())?.reshape([self.0.gaps().len(), 2])
-    }
-
-    #[getter]
-    fn lost<'py>(&self, py: Python<'py>) -> PyResult<Numbers<'py>> {
-        places(py, self.0.lost())
     }
 
     fn starts<'py>(&self, py: Python<'py>) -> PyResult<Numbers<'py>> {

@@ -6,7 +6,7 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{array1, array2, getters, slice};
 use super::error::ShapeError;
 use super::fitted::{PyFitted, copied, places as as_places};
 use super::run::run;
@@ -34,8 +34,17 @@ pub(super) fn places(name: &str, values: &PyReadonlyArray1<'_, i64>) -> PyResult
     Ok(found)
 }
 
-#[pymethods]
-impl PyPart {
+getters! {
+    PyPart {
+        rows<'py>: PyResult<Bound<'py, PyArray1<i64>>> = |own, py| as_places(py, own.0.of().rows);
+        columns<'py>: PyResult<Bound<'py, PyArray1<i64>>> = |own, py| as_places(py, own.0.of().columns);
+        white<'py>: PyResult<Bound<'py, PyArray2<f64>>> = |own, py| own.with_columns(py, own.0.of().white);
+        root<'py>: PyResult<Bound<'py, PyArray2<f64>>> = |own, py| own.with_columns(py, own.0.of().root);
+        ratio: f64 = |own| own.0.of().ratio;
+        factor: f64 = |own| own.0.of().factor;
+        radius: f64 = |own| own.0.radius();
+    }
+
     #[new]
     #[expect(clippy::too_many_arguments, reason = "the fields of the record")]
     fn new(
@@ -83,26 +92,6 @@ impl PyPart {
     }
 
     #[getter]
-    fn rows<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        as_places(py, self.0.of().rows)
-    }
-
-    #[getter]
-    fn columns<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<i64>>> {
-        as_places(py, self.0.of().columns)
-    }
-
-    #[getter]
-    fn white<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.with_columns(py, self.0.of().white)
-    }
-
-    #[getter]
-    fn root<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        self.with_columns(py, self.0.of().root)
-    }
-
-    #[getter]
     fn missing<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let PartOf { columns, missing, .. } = self.0.of();
         copied(py, missing, columns.len(), missing.len().checked_div(columns.len()).unwrap_or(0))
@@ -112,21 +101,6 @@ impl PyPart {
     fn shape<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let PartOf { rows, shape, .. } = self.0.of();
         copied(py, shape, rows.len(), rows.len())
-    }
-
-    #[getter]
-    fn ratio(&self) -> f64 {
-        self.0.of().ratio
-    }
-
-    #[getter]
-    fn factor(&self) -> f64 {
-        self.0.of().factor
-    }
-
-    #[getter]
-    fn radius(&self) -> f64 {
-        self.0.radius()
     }
 
     #[getter]
@@ -161,8 +135,13 @@ pub(super) struct PyErrors {
     n: usize,
 }
 
-#[pymethods]
-impl PyErrors {
+getters! {
+    PyErrors {
+        radii<'py>: PyResult<Bound<'py, PyArray1<f64>>> = |own, py| array1(py, try_copy(WHAT, &own.errors.radii)?);
+        linear<'py>: PyResult<Bound<'py, PyArray1<f64>>> = |own, py| array1(py, try_copy(WHAT, &own.errors.linear)?);
+        rest<'py>: PyResult<Bound<'py, PyArray1<f64>>> = |own, py| array1(py, try_copy(WHAT, &own.errors.rest)?);
+    }
+
     #[getter]
     fn states<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
         let values = try_copy(WHAT, &self.errors.states)?;
@@ -170,23 +149,8 @@ impl PyErrors {
     }
 
     #[getter]
-    fn radii<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        array1(py, try_copy(WHAT, &self.errors.radii)?)
-    }
-
-    #[getter]
     fn components<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
         array1(py, try_copy(WHAT, self.errors.components())?)
-    }
-
-    #[getter]
-    fn linear<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        array1(py, try_copy(WHAT, &self.errors.linear)?)
-    }
-
-    #[getter]
-    fn rest<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray1<f64>>> {
-        array1(py, try_copy(WHAT, &self.errors.rest)?)
     }
 }
 
@@ -221,8 +185,12 @@ impl PyRegion {
     }
 }
 
-#[pymethods]
-impl PyRegion {
+getters! {
+    PyRegion {
+        frobenius: Option<f64> = |own| own.0.frobenius;
+        radius: f64 = |own| own.0.radius();
+    }
+
     #[new]
     fn new(
         centre: Matrix<'_>,
@@ -253,18 +221,8 @@ impl PyRegion {
     }
 
     #[getter]
-    fn frobenius(&self) -> Option<f64> {
-        self.0.frobenius
-    }
-
-    #[getter]
     fn noise<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
         self.0.noise().map(|noise| copied(py, noise, noise.len().isqrt(), noise.len().isqrt())).transpose()
-    }
-
-    #[getter]
-    fn radius(&self) -> f64 {
-        self.0.radius()
     }
 
     fn bound(&self, z: Vector<'_>, noise: bool) -> PyResult<f64> {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{array1, array2, getters, slice};
 use super::region::PyRegion;
 use super::run::run;
 use super::window::PyWindow;
@@ -88,12 +88,14 @@ pub(super) struct PySetPoint {
     point: SetPoint,
 }
 
-#[pymethods]
-impl PySetPoint {
-    /// Outputs and inputs.
-    #[getter]
-    fn place<'py>(&self, py: Python<'py>) -> PyResult<Row<'py>> {
-        array1(py, try_copy(WHAT, &self.point.place)?)
+getters! {
+    PySetPoint {
+        /// Outputs and inputs.
+        place<'py>: PyResult<Row<'py>> = |own, py| array1(py, try_copy(WHAT, &own.point.place)?);
+        /// Inputs that are held by a limit.
+        at_limit: Vec<usize> = |own| own.point.at_limit.clone();
+        /// Outputs that are held exactly, whatever constant acts.
+        exact: Vec<bool> = |own| own.point.exact.clone();
     }
 
     /// What a constant in the equation adds to them (p + m, p).
@@ -109,18 +111,6 @@ impl PySetPoint {
         let p = self.points.sizes().0;
         let n = found.len() / p;
         array2(py, found, n, p)
-    }
-
-    /// Inputs that are held by a limit.
-    #[getter]
-    fn at_limit(&self) -> Vec<usize> {
-        self.point.at_limit.clone()
-    }
-
-    /// Outputs that are held exactly, whatever constant acts.
-    #[getter]
-    fn exact(&self) -> Vec<bool> {
-        self.point.exact.clone()
     }
 
     /// Where all systems of a region rest: (shift, half, norm), or None.

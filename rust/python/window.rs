@@ -3,7 +3,7 @@
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArrayMethods};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{array1, array2, getters, slice};
 use super::error::{InputError, ShapeError};
 use super::fitted::places;
 use super::run::{UNTIL_STOPPED, run};
@@ -21,8 +21,13 @@ const WHAT: &str = "a window";
 #[pyclass(frozen, module = "stochens_rs._core", name = "Window")]
 pub(super) struct PyWindow(pub(super) Window);
 
-#[pymethods]
-impl PyWindow {
+getters! {
+    PyWindow {
+        length: usize = |own| own.0.length();
+        states: usize = |own| own.0.states();
+        fill: usize = |own| own.0.fill();
+    }
+
     #[new]
     #[pyo3(signature = (outputs, inputs, count, pole=None, delay=0, intercept=false, burn=0))]
     fn new(
@@ -36,21 +41,6 @@ impl PyWindow {
     ) -> PyResult<Self> {
         let kind = pole.map_or(Kind::Lags(count), |pole| Kind::Filters { pole, count });
         Ok(Self(Window::new(outputs, inputs, kind, delay, intercept, burn)?))
-    }
-
-    #[getter]
-    fn length(&self) -> usize {
-        self.0.length()
-    }
-
-    #[getter]
-    fn states(&self) -> usize {
-        self.0.states()
-    }
-
-    #[getter]
-    fn fill(&self) -> usize {
-        self.0.fill()
     }
 
     /// The rows (z, y one step later) of `pairs`, and the places of their pairs.

@@ -17,14 +17,13 @@ from limit_problems import draw_box, draw_map, draw_steps, weight
 from stochens_rs import _core
 from stochens_rs.certificates.of_model import ModelBasis
 from stochens_rs.controls import bounds as limit_bound
-from stochens_rs.controls import bounds as limit_certificate
 from stochens_rs.controls.bounds import FIRM
 from stochens_rs.exceptions import InputError
 from stochens_rs.limits import problem as limited_errors
 from stochens_rs.limits.problem import Horizon, Limited, checked_task
 from stochens_rs.theory.exact import states
 from test_bounds_coverage import exceeded_too_often, systems
-from test_limit_bounds import PLAIN, Planned, drawn, errors_of, measured, onto
+from test_limit_bounds import Planned, drawn, errors_of, measured, onto
 from twin import limit_bounds as lb
 from twin import limited_control as lc
 from twin import limited_problems as lp
@@ -394,15 +393,15 @@ def test_tightened_limits_are_those_of_the_twin(gen):
     task = checked_task(n, 1, K, np.zeros(n), limits=se.Limits(x=(-1.0, [2.0, np.inf]), soft=False))
     radii = np.array([0.0, 0.1, 0.2, 0.3])
     same = np.broadcast_to(radii[:, None], (K + 1, n))
-    tight = limit_certificate.tightened(task, same)
+    tight = limit_bound.tightened(task, same)
     C, h = np.vstack([np.eye(n), -np.eye(n)]), np.array([2.0, np.inf, 1.0, 1.0])
     wanted = lb.tightened(C, h, radii[1:])
     np.testing.assert_allclose(tight.state_high, wanted[:, :2])
     np.testing.assert_allclose(-tight.state_low, wanted[:, 2:])
     at = np.zeros((K + 1, n))
-    assert limit_certificate.lacking(task, at, same) == 0.0
+    assert limit_bound.lacking(task, at, same) == 0.0
     at[3, 0] = 1.9
-    np.testing.assert_allclose(limit_certificate.lacking(task, at, same), 0.2)
+    np.testing.assert_allclose(limit_bound.lacking(task, at, same), 0.2)
 
 
 def test_a_control_that_cannot_keep_the_limits_says_by_how_much(gen):
@@ -417,11 +416,11 @@ def test_a_control_that_cannot_keep_the_limits_says_by_how_much(gen):
         )
         plain = Horizon(replace(task, state_low=None, state_high=None), model.A, model.B).solve(x0)
         first: Limited = replace(plain, task=task)
-        found, bound = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN)
+        found, bound = limit_bound.within_state_limits(basis, first, 0.1)
         assert found.status == status
         at = states(model.A, model.B, x0, found.u)
         np.testing.assert_allclose(
-            found.missing, limit_certificate.lacking(task, at, bound["bands"].radius)
+            found.missing, limit_bound.lacking(task, at, bound["bands"].radius)
         )
         assert found.task is task
         if status == "optimal":
@@ -446,13 +445,13 @@ def test_a_time_limit_ends_the_search_for_limits_that_the_tube_keeps(gen):
         cost=se.Cost(R=1e-3),
     )
     first = Horizon(task, model.A, model.B).solve(x0)
-    found, bound = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN, 0.0)
+    found, bound = limit_bound.within_state_limits(basis, first, 0.1, 0.0)
     assert found.status == "user_limit"
     assert np.array_equal(found.u, first.u)
     at = states(model.A, model.B, x0, found.u)
-    assert found.missing == limit_certificate.lacking(task, at, bound["bands"].radius) > 0.0
+    assert found.missing == limit_bound.lacking(task, at, bound["bands"].radius) > 0.0
     for limit in (None, 60.0):
-        done, _ = limit_certificate.within_state_limits(basis, first, 0.1, PLAIN, limit)
+        done, _ = limit_bound.within_state_limits(basis, first, 0.1, limit)
         assert done.status != "user_limit"
         assert done.missing < found.missing
     more = {"limits": (-1, 1), "state_limits": (-1.0, 0.98), "soft": False}

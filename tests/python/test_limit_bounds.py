@@ -17,9 +17,8 @@ from coverage_study import sets
 from hidden_systems import of_each_kind
 from limit_plans import within
 from limit_problems import draws, weight
-from stochens_rs.certificates.of_model import Asked, ModelBasis
+from stochens_rs.certificates.of_model import ModelBasis, Question
 from stochens_rs.controls import bounds as limit_bound
-from stochens_rs.controls import bounds as limit_certificate
 from stochens_rs.controls.bounds import FIRM, limited_bound, limited_certificate
 from stochens_rs.limits import problem as limited_errors
 from stochens_rs.limits.problem import Horizon, checked_task
@@ -30,7 +29,6 @@ from twin import limited_control as lc
 from twin import limited_problems as lp
 
 ONCE = 1.0 + 1e-9
-PLAIN = Asked(noise=False)
 
 
 class Planned:
@@ -188,13 +186,14 @@ def measured(gen, A, B, count, noise):
     )
 
 
-def certified(model, x0, xf, K, delta=0.1, x0_error=0.0, asked=PLAIN, **limits):
+def certified(model, x0, xf, K, delta=0.1, x0_error=0.0, noise=False, **limits):
     n, m = model.B.shape
     task = checked_task(n, m, K, xf, **within(**limits))
     basis = ModelBasis(model, x0, xf, x0_error)
     limited = Horizon(task, model.A, model.B, model.c).solve(x0)
     predicted = states(model.A, model.B, x0, limited.u)
-    return limited, limited_certificate(basis, limited, predicted, delta, asked), predicted
+    question = Question(basis, limited.u, predicted, delta, noise)
+    return limited, limited_certificate(question, limited), predicted
 
 
 @pytest.mark.parametrize("K", [1, 3])
@@ -207,7 +206,8 @@ def test_alpha_and_gamma_are_those_of_the_twin(K):
         R = 10.0 ** gen.uniform(-1, 1)
         Q = np.eye(n) if K > 1 else weight(gen, n)
         limited, found, predicted = certified(model, x0, xf, K, limits=(-0.5, 0.5), Q=Q, R=R)
-        region = limit_certificate.step_regions(ModelBasis(model, x0, xf), 0.1, K, PLAIN)[0][0]
+        question = Question(ModelBasis(model, x0, xf), limited.u, predicted, 0.1)
+        region = limit_bound.step_regions(question)[0][0]
         part = region.parts[0]
         S = part.factor * part.S
         alpha = np.sqrt(np.sum(found.tube[1:] ** 2))
@@ -320,14 +320,14 @@ def test_the_control_is_at_most_what_the_limits_allow():
             farthest = np.linalg.norm(limited.u - corner)
             assert found.control <= farthest * ONCE <= np.sqrt(12 * m) * 1.5 * ONCE**2
             assert found["control"].reason is None
-            assert (found["control"].method == limit_certificate.ALONE) == (
+            assert (found["control"].method == limit_bound.ALONE) == (
                 found.control == pytest.approx(farthest)
             )
             task = replace(limited.task, R=limited.R, state_low=None, state_high=None)
             best = Horizon(task, one.A, one.B).solve(x0)
             assert np.linalg.norm(limited.u - best.u) <= farthest * ONCE
             methods.append(found["control"].method)
-    assert limit_certificate.ALONE in methods
+    assert limit_bound.ALONE in methods
     # without limits of the inputs there is no corner
     free = certified(model, x0, xf, 12, limits=(-np.inf, np.inf), Q=1.0, R=1e-3)[1]
-    assert free["control"].method != limit_certificate.ALONE
+    assert free["control"].method != limit_bound.ALONE

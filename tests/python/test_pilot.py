@@ -197,14 +197,14 @@ def test_covariances_that_are_singular_up_to_rounding(units: Any) -> None:
         root = np.random.default_rng(seed).standard_normal((4, 2)) * np.reshape(units, (-1, 1))
         known = root @ root.T
         least.append(least_correlation(known))
-        found = checked_assumptions(4, se.Noise(covariance=known), singular=True)
+        found = checked_assumptions(se.Noise(covariance=known), "abcd", singular=True)
         np.testing.assert_allclose(found.known, known, rtol=1e-15)
         with pytest.raises(InputError, match="`covariance` must be positive definite"):
-            checked_assumptions(4, se.Noise(covariance=known))
+            checked_assumptions(se.Noise(covariance=known), "abcd")
     assert min(least) < 0.0 < max(least)
     wrong = (np.eye(4) - (1.0 + 1e-14) / 4.0) * (np.reshape(units, (-1, 1)) * units)
     with pytest.raises(InputError, match=r"positive semidefinite, .* is -1.3"):
-        checked_assumptions(4, se.Noise(covariance=wrong), singular=True)
+        checked_assumptions(se.Noise(covariance=wrong), "abcd", singular=True)
 
 
 @pytest.mark.parametrize("delta", [1e-12, 1e-14, 1e-100])

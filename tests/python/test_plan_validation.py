@@ -20,7 +20,7 @@ from stochens_rs.exceptions import InputError, ShapeError, SizeError
 from stochens_rs.theory import scenario
 from stochens_rs.validation import Validation
 from stochens_rs.validation import held_out as held_out_runs
-from stochens_rs.validation.fresh_systems import needed, rank_of
+from stochens_rs.validation.held_out import needed, rank_of
 
 ALARM = 1e-6
 K = 5

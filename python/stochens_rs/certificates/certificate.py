@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -290,3 +290,15 @@ class Certificate(SavedRecord):
             np.arange(len(self.tube)), self.tube[:, None], "radius around the predicted states"
         )
         return show.card(self, rows, drawn)
+
+
+def certificate_of(
+    delta: float, method: str, reason: str | None, quantities: dict[str, Any], **about: Any
+) -> Certificate:
+    """A guaranteed one, of radii and what each is from; behind them its own method and reason."""
+    radii = {
+        name: radius_at(radius, distance_from, delta, *(own or (method, reason)))
+        for name, (radius, distance_from, *own) in quantities.items()
+    }
+    fields = {"kind": "guaranteed", "delta": delta, "quantities": radii, **about}
+    return trusted(Certificate, **fields)

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import show
-from .._base.records import NotNegative, Record, trusted
+from .._base.records import NotNegative, Record
 from .._base.types import Floats, norm
 from ..exceptions import InputError, ShapeError
 from ..identification.assumptions import Assumptions
@@ -19,7 +19,7 @@ from ..identification.model import Model
 from ..identification.region import Region
 from ..identification.window import Regressors
 from ..theory.exact import states
-from .certificate import Certificate, Radius, radius_at
+from .certificate import Certificate, certificate_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,74 +135,71 @@ def root_of(S: Floats) -> Floats:
 REGION, END, BEFORE = 0.5, 0.4, 0.1
 
 
-class Asked(NamedTuple):
-    """The arguments of `Plan.bound` for a model."""
+class Question(NamedTuple):
+    """What is to be bounded: where `u` leads the true system; `predicted` are the model's states.
 
-    noise: bool
+    `delta`, `noise` and `bands` are the arguments of `Plan.bound`.
+    """
+
+    basis: ModelBasis
+    u: Floats
+    predicted: Floats
+    delta: float
+    noise: bool = False
     bands: bool = False
+
+    def method(self, name: str) -> str:
+        """How the radii were found, in words."""
+        return f"{name} {'with' if self.noise else 'without'} noise"
 
 
 def certificate(
-    basis: ModelBasis,
-    u: Floats,
-    predicted: Floats,
-    delta: float,
-    asked: Asked,
-    known: tuple[tuple[Region, ...], ToCome | None] | None = None,
+    of: Question, known: tuple[tuple[Region, ...], ToCome | None] | None = None
 ) -> Certificate:
-    """Bound where the true system ends under `u`; `predicted` are the states of the model.
-
-    `known` is what `step_regions` returns for these arguments.
-    """
-    model, K, own = basis.model, len(u), False
-    name = "several steps" if K > 1 else "one step"
+    """Bound where the true system ends; `known` is what `step_regions` returns."""
+    basis, model, K, own = of.basis, of.basis.model, len(of.u), False
     bands: Floats | None
     if model.doubts:
         reason, said = model.doubts[0], "none that would do"
-        tube, bands = np.full(K + 1, np.inf), np.full(predicted.shape, np.inf)
+        tube, bands = np.full(K + 1, np.inf), np.full(of.predicted.shape, np.inf)
         tube[0], bands[0] = basis.x0_error, basis.x0_error
         components = bands[-1]
-        parts = [norm(predicted[-1] - basis.xf), np.inf, basis.x0_error]
+        parts = [norm(of.predicted[-1] - basis.xf), np.inf, basis.x0_error]
         target, control, why = np.inf, np.inf, None
     else:
-        regions, to_come = known or step_regions(basis, delta, K, asked)
+        regions, to_come = known or step_regions(of)
         apart: Region | None = None
-        if K == 1 and _sharper_by_rows(basis, regions[0], asked):
-            apart = model.region(delta, components=True)  # type: ignore[call-arg]
+        if K == 1 and _sharper_by_rows(of, regions[0]):
+            apart = model.region(of.delta, components=True)  # type: ignore[call-arg]
         own = apart is not None or isinstance(to_come, GaussianNoise)
         best, (target, *parts), components, tube, bands, control, why = _core.certify(
             (basis.x0, basis.x0_error),
             basis.xf,
-            predicted,
-            [(region.core, u, to_come, K == 1) for region in regions],
-            None if apart is None else (apart.core, u, None, False),
-            asked.bands,
+            of.predicted,
+            [(region.core, of.u, to_come, K == 1) for region in regions],
+            None if apart is None else (apart.core, of.u, None, False),
+            of.bands,
         )
         said, missing = _said(basis, regions[0], to_come), regions[best].missing
         reason = "too few data, or too many steps"
         if missing:
             reason = f"the data do not determine the system along {', '.join(missing[:3])}"
-    method = f"{name} {'with' if asked.noise else 'without'} noise"
-
-    def radius(value: float | Floats, distance_from: str, reason: str = reason) -> Radius:
-        return radius_at(value, distance_from, delta, method, reason)
-
+    method = of.method("several steps" if K > 1 else "one step")
+    quantities = {
+        "target": (target, "xf"),
+        "state": (float(tube[-1]), "the predicted state"),
+        "control": (control, "the exact best control", method, why or reason),
+        "components": (components, "xf, for each state"),
+        "tube": (tube, "the predicted states, for each step"),
+    }
+    if of.bands:
+        quantities["bands"] = (bands, "the predicted states, for each step and state")
     alone = "; components and bands are a statement of their own" if own else ""
-    each = {}
-    if asked.bands and bands is not None:
-        each["bands"] = radius(bands, "the predicted states, for each step and state")
-    return trusted(
-        Certificate,
-        kind="guaranteed",
-        delta=delta,
-        quantities={
-            "target": radius(target, "xf"),
-            "state": radius(float(tube[-1]), "the predicted state"),
-            "control": radius(control, "the exact best control", why or reason),
-            "components": radius(components, "xf, for each state"),
-            "tube": radius(tube, "the predicted states, for each step"),
-            **each,
-        },
+    return certificate_of(
+        of.delta,
+        method,
+        reason,
+        quantities,
         covers=f"all together, over the noise of the data{alone}",
         assumption=said,
         parts=dict(zip(("reach", "model error", "start"), parts, strict=True)),
@@ -215,10 +212,9 @@ def _said(basis: ModelBasis, region: Region, to_come: ToCome | None) -> str:
     text = region.assumption
     if basis.x0_error:
         text += f"; x0 within {basis.x0_error:.4g}"
-    if isinstance(to_come, SizedNoise):
-        text += "; noise to come of the same size, at half of the probability of failure"
-    if isinstance(to_come, GaussianNoise):
-        text += "; noise to come independent of the data, at half of the probability of failure"
+    if to_come is not None:
+        of = "of the same size" if isinstance(to_come, SizedNoise) else "independent of the data"
+        text += f"; noise to come {of}, at half of the probability of failure"
     return text
 
 
@@ -237,28 +233,24 @@ def _noise_to_come(model: Identified) -> Literal["Gaussian", "sized", "region", 
     return "region" if assumed.design == "independent" else "Gaussian"
 
 
-def step_regions(
-    basis: ModelBasis, delta: float, K: int, asked: Asked
-) -> tuple[tuple[Region, ...], ToCome | None]:
+def step_regions(of: Question) -> tuple[tuple[Region, ...], ToCome | None]:
     """The regions for K steps, in one event, and the noise to come where that is not in them."""
-    model, kind = basis.model, _noise_to_come(basis.model)
+    model, kind, K, delta = of.basis.model, _noise_to_come(of.basis.model), len(of.u), of.delta
     options: dict[str, Any] = {}
     if K > 1 and not (isinstance(model, Model) and len(model.blocks) > 1):
         options["frobenius"] = True
-    whole = delta
-    if asked.noise and kind == "region":
+    if of.noise and kind == "region":
         options["future"] = K
-    elif asked.noise and kind == "Gaussian":
+    elif of.noise and kind == "Gaussian":
         delta *= REGION
         if isinstance(model, Model) and model.assumptions.known is None and model.pilot is None:
             options["method"] = "mixture"  # which bounds the covariance as well
-    elif asked.noise and kind == "sized":
+    elif of.noise and kind == "sized":
         delta /= 2.0
-    elif asked.noise:
+    elif of.noise:
         raise InputError(
-            "`noise` must be False: noise to come is bounded for noise of known covariance or "
-            "size (`sigma` of identify), and for Gaussian noise without single known entries; this "
-            "model has none of these"
+            "`noise` must be False: this model has neither noise of known covariance or size "
+            "(`sigma` of identify) nor Gaussian noise without single known entries"
         )
     try:
         regions = model.regions(delta, **options)
@@ -266,26 +258,27 @@ def step_regions(
         if "future" not in options:
             raise
         raise InputError(f"`noise` must be False: {error}") from None
-    if not asked.noise or kind == "region":
+    if not of.noise or kind == "region":
         return regions, None
     n, bound = regions[0].n, regions[0].noise
     if kind == "Gaussian":
         # too few pairs for a bound of the covariance: infinite
         root = np.diag(np.full(n, np.inf)) if bound is None else root_of(bound)
         end = END if K > 1 else END + BEFORE
-        return regions, GaussianNoise(root, end * whole, BEFORE * whole / (2 * max(K - 1, 1)))
+        before = BEFORE * of.delta / (2 * max(K - 1, 1))
+        return regions, GaussianNoise(root, end * of.delta, before)
     assumed: Assumptions = model.assumptions  # type: ignore[attr-defined]
     assert assumed.known is not None
     radius = sqrt(K) if assumed.noise == "bounded" else sqrt(K) * _core.one_noise(n, delta / K)
     return regions, SizedNoise(radius, root_of(assumed.known))
 
 
-def _sharper_by_rows(basis: ModelBasis, region: Region, asked: Asked) -> bool:
+def _sharper_by_rows(of: Question, region: Region) -> bool:
     """Whether regions by rows are smaller for components, decided without the data."""
-    model = basis.model
+    model = of.basis.model
     return (
         isinstance(model, Model)
-        and not asked.noise
+        and not of.noise
         and len(region.parts) == 1
         and model.n > 1
         and model.pilot is None
@@ -337,19 +330,15 @@ def output_certificate(
         reason = model.doubts[0]
     elif region.missing:
         reason = f"the data do not determine the system along {', '.join(region.missing[:3])}"
-
-    def radius(value: float | Floats, distance_from: str) -> Radius:
-        return radius_at(value, distance_from, delta, method, reason)
-
     of = f"{what} of {show.listed(model.outputs)} at step {len(u)}"
     goal = "the predicted outputs" if r is None else "the target"
     quantities = {
-        "last": radius((off + components[1:])[-1], f"{goal}, {of}"),
-        "target": radius(target, f"{goal}, the last {len(away)} {what} together"),
-        "tube": radius(tube, f"the predicted outputs, {what} of each step"),
-        "mean": radius(mean[0], "the predicted outputs, their mean given the record"),
-        "readings": radius(components, f"the predicted outputs, {what} of each output"),
-        "outputs": radius(off + components[1:], f"{goal}, {what} of each output"),
+        "last": ((off + components[1:])[-1], f"{goal}, {of}"),
+        "target": (target, f"{goal}, the last {len(away)} {what} together"),
+        "tube": (tube, f"the predicted outputs, {what} of each step"),
+        "mean": (mean[0], "the predicted outputs, their mean given the record"),
+        "readings": (components, f"the predicted outputs, {what} of each output"),
+        "outputs": (off + components[1:], f"{goal}, {what} of each output"),
     }
     said = region.assumption
     if gain is not None:
@@ -357,11 +346,11 @@ def output_certificate(
     if noise:
         said += "; noise to come independent of the data, at half of the probability of failure"
     said += "; declared: the plant was at rest" if basis.at_rest else "; the record happened"
-    return trusted(
-        Certificate,
-        kind="guaranteed",
-        delta=delta,
-        quantities=quantities,
+    return certificate_of(
+        delta,
+        method,
+        reason,
+        quantities,
         covers="target and tube together, and all radii of single outputs together, over the noise "
         + ("of the data and of the run" if noise else "of the data"),
         assumption=f"{said}; the number of steps was fixed beforehand",
@@ -376,51 +365,43 @@ def output_certificate(
 ANY_DESIGN = 0.1
 
 
-def near_reference(
-    basis: ModelBasis, u: Floats, predicted: Floats, delta: float, asked: Asked
-) -> Certificate | None:
+def near_reference(of: Question) -> Certificate | None:
     """Bound where the true system ends; None for a plan that no reference is declared for.
 
     That is decided without the data: by the number of steps, and an exact x0. Each radius is the
     smaller one of two that hold together: that near the reference, and that of any design.
     """
-    model = basis.model
+    basis, model = of.basis, of.basis.model
     if not isinstance(model, Model) or model.pilot is None or model.doubts:
         return None
-    if len(u) != model.pilot.steps or basis.x0_error:
+    if len(of.u) != model.pilot.steps or basis.x0_error:
         return None
     plain, share = model.of_any_design, ANY_DESIGN if model.of_any_design is not None else 0.0
-    task = basis.x0, basis.xf, np.ascontiguousarray(u), np.ascontiguousarray(predicted)
+    task = basis.x0, basis.xf, np.ascontiguousarray(of.u), np.ascontiguousarray(of.predicted)
     known = model.assumptions.covariance, model.assumptions.known
     target, *parts, tube, components = model.piloted.near(
-        model.reference, *task, known, delta * (1.0 - share), asked.noise
+        model.reference, *task, known, of.delta * (1.0 - share), of.noise
     )
     named = dict(zip(("reach", "quantile", "mismatch", "rest"), parts, strict=True))
-    method = f"near a reference, {'with' if asked.noise else 'without'} noise"
-
     state: float = float(np.sum(parts[1:]))
     if plain is not None:
-        other = certificate(replace(basis, model=plain), u, predicted, delta * share, asked)
+        by = replace(basis, model=plain)
+        other = certificate(of._replace(basis=by, delta=of.delta * share))
         if other.target < target:
             named = dict(other.parts)
         target = min(target, other.target)
         state = min(state, float(other["state"].radius))
         components = np.minimum(components, other["components"].radius)
         tube = np.minimum(tube, other["tube"].radius)
-
-    def radius(value: float | Floats, distance_from: str) -> Radius:
-        reason = "too few data for this probability, or a pilot that says too little"
-        return radius_at(value, distance_from, delta, method, reason)
-
-    return trusted(
-        Certificate,
-        kind="guaranteed",
-        delta=delta,
-        quantities={
-            "target": radius(target, "xf"),
-            "state": radius(state, "the predicted state"),
-            "components": radius(components, "xf, for each state"),
-            "tube": radius(tube, "the predicted states, for each step"),
+    return certificate_of(
+        of.delta,
+        of.method("near a reference,"),
+        "too few data for this probability, or a pilot that says too little",
+        {
+            "target": (target, "xf"),
+            "state": (state, "the predicted state"),
+            "components": (components, "xf, for each state"),
+            "tube": (tube, "the predicted states, for each step"),
         },
         covers=(
             "target and state together, the components and the tube each on its own, over the "

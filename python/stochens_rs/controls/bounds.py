@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf, sqrt
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,10 +14,10 @@ from .. import _core
 from .._base import show, validation
 from .._base.records import Count, FromZero, Probability, SavedRecord, trusted
 from .._base.types import QUANTITIES, ROUNDING, Floats, Fusion, norm
-from ..certificates.certificate import Certificate, Radius, radius_at
+from ..certificates.certificate import Certificate, Radius, certificate_of, radius_at
 from ..certificates.of_model import (
-    Asked,
     ModelBasis,
+    Question,
     certificate,
     near_reference,
     output_certificate,
@@ -26,6 +26,7 @@ from ..certificates.of_model import (
 )
 from ..exceptions import InputError, InputTypeError, ShapeError, SizeError
 from ..feedback import Loop, LoopCertificate
+from ..fusion.provenance import Basis, Known
 from ..identification.identified import Identified
 from ..identification.model import in_states
 from ..limits.problem import Horizon, Limited, LimitedErrors, MovedTarget, Task
@@ -39,11 +40,7 @@ from ..theory.drawn_bounds import (
     radii,
 )
 from ..theory.exact import EPS, checked_finite, matrix_powers
-from ..validation.fresh_systems import needed, rank_of
-
-if TYPE_CHECKING:
-    from ..fusion.provenance import Basis, Known
-
+from ..validation.held_out import needed, rank_of
 
 KEY = as_key(0).child("simulated bound")  # of the draws, which are the same in every call
 LAWS = "the exact values are those that the realizations were drawn from, independently"
@@ -88,11 +85,7 @@ def plan_bound(
 
 
 def certificate_of_laws(
-    basis: Basis,
-    delta: float,
-    random: bool,
-    quantities: dict[str, tuple[float, str, str, str | None]],
-    parts: dict[str, float],
+    basis: Basis, delta: float, random: bool, quantities: dict[str, Any], parts: dict[str, float]
 ) -> Certificate:
     """The certificate of a plan of estimates: radius, what it is from, method, reason of each."""
     sure = 1.0 - delta if random else 1.0
@@ -238,21 +231,15 @@ AHEAD = 1e-6  # the solver keeps limits to 1e-9 of the states, which must not un
 
 
 def model_bound(
-    basis: ModelBasis,
-    u: Floats,
-    predicted: Floats,
-    limited: Limited | None,
-    delta: float,
-    noise: bool | None,
-    bands: bool | None,
-    gain: Loop | LoopCertificate | None,
+    of: Question, limited: Limited | None, noise: bool | None, bands: bool | None, gain: Any
 ) -> Certificate:
     """Bound where the true system ends; the arguments are those of `Plan.bound`."""
+    basis = of.basis
     window = basis.window is not None
     every = bands if bands is not None else not window and gain is None
     noisy = validation.flag("noise", window if noise is None else noise)
-    asked = Asked(noisy, validation.flag("bands", every))
-    if asked.bands and (window or gain is not None):
+    of = of._replace(noise=noisy, bands=validation.flag("bands", every))
+    if of.bands and (window or gain is not None):
         other_than = "for a model of outputs" if window else "with `gain`"
         raise InputError(f"`bands` must be False {other_than}")
     if gain is not None and not isinstance(gain, (Loop, LoopCertificate)):
@@ -263,27 +250,26 @@ def model_bound(
     if K is not None and K.shape != basis.model.B.shape[::-1]:
         raise ShapeError(f"`gain` must be one of this model, got one of shape {K.shape}")
     if window:
-        return output_certificate(basis, u, delta, noisy, K)
+        return output_certificate(basis, of.u, of.delta, noisy, K)
     if gain is not None:
-        return followed(basis, u, predicted, gain, delta, noisy)
-    near = near_reference(basis, u, predicted, delta, asked)
+        return followed(of, gain)
+    near = near_reference(of)
     if limited is None:
-        return near or certificate(basis, u, predicted, delta, asked)
-    found = limited_certificate(basis, limited, predicted, delta, asked)
+        return near or certificate(of)
+    found = limited_certificate(of, limited)
     return found if near is None else near.over(found)
 
 
-def limited_certificate(
-    basis: ModelBasis, limited: Limited, predicted: Floats, delta: float, asked: Asked
-) -> Certificate:
+def limited_certificate(of: Question, limited: Limited) -> Certificate:
     """Bound where the true system ends, and how far the control is from the best within limits.
 
     The certificate holds for any control that was chosen after the data; what is new is the
     comparison with the best control of the true system, in the same event: "excess", "control",
     and "states", ``(sum_k ||x(k) - y(k)||_{Q_k}^2)^(1/2)`` for the states x under u and y under it.
     """
-    known = None if basis.model.doubts else step_regions(basis, delta, len(limited.u), asked)
-    found = certificate(basis, limited.u, predicted, delta, asked, known)
+    basis = of.basis
+    known = None if basis.model.doubts else step_regions(of)
+    found = certificate(of, known)
     task, tube = limited.task, found.tube[1:]
     model = Horizon(task, basis.model.A, basis.model.B, R=limited.R)
     horizon, farthest = model.core, model.core.farthest(limited.u)
@@ -294,14 +280,14 @@ def limited_certificate(
     elif known is not None:
         region = known[0][0]
     if region is not None and np.isfinite(tube).all():
-        at = np.ascontiguousarray(predicted[1:]), limited.u
-        sure = len(tube) == 1 and not task.soft and not basis.x0_error and not asked.noise
+        at = np.ascontiguousarray(of.predicted[1:]), of.u
+        sure = len(tube) == 1 and not task.soft and not basis.x0_error and not of.noise
         alpha = horizon.alpha(region.core, tube, *at, basis.x0 if sure else None)
         by = horizon.apart(region.core, *at, alpha, limited.gap)
         control, excess, states, reason = by.control, by.excess, by.state, SMALL
 
     def radius(value: float, distance_from: str, method: str = MOVED) -> Radius:
-        return radius_at(value, distance_from, delta, method, reason)
+        return radius_at(value, distance_from, of.delta, method, reason)
 
     best = "the best control within the limits"
     alone = farthest < control
@@ -334,11 +320,7 @@ def lacking(task: Task, states: Floats, radii: Floats) -> float:
 
 
 def within_state_limits(
-    basis: ModelBasis,
-    first: Limited,
-    delta: float,
-    asked: Asked,
-    time_limit: float | None = None,
+    basis: ModelBasis, first: Limited, delta: float, time_limit: float | None = None
 ) -> tuple[Limited, Certificate]:
     """A control under which the true system keeps hard limits of its states, and its certificate.
 
@@ -353,7 +335,7 @@ def within_state_limits(
     def certified() -> tuple[Floats, Certificate, Floats]:
         """The states of the model, the certificate, and the radius of each state, (K + 1, n)."""
         at = trajectory(model.Theta, basis.x0, found.u)
-        bound = certificate(basis, found.u, at, delta, asked._replace(bands=True))
+        bound = certificate(Question(basis, found.u, at, delta, bands=True))
         bands = bound.quantities.get("bands")
         radii = bound.tube[:, None] if bands is None else np.asarray(bands.radius)
         return at, bound, np.broadcast_to(radii, at.shape)
@@ -383,11 +365,7 @@ _MANY = "without a weight of the inputs more than one control is the best"
 
 
 def limited_bound(
-    basis: Basis,
-    limited: Limited,
-    predicted: Floats,
-    delta: float,
-    fusion: Fusion = "product",
+    basis: Basis, limited: Limited, predicted: Floats, delta: float, fusion: Fusion = "product"
 ) -> Certificate:
     """Bound the errors of a control within limits, which leads the model along `predicted`."""
     errors = plan_errors(basis, len(limited.u), fusion)
@@ -479,15 +457,9 @@ def proof_of(
     return proof
 
 
-def followed(
-    basis: ModelBasis,
-    u: Floats,
-    predicted: Floats,
-    gain: Loop | LoopCertificate,
-    delta: float,
-    noise: bool,
-) -> Certificate:
+def followed(of: Question, gain: Loop | LoopCertificate) -> Certificate:
     """Bound where the true system ends under ``u(k) + K (x - xh)``; half of delta is for noise."""
+    basis, u, predicted, delta, noise, _ = of
     proof = proof_of("plan", basis.model, gain, delta / 2.0 if noise else delta)
     region = proof.region
     left = delta - region.delta
@@ -511,27 +483,19 @@ def followed(
         "start": size - alone if np.isfinite(size) else 0.0,
         "noise": tube.noise_radius,
     }
-    reason = proof.reason or "the feedback is not certified"
-    method = f"a certified feedback, {'with' if noise else 'without'} noise"
-
-    def radius(value: float | Floats, distance_from: str) -> Radius:
-        return radius_at(value, distance_from, delta, method, reason)
-
     aside = np.linalg.norm(tube.states - predicted, axis=1)
     tubes, state = tube.radii + aside, float(tube.radii[-1] + aside[-1])
-    return trusted(
-        Certificate,
-        kind="guaranteed",
-        delta=delta,
-        quantities={
-            "target": radius(parts["reach"] + float(tube.radii[-1]), "xf"),
-            "state": radius(state, "the predicted state"),
-            "components": radius(np.abs(end) + tube.components[-1], "xf, for each state"),
-            "tube": radius(tubes, "the predicted states, for each step"),
-            "inputs": radius(
-                (tube.input_components + np.abs(centred - u) + EPS * np.abs(u)).max(axis=0),
-                "the planned ones, for each input in any step",
-            ),
+    inputs = tube.input_components + np.abs(centred - u) + EPS * np.abs(u)
+    return certificate_of(
+        delta,
+        of.method("a certified feedback,"),
+        proof.reason or "the feedback is not certified",
+        {
+            "target": (parts["reach"] + float(tube.radii[-1]), "xf"),
+            "state": (state, "the predicted state"),
+            "components": (np.abs(end) + tube.components[-1], "xf, for each state"),
+            "tube": (tubes, "the predicted states, for each step"),
+            "inputs": (inputs.max(axis=0), "the planned ones, for each input in any step"),
         },
         covers="all together, over the noise of the data" + (" and of the run" if noise else ""),
         assumption=region.assumption

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from .._base import running, validation
 from .._base.names import Labels, default_labels
 from .._base.records import trusted
 from .._base.running import get_num_threads
-from .._base.types import FUSIONS, ArrayLike, Floats, Fusion
+from .._base.types import FUSIONS, ArrayLike, Floats, Fusion, worst
 from ..ensembles.ensemble import Counts, Ensemble, core_of, sample
 from ..ensembles.systems import SystemEnsemble
 from ..exceptions import InputError, InputTypeError, ShapeError, SolverError
@@ -26,16 +26,12 @@ from ..rng import RngLike, as_key
 from ..system.system import System, mean_of
 from ..theory.exact import best, best_control, checked_ends, checked_steps, factors, states
 from . import of_model
+from .of_model import Record
 from .plan import Plan
+from .set_point import Target
 
-if TYPE_CHECKING:
-    from typing import TypeGuard
-
-    from .of_model import Record
-    from .set_point import Target
-
-    EntityLike: TypeAlias = Fit | Ensemble | Counts | ArrayLike
-    SystemLike: TypeAlias = System | tuple[EntityLike, ArrayLike] | Any
+EntityLike: TypeAlias = Fit | Ensemble | Counts | ArrayLike
+SystemLike: TypeAlias = System | tuple[EntityLike, ArrayLike] | Any
 
 
 def control(
@@ -155,14 +151,15 @@ def control(
     (array([-0.5,  0.5]), array([-1,  1], dtype=int8), 0.25, 'optimal')
     """
     within, weights = as_limits(limits), as_cost(cost)
+    wanted = of_model.Wanted(steps, within, weights, time_limit)
     if of_model.of_outputs(system, {"x0": x0, "xf": xf}, {"record": record, "target": target}):
-        return of_model.output_control(system, record, target, steps, within, weights, time_limit)
+        return of_model.output_control(system, record, target, wanted)
     if isinstance(system, Identified):
         if validation.choice("fusion", fusion, FUSIONS) != "product":
             raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")
         goal = of_model.ending(weights.reference, xf, system.state_names)
         basis = of_model.basis_in_states(system, x0, goal)
-        return of_model.model_control(basis, steps, within, weights, time_limit)
+        return of_model.model_control(basis, wanted)
     if isinstance(x0, Uncertain):
         raise InputError("`x0` may be Uncertain for models from data only; else pass a Fit")
 
@@ -204,9 +201,11 @@ def control(
     x0_known, xf_known, A_known = (known(one.name, one.value, used) for one, used in entries)
     rounding = found.state_rounding, found.control_rounding
     kept = trusted(Basis, B, x0_known, xf_known, A_known, rounding)
-    ended = tuple(one.value.status for one in entities if isinstance(one.value, Fit))
-    result = u, predicted, found, limited
-    return of_model.planned(kept, *result, info, labels, dt, how, ended)
+    ended = [one.value.status for one in entities if isinstance(one.value, Fit)]
+    status = worst(["completed", *ended, *([limited.status] if limited else [])])
+    info["singular_values"] = found.factors.singular_values
+    about = how, status, info, kept, limited, labels, dt
+    return trusted(Plan, u, predicted, found.reachability(), *about)
 
 
 @dataclass(frozen=True)
@@ -230,8 +229,7 @@ class Entity:
         if value is None or isinstance(value, Fit | Counts):
             raise InputError(
                 f"`{self.name}` must be an Ensemble or an array here, got "
-                f"{validation.article(type(self.value))}: paired realizations share one weight "
-                "vector; weights of their own, and counts, go with fusion='product'"
+                f"{validation.article(type(self.value))}: it goes with fusion='product'"
             )
         return value if isinstance(value, Ensemble) else None
 
@@ -266,7 +264,7 @@ def problem(
         models, A = A, Ensemble.from_samples(A.A, centre=A.centre)
         if models.c is not None:
             raise InputError("`A` must be models without offsets here: see control_fleet")
-    if _estimated(A):
+    if isinstance(A, Fit | Ensemble | Counts):
         if len(pair) not in (2, 3):
             raise InputTypeError(
                 f"`system` must be a pair (A, B) or (A, B, dt) when A is "
@@ -295,15 +293,11 @@ def problem(
 
 
 def _entity(name: str, value: Any, shape: tuple[int, ...], names: Any = None) -> Entity:
-    if not _estimated(value):
+    if not isinstance(value, Fit | Ensemble | Counts):
         return Entity(name, validation.vector(name, value, length=shape[0], labels=names).copy())
     if value.shape != shape:
         raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
     return Entity(name, value)
-
-
-def _estimated(value: object) -> TypeGuard[Fit | Ensemble | Counts]:
-    return isinstance(value, Fit | Ensemble | Counts)
 
 
 def realizations(entities: tuple[Entity, Entity, Entity]) -> tuple[Any, Any, Any, bool]:
@@ -324,9 +318,8 @@ def fusion_over(steps: object, fusion: object, n: int, m: int) -> tuple[int, Fus
     K = validation.size("steps", steps)
     if K > 1:
         raise InputError(
-            f"`fusion` must be 'product' with steps={K}, got 'diagonal': the control over K >= 2 "
-            "steps is not linear in A, so the average of the controls of the realizations is "
-            "biased, and more of them do not help"
+            f"`fusion` must be 'product' with steps={K}, got 'diagonal': over several steps the "
+            "average of the controls is biased"
         )
     return K, how
 

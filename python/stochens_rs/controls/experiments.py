@@ -228,8 +228,7 @@ def required_samples(
     if validation.flag("relative", relative):
         if not reference:
             raise InputError(
-                f"`error` cannot be relative here: the exact {kind} is zero, and so is what x0 "
-                "would be compared with (use relative=False)"
+                f"`error` cannot be relative here: the exact {kind} is zero (use relative=False)"
             )
         error *= reference
     rms_of = moments.control_rms if kind == "control" else moments.state_rms
@@ -400,13 +399,11 @@ def design(
     model = basis.model
     if model.pilot is not None:
         raise InputError(
-            "`plan` must be for a model without a pilot: inputs chosen from its runs are not "
-            "independent of their noise; plan by the pilot, and let it be that of the next runs"
+            "`plan` must be for a model without a pilot: inputs would follow its noise"
         )
     if model.design != "adaptive":
         raise InputError(
-            "`plan` must be for a model with design='adaptive': inputs that follow from earlier "
-            "runs are not independent of their noise"
+            "`plan` must be for a model with design='adaptive': inputs would follow its noise"
         )
     count = validation.size("runs", runs)
     length = plan.steps if steps is None else validation.size("steps", steps)

@@ -4,29 +4,25 @@ from __future__ import annotations
 
 from dataclasses import replace
 from time import monotonic
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, TypeAlias, TypeGuard
+from typing import Any, Literal, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import trusted
-from .._base.types import DELTA, ROUNDING, ArrayLike, Floats, Fusion, Status, worst
-from ..certificates.of_model import Asked, ModelBasis, trajectory
+from .._base.types import DELTA, ROUNDING, ArrayLike, Floats
+from ..certificates.of_model import ModelBasis, trajectory
 from ..exceptions import InputError, InputTypeError, NonFiniteError
 from ..feedback.loop import for_outputs
 from ..identification.identified import Identified
 from ..identification.model import Model
-from ..limits.limits import Cost, Limits, LimitsLike, Uncertain, as_limits
+from ..limits.limits import Cost, LimitsLike, Uncertain, as_limits
 from ..limits.problem import Horizon, Limited, Task, checked_task, read_task, seconds, sides
 from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
-from .set_point import output_weights, set_point, targets
-
-if TYPE_CHECKING:
-    from ..fusion.provenance import Basis
-
+from .set_point import Aim, set_point, targets, weights_of
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
 
@@ -69,25 +65,27 @@ def basis_in_states(model: Identified, x0: Any, xf: Any) -> ModelBasis:
     return trusted(ModelBasis, model, start, goal, radius)
 
 
-def model_control(
-    basis: ModelBasis,
-    steps: int,
-    limits: LimitsLike,
-    cost: Cost,
-    time_limit: float | None,
-    resting: Floats | None = None,
-) -> Plan:
-    """Compute the control for a model; the arguments are those of `control`.
+class Wanted(NamedTuple):
+    """Arguments of `control` for a model."""
+
+    steps: Any
+    limits: LimitsLike
+    cost: Cost
+    time_limit: float | None = None
+
+
+def model_control(basis: ModelBasis, wanted: Wanted, resting: Floats | None = None) -> Plan:
+    """Compute the control for a model.
 
     Inputs cost what they differ from `resting`, those that hold the target; default 0.
     """
     model, started = basis.model, monotonic()
     n, m = model.B.shape
-    K = exact.checked_steps(steps, n, m)
-    task, system, x0 = task_of(model, K, basis.xf, limits, cost)
+    K = exact.checked_steps(wanted.steps, n, m)
+    task, system, x0 = task_of(model, K, basis.xf, wanted.limits, wanted.cost)
     if task is not None and resting is not None and resting.any():
         task = replace(task, resting=resting)
-    time = seconds(time_limit, task)
+    time = seconds(wanted.time_limit, task)
     found, limited = _best(basis, K), None
     if task is None:
         u = found.u.reshape(K, m)
@@ -99,7 +97,7 @@ def model_control(
         limited = Horizon(task, *system).solve(x0, time_limit=time)
         if task.state_low is not None and task.soft is None:
             left = None if time is None else time - (monotonic() - started)
-            limited, _ = within_state_limits(basis, limited, model.level, Asked(noise=False), left)
+            limited, _ = within_state_limits(basis, limited, model.level, left)
         u = limited.u
     path = trajectory(model.Theta, basis.x0, u)
     if limited is not None and limited.states is not None:
@@ -122,11 +120,10 @@ def task_of(
     p = model.n_outputs
     if within.soft is False:
         raise InputError(
-            "`soft` must not be False for a model of outputs: noise can lead readings beyond any "
-            "limit; give a weight, or leave it out"
+            "`soft` must not be False for a model of outputs: give a weight, or leave it out"
         )
     names = Labels(model.outputs, model.input_names)
-    own = read_task(p, m, K, np.zeros(p), within, Cost(Q=output_weights(model, cost)), names)
+    own = read_task(p, m, K, np.zeros(p), within, Cost(Q=weights_of(model, cost)), names)
     assert own.state_low is not None
     assert own.state_high is not None
     task = read_task(n, m, K, xf, replace(within, x=None, soft=None), cost, model.labels)
@@ -186,26 +183,10 @@ def _planned(
     given = {"method": "exact", "size": None}
     info: dict[str, Any] = {"x0": given, "xf": given, "A": {"method": "from data", "size": None}}
     info["warnings"] = (*beyond, *model.warnings, *further)
-    return planned(basis, u, path, found, limited, info, model.labels, model.dt)
-
-
-def planned(
-    basis: Basis | ModelBasis,
-    u: Floats,
-    path: Floats,
-    found: exact.Best,
-    limited: Limited | None,
-    info: dict[str, Any],
-    labels: Labels,
-    dt: float | None,
-    fusion: Fusion = "product",
-    statuses: tuple[Status, ...] = (),
-) -> Plan:
-    """The plan whose `info` has an entry for each of x0, xf and A, and its warnings."""
-    status = worst(["completed", *statuses, *([limited.status] if limited else [])])
-    info = {**info, "singular_values": found.factors.singular_values}
-    about = fusion, status, info, basis, limited, labels, dt
-    return trusted(Plan, u, path, found.reachability(), *about)
+    info["singular_values"] = found.factors.singular_values
+    status = "completed" if limited is None else limited.status
+    about = "product", status, info, basis, limited, model.labels, model.dt
+    return trusted(Plan, u, path, found.reachability(), *about)  # type: ignore[arg-type]
 
 
 def step_warnings(found: exact.Best, *, sure: bool) -> tuple[str, ...]:
@@ -254,16 +235,14 @@ def start_of(model: Model, record: Any) -> Start:
     if record is None:
         raise InputError(
             f"`record` needs {window.fill + 1} rows of outputs and {window.fill} of inputs that "
-            "were measured, got none: a model of outputs starts from what happened, see "
-            "Trajectories.last_record()"
+            "were measured, got none: see Trajectories.last_record()"
         )
     if isinstance(record, str):
         record = (record, np.zeros(p), np.zeros(m))
     if not isinstance(record, tuple | list) or len(record) not in (2, 3):
         raise InputError(
-            "`record` must be a pair (outputs, inputs) of rows that were measured, see "
-            'Trajectories.last_record(), or "rest" or ("rest", outputs, inputs), got '
-            f"{validation.show(record)}"
+            "`record` must be a pair (outputs, inputs) of rows that were measured, "
+            f'"rest" or ("rest", outputs, inputs), got {validation.show(record)}'
         )
     if len(record) == 2:
         x = window.state_of(*record)
@@ -293,51 +272,33 @@ def cost_of_outputs(model: Model, cost: Cost) -> Cost:
     return replace(cost, Q=of_states(cost.Q), Qf=of_states(cost.Qf))
 
 
-def output_control(
-    model: Model,
-    record: Any,
-    target: Any,
-    steps: int,
-    limits: Limits,
-    cost: Cost,
-    time_limit: float | None,
-) -> Plan:
+def output_control(model: Model, record: Any, target: Any, wanted: Wanted) -> Plan:
     """Compute the control for a model of outputs; the arguments are those of `control`."""
     assert model.window is not None
-    start, K = start_of(model, record), validation.size("steps", steps)
+    start, K = start_of(model, record), validation.size("steps", wanted.steps)
+    limits, cost = as_limits(wanted.limits), cost_of_outputs(model, wanted.cost)
     if limits.rate is not None and limits.previous is None:
         limits = replace(limits, previous=start.acted)
     if model.window.count > K:
         raise InputError(
-            f"`steps` must be {model.window.count} at least, so that the window can be at rest in "
-            f"the end, got {K}"
+            f"`steps` must be {model.window.count} at least, to rest in the end, got {K}"
         )
-    weights = cost_of_outputs(model, cost)
     rows = targets(model, target)
     if len(rows) > 1:
         raise InputError(f"`target` must be one target for a plan, got {len(rows)} rows")
     low, high = sides("limits", limits.u, K, model.labels)
-    own = output_weights(model, weights)
-    point = set_point(model, rows[0], own, (low[-1].copy(), high[-1].copy()), start.read)
+    ends, own = (low[-1].copy(), high[-1].copy()), weights_of(model, cost)
+    point = set_point(model, Aim(rows[0], own, ends, start.read))
     none, own = np.zeros(model.n_outputs), np.zeros(model.m)
-    return plan_from(
-        model, start, point.moving(none, none, none, own), K, limits, weights, time_limit
-    )
+    rest = point.moving(none, none, none, own)
+    return plan_from(model, start, rest, Wanted(K, limits, cost, wanted.time_limit))
 
 
-def plan_from(
-    model: Model,
-    start: Start,
-    rest: tuple[Floats, Floats],
-    K: int,
-    limits: LimitsLike,
-    cost: Cost,
-    time_limit: float | None = None,
-) -> Plan:
+def plan_from(model: Model, start: Start, rest: tuple[Floats, Floats], wanted: Wanted) -> Plan:
     """The plan to a window and inputs at rest; inputs cost what they differ from those there."""
     x, u = rest
     basis = trusted(ModelBasis, model, start.x, x, 0.0, start.read, start.at_rest)
-    return model_control(basis, K, as_limits(limits), cost, time_limit, resting=u)
+    return model_control(basis, wanted, resting=u)
 
 
 def predict(

@@ -30,7 +30,7 @@ from .._base.types import (
     norm,
 )
 from ..certificates.certificate import Certificate
-from ..certificates.of_model import ModelBasis
+from ..certificates.of_model import ModelBasis, Question
 from ..exceptions import InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..fusion.provenance import Basis, completed
@@ -50,8 +50,7 @@ from ..theory.exact import (
     relative,
     states,
 )
-from ..validation.fresh_systems import Validation
-from ..validation.held_out import Predicted, Runs, validated
+from ..validation.held_out import Asked, Predicted, Runs, Validation, validated
 from .bounds import Typical, limited_bound, model_bound, plan_bound, ranked
 
 _NOT_FOR = {
@@ -263,9 +262,10 @@ class Plan(SavedRecord, Timed):
             if value is not None and value is not False:
                 raise InputError(f"`{name}` must be left out {_NOT_FOR[model]}")
         if isinstance(basis, ModelBasis):
-            found = model_bound(basis, self.u, predicted, limited, delta, noise, bands, gain)
+            question = Question(basis, self.u, predicted, delta)
+            found = model_bound(question, limited, noise, bands, gain)
         else:
-            known = completed(basis, system, x0, xf, "bound", self.labels)
+            known = completed(basis, (system, x0, xf), "bound", self.labels)
             if limited is None:
                 found = plan_bound(known, self.u, predicted, self.fusion, delta)
             else:
@@ -333,8 +333,7 @@ class Plan(SavedRecord, Timed):
         model = basis.model if isinstance(basis, ModelBasis) else None
         if not isinstance(basis, ModelBasis) or not isinstance(model, Model):
             raise InputError(
-                "`typical` needs a plan for a model by `identify`: only there the law of the "
-                "estimate is known, and no data were looked at in between"
+                "`typical` needs a plan for a model by `identify`, of which the law is known"
             )
         if model.warnings:
             raise InputError(f"`typical` must not be trusted beside a warning: {model.warnings[0]}")
@@ -416,7 +415,7 @@ class Plan(SavedRecord, Timed):
         """
         if self.limited is not None:
             raise InputError("no covariance is known within limits or with weights: use error()")
-        basis = completed(self.basis, system, x0, xf, "covariance", self.labels)
+        basis = completed(self.basis, (system, x0, xf), "covariance", self.labels)
         of_control = validation.choice("quantity", quantity, QUANTITIES) == "control"
         fitted = [entity.name for entity in basis.entities if entity.kind == "fitted"]
         schemes = {entity.kind for entity in basis.entities} - {"exact"}
@@ -582,7 +581,7 @@ class Plan(SavedRecord, Timed):
         """
         states, labels = self._drawn
         mine = Predicted(self.u, states, self.basis, self.limited, labels, self.dt)
-        return validated(mine, runs, delta, beta, x0, scale, weights)
+        return validated(mine, runs, x0, Asked.checked(delta, beta, scale, weights))
 
     def plot(
         self,
@@ -740,8 +739,8 @@ class Plan(SavedRecord, Timed):
             tube = validation.instance("certificate", certificate, Certificate).tube
             if len(tube) != len(predicted):
                 raise ShapeError(
-                    f"`certificate` must be of this plan, over {show.number_of(self.steps)}, got "
-                    f"one over {show.number_of(len(tube) - 1)}"
+                    f"`certificate` must be over {show.number_of(self.steps)}, got one over "
+                    f"{show.number_of(len(tube) - 1)}"
                 )
             says, known = certificate.share, certificate.quantities
             if "readings" in known:
@@ -759,8 +758,7 @@ class Plan(SavedRecord, Timed):
                 raise InputError(f"`measured` must be at most {_DRAWN:.0e} to be drawn")
             if runs.shape[-2:] != predicted.shape:
                 raise ShapeError(
-                    f"`measured` must have shape {predicted.shape}, or (R, ..) for R runs, got "
-                    f"{runs.shape}"
+                    f"`measured` must have shape {predicted.shape} each, got {runs.shape}"
                 )
         return tube, says, runs
 
@@ -770,8 +768,7 @@ class Plan(SavedRecord, Timed):
         n, m = self._shape
         if (checked.n, checked.m) != (n, m):
             raise ShapeError(
-                f"`system` must have n={n} and m={m} as this plan, got n={checked.n} and "
-                f"m={checked.m}"
+                f"`system` must have n={n} and m={m}, got n={checked.n} and m={checked.m}"
             )
         validation.same_dt("system", checked.dt, self.dt, "this plan")
         return in_order("system", checked, self.labels)

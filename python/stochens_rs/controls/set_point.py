@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -13,10 +13,8 @@ from .._base.names import Labels, titled, weight
 from .._base.types import DELTA, ArrayLike, Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.tube import Rest
-
-if TYPE_CHECKING:
-    from ..identification.model import Model
-    from ..limits.limits import Cost
+from ..identification.model import Model
+from ..limits.limits import Cost
 
 # Of all outputs, or by name; rows of them are one for each step.
 Target: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
@@ -61,7 +59,7 @@ def targets(model: Model, target: Any) -> Floats:
     return rows
 
 
-def output_weights(model: Model, cost: Cost) -> Floats | None:
+def weights_of(model: Model, cost: Cost) -> Floats | None:
     """The weights of the outputs now, or of their first filters, (p, p), if there are any."""
     p, found = model.n_outputs, cost.Q if cost.Q is not None else cost.Qf
     if found is None:
@@ -69,22 +67,28 @@ def output_weights(model: Model, cost: Cost) -> Floats | None:
     return np.ascontiguousarray(weight("Q", found, model.n)[:p, :p])
 
 
-def nearest_point(
-    model: Model,
-    target: Floats,
-    weights: Floats | None,
-    limits: tuple[Floats, Floats],
-    now: Floats,
-    given: Floats | None = None,
-) -> tuple[_core.SetPoints, _core.SetPoint]:
+class Aim(NamedTuple):
+    """What outputs are to rest at, with which weights and within which limits of the inputs.
+
+    Outputs that are free and integrate stay at `now`. Inputs that are `given` have these values,
+    (m,), nan where one is chosen.
+    """
+
+    target: Floats
+    weights: Floats | None
+    limits: tuple[Floats, Floats]
+    now: Floats
+    given: Floats | None = None
+
+
+def nearest_point(model: Model, aim: Aim) -> tuple[_core.SetPoints, _core.SetPoint]:
     """Return the points of rest and the nearest to ``y = target``, within the limits of the inputs.
 
     With the least ``(y - r)'Q(y - r)``, Q the `weights`, without them the squares of 1 / the range
-    of each output; outputs that are free and integrate stay at `now`. Inputs that are `given` have
-    these values, (m,), nan where one is chosen.
+    of each output.
     """
-    p, names = model.n_outputs, model.outputs
-    unit = model.ranges
+    p, names, unit = model.n_outputs, model.outputs, model.ranges
+    target, weights, limits, now, given = aim
     points = _core.SetPoints(model.regressors.core, np.ascontiguousarray(model.coefficients), unit)
     if not points.can_be_held:
         raise InputError(
@@ -97,16 +101,10 @@ def nearest_point(
     return points, point
 
 
-def set_point(
-    model: Model,
-    target: Floats,
-    weights: Floats | None,
-    limits: tuple[Floats, Floats],
-    now: Floats,
-) -> _core.SetPoint:
+def set_point(model: Model, aim: Aim) -> _core.SetPoint:
     """Return `nearest_point`; refused where no system that the data allow rests at the target."""
-    p, names = model.n_outputs, model.outputs
-    points, point = nearest_point(model, target, weights, limits, now)
+    p, names, target, limits = model.n_outputs, model.outputs, aim.target, aim.limits
+    points, point = nearest_point(model, aim)
     y, u = point.place[:p], point.place[p:]
     variances = np.zeros(p) if model.covariance is None else np.diag(model.covariance)[:p]
     off = np.abs(y - target) > NEAR * np.sqrt(variances) + 1e-9 * np.abs(target)
@@ -130,7 +128,7 @@ def set_point(
     elif point.at_limit:
         # without limits the target would be held: do all systems need more than they leave?
         inf = np.full(m, np.inf)
-        _, free = nearest_point(model, target, weights, (-inf, inf), now)
+        _, free = nearest_point(model, aim._replace(limits=(-inf, inf)))
         spread = free.spread(region.core)
         if spread is not None:
             middle, half = free.place[p:] + spread[0][p:], spread[1][p:]

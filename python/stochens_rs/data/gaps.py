@@ -20,7 +20,6 @@ from ..exceptions import InputError
 from .table import LATEST, Run
 
 OnGap: TypeAlias = Literal["split", "raise"]
-ON_GAP: tuple[OnGap, ...] = get_args(OnGap)
 NEAR = 0.25  # of a step: how far a stamp may be off if `dt` is declared
 CLOSE = 0.05  # the same if it is not
 IRREGULAR = 0.1  # share of stamps further off from which on a log has no sampling time
@@ -167,7 +166,7 @@ def pairs_of(
     `names` are those of the states and then the inputs.
     """
     back = validation.size("delay", delay, minimum=-1)
-    split = validation.choice("on_gap", on_gap, ON_GAP) == "split"
+    split = validation.choice("on_gap", on_gap, get_args(OnGap)) == "split"
     step = None if dt is None else validation.positive("dt", dt)
     timed = len(runs[0].times) > 0
     if timed:

@@ -158,8 +158,7 @@ class Table:
                 column = column.astype(np.float64)
         if column.dtype.kind not in "iuf":
             raise InputTypeError(
-                f"{self.in_words(name)} must contain real numbers, got dtype "
-                f"{str(column.dtype)[:40]}"
+                f"{self.in_words(name)} must contain real numbers, got {str(column.dtype)[:40]}"
             )
         numbers: Floats = column.astype(np.float64)
         return numbers

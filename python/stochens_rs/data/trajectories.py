@@ -43,7 +43,8 @@ def _rebuild(
     pieces = Pieces(*(one.ravel().astype(np.int64) for one in whole_numbers))
     if checked.shape[1] <= 2 * count or pieces.lengths.sum() != len(checked):
         raise InputTypeError("the fields of these Trajectories do not fit together")
-    made = Trajectories._of(checked, pieces, count, dt, state_names, input_names, bool(outputs))
+    about = count, dt, state_names, input_names, bool(outputs)
+    made = Trajectories._of(checked, pieces, about)
     if whole is None:
         return made
     last = validation.instance("whole", whole, Trajectories).last_pairs()
@@ -131,8 +132,7 @@ class Trajectories(SavedRecord):
         x, u = _several("states", states), _several("inputs", inputs)
         if len(x) != len(u):
             raise ShapeError(
-                f"`inputs` must have {len(x)} runs as `states`, got {len(u)}; one run is a pair of "
-                "arrays (T + 1, n) and (T, m)"
+                f"`inputs` must have {len(x)} runs as `states`, got {len(u)}, each (T, m)"
             )
         checked: list[tuple[Floats, Floats]] = []
         n = m = None
@@ -154,7 +154,7 @@ class Trajectories(SavedRecord):
         rows = np.vstack([np.hstack([run[:-1], acting, run[1:]]) for run, acting in checked])
         pieces = Pieces(np.array([len(acting) for _, acting in checked], dtype=np.int64))
         read = validation.flag("outputs", outputs)
-        made = cls._of(rows, pieces, checked[0][0].shape[1], dt, state_names, input_names, read)
+        made = cls._of(rows, pieces, (n, dt, state_names, input_names, read))
         warn_of_ends(checked, made.state_names)
         return made
 
@@ -320,7 +320,8 @@ class Trajectories(SavedRecord):
         titles, runs = read_runs(tables, columns)
         states, inputs = tuple(map(str, titles.read)), tuple(map(str, titles.inputs))
         rows, pieces, dt = pairs_of(runs, [*states, *inputs], *about)
-        return cls._of(rows, pieces, len(states), dt, states, inputs, titles.kind == "outputs")
+        read = titles.kind == "outputs"
+        return cls._of(rows, pieces, (len(states), dt, states, inputs, read))
 
     @classmethod
     def from_pairs(
@@ -369,7 +370,7 @@ class Trajectories(SavedRecord):
         running.need("the pairs", (2 * before.nbytes) + acting.nbytes)
         pieces = Pieces(np.ones(N, dtype=np.int64))
         rows = np.hstack([before, acting, after])
-        return cls._of(rows, pieces, n, dt, state_names, input_names, False)
+        return cls._of(rows, pieces, (n, dt, state_names, input_names, False))
 
     @property
     def m(self) -> int:
@@ -577,17 +578,9 @@ class Trajectories(SavedRecord):
         return draw_runs(x, u, names, self.dt, figure)
 
     @classmethod
-    def _of(
-        cls,
-        rows: Floats,
-        layout: Pieces,
-        n: int,
-        dt: float | None,
-        state_names: Sequence[str] | None,
-        input_names: Sequence[str] | None,
-        outputs: bool,
-        whole: Trajectories | None = None,
-    ) -> Self:
+    def _of(cls, rows: Floats, layout: Pieces, about: tuple[Any, ...], whole: Any = None) -> Self:
+        """From checked rows; `about` is as `_about` returns, of which names and dt are checked."""
+        n, dt, state_names, input_names, outputs = about
         made = object.__new__(cls)
         rows.flags.writeable = False
         if outputs and state_names is None:
@@ -599,7 +592,7 @@ class Trajectories(SavedRecord):
         return made
 
     def _part(self, rows: Floats, pieces: Pieces, whole: Trajectories | None = None) -> Self:
-        return self._of(rows, pieces, *self._about(), whole)
+        return self._of(rows, pieces, self._about(), whole)
 
     def __reduce__(self) -> tuple[Any, ...]:
         own = self.rows, self.lengths, self.layout.gaps, self.layout.lost
@@ -645,16 +638,12 @@ class Trajectories(SavedRecord):
         return f"<Trajectories: {', '.join(words)}, {size}{dt}>"
 
     def _repr_html_(self) -> str:
-        kind, sizes = "piece" if len(self.layout.gaps) else "run", sorted({*self.pieces.tolist()})
         rows = [
-            (f"steps of a {kind}", " to ".join(map(str, dict.fromkeys((sizes[0], sizes[-1]))))),
             ("outputs" if self.outputs else "states", ", ".join(self.state_names)),
             ("inputs", ", ".join(self.input_names)),
         ]
-        single = self.single and len(self) > 1
-        states = self.rows[: None if single else self.pieces[0], : self.n]
-        about = "states over the pairs" if single else f"states of the first {kind}"
-        return show.card(self, rows, show.states(np.arange(len(states)), states, about))
+        first = self.rows[: self.pieces[0], : self.n]
+        return show.card(self, rows, show.states(np.arange(len(first)), first, "the first piece"))
 
 
 def pooled(data: object, name: str = "data") -> Trajectories:
@@ -663,8 +652,7 @@ def pooled(data: object, name: str = "data") -> Trajectories:
         return data
     if hasattr(data, "columns"):
         raise InputTypeError(
-            f"`{name}` must be a Trajectories, got {validation.show(data)}: see "
-            "Trajectories.from_table"
+            f"`{name}` must be a Trajectories, got {validation.show(data)}: see its from_table"
         )
     sets = [validation.instance(name, one, Trajectories) for one in validation.items(name, data)]
     if not sets:
@@ -706,18 +694,22 @@ def require_whole(data: Trajectories, name: str, why: str) -> None:
         )
 
 
+def in_order(name: str, data: Trajectories, labels: Labels) -> tuple[Floats, Floats, Floats]:
+    """The pairs, with states and inputs in the order of these names."""
+    order = order_of(name, Labels(data.state_names, data.input_names), labels)
+    x, u, x_next = data.pairs()
+    return order.of_states(x), order.of_inputs(u), order.of_states(x_next)
+
+
 def shared_rows(a: Trajectories, b: Trajectories) -> int:
     """How many different pairs (x, u, x_next) two data sets share, aligned by name."""
     if a.rows.shape[1] != b.rows.shape[1]:
         return 0
     try:
-        named = (Labels(one.state_names, one.input_names) for one in (b, a))
-        order = order_of("data", *named)
+        mine = in_order("data", b, Labels(a.state_names, a.input_names))
     except InputError:  # of other signals
         return 0
-    x, u, x_next = b.pairs()
-    mine = np.hstack([order.of_states(x), order.of_inputs(u), order.of_states(x_next)])
-    return shared(a.rows, mine)
+    return shared(a.rows, np.hstack(mine))
 
 
 def _several(name: str, value: Any) -> list[tuple[str, Any]]:

@@ -25,7 +25,7 @@ from ..limits.problem import Task, read_task
 from ..plots.lines import draw_misses
 from ..system.system import System
 from ..theory import scenario
-from ..validation.fresh_systems import needed, rank_of
+from ..validation.held_out import needed, rank_of
 
 Risk: TypeAlias = Literal["mean", "worst"]
 Method: TypeAlias = Literal["compression", "a priori", "discarding", "hold-out"]

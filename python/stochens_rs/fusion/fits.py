@@ -188,18 +188,12 @@ def _finite(name: str, value: float | None) -> None:
         raise NonFiniteError(f"the {name} of the fit overflows ({value}): scale the problem down")
 
 
-def fit_of(
-    ensemble: Ensemble,
-    goal: Floats | None,
-    method: str,
-    weights: Floats,
-    estimate: Floats,
-    error: float | None,
-    gap: float | None = None,
-    status: Status = "completed",
-    **more: Any,
-) -> Fit:
-    """The fit of these realizations; its estimate was just computed as the weighted sum."""
+def fit_of(ensemble: Ensemble, goal: Floats | None, method: str, *result: Any, **more: Any) -> Fit:
+    """The fit of these realizations; `result` is estimate, weights, error, gap and status.
+
+    The estimate was just computed as the weighted sum.
+    """
+    estimate, weights, error, gap, status = result
     made = Fit(estimate, weights, error, gap, status, method, target=goal, **more)
     made._keep(ensemble=ensemble)  # unchecked: the sum is of these
     return made
@@ -303,7 +297,7 @@ def solve(ensemble: Ensemble, goal: Floats, options: Alse) -> Fit:
         exact, unseen = found.exact, found.unseen
         info |= {"solver": found.solver, "iterations": found.iterations}
     more: dict[str, Any] = {"lower_bound": lower_bound, "exact": exact, "unseen": unseen}
-    result = weights, from_core(ensemble, estimate), error, gap, status
+    result = from_core(ensemble, estimate), weights, error, gap, status
     return fit_of(ensemble, goal, "alse", *result, info=info, **more)
 
 
@@ -369,8 +363,8 @@ def _line_by_line(ensemble: Ensemble, goal: Floats, options: Alse, info: dict[st
         ensemble,
         goal,
         "alse",
-        np.stack([fit.weights for fit in fits], axis=1),
         np.stack([fit.estimate for fit in fits], axis=axis - 1),
+        np.stack([fit.weights for fit in fits], axis=1),
         norm(np.array([fit.error for fit in fits])),
         gap,
         "optimal" if within else worst(statuses),

@@ -63,11 +63,6 @@ class Hull(NamedTuple):
     p: int
     largest: float
 
-    @property
-    def away(self) -> Floats:
-        """``t - point``."""
-        return self.t - self.point
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class FusedModel(SavedRecord, Identified):
@@ -292,7 +287,7 @@ class FusedModel(SavedRecord, Identified):
         data, known = self.least_squares, self.least_squares.assumptions.known
         own = data.region(delta / 2.0, future=future, frobenius=frobenius)
         a = np.sqrt(_core.hull_radius(self._hull, self._noise, delta / 2.0, data.n * future))
-        b, away = _radius(own, known is not None), np.ascontiguousarray(self._hull.away)
+        b, away = _radius(own, known is not None), self._hull.t - self._hull.point
         radius = _core.hull_between(b, float(a), away, self.share, frobenius)
         shape = np.eye(data.n) if known is None else known
         return replace(

@@ -9,13 +9,14 @@ from typing import Any, Literal, TypeAlias, get_args, overload
 import numpy as np
 
 from .. import _core
-from .._base import running, show, validation
+from .._base import running, validation
 from .._base.types import ArrayLike, Floats, Status, norm
 from ..data.trajectories import Trajectories, shared_rows
 from ..ensembles.ensemble import Ensemble, core_of, from_core, lines_of
 from ..ensembles.systems import SystemEnsemble, systems_in_order
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..identification.assumptions import Noise
+from ..identification.checks import warn_of
 from ..identification.identified import Identified
 from ..identification.identifying import identify
 from ..identification.model import Model, require_states
@@ -178,10 +179,7 @@ def fuse(
         for one in data if isinstance(data, (list, tuple)) else [data]:
             runs = one.data if isinstance(one, Model) else one
             if isinstance(runs, Trajectories) and runs.outputs:
-                raise InputError(
-                    "`data` must have states, got readings: models of states cannot be weighed by "
-                    "readings of some of them; pass runs with all states of the models, states="
-                )
+                raise InputError("`data` must have states, got readings: read it with states=")
         _, options = _method(method)
         if options is None or options.weight_set != "simplex":
             raise InputError(
@@ -215,7 +213,7 @@ def fuse(
         of_core = core_of(given), lines_of(given, goal)
         w, sums, errors, _ = _core.fuse_path(*of_core, name, [given.size], False)
         estimate, error = from_core(given, sums), float(errors[0])
-    return fit_of(given, goal, name, w, estimate, error)
+    return fit_of(given, goal, name, estimate, w, error, None, "completed")
 
 
 def fuse_path(
@@ -303,8 +301,7 @@ def _checked(ensemble: object, method: object) -> tuple[Ensemble, Method, Alse |
     """Check realizations, the method, and its options."""
     if not isinstance(ensemble, Ensemble):
         raise InputTypeError(
-            "`ensemble` must be an Ensemble (see `sample`, `Ensemble.from_samples`), "
-            f"got {type(ensemble).__name__}"
+            f"`ensemble` must be an Ensemble (see `sample`), got {type(ensemble).__name__}"
         )
     name, options = _method(method)
     if options is not None:
@@ -315,10 +312,7 @@ def _checked(ensemble: object, method: object) -> tuple[Ensemble, Method, Alse |
 def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
     """Check the target that a method fits to."""
     if target is None:
-        raise InputError(
-            f"`target` is required for method '{method}': the vector or matrix to fit to "
-            "(a nominal model or a held-out estimate)"
-        )
+        raise InputError(f"`target` is required for method '{method}': what to fit to")
     goal = validation.array("target", target, ndim=(1, 2))
     if goal.shape != ensemble.shape:
         raise ShapeError(
@@ -361,8 +355,7 @@ def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variance
             raise InputError(f"`variances` must be positive, got {spread.min():g}")
         if ensemble.centre == "estimate":
             raise InputError(
-                "`variances` must be left out: the realizations scatter about an estimate from "
-                "data, so that no error follows"
+                "`variances` must be left out: the realizations scatter about an estimate"
             )
     method, chosen = "uniform", np.full(N, 1.0 / N)
     if isinstance(weights, str):
@@ -383,7 +376,8 @@ def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variance
         info["rms"] = float(np.sqrt(np.sum(chosen**2 * (spread / largest)))) * largest**0.5
     estimate = ensemble.combine(chosen)
     error = None if goal is None else norm(estimate - goal)
-    return fit_of(ensemble, goal, method, chosen, estimate, error, info=info)
+    result = estimate, chosen, error, None, "completed"
+    return fit_of(ensemble, goal, method, *result, info=info)
 
 
 # -- models weighed by data -----------------------------------------------------------------------
@@ -416,10 +410,7 @@ def _by_data(
     )
     fused = FusedModel(given, least, weights, share, fit.gap, fit.status)
     own = [text for text in fused.warnings if text not in least.warnings]
-    if own:
-        more = len(own) - 1
-        rest = f"; {show.number_of(more, 'more warning')}: see fused.warnings" if more else ""
-        running.warn(own[0] + rest)
+    warn_of(own, "fused.warnings")
     return fused
 
 
@@ -453,9 +444,8 @@ def _models(models: object, data: object, independent: bool) -> SystemEnsemble:
         given = fused_model.ensemble_of("ensemble", items)
     if given.centre == "estimate" and not independent:
         raise InputError(
-            "`ensemble` scatters about an estimate from data: models fitted on the same data look "
-            "better than they are, and no region holds; pass independent=True if they are from "
-            "other data"
+            "`ensemble` scatters about an estimate from data, and no region holds; pass "
+            "independent=True if that is of other data"
         )
     return given
 
@@ -465,16 +455,12 @@ def _apart_from(k: int, one: Identified, data: object, independent: bool) -> Non
     own = getattr(one, "data", None)
     if own is None:
         if not independent:
-            raise InputError(
-                f"`ensemble[{k}]` is a model from data that it does not keep: pass "
-                "independent=True if they are other data than `data`"
-            )
+            raise InputError(f"`ensemble[{k}]` does not keep its data: pass independent=True")
         return
     sets = [data] if not isinstance(data, (list, tuple)) else data
     for other in sets:
         rows = getattr(other, "data", other)
         if isinstance(rows, Trajectories) and shared_rows(own, rows):
             raise InputError(
-                f"`ensemble[{k}]` was fitted on pairs that are also in `data`: it looks better "
-                "than it is, and no region holds; fit it on other runs, see data.split()"
+                f"`ensemble[{k}]` was fitted on pairs that are also in `data`: see data.split()"
             )

@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
 
 from .._base import validation
 from .._base.names import Labels
 from .._base.records import Count, Dense, Record, require_shapes, trusted
-from .._base.types import ArrayLike, Axis, Floats
+from .._base.types import Axis, Floats
 from ..certificates.of_model import ModelBasis
 from ..ensembles.ensemble import Counts, Ensemble
 from ..exceptions import InputError, ShapeError
@@ -164,25 +164,16 @@ def _drawn(name: str, value: Ensemble | Counts, estimate: Floats | None) -> Know
     return trusted(Known, name, kind, mean, size=value.size, axis=value.axis)
 
 
-def completed(
-    basis: Basis | ModelBasis | None,
-    system: System | None,
-    x0: ArrayLike | None,
-    xf: ArrayLike | None,
-    what: str,
-    labels: Labels | None = None,
-) -> Basis:
+def completed(basis: Any, declared: tuple[Any, ...], what: str, labels: Labels | None) -> Basis:
     """The basis of a plan, in which the given exact values complete the unknown laws."""
+    system, x0, xf = declared
     if basis is None:
         raise InputError(f"this plan was not made by `control`: it has no {what}")
     if isinstance(basis, ModelBasis):
-        raise InputError(
-            f"no {what} over draws is known for a model from data: use plan.bound(), or control "
-            "the models of model.draw()"
-        )
+        raise InputError(f"no {what} over draws is known for a model from data: use plan.bound()")
     n = len(basis.B)
     names = None if labels is None else labels.states
-    declared: dict[str, Floats] = {
+    values: dict[str, Floats] = {
         name: validation.vector(name, value, length=n, labels=names)
         for name, value in (("x0", x0), ("xf", xf))
         if value is not None
@@ -194,13 +185,12 @@ def completed(
         checked = in_order("system", checked, labels)
         if not np.array_equal(checked.B, basis.B):
             raise InputError("`system.B` differs from the `B` of this plan")
-        declared["A"] = np.asarray(checked.A)
-    entities = [_declare(one, declared.get(one.name), what) for one in basis.entities]
+        values["A"] = np.asarray(checked.A)
+    entities = [_declare(one, values.get(one.name), what) for one in basis.entities]
     for one, other in itertools.combinations(entities, 2):
         if one.key is not None and one.key == other.key:
             raise InputError(
-                f"`{one.name}` and `{other.name}` were drawn with the same key, so they are not "
-                "independent: draw with key.child(name), or with one Generator"
+                f"`{one.name}` and `{other.name}` were drawn with the same key: use key.child(name)"
             )
     x0_known, xf_known, A_known = entities
     return trusted(Basis, basis.B, x0_known, xf_known, A_known, basis.rounding)
@@ -219,9 +209,8 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
         if values is None:
             raise InputError(
                 f"the law of `{entity.name}` is unknown (realizations brought by the user), and "
-                f"the {what} depends on it. Are they independent singletons of a known mean, with "
-                f"one nonzero entry in every line? Then pass `{argument}=`. How far fresh ones of "
-                "any other law miss: plan.validate(fresh)"
+                f"the {what} depends on it: pass `{argument}=` if they are independent singletons "
+                "of a known mean; for other laws see plan.validate(fresh)"
             )
         if entity.size is None:
             raise InputError(
@@ -230,8 +219,7 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
         if why := _refused(entity, values):
             raise InputError(
                 f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from as "
-                f"singletons, with one nonzero entry in every line: {why}; how far fresh ones of "
-                "another law miss: plan.validate(fresh)"
+                f"singletons, with one nonzero entry in every line: {why}; see plan.validate(fresh)"
             )
         return replace(entity, kind="iid", values=values)
     if values is None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -21,8 +21,6 @@ Design: TypeAlias = Literal["independent", "adaptive"]
 NoiseLaw: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded"]
 Covariance: TypeAlias = Literal["full", "diagonal", "scalar", "known"]
 
-DESIGNS: tuple[Design, ...] = get_args(Design)
-LAWS: tuple[NoiseLaw, ...] = get_args(NoiseLaw)
 UNKNOWN = ("full", "diagonal", "scalar")  # covariances that are estimated
 #: What `sigma` is for the laws that need it.
 SIZES: dict[NoiseLaw, str] = {"sub-gaussian": "", "bounded": ", the largest norm of the noise"}
@@ -181,8 +179,7 @@ class Window(Options):
         super().__post_init__()
         if isinstance(self.delay, tuple) and (self.filters or isinstance(self.lags, int)):
             raise InputError(
-                f"`delay` must be one number with `{self.given[0]}`: a range is for a window that "
-                "the data choose"
+                f"`delay` must be one number with `{self.given[0]}`, which is no choice"
             )
 
     @property
@@ -248,8 +245,7 @@ class Pilot(Options):
             self._keep(inputs=validation.matrix("inputs", self.inputs))
         if open_loop != (self.dither is None):
             raise InputError(
-                "`dither` must be given with a gain as `inputs`, what was added, as recorded; and "
-                "must be left out for 'open loop'"
+                "`dither` must be given with a gain as `inputs`, and be left out for 'open loop'"
             )
         if self.dither is not None:
             self._keep(dither=validation.matrix("dither", self.dither))
@@ -340,14 +336,14 @@ class Assumptions(Record):
 
 
 def checked_assumptions(
-    n: int,
     noise: Noise,
-    names: Sequence[str] = (),
+    names: Sequence[str],
     singular: bool = False,
     tail: float = 0.0,
     accept: object = (),
 ) -> Assumptions:
-    """What is declared of n states of these names; `singular`: the known covariance may be so."""
+    """What is declared of states of these names; `singular`: the covariance may be semidefinite."""
+    n = len(names)
     known, word = None, "known"
     if noise.sigma is not None:
         known = noise.sigma**2 * np.eye(n)
@@ -399,8 +395,7 @@ def checked_covariance(name: str, value: Any, n: int, *, semi: bool = False) -> 
     least = least_correlation(given)
     if least < (-ROUNDING if semi else ROUNDING) * n * n:
         raise InputError(
-            f"`{name}` must be positive {'semi' * semi}definite, the least eigenvalue of its "
-            f"correlation matrix is {least:.3g}"
+            f"`{name}` must be positive {'semi' * semi}definite, an eigenvalue is {least:.3g}"
         )
     return (given + given.T) / 2.0
 
@@ -416,14 +411,8 @@ def refuse(assumed: Assumptions, n: int, single: bool) -> None:
     """Refuse assumptions that do not fit to n states; `single`: every run is one pair."""
     if assumed.design == "independent" and not single:
         raise InputError(
-            "`design` must be 'adaptive' for runs of several steps, whose states contain earlier "
-            "noise; for 'independent' use data.last_pairs() or from_pairs"
+            "`design` must be 'adaptive' for runs of several steps: else use data.last_pairs()"
         )
-    require_declared(assumed, n)
-
-
-def require_declared(assumed: Assumptions, n: int) -> None:
-    """Refuse exact states that n states do not have, and a tail of an independent design."""
     if assumed.tail and assumed.design == "independent":
         raise InputError("`tail` must be 0 for an independent design")
     if any(state >= n for state in assumed.exact):

@@ -20,6 +20,7 @@ from .region import Region, entered
 from .window import Regressors, of_names, rows_of
 
 ChangeStatus: TypeAlias = Literal["refuted", "not refuted", "too few pairs"]
+LITTLE = "little excited, the sign of its effect is not determined"
 SHARE = 0.01  # of the probability, for a bound of a covariance that the region does not have
 
 
@@ -70,8 +71,7 @@ class Predictor(SavedRecord):
         """The alarm of the core; refuses a source without noise, or without a bounded region."""
         if self.noise is None:
             raise InputError(
-                "`region` has no bound of the noise given the past: declare `sigma` or "
-                "`covariance` in `identify`, without a `tail`"
+                "`region` has no bound of the noise: declare `sigma` or `covariance`, no `tail`"
             )
         if not np.isfinite(self.region.radius):
             raise InputError(f"`region` must be bounded: {self.region.assumption}")
@@ -239,7 +239,7 @@ class Changes(SavedRecord):
             if not np.isfinite(self.radius[:, j]).any():
                 found.append(f"{name}: not excited, its effect cannot be seen")
             elif (size[:, j] <= self.radius[:, j]).all():
-                found.append(f"{name}: little excited, the sign of its effect is not determined")
+                found.append(f"{name}: {LITTLE}")
         return tuple(found)
 
     def __repr__(self) -> str:
@@ -269,8 +269,7 @@ def accepted(model: Any, runs: Trajectories, level: float, design: Design) -> Ch
     if validation.choice("design", design, ("adaptive", "independent")) == "independent":
         if (model.design, model.noise, model.known) != ("independent", "gaussian", None):
             raise InputError(
-                "`design` must be 'adaptive' for a model that was not identified with "
-                "Noise(design='independent'), Gaussian noise and without known entries"
+                "`design` must be 'adaptive' but for a model with Noise(design='independent')"
             )
         threads = get_num_threads()
         other = _core.fit(_core.triangle(rows, threads), found.length, len(rows), threads)
@@ -294,16 +293,9 @@ def unexcited(model: Any) -> tuple[str, ...]:
             still = [k for k in own if names[k] != "1" and np.ptp(Z[:, k]) == 0.0]
             why = "; ".join(f"{names[k]} was always {Z[0, k]:.4g}" for k in still)
             who = show.listed(["the offset" if names[k] == "1" else names[k] for k in own])
-            what = (
-                "its effect is not determined"
-                if len(own) == 1
-                else "their effects are not determined apart"
-            )
-            found.append(f"{who}: {what}{f' ({why})' if why else ''}")
+            its, apart = ("its effect is", "") if len(own) == 1 else ("their effects are", " apart")
+            found.append(f"{who}: {its} not determined{apart}{f' ({why})' if why else ''}")
         done |= group
     weak = (np.abs(region.centre) <= region.entry_bounds).all(axis=0)
-    sign = "little excited, the sign of its effect is not determined"
-    return (
-        *found,
-        *(f"{names[j]}: {sign}" for j in np.flatnonzero(weak).tolist() if j not in done),
-    )
+    also = [names[j] for j in np.flatnonzero(weak).tolist() if j not in done]
+    return (*found, *(f"{name}: {LITTLE}" for name in also))

@@ -13,12 +13,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
-from .._base.records import Count, Record, trusted
-from .._base.running import get_num_threads
+from .._base import running, show, validation
+from .._base.records import Count, Record
 from .._base.types import Floats, NDArray
 from ..exceptions import InputError
-from ..rng import Key, as_key
+from ..rng import as_key
 from .assumptions import FAULTS, Assumptions
 
 
@@ -160,31 +159,12 @@ def too_many(pairs: int, n: int) -> bool:
     return pairs * n * DRAWS > WORK
 
 
-def checked_residuals(
-    rows: Floats,
-    assumed: Assumptions,
-    tested: list[int],
-    *,
-    d: int,
-    draws: int = DRAWS,
-    key: Key = KEY,
-) -> Checks | None:
-    """Test least squares of rows (z, y), z of d entries; None with too few pairs for a test."""
-    found = _core.residual_checks(rows, d, tested, draws, bytes(key), get_num_threads())
-    if found is None:
-        return None
-    p_values, distances = (dict(zip(NAMES, one.tolist(), strict=True)) for one in found)
-    return trusted(Checks, p_values, distances, draws, assumed.design == "independent")
-
-
 FAULT = 5e-4  # level of each test of a log: together below 0.01
 # Of which law each test asks more than a mean of 0.
 OF_GAUSSIAN = ("outliers", "variance", "noise shape")
 TEXTS = {
-    "equal rows": "{count} pairs are equal to others to the last digit: data that count twice; "
-    "pass them once",
-    "spikes": "readings jump there and back, at pairs {rows}: cut them, or pass them as missing "
-    "(nan)",
+    "equal rows": "{count} pairs are equal to others to the last digit: pass them once",
+    "spikes": "readings jump there and back, at pairs {rows}: cut them, or pass them as nan",
     "wrap": "{state} jumps by {jump}, and else by less than half of it: it wraps; unwrap it",
     "outliers": "pairs {rows} are no Gaussian noise, and move the model by more than noise does: "
     "cut them, or pass them as missing (nan)",
@@ -192,10 +172,8 @@ TEXTS = {
     "end of the range of a sensor; cut these rows",
     "late rows": "inputs of the next row explain {share}, more than by a feedback: rows hold "
     "the state after their action; read them with delay=-1",
-    "dead time": "inputs {steps} earlier explain {share}: a dead time; "
-    "pass Window(delay={lag}){longer}",
-    "delay": "inputs {steps} earlier explain {share}: the delay is shorter; "
-    "pass Window(delay={lag})",
+    "dead time": "inputs {steps} earlier explain {share}: pass Window(delay={lag}){longer}",
+    "delay": "inputs {steps} earlier explain {share}: the delay is shorter, Window(delay={lag})",
     "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
     "point other than 0: pass intercept=True",
     "ends": "the last pairs of the runs have a model of their own: runs that ended for what was "
@@ -203,8 +181,7 @@ TEXTS = {
     "starts": "starts follow from the noise of the run before: pieces of one log are no independent"
     " runs; use all pairs, without `pilot`",
     "memory": "one step earlier, states and inputs explain {share}{most}: a state that is missing, "
-    "or read with error, smoothed or differenced, or noise that lasts: pass what was read"
-    " as outputs=",
+    "or read with error, smoothed, differenced, or noise lasts: pass what was read as outputs=",
     "short": "a window of {next} explains {percent} % more: certificates assume that {own} "
     "suffice; {take}more {what}, or declare Window(tail=)",
     "nonlinear": "squares, products, cubes or signs of {signals} explain {share}: the plant is "
@@ -214,8 +191,7 @@ TEXTS = {
     "use a part of the runs, or measure more states",
     "noise size": "residuals {of}are {two} times as large as the declared {law}: declare what it "
     "is, or leave `sigma` or `covariance` out",
-    "noise shape": "the residuals are not of a '{covariance}' covariance (p = {p}): leave "
-    "`covariance` out",
+    "noise shape": "residuals are of no '{covariance}' covariance: leave it out",
     "variance": "the size of the residuals depends on states, inputs, time or run: one covariance "
     "is assumed; declare Noise('sub-gaussian', sigma=) with the largest sigma",
 }
@@ -235,11 +211,12 @@ def by_name(found: Iterable[Any]) -> dict[str, Tested]:
     return {name: Tested(*test) for name, *test in found}
 
 
-def noise_doubts(f: _core.Fitted, assumed: Assumptions, tested: list[int]) -> tuple[str, ...]:
+def noise_doubts(model: Any, tested: list[int]) -> tuple[str, ...]:
     """Sentences on noise that is not as declared, at any of a hundred looks."""
-    found = by_name(_core.noise_tests(f, tested, assumed.declared))
+    assumed = model.assumptions
+    found = by_name(_core.noise_tests(model.blocks[0], tested, assumed.declared))
     names = [name for name in failed(found, assumed, 100.0) if name not in assumed.accept]
-    return tuple(_noise_text(name, found[name], assumed) for name in names)
+    return tuple(sentence(name, found[name], model) for name in names)
 
 
 def failed(found: dict[str, Tested], assumed: Assumptions, looks: float = 1.0) -> list[str]:
@@ -253,9 +230,8 @@ def failed(found: dict[str, Tested], assumed: Assumptions, looks: float = 1.0) -
         and (gaussian or name not in OF_GAUSSIAN)
         and not _in_tail(name, found[name], assumed.tail)
     ]
-    if {"dead time", "memory"} <= set(names) and found["dead time"].share < 0.7 * found[
-        "memory"
-    ].share:
+    both = {"dead time", "memory"} <= set(names)
+    if both and found["dead time"].share < 0.7 * found["memory"].share:
         names.remove("dead time")
         names.insert(names.index("memory") + 1, "dead time")
     return names
@@ -267,25 +243,11 @@ def _in_tail(name: str, test: Tested, tail: float) -> bool:
     return tail > 0.0 and name in ("memory", "dead time") and bool(most <= 1.5 * tail)
 
 
-def _noise_text(name: str, test: Tested, assumed: Assumptions, state: str = "") -> str:
-    """What is said of noise that is not as declared."""
-    text = TEXTS[name].format(
-        of=f"of {state} " if state else "",
-        two=show.two(test.share),
-        law="noise" if assumed.noise == "gaussian" else "bound of the noise",
-        covariance=assumed.covariance,
-        p=f"{test.p_value:.1g}",
-    )
-    return f"{text} (or accept={name!r})"
-
-
 def sentence(name: str, test: Tested, model: Any) -> str:
     """A failed test in words, with its cure."""
     names, window, at = model.outputs, model.window, test.at.tolist()
     first = at[0] if at else 0
     state = names[first] if at and first < len(names) else ""
-    if name in ("noise size", "noise shape"):
-        return _noise_text(name, test, model.assumptions, state)
     words: dict[str, str] = {} if window is None else window.words
     most = ""
     if len(test.each) and test.each.max() > 0.0:
@@ -315,6 +277,10 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         if name == "nonlinear"
         else "",
         part=part,
+        of=f"of {state} " if state else "",
+        two=show.two(test.share),
+        law="noise" if model.assumptions.noise == "gaussian" else "bound of the noise",
+        covariance=model.assumptions.covariance,
         **words,
     )
     return f"{text} (p = {test.p_value:.1g}; or accept={name!r})"
@@ -356,3 +322,11 @@ def cautions(found: Sequence[_core.Fitted], missing: tuple[str, ...]) -> list[st
             f"the states and inputs are nearly dependent (ratio {ratio:.1e}): bounds are large"
         )
     return said
+
+
+def warn_of(warnings: Sequence[str], where: str) -> None:
+    """Warn of the first, and say how many there are more."""
+    if warnings:
+        more = len(warnings) - 1
+        rest = f"; {show.number_of(more, 'more warning')}: see {where}" if more else ""
+        running.warn(warnings[0] + rest)

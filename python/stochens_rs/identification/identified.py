@@ -200,3 +200,12 @@ class Fitted(Identified, listed=False):
         combination is 0.
         """
         return missing_directions(self.blocks, self._coefficients[1])
+
+    def _text(self, sizes: str) -> str:
+        """The repr of a model of these sizes."""
+        rank = "" if self.identifiable else f", rank {self.rank} of {self.estimate.Theta.shape[1]}"
+        dt = "" if self.dt is None else f" dt={self.dt:g}"
+        own: Any = self
+        pairs, design = show.number_of(own.size, "pair"), own.assumptions.design_text
+        name, warned = type(self).__name__, show.warned(self.warnings)
+        return f"<{name}: {sizes}{dt}, {pairs}{design}{rank}{warned}>"

@@ -9,21 +9,21 @@ from typing import Any
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
+from .._base import validation
 from .._base.names import Labels
 from .._base.records import trusted
-from .._base.running import get_num_threads, warn
+from .._base.running import get_num_threads
 from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, moved, pooled
 from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..system.system import System
 from . import assumptions
 from .assumptions import ANY, Misfit, Noise, Pilot, Window, sizes_of
-from .checks import checked_residuals, tested_rows, too_many
+from .checks import KEY, too_many, warn_of
 from .identified import Identified
 from .model import Model, require_fit
 from .pilot import made
-from .window import Regressors, complete, of_states, rows_of, spread
+from .window import Regressors, complete, of_names, rows_of, spread
 
 POLES = (0.2, 0.4, 0.6, 0.8, 0.9)  # of filters that are tried
 FILTERS, LAGS = 6, 12  # how many at most
@@ -42,8 +42,7 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
     if not runs.outputs:
         if given:
             raise InputError(
-                f"`{given[0]}` is for outputs, but `data` has states: read it with outputs= in "
-                "place of states="
+                f"`{given[0]}` is for outputs, but `data` has states: read it with outputs="
             )
         if most == 0:
             return None, 0
@@ -75,9 +74,8 @@ def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regr
     needed = 2 * (min(least + 1, COMPARED) * (runs.n + runs.m) + offset + runs.n)
     if rows < needed:
         raise InputError(
-            "`data` must be longer, or its window declared as Window(lags=) or Window(filters=), "
-            f"got {runs.size} pairs, and needs {SHARE * (first + needed - rows)} to choose one by "
-            "its first quarter"
+            f"`data` must be longer, or Window(lags=) declared, got {runs.size} pairs, and needs "
+            f"{SHARE * (first + needed - rows)} to choose one"
         )
     window = trusted(Regressors, *names, count, own_pole, back, offset, burn, least)
     return window, first
@@ -213,19 +211,17 @@ def identify(
     if misfit is not None and validation.instance("misfit", misfit, Misfit).limit < np.inf:
         runs = below(runs, misfit)
     n, names = runs.n, runs.state_names
-    assumed = assumptions.checked_assumptions(n, law, names, guided is not None, asked.tail, accept)
+    assumed = assumptions.checked_assumptions(law, names, guided is not None, asked.tail, accept)
     offset = validation.flag("intercept", intercept)
     past, first = chosen_window(runs, asked, offset)
     for name, one in (("known", known), ("pilot", guided)):
         if past is not None and one is not None:
             raise InputError(
-                f"`{name}` must be left out for outputs: it is about states, and errors of reading "
-                "are part of the noise of a model of outputs"
+                f"`{name}` must be left out for outputs: it is about states"
                 if runs.outputs
-                else f"`{name}` must be left out with `delay`: it is about states that say all of "
-                "the past, and with a dead time inputs are under way"
+                else f"`{name}` must be left out with `delay`: it is about states that say all"
             )
-    regressors = past or of_states(runs, offset)
+    regressors = past or of_names(names, runs.input_names, offset)
     entries = known_entries(n, runs.m, offset, known)
     sizes = None if scale is None else assumptions.checked_scale(scale, n + runs.m, offset)
     if past is not None:
@@ -240,19 +236,15 @@ def identify(
     with np.errstate(over="ignore"):
         if not np.isfinite(np.vdot(rows, rows)):
             raise NonFiniteError("the squares of the data overflow: scale the data down")
-    tested = None
-    if validation.flag("checks", checks) and not too_many(len(rows), n):
-        exact = tested_rows(assumed, entries, n)
-        tested = checked_residuals(rows, assumed, exact, d=regressors.length)
+    wanted = validation.flag("checks", checks) and not too_many(len(rows), n)
     triangle = _core.triangle(rows, get_num_threads())
     if not np.isfinite(triangle).all():
         raise NonFiniteError("the products of the data overflow: scale them down")
-    found = runs, triangle, assumed, sizes, offset, entries, tested, guide, past, first, misfit
+    found = runs, triangle, assumed, sizes, offset, entries, None, guide, past, first, misfit
     model = trusted(Model, *found)
-    if model.warnings:
-        text, more = model.warnings[0], len(model.warnings) - 1
-        text += f"; {show.number_of(more, 'more warning')}: see model.warnings" if more else ""
-        warn(text)
+    if wanted:
+        model._keep(checks=model.check(rng=KEY))
+    warn_of(model.warnings, "model.warnings")
     return model
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from .. import _core
 from .._base import running, show, validation
 from .._base.names import Labels
-from .._base.records import Probability, SavedRecord, cached_property
+from .._base.records import Probability, SavedRecord, cached_property, trusted
 from .._base.running import get_num_threads
 from .._base.types import DELTA, ArrayLike, Figure, Floats, SubFigure
 from ..data import Trajectories
@@ -41,7 +41,7 @@ from .pilot import refuse as refuse_pilot
 from .region import METHODS, Method, Region, Wish, entered, of_core, region_of, said, withheld
 from .region import directions as spanned_by
 from .region import refuse as refuse_region
-from .window import Loop, Regressors, assumed, of_states, rows_of
+from .window import Loop, Regressors, assumed, of_names, rows_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -136,7 +136,8 @@ class Model(SavedRecord, Fitted):
     @cached_property
     def regressors(self) -> Regressors:
         """What it predicts from: `window`, or for states without dead time one lag of them."""
-        return self.window or of_states(self.data, self.intercept)
+        own = self.data.state_names, self.data.input_names
+        return self.window or of_names(*own, self.intercept)
 
     @cached_property
     def ranges(self) -> Floats:
@@ -280,16 +281,14 @@ class Model(SavedRecord, Fitted):
     @cached_property
     def piloted(self) -> _core.Pilot:
         """The runs as the pilot simulates them."""
-        assert self.pilot is not None
-        return self.pilot.simulated(self.data)
+        pilot: Any = self.pilot
+        return pilot.simulated(self.data)  # type: ignore[no-any-return]
 
     @cached_property
     def reference(self) -> _core.Reference:
         """The reference of the pilot, with what the bounds near it need."""
-        assert self.pilot is not None
-        assert self.pilot.start is not None
-        assert self.pilot.inputs is not None
-        return self.piloted.reference(self.pilot.start, np.ascontiguousarray(self.pilot.inputs))
+        pilot: Any = self.pilot
+        return self.piloted.reference(pilot.start, np.ascontiguousarray(pilot.inputs))
 
     @property
     def level(self) -> float:
@@ -408,9 +407,13 @@ class Model(SavedRecord, Fitted):
         >>> se.identify(data).check(99, rng=1).draws
         99
         """
-        count, key = validation.size("draws", draws), as_key(rng)
-        about = self.rows, self.assumptions, self._tested_rows
-        return tests.checked_residuals(*about, d=self._d, draws=count, key=key)
+        count, key = validation.size("draws", draws), bytes(as_key(rng))
+        about = self._d, self._tested_rows, count, key, get_num_threads()
+        found = _core.residual_checks(self.rows, *about)
+        if found is None:
+            return None
+        p_values, distances = (dict(zip(tests.NAMES, one.tolist(), strict=True)) for one in found)
+        return trusted(Checks, p_values, distances, count, self.design == "independent")
 
     def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
         """Draw what the checks look at: residuals over time, lags, quantiles and leverages.
@@ -666,16 +669,10 @@ class Model(SavedRecord, Fitted):
         require_triangle_of(self.rows, self.triangle)
 
     def __repr__(self) -> str:
-        rank = "" if self.identifiable else f", rank {self.rank} of {self._d}"
-        dt = "" if self.dt is None else f" dt={self.dt:g}"
-        pairs = show.number_of(self.size, "pair")
         sizes = f"n={self.n} m={self.m}"
         if self.window is not None:
             sizes = f"outputs={self.n_outputs} m={self.m}, {self.window.text}"
-        return (
-            f"<Model: {sizes}{dt}, {pairs}{self.assumptions.design_text}{rank}"
-            f"{show.warned(self.warnings)}>"
-        )
+        return self._text(sizes)
 
     def _repr_html_(self) -> str:
         checks = "not tested" if self.checks is None else repr(self.checks)[1:-1]
@@ -716,8 +713,8 @@ def asked_region(model: Model, wish: Wish) -> Region:
     if model.looks is not None:
         if wish.delta > model.looks:
             raise InputError(
-                f"`delta` must be at most {model.looks:g}, which all looks at this stream share, "
-                f"got {wish.delta:g}"
+                f"`delta` must be at most {model.looks:g}, which all looks share, got "
+                f"{wish.delta:g}"
             )
         wish = wish._replace(anytime=True)
     refuse_region(model.assumptions, wish, len(model.blocks) > 1)
@@ -760,8 +757,7 @@ def require_fit(
     block_of(misfit, Labels(data.state_names, data.input_names))
     if assumed.known is None or assumed.exact or assumed.tail or any(x is not None for x in beside):
         raise InputError(
-            "`misfit` needs noise of a declared size, noise=sigma, without exact states, known "
-            "entries, window, tail and pilot: no region is known there"
+            "`misfit` needs noise=sigma, without exact states, known entries, window, tail or pilot"
         )
     if misfit.limit < np.inf and scale is None:
         raise InputError(
@@ -773,33 +769,19 @@ def estimate_law(model: Model, windows: bool = False) -> tuple[Floats, Floats, F
     """The law of the estimate, for the core; only with `windows` also of models of outputs."""
     if model.looks is not None:
         raise InputError("the law of an estimate needs a number of pairs that was fixed beforehand")
-    _refuse_resampling(model, windows)
+    white = white_of(model, windows)
     if model.noise != "gaussian":
         raise InputError(f"draw() needs Gaussian noise, got '{model.noise}'")
-    if len(model.blocks) > 1:
-        raise InputError("draw() knows no law with single known entries")
     fitted, noise = model.blocks[0], model.assumptions
     least = model.n_outputs if noise.covariance == "full" else 1
     if noise.known is None and fitted.nu < least:
         raise InputError(f"draw() needs at least {fitted.rank + least} pairs, got {fitted.N}")
     S = fitted.S if noise.known is None else noise.known
-    return model.coefficients, white_of(model, windows), S, noise.covariance, fitted.nu
+    return model.coefficients, white, S, noise.covariance, fitted.nu
 
 
 def white_of(model: Model, windows: bool = False) -> Floats:
     """``white' white = V^-1`` of all columns, where the rows of Theta have one V."""
-    _refuse_resampling(model, windows)
-    if len(model.blocks) > 1:
-        raise InputError("the rows of a model with single known entries have no V in common")
-    if model.pilot is not None:
-        return model.piloted.white
-    fitted = model.blocks[0]
-    white = np.zeros((fitted.rank, model._d))  # 0 in columns that are known
-    white[:, fitted.columns] = fitted.white
-    return white
-
-
-def _refuse_resampling(model: Model, windows: bool = False) -> None:
     if model.misfit is not None:
         raise InputError("models with a misfit are not resampled: see region()")
     if model.window is not None and not windows:
@@ -808,3 +790,11 @@ def _refuse_resampling(model: Model, windows: bool = False) -> None:
         raise InputError(f"the data do not determine the model along {'; '.join(model.missing)}")
     if model.pilot is not None and not model.piloted.determined:
         raise InputError("the runs that the pilot simulates do not determine the model")
+    if len(model.blocks) > 1:
+        raise InputError("the rows of a model with single known entries have no V in common")
+    if model.pilot is not None:
+        return model.piloted.white
+    fitted = model.blocks[0]
+    white = np.zeros((fitted.rank, model._d))  # 0 in columns that are known
+    white[:, fitted.columns] = fitted.white
+    return white

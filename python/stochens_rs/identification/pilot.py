@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from .. import _core
-from .._base import show, validation
+from .._base import validation
 from .._base.records import Record, sizes
 from .._base.running import get_num_threads
 from .._base.types import Floats
@@ -17,7 +17,7 @@ from ..exceptions import InputError, InputTypeError, ShapeError
 from ..system.system import System
 from ..theory.exact import best_control, states
 from .assumptions import Assumptions, Pilot
-from .window import of_states, rows_of
+from .window import of_names, rows_of
 
 MOST = 100_000  # steps of a reference
 
@@ -92,7 +92,7 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
         number: float = np.asarray(pilot).item()
         first = _first(data, number, d)
         runs = data[:first]
-        rows = rows_of(of_states(data, offset), runs)[1]
+        rows = rows_of(of_names(data.state_names, data.input_names, offset), runs)[1]
         model = _core.fit(rows, d, runs.size, get_num_threads()).H
         source = f"runs 0 to {first - 1}, the model is of runs {first} to {len(data) - 1}"
         return np.ascontiguousarray(model), source, data[first:], runs.size
@@ -110,8 +110,7 @@ def divided(data: Trajectories, pilot: Any, offset: bool) -> tuple[Floats, str, 
             )
     else:
         raise InputTypeError(
-            "`pilot` must be a share or number of the first runs, a model or a system, got "
-            f"{validation.show(pilot)}"
+            f"`pilot` must be runs, a model or a system, got {validation.show(pilot)}"
         )
     if model.shape[0] != n or model.shape[1] not in (d, d - offset):
         raise ShapeError(f"`pilot` must have n={n} m={data.m} as the data, got {model.shape}")
@@ -133,10 +132,7 @@ def _first(data: Trajectories, pilot: float, d: int) -> int:
         few, enough = -(-2 * d // length), -(-5 * d // length)
         first = max(2, few, min(enough, 3 * count // 10), round(pilot * count))
     if first >= count:
-        raise InputError(
-            f"`pilot` must leave runs for the model: {show.number_of(count, 'run')}, of which it "
-            f"takes {first}"
-        )
+        raise InputError(f"`pilot` must leave runs for the model, got {first} of {count} runs")
     return first
 
 
@@ -152,8 +148,7 @@ def refuse(assumed: Assumptions, data: Trajectories, entries: bool) -> None:
     known = {end.tobytes() for end in ends}
     if any(start.tobytes() in known for start in starts[starts.any(axis=1)]):
         raise InputError(
-            "`pilot` needs runs that start independently: one starts where another one ended, "
-            "and so holds its noise"
+            "`pilot` needs runs that start independently: one starts where another ended"
         )
 
 
@@ -164,10 +159,7 @@ def made(
     n, m = data.n, data.m
     refuse(assumed, data, entries)
     if data.lengths.min() != data.lengths.max() and not asked.lengths_fixed:
-        raise InputError(
-            "runs of unequal length need `lengths_fixed=True`: was any run ended because of "
-            "what was measured?"
-        )
+        raise InputError("runs of unequal length, fixed beforehand, need `lengths_fixed=True`")
     model, source, main, before = divided(data, asked.source, offset)
     gain = dither = None
     if asked.dither is not None:

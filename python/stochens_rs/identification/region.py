@@ -445,8 +445,7 @@ def refuse(noise: Assumptions, wish: Wish, by_rows: bool) -> None:
     one_level = plain or noise.known is not None
     if one_level and (wish.method != "auto" or (wish.anytime and noise.design == "independent")):
         raise InputError(
-            "`method` and `anytime` are for Gaussian noise of unknown covariance with "
-            "design='adaptive'"
+            "`method` and `anytime` are for Gaussian noise of unknown covariance, any design"
         )
     if wish.frobenius and (by_rows or wish.components or wish.directions is not None):
         raise InputError("`frobenius` needs one region for all rows and directions")

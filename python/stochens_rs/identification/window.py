@@ -9,10 +9,10 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.names import Labels, order_of
+from .._base.names import Labels
 from .._base.records import Count, Index, Record, cached_property, trusted
 from .._base.types import ArrayLike, Floats, NDArray
-from ..data import Trajectories
+from ..data.trajectories import Trajectories, in_order
 from ..exceptions import InputError
 
 
@@ -200,12 +200,11 @@ class Regressors(Record):
         """
         K, names = validation.size("steps", steps), Labels(self.outputs, self.inputs)
         read = validation.instance("data", data, Trajectories)
-        order = order_of("data", Labels(read.state_names, read.input_names), names)
-        found, begun = [], 0
+        pairs, found, begun = in_order("data", read, names), [], 0
         for length in read.pieces:
-            x, u, after = (one[begun : begun + length] for one in read.pairs())
+            x, u, after = (one[begun : begun + length] for one in pairs)
             begun += length
-            y, u = order.of_states(np.vstack([x, after[-1:]])), order.of_inputs(u)
+            y = np.vstack([x, after[-1:]])
             for t in range(self.fill, length - K + 1, K):
                 record = y[: t + 1], u[:t]
                 found.append(Stretch(record, u[t : t + K], y[t : t + K + 1]))
@@ -259,8 +258,7 @@ class Regressors(Record):
         if len(y) <= self.fill or len(u) != len(y) - 1:
             raise InputError(
                 f"`record` needs {self.fill + 1} rows of outputs and {self.fill} of inputs that "
-                f"were measured, got {len(y)} and {len(u)}; a single reading does not fix the "
-                "velocities"
+                f"were measured, got {len(y)} and {len(u)}"
             )
         return self.core.state_of(y, np.ascontiguousarray(u))
 
@@ -269,13 +267,8 @@ class Regressors(Record):
         return f"<Regressors: {self.text} of {of[0]} and {of[1]}>"
 
 
-def of_states(data: Trajectories, intercept: bool) -> Regressors:
-    """The window of one lag: states say all of the past."""
-    return of_names(data.state_names, data.input_names, intercept)
-
-
 def of_names(states: tuple[str, ...], inputs: tuple[str, ...], intercept: bool) -> Regressors:
-    """The same of named states and inputs."""
+    """The window of one lag: states say all of the past."""
     return trusted(Regressors, states, inputs, 1, None, 0, intercept)
 
 

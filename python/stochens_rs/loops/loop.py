@@ -19,8 +19,7 @@ from .._base.types import DELTA, ArrayLike, Floats, Self
 from ..exceptions import InputError
 from ..export.header import write
 from ..feedback import Watch
-from ..validation.fresh_systems import Validation
-from ..validation.held_out import PredictedLoop, Runs, validated_loop
+from ..validation.held_out import Asked, PredictedLoop, Runs, Validation, validated_loop
 
 LOGGED = 1000  # calls that the log keeps
 CORE = ("_point", "_solver", "_window", "kept")  # made anew in a copy, from what `_saved` says
@@ -169,7 +168,8 @@ class ControlLoop(Durable, Generic[Entry]):
         >>> loop.validate(x, scale=[0.1])
         <Validation: 19 runs of a loop, x(K) within 0.483 of xf, tube 2.96 scales, 95 % each>
         """
-        return validated_loop(self._predictions(), runs, delta, beta, scale, weights)
+        asked = Asked.checked(delta, beta, scale, weights)
+        return validated_loop(self._predictions(), runs, asked)
 
     def _predictions(self) -> PredictedLoop:
         """What `validate` compares runs with."""

@@ -14,9 +14,9 @@ from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.types import ArrayLike, Floats, Status
-from ..controls.of_model import Record, Start, cost_of_outputs, plan_from, start_of, task_of
+from ..controls.of_model import Record, Start, Wanted, cost_of_outputs, plan_from, start_of, task_of
 from ..controls.plan import Plan
-from ..controls.set_point import Target, nearest_point, output_weights, rest_at, set_point, targets
+from ..controls.set_point import Aim, Target, nearest_point, rest_at, set_point, targets, weights_of
 from ..exceptions import InputError, NonFiniteError
 from ..export.header import BEYOND, LARGEST, evidence
 from ..feedback import Loop, LoopCertificate, Watched
@@ -209,7 +209,7 @@ class ReadingLoop(ControlLoop[Reading]):
             K = validation.size("steps", steps)
             task, self._system, _ = task_of(model, K, np.zeros(model.n), within, weights)
             policy = task
-            asked, outputs = (K, within, weights), output_weights(model, weights)
+            asked, outputs = (K, within, weights), weights_of(model, weights)
         assert task is not None
         low, high = task.low[0], task.high[0]
         self._rate = np.full(m, np.inf) if task.rate is None else task.rate
@@ -483,7 +483,7 @@ class ReadingLoop(ControlLoop[Reading]):
     def _without_limits(self, target: Floats, now: Floats, given: Floats) -> _core.SetPoint:
         """The set point as it is asked for: what the inputs cannot do is cut in each call."""
         inf = np.full(self.model.m, np.inf)
-        return nearest_point(self.model, target, self._weights, (-inf, inf), now, given)[1]
+        return nearest_point(self.model, Aim(target, self._weights, (-inf, inf), now, given))[1]
 
     def _require(self, rows: Floats, now: Floats) -> None:
         """Refuse targets that are too large, or rest in no system: the first and the last row."""
@@ -492,7 +492,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if np.isnan(self._given).all():
             limits = self._low, self._high
             for row in rows[:: max(1, len(rows) - 1)]:
-                set_point(self.model, row, self._weights, limits, now)
+                set_point(self.model, Aim(row, self._weights, limits, now))
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""
@@ -607,8 +607,8 @@ class ReadingLoop(ControlLoop[Reading]):
 
         Of the region at 95 %, with what is held as in `exact`, which needs `offset_free`.
         """
-        task, sides = (self.model, self._rows[-1], self._weights), (self._low, self._high)
-        point = nearest_point(*task, sides, self._aimed[0], self._given)[1]
+        task, sides = (self._rows[-1], self._weights), (self._low, self._high)
+        point = nearest_point(self.model, Aim(*task, sides, self._aimed[0], self._given))[1]
         found = rest_at(self.model, point)
         return found if self._learning[0].any() else replace(found, exact=())
 
@@ -672,7 +672,7 @@ class ReadingLoop(ControlLoop[Reading]):
             limits = replace(limits, previous=self._acted)
         read = validation.frozen(self._log[-1].y.copy())
         start = Start(now[0], read, self._at_rest, self._acted)
-        return plan_from(self.model, start, self._at(self._rows[0]), steps, limits, cost)
+        return plan_from(self.model, start, self._at(self._rows[0]), Wanted(steps, limits, cost))
 
     def _predictions(self) -> PredictedLoop:
         if not np.isnan(self._given).all():

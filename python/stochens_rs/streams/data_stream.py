@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import inf
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
 from .._base.files import Durable
-from .._base.records import trusted
 from .._base.running import interruptible
 from .._base.types import DELTA, ArrayLike, Floats
-from ..certificates.certificate import Certificate, radius_at
+from ..certificates.certificate import Certificate, certificate_of
 from ..controls.bounds import Typical, ranked
 from ..ensembles.ensemble import Ensemble, blocks_of
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -22,8 +21,7 @@ from ..rng import RngLike, as_key
 from ..theory.exact import EPS
 from .stream import ENTITIES
 
-if TYPE_CHECKING:
-    FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
+FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
 
 T = TypeVar("T")
 
@@ -364,16 +362,13 @@ class DataStream(Durable):
     def _from_sections(cls, sections: dict[str, Any]) -> DataStream:
         """Check the arrays of `_to_sections` and make a stream of them."""
         state, made = dict(sections), cls.__new__(cls)
-        ranges, sizes = (np.asarray(state.pop(name, ())) for name in ("ranges", "sizes"))
-        if ranges.shape != (3,) or sizes.shape != (3,) or sizes.dtype != np.uint64:
-            raise InputError("`state` must have three ranges, -1 for none, and sizes, 0 for none")
-        bounds, planned = (
-            dict(zip(ENTITIES, own.tolist(), strict=True)) for own in (ranges, sizes)
-        )
-        known = {name: value for name, value in bounds.items() if value != -1.0}
-        made._ranges = _checked("ranges", known, validation.nonnegative)
-        known = {name: value for name, value in planned.items() if value != 0}
-        made._sizes = _checked("sizes", known, validation.size)
+        checks: Any = (("ranges", np.float64, -1.0, validation.nonnegative),)
+        for name, kind, none, check in (*checks, ("sizes", np.uint64, 0, validation.size)):
+            own = np.asarray(state.pop(name, ()))
+            if own.shape != (3,) or own.dtype != kind:
+                raise InputError("`state` must have three ranges and sizes, -1 and 0 for none")
+            known = {k: v for k, v in zip(ENTITIES, own.tolist(), strict=True) if v != none}
+            setattr(made, f"_{name}", _checked(name, known, check))
         made._core = _core.DataStream.from_sections(list(state.items()))
         _, n, m, *targets = (int(v) for v in state["format"])
         made._shape, made._targets = (n, m), tuple(bool(v) for v in targets)
@@ -412,7 +407,7 @@ def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
             raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
         return (block.reshape(-1, entries) for block in blocks_of(value, rows))
     if isinstance(value, Iterator):
-        return _gathered(name, value, shape, rows)
+        return (_one(name, item, shape).reshape(1, -1) for item in value)
     array = validation.array(name, value, ndim=(len(shape), len(shape) + 1))
     if array.shape[-len(shape) :] != shape:
         raise ShapeError(
@@ -422,34 +417,10 @@ def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
     return [array.reshape(-1, entries)]
 
 
-def _gathered(
-    name: str, items: Iterator[Any], shape: tuple[int, ...], rows: int
-) -> Iterator[Floats]:
-    """Collect single realizations into blocks of rows."""
-    pending: list[Floats] = []
-    try:
-        for item in items:
-            pending.append(_one(name, item, shape).ravel())
-            if len(pending) == rows:
-                yield np.stack(pending)
-                pending = []
-    except GeneratorExit:  # the core refused a block
-        raise
-    except BaseException:  # the realizations before the faulty one, or Ctrl-C, are taken in
-        if pending:
-            yield np.stack(pending)
-        raise
-    if pending:
-        yield np.stack(pending)
-
-
 def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:
     if len(shape) == 1:
         return validation.vector(name, item, length=shape[0])
     return validation.matrix(name, item, rows=shape[0], cols=shape[1])
-
-
-_SUM = "the sum of the errors of the means"
 
 
 def radii_of_means(
@@ -487,17 +458,16 @@ def radii_of_means(
     reason = "the radius of the state overflows"
     if single:
         reason = f"only one realization of {', '.join(single)}, and `ranges` does not bound it"
-    said = [("state", state, "where the control from the exact means leads", _SUM)]
-    means = (f"the mean of the law of {name}" for name in ENTITIES)
-    said += zip(ENTITIES, radii, means, methods, strict=True)
-    return trusted(
-        Certificate,
+    means = {
+        name: (radius, f"the mean of the law of {name}", method, reason)
+        for name, radius, method in zip(ENTITIES, radii, methods, strict=True)
+    }
+    return certificate_of(
+        delta,
+        "the sum of the errors of the means",
+        reason,
+        {"state": (state, "where the control from the exact means leads"), **means},
         kind="guaranteed" if len(ranges) == len(ENTITIES) else "estimated",
-        delta=delta,
-        quantities={
-            name: radius_at(radius, mean, delta, method, reason)
-            for name, radius, mean, method in said
-        },
         covers="all together, at all numbers of realizations at once",
         assumption="realizations of each entity independent, of one law, within its range; a bias "
         "of the realizations is not covered",

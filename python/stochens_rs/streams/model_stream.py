@@ -4,33 +4,119 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import replace
-from typing import TYPE_CHECKING, Any, overload
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, NamedTuple, overload
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
 from .._base.files import Durable
-from .._base.names import Labels, checked_names, order_of
+from .._base.names import checked_names
+from .._base.records import Positive, Probability, SavedRecord, cached_property
+from .._base.running import get_num_threads
 from .._base.types import DELTA, ArrayLike, Floats
-from ..data import Trajectories
+from ..data.trajectories import Trajectories, in_order, pooled
 from ..exceptions import InputError
-from ..identification.assumptions import Noise, as_noise, checked_assumptions, checked_scale
+from ..feedback import Loop
+from ..identification import Window
+from ..identification.assumptions import (
+    Assumptions,
+    Noise,
+    as_noise,
+    checked_assumptions,
+    checked_scale,
+)
 from ..identification.model import Model
-from ..identification.window import spread
-from .logs import Logs, declared_window
+from ..identification.window import Regressors, rows_of, spread
+from ..limits.limits import Cost, LimitsLike
 from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, refuse
-
-if TYPE_CHECKING:
-    from ..feedback import Loop
-    from ..identification import Regressors, Window
-    from ..limits import Cost
-    from ..limits.limits import LimitsLike
-
 
 # The event of a stream refers to these: a stream must not go on with others.
 _MIXTURES = _core.mixtures()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Logs(SavedRecord):
+    """Logs of outputs, and what was declared of them before the first one."""
+
+    window: Regressors
+    assumptions: Assumptions
+    scale: Annotated[Floats, "column"]
+    delta: Probability
+    dt: Positive | None
+    data: Trajectories | None = None
+
+    @property
+    def size(self) -> int:
+        """How many pairs have a complete window."""
+        return 0 if self.data is None else self.model.size
+
+    @cached_property
+    def model(self) -> Model:
+        """The model of all logs so far, whose regions hold at all looks together."""
+        if self.data is None:
+            raise InputError("the stream has no log yet: update it with one")
+        triangle = _core.triangle(rows_of(self.window, self.data)[1], get_num_threads())
+        declared = self.assumptions, self.scale, self.window.intercept
+        return Model(self.data, triangle, *declared, window=self.window, looks=self.delta)
+
+    def with_more(self, x: Any) -> Logs:
+        """With more runs."""
+        new = validation.instance("x", x, Trajectories)
+        if not new.outputs or new.dt != self.dt:
+            raise InputError(f"`x` must be runs of outputs with dt={self.dt}, got {new!r}")
+        made = replace(self, data=new if self.data is None else pooled([self.data, new], "x"))
+        if not np.isfinite(made.model.triangle).all():  # refuses what fills no window, too
+            raise InputError("`x` is too large: its squares overflow")
+        return made
+
+    @property
+    def text(self) -> str:
+        """What of, and how many pairs, in words."""
+        return f"{self.window!r}, {show.number_of(self.size, 'pair')}"
+
+    def sections(self) -> dict[str, Any]:
+        """The parts of a file."""
+        return {**self._to_sections(), "outputs": np.ones(1)}
+
+
+class Pairs(NamedTuple):
+    """Pairs of states: the triangle of their rows, and the state that the last one ended in."""
+
+    begun: Snapshot  # without pairs: sizes, and what is assumed
+    triangle: Floats
+    size: int
+    runs: int
+    end: Floats
+
+    @property
+    def model(self) -> Snapshot:
+        """The model of all pairs so far."""
+        own = validation.frozen(self.triangle)
+        return replace(self.begun, triangle=own, size=self.size, runs=self.runs)
+
+    def with_more(self, rows: Floats) -> Pairs:
+        """With more pairs."""
+        # copies: NumPy 2.4 ends the process where strided arrays find no memory for its buffer
+        n, triangle = self.begun.n, self.triangle.copy()
+        begin, end = rows[:, :n].copy(), rows[:, -n:].copy()
+        _core.triangle_update(triangle, rows)
+        runs = int((begin[1:] != end[:-1]).any(axis=1).sum())
+        runs += self.runs + int(self.size == 0 or (begin[0] != self.end).any())
+        return Pairs(self.begun, triangle, self.size + len(rows), runs, end[-1].copy())
+
+    @property
+    def text(self) -> str:
+        """What of, and how many pairs, in words."""
+        of = self.begun
+        dt = "" if of.dt is None else f" dt={of.dt:g}"
+        pairs = show.number_of(self.size, "pair")
+        return f"n={of.n} m={of.m}{dt}, {pairs}{of.assumptions.design_text}"
+
+    def sections(self) -> dict[str, Any]:
+        """The parts of a file."""
+        return {**self.model._to_sections(), "end": self.end}
 
 
 class ModelStream(Durable):
@@ -100,7 +186,6 @@ class ModelStream(Durable):
     """
 
     _kind = "pairs"
-    _logs: Logs | None = None  # of outputs
 
     def __init__(
         self,
@@ -126,13 +211,13 @@ class ModelStream(Durable):
             if first is not None or own.design != "adaptive":
                 raise InputError("`window` must be left out with `first` or design='independent'")
             sizes = spread(past, checked_scale(scale, states + inputs, offset))
-            law = checked_assumptions(states, own, past.outputs)
-            self._start(Logs(past, law, sizes, delta, dt))
+            law = checked_assumptions(own, past.outputs)
+            self._begin(Logs(past, law, sizes, delta, dt))
             return
         d = states + inputs + offset
         running.need("a stream", 4 * 8 * (d + states) ** 2)  # two triangles, the model
         names = checked_names(states, inputs, state_names, input_names)
-        assumed = checked_assumptions(states, as_noise(noise), names[0])
+        assumed = checked_assumptions(as_noise(noise), names[0])
         refuse(assumed)
         if first is not None and assumed.design == "adaptive":
             raise InputError("`first` needs design='independent': others may be looked at any time")
@@ -151,16 +236,11 @@ class ModelStream(Durable):
             state_names=names[0],
             input_names=names[1],
         )
-        self._set(about, np.zeros(states))
+        self._begin(Pairs(about, about.triangle, 0, 0, np.zeros(states)))
 
-    def _set(self, model: Snapshot, end: Floats) -> None:
-        """Start or go on from a model and the last x_next."""
-        self._about = model
-        self._state = model.triangle, model.size, model.runs, end  # replaced as one, never changed
-        self._lock = threading.RLock()
-
-    def _start(self, logs: Logs) -> None:
-        self._logs, self._lock = logs, threading.RLock()
+    def _begin(self, known: Pairs | Logs) -> None:
+        """Start, or go on from what is known."""
+        self._known, self._lock = known, threading.RLock()  # replaced as one, never changed
 
     def update(
         self,
@@ -195,41 +275,27 @@ class ModelStream(Durable):
         >>> stream.size
         3
         """
-        if self._logs is not None:
-            if u is not None or x_next is not None:
-                raise InputError("`u` and `x_next` must be left out with Trajectories")
-            with self._lock:
-                self._logs = self._logs.after(x)
-            return
-        rows = pair_rows(self._about, x, u, x_next)
-        # copies: NumPy 2.4 ends the process where strided arrays find no memory for its buffer
-        n = self._about.n
-        begin, end = rows[:, :n].copy(), rows[:, -n:].copy()
-        within = int((begin[1:] != end[:-1]).any(axis=1).sum())
+        if isinstance(x, Trajectories) and not (u is None and x_next is None):
+            raise InputError("`u` and `x_next` must be left out with Trajectories")
+        start = self._known
+        more = x if isinstance(start, Logs) else pair_rows(start.begun, x, u, x_next)
         while True:  # again if another thread was faster: no pair is lost
-            before = self._state
-            triangle, size, runs, last = before
-            triangle = triangle.copy()
-            _core.triangle_update(triangle, rows)
-            runs += within + int(size == 0 or (begin[0] != last).any())
+            before: Any = self._known
+            after = before.with_more(more)
             with self._lock:
-                if self._state is before:
-                    self._state = triangle, size + len(rows), runs, end[-1].copy()
+                if self._known is before:
+                    self._known = after
                     return
 
     @property
     def size(self) -> int:
         """The number of pairs taken in so far."""
-        return self._state[1] if self._logs is None else self._logs.size
+        return self._known.size
 
     @property
     def model(self) -> Snapshot | Model:
         """The model after the pairs so far; later pairs do not change it. Of outputs a `Model`."""
-        return self._after(self._state) if self._logs is None else self._logs.model
-
-    def _after(self, state: tuple[Floats, int, int, Floats]) -> Snapshot:
-        triangle, size, runs, _ = state
-        return replace(self._about, triangle=validation.frozen(triangle), size=size, runs=runs)
+        return self._known.model
 
     @overload
     def look(
@@ -335,46 +401,29 @@ class ModelStream(Durable):
         return look(model, limit, u, {"x0": x0, "xf": xf, "steps": steps, **best})
 
     def __repr__(self) -> str:
-        if self._logs is not None:
-            return f"<ModelStream: {self._logs.window!r}, {show.number_of(self.size, 'pair')}>"
-        about = self._about
-        dt = "" if about.dt is None else f" dt={about.dt:g}"
-        pairs = show.number_of(self.size, "pair")
-        design = about.assumptions.design_text
-        return f"<ModelStream: n={about.n} m={about.m}{dt}, {pairs}{design}>"
+        return f"<ModelStream: {self._known.text}>"
 
     def _repr_html_(self) -> str:
-        if self._logs is not None:
-            return show.card(self, [("assumed", self._logs.assumptions.text)])
-        model = self._after(self._state)
-        rows = [
-            ("assumed", model.assumptions.text),
-            ("wrong at any look", f"with {100 * model.delta:.6g} % at most"),
-            ("next look at", f"{model.next_look} pairs" if model.next_look != self.size else None),
-            ("not determined", "; ".join(model.missing) or None),
-        ]
-        return show.card(self, rows)
+        start = self._known
+        of = start if isinstance(start, Logs) else start.begun
+        return show.card(self, [("assumed", of.assumptions.text)])
 
     def _to_sections(self) -> dict[str, Any]:
-        if self._logs is not None:
-            return {**self._logs._to_sections(), "mixtures": _MIXTURES, "outputs": np.ones(1)}
-        state = self._state
-        about = self._after(state)._to_sections()
-        return {**about, "mixtures": _MIXTURES, "end": state[3]}
+        return {**self._known.sections(), "mixtures": _MIXTURES}
 
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> ModelStream:
         about = dict(sections)
         mixtures, outputs = about.pop("mixtures"), about.pop("outputs", None)
-        end = about.pop("end") if outputs is None else None
         if not np.array_equal(mixtures, _MIXTURES):
             raise InputError("`mixtures` must be those of this version: its event is another")
         made = cls.__new__(cls)
         if outputs is not None:
-            made._start(Logs._from_sections(about))
+            made._begin(Logs._from_sections(about))
             return made
-        model = Snapshot._from_sections(about)
-        made._set(model, validation.vector("end", end, length=model.n))
+        end, model = about.pop("end"), Snapshot._from_sections(about)
+        own = validation.vector("end", end, length=model.n)
+        made._begin(Pairs(model, model.triangle, model.size, model.runs, own))
         return made
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -391,13 +440,8 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
     """Check pairs or runs of a stream, and return their rows."""
     n, m = about.n, about.m
     if isinstance(x, Trajectories):
-        if u is not None or x_next is not None:
-            raise InputError("`u` and `x_next` must be left out with Trajectories")
         _refuse_runs(about, x)
-        order = order_of("x", Labels(x.state_names, x.input_names), about.labels)
-        before, inputs, after = x.pairs()
-        before, after = order.of_states(before), order.of_states(after)
-        inputs = order.of_inputs(inputs)
+        before, inputs, after = in_order("x", x, about.labels)
     elif u is None or x_next is None:
         raise InputError("`u` and `x_next` must be given with `x`")
     elif validation.array("x", x, ndim=(1, 2)).ndim == 1:
@@ -422,11 +466,25 @@ def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
         )
     if runs.dt != about.dt:
         raise InputError(
-            f"`x` must be runs with dt={about.dt}, got dt={runs.dt}: pass dt={runs.dt} to "
-            "ModelStream"
+            f"`x` must be with dt={about.dt}, got dt={runs.dt}: pass dt={runs.dt} to ModelStream"
         )
     if about.assumptions.design == "independent" and not runs.single:
+        raise InputError("`x` must be single pairs for design='independent': use last_pairs()")
+
+
+def declared_window(window: Any, names: tuple[Any, Any], offset: bool) -> Regressors:
+    """The window of these outputs and inputs, which no data of the stream choose."""
+    if isinstance(window, Regressors):
+        if (len(window.outputs), len(window.inputs)) != tuple(map(len, names)):
+            raise InputError(f"`window` must be of the sizes of this stream, got {window}")
+        if window.intercept != offset:
+            raise InputError(f"`intercept` must be {window.intercept}, as that of the window")
+        return window
+    asked = validation.instance("window", window, Window)
+    lags, delay = asked.lags, asked.delay
+    if not isinstance(lags, int) or not isinstance(delay, int) or delay < 0 or asked.tail:
         raise InputError(
-            "`x` must be single pairs for design='independent', got runs of several steps, "
-            "whose states contain earlier noise; use last_pairs()"
+            "`window` must be Window(lags=, delay=) of numbers, without a tail, or `model.window` "
+            f"of earlier runs, got {window}"
         )
+    return Regressors(*names, lags, None, delay, offset)

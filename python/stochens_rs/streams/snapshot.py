@@ -25,8 +25,8 @@ from .._base.records import (
 from .._base.types import ArrayLike, Floats
 from ..certificates.certificate import Certificate
 from ..certificates.of_model import (
-    Asked,
     ModelBasis,
+    Question,
     certificate,
     output_certificate,
     trajectory,
@@ -35,7 +35,8 @@ from ..controls.control import control
 from ..exceptions import InputError, ShapeError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import judged
-from ..identification.assumptions import Assumptions, checked_scale, require_declared
+from ..identification.assumptions import Assumptions, checked_scale
+from ..identification.assumptions import refuse as refuse_declared
 from ..identification.checks import cautions, exact_relations, noise_doubts, tested_rows
 from ..identification.identified import Fitted
 from ..identification.model import Model, after, in_states
@@ -98,7 +99,7 @@ class Snapshot(SavedRecord, Fitted):
 
     def _verify(self) -> None:
         refuse(self.assumptions)
-        require_declared(self.assumptions, self.n)
+        refuse_declared(self.assumptions, self.n, single=True)
         d = self.n + self.m
         if not np.array_equal(checked_scale(self.scale[:d], d, self.intercept), self.scale):
             raise InputError("`scale` must be positive, and 1 for an offset")
@@ -138,12 +139,9 @@ class Snapshot(SavedRecord, Fitted):
         Of the tests of `Model.doubts` those that need no pairs: a stream keeps their triangle. At
         each look they have a level of 5e-6.
         """
-        f = self.blocks[0]
         tested = tested_rows(self.assumptions, None, self.n)
-        return (
-            *exact_relations(f, tested, self.state_names),
-            *noise_doubts(f, self.assumptions, tested),
-        )
+        exact = exact_relations(self.blocks[0], tested, self.state_names)
+        return (*exact, *noise_doubts(self, tested))
 
     def region(
         self, delta: float | None = None, *, future: int = 0, frobenius: bool = False
@@ -185,8 +183,7 @@ class Snapshot(SavedRecord, Fitted):
         level = self.delta if delta is None else validation.probability("delta", delta)
         if level > self.delta:
             raise InputError(
-                f"`delta` must be at most {self.delta:g}, which all looks at this stream share, "
-                f"got {level:g}"
+                f"`delta` must be at most {self.delta:g}, which all looks share, got {level:g}"
             )
         if validation.size("future", future, minimum=0):
             raise InputError("`future` must be 0: regions of a stream cover no noise to come")
@@ -233,12 +230,7 @@ class Snapshot(SavedRecord, Fitted):
         return planned(self.first, look_after(self.first, N)) if self._planned else N
 
     def __repr__(self) -> str:
-        rank = "" if self.identifiable else f", rank {self.rank} of {len(self.scale)}"
-        dt = "" if self.dt is None else f" dt={self.dt:g}"
-        pairs = show.number_of(self.size, "pair")
-        design = self.assumptions.design_text
-        warned = show.warned(self.warnings)
-        return f"<Snapshot: n={self.n} m={self.m}{dt}, {pairs}{design}{rank}{warned}>"
+        return self._text(f"n={self.n} m={self.m}")
 
     def _repr_html_(self) -> str:
         return show.card(self, [("assumed", self.assumptions.text)], self._table())
@@ -248,8 +240,7 @@ def refuse(assumed: Assumptions) -> None:
     """Refuse assumptions whose regions do not hold while data arrive."""
     if assumed.design == "independent" and assumed.noise != "gaussian":
         raise InputError(
-            f"`design` must be 'adaptive' for noise='{assumed.noise}': the region is the same, "
-            "and may be looked at any time"
+            f"`design` must be 'adaptive' for noise='{assumed.noise}': the region is the same"
         )
 
 
@@ -317,13 +308,6 @@ class Look(Record):
         then += show.warned(self.certificate.warnings)
         target = self.certificate.target
         return f"<Look: within {target:.4g} after {pairs}, tol {self.tol:g}, {then}>"
-
-    def _repr_html_(self) -> str:
-        rows = [
-            ("forecast", None if self.stop else self._more()),
-            ("control u", show.vector(self.u.ravel())),
-        ]
-        return show.card(self, rows, self.certificate._repr_html_())
 
 
 def more(pairs: float, runs: float) -> str:
@@ -405,7 +389,7 @@ def _bound(basis: ModelBasis, u: Floats) -> Certificate:
     if isinstance(model, Model):
         return output_certificate(basis, u, model.level, False)
     predicted = trajectory(model.Theta, basis.x0, u)
-    return certificate(basis, u, predicted, model.level, Asked(noise=False))
+    return certificate(Question(basis, u, predicted, model.level))
 
 
 def _forecast(
@@ -477,9 +461,6 @@ class LoopLook(Record):
             return f"<LoopLook: certified after {pairs}, margin at least {margin}>"
         then = more(self.forecast, self.runs) if isfinite(self.forecast) else "unknown"
         return f"<LoopLook: {self.proof.status} after {pairs}, forecast: {then}>"
-
-    def _repr_html_(self) -> str:
-        return show.card(self, [], self.proof._repr_html_())
 
 
 def look_at_loop(model: Snapshot | Model, gain: Loop | ArrayLike) -> LoopLook:

@@ -180,8 +180,7 @@ def _fitted(found: object, layout: Layout, grid: Grid) -> tuple[dict[str, Any], 
             )
         if grid.nested is not None and shape[:1] != (len(grid.labels[grid.nested]),):
             raise InputError(
-                f"`{name}` must have {len(grid.labels[grid.nested])} entries, one for each of "
-                f"{grid.nested!r}, got shape {shape}"
+                f"`{name}` must have an entry for each of {grid.nested!r}, got shape {shape}"
             )
     return row, layout
 

@@ -342,11 +342,7 @@ class Study:
 
     @classmethod
     def _of(
-        cls,
-        path: str,
-        found: Manifest,
-        function: Function | None = None,
-        grid: Mapping[str, Any] | None = None,
+        cls, path: str, found: Manifest, function: Function | None = None, grid: Any = None
     ) -> Self:
         """A study as a manifest says, with nothing done yet."""
         try:

@@ -24,8 +24,8 @@ import os
 import pickle
 import platform
 import sys
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from functools import cache
 from typing import Annotated, Any, BinaryIO, TypeAlias
@@ -361,53 +361,47 @@ class StudyFile:
     def __init__(self, path: str) -> None:
         self.path = path
         self._lock = files.lock(path)
-        self._file: BinaryIO | None = None
+        self._file: Any = None
         self._records, self._end = 1, 0
 
     def create(self, study: Manifest) -> None:
         """Begin a new file, which appears with its first block in it."""
         record = framed(Block.of(study), 1)
-        try:
+        with usable(self.path):
             for left in glob.glob(f"{glob.escape(self.path)}.{'[0-9a-f]' * 16}.tmp"):
                 os.remove(left)  # its writer was killed: this process has the lock
             with files.replaced(self.path) as part, open(part, "wb") as file:
                 file.write(head(_HEAD + len(record)) + record)
-        except OSError as error:
-            raise _failed(error, self.path) from error
         self.extend(1, _HEAD + len(record))
 
     def extend(self, records: int, end: int) -> None:
         """Go on behind the last record that can be read."""
         self._records = records
-        try:
+        with usable(self.path):
             self._file = open(self.path, "r+b", buffering=0)  # noqa: SIM115
             self._file.truncate(end)
             self._commit(end)
-        except OSError as error:
-            raise _failed(error, self.path) from error
 
     def append(self, block: Block) -> None:
         """Write a block; it is on the disk when this returns."""
-        assert self._file is not None
         record = framed(block, self._records + 1)
-        try:
-            self._write(self._end, record)
-            self._commit(self._end + len(record))
-        except OSError as error:
-            with suppress(OSError):  # nothing may be appended to a part of a record
-                self._file.truncate(self._end)
-            raise _failed(error, self.path) from error
+        with usable(self.path):
+            try:
+                self._write(self._end, record)
+                self._commit(self._end + len(record))
+            except OSError:
+                with suppress(OSError):  # nothing may be appended to a part of a record
+                    self._file.truncate(self._end)
+                raise
         self._records += 1
 
     def _commit(self, end: int) -> None:
         """Say that all up to here is on the disk, once it is."""
-        assert self._file is not None
         os.fsync(self._file.fileno())
         self._write(0, head(end))
         self._end = end
 
     def _write(self, at: int, content: bytes) -> None:
-        assert self._file is not None
         self._file.seek(at)
         while content:
             content = content[self._file.write(content) :]
@@ -436,16 +430,10 @@ def read(path: str) -> tuple[Manifest, list[Block], int]:
 
     Raises `StateError` if a record that was once on the disk cannot be read.
     """
-    try:
+    with usable(path):
         files.regular_file(path)
         with open(path, "rb") as file:
             blocks, end = _read(path, file)
-    except FileNotFoundError as error:
-        raise StateNotFoundError(error.errno, "there is no such study", path) from error
-    except OSError as error:
-        raise _failed(error, path) from error
-    except InputError as error:
-        raise StateError(f"{path} is not the file of a study: {error}") from error
     studies = [block.study for block in blocks if block.study is not None]
     if not studies:
         raise StateError(f"{path} is not the file of a study: no block says what it is")
@@ -487,8 +475,18 @@ def _read(path: str, file: BinaryIO) -> tuple[list[Block], int]:
     return blocks, at
 
 
-def _failed(error: OSError, path: str) -> StateIOError:
-    return StateIOError(error.errno, f"cannot use the file of a study: {error.strerror}", path)
+@contextmanager
+def usable(path: str) -> Iterator[None]:
+    """Say what is wrong with the file of a study."""
+    try:
+        yield
+    except FileNotFoundError as error:
+        raise StateNotFoundError(error.errno, "there is no such study or folder", path) from error
+    except OSError as error:
+        text = f"cannot use the file of a study: {error.strerror}"
+        raise StateIOError(error.errno, text, path) from error
+    except InputError as error:
+        raise StateError(f"{path} is not the file of a study: {error}") from error
 
 
 @cache

@@ -196,10 +196,7 @@ def matrix_powers(A: Floats, K: int, name: str = "A") -> Floats:
         for k in range(1, K):
             powers[k + 1] = powers[k] @ A
             if not np.isfinite(powers[k + 1]).all():
-                raise NonFiniteError(
-                    f"`{name}` to the power {k + 1} overflows: take fewer steps, or scale the "
-                    "time step down"
-                )
+                raise NonFiniteError(f"`{name}` to the power {k + 1} overflows: take fewer steps")
     return powers
 
 

@@ -858,10 +858,7 @@ def _fused_covariance(
     paired = validation.choice("fusion", fusion, types.FUSIONS) == "diagonal"
     if validation.choice("scheme", scheme, types.SCHEMES) == "systematic":
         if paired:
-            raise InputError(
-                "`fusion` must be 'product' with scheme='systematic', got 'diagonal': there is no "
-                "formula for pairs of dependent realizations"
-            )
+            raise InputError("`fusion` must be 'product' with scheme='systematic', got 'diagonal'")
         C, C0 = _systematic_covariance(xf, Nf), _systematic_covariance(x0, N0)
         # Given x0_hat, A_hat x0_hat has the covariance of A_hat at x0_hat; E[x0_hat x0_hat^T] = M.
         if NA:

@@ -1,5 +1,5 @@
 """Plans and loops against runs and systems that they were not made from."""
 
-from .fresh_systems import Validation
+from .held_out import Validation
 
 __all__ = ["Validation"]

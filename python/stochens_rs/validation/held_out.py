@@ -1,15 +1,19 @@
-"""A plan or a loop on runs that were held out."""
+"""`Validation`: a plan or a loop on runs and systems that it was not made from."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple, TypeAlias
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from .. import _core
-from .._base import running, validation
+from .._base import running, show, validation
 from .._base.names import Labels, order_of
+from .._base.records import Probability, SavedRecord
 from .._base.running import get_num_threads
 from .._base.types import ArrayLike, Floats
 from ..certificates.of_model import ModelBasis
@@ -21,14 +25,215 @@ from ..identification import Model, Trajectories
 from ..identification.identified import Identified
 from ..limits.problem import Limited
 from ..system.system import System
-from .fresh_systems import Source, Validation, rank_of
+from ..theory import scenario
 
+Source: TypeAlias = Literal["runs", "runs of a loop", "fresh systems"]
 Runs: TypeAlias = "Trajectories | SystemEnsemble | Sequence[System] | Sequence[ArrayLike] | Any"
 
 # Of the size of a state: the least unit of its deviations, also where no noise acts on it.
 _LEAST = 1e-3
 # Recorded inputs may be rounded: by this much of the largest one they are those of the plan.
 _INPUTS = 1e-6
+
+_RUNS = (
+    "the next run of this very {0}: the same {1}, hardware and limits, its start drawn and its end "
+    "decided by the same rule. No run was left out, whatever came of it, and {2}, scale and delta "
+    "were fixed before the runs were seen"
+)
+_SAME = {
+    "runs": _RUNS.format("plan", "inputs", "plan"),
+    "runs of a loop": _RUNS.format("loop", "controller, set points", "controller"),
+    "fresh systems": (
+        "this command on one more system, drawn as these were, from a start drawn as theirs. No "
+        "system was left out, and plan, scale and delta were fixed before they were seen. Only "
+        "what differs between the systems is covered: no noise acts in these runs"
+    ),
+}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Validation(SavedRecord):
+    """The next run stays in `tube`, and ends within `target`, with probability ``1 - delta`` each.
+
+    Made by `Plan.validate` and `Regulator.validate`. It assumes nothing of the plant, of the noise
+    or of the model, and says nothing of other plans: it is no certificate, and no number of it is
+    added to one.
+
+    Attributes
+    ----------
+    factor : float
+        An order statistic of `deviations`; infinite where the runs are too few, see `reason`.
+    tube : ndarray, shape (K + 1, n)
+        ``|x(k) - p(k)|_i`` is at most this for all k and i at once: ``factor * scale``. p is the
+        prediction from the run's own start, ``xh(k) + A_hat^k (x(0) - xh(0))``, so ``tube[0]`` is
+        0. A plan that keeps no A_hat (diagonal fusion, made by hand) has ``p(k) = xh(k)``, k >= 1,
+        and so has one of outputs: x are then the readings, and one of them is no start.
+        Of a loop p is the loop around its own model.
+    target : float
+        ``||x(K) - xf||`` is at most this: an order statistic of `misses`.
+    xf : ndarray, shape (n,)
+        The target; where the plan has none, its last predicted state.
+    delta : float
+        `tube` fails with at most this probability, and so does `target`: each for itself.
+    beta : float or None
+        None: the probability is over the runs and the next one together. Else the runs can mislead
+        with probability `beta`, and otherwise at most a share `delta` of all further runs fails.
+    source : {"runs", "runs of a loop", "fresh systems"}
+        What was compared with the plan or the loop.
+    deviations : ndarray, shape (M,)
+        Of each run, ``max |x(k) - p(k)|_i / scale(k)_i``; infinite where it diverged or ended
+        early.
+    misses : ndarray, shape (M,)
+        ``||x(K) - xf||`` of each run.
+    rank : int or None
+        The order statistic is the one of this rank; ``M + 1`` where none is enough. None with
+        weights.
+    noise_free : float or None
+        Of a plan whose runs all had the same start: with probability ``1 - delta`` the mean of
+        x(K), where it ends without noise, is within this of xf. For Gaussian noise and a linear
+        plant only, other than all else here; None where starts differ or a run diverged.
+    """
+
+    factor: float
+    tube: Annotated[Floats, "time state", "infinite"]
+    target: float
+    xf: Annotated[Floats, "state"]
+    delta: Probability
+    beta: Probability | None
+    source: Source
+    deviations: Annotated[Floats, "run", "infinite"]
+    misses: Annotated[Floats, "run", "infinite"]
+    rank: int | None
+    noise_free: float | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        validation.size("tube", len(self.tube))
+        size = validation.size("deviations", len(self.deviations))
+        if self.rank is not None:
+            validation.size("rank", self.rank, maximum=size + 1)
+
+    @property
+    def size(self) -> int:
+        """The number of runs M."""
+        return len(self.deviations)
+
+    @property
+    def diverged(self) -> int:
+        """How many runs diverged or ended early."""
+        return int(np.count_nonzero(np.isinf(self.misses)))
+
+    @property
+    def covers(self) -> str:
+        """Which runs the numbers are about, and what must be the same, in words."""
+        text = _SAME[self.source]
+        if self.rank is None:
+            text += (
+                "; but starts were drawn from another density than the start to come, their ratio "
+                "is the declared weight, and its law is known, not estimated"
+            )
+        if self.beta is not None:
+            text += f"; with confidence {1.0 - self.beta:.9g}, if the runs are independent"
+        return text
+
+    @property
+    def reason(self) -> str | None:
+        """Why `factor` or `target` is infinite; None where both are finite."""
+        if np.isfinite(self.factor) and np.isfinite(self.target):
+            return None
+        share, runs = _percent(1.0 - self.delta), show.number_of(self.size, "run")
+        if self.rank is None:
+            return f"the weights of {runs} beside that of the run to come cannot support {share}"
+        if self.rank <= self.size:
+            return (
+                f"{self.diverged} of {runs} diverged or ended early; {share} allows for "
+                f"{self.size - self.rank}"
+            )
+        alone, sure = needed(self.delta), needed(self.delta, self.beta or 0.05)
+        at = _percent(1.0 - (self.beta or 0.05))
+        if self.beta is not None:
+            return f"{runs} cannot support {share} with confidence {at}: {sure} are needed"
+        return (
+            f"{runs} cannot support {share}: {alone} are needed ({sure} to say it with confidence "
+            f"{at} for these very runs); {_percent(self.size / (self.size + 1))} is possible"
+        )
+
+    def coverage(self, beta: float = 0.05) -> float:
+        """Bound the share of all further runs that stay in `tube`; the same for `target`.
+
+        Parameters
+        ----------
+        beta : float, default 0.05
+            Probability that the bound fails, over runs that are independent of each other.
+
+        Returns
+        -------
+        float
+            ``1 - epsilon`` of `theory.scenario.hold_out`, with the runs above the order statistic
+            as violations; the exact law of the coverage, Beta(rank, M + 1 - rank), where no two
+            scores are equal, and on the safe side else.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If the runs have weights: no such law is known then.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> A = 0.5 + 0.01 * np.random.default_rng(1).standard_normal((60, 1, 1))
+        >>> plan = se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3)
+        >>> held = plan.validate(se.SystemEnsemble(A, np.ones((60, 1, 1))))
+        >>> held.rank, round(held.coverage(), 3)
+        (58, 0.899)
+        """
+        beta = validation.probability("beta", beta)
+        if self.rank is None:
+            raise InputError("`coverage` is not known for runs with weights")
+        if self.rank > self.size:
+            return 1.0
+        return 1.0 - scenario.hold_out(self.size, self.size - self.rank, beta)
+
+    @property
+    def _share(self) -> str:
+        sure = "" if self.beta is None else f" with confidence {_percent(1.0 - self.beta)}"
+        return f"{_percent(1.0 - self.delta)}{sure}"
+
+    def __repr__(self) -> str:
+        of = self.source if self.size > 1 else self.source.removesuffix("s")
+        if np.isfinite(self.target):
+            text = f"x(K) within {self.target:.3g} of xf, tube {self.factor:.3g} scales"
+            text += f", {self._share} each"
+        else:
+            text = f"nothing is validated: {self.reason}"
+        return f"<Validation: {self.size} {of}, {text}>"
+
+
+def needed(delta: float, beta: float | None = None) -> int:
+    """The smallest number of runs that can support ``1 - delta``, with confidence ``1 - beta``."""
+    if beta is not None:
+        return scenario.required_scenarios(delta, 1, beta)
+    return math.ceil(1 / _written(delta)) - 1
+
+
+def rank_of(size: int, delta: float, beta: float | None = None) -> int:
+    """The rank of the order statistic: ``size + 1`` if no score is enough.
+
+    The smallest j with ``j >= (1 - delta) (M + 1)``; with `beta` the smallest with
+    ``P(Bin(M, delta) <= M - j) <= beta``.
+    """
+    if beta is None:
+        return size + 1 - math.floor(_written(delta) * (size + 1))
+    return _core.scenario_rank(size, delta, beta)
+
+
+def _written(delta: float) -> Fraction:
+    """`delta` as it is written: 0.3 is 3/10, so that 0.3 * 10 is 3."""
+    return Fraction(repr(delta))
+
+
+def _percent(share: float) -> str:
+    return f"{math.floor(1e6 * share + 1e-6) / 1e4:g} %"  # never rounded up
 
 
 class PredictedLoop(NamedTuple):
@@ -111,19 +316,24 @@ class Predicted(NamedTuple):
         return np.where(np.isfinite(units), np.maximum(units, floor), size)
 
 
-def validated(
-    plan: Predicted,
-    runs: Runs,
-    delta: float,
-    beta: float | None,
-    x0: ArrayLike | None,
-    scale: ArrayLike | None,
-    weights: ArrayLike | None,
-) -> Validation:
-    """Check the arguments of `Plan.validate` and compute the order statistics."""
-    delta = validation.probability("delta", delta)
-    sure = None if beta is None else validation.probability("beta", beta)
-    units = plan.scale() if scale is None else _scale(scale, plan.states)
+class Asked(NamedTuple):
+    """The arguments of `validate`, checked where they are used first."""
+
+    delta: float
+    beta: float | None
+    scale: ArrayLike | None
+    weights: ArrayLike | None
+
+    @classmethod
+    def checked(cls, delta: float, beta: float | None, *about: ArrayLike | None) -> Asked:
+        """Check both probabilities."""
+        sure = None if beta is None else validation.probability("beta", beta)
+        return cls(validation.probability("delta", delta), sure, *about)
+
+
+def validated(plan: Predicted, runs: Runs, x0: ArrayLike | None, asked: Asked) -> Validation:
+    """Compute the order statistics of `Plan.validate`."""
+    units = plan.scale() if asked.scale is None else _scale(asked.scale, plan.states)
     target = plan.xf
     told = plan.states, plan.A, units, target
     systems, free = _systems(runs), None
@@ -139,21 +349,12 @@ def validated(
         scores = _core.validation_runs(told, states, get_num_threads())
         same = (states[:, 0] == states[0, 0]).all() and np.isfinite(states).all()
         if same and not plan.read:
-            free = _core.validation_mean(np.ascontiguousarray(states[:, -1]), target, delta)
-    return _judged(scores, units, target, delta, sure, weights, source, free)
+            free = _core.validation_mean(np.ascontiguousarray(states[:, -1]), target, asked.delta)
+    return _judged(scores, units, target, asked, source, free)
 
 
-def validated_loop(
-    loop: PredictedLoop,
-    runs: Runs,
-    delta: float,
-    beta: float | None,
-    scale: ArrayLike | None,
-    weights: ArrayLike | None,
-) -> Validation:
+def validated_loop(loop: PredictedLoop, runs: Runs, asked: Asked) -> Validation:
     """The same for runs of a loop, each predicted by the loop from its own start."""
-    delta = validation.probability("delta", delta)
-    sure = None if beta is None else validation.probability("beta", beta)
     if isinstance(runs, Trajectories):
         K = int(runs.lengths.max())
     else:
@@ -164,7 +365,8 @@ def validated_loop(
     nothing = np.zeros((K, loop.m)), np.zeros((K + 1, loop.n))
     like = Predicted(*nothing, None, None, loop.labels, loop.dt)
     states = _states(like, runs, loop)
-    units = np.tile(loop.scale, (K, 1)) if scale is None else _scale(scale, like.states)
+    given = asked.scale
+    units = np.tile(loop.scale, (K, 1)) if given is None else _scale(given, like.states)
     running.need("the predictions", states.nbytes)
     paths = np.array([loop.path(run) for run in np.nan_to_num(states)])
     lost = ~np.isfinite(paths).all(axis=(1, 2))  # nothing is predicted: as a run that ended
@@ -178,21 +380,19 @@ def validated_loop(
         p = len(part[2])
         own = part[0].reshape(-1, p), np.zeros((p, p)), part[1], part[2]
         scores = scores[0], _core.validation_runs(own, part[3], threads)[1]
-    return _judged(scores, units, target, delta, sure, weights, "runs of a loop", None)
+    return _judged(scores, units, target, asked, "runs of a loop")
 
 
 def _judged(
     scores: tuple[Floats, Floats],
     units: Floats,
     target: Floats,
-    delta: float,
-    sure: float | None,
-    weights: ArrayLike | None,
+    asked: Asked,
     source: Source,
-    free: float | None,
+    free: float | None = None,
 ) -> Validation:
     """The order statistics of the scores."""
-    size, rank = len(scores[1]), None
+    size, rank, (delta, sure, _, weights) = len(scores[1]), None, asked
     if weights is None:
         rank = rank_of(size, delta, sure)
         factor, miss = (_core.validation_rank(one, rank) for one in scores)
@@ -215,18 +415,14 @@ def _systems(runs: Runs) -> SystemEnsemble | None:
     if isinstance(runs, SystemEnsemble):
         if runs.centre == "estimate":
             raise InputError(
-                "`runs` scatter about an estimate, as drawn models of one plant do: they are "
-                "no fresh systems, and nothing of the plant follows from them"
+                "`runs` scatter about an estimate: they are models of one plant, no fresh systems"
             )
         return runs
     if isinstance(runs, (np.ndarray, Trajectories)) or not hasattr(runs, "__iter__"):
         return None
     given = validation.items("runs", runs)
     if any(isinstance(one, Identified) for one in given):
-        raise InputError(
-            "`runs` must not be models from data: a model is off its plant, and no error of it is "
-            "in the number"
-        )
+        raise InputError("`runs` must not be models from data, which are off their plant")
     if given and all(isinstance(one, System) for one in given):
         return SystemEnsemble.from_systems(given)
     return None
@@ -299,10 +495,7 @@ def _of_trajectories(plan: Predicted, runs: Trajectories, loop: PredictedLoop | 
         wanted = plan.u[:T] if loop is None else loop.inputs(states[r, :T])
         if (np.abs(order.of_inputs(u[:T]) - wanted) > _INPUTS * np.abs(wanted).max()).any():
             of = "plan" if loop is None else "loop"
-            raise InputError(
-                f"`runs` must have the inputs of this {of}, run {r} has others: what runs under "
-                "other inputs did says nothing of this one"
-            )
+            raise InputError(f"`runs` must have the inputs of this {of}, run {r} has others")
     return states
 
 

@@ -134,13 +134,6 @@ def test_matrix_bounds_on_exact_distributions(A, N, axis):
             assert_valid(bound, N, errors, exceeded)
 
 
-def test_a_matrix_of_three_rows():
-    A = [[1.0, -2.0], [0.5, 3.0], [-1.0, 0.0]]
-    errors, exceeded = tail(matrix_law(A, 4), lambda v: np.linalg.norm(v - A, 2))
-    for bound in bounds.candidates("matrix", A):
-        assert_valid(bound, 4, errors, exceeded)
-
-
 @pytest.mark.parametrize("w", [[3.0, -1.0, 0.5, 0.0, 2.0], [1.0, 1e-8], [0.25] * 4])
 def test_systematic_samples_are_surely_within_the_bound(w):
     bound = bounds.bound("systematic", "vector", w, scheme="systematic")
@@ -420,10 +413,3 @@ def test_units(scale):
 
 
 # -- the paper's formulas --------------------------------------------------------------------------
-
-
-def paired(A, B, x0, xf):
-    """What holds in place of Lemma 4.2 for paired realizations."""
-    g0, gf, gA = np.abs(x0).sum(), np.abs(xf).sum(), np.abs(A).sum(axis=0).max()
-    V = moments.state_rms((A, B), x0, xf, 1, fusion="diagonal") ** 2
-    return paper.Corrected(V, gf**2 + 2.0 * g0**2 * gA**2)

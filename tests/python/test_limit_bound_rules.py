@@ -25,7 +25,6 @@ from stochens_rs.limits.problem import Horizon, Limited, checked_task
 from stochens_rs.theory.exact import states
 from test_bounds_coverage import exceeded_too_often, systems
 from test_limit_bounds import PLAIN, Planned, drawn, errors_of, measured, onto
-from twin import limit_bounds as lb
 from twin import limited_control as lc
 from twin import limited_problems as lp
 
@@ -387,22 +386,6 @@ def test_an_uncertain_map_is_not_a_moved_target():
 
 
 # -- limits of the state that a true system keeps --------------------------------------------------
-
-
-def test_tightened_limits_are_those_of_the_twin(gen):
-    n, K = 2, 3
-    task = checked_task(n, 1, K, np.zeros(n), limits=se.Limits(x=(-1.0, [2.0, np.inf]), soft=False))
-    radii = np.array([0.0, 0.1, 0.2, 0.3])
-    same = np.broadcast_to(radii[:, None], (K + 1, n))
-    tight = limit_certificate.tightened(task, same)
-    C, h = np.vstack([np.eye(n), -np.eye(n)]), np.array([2.0, np.inf, 1.0, 1.0])
-    wanted = lb.tightened(C, h, radii[1:])
-    np.testing.assert_allclose(tight.state_high, wanted[:, :2])
-    np.testing.assert_allclose(-tight.state_low, wanted[:, 2:])
-    at = np.zeros((K + 1, n))
-    assert limit_certificate.lacking(task, at, same) == 0.0
-    at[3, 0] = 1.9
-    np.testing.assert_allclose(limit_certificate.lacking(task, at, same), 0.2)
 
 
 def test_a_control_that_cannot_keep_the_limits_says_by_how_much(gen):

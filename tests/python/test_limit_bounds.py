@@ -241,6 +241,35 @@ def test_alpha_and_gamma_are_those_of_the_twin(K):
         np.testing.assert_allclose(found["states"].radius, min(wanted.state, small), rtol=1e-6)
 
 
+def test_no_member_of_the_region_is_beyond_its_bounds():
+    """150 regions, in `make test` 60, one member on the edge of each; some come near."""
+    gen, nearest = np.random.default_rng(5), np.zeros(3)
+    for i in range(sets(150, 60)):
+        n, m, K = int(gen.integers(1, 4)), int(gen.integers(1, 3)), (1, 1, 3)[i % 3]
+        A, B, x0, xf = gen.normal(size=(n, n)), gen.normal(size=(n, m)), *gen.normal(size=(2, n))
+        model = measured(gen, 0.5 * A, B, 60, 10.0 ** gen.uniform(-2, -0.5))
+        limited, found, _ = certified(model, x0, xf, K, limits=(-0.5, 0.5), Q=1.0, R=0.1)
+        region = limit_certificate.step_regions(ModelBasis(model, x0, xf), 0.1, K, PLAIN)[0][0]
+        part = region.parts[0]
+        U, _, Vt = np.linalg.svd(gen.normal(size=(n, n + m)), full_matrices=False)
+        off = np.linalg.cholesky(part.factor * part.S) @ U @ Vt @ part.white
+        true_A, true_B = np.split(np.hstack([model.A, model.B]) + off, [n], axis=1)
+        exact = Horizon(limited.task, true_A, true_B)
+        best = exact.solve(x0)
+        at = [states(true_A, true_B, x0, u)[1:] for u in (limited.u, best.u)]
+        J = [exact.objective(x0, u) for u in (limited.u, best.u)]
+        errors = [
+            np.linalg.norm(at[0] - at[1]) - best.distance,
+            np.linalg.norm(limited.u - best.u) - 1e-9,
+            J[0] - J[1] - best.gap - 1e-9 * J[0],
+        ]
+        bounds = [found["states"].radius, found.control, found.excess]
+        ratios = np.array(errors) / bounds
+        assert np.all(ratios <= ONCE), ratios
+        nearest = np.maximum(nearest, ratios)
+    assert np.all(nearest > 0.1), nearest
+
+
 def half_slope(model, limited, predicted, Q, R):
     n = len(Q)
     p = lp.several_steps(

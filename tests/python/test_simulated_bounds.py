@@ -64,22 +64,6 @@ def test_the_largest_of_few_errors_fails_as_often_as_it_may():
     assert (draws[:, 40] > second).sum() > 400
 
 
-def test_a_search_of_ten_sizes_fails_as_often_as_it_may():
-    """Sizes of which each has the quantile p beyond eps, p (1 - p)^R as large as it can be.
-
-    The first that passes is returned and then fails with probability p: over 400 000 searches of
-    ten looks at R = 4 / delta errors, at most delta.
-    """
-    delta, R = 0.05, 80
-    p = 1.0 / (R + 1)
-    gen = np.random.default_rng(3)
-    passed = (gen.random((400_000, 10)) < (1.0 - p) ** R).any(axis=1)
-    failed = passed & (gen.random(400_000) < p)
-    assert failed.mean() < delta
-    # the mutant: twice as large steps of R, a look with fewer errors
-    assert 10 * p * (1.0 - p) ** (R / 2) > delta
-
-
 def test_errors_are_bought_by_their_work():
     """As many as half a second gives, but 4 / delta at least, within 10 s of one thread."""
     assert drawn_errors.runs_for(0.05, 1e4) == 8192

@@ -8,7 +8,6 @@ import pickle
 import subprocess
 import sys
 import textwrap
-import threading
 
 import numpy as np
 import pytest
@@ -157,30 +156,6 @@ def test_nothing_to_control_has_no_negative_error():
     assert not np.signbit(stream.error)
 
 
-def test_a_time_limit_that_ends_below_the_tolerance_has_converged():
-    """The rule is checked every n steps: a limit may be met before, with the rule satisfied."""
-    late = make(1)
-    late.step(0x7FFF)
-    tol = late.certificate * (1.0 + 1e-12)
-    met = []
-
-    class Core:  # the first look of the run is past
-        def certificate(self):
-            met.append(late._core.certificate())
-            return (np.inf, np.inf) if len(met) == 1 else met[-1]
-
-        def advance(self, *_):
-            return "time_limit"
-
-        def counts(self):
-            return late._core.counts()
-
-    other = make(1)
-    other._core = Core()
-    run = other.run(tol=tol, time_limit=1e-3)
-    assert (run.status, run.certificate <= tol) == ("converged", True)
-
-
 def test_progress(capsys):
     seen = []
     stream = make(1)
@@ -242,17 +217,6 @@ os._exit(0)
 def test_a_child_forked_while_a_thread_steps():
     run = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True)
     assert run.stdout == "ended 0\n", run.stderr
-
-
-def test_threads_share_a_stream():
-    shared, alone = make(1), make(1)
-    workers = [threading.Thread(target=lambda: [shared.step(7) for _ in range(200)]) for _ in "ab"]
-    [worker.start() for worker in workers]
-    for _ in range(100):
-        assert np.isfinite(shared.u).all()
-    [worker.join() for worker in workers]
-    alone.step(2800)
-    assert same(shared._to_sections(), alone._to_sections())
 
 
 INTERRUPTED = """

@@ -43,11 +43,6 @@ mod tests {
 """
 
 
-def test_a_code_line_is_no_docstring_no_comment_and_not_blank():
-    assert lines.python_lines(PYTHON) == 4
-    assert lines.rust_lines(RUST) == (4, 3)
-
-
 def test_rooms_are_counted_in_both_languages(tmp_path):
     for path, text in {
         "python/stochens_rs/__init__.py": PYTHON,
@@ -88,25 +83,3 @@ def test_rooms_are_counted_in_both_languages(tmp_path):
 def test_a_room_stays_within_its_budget(row, found, message):
     wrong = lines.faults({"limits": found}, lines.read_table(f"# head\n{row}\n"))
     assert (not wrong) if message is None else wrong[0].startswith(message)
-
-
-def test_budgets_are_lowered_never_raised():
-    table = lines.read_table(
-        "limits | 3 | 12 | 10 | soft rates\nfleet | 1 | 5 | 5 |\ngone | 1 | 1 | 1 |"
-    )
-    new = lines.lowered({"limits": (2, 9), "fleet": (2, 7)}, table)
-    assert new == {"limits": lines.Budget(2, 9, 9, ""), "fleet": lines.Budget(1, 5, 5, "")}
-    assert lines.read_table(lines.written(new)) == new
-
-
-def test_a_raise_says_why_behind_what_was_said():
-    table = lines.read_table("limits | 3 | 12 | 10 | rates\nfleet | 1 | 5 | 5 |\n")
-    new = lines.raised({"limits": (3, 15), "fleet": (1, 5), "loops": (1, 7)}, table, "sums")
-    assert new["limits"] == (3, 15, 10, "rates; sums")
-    assert new["fleet"] == table["fleet"]
-    assert new["loops"] == (1, 7, 7, "sums")
-
-
-def test_every_room_has_a_budget():
-    table = lines.read_table((ROOT / "tools" / "lines.txt").read_text())
-    assert set(table) == set(lines.counted(ROOT))

@@ -220,37 +220,6 @@ def test_soft_limits_of_the_state():
     assert all(0.3 < ratio <= ONCE for ratio in seen.values()), seen
 
 
-def test_limits_of_rates_have_a_gap_from_the_value():
-    """300 problems, in `make test` 120: <J'(w), w - v> for every v within limits and rates."""
-    gen, tight = np.random.default_rng(5), 0.0
-    for i in range(sets(300, 120)):
-        A, B, x0, K, more = draw_steps(gen, 2 * i + 1)
-        n, m = B.shape
-        limits = {"low": -1.0, "high": 1.0, "rate": more["rate"], "previous": np.zeros(m)}
-        task = checked_task(
-            n,
-            m,
-            K,
-            np.zeros(n),
-            limits=se.Limits(u=(-1, 1), rate=more["rate"], previous=np.zeros(m)),
-            cost=se.Cost(Qf=more["Qf"], R=more["R"]),
-        )
-        p = lp.several_steps(A, B, x0, np.zeros((K, n)), K, Qf=more["Qf"], R=more["R"], **limits)
-        best = lc.solve(p)
-        other = lc.solve(p._replace(b=p.b + gen.normal(size=len(p.b)))).u
-        size = 10.0 ** gen.uniform(-3, 0)
-        u = (1 - size) * best.u + size * other  # within all limits
-        slope = p.G.T @ p.Q @ (p.G @ u - p.b) + p.R @ u
-        gap = lp.objective(p, u) - best.objective + 1e-12 * best.objective
-        one = u.reshape(K, m)
-        found, rest = Horizon(task, A, B).core.optimality(states(A, B, x0, one)[1:], one, gap)
-        towards = 2.0 * slope @ (u - best.u)
-        assert rest == 0.0
-        assert towards <= found * ONCE + 1e-9 * lp.objective(p, 0 * u)
-        tight = max(tight, towards / found if found else 0.0)
-    assert tight > 0.1
-
-
 # -- what the package says where there is no bound -------------------------------------------------
 
 

@@ -14,14 +14,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, SizeError
-from stream_problems import OPTIONS, X0, XF, A, B, make
-
-
-def same(a, b):
-    """Two saved states are equal, bit for bit."""
-    assert list(a) == list(b)
-    return all(a[k].dtype == b[k].dtype and a[k].tobytes() == b[k].tobytes() for k in a)
-
+from stream_problems import OPTIONS, X0, XF, A, B, make, same
 
 # -- state ---------------------------------------------------------------------------------------
 
@@ -34,18 +27,18 @@ def test_saved_and_restored_bit_for_bit(safeguard, slots, steps):
     if steps:
         part.step(steps)
     restored = se.Stream._from_sections(part._to_sections())
-    assert same(restored._to_sections(), part._to_sections())
+    assert same(restored, part)
     assert restored.key == part.key
     restored.step(400)
     whole.step(400 + steps)
-    assert same(restored._to_sections(), whole._to_sections())
+    assert same(restored, whole)
 
 
 def test_copies_and_pickles_go_their_own_way():
     one = make(2)
     one.step(10)
     for other in (copy.deepcopy(one), pickle.loads(pickle.dumps(one)), copy.copy(one)):
-        assert same(other._to_sections(), one._to_sections())
+        assert same(other, one)
         other.step(5)
         assert (other.steps, one.steps) == (15, 10)
 
@@ -56,7 +49,7 @@ def test_restored_across_chunks_of_the_random_stream():
     restored = se.Stream._from_sections(part._to_sections())
     restored.step(5)
     whole.step(60_005)
-    assert same(restored._to_sections(), whole._to_sections())
+    assert same(restored, whole)
 
 
 def test_damaged_states_are_refused():
@@ -98,7 +91,7 @@ def test_damaged_states_are_refused():
     for sections in broken:
         with pytest.raises(InputError, match=r"`(state|B|x0|xf|A|values)`"):
             se.Stream._from_sections(sections)
-    assert same(se.Stream._from_sections(state)._to_sections(), state)
+    assert same(se.Stream._from_sections(state), good)
 
 
 def test_trace_is_thin_and_the_same_in_one_run_or_many():
@@ -106,7 +99,7 @@ def test_trace_is_thin_and_the_same_in_one_run_or_many():
     one.run(max_steps=10_000)
     for count in (1, 9, 990, 9000):
         many.run(max_steps=count)
-    assert same(one._to_sections(), many._to_sections())
+    assert same(one, many)
     trace = one.trace
     assert list(trace.steps[:17]) == list(range(17))
     assert len(trace) < 110

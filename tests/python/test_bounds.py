@@ -14,7 +14,7 @@ import pytest
 
 import tail_bounds as bounds
 from paper import bounds as paper
-from stochens_rs.theory import drawn_bound, moments
+from stochens_rs.theory import drawn_bound
 
 AXES = ("columns", "rows")
 
@@ -296,24 +296,6 @@ def merged(law):
         key = tuple(np.round(v, 9))
         found[key] = (found.get(key, (0.0, v))[0] + p, v)
     return list(found.values())
-
-
-@pytest.mark.parametrize("quantity", QUANTITIES)
-@pytest.mark.parametrize("case", ["square", "m < n", "cancelling", "zero column"])
-def test_diagonal_bousquet_is_its_formula(case, quantity):
-    B, x0, xf, A = (np.array(x) for x in CONTROLS[case])
-    N, delta = 300, 0.1
-    L = math.log(10.0)
-    M = np.linalg.pinv(B) if quantity == "control" else B @ np.linalg.pinv(B)
-    C = M @ (moments.covariance(xf) + moments.product_covariance(A, x0)) @ M.T
-    E, lam = np.sqrt(np.trace(C) / N), np.linalg.eigvalsh(C)[-1] / N
-    far_f = max(np.linalg.norm(M @ (v - xf)) for _, v in vector_law(xf, 1))
-    products = [a @ x for (_, a), (_, x) in itertools.product(matrix_law(A, 1), vector_law(x0, 1))]
-    far_z = max(np.linalg.norm(M @ (z - A @ x0)) for z in products)
-    U = (far_f + far_z) / N
-    expected = E + np.sqrt(2 * L * (lam + 2 * U * E)) + U * L / 3
-    found = bounds.bound("Bousquet", quantity, (A, B), x0, xf, fusion="diagonal")
-    assert found.radius(N, delta) == pytest.approx(expected, rel=1e-12)
 
 
 def test_the_smallest_formula_is_taken_where_nothing_can_be_simulated():

@@ -324,14 +324,6 @@ def test_systematic_counts_equal_the_twin(name: str, size: int) -> None:
         assert np.array_equal(ensemble.counts(), expected)
 
 
-def test_indices_are_small_and_read_only() -> None:
-    for n, dtype in ((10, np.uint8), (256, np.uint8), (257, np.uint16), (300, np.uint16)):
-        indices = se.sample(vector(n), 5, rng=1).indices
-        assert indices.dtype == dtype
-        assert indices.shape == (5, 1)
-        assert not indices.flags.writeable
-
-
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="reads Linux's accounts")
 def test_a_million_matrices_take_their_bytes() -> None:
     script = """

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs.theory import drawn_bound, moments
 
 
@@ -76,13 +77,15 @@ def test_a_square_problem_warns():
 @pytest.mark.parametrize("scheme", ["iid", "systematic"])
 @pytest.mark.parametrize("axis", ["columns", "rows"])
 def test_the_bound_from_the_law(scheme, axis):
-    """200 seeds at delta = 0.2: 40 failures expected, 63 = 4 standard errors more.
+    """200 seeds, in `make test` 80, at delta = 0.2: a fifth fails, and 4 standard errors more.
 
     Mutants: half the radius; the formula for rare failures that forgets the error of A.
     """
     system, x0, xf = case(4, 2, 6)
     failures = {"state": 0, "control": 0, "half": 0, "rare": 0, "target": 0}
-    for seed in range(200):
+    count = sets(200, 80)
+    allowed = 0.2 * count + 4.0 * np.sqrt(0.16 * count)
+    for seed in range(count):
         key = se.rng.as_key(seed)
         drawn = [
             se.sample(w, 200, rng=key.child(str(i)), scheme=scheme, axis=axis)
@@ -102,8 +105,8 @@ def test_the_bound_from_the_law(scheme, axis):
         rare = plan.bound(1e-9)
         assert rare["state"].method == "sum of errors"
         failures["rare"] += error.state > rare.state or error.control > rare.control
-    assert max(failures[name] for name in ("state", "control", "target")) <= 63
-    assert failures["half"] > 63
+    assert max(failures[name] for name in ("state", "control", "target")) <= allowed
+    assert failures["half"] > allowed
     assert failures["rare"] == 0
 
 

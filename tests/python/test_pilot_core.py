@@ -113,7 +113,9 @@ def test_integer_runs() -> None:
     assert np.all(np.abs(region.noise / expected - 1.0002) < 1e-6)
 
 
-@pytest.mark.parametrize("name", ["n2 stable", "n3", "n4 one step", "rig", "feedback"])
+@pytest.mark.parametrize(
+    "name", ["n2 stable", "n3", "n4 one step", "feedback", "rig"][: sets(5, 4)]
+)
 @pytest.mark.parametrize("noise", [False, True])
 def test_against_the_twin(name: str, noise: bool) -> None:
     plant = {**FAMILIES, "rig": rig(), "feedback": feedback()}[name]

@@ -16,7 +16,7 @@ from coverage_study import most, sets
 from hidden_outputs import Arx, Belt
 from stochens_rs import _core
 from stochens_rs.controls.set_point import rest_at
-from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, SolverError
+from stochens_rs.exceptions import InputError, InputTypeError, SolverError
 from test_feedback import S, V
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -348,46 +348,6 @@ def test_a_new_target_moves_nothing_else(belt):
         np.testing.assert_array_equal(loop([1.0, 10.0]), again([1.0, 10.0]))
     assert loop.target[1] == 20.0
     assert np.isnan(loop.target[0])
-
-
-@pytest.mark.parametrize(
-    ("target", "error", "words"),
-    [
-        ({"weight": 1.0}, InputError, r"must name some of the outputs phi, load, got \['weight'\]"),
-        ({}, InputError, "must name some of the outputs"),
-        ([np.nan, np.nan], InputError, "of one output at least"),
-        ([np.inf, 1.0], InputError, "must be finite, or nan"),
-        ([[1.0, np.nan], [np.nan, 1.0]], InputError, "in all steps alike"),
-        ([1.0], ShapeError, "shape"),
-        ({"load": [1.0, 2.0], "phi": [1.0, 2.0, 3.0]}, ShapeError, "as many steps"),
-        ("load", InputTypeError, "`target`"),
-        ({"load": "high"}, InputTypeError, "`target`"),
-    ],
-)
-def test_targets_that_are_none(belt, target, error, words):
-    _, _, gain = belt
-    with pytest.raises(error, match=words):
-        se.regulate(gain, offset_free=True, target=target)
-    loop = se.regulate(gain, offset_free=True, target={"load": 1.0})
-    with pytest.raises(error, match=words):
-        loop([0.0, 0.0], target=target)
-    assert loop.target[1] == 1.0
-    assert loop.calls == 0
-
-
-def test_a_free_output_that_integrates_stays(belt):
-    """Nothing is asked of the load of a mass that is moved by its speed: it stays where it is."""
-    rng = np.random.default_rng(1)
-    y, u = np.zeros((400, 2)), rng.standard_normal((399, 1))
-    for t in range(399):
-        push = u[t, 0] - 0.1 * y[t, 1]
-        y[t + 1] = [0.5 * y[t, 0] + push, y[t, 1] + push]
-        y[t + 1] += 0.02 * rng.standard_normal(2)
-    data = se.Trajectories([y], [u], outputs=True, state_names=["speed", "place"])
-    model = se.identify(data, checks=False, window=se.Window(lags=1))
-    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target={"speed": 0.0})
-    assert np.isfinite(loop.rest.states).all()
-    assert abs(loop.rest.states[0]) < 0.1
 
 
 def test_what_is_exact_needs_a_learned_bias(belt):

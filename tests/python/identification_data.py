@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from coverage_study import failures, sets
+from coverage_study import sets
 
 RUNS = sets(1500, 300)
 LAMS = tuple(4.0**j for j in range(6))
@@ -60,11 +60,6 @@ def tuned(gen, T, *, explore=1.0):
 
 def check(actual, expected, rtol=2e-12, atol=6e-13):  # numbers with 12 decimals
     np.testing.assert_allclose(actual, expected, rtol=rtol, atol=atol)
-
-
-def misses(seed, runs, holds, **options):
-    """How often holds(gen, Theta, Z, Y) is false over data of `independent`."""
-    return failures(lambda gen: not holds(gen, *independent(gen, **options)), runs, seed)
 
 
 def noisy_states(gen, T, sv, sw=0.1):

@@ -24,3 +24,11 @@ A, B, X0, XF = system(3)
 
 def make(seed, **options):
     return se.Stream((A, B), X0, XF, rng=seed, **options)
+
+
+def same(a, b):
+    """Two streams have the same state, bit for bit."""
+    one, two = a._to_sections(), b._to_sections()
+    return list(one) == list(two) and all(
+        (one[k].dtype, one[k].tobytes()) == (two[k].dtype, two[k].tobytes()) for k in one
+    )

@@ -278,21 +278,6 @@ def size_of(x: Array) -> float:
     return float(np.max(np.abs(x), initial=0.0)) + 1.0
 
 
-def test_pinv_cutoff_is_clear(problem: Problem) -> None:
-    """No singular value of the fixture's B is near the cutoff, so its rank is well defined."""
-    sigma = np.linalg.svd(problem.B, compute_uv=False)
-    if sigma[0] > 0:
-        assert not np.any((sigma > 1e-16 * sigma[0]) & (sigma < 1e-3 * sigma[0]))
-    Bp, B = twin.controls.pinv(problem.B), problem.B
-    for left, right in (
-        (B @ Bp @ B, B),
-        (Bp @ B @ Bp, Bp),
-        ((B @ Bp).T, B @ Bp),
-        ((Bp @ B).T, Bp @ B),
-    ):
-        assert_allclose(left, right, atol=1e-12 * size_of(right))
-
-
 def test_realization_controls(problem: Problem) -> None:
     e = ensembles(problem)
     u = se.realization_controls((e["A"], problem.given["B"]), e["x0"], e["xf"])
@@ -360,26 +345,6 @@ def test_plan_error(problem: Problem) -> None:
         x1 = problem.A @ problem.x0 + problem.B @ plan.u[0]
         missed = np.sum((x1 - problem.xf) ** 2)
         assert_allclose(got.state**2 + got.residual**2, missed, atol=1e-11 * unit**2)
-
-
-def test_product_weights(problem: Problem) -> None:
-    """sum_abc w0_a wf_b wA_c B+(xf_b - A_c x0_a) = B+(s0 sA xf_hat - sf A_hat x0_hat).
-
-    The sums s are those of the weights; only if they are 1 this is the control of the estimates.
-    """
-    e = {k: v.prefix(min(problem.N, 12)) for k, v in ensembles(problem).items()}
-    d = {k: twin.sampling.dense(v.indices, v.atoms) for k, v in e.items()}
-    rng, Bp = np.random.default_rng(1), twin.controls.pinv(problem.B)
-    for total in (1.0, 0.7):
-        w = {k: total * rng.dirichlet(np.ones(v.size)) for k, v in e.items()}
-        y = d["xf"][:, None, None, :] - np.einsum("cij,aj->aci", d["A"], d["x0"])
-        triple = np.einsum("a,b,c,baci->i", w["x0"], w["xf"], w["A"], y) @ Bp.T
-        hat = {k: v.combine(w[k]) for k, v in e.items()}
-        plain = total**2 * hat["xf"] - total * hat["A"] @ hat["x0"]
-        assert_allclose(Bp @ plain, triple, atol=1e-12 * size_of(triple))
-        if total == 1.0:
-            plan = se.control((hat["A"], problem.given["B"]), hat["x0"], hat["xf"])
-            assert_allclose(plan.u[0], triple, atol=1e-11 * size_of(triple))
 
 
 @pytest.mark.parametrize("fusion", ["product", "diagonal"])

@@ -13,6 +13,7 @@ import pytest
 
 import stochens_rs as se
 from controllers import FLAGS, compiler
+from coverage_study import sets
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning"),
@@ -157,7 +158,7 @@ def test_the_alarm_is_that_of_the_core(kind: str, law: Any, tmp_path: Path) -> N
     loop.watch = proof.watch(law=law[0], moving=law[1], **law[2])
     loop.to_c(tmp_path / "one.h", name="one")
     c = Alarm(tmp_path)
-    off, statuses = followed(loop.watch, c, rng, 2000, "still" in kind)
+    off, statuses = followed(loop.watch, c, rng, sets(2000, 1000), "still" in kind)
     assert off < 1e-12
     assert "alarm" in statuses
     assert "skipping" in statuses

@@ -11,7 +11,6 @@ from stochens_rs.cases import swing_models
 from stochens_rs.cases.swing_models import MACHINES, reduced_stiffness, swing_matrices
 from stochens_rs.exceptions import InputError
 from stochens_rs.rng import as_key
-from stochens_rs.system import conversions as zero_order_hold
 from stochens_rs.system.conversions import discretize
 
 STEP = 0.01  # s
@@ -31,10 +30,6 @@ def ieee14(data, base):
 def ieee39(damping):
     rating, H, xd, D = MACHINES["pai"].T
     return continuous(39, rating, H, xd, damping * D)
-
-
-def expm(X):
-    return zero_order_hold.expm(X, len(X))[0]
 
 
 def modes(A):
@@ -196,29 +191,7 @@ def test_swing_has_the_textbook_frequency_and_damping():
 # -- the matrix exponential ----------------------------------------------------------------------
 
 
-def test_expm_agrees_with_scipy():
-    linalg = pytest.importorskip("scipy.linalg")
-    for scale in (0.01, 1.0, 10.0):
-        X = scale * NETWORKS["14, system"]()[0]
-        expected = linalg.expm(X)
-        np.testing.assert_allclose(expm(X), expected, rtol=0.0, atol=1e-11 * np.abs(expected).max())
-
-
 # -- discretization ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("network", NETWORKS)
-@pytest.mark.parametrize("dt", [1e-4, 0.01, 0.5])
-def test_zoh_satisfies_its_defining_equations(network, dt):
-    A, B, _ = NETWORKS[network]()
-    A_d, B_d = discretize(A, B, dt, "zoh")
-    # A B_d = (A_d - I) B, which determines B_d up to the common angle;
-    scale = np.abs(A).max() * np.abs(B_d).max()
-    np.testing.assert_allclose(A @ B_d, (A_d - np.eye(len(A))) @ B, atol=1e-12 * scale)
-    # two half steps with the same input are one step.
-    half_A, half_B = discretize(A, B, dt / 2.0, "zoh")
-    np.testing.assert_allclose(half_A @ half_A, A_d, atol=1e-12 * np.abs(A_d).max())
-    np.testing.assert_allclose(half_A @ half_B + half_B, B_d, atol=1e-12 * np.abs(B_d).max())
 
 
 def test_zoh_does_not_depend_on_the_units_of_the_inputs():
@@ -249,12 +222,6 @@ def test_zoh_of_one_huge_input_names_no_time_scale():
         discretize(np.array([[-1.0, 1.0], [1.0, -1.0]]), np.ones((2, 1)), 2e9, "zoh")
     with pytest.raises(InputError, match="B of the discretized system is not finite"):
         discretize(np.zeros((1, 1)), np.array([[1e308]]), 1e5, "zoh")
-
-
-def test_zoh_of_the_double_integrator():
-    A_d, B_d = discretize(np.array([[0.0, 1.0], [0.0, 0.0]]), np.array([[0.0], [1.0]]), 0.5, "zoh")
-    np.testing.assert_allclose(A_d, [[1.0, 0.5], [0.0, 1.0]], atol=1e-16)
-    np.testing.assert_allclose(B_d, [[0.125], [0.5]], atol=1e-16)
 
 
 # -- random systems ------------------------------------------------------------------------------

@@ -35,18 +35,6 @@ def test_a_limit_returns_the_best_weights_and_says_so(limit: Alse) -> None:
     assert fit.gap > 1e-9 * np.sum(A30**2)
 
 
-def test_a_path_shares_its_time() -> None:
-    sizes = [100, 1700, 1750]
-    path = se.fuse_path(HARD, sizes, Alse(time_limit=1e-6), target=A30, estimates=True)
-    assert set(path.statuses) == {"user_limit"}
-    assert path.estimates is not None
-    for error, estimate in zip(path.errors, path.estimates, strict=True):
-        assert error == pytest.approx(np.linalg.norm(estimate - A30), rel=1e-12)
-    dense = se.Ensemble.from_samples(HARD.prefix(300).dense())
-    late = se.fuse_path(dense, [200, 300], Alse(time_limit=1e-6), target=A30)
-    assert set(late.statuses) == {"user_limit"}
-
-
 def test_max_iter_holds_for_every_prefix() -> None:
     path = se.fuse_path(HARD, [1700, 1750], Alse(max_iter=3), target=A30)
     assert path.statuses == ("user_limit", "user_limit")

@@ -14,15 +14,13 @@ from core_regions import region_errors
 from coverage_study import DELTA
 from declarations import opts
 from identification_data import POINT, Y, Z, check, stable
+from stochens_rs import _core
 from stochens_rs.certificates.of_model import trajectory
 from stochens_rs.identification.assumptions import ACCEPTED
 from stochens_rs.identification.identified import Identified
 from twin import certified_control as cc
-from twin import input_error as ie
-from twin import regions as rg
 from twin import triangle as tr
 from twin.anytime import one_noise
-from twin.quantiles import wishart_quantile
 
 
 def uncertain(x0, xf, radius):
@@ -90,58 +88,6 @@ def scalar_end(plan):
 
 
 # -- the twin --------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("K", [1, 4, 6])
-@pytest.mark.parametrize("noise", [False, True])
-@pytest.mark.parametrize("rho0", [0.0, 0.02])
-def test_the_twin_finds_the_same(K, noise, rho0):
-    gen, _, z, y = case(K)
-    plan = se.control(model_of(z, y), *uncertain(*gen.standard_normal((2, 4)), rho0), steps=K)
-    x0, xf = plan.basis.x0, plan.basis.xf
-    found = plan.bound(noise=noise)
-    data = tr.triangle(z, y)
-    if K == 1:
-        region = rg.full(data, DELTA, future=int(noise))
-        twin = (cc.one_noisy_step if noise else cc.one_step)(region, x0, plan.u[0], xf, rho0=rho0)
-        parts = found.target, found.parts["reach"], found.parts["model error"], found.parts["start"]
-        np.testing.assert_allclose(parts, twin, rtol=1e-9, atol=1e-14)
-        if rho0 == 0.0:
-            limit = ie.input_bound(region, x0, plan.u[0], xf)
-            assert found.control == pytest.approx(limit, rel=1e-9)
-            assert (found["control"].reason is None) == np.isfinite(limit)
-        return
-    region = plan.basis.model.region(frobenius=True, future=K if noise else 0)
-    spectral, joint = np.sqrt(region.parts[0].factor), region.frobenius
-    twin = cc.several_steps(
-        tr.fit(data), x0, plan.u, spectral=spectral, frobenius=joint, rho0=rho0, noise=noise
-    )
-    np.testing.assert_allclose(found.tube, twin.radii, rtol=1e-9)
-    np.testing.assert_allclose(plan.predicted_states, twin.states, rtol=1e-9, atol=1e-12)
-    assert found.target == pytest.approx(np.linalg.norm(twin.states[-1] - xf) + twin.radii[-1])
-    assert found.target == pytest.approx(
-        found.parts["reach"] + found.parts["model error"] + found.parts["start"]
-    )
-    assert np.isinf(found.control)
-    assert "no bound of the control is known" in found["control"].reason
-
-
-def test_known_inputs_are_those_of_a_smaller_regression():
-    """B known: y - B u on x; the kernel sees a region of four columns."""
-    gen, Theta, z, y = case(3)
-    plan = se.control(
-        model_of(z, y, known=(None, Theta[:, 4:])),
-        *uncertain(*gen.standard_normal((2, 4)), 0.01),
-        steps=4,
-    )
-    region = plan.basis.model.region(frobenius=True)
-    fitted = tr.fit(tr.triangle(z[:, :4], y - z[:, 4:] @ Theta[:, 4:].T))
-    white = np.hstack([fitted.white, np.zeros((4, 2))])
-    H = np.hstack([fitted.H, Theta[:, 4:]])
-    fitted = fitted._replace(H=H, white=white, missing=np.zeros((6, 0)))
-    options = {"spectral": np.sqrt(region.parts[0].factor), "frobenius": region.frobenius}
-    twin = cc.several_steps(fitted, plan.basis.x0, plan.u, rho0=0.01, **options)
-    np.testing.assert_allclose(plan.bound().tube, twin.radii, rtol=1e-9)
 
 
 # -- brute force -----------------------------------------------------------------------------------
@@ -219,7 +165,7 @@ def test_noise_of_known_size_joins_the_radii(law, K):
     plan = se.control(model, *gen.standard_normal((2, 4)), steps=K)
     rho = np.sqrt(model.region(DELTA / 2).parts[0].factor)
     q = {
-        "gaussian": np.sqrt(wishart_quantile(4, 1, DELTA / 2)),
+        "gaussian": np.sqrt(_core.wishart_quantile(4, 1, DELTA / 2, 1)),
         "bounded": np.sqrt(K),
         "sub-gaussian": np.sqrt(K) * one_noise(4, DELTA / 2 / K),
     }[law]

@@ -79,8 +79,8 @@ REFUSED = ("known entries", True)
 )
 @pytest.mark.filterwarnings("ignore:the data do not determine")
 def test_certificates_hold(kind, noise):
-    """100 data sets, in `make test` 25, for K = 1, 4, 6 each, with x0 off as far as it may be."""
-    runs = sets(100, 25)
+    """100 data sets, in `make test` 15, for K = 1, 4, 6 each, with x0 off as far as it may be."""
+    runs = sets(100, 15)
 
     def case(gen):
         failed, finite = np.zeros((3, 2)), 0

@@ -176,7 +176,7 @@ def closed(*numbers):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="descriptors differ")
-@pytest.mark.parametrize("numbers", [(1,), (1, 2), (0, 1)])
+@pytest.mark.parametrize("numbers", [(1,), (0, 1, 2)])
 def test_closed_stdout_is_refused_before_anything_is_done(numbers, tmp_path):
     out = tmp_path / "out"
     done = run(*TINY, "--out", str(out), **closed(*numbers))
@@ -206,12 +206,6 @@ def test_no_file_takes_the_place_of_a_closed_descriptor():
         [sys.executable, "-c", code], text=True, check=True, timeout=60, **closed(0, 2)
     )
     assert done.stdout.splitlines()[-1] == "/dev/null /dev/null"
-
-
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
-def test_stderr_without_room_does_not_change_the_exit_code(tmp_path):
-    with open("/dev/full", "w") as full:
-        assert run("nonsense", stdout=subprocess.PIPE, stderr=full).returncode == 2
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="devices differ")

@@ -190,38 +190,6 @@ def test_certify_says_what_is_proved(model, capsys):
     assert f"phase [deg] of F {sheet.rows()[2][1]} {sheet.rows()[2][2]}" in table
 
 
-def test_a_model_of_outputs(place, capsys):
-    """One weight for each output; warnings of the model; a plan needs a record."""
-    line = "identify runs.csv --outputs x,v --inputs F --by run --window 1 --out read.safetensors"
-    said(capsys, line)
-    model = se.Model.load("read.safetensors")
-    found = json.loads(said(capsys, "certify read.safetensors --Q 10,1 --R 0.1 --json"))
-    loop = se.gain(model, [10.0, 1.0], 0.1)
-    assert found["K"] == loop.K.tolist()
-    assert found["certificate"]["warnings"] == list(loop.certificate(0.05).warnings)
-    said(capsys, line.replace("--window 1", "--window 2"))
-    model = se.Model.load("read.safetensors")
-    assert model.n != model.n_outputs
-    found = json.loads(said(capsys, "certify read.safetensors --Q 10,1 --R 0.1 --json"))
-    np.testing.assert_allclose(found["K"], se.gain(model, [10.0, 1.0], 0.1).K, rtol=1e-12)
-    assert "must be 1 or 2 finite" in failed(capsys, "certify", "read.safetensors", "--Q", "1,2,3")
-    wanted = "give --record, without --from and --x0-error: a model of outputs starts"
-    assert wanted in failed(capsys, "control", "read.safetensors", "--from", "1,0")
-
-
-def test_a_control_with_a_gain(model, capsys):
-    line = "control model.safetensors --from 1,0 --steps 20 --R 1 --gain"
-    found = json.loads(said(capsys, f"{line} --json"))
-    plan = se.control(
-        one := se.Model.load("model.safetensors"), [1, 0], [0, 0], steps=20, cost=se.Cost(R=1.0)
-    )
-    bound = plan.bound(0.05, gain=se.gain(one, 1.0, 1.0))
-    assert found["certificate"] == bound.to_dict()
-    assert found["K"] == se.gain(one, 1.0, 1.0).K.tolist()
-    assert "a certified feedback, without noise" in said(capsys, line)
-    assert "--gain" in failed(capsys, "control", "system.json", "--gain")
-
-
 # -- nothing is left behind, and single options ----------------------------------------------------
 
 

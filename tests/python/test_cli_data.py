@@ -58,33 +58,6 @@ def in_python(table):
     return se.Trajectories(cells[:, :, :2], cells[:, :-1, 2:], dt=0.1)
 
 
-def test_identify_says_what_python_says(table, capsys):
-    found = ran(capsys, "identify", table, *OPTIONS, "--sigma", 0.01, "--delta", "1%")
-    model = se.identify(in_python(table), noise=se.Noise(sigma=0.01))
-    region = model.region(0.01)
-    assert np.array_equal(found["A"], model.A)
-    assert np.array_equal(found["B"], model.B)
-    assert found["c"] is None
-    assert (found["runs"], found["pairs"], found["dt"]) == (30, 600, 0.1)
-    assert found["region"]["radius"] == region.radius
-    assert found["region"]["assumption"] == region.assumption
-    bounds = np.array(found["region"]["entry_bounds"])
-    assert np.all(np.abs(np.hstack([A, B]) - found["region"]["centre"]) <= bounds)
-    assert np.all(bounds < 0.01)
-    assert found["checks"] == model.checks.p_values
-
-
-def test_identify_with_too_few_rows_is_infinite_but_valid_json(table, lines, capsys):
-    table.write_text("\n".join(lines[:4]))
-    found = ran(capsys, "identify", table, *OPTIONS)
-    assert found["rank"] == 2
-    assert found["region"]["radius"] is None
-    assert found["missing"]
-    assert any("do not determine" in text for text in found["warnings"])
-    assert cli.main(["identify", str(table), *OPTIONS]) == 0
-    assert "warning" in capsys.readouterr().out
-
-
 def changed(lines, row, column, text):
     cells = lines[row].split(",")
     cells[column] = text
@@ -123,30 +96,6 @@ def read(table, tmp_path, capsys):
     return file, now
 
 
-def test_control_from_readings(read, tmp_path, capsys):
-    file, now = read
-    where = ["--record", now, "--steps", 6, "--to", 0.1]
-    found = ran(capsys, "control", file, *where, "--limits", "torque=-1,1", "--delta", "10%")
-    cells = np.genfromtxt(now, delimiter=",", skip_header=1)
-    record = cells[:, 2:3], cells[:-1, 4:]
-    model = se.Model.load(file)
-    plan = se.control(model, record=record, target=[0.1], steps=6, limits={"torque": (-1, 1)})
-    bound = plan.bound(0.1)
-    assert np.array_equal(found["u"], plan.u)
-    assert np.array_equal(found["predicted_outputs"], plan.predicted_outputs)
-    assert (found["outputs"], found["target"]) == (["angle"], [0.1])
-    assert found["certificate"] == bound.to_dict()
-    assert found["certificate"]["quantities"]["tube"]["method"].endswith("with noise")
-    with_gain = ran(capsys, "control", file, *where, "--gain", "--R", 0.1)["certificate"]
-    assert with_gain["quantities"]["tube"]["method"].endswith("followed with the gain")
-    assert cli.main([*map(str, ["control", file, *where, "--limits", "-1,1"])]) == 0
-    text = " ".join(capsys.readouterr().out.split())
-    assert "step torque angle tube" in text
-    bound = se.control(model, record=record, target=[0.1], steps=6, limits=(-1, 1)).bound(0.05)
-    assert f"{bound} {bound['last']}" in text
-    assert "the record happened" in text
-
-
 def test_the_record_is_what_follows_on_each_other(read, tmp_path, capsys):
     file, now = read
     where = ["control", file, "--steps", 6, "--record"]
@@ -169,37 +118,3 @@ def test_the_record_is_what_follows_on_each_other(read, tmp_path, capsys):
     assert "'angle'" in failed(capsys, *given([lines[0].replace("angle", "a"), *lines[1:]]))
     assert "--from" in failed(capsys, *given(lines, "--from", "1"))
     assert "--steps must be 5 at least" in failed(capsys, *where[:2], "--record", now)
-
-
-@pytest.fixture
-def rig(tmp_path):
-    """A known system with two inputs."""
-    path = tmp_path / "problem.json"
-    inputs = np.hstack([B, [[0.1], [0.0]]])
-    path.write_text(json.dumps({"A": A.tolist(), "B": inputs.tolist(), "x0": [3.0, 1.0]}))
-    return path, (A, inputs)
-
-
-def test_control_within_limits_says_what_python_says(rig, tmp_path, capsys):
-    path, system = rig
-    options = ["--steps", 6, "--limits", "-0.5,1", "--limits", "u[1]=-inf,0.2"]
-    options += ["--Q", "1,0.1", "--Qf", "2", "--R", "0.01,0.02"]
-    out = tmp_path / "out"
-    found = ran(capsys, "control", path, *options, "--out", out)
-    plan = se.control(
-        system,
-        [3.0, 1.0],
-        [0.0, 0.0],
-        steps=6,
-        limits=([-0.5, -np.inf], [1.0, 0.2]),
-        cost=se.Cost(Q=[1.0, 0.1], Qf=2.0, R=[0.01, 0.02]),
-    )
-    assert np.array_equal(found["u"], plan.u)
-    assert found["limited"] == plan.limited.to_dict()
-    assert np.any(plan.limited.active)
-    assert {file.name for file in out.iterdir()} == {f"control.{k}" for k in ("json", "png", "svg")}
-    assert cli.main([*map(str, ["control", path, *options])]) == 0
-    text = capsys.readouterr().out
-    assert str(plan) in text
-    assert f"{np.count_nonzero(plan.limited.active)} of 12 inputs at a limit" in text
-    assert ran(capsys, "control", path, "--steps", 6)["limited"] is None

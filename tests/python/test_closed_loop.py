@@ -11,34 +11,13 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from atoms import averages, matrix_atoms, vector_atoms
 from stochens_rs import reference as twin
 from stochens_rs.exceptions import NonFiniteError
 
 A2 = np.array([[1.0, -2.0], [0.5, 3.0]])
 B1 = np.array([[1.0], [-0.5]])
 I2 = np.eye(2)
-
-
-def vector_atoms(w):
-    w = np.asarray(w, dtype=float)
-    g = np.abs(w).sum()
-    if g == 0.0:
-        return [(1.0, w)]
-    return [(abs(v) / g, g * np.sign(v) * e) for v, e in zip(w, np.eye(w.size), strict=True) if v]
-
-
-def matrix_atoms(A):
-    return [
-        (np.prod([p for p, _ in choice]), np.array([v for _, v in choice]).T)
-        for choice in itertools.product(*(vector_atoms(column) for column in A.T))
-    ]
-
-
-def averages(atoms, size):
-    return [
-        (np.prod([p for p, _ in draws]), sum(v for _, v in draws) / size)
-        for draws in itertools.product(atoms, repeat=size)
-    ]
 
 
 def feasible(system, start, u):
@@ -131,40 +110,6 @@ def test_moments_against_the_enumeration_of_every_draw(reference, B, x0, feedbac
 
 
 # -- runs ----------------------------------------------------------------------------------------
-
-
-def gaussian(n, m, seed):
-    return se.cases.random_system(n, m, rng=seed)
-
-
-@pytest.mark.parametrize(
-    ("m", "feedback", "sampled", "seed"),
-    [(6, True, False, 1), (3, True, False, 1), (6, False, False, 3), (6, False, True, 4)],
-)
-def test_runs_have_the_exact_mean_square(m, feedback, sampled, seed):
-    """R = 2500 runs of 5 steps, N = 100.
-
-    Compared is the mean over the steps of MSE / exact, within 4 standard errors (two-sided normal
-    tail 6e-5 per case), which the runs show to be below 2 %.
-    """
-    system = gaussian(6, m, 30 + m)
-    u = 0.5 * np.random.default_rng(5).standard_normal((5, m))
-    r = feasible(system, np.ones(6), u)
-    how = se.StepEstimate(100, feedback=feedback, sample_states=sampled)
-    run = se.track(system, r, how, rng=seed, runs=2500)
-    assert run.feasible
-    assert run.status == "completed"
-    exact = tracking_rms(system, r, 100, feedback=feedback, sample_states=sampled)
-    ratio = (run.errors[:, 1:] ** 2 / exact[1:] ** 2).mean(axis=1)
-    error = ratio.std() / np.sqrt(2500)
-    assert error < 0.02
-    assert abs(ratio.mean() - 1.0) < 4.0 * error
-    # The mutants: noise of N = 115, and the recursion of the other kind of control.
-    other = tracking_rms(system, r, 115, feedback=feedback)
-    assert abs((run.errors[:, 1:] ** 2 / other[1:] ** 2).mean() - 1.0) > 4.0 * error
-    swapped = tracking_rms(system, r, 100, feedback=not feedback)
-    assert abs((run.errors[:, 1:] ** 2 / swapped[1:] ** 2).mean() - 1.0) > 4.0 * error
-    np.testing.assert_allclose(run.mean_square, (run.errors**2).mean(axis=0), rtol=1e-13)
 
 
 # -- stability -----------------------------------------------------------------------------------

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from functools import partial
 from itertools import product
 from math import factorial, prod
 
@@ -45,33 +44,6 @@ def counted(seed: int, scheme: str = "iid") -> Outcome:
     return tuple(se.sample_counts(W, SIZE, rng=seed, scheme=scheme).counts.tolist())
 
 
-def two_sample(first: list[Outcome], second: list[Outcome]) -> float:
-    """Chi-square of homogeneity over its quantile; outcomes expected less than 5 times pooled."""
-    a, b = Counter(first), Counter(second)
-    law = multinomial()
-    assert set(a) | set(b) <= set(law)
-    rare = {k for k in law if law[k] * REPLICATES < 5}
-    cells = [(a[k], b[k]) for k in law if k not in rare]
-    cells.append((sum(a[k] for k in rare), sum(b[k] for k in rare)))
-    return sum((x - y) ** 2 / (x + y) for x, y in cells if x + y) / QUANTILE
-
-
-def test_counts_have_the_distribution_of_counted_realizations() -> None:
-    # REPLICATES of each, at most 27 degrees of freedom: a false alarm has probability 1e-6
-    sampled = [drawn(seed) for seed in range(REPLICATES)]
-    assert two_sample(sampled, [counted(10**6 + seed) for seed in range(REPLICATES)]) < 1.0
-    # refused: the right means with less spread, and five hundredths moved from one entry to another
-    assert two_sample(sampled, [counted(seed, "systematic") for seed in range(REPLICATES)]) > 1.0
-    gen = np.random.default_rng(0)
-    p = np.array([0.5, 1 / 6, 0.0, 1 / 3])
-    shifted = p + np.array([0.05, 0.0, 0.0, -0.05])
-    mutant = [tuple(k) for k in gen.multinomial(SIZE, shifted, REPLICATES).tolist()]
-    assert two_sample(sampled, mutant) > 1.0
-    # and an independent generator of the right law passes
-    right = [tuple(k) for k in gen.multinomial(SIZE, p, REPLICATES).tolist()]
-    assert two_sample(sampled, right) < 1.0
-
-
 def test_counts_have_the_exact_multinomial_law() -> None:
     seen = Counter(counted(seed) for seed in range(REPLICATES))
     law = multinomial()
@@ -97,30 +69,6 @@ def squared_error(draw: Draw, size: int, seed: int) -> float:
     x0, xf, fused = (draw(target, size, rng=3 * seed + k) for k, target in enumerate((X0, XF, A)))
     error = se.control((fused, B), x0, xf).u[0] - EXACT
     return float(error @ error)
-
-
-def kolmogorov_smirnov(first: list[float], second: list[float]) -> float:
-    """The largest distance of two distribution functions over its critical value at 1e-6."""
-    x, y = np.sort(first), np.sort(second)
-    at = np.concatenate([x, y])
-    distance = np.abs(
-        np.searchsorted(x, at, "right") / x.size - np.searchsorted(y, at, "right") / y.size
-    ).max()
-    # two samples of equal size R: sqrt(log(2 / alpha) / R); smaller for a discrete law
-    return float(distance / np.sqrt(np.log(2e6) / x.size))
-
-
-def test_controls_from_counts_have_the_distribution_of_those_from_realizations() -> None:
-    # pairs of controls: a false alarm has probability 1e-6
-    size, replicates = 5, sets(1500, 700)
-    sampled = [squared_error(se.sample, size, seed) for seed in range(replicates)]
-    counted = [squared_error(se.sample_counts, size, 10**6 + s) for s in range(replicates)]
-    assert kolmogorov_smirnov(sampled, counted) < 1.0
-    other = partial(se.sample_counts, scheme="systematic")  # the same means
-    mutant = [squared_error(other, size, seed) for seed in range(replicates)]
-    assert kolmogorov_smirnov(sampled, mutant) > 1.0
-    fewer = [squared_error(se.sample_counts, size - 1, 10**7 + s) for s in range(replicates)]
-    assert kolmogorov_smirnov(sampled, fewer) > 1.0
 
 
 @pytest.mark.parametrize("size", [1000, 10**12])

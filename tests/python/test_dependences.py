@@ -110,7 +110,7 @@ def true_distance(plan):
 @pytest.mark.parametrize("kind", DIFFERENCES)
 @pytest.mark.parametrize("runs", [2, 10])
 def test_finite_differences_are_refused(kind, runs):
-    """In each of 20 sets, with readings that have an error and with exact ones."""
+    """In each of 20 sets, in `make test` 8: readings with an error, and exact ones."""
 
     def missed(gen):
         found = []
@@ -119,7 +119,7 @@ def test_finite_differences_are_refused(kind, runs):
             found.append(not se.identify(data, checks=False).doubts)
         return found
 
-    assert failures(missed, 20, 100).max() == 0
+    assert failures(missed, sets(20, 8), 100).max() == 0
 
 
 def test_certificates_from_differences_are_wrong_and_hence_infinite():
@@ -249,18 +249,3 @@ def test_tests_that_were_not_made_say_so(monkeypatch):
         warnings.simplefilter("error")
         tested = se.identify(se.Trajectories(x[:40], u[:39]))
     assert tested.checks is not None
-
-
-def test_p_values_at_the_least_are_told_apart():
-    said = []
-    for size in (0.7, 0.9):
-        gen = np.random.default_rng(111)
-        x, u, w = [np.zeros(1)], gen.standard_normal((900, 1)), gen.standard_normal(901)
-        for k, acting in enumerate(u):
-            x.append(0.5 * x[-1] + acting + w[k + 1] + size * w[k])
-        checks = se.identify(se.Trajectories(np.array(x), u)).checks
-        assert checks.p_values["correlation at lag 1"] == 0.002
-        said.append(checks.distances["correlation at lag 1"])
-        assert "beyond all 499 simulated" in " ".join(checks.warnings)
-    assert said[0] > 5.0
-    assert said[0] != said[1]

@@ -5,27 +5,20 @@ from __future__ import annotations
 import os
 import random
 import signal
-import subprocess
-import sys
 import time
-import warnings
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import sets
 from stochens_rs.exceptions import (
-    InputError,
     InputTypeError,
     StateError,
-    StateIOError,
     StateLockedError,
     StateRecoveredWarning,
 )
+from stream_problems import same
 
 GEN = np.random.default_rng(0)
 A, B = GEN.standard_normal((6, 6)), GEN.standard_normal((6, 3))
@@ -34,13 +27,6 @@ X0, XF = GEN.standard_normal(6), GEN.standard_normal(6)
 
 def make(**options: object) -> se.Stream:
     return se.Stream((A, B), X0, XF, rng=3, **options)
-
-
-def same(a: Any, b: Any) -> bool:
-    first, second = a._to_sections(), b._to_sections()
-    return first.keys() == second.keys() and all(
-        first[k].tobytes() == second[k].tobytes() for k in first
-    )
 
 
 @pytest.mark.parametrize("options", [{}, {"safeguard": True}, {"slots": "gain"}])
@@ -197,75 +183,6 @@ def test_a_child_forked_in_a_run_does_not_end_its_lock(tmp_path: Path) -> None:
 # -- all kinds: damage and kills -------------------------------------------------------------------
 
 
-class Kind(NamedTuple):
-    """How a small stream is made, fed a little more, and how far it is."""
-
-    new: Callable[[], Any]
-    feed: Callable[[Any], None]
-    size: Callable[[Any], int]
-
-
-KINDS = {
-    "stream": Kind(
-        lambda: se.Stream(([[3.0]], [[1.0]]), [2.0], [0.5], rng=1),
-        lambda stream: stream.step(5),
-        lambda stream: stream.steps // 5,
-    ),
-    "means": Kind(
-        lambda: se.DataStream([[1.0]], ranges={"xf": 0.0}),
-        lambda stream: stream.update(x0=[np.sin(stream.counts["x0"])], xf=[1.0], A=[[0.5]]),
-        lambda stream: stream.counts["x0"],
-    ),
-    "pairs": Kind(
-        lambda: se.ModelStream(1, 1, intercept=True),
-        lambda stream: stream.update([np.sin(stream.size)], [1.0], [0.5]),
-        lambda stream: stream.size,
-    ),
-}
-
-
-@pytest.mark.skipif(not hasattr(os, "fork"), reason="forks")
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-@pytest.mark.parametrize(
-    ("name", "kills"), [("stream", sets(100, 30)), ("means", sets(20, 10)), ("pairs", sets(40, 15))]
-)
-def test_kills_lose_nothing(tmp_path: Path, name: str, kills: int) -> None:
-    """A run that is killed repeatedly ends with the result of an undisturbed one."""
-    kind, path, moments = KINDS[name], tmp_path / "a.state", random.Random(4)
-    whole = kind.new()
-    whole.save(path)
-    load, acknowledged = type(whole).load, 0
-    for turn in range(kills):
-        read, write = os.pipe()
-        child = os.fork()
-        if child == 0:
-            os.close(read)
-            stream = load(path)
-            while True:
-                kind.feed(stream)
-                stream.save(path)
-                os.write(write, kind.size(stream).to_bytes(8, "little"))
-        os.close(write)
-        # every second one surely at work; the others perhaps while they load
-        told = os.read(read, 8) if turn % 2 else b""
-        time.sleep(moments.uniform(0.0, 0.02))
-        os.kill(child, signal.SIGKILL)
-        os.waitpid(child, 0)
-        while block := os.read(read, 1 << 16):
-            told += block
-        os.close(read)
-        if len(told) >= 8:
-            acknowledged = int.from_bytes(told[len(told) // 8 * 8 - 8 :][:8], "little")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", StateRecoveredWarning)
-            assert kind.size(load(path)) >= acknowledged
-    assert acknowledged >= kills // 2
-    survived = load(path)
-    while kind.size(whole) < kind.size(survived):
-        kind.feed(whole)
-    assert same(whole, survived)
-
-
 # -- damage and full disks -------------------------------------------------------------------------
 
 
@@ -275,22 +192,6 @@ def small(tmp_path: Path) -> Path:
     stream.step(5)
     stream.save(tmp_path / "s.state")
     return tmp_path / "s.state"
-
-
-def test_a_checkpoint_that_cannot_be_written_leaves_the_stream_in_order(tmp_path: Path) -> None:
-    stream = make()
-    with pytest.raises(StateIOError):  # at once
-        stream.run(max_steps=100, checkpoint=tmp_path / "none" / "a.state")
-    assert stream.steps == 0
-
-    def gone(done: int, total: int | None) -> None:
-        (tmp_path / "a.state").mkdir()
-
-    with pytest.raises(StateError, match="a directory"):  # at the end
-        stream.run(max_steps=100, checkpoint=tmp_path / "a.state", progress=gone)
-    assert stream.steps == 100
-    with pytest.raises(InputError, match="`every`"):
-        stream.run(max_steps=1, checkpoint=tmp_path / "a.state", every=0.0)
 
 
 def test_a_run_that_ends_by_an_exception_is_saved(tmp_path: Path) -> None:
@@ -365,24 +266,3 @@ def test_ctrl_c_during_the_last_save(
 
 
 # -- signals ---------------------------------------------------------------------------------------
-
-ENDLESS = """
-import stochens_rs as se, sys
-stream = se.Stream(se.cases.ieee39(), [0.1] * 20, [0.0] * 20, rng=1)
-run = stream.run(tol=1e-12, checkpoint=sys.argv[1], every=0.05)
-print(run.status, stream.steps, stream.key.hex)
-"""
-
-
-def test_ctrl_c_saves_before_leaving(tmp_path: Path) -> None:
-    state = tmp_path / "s.state"
-    child = subprocess.Popen(
-        [sys.executable, "-c", ENDLESS, state], stdout=subprocess.PIPE, text=True
-    )
-    limit = time.monotonic() + 200.0
-    while not state.exists() and time.monotonic() < limit:
-        time.sleep(0.02)
-    child.send_signal(signal.SIGINT)
-    status, steps, digest = child.communicate(timeout=200)[0].split()
-    found = se.Stream.load(state)
-    assert (status, found.steps, found.key.hex) == ("interrupted", int(steps), digest)

@@ -83,14 +83,6 @@ def test_memory_that_was_used_before_shows_nowhere() -> None:
         assert not lines[:, 1].any()
 
 
-def test_key_repeats_a_sample() -> None:
-    ensemble = se.sample(A, 100, rng=np.random.default_rng(5))
-    assert se.sample(A, 100, rng=ensemble.key) == ensemble
-    first, second = se.sample(A, 100), se.sample(A, 100)
-    assert first != second
-    assert first.key != second.key
-
-
 def test_a_system_goes_in_in_any_form() -> None:
     B = np.eye(4)[:, :2]
     forms = (
@@ -106,19 +98,6 @@ def test_a_system_goes_in_in_any_form() -> None:
     assert [plan.info["A"]["method"] for plan in plans] == ["exact"] * 4 + ["uniform"] * 2
     controls = [se.realization_controls(form, W, -W) for form in forms[:5]]
     assert all(np.array_equal(one, controls[0]) for one in controls)
-
-
-def test_extreme_scales_are_exact_up_to_the_scale() -> None:
-    for scale in (1e-150, 1e150):
-        plain = se.sample(A, 200, rng=1)
-        scaled = se.sample(A * scale, 200, rng=1)
-        for method in ("uniform", "alse", "slse", "slse-safeguarded"):
-            one = se.fuse(plain, method, target=A)
-            other = se.fuse(scaled, method, target=A * scale)
-            assert other.error is not None
-            assert one.error is not None
-            assert abs(other.error / scale - one.error) <= 1e-5 * np.linalg.norm(A)
-            assert other.status == one.status
 
 
 def test_a_part_of_a_systematic_sample_is_not_one() -> None:

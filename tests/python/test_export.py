@@ -12,6 +12,7 @@ import pytest
 
 import stochens_rs as se
 from controllers import BROKEN, FLAGS, KINDS, Controller, compiler
+from coverage_study import sets
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 needs_gcc = pytest.mark.skipif(compiler() is None, reason="no gcc: controllers are not compiled")
@@ -64,7 +65,7 @@ def differences(loop: Any, c: Controller, y: Any) -> Any:
 
 @needs_gcc
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seed", range(1, 1 + sets(2, 1)))
 def test_the_controller_is_the_loop(kind: str, seed: int, tmp_path: Path) -> None:
     loop = made(kind, seed)
     loop.to_c(tmp_path / "one.h", name="one")
@@ -97,7 +98,7 @@ def test_no_reading_makes_a_nan(kind: str, single: bool, tmp_path: Path) -> None
     c = Controller(tmp_path / "one.h", m, single, how)
     low, high = getattr(loop, "limits", (np.full(m, -np.inf), np.full(m, np.inf)))
     last, codes, given = np.zeros(m), set(), [*BROKEN, 0.0, -0.0, 1e-310, 3e38, 1e17, -1e17, 1.0]
-    for t in range(2000):
+    for t in range(sets(2000, 500)):
         y = rng.choice(given, n) if t % 3 else rng.standard_normal(n) * 10.0 ** rng.uniform(-5, 5)
         with np.errstate(over="ignore"):
             code, u = c.step(y)
@@ -255,34 +256,6 @@ def test_an_early_end_is_safe(tmp_path: Path) -> None:
         counts.append(full.c.exchanges())
     assert codes.count(3) > 50
     assert 8 < max(counts) < most
-
-
-def test_the_plans_without_limits() -> None:
-    """``H^-1``, F and g of Riccati's recursion are those of the condensed problem."""
-    rng = np.random.default_rng(7)
-    n, m, K = 3, 2, 4
-    A, B = 0.5 * rng.standard_normal((n, n)), rng.standard_normal((n, m))
-    Q, Qf, R = np.diag([1.0, 0.0, 2.0]), np.eye(n), np.diag([0.3, 0.7])
-    r, c = rng.standard_normal((K + 1, n)), rng.standard_normal(n)
-    limited = se.limits.problem.read_task(
-        n, m, K, None, se.Limits(u=(-1.0, 1.0)), se.Cost(Q=Q, Qf=Qf, R=R, reference=r)
-    )
-    core = se.limits.problem.Horizon(limited, A, B, c).core
-    inverse, free, offset = core.condensed()
-    powers = [np.linalg.matrix_power(A, k) for k in range(K + 1)]
-    G = np.zeros((K * n, K * m))
-    for k in range(K):
-        for j in range(k + 1):
-            G[k * n : k * n + n, j * m : j * m + m] = powers[k - j] @ B
-    W = np.kron(np.diag([1.0] * (K - 1) + [0.0]), Q) + np.kron(np.diag([0.0] * (K - 1) + [1.0]), Qf)
-    H = G.T @ W @ G + np.kron(np.eye(K), R)
-    start = np.vstack(powers[1:])
-    drift = np.concatenate([sum(powers[:k]) @ c for k in range(1, K + 1)])
-    lower = np.linalg.inv(H)[np.tril_indices(K * m)]
-    np.testing.assert_allclose(inverse, lower, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(free, -np.linalg.solve(H, G.T @ W @ start), atol=1e-13)
-    goal = G.T @ W @ (r[1:].ravel() - drift)
-    np.testing.assert_allclose(offset, np.linalg.solve(H, goal), atol=1e-13)
 
 
 def test_the_head_says_what_is_proved(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from core_regions import ball, white
 from coverage_study import sets
 from declarations import opts
 from stochens_rs import _core
@@ -33,28 +34,8 @@ WEIGHTS = np.diag([1, 10, 0.1, 1.0]), np.array([[0.01]])
 NONE = np.zeros((0, 1))
 
 
-def white(V):
-    return np.ascontiguousarray(np.linalg.inv(np.linalg.cholesky(V)))
-
-
-def region(centre, V, S, rho, *, by_rows=False, phi=None):
-    """The core's region ``(Theta - C) V (Theta - C)' <= rho^2 S``."""
-    centre = np.ascontiguousarray(np.atleast_2d(centre), dtype=float)
-    n, d = centre.shape
-    W, root = white(V), np.ascontiguousarray(np.linalg.cholesky(V).T)
-    rows = [[i] for i in range(n)] if by_rows else [list(range(n))]
-    parts = tuple(
-        _core.RegionPart(
-            np.array(one), np.arange(d), W, root, np.zeros((d, 0)), 1.0,
-            np.ascontiguousarray(S[np.ix_(one, one)]), rho**2,
-        )
-        for one in rows
-    )  # fmt: skip
-    return _core.Region(centre, 1, parts, phi, False)
-
-
 def judged(centre, V, S, rho, K, **options):
-    return _core.Feedback(region(centre, V, S, rho, **options), K)
+    return _core.Feedback(ball(centre, V, S, rho, **options), K)
 
 
 def rig_gain():
@@ -100,16 +81,14 @@ def test_gains_of_two_states():
     found, cost, _ = _core.feedback_gain(A, B, np.eye(2), np.eye(1))
     np.testing.assert_allclose(found, [[-0.218658778016, -0.559786729868]], rtol=1e-10)
     assert np.trace(cost) == pytest.approx(5.546535977331, rel=1e-11)
-    found, cost, _ = _core.guaranteed_gain(region(CENTRE, V, S, 1.0), np.eye(2), np.eye(1), 50.0)
+    found, cost, _ = _core.guaranteed_gain(ball(CENTRE, V, S, 1.0), np.eye(2), np.eye(1), 50.0)
     expected = [[7.308176289798, 1.391682656441], [1.391682656441, 2.604479165529]]
     np.testing.assert_allclose(cost, expected, rtol=1e-7)
     np.testing.assert_allclose(found, [[-0.272714987607, -0.591120937289]], rtol=1e-7)
-    _, cost, tau = _core.guaranteed_gain(region(CENTRE, V, S, 1.0), np.eye(2), np.eye(1))
+    _, cost, tau = _core.guaranteed_gain(ball(CENTRE, V, S, 1.0), np.eye(2), np.eye(1))
     assert tau == pytest.approx(24.7044, rel=1e-3)
     assert np.trace(cost) == pytest.approx(8.863714873575, rel=1e-7)
-    assert _core.widest_gain(region(CENTRE, V, S, 1.0))[2] == pytest.approx(
-        2.737593518716, rel=1e-3
-    )
+    assert _core.widest_gain(ball(CENTRE, V, S, 1.0))[2] == pytest.approx(2.737593518716, rel=1e-3)
 
 
 def test_rows_of_a_region_have_multipliers_of_their_own():
@@ -133,7 +112,7 @@ def test_the_rig():
     assert loop.sizes[1] == pytest.approx(0.055922015445, rel=2e-8)
     Q = loop.invariant(np.zeros((4, 4)), 1.0, 1.0, 0.0)
     assert np.sum(Q**2) == pytest.approx(0.003294995285639, rel=1e-7)
-    assert 6.8 * _core.widest_gain(region(RIG, RIG_V, RIG_S, 6.8))[2] == pytest.approx(
+    assert 6.8 * _core.widest_gain(ball(RIG, RIG_V, RIG_S, 6.8))[2] == pytest.approx(
         180.704337332, rel=1e-3
     )
     x0 = np.array([0.1, 0.05, 0, 0])
@@ -141,7 +120,7 @@ def test_the_rig():
         root = loop.invariant(RIG_S, alpha, 1.0, 0.0)
         assert np.sum(root**2) == pytest.approx(size, rel=1e-7)
     assert loop.invariant(RIG_S, 1e-5, 1.0, 0.0) is None
-    _, cost, _ = _core.guaranteed_gain(region(RIG, RIG_V, RIG_S, 6.8), *WEIGHTS, 1.0)
+    _, cost, _ = _core.guaranteed_gain(ball(RIG, RIG_V, RIG_S, 6.8), *WEIGHTS, 1.0)
     assert x0 @ cost @ x0 == pytest.approx(8.945155560734, rel=1e-7)
     _, model, _, radii, noise, size, later, reach = loop.tube(x0, 60, NONE, 0.0, (RIG_S, 0.05))
     # .0139810 with rho g in place of its proved bound, which is .1 % larger
@@ -165,7 +144,7 @@ def test_the_rig():
 )
 def test_the_widest_margin_of_one_state(centre, rho, widest):
     """Beyond it the recursion of the first one converges, to an indefinite matrix."""
-    one = region(np.array([centre]), np.eye(2), np.eye(1), rho)
+    one = ball(np.array([centre]), np.eye(2), np.eye(1), rho)
     assert rho * _core.widest_gain(one)[2] == pytest.approx(widest, rel=1e-3)
     weights = np.eye(1), np.eye(1)
     if rho > widest:
@@ -176,7 +155,7 @@ def test_the_widest_margin_of_one_state(centre, rho, widest):
 def test_the_widest_margin_where_nothing_is_proved_and_where_nothing_stabilises():
     """A mode that no input moves, next to the unit circle and beyond it."""
     near, beyond = (
-        region(np.array([[size, 0.0]]), np.eye(2), np.eye(1), 0.1) for size in (1.0 - 1e-14, 1.1)
+        ball(np.array([[size, 0.0]]), np.eye(2), np.eye(1), 0.1) for size in (1.0 - 1e-14, 1.1)
     )
     assert _core.widest_gain(near)[2] == 0.0
     with pytest.raises(SolverError, match="the iteration found no stabilising gain"):
@@ -185,7 +164,7 @@ def test_the_widest_margin_where_nothing_is_proved_and_where_nothing_stabilises(
 
 def test_a_recursion_that_ends_at_an_indefinite_matrix_is_refused():
     centre = np.array([[1.5, 0.6, -0.4], [0.9, -1.5, 1.0]])
-    one = region(centre, np.eye(3), np.eye(2), 0.4)
+    one = ball(centre, np.eye(3), np.eye(2), 0.4)
     assert _core.widest_gain(one)[2] < 1.0
     with pytest.raises(SolverError, match="guaranteed"):
         _core.guaranteed_gain(one, np.eye(2), np.eye(1))
@@ -223,9 +202,9 @@ def skewed(loop, by):
 
 @pytest.mark.parametrize("by", [0.0, 30.0])
 def test_no_proof_is_accepted_that_is_false(by):
-    """60 loops, in `make test` 24, 9 gaps about the limit: what is accepted is true exactly."""
+    """60 loops, in `make test` 12, 9 gaps about the limit: what is accepted is true exactly."""
     gen = np.random.default_rng(1)
-    accepted, decided, near, trials = 0, 0, 0, sets(60, 24)
+    accepted, decided, near, trials = 0, 0, 0, sets(60, 12)
     for trial in range(trials):
         centre, V, S, K = skewed(random_loop(gen, 1 + trial % 3), by)
         n, d = centre.shape
@@ -246,23 +225,6 @@ def test_no_proof_is_accepted_that_is_false(by):
                         centre, white(V), S, K, used_radius(np.sqrt(rho**2), d), one
                     )
     assert min(decided / 8, accepted / 5, near / 0.8) >= trials, (decided, accepted, near)
-
-
-def test_the_proof_is_that_of_the_twin():
-    gen = np.random.default_rng(2)
-    for trial in range(40):
-        centre, V, S, K = random_loop(gen, 1 + trial % 4)
-        n, d = centre.shape
-        limit = 1e-3 / judged(centre, V, S, 1e-3, K).sizes[1]
-        rho = 0.9 * limit
-        loop = judged(centre, V, S, rho, K)
-        assert loop.status == "certified"
-        given = centre, white(V), S, K
-        assert twin.verified(*given, used_radius(rho, d), loop.proof)
-        shift = np.zeros((n, n)), 1.0, 1.0, np.ones(1)
-        larger = judged(centre, V, S, 2.0 * limit, K)
-        assert not twin.verified(*given, used_radius(2.0 * limit, d), loop.proof)
-        assert not larger.verified(loop.proof, *shift)
 
 
 def test_what_is_no_proof():
@@ -291,9 +253,10 @@ def test_what_is_no_proof():
 
 
 def test_the_verdict_on_both_sides_of_the_limit():
-    gen = np.random.default_rng(3)
+    """60 loops, in `make test` 24."""
+    gen, trials = np.random.default_rng(3), sets(60, 24)
     refuted = 0
-    for trial in range(60):
+    for trial in range(trials):
         centre, V, S, K = random_loop(gen, 1 + trial % 4)
         n = len(centre)
         g = judged(centre, V, S, 1e-3, K).sizes[1] / 1e-3
@@ -306,18 +269,18 @@ def test_the_verdict_on_both_sides_of_the_limit():
         if beyond.member is not None:
             A, B = beyond.member[:, :n], beyond.member[:, n:]
             assert np.abs(np.linalg.eigvals(A + B @ K)).max() > 1.0 + 1e-9
-            assert region(centre, V, S, 1.07 / g).contains(beyond.member)
-    assert refuted >= 50
+            assert ball(centre, V, S, 1.07 / g).contains(beyond.member)
+    assert refuted >= 0.8 * trials
 
 
 def test_a_counterexample_obeys_the_frobenius_bound():
     """`contains` asks the spectral norm alone; the bound in the same event counts as well."""
     centre, V, S, K = random_loop(np.random.default_rng(4), 3)
     g = judged(centre, V, S, 1e-3, K).sizes[1] / 1e-3
-    small = judged(centre, V, S, 2.0 / g, K, phi=0.9 / g)
+    small = judged(centre, V, S, 2.0 / g, K, frobenius=0.9 / g)
     assert small.status == "certified"
     for phi in (1.1 / g, 1.5 / g):
-        loop = judged(centre, V, S, 5.0 / g, K, phi=phi)
+        loop = judged(centre, V, S, 5.0 / g, K, frobenius=phi)
         assert loop.status in ("refuted", "not provable")
         if loop.member is not None:
             scaled = np.linalg.solve(np.linalg.cholesky(S), loop.member - centre)
@@ -364,19 +327,6 @@ def test_from_data_to_a_tube():
     assert isinstance(tube, Tube)
 
 
-def test_limits_that_are_kept():
-    proof = se.gain(model(), 1.0, 1.0).certificate(0.05)
-    x0 = np.array([1.0, -0.5])
-    scale = proof.holds((-1.0, 2.0), x0)
-    assert scale > 0
-    assert proof.holds((-1.0, 1.0), x0, states=(-0.1, 0.1)) < scale
-    tube = proof.tube(scale * x0, 30)
-    assert np.abs(tube.inputs).max() <= 1.0
-    level = proof.holds((-1.0, 1.0))
-    inside = proof.proof @ [1.0, 0.0] * np.sqrt(level)
-    assert proof.holds((-1.0, 1.0), inside) >= 1.0 - 1e-5
-
-
 def test_gains_with_a_guarantee():
     one = model(N=25)
     plain, sure, wide = se.gain(one, 1.0, 1.0), se.gain(one, 1.0, 1.0, guarantee=0.05), se.gain(one)
@@ -389,19 +339,6 @@ def test_gains_with_a_guarantee():
     region = one.region(0.05, frobenius=True)
     assert plain.certificate(region).region is region
     assert plain.certificate(0.01).margin < margins[0]
-
-
-def test_of_an_exact_system():
-    loop = se.gain(se.System([[1.0, 1.0], [0.0, 1.0]], [[0.0], [1.0]], dt=0.1), [1.0, 0.5], 2.0)
-    A, B, Q = loop.A, loop.B, np.diag([1.0, 0.5])
-    solved = Q + A.T @ loop.S @ (A + B @ loop.K)
-    np.testing.assert_allclose(loop.S, solved, rtol=1e-12)
-    np.testing.assert_allclose(
-        loop.K, -np.linalg.solve(2.0 + B.T @ loop.S @ B, B.T @ loop.S @ A), rtol=1e-12
-    )
-    np.testing.assert_allclose(sorted(loop.E), sorted(np.linalg.eigvals(A + B @ loop.K)))
-    run = se.track(se.System(A, B), np.zeros((41, 2)), controller=loop, x0=[1.0, 0.0])
-    assert run.errors[-1] < 1e-3
 
 
 def test_as_python_control_has_it():

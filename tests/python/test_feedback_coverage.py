@@ -7,9 +7,9 @@ import pytest
 
 import hidden_systems
 import stochens_rs as se
+from core_regions import ball, white
 from coverage_study import at_most, sets
 from stochens_rs import _core
-from test_feedback import region, white
 from twin import feedback as twin
 
 NONE = np.zeros((0, 1))
@@ -26,10 +26,10 @@ class Case:
         parts = np.ascontiguousarray(self.C[:, :n]), self.C[:, n:].copy()
         self.K = _core.feedback_gain(*parts, np.eye(n), np.eye(1))[0]
         self.W, self.n, self.by_rows = white(self.V), n, by_rows
-        small = _core.Feedback(region(self.C, self.V, self.S, 1e-3, by_rows=by_rows), self.K)
+        small = _core.Feedback(ball(self.C, self.V, self.S, 1e-3, by_rows=by_rows), self.K)
         self.rho = share * 1e-3 / small.sizes[1]
         self.phi = np.inf if phi is None else phi * self.rho
-        whole = region(self.C, self.V, self.S, self.rho, by_rows=by_rows, phi=phi and self.phi)
+        whole = ball(self.C, self.V, self.S, self.rho, by_rows=by_rows, frobenius=phi and self.phi)
         self.loop = _core.Feedback(whole, self.K)
         self.D = np.linalg.cholesky(self.S)
 
@@ -92,7 +92,7 @@ def test_the_matrix_of_the_lemma_bounds_every_member(by_rows):
 )  # fmt: skip
 def test_no_member_leaves_the_tube(share, options, loose):
     gen, ratios = np.random.default_rng(2), []
-    for trial in range(sets(12, 3)):
+    for trial in range(sets(12, 2)):
         case = Case(gen, 2 + trial % 3, share, **options)
         n, steps = case.n, 25
         x0 = gen.standard_normal(n)

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from core_regions import white
 from coverage_study import at_most, sets
 from declarations import opts
 from stochens_rs.exceptions import InputError
 from stochens_rs.feedback.certificate import noise_bound
-from test_feedback import CENTRE, K, S, V, judged, white
+from test_feedback import CENTRE, K, S, V, judged
 
 A, B = np.array([[1.1, 0.2], [-0.3, 0.9]]), np.array([[0.0], [1.0]])
 SHIFT = np.array([0.2, -0.1])

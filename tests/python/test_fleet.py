@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from time import perf_counter
-
 import numpy as np
 import pytest
 from scipy.optimize import linprog
@@ -12,7 +10,6 @@ import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, ShapeError
 from stochens_rs.fleet.plan import Units
-from twin import populations as twin
 
 
 def gains(*values: float) -> se.SystemEnsemble:
@@ -72,79 +69,6 @@ def test_two_units_have_their_commands() -> None:
     assert zero.value**2 == pytest.approx(0.5)
 
 
-@pytest.mark.parametrize("weighed", [False, True])
-def test_the_largest_miss_is_that_of_all_cones_at_once(
-    gen: np.random.Generator, weighed: bool
-) -> None:
-    pytest.importorskip("clarabel")
-    for k in range(8):
-        n, m, K, N = 2 + k % 3, 1 + k % 2, 1 + k % 4, 30
-        fleet = drawn(gen, N, n, m, offsets=k % 2 == 1)
-        x0 = 3.0 * gen.standard_normal((N, n) if k % 3 == 0 else n)
-        low, high = -gen.uniform(0.1, 2.0, (K, m)), gen.uniform(0.1, 2.0, (K, m))
-        if k % 4 == 3:
-            low[0] = high[0] = 0.05  # fixed
-        Q = np.diag(gen.uniform(0.5, 2.0, n))
-        R = 0.1 * np.eye(m) if weighed else None
-        plan = se.control_fleet(
-            fleet, x0, np.zeros(n), K, risk="worst", limits=(low, high), cost=se.Cost(Qf=Q, R=R)
-        )
-        whole = np.kron(np.eye(K), plan.R)
-        units = [twin.unit(G, b, Q=Q, R=whole) for G, b in maps(plan.units)]
-        best = twin.worst(units, low.ravel(), high.ravel())
-        assert plan.value == pytest.approx(best.value, rel=1e-6)
-        assert plan.lower_bound <= best.value * (1 + 1e-9)
-        assert plan.gap <= 1e-6
-        assert plan.value == pytest.approx(twin.misses(units, plan.u.ravel()).max(), rel=1e-12)
-        assert (plan.u >= low).all()
-        assert (plan.u <= high).all()
-
-
-def test_open_limits_and_one_sided_ones(gen: np.random.Generator) -> None:
-    pytest.importorskip("clarabel")
-    for limits in (None, (None, 0.3), ([-0.2, -np.inf], [np.inf, 0.1])):
-        fleet = drawn(gen, 40, 3, 2, spread=0.4)
-        plan = se.control_fleet(
-            fleet, [3.0, -1.0, 2.0], np.zeros(3), 2, limits=limits, risk="worst"
-        )
-        whole = np.kron(np.eye(2), plan.R)
-        units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
-        best = twin.worst(units, plan.units.task.low.ravel(), plan.units.task.high.ravel())
-        assert plan.value == pytest.approx(best.value, rel=1e-6)
-        assert plan.gap <= 1e-6
-
-
-def test_the_mean_is_that_of_all_rows_at_once(gen: np.random.Generator) -> None:
-    for k in range(8):
-        n, m, K, N = 2 + k % 3, 1 + k % 2, 1 + k % 5, 40
-        fleet = drawn(gen, N, n, m, offsets=k % 2 == 1)
-        x0 = gen.standard_normal((N, n) if k % 3 == 0 else n)
-        limits = None if k % 4 == 0 else (-0.5, 0.4)
-        R = 0.1 * np.eye(m) if k % 2 else None
-        plan = se.control_fleet(fleet, x0, np.ones(n), K, limits=limits, cost=se.Cost(R=R))
-        whole = None if R is None else np.kron(np.eye(K), R)
-        units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
-        best = twin.average(units, plan.units.task.low.ravel(), plan.units.task.high.ravel())
-        assert plan.value == pytest.approx(np.sqrt(best.objective), rel=1e-9)
-        np.testing.assert_allclose(plan.u.ravel(), best.u, atol=1e-6 * np.abs(best.u).max())
-        rms = np.sqrt(np.mean(twin.misses(units, plan.u.ravel()) ** 2))
-        assert plan.value == pytest.approx(rms, rel=1e-12)
-        assert plan.gap <= 1e-9
-
-
-def test_the_mean_of_ill_conditioned_units() -> None:
-    """Gains of 1e-7 beside gains of 1: H has the condition 1e14, its square root 1e7."""
-    gen = np.random.default_rng(4)
-    B = np.zeros((50, 2, 2))
-    B[:, 0, 0], B[:, 1, 1] = gen.uniform(0.9, 1.1, 50), 1e-7 * gen.uniform(0.9, 1.1, 50)
-    plan = se.control_fleet(se.SystemEnsemble(0.0 * B, B), [0.0, 0.0], [1.0, 1.0], 1)
-    # each input has its own state: u = sum b / sum b^2
-    expected = [B[:, i, i].sum() / (B[:, i, i] ** 2).sum() for i in range(2)]
-    np.testing.assert_allclose(plan.u[0], expected, rtol=1e-7)
-    assert plan.status == "optimal"
-    assert plan.gap < 1e-9
-
-
 @pytest.mark.parametrize("limits", [None, (None, 3.0)])
 def test_an_input_that_moves_no_unit_leaves_the_mean_as_it_is(limits, gen) -> None:
     for _ in range(20):
@@ -157,45 +81,6 @@ def test_an_input_that_moves_no_unit_leaves_the_mean_as_it_is(limits, gen) -> No
         assert both.status == "optimal"
         assert both.value == pytest.approx(alone.value, rel=1e-9)
         np.testing.assert_allclose(both.u[:, 0], alone.u[:, 0], rtol=1e-6, atol=1e-8)
-
-
-def test_bits_are_the_same_for_any_number_of_threads(gen: np.random.Generator) -> None:
-    fleet, x0 = drawn(gen, 2500, 4, 2), gen.standard_normal(4)
-    found = []
-    for threads in (1, 2, 5):
-        se.set_num_threads(threads)
-        try:
-            for risk in ("mean", "worst"):
-                plan = se.control_fleet(fleet, x0, np.zeros(4), 8, limits=(-0.5, 0.5), risk=risk)
-                found.append((plan.u.tobytes(), plan.misses.tobytes(), plan.value))
-        finally:
-            se.set_num_threads(None)
-    assert found[:2] == found[2:4] == found[4:]
-
-
-def test_order_and_units_of_measurement_do_not_matter(gen: np.random.Generator) -> None:
-    fleet, x0 = drawn(gen, 200, 3, 2), 2.0 * gen.standard_normal(3)
-    order = gen.permutation(200)
-    other = se.SystemEnsemble(fleet.A[order], fleet.B[order])
-    for risk in ("mean", "worst"):
-        plan = se.control_fleet(fleet, x0, np.zeros(3), 3, limits=(-0.5, 0.5), risk=risk)
-        moved = se.control_fleet(other, x0, np.zeros(3), 3, limits=(-0.5, 0.5), risk=risk)
-        assert moved.value == pytest.approx(plan.value, rel=1e-7)
-        np.testing.assert_allclose(moved.u, plan.u, atol=1e-3)
-        np.testing.assert_allclose(moved.misses, plan.misses[order], rtol=1e-3)
-        for unit in (2.0**-40, 2.0**40):  # exact in binary
-            limits = (-0.5 * unit, 0.5 * unit)
-            scaled = se.control_fleet(fleet, unit * x0, np.zeros(3), 3, limits=limits, risk=risk)
-            assert scaled.value == pytest.approx(unit * plan.value, rel=1e-7)
-            np.testing.assert_allclose(scaled.u, unit * plan.u, atol=1e-3 * unit)
-
-
-def test_copies_of_units_count_once() -> None:
-    for R, most in ((0.0, 2), (None, 3)):  # one of the copies is that of the weight
-        plan = se.control_fleet(
-            gains(1, 2, 1, 2, 2, 1, 1.5), [0.0], [1.0], 1, risk="worst", cost=se.Cost(R=R)
-        )
-        assert plan.certify(0.1).count <= most
 
 
 def test_a_unit_that_no_input_moves_gives_no_false_support() -> None:
@@ -268,33 +153,6 @@ def test_a_time_limit_gives_a_command_that_is_certified(gen: np.random.Generator
             assert (plan.status, count) == ("user_limit", 0)
             with pytest.raises(InputError, match="needs an optimal plan"):
                 plan.certify(0.1, method="a priori")
-
-
-def test_a_time_limit_while_units_are_left_out_keeps_what_was_found() -> None:
-    gen = np.random.default_rng(1)
-    fleet, x0 = drawn(gen, 150, 14, 4, spread=0.1), gen.standard_normal(14)
-
-    def plan(discard: int, limit: float | None = None) -> se.FleetPlan:
-        words = {"limits": (-1, 1), "risk": "worst", "discard": discard, "time_limit": limit}
-        return se.control_fleet(fleet, x0, np.zeros(14), 10, **words)
-
-    began, whole = perf_counter(), [plan(0)]
-    least, seen = perf_counter() - began, set()
-    for k in range(12):
-        found = plan(40, least * 1.5**k)
-        assert found.status == "user_limit" or len(found.removed) == 40
-        out = len(found.removed)
-        seen.add(out)
-        while len(whole) <= min(out, 5):
-            whole.append(plan(len(whole)))
-        if 0 < out <= 5:
-            assert found.removed == whole[out].removed
-            assert found.threshold == pytest.approx(whole[out].threshold, rel=1e-6)
-            assert np.all(np.delete(found.misses, found.removed) <= found.threshold)
-        if out > 5:
-            assert found.threshold < whole[5].threshold
-            break
-    assert len(seen) > 1
 
 
 def alone(plan: se.FleetPlan) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from test_fleet import drawn, gains, maps
 from twin import populations as twin
 
@@ -30,7 +31,7 @@ def at_zero(plan: se.FleetPlan) -> float:
 def test_twenty_inputs_for_a_few_units(N: int) -> None:
     """2 N equations of 20 unknowns; with 3 units the miss can be 0."""
     pytest.importorskip("clarabel")
-    for seed in range(8):
+    for seed in range(sets(8, 2)):
         fleet, x0 = near_one(np.random.default_rng(seed), N)
         plan = se.control_fleet(fleet, x0, np.zeros(2), 20, risk="worst")
         scale = at_zero(plan)
@@ -122,7 +123,7 @@ def weights(gen: np.random.Generator) -> list[np.ndarray]:
 @pytest.mark.parametrize("sides", [None, (None, 0.3), (-0.4, 0.2), ([-0.2, -np.inf, 0.1], 0.1)])
 def test_lower_bounds_with_any_weight(gen: np.random.Generator, sides) -> None:
     pytest.importorskip("clarabel")
-    for k in range(6):
+    for k in range(sets(6, 3)):
         K, N = 1 + k % 3, 25
         fleet, x0 = drawn(gen, N, 3, 3, spread=0.3), 3.0 * gen.standard_normal(3)
         for R in weights(gen):
@@ -136,18 +137,3 @@ def test_lower_bounds_with_any_weight(gen: np.random.Generator, sides) -> None:
             assert plan.value == pytest.approx(best.value, rel=2e-6)
             assert plan.lower_bound <= best.value * (1 + 1e-9)
             assert plan.gap <= 1e-6
-
-
-def test_certificates_of_networks() -> None:
-    """Sixty 39-bus networks, 20 states, 100 inputs within limits."""
-    system, rng = se.cases.ieee39(dt=0.1), np.random.default_rng(0)
-    shape = (60, 20, 20)
-    A = system.A * (1.0 + 0.02 * rng.standard_normal(shape))
-    B = system.B * (1.0 + 0.1 * rng.standard_normal((60, 20, 10)))
-    x0 = 0.05 * rng.standard_normal(20)
-    plan = se.control_fleet(
-        se.SystemEnsemble(A, B), x0, np.zeros(20), 10, limits=(-0.3, 0.3), risk="worst"
-    )
-    assert plan.status == "optimal"
-    assert 0.0 <= plan.gap <= 1e-5
-    assert plan.certify(1e-3).size == 60

@@ -7,7 +7,7 @@ import pytest
 
 import hidden_systems
 import stochens_rs as se
-from coverage_study import at_most, repeated
+from coverage_study import at_most, repeated, sets
 from stochens_rs.exceptions import InputError
 from test_fleet import alone, drawn, gains
 from test_fleet_near_zero import near_one
@@ -29,7 +29,7 @@ def trimmed(gen: np.random.Generator, N: int) -> se.SystemEnsemble:
 @pytest.mark.parametrize("R", [None, 0.0])
 def test_trims_beside_a_large_input_are_counted(R) -> None:
     """The trims move the value by less than 1e-6 of it and the command by 1e-6 of it: 31 inputs."""
-    runs, N, fresh = 20, 400, 20_000
+    runs, N, fresh = sets(20, 8), 400, 20_000
 
     def case(gen):
         plan = se.control_fleet(
@@ -57,7 +57,7 @@ def test_trims_beside_a_large_input_are_counted(R) -> None:
     at_most(found["failed"].sum(), runs, BETA)
     assert (found["epsilon"] < 0.6).all()
     assert (found["count"] >= 30).all()
-    assert found["few"].sum() >= 10  # a count up to tolerances is exceeded in most runs
+    assert found["few"].sum() >= runs / 2  # a count up to tolerances is exceeded in most runs
 
 
 def test_units_alone_give_the_command_of_any_fleet() -> None:
@@ -91,7 +91,7 @@ def test_units_alone_give_the_command_of_any_fleet() -> None:
 
 def test_the_risk_of_any_fleet_is_below_its_bound() -> None:
     """A kind by chance, up to two units left out; the risk is estimated by 2000 fresh units."""
-    kinds, runs, N, fresh = list(hidden_systems.KINDS), 210, 30, 2000
+    kinds, runs, N, fresh = list(hidden_systems.KINDS), sets(210, 84), 30, 2000
 
     def case(gen):
         system = hidden_systems.drawn(kinds[int(gen.integers(len(kinds)))], gen, 3, 2)

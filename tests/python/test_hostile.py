@@ -13,11 +13,13 @@ import time
 from decimal import Decimal
 from functools import cache
 from pathlib import Path
+from zlib import crc32
 
 import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs._base.records import Record
 from stochens_rs.exceptions import NonFiniteError, ResourceError, StochensError
 from test_docs import PUBLIC
@@ -501,6 +503,12 @@ def has_nan(found):
     )
 
 
+def tried(*place):
+    """What is given in one place: all of it, in `make test` what is never right and a fifth."""
+    perhaps, first = list(PERHAPS.items()), crc32(repr(place).encode()) % 5
+    return (NEVER | dict(perhaps if sets(1, 0) else perhaps[first::5])).items()
+
+
 @pytest.mark.parametrize("label", SWEPT)
 def test_no_argument_lets_a_foreign_exception_out(label, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -509,7 +517,7 @@ def test_no_argument_lets_a_foreign_exception_out(label, tmp_path, monkeypatch):
     files = {p.name for p in parameters} & {"path", "paths", "data", "digits"}
     wrong = ["good arguments"] if refused and not files else []
     for p in parameters:
-        for what, value in (NEVER | PERHAPS).items():
+        for what, value in tried(label, p.name):
             if p.name in ("progress", "controller") and what in CALLED:
                 continue
             said, refused, _ = outcome(lambda: call(label, get, parameters, p.name, value))  # noqa: B023
@@ -542,7 +550,7 @@ def test_no_field_of_a_record_lets_one_out(name):
     fields = [one for one in dataclasses.fields(made) if one.init]
     wrong, count = [], 0
     for one in fields:
-        for what, value in (NEVER | PERHAPS).items():
+        for what, value in tried(name, one.name):
             work = lambda: dataclasses.replace(made, **{one.name: value})  # noqa: B023, E731
             said, refused, found = outcome(work)
             count += refused
@@ -553,7 +561,7 @@ def test_no_field_of_a_record_lets_one_out(name):
             if said:
                 wrong.append(f"{one.name} = {what}: {said}"[:160])
     assert not wrong, "\n".join(["", *wrong])
-    assert count > 50 * len(fields)
+    assert count > 30 * len(fields)
 
 
 HUGE = {

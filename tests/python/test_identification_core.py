@@ -7,14 +7,12 @@ import pytest
 from scipy import special
 
 from core_regions import core_region
-from coverage_study import DELTA, exactly
-from identification_data import LAMS, Y, Z, check, independent
+from coverage_study import DELTA, exactly, sets
+from identification_data import LAMS, Y, Z, check
 from stochens_rs import _core as core
 from stochens_rs.exceptions import InputError
 from twin import anytime as at
 from twin import certified_control as cc
-from twin import quantiles as qu
-from twin import residual_tests as rt
 from twin import triangle as tr
 
 
@@ -55,32 +53,41 @@ def test_a_triangle_keeps_the_digits_that_normal_equations_lose(gen):
 # -- laws ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
-    ("n", "d", "nu", "delta"),
-    [
-        (2, 3, 9, 0.05),
-        (4, 6, 34, 0.001),
-        (1, 7, 5, 0.01),
-        (6, 2, 20, 0.1),
-        (3, 3, 3, 0.05),
-        (10, 15, 100, 0.05),
-        (20, 22, 200, 0.01),
-        (5, 8, 40_000, 0.05),
-    ],
-)
-def test_exact_quantiles(n, d, nu, delta):
-    check(core.roy_quantile(n, d, nu, delta, 1), qu.roy_quantile(n, d, nu, delta), rtol=1e-10)
-    check(core.wishart_quantile(n, d, delta, 1), qu.wishart_quantile(n, d, delta), rtol=1e-10)
-    check(core.row_quantile(n, d, nu, delta), qu.row_quantile(n, d, nu, delta), rtol=1e-10)
-    if nu <= 500:
-        check(
-            core.smallest_quantile(n, nu, delta, 1), qu.smallest_quantile(n, nu, delta), rtol=1e-9
-        )
+# By Pfaffians in NumPy: n, d, nu, delta, and the quantiles of the
+# largest root over a Wishart matrix, of G G', of the largest row, and of the least root.
+QUANTILES = [
+    (2, 3, 9, 0.05, 2.352760180305, 10.740345363727, 1.684700499108, 1.92534233065),
+    (4, 6, 34, 0.001, 1.593841359701, 32.597719368337, 1.049910866578, 8.52455208465),
+    (1, 7, 5, 0.01, 14.637715248465, 18.475306906582, 14.637715248465, 0.554298076729),
+    (6, 2, 20, 0.1, 1.269360910110, 14.149149289782, 0.499436542395, 3.8451191700),
+    (3, 3, 3, 0.05, 2589.198642356901, 13.115553282027, 20.360646202334, 0.00098333904574),
+    (10, 15, 100, 0.05, 0.684817207726, 52.941517010983, 0.360763969791, 43.73139792061),
+    (20, 22, 200, 0.01, 0.617460467012, 96.025285985676, 0.272261168848, 84.39013176503),
+    (5, 8, 40_000, 0.05, 0.000697388875063, 27.886529414011, 0.000500950994083, None),
+]
+LARGEST = [
+    (2, 2, 9, 0.05, 1.765073871830),
+    (2, 1, 9, 0.05, 1.114742526881),
+    (4, 6, 34, 0.05, 0.878703628912667),
+    (4, 3, 34, 0.05, 0.588992481883),
+    (4, 1, 34, 0.05, 0.345634465762168),
+    (2, 5, 12, 0.05, 2.113591033513),
+    (8, 12, 60, 0.01, 1.21828685238584594),
+]
 
 
-def test_scalar_quantiles():
+def test_exact_quantiles():
+    for n, d, nu, delta, roy, wishart, row, smallest in QUANTILES:
+        check(core.roy_quantile(n, d, nu, delta, 1), roy, rtol=1e-10)
+        check(core.wishart_quantile(n, d, delta, 1), wishart, rtol=1e-10)
+        check(core.row_quantile(n, d, nu, delta), row, rtol=1e-10)
+        if smallest is not None:
+            check(core.smallest_quantile(n, nu, delta, 1), smallest, rtol=1e-9)
+    for *sizes, delta, roy in LARGEST:
+        check(core.roy_quantile(*sizes, delta, 1), roy, rtol=1e-10)
+    for *sizes, expected in ((1, 3, 9, 1.287516119208), (2, 3, 9, 0.751702538693)):
+        check(core.scalar_quantile(*sizes, 0.05, 1), expected, rtol=1e-10)
     check(core.scalar_quantile(4, 6, 34, 0.05, 1), 0.166390274969643, rtol=1e-10)
-    check(core.scalar_quantile(1, 3, 9, 0.05, 1), qu.scalar_quantile(1, 3, 9, 0.05), rtol=1e-10)
 
 
 def test_without_degrees_of_freedom_quantiles_are_infinite():
@@ -93,12 +100,37 @@ def test_without_degrees_of_freedom_quantiles_are_infinite():
             core.roy_quantile(2, 3, 9, bad, 1)
 
 
+def beta_roots(n, d, nu, size, gen):
+    """`size` draws of all p = min(n, d) roots of E_nu^-1 G G', (size, p), nu >= n.
+
+    lam = t / (1 - t), t the eigenvalues of B B', B upper bidiagonal with the diagonal
+    c_p, c_{p-1} s'_{p-1}, .., c_1 s'_1 and above it -s_p c'_{p-1}, .., -s_2 c'_1, where
+    c_k^2 ~ Beta((a + k)/2, (b + k)/2), c'_k^2 ~ Beta(k/2, (a + b + 1 + k)/2), s^2 = 1 - c^2,
+    a = d - p, b = nu - p (Edelman and Sutton 2008).
+    """
+    if n > d:
+        n, d, nu = d, n, nu + d - n
+    p, a, b = n, d - n, nu - n
+    k = np.arange(p, 0, -1)
+    c2 = gen.beta((a + k) / 2.0, (b + k) / 2.0, (size, p))
+    e2 = gen.beta(k[1:] / 2.0, (a + b + 1 + k[1:]) / 2.0, (size, p - 1))
+    diagonal, above = c2.copy(), (1.0 - c2[:, :-1]) * e2  # squares
+    diagonal[:, 1:] *= 1.0 - e2
+    T = np.zeros((size, p, p))
+    i = np.arange(p)
+    T[:, i, i] = diagonal
+    T[:, i[:-1], i[:-1]] += above
+    T[:, i[1:], i[:-1]] = -np.sqrt(diagonal[:, 1:] * above)  # eigvalsh reads this half only
+    t = np.clip(np.linalg.eigvalsh(T), 0.0, 1.0 - 1e-16)
+    return np.asarray(t / (1.0 - t))
+
+
 def test_drawn_quantiles_hold_their_levels(gen):
     """The draws of the core against fresh draws of the twin."""
     n, d, nu, draws = 4, 6, 34, 20_000
     spectral, frobenius = core.joint_radii(n, d, nu, DELTA, 1)
     assert (spectral, frobenius) == core.joint_radii(n, d, nu, DELTA, 2)
-    roots = qu.beta_roots(n, d, nu, draws, gen)
+    roots = beta_roots(n, d, nu, draws, gen)
     out = (roots[:, -1] > spectral**2) | (roots.sum(axis=1) > frobenius**2)
     exactly(np.sum(out), draws)
     exactly(np.sum(roots.sum(axis=1) > core.trace_quantile(n, d, nu, DELTA, 1)), draws)
@@ -156,37 +188,11 @@ def steps(fitted, x0, inputs, *, spectral, frobenius=np.inf, rho0=0.0, noise=Fal
     return found.states, found.radii, found.linear, found.rest, lengths
 
 
-@pytest.mark.parametrize("options", [{}, {"frobenius": 1.4}, {"rho0": 0.1}, {"noise": True}])
-@pytest.mark.parametrize("offset", [False, True])
-def test_several_steps(gen, options, offset):
-    _Theta, z, y = independent(gen, n=4, d=6 + offset, N=60)
-    if offset:
-        z[:, -1] = 1.0
-    fitted = fitted_to(z, y)
-    x0, u = gen.standard_normal(4), gen.standard_normal((5, 2))
-    expected = cc.several_steps(fitted, x0, u, spectral=1.1, **options)
-    for found, value in zip(steps(fitted, x0, u, spectral=1.1, **options), expected, strict=True):
-        # the search for the nuclear bound stops within 1e-6 of the least: rounding moves it so far
-        check(found, value, rtol=1e-6, atol=1e-12)
-
-
-def test_steps_that_the_data_do_not_show():
-    z = Z.copy()
-    z[:, 2] = 0.0  # no input was ever given
-    fitted = fitted_to(z, Y)
-    expected = cc.several_steps(fitted, [1.0, -1.0], [[0.0], [1.0]], spectral=1.0)
-    found = steps(fitted, [1.0, -1.0], [[0.0], [1.0]], spectral=1.0)
-    assert np.isfinite(found[1][1])
-    assert np.isinf(found[1][2])
-    for a, b in zip(found, expected, strict=True):
-        check(a, b, rtol=1e-10)
-
-
 @pytest.mark.parametrize("inputs", ["proportional", "unused", "one in three"])
 @pytest.mark.parametrize("units", [1.0, 1e-6, 1e6])
 def test_missing_directions_of_inputs_alone_leave_steps_finite(gen, inputs, units):
     """The same radii as with the inputs that were free; what is known of A is known."""
-    for _ in range(30):
+    for _ in range(sets(30, 8)):
         n = 3
         x, u = gen.standard_normal((60, n)), units * gen.standard_normal((60, 2))
         map_ = {
@@ -248,22 +254,16 @@ def test_the_law_of_drawn_models():
 # -- tests of residuals ----------------------------------------------------------------------------
 
 
-def residual_checks(z, y, draws, threads=1):
-    rows, tested = np.hstack([z, y]), list(range(y.shape[1]))
-    return core.residual_checks(rows, z.shape[1], tested, draws, KEY, threads)
-
-
-def test_p_values_of_residuals(gen):
-    """Near those of the twin; small for noise that is correlated in time."""
-    _, z, y = independent(gen, n=2, d=3, N=60)
-    own = rt.p_values(z, y, 2000, gen)
-    found, distances = residual_checks(z, y, 2000)
-    assert np.all(np.abs(found - own) < 5 * np.sqrt(2 * 0.25 / 2000))
-    assert np.array_equal(found, residual_checks(z, y, 2000, threads=2)[0])
-    assert np.all(np.abs(distances) < 6)
-    w = gen.standard_normal((61, 2))
-    correlated = z @ np.ones((3, 2)) + w[1:] + 0.9 * w[:-1]
-    found, distances = residual_checks(z, correlated, 999)
-    assert found[1] < 0.01
-    assert distances[1] > 4  # Gaussian noise has 0 +- 1
-    assert residual_checks(z[:4], y[:4], 9) is None
+def test_least_squares_from_rows_and_from_their_triangle() -> None:
+    """The last input is the first one minus twice the first state."""
+    gen = np.random.default_rng(3)
+    x, u = gen.standard_normal((40, 3)), gen.standard_normal((40, 1))
+    Z, Y = np.hstack([x, u, u - 2.0 * x[:, :1]]), gen.standard_normal((40, 3))
+    both = np.hstack([Z, Y])
+    f, g = core.fit(both, 5, 40, 1), core.fit(core.triangle(both, 1), 5, 40, 1)
+    assert (f.H == g.H).all()
+    assert (f.rank, f.nu, f.N) == (4, 36, 40)
+    E = Y - Z @ f.H.T
+    np.testing.assert_allclose(f.S, E.T @ E, rtol=1e-12, atol=1e-13)
+    np.testing.assert_allclose(f.root.T @ f.root, Z.T @ Z, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(f.combinations(), [[1.0, 0.0, 0.0, -0.5, 0.5]], atol=1e-12)

@@ -18,7 +18,7 @@ from twin import anytime as at
 from twin import regions as rg
 from twin import triangle as tr
 
-RUNS = sets(4000, 300)
+RUNS = sets(4000, 200)
 
 
 def model_of(z, y, **options):

@@ -187,26 +187,6 @@ def test_plans_that_go_on_are_corrected_by_the_gain():
         assert loop.log[-1].status == "kept"
 
 
-def test_what_the_model_adds_agrees_with_its_formula():
-    loop = kept_loop(30)
-    core, proof = loop.kept._core, loop.kept.proof
-    region, K = proof.region, proof.K
-    part, J = region.parts[0], np.vstack([np.eye(4), K])
-    A0, W, rho2 = region.centre @ J, part.white, part.factor
-    x, L, squares, most = START, np.zeros((4, 4)), 0.0, 0.0
-    plan = np.linspace(1.0, -0.5, 12)[:, None]
-    short, model = core.judge(START, plan, False)
-    for k in range(200):
-        most = max(most, np.sqrt(K @ L @ K.T * squares).item() / (1 - proof.norm))
-        z = np.concatenate([x, plan[k] if k < 12 else K @ x])
-        squares += np.sum((W @ z) ** 2)
-        L, x = A0 @ L @ A0.T + rho2 * 0.0005**2 * np.eye(4), region.centre @ z
-    assert model[-1] == pytest.approx(most, rel=1e-5)
-    assert short is not None
-    sharper = core.judge(START, plan, True)[1][-1]
-    assert 0.2 * most < sharper < most
-
-
 def test_without_a_plan_the_call_ends_with_its_time(monkeypatch):
     """No round is begun behind the deadline; there were up to 8, each with the whole time."""
     model, plans = model_of_runs(10), []

@@ -78,33 +78,6 @@ def test_default_labels_are_none(what):
 
 x0 = pd.Series(X0, index=["speed", "angle"])
 frame = pd.DataFrame(A, columns=["a", "b"], index=["a", "b"])
-ensemble = se.sample(A, 5, rng=1)
-ENTRIES = {
-    "System A": lambda: se.System(frame, B),
-    "System B": lambda: se.System(A, pd.DataFrame(B, columns=["u", "v"])),
-    "System.from_any": lambda: se.System.from_any(SimpleNamespace(A=frame, B=B)),
-    "sample": lambda: se.sample(x0, 5),
-    "sample_counts": lambda: se.sample_counts(frame, 5),
-    "from_samples": lambda: se.Ensemble.from_samples(frame),
-    "from_indices": lambda: se.Ensemble.from_indices(pd.Series([0, 1], index=[7, 8]), X0),
-    "fuse": lambda: se.fuse(ensemble, target=frame),
-    "combine": lambda: ensemble.combine(pd.Series(np.ones(5), index=list("abcde"))),
-    "control": lambda: se.control((A, B), x0, XF),
-    "track": lambda: se.track((A, B), pd.DataFrame(A, columns=["t", "x"]), 5),
-    "Stream": lambda: se.Stream((A, B), x0, XF),
-    "Trajectories": lambda: se.Trajectories(pd.DataFrame(A, columns=["p", "v"]), [[1.0]]),
-    "Trajectories.from_pairs": lambda: se.Trajectories.from_pairs(frame, B, A),
-    "SystemEnsemble": lambda: se.SystemEnsemble([frame], [B]),
-    "DataStream.update": lambda: se.DataStream(B).update(x0=x0),
-    "DataStream.update, one by one": lambda: se.DataStream(B).update(x0=iter([X0, x0])),
-    "drawn_bound": lambda: se.theory.drawn_bound("vector", x0, size=5, delta=0.1),
-}
-
-
-@pytest.mark.parametrize("where", ENTRIES)
-def test_every_entry_refuses_labels(where):
-    with pytest.raises(InputError, match=r"labels .*\.to_numpy\(\) if the order is right"):
-        ENTRIES[where]()
 
 
 def test_the_cure_of_the_message_cures():

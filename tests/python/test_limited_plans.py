@@ -9,7 +9,6 @@ import stochens_rs as se
 from coverage_study import sets
 from limit_plans import WAYS, check, draw_case, exactly, within
 from limit_problems import draw_box, draw_map, weight
-from stochens_rs import _core
 from twin import limited_control as lc
 from twin import limited_problems as lp
 
@@ -106,23 +105,6 @@ def test_realization_controls_are_those_of_each_target(gen):
             J, best = lp.objective(p, out[s]), lc.solve(p).objective
             assert np.all((out[s] >= low) & (out[s] <= high))
             assert best + 1e-8 * (1.0 + lp.objective(p, 0.0 * out[s])) >= J
-
-
-def test_a_gap_above_its_tolerance_is_solved_again(gen, monkeypatch):
-    A, B, (x0, xf) = gen.normal(size=(3, 3)), gen.normal(size=(3, 2)), gen.normal(size=(2, 3))
-    drawn, more = se.sample(A, 20, rng=1), {"limits": (-0.1, 0.2), "R": 0.1}
-    right = se.realization_controls((drawn, B), x0, xf, **within(**more))
-    batch = _core.box_batch
-
-    def wrong(*given):
-        u, gaps = batch(*given)
-        u[::3], gaps[::3] = 0.05, 1.0
-        gaps[1] = np.nan
-        return u, gaps
-
-    monkeypatch.setattr(_core, "box_batch", wrong)
-    again = se.realization_controls((drawn, B), x0, xf, **within(**more))
-    np.testing.assert_allclose(again, right, atol=1e-9)
 
 
 def test_weights_alone_are_ridge_regression(gen):

@@ -9,7 +9,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from limit_plans import WAYS, at_a_limit, check, draw_case, exactly, within
+from limit_plans import at_a_limit, check, draw_case, exactly, within
 from limit_problems import draw_box
 from stochens_rs import _core
 from stochens_rs.ensembles.ensemble import core_of
@@ -142,21 +142,6 @@ def test_boxes_equal_the_twin(gen):
         )
 
 
-def test_references_equal_the_twin(gen):
-    """60 problems, in `make test` 25."""
-    for i in range(sets(60, 25)):
-        A, B, x0, K, low, high, weights = draw_case(gen, i)
-        reference = gen.normal(size=(K + 1, len(A)))
-        plan = se.control(
-            (A, B), x0, steps=K, **within(**weights, limits=(low, high), reference=reference)
-        )
-        p = lp.several_steps(A, B, x0, reference[1:], K, low=low, high=high, **weights)
-        check(plan, p)
-        error = plan.error((A, B), x0)
-        assert error.control <= 1e-6 * (1.0 + np.linalg.norm(plan.u))
-        assert plan.limited.task.follows
-
-
 def test_long_horizons_equal_condensed_ones(gen):
     """250 and more inputs go by a recursion: the same problem in blocks of fewer inputs."""
     for K, n, m, way in ((260, 2, 1, "half"), (150, 3, 2, "tight"), (100, 2, 3, "one-sided")):
@@ -179,45 +164,6 @@ def test_long_horizons_equal_condensed_ones(gen):
         dense = _core.box_control(M, y, R, p.low, p.high, None, None)
         assert lp.norm(dense.control - u, p.H) <= plan.limited.distance + dense.distance + 1e-9
         np.testing.assert_allclose(plan.limited.objective, dense.objective, rtol=1e-9)
-
-
-def test_soft_state_limits_equal_the_twin(gen):
-    """100 problems, in `make test` 50, also with limits of some states, sides or steps only."""
-    beyond, count = 0, sets(100, 50)
-    for i in range(count):
-        A, B, x0, K, low, high, weights = draw_case(gen, i, steps=(1, 2, 3, 5))
-        n, soft = len(A), 10.0 ** gen.uniform(-1, 3)
-        xf, (below, above) = gen.normal(size=n), draw_box(gen, WAYS[i % 5], K * n, 1.0)
-        below, above = below.reshape(K, n), above.reshape(K, n)
-        plan = se.control(
-            (A, B),
-            x0,
-            xf,
-            steps=K,
-            **within(**weights, limits=(low, high), soft=soft, state_limits=(below, above)),
-        )
-        p = lp.several_steps(A, B, x0, xf, K, low=low, high=high, **weights)
-        each = [lp.state_rows(A, B, x0, K, side * np.eye(n), side * limit)
-                for side, limit in ((1.0, above), (-1.0, below))]  # fmt: skip
-        C, c = (np.concatenate(parts) for parts in zip(*each, strict=True))
-        C, c = C[np.isfinite(c)], c[np.isfinite(c)]
-        u = plan.u.ravel()
-
-        def total(u, p=p, C=C, c=c, soft=soft):
-            return lp.objective(p, u) + soft * np.sum(np.maximum(0.0, C @ u - c) ** 2)
-
-        size = total(0.0 * u) + 1e-6
-        best = lc.solve(lp.softened(p, C, c, soft)).u[: len(u)]
-        assert plan.status == "optimal"
-        np.testing.assert_allclose(plan.limited.objective, total(u), rtol=1e-9, atol=1e-12 * size)
-        assert total(best) >= plan.limited.objective - plan.limited.gap - 1e-12 * size
-        assert lp.norm(u - best, p.H) <= plan.limited.distance + 1e-6 * np.sqrt(size)
-        free = lc.solve(p._replace(low=0 * u - np.inf, high=0 * u + np.inf)).objective
-        np.testing.assert_allclose(
-            plan.limited.missed, plan.limited.objective - free, atol=1e-8 * size
-        )
-        beyond += bool(np.any(C @ u - c > 1e-3))
-    assert beyond > 0.3 * count
 
 
 def test_soft_limits_that_are_kept_cost_nothing():

@@ -126,29 +126,6 @@ def test_a_loop_holds_its_readings_below_the_limit(model):
     assert most["soft"] <= min(most["free"], 1.04)
 
 
-def test_limits_that_cannot_be():
-    rng = np.random.default_rng(1)
-    u, y = rng.standard_normal((80, 1)), np.zeros((81, 1))
-    for t in range(80):
-        y[t + 1] = 0.8 * y[t] + u[t] + 0.01 * rng.standard_normal(1)
-    model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=1))
-    plan = {"record": "rest", "target": [0.1], "steps": 5}
-    with pytest.raises(InputError, match="`soft` must not be False for a model of outputs"):
-        se.control(model, **plan, limits=se.Limits(x=(None, 1.0), soft=False))
-    with pytest.raises(InputError, match="names 'level'"):
-        se.control(model, **plan, limits=se.Limits(x={"level": (None, 1.0)}))
-    gain = se.gain(model, 1.0, 1.0)
-    with pytest.raises(InputError, match="of outputs need a loop that plans"):
-        se.regulate(gain, offset_free=True, limits=se.Limits(x=(None, 1.0)))
-    for record, last in (((y[-3:], u[-2:]), u[-1]), ("rest", 0.0)):
-        own = {**plan, "record": record}
-        given = [se.Limits(rate=0.1), se.Limits(rate=0.1, previous=last)]
-        found = [se.control(model, **own, limits=one).u for one in given]
-        np.testing.assert_array_equal(*found)
-    with pytest.raises(InputError, match="`previous` must be given with `rate`"):
-        se.regulate(model, 5, offset_free=True, limits=se.Limits(rate=0.1))
-
-
 @pytest.mark.parametrize(
     ("window", "names"), [(se.Window(lags=3), ["y[0]"]), (se.Window(filters=(0.5, 3)), ["y[0]~1"])]
 )

@@ -10,8 +10,6 @@ from coverage_study import most, sets
 from limit_plans import at_a_limit, within
 from stochens_rs.limits.problem import loop_of
 
-ONE = [[1.0]], [[1.0]]  # x(k+1) = x(k) + u(k)
-
 
 @pytest.mark.parametrize("scale", [1e-6, 1.0, 1e6])
 def test_active_rates_are_those_with_multipliers(gen, scale):
@@ -29,15 +27,6 @@ def test_active_rates_are_those_with_multipliers(gen, scale):
         assert at_a_limit(plan) == plan.limited.rate_active.any()
         seen += np.count_nonzero(plan.limited.rate_active)
     assert seen > 30
-
-
-def test_states_wait_for_time():
-    sides = {"limits": (-1.0, 1.0), "rate": 0.1, "previous": [0.0]}
-    plan = se.control(ONE, [3.0], [0.0], steps=30, time_limit=1e-9, **within(**sides, Q=1.0))
-    assert plan.status in ("user_limit", "optimal")
-    assert np.all(np.abs(np.diff(plan.u.ravel(), prepend=0.0)) <= 0.1 + 1e-12)
-    best = se.control(ONE, [3.0], [0.0], steps=30, **within(**sides, Q=1.0))
-    assert plan.limited.objective - best.limited.objective <= plan.limited.gap + 1e-9
 
 
 @pytest.mark.parametrize("highest", [0.8, 0.7])
@@ -67,17 +56,3 @@ def test_the_true_system_keeps_hard_limits_of_a_plan_from_data(highest):
     assert found >= 0.9 * count
     assert left <= most(count, 0.05)
     assert without >= 0.25 * count
-
-
-def test_hard_limits_without_room_for_the_tube_say_what_is_missing():
-    gen = np.random.default_rng(1)
-    z = gen.standard_normal((12, 2))
-    noisy = se.Trajectories.from_pairs(
-        z[:, :1], z[:, 1:], z.sum(1)[:, None] + gen.standard_normal((12, 1))
-    )
-    model = se.identify(noisy, checks=False, noise=se.Noise(design="independent"))
-    plan = se.control(
-        model, [1.0], [0.0], steps=2, limits=se.Limits(u=(-3, 3), x=(-0.1, 0.1), soft=False)
-    )
-    assert plan.status == "infeasible"
-    assert plan.limited.missing > 0.1

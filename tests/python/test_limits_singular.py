@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 
-import stochens_rs as se
 from stochens_rs import _core
-from stochens_rs.theory.exact import states
 
 KINDS = ("none", "low", "high", "some", "both")
 
@@ -87,30 +85,3 @@ def test_the_gap_of_a_control_that_is_not_the_best_is_finite_and_true(gen) -> No
         found = _core.box_control(np.ascontiguousarray(M), y, np.zeros(d), low, none, None, 1e-12)
         best = conic(M, y, low, none)
         assert found.objective - found.gap <= best + 1e-12 * float(y @ y)
-
-
-@pytest.mark.parametrize("limits", [None, (None, 0.4), (-0.2, None), (-0.5, [np.inf, 0.5])])
-def test_plans_without_a_weight_of_the_inputs(gen, limits) -> None:
-    """More inputs than states count: K m = 12 for n = 3."""
-    for _ in range(10):
-        A, B = 0.5 * gen.standard_normal((3, 3)), gen.standard_normal((3, 2))
-        x0, xf = gen.standard_normal(3), 2.0 * gen.standard_normal(3)
-        plan = se.control((A, B), x0, xf, steps=6, limits=limits, cost=se.Cost(R=0.0))
-        assert plan.status == "optimal"
-        assert plan.limited.gap is not None
-        assert plan.limited.objective is not None
-        scale = (
-            float(np.sum((np.linalg.matrix_power(A, 6) @ x0 - xf) ** 2)) + plan.limited.objective
-        )
-        assert plan.limited.gap <= 1e-9 * scale
-        at = states(A, B, x0, plan.u)[-1]
-        assert plan.limited.objective == pytest.approx(
-            float(np.sum((at - xf) ** 2)), abs=1e-12 * scale
-        )
-        task = plan.limited.task
-        M = np.hstack([np.linalg.matrix_power(A, 5 - k) @ B for k in range(6)])
-        y = xf - np.linalg.matrix_power(A, 6) @ x0
-        assert (
-            plan.limited.objective
-            <= conic(M, y, task.low.ravel(), task.high.ravel()) + 1e-9 * scale
-        )

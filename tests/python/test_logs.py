@@ -100,25 +100,6 @@ def test_lost_rows_are_counted_once():
     assert repr(data) == "<Trajectories: 1 run in 4 pieces, 6 pairs, 3 rows lost, n=2 m=1 dt=0.1>"
 
 
-def test_least_squares_of_an_integer_log_with_lost_rows():
-    """Inputs and noise by integer formulas, rows 10, 11 and 30 lost; numbers by other code."""
-    t = np.arange(61)
-    u, w = ((3 * t**2 + 2 * t) % 7 - 3) / 3.0, ((t + 2) ** 2 % 11 - 5) / 20.0
-    y = np.append([0.3, -0.2], np.zeros(59))
-    for k in range(1, 60):
-        y[k + 1] = 1.2 * y[k] - 0.5 * y[k - 1] + u[k] + 0.4 * u[k - 1] + w[k + 1]
-    assert y[60] == pytest.approx(-0.1313653632019, abs=1e-12)
-    y[[10, 11, 30]] = u[[10, 11, 30]] = nan
-    table = {"y": y[1:], "y before": y[:-1], "u before": u[:-1], "u": u[1:]}
-    data = se.Trajectories.from_table(table, states=list(table)[:3], inputs=["u"])
-    assert data.size == 52
-    model = se.identify(data, checks=False, noise=se.Noise(exact=["y before", "u before"]))
-    found = np.hstack([model.A, model.B])[0, [0, 1, 3, 2]]
-    expected = [1.18569387532, -0.4779681122702, 1.034331191496, 0.4330868101888]
-    np.testing.assert_allclose(found, expected, rtol=1e-11)
-    assert model.covariance[0, 0] * (52 - 4) == pytest.approx(0.957983156482, rel=1e-11)
-
-
 # -- one run stays one run -------------------------------------------------------------------------
 
 

@@ -166,24 +166,3 @@ def conic(A, B, x0, steps, **sides):
     settings.verbose = False
     found = clarabel.DefaultSolver(P.tocsc(), np.zeros(N), C, c, cones, settings).solve()
     return found.obj_val, np.array(found.x[:d]).reshape(-1, m)
-
-
-@pytest.mark.parametrize(
-    "sides",
-    [{"rate": 1.0}, {"x": [np.inf, np.inf, 0.3, np.inf]}, {"rate": 1.0, "x": [0.5, 0.2, 1, 1]}],
-)
-def test_rates_and_states_over_a_long_horizon(sides):
-    x0, u = np.array([0.1, 0.05, 0, 0]), 5.0
-    limits = se.Limits(
-        u=(-u, u),
-        rate=sides.get("rate"),
-        previous=0.0 if "rate" in sides else None,
-        x=None if "x" not in sides else (-np.array(sides["x"]), sides["x"]),
-        soft=False if "x" in sides else None,
-    )
-    plan = se.control(CART, x0, np.zeros(4), steps=150, limits=limits, cost=COST)
-    best, v = conic(CART.A, CART.B, x0, 150, u=u, **sides)
-    assert plan.status == "optimal"
-    assert plan.limited.objective == pytest.approx(best, rel=1e-6)
-    np.testing.assert_allclose(plan.u[:5], v[:5], atol=1e-4)
-    assert plan.limited.open_until < 150

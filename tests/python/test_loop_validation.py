@@ -58,9 +58,9 @@ def test_the_scores_by_their_definition() -> None:
 
 
 def test_coverage_and_a_mutant() -> None:
-    """300 draws, of 19 runs and a next one at 5 %; starts that grow for the last run fail more."""
+    """300 draws, in `make test` 30, of 19 runs and a next one at 5 %; far starts fail more."""
     gen, failed, moved = np.random.default_rng(2), np.zeros(2, dtype=int), 0
-    count = sets(300, 60)
+    count = sets(300, 30)
     for _ in range(count):
         x, _ = ridden(loop(), 20, gen)
         held = loop().validate(x[:19], scale=[0.1, 0.2])
@@ -149,40 +149,6 @@ def of_readings(**options):
     return made, ride
 
 
-def test_a_loop_from_readings_by_definition() -> None:
-    made, ride = of_readings(target={"y[0]": 0.5})
-    y, u = ride(20)
-    y[3, 5:], y[7, 1:] = np.nan, np.nan  # aborted
-    held = made.validate(y, 0.2, scale=[0.1, 0.2])
-    model = made.model
-    J = model.loop.J
-    for r, (run, deviation, miss) in enumerate(zip(y, held.deviations, held.misses, strict=True)):
-        if r in (3, 7):
-            assert np.isinf([deviation, miss]).all()
-            continue
-        made.reset()
-        path = run.copy()
-        for k in range(K):
-            v = made(path[k])
-            if made.log[-1].status == "gain":  # lags: the last two readings, and the input before
-                acted = made.log[-2].u
-                x = np.hstack([path[k], path[k - 1], acted])
-                path[k + 1] = model.coefficients @ (J @ np.hstack([x, v]))
-        off = np.abs(run - path) / [0.1, 0.2]
-        assert deviation == pytest.approx(off.max(), rel=1e-6)
-        assert miss == pytest.approx(abs(run[-1, 0] - 0.5), rel=1e-12)  # the other one is free
-    assert held.diverged == 2
-    whole = [r for r in range(20) if r not in (3, 7)]
-    data = se.Trajectories(list(y[whole]), list(u[whole]), outputs=True)
-    same = made.validate(data, 0.2, scale=[0.1, 0.2])
-    np.testing.assert_array_equal(same.deviations, held.deviations[whole])
-    own = made.validate(data, 0.2)
-    unit = own.tube[-1] / own.factor
-    np.testing.assert_allclose(unit, np.sqrt(np.diag(model.covariance)), rtol=1e-12)
-    with pytest.raises(InputError, match="`runs` must have the inputs of this loop, run 0"):
-        made.validate(se.Trajectories(list(y[whole]), list(0.5 * u[whole]), outputs=True))
-
-
 def test_a_run_in_which_the_loop_never_begins_is_lost() -> None:
     made, ride = of_readings(target=[0.5, np.nan], max_missing=0)
     y, _ = ride(3)
@@ -191,9 +157,9 @@ def test_a_run_in_which_the_loop_never_begins_is_lost() -> None:
 
 
 def test_coverage_of_a_loop_from_readings() -> None:
-    """25 draws (300), of 19 runs and a next one at 5 %; a far start of the last one fails more."""
+    """300 draws, in `make test` 15, of 19 runs and a next one at 5 %; a far start fails more."""
     made, ride = of_readings(target={"y[0]": 0.5})
-    failed, moved, count = np.zeros(2, dtype=int), 0, sets(300, 25)
+    failed, moved, count = np.zeros(2, dtype=int), 0, sets(300, 15)
     for _ in range(count):
         held = made.validate(ride(19)[0])
         last, far = (made.validate(ride(1, size)[0], 0.5) for size in (1.0, 300.0))

@@ -9,7 +9,7 @@ from scipy import stats
 import stochens_rs as se
 from coverage_study import sets
 
-SETS = sets(300, 40)
+SETS = sets(300, 24)
 LAWS = {
     "normal": lambda gen, shape: gen.standard_normal(shape),
     "uniform": lambda gen, shape: gen.uniform(-1.7, 1.7, shape),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs.theory import drawn_bound, moments
 
 
@@ -61,24 +62,6 @@ def test_the_exact_system_gets_to_its_target(n, m, K):
     np.testing.assert_allclose(free @ plan.u.ravel(), 0.0, atol=1e-9)
 
 
-def test_steer_samples_fuses_and_controls():
-    system, x0, xf = case(4, 2, 2)
-    plan = se.steer(system, x0, xf, 500, steps=4, method="slse", rng=7)
-    key = se.rng.as_key(7)
-    targets = {"x0": x0, "xf": xf, "A": system.A}
-    fits = [
-        se.fuse(se.sample(w, 500, rng=key.child(name)), "slse", target=w)
-        for name, w in targets.items()
-    ]
-    np.testing.assert_array_equal(plan.u, se.control((fits[2], system.B), *fits[:2], steps=4).u)
-    hats = [fit.estimate for fit in fits]
-    np.testing.assert_allclose(plan.u, plug_in(hats[2], system.B, *hats[:2], 4), rtol=1e-9)
-    assert plan.info["key"] == key
-    assert plan.info["A"]["size"] == 500
-    assert "4 steps" in repr(plan)
-    assert len(se.steer(system, x0, xf, 500, rng=7).u) == 1
-
-
 def test_a_square_problem_warns():
     system, x0, xf = case(4, 2, 3)
     warned = se.steer(system, x0, xf, 100, steps=2, rng=1).info["warnings"]
@@ -94,13 +77,15 @@ def test_a_square_problem_warns():
 @pytest.mark.parametrize("scheme", ["iid", "systematic"])
 @pytest.mark.parametrize("axis", ["columns", "rows"])
 def test_the_bound_from_the_law(scheme, axis):
-    """200 seeds at delta = 0.2: 40 failures expected, 63 = 4 standard errors more.
+    """200 seeds, in `make test` 80, at delta = 0.2: a fifth fails, and 4 standard errors more.
 
     Mutants: half the radius; the formula for rare failures that forgets the error of A.
     """
     system, x0, xf = case(4, 2, 6)
     failures = {"state": 0, "control": 0, "half": 0, "rare": 0, "target": 0}
-    for seed in range(200):
+    count = sets(200, 80)
+    allowed = 0.2 * count + 4.0 * np.sqrt(0.16 * count)
+    for seed in range(count):
         key = se.rng.as_key(seed)
         drawn = [
             se.sample(w, 200, rng=key.child(str(i)), scheme=scheme, axis=axis)
@@ -120,8 +105,8 @@ def test_the_bound_from_the_law(scheme, axis):
         rare = plan.bound(1e-9)
         assert rare["state"].method == "sum of errors"
         failures["rare"] += error.state > rare.state or error.control > rare.control
-    assert max(failures[name] for name in ("state", "control", "target")) <= 63
-    assert failures["half"] > 63
+    assert max(failures[name] for name in ("state", "control", "target")) <= allowed
+    assert failures["half"] > allowed
     assert failures["rare"] == 0
 
 
@@ -188,18 +173,3 @@ def test_the_leading_order_is_a_derivative():
 
 
 # -- input ---------------------------------------------------------------------------------------
-
-
-def test_errors_at_the_origin_are_relative_to_the_start():
-    """For a reachable xf = 0, the exact control leads to the origin up to rounding."""
-    gen = np.random.default_rng(5)
-    system = se.System(gen.standard_normal((4, 4)), gen.standard_normal((4, 4)))
-    x0, xf = gen.standard_normal(4), np.zeros(4)
-    for steps in (1, 3):
-        plan = se.steer(system, x0, xf, 50, steps=steps, rng=1)
-        error = plan.error(system, x0, xf)
-        assert error.state_relative_to == "x0"
-        assert error.state_relative == pytest.approx(error.state / np.linalg.norm(x0), rel=1e-12)
-    exact = se.control(system, x0, xf)
-    assert exact.error(system, x0, xf).state_relative == 0.0
-    assert se.steer(system, x0, xf + 1.0, 50, rng=1).error(system, x0, xf + 1.0).state_relative < 9

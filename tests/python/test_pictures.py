@@ -57,13 +57,13 @@ def test_a_plot_looks_as_it_did_and_its_texts_can_be_read(name: str) -> None:
 
 @pytest.mark.parametrize("name", [*pictures.AXES, *pictures.FIGURES])
 def test_whatever_is_taken_away_is_missed(name: str) -> None:
-    """Each part, in `make test` every fifth."""
+    """Each part, in `make test` every twelfth."""
     figure = pictures.drawn(name)
     whole = pictures.pixels(figure)
     figure.set_layout_engine("none")
     assert pictures.difference(pictures.pixels(figure), whole) == 0
     missed = []
-    for group in parts(figure)[:: sets(1, 5)]:
+    for group in parts(figure)[:: sets(1, 12)]:
         for artist in group:
             artist.set_visible(False)
         picture = pictures.pixels(figure)

@@ -78,19 +78,12 @@ def test_regions_with_feedback_and_without(delta: float) -> None:
 # -- certificates ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
-@pytest.mark.parametrize("name", ["rig", "n2 stable", "n3", "n4 one step"])
-def test_certificates(name: str, delta: float) -> None:
-    plant = {**FAMILIES, "rig": rig()}[name]
-    assert max(failures(plant, 20, 100, delta)) <= most(100, delta)
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
 @pytest.mark.parametrize("name", ["rig", *FAMILIES])
 def test_certificates_of_all_families(name: str, delta: float) -> None:
     plant = {**FAMILIES, "rig": rig()}[name]
-    many, some, few = sets(400, 20), sets(200, 20), sets(100, 10)
+    many, some, few = sets(400, 30), sets(200, 20), sets(100, 10)
     for runs in (10, 60):
         assert max(failures(plant, runs, many, delta)) <= most(many, delta)
     assert max(failures(plant, 20, some, delta, noise=True)) <= most(some, delta)
@@ -104,12 +97,6 @@ def test_it_is_close_to_the_error() -> None:
     found = [outcome(rig(), 100, np.random.default_rng([seed, 7])) for seed in range(60)]
     error = np.quantile([one.miss for one in found], 0.95)
     assert np.median([one.target for one in found]) < 1.4 * error
-
-
-@pytest.mark.parametrize("delta", [0.5, 0.05])
-def test_noise_and_unknown_covariances(delta: float) -> None:
-    for options in ({"noise": True}, {"unknown": "scalar"}, {"unknown": "full"}):
-        assert max(failures(rig(), 20, 60, delta, **options)) <= most(60, delta)
 
 
 def test_another_plant_as_pilot() -> None:

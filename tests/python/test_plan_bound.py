@@ -251,11 +251,3 @@ def test_entities_with_one_key_are_not_independent():
     for call in (plan.bound, plan.covariance):
         with pytest.raises(InputError, match="`x0` and `xf` were drawn with the same key"):
             call()
-
-
-def test_a_fit_and_a_sample_with_one_key_are_not_independent():
-    """With one key for both, 64 of 300 bounds of delta 0.05 failed: refused."""
-    fit = se.fuse(se.sample(X0, N, rng=1), "alse", target=X0)
-    with pytest.raises(InputError, match="`x0` and `A` were drawn with the same key"):
-        se.control((se.sample(A, N, rng=1), B), fit, XF).bound()
-    assert se.control((se.sample(A, N, rng=2), B), fit, XF).bound().state > 0.0

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-
 import numpy as np
 import pytest
 
 import stochens_rs as se
 import tail_bounds as bounds
-from stochens_rs._base.types import smallest_size
-from stochens_rs.exceptions import InputError, SizeError
+from stochens_rs.exceptions import SizeError
 from stochens_rs.rng import as_key
 from stochens_rs.theory import moments
 
@@ -59,7 +56,7 @@ def test_the_simulation_has_the_exact_moments(quantity: str, fusion: str) -> Non
 @pytest.mark.parametrize(
     "options", [{}, {"quantity": "control"}, {"fusion": "diagonal"}, {"steps": 3}]
 )
-@pytest.mark.parametrize("delta", [0.3, 0.05, 0.01])
+@pytest.mark.parametrize("delta", [0.3, 0.01])
 def test_the_answer_is_near_the_smallest_sufficient_size(options, delta) -> None:
     """Within 1.3 times: at a size 1.3 times smaller the simulated quantile is too large.
 
@@ -75,19 +72,6 @@ def test_the_answer_is_near_the_smallest_sufficient_size(options, delta) -> None
     assert np.mean(drawn > plan.error) > delta
 
 
-def test_relative_and_absolute_errors_agree() -> None:
-    first = se.required_samples(SYSTEM, X0, XF, 0.1, rng=1)
-    again = se.required_samples(SYSTEM, X0, XF, first.error, relative=False, rng=1)
-    assert first.rows == again.rows
-    assert first.to_dict() == again.to_dict()
-    assert "Bousquet" in str(first)
-    assert first.relative_to == "x_actual"
-    said = f"at most {first.error:.3g} (10 % of {first.reference:.3g}, the norm of the state that"
-    assert said in str(first)
-    assert said in first._repr_html_()
-    json.dumps(first.to_dict(), allow_nan=False)
-
-
 def test_what_no_bound_can_promise_is_said() -> None:
     plan = se.required_samples(SYSTEM, X0, XF, 8e-8, rng=1)
     assert plan.rows[-1].size is None
@@ -99,19 +83,6 @@ def test_what_no_bound_can_promise_is_said() -> None:
 def test_several_steps_need_a_delta_that_can_be_simulated() -> None:
     with pytest.raises(SizeError, match=r"`delta` must be at least .* got 1e-07"):
         se.required_samples(SYSTEM, X0, XF, 0.1, delta=1e-7, steps=3, rng=1)
-
-
-def test_the_smallest_size_is_found() -> None:
-    for wanted in (*range(1, 70), 2**40 + 1, 2**53 - 1, 2**53, 2**53 + 1):
-        looks: list[int] = []
-
-        def enough(N: int, wanted: int = wanted, looks: list[int] = looks) -> bool:
-            looks.append(N)
-            return wanted <= N
-
-        assert smallest_size(enough) == (None if wanted > 2**53 else wanted)
-        assert max(looks) <= 2**53
-        assert len(looks) <= 54
 
 
 def test_a_known_problem_needs_one_realization() -> None:
@@ -136,15 +107,3 @@ def test_the_origin_within_reach_is_zero_up_to_rounding() -> None:
     assert plan.error(system, X0, [0.0] * 4).state_relative_to == state.relative_to
     plan = se.required_samples(system, X0, [0.0] * 4, 0.5, relative=False, rng=1)
     assert plan.size > 1
-
-
-@pytest.mark.filterwarnings("error")
-def test_scales() -> None:
-    plan = se.required_samples(SYSTEM, X0, XF, 0.3, rng=1)
-    for scale in (1e-150, 1e150):
-        scaled = se.required_samples(SYSTEM, scale * X0, scale * XF, 0.3, rng=1)
-        assert scaled.size == plan.size
-        assert scaled.simulated_size == plan.simulated_size
-    for scale, words in ((1e-200, "underflow"), (1e200, "overflow")):
-        with pytest.raises(InputError, match=words):
-            se.required_samples(SYSTEM, scale * X0, scale * XF, 0.3, rng=1)

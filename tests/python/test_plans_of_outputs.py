@@ -140,21 +140,6 @@ def test_held_out_runs_say_where_the_next_one_is():
     assert least <= missed <= most
 
 
-def test_what_held_out_runs_must_be():
-    system, plan, record, rng = planned(3)
-    made = [np.vstack([record[0][-1:], system.follow(*record, plan.u, rng)]) for _ in range(19)]
-    names = {"state_names": plan.basis.model.outputs, "input_names": plan.labels.inputs}
-    inputs = [plan.u] * 19
-    data = se.Trajectories(made, inputs, outputs=True, **names)
-    assert plan.validate(data).factor == plan.validate(made).factor
-    with pytest.raises(InputError, match="inputs of this plan"):
-        plan.validate(se.Trajectories(made, [0.5 * plan.u] * 19, outputs=True, **names))
-    with pytest.raises(InputError, match="systems have no record"):
-        plan.validate(se.SystemEnsemble(np.ones((20, 2, 2)), np.ones((20, 2, 1))))
-    with pytest.raises(ShapeError):
-        plan.validate(np.zeros((20, 9, system.p + 1)))
-
-
 # -- rest ----------------------------------------------------------------------------------------
 
 
@@ -261,9 +246,9 @@ def test_the_plan_of_a_loop_is_what_it_does_and_has_a_bound():
 
 
 def test_readings_are_in_the_tubes_of_the_plans_of_a_loop():
-    """40 systems: the plan of the third call is followed to its end, twice."""
-    outside = 0
-    for seed in range(40):
+    """40 systems, in `make test` 16: the plan of the third call is followed to its end, twice."""
+    outside, count = 0, sets(40, 16)
+    for seed in range(count):
         system, plan, record, rng = planned(seed, checks=False)
         loop = se.regulate(plan.basis.model, 8, offset_free=False)
         acted, (y, u) = loop.start(record), [list(one) for one in record]
@@ -275,13 +260,13 @@ def test_readings_are_in_the_tubes_of_the_plans_of_a_loop():
         for _ in range(2):
             off = system.follow(y, u, own.u, rng) - own.predicted_outputs[1:]
             outside += (np.linalg.norm(off, axis=1) > bound.tube[1:]).any()
-    assert outside <= 24
+    assert outside <= 0.6 * count
 
 
 # -- long windows --------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("filters", [(0.7, 7), (0.7, 10), (0.8, 7)])
+@pytest.mark.parametrize("filters", [(0.7, 7), (0.7, 10), (0.8, 7)][: sets(3, 2)])
 def test_loops_of_long_windows_are_certified(filters):
     """Up to 30 states that nearly depend on each other: .35, .62 and .74 of 1 by frequencies."""
     data = Rig().data(200, np.random.default_rng(1))
@@ -292,7 +277,7 @@ def test_loops_of_long_windows_are_certified(filters):
         assert proof.status == "certified"
         assert proof.check()
         assert proof.norm < 1.2 * proof.least
-        if filters == (0.7, 7) and number < sets(2, 1):  # in rational numbers
+        if filters == (0.7, 7) and number < sets(2, 0):  # in rational numbers
             part, (n, d) = proof.region.parts[0], proof.region.centre.shape
             W, S = np.zeros((len(part.white), d)), np.zeros((n, n))
             W[:, part.columns], S[np.ix_(part.rows, part.rows)] = part.white, part.S

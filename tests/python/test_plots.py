@@ -142,28 +142,6 @@ def test_runs_are_drawn_with_their_gaps(tmp_path):
     assert len(data.plot(inputs=[]).axes) == 2
 
 
-def test_a_plan_is_drawn_with_its_target_and_its_tube_where_one_is_known():
-    model, _ = identified()
-    plan = se.control(model, [1.0, 0.0], [0.0, 0.0], steps=3)
-    for given, drawn in (
-        (None, ["95 % guaranteed"]),
-        (False, []),
-        (plan.bound(0.1), ["90 % guaranteed"]),
-    ):
-        labels = [text.get_text() for text in plan.plot(given).legends[0].get_texts()]
-        assert labels == [*drawn, "predicted", "target", "input"]
-    figure = se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=2).plot()
-    assert figure.axes[0].get_xlabel() == "step k"
-    with pytest.raises(InputError, match="over 3 steps, got one over 2 steps"):
-        plan.plot(se.control(model, [1.0, 0.0], [0.0, 0.0], steps=2).bound())
-    with pytest.raises(InputError, match=r"`measured` must have shape \(4, 2\)"):
-        plan.plot(measured=np.zeros((3, 2)))
-    with pytest.raises(
-        InputError, match="this certificate has no 'tube': it bounds target, state, control"
-    ):
-        plan.plot(se.control(([[0.5]], [[1.0]]), [1.0], [0.0], steps=3).bound())
-
-
 def test_a_certificate_is_drawn_with_its_parts_its_tube_and_its_components():
     model, _ = identified()
     found = se.control(model, [1.0, 0.0], [0.0, 0.0], steps=3).bound()
@@ -266,21 +244,6 @@ def test_the_edge_of_a_region_is_the_shadow_of_it(options):
             step = np.array([D[entry] for entry in pair])
             normals = np.stack([np.cos(angles), np.sin(angles)])
             assert (step @ normals <= ((corners - centre) @ normals).max(axis=0) + 1e-12).all()
-
-
-def test_two_regions_in_one_figure():
-    model, _ = identified()
-    region = model.region()
-    ax = region.plot((0, 2), (1, 1), label="one")
-    assert (ax.get_xlabel(), ax.get_ylabel()) == ("B[0, 0]", "A[1, 1]")
-    region.plot((0, 2), (1, 1), label="two", ax=ax)
-    first, second = ax.patches
-    assert first.get_edgecolor() != second.get_edgecolor()
-    assert [text.get_text() for text in ax.get_legend().get_texts()] == ["one", "two"]
-    with pytest.warns(DataWarning, match="do not determine"):
-        few, _ = identified(n=14, runs=1)
-    with pytest.raises(InputError, match="do not determine"):
-        few.region().plot()
 
 
 def many() -> tuple[se.System, np.ndarray, list[int]]:

@@ -108,31 +108,6 @@ def test_the_bounds_are_those_of_a_plan_with_these_inputs(how):
     assert se.Plan.from_dict(given.to_dict()).basis.given
 
 
-def test_what_a_plan_can_a_prediction_can():
-    _, model, ((record, inputs, readings), *_) = kept()
-    plan = se.predict(model, record=record, inputs=inputs)
-    found = plan.typical(0.2, draws=100, rng=1)
-    assert 0.0 < found.miss < found.certified == plan.bound(0.2).target
-    assert found.miss < plan.typical(0.2, draws=100, rng=1, noise=True).certified
-    held = plan.validate(np.tile(readings, (19, 1, 1)))
-    np.testing.assert_array_equal(held.xf, plan.predicted_outputs[-1])
-    # one step is enough, fewer than a plan needs to come to rest
-    short = se.predict(model, record=record, inputs=inputs[:1])
-    np.testing.assert_allclose(short.predicted_outputs, plan.predicted_outputs[:2], atol=1e-12)
-    np.testing.assert_allclose(short.bound().outputs, plan.bound().outputs[:1], rtol=1.0)
-    still = se.predict(model, record="rest", inputs=inputs)
-    assert "declared: the plant was at rest" in still.bound().assumption
-
-
-def test_predictions_are_drawn_with_what_was_read():
-    pytest.importorskip("matplotlib")
-    system, model, ((record, inputs, readings), *_) = kept()
-    figure = se.predict(model, record=record, inputs=inputs).plot(measured=readings)
-    assert len(figure.axes) == system.p + system.m
-    with pytest.raises(ShapeError, match="measured"):
-        se.predict(model, record=record, inputs=inputs).plot(measured=readings[1:])
-
-
 def test_the_misses_of_drawn_models_are_from_what_is_predicted():
     """A target for each of the last rows: the same runs as with a target of 0, and its distance."""
     _, model, ((record, inputs, _), *_) = kept()

@@ -116,8 +116,8 @@ def test_quantiles_of_normal_vectors(n):
 # -- the twin --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("K", [1, 2, 7])
-@pytest.mark.parametrize("n", [1, 3, 5])
+@pytest.mark.parametrize("K", [1, 5])
+@pytest.mark.parametrize("n", [1, 4])
 @pytest.mark.parametrize("noise", ["none", "in the region", "Gaussian"])
 def test_the_twin_finds_the_same(n, K, noise):
     gen = np.random.default_rng([n, K])

@@ -83,22 +83,6 @@ def test_uncontrollable_and_empty_problems():
 # -- counterexamples -------------------------------------------------------------------------------
 
 
-def test_where_the_system_goes_by_itself_is_reachable():
-    """xf = A^K x0 in another order of summation: the difference is rounding, in any direction."""
-    gen = np.random.default_rng(3)
-    A, B, x0 = gen.standard_normal((4, 4)), gen.standard_normal((4, 1)), gen.standard_normal(4)
-    xf = np.array([sum(row[::-1] * x0[::-1]) for row in A])
-    assert 0.0 < np.linalg.norm(xf - A @ x0) < 1e-14
-    assert reach((A, B), x0, xf).reachable
-    assert se.control((A, B), x0, xf).reachability.reachable
-    later = np.array([sum(row[::-1] * xf[::-1]) for row in A])
-    assert reach((A, B), x0, later, 2).reachable
-    assert se.control((A, B), x0, later, steps=2).reachability.reachable
-    near = xf + 1e-9 * gen.standard_normal(4)
-    assert not reach((A, B), x0, near).reachable
-    assert not se.control((A, B), x0, near).reachability.reachable
-
-
 def test_more_steps_need_not_reach_what_fewer_do():
     system = [[0.5]], [[0.0]]
     assert reach(system, [1.0], [0.5], 1).reachable
@@ -116,16 +100,6 @@ def peak(call):
         return tracemalloc.get_traced_memory()[1]
     finally:
         tracemalloc.stop()
-
-
-def test_the_controllability_matrix_takes_no_object_per_block():
-    A, B = np.diag([0.9, 0.8, 0.7]), np.ones((3, 1))
-    powers = dynamics.matrix_powers(A, 19_999)
-    C = dynamics.controllability(powers, B)
-    blocks = [B, *(powers[1:] @ B)]
-    assert C.tobytes() == np.hstack(blocks).tobytes()
-    assert C.flags.c_contiguous
-    assert peak(lambda: dynamics.controllability(powers, B)) < 3 * C.nbytes
 
 
 @pytest.mark.parametrize(("n", "m"), [(3, 1), (20, 1), (10, 10)])

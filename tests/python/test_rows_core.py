@@ -289,29 +289,3 @@ def test_states_that_are_fixed_and_limits_far_away() -> None:
         if reach == n:
             assert found.status == "optimal"
             assert case.over(found.control).max() <= 1e-10
-
-
-def test_scaling_changes_nothing() -> None:
-    """States in thousandths, inputs in thousands: the same control in other units."""
-    gen = np.random.default_rng(15)
-    for _ in range(30):
-        case = with_states(gen, with_rate(gen, drawn(gen)), None)
-        s, t = 1e-4, 1e3  # x = s x', u = t u'
-        other = case._replace(
-            B=case.B * t / s,
-            x0=case.x0 / s,
-            reference=case.reference / s,
-            stage=case.stage * s * s,
-            terminal=case.terminal * s * s,
-            R=case.R * t * t,
-            low=case.low / t,
-            high=case.high / t,
-            rate=case.rate / t,  # type: ignore[operator]
-            previous=case.previous / t,  # type: ignore[operator]
-            state_low=case.state_low / s,  # type: ignore[operator]
-            state_high=case.state_high / s,  # type: ignore[operator]
-        )
-        found, theirs = case.solve(), other.solve()
-        assert theirs.status == "optimal"
-        size = found.objective + found.at_zero
-        assert theirs.objective == pytest.approx(found.objective, abs=1e-9 * size)

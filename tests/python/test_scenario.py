@@ -1,4 +1,4 @@
-"""Risk numbers: published values, the sums of the reference, and their coverage."""
+"""Risk numbers: published values, closed forms, and their coverage."""
 
 from __future__ import annotations
 
@@ -6,10 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
 
 from stochens_rs.theory import scenario
-from twin import scenario as twin
 
 BETA = 0.05
 
@@ -41,25 +39,6 @@ def test_published_values() -> None:
     assert np.round(after, 4).tolist() == [0.0481, 0.1206]
     fresh = [scenario.hold_out(3000, v, 1e-6) for v in (0, 30, 150)]
     np.testing.assert_allclose(fresh, [0.0046, 0.0215, 0.0715], atol=6e-5)
-
-
-def test_all_bounds_equal_the_sums_of_the_reference(gen: np.random.Generator) -> None:
-    for _ in range(60):
-        N = int(gen.integers(1, 400))
-        k, r = (int(x) for x in gen.integers(0, N + 1, 2))
-        d = int(gen.integers(1, 30))
-        beta = float(10.0 ** -gen.uniform(0.3, 12.0))
-        pairs = [
-            (scenario.a_priori(N, d, beta), twin.a_priori(N, d, beta)),
-            (scenario.judged(N, k, beta), twin.judged(N, k, beta)),
-            (scenario.compression(N, k, beta), twin.compression(N, k, beta)),
-            (scenario.compression(N, k, beta, violations=r), twin.compression(N, k, beta, r)),
-            (scenario.discarding(N, r, d, beta), twin.discarding(N, r, d, beta)),
-            (scenario.hold_out(N, k, beta), twin.hold_out(N, k, beta)),
-            *zip(scenario.relaxed(N, k, beta), twin.relaxed(N, k, beta), strict=True),
-        ]
-        for i, (mine, other) in enumerate(pairs):
-            assert mine == pytest.approx(other, rel=1e-10, abs=1e-14), (i, N, k, r, d, beta)
 
 
 def test_large_sizes_stay_in_order() -> None:
@@ -116,21 +95,6 @@ def allowed(fleets, beta=BETA):
 # -- known digits ----------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("N", "d", "beta"), [(60, 4, 0.05), (3000, 21, 1e-6), (50, 50, 1e-9)])
-def test_binomial_tails_are_incomplete_betas(N, d, beta):
-    np.testing.assert_allclose(
-        twin.a_priori(N, d, beta), stats.beta.isf(beta, d, N - d + 1), rtol=1e-10
-    )
-    k = d - 1
-    np.testing.assert_allclose(
-        twin.hold_out(N, k, beta), stats.beta.isf(beta, k + 1, N - k), rtol=1e-10
-    )
-    # nothing was discarded: the form for discarded units is the one before the data
-    np.testing.assert_allclose(
-        twin.discarding(N, 0, d, beta), twin.a_priori(N, d, beta), rtol=1e-12
-    )
-
-
 # -- coverage --------------------------------------------------------------------------------------
 
 
@@ -139,7 +103,7 @@ def test_hold_out():
     gen, shares = np.random.default_rng(14), []
     for risk in (0.003, 0.01, 0.05, 0.2, 0.5):
         counts = gen.binomial(200, risk, size=20_000)
-        eps = np.array([twin.hold_out(200, k, BETA) for k in range(201)])
+        eps = np.array([scenario.hold_out(200, k, BETA) for k in range(201)])
         shares.append(np.mean(risk > eps[counts]))
         assert shares[-1] <= allowed(20_000)
     assert max(shares) > 0.02
@@ -150,8 +114,8 @@ def test_the_smaller_of_two_needs_half_of_beta_each():
     x = np.random.default_rng(16).random((40_000, 60))
     risk = 1.0 - (x.max(axis=1) - x.min(axis=1))
     fresh = np.random.default_rng(17).binomial(60, risk)
-    tests = [np.array([twin.hold_out(60, k, b) for k in range(61)]) for b in (BETA, BETA / 2)]
-    naive = np.minimum(twin.a_priori(60, 2, BETA), tests[0][fresh])
-    half = np.minimum(twin.a_priori(60, 2, BETA / 2), tests[1][fresh])
+    tests = [np.array([scenario.hold_out(60, k, b) for k in range(61)]) for b in (BETA, BETA / 2)]
+    naive = np.minimum(scenario.a_priori(60, 2, BETA), tests[0][fresh])
+    half = np.minimum(scenario.a_priori(60, 2, BETA / 2), tests[1][fresh])
     assert np.mean(risk > half) <= allowed(40_000)
     assert np.mean(risk > naive) > allowed(40_000)

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from core_regions import ball
 from coverage_study import most, sets
 from hidden_outputs import Arx, Belt
 from stochens_rs import _core
 from stochens_rs.controls.set_point import rest_at
-from stochens_rs.exceptions import InputError, InputTypeError, ShapeError, SolverError
-from test_feedback import S, V, white
+from stochens_rs.exceptions import InputError, InputTypeError, SolverError
+from test_feedback import S, V
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 
@@ -37,11 +38,8 @@ def at(points, target, weights=(1.0, 1.0), low=-np.inf, high=np.inf):
 
 
 def region_of(name):
-    part = _core.RegionPart(
-        np.arange(2), np.arange(3), white(V), np.linalg.cholesky(V).T.copy(), np.zeros((3, 0)), 1.0,
-        0.01 * S, 1.0,
-    )  # fmt: skip
-    return _core.Region(np.array(H[name]), 1, (part,), None, False), part
+    region = ball(H[name], V, 0.01 * S)
+    return region, region.parts[0]
 
 
 NEAREST = {
@@ -180,10 +178,9 @@ def test_true_points_of_rest_are_not_refused():
     assert refused[1.0] > 0.3 * count
 
 
-@pytest.mark.parametrize("delta", [0.5, 0.2, 0.05])
-def test_the_true_system_rests_where_it_is_said(delta):
+def test_the_true_system_rests_where_it_is_said():
     """Coverage of `loop.rest` on hidden systems with m outputs held, by name."""
-    missed = count = 0
+    missed, count = dict.fromkeys((0.5, 0.2, 0.05), 0), 0
     for seed in range(sets(200, 60)):
         rng = np.random.default_rng([40, seed])
         system = Arx(rng)
@@ -193,19 +190,21 @@ def test_the_true_system_rests_where_it_is_said(delta):
         chosen = rng.permutation(system.p)[: system.m]
         target = {model.outputs[i]: float(rng.standard_normal()) for i in chosen}
         loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target=target)
-        rest = rest_at(model, loop._point, delta)
-        if not np.isfinite(rest.components).all():
+        rests = {delta: rest_at(model, loop._point, delta) for delta in missed}
+        if not all(np.isfinite(rest.components).all() for rest in rests.values()):
             continue
         count += 1
         A, B = system.A.sum(axis=0), system.B.sum(axis=0)
         M = np.hstack([np.eye(system.p) - A, -B])
         point = rows_of(loop, model)
         place = np.linalg.solve(np.vstack([M, point[0]]), np.hstack([np.zeros(system.p), point[1]]))
-        off = np.abs(place - np.hstack([rest.states, rest.inputs]))
-        room = np.hstack([rest.components, rest.input_components])
-        missed += bool((off > room + 1e-9 * (1.0 + np.abs(place))).any())
+        for delta, rest in rests.items():
+            off = np.abs(place - np.hstack([rest.states, rest.inputs]))
+            room = np.hstack([rest.components, rest.input_components])
+            missed[delta] += bool((off > room + 1e-9 * (1.0 + np.abs(place))).any())
     assert count > 20
-    assert missed <= delta * count + 3.0 * np.sqrt(delta * count) + 1.0
+    for delta, number in missed.items():
+        assert number <= delta * count + 3.0 * np.sqrt(delta * count) + 1.0
 
 
 def rows_of(loop, model):
@@ -231,8 +230,8 @@ def plant(system, loop, steps, force, shift, scale):
 
 
 def test_held_outputs_are_exact_on_any_plant():
-    """60 plants, in `make test` 10, 3 % off their models, with constants everywhere: 1e-6."""
-    rested, count = 0, sets(60, 10)
+    """60 plants, in `make test` 5, 3 % off their models, with constants everywhere: 1e-6."""
+    rested, count = 0, sets(60, 5)
     for seed in range(count):
         rng = np.random.default_rng([41, seed])
         system = Arx(rng)
@@ -351,46 +350,6 @@ def test_a_new_target_moves_nothing_else(belt):
     assert np.isnan(loop.target[0])
 
 
-@pytest.mark.parametrize(
-    ("target", "error", "words"),
-    [
-        ({"weight": 1.0}, InputError, r"must name some of the outputs phi, load, got \['weight'\]"),
-        ({}, InputError, "must name some of the outputs"),
-        ([np.nan, np.nan], InputError, "of one output at least"),
-        ([np.inf, 1.0], InputError, "must be finite, or nan"),
-        ([[1.0, np.nan], [np.nan, 1.0]], InputError, "in all steps alike"),
-        ([1.0], ShapeError, "shape"),
-        ({"load": [1.0, 2.0], "phi": [1.0, 2.0, 3.0]}, ShapeError, "as many steps"),
-        ("load", InputTypeError, "`target`"),
-        ({"load": "high"}, InputTypeError, "`target`"),
-    ],
-)
-def test_targets_that_are_none(belt, target, error, words):
-    _, _, gain = belt
-    with pytest.raises(error, match=words):
-        se.regulate(gain, offset_free=True, target=target)
-    loop = se.regulate(gain, offset_free=True, target={"load": 1.0})
-    with pytest.raises(error, match=words):
-        loop([0.0, 0.0], target=target)
-    assert loop.target[1] == 1.0
-    assert loop.calls == 0
-
-
-def test_a_free_output_that_integrates_stays(belt):
-    """Nothing is asked of the load of a mass that is moved by its speed: it stays where it is."""
-    rng = np.random.default_rng(1)
-    y, u = np.zeros((400, 2)), rng.standard_normal((399, 1))
-    for t in range(399):
-        push = u[t, 0] - 0.1 * y[t, 1]
-        y[t + 1] = [0.5 * y[t, 0] + push, y[t, 1] + push]
-        y[t + 1] += 0.02 * rng.standard_normal(2)
-    data = se.Trajectories([y], [u], outputs=True, state_names=["speed", "place"])
-    model = se.identify(data, checks=False, window=se.Window(lags=1))
-    loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target={"speed": 0.0})
-    assert np.isfinite(loop.rest.states).all()
-    assert abs(loop.rest.states[0]) < 0.1
-
-
 def test_what_is_exact_needs_a_learned_bias(belt):
     _, _, gain = belt
     loop = se.regulate(gain, offset_free=False, target={"load": 10.0})
@@ -483,22 +442,6 @@ def test_a_target_out_of_reach_is_held_again_when_the_weather_allows_it(house):
     assert u[100:140, 0].min() > 11.9
     assert y[100:140].mean() < 10.0
     assert abs(y[-60:].mean() - 20.0) < 0.1
-
-
-def test_measured_inputs_that_are_none(house):
-    gain = se.gain(house, 1.0, 1.0, given=["outdoor"])
-    loop = se.regulate(gain, offset_free=True)
-    for wrong, words in (({}, "`given` must be outdoor, got None"), ({"given": 1j}, "`given`")):
-        with pytest.raises((InputError, InputTypeError), match=words):
-            loop([0.0], **wrong)
-    with pytest.raises(InputError, match="`given` must be left out"):
-        se.regulate(se.gain(house, 1.0, 1.0), offset_free=True)([0.0], given=[1.0])
-    for more in ({"given": ["sun"]}, {"given": ["heater", "outdoor"]}):
-        with pytest.raises(InputError, match="`given` must"):
-            se.gain(house, 1.0, 1.0, **more)
-    with pytest.raises(InputError, match="`given` must leave an input to choose, and needs Q and"):
-        se.gain(house, given=["outdoor"])
-    assert loop.calls == 0
 
 
 def test_known_set_points_with_a_given_input():
@@ -676,13 +619,13 @@ def follows_targets(seed, delta, wrong=0.0):
 def test_hidden_systems_stay_in_the_tube_of_a_reference():
     """Targets to come, with and without a learned bias; half as wide it must fail."""
     for delta in (0.5, 0.05):
-        found = [follows_targets(seed, delta) for seed in range(sets(200, 14))]
+        found = [follows_targets(seed, delta) for seed in range(sets(200, 8))]
         known = [one for one in found if one is not None]
         assert len(known) > len(found) / 3
         assert known.count(False) <= most(len(known), delta)
     # anti-test: around the centre alone
-    thin = [follows_targets(seed, 0.5, 0.97) for seed in range(14)]
-    assert thin.count(False) > 0.5 * (14 - thin.count(None))
+    thin = [follows_targets(seed, 0.5, 0.97) for seed in range(8)]
+    assert thin.count(False) > 0.5 * (8 - thin.count(None))
 
 
 def test_names_without_their_units_are_known():

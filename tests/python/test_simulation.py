@@ -201,35 +201,7 @@ def test_a_large_mean_does_not_hide_the_variance() -> None:
     assert np.all(found.variance[1:] > 0.1)
 
 
-def test_nothing_drawn_is_the_exact_trajectory() -> None:
-    gen = np.random.default_rng(1)
-    A, B = gen.standard_normal((300, 300)) / 20, gen.standard_normal((300, 4))
-    u, x0 = gen.standard_normal((6, 4)), gen.standard_normal(300)
-    exact = se.simulate((A, B), x0, u).states
-    for averaging in ("runs", "mean-field"):
-        found = se.simulate_ensemble(
-            (A, B),
-            x0,
-            u,
-            40,
-            sampled=(),
-            averaging=averaging,
-            replicates=1 if averaging == "runs" else 3,
-            rng=1,
-        )
-        assert_allclose(found.mean, exact, rtol=0, atol=1e-13 * np.abs(exact).max())
-        assert np.all(found.variance <= 1e-26 * np.abs(exact).max() ** 2)
-
-
 # -- contracts -----------------------------------------------------------------------------------
-
-
-def test_a_larger_ensemble_starts_with_the_smaller_one() -> None:
-    A, B, u, x0 = problem("plain")
-    whole = se.simulate_ensemble((A, B), x0, u, 2100, rng=1, keep="runs").runs
-    for size in (1, 31, 33, 1024, 1025):
-        part = se.simulate_ensemble((A, B), x0, u, size, rng=1, keep="runs").runs
-        assert np.array_equal(part, whole[:size])
 
 
 def test_the_key_repeats_the_result() -> None:
@@ -245,39 +217,3 @@ def test_the_key_repeats_the_result() -> None:
 
 
 # -- the law of the runs -------------------------------------------------------------------------
-
-
-def recursion(A: Array, B: Array, u: Array, x0: Array, size: float = 1.0) -> tuple[Array, Array]:
-    """Means (K + 1, n) and covariances (K + 1, n, n) of a run, or of a mean field of `size`."""
-
-    def T(M: Array, d: Array) -> Array:
-        return np.diag(np.abs(M) @ (np.abs(M).sum(axis=0) * d)) - M @ np.diag(d) @ M.T
-
-    mu, S = [x0], [T(x0[:, None], np.ones(1)) / size]
-    for u_k in u:
-        d = np.diag(S[-1]) + mu[-1] ** 2
-        S.append(A @ S[-1] @ A.T + (T(A, d) + T(B, u_k**2)) / size)
-        mu.append(A @ mu[-1] + B @ u_k)
-    return np.array(mu), np.array(S)
-
-
-def gaussian(n: int, m: int, seed: int) -> tuple[Array, Array, Array]:
-    """A with spectral radius 1, B and x0."""
-    gen = np.random.default_rng(seed)
-    A = gen.standard_normal((n, n))
-    A /= np.abs(np.linalg.eigvals(A)).max()
-    return A, gen.standard_normal((n, m)), gen.standard_normal(n)
-
-
-def test_a_mean_field_beats_runs_over_several_steps() -> None:
-    """n = 10, N = 200, K = 6, 500 replicates: the traces that the recursion predicts."""
-    A, B, x0 = gaussian(10, 5, 1)
-    u = np.random.default_rng(2).standard_normal((6, 5))
-    N = 200
-    found = se.simulate_ensemble((A, B), x0, u, N, averaging="mean-field", replicates=500, rng=1)
-    mu, S = recursion(A, B, u, x0, N)
-    expected = np.einsum("kii->k", S)
-    assert_allclose(found.variance.sum(axis=1), expected, rtol=0.4)  # 10 % standard deviation
-    assert np.all(np.linalg.norm(found.mean - mu, axis=1) < 4 * np.sqrt(expected / 500))
-    _, of_runs = recursion(A, B, u, x0)
-    assert np.trace(of_runs[6]) / N > 100 * expected[6]

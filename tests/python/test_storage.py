@@ -10,7 +10,6 @@ import pickle
 import struct
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 import warnings
@@ -193,31 +192,6 @@ def test_devices_and_pipes_are_neither_read_nor_written(tmp_path: Path) -> None:
             state_file.load(path, "k")
     assert sorted(os.listdir(tmp_path)) == ["folder", "pipe"]
     assert not os.path.exists("/dev/full.lock")
-
-
-@POSIX
-def test_a_directory_that_cannot_be_written_to() -> None:
-    root = os.geteuid() == 0
-    try:
-        if root:
-            os.seteuid(65534)  # root may write everywhere
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / "state"
-            state_file.save(path, "k", {"u": np.ones(3)})
-            os.chmod(folder, 0o500)
-            try:
-                with pytest.raises(StateIOError) as caught:
-                    state_file.save(path, "k", {"u": np.zeros(3)})
-                assert caught.value.errno == errno.EACCES
-                assert state_file.load(path, "k")[1]["u"].tolist() == [1.0, 1.0, 1.0]
-                with pytest.raises(StateIOError) as caught:
-                    state_file.save(Path(folder) / "new", "k", {})
-                assert caught.value.errno == errno.EACCES
-            finally:
-                os.chmod(folder, 0o700)
-    finally:
-        if root:
-            os.seteuid(0)
 
 
 def test_no_directory_no_file_a_long_name(tmp_path: Path) -> None:

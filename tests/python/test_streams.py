@@ -324,24 +324,6 @@ def test_systematic_counts_equal_the_twin(name: str, size: int) -> None:
         assert np.array_equal(ensemble.counts(), expected)
 
 
-def test_indices_are_small_and_read_only() -> None:
-    for n, dtype in ((10, np.uint8), (256, np.uint8), (257, np.uint16), (300, np.uint16)):
-        indices = se.sample(vector(n), 5, rng=1).indices
-        assert indices.dtype == dtype
-        assert indices.shape == (5, 1)
-        assert not indices.flags.writeable
-
-
-@pytest.mark.parametrize("name", ["vector10", "vector300", "matrix-columns", "matrix-rows"])
-def test_prefix_is_the_smaller_sample(name: str) -> None:
-    target, axis = TARGETS[name]
-    whole = se.sample(target, 2 * CHUNK + 3, rng=5, axis=axis)
-    for k in (1, 8, CHUNK - 1, CHUNK, CHUNK + 1, 2 * CHUNK + 3):
-        short = se.sample(target, k, rng=5, axis=axis)
-        assert np.array_equal(whole.prefix(k).indices, short.indices)
-        assert whole.prefix(k).size == k
-
-
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="reads Linux's accounts")
 def test_a_million_matrices_take_their_bytes() -> None:
     script = """

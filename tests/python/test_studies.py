@@ -8,9 +8,8 @@ import os
 import signal
 import subprocess
 import sys
-import threading
 import time
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -19,7 +18,6 @@ import pytest
 
 import stochens_rs as se
 import study_functions as functions
-from coverage_study import sets
 from stochens_rs.exceptions import InputError, InputTypeError
 from stochens_rs.studies import running
 from stochens_rs.studies import study as study_module
@@ -125,40 +123,6 @@ def test_workers_use_one_thread_each() -> None:
         found = se.Study(functions.threads, {}, replicates=5, rng=1).run(threads)
     assert set(found.values["threads"]) == {1.0}
     assert se.get_num_threads() == before
-
-
-class Shuffled(Executor):
-    """Runs at the end, in a wild order, what was submitted; says how many waited."""
-
-    def __init__(self, seed: int, workers: int) -> None:
-        self._random = np.random.default_rng(seed)
-        self._max_workers, self._kept, self.most = workers, [], 0
-        self._lock = threading.Lock()
-
-    def submit(self, fn, /, *args, **kwargs):  # type: ignore[no-untyped-def]
-        future: Future[object] = Future()
-        with self._lock:
-            self._kept.append((future, fn, args))
-            self.most = max(self.most, len(self._kept))
-        if args[1][0] == 0 or self._random.random() < 0.1:
-            self._release()
-        else:
-            threading.Timer(0.02, self._release).start()
-        return future
-
-    def _release(self) -> None:
-        with self._lock:
-            for k in self._random.permutation(len(self._kept)):
-                future, fn, args = self._kept[k]
-                future.set_result(fn(*args))
-            self._kept.clear()
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_the_order_of_blocks_does_not_matter(undisturbed: se.studies.Results, seed: int) -> None:
-    executor = Shuffled(seed, 1 + seed)
-    assert study().run(executor).digest == undisturbed.digest
-    assert executor.most <= 2 * (1 + seed)  # a bounded queue
 
 
 @pytest.mark.parametrize(("cost", "most", "count"), [(1e-7, 10**6, 30), (0.004, 125, 260)])
@@ -340,29 +304,6 @@ def test_a_result_that_ctrl_c_cut_short_is_not_kept() -> None:
     assert run.stdout.split("\n")[0] == "interrupted interrupted [[True], [False]]", run.stderr
 
 
-@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent to oneself on Windows")
-def test_ctrl_c_in_a_study_of_studies_ends_both() -> None:
-    inner: list[str] = []
-    calls: list[int] = []
-
-    def task(key: se.Key) -> dict[str, float]:
-        calls.append(1)
-        if len(calls) == 150:
-            os.kill(os.getpid(), signal.SIGINT)
-        return noise(key)
-
-    def outer(key: se.Key) -> dict[str, float]:
-        results = se.Study(task, {}, replicates=100, rng=key).run()
-        inner.append(results.status)
-        return {"x": float(np.nanmean(results.values["x"]))}
-
-    results = se.Study(outer, {}, replicates=1000, rng=1).run()
-    assert results.status == "interrupted"
-    assert inner == ["completed", "interrupted"]
-    assert results.done.sum() == 1
-    assert len(calls) == 150
-
-
 def test_a_time_limit_ends_a_run(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = functions.Clock()
     for module in (running, study_module, functions):
@@ -442,46 +383,3 @@ if __name__ == "__main__":
         [sys.executable, "-c", text], capture_output=True, text=True, timeout=300, cwd=folder
     )
     assert done.stdout == "True\n", done.stderr
-
-
-@FORK
-@pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")
-def test_workers_are_killed_and_nothing_changes(gen: np.random.Generator, tmp_path: Path) -> None:
-    """What a progress was told of is in the file, and is not computed again."""
-    whole = se.Study(noise, {"scale": [1.0, 3.0]}, replicates=150, rng=2).run().digest
-    killed, number = 0, 0
-    while killed < sets(40, 12):
-        path, number, over = tmp_path / f"{number}.study", number + 1, threading.Event()
-        pools: list[ProcessPoolExecutor] = []
-
-        def kill(pools=pools, over=over) -> None:  # type: ignore[no-untyped-def]
-            nonlocal killed
-            own = 0  # a machine that is slow gets to the end as well
-            while own < 10 and not over.wait(float(gen.uniform(0.02, 0.25))):
-                # the pool may end or lose a worker meanwhile
-                with contextlib.suppress(RuntimeError, ProcessLookupError):
-                    workers = list((pools[-1]._processes or {}) if pools else [])
-                    if workers and not over.is_set():
-                        os.kill(workers[int(gen.integers(len(workers)))], signal.SIGKILL)
-                        killed, own = killed + 1, own + 1
-
-        killer = threading.Thread(target=kill)
-        killer.start()
-        results, acknowledged = None, 0
-        while results is None:
-            with (
-                contextlib.suppress(InputError),
-                ProcessPoolExecutor(2, mp_context=get_context("fork")) as pool,
-            ):
-                pools.append(pool)
-                seen: list[int] = []
-                try:
-                    made = se.Study(slow, {"scale": [1.0, 3.0]}, replicates=150, rng=2)
-                    results = made.run(pool, path, progress=lambda n, _, s=seen: s.append(n))
-                finally:
-                    assert not seen or seen[0] >= acknowledged
-                    acknowledged = max([acknowledged, *seen])
-                    assert int(se.Study.resume(path).results.done.sum()) == acknowledged
-        over.set()
-        killer.join()
-        assert results.digest == whole

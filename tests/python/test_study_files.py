@@ -31,7 +31,7 @@ from stochens_rs.exceptions import (
 )
 from stochens_rs.studies import running, tasks
 from stochens_rs.studies import study as study_module
-from stochens_rs.studies.tasks import DONE, FAILED, WAITING, Block, StudyFile, Table
+from stochens_rs.studies.tasks import DONE, FAILED, Block, StudyFile
 from study_functions import noise, slow, sometimes
 
 GRID = {"scale": [1.0, 2.0]}
@@ -254,26 +254,6 @@ def test_what_cannot_be_kept_is_refused(value: object, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"`function` holds what cannot be kept"):
         study(function=partial(scaled, factor=value)).run(path=path)
     assert study(**given).run().status == "completed"
-
-
-def fall(key: se.Key, scale: float) -> dict[str, float]:
-    return {"height": scale}
-
-
-def test_units_are_read_without_the_function(tmp_path: Path) -> None:
-    path, parts = tmp_path / "a.study", [tmp_path / "b.study", tmp_path / "c.study"]
-    fall.units = {"height": "m", "scale": "kg"}  # type: ignore[attr-defined]
-    whole = study(function=fall).run(path=path)
-    found = se.Study.resume(path).results
-    assert found.units == whole.units == {"height": "m", "scale": "kg"}
-    assert found.about == whole.about
-    for part, span in zip(parts, (range(5), range(5, 20)), strict=True):
-        study(span, function=fall).run(path=part)
-    assert se.Study.merge(parts, tmp_path / "d.study").results.units == whole.units
-    assert se.Study.resume(tmp_path / "d.study").results.units == whole.units
-    # other texts make no other study
-    fall.units = {"height": "km"}  # type: ignore[attr-defined]
-    assert se.Study.resume(path, fall).run(path=path).units == {"height": "km"}
 
 
 def test_another_platform_is_refused(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -516,26 +496,6 @@ def test_hostile_blocks(tmp_path: Path, name: str) -> None:
     refused(written(tmp_path / "a.study", FIRST, {**SECOND, **HOSTILE[name]}))
 
 
-MANIFEST = json.loads(FIRST["record"].tobytes())["study"]
-MANIFESTS = {
-    "not a mapping": [1],
-    "no key": {k: v for k, v in MANIFEST.items() if k != "key"},
-    "number as version": {**MANIFEST, "version": 3},
-    "short key": {**MANIFEST, "key": "00"},
-    "grid is a list": {**MANIFEST, "grid": [1]},
-    "nested is a list": {**MANIFEST, "nested": [1]},
-    "replicates backwards": {**MANIFEST, "replicates": [5, 3]},
-    "vast replicates": {**MANIFEST, "replicates": [0, 2**40]},
-    "function is a number": {**MANIFEST, "function": 3},
-    "number as unit": {**MANIFEST, "units": {"height": 5}},
-}
-
-
-@pytest.mark.parametrize("name", MANIFESTS)
-def test_hostile_manifests(tmp_path: Path, name: str) -> None:
-    refused(written(tmp_path / "a.study", with_tree(FIRST, study=MANIFESTS[name])))
-
-
 def test_records_out_of_order_are_refused(tmp_path: Path) -> None:
     path = written(tmp_path / "a.study", FIRST, SECOND, numbers=(1, 3))
     with pytest.raises(StateError, match="must be record 2, got 3"):
@@ -562,29 +522,6 @@ def test_other_files_are_refused(tmp_path: Path) -> None:
             se.Study.resume(tmp_path / "pipe")
     with pytest.raises((StateError, StateIOError)):
         study().run(path=tmp_path / "missing" / "a.study")
-
-
-@pytest.mark.parametrize("old", [WAITING, DONE, FAILED])
-@pytest.mark.parametrize("new", [WAITING, DONE, FAILED])
-def test_what_becomes_of_a_task_that_occurs_twice(old: int, new: int) -> None:
-    """What is done stays, a failure may be replaced by anything but nothing."""
-
-    def block_with(state: int, text: str) -> Block:
-        values = {"x": np.array([1.0, 0.5 if state == DONE else np.nan, 2.0])}
-        states = np.array([DONE, state, DONE], dtype=np.int8)
-        errors = (text,) if state == FAILED else ()
-        return Block(np.array([3, 4, 5]), states, values, errors, {"numpy": "2"})
-
-    found = Table(2, 5)
-    found.add(block_with(old, "old"))
-    found.add(block_with(new, "new"))
-    state = DONE if DONE in (old, new) else max(old, new)
-    assert found.states.tolist() == [WAITING, DONE, state, DONE, WAITING]
-    wanted = [np.nan, 1.0, 0.5 if state == DONE else np.nan, 2.0, np.nan]
-    assert np.array_equal(found.values["x"], wanted, equal_nan=True)
-    told = {} if state != FAILED else {4: "new" if new == FAILED else "old"}
-    assert found.errors == told
-    assert found.count(FAILED) == len(told)
 
 
 # -- merged ----------------------------------------------------------------------------------------
@@ -615,21 +552,6 @@ def test_parts_that_differ_are_refused(tmp_path: Path) -> None:
     written(tmp_path / "2.study", FIRST, SECOND)
     with pytest.raises(StateError, match=r"2.study: two blocks differ in `x` of the same replicat"):
         se.Study.merge([tmp_path / "0.study", tmp_path / "2.study"])
-
-
-def test_parts_of_other_platforms_are_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    study(range(5)).run(path=tmp_path / "0.study")
-    here = tasks.fingerprint()
-    for module in (running, study_module):
-        monkeypatch.setattr(module, "fingerprint", lambda: {**here, "numpy": "1.26.0"})
-    study(range(3, 20)).run(path=tmp_path / "1.study")
-    monkeypatch.undo()
-    whole = se.Study.merge([tmp_path / "0.study", tmp_path / "1.study"], tmp_path / "all.study")
-    assert whole.results.digest == WHOLE.digest
-    assert whole.results.about["numpy"] == f"{here['numpy']} or 1.26.0"
-    assert se.Study.resume(tmp_path / "all.study").results.about == whole.results.about
 
 
 # -- killed ----------------------------------------------------------------------------------------

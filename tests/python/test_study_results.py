@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -91,12 +90,3 @@ def test_files_have_all_numbers(tmp_path: Path) -> None:
     assert {one.name for one in tmp_path.iterdir()} == {"a.csv", "a.nc", "a.json"}
     with pytest.raises(InputError, match=r"must be one of '.csv', '.nc', '.json', got str '.xls"):
         RESULTS.save(tmp_path / "a.xls")
-
-
-@pytest.mark.parametrize("package", ["xarray", "h5netcdf"])
-def test_a_missing_package_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, package: str
-) -> None:
-    monkeypatch.setitem(sys.modules, package, None)
-    with pytest.raises(ImportError, match=rf"{package}: install the extra .*stochens_rs\[tables\]"):
-        RESULTS.save(tmp_path / "a.nc")

@@ -117,41 +117,6 @@ def test_both_averages_agree_where_they_must(case):
             close(found, np.zeros_like(found) + expected)
 
 
-def test_a_realization_that_is_used_twice_is_biased():
-    # E[(A^s)^2] = A^2 + diag(g_j |a_jj|) - A diag(a_jj): the mean needs fresh draws per step.
-    expected = A3 @ A3 + np.diag(np.abs(A3).sum(axis=0) * np.abs(np.diag(A3)))
-    expected -= A3 @ np.diag(np.diag(A3))
-    close(sum(p * S @ S for p, S in matrix_atoms(A3)), expected)
-    assert np.abs(expected - A3 @ A3).max() > 1.0
-
-
-@axes
-@pytest.mark.parametrize("A", [A2, A3, [[0.0, 2.0], [0.0, -1.0]], -1.5 * np.eye(2)])
-def test_autonomous_closed_form(A, axis):
-    # Columns: x(K) stays a singleton, E[x x^T] = diag(g0 Q^K |x0|). Rows: its diagonal, likewise.
-    A, x0 = np.asarray(A, dtype=float), np.array([1.0, -0.5, 0.25])[: len(A)]
-    lines = np.abs(A).sum(axis=0 if axis == "columns" else 1, keepdims=True)
-    Q = np.abs(A) * lines
-    K = 5
-    system, u = (A, np.zeros((len(A), 1))), np.zeros((K, 1))
-    mu = se.simulate(system, x0, u).states
-    S = moments.trajectory_covariance(system, x0, u, axis=axis)
-    for k in range(K + 1):
-        second = S[k] + np.outer(mu[k], mu[k])
-        moment = np.abs(x0).sum() * np.linalg.matrix_power(Q, k) @ np.abs(x0)
-        close(second if axis == "columns" else np.diag(second), (
-            np.diag(moment) if axis == "columns" else moment
-        ))  # fmt: skip
-
-
-def test_a_rotation_loses_its_signal_in_k_steps():
-    # No K in the bound of Lemma 4.3: here N times the mean square error is 2^(K+1) - 1.
-    H = np.array([[1.0, 1.0], [1.0, -1.0]]) / np.sqrt(2.0)
-    system, x0 = (H, np.zeros((2, 1))), np.full(2, np.sqrt(0.5))
-    rms = moments.trajectory_rms(system, x0, np.zeros((10, 1)), 50)
-    np.testing.assert_allclose(50 * rms**2, 2.0 ** np.arange(1, 12) - 1.0, rtol=1e-12)
-
-
 def test_no_steps_at_all():
     u = np.zeros((0, 1))
     S = moments.trajectory_covariance((A2, [[1.0], [0.0]]), [3.0, -1.0], u, 4)

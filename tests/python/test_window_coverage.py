@@ -61,7 +61,7 @@ def padded(system, lags):
 
 
 def test_systems_with_lags_and_feedback():
-    misses, runs = 0, sets(240, 25)
+    misses, runs = 0, sets(240, 15)
     for seed in range(runs):
         gen = np.random.default_rng([7, seed])
         system = hidden_arx(gen)
@@ -92,7 +92,7 @@ def filter_runs(gen, window, Theta, runs, steps, size):
 
 
 def test_systems_with_filters():
-    misses, runs = 0, sets(150, 25)
+    misses, runs = 0, sets(150, 15)
     for seed in range(runs):
         gen = np.random.default_rng([8, seed])
         ny, m, r = (int(gen.integers(1, most + 1)) for most in (2, 2, 3))
@@ -222,7 +222,7 @@ def test_windows_that_are_too_short_fail():
 
 
 def test_a_controller_that_sees_what_is_not_logged_breaks_every_region():
-    misses, runs = 0, sets(12, 8)
+    misses, runs = 0, sets(12, 4)
     for seed in range(runs):
         gen = np.random.default_rng([10, seed])
         A = np.array([[0.95, 0.3], [0.0, 0.9]])

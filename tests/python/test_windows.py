@@ -161,18 +161,6 @@ def test_model_of_outputs_has_the_matrices_of_its_window():
     assert "inputs from logged signals only" in region.assumption
 
 
-def test_records_that_do_not_fill_the_window_are_refused():
-    window = Regressors(("a", "b"), ("u",), 12)
-    with pytest.raises(
-        InputError, match=r"needs 12 rows of outputs and 11 of inputs .* got 1 and 0"
-    ):
-        window.state_of([[0.0, 0.0]], np.zeros((0, 1)))
-    with pytest.raises(
-        InputError, match="needs pieces of more than 59 pairs, but the longest has 11"
-    ):
-        se.identify(arx(np.random.default_rng(1), steps=10), window=se.Window(lags=60))
-
-
 def test_oracle_of_a_tail():
     """rho^2 = 18.92955190225, a = 26.78537416554, N = 43, tail .05: 13.6045151291."""
     rows = rows_of(Regressors(("y",), ("u",), 2), one_run())[1]

@@ -21,9 +21,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochens_rs._core import smallest_quantile
+
 from .laws import chi2_quantile, log_hyp1f1, root
 from .laws import scipy as _scipy
-from .quantiles import smallest_quantile
 from .regions import Region, bound
 from .triangle import Triangle, fit, r_factor
 
@@ -122,28 +123,6 @@ def known_noise(
     )
 
 
-class Ridge(NamedTuple):
-    """H_lam = sum y z' V_lam^-1 and ||(H_lam - Theta) V_lam^(1/2)||_2 <= radius."""
-
-    H: Array
-    radius: float
-
-
-def ridge(data: Triangle, sigma: float, delta: float, lam: float, size: float) -> Ridge:
-    """The centre with a fixed lam, when ||Theta||_2 <= `size` is known.
-
-    H_lam - Theta = M V_lam^-1 - lam Theta V_lam^-1: sigma sqrt(2 c*) + lam size / sqrt(lam + lmin),
-    lmin the smallest eigenvalue of V. Least squares on the triangle with sqrt(lam) I below it.
-    """
-    d, n = data.d, len(data.R) - data.d
-    Z = np.vstack([data.R[:d, :d], np.sqrt(lam) * np.eye(d)])
-    Y = np.vstack([data.R[:d, d:], np.zeros((d, n))])
-    H = np.linalg.lstsq(Z, Y, rcond=None)[0].T
-    lmin = np.linalg.svd(data.R[:d, :d], compute_uv=False)[-1] ** 2
-    c = sphere_level(n, information(data, lam).ld, delta)
-    return Ridge(H, float(sigma * np.sqrt(2.0 * c) + lam * size / np.sqrt(lam + lmin)))
-
-
 def gaussian_noise(
     data: Triangle, delta: float, lams: Sequence[float] = (1.0,), *, anytime: bool = False
 ) -> Region:
@@ -157,7 +136,7 @@ def gaussian_noise(
     m = fit(data)
     share = delta / 2.0 / (data.N * (data.N + 1) if anytime else 1)
     rho2 = least_squares_level(data, delta / 2.0, lams)
-    a = smallest_quantile(len(m.H), data.N, share)
+    a = smallest_quantile(len(m.H), data.N, share, 1)
     factor = rho2 / (a - rho2) if a > rho2 else np.inf
     return Region(m, factor, m.S, delta, "Gaussian noise of one covariance, any design")
 

@@ -13,56 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .laws import normal_quantile
-from .regions import Region, _times, bound, radius
+from .regions import _times
 from .triangle import Fitted, seen
 
 Array = NDArray[np.float64]
-
-
-class OneStep(NamedTuple):
-    """||x(1) - xf|| <= certificate = reach + model (+ start)."""
-
-    certificate: float
-    reach: float  # ||H z - xf||
-    model: float  # the region at z, with noise where asked
-    start: float  # what an uncertain x(0) adds
-
-
-def one_step(
-    region: Region, x0: ArrayLike, u: ArrayLike, xf: ArrayLike, *, rho0: float = 0.0
-) -> OneStep:
-    """The noise-free step from x0, known up to `rho0`: all u at once.
-
-    ||H z - xf|| + sqrt(f ||S||) ||z||_{V^-1} + (||A-hat|| + sqrt(f ||S|| ||(V^-1)_xx||)) rho0.
-    """
-    return _one_step(region, x0, u, xf, rho0, noise=False)
-
-
-def one_noisy_step(
-    region: Region, x0: ArrayLike, u: ArrayLike, xf: ArrayLike, *, rho0: float = 0.0
-) -> OneStep:
-    """The same with the noise of the step; the region must be `full(.., future=1)`.
-
-    D z + w = Sigma^(1/2) [G, g] (V^(-1/2) z, 1), so sqrt(f ||S||) sqrt(1 + ||z||^2).
-    """
-    return _one_step(region, x0, u, xf, rho0, noise=True)
-
-
-def _one_step(
-    region: Region, x0: ArrayLike, u: ArrayLike, xf: ArrayLike, rho0: float, *, noise: bool
-) -> OneStep:
-    m = region.fitted
-    z = state_and_input(m, x0, u)
-    n = len(m.H)
-    reach = float(np.linalg.norm(m.H @ z - np.asarray(xf)))
-    size = _times(1.0, m, z)
-    model = radius(region) * float(np.hypot(1.0, size)) if noise else bound(region, z)
-    start = 0.0
-    if rho0 > 0.0:
-        known = all(seen(m, e) for e in np.eye(m.H.shape[1])[:n])
-        W = np.linalg.norm(m.white[:, :n], 2) if known else np.inf
-        start = float(np.linalg.norm(m.H[:, :n], 2) + radius(region) * W) * rho0
-    return OneStep(reach + model + start, reach, model, start)
 
 
 def state_and_input(fitted: Fitted, x: ArrayLike, u: ArrayLike) -> Array:

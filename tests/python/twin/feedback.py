@@ -1,4 +1,4 @@
-"""The proof of a feedback in NumPy, in floating point and in rational numbers."""
+"""The proof of a feedback in rational numbers, and the norms that it bounds in NumPy."""
 
 from __future__ import annotations
 
@@ -13,45 +13,6 @@ def joined(K, d):
     """``[I; K; 0]``."""
     m, n = K.shape
     return np.vstack([np.eye(n), K, np.zeros((d - n - m, n))])
-
-
-def gamma(j):
-    return j * U / (1 - j * U)
-
-
-def squared(a, off):
-    """``a a'`` for an a that is off by at most `off`, and by how much the product is."""
-    one = off @ (abs(a) + off / 2).T
-    return a @ a.T, 1.01 * (one + one.T + gamma(a.shape[1] + 2) * abs(a) @ abs(a).T)
-
-
-def positive(M, off):
-    """Whether a shifted Cholesky factorization runs through (Rump 2006)."""
-    N = len(M)
-    factored = 1.01 * gamma(N + 3) / (1 - gamma(N + 3)) * np.trace(abs(M))
-    try:
-        np.linalg.cholesky((M + M.T) / 2 - (1.01 * off.sum(1).max() + factored) * np.eye(N))
-    except np.linalg.LinAlgError:
-        return False
-    return True
-
-
-def verified(C, W, S, K, rho, R):
-    """``[Q - rho^2 S, 0; 0, I] - F Q F' > 0`` , Q = R R', F = [A0; E], in the coordinates of R."""
-    if not all(np.isfinite(one).all() for one in (C, W, S, K, R)) or not np.isfinite(rho):
-        return False
-    n, d = C.shape
-    J, L, r = joined(K, d), np.linalg.inv(R), len(W)
-    moved, sizes = C @ J @ R, abs(C) @ abs(J) @ abs(R)
-    below, below_sizes = W @ J @ R, abs(W) @ abs(J) @ abs(R)
-    unit, unit_off = squared(L @ R, gamma(n + 2) * abs(L) @ abs(R))
-    whole = np.vstack([L @ moved, below]), np.vstack([abs(L) @ sizes, below_sizes])
-    product, off = squared(whole[0], gamma(2 * d + 2 * n + 16) * whole[1])
-    given = rho**2 * L @ S @ L.T
-    M, around = np.eye(n + r) - product, off
-    M[:n, :n] += unit - given - np.eye(n)
-    around[:n, :n] += unit_off + gamma(2 * n + 16) * rho**2 * abs(L) @ abs(S) @ abs(L).T
-    return positive(M, around + gamma(8) * abs(M)) and positive(unit, unit_off)
 
 
 def rational(array):

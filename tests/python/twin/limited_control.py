@@ -7,7 +7,6 @@ of a feasible u~ from the best u.
 
 from __future__ import annotations
 
-import itertools
 from typing import NamedTuple
 
 import numpy as np
@@ -34,30 +33,6 @@ class Solution(NamedTuple):
     missed: float  # J(u) - min J without limits
 
 
-def by_enumeration(p: Problem) -> Array:
-    """Every choice of inputs at `low`, free, at `high`: for a box and few inputs, any rank of H.
-
-    Each choice by minimum-norm least squares; the best that stays inside, and of equal ones the
-    smallest. So with R = 0 it is the u of minimum norm among all best.
-    """
-    M, t = residual_form(p)
-    scale = max(1.0, float(np.max(np.abs([x for x in (*p.low, *p.high) if np.isfinite(x)] or [0]))))
-    found: list[tuple[float, float, Array]] = []
-    for choice in itertools.product((-1, 0, 1), repeat=len(p.low)):
-        side = np.array(choice)
-        u = np.where(side < 0, p.low, np.where(side > 0, p.high, 0.0))
-        free = side == 0
-        if not np.all(np.isfinite(u)):
-            continue
-        u[free] = np.linalg.lstsq(M[:, free], t - M @ u, rcond=1e-12)[0]
-        if np.all(u >= p.low - 1e-11 * scale) and np.all(u <= p.high + 1e-11 * scale):
-            u = np.clip(u, p.low, p.high)
-            found.append((objective(p, u), float(np.linalg.norm(u)), u))
-    best = min(J for J, _, _ in found)
-    ties = [x for x in found if x[0] <= best + 1e-13 * (objective(p, np.zeros(len(u))) + best)]
-    return min(ties, key=lambda x: x[1])[2]
-
-
 def solve(p: Problem) -> Solution:
     """The best u, for H > 0: least distance by nonnegative least squares (Lawson, Hanson 1974).
 
@@ -77,7 +52,7 @@ def solve(p: Problem) -> Solution:
     if not np.all(fixed):
         q, T = np.linalg.qr(M[:, ~fixed])
         if np.min(np.abs(np.diag(T))) <= 1e-14 * np.max(np.abs(T)):
-            raise ValueError("H is singular: see `by_enumeration`")
+            raise ValueError("H is singular")
         v = np.linalg.solve(T, q.T @ t)
         X = np.linalg.solve(T.T, rows[used][:, ~fixed].T).T
         w, z = _least_distance(X, y[used] - rows[used][:, ~fixed] @ v)
@@ -129,26 +104,6 @@ def finished(p: Problem, u: Array, rows: Array) -> Solution:
     gap = np.inf if len(p.c) else frank_wolfe_gap(p, u)
     gap = gap if np.isfinite(gap) else 2.0 * D * D
     return found._replace(gap=gap, distance=min(D, gap_distance(gap)))
-
-
-def by_clarabel(p: Problem) -> Array:
-    """The same problem by an interior-point solver, to some 1e-9: a second opinion."""
-    import clarabel  # type: ignore[import-untyped]
-
-    sparse = scipy().sparse
-    rows, ends = all_rows(p)
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
-    found = clarabel.DefaultSolver(
-        sparse.csc_matrix(np.triu(2.0 * p.H)),
-        gradient(p, np.zeros(len(p.low))),
-        sparse.csc_matrix(rows),
-        ends,
-        [clarabel.NonnegativeConeT(len(rows))],
-        settings,
-    ).solve()
-    return np.array(found.x)
 
 
 # -- certificates ----------------------------------------------------------------------------------

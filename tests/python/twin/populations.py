@@ -1,21 +1,20 @@
 """One command for many units: x_s = G_s u + (what u does not change), each with its own target.
 
 A unit is (M, t) with miss ||M u - t||: M = Q^(1/2) G_s, t = Q^(1/2) b_s, and below them the rows of
-R if inputs are weighed. `average` minimizes the mean of the squared misses, `worst` the largest
-miss; the latter is unique if every M has full column rank, which weighed inputs make true.
+R if inputs are weighed. `worst` minimizes the largest miss; its
+command is unique if every M has full column rank, which weighed inputs make true.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .laws import scipy
-from .limited_control import Solution, solve
-from .limited_problems import Problem, limits, matrix, root
+from .limited_problems import limits, matrix, root
 
 Array = NDArray[np.float64]
 Unit = tuple[Array, Array]
@@ -45,15 +44,6 @@ def unit(
 def misses(units: Sequence[Unit], u: Array) -> Array:
     """||M_s u - t_s||, (N,)."""
     return np.array([np.linalg.norm(M @ u - t) for M, t in units])
-
-
-def average(units: Sequence[Unit], low: ArrayLike = -np.inf, high: ArrayLike = np.inf) -> Solution:
-    """min mean_s ||M_s u - t_s||^2: all rows below each other, over sqrt(N)."""
-    M = np.vstack([M for M, _ in units]) / np.sqrt(len(units))
-    t = np.concatenate([t for _, t in units]) / np.sqrt(len(units))
-    d = M.shape[1]
-    nothing = np.zeros((0, d)), np.zeros(0)
-    return solve(Problem(M, t, np.eye(len(t)), *nothing, *limits(low, high, (d,)), *nothing))
 
 
 def worst(units: Sequence[Unit], low: ArrayLike = -np.inf, high: ArrayLike = np.inf) -> Worst:
@@ -109,33 +99,3 @@ def dual_value(units: Sequence[Unit], vectors: Sequence[Array], low: Array, high
     g = np.where(free, 0.0, M.T @ v)
     box = [x * (a if x > 0.0 else b) for x, a, b in zip(g, low, high, strict=True) if x != 0.0]
     return float(max(sum(box) - v @ t, 0.0))
-
-
-def same(a: Worst, b: Worst, tolerance: float) -> bool:
-    """Whether two solutions agree in value, and in u to the root of the tolerance.
-
-    The value is flat around the best u: a solver that finds it to 1e-8 finds u to 1e-4.
-    """
-    near = np.max(np.abs(a.u - b.u)) <= np.sqrt(tolerance) * (1.0 + np.max(np.abs(a.u)))
-    return bool(near and abs(a.value - b.value) <= tolerance * (1.0 + a.value))
-
-
-def support(
-    units: Sequence[Unit], solver: Callable[[list[Unit]], Worst], *, tolerance: float = 1e-7
-) -> list[int]:
-    """Indices of units that alone give the same u and value, none of them dispensable.
-
-    One after another is left out if u and value stay the same without it; of copies one remains.
-    (Asking each unit against the full set instead would find no support among copies.)
-    """
-    target = solver(list(units))
-    # units clearly below the largest miss can go at once, if the others give the same
-    near = misses(units, target.u) >= (1.0 - 1e-4) * target.value
-    top = [i for i in range(len(units)) if near[i]]
-    enough = same(solver([units[i] for i in top]), target, tolerance)
-    kept = top if enough else list(range(len(units)))
-    for i in list(kept):
-        rest = [j for j in kept if j != i]
-        if rest and same(solver([units[j] for j in rest]), target, tolerance):
-            kept = rest
-    return kept

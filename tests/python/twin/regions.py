@@ -18,15 +18,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from stochens_rs import _core
+
 from .laws import f_upper
-from .quantiles import (
-    diagonal_quantile,
-    joint_radii,
-    row_quantile,
-    roy_quantile,
-    scalar_quantile,
-    wishart_quantile,
-)
 from .triangle import Fitted, Triangle, fit, null_space, seen, triangle
 
 Array = NDArray[np.float64]
@@ -101,7 +95,7 @@ def full(data: Triangle, delta: float, *, future: int = 0) -> Region:
     the law of (n, rank + future, nu), as [D V^(1/2), w] = Sigma^(1/2) G with more columns.
     """
     m = fit(data)
-    q = roy_quantile(len(m.H), m.rank + future, m.nu, delta)
+    q = _core.roy_quantile(len(m.H), m.rank + future, m.nu, delta, 1)
     return Region(m, q, m.S, delta, "Gaussian noise of any covariance, independent of all z")
 
 
@@ -121,7 +115,7 @@ def directions(data: Triangle, Q: ArrayLike, delta: float) -> Region:
     U, s, _ = np.linalg.svd(Q)
     _, off = null_space(U.T, s, max(Q.shape) * np.finfo(float).eps)
     off = off / sizes[:, None]
-    q = roy_quantile(len(m.H), r, m.nu, delta)
+    q = _core.roy_quantile(len(m.H), r, m.nu, delta, 1)
     m = m._replace(missing=np.hstack([off, m.missing]))
     return Region(m, q, m.S, delta, "as `full`, z in a span that was fixed without the outcomes")
 
@@ -129,7 +123,7 @@ def directions(data: Triangle, Q: ArrayLike, delta: float) -> Region:
 def diagonal(data: Triangle, delta: float) -> Region:
     """Independent components of noise: lam_max(s^-1/2 D V D' s^-1/2), s = diag(S)."""
     m = fit(data)
-    q = diagonal_quantile(len(m.H), m.rank, m.nu, delta)
+    q = _core.diagonal_quantile(len(m.H), m.rank, m.nu, delta, 1)
     S = np.diag(np.diag(m.S))
     return Region(m, q, S, delta, "Gaussian noise of independent components, independent of all z")
 
@@ -140,7 +134,7 @@ def row_bounds(data: Triangle, z: ArrayLike, delta: float) -> Array:
     |e_i' D z| <= sqrt(q S_ii) ||z||, q = (d / nu) F^-1_{d, nu}((1 - delta)^(1/n)), all i and z.
     """
     m = fit(data)
-    q = row_quantile(len(m.H), m.rank, m.nu, delta)
+    q = _core.row_quantile(len(m.H), m.rank, m.nu, delta)
     return np.sqrt(np.diag(m.S)) * _times(float(np.sqrt(q)), m, z)
 
 
@@ -148,7 +142,7 @@ def scalar(data: Triangle, delta: float) -> Region:
     """Noise of covariance sigma^2 I, sigma unknown: ||D V^(1/2)||^2 / tr S."""
     m = fit(data)
     n = len(m.H)
-    q = scalar_quantile(n, m.rank, m.nu, delta)
+    q = _core.scalar_quantile(n, m.rank, m.nu, delta, 1)
     S = np.trace(m.S) * np.eye(n)
     return Region(m, q, S, delta, "Gaussian noise of covariance sigma^2 I, independent of all z")
 
@@ -157,7 +151,7 @@ def known(data: Triangle, sigma: float, delta: float) -> Region:
     """Noise of covariance sigma^2 I, sigma known: ||D V^(1/2)||^2 / sigma^2."""
     m = fit(data)
     n = len(m.H)
-    q = wishart_quantile(n, m.rank, delta)
+    q = _core.wishart_quantile(n, m.rank, delta, 1)
     S = sigma**2 * np.eye(n)
     return Region(m, q, S, delta, "Gaussian noise of known sigma, independent of all z")
 
@@ -174,8 +168,8 @@ class JointRegion(NamedTuple):
 def joint(data: Triangle, delta: float, *, future: int = 0) -> JointRegion:
     """||Gamma||_2 <= spectral and ||Gamma||_F <= frobenius, with `future` columns of noise."""
     m = fit(data)
-    radii = joint_radii(len(m.H), m.rank + future, m.nu, delta)
-    return JointRegion(m, radii.spectral, radii.frobenius, delta)
+    radii = _core.joint_radii(len(m.H), m.rank + future, m.nu, delta, 1)
+    return JointRegion(m, *radii, delta)
 
 
 # -- what is known of Theta beforehand -------------------------------------------------------------

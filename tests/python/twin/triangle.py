@@ -52,12 +52,6 @@ def triangle(Z: ArrayLike, Y: ArrayLike) -> Triangle:
     return Triangle(r_factor(np.hstack([Z, Y])), Z.shape[1], len(Z))
 
 
-def update(data: Triangle, z: ArrayLike, y: ArrayLike) -> Triangle:
-    """One pair more."""
-    row = np.concatenate([np.asarray(z, dtype=np.float64), np.asarray(y, dtype=np.float64)])
-    return Triangle(r_factor(np.vstack([data.R, row])), data.d, data.N + 1)
-
-
 def r_factor(rows: Array) -> Array:
     """R of rows = Q R, square, with a diagonal >= 0; rows of 0 where there are too few."""
     R = np.linalg.qr(rows)[1]
@@ -118,12 +112,6 @@ def seen(fitted: Fitted, z: ArrayLike) -> bool:
     tolerance = 100.0 * len(z) * np.finfo(float).eps / max(fitted.ratio, 1e-8)
     sizes = np.abs(fitted.missing.T) @ np.abs(z)
     return bool(np.all(np.abs(fitted.missing.T @ z) <= tolerance * sizes))
-
-
-def length(fitted: Fitted, z: ArrayLike) -> float:
-    """||z|| in the norm of V^+, infinite where the data do not determine Theta z."""
-    z = np.asarray(z, dtype=np.float64)
-    return float(np.linalg.norm(fitted.white @ z)) if seen(fitted, z) else np.inf
 
 
 def leverages(Z: ArrayLike) -> Array:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
+
+from twin.limited_problems import Problem, one_step
 
 KINDS = ("plain", "sparse", "zero columns", "ill-conditioned", "singular weight", "one input")
 WAYS = ("loose", "half", "tight", "one-sided", "fixed inputs")
@@ -37,6 +41,25 @@ def draw_box(gen, way, d, size):
     if way == "fixed inputs":
         low = np.where(gen.random(d) < 0.5, high, low)
     return low, high
+
+
+def draw(gen, index) -> Problem:
+    """One problem; kind and limits go round with `index`."""
+    kind, way = KINDS[index % len(KINDS)], WAYS[index % len(WAYS)]
+    n, d = gen.integers(1, 6), 1 if kind == "one input" else gen.integers(1, 5)
+    Q = weight(gen, n, max(1, n // 2)) if kind == "singular weight" else weight(gen, n)
+    if gen.random() < 0.3:
+        Q = np.eye(n)
+    G, b = draw_map(gen, kind, n, d), 3.0 * gen.normal(size=n)
+    R = 10.0 ** gen.uniform(-6, 1) * np.diag(gen.uniform(0.5, 2.0, size=d))
+    if kind == "one input":
+        R = G.T @ Q @ G * np.eye(1) * 10.0 ** gen.uniform(-1, 1) + 1e-9
+    low, high = draw_box(gen, way, d, 1.0)
+    return one_step(G, b, Q=Q, R=R, low=low, high=high)
+
+
+def draws(gen, count) -> Iterator[Problem]:
+    return (draw(gen, i) for i in range(count))
 
 
 def draw_steps(gen, index):

@@ -23,12 +23,8 @@ from stochens_rs.limits import problem as limited_errors
 from stochens_rs.limits.problem import Horizon, Limited, checked_task
 from stochens_rs.theory.exact import states
 from test_bounds_coverage import exceeded_too_often, systems
-<<<<<<< HEAD
 from test_limit_bounds import Planned, drawn, errors_of, measured, onto
 from twin import limit_bounds as lb
-=======
-from test_limit_bounds import PLAIN, Planned, drawn, errors_of, measured, onto
->>>>>>> tests
 from twin import limited_control as lc
 from twin import limited_problems as lp
 
@@ -224,6 +220,37 @@ def test_soft_limits_of_the_state():
     assert all(0.3 < ratio <= ONCE for ratio in seen.values()), seen
 
 
+def test_limits_of_rates_have_a_gap_from_the_value():
+    """300 problems, in `make test` 120: <J'(w), w - v> for every v within limits and rates."""
+    gen, tight = np.random.default_rng(5), 0.0
+    for i in range(sets(300, 120)):
+        A, B, x0, K, more = draw_steps(gen, 2 * i + 1)
+        n, m = B.shape
+        limits = {"low": -1.0, "high": 1.0, "rate": more["rate"], "previous": np.zeros(m)}
+        task = checked_task(
+            n,
+            m,
+            K,
+            np.zeros(n),
+            limits=se.Limits(u=(-1, 1), rate=more["rate"], previous=np.zeros(m)),
+            cost=se.Cost(Qf=more["Qf"], R=more["R"]),
+        )
+        p = lp.several_steps(A, B, x0, np.zeros((K, n)), K, Qf=more["Qf"], R=more["R"], **limits)
+        best = lc.solve(p)
+        other = lc.solve(p._replace(b=p.b + gen.normal(size=len(p.b)))).u
+        size = 10.0 ** gen.uniform(-3, 0)
+        u = (1 - size) * best.u + size * other  # within all limits
+        slope = p.G.T @ p.Q @ (p.G @ u - p.b) + p.R @ u
+        gap = lp.objective(p, u) - best.objective + 1e-12 * best.objective
+        one = u.reshape(K, m)
+        found, rest = Horizon(task, A, B).core.optimality(states(A, B, x0, one)[1:], one, gap)
+        towards = 2.0 * slope @ (u - best.u)
+        assert rest == 0.0
+        assert towards <= found * ONCE + 1e-9 * lp.objective(p, 0 * u)
+        tight = max(tight, towards / found if found else 0.0)
+    assert tight > 0.1
+
+
 # -- what the package says where there is no bound -------------------------------------------------
 
 
@@ -361,7 +388,6 @@ def test_an_uncertain_map_is_not_a_moved_target():
 # -- limits of the state that a true system keeps --------------------------------------------------
 
 
-<<<<<<< HEAD
 def test_tightened_limits_are_those_of_the_twin(gen):
     n, K = 2, 3
     task = checked_task(n, 1, K, np.zeros(n), limits=se.Limits(x=(-1.0, [2.0, np.inf]), soft=False))
@@ -378,8 +404,6 @@ def test_tightened_limits_are_those_of_the_twin(gen):
     np.testing.assert_allclose(limit_bound.lacking(task, at, same), 0.2)
 
 
-=======
->>>>>>> tests
 def test_a_control_that_cannot_keep_the_limits_says_by_how_much(gen):
     """Limits that the tube keeps; and limits nearer to each other than the tube is wide."""
     A, B = np.array([[0.9, 0.2], [0.0, 0.8]]), np.array([[0.0], [1.0]])

@@ -82,7 +82,6 @@ def test_rooms_are_counted_in_both_languages(tmp_path):
 def test_a_room_stays_within_its_budget(row, found, message):
     wrong = lines.faults({"limits": found}, lines.read_table(f"# head\n{row}\n"))
     assert (not wrong) if message is None else wrong[0].startswith(message)
-<<<<<<< HEAD
 
 
 def test_budgets_are_lowered_never_raised():
@@ -101,10 +100,3 @@ def test_a_raise_has_its_reason_behind_the_old_ones():
     assert new["limits"] == (3, 15, 10, ("rates", "sums"))
     assert new["fleet"] == table["fleet"]
     assert new["loops"] == (1, 7, 7, ("sums",))
-
-
-def test_every_room_has_a_budget():
-    text = (ROOT / "tools" / "lines.txt").read_text()
-    assert set(lines.read_table(text)) == set(lines.counted(ROOT))
-=======
->>>>>>> tests

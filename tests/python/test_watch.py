@@ -14,6 +14,7 @@ from stochens_rs.exceptions import InputError, StochensError
 from stochens_rs.feedback import Watch
 from stochens_rs.identification.assumptions import ACCEPTED
 from stochens_rs.identification.changes import source_of
+from twin.watch import evidence
 
 RIG = (
     np.array([[1.0, -0.01, 0.1, 0.0], [0, 1.06, 0, 0.1], [0, -0.2, 1, -0.01], [0, 1.2, 0, 1.06]]),
@@ -75,6 +76,24 @@ def edge(region, rng):
     a, b = rng.standard_normal(len(L)), rng.standard_normal(len(part.white))
     off = np.outer(L @ a, b @ part.white) / np.linalg.norm(a) / np.linalg.norm(b)
     return np.split(region.centre + 0.999 * off, [len(L)], axis=1)
+
+
+@pytest.mark.parametrize("moving", [False, True])
+def test_the_evidence_is_that_of_the_formulas(moving):
+    (A, B), K, model = made("units")
+    region = model.region(0.05)
+    rng = np.random.default_rng(2)
+    x, u = follow((A, 0.999 * B), K, *PLANTS["units"][2:], 130, rng)
+    watch = source_of(model, region).watch("variance", moving, 1e15)
+    watch.step(x[0], u[0])
+    found = [watch.step(row, acted)[1] for row, acted in zip(x[1:], u, strict=True)]
+    part = region.parts[0]
+    V, S = part.root.T @ part.root, np.diag(PLANTS["units"][2] ** 2)
+    rows = np.hstack([x[:-1], u, x[1:]])
+    twin = evidence(region.centre, V, part.factor * part.S, S, model.size, rows, [2], moving=moving)
+    assert watch.now[2] == 0
+    assert max(found) > 10.0
+    np.testing.assert_allclose(found, twin, rtol=1e-7)
 
 
 @pytest.mark.parametrize("name", PLANTS)
@@ -287,6 +306,29 @@ def test_what_a_log_says_nothing_about():
     assert text == (
         "heating and the offset: their effects are not determined apart (heating was always 0.6)"
     )
+
+
+def test_what_it_must_not_be_asked():
+    _, _, model = made("one")
+    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+    x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1))
+    data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+    other = se.regulate((np.eye(2), np.eye(2)), 3)
+    unknown = se.gain(se.identify(data), 1.0, 1.0).certificate(0.05)
+    assert unknown.watch().threshold > 1e5  # the region bounds its own noise
+    for call, message in (
+        (lambda: proof.watch(every=1.0), "`every` must be from 2"),
+        (lambda: proof.watch(every=9.0, level=0.1), "`every` and `level` must not be given both"),
+        (lambda: proof.watch(law="normal"), "`law` must be"),
+        (lambda: proof.watch()([1.0, 2.0], [0.0]), "`y` must"),
+        (lambda: proof.watch().plot(), "the history is empty"),
+        (lambda: setattr(other, "watch", proof.watch()), "`watch` must be of"),
+        (lambda: setattr(other, "watch", 3), "`watch` must be a Watch"),
+        (lambda: replace(proof, source=None).watch(), "`proof` has no model to watch"),
+        (lambda: model.accepts(3), "`runs` must be"),
+    ):
+        with pytest.raises(StochensError, match=message.replace("(", r"\(")):
+            call()
 
 
 def one_state(law="variance", **options):
@@ -516,3 +558,30 @@ def test_a_swap_that_cannot_be_leaves_the_loop_as_it_was():
         with pytest.raises(StochensError, match=message):
             one.swap(gain)
     assert (loop([0.7]) == other([0.7])).all()
+
+
+def test_recursive_residuals_are_no_fair_test_under_feedback():
+    """Why `accepts` does not use them: known noise, a unit root and an offset that are fitted.
+
+    Bets on residuals that would be independent of the past without feedback: 20 is passed by more
+    than 1 in 20; the same bets on the noise itself keep that.
+    """
+    rng, runs = np.random.default_rng(13), 8000
+    x, sums, passed = np.zeros(runs), np.zeros((5, runs)), np.zeros((2, runs), dtype=bool)
+    sizes = np.outer([0.1, 0.2, 0.4, 0.8], [1.0, -1.0]).reshape(8, 1)
+    evidence = np.ones((2, 8, runs))
+    for t in range(200):
+        w = rng.standard_normal(runs)
+        y, (sx, sxx, sy, sxy, _) = x + w, sums
+        if t > 2:
+            a = (t * sxy - sx * sy) / (t * sxx - sx * sx)
+            leverage = (sxx - 2.0 * x * sx + t * x * x) / (t * sxx - sx * sx)
+            residual = (y - a * x - (sy - a * sx) / t) / np.sqrt(1.0 + leverage)
+            for k, seen in enumerate((residual, w)):
+                bet = sizes * np.sign(x - sx / t) * seen
+                evidence[k] *= np.exp(bet - sizes**2 / 2.0)
+            passed |= evidence.mean(axis=1) >= 20.0
+        sums += [x, x * x, y, x * y, 0.0 * x]
+        x = y
+    assert passed[0].mean() > 0.06
+    assert passed[1].mean() <= 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / runs)

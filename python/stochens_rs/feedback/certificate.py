@@ -189,6 +189,11 @@ class LoopCertificate(SavedRecord):
         return 1
 
     @property
+    def assumption(self) -> str:
+        """What the region holds for."""
+        return self.region.assumption
+
+    @property
     def margin(self) -> float:
         """The region could be at least this many times larger: ``1 / norm``."""
         return 1.0 / self.norm if self.norm else np.inf
@@ -779,15 +784,6 @@ class LoopCertificate(SavedRecord):
 
         more = more_logs(model, self.region.delta, holds)
         return f"{more}, or a gain with a better margin: gain(model)"
-
-    def _repr_html_(self) -> str:
-        rows = [
-            ("holds with", f"{show.percent(self.region.delta)} at least"),
-            ("for", self.region.assumption),
-            ("spectral radius of the centre", self.spectral_radius),
-            ("size of the region, of what is proved", f"{self.least:.6g} to {self.norm:.6g}"),
-        ]
-        return show.card(self, rows)
 
 
 def require_linear(region: Region, what: str) -> None:

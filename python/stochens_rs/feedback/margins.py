@@ -170,7 +170,3 @@ class Rounding(SavedRecord):
         names = zip(self.labels.states, self.states, strict=True)
         each = ", ".join(f"{name} {show.at_most(float(v), 2)}" for name, v in list(names)[:6])
         return f"<Rounding: {form}, {show.percent(self.delta)}, off by at most {each}>"
-
-    def _repr_html_(self) -> str:
-        rows = [(f"|K x| of {n}", v) for n, v in zip(self.labels.inputs, self.inputs, strict=True)]
-        return show.card(self, [("margin of the stored gain", self.margin), *rows[:6]])

@@ -56,15 +56,6 @@ class Rest(SavedRecord):
         size, share = show.at_most(self.radius), show.percent(self.delta)
         return f"<Rest: every system rests within {size} of {show.vector(self.states)}, {share}>"
 
-    def _repr_html_(self) -> str:
-        each = zip(
-            (*self.labels.states, *self.labels.inputs),
-            (*self.states, *self.inputs),
-            (*self.components, *self.input_components),
-            strict=True,
-        )
-        return show.card(self, [(name, f"{v:.4g} ± {show.at_most(s)}") for name, v, s in each][:12])
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Tube(SavedRecord):
@@ -226,15 +217,3 @@ class Tube(SavedRecord):
             size = show.at_most(float(self.reach[n]))
             far += f", |{self.labels.inputs[0]}| at most {size} for ever without noise"
         return f"<Tube: {K}, {far}, {self._share} {noise}>"
-
-    def _repr_html_(self) -> str:
-        names = (*self.labels.states, *self.labels.inputs)
-        rows = [
-            (f"|{name}| for all time", size)
-            for name, size in zip(names, self.reach, strict=True)
-            if np.isfinite(size)
-        ]
-        drawn = show.states(
-            np.arange(len(self.states)), self.radii[:, None], "radius around the centre"
-        )
-        return show.card(self, rows[:12], drawn)

@@ -85,6 +85,7 @@ __all__ = [
     "normal_quantile",
     "one_noise",
     "output_tube",
+    "preview",
     "readings_over_noise",
     "realization_controls",
     "residual_checks",
@@ -125,6 +126,7 @@ __all__ = [
     "widest_gain",
     "window_burn",
     "wishart_quantile",
+    "zero_order_hold",
 ]
 
 _Floats: TypeAlias = NDArray[np.float64]
@@ -267,6 +269,14 @@ def realization_controls(
 def mean_difference(
     n: int, x0: Draws | _Floats, xf: Draws | _Floats, a: Draws | _Floats, rows: bool
 ) -> _Floats: ...
+def preview(
+    model: tuple[_Floats, _Floats, _Floats, _Floats],
+    weights: tuple[_Floats, _Floats],
+    gain: _Floats,
+    path: tuple[_Floats, _Floats, _Floats],
+    start: _Floats,
+) -> tuple[_Floats, _Floats]: ...
+def zero_order_hold(a: _Floats, b: _Floats, dt: float) -> tuple[_Floats, _Floats]: ...
 def trajectory(a: _Floats, b: _Floats, x0: _Floats, u: _Floats) -> _Floats: ...
 def simulate_runs(
     a: _Floats,

@@ -135,7 +135,7 @@ LACKING = {
     "studies.study.Study.run": "Examples",
     "studies.study.Study.merge": "Examples",
     "feedback.certificate.LoopCertificate.of": "Examples Raises",
-    "feedback.margins.Margins.rows": "Examples Returns",
+    "feedback.bounds.Margins.rows": "Examples Returns",
     "feedback.watch.Watch.sees": "Examples Raises",
     "feedback.watch.Watch.changes": "Examples Raises",
     "feedback.watch.Watch.hold": "Examples Raises",

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from stochens_rs.loops.preview import preview
+from stochens_rs._core import preview
 from twin.preview import preview as twin
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")

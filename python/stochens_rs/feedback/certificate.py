@@ -25,8 +25,7 @@ from ..identification.changes import Predictor
 from ..identification.identified import Identified
 from ..identification.model import Model, after, in_states
 from ..identification.region import Region
-from .margins import Margins, Rounding
-from .tube import Rest, Tube
+from .bounds import Margins, Rest, Rounding, Tube
 from .watch import LAWS, LawOfWatch, Watch
 
 LoopStatus: TypeAlias = Literal["certified", "refuted", "not provable", "undetermined", "undecided"]

@@ -413,7 +413,7 @@ def for_outputs(model: object, value: ArrayLike) -> ArrayLike:
         return value
     n, p = model.n, model.n_outputs
     given = validation.read("Q", value)
-    if given.ndim and given.shape[-1] != p:
+    if given.ndim and given.shape[-1] == n:
         return value
     padded = np.zeros((n, n))
     padded[:p, :p] = weight("Q", value, p)

@@ -20,15 +20,14 @@ from ..controls.set_point import Target, nearest_point, output_weights, rest_at,
 from ..exceptions import InputError, NonFiniteError
 from ..export.header import BEYOND, LARGEST, evidence
 from ..feedback import Loop, LoopCertificate, Watched
+from ..feedback.bounds import Rest, Tube
 from ..feedback.certificate import judged, sentence
-from ..feedback.tube import Rest, Tube
 from ..identification.changes import source_of
 from ..identification.model import Model
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import Task, loop_of, read_task
 from ..validation.held_out import PredictedLoop
 from .loop import ControlLoop
-from .preview import preview
 from .regulator import condensed
 from .sensors import bounded, explained
 
@@ -221,9 +220,8 @@ class ReadingLoop(ControlLoop[Reading]):
         elif offset_free:
             # a copy: NumPy can crash on strided arrays where memory runs out
             drift = 0.01 * np.sqrt(np.square(model.data.pairs()[1].copy()).mean(axis=0))
-        super().__init__(
-            np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
-        )
+        safe = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
+        super().__init__(Labels(model.outputs, model.input_names), safe)
         self._max_missing = validation.size("max_missing", max_missing, minimum=0)
         self._policy, self._asked, self._drift = policy, asked, drift
         self._low, self._high, self._weights = low.copy(), high.copy(), outputs
@@ -569,21 +567,21 @@ class ReadingLoop(ControlLoop[Reading]):
         A, B, K, H = model.A, model.B, self._policy, model.coefficients @ model.loop.J
         Q = (S - A.T @ S @ (A + B @ K))[:p, :p]  # of Riccati's equation
         w = u[:, ~chosen] @ B[:, ~chosen].T + (0.0 if model.c is None else model.c)
-        of, u = (A, B[:, chosen], H[:, :n], H[:, n : n + model.m][:, chosen]), u[:, chosen]
         start = self._point.moving(none, self._step(rows[0]), none, own)[0]
         if self._way is not None and np.allclose(rows[0], self._way[1][0], equal_nan=True):
             start = self._way[0][0]
-        weights = Q, EASE * R[np.ix_(chosen, chosen)]
-        forward[:, chosen], way = preview(of, weights, K[chosen], (x, u, w), start)
+        of = A, B[:, chosen], H[:, :n], H[:, n : n + model.m][:, chosen]
+        parts = *of, Q, EASE * R[np.ix_(chosen, chosen)], K[chosen], x, u[:, chosen], w
+        A, B, C, D, Q, R, K, x, u, w = map(np.ascontiguousarray, parts)
+        forward[:, chosen], way = _core.preview((A, B, C, D), (Q, R), K, (x, u, w), start)
         if not np.isfinite(forward).all():
             raise NonFiniteError("`target` is too large: the inputs overflow")
         forward[-1] = 0.0  # the last target stays
         self._way = way, rows
         return forward
 
-    @property
-    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return self.model.outputs, self.model.input_names
+    def _readings(self) -> Floats:
+        return np.array([call.y for call in self._log])
 
     @property
     def target(self) -> Floats:
@@ -680,8 +678,7 @@ class ReadingLoop(ControlLoop[Reading]):
         model, noise = self.model, self.model.covariance
         unit = np.ones(model.n_outputs) if noise is None else np.sqrt(np.diag(noise))
         sizes = self._rows[-1].copy(), np.where(unit > 0.0, unit, 1.0)
-        labels = Labels(model.outputs, model.input_names)
-        about = model.n_outputs, model.m, *sizes, labels, model.dt
+        about = model.n_outputs, model.m, *sizes, self.labels, model.dt
         return PredictedLoop(self._path, self._along, *about)
 
     def _path(self, run: Floats) -> Floats:

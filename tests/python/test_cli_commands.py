@@ -204,7 +204,8 @@ def test_a_model_of_outputs(place, capsys):
     assert model.n != model.n_outputs
     found = json.loads(said(capsys, "certify read.safetensors --Q 10,1 --R 0.1 --json"))
     np.testing.assert_allclose(found["K"], se.gain(model, [10.0, 1.0], 0.1).K, rtol=1e-12)
-    assert "must be 1 or 2 finite" in failed(capsys, "certify", "read.safetensors", "--Q", "1,2,3")
+    three = failed(capsys, "certify", "read.safetensors", "--Q", "1,2,3")
+    assert "--Q must have shape (2,), got (3,)" in three
     wanted = "give --record, without --from and --x0-error: a model of outputs starts"
     assert wanted in failed(capsys, "control", "read.safetensors", "--from", "1,0")
 

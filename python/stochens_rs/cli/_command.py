@@ -171,28 +171,56 @@ class _Share(click.ParamType):  # type: ignore[type-arg]
         return found
 
 
+class Parsed(click.ParamType):  # type: ignore[type-arg]
+    """What a function makes of a text."""
+
+    name = "text"
+
+    def __init__(self, read: Callable[[str], Any], wanted: str) -> None:
+        self.read, self.wanted = read, wanted
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read it; a ValueError says that it is not what was wanted."""
+        try:
+            return self.read(value)
+        except ValueError:
+            raise click.BadParameter(f"{value!r} must be {self.wanted}", ctx, param) from None
+
+
+def _names(text: str) -> list[str]:
+    names = [name.strip() for name in text.split(",")]
+    if not all(names):
+        raise ValueError
+    return names
+
+
+def numbers(text: str) -> list[float]:
+    """Read ``1,0,-0.5``."""
+    return [number(one) for one in text.split(",")]
+
+
+def _entries(text: str) -> float | list[float]:
+    """Read ``1``, for all, or ``1,0,2``, one number for each."""
+    values = numbers(text)
+    return values[0] if len(values) == 1 else values
+
+
+def _sides(text: str) -> tuple[str, tuple[float, float]]:
+    """Read ``-1,1`` and ``force=-1,1``."""
+    name, _, pair = text.rpartition("=")
+    low, high = numbers(pair)
+    return name, (low, high)
+
+
 Share = Annotated[Any, _Share()]
 File = Annotated[str, click.Path(readable=False)]
 Count = Annotated[int, click.IntRange(min=1)]
 Word = Annotated[Any, str]  # one of some words, which the package checks
+Names = Annotated[Any, Parsed(_names, "names with commas")]
+Numbers = Annotated[Any, Parsed(numbers, "numbers with commas")]
+Entries = Annotated[Any, Parsed(_entries, "numbers with commas")]
+Sides = Annotated[Any, Parsed(_sides, "LOW,HIGH")]
 LEVEL = f"{DELTA:.0%}"
-
-
-def names_of(option: str, text: str) -> list[str]:
-    """Read ``a,b``."""
-    names = [name.strip() for name in text.split(",")]
-    if not all(names):
-        raise click.BadParameter(f"{text!r} has an empty name", param_hint=option)
-    return names
-
-
-def parsed(option: str, text: str, wanted: str, read: Callable[[str], Any]) -> Any:
-    """What `read` makes of a text, which must be `wanted`."""
-    try:
-        return read(text)
-    except ValueError:
-        message = f"{text!r} must be {wanted}"
-        raise click.BadParameter(message, param_hint=option) from None
 
 
 _UNBROKEN = 10_000  # columns of an output that is no terminal

@@ -125,22 +125,22 @@ class ReadingLoop(ControlLoop[Reading]):
     """
 
     __slots__ = (
-        "_acted",
-        "_aimed",
+        "_acted",  # the input before that of the last call
+        "_aimed",  # of `_point`: where free outputs stay, target, inputs
         "_asked",
         "_at_rest",
         "_bias",
         "_drift",
-        "_fading",
+        "_fading",  # what is added since a swap, and its factor from call to call
         "_forward",
-        "_given",
+        "_given",  # the inputs that are measured, (m,); nan where one is chosen
         "_high",
         "_law",
         "_learning",
         "_low",
         "_max_missing",
         "_most",
-        "_moves",
+        "_moves",  # the target from that of `_point`, its slope, and inputs
         "_point",
         "_policy",
         "_rate",
@@ -149,21 +149,15 @@ class ReadingLoop(ControlLoop[Reading]):
         "_solved",
         "_solver",
         "_started",
-        "_system",
-        "_way",
+        "_system",  # A, B, c of the plans
+        "_way",  # of the window along the targets to come, and these
         "_weights",
         "_window",
         "model",
     )
-    _system: tuple[Any, ...]  # A, B, c of the plans
-    _acted: Floats  # the input before that of the last call
-    _aimed: tuple[Floats, Floats, Floats]  # of `_point`: where free outputs stay, target, inputs
-    _fading: tuple[Floats, float]  # what is added since a swap, and its factor from call to call
-    _forward: Floats
-    _rows: Floats
-    _given: Floats  # the inputs that are measured, (m,); nan where one is chosen
-    _way: tuple[Floats, Floats] | None  # of the window along the targets to come, and these
-    _moves: tuple[Floats, Floats, Floats]  # the target from that of `_point`, its slope, and inputs
+
+    _system: tuple[Any, ...]
+    _way: tuple[Floats, Floats] | None
 
     def __init__(
         self,

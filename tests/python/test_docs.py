@@ -146,7 +146,6 @@ LACKING = {
     "loops.keep.Kept.reset": "Examples",
     "loops.keep.Kept.tightened": "Examples Raises",
     "loops.keep.Kept.choose": "Examples",
-    "loops.keep.Kept.unplanned": "Examples Raises",
     "loops.readings.ReadingLoop.start": "Examples",
     "loops.readings.ReadingLoop.certificate": "Examples",
     "loops.readings.ReadingLoop.tube": "Examples",

@@ -317,8 +317,11 @@ class LoopCertificate(SavedRecord):
             raise NonFiniteError("`x0`, `inputs` and `steps` lead beyond the largest number")
         about: list[Any] = [self.region.delta, noise, self.labels, self.dt]
         parts: list[Any] = bounds
-        if self.status != "certified" or not self._in_zone(np.asarray(bounds[-1])):
-            parts = [one + np.inf for one in parts]
+        holds, misfit = self.status == "certified", self.region.misfit
+        if holds and misfit is not None:  # which is bounded where states and inputs are so small
+            reach = np.asarray(bounds[-1])[None]
+            holds = bool(sizes_of(misfit, reach, self.labels)[0] <= misfit.within)
+        parts = parts if holds else [one + np.inf for one in parts]
         fields = [nominal[:, :n], nominal[:-1, n:], *parts, *about]
         for one in fields:
             if isinstance(one, np.ndarray):
@@ -738,11 +741,6 @@ class LoopCertificate(SavedRecord):
                 f"`{what}` needs a loop that rests at 0, without intercept and target: "
                 "tube(x0, steps, rest=rest(xs)).reach bounds states and inputs for all time"
             )
-
-    def _in_zone(self, reach: Floats) -> bool:
-        """Whether states and inputs up to these stay where the misfit is bounded."""
-        misfit = self.region.misfit
-        return misfit is None or sizes_of(misfit, reach[None], self.labels)[0] <= misfit.within
 
     def __repr__(self) -> str:
         share, misfit, why = show.percent(self.region.delta), self.region.misfit, self.reason

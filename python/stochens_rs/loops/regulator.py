@@ -283,7 +283,8 @@ class Regulator(ControlLoop[Call]):
             return *kept.choose(x, found, again, started + (limit or np.inf)), None
         except SolverError as error:
             self._set(self._system, self._acting())  # without what was kept back for the model
-            return None, kept.unplanned(x), "infeasible", np.nan, str(error)
+            u = np.clip(kept.proof.K @ x, kept.low[self.n :], kept.high[self.n :])
+            return None, u, "infeasible", np.nan, str(error)
 
     def _solve(self, x: Floats, limit: float | None) -> Found:
         found = self._solver.solve(x, limit)

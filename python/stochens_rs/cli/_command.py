@@ -149,28 +149,6 @@ def _parameter(
     return click.Option([spelled, one.name], help=text, **how)
 
 
-class _Share(click.ParamType):  # type: ignore[type-arg]
-    """A probability or a part, as ``5%`` or ``0.05``."""
-
-    name = "share"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Read it; refuse 5 without percent sign as a likely mistake."""
-        figure = str(value).strip().removesuffix("%")
-        try:
-            found = number(figure)
-        except ValueError:
-            raise click.BadParameter(f"{value!r} is not a number", ctx, param) from None
-        if str(value).strip().endswith("%"):
-            return found / 100.0
-        if found >= 1.0:
-            option = param.opts[0] if param else ""
-            raise click.UsageError(
-                f"{option}: {figure} is {100 * found:g} %: give {figure}%, or a number below 1"
-            )
-        return found
-
-
 class Parsed(click.ParamType):  # type: ignore[type-arg]
     """What a function makes of a text."""
 
@@ -185,6 +163,18 @@ class Parsed(click.ParamType):  # type: ignore[type-arg]
             return self.read(value)
         except ValueError:
             raise click.BadParameter(f"{value!r} must be {self.wanted}", ctx, param) from None
+
+
+def _share(text: str) -> float:
+    """Read ``5%`` or ``0.05``; 5 without percent sign is a likely mistake."""
+    figure = str(text).strip()
+    if figure.endswith("%"):
+        return number(figure[:-1]) / 100.0
+    if (found := number(figure)) >= 1.0:
+        raise click.BadParameter(
+            f"{figure} is {100 * found:g} %: give {figure}%, or a number below 1"
+        )
+    return found
 
 
 def _names(text: str) -> list[str]:
@@ -212,7 +202,7 @@ def _sides(text: str) -> tuple[str, tuple[float, float]]:
     return name, (low, high)
 
 
-Share = Annotated[Any, _Share()]
+Share = Annotated[Any, Parsed(_share, "a share, such as 5%")]
 File = Annotated[str, click.Path(readable=False)]
 Count = Annotated[int, click.IntRange(min=1)]
 Word = Annotated[Any, str]  # one of some words, which the package checks

@@ -141,7 +141,7 @@ pub fn zero_order_hold(a: &[f64], b: &[f64], n: usize, m: usize, dt: f64) -> Res
             return Err(Error::Value {
                 name: "dt",
                 expected: SHORT,
-                found: format!("{dt} s, a norm of dt A of {size:.1e}"),
+                found: format!("{dt:e} s, a norm of dt A of {size:.1e}"),
             });
         }
         let own = (0..n * n).map(|at| (at / n, at % n)).map(|(i, j)| scaled(found[(i, j)], e[i] - e[j]));

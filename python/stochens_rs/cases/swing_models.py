@@ -302,6 +302,7 @@ def _ieee(
     buses: int, machines: Floats, dt: float, method: Literal["zoh", "euler"], about: str
 ) -> System:
     branches, at = NETWORKS[buses]
+    validation.choice("method", method, ("zoh", "euler"))
     name = f"IEEE {buses}-bus ({about}, {method})"
     data = dict(zip(("bus", "mva", "H", "xd1", "D"), (at, *machines.T), strict=True))
     return swing(branches, data, dt=dt, method=method, base="machine", name=name)

@@ -135,8 +135,10 @@ class Regulator(ControlLoop[Call]):
         time_limit: float | None = None,
         kept: Kept | None = None,
     ) -> None:
-        self._time_limit, self.labels, self.kept = time_limit, system.labels, kept
-        self._set(system, task)
+        checked, limit = checked_model(system), time_limit
+        self._time_limit = None if limit is None else validation.positive("time_limit", limit)
+        self.labels, self.kept = checked.labels, kept
+        self._set(checked, validation.instance("task", task, Task))
         self._plan: Floats | None = None
         self._held = 0
         self._last = np.zeros(self.m) if task.previous is None else task.previous

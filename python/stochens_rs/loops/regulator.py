@@ -198,8 +198,8 @@ class Regulator(ControlLoop[Call]):
         ``H^-1`` of the plans is a table. A dual active-set method (Goldfarb and Idnani 1983) begins
         at the active limits of the call before and exchanges one at a time; the head says how many
         at most, and the work of each. A call that would need more returns a safe input, and a code.
-        Inputs agree with those of this loop to rounding: 1e-12 of their limits, but 1e-8 for a plant
-        that grows by 4000 over the horizon.
+        Inputs agree with those of this loop to rounding: 1e-12 of their limits, but 1e-8 for a
+        plant that grows by 4000 over the horizon.
 
         Examples
         --------

@@ -84,6 +84,7 @@ __all__ = [
     "normal_quantile",
     "one_noise",
     "output_tube",
+    "preview",
     "readings_over_noise",
     "realization_controls",
     "residual_checks",
@@ -123,6 +124,7 @@ __all__ = [
     "widest_gain",
     "window_burn",
     "wishart_quantile",
+    "zero_order_hold",
 ]
 
 _Floats: TypeAlias = NDArray[np.float64]
@@ -265,6 +267,14 @@ def realization_controls(
 def mean_difference(
     n: int, x0: Draws | _Floats, xf: Draws | _Floats, a: Draws | _Floats, rows: bool
 ) -> _Floats: ...
+def preview(
+    model: tuple[_Floats, _Floats, _Floats, _Floats],
+    weights: tuple[_Floats, _Floats],
+    gain: _Floats,
+    path: tuple[_Floats, _Floats, _Floats],
+    start: _Floats,
+) -> tuple[_Floats, _Floats]: ...
+def zero_order_hold(a: _Floats, b: _Floats, dt: float) -> tuple[_Floats, _Floats]: ...
 def trajectory(a: _Floats, b: _Floats, x0: _Floats, u: _Floats) -> _Floats: ...
 def simulate_runs(
     a: _Floats,
@@ -916,6 +926,16 @@ class SetPoints:
         limits: tuple[_Floats, _Floats],
         given: _Floats,
     ) -> SetPoint: ...
+    # what explains a bias beside noise: constants at the inputs, sensors, whether two of these
+    def causes(
+        self,
+        region: Region,
+        noise: _Floats,
+        learning: _Floats,
+        bias: _Floats,
+        at: tuple[_Floats, _Floats],
+        false_alarm: float,
+    ) -> tuple[_Floats | None, list[tuple[int, float]], bool] | None: ...
     # f* and the size of its terms: above 0 no system of the region rests there
     def lacking(
         self, region: Region, target: _Floats, limits: tuple[_Floats, _Floats]

@@ -41,6 +41,7 @@ mod loops;
 mod margins;
 mod member;
 mod norm;
+mod preview;
 mod rest;
 mod riccati;
 mod saturation;
@@ -56,6 +57,7 @@ pub use gains::{Gain, eigenvalues, guaranteed, least_squares, widest};
 pub use keeping::{Judged, Keeper, Short};
 pub use loops::Loop;
 pub use margins::{Margin, Margins};
+pub use preview::Ahead;
 pub use tube::{Run, Tube};
 
 #[cfg(test)]

@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use crate::Error;
-use crate::feedback::{self, Gain, Keeper, Loop, Misfit, Run, Verdict};
+use crate::feedback::{self, Ahead, Gain, Keeper, Loop, Misfit, Run, Verdict};
 use crate::memory::{try_collect, try_copy};
 use crate::parallel::Stop;
 
@@ -299,6 +299,33 @@ pub(super) fn feedback_gain<'py>(
     let (a, b, q, r) = (slice("A", &a)?, slice("B", &b)?, slice("Q", &q)?, slice("R", &r)?);
     let found = run(py, UNTIL_STOPPED, |stop| feedback::least_squares(a, b, q, r, n, m, stop).map_err(named(states)))?;
     handed(py, found, n)
+}
+
+/// `(v, way)`: see [`Ahead::inputs`].
+#[pyfunction]
+pub(super) fn preview<'py>(
+    py: Python<'py>,
+    model: (Matrix<'_>, Matrix<'_>, Matrix<'_>, Matrix<'_>),
+    weights: (Matrix<'_>, Matrix<'_>),
+    gain: Matrix<'_>,
+    path: (Matrix<'_>, Matrix<'_>, Matrix<'_>),
+    start: Vector<'_>,
+) -> PyResult<(Array2<'py>, Array2<'py>)> {
+    let (m, n) = gain.as_array().dim();
+    let of = Ahead {
+        a: slice("A", &model.0)?,
+        b: slice("B", &model.1)?,
+        c: slice("C", &model.2)?,
+        d: slice("D", &model.3)?,
+        q: slice("Q", &weights.0)?,
+        r: slice("R", &weights.1)?,
+        k: slice("K", &gain)?,
+    };
+    let steps = [slice("x", &path.0)?, slice("u", &path.1)?, slice("w", &path.2)?];
+    let start = slice("start", &start)?;
+    let (more, way) = run(py, UNTIL_STOPPED, |stop| of.inputs(steps, start, stop))?;
+    let h = more.len() / m.max(1);
+    Ok((array2(py, more, h, m)?, array2(py, way, h, n)?))
 }
 
 /// The eigenvalues of `A + B K`.

@@ -58,7 +58,9 @@ mod _core {
     #[pymodule_export]
     use super::estimate::{PyEstimate, first_pairs, mixtures};
     #[pymodule_export]
-    use super::feedback::{PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, widest_gain};
+    use super::feedback::{
+        PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, preview, widest_gain,
+    };
     #[pymodule_export]
     use super::fitted::{PyFitted, fit};
     #[pymodule_export]
@@ -101,7 +103,7 @@ mod _core {
     #[pymodule_export]
     use super::simulate::{
         drawn_bounds, exceedances, simulate_estimates, simulate_plans, simulate_runs, simulate_systems, track,
-        trajectory,
+        trajectory, zero_order_hold,
     };
     #[pymodule_export]
     use super::storage::{StateLock, storage_decode, storage_encode, storage_load, storage_save};

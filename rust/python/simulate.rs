@@ -43,6 +43,20 @@ fn moments(py: Python<'_>, ensemble: Ensemble, n: usize) -> PyResult<Moments<'_>
     Ok((array2(py, ensemble.mean, times, n)?, variance, covariance, array1(py, ensemble.runs)?))
 }
 
+/// `A_d` and `B_d` for inputs that are constant over each step.
+#[pyfunction]
+pub(super) fn zero_order_hold<'py>(
+    py: Python<'py>,
+    a: PyReadonlyArray2<'py, f64>,
+    b: PyReadonlyArray2<'py, f64>,
+    dt: f64,
+) -> PyResult<(Array2<'py>, Array2<'py>)> {
+    let ((n, m), lines) = (b.as_array().dim(), (slice("A", &a)?, slice("B", &b)?));
+    let cost = 60.0 * ((n + m) as f64).powi(3);
+    let (own, inputs) = run(py, cost, |_| simulate::zero_order_hold(lines.0, lines.1, n, m, dt))?;
+    Ok((array2(py, own, n, n)?, array2(py, inputs, n, m)?))
+}
+
 /// The exact states `x(0), ..., x(K)` (K + 1, n).
 #[pyfunction]
 pub(super) fn trajectory<'py>(

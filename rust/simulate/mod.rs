@@ -14,6 +14,7 @@
 mod block;
 mod closed_loop;
 mod drawn_bounds;
+mod hold;
 mod mean_field;
 mod model;
 mod moments;
@@ -25,6 +26,7 @@ mod words;
 
 pub use closed_loop::{ClosedLoop, ReferenceRuns};
 pub use drawn_bounds::{drawn_bounds, exceedances};
+pub use hold::zero_order_hold;
 pub use mean_field::mean_field;
 pub use model::{Drawn, Model};
 pub use moments::{Ensemble, Second};

@@ -218,9 +218,9 @@ def test_zoh_of_one_huge_input_names_no_time_scale():
     assert B_d[0, 0] == pytest.approx(-2e10 * np.expm1(-0.1), rel=1e-15)
     A_d, B_d = discretize(A, np.array([[1.0]]), 2e9, "zoh")  # nothing lasts, nothing is lost
     assert (A_d[0, 0], B_d[0, 0]) == (0.0, pytest.approx(1.0, rel=1e-14))
-    with pytest.raises(InputError, match=r"too large .2e.09 s. for the time scales"):
+    with pytest.raises(InputError, match=r"short beside the time scales .* got 2e9 s"):
         discretize(np.array([[-1.0, 1.0], [1.0, -1.0]]), np.ones((2, 1)), 2e9, "zoh")
-    with pytest.raises(InputError, match="B of the discretized system is not finite"):
+    with pytest.raises(InputError, match="B of the discretized system overflows"):
         discretize(np.zeros((1, 1)), np.array([[1e308]]), 1e5, "zoh")
 
 

@@ -60,8 +60,8 @@ def test_json_and_nothing_else_on_stdout(tmp_path, capfd):
         (["control", "system.json", "--steps", "1.5"], "--steps"),
         ([*TINY, "extra"], "extra"),
         ([*TINY, "--out", ""], "--out"),
-        ([*TINY, "--delta", "5"], "--delta: 5 is 500 %: give 5%"),
-        ([*TINY, "--delta", "1"], "--delta: 1 is 100 %: give 1%"),
+        ([*TINY, "--delta", "5"], "'--delta': 5 is 500 %: give 5%"),
+        ([*TINY, "--delta", "1"], "'--delta': 1 is 100 %: give 1%"),
         (["identify", "x.csv", "--seed", "-1"], "--seed"),
         (["contrl"], "contrl"),
         (["reproduce"], "reproduce"),  # a program of its own: `python -m paper`

@@ -9,7 +9,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from stochens_rs.loops.preview import preview
+from stochens_rs._core import preview
 from twin.preview import preview as twin
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")

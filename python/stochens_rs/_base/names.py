@@ -111,12 +111,6 @@ class Labels(Record):
         first = [k is None or (k[2] == "~1" and k[1] not in self.inputs) for k in older]
         return [i for i, one in enumerate(first) if one] or list(range(len(first)))
 
-    def units_of(self, places: Sequence[int]) -> str | None:
-        """The unit that these states have in common."""
-        known = dict(self.units)
-        found = {known.get(self.states[i]) for i in places}
-        return found.pop() if len(found) == 1 else None
-
     def rows(self) -> Iterator[tuple[str, str]]:
         """Rows of a table: the names with their units, if any was given."""
         if self.given:

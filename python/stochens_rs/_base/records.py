@@ -178,18 +178,21 @@ class Record:
         return type(self), tuple(getattr(self, one.name) for one in fields_of(self))  # type: ignore[arg-type]
 
     def _repr_html_(self) -> str:
-        """The fields that are numbers or texts, and a drawing of the first that is over steps."""
+        """The fields that are numbers, texts or vectors, and a drawing of the first over steps."""
         own: Any = type(self)
         facts: dict[str, Any] = {}
         drawn = ""
         for name in (*fields.declared(own), "covers", "assumption"):
-            value = getattr(self, name, None)
-            facts[name] = value if isinstance(value, (str, int, float)) else None
+            value, title = getattr(self, name, None), name.replace("_", " ")
             dims = rules(own).get(name, Rule()).dims
-            if value is not None and not drawn and dims and dims[0].endswith("+1"):
+            if isinstance(value, (str, int, float)):
+                facts[title] = value
+            elif value is not None and dims and not dims[0].startswith("step"):
+                facts[title] = show.vector(value) if value.ndim == 1 else None
+            elif value is not None and not drawn and dims and dims[0].endswith("+1"):
                 curves = value.reshape(len(value), -1)
-                drawn = show.states(np.arange(len(curves)), curves, name.replace("_", " "))
-        return show.card(self, [(one.replace("_", " "), facts[one]) for one in facts], drawn)
+                drawn = show.states(np.arange(len(curves)), curves, title)
+        return show.card(self, facts.items(), drawn)
 
     def _keep(self, **values: Any) -> None:
         """Set fields to what the constructor made of its arguments."""

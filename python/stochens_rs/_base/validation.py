@@ -210,7 +210,7 @@ def nearest(value: str, allowed: Iterable[str]) -> str:
     return f"; did you mean {names[near[0]][:40]!r}?" if near else ""
 
 
-def items(name: str, value: object) -> list[Any]:
+def items(name: str, value: object, what: str = "a list") -> list[Any]:
     """Return the items of `value` as a list; text, sets and mappings are refused."""
     if not isinstance(value, (str, bytes, AbstractSet, Mapping)):
         try:
@@ -219,7 +219,7 @@ def items(name: str, value: object) -> list[Any]:
             raise
         except Exception:  # not iterable, or its iterator raises
             pass
-    raise InputTypeError(f"`{name}` must be a list, got {show(value)}")
+    raise InputTypeError(f"`{name}` must be {what}, got {show(value)}")
 
 
 def flag(name: str, value: object) -> bool:

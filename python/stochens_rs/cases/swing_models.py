@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -118,44 +120,11 @@ def _columns(machines: object) -> dict[str, Any]:
 
 SYSTEM_MVA = 100.0  # base power of the IEEE test networks
 FREQUENCY_HZ = 60.0  # North America
-# Branches (from, to, x) with x in per unit on 100 MVA, and the buses of the generators.
-NETWORKS = {
-    14: ((
-        (1, 2, 0.05917), (1, 5, 0.22304), (2, 3, 0.19797), (2, 4, 0.17632), (2, 5, 0.17388),
-        (3, 4, 0.17103), (4, 5, 0.04211), (4, 7, 0.20912), (4, 9, 0.55618), (5, 6, 0.25202),
-        (6, 11, 0.1989), (6, 12, 0.25581), (6, 13, 0.13027), (7, 8, 0.17615), (7, 9, 0.11001),
-        (9, 10, 0.0845), (9, 14, 0.27038), (10, 11, 0.19207), (12, 13, 0.19988), (13, 14, 0.34802),
-    ), (1, 2, 3, 6, 8)),
-    39: ((
-        (1, 2, 0.0411), (1, 39, 0.025), (2, 3, 0.0151), (2, 25, 0.0086), (2, 30, 0.0181),
-        (3, 4, 0.0213), (3, 18, 0.0133), (4, 5, 0.0128), (4, 14, 0.0129), (5, 6, 0.0026),
-        (5, 8, 0.0112), (6, 7, 0.0092), (6, 11, 0.0082), (6, 31, 0.025), (7, 8, 0.0046),
-        (8, 9, 0.0363), (9, 39, 0.025), (10, 11, 0.0043), (10, 13, 0.0043), (10, 32, 0.02),
-        (12, 11, 0.0435), (12, 13, 0.0435), (13, 14, 0.0101), (14, 15, 0.0217), (15, 16, 0.0094),
-        (16, 17, 0.0089), (16, 19, 0.0195), (16, 21, 0.0135), (16, 24, 0.0059), (17, 18, 0.0082),
-        (17, 27, 0.0173), (19, 20, 0.0138), (19, 33, 0.0142), (20, 34, 0.018), (21, 22, 0.014),
-        (22, 23, 0.0096), (22, 35, 0.0143), (23, 24, 0.035), (23, 36, 0.0272), (25, 26, 0.0323),
-        (25, 37, 0.0232), (26, 27, 0.0147), (26, 28, 0.0474), (26, 29, 0.0625), (28, 29, 0.0151),
-        (29, 38, 0.0156),
-    ), tuple(range(30, 40))),
-}  # fmt: skip
-# Per generator: rating in MVA, H in s, x'd and D in per unit on that rating.
-MACHINES = {
-    "classic": np.array([
-        [615.0, 5.148, 0.2995, 2.0], [60.0, 6.54, 0.185, 2.0], [60.0, 6.54, 0.185, 2.0],
-        [25.0, 5.06, 0.232, 2.0], [25.0, 5.06, 0.232, 2.0],
-    ]),
-    "andes": np.array([
-        [100.0, 4.0, 0.6, 0.0], [100.0, 6.5, 0.6, 0.0], [100.0, 5.0, 0.6, 0.0],
-        [100.0, 5.0, 0.6, 0.0], [100.0, 5.0, 0.6, 0.0],
-    ]),
-    "pai": np.array([
-        [100.0, 42.0, 0.031, 50.0], [100.0, 30.3, 0.0697, 50.0], [100.0, 35.8, 0.0531, 50.0],
-        [100.0, 28.6, 0.0436, 50.0], [100.0, 26.0, 0.132, 50.0], [100.0, 34.8, 0.05, 50.0],
-        [100.0, 26.4, 0.049, 50.0], [100.0, 24.3, 0.057, 50.0], [100.0, 34.5, 0.057, 50.0],
-        [100.0, 500.0, 0.006, 50.0],
-    ]),
-}  # fmt: skip
+# Branches (from, to, x) with x in per unit on 100 MVA, and the buses of the generators; and per
+# generator its rating in MVA, H in s, x'd and D in per unit on that rating.
+_DATA = json.loads(Path(__file__).with_name("networks.json").read_text("utf-8"))
+NETWORKS = {int(k): (one["branches"], one["generators"]) for k, one in _DATA["networks"].items()}
+MACHINES = {name: np.array(rows) for name, rows in _DATA["machines"].items()}
 
 
 def random_system(n: int, m: int, rng: RngLike = None, *, spectral_radius: float = 1.0) -> System:

@@ -149,50 +149,68 @@ def _parameter(
     return click.Option([spelled, one.name], help=text, **how)
 
 
-class _Share(click.ParamType):  # type: ignore[type-arg]
-    """A probability or a part, as ``5%`` or ``0.05``."""
+class Parsed(click.ParamType):  # type: ignore[type-arg]
+    """What a function makes of a text."""
 
-    name = "share"
+    name = "text"
+
+    def __init__(self, read: Callable[[str], Any], wanted: str) -> None:
+        self.read, self.wanted = read, wanted
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Read it; refuse 5 without percent sign as a likely mistake."""
-        figure = str(value).strip().removesuffix("%")
+        """Read it; a ValueError says that it is not what was wanted."""
         try:
-            found = number(figure)
+            return self.read(value)
         except ValueError:
-            raise click.BadParameter(f"{value!r} is not a number", ctx, param) from None
-        if str(value).strip().endswith("%"):
-            return found / 100.0
-        if found >= 1.0:
-            option = param.opts[0] if param else ""
-            raise click.UsageError(
-                f"{option}: {figure} is {100 * found:g} %: give {figure}%, or a number below 1"
-            )
-        return found
+            raise click.BadParameter(f"{value!r} must be {self.wanted}", ctx, param) from None
 
 
-Share = Annotated[Any, _Share()]
-File = Annotated[str, click.Path(readable=False)]
-Count = Annotated[int, click.IntRange(min=1)]
-Word = Annotated[Any, str]  # one of some words, which the package checks
-LEVEL = f"{DELTA:.0%}"
+def _share(text: str) -> float:
+    """Read ``5%`` or ``0.05``; 5 without percent sign is a likely mistake."""
+    figure = str(text).strip()
+    if figure.endswith("%"):
+        return number(figure[:-1]) / 100.0
+    if (found := number(figure)) >= 1.0:
+        raise click.BadParameter(
+            f"{figure} is {100 * found:g} %: give {figure}%, or a number below 1"
+        )
+    return found
 
 
-def names_of(option: str, text: str) -> list[str]:
-    """Read ``a,b``."""
+def _names(text: str) -> list[str]:
     names = [name.strip() for name in text.split(",")]
     if not all(names):
-        raise click.BadParameter(f"{text!r} has an empty name", param_hint=option)
+        raise ValueError
     return names
 
 
-def parsed(option: str, text: str, wanted: str, read: Callable[[str], Any]) -> Any:
-    """What `read` makes of a text, which must be `wanted`."""
-    try:
-        return read(text)
-    except ValueError:
-        message = f"{text!r} must be {wanted}"
-        raise click.BadParameter(message, param_hint=option) from None
+def numbers(text: str) -> list[float]:
+    """Read ``1,0,-0.5``."""
+    return [number(one) for one in text.split(",")]
+
+
+def _entries(text: str) -> float | list[float]:
+    """Read ``1``, for all, or ``1,0,2``, one number for each."""
+    values = numbers(text)
+    return values[0] if len(values) == 1 else values
+
+
+def _sides(text: str) -> tuple[str, tuple[float, float]]:
+    """Read ``-1,1`` and ``force=-1,1``."""
+    name, _, pair = text.rpartition("=")
+    low, high = numbers(pair)
+    return name, (low, high)
+
+
+Share = Annotated[Any, Parsed(_share, "a share, such as 5%")]
+File = Annotated[str, click.Path(readable=False)]
+Count = Annotated[int, click.IntRange(min=1)]
+Word = Annotated[Any, str]  # one of some words, which the package checks
+Names = Annotated[Any, Parsed(_names, "names with commas")]
+Numbers = Annotated[Any, Parsed(numbers, "numbers with commas")]
+Entries = Annotated[Any, Parsed(_entries, "numbers with commas")]
+Sides = Annotated[Any, Parsed(_sides, "LOW,HIGH")]
+LEVEL = f"{DELTA:.0%}"
 
 
 _UNBROKEN = 10_000  # columns of an output that is no terminal

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from collections.abc import Sequence
 from contextlib import suppress
@@ -15,10 +14,8 @@ import numpy as np
 from .. import cases
 from .._base.files import is_state, write_text
 from .._base.names import titled
-from .._base.reading import number
 from .._base.show import at_most, listed, percent
 from .._base.types import ROUNDING, Floats
-from .._base.validation import nearest
 from ..controls import control
 from ..data.gaps import NEAR
 from ..data.table import Table
@@ -28,46 +25,35 @@ from ..feedback import Loop
 from ..feedback import gain as gain_of
 from ..identification import Model
 from ..limits import Cost, Limits, Uncertain
+from ..limits.problem import sides
 from ..loops import ReadingLoop, Regulator
-from ._command import (
-    LEVEL,
-    Count,
-    File,
-    Out,
-    Share,
-    command,
-    finite,
-    grid,
-    note,
-    parsed,
-    show_result,
-)
+from . import _command as io
 
 
-@command(x0="start", xf="goal", target="goal", radius="x0_error")
+@io.command(x0="start", xf="goal", target="goal", radius="x0_error")
 def control_command(
-    source: File,
+    source: io.File,
     *,
-    start: str | None = None,
-    record: File | None = None,
+    start: io.Numbers = None,
+    record: io.File | None = None,
     time: str | None = None,
     skip: int = 0,
-    goal: str | None = None,
-    steps: Count = 1,
-    out: tuple[File, ...] = (),
+    goal: io.Numbers = None,
+    steps: io.Count = 1,
+    out: tuple[io.File, ...] = (),
     force: bool = False,
     as_json: bool = False,
-    delta: Share = LEVEL,
+    delta: io.Share = io.LEVEL,
     x0_error: float | None = None,
     noise: bool = False,
     gain: bool = False,
-    limits: tuple[str, ...] = (),
-    rate: str | None = None,
-    previous: str | None = None,
-    Q: str | None = None,
-    Qf: str | None = None,
-    R: str | None = None,
-    state_limits: tuple[str, ...] = (),
+    limits: tuple[io.Sides, ...] = (),
+    rate: io.Entries = None,
+    previous: io.Entries = None,
+    Q: io.Entries = None,
+    Qf: io.Entries = None,
+    R: io.Entries = None,
+    state_limits: tuple[io.Sides, ...] = (),
     hard: bool = False,
 ) -> None:
     """Compute a control; certify where it leads.
@@ -105,8 +91,9 @@ def control_command(
       control model.safetensors --from 1,0 --to 0,0 --steps 20
       control read.safetensors --record now.csv --steps 20 --limits F=-8,8
     """
-    files = Out(out, "control", force)
+    files = io.Out(out, "control", force)
     known: Any
+    x0: Any
     if source.endswith(".safetensors") or is_state(source):
         known = Model.load(source)
         x0, xf, n = None, None, known.n_outputs
@@ -124,22 +111,13 @@ def control_command(
     if hard and not state_limits:
         raise click.UsageError("--hard is for --state-limits")
 
-    def each(option: str, text: str | None, of: Any) -> Any:
-        return None if text is None else _entries_of(option, text, len(of))
-
+    u, x = _sides_of(limits, inputs), _sides_of(state_limits, states)
     asked: dict[str, Any] = {
-        "limits": Limits(
-            u=_sides_of("--limits", limits, inputs) if limits else None,
-            rate=each("--rate", rate, inputs),
-            previous=each("--previous", previous, inputs),
-            x=_sides_of("--state-limits", state_limits, states) if state_limits else None,
-            soft=False if hard else None,
-        ),
-        "cost": Cost(
-            Q=each("--Q", Q, states), Qf=each("--Qf", Qf, states), R=each("--R", R, inputs)
-        ),
+        "limits": Limits(u=u, rate=rate, previous=previous, x=x, soft=False if hard else None),
+        "cost": Cost(Q=Q, Qf=Qf, R=R),
     }
-    xf = _vector_of("--to", goal, n, np.zeros(n) if xf is None else xf)
+    if goal is not None or xf is None:
+        xf = np.array(goal or np.zeros(n))
     if read:
         if record is None or start is not None or x0_error:
             raise click.UsageError(
@@ -150,7 +128,9 @@ def control_command(
     else:
         if record is not None or time is not None or skip:
             raise click.UsageError("--record and --time are for models of outputs: give --from")
-        x0 = _vector_of("--from", start, n, x0)
+        x0 = x0 if start is None else start
+        if x0 is None:
+            raise click.UsageError(f"give --from, {n} numbers with commas")
         asked |= {"x0": Uncertain(x0, x0_error) if x0_error else x0, "xf": xf}
     plan = control(known, steps=steps, **asked)
     found: Any = None
@@ -163,14 +143,14 @@ def control_command(
             found = plan.bound(delta, noise=counted, gain=loop)
         if not gain:
             try:
-                near = finite(plan.typical(delta, noise=counted).miss)
+                near = io.finite(plan.typical(delta, noise=counted).miss)
             except InputError:  # its conditions do not hold
                 near = None
     path = plan.predicted_states if plan.predicted_outputs is None else plan.predicted_outputs
     facts = {
         "outputs" if read else "states": list(states),
         "inputs": list(inputs),
-        "target": xf.tolist(),
+        "target": io.finite(xf),
         "u": plan.u.tolist(),
         "predicted_outputs" if read else "predicted_states": path.tolist(),
         "reach": plan.reachability.verdict,
@@ -180,7 +160,7 @@ def control_command(
         "typical": near,
         "warnings": list(plan.warnings),
     }
-    show_result(facts, _text(plan, found, near, (*inputs, *states), path, xf), as_json)
+    io.show_result(facts, _text(plan, found, near, (*inputs, *states), path, xf), as_json)
     files.write(facts, lambda: plan.plot(found))
 
 
@@ -192,7 +172,7 @@ def _text(plan: Any, found: Any, near: Any, names: Any, path: Any, xf: Any) -> s
         u = [f"{v:.4g}" for v in _rounded(plan.u)[k]] if k < plan.steps else [""] * plan.u.shape[1]
         radius = [] if found is None else [f"{found.tube[k]:.3g}"]
         rows.append([str(k), *u, *(f"{v:.4g}" for v in state), *radius])
-    lines = [*grid(rows), "", str(plan)]
+    lines = [*io.grid(rows), "", str(plan)]
     if found is None:
         off = float(np.linalg.norm(path[-1] - xf))
         there = off <= ROUNDING * float(np.abs(path).max())
@@ -213,19 +193,19 @@ def _rounded(values: Any) -> Any:
     return np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
 
 
-@command(x0="start")
+@io.command(x0="start")
 def certify_command(
-    source: File,
+    source: io.File,
     *,
-    Q: str = "1",
-    R: str = "1",
+    Q: io.Entries = "1",
+    R: io.Entries = "1",
     widest: bool = False,
-    delta: Share = LEVEL,
-    start: str | None = None,
-    steps: Count = 60,
+    delta: io.Share = io.LEVEL,
+    start: io.Numbers = None,
+    steps: io.Count = 60,
     within: float | None = None,
-    noise: Share = None,
-    limits: tuple[str, ...] = (),
+    noise: io.Share = None,
+    limits: tuple[io.Sides, ...] = (),
     margins: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -259,19 +239,27 @@ def certify_command(
     states, inputs = model.state_names, model.input_names
     loop = feedback_for(model, Q, R, delta if widest else None)
     proof = loop.certificate(delta)
-    facts = {"K": loop.K.tolist(), "margin": finite(proof.margin), "certificate": proof.to_dict()}
+    facts = {
+        "K": loop.K.tolist(),
+        "margin": io.finite(proof.margin),
+        "certificate": proof.to_dict(),
+    }
     rows = zip(states, loop.K.T, strict=True)
-    lines = grid([["K transposed", *inputs], *([k, *(f"{v:.4g}" for v in row)] for k, row in rows)])
+    lines = io.grid(
+        [["K transposed", *inputs], *([k, *(f"{v:.4g}" for v in row)] for k, row in rows)]
+    )
     lines += ["", str(proof)]
     if margins:
         sheet = proof.margins()
         facts["margins"] = sheet.to_dict()
-        lines += ["", *grid([["", "certified", "of the model"], *sheet.rows()]), ""]
+        lines += ["", *io.grid([["", "certified", "of the model"], *sheet.rows()]), ""]
     if start is not None:
-        x0 = _vector_of("--from", start, model.n, None)
-        sides = _sides_of("--limits", limits, inputs) if limits else None
-        tube = proof.tube(x0, steps, noise=noise)
-        level = None if sides is None else proof.holds(sides, x0)
+        tube = proof.tube(start, steps, noise=noise)
+        within_limits = Limits(u=_sides_of(limits, inputs)).u
+        level = None
+        if within_limits is not None:
+            low, high = sides("limits", within_limits, 1, model.labels)
+            level = proof.holds((low[0], high[0]), start)
         settles = None if within is None else tube.settles(within)
         facts |= {"tube": tube.to_dict(), "settles": settles, "limits_scale": level}
         if proof.status == "certified":
@@ -287,53 +275,20 @@ def certify_command(
                 lines.append(
                     f"limits     kept for ever without noise from {level:.3g} times --from"
                 )
-    lines.append(f"for        {proof.region.assumption}")
+    lines.append(f"for        {proof.assumption}")
     lines += [f"warning    {text}" for text in proof.warnings]
-    show_result(facts, "\n".join(lines), as_json)
+    io.show_result(facts, "\n".join(lines), as_json)
 
 
-def _vector_of(option: str, text: str | None, n: int, default: Any) -> Any:
-    """Read ``1,0,-0.5``: `n` numbers."""
-    if text is None and default is None:
-        raise click.UsageError(f"give {option}, {n} numbers with commas")
-    return default if text is None else np.array(_numbers(option, text, f"{n} finite", n))
+def _sides_of(pairs: Sequence[tuple[str, Any]], names: Sequence[str]) -> Any:
+    """Limits by name, those of one behind those of all; None where there are none."""
+    found: dict[str, Any] = {}
+    for name, pair in sorted(pairs, key=lambda one: one[0] != ""):
+        found |= {titled(name, names): pair} if name else dict.fromkeys(names, pair)
+    return found or None
 
 
-def _entries_of(option: str, text: str, count: int) -> Floats:
-    """Read ``1`` or ``1,0,2``, one number for each."""
-    values = _numbers(option, text, f"1 or {count} finite" if count > 1 else "a finite", 1, count)
-    return np.full(count, values[0]) if len(values) == 1 else np.array(values)
-
-
-def _sides_of(option: str, texts: Sequence[str], names: Sequence[str]) -> tuple[Floats, Floats]:
-    """Read ``-1,1`` and ``force=-1,1``."""
-    low, high = np.full(len(names), -np.inf), np.full(len(names), np.inf)
-    for text in sorted(texts, key=lambda text: "=" in text):  # those of all, then those of one
-        name, equals, pair = text.rpartition("=")
-        name = titled(name, names)
-        if equals and name not in names:
-            known = f"{', '.join(names)}{nearest(name, names)}"
-            raise click.BadParameter(f"{name!r} must be one of {known}", param_hint=option)
-        values = _numbers(option, pair)
-        if len(values) != 2 or any(map(math.isnan, values)):
-            raise click.BadParameter(f"{pair!r} must be LOW,HIGH", param_hint=option)
-        chosen = names.index(name) if equals else slice(None)
-        low[chosen], high[chosen] = values
-    return low, high
-
-
-def _numbers(option: str, text: str, wanted: str = "", *counts: int) -> list[float]:
-    """Numbers with commas; so many of them, all finite, if `counts` are given."""
-    values: list[float] = parsed(
-        option, text, "numbers with commas", lambda text: [number(one) for one in text.split(",")]
-    )
-    if counts and not (len(values) in counts and all(map(math.isfinite, values))):
-        many = "number" if wanted == "a finite" else "numbers"
-        raise click.BadParameter(f"must be {wanted} {many}, got {text!r}", param_hint=option)
-    return values
-
-
-def feedback_for(model: Model, Q: str | None, R: str | None, widest: float | None = None) -> Loop:
+def feedback_for(model: Model, Q: Any, R: Any, widest: float | None = None) -> Loop:
     """The gain of least squares with ``--Q`` and ``--R``, 1 where they are left out.
 
     With `widest` that of the widest margin in the region of this probability.
@@ -341,9 +296,7 @@ def feedback_for(model: Model, Q: str | None, R: str | None, widest: float | Non
     try:
         if widest is not None:
             return gain_of(model, guarantee=widest)
-        states = (Q or "1").count(",") + 1 == model.n
-        of_states = _entries_of("--Q", Q or "1", model.n if states else model.n_outputs)
-        return gain_of(model, np.diag(of_states), np.diag(_entries_of("--R", R or "1", model.m)))
+        return gain_of(model, 1.0 if Q is None else Q, 1.0 if R is None else R)
     except SolverError as error:
         raise click.UsageError(f"no gain: {error}") from error
 
@@ -372,14 +325,14 @@ def _last_rows(path: str, model: Model, time: str | None, skip: int) -> tuple[Fl
     return y[first:], u[first:-1]
 
 
-@command()
+@io.command()
 def export_command(
-    source: File,
+    source: io.File,
     *,
     out: str = "controller.h",
     name: str = "controller",
-    Q: str = "1",
-    R: str = "1",
+    Q: io.Entries = "1",
+    R: io.Entries = "1",
     proof: str | None = None,
     checker: str | None = None,
     as_json: bool = False,
@@ -415,5 +368,5 @@ def export_command(
         write_text(checker, Path(check_proof.__file__).read_text("utf-8"))
     facts = {"header": out, "proof": proof, "checker": checker, "loop": repr(loop)}
     for path in filter(None, (out, proof, checker)):
-        note(f"written: {path}")
-    show_result(facts, repr(loop), as_json)
+        io.note(f"written: {path}")
+    io.show_result(facts, repr(loop), as_json)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from typing import Any
+from typing import Annotated, Any
 
 import click
 import numpy as np
@@ -14,46 +14,58 @@ from ..data.table import Table, csv_files, natural
 from ..exceptions import DataWarning
 from ..identification import Model, Noise, Pilot, Trajectories, Window, identify
 from ..identification.region import Region
-from ._command import (
-    LEVEL,
-    File,
-    Out,
-    Share,
-    Word,
-    command,
-    finite,
-    names_of,
-    note,
-    parsed,
-    show_result,
-)
+from . import _command as io
 
 
-@command(law="noise")
+def _pilot(text: str) -> float | Model:
+    """A share or a number of runs, or a model from a file."""
+    try:
+        value = number(text)
+    except ValueError:
+        return Model.load(text)
+    return int(value) if value.is_integer() else value
+
+
+def _task(text: str) -> tuple[list[float], list[float], int]:
+    start, goal, steps = text.split(":")
+    return io.numbers(start), io.numbers(goal), int(steps)
+
+
+def _window(text: str) -> dict[str, Any]:
+    pole, comma, count = text.partition(",")
+    return {"filters": (float(pole), int(count))} if comma else {"lags": int(pole)}
+
+
+Past = Annotated[Any, io.Parsed(_window, "as 8 or 0.8,4")]
+Task = Annotated[Any, io.Parsed(_task, "a start, a target and steps, like 1,0:0,0:10")]
+Runs = Annotated[Any, io.Parsed(_pilot, "a share, a number of runs, or a model")]
+
+
+@io.command(law="noise")
 def identify_command(
-    source: tuple[File, ...],
+    source: tuple[io.File, ...],
     *,
-    states: str | None = None,
-    outputs: str | None = None,
-    inputs: str | None = None,
+    states: io.Names = None,
+    outputs: io.Names = None,
+    inputs: io.Names = None,
     by: str | None = None,
     time: str | None = None,
     dt: float | None = None,
     delay: int = 0,
-    on_gap: Word = "split",
+    on_gap: io.Word = "split",
     last_pairs: bool = False,
     skip: int = 0,
-    design: Word = "adaptive",
-    noise: Word = "gaussian",
+    design: io.Word = "adaptive",
+    noise: io.Word = "gaussian",
     sigma: float | None = None,
-    covariance: Word = "full",
-    exact: str | None = None,
+    covariance: io.Word = "full",
+    exact: io.Names = None,
     intercept: bool = False,
-    window: str | None = None,
-    pilot: str | None = None,
-    reference: str | None = None,
-    delta: Share = LEVEL,
-    out: tuple[File, ...] = (),
+    window: Past = None,
+    pilot: Runs = None,
+    reference: Task = None,
+    delta: io.Share = io.LEVEL,
+    out: tuple[io.File, ...] = (),
     force: bool = False,
     as_json: bool = False,
 ) -> None:
@@ -98,10 +110,10 @@ def identify_command(
     if (states is None) == (outputs is None) or inputs is None:
         known = ", ".join(map(str, Table.of_file(paths[0], skip).names))
         raise click.UsageError(f"give --states or --outputs, and --inputs, of the columns {known}")
-    files = Out(out, "identify", force, [".safetensors", ".state"])
+    files = io.Out(out, "identify", force, [".safetensors", ".state"])
     read = "states" if outputs is None else "outputs"
-    x, u = names_of(f"--{read}", states or outputs or ""), names_of("--inputs", inputs)
-    columns: dict[str, Any] = {read: x, "inputs": u, "by": by, "time": time, "on_gap": on_gap}
+    x = states or outputs
+    columns: dict[str, Any] = {read: x, "inputs": inputs, "by": by, "time": time, "on_gap": on_gap}
     if outputs is None:
         columns["delay"] = delay
     with warnings.catch_warnings(record=True) as seen:
@@ -110,7 +122,7 @@ def identify_command(
     unused: list[str] = []
     if len(paths) == 1 and by is None:
         table = Table.of_file(paths[0], skip)
-        used = set(map(table.title, [*x, *u, time]))
+        used = set(map(table.title, [*x, *inputs, time]))
         unused = [one for one in table.names if one not in used]
     if last_pairs:
         data = data.last_pairs()
@@ -121,24 +133,19 @@ def identify_command(
         )
     if reference is not None and pilot is None:
         raise click.UsageError("--reference goes with --pilot")
-    past = {} if window is None else parsed("--window", window, "as 8 or 0.8,4", _window)
-    example = "a start, a target and steps, like 1,0:0,0:10"
-    task = None if reference is None else parsed("--reference", reference, example, _task)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DataWarning)  # the text lists them
         model = identify(
             data,
-            noise=Noise(
-                noise, covariance, sigma, tuple(names_of("--exact", exact)) if exact else (), design
-            ),
-            window=Window(**past, delay=0 if outputs is None else delay),
-            pilot=None if pilot is None else Pilot(_pilot(pilot), task),
+            noise=Noise(noise, covariance, sigma, tuple(exact or ()), design),
+            window=Window(**(window or {}), delay=0 if outputs is None else delay),
+            pilot=None if pilot is None else Pilot(pilot, reference),
             intercept=intercept,
         )
     region = model.region(delta)
     if files.file is not None:
         model.save(files.file)
-        note(f"written: {files.file}")
+        io.note(f"written: {files.file}")
     lost = [str(one.message).replace("dt=", "--dt ") for one in seen]
     careful = [*lost, *model.warnings, *_useless(model, data, region)]
     lines = [str(data), str(model), str(region), f"for        {region.assumption}"]
@@ -169,38 +176,16 @@ def identify_command(
         "missing": list(model.missing),
         "region": {
             **region.to_dict(),
-            "radius": finite(region.radius),
-            "entry_bounds": finite(region.entry_bounds),
+            "radius": io.finite(region.radius),
+            "entry_bounds": io.finite(region.entry_bounds),
         },
         "checks": None if model.checks is None else model.checks.p_values,
         "saved": files.file,
         "unused": unused,
         "warnings": careful,
     }
-    show_result(facts, "\n".join(lines), as_json)
+    io.show_result(facts, "\n".join(lines), as_json)
     files.write(facts, model.plot)
-
-
-def _pilot(text: str) -> float | Model:
-    """A share or a number of runs, or a model from a file."""
-    try:
-        value = number(text)
-    except ValueError:
-        return Model.load(text)
-    return int(value) if value.is_integer() else value
-
-
-def _task(text: str) -> tuple[list[float], list[float], int]:
-    """Read ``1,0:0,0:10``."""
-    start, goal, steps = text.split(":")
-    x0, xf = ([number(cell) for cell in one.split(",")] for one in (start, goal))
-    return x0, xf, int(steps)
-
-
-def _window(text: str) -> dict[str, Any]:
-    """Read ``8`` or ``0.8,4``."""
-    pole, comma, count = text.partition(",")
-    return {"filters": (float(pole), int(count))} if comma else {"lags": int(pole)}
 
 
 def _exact_is_possible(model: Model) -> bool:

@@ -12,7 +12,7 @@ from .._base import running, show, validation
 from .._base.names import Labels, titled, weight
 from .._base.types import DELTA, ArrayLike, Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError, StochensError
-from ..feedback.tube import Rest
+from ..feedback.bounds import Rest
 from ..identification.model import Model
 from ..limits.limits import Cost
 

@@ -25,8 +25,7 @@ from ..identification.changes import Predictor
 from ..identification.identified import Identified
 from ..identification.model import Model, after, in_states
 from ..identification.region import Region
-from .margins import Margins, Rounding
-from .tube import Rest, Tube
+from .bounds import Margins, Rest, Rounding, Tube
 from .watch import LAWS, LawOfWatch, Watch
 
 LoopStatus: TypeAlias = Literal["certified", "refuted", "not provable", "undetermined", "undecided"]
@@ -189,6 +188,11 @@ class LoopCertificate(SavedRecord):
         return 1
 
     @property
+    def assumption(self) -> str:
+        """What the region holds for."""
+        return self.region.assumption
+
+    @property
     def margin(self) -> float:
         """The region could be at least this many times larger: ``1 / norm``."""
         return 1.0 / self.norm if self.norm else np.inf
@@ -313,8 +317,11 @@ class LoopCertificate(SavedRecord):
             raise NonFiniteError("`x0`, `inputs` and `steps` lead beyond the largest number")
         about: list[Any] = [self.region.delta, noise, self.labels, self.dt]
         parts: list[Any] = bounds
-        if self.status != "certified" or not self._in_zone(np.asarray(bounds[-1])):
-            parts = [one + np.inf for one in parts]
+        holds, misfit = self.status == "certified", self.region.misfit
+        if holds and misfit is not None:  # which is bounded where states and inputs are so small
+            reach = np.asarray(bounds[-1])[None]
+            holds = bool(sizes_of(misfit, reach, self.labels)[0] <= misfit.within)
+        parts = parts if holds else [one + np.inf for one in parts]
         fields = [nominal[:, :n], nominal[:-1, n:], *parts, *about]
         for one in fields:
             if isinstance(one, np.ndarray):
@@ -735,11 +742,6 @@ class LoopCertificate(SavedRecord):
                 "tube(x0, steps, rest=rest(xs)).reach bounds states and inputs for all time"
             )
 
-    def _in_zone(self, reach: Floats) -> bool:
-        """Whether states and inputs up to these stay where the misfit is bounded."""
-        misfit = self.region.misfit
-        return misfit is None or sizes_of(misfit, reach[None], self.labels)[0] <= misfit.within
-
     def __repr__(self) -> str:
         share, misfit, why = show.percent(self.region.delta), self.region.misfit, self.reason
         if self.status == "certified":
@@ -779,15 +781,6 @@ class LoopCertificate(SavedRecord):
 
         more = more_logs(model, self.region.delta, holds)
         return f"{more}, or a gain with a better margin: gain(model)"
-
-    def _repr_html_(self) -> str:
-        rows = [
-            ("holds with", f"{show.percent(self.region.delta)} at least"),
-            ("for", self.region.assumption),
-            ("spectral radius of the centre", self.spectral_radius),
-            ("size of the region, of what is proved", f"{self.least:.6g} to {self.norm:.6g}"),
-        ]
-        return show.card(self, rows)
 
 
 def require_linear(region: Region, what: str) -> None:

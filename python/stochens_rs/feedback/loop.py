@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import show, validation
-from .._base.names import Labels, titled, weight
+from .._base.names import Labels, weight
 from .._base.records import SavedRecord, trusted
 from .._base.types import ArrayLike, Floats, NDArray
 from ..exceptions import InputError, NonFiniteError, SolverError
@@ -329,7 +329,8 @@ def gain(
         raise InputError(
             "`guarantee` and a gain without `Q` and `R` need a model from data, which has a region"
         )
-    region, fixed = None, given_inputs(known.labels.inputs, given)
+    names, region = known.labels, None
+    fixed = sorted(set(names.places("given", given, inputs=True)))
     chosen = np.setdiff1d(np.arange(m), fixed)
     if fixed and (guarantee is not None or Q is None or not len(chosen)):
         raise InputError(
@@ -347,7 +348,6 @@ def gain(
         K, S, parameter = _core.widest_gain(region.core)
         method = "widest margin"
     else:
-        names = known.labels
         weights = (
             weight("Q", for_outputs(model, Q), n, labels=names.states),
             weight("R", R, len(chosen), positive=True, labels=[names.inputs[j] for j in chosen]),
@@ -376,7 +376,7 @@ def gain(
         dt=known.dt,
         model=model,
         R=of_inputs,
-        given=tuple(known.labels.inputs[j] for j in fixed),
+        given=tuple(names.inputs[j] for j in fixed),
     )
 
 
@@ -400,20 +400,13 @@ def _too_large(model: Identified | None, region: Region) -> str:
     return f": it is {1.0 / widest:.3g} times as large as can be; {more}"
 
 
-def given_inputs(names: tuple[str, ...], given: Sequence[str]) -> list[int]:
-    """The places of inputs that are measured and not chosen."""
-    short = [titled(name, names) for name in validation.items("given", given)]
-    found = [validation.choice("given", name, names) for name in short]
-    return sorted({names.index(name) for name in found})
-
-
 def for_outputs(model: object, value: ArrayLike) -> ArrayLike:
     """Return a weight of the outputs of a model as one of its states, others as they are."""
     if not isinstance(model, Model) or model.window is None:
         return value
     n, p = model.n, model.n_outputs
     given = validation.read("Q", value)
-    if given.ndim and given.shape[-1] != p:
+    if given.ndim and given.shape[-1] == n:
         return value
     padded = np.zeros((n, n))
     padded[:p, :p] = weight("Q", value, p)

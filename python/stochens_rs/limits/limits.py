@@ -69,12 +69,7 @@ def pair_of(name: str, value: Any) -> Any:
         return None
     if isinstance(value, Mapping):
         return _sides_by_name(name, value)
-    try:
-        pair = validation.items(name, value)
-    except InputTypeError:
-        raise InputTypeError(
-            f"`{name}` must be a pair (low, high), got {validation.show(value)}"
-        ) from None
+    pair = validation.items(name, value, "a pair (low, high)")
     if len(pair) != 2:
         raise InputError(f"`{name}` must be a pair (low, high), got {len(pair)} items")
     return tuple(entries(f"{name}[{k}]", side) for k, side in enumerate(pair))

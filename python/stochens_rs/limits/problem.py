@@ -76,11 +76,6 @@ class Task(Record):
         """Whether there are limits of single inputs only."""
         return self.rate is None and self.state_low is None
 
-    @property
-    def bounded(self) -> bool:
-        """Whether the inputs have a limit at all."""
-        return bool(np.isfinite(self.low).any() or np.isfinite(self.high).any())
-
 
 def checked_task(
     n: int,

@@ -178,22 +178,6 @@ class Kept:
         u = self._core.follow(self._start, self._plan, self.since, x)
         return self._plan, u, "kept", np.nan
 
-    def unplanned(self, x: Floats) -> Floats:
-        """Return the input where no plan was ever accepted: that of the gain, within the limits.
-
-        Parameters
-        ----------
-        x : ndarray, shape (n,)
-            The state.
-
-        Returns
-        -------
-        ndarray, shape (m,)
-            The input.
-        """
-        n = len(x)
-        return np.clip(self.proof.K @ x, self.low[n:], self.high[n:])
-
     def _refuse(
         self, row: int, step: int | None, amount: float, model: float, noise: float
     ) -> NoReturn:

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import copy
 import threading
-from collections import deque
-from collections.abc import Iterator
+from collections import Counter, deque
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from .._base import validation
+from .._base import show, validation
 from .._base.files import Durable
+from .._base.names import Labels
 from .._base.records import SavedRecord
 from .._base.types import DELTA, ArrayLike, Floats, Self
 from ..exceptions import InputError
@@ -22,7 +23,13 @@ from ..feedback import Watch
 from ..validation.held_out import Asked, PredictedLoop, Runs, Validation, validated_loop
 
 LOGGED = 1000  # calls that the log keeps
-CORE = ("_point", "_solver", "_window", "kept")  # made anew in a copy, from what `_saved` says
+CORE = (
+    "_matrices",
+    "_point",
+    "_solver",
+    "_window",
+    "kept",
+)  # made anew in a copy, from what `_saved` says
 
 Entry = TypeVar("Entry")
 
@@ -54,11 +61,12 @@ class ControlLoop(Durable, Generic[Entry]):
     """
 
     _kind = LoopState._kind
-    __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe", "_watch")
+    __slots__ = ("__weakref__", "_busy", "_calls", "_last", "_log", "_safe", "_watch", "labels")
 
     _watch: Watch | None
 
-    def __init__(self, safe: Floats) -> None:
+    def __init__(self, labels: Labels, safe: Floats) -> None:
+        self.labels = labels  # of what is read, and of the inputs
         self._busy = threading.Lock()
         self._log: deque[Entry] = deque(maxlen=LOGGED)
         self._calls, self._watch = 0, None
@@ -79,16 +87,12 @@ class ControlLoop(Durable, Generic[Entry]):
 
     @watch.setter
     def watch(self, watch: Watch | None) -> None:
-        if watch is not None and validation.instance("watch", watch, Watch).names != self._signals:
-            raise InputError(f"`watch` must be of {self._signals}, got one of {watch.names}")
         if watch is not None:
+            own = self.labels.states, self.labels.inputs
+            if validation.instance("watch", watch, Watch).names != own:
+                raise InputError(f"`watch` must be of {own}, got one of {watch.names}")
             watch._attach(self)
         self._watch = watch
-
-    @property
-    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        """The names of what is read and of the inputs."""
-        raise NotImplementedError
 
     @property
     def log(self) -> tuple[Entry, ...]:
@@ -174,6 +178,23 @@ class ControlLoop(Durable, Generic[Entry]):
     def _predictions(self) -> PredictedLoop:
         """What `validate` compares runs with."""
         raise NotImplementedError
+
+    def _readings(self) -> Floats:
+        """What was read in the calls of the log, nan where it was not known."""
+        raise NotImplementedError
+
+    def _repr_html_(self) -> str:
+        log: Any = self._log
+        times = 1e6 * np.array([call.seconds for call in log] or [0.0])
+        rows = {
+            "last input": show.vector(self._last),
+            "last calls": counted(log) or None,
+            "time of a call": f"{np.median(times):.3g} µs (median), {times.max():.3g} µs at most",
+        }
+        if not log:
+            return show.card(self, [])
+        drawn = show.states(np.arange(len(log)), self._readings(), "readings over the calls")
+        return show.card(self, rows.items(), drawn)
 
     def _along(self, read: Floats) -> Floats:
         """What the loop gives along a run."""
@@ -270,3 +291,9 @@ class ControlLoop(Durable, Generic[Entry]):
         self._calls += 1
         self._log.append(entry)
         return u.copy()
+
+
+def counted(calls: Iterable[Any]) -> str:
+    """``40 optimal, 2 held``."""
+    seen = Counter(call.status for call in calls)
+    return ", ".join(f"{count} {status}" for status, count in seen.items())

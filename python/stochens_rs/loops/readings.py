@@ -20,15 +20,14 @@ from ..controls.set_point import Aim, Target, nearest_point, rest_at, set_point,
 from ..exceptions import InputError, NonFiniteError
 from ..export.header import BEYOND, LARGEST, evidence
 from ..feedback import Loop, LoopCertificate, Watched
+from ..feedback.bounds import Rest, Tube
 from ..feedback.certificate import judged, sentence
-from ..feedback.tube import Rest, Tube
 from ..identification.changes import source_of
 from ..identification.model import Model
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import Task, loop_of, read_task
 from ..validation.held_out import PredictedLoop
 from .loop import ControlLoop
-from .preview import preview
 from .regulator import condensed
 from .sensors import bounded, explained
 
@@ -126,22 +125,22 @@ class ReadingLoop(ControlLoop[Reading]):
     """
 
     __slots__ = (
-        "_acted",
-        "_aimed",
+        "_acted",  # the input before that of the last call
+        "_aimed",  # of `_point`: where free outputs stay, target, inputs
         "_asked",
         "_at_rest",
         "_bias",
         "_drift",
-        "_fading",
+        "_fading",  # what is added since a swap, and its factor from call to call
         "_forward",
-        "_given",
+        "_given",  # the inputs that are measured, (m,); nan where one is chosen
         "_high",
         "_law",
         "_learning",
         "_low",
         "_max_missing",
         "_most",
-        "_moves",
+        "_moves",  # the target from that of `_point`, its slope, and inputs
         "_point",
         "_policy",
         "_rate",
@@ -150,21 +149,15 @@ class ReadingLoop(ControlLoop[Reading]):
         "_solved",
         "_solver",
         "_started",
-        "_system",
-        "_way",
+        "_system",  # A, B, c of the plans
+        "_way",  # of the window along the targets to come, and these
         "_weights",
         "_window",
         "model",
     )
-    _system: tuple[Any, ...]  # A, B, c of the plans
-    _acted: Floats  # the input before that of the last call
-    _aimed: tuple[Floats, Floats, Floats]  # of `_point`: where free outputs stay, target, inputs
-    _fading: tuple[Floats, float]  # what is added since a swap, and its factor from call to call
-    _forward: Floats
-    _rows: Floats
-    _given: Floats  # the inputs that are measured, (m,); nan where one is chosen
-    _way: tuple[Floats, Floats] | None  # of the window along the targets to come, and these
-    _moves: tuple[Floats, Floats, Floats]  # the target from that of `_point`, its slope, and inputs
+
+    _system: tuple[Any, ...]
+    _way: tuple[Floats, Floats] | None
 
     def __init__(
         self,
@@ -221,9 +214,8 @@ class ReadingLoop(ControlLoop[Reading]):
         elif offset_free:
             # a copy: NumPy can crash on strided arrays where memory runs out
             drift = 0.01 * np.sqrt(np.square(model.data.pairs()[1].copy()).mean(axis=0))
-        super().__init__(
-            np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
-        )
+        safe = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
+        super().__init__(Labels(model.outputs, model.input_names), safe)
         self._max_missing = validation.size("max_missing", max_missing, minimum=0)
         self._policy, self._asked, self._drift = policy, asked, drift
         self._low, self._high, self._weights = low.copy(), high.copy(), outputs
@@ -569,21 +561,21 @@ class ReadingLoop(ControlLoop[Reading]):
         A, B, K, H = model.A, model.B, self._policy, model.coefficients @ model.loop.J
         Q = (S - A.T @ S @ (A + B @ K))[:p, :p]  # of Riccati's equation
         w = u[:, ~chosen] @ B[:, ~chosen].T + (0.0 if model.c is None else model.c)
-        of, u = (A, B[:, chosen], H[:, :n], H[:, n : n + model.m][:, chosen]), u[:, chosen]
         start = self._point.moving(none, self._step(rows[0]), none, own)[0]
         if self._way is not None and np.allclose(rows[0], self._way[1][0], equal_nan=True):
             start = self._way[0][0]
-        weights = Q, EASE * R[np.ix_(chosen, chosen)]
-        forward[:, chosen], way = preview(of, weights, K[chosen], (x, u, w), start)
+        of = A, B[:, chosen], H[:, :n], H[:, n : n + model.m][:, chosen]
+        parts = *of, Q, EASE * R[np.ix_(chosen, chosen)], K[chosen], x, u[:, chosen], w
+        A, B, C, D, Q, R, K, x, u, w = map(np.ascontiguousarray, parts)
+        forward[:, chosen], way = _core.preview((A, B, C, D), (Q, R), K, (x, u, w), start)
         if not np.isfinite(forward).all():
             raise NonFiniteError("`target` is too large: the inputs overflow")
         forward[-1] = 0.0  # the last target stays
         self._way = way, rows
         return forward
 
-    @property
-    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return self.model.outputs, self.model.input_names
+    def _readings(self) -> Floats:
+        return np.array([call.y for call in self._log])
 
     @property
     def target(self) -> Floats:
@@ -680,8 +672,7 @@ class ReadingLoop(ControlLoop[Reading]):
         model, noise = self.model, self.model.covariance
         unit = np.ones(model.n_outputs) if noise is None else np.sqrt(np.diag(noise))
         sizes = self._rows[-1].copy(), np.where(unit > 0.0, unit, 1.0)
-        labels = Labels(model.outputs, model.input_names)
-        about = model.n_outputs, model.m, *sizes, labels, model.dt
+        about = model.n_outputs, model.m, *sizes, self.labels, model.dt
         return PredictedLoop(self._path, self._along, *about)
 
     def _path(self, run: Floats) -> Floats:

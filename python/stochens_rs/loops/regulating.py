@@ -13,8 +13,8 @@ from ..exceptions import InputError
 from ..feedback import Loop
 from ..identification.identified import Identified
 from ..identification.model import Model
-from ..limits.limits import Cost, LimitsLike, as_cost
-from ..limits.problem import checked_task
+from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
+from ..limits.problem import read_task
 from .keep import Keep, kept_of
 from .readings import ReadingLoop
 from .regulator import Regulator, checked_model
@@ -185,8 +185,6 @@ def regulate(
         raise InputError("`target` must be None with a reference, whose last row takes its place")
     if weights.R is None:  # a task also without limits
         weights = replace(weights, R="auto")
-    task = checked_task(n, m, K, goal, limits, weights, checked.labels)
-    assert task is not None
-    seconds = None if time_limit is None else validation.positive("time_limit", time_limit)
+    task = read_task(n, m, K, goal, as_limits(limits), weights, checked.labels)
     kept = None if keep is None else kept_of(checked, task, keep)
-    return Regulator(checked, task, seconds, kept)
+    return Regulator(checked, task, time_limit, kept)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, replace
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -23,7 +22,7 @@ from ..plots.panels import Inputs, draw_calls
 from ..system.system import System
 from ..validation.held_out import PredictedLoop
 from .keep import Found, Kept
-from .loop import ControlLoop
+from .loop import ControlLoop, counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,6 +117,7 @@ class Regulator(ControlLoop[Call]):
 
     __slots__ = (
         "_held",
+        "_matrices",
         "_most",
         "_plan",
         "_solver",
@@ -125,8 +125,8 @@ class Regulator(ControlLoop[Call]):
         "_task",
         "_time_limit",
         "kept",
-        "labels",
     )
+    _matrices: tuple[Floats, Floats, Floats | None]  # A, B and c in the order of this loop
 
     def __init__(
         self,
@@ -135,16 +135,14 @@ class Regulator(ControlLoop[Call]):
         time_limit: float | None = None,
         kept: Kept | None = None,
     ) -> None:
-        self._time_limit = (
-            None if time_limit is None else validation.positive("time_limit", time_limit)
-        )
-        checked = checked_model(system)
+        checked, limit = checked_model(system), time_limit
+        self._time_limit = None if limit is None else validation.positive("time_limit", limit)
         self.labels, self.kept = checked.labels, kept
         self._set(checked, validation.instance("task", task, Task))
         self._plan: Floats | None = None
         self._held = 0
         self._last = np.zeros(self.m) if task.previous is None else task.previous
-        super().__init__(self._start())
+        super().__init__(self.labels, self._start())
 
     def _acting(self) -> Task:
         """The task from the input that acts now on."""
@@ -165,20 +163,16 @@ class Regulator(ControlLoop[Call]):
                     *wanted, *sizes
                 )
             )
-        order = order_of("system", system.labels, self.labels)
-        seen = system.largest if isinstance(system, Identified) else None
-        within = task if self.kept is None else self.kept.tightened(task)
-        self._solver = loop_of(within, *self._matrices(system))
-        self._system, self._task = system, task
-        none = np.zeros(self.n)
-        self._most = believed(none if seen is None else order.of_states(seen[: self.n]))
-
-    def _matrices(self, system: System | Identified) -> tuple[Floats, Floats, Floats | None]:
-        """A, B and c of a system in the order of this loop."""
-        order = order_of("system", system.labels, self.labels)
-        c = system.c if isinstance(system, Identified) else None
+        order, n = order_of("system", system.labels, self.labels), wanted[0]
+        c, seen = None, np.zeros(n)
+        if isinstance(system, Identified):
+            c = None if system.c is None else order.of_states(system.c)
+            seen = order.of_states(seen if system.largest is None else system.largest[:n])
         A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
-        return A, B, None if c is None else order.of_states(c)
+        within = task if self.kept is None else self.kept.tightened(task)
+        self._solver = loop_of(within, A, B, c)
+        self._system, self._task, self._matrices = system, task, (A, B, c)
+        self._most = believed(seen)
 
     def to_c(self, path: Any, *, name: str = "controller") -> None:
         """Write the loop as one C99 header, as it is now: begun anew.
@@ -217,7 +211,7 @@ class Regulator(ControlLoop[Call]):
         """
         if self.kept is not None:
             raise InputError("`to_c` writes no loop with `keep`: its promise needs its plans")
-        sizes, tables, about = condensed(self._task, *self._matrices(self._system))
+        sizes, tables, about = condensed(self._task, *self._matrices)
         tables |= {"begin": self._start(), "most": self._most}
         about |= evidence(self.labels, self._dt, self._system, self.labels.states)
         about |= sentence(None, None)
@@ -291,7 +285,8 @@ class Regulator(ControlLoop[Call]):
             return *kept.choose(x, found, again, started + (limit or np.inf)), None
         except SolverError as error:
             self._set(self._system, self._acting())  # without what was kept back for the model
-            return None, kept.unplanned(x), "infeasible", np.nan, str(error)
+            u = np.clip(kept.proof.K @ x, kept.low[self.n :], kept.high[self.n :])
+            return None, u, "infeasible", np.nan, str(error)
 
     def _solve(self, x: Floats, limit: float | None) -> Found:
         found = self._solver.solve(x, limit)
@@ -315,10 +310,6 @@ class Regulator(ControlLoop[Call]):
             self.kept.reset()
             self._set(self._system, self._acting())
         self._solver.resume(None)
-
-    @property
-    def _signals(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return self.labels.states, self.labels.inputs
 
     @property
     def n(self) -> int:
@@ -416,21 +407,17 @@ class Regulator(ControlLoop[Call]):
                 self.labels = checked.labels
 
     def _predictions(self) -> PredictedLoop:
-        order = order_of("system", self._system.labels, self.labels)
         covariance = getattr(self._system, "covariance", None)
         unit = np.ones(self.n) if covariance is None else np.sqrt(np.diag(covariance))
-        unit = order.of_states(unit)
+        unit = order_of("system", self._system.labels, self.labels).of_states(unit)
         target = validation.frozen(self._task.reference[-1].copy())
         sizes = target, np.where(unit > 0.0, unit, 1.0)
         return PredictedLoop(self._path, self._along, self.n, self.m, *sizes, self.labels, self._dt)
 
     def _path(self, run: Floats) -> Floats:
         """The states of the loop around its model, from the start of a run."""
-        loop, system = self._fresh(), self._system
-        order = order_of("system", system.labels, self.labels)
-        Theta = np.hstack(order.matrices(system.A, system.B))
-        if isinstance(system, Identified) and system.c is not None:
-            Theta = np.hstack([Theta, order.of_states(system.c)[:, None]])
+        loop, (A, B, c) = self._fresh(), self._matrices
+        Theta = np.hstack([A, B, np.zeros((len(A), 0)) if c is None else c[:, None]])
         path = [run[0]]
         for _ in run[1:]:
             path.append(trajectory(Theta, path[-1], loop(path[-1])[None])[-1])
@@ -440,9 +427,7 @@ class Regulator(ControlLoop[Call]):
     def _dt(self) -> float | None:
         return self._system.dt if isinstance(self._system.dt, float) else None
 
-    @property
-    def _states(self) -> Floats:
-        """The states in the log, nan where they were not known, (T, n)."""
+    def _readings(self) -> Floats:
         unknown = np.full(self.n, np.nan)
         return np.array([unknown if call.status == "held" else call.x for call in self._log])
 
@@ -482,7 +467,7 @@ class Regulator(ControlLoop[Call]):
         low, high = (np.broadcast_to(side, inputs.shape) for side in self.limits)
         held = np.array([call.status == "held" for call in self._log])
         return draw_calls(
-            self._states,
+            self._readings(),
             self.labels.state_axes,
             Inputs(inputs, self.labels.input_axes, low, high, held),
             self._task.reference[-1],
@@ -492,35 +477,11 @@ class Regulator(ControlLoop[Call]):
         )
 
     def __repr__(self) -> str:
-        last = f", the last: {_counted(self.log[-10:])}" if self._log else ""
+        last = f", the last: {counted(self.log[-10:])}" if self._log else ""
         return (
             f"<Regulator: n={self.n} m={self.m}, {show.number_of(self.steps)}, "
             f"{show.number_of(self._calls, 'call')}{last}>"
         )
-
-    def _repr_html_(self) -> str:
-        low, high = map(show.vector, self.limits)
-        rows: list[tuple[str, object]] = [
-            ("limits", f"{low} to {high}" * self._task.bounded or None)
-        ]
-        if not self._log:
-            return show.card(self, rows)
-        times, log = 1e6 * np.array([call.seconds for call in self._log]), self.log
-        spread = f"{np.median(times):.3g} µs (median), {times.max():.3g} µs at most"
-        rows += [
-            ("last calls", _counted(log)),
-            ("time of a call", spread),
-            ("last input", show.vector(log[-1].u)),
-            ("held in a row", self._held or None),
-        ]
-        drawn = show.states(np.arange(len(log)), self._states, "states over the calls")
-        return show.card(self, rows, drawn)
-
-
-def _counted(calls: tuple[Call, ...]) -> str:
-    """``40 optimal, 2 held``."""
-    seen = Counter(call.status for call in calls)
-    return ", ".join(f"{count} {status}" for status, count in seen.items())
 
 
 def checked_model(system: Any) -> System | Identified:

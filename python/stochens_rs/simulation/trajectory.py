@@ -86,10 +86,12 @@ class _OverTime(SavedRecord, Timed, listed=False):
         """The places of the chosen states, and how they are named."""
         labels = self._labels
         at = labels.places("states", states)
-        unit = labels.units_of(at)
-        said = labels.state_axes if unit is None else labels.states
-        up = "state" if unit is None else f"state [{unit}]"
-        return at, {"names": [said[i] for i in at], "up": up, "timed": self.dt is not None}
+        known = dict(labels.units)
+        unit, *others = {known.get(labels.states[i]) for i in at}
+        alike = unit is not None and not others  # then the axis names it
+        named = labels.states if alike else labels.state_axes
+        up = f"state [{unit}]" if alike else "state"
+        return at, {"names": [named[i] for i in at], "up": up, "timed": self.dt is not None}
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -233,10 +235,8 @@ class EnsembleTrajectory(_OverTime):
 
         None for a single trajectory.
         """
-        if self.variance is None:
-            return None
-        error: Floats = np.sqrt(self.variance / self.replicates)
-        return error
+        variance = self.variance
+        return None if variance is None else np.asarray(np.sqrt(variance / self.replicates))
 
     def plot(
         self, states: str | int | Sequence[str | int] | None = None, *, ax: Axes | None = None

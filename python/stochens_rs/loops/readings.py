@@ -13,6 +13,7 @@ import numpy as np
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
+from .._base.records import trusted
 from .._base.types import ArrayLike, Floats, Status
 from ..controls.of_model import Record, Start, Wanted, cost_of_outputs, plan_from, start_of, task_of
 from ..controls.plan import Plan
@@ -204,7 +205,6 @@ class ReadingLoop(ControlLoop[Reading]):
             policy = task
             asked, outputs = (K, within, weights), weights_of(model, weights)
         assert task is not None
-        low, high = task.low[0], task.high[0]
         self._rate = np.full(m, np.inf) if task.rate is None else task.rate
         if hold is None and task.previous is not None:
             hold = task.previous
@@ -215,10 +215,10 @@ class ReadingLoop(ControlLoop[Reading]):
             # a copy: NumPy can crash on strided arrays where memory runs out
             drift = 0.01 * np.sqrt(np.square(model.data.pairs()[1].copy()).mean(axis=0))
         safe = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
-        super().__init__(Labels(model.outputs, model.input_names), safe)
+        super().__init__(trusted(Labels, model.outputs, model.input_names), safe)
         self._max_missing = validation.size("max_missing", max_missing, minimum=0)
         self._policy, self._asked, self._drift = policy, asked, drift
-        self._low, self._high, self._weights = low.copy(), high.copy(), outputs
+        self._low, self._high, self._weights = task.low[0].copy(), task.high[0].copy(), outputs
         self._of(model, gain)
         self._solved = np.zeros(model.n), np.zeros(m)  # of the problem that is solved, at rest
         self._rows, self._way = self._padded(targets(model, target)), None

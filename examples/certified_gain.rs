@@ -53,7 +53,7 @@ pub fn main() -> Result<()> {
     println!("{:?}: the model has a spectral radius of {:.3}", certificate.status, certificate.radius);
 
     // what goes wrong beside the data: any gain of the actuator in this interval
-    let margins = closed.margins(&stop)?;
+    let margins = closed.margins(None, &stop)?;
     println!("{:?}", margins.gains);
     assert_eq!(certificate.status, Verdict::Certified);
     Ok(())

@@ -63,6 +63,7 @@ pub(super) struct Blocks {
     pub outs: Vec<usize>,
     pub ins: Vec<usize>,
     terms: usize,
+    lift: f64,
 }
 
 /// `diag(a, a)`.
@@ -152,6 +153,7 @@ impl Blocks {
             outs,
             ins,
             terms: data.region.d.max(m) + 2,
+            lift: data.lift,
         };
         if let Some(im) = turn {
             made.turn(data, im, pieces.len());
@@ -262,7 +264,7 @@ impl Blocks {
         if let Some(x) = x {
             h += x * faer::Scale(slack * slack);
         }
-        let root = least(&a, Some(&c_own), &symmetric(&h), lambda, 1e-3 * (slack - 1.0)).found()?;
+        let root = least(&a, Some(&c_own), &symmetric(&h), lambda, (1e-3 * (slack - 1.0), self.lift)).found()?;
         self.verified(&root, gammas, t, (x, lambda)).then_some(root)
     }
 

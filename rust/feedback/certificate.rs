@@ -25,7 +25,7 @@ pub enum Verdict {
 }
 
 /// The verdict, with its proof or counterexample.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 #[non_exhaustive]
 pub struct Certificate {
     /// The verdict.

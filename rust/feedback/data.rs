@@ -6,6 +6,8 @@ use crate::error::{Error, Result};
 use crate::region::Region;
 use crate::scaled::nearest_power_of_two;
 
+use super::lemma::LIFT;
+
 pub(super) const WHAT: &str = "the certificate of a feedback";
 pub(super) type Matrix = Mat<f64>;
 
@@ -150,6 +152,8 @@ pub(super) struct Uncertain {
     pub phi: f64,
     pub region: Region,
     pub misfits: Vec<Misfit>,
+    /// See `lemma::least`.
+    pub lift: f64,
 }
 
 /// A term `f(z)`, `||f(z)|| <= most ||z||`, `z = of (x, u)`, that is added to the states along `direction`: any function, also
@@ -226,12 +230,12 @@ impl Uncertain {
             let rho = one.most * (1.0 + 1e-12);
             pieces.push(Piece { rows, rho, root: root(&s)?, s, w });
         }
-        Ok(Self { n, m, unit, a, b, c, pieces, phi: phi * (1.0 + 1e-8), region: region.clone(), misfits })
+        Ok(Self { n, m, unit, a, b, c, pieces, phi: phi * (1.0 + 1e-8), region: region.clone(), misfits, lift: LIFT })
     }
 
-    /// The misfits of a plant with the inputs of `d` steps before as states.
-    pub fn later_misfits(&self, d: usize) -> Vec<Misfit> {
-        let (n, m, more) = (self.n, self.m, self.m * d);
+    /// The misfits of a plant with `more` states below.
+    pub fn later_misfits(&self, more: usize) -> Vec<Misfit> {
+        let (n, m) = (self.n, self.m);
         let mut all = Vec::new();
         for one in &self.misfits {
             let mut direction = one.direction.clone();

@@ -8,7 +8,7 @@ use crate::parallel::Stop;
 
 use super::blocks::{Blocks, Channel};
 use super::data::{Matrix, WHAT, absolute, filled, gathered};
-use super::lemma::least;
+use super::lemma::{LIFT, least};
 use super::loops::{Loop, best_of, bytes, squares};
 use super::spectrum::radius;
 use super::tube::ROUNDING;
@@ -53,11 +53,15 @@ impl Loop {
             let channel = [Channel::at_inputs(into.clone(), Mat::zeros(0, n))];
             let (rows, floor) = (self.rows(), radius(&self.closed.a0)?.powi(2));
             let through = &self.data.b * &into;
-            let own = least(&self.closed.a0, None, &(&through * through.transpose()), 1.0, 0.0).found();
+            let own = least(&self.closed.a0, None, &(&through * through.transpose()), 1.0, (0.0, LIFT)).found();
             let Some(own) = own else { return Ok(filled(n + m, f64::INFINITY)) };
             let nominal = squares(&own, &rows);
             let outputs = |w: &Matrix| (w.subcols(n, m) * &into).squared_norm_l2();
-            let feed: f64 = self.data.pieces.iter().map(|piece| outputs(&piece.w)).sum::<f64>().max(1e-300);
+            let mut feed: f64 = self.data.pieces.iter().map(|piece| outputs(&piece.w)).sum();
+            if feed == 0.0 {
+                feed = (self.closed.outputs() * &own).squared_norm_l2(); // inputs that act later
+            }
+            let feed = feed.max(1e-300);
             let mut best: (f64, Vec<f64>) = (f64::INFINITY, filled(n + m, f64::INFINITY));
             for share in RATES {
                 stop.check()?;

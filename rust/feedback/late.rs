@@ -1,27 +1,47 @@
-//! The region of a plant with the inputs of the steps before as states.
+//! The region of a plant with more states, which are known: past inputs, and what a controller remembers.
 
 use std::sync::Arc;
 
-use crate::error::Result;
+use faer::Mat;
+
+use crate::error::{Error, Result};
 use crate::memory::{try_copy, try_zeros};
 use crate::region::{Part, PartOf, Region};
 
-use super::data::WHAT;
+use super::blocks::Channel;
+use super::data::{Closed, Matrix, Uncertain, WHAT, filled, gathered, in_units, matrix};
+use super::lemma::{LIFT, REPEATED};
+use super::loops::Loop;
 
-/// States `(x, v_1, .., v_d)` with `v_1(k+1) = K x(k)`, `v_j(k+1) = v_(j-1)(k)`: the inputs that were asked for.
-pub(super) fn with_past(region: &Region, gain: &[f64], d: usize) -> Result<Region> {
-    let (n, m, width) = (region.n, region.m, region.d);
-    let (all, more) = (n + m * d, m * d);
+/// What a controller remembers, `c+ = N (c, v) + G y+`, of the inputs v that it asks for and the readings y it gets; its
+/// inputs are `v = K c`. The first states are the readings, or their first filters. Without it c are the readings.
+#[derive(Debug, Clone, Copy)]
+pub struct Memory<'a> {
+    /// N (n, n + m), row by row.
+    pub next: &'a [f64],
+    /// G (n, p).
+    pub reads: &'a [f64],
+}
+
+/// Which of the two that a controller gets is false.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum False {
+    Inputs,
+    Readings,
+}
+
+/// The region with more states below, of which `below` (more, n + more + m) are the rows of A and B.
+fn with_below(region: &Region, below: &Matrix) -> Result<Region> {
+    let (n, m, width, more) = (region.n, region.m, region.d, below.nrows());
+    let all = n + more;
     let mut centre = try_zeros::<f64>(WHAT, all * (width + more))?;
     for (i, row) in centre.chunks_exact_mut(width + more).enumerate() {
         if i < n {
             let own = &region.centre[i * width..(i + 1) * width];
             row[..n].copy_from_slice(&own[..n]);
             row[all..].copy_from_slice(&own[n..]);
-        } else if i < n + m {
-            row[..n].copy_from_slice(&gain[(i - n) * n..(i - n + 1) * n]);
         } else {
-            row[i - m] = 1.0;
+            (0..all + m).for_each(|j| row[j] = below[(i - n, j)]);
         }
     }
     let mut parts = Vec::new();
@@ -31,4 +51,109 @@ pub(super) fn with_past(region: &Region, gain: &[f64], d: usize) -> Result<Regio
         parts.push(Arc::new(Part::new(PartOf { columns: &columns, ..part.of() })?));
     }
     Region::new(&centre, all, m, parts, region.frobenius, region.future)
+}
+
+/// The states from `from` on that follow, one after another.
+fn followers(next: &Matrix, mut from: Vec<bool>) -> Vec<usize> {
+    for _ in 0..from.len() {
+        let more =
+            gathered((0..from.len()).map(|i| from[i] || (0..from.len()).any(|j| from[j] && next[(i, j)] != 0.0)));
+        from = more;
+    }
+    gathered((0..from.len()).filter(|i| from[*i]))
+}
+
+impl Loop {
+    /// The gain of this loop in the units of the data.
+    pub(super) fn own_gain(&self) -> Matrix {
+        in_units(&self.closed.k, &filled(self.data.m, 1.0), &self.data.back())
+    }
+
+    fn grown(&self, below: &Matrix, k: impl Fn(usize, usize) -> f64) -> Result<(Uncertain, Closed)> {
+        let region = with_below(&self.data.region, below)?;
+        let mut data = Uncertain::beside(&region, self.data.later_misfits(below.nrows()))?;
+        data.lift = self.data.lift;
+        let inside = Mat::from_fn(data.m, data.n, |i, j| k(i, j) * data.unit[j]);
+        let closed = Closed::new(&data, inside);
+        Ok((data, closed))
+    }
+
+    /// The loop of a plant with the inputs of `d` steps before as states `(x, v_1, .., v_d)`, `v_1(k+1) = K x(k)`, `v_j(k+1) =
+    /// v_(j-1)(k)`: those that were asked for. The gain is `own` times K, and `last` times the last of them.
+    pub(super) fn past(&self, d: usize, (own, last): (f64, f64)) -> Result<(Uncertain, Closed)> {
+        let (n, m, k) = (self.data.n, self.data.m, self.own_gain());
+        let below = Mat::from_fn(m * d, n + m * d + m, |i, j| match (i < m, j < n) {
+            (true, true) => k[(i, j)],
+            (true, false) => 0.0,
+            (false, _) => f64::from(u8::from(j + m == n + i)),
+        });
+        let end = n + m * (d - 1);
+        self.grown(&below, |i, j| match (j < n, j >= end) {
+            (true, _) => own * k[(i, j)],
+            (false, true) => last * f64::from(u8::from(i == j - end)),
+            (false, false) => 0.0,
+        })
+    }
+
+    /// The loop of a plant whose controller has its own record of inputs, or of readings, and the channels of false readings.
+    ///
+    /// Where x are the states that such a controller would have without a fault, it has `x + D`,
+    ///
+    /// ```text
+    /// D = r + G q,    r+ = N_x D + N_u (v - u),    v = K (x + D),
+    /// ```
+    ///
+    /// with q the errors of the readings now. The states r, and for filters those `h` of the step before, are below x: `y =
+    /// (x_1 - a h) / (1 - a)`.
+    pub(super) fn apart(&self, memory: Memory<'_>, what: False) -> Result<(Self, Vec<Channel>)> {
+        let (n, m, k) = (self.data.n, self.data.m, &self.closed.k);
+        let p = memory.reads.len() / n;
+        if memory.next.len() != n * (n + m) || memory.reads.len() != n * p || !(1..=n).contains(&p) {
+            let found = format!("{} and {}", memory.next.len(), memory.reads.len());
+            return Err(Error::Shape { name: "N and G", expected: format!("{n} rows each"), found });
+        }
+        let (unit, back) = (&self.data.unit, self.data.back());
+        let next = matrix(memory.next, n, n + m);
+        let own = in_units(&next.subcols(0, n).to_owned(), &back, unit);
+        let asked = in_units(&next.subcols(n, m).to_owned(), &back, &filled(m, 1.0));
+        let reads = in_units(&matrix(memory.reads, n, p), &back, &unit[..p]);
+        let held = &own * &reads;
+        let seeds = if what == False::Inputs { &asked } else { &held };
+        let kept = followers(&own, gathered((0..n).map(|i| (0..seeds.ncols()).any(|j| seeds[(i, j)] != 0.0))));
+        let filtered = gathered((0..p).filter(|j| what == False::Readings && own[(*j, *j)] != 0.0));
+        let (by_gain, more) = (&asked * k, kept.len() + filtered.len());
+        let all = n + more;
+        let below = Mat::from_fn(more, all + m, |i, j| {
+            let Some(i) = kept.get(i).copied() else {
+                let of = filtered[i - kept.len()];
+                return if j == of { back[j] } else { 0.0 };
+            };
+            match kept.get(j.wrapping_sub(n)) {
+                _ if j < n => by_gain[(i, j)] * back[j],
+                Some(of) => own[(i, *of)] + by_gain[(i, *of)],
+                None if j < all => 0.0,
+                None => -asked[(i, j - all)],
+            }
+        });
+        let (mut data, mut closed) = self.grown(&below, |i, j| {
+            if j < n { k[(i, j)] * back[j] } else { kept.get(j - n).map_or(0.0, |of| k[(i, *of)]) }
+        })?;
+        closed.t.clone_from(&self.closed.t);
+        data.lift = if more > 0 { REPEATED } else { LIFT };
+        let (through, into) = (k * &reads, &held + &asked * (k * &reads));
+        let channels = (0..p).map(|j| {
+            let e = |i: usize| kept.get(i.wrapping_sub(n)).map_or(0.0, |of| into[(*of, j)]);
+            let at = filtered.iter().position(|of| *of == j).map(|i| n + kept.len() + i);
+            let y = |i: usize| match (i == j, at == Some(i)) {
+                (true, _) => 1.0 / reads[(j, j)],
+                (_, true) => -own[(j, j)] / reads[(j, j)],
+                _ => 0.0,
+            };
+            let mut one = Channel::at_inputs(through.subcols(j, 1).to_owned(), Mat::from_fn(1, all, |_, i| y(i)));
+            one.e = Mat::from_fn(all, 1, |i, _| e(i));
+            one
+        });
+        let channels = gathered(channels);
+        Ok((Self { data, closed, certificate: self.certificate.clone(), proof: None }, channels))
+    }
 }

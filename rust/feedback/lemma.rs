@@ -30,12 +30,16 @@ impl Solved {
 
 /// What is added to `X` at least, relative to what it stirs up.
 const LEAST: f64 = 1e-10;
+/// `lift` of loops of which each state is stirred up, and of those with states that repeat each other.
+pub(super) const LIFT: f64 = 1e-14;
+pub(super) const REPEATED: f64 = 1e-6;
 
 /// The root of the limit of `Y <- H + (1/lambda) A0 Y (I - E'E Y / lambda)^-1 A0'` from 0, with `H = X + alpha rho^2 S`, and E
-/// divided by `sqrt(alpha)`. H is larger by `room` times what it stirs up; a H of 0 stirs up what I does.
-pub(super) fn least(a0: &Matrix, e: Option<&Matrix>, h: &Matrix, lambda: f64, room: f64) -> Solved {
+/// divided by `sqrt(alpha)`. H is larger by `room` times what it and `lift` times its mean diagonal stir up; a H of 0 stirs up
+/// what I does.
+pub(super) fn least(a0: &Matrix, e: Option<&Matrix>, h: &Matrix, lambda: f64, (room, lift): (f64, f64)) -> Solved {
     let (n, size, mut lifted) = (a0.nrows(), trace(h) / a0.nrows() as f64, h.clone());
-    (0..n).for_each(|i| lifted[(i, i)] += if size > 0.0 { 1e-14 * size } else { 1.0 });
+    (0..n).for_each(|i| lifted[(i, i)] += if size > 0.0 { lift * size } else { 1.0 });
     let Some(white) = doubled(a0, None, &lifted, lambda).found().and_then(|y| rooted(&y)) else {
         return Solved::Slow;
     };

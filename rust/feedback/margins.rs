@@ -8,8 +8,8 @@ use crate::parallel::Stop;
 
 use super::blocks::{Blocks, Channel};
 use super::certificate::{Verdict, judged};
-use super::data::{Closed, Matrix, Uncertain, WHAT, entries, filled, gathered, in_units, matrix, scaled};
-use super::late::with_past;
+use super::data::{Matrix, WHAT, entries, filled, gathered, in_units, matrix, scaled};
+use super::late::{False, Memory};
 use super::loops::{Loop, bytes};
 use super::scalings::{hint, largest};
 use super::spectrum::radius;
@@ -170,40 +170,42 @@ impl Loop {
         })?
     }
 
-    /// What the loop stands, for every member and for the centre. Without a certificate nothing is.
+    /// What the loop stands, for every member and for the centre. Without a certificate nothing is. The controller
+    /// `remembers` what it asked for and what it read, where that is more than the readings now; a share of an input is of
+    /// one that it knows.
     ///
     /// # Errors
-    /// [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
-    pub fn margins(&self, stop: &Stop) -> Result<Margins> {
-        let (n, m, k) = (self.data.n, self.data.m, &self.closed.k);
-        covered(WHAT, 8 * bytes(n, self.data.region.d), || {
-            let certified = self.free();
+    /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
+    pub fn margins(&self, remembers: Option<Memory<'_>>, stop: &Stop) -> Result<Margins> {
+        let (n, m) = (self.data.n, self.data.m);
+        covered(WHAT, 8 * bytes(3 * n, self.data.region.d), || {
+            let (next, reads) = (filled(n * (n + m), 0.0), entries(&Mat::identity(n, n)));
+            let memory = remembers.unwrap_or(Memory { next: &next, reads: &reads });
+            let asked = self.apart(memory, False::Inputs)?.0;
+            let (certified, k) = (self.free(), &asked.closed.k);
             let (mut gains, mut phases, mut disks, mut all) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             for i in 0..m {
                 let mut one = Channel::at_inputs(unit(m, i), row_of(k, i));
                 one.own[(0, 0)] = 0.5;
-                disks.push(self.sized(k, std::slice::from_ref(&one), MOST, stop)?);
+                disks.push(asked.sized(k, std::slice::from_ref(&one), MOST, stop)?);
                 all.push(one);
-                gains.push(self.gain(i, certified, stop)?);
-                phases.push(self.phase(i, certified, stop)?);
+                gains.push(asked.gain(i, certified, stop)?);
+                phases.push(asked.phase(i, certified, stop)?);
             }
-            let disk = self.sized(k, &all, MOST, stop)?;
-            let each = |j: usize| {
-                let (into, of) = (k.subcols(j, 1).to_owned(), Mat::from_fn(1, n, |_, at| f64::from(u8::from(at == j))));
-                Channel::at_inputs(into, of)
-            };
-            let reads = gathered((0..n).filter(|j| (0..m).any(|i| k[(i, *j)] != 0.0)).map(each));
+            let disk = asked.sized(k, &all, MOST, stop)?;
+            let (read, mut reads) = self.apart(memory, False::Readings)?;
+            reads.retain(|one| one.u.norm_max() > 0.0 || one.e.norm_max() > 0.0);
             let mut readings = Margin { certified: MOST, nominal: MOST };
             if !reads.is_empty() {
-                readings = self.sized(k, &reads, MOST, stop)?;
+                readings = read.sized(&read.closed.k, &reads, MOST, stop)?;
             }
             let mut found = Margins {
                 gains,
                 phases,
                 disks,
                 disk,
-                delay: self.delay(stop)?,
-                varying: self.varying(stop)?,
+                delay: asked.delay(stop)?,
+                varying: asked.varying(stop)?,
                 readings,
                 bits: self.bits(stop)?,
                 share: self.share(stop)?,
@@ -296,34 +298,14 @@ impl Loop {
         })
     }
 
-    /// The loop of a plant with the inputs of `d` steps before as states, of which the gain is `k` (m, n + m d).
-    fn past(&self, d: usize, k: impl Fn(&Matrix, &Matrix) -> Matrix) -> Result<(Uncertain, Closed)> {
-        let (n, m) = (self.data.n, self.data.m);
-        let own = in_units(&self.closed.k, &filled(m, 1.0), &self.data.back());
-        let region = with_past(&self.data.region, &entries(&own), d)?;
-        let data = Uncertain::beside(&region, self.data.later_misfits(d))?;
-        let last = Mat::from_fn(m, m, |i, j| f64::from(u8::from(i == j)));
-        let whole = k(&own, &last);
-        let inside = Mat::from_fn(m, n + m * d, |i, j| whole[(i, j)] * data.unit[j]);
-        let closed = Closed::new(&data, inside);
-        Ok((data, closed))
-    }
-
     fn delay(&self, stop: &Stop) -> Result<Margin> {
-        let (n, m) = (self.data.n, self.data.m);
         let mut found = Margin { certified: 0.0, nominal: 0.0 };
         let (mut proved, mut stable) = (self.certificate.status == Verdict::Certified, self.certificate.radius < 1.0);
         for d in 1..=LATE {
             if !stable {
                 break;
             }
-            let (data, closed) = self.past(d, |_, last| {
-                Mat::from_fn(
-                    m,
-                    n + m * d,
-                    |i, j| if j >= n + m * (d - 1) { last[(i, j - n - m * (d - 1))] } else { 0.0 },
-                )
-            })?;
+            let (data, closed) = self.past(d, (0.0, 1.0))?;
             stable = radius(&closed.a0)? < 1.0;
             if proved {
                 proved = judged(&data, closed, stop)?.0.status == Verdict::Certified;
@@ -341,14 +323,8 @@ impl Loop {
     fn varying(&self, stop: &Stop) -> Result<Margin> {
         let (n, m) = (self.data.n, self.data.m);
         let size = |share: f64| -> Result<Margin> {
-            let (data, closed) = self.past(1, |own, last| {
-                Mat::from_fn(
-                    m,
-                    n + m,
-                    |i, j| if j < n { (1.0 - share) * own[(i, j)] } else { share * last[(i, j - n)] },
-                )
-            })?;
-            let asked = in_units(&self.closed.k, &filled(m, 1.0), &self.data.back());
+            let (data, closed) = self.past(1, (1.0 - share, share))?;
+            let asked = self.own_gain();
             let of = Mat::from_fn(m, n + m, |i, j| {
                 data.unit[j] * if j < n { asked[(i, j)] } else { -f64::from(u8::from(i == j - n)) }
             });
@@ -375,8 +351,7 @@ impl Loop {
         let mut found = Margin { certified: f64::INFINITY, nominal: f64::INFINITY };
         let (mut proved, mut stable) = (self.free(), true);
         for bits in (1..=BITS).rev() {
-            let own = in_units(&self.closed.k, &filled(self.data.m, 1.0), &self.data.back());
-            let k = in_units(&rounded(&own, bits), &filled(self.data.m, 1.0), &self.data.unit);
+            let k = in_units(&rounded(&self.own_gain(), bits), &filled(self.data.m, 1.0), &self.data.unit);
             stable = stable && radius(&(&self.data.a + &self.data.b * &k))? < 1.0;
             if proved {
                 stop.check()?;

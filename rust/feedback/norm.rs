@@ -146,7 +146,7 @@ pub(super) fn balanced(data: &Uncertain, mut closed: Closed, stop: &Stop) -> Res
 /// verified; and whether the recursion broke down.
 pub(super) fn proof(data: &Uncertain, closed: &Closed, t: f64, by: f64, slack: f64) -> (Option<Matrix>, bool) {
     let (e, d) = (closed.outputs(), scaled(&closed.inputs(data), by * slack));
-    match least(&closed.a0, Some(&e), &(&d * d.transpose()), t * t, 1e-3 * (slack - 1.0)) {
+    match least(&closed.a0, Some(&e), &(&d * d.transpose()), t * t, (1e-3 * (slack - 1.0), data.lift)) {
         Solved::Found(root) => {
             let claim = Claim { root: &root, x: None, alpha: 1.0, lambda: t * t, by };
             (verify(data, closed, &claim).then_some(root), false)

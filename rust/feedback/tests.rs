@@ -127,7 +127,7 @@ fn root(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
 fn margins_of_one_state() {
     for (a, rho) in [(1.2, 0.3), (0.6, 0.3), (1.2, 0.0), (1.2, 0.05)] {
         let found = Loop::new(&round(&[a, 1.0], 1, 1, rho), &[-0.9], &Stop::new()).unwrap();
-        let one = found.margins(&Stop::new()).unwrap();
+        let one = found.margins(None, &Stop::new()).unwrap();
         let size = |kappa: f64, phase: f64| {
             let (re, im) = (kappa * phase.cos(), kappa * phase.sin());
             (a - 0.9 * re).hypot(0.9 * im) + rho * (0.81 * kappa * kappa).mul_add(1.0, 1.0).sqrt()
@@ -242,7 +242,7 @@ fn saturated_inputs() {
 fn one_step_of_delay() {
     for (rho, steps) in [(0.0575, 1.0), (0.0577, 0.0)] {
         let found = Loop::new(&round(&[1.2, 1.0], 1, 1, rho), &[-0.9], &Stop::new()).unwrap();
-        let delay = found.margins(&Stop::new()).unwrap().delay;
+        let delay = found.margins(None, &Stop::new()).unwrap().delay;
         assert_eq!((delay.certified, delay.nominal), (steps, 1.0));
     }
 }

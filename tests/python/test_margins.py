@@ -348,20 +348,6 @@ def test_what_is_refused(proof):
         se.identify(data, noise=5e-4, misfit=se.Misfit(on="rat", of="angle", at_most=0.1))
 
 
-def test_a_model_of_readings_has_no_sheet():
-    states, inputs = rig_runs(12, 3)
-    read = se.Trajectories([x[:, :2] for x in states], inputs, outputs=True, dt=0.1)
-    model = se.identify(read, window=se.Window(lags=4), checks=False, accept="memory")
-    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
-    for call in (
-        proof.margins,
-        lambda: proof.rounding(np.zeros(model.n)),
-        lambda: proof.attracts((-1.0, 1.0), np.ones(model.n)),
-    ):
-        with pytest.raises(InputError, match="needs a model of states"):
-            call()
-
-
 def test_a_model_with_a_misfit_gives_nothing_that_is_linear(tmp_path):
     misfit = se.Misfit(on="rate", of="angle", at_most=0.01)
     model = identified(rig_data(6, 1), misfit=misfit)

@@ -17,7 +17,7 @@ from ..exceptions import InputError
 from .assumptions import Design, NoiseLaw
 from .identified import Identified
 from .region import Region, entered
-from .window import Regressors, of_names, rows_of
+from .window import Loop, Regressors, of_names, rows_of
 
 ChangeStatus: TypeAlias = Literal["refuted", "not refuted", "too few pairs"]
 SHARE = 0.01  # of the probability, for a bound of a covariance that the region does not have
@@ -103,15 +103,27 @@ class Predictor(SavedRecord):
         own = self.window.count, self.window.pole, self.window.delay
         if own == (1, None, 0) and self.bias is None:
             return region
-        J, ABc, G = self.window.loop(region.centre)
-        n, m, p = len(G), len(self.window.inputs), len(self.window.outputs)
-        if self.bias is not None:
-            J, ABc = (np.insert(M, [n] * p, 0.0, axis=1) for M in (J, ABc))
-            below = np.zeros((p, ABc.shape[1]))
-            below[:, n : n + p] = np.eye(p) - self.bias
-            ABc, G = np.vstack([ABc, below]), np.vstack([G, self.bias])
-        ABc, J, G = (np.ascontiguousarray(one) for one in (ABc, J, G))
-        return entered(region, ABc, J, G, m)
+        J, ABc, G = self._loop(region.centre)
+        return entered(region, ABc, J, G, len(self.window.inputs))
+
+    def memory(self) -> tuple[Floats, Floats]:
+        """N and G of ``c+ = N (c, v) + G y``, the states of a loop that reads y and asks for v."""
+        known = self._loop(np.zeros_like(self.region.centre))
+        (n, p), m, N = known.G.shape, len(self.window.inputs), known.ABc.copy()
+        if self.bias is not None:  # learned from what the model predicts
+            N[n - p :] -= self.bias @ self.region.centre @ known.J
+        return np.ascontiguousarray(N[:, : n + m]), known.G
+
+    def _loop(self, Theta: Floats) -> Loop:
+        """The linear system of the window, and the bias behind its states."""
+        J, ABc, G = self.window.loop(Theta)
+        if self.bias is None:
+            return Loop(J, ABc, G)
+        n, p = G.shape
+        J, ABc = (np.insert(M, [n] * p, 0.0, axis=1) for M in (J, ABc))
+        below = np.zeros((p, ABc.shape[1]))
+        below[:, n : n + p] = np.eye(p) - self.bias
+        return Loop(np.ascontiguousarray(J), np.vstack([ABc, below]), np.vstack([G, self.bias]))
 
 
 def source_of(

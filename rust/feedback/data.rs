@@ -10,6 +10,9 @@ use super::lemma::LIFT;
 
 pub(super) const WHAT: &str = "the certificate of a feedback";
 pub(super) type Matrix = Mat<f64>;
+/// `lift` of `lemma::least`: of loops of which each state is stirred up, and of those with states that repeat each other.
+pub(super) const LIFT: f64 = 1e-14;
+pub(super) const REPEATED: f64 = 1e-6;
 
 /// An eigenvalue, singular value or inverse that was not found.
 pub(super) fn lost<T>(_: T) -> Error {

@@ -7,8 +7,8 @@ use crate::memory::covered;
 use crate::parallel::Stop;
 
 use super::blocks::{Blocks, Channel};
-use super::data::{Matrix, WHAT, absolute, filled, gathered};
-use super::lemma::{LIFT, least};
+use super::data::{LIFT, Matrix, WHAT, absolute, filled, gathered};
+use super::lemma::least;
 use super::loops::{Loop, best_of, bytes, squares};
 use super::spectrum::radius;
 use super::tube::ROUNDING;

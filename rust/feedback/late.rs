@@ -9,14 +9,13 @@ use crate::memory::{try_copy, try_zeros};
 use crate::region::{Part, PartOf, Region};
 
 use super::blocks::Channel;
-use super::data::{Closed, Matrix, Uncertain, WHAT, filled, gathered, in_units, matrix};
-use super::lemma::{LIFT, REPEATED};
+use super::data::{Closed, LIFT, Matrix, REPEATED, Uncertain, WHAT, filled, gathered, in_units, matrix};
 use super::loops::Loop;
 
 /// What a controller remembers, `c+ = N (c, v) + G y+`, of the inputs v that it asks for and the readings y it gets; its
 /// inputs are `v = K c`. The first states are the readings, or their first filters. Without it c are the readings.
 #[derive(Debug, Clone, Copy)]
-pub struct Memory<'a> {
+pub struct Recorder<'a> {
     /// N (n, n + m), row by row.
     pub next: &'a [f64],
     /// G (n, p).
@@ -105,18 +104,18 @@ impl Loop {
     ///
     /// with q the errors of the readings now. The states r, and for filters those `h` of the step before, are below x: `y =
     /// (x_1 - a h) / (1 - a)`.
-    pub(super) fn apart(&self, memory: Memory<'_>, what: False) -> Result<(Self, Vec<Channel>)> {
+    pub(super) fn apart(&self, recorder: Recorder<'_>, what: False) -> Result<(Self, Vec<Channel>)> {
         let (n, m, k) = (self.data.n, self.data.m, &self.closed.k);
-        let p = memory.reads.len() / n;
-        if memory.next.len() != n * (n + m) || memory.reads.len() != n * p || !(1..=n).contains(&p) {
-            let found = format!("{} and {}", memory.next.len(), memory.reads.len());
+        let p = recorder.reads.len() / n;
+        if recorder.next.len() != n * (n + m) || recorder.reads.len() != n * p || !(1..=n).contains(&p) {
+            let found = format!("{} and {}", recorder.next.len(), recorder.reads.len());
             return Err(Error::Shape { name: "N and G", expected: format!("{n} rows each"), found });
         }
         let (unit, back) = (&self.data.unit, self.data.back());
-        let next = matrix(memory.next, n, n + m);
+        let next = matrix(recorder.next, n, n + m);
         let own = in_units(&next.subcols(0, n).to_owned(), &back, unit);
         let asked = in_units(&next.subcols(n, m).to_owned(), &back, &filled(m, 1.0));
-        let reads = in_units(&matrix(memory.reads, n, p), &back, &unit[..p]);
+        let reads = in_units(&matrix(recorder.reads, n, p), &back, &unit[..p]);
         let held = &own * &reads;
         let seeds = if what == False::Inputs { &asked } else { &held };
         let kept = followers(&own, gathered((0..n).map(|i| (0..seeds.ncols()).any(|j| seeds[(i, j)] != 0.0))));

@@ -8,8 +8,8 @@ use crate::parallel::Stop;
 use crate::region::Region;
 
 use super::certificate::{Certificate, Verdict, judged};
-use super::data::{Closed, Matrix, Misfit, Uncertain, WHAT, entries, in_units, matrix, scaled};
-use super::lemma::{LIFT, least};
+use super::data::{Closed, LIFT, Matrix, Misfit, Uncertain, WHAT, entries, in_units, matrix, scaled};
+use super::lemma::least;
 use super::verify::{Claim, verify};
 
 /// How much larger the right-hand sides are solved than they are verified, from small to large.

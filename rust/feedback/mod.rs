@@ -55,7 +55,7 @@ pub use certificate::{Certificate, Verdict};
 pub use data::Misfit;
 pub use gains::{Gain, eigenvalues, guaranteed, least_squares, widest};
 pub use keeping::{Judged, Keeper, Short};
-pub use late::Memory;
+pub use late::Recorder;
 pub use loops::Loop;
 pub use margins::{Margin, Margins};
 pub use preview::Ahead;

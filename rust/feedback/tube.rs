@@ -9,8 +9,8 @@ use crate::memory::{checked_len, covered, try_collect};
 use crate::parallel::Stop;
 
 use super::certificate::{Verdict, weighted};
-use super::data::{Matrix, WHAT, in_units, largest, matrix, scaled, stacked, symmetric};
-use super::lemma::{LIFT, least};
+use super::data::{LIFT, Matrix, WHAT, in_units, largest, matrix, scaled, stacked, symmetric};
+use super::lemma::least;
 use super::loops::{Loop, bytes, squares};
 use super::verify::{Claim, verify_alone};
 use super::way::Way;

@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use crate::Error;
-use crate::feedback::{self, Ahead, Gain, Keeper, Loop, Memory, Misfit, Run, Verdict};
+use crate::feedback::{self, Ahead, Gain, Keeper, Loop, Misfit, Recorder, Run, Verdict};
 use crate::memory::{try_collect, try_copy};
 use crate::parallel::Stop;
 
@@ -164,14 +164,14 @@ impl PyFeedback {
     }
 
     /// What the loop stands, certified and of the centre (4 m + 6, 2): for each input the least and largest gain, phase, disk; then
-    /// the disk of all, delay, varying delay, readings, bits, share. `memory` is that of the controller, if it has one.
-    #[pyo3(signature = (memory=None))]
-    fn margins<'py>(&self, py: Python<'py>, memory: Option<(Matrix<'py>, Matrix<'py>)>) -> PyResult<Array2<'py>> {
-        let memory = match &memory {
-            Some((next, reads)) => Some(Memory { next: slice("N", next)?, reads: slice("G", reads)? }),
+    /// the disk of all, delay, varying delay, readings, bits, share. `recorder` is that of the controller, if it has one.
+    #[pyo3(signature = (recorder=None))]
+    fn margins<'py>(&self, py: Python<'py>, recorder: Option<(Matrix<'py>, Matrix<'py>)>) -> PyResult<Array2<'py>> {
+        let recorder = match &recorder {
+            Some((next, reads)) => Some(Recorder { next: slice("N", next)?, reads: slice("G", reads)? }),
             None => None,
         };
-        let found = run(py, UNTIL_STOPPED, |stop| self.of.margins(memory, stop))?;
+        let found = run(py, UNTIL_STOPPED, |stop| self.of.margins(recorder, stop))?;
         let mut all = Vec::new();
         for ((gain, phase), disk) in found.gains.iter().zip(&found.phases).zip(&found.disks) {
             all.extend([gain[0], gain[1], *phase, *disk]);

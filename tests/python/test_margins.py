@@ -275,6 +275,39 @@ def test_the_rig(proof):
     assert len(sheet.rows()) == 10
 
 
+def test_what_is_refused(proof):
+    for name, value in (
+        ("on", "rates"),
+        ("on", [0.0] * 4),
+        ("on", []),
+        ("of", "speeds"),
+        ("of", ["angle"] * 2),
+    ):
+        asked = {"on": "rate", "of": "angle", name: value}
+        with pytest.raises(InputError, match=f"`{name}`"):
+            proof.allows(**asked)
+    with pytest.raises(InputError, match="`inputs` must have low < 0 < high"):
+        proof.attracts((1.0, 2.0), np.ones(4))
+    with pytest.raises(InputError, match="`bits`"):
+        proof.rounding(np.ones(4), bits=99)
+    for bad, name in (
+        ({"at_most": -1.0}, "at_most"),
+        ({"at_most": 1.0, "power": 3.0}, "power"),
+        ({"at_most": 1.0, "within": 1.0, "cut": 2.0}, "cut"),
+    ):
+        with pytest.raises(InputError, match=f"`{name}`"):
+            se.Misfit(on="rate", of="angle", **bad)
+    data, misfit = rig_data(6, 1), se.Misfit(on="rate", of="angle", at_most=0.1)
+    with pytest.raises(InputError, match="`misfit` needs noise of a declared size"):
+        se.identify(data, misfit=misfit)
+    with pytest.raises(InputError, match="pass `scale`"):
+        se.identify(
+            data, noise=5e-4, misfit=se.Misfit(on="rate", of="angle", at_most=0.1, within=0.2)
+        )
+    with pytest.raises(InputError, match="`on` must be"):
+        se.identify(data, noise=5e-4, misfit=se.Misfit(on="rat", of="angle", at_most=0.1))
+
+
 def test_a_model_with_a_misfit_gives_nothing_that_is_linear(tmp_path):
     misfit = se.Misfit(on="rate", of="angle", at_most=0.01)
     model = identified(rig_data(6, 1), misfit=misfit)

@@ -462,3 +462,23 @@ def test_what_stays_unknown_is_refused_and_files_have_the_same_sheet(rig, tmp_pa
     assert sheet.names[1] == "largest gain of force"
     assert "phase" in repr(sheet)
     assert len(sheet.plot().axes) == 1
+
+
+def test_states_with_a_dead_time_have_the_margins_of_both_records():
+    rng, A, B = np.random.default_rng(1), np.array([[1.0, 0.1], [0.0, 1.05]]), [0.005, 0.1]
+    x, u = np.zeros((10, 31, 2)), rng.standard_normal((10, 30, 1))
+    x[:, 0] = rng.standard_normal((10, 2))
+    for k in range(30):
+        acts = u[:, k - 2] if k >= 2 else np.zeros((10, 1))
+        x[:, k + 1] = x[:, k] @ A.T + acts * B + 1e-3 * rng.standard_normal((10, 2))
+    data = se.Trajectories(list(x), list(u))
+    model = se.identify(data, window=se.Window(delay=2), noise=1e-3, scale=[1.0] * 3)
+    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+    sheet, own = proof.margins(), Records(model.window, proof.K)
+    low, high, phase = sheet.nominal[:3]
+    for kappa in (low, high, np.exp(1j * np.deg2rad(phase))):
+        assert radius(own.matrix(model.coefficients, kappa=kappa)) == pytest.approx(1.0, abs=1e-5)
+    assert 0.9 * high < sheet.gain[0, 1] < high
+    assert radius(own.matrix(model.coefficients, late=int(sheet.nominal[-5]) + 1)) > 1.0
+    assert 0.0 < proof.rounding([1.0, 1.0, 0.0, 0.0]).states.max() < 1e-3
+    assert proof.attracts((-1.0, 1.0), [1.0, 1.0, 0.0, 0.0]) > 0.28

@@ -577,8 +577,8 @@ class LoopCertificate(SavedRecord):
         <Margins: 95 %, gain 0.333 to 2.52, phase 49.2 deg, disk 0.864>
         """
         self._refuse("margins", WINDOW)
-        memory = None if self.source is None else self.source.memory()
-        found = np.ascontiguousarray(self._core.margins(memory).T)
+        recorder = None if self.source is None else self.source.recorder()
+        found = np.ascontiguousarray(self._core.margins(recorder).T)
         m = len(self.labels.inputs)
         found[:, 2 : 4 * m : 4] = np.rad2deg(found[:, 2 : 4 * m : 4])
         certified, nominal = (validation.frozen(one) for one in found)

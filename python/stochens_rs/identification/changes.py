@@ -106,7 +106,7 @@ class Predictor(SavedRecord):
         J, ABc, G = self._loop(region.centre)
         return entered(region, ABc, J, G, len(self.window.inputs))
 
-    def memory(self) -> tuple[Floats, Floats]:
+    def recorder(self) -> tuple[Floats, Floats]:
         """N and G of ``c+ = N (c, v) + G y``, the states of a loop that reads y and asks for v."""
         known = self._loop(np.zeros_like(self.region.centre))
         (n, p), m, N = known.G.shape, len(self.window.inputs), known.ABc.copy()

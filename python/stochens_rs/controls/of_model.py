@@ -281,7 +281,8 @@ def output_control(model: Model, record: Any, target: Any, wanted: Wanted) -> Pl
         limits = replace(limits, previous=start.acted)
     if model.window.count > K:
         raise InputError(
-            f"`steps` must be {model.window.count} at least, to rest in the end, got {K}"
+            f"`steps` must be {model.window.count} at least, so that the window can be at rest in "
+            f"the end, got {K}"
         )
     rows = targets(model, target)
     if len(rows) > 1:

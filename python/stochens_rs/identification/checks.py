@@ -172,7 +172,8 @@ TEXTS = {
     "end of the range of a sensor; cut these rows",
     "late rows": "inputs of the next row explain {share}, more than by a feedback: rows hold "
     "the state after their action; read them with delay=-1",
-    "dead time": "inputs {steps} earlier explain {share}: pass Window(delay={lag}){longer}",
+    "dead time": "inputs {steps} earlier explain {share}: a dead time; "
+    "pass Window(delay={lag}){longer}",
     "delay": "inputs {steps} earlier explain {share}: the delay is shorter, Window(delay={lag})",
     "offset": "a constant explains {share}, as of a force that always acts, or of an operating "
     "point other than 0: pass intercept=True",

@@ -258,7 +258,8 @@ class Regressors(Record):
         if len(y) <= self.fill or len(u) != len(y) - 1:
             raise InputError(
                 f"`record` needs {self.fill + 1} rows of outputs and {self.fill} of inputs that "
-                f"were measured, got {len(y)} and {len(u)}"
+                f"were measured, got {len(y)} and {len(u)}; a single reading does not fix the "
+                "velocities"
             )
         return self.core.state_of(y, np.ascontiguousarray(u))
 

@@ -6,8 +6,6 @@ use crate::error::{Error, Result};
 use crate::region::Region;
 use crate::scaled::nearest_power_of_two;
 
-use super::lemma::LIFT;
-
 pub(super) const WHAT: &str = "the certificate of a feedback";
 pub(super) type Matrix = Mat<f64>;
 /// `lift` of `lemma::least`: of loops of which each state is stirred up, and of those with states that repeat each other.

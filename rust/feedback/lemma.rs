@@ -30,9 +30,6 @@ impl Solved {
 
 /// What is added to `X` at least, relative to what it stirs up.
 const LEAST: f64 = 1e-10;
-/// `lift` of loops of which each state is stirred up, and of those with states that repeat each other.
-pub(super) const LIFT: f64 = 1e-14;
-pub(super) const REPEATED: f64 = 1e-6;
 
 /// The root of the limit of `Y <- H + (1/lambda) A0 Y (I - E'E Y / lambda)^-1 A0'` from 0, with `H = X + alpha rho^2 S`, and E
 /// divided by `sqrt(alpha)`. H is larger by `room` times what it and `lift` times its mean diagonal stir up; a H of 0 stirs up

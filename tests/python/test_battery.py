@@ -1,4 +1,4 @@
-"""Tests of logs: at their level on clean data, and with power on each fault."""
+"""Tests of logs: equal to the twin, at their level on clean data, and with power on each fault."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from coverage_study import sets
 from declarations import opts
 from stochens_rs.exceptions import InputError
 from stochens_rs.identification import checks
+from twin import battery as twin
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 
@@ -200,7 +201,7 @@ def clean(gen, system):
 def test_less_than_one_in_a_hundred_clean_logs_is_refused():
     """Of all kinds of systems but those whose noise is below the rounding of other units."""
     refused, asked = [], 0
-    for seed in range(sets(150, 6)):
+    for seed in range(sets(150, 10)):
         gen = np.random.default_rng([921, seed])
         sizes = int(gen.integers(1, 5)), int(gen.integers(1, 3))
         for system in hidden.of_each_kind(gen, *sizes, without=("mixed_state_units",)):
@@ -209,6 +210,16 @@ def test_less_than_one_in_a_hundred_clean_logs_is_refused():
                 asked += 1
                 refused += [(system.kind, seed, name) for name in list(model._faults)[:1]]
     assert len(refused) <= stats.binom.isf(1e-3, asked, 0.01), refused
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_tests_are_those_of_the_twin(seed):
+    gen = np.random.default_rng([922, seed])
+    data = of(*runs(gen, 6, 15, dead=seed % 2))
+    x, u, y = data.pairs()
+    model = se.identify(data, checks=False)
+    for name, expected in twin.tests(x, u, y, data.layout.places(), data.layout.runs()).items():
+        np.testing.assert_allclose(model.tests[name], expected, rtol=1e-6, err_msg=name)
 
 
 def test_a_test_that_is_accepted_is_named_everywhere(tmp_path):

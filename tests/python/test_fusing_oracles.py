@@ -232,6 +232,23 @@ def test_closed_form_solves_the_quadratic_program(engine: Any, weight_set: str) 
         assert_allclose(result.estimate, combined, atol=1e-13 * np.abs(w).sum())
 
 
+def test_closed_form_for_the_exact_target(engine: Any) -> None:
+    """Y_k = |w_k|/gamma + delta/|D1|, J = sum_{D2} w_k^2 + (gamma delta)^2/|D1| (Lemma 4.4')."""
+    for indices, w, target in singleton_cases(60):
+        if target is not w:
+            continue
+        seen = np.zeros(len(w), dtype=bool)
+        seen[indices] = True
+        lost = np.abs(w)[~seen].sum()  # gamma * delta
+        result = engine.singleton(indices, w, "alse")
+        expected = np.where(seen, np.sign(w) * (np.abs(w) + lost / seen.sum()), 0.0)
+        assert_allclose(result.estimate, expected, atol=1e-14 * np.abs(w).sum())
+        J = np.sum(w[~seen] ** 2) + lost**2 / seen.sum()
+        assert_allclose(result.error**2, J, rtol=1e-12, atol=1e-28 * np.sum(w**2))
+        sub = engine.singleton(indices, w, "alse", weight_set="subsimplex")
+        assert_allclose(sub.error**2, np.sum(w[~seen] ** 2), rtol=1e-12, atol=1e-28 * np.sum(w**2))
+
+
 def test_weights_are_on_the_simplex_whatever_the_sizes() -> None:
     """Targets far beyond or below the realizations: weights, and a status that is their gap's.
 
@@ -267,6 +284,46 @@ def test_weights_are_on_the_simplex_whatever_the_sizes() -> None:
         rounding = Fraction(1, 2**45) * largest * sum(abs(r) for r in left)
         if fit.status == "optimal":
             assert gap <= square * Fraction(1, 10**9) + rounding
+
+
+@pytest.mark.parametrize("weight_set", ["simplex", "subsimplex"])
+def test_dense_alse_against_clarabel(engine: Any, weight_set: str) -> None:
+    clarabel, sparse = pytest.importorskip("clarabel"), pytest.importorskip("scipy.sparse")
+    rng = np.random.default_rng(13)
+    for N, d in ((5, 3), (40, 6), (120, 20)):
+        samples, target = rng.normal(size=(N, d)), 0.5 * rng.normal(size=d)
+        cones = [clarabel.ZeroConeT(1) if weight_set == "simplex" else clarabel.NonnegativeConeT(1)]
+        settings = clarabel.DefaultSettings()
+        settings.verbose = False
+        settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-12
+        solver = clarabel.DefaultSolver(
+            sparse.csc_matrix(np.triu(2 * samples @ samples.T)),
+            -2 * samples @ target,
+            sparse.csc_matrix(np.vstack([np.ones((1, N)), -np.eye(N)])),
+            np.concatenate([[1.0], np.zeros(N)]),
+            [*cones, clarabel.NonnegativeConeT(N)],
+            settings,
+        )
+        y = np.array(solver.solve().x)
+        best = float(np.sum((y @ samples - target) ** 2))
+        result = engine.dense(samples, "alse", target, weight_set)
+        assert abs(result.error**2 - best) <= 1e-8 * np.sum(target**2)
+
+
+def test_projections_are_projections() -> None:
+    """KKT: p - tau is constant on the support of p and not smaller outside of it."""
+    rng = np.random.default_rng(16)
+    for _ in range(200):
+        tau = rng.normal(size=int(rng.integers(1, 8))) * rng.choice([0.1, 1.0, 10.0])
+        p = twin.fusing.project_simplex(tau)
+        assert p.min() >= 0
+        assert abs(p.sum() - 1) < 1e-14
+        shift = (p - tau)[p > 0]
+        assert np.ptp(shift) < 1e-14
+        assert np.all((p - tau)[p == 0] >= shift[0] - 1e-14)
+        q = twin.fusing.project_subsimplex(tau)
+        clipped = np.maximum(tau, 0)
+        assert_allclose(q, clipped if clipped.sum() <= 1 else p, atol=1e-15)
 
 
 # --- every p-norm at once -------------------------------------------------------------------------

@@ -17,6 +17,8 @@ type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Row<'py> = Bound<'py, PyArray1<f64>>;
 type Made<'py> = Bound<'py, PyArray2<f64>>;
+/// Constants at the inputs, readings of sensors by index, whether there are two of these.
+type Explained<'py> = (Option<Row<'py>>, Vec<(usize, f64)>, bool);
 
 const WHAT: &str = "a set point";
 
@@ -70,6 +72,7 @@ impl PySetPoints {
 
     /// `(constants at the inputs or None, sensors, whether two sensors)` that explain a bias at rest at (y, u), learned with
     /// `learning`; None where the noise and the region do.
+    #[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
     fn causes<'py>(
         &self,
         py: Python<'py>,
@@ -79,7 +82,7 @@ impl PySetPoints {
         bias: Vector<'_>,
         at: (Vector<'_>, Vector<'_>),
         false_alarm: f64,
-    ) -> PyResult<Option<(Option<Row<'py>>, Vec<(usize, f64)>, bool)>> {
+    ) -> PyResult<Option<Explained<'py>>> {
         let region = with_noise(&region.get().0, Some(&noise))?;
         let at = [slice("y", &at.0)?, slice("u", &at.1)?];
         let found = self.0.causes(&region, slice("L", &learning)?, slice("bias", &bias)?, at, false_alarm)?;

@@ -298,7 +298,7 @@ def test_what_is_refused(proof):
         with pytest.raises(InputError, match=f"`{name}`"):
             se.Misfit(on="rate", of="angle", **bad)
     data, misfit = rig_data(6, 1), se.Misfit(on="rate", of="angle", at_most=0.1)
-    with pytest.raises(InputError, match="`misfit` needs noise of a declared size"):
+    with pytest.raises(InputError, match="`misfit` needs noise=sigma"):
         se.identify(data, misfit=misfit)
     with pytest.raises(InputError, match="pass `scale`"):
         se.identify(

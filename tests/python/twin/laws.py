@@ -81,6 +81,22 @@ def normal_quantile(covariance: Array, delta: float) -> float:
     return float(np.sqrt(top * root(left, 1e-6 * high, high)))
 
 
+def order_quantile(draws: Array, delta: float) -> float:
+    """The ceil((1 - delta) (M + 1))-th smallest of M draws; infinite if there are too few.
+
+    A further independent draw is larger with probability <= delta, over all M + 1 draws
+    (Dwass 1957).
+    """
+    k = int(np.ceil((1.0 - delta) * (len(draws) + 1) - 1e-9))
+    return float(np.sort(draws)[k - 1]) if k <= len(draws) else np.inf
+
+
+def lower_order_quantile(draws: Array, delta: float) -> float:
+    """The floor(delta (M + 1))-th smallest of M draws: a further draw is smaller with <= delta."""
+    k = int(np.floor(delta * (len(draws) + 1) + 1e-9))
+    return float(np.sort(draws)[k - 1]) if k >= 1 else -np.inf
+
+
 def log_hyp1f1(a: float, b: float, c: float) -> float:
     """log 1F1(a; b; c) for 0 < a <= b, c >= 0: all terms (a)_k / (b)_k c^k / k! are positive.
 
@@ -97,3 +113,24 @@ def log_hyp1f1(a: float, b: float, c: float) -> float:
     logs += k * np.log(c) - special.gammaln(k + 1.0)
     top = logs.max()
     return float(top + np.log(np.sum(np.exp(logs - top))))
+
+
+def noncentrality_limit(x: float, degrees: float, delta: float) -> float:
+    """sup {L : P(chi2_degrees(L) <= x) >= delta}, 0 if that set is empty; 0 if degrees = 0.
+
+    An upper limit for L with confidence 1 - delta, from one value x of the noncentral law.
+    """
+    if degrees == 0 or x <= 0.0:
+        return 0.0
+    law = scipy().stats
+
+    def left(L: float) -> float:
+        p = law.ncx2.cdf(x, degrees, L) if L > 0.0 else law.chi2.cdf(x, degrees)
+        return float(p) - delta
+
+    if left(0.0) <= 0.0:
+        return 0.0
+    high = 1.0
+    while left(high) > 0.0:
+        high *= 2.0
+    return root(left, 0.0, high)

@@ -1307,8 +1307,6 @@ def box_batch(
     m: _Floats, y: _Floats, r: _Floats, low: _Floats, high: _Floats, gaps: bool, threads: int
 ) -> tuple[_Floats, _Floats | None]: ...
 
-# F (rank, n) with F'F = Q
-
 # -- fleets: x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s, d = steps m; u is (d,) --
 
 # A (N, n, n), B (N, n, m), c (N, n) or None, x0 (N, n) or (1, n)

@@ -23,13 +23,8 @@ from ..feedback import Watch
 from ..validation.held_out import Asked, PredictedLoop, Runs, Validation, validated_loop
 
 LOGGED = 1000  # calls that the log keeps
-CORE = (
-    "_matrices",
-    "_point",
-    "_solver",
-    "_window",
-    "kept",
-)  # made anew in a copy, from what `_saved` says
+# Made anew in a copy, from what `_saved` says.
+CORE = ("_matrices", "_point", "_solver", "_window", "kept")
 
 Entry = TypeVar("Entry")
 
@@ -185,14 +180,14 @@ class ControlLoop(Durable, Generic[Entry]):
 
     def _repr_html_(self) -> str:
         log: Any = self._log
-        times = 1e6 * np.array([call.seconds for call in log] or [0.0])
-        rows = {
-            "last input": show.vector(self._last),
-            "last calls": counted(log) or None,
-            "time of a call": f"{np.median(times):.3g} µs (median), {times.max():.3g} µs at most",
-        }
         if not log:
             return show.card(self, [])
+        times = 1e6 * np.array([call.seconds for call in log])
+        rows = {
+            "last input": show.vector(self._last),
+            "last calls": counted(log),
+            "time of a call": f"{np.median(times):.3g} µs (median), {times.max():.3g} µs at most",
+        }
         drawn = show.states(np.arange(len(log)), self._readings(), "readings over the calls")
         return show.card(self, rows.items(), drawn)
 

@@ -7,7 +7,7 @@ use crate::memory::covered;
 use crate::parallel::Stop;
 
 use super::blocks::{Blocks, Channel};
-use super::data::{LIFT, Matrix, WHAT, absolute, filled, gathered};
+use super::data::{Matrix, WHAT, absolute, filled, gathered};
 use super::lemma::least;
 use super::loops::{Loop, best_of, bytes, squares};
 use super::spectrum::radius;
@@ -51,9 +51,9 @@ impl Loop {
             roots.iter_mut().for_each(|v| *v *= sum.sqrt() * (1.0 + 1e-12));
             let into = Mat::from_fn(m, m, |i, j| if i == j { roots[i] } else { 0.0 });
             let channel = [Channel::at_inputs(into.clone(), Mat::zeros(0, n))];
-            let (rows, floor) = (self.rows(), radius(&self.closed.a0)?.powi(2));
+            let (rows, floor, lift) = (self.rows(), radius(&self.closed.a0)?.powi(2), self.data.lift);
             let through = &self.data.b * &into;
-            let own = least(&self.closed.a0, None, &(&through * through.transpose()), 1.0, (0.0, LIFT)).found();
+            let own = least(&self.closed.a0, None, &(&through * through.transpose()), 1.0, (0.0, lift)).found();
             let Some(own) = own else { return Ok(filled(n + m, f64::INFINITY)) };
             let nominal = squares(&own, &rows);
             let outputs = |w: &Matrix| (w.subcols(n, m) * &into).squared_norm_l2();

@@ -1,4 +1,4 @@
-//! The region of a plant with more states, which are known: past inputs, and what a controller remembers.
+//! The region of a plant with more states whose equations are known: past inputs, and the record of a controller.
 
 use std::sync::Arc;
 
@@ -9,11 +9,11 @@ use crate::memory::{try_copy, try_zeros};
 use crate::region::{Part, PartOf, Region};
 
 use super::blocks::Channel;
-use super::data::{Closed, LIFT, Matrix, REPEATED, Uncertain, WHAT, filled, gathered, in_units, matrix};
+use super::data::{Closed, Matrix, REPEATED, Uncertain, WHAT, filled, gathered, in_units, matrix};
 use super::loops::Loop;
 
-/// What a controller remembers, `c+ = N (c, v) + G y+`, of the inputs v that it asks for and the readings y it gets; its
-/// inputs are `v = K c`. The first states are the readings, or their first filters. Without it c are the readings.
+/// The record `c+ = N (c, v) + G y+` of a controller: of the inputs v that it asks for and the readings y that it gets. Its
+/// inputs are `v = K c`. The first entries of c are the readings, or their first filters. A controller without one has `c = y`.
 #[derive(Debug, Clone, Copy)]
 pub struct Recorder<'a> {
     /// N (n, n + m), row by row.
@@ -22,9 +22,9 @@ pub struct Recorder<'a> {
     pub reads: &'a [f64],
 }
 
-/// Which of the two that a controller gets is false.
+/// Where a fault is: between the inputs that are asked for and those that act, or in the readings.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum False {
+pub(super) enum Fault {
     Inputs,
     Readings,
 }
@@ -52,7 +52,7 @@ fn with_below(region: &Region, below: &Matrix) -> Result<Region> {
     Region::new(&centre, all, m, parts, region.frobenius, region.future)
 }
 
-/// The states from `from` on that follow, one after another.
+/// The states that those of `from` move, after any number of steps, and those themselves.
 fn followers(next: &Matrix, mut from: Vec<bool>) -> Vec<usize> {
     for _ in 0..from.len() {
         let more =
@@ -104,7 +104,7 @@ impl Loop {
     ///
     /// with q the errors of the readings now. The states r, and for filters those `h` of the step before, are below x: `y =
     /// (x_1 - a h) / (1 - a)`.
-    pub(super) fn apart(&self, recorder: Recorder<'_>, what: False) -> Result<(Self, Vec<Channel>)> {
+    pub(super) fn apart(&self, recorder: Recorder<'_>, at: Fault) -> Result<(Self, Vec<Channel>)> {
         let (n, m, k) = (self.data.n, self.data.m, &self.closed.k);
         let p = recorder.reads.len() / n;
         if recorder.next.len() != n * (n + m) || recorder.reads.len() != n * p || !(1..=n).contains(&p) {
@@ -117,9 +117,9 @@ impl Loop {
         let asked = in_units(&next.subcols(n, m).to_owned(), &back, &filled(m, 1.0));
         let reads = in_units(&matrix(recorder.reads, n, p), &back, &unit[..p]);
         let held = &own * &reads;
-        let seeds = if what == False::Inputs { &asked } else { &held };
+        let seeds = if at == Fault::Inputs { &asked } else { &held };
         let kept = followers(&own, gathered((0..n).map(|i| (0..seeds.ncols()).any(|j| seeds[(i, j)] != 0.0))));
-        let filtered = gathered((0..p).filter(|j| what == False::Readings && own[(*j, *j)] != 0.0));
+        let filtered = gathered((0..p).filter(|j| at == Fault::Readings && own[(*j, *j)] != 0.0));
         let (by_gain, more) = (&asked * k, kept.len() + filtered.len());
         let all = n + more;
         let below = Mat::from_fn(more, all + m, |i, j| {
@@ -138,7 +138,7 @@ impl Loop {
             if j < n { k[(i, j)] * back[j] } else { kept.get(j - n).map_or(0.0, |of| k[(i, *of)]) }
         })?;
         closed.t.clone_from(&self.closed.t);
-        data.lift = if more > 0 { REPEATED } else { LIFT };
+        data.lift = if more > 0 { REPEATED } else { data.lift };
         let (through, into) = (k * &reads, &held + &asked * (k * &reads));
         let channels = (0..p).map(|j| {
             let e = |i: usize| kept.get(i.wrapping_sub(n)).map_or(0.0, |of| into[(*of, j)]);

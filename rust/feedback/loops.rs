@@ -8,7 +8,7 @@ use crate::parallel::Stop;
 use crate::region::Region;
 
 use super::certificate::{Certificate, Verdict, judged};
-use super::data::{Closed, LIFT, Matrix, Misfit, Uncertain, WHAT, entries, in_units, matrix, scaled};
+use super::data::{Closed, Matrix, Misfit, Uncertain, WHAT, entries, in_units, matrix, scaled};
 use super::lemma::least;
 use super::verify::{Claim, verify};
 
@@ -153,9 +153,9 @@ impl Loop {
 
     /// The root of the least `Y` for right-hand sides that are larger by `slack`.
     fn solved(&self, x: &Matrix, alpha: f64, lambda: f64, slack: f64) -> Option<Matrix> {
-        let (e, d) = (self.closed.outputs(), self.closed.inputs(&self.data));
+        let (e, d, lift) = (self.closed.outputs(), self.closed.inputs(&self.data), self.data.lift);
         let h = scaled(&(x + scaled(&(&d * d.transpose()), alpha)), 1.0 + slack);
-        least(&self.closed.a0, Some(&scaled(&e, alpha.sqrt().recip())), &h, lambda, (1e-2 * slack, LIFT)).found()
+        least(&self.closed.a0, Some(&scaled(&e, alpha.sqrt().recip())), &h, lambda, (1e-2 * slack, lift)).found()
     }
 
     /// The same, verified; in the units of the loop, as `x`.
@@ -169,7 +169,7 @@ impl Loop {
 
     /// The root of a verified `Y` with small `h'Yh` for all rows h of `rows` (q, n) at once, each relative to that of the centre.
     pub(super) fn smallest(&self, x: &Matrix, lambda: f64, rows: &Matrix) -> Option<Matrix> {
-        let own = least(&self.closed.a0, None, x, lambda, (0.0, LIFT)).found()?;
+        let own = least(&self.closed.a0, None, x, lambda, (0.0, self.data.lift)).found()?;
         let e = self.closed.outputs();
         let start = (&e * &own).squared_norm_l2() / lambda;
         if start <= 0.0 {

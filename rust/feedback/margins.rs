@@ -9,7 +9,7 @@ use crate::parallel::Stop;
 use super::blocks::{Blocks, Channel};
 use super::certificate::{Verdict, judged};
 use super::data::{Matrix, WHAT, entries, filled, gathered, in_units, matrix, scaled};
-use super::late::{False, Recorder};
+use super::late::{Fault, Recorder};
 use super::loops::{Loop, bytes};
 use super::scalings::{hint, largest};
 use super::spectrum::radius;
@@ -170,18 +170,17 @@ impl Loop {
         })?
     }
 
-    /// What the loop stands, for every member and for the centre. Without a certificate nothing is. The controller
-    /// `remembers` what it asked for and what it read, where that is more than the readings now; a share of an input is of
-    /// one that it knows.
+    /// What the loop withstands, for every member and for the centre; nothing without a certificate. `recorder`: of a controller
+    /// that uses more than the readings now. The share is that of inputs whose size after the cut the controller knows.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
-    pub fn margins(&self, remembers: Option<Recorder<'_>>, stop: &Stop) -> Result<Margins> {
+    pub fn margins(&self, recorder: Option<Recorder<'_>>, stop: &Stop) -> Result<Margins> {
         let (n, m) = (self.data.n, self.data.m);
         covered(WHAT, 8 * bytes(3 * n, self.data.region.d), || {
             let (next, reads) = (filled(n * (n + m), 0.0), entries(&Mat::identity(n, n)));
-            let recorder = remembers.unwrap_or(Recorder { next: &next, reads: &reads });
-            let asked = self.apart(recorder, False::Inputs)?.0;
+            let recorder = recorder.unwrap_or(Recorder { next: &next, reads: &reads });
+            let asked = self.apart(recorder, Fault::Inputs)?.0;
             let (certified, k) = (self.free(), &asked.closed.k);
             let (mut gains, mut phases, mut disks, mut all) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             for i in 0..m {
@@ -193,7 +192,7 @@ impl Loop {
                 phases.push(asked.phase(i, certified, stop)?);
             }
             let disk = asked.sized(k, &all, MOST, stop)?;
-            let (read, mut reads) = self.apart(recorder, False::Readings)?;
+            let (read, mut reads) = self.apart(recorder, Fault::Readings)?;
             reads.retain(|one| one.u.norm_max() > 0.0 || one.e.norm_max() > 0.0);
             let mut readings = Margin { certified: MOST, nominal: MOST };
             if !reads.is_empty() {

@@ -58,7 +58,7 @@ pub use keeping::{Judged, Keeper, Short};
 pub use late::Recorder;
 pub use loops::Loop;
 pub use margins::{Margin, Margins};
-pub use preview::Ahead;
+pub use preview::Preview;
 pub use tube::{Run, Tube};
 
 #[cfg(test)]

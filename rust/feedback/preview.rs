@@ -15,7 +15,7 @@ use super::loops::bytes;
 /// and its gain K, each row by row.
 #[derive(Debug, Clone, Copy)]
 #[allow(missing_docs, reason = "see above")]
-pub struct Ahead<'a> {
+pub struct Preview<'a> {
     pub a: &'a [f64],
     pub b: &'a [f64],
     pub c: &'a [f64],
@@ -25,7 +25,7 @@ pub struct Ahead<'a> {
     pub k: &'a [f64],
 }
 
-impl Ahead<'_> {
+impl Preview<'_> {
     /// `v_k` (h, m) and the way `x*` (h, n) from `start` with `u = K (x - x°) + u° + v`, about points `x°`, `u°` at rest or on a
     /// slope; w is what else acts.
     ///

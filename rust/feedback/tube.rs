@@ -9,7 +9,7 @@ use crate::memory::{checked_len, covered, try_collect};
 use crate::parallel::Stop;
 
 use super::certificate::{Verdict, weighted};
-use super::data::{LIFT, Matrix, WHAT, in_units, largest, matrix, scaled, stacked, symmetric};
+use super::data::{Matrix, WHAT, in_units, largest, matrix, scaled, stacked, symmetric};
 use super::lemma::least;
 use super::loops::{Loop, bytes, squares};
 use super::verify::{Claim, verify_alone};
@@ -85,7 +85,7 @@ impl Loop {
     /// The root of `L` with `A L A' / lambda + X <= L`, proved.
     pub(super) fn gramian(&self, a: &Matrix, x: &Matrix, lambda: f64) -> Option<Matrix> {
         [1e-9, 1e-7, 1e-5, 1e-3].iter().find_map(|slack| {
-            let root = least(a, None, &scaled(x, 1.0 + slack), lambda, (*slack, LIFT)).found()?;
+            let root = least(a, None, &scaled(x, 1.0 + slack), lambda, (*slack, self.data.lift)).found()?;
             verify_alone(a, &Claim { root: &root, x: Some(x), alpha: 1.0, lambda, by: 1.0 }).then_some(root)
         })
     }

@@ -26,7 +26,7 @@ const RANK: f64 = 1e-10;
 /// Held outputs or inputs that move by less than this, in units of their ranges, while free outputs move by their own: these
 /// integrate.
 const FLAT: f64 = 0.03;
-/// Of the sum of what is learned of a bias in steps that have died out long before.
+/// How often the sum of the covariances of all steps is doubled: over 2^40 steps, far more than a bias takes to be learned.
 const DOUBLINGS: usize = 40;
 
 /// The weight of an output with a target and none in the cost, beside the largest.
@@ -103,11 +103,12 @@ pub struct Spread {
 #[derive(Debug)]
 #[non_exhaustive]
 pub struct Causes {
-    /// Constants that act at the inputs (m), where these alone do.
+    /// Constants at the inputs (m), where these alone explain it.
     pub acting: Option<Vec<f64>>,
-    /// Sensors that do, each alone with what it adds; where no constants do, beside such.
+    /// Sensors, each with the constant that it adds: alone where constants at the inputs explain the bias too, otherwise
+    /// together with such constants.
     pub sensors: Vec<(usize, f64)>,
-    /// Whether two sensors do beside constants, where nothing else does.
+    /// Whether two sensors together with constants explain it, where nothing else does.
     pub two: bool,
 }
 

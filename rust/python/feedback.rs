@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use crate::Error;
-use crate::feedback::{self, Ahead, Gain, Keeper, Loop, Misfit, Recorder, Run, Verdict};
+use crate::feedback::{self, Gain, Keeper, Loop, Misfit, Preview, Recorder, Run, Verdict};
 use crate::memory::{try_collect, try_copy};
 use crate::parallel::Stop;
 
@@ -306,7 +306,7 @@ pub(super) fn feedback_gain<'py>(
     handed(py, found, n)
 }
 
-/// `(v, way)`: see [`Ahead::inputs`].
+/// `(v, way)`: see [`Preview::inputs`].
 #[pyfunction]
 pub(super) fn preview<'py>(
     py: Python<'py>,
@@ -317,7 +317,7 @@ pub(super) fn preview<'py>(
     start: Vector<'_>,
 ) -> PyResult<(Array2<'py>, Array2<'py>)> {
     let (m, n) = gain.as_array().dim();
-    let of = Ahead {
+    let of = Preview {
         a: slice("A", &model.0)?,
         b: slice("B", &model.1)?,
         c: slice("C", &model.2)?,

@@ -17,7 +17,7 @@ type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Row<'py> = Bound<'py, PyArray1<f64>>;
 type Made<'py> = Bound<'py, PyArray2<f64>>;
-/// Constants at the inputs, readings of sensors by index, whether there are two of these.
+/// The fields of `Causes`.
 type Explained<'py> = (Option<Row<'py>>, Vec<(usize, f64)>, bool);
 
 const WHAT: &str = "a set point";

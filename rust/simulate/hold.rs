@@ -26,11 +26,12 @@ const PADE: [f64; 14] = [
     1.0,
 ];
 const THETA: f64 = 5.371_920_351_148_152;
-/// Each squaring doubles what rounding moved a slow exponent by: more of a part that lasts keep no six digits.
+/// Each squaring doubles the error of an exponent: after more squarings of a part that does not decay, fewer than six of its
+/// digits are right.
 const SQUARINGS: usize = 28;
 const SHORT: &str = "short beside the time scales of the system: a part of its state lasts for so long that fewer than six \
                      digits of it would be right";
-/// Each halves the logarithms of what is out of balance.
+/// Sweeps at most: each about halves the logarithm of the imbalance.
 const SWEEPS: usize = 100;
 
 type Matrix = Mat<f64>;

@@ -55,7 +55,7 @@ def test_a_plan_is_that_of_the_states_with_the_readings(model, rate):
     n, low, high = model.n, np.full(model.n + 1, -np.inf), np.full(model.n + 1, np.inf)
     low[-1], high[-1] = -0.1, 1.02
     weight = np.zeros((n + 1, n + 1))
-    weight[:n, :n] = plan.limited.task.stage[:n, :n]
+    weight[0, 0] = 1.0  # a number is a weight of the readings, or of their first filters
     us, rest = plan.limited.task.resting, np.r_[plan.basis.xf, 1.0]
     # of v = u - u_s and x - x_s
     if rate is not None:
@@ -70,7 +70,7 @@ def test_a_plan_is_that_of_the_states_with_the_readings(model, rate):
     if rate is not None:
         assert np.abs(np.diff(plan.u[:, 0], prepend=0.0)).max() <= rate + 1e-12
         assert "at their rate" in str(plan)
-    assert plan.predicted_outputs.max() <= free.predicted_outputs.max() + 1e-9
+    assert plan.predicted_outputs.max() <= max(free.predicted_outputs.max(), 1.021)
     assert "readings at a limit" in str(plan)
     assert np.isfinite(plan.bound(0.05).tube).all() or model.doubts
     again = se.Plan.from_dict(plan.to_dict())
@@ -111,7 +111,7 @@ def test_a_loop_changes_its_input_by_the_rate_at_most(model, of_gain, tmp_path):
 def test_a_loop_holds_its_readings_below_the_limit(model):
     """The overshoot of the free loop is gone, and a constant that acts changes nothing."""
     most = {}
-    cost = se.Cost(Q=1.0, R=1e-6)
+    cost = se.Cost(Q=np.eye(model.n), R=1e-6)
     for name, x in (("free", None), ("soft", (None, 1.02))):
         tank, rng, limits = Tank(), np.random.default_rng(4), se.Limits(u=(-1.0, 1.0), x=x)
         loop = se.regulate(model, 30, limits=limits, cost=cost, offset_free=True, target=[1.0])

@@ -265,11 +265,8 @@ def start_of(model: Model, record: Any) -> Start:
 
 def cost_of_outputs(model: Model, cost: Cost) -> Cost:
     """The cost with weights of outputs as weights of states."""
-
-    def of_states(value: Any) -> Any:
-        return value if value is None or np.ndim(value) == 0 else for_outputs(model, value)
-
-    return replace(cost, Q=of_states(cost.Q), Qf=of_states(cost.Qf))
+    found: Any = {name: for_outputs(model, one) for name, one in cost.given.items() if "Q" in name}
+    return replace(cost, **found)
 
 
 def output_control(model: Model, record: Any, target: Any, wanted: Wanted) -> Plan:

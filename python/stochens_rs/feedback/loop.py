@@ -404,10 +404,6 @@ def for_outputs(model: object, value: ArrayLike) -> ArrayLike:
     """Return a weight of the outputs of a model as one of its states, others as they are."""
     if not isinstance(model, Model) or model.window is None:
         return value
-    n, p = model.n, model.n_outputs
-    given = validation.read("Q", value)
-    if given.ndim and given.shape[-1] == n:
+    if np.ndim(value) and validation.read("Q", value).shape[-1] == model.n:
         return value
-    padded = np.zeros((n, n))
-    padded[:p, :p] = weight("Q", value, p)
-    return padded
+    return np.pad(weight("Q", value, model.n_outputs), (0, model.n - model.n_outputs))

@@ -209,8 +209,10 @@ class Cost(Asked):
     ----------
     Q, Qf : float or array_like, shape (n,) or (n, n), optional
         Weights of the states x(1), ..., x(K-1), and of x(K): numbers, diagonals or matrices, >= 0.
-        Default: Q is 0, and Qf is Q, or I without Q. Tables with the names of the states, of a
-        matrix along both axes, may be in any order; so may R with the names of the inputs.
+        Default: Q is 0, and Qf is Q, or I without Q. Of a model of outputs a number, or what has
+        the shape of the outputs, weighs the readings now, or their first filters. Tables with the
+        names of the states, of a matrix along both axes, may be in any order; so may R with the
+        names of the inputs.
     R : "auto", float or array_like, shape (m,) or (m, m), optional
         Weight of each input. "auto", the default with limits or other weights:
         ``1e-8 tr(G'QG) / (m K)``, G from inputs to states.

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from .fleet import control_fleet
     from .fusion import Fit, fuse, fuse_path
     from .identification import Misfit, Model, Noise, Pilot, Trajectories, Window, identify
-    from .limits import Cost, Limits, Uncertain
+    from .limits import Cost, Forecast, Limits, Uncertain
     from .loops import Keep, Regulator, regulate
     from .rng import Key
     from .simulation import (
@@ -60,6 +60,7 @@ __all__ = [
     "Ensemble",
     "EnsembleTrajectory",
     "Fit",
+    "Forecast",
     "Keep",
     "Key",
     "Limits",
@@ -121,7 +122,7 @@ _ROOMS = {
     "fleet": "control_fleet",
     "fusion": "Fit fuse fuse_path",
     "identification": "Misfit Model Noise Pilot Trajectories Window identify",
-    "limits": "Cost Limits Uncertain",
+    "limits": "Cost Forecast Limits Uncertain",
     "loops": "Keep Regulator regulate",
     "rng": "Key",
     "simulation": "EnsembleTrajectory StepEstimate Tracking Trajectory simulate "

@@ -766,6 +766,7 @@ def output_tube(
     inputs: _Floats,
     gain: _Floats | None,
     noise: tuple[_Floats, float] | None,
+    apart: _Floats | None,  # how far inputs may be from the plan, (K, m)
 ) -> tuple[_Floats, _Floats, tuple[_Floats, _Floats], tuple[_Floats, _Floats] | None]: ...
 
 @final
@@ -1292,6 +1293,8 @@ class Loop:
     def solve(self, x: _Floats, time_limit: float | None) -> BoxControl: ...
     # inputs (m,) and states (n,) that the plans are about: all limits less these
     def about(self, inputs: _Floats, states: _Floats) -> None: ...
+    # inputs that are not chosen (K, m), nan for the others; from the next `about` on
+    def fix(self, values: _Floats) -> None: ...
     # factorizations, operations and seconds of a call at most; None where they have no bound
     def most(self) -> tuple[int, float, float] | None: ...
     # the input that is applied now, from which the next change counts

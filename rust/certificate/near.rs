@@ -342,7 +342,7 @@ impl Pilot {
         }
         let besides = [Some(outer.as_slice()), Some(inner.as_slice())];
         let (spectral, frobenius) = (event.spectral, event.frobenius);
-        let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come, besides };
+        let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come, besides, apart: None };
         let steps = several_steps(region, &root, at, inputs, radii, Seen { rows: n, gain: None }, stop)?;
         if noisy {
             mismatch += normal_quantile(&work.drift[count - 1], n, half)?;

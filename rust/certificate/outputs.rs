@@ -28,6 +28,8 @@ pub struct Along<'a> {
     pub inputs: &'a [f64],
     /// K (m, n) of the feedback `u(k) + K (x(k) - xh(k))`.
     pub gain: Option<&'a [f64]>,
+    /// How far each input may be from its plan (K, m), as where it is a forecast of what is measured.
+    pub apart: Option<&'a [f64]>,
 }
 
 /// Bounds of the outputs along a run.
@@ -69,9 +71,12 @@ pub fn outputs(
 ) -> Result<Outputs> {
     let (p, m) = (region.n, system.m);
     let (n, k) = system.sizes(p, region.width())?;
-    if along.x0.len() != n || along.gain.is_some_and(|gain| gain.len() != m * n) {
+    if along.x0.len() != n
+        || along.gain.is_some_and(|gain| gain.len() != m * n)
+        || along.apart.is_some_and(|apart| apart.len() != along.inputs.len())
+    {
         let found = format!("{} entries", along.x0.len());
-        return Err(Error::Shape { name: "x0, gain", expected: format!("{n} and {m} x {n} entries"), found });
+        return Err(Error::Shape { name: "x0, gain, apart", expected: format!("{n} and {m} x {n} entries"), found });
     }
     // (y; x), of which y acts on nothing
     let behind = |of: &[f64]| -> Result<Vec<f64>> {
@@ -95,7 +100,12 @@ pub fn outputs(
         gain.chunks_exact_mut(whole).zip(given.chunks_exact(n)).for_each(|(to, row)| to[p..].copy_from_slice(row));
     }
     let at = states(&of.region, &x0, along.inputs)?;
-    let way = (at.as_slice(), along.inputs, along.gain.is_some().then_some(gain.as_slice()));
+    let way = Way {
+        at: &at,
+        inputs: along.inputs,
+        gain: along.gain.is_some().then_some(gain.as_slice()),
+        apart: along.apart,
+    };
     let mean = of.tube(way, None, stop)?;
     let steps = along.inputs.len() / m;
     let readings = match (noise, region.noise()) {
@@ -127,6 +137,15 @@ fn unbounded(steps: usize, p: usize) -> Result<OutputTube> {
     Ok(OutputTube { radii: filled(1)?, components: filled(p)? })
 }
 
+/// The plan in the system (y; x).
+#[derive(Clone, Copy)]
+struct Way<'a> {
+    at: &'a [f64],
+    inputs: &'a [f64],
+    gain: Option<&'a [f64]>,
+    apart: Option<&'a [f64]>,
+}
+
 /// A region of the system (y; x), with a root (n, p) of its shape.
 struct Of {
     region: Region,
@@ -135,12 +154,8 @@ struct Of {
 }
 
 impl Of {
-    fn tube(
-        &self,
-        (at, inputs, gain): (&[f64], &[f64], Option<&[f64]>),
-        noise: Option<Gaussian<'_>>,
-        stop: &Stop,
-    ) -> Result<OutputTube> {
+    fn tube(&self, way: Way<'_>, noise: Option<Gaussian<'_>>, stop: &Stop) -> Result<OutputTube> {
+        let Way { at, inputs, gain, apart } = way;
         let (region, p, steps) = (&self.region, self.p, inputs.len() / self.region.m);
         let radii = Radii {
             spectral: region.parts[0].of().factor.sqrt(),
@@ -149,6 +164,7 @@ impl Of {
             noise: false,
             to_come: noise,
             besides: [None; 2],
+            apart,
         };
         let seen = Seen { rows: p, gain };
         let mut found = match several_steps(region, &self.root, at, inputs, radii, seen, stop) {

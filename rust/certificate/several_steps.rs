@@ -18,6 +18,10 @@
 //!
 //! What else bounds the first order, such as a reference, takes part in the minima; `b_k` of a step may then be smaller.
 //!
+//! Inputs that may be off the plan by d(k), `|d(k)|_i <= phi_i(k)`, whatever they react to, add `f_k >= |sum_{j<k} P A^(k-1-j) B d(j)|_i`
+//! to a bound of the components, `||f_k||` to `r_k`, and to `b_k` the same with the norms of the columns of `W^(1/2) A^(k-1-j) B`, and
+//! `sum_i ||V^(-1/2) I_i|| phi_i(k)`, I_i the unit vector of input i: then `b_k` bounds `||V^(-1/2) (e_k, d_k)||`.
+//!
 //! First order plus rest: `rest(k+1) = A rest(k) + D_x e(k)` and `||V^(-1/2) (e_j, 0)|| = ||W^(1/2) e_j|| <= b_j` by induction.
 //!
 //! Gaussian noise to come of covariance `<= N` is independent of the data: given them, `n_k = sum_{i<k} A^(k-1-i) w(i)` is
@@ -58,6 +62,8 @@ pub(super) struct Radii<'a> {
     /// Other bounds of `||sum_{j<k} P M_{k-1-j} Gamma c_j||` and of `||sum_{j<k} W^(1/2) M_{k-1-j} Gamma c_j||` (K + 1) that hold in
     /// the event; infinite where there is none.
     pub besides: [Option<&'a [f64]>; 2],
+    /// How far inputs may be from those of the plan (K, m).
+    pub apart: Option<&'a [f64]>,
 }
 
 /// Which rows of the error are looked at, and what acts on it.
@@ -88,6 +94,8 @@ pub(super) struct Steps {
     pub powers: Vec<Vec<f64>>,
     /// `P N_k P'` (p, p), k <= K; 0 without noise to come besides.
     pub covariances: Vec<Vec<f64>>,
+    /// `f_k` (K + 1, p), of inputs that may be off the plan; empty without them.
+    pub pushed: Vec<f64>,
 }
 
 impl Steps {
@@ -147,7 +155,8 @@ impl Steps {
             let (frobenius, nuclear) = norms(&all, q)?;
             let first = times(radii.frobenius, frobenius).min(times(radii.spectral, nuclear));
             let start = times(radii.rho0, norm(power[i * n..(i + 1) * n].iter().copied()));
-            *component = first + times(radii.spectral, back) + start;
+            let pushed = self.pushed.get(k * p + i).unwrap_or(&0.0);
+            *component = first + times(radii.spectral, back) + start + pushed;
         }
         Ok(components)
     }
@@ -229,8 +238,11 @@ pub(super) fn several_steps(
     let seen = |value: f64| if known { value } else { f64::INFINITY };
     let [outer, inner] = radii.besides;
     let besides = |of: Option<&[f64]>, k: usize| of.map_or(f64::INFINITY, |of| of[k]);
+    let mut away = radii.apart.map(|apart| Away::new(region, apart, p)).transpose()?;
     linear.push(0.0);
-    rest.push(if radii.rho0 == 0.0 { 0.0 } else { seen(start(&half, rank)?) });
+    rest.push(
+        if radii.rho0 == 0.0 { 0.0 } else { seen(start(&half, rank)?) } + away.as_ref().map_or(0.0, |of| of.at(0)),
+    );
     r.push(radii.rho0);
     for k in 1..=steps {
         stop.check()?;
@@ -251,6 +263,10 @@ pub(super) fn several_steps(
                 nu = normal_quantile(&seen, rank, noise.before)?;
             }
         }
+        let (pushed, inner_push) = match &mut away {
+            Some(of) => of.step(&power, &half)?,
+            None => (0.0, 0.0),
+        };
         power = product(&a, &power, n, n, n)?;
         if !power.iter().all(|v| v.is_finite()) {
             return Err(Error::Overflow { what: "a power of the model's A" });
@@ -258,14 +274,70 @@ pub(super) fn several_steps(
         let efforts = if k < steps { OTHERS } else { EFFORT };
         linear.push(outside.linear(&span, &lengths[..k], bounds, efforts, besides(outer, k))?);
         backs[k] = times(radii.spectral, outside.cauchy_schwarz(&rest[..k])?);
-        r.push(linear[k] + start(&power[..p * n], p)? + backs[k]);
+        r.push(linear[k] + start(&power[..p * n], p)? + backs[k] + pushed);
         let back = times(radii.spectral, inside.cauchy_schwarz(&rest[..k])?);
         let first = inside.linear(&span, &lengths[..k], bounds, OTHERS, besides(inner, k))?;
-        rest.push(seen(first + start(&product(&half, &power, rank, n, n)?, rank)? + back + nu));
+        let own = first + start(&product(&half, &power, rank, n, n)?, rank)? + back + nu + inner_push;
+        rest.push(seen(own) + away.as_ref().map_or(0.0, |of| of.at(k)));
         powers.push(try_copy(WHAT, &power[..p * n])?);
         covariances.push(leading(&covariance, n, p)?);
     }
-    Ok(Steps { radii: r, linear, back: backs, rest, outside, span, powers, covariances })
+    let pushed = away.map_or_else(Vec::new, |of| of.pushed);
+    Ok(Steps { radii: r, linear, back: backs, rest, outside, span, powers, covariances, pushed })
+}
+
+/// What inputs do that may be off the plan.
+struct Away<'a> {
+    region: &'a Region,
+    /// How far (K, m).
+    apart: &'a [f64],
+    /// `|P A^p B|` (p, m), and the norms of the columns of `W^(1/2) A^p B` (m), for each power so far.
+    outside: Vec<Vec<f64>>,
+    inside: Vec<Vec<f64>>,
+    /// `f_k` so far.
+    pushed: Vec<f64>,
+}
+
+impl<'a> Away<'a> {
+    fn new(region: &'a Region, apart: &'a [f64], p: usize) -> Result<Self> {
+        let steps = apart.len() / region.m;
+        let (outside, inside) = (try_room(WHAT, steps)?, try_room(WHAT, steps)?);
+        let mut pushed = try_room(WHAT, checked_len(WHAT, steps + 1, p)?)?;
+        pushed.resize(p, 0.0);
+        Ok(Self { region, apart, outside, inside, pushed })
+    }
+
+    /// `sum_i ||V^(-1/2) I_i|| phi_i(k)`, 0 behind the last input.
+    fn at(&self, k: usize) -> f64 {
+        let (part, n, m) = (&self.region.parts[0], self.region.n, self.region.m);
+        let apart = self.apart.get(k * m..(k + 1) * m).unwrap_or(&[]).iter().zip(n..);
+        let length = |(phi, column): (&f64, usize)| match part.columns.iter().position(|at| *at == column) {
+            Some(at) => times(*phi, part.unit_length(at)),
+            None => 0.0, // an entry that is known has no error
+        };
+        apart.map(length).sum()
+    }
+
+    /// `||f_k||`, and what is added to `b_k`, with `power` = `A^(k-1)`.
+    fn step(&mut self, power: &[f64], half: &[f64]) -> Result<(f64, f64)> {
+        let (n, m, d) = (self.region.n, self.region.m, self.region.d);
+        let p = self.pushed.len() / (self.outside.len() + 1);
+        let mut b = try_room(WHAT, checked_len(WHAT, n, m)?)?;
+        self.region.centre.chunks_exact(d).for_each(|row| b.extend_from_slice(&row[n..n + m]));
+        let moved = product(power, &b, n, n, m)?;
+        let seen = product(half, &moved, half.len() / n, n, m)?;
+        let columns = (0..m).map(|i| norm(seen.iter().skip(i).step_by(m).copied()));
+        self.inside.push(try_collect(WHAT, columns)?);
+        self.outside.push(try_collect(WHAT, moved[..p * m].iter().map(|v| v.abs()))?);
+        let sum = |row: &[f64], phi: &[f64]| row.iter().zip(phi).map(|(a, phi)| times(*a, *phi)).sum::<f64>();
+        let phis = || self.apart.chunks_exact(m);
+        let f = (0..p)
+            .map(|i| self.outside.iter().rev().zip(phis()).map(|(of, phi)| sum(&of[i * m..(i + 1) * m], phi)).sum());
+        let f: Vec<f64> = try_collect(WHAT, f)?;
+        let within = self.inside.iter().rev().zip(phis()).map(|(of, phi)| sum(of, phi)).sum();
+        self.pushed.extend_from_slice(&f);
+        Ok((norm(f.into_iter()), within))
+    }
 }
 
 /// The first `p` rows and columns of (n, n).

@@ -161,6 +161,7 @@ fn one_part(
         noise: region.future,
         to_come: None,
         besides: [None; 2],
+        apart: None,
     };
     let own;
     let mut added = None;

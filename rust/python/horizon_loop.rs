@@ -58,6 +58,12 @@ impl PyLoop {
         self.inner.with(py, 0.0, |inner, _| inner.about(inputs, states))
     }
 
+    /// Values of inputs that are not chosen (K, m), nan for the others; they count from the next `about` on.
+    fn fix(&self, py: Python<'_>, values: Matrix<'_>) -> PyResult<()> {
+        let values = slice("values", &values)?;
+        self.inner.with(py, 0.0, |inner, _| inner.fix(values))
+    }
+
     /// Factorizations, operations and seconds of a call at most; None where they have no bound.
     fn most(&self, py: Python<'_>) -> PyResult<Option<(usize, f64, f64)>> {
         let most = self.inner.with(py, self.cost, |inner, _| inner.most())?;

@@ -55,7 +55,7 @@ fn handed<'py>(py: Python<'py>, tube: OutputTube) -> PyResult<Radii<'py>> {
     Ok((array1(py, tube.radii)?, array2(py, tube.components, rows, cols)?))
 }
 
-/// Windows and outputs along a plan, the tube of the mean, and that of readings for noise of `(covariance, probability)`.
+/// Windows and outputs along a plan whose inputs may be off by `apart`, the tube of the mean, and that of readings for noise of `(covariance, probability)`.
 #[pyfunction]
 pub(super) fn output_tube<'py>(
     py: Python<'py>,
@@ -65,6 +65,7 @@ pub(super) fn output_tube<'py>(
     inputs: Matrix<'_>,
     gain: Option<Matrix<'_>>,
     noise: Option<(Matrix<'_>, f64)>,
+    apart: Option<Matrix<'_>>,
 ) -> PyResult<(Array2<'py>, Array2<'py>, Radii<'py>, Option<Radii<'py>>)> {
     let region = with_noise(&region.get().0, noise.as_ref().map(|noise| &noise.0))?;
     let (n, steps) = (x0.len()?, inputs.as_array().dim().0);
@@ -72,6 +73,7 @@ pub(super) fn output_tube<'py>(
         x0: slice("x0", &x0)?,
         inputs: slice("inputs", &inputs)?,
         gain: gain.as_ref().map(|gain| slice("gain", gain)).transpose()?,
+        apart: apart.as_ref().map(|apart| slice("apart", apart)).transpose()?,
     };
     let (system, level) = (entering(&system)?, noise.as_ref().map(|noise| noise.1));
     let cost = 20.0 * (steps * steps) as f64 * (n + region.width()).pow(3) as f64;

@@ -40,6 +40,8 @@ class ModelBasis(Record):
         Whether that record was not measured: the plant was declared to be at rest.
     given : bool
         Whether the inputs were given, and `xf` is where the model ends: there is no target then.
+    apart : ndarray, shape (K, m), or None
+        For a model of outputs, how far inputs may be from the plan, as where one is a forecast.
     """
 
     model: Identified
@@ -49,6 +51,7 @@ class ModelBasis(Record):
     read: Floats | None = None
     at_rest: bool = False
     given: bool = False
+    apart: Floats | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -308,8 +311,8 @@ def output_certificate(
     covariance = none if region.noise is None else np.ascontiguousarray(region.noise)
     level = (covariance, delta * (1.0 - REGION)) if noise else None
     system = model.loop.ABc, model.loop.J, model.loop.G, model.m
-    found = _core.output_tube(region.core, system, basis.x0, u, gain, level)
-    _, predicted, mean, read = found
+    about = region.core, system, basis.x0, u, gain
+    _, predicted, mean, read = _core.output_tube(*about, level, basis.apart)
     tube, components = mean if read is None else read
     if model.doubts:
         for radii in (mean[0], tube, components):
@@ -318,7 +321,10 @@ def output_certificate(
     last = slice(-rows, None)
     away = np.linalg.norm(off, axis=1)[last]
     target = norm(away + tube[1:][last])
-    parts = {"reach": norm(away), "model error": norm(mean[0][1:][last])}
+    model_error = mean[0] if basis.apart is None else _core.output_tube(*about, None, None)[2][0]
+    parts = {"reach": norm(away), "model error": norm(model_error[1:][last])}
+    if basis.apart is not None:
+        parts["forecast"] = norm((mean[0] - model_error)[1:][last])
     if noise:
         parts["noise"] = norm((tube - mean[0])[1:][last]) if np.isfinite(target) else np.inf
     what = "readings" if noise else "means of the readings"
@@ -345,6 +351,10 @@ def output_certificate(
         said += "; inputs u(k) + K (x(k) - xh(k)), x the window of the readings"
     if noise:
         said += "; noise to come independent of the data, at half of the probability of failure"
+    if basis.apart is not None:
+        most = zip(model.input_names, basis.apart.max(axis=0), strict=True)
+        near = (f"{name} within {show.at_most(off)}" for name, off in most if off > 0.0)
+        said += f"; declared: {', '.join(near)} of the forecast"
     said += "; declared: the plant was at rest" if basis.at_rest else "; the record happened"
     return certificate_of(
         delta,

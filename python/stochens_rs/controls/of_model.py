@@ -18,7 +18,16 @@ from ..feedback.loop import for_outputs
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..limits.limits import Cost, LimitsLike, Uncertain, as_limits
-from ..limits.problem import Horizon, Limited, Task, checked_task, read_task, seconds, sides
+from ..limits.problem import (
+    Horizon,
+    Limited,
+    Task,
+    checked_task,
+    forecast_of,
+    inputs_within,
+    read_task,
+    seconds,
+)
 from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
@@ -284,9 +293,9 @@ def output_control(model: Model, record: Any, target: Any, wanted: Wanted) -> Pl
     rows = targets(model, target)
     if len(rows) > 1:
         raise InputError(f"`target` must be one target for a plan, got {len(rows)} rows")
-    low, high = sides("limits", limits.u, K, model.labels)
-    ends, own = (low[-1].copy(), high[-1].copy()), weights_of(model, cost)
-    point = set_point(model, Aim(rows[0], own, ends, start.read))
+    low, high = (side[-1].copy() for side in inputs_within(limits, K, model.labels))
+    fixed = np.where((low == high) & (low < high).any(), low, np.nan)
+    point = set_point(model, Aim(rows[0], weights_of(model, cost), (low, high), start.read, fixed))
     none, own = np.zeros(model.n_outputs), np.zeros(model.m)
     rest = point.moving(none, none, none, own)
     return plan_from(model, start, rest, Wanted(K, limits, cost, wanted.time_limit))
@@ -295,7 +304,9 @@ def output_control(model: Model, record: Any, target: Any, wanted: Wanted) -> Pl
 def plan_from(model: Model, start: Start, rest: tuple[Floats, Floats], wanted: Wanted) -> Plan:
     """The plan to a window and inputs at rest; inputs cost what they differ from those there."""
     x, u = rest
-    basis = trusted(ModelBasis, model, start.x, x, 0.0, start.read, start.at_rest)
+    _, apart = forecast_of(as_limits(wanted.limits), wanted.steps, model.labels)
+    about = start.x, x, 0.0, start.read, start.at_rest, False, apart if apart.any() else None
+    basis = trusted(ModelBasis, model, *about)
     return model_control(basis, wanted, resting=u)
 
 

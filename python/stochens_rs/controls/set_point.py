@@ -14,7 +14,7 @@ from .._base.types import DELTA, ArrayLike, Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.bounds import Rest
 from ..identification.model import Model
-from ..limits.limits import Cost
+from ..limits.limits import Cost, rows_by_name
 
 # Of all outputs, or by name; rows of them are one for each step.
 Target: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
@@ -34,15 +34,9 @@ def targets(model: Model, target: Any) -> Floats:
                 f"`target` must name some of the outputs {', '.join(names)}, got "
                 f"{unknown or 'none'}"
             )
-        each = [
-            np.atleast_1d(validation.array("target", target[name], ndim=(0, 1))) for name in target
-        ]
-        if len({one.size for one in each} - {1}) > 1:
-            raise ShapeError("`target` must have as many steps for each of the outputs")
-        rows = np.full((max(one.size for one in each), len(names)), np.nan)
-        rows[:, [names.index(name) for name in target]] = np.column_stack(
-            np.broadcast_arrays(*each)
-        )
+        found = rows_by_name("target", target)
+        rows = np.full((len(found.values), len(names)), np.nan)
+        rows[:, [names.index(name) for name in found.names]] = found.values
         return rows
     rows = np.atleast_2d(validation.array("target", target, ndim=(0, 1, 2), finite=False)).copy()
     if rows.shape[1] != len(names):
@@ -115,7 +109,8 @@ def set_point(model: Model, aim: Aim) -> _core.SetPoint:
     if point.at_limit:
         held = ", ".join(model.input_names[i] for i in point.at_limit)
         place += f", held by the limit of {held}"
-    m, wanted = model.m, int(np.count_nonzero(~np.isnan(target)))
+    chosen = np.isnan(np.full(model.m, np.nan) if aim.given is None else aim.given)
+    m, wanted = int(chosen.sum()), int(np.count_nonzero(~np.isnan(target)))
     if wanted > m:
         place += (
             f"; {show.number_of(m, 'input')} can hold {show.number_of(m, 'output')}: give "
@@ -127,15 +122,17 @@ def set_point(model: Model, aim: Aim) -> _core.SetPoint:
         impossible = bool(least > 1e-9 * size)
     elif point.at_limit:
         # without limits the target would be held: do all systems need more than they leave?
-        inf = np.full(m, np.inf)
+        inf = np.full(model.m, np.inf)
         _, free = nearest_point(model, aim._replace(limits=(-inf, inf)))
         spread = free.spread(region.core)
         if spread is not None:
             middle, half = free.place[p:] + spread[0][p:], spread[1][p:]
-            impossible = bool(((middle - half > limits[1]) | (middle + half < limits[0])).any())
+            beyond = (middle - half > limits[1]) | (middle + half < limits[0])
+            impossible = bool((beyond & chosen).any())
             needed = ", ".join(
                 f"{name} at {v:.4g} ± {show.at_most(h)}"
-                for name, v, h in zip(model.input_names, middle, half, strict=True)
+                for name, v, h, own in zip(model.input_names, middle, half, chosen, strict=True)
+                if own
             )
             place = f"it needs {needed}; {place}"
     if impossible:

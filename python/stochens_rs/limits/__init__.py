@@ -1,5 +1,5 @@
 """Limits and weights of controls: given, checked, and the best control within them."""
 
-from .limits import Cost, Limits, Uncertain
+from .limits import Cost, Forecast, Limits, Uncertain
 
-__all__ = ["Cost", "Limits", "Uncertain"]
+__all__ = ["Cost", "Forecast", "Limits", "Uncertain"]

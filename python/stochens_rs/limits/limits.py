@@ -1,4 +1,4 @@
-"""`Limits`, `Cost` and `Uncertain`: what is allowed, what it costs, what is not known."""
+"""`Limits`, `Forecast`, `Cost`, `Uncertain`: what is allowed, forecast, wanted and not known."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .._base import validation
 from .._base.reading import aligned, labels_along, shown_labels
 from .._base.records import NotNegative, Record, SavedRecord
 from .._base.types import Floats, NDArray, Self
-from ..exceptions import InputError, InputTypeError, NonFiniteError
+from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,6 +94,17 @@ def _sides_by_name(name: str, value: Mapping[Any, Any]) -> tuple[Named, Named]:
     return Named(lows.copy(), names), Named(highs.copy(), names)
 
 
+def rows_by_name(name: str, value: Mapping[Any, Any]) -> Named:
+    """Numbers or rows of steps by name, ``{"outdoor": [4.0, 3.5]}``, as (h, names)."""
+    names = tuple(value)
+    if not names or not all(isinstance(one, str) for one in names):
+        raise InputTypeError(f"`{name}` must have texts as names, got {names!s:.60}")
+    each = [np.atleast_1d(validation.array(name, value[one], ndim=(0, 1))) for one in names]
+    if len({one.size for one in each} - {1}) > 1:
+        raise ShapeError(f"`{name}` must have as many steps for each of {', '.join(names)}")
+    return Named(np.column_stack(np.broadcast_arrays(*each)), names)
+
+
 def entries(name: str, value: Any, *, square: bool = False) -> Any:
     """A number as it is, numbers as an array, and with the labels of a table.
 
@@ -140,6 +151,57 @@ def _shown(value: Any) -> str:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class Forecast(Asked):
+    """What inputs will be that are measured and not chosen, as the weather or a load.
+
+    Parameters
+    ----------
+    values : mapping
+        By name of the input a number, or (h,), one for each step from now on; the last stays.
+    error : float or mapping, default 0
+        How far the input may be from it in each step, whatever it reacts to: a number for all, or
+        by name as `values`. Bounds of a plan hold for all such inputs.
+
+    Raises
+    ------
+    InputError, InputTypeError, ShapeError
+        If an argument cannot be used, or names have different numbers of steps.
+
+    Examples
+    --------
+    >>> import stochens_rs as se
+    >>> limits = se.Limits({"heating": (0.0, 5.0)}, forecast=se.Forecast({"outdoor": [4.0, 3.0]}))
+    >>> system = se.System([[0.9]], [[0.1, 0.1]], inputs=("heating", "outdoor"))
+    >>> se.control(system, [20.0], [20.0], steps=3, limits=limits).u[:, 1]
+    array([4., 3., 3.])
+    """
+
+    values: Named
+    error: float | Named = 0.0
+
+    def __post_init__(self) -> None:
+        given: Any = self.values
+        if not isinstance(given, Named):
+            if not isinstance(given, Mapping):
+                raise InputTypeError(
+                    f"`values` must be numbers or steps by name, got {validation.show(given)}"
+                )
+            self._keep(values=rows_by_name("values", given))
+        if isinstance(self.error, Mapping):
+            self._keep(error=rows_by_name("error", self.error))
+        of = self.error.values if isinstance(self.error, Named) else self.error
+        validation.array("error", of, ndim=(0, 2))
+        if np.min(of) < 0.0:
+            raise InputError(f"`error` must be >= 0, got {np.min(of):.4g}")
+        super().__post_init__()
+
+    @property
+    def exact(self) -> bool:
+        """Whether the inputs will be what is forecast."""
+        return not np.any(self.error.values if isinstance(self.error, Named) else self.error)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Limits(Asked):
     """Limits of inputs, of their changes and of states.
 
@@ -160,6 +222,8 @@ class Limits(Asked):
         Q and Qf. False: hard limits, with status "infeasible" if they cannot be kept; with a model
         from data the true system keeps them with probability 95 %, that of its looks for a
         `ModelStream`, without noise to come. For a fleet they are hard, and False must be given.
+    forecast : Forecast or mapping, optional
+        Inputs that are measured and not chosen, with what they will be.
 
     Raises
     ------
@@ -180,8 +244,12 @@ class Limits(Asked):
     previous: Entries = None
     x: tuple[Entries, Entries] | None = None
     soft: float | bool | None = None
+    forecast: Forecast | None = None
 
     def __post_init__(self) -> None:
+        given: Any = self.forecast
+        if not (given is None or isinstance(given, Forecast)):
+            self._keep(forecast=Forecast(given))
         self._keep(
             u=pair_of("limits", self.u),
             rate=entries("rate", self.rate),

@@ -91,7 +91,7 @@ def checked_task(
     `xf` is the target, which a reference replaces. Messages use the names in `labels`.
     """
     within, weights = as_limits(limits), as_cost(cost)
-    if weights.given or {"u", "rate", "x"}.intersection(within.given):
+    if weights.given or {"u", "rate", "x", "forecast"}.intersection(within.given):
         return read_task(n, m, K, xf, within, weights, labels)
     for name in within.given:
         found = validation.show(getattr(within, name))
@@ -111,7 +111,7 @@ def read_task(
     """Check limits and weights of K steps to `xf`; without any, ``||x(K) - xf||`` alone counts."""
     named = labels or default_labels(n, m)
     running.need(f"`steps` = {K}: the limits and the reference", 8 * K * (2 * m + 3 * n))
-    low, high = sides("limits", within.u, K, named)
+    low, high = inputs_within(within, K, named)
     rate, previous = _rates(within, low, high, named)
     Q, Qf, R, reference = weights.Q, weights.Qf, weights.R, weights.reference
     stage = np.zeros((n, n)) if Q is None else weight("Q", Q, n, labels=named.states)
@@ -178,6 +178,28 @@ def sides(
     return low, high
 
 
+def inputs_within(within: Limits, K: int, labels: Labels) -> tuple[Floats, Floats]:
+    """Limits of the inputs, (K, m) each, equal where one is forecast."""
+    fixed, pair = forecast_of(within, K, labels)[0], sides("limits", within.u, K, labels)
+    low, high = (np.where(np.isnan(fixed), side, fixed) for side in pair)
+    return low, high
+
+
+def forecast_of(within: Limits, K: int, labels: Labels) -> tuple[Floats, Floats]:
+    """What inputs will be that are not chosen, nan for the others, and how far from it, (K, m)."""
+    if (found := within.forecast) is None:
+        return np.full((K, len(labels.inputs)), np.nan), np.zeros((K, len(labels.inputs)))
+
+    def ahead(of: Any, none: float) -> Floats:
+        rows = of.values[np.minimum(np.arange(K), len(of.values) - 1)]
+        return _side("forecast", Named(rows, of.names), K, labels.inputs, none)
+
+    values, error = ahead(found.values, np.nan), found.error
+    if isinstance(error, Named):
+        return values, np.where(np.isnan(values), 0.0, ahead(error, 0.0))
+    return values, np.where(np.isnan(values), 0.0, error)
+
+
 def _side(name: str, value: Entries, K: int, names: tuple[str, ...], none: float) -> Floats:
     """A side in the order of `names`; `none` for those that are not named."""
     m, given = len(names), np.asarray(none if value is None else value)
@@ -220,6 +242,7 @@ def _rates(
     )
     if (rate <= 0.0).any():
         raise InputError(f"`rate` must be > 0, got {rate.min():.3g}")
+    rate = np.where(np.isnan(forecast_of(within, 1, labels)[0][0]), rate, np.inf)
     # what a later limit leaves: l'_k = max(l_k, l'_{k+1} - rate), and h' likewise
     below, above = low[-1], high[-1]
     for k in range(len(low) - 1, -1, -1):

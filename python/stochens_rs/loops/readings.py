@@ -25,8 +25,8 @@ from ..feedback.bounds import Rest, Tube
 from ..feedback.certificate import judged, sentence
 from ..identification.changes import source_of
 from ..identification.model import Model
-from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
-from ..limits.problem import Task, loop_of, read_task
+from ..limits.limits import Cost, LimitsLike, Named, as_cost, as_limits
+from ..limits.problem import forecast_of, loop_of, read_task
 from ..validation.held_out import PredictedLoop
 from .loop import ControlLoop
 from .regulator import condensed
@@ -134,7 +134,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_drift",
         "_fading",  # what is added since a swap, and its factor from call to call
         "_forward",
-        "_given",  # the inputs that are measured, (m,); nan where one is chosen
+        "_given",  # the inputs that are measured, now and to come, (h, m); nan where one is chosen
         "_high",
         "_law",
         "_learning",
@@ -150,6 +150,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_solved",
         "_solver",
         "_started",
+        "_steps",
         "_system",  # A, B, c of the plans
         "_way",  # of the window along the targets to come, and these
         "_weights",
@@ -182,29 +183,30 @@ class ReadingLoop(ControlLoop[Reading]):
             )
         m, labels, within = model.m, model.labels, as_limits(limits)
         policy: Any
-        task: Task | None
+        task: Any  # there is one: R is given
         asked, outputs, self._system = None, None, ()
-        names: tuple[str, ...] = ()
         weights = cost_of_outputs(model, as_cost(cost))
         if gain and (steps is not None or cost is not None):
             raise InputError("`steps` and `cost` must be left out for a Loop, which has its gain")
         if weights.reference is not None:
             raise InputError("`cost` must have no reference for a model of outputs: give `target`")
         if gain:
+            K = 1
             if within.x is not None:
                 raise InputError(
                     "`limits` of outputs need a loop that plans: regulate(model, steps, ...)"
                 )
-            task = read_task(model.n, m, 1, np.zeros(model.n), within, Cost(), labels)
-            policy, names = gain.K, gain.given
+            if within.forecast is not None:
+                raise InputError("`forecast` must be None for a Loop, see `gain(given=)`")
+            task = read_task(model.n, m, K, np.zeros(model.n), within, Cost(), labels)
+            fixed, of_inputs = np.isin(model.input_names, gain.given), model.data.pairs()[1]
+            policy, ahead = gain.K, np.where(fixed, of_inputs.mean(axis=0), np.nan)[None]
         else:
-            if weights.R is None:
-                weights = replace(weights, R="auto")
             K = validation.size("steps", steps)
+            weights = replace(weights, R="auto") if weights.R is None else weights
             task, self._system, _ = task_of(model, K, np.zeros(model.n), within, weights)
-            policy = task
+            policy, (ahead, _) = task, forecast_of(within, K, labels)
             asked, outputs = (K, within, weights), weights_of(model, weights)
-        assert task is not None
         self._rate = np.full(m, np.inf) if task.rate is None else task.rate
         if hold is None and task.previous is not None:
             hold = task.previous
@@ -217,18 +219,16 @@ class ReadingLoop(ControlLoop[Reading]):
         safe = np.zeros(m) if hold is None else validation.vector("hold", hold, length=m).copy()
         super().__init__(trusted(Labels, model.outputs, model.input_names), safe)
         self._max_missing = validation.size("max_missing", max_missing, minimum=0)
-        self._policy, self._asked, self._drift = policy, asked, drift
+        self._policy, self._asked, self._drift, self._steps = policy, asked, drift, K
         self._low, self._high, self._weights = task.low[0].copy(), task.high[0].copy(), outputs
         self._of(model, gain)
         self._solved = np.zeros(model.n), np.zeros(m)  # of the problem that is solved, at rest
         self._rows, self._way = self._padded(targets(model, target)), None
-        here, of_inputs = (one.mean(axis=0) for one in model.data.pairs()[:2])
-        fixed = np.isin(model.input_names, names)
-        self._given = np.where(fixed, of_inputs, np.nan)
-        self._acted = self._safe
+        here, fixed = model.data.pairs()[0].mean(axis=0), ~np.isnan(ahead[0])
+        self._given, self._acted = ahead, self._safe
         self._low[fixed], self._high[fixed] = -np.inf, np.inf
         self._require(self._rows, here)
-        self._aimed = here, self._rows[0], self._given
+        self._aimed = here, self._rows[0], ahead[-1]
         self._restore((None, ()))
         self._forward = self._feed_forward()
         self._forget()
@@ -292,8 +292,10 @@ class ReadingLoop(ControlLoop[Reading]):
             The input that acted since the last call, where it was not what that returned.
         target : as `target`, optional
             Another target from this call on.
-        given : array_like, one number for each of ``gain(given=)``
-            What is measured of these inputs now; nan: as at the last call.
+        given : array_like, one number for each of ``gain(given=)`` or of a forecast
+            What is measured of these inputs now; nan: as at the last call. A loop that plans also
+            takes rows of them: now, and what is forecast for the next steps, of which the last
+            stays.
 
         Returns
         -------
@@ -326,17 +328,22 @@ class ReadingLoop(ControlLoop[Reading]):
                 return self._stepped(read, acted, why, started)
 
     def _measured(self, given: ArrayLike | None) -> Floats:
-        """The inputs that are measured; one that cannot be true is as before."""
-        names, own = self.model.input_names, np.flatnonzero(~np.isnan(self._given))
+        """The inputs that are measured and forecast; one that cannot be true is as before."""
+        names, own = self.model.input_names, np.flatnonzero(~np.isnan(self._given[0]))
         if (given is None) != (not len(own)):
             wanted = ", ".join(names[j] for j in own) or "left out"
             raise InputError(f"`given` must be {wanted}, got {validation.show(given)}")
-        now = self._given.copy()
-        if given is not None:
-            found = validation.measured("given", given, [names[j] for j in own])
+        if given is None:
+            return self._given
+        rows: Any = given if np.ndim(given) == 2 and len(np.asarray(given)) else [given]
+        if len(rows) > 1 and self._asked is None:
+            raise InputError(f"`given` must be one row for a gain, got {len(rows)}")
+        ahead, now = np.full((len(rows), len(names)), np.nan), self._given[0, own]
+        for row, one in zip(ahead, rows, strict=True):
+            found = validation.measured("given", one, [names[j] for j in own])
             good = np.abs(found) <= self._most[self.model.n_outputs + own]
-            now[own] = np.where(good, found, now[own])
-        return now
+            row[own] = now = np.where(good, found, now)
+        return ahead
 
     def _stepped(self, y: Floats, acted: Floats, why: list[str], started: float) -> Floats:
         """Take the reading in, or what is predicted in its place."""
@@ -372,7 +379,7 @@ class ReadingLoop(ControlLoop[Reading]):
             status = "cannot start" if stuck and not self._started else status
         self._started = self._started or self._runs
         self._next_target()
-        u = np.where(np.isnan(self._given), u, self._given)
+        u = np.where(np.isnan(self._given[0]), u, self._given[0])
         reason, took = "; ".join(why) or None, perf_counter() - started
         entry = Reading(y, predicted, u, self._bias, status, took, reason)
         return self._entered(entry, u, y, acted)
@@ -415,11 +422,11 @@ class ReadingLoop(ControlLoop[Reading]):
         with self._turn():
             found = start_of(self.model, record)
             self._begin()
-            self._given = np.where(np.isnan(self._given), np.nan, found.acted)
+            self._given = np.where(np.isnan(self._given[:1]), np.nan, found.acted)
             self._window.aim(self._toward())
             self._window.start(found.x)
             u, status = self._input(found.x, self._bias, found.acted)
-            u = np.where(np.isnan(self._given), u, self._given)
+            u = np.where(np.isnan(self._given[0]), u, self._given[0])
             self._at_rest, self._runs, self._started = found.at_rest, True, True
             self._next_target()
             took = perf_counter() - started
@@ -459,6 +466,9 @@ class ReadingLoop(ControlLoop[Reading]):
         if self._solver is None:
             A, B, _ = self._system
             self._solver, near = loop_of(task, A, B, None), np.False_
+        if not np.isnan(self._given).all():
+            self._solver.fix(self._given[np.minimum(np.arange(task.steps), len(self._given) - 1)])
+            near = np.False_
         if not near:
             # at rest the first lags or filters are the readings
             rest = xs if task.state_low is None else np.hstack([xs, xs[:p]])
@@ -468,8 +478,8 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _aim(self, now: Floats, target: Floats) -> None:
         """Choose the rows that hold a target; outputs that are free and integrate stay at `now`."""
-        self._point = self._without_limits(target, now, self._given)
-        self._aimed = now, target, self._given
+        self._point = self._without_limits(target, now, self._given[: self._steps][-1])
+        self._aimed = now, target, self._given[: self._steps][-1]
         self._forward = self._feed_forward()
 
     def _without_limits(self, target: Floats, now: Floats, given: Floats) -> _core.SetPoint:
@@ -532,7 +542,7 @@ class ReadingLoop(ControlLoop[Reading]):
     def _moves_of(self, k: int) -> tuple[Floats, Floats, Floats]:
         """The target of the call k to come, from that of `_point`, its slope, and given inputs."""
         row, after = (self._rows[min(at, len(self._rows) - 1)] for at in (k, k + 1))
-        apart = _or_zero(self._given - self._aimed[2])
+        apart = _or_zero(self._given[: self._steps][-1] - self._aimed[2])
         return self._step(row), _or_zero(after - row), apart
 
     def _at(self, row: Floats) -> tuple[Floats, Floats]:
@@ -554,7 +564,7 @@ class ReadingLoop(ControlLoop[Reading]):
             return forward
         (S, R), none, n, p = self._law, np.zeros(model.n_outputs), model.n, model.n_outputs
         slopes = _or_zero(np.vstack([rows[1:], rows[-1:]]) - rows)
-        own, chosen = np.zeros(model.m), np.isnan(self._given)
+        own, chosen = np.zeros(model.m), np.isnan(self._given[0])
         steps = zip(rows, slopes, strict=True)
         found = [self._point.moving(none, self._step(row), slope, own) for row, slope in steps]
         x, u = (np.array(each) for each in zip(*found, strict=True))
@@ -600,7 +610,8 @@ class ReadingLoop(ControlLoop[Reading]):
         Of the region at 95 %, with what is held as in `exact`, which needs `offset_free`.
         """
         task, sides = (self._rows[-1], self._weights), (self._low, self._high)
-        point = nearest_point(self.model, Aim(*task, sides, self._aimed[0], self._given))[1]
+        about = self._aimed[0], self._given[: self._steps][-1]
+        point = nearest_point(self.model, Aim(*task, sides, *about))[1]
         found = rest_at(self.model, point)
         return found if self._learning[0].any() else replace(found, exact=())
 
@@ -662,6 +673,11 @@ class ReadingLoop(ControlLoop[Reading]):
         steps, limits, cost = self._asked
         if limits.rate is not None:
             limits = replace(limits, previous=self._acted)
+        if limits.forecast is not None:
+            own = ~np.isnan(self._given[0])
+            names = tuple(np.array(self.model.input_names)[own].tolist())
+            now_on = replace(limits.forecast, values=Named(self._given[:, own], names))
+            limits = replace(limits, forecast=now_on)
         read = validation.frozen(self._log[-1].y.copy())
         start = Start(now[0], read, self._at_rest, self._acted)
         return plan_from(self.model, start, self._at(self._rows[0]), Wanted(steps, limits, cost))
@@ -721,7 +737,7 @@ class ReadingLoop(ControlLoop[Reading]):
         >>> bool(abs(loop([1.0]) - before[-1]) < 0.2)
         True
         """
-        model, fixed = validation.instance("gain", gain, Loop).model, ~np.isnan(self._given)
+        model, fixed = validation.instance("gain", gain, Loop).model, ~np.isnan(self._given[0])
         if self._asked is not None or not isinstance(model, Model):
             raise InputError("`gain` must be of a model, and takes the place of a gain, not a plan")
         one, other = (replace(of.regressors, found=None) for of in (model, self.model))
@@ -874,7 +890,7 @@ class ReadingLoop(ControlLoop[Reading]):
         model, row, now = self.model, self._rows[0], self._aimed[0]
         if len(self._rows) > 1 or not np.isnan(self._given).all():
             raise InputError("`to_c` writes loops of one target and without inputs that are given")
-        places = [self._without_limits(row, at, self._given).place for at in (now, now + 1.0)]
+        places = [self._without_limits(row, at, self._given[0]).place for at in (now, now + 1.0)]
         if not np.allclose(places[0], places[1]):
             raise InputError("`to_c` needs a target of each output that integrates: some are free")
         law, part = {"law": "u = us + K (x - xs), x the window"}, ["policy_gain"]

@@ -80,7 +80,8 @@ def regulate(
         As in `control`. What differs from step to step belongs to the steps of each plan: the
         input that is returned is always that of the first one. With a rate, `previous` is the input
         applied before the first call; later it is the one returned last, or `applied`. A Loop has
-        limits of inputs and rates.
+        limits of inputs and rates. With a `forecast`, for a model of outputs, each call takes what
+        is measured and forecast then.
     cost : Cost, optional
         As in `control`; a reference has the states wanted over the steps of each plan.
     time_limit : float, optional
@@ -181,6 +182,8 @@ def regulate(
     if target is not None:
         goal = validation.vector("target", target, length=n, labels=checked.state_names)
     weights = as_cost(cost)
+    if as_limits(limits).forecast is not None:
+        raise InputError("`forecast` of `limits` is for models of outputs: give None")
     if target is not None and weights.reference is not None:
         raise InputError("`target` must be None with a reference, whose last row takes its place")
     if weights.R is None:  # a task also without limits

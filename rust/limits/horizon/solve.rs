@@ -339,6 +339,22 @@ impl RecedingHorizon {
         self.horizon.follow(previous);
     }
 
+    /// From now on inputs have these values in the steps of each plan (K, m); nan where one is chosen.
+    ///
+    /// # Errors
+    /// [`Error::Shape`].
+    pub fn fix(&mut self, values: &[f64]) -> Result<()> {
+        let [low, high, ..] = &mut self.given;
+        if values.len() != low.len() {
+            let (expected, found) = (format!("{} entries", low.len()), format!("{} entries", values.len()));
+            return Err(Error::Shape { name: "values", expected, found });
+        }
+        for ((low, high), value) in low.iter_mut().zip(high).zip(values).filter(|(_, value)| !value.is_nan()) {
+            (*low, *high) = (*value, *value);
+        }
+        Ok(())
+    }
+
     /// From now on inputs and states are those away from this point: the limits as they were given, less it.
     ///
     /// # Errors

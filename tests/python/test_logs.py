@@ -310,7 +310,7 @@ def files(source, **options):
 
 def test_a_folder_a_pattern_and_a_list_are_the_same_runs(folder):
     data = files(folder)
-    assert [x[0, 0] for x, _ in data.runs] == [1, 2, 10]
+    assert [x[0, 0] for x, _ in data] == [1, 2, 10]
     assert files(str(folder / "run_*.csv")) == data
     named = [folder / f"run_{number}.csv" for number in (10, 1, 2)]
     assert [x[0, 0] for x, _ in files(named).runs] == [10, 1, 2]

@@ -6,7 +6,7 @@ rows (x, u, x_next) of one array, with the number of pairs of each run.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, overload
 
 import numpy as np
@@ -537,6 +537,9 @@ class Trajectories(SavedRecord):
         if not chosen.any() or (runs.step or 1) < 0:
             raise InputError("the slice must name at least one run, in their order")
         return self._with(chosen[self.layout.runs()])
+
+    def __iter__(self) -> Iterator[tuple[Floats, Floats]]:
+        return iter(self.runs)
 
     def plot(
         self,

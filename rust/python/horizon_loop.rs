@@ -64,6 +64,12 @@ impl PyLoop {
         self.inner.with(py, 0.0, |inner, _| inner.fix(values))
     }
 
+    /// The states (K, n) that plans follow from now on.
+    fn toward(&self, py: Python<'_>, reference: Matrix<'_>) -> PyResult<()> {
+        let reference = slice("reference", &reference)?;
+        self.inner.with(py, self.cost, |inner, stop| inner.toward(reference, stop))
+    }
+
     /// Factorizations, operations and seconds of a call at most; None where they have no bound.
     fn most(&self, py: Python<'_>) -> PyResult<Option<(usize, f64, f64)>> {
         let most = self.inner.with(py, self.cost, |inner, _| inner.most())?;

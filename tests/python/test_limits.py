@@ -199,6 +199,7 @@ EVERY = {
     "rate": (se.Limits(rate=1.0, previous=0.0), se.Limits(rate=0.1, previous=0.0)),
     "previous": (se.Limits(rate=0.1, previous=0.0), se.Limits(rate=0.1, previous=0.5)),
     "x": (se.Limits(u=(-1.0, 1.0)), se.Limits(u=(-1.0, 1.0), x=(0.6, 2.0))),
+    "forecast": (se.Limits(forecast={"u[0]": 0.1}), se.Limits(forecast={"u[0]": 0.2})),
     "soft": (se.Limits(x=(0.6, 2.0), soft=1e-3), se.Limits(x=(0.6, 2.0), soft=1e3)),
 }
 

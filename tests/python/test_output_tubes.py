@@ -57,7 +57,7 @@ def test_lags(gain, radii):
     system = twin.lag_system(H, 2, 1)
     x0 = np.array([1.0, 0.8, 0.5])
     states, predicted, (tube, components), none = _core.output_tube(
-        ball(H, V, S, m=len(V) - len(S)), given(system), x0, PLAN, gain, None
+        ball(H, V, S, m=len(V) - len(S)), given(system), x0, PLAN, gain, None, None
     )
     means = [1.538870608147, 1.253777442539, 0.634686220201, 0.3725671434229]
     np.testing.assert_allclose(predicted[:, 0], means, rtol=1e-10)
@@ -71,9 +71,48 @@ def test_filters():
     H, V, S = filtered()
     system = twin.filter_system(H, 0.5, 2, 1)
     x0 = np.array([1.0, 0.8, 0.5, 0.4])
-    found = _core.output_tube(ball(H, V, S, m=len(V) - len(S)), given(system), x0, PLAN, None, None)
+    found = _core.output_tube(
+        ball(H, V, S, m=len(V) - len(S)), given(system), x0, PLAN, None, None, None
+    )
     radii = [0.8366078308032, 1.331646430618, 1.680074075288, 2.033081252725]
     np.testing.assert_allclose(found[2][0][1:], radii, rtol=1e-8)
+
+
+@pytest.mark.parametrize("gain", [None, K])
+def test_inputs_that_may_be_off_the_plan(gain):
+    """The largest error of 2000 members with the worst signs; exact where the region is a point."""
+    H, V, S = lagged()
+    system, x0 = twin.lag_system(H, 2, 1), np.array([1.0, 0.8, 0.5])
+    phi, rng = np.array([[0.3], [0.0], [0.2], [0.1]]), np.random.default_rng(1)
+
+    def tube(size, apart):
+        region = ball(H, V, size * S, m=len(V) - len(S))
+        return _core.output_tube(region, given(system), x0, PLAN, gain, None, apart)
+
+    def outputs(Theta, off, planned):
+        x, found = x0, []
+        for k in range(len(PLAN)):
+            u = PLAN[k] + off[k] + (0.0 if gain is None else gain @ (x - planned[k]))
+            y = Theta @ np.r_[x[:2], u, x[2:]]
+            found.append(y)
+            x = np.r_[y, x[:1], u]
+        return np.array(found)
+
+    states, predicted, (radii, _), _ = tube(1.0, phi)
+    root, signs = np.linalg.inv(np.linalg.cholesky(V)).T, rng.choice([-1.0, 1.0], (2000, 4, 1))
+    most = np.zeros(4)
+    for sign in signs:
+        g = rng.standard_normal((1, 4))
+        Theta = H + np.sqrt(S) * g / np.linalg.norm(g) @ root.T
+        off = np.abs(outputs(Theta, sign * phi, states) - predicted)[:, 0]
+        most = np.maximum(most, off)
+    assert (most <= radii[1:]).all()
+    assert (most > 0.3 * radii[1:]).all()
+    assert (most > tube(1.0, None)[2][0][1:]).any()  # without what inputs are off
+    # a point: the sum of |C A^j B| phi
+    exact = tube(1e-24, phi)[2][0][1:]
+    units = [outputs(H, e, states) - predicted for e in np.eye(4)[:, :, None]]
+    np.testing.assert_allclose(exact, np.abs(np.hstack(units)) @ phi[:, 0], rtol=1e-8)
 
 
 def test_the_small_gain_number_of_a_loop():

@@ -13,10 +13,10 @@ import pytest
 import stochens_rs as se
 
 TOP = """
-    Certificate Cost Counts DataStream Ensemble EnsembleTrajectory Fit Keep Key Limits Misfit Model
-    ModelStream Noise Pilot Plan Regulator StepEstimate StochensError Stream Study System
-    SystemEnsemble
-    Tracking Trajectories Trajectory Uncertain Window __version__ cases control control_fleet design
+    Certificate Cost Counts DataStream Ensemble EnsembleTrajectory Fit Forecast Keep Key Limits
+    Misfit Model ModelStream Noise Pilot Plan Regulator StepEstimate StochensError Stream Study
+    System SystemEnsemble Tracking Trajectories Trajectory Uncertain Window __version__ cases
+    control control_fleet design
     exceptions fuse fuse_path gain get_num_threads identify plots predict realization_controls
     reference regulate required_samples sample sample_counts set_num_threads simulate
     simulate_ensemble steer studies theory track

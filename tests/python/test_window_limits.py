@@ -78,7 +78,7 @@ def test_the_smallest_tube_over_all_lags_is_no_choice():
             x0 = model.window.state_of(y[:-10], u[:-10])
             around = model.loop.ABc, model.loop.J, model.loop.G, model.m
             core = model.region(0.05).core
-            tube = _core.output_tube(core, around, x0, u[-10:].copy(), None, None)[2][0]
+            tube = _core.output_tube(core, around, x0, u[-10:].copy(), None, None, None)[2][0]
             found.append((tube[-1], model))
         model = min(found, key=lambda one: one[0])[1]
         lags = max(model.window.count, system[2])

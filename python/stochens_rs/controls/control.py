@@ -81,8 +81,9 @@ def control(
         ("rest", y, u) that they were these: refused where the data say that they do not stay there.
     target : array_like, shape (n_outputs,), or mapping of names, optional
         For a model of outputs, in place of xf: where they are to be, and to stay with a constant
-        input; default 0. Those with nan, or that are left out, are free. Weights of `cost` may be
-        of the outputs alone, as in `gain`.
+        input; default 0. Those with nan, or that are left out, are free. Rows of them are one for
+        each time 0, 1, ..., of which the last stays. Weights of `cost` may be of the outputs alone,
+        as in `gain`.
 
     Returns
     -------

@@ -8,6 +8,7 @@ from typing import Any, Literal, NamedTuple, TypeAlias, TypeGuard
 
 import numpy as np
 
+from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import trusted
@@ -31,7 +32,7 @@ from ..limits.problem import (
 from ..theory import exact
 from .bounds import within_state_limits
 from .plan import Plan
-from .set_point import Aim, set_point, targets, weights_of
+from .set_point import Aim, in_window, or_zero, set_point, targets, way_of, weights_of
 
 BEYOND = 2.0  # times the largest value in the data from which a plan gets a warning
 
@@ -83,10 +84,16 @@ class Wanted(NamedTuple):
     time_limit: float | None = None
 
 
-def model_control(basis: ModelBasis, wanted: Wanted, resting: Floats | None = None) -> Plan:
+def model_control(
+    basis: ModelBasis,
+    wanted: Wanted,
+    resting: Floats | None = None,
+    way: Floats | None = None,
+) -> Plan:
     """Compute the control for a model.
 
-    Inputs cost what they differ from `resting`, those that hold the target; default 0.
+    Inputs cost what they differ from `resting`, those that hold the target; default 0. The first
+    states are to follow `way`, (K, p).
     """
     model, started = basis.model, monotonic()
     n, m = model.B.shape
@@ -94,6 +101,10 @@ def model_control(basis: ModelBasis, wanted: Wanted, resting: Floats | None = No
     task, system, x0 = task_of(model, K, basis.xf, wanted.limits, wanted.cost)
     if task is not None and resting is not None and resting.any():
         task = replace(task, resting=resting)
+    if task is not None and way is not None:
+        reference = task.reference.copy()
+        reference[:, : way.shape[1]] = way
+        task = replace(task, reference=reference, follows=True)
     time = seconds(wanted.time_limit, task)
     found, limited = _best(basis, K), None
     if task is None:
@@ -274,8 +285,8 @@ def start_of(model: Model, record: Any) -> Start:
 
 def cost_of_outputs(model: Model, cost: Cost) -> Cost:
     """The cost with weights of outputs as weights of states."""
-    found: Any = {name: for_outputs(model, one) for name, one in cost.given.items() if "Q" in name}
-    return replace(cost, **found)
+    own = ((name, one) for name, one in cost.given.items() if name in ("Q", "Qf"))
+    return replace(cost, **{name: for_outputs(model, one) for name, one in own})  # type: ignore[arg-type]
 
 
 def output_control(model: Model, record: Any, target: Any, wanted: Wanted) -> Plan:
@@ -291,23 +302,37 @@ def output_control(model: Model, record: Any, target: Any, wanted: Wanted) -> Pl
             f"the end, got {K}"
         )
     rows = targets(model, target)
-    if len(rows) > 1:
-        raise InputError(f"`target` must be one target for a plan, got {len(rows)} rows")
     low, high = (side[-1].copy() for side in inputs_within(limits, K, model.labels))
     fixed = np.where((low == high) & (low < high).any(), low, np.nan)
-    point = set_point(model, Aim(rows[0], weights_of(model, cost), (low, high), start.read, fixed))
-    none, own = np.zeros(model.n_outputs), np.zeros(model.m)
-    rest = point.moving(none, none, none, own)
-    return plan_from(model, start, rest, Wanted(K, limits, cost, wanted.time_limit))
+    point = set_point(
+        model, Aim(rows[: K + 1][-1], weights_of(model, cost), (low, high), start.read, fixed)
+    )
+    goal = point, rows, rows[0]
+    return plan_from(model, start, goal, Wanted(K, limits, cost, wanted.time_limit))
 
 
-def plan_from(model: Model, start: Start, rest: tuple[Floats, Floats], wanted: Wanted) -> Plan:
-    """The plan to a window and inputs at rest; inputs cost what they differ from those there."""
-    x, u = rest
+def plan_from(
+    model: Model, start: Start, goal: tuple[_core.SetPoint, Floats, Floats], wanted: Wanted
+) -> Plan:
+    """The plan along targets, with the set point of that in the end.
+
+    Inputs cost what they differ from those there. The window saw targets before that led to the
+    last of `goal`.
+    """
+    (point, rows, came), none, own = goal, np.zeros(model.n_outputs), np.zeros(model.m)
+    K = wanted.steps
+    start_of_ramp, slope, off = way_of(rows, K, rows[: K + 1][-1])
+    x, u = point.moving(none, K * slope + start_of_ramp, slope, own)
+    way = None
+    if len(rows) > 1:
+        ramp = x[: len(none)] - np.arange(K - 1, -1, -1)[:, None] * slope
+        way = ramp + in_window(model, off, or_zero(came - x[: len(none)] + K * slope))
     _, apart = forecast_of(as_limits(wanted.limits), wanted.steps, model.labels)
     about = start.x, x, 0.0, start.read, start.at_rest, False, apart if apart.any() else None
     basis = trusted(ModelBasis, model, *about)
-    return model_control(basis, wanted, resting=u)
+    if way is not None and wanted.cost.R is None:  # a task also without limits
+        wanted = wanted._replace(cost=replace(wanted.cost, R="auto"))
+    return model_control(basis, wanted, u, way)
 
 
 def predict(

@@ -247,9 +247,8 @@ class Limits(Asked):
     forecast: Forecast | None = None
 
     def __post_init__(self) -> None:
-        given: Any = self.forecast
-        if not (given is None or isinstance(given, Forecast)):
-            self._keep(forecast=Forecast(given))
+        if not isinstance(self.forecast, Forecast | None):
+            self._keep(forecast=Forecast(self.forecast))  # type: ignore[unreachable]
         self._keep(
             u=pair_of("limits", self.u),
             rate=entries("rate", self.rate),

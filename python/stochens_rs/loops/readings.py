@@ -17,7 +17,19 @@ from .._base.records import trusted
 from .._base.types import ArrayLike, Floats, Status
 from ..controls.of_model import Record, Start, Wanted, cost_of_outputs, plan_from, start_of, task_of
 from ..controls.plan import Plan
-from ..controls.set_point import Aim, Target, nearest_point, rest_at, set_point, targets, weights_of
+from ..controls.set_point import (
+    Aim,
+    Target,
+    in_window,
+    moves,
+    nearest_point,
+    or_zero,
+    rest_at,
+    set_point,
+    targets,
+    way_of,
+    weights_of,
+)
 from ..exceptions import InputError, NonFiniteError
 from ..export.header import BEYOND, LARGEST, evidence
 from ..feedback import Loop, LoopCertificate, Watched
@@ -38,11 +50,6 @@ SURE = 3.0  # deviations of the noise: what a loop runs with knows the next read
 EASE = 0.01  # of the weights of the inputs of a gain: what those cost that are known beforehand
 SETTLES = 100  # calls behind the last target in which what was added to the inputs dies out
 MOVED = 0.01  # of the range of the limits: how far the set point may move without a new problem
-
-
-def _or_zero(values: Floats) -> Floats:
-    """0 in place of nan; `np.nan_to_num` takes ten times as long."""
-    return np.where(np.isnan(values), 0.0, values)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,6 +138,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_asked",
         "_at_rest",
         "_bias",
+        "_came",  # the targets so far, as the window sees them
         "_drift",
         "_fading",  # what is added since a swap, and its factor from call to call
         "_forward",
@@ -138,6 +146,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_high",
         "_law",
         "_learning",
+        "_looks",  # whether the last plan looked ahead along targets
         "_low",
         "_max_missing",
         "_most",
@@ -269,8 +278,8 @@ class ReadingLoop(ControlLoop[Reading]):
     def _forget(self) -> None:
         self._window.resume()
         self._bias: Floats = np.zeros(self.model.n_outputs)
-        self._fading = np.zeros(self.model.m), 0.0
-        self._runs = self._started = self._at_rest = False
+        self._fading, self._came = (np.zeros(self.model.m), 0.0), self._rows[0]
+        self._runs = self._started = self._at_rest = self._looks = False
         if not isinstance(self._policy, np.ndarray):
             self._solver_at(*self._solved).resume(None)
 
@@ -318,23 +327,22 @@ class ReadingLoop(ControlLoop[Reading]):
                 wrong = validation.broken(acted, self._most[len(read) :], model.input_names)
                 if wrong is not None:
                     acted, why = self._last, [wrong]
-            now = self._measured(given)
+            measures = given is not None or not np.isnan(self._given).all()
+            now = self._measured(given) if measures else self._given
             if target is not None:
                 self._follow(targets(model, target))
-            if given is not None:
+            if measures:
                 self._given = now
                 self._window.aim(self._toward())
             with np.errstate(all="ignore"):
                 return self._stepped(read, acted, why, started)
 
-    def _measured(self, given: ArrayLike | None) -> Floats:
+    def _measured(self, given: Any) -> Floats:
         """The inputs that are measured and forecast; one that cannot be true is as before."""
         names, own = self.model.input_names, np.flatnonzero(~np.isnan(self._given[0]))
         if (given is None) != (not len(own)):
             wanted = ", ".join(names[j] for j in own) or "left out"
             raise InputError(f"`given` must be {wanted}, got {validation.show(given)}")
-        if given is None:
-            return self._given
         rows: Any = given if np.ndim(given) == 2 and len(np.asarray(given)) else [given]
         if len(rows) > 1 and self._asked is None:
             raise InputError(f"`given` must be one row for a gain, got {len(rows)}")
@@ -435,8 +443,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _input(self, x: Floats, bias: Floats, acted: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""
-        xs, us = self._point.moving(bias, *self._moves)
-        self._acted = acted
+        self._acted, (xs, us, way) = acted, self._coming(bias)
         if isinstance(self._policy, np.ndarray):
             v, status = self._policy @ (x - xs) + self._forward[0], "gain"
         else:
@@ -444,6 +451,8 @@ class ReadingLoop(ControlLoop[Reading]):
             off[: len(x)] = x - xs
             if np.isfinite(self._rate).any():
                 solver.follow(acted - us)
+            if way is not None:
+                solver.toward(np.pad(way, [(0, 0), (0, len(off) - len(bias))]))
             found = solver.solve(off, None)
             v, status = found.control[: len(us)], found.status
         more, by = self._fading
@@ -453,6 +462,19 @@ class ReadingLoop(ControlLoop[Reading]):
         self._fading = more * by, by
         u = np.minimum(np.maximum(u, acted - self._rate), acted + self._rate)
         return np.minimum(np.maximum(u, self._low), self._high), status
+
+    def _coming(self, bias: Floats) -> tuple[Floats, Floats, Floats | None]:
+        """Window and inputs at rest, and along targets to come how far the window is to be off."""
+        if self._asked is None or not (self._looks or len(self._rows) > 1):
+            return *self._point.moving(bias, *self._moves), None
+        start, slope, off = way_of(self._rows, self._steps, self._aimed[1])
+        xs, us = self._point.moving(bias, start, slope, self._moves[2])
+        pole = self.model.window.pole or 0.0  # type: ignore[union-attr]
+        self._came = pole * self._came + (1.0 - pole) * self._rows[0]
+        way = in_window(self.model, off, or_zero(self._came - xs[: len(bias)]))
+        settled = np.abs(way) <= 1e-12 * np.abs(self._rows[0]).max(initial=0.0)
+        self._looks = len(self._rows) > 1 or not settled.all()
+        return xs, us, way
 
     def _solver_at(self, xs: Floats, us: Floats) -> _core.Loop:
         """The problem whose limits are those from a point of rest, or from one that is near."""
@@ -498,13 +520,14 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""
-        names = "_rows", "_point", "_aimed", "_forward", "_moves", "_way"
+        names = "_rows", "_point", "_aimed", "_forward", "_moves", "_way", "_came"
         before = {name: getattr(self, name) for name in names}
         now = self._window.now
         here = self._aimed[0] if now is None else now[0][: rows.shape[1]]
         with np.errstate(all="ignore"):
             self._require(rows, here)
             try:
+                self._came = self._came if self._looks else self._rows[0]
                 self._rows = rows = self._padded(rows)
                 if (np.isnan(rows[0]) == np.isnan(self._aimed[1])).all():
                     self._forward = self._feed_forward()
@@ -528,11 +551,6 @@ class ReadingLoop(ControlLoop[Reading]):
             self._way = self._way and (self._way[0][1:], self._way[1][1:])
             self._window.aim(self._toward())
 
-    def _step(self, row: Floats) -> Floats:
-        """How far a target is from that of the set point, 0 where it is free."""
-        off: Floats = _or_zero(row - self._aimed[1])
-        return off
-
     def _toward(self) -> tuple[Floats, Floats, Floats, Floats]:
         """What a bias adds to the inputs that hold the target, these inputs, and the limits."""
         row, self._moves = self._rows[0], self._moves_of(0)
@@ -541,14 +559,13 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _moves_of(self, k: int) -> tuple[Floats, Floats, Floats]:
         """The target of the call k to come, from that of `_point`, its slope, and given inputs."""
-        row, after = (self._rows[min(at, len(self._rows) - 1)] for at in (k, k + 1))
-        apart = _or_zero(self._given[: self._steps][-1] - self._aimed[2])
-        return self._step(row), _or_zero(after - row), apart
+        apart = or_zero(self._given[: self._steps][-1] - self._aimed[2])
+        return *moves(self._rows, k, self._aimed[1]), apart
 
     def _at(self, row: Floats) -> tuple[Floats, Floats]:
         """The window and the inputs at rest at a target, without a bias."""
         none = np.zeros(len(row))
-        return self._point.moving(none, self._step(row), none, self._moves[2])
+        return self._point.moving(none, or_zero(row - self._aimed[1]), none, self._moves[2])
 
     def _feed_forward(self) -> Floats:
         """What targets to come add to the input of the gain, (h, m), 0 without weights.
@@ -563,15 +580,14 @@ class ReadingLoop(ControlLoop[Reading]):
             self._way = None
             return forward
         (S, R), none, n, p = self._law, np.zeros(model.n_outputs), model.n, model.n_outputs
-        slopes = _or_zero(np.vstack([rows[1:], rows[-1:]]) - rows)
         own, chosen = np.zeros(model.m), np.isnan(self._given[0])
-        steps = zip(rows, slopes, strict=True)
-        found = [self._point.moving(none, self._step(row), slope, own) for row, slope in steps]
+        each = (moves(rows, k, self._aimed[1]) for k in range(len(rows)))
+        found = [self._point.moving(none, *one, own) for one in each]
         x, u = (np.array(each) for each in zip(*found, strict=True))
         A, B, K, H = model.A, model.B, self._policy, model.coefficients @ model.loop.J
         Q = (S - A.T @ S @ (A + B @ K))[:p, :p]  # of Riccati's equation
         w = u[:, ~chosen] @ B[:, ~chosen].T + (0.0 if model.c is None else model.c)
-        start = self._point.moving(none, self._step(rows[0]), none, own)[0]
+        start = self._point.moving(none, or_zero(rows[0] - self._aimed[1]), none, own)[0]
         if self._way is not None and np.allclose(rows[0], self._way[1][0], equal_nan=True):
             start = self._way[0][0]
         of = A, B[:, chosen], H[:, :n], H[:, n : n + model.m][:, chosen]
@@ -592,8 +608,8 @@ class ReadingLoop(ControlLoop[Reading]):
         """The target of the next call, (n_outputs,); nan where an output is free.
 
         It can be set: to a target as in `regulate`, or to rows of one for each call to come, of
-        which the last stays. A loop with a gain from weights looks ahead along all of them; other
-        loops follow the slope. Constants and ramps are followed exactly by the model.
+        which the last stays. A loop that plans, or has a gain from weights, looks ahead along
+        them; other gains follow the slope. Constants and ramps are followed exactly by the model.
         """
         row: Floats = self._rows[0].copy()
         return row
@@ -680,7 +696,10 @@ class ReadingLoop(ControlLoop[Reading]):
             limits = replace(limits, forecast=now_on)
         read = validation.frozen(self._log[-1].y.copy())
         start = Start(now[0], read, self._at_rest, self._acted)
-        return plan_from(self.model, start, self._at(self._rows[0]), Wanted(steps, limits, cost))
+        # the target of the last call is gone; a plan has those of the steps behind it
+        rows, given = np.vstack([self._rows[:1], self._rows]), self._given[: self._steps][-1]
+        point = self._without_limits(rows[: steps + 1][-1], self._aimed[0], given)
+        return plan_from(self.model, start, (point, rows, self._came), Wanted(steps, limits, cost))
 
     def _predictions(self) -> PredictedLoop:
         if not np.isnan(self._given).all():
@@ -911,7 +930,7 @@ class ReadingLoop(ControlLoop[Reading]):
         tables["xs_of_bias"] = self._point.states_of_bias
         tables["us_of_bias"] = self._point.of_bias[len(row) :]
         tables["xs"], tables["us"] = self._at(row)
-        tables |= {"target": _or_zero(row), "floor": self._low, "ceiling": self._high}
+        tables |= {"target": or_zero(row), "floor": self._low, "ceiling": self._high}
         tables |= {"begin": self._safe, "most": np.minimum(self._most, LARGEST)}
         about |= evidence(model.labels, model.dt, model, model.outputs)
         tables |= dict(numbers)

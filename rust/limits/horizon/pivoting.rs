@@ -37,6 +37,8 @@ struct Lines {
     reference: Vec<f64>,
     offset: Vec<f64>,
     none: Vec<f64>,
+    /// How far the reference is from that of the map; empty where it is not.
+    ahead: Vec<f64>,
 }
 
 fn lines(values: &[f64], rows: usize, columns: usize, transposed: bool) -> Result<Vec<f64>> {
@@ -198,6 +200,7 @@ impl Pivoting {
                 reference: lines(&h.task.reference, steps, n, false)?,
                 offset,
                 none,
+                ahead: Vec::new(),
             },
             map,
             start: zeros(padded(n + 1))?,
@@ -234,6 +237,20 @@ impl Pivoting {
         self.last.fill(f64::NAN);
     }
 
+    /// From now on plans follow `reference` (K, n) in place of `first`, that of the map.
+    pub(super) fn toward(&mut self, reference: &[f64], first: &[f64], n: usize) -> Result<()> {
+        let ld = padded(n);
+        if self.lines.ahead.is_empty() {
+            self.lines.ahead = try_zeros(WHAT, self.lines.reference.len())?;
+        }
+        for (k, (r, first)) in reference.chunks_exact(n).zip(first.chunks_exact(n)).enumerate() {
+            for (i, (r, first)) in r.iter().zip(first).enumerate() {
+                (self.lines.reference[k * ld + i], self.lines.ahead[k * ld + i]) = (*r, r - first);
+            }
+        }
+        Ok(())
+    }
+
     /// What another way has found, to begin the next call at.
     pub(super) fn follow(&mut self, u: &[f64], signs: impl Iterator<Item = i8>) {
         self.signs.iter_mut().zip(signs).for_each(|(to, from)| *to = from);
@@ -253,6 +270,16 @@ impl Pivoting {
         self.start[..n].copy_from_slice(x0);
         self.start[n] = 1.0;
         times(&self.map, &self.start, false, &mut self.dual.free[..d + self.states.len()]);
+        if !self.lines.ahead.is_empty() {
+            // H^-1 G' Q (r - reference)
+            let Self { lines, w, off, p, residual, e, .. } = &mut *self;
+            weighted(&lines.weights, &lines.none, &lines.ahead, padded(n), off, w);
+            residual.fill(0.0);
+            pulled(&lines.rows, &lines.columns[1], w, p, residual);
+            e[..d].copy_from_slice(residual);
+            self.solved();
+            self.dual.free.iter_mut().zip(&self.v).for_each(|(free, v)| *free += v);
+        }
         if self.dual.free.iter().any(|v| !v.is_finite()) {
             return Err(Error::Overflow { what: "the best inputs without limits" });
         }

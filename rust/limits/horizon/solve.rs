@@ -285,8 +285,11 @@ impl Horizon {
 /// The best inputs from one state after another, each begun at the limits of the one before, a step later.
 pub struct RecedingHorizon {
     horizon: Horizon,
-    /// The limits of inputs and states as they were given.
+    /// The limits of inputs and states as they were given, and the reference.
     given: [Vec<f64>; 4],
+    reference: Vec<f64>,
+    /// `(x, F_k (r(k) - reference(k)))`, for one map of both, where there was another reference.
+    ahead: Option<Vec<f64>>,
     found: Solution,
     way: Way,
 }
@@ -326,7 +329,8 @@ impl RecedingHorizon {
         let (below, above) = task.states.as_ref().map_or((&[][..], &[][..]), |(low, high)| (&low[..], &high[..]));
         let given =
             [try_copy(WHAT, &task.low)?, try_copy(WHAT, &task.high)?, try_copy(WHAT, below)?, try_copy(WHAT, above)?];
-        Ok(Self { found: Solution::sized(d)?, given, horizon, way })
+        let reference = try_copy(WHAT, &task.reference)?;
+        Ok(Self { found: Solution::sized(d)?, given, reference, ahead: None, horizon, way })
     }
 
     /// Whether one map serves all states.
@@ -352,6 +356,48 @@ impl RecedingHorizon {
         for ((low, high), value) in low.iter_mut().zip(high).zip(values).filter(|(_, value)| !value.is_nan()) {
             (*low, *high) = (*value, *value);
         }
+        Ok(())
+    }
+
+    /// From now on plans follow these states r(1) .. r(K), (K, n). The first call makes a map for all references, which allocates.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], as [`Solver::new`].
+    pub fn toward(&mut self, reference: &[f64], stop: &Stop) -> Result<()> {
+        let Self { horizon, reference: first, ahead, way, .. } = self;
+        let n = horizon.n;
+        if reference.len() != first.len() {
+            let (expected, found) = (format!("{} entries", first.len()), format!("{} entries", reference.len()));
+            return Err(Error::Shape { name: "reference", expected, found });
+        }
+        if let Way::Inputs(solver) = way {
+            if ahead.is_none() {
+                // y = target - state x + F (r - reference)
+                let (state, rows) = (horizon.state()?, horizon.rows());
+                let mut wider = try_zeros(WHAT, checked_len(WHAT, rows, n + rows)?)?;
+                for (i, (to, from)) in wider.chunks_exact_mut(n + rows).zip(state.chunks_exact(n)).enumerate() {
+                    to[..n].copy_from_slice(from);
+                    to[n + i] = -1.0;
+                }
+                let (cost, target, d) = (horizon.cost()?, horizon.target()?, horizon.steps * horizon.m);
+                let bounds = Bounds::new(&horizon.task.low, &horizon.task.high, d)?;
+                let goal = (&wider[..], &target[..]);
+                let mut new = Solver::new(horizon.map()?, Horizon::penalty(&cost), bounds, horizon.m, goal, stop)?;
+                new.resume(solver.warm().map(|warm| try_copy(WHAT, warm)).transpose()?)?;
+                (**solver, *ahead) = (new, Some(try_zeros(WHAT, n + rows)?));
+            }
+            let mut to = ahead.iter_mut().flatten().skip(n);
+            for (k, (r, first)) in reference.chunks_exact(n).zip(first.chunks_exact(n)).enumerate() {
+                let root = &horizon.roots[usize::from(k + 1 == horizon.steps)];
+                for (row, to) in root.chunks_exact(n).zip(to.by_ref()) {
+                    *to = row.iter().zip(r.iter().zip(first)).map(|(f, (r, first))| f * (r - first)).sum();
+                }
+            }
+        }
+        if let Way::Rows(table) = way {
+            table.toward(reference, first, n)?;
+        }
+        horizon.task.reference.copy_from_slice(reference);
         Ok(())
     }
 
@@ -390,9 +436,14 @@ impl RecedingHorizon {
     /// # Errors
     /// As [`Horizon::best`].
     pub fn solve(&mut self, x: &[f64], until: Until<'_>) -> Result<&Solution> {
-        let Self { horizon, found, way, .. } = self;
+        let Self { horizon, found, way, ahead, .. } = self;
         match way {
-            Way::Inputs(solver) => return solver.solve(x, until),
+            Way::Inputs(solver) => {
+                let Some(ahead) = ahead else { return solver.solve(x, until) };
+                crate::error::require_finite("x", x)?;
+                ahead.iter_mut().zip(x).for_each(|(to, x)| *to = *x);
+                return solver.solve(ahead, until);
+            }
             Way::Rows(table) => {
                 let sure = table.solve(horizon, x, until, found)?;
                 if sure || horizon.soft() && until.left().is_some() {

@@ -113,7 +113,22 @@ class Margins(SavedRecord):
         return draw_margins(own, model, self.labels.inputs, show.percent(self.delta), figure)
 
     def rows(self) -> list[list[str]]:
-        """The table: what, certified, of the model."""
+        """Return the table: what, certified, of the model.
+
+        Returns
+        -------
+        list of [name, certified, of the model]
+            Texts, one row for each of `names`; "none" is infinite.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
+        >>> proof.margins().rows()[1]
+        ['largest gain of u[0]', '2.52', '2.75']
+        """
         shown = []
         for name, *pair in zip(self.names, self.certified, self.nominal, strict=True):
             text = show.at_most if name.startswith(("least", "bits")) else show.margin

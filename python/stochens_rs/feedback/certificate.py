@@ -527,6 +527,23 @@ class LoopCertificate(SavedRecord):
         -------
         LoopCertificate
             Without a region "undetermined".
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `region` is not a region of these states and inputs, or `reason` not a text.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> model = se.identify(data, noise=0.1)
+        >>> proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+        >>> proof.of(model.region(0.01)).status
+        'certified'
+        >>> proof.of(None, "the log was lost").status
+        'undetermined'
         """
         if region is not None:
             validation.instance("region", region, Region)

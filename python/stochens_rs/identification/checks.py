@@ -118,6 +118,11 @@ class Checks(Record):
         tuple of str
             Their names; empty if no assumption is seen to fail, which proves none of them.
 
+        Raises
+        ------
+        InputError, InputTypeError
+            If `level` is not a number between 0 and 1.
+
         Examples
         --------
         >>> import numpy as np, stochens_rs as se

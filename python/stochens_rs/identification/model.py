@@ -399,6 +399,13 @@ class Model(SavedRecord, Fitted):
         Checks or None
             None with too few pairs.
 
+        Raises
+        ------
+        InputError, InputTypeError
+            If `draws` is not a whole number > 0.
+        SeedError
+            If `rng` cannot be used.
+
         Examples
         --------
         >>> import numpy as np, stochens_rs as se

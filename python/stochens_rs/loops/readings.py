@@ -410,6 +410,20 @@ class ReadingLoop(ControlLoop[Reading]):
         ------
         InputError, InputTypeError
             If the record does not fill the window.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(3)
+        >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+        >>> for t in range(1, 199):
+        ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+        >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+        >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+        >>> loop.start(([[0.2], [0.1]], [[0.0]])).round(2)
+        array([-0.02])
+        >>> loop.full
+        True
         """
         started = perf_counter()
         with self._turn():
@@ -772,6 +786,18 @@ class ReadingLoop(ControlLoop[Reading]):
         ``u = K x + F e + constant``, ``F = T_u - K T_x``, T what one unit of e adds to the inputs
         and the window that hold the set point, and ``e+ = e + L (y - y^)``. The error of a sensor
         is never removed.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(3)
+        >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+        >>> for t in range(1, 199):
+        ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+        >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+        >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+        >>> loop.certificate(0.05).status
+        'certified'
         """
         if not isinstance(self._policy, np.ndarray):
             raise InputError(
@@ -821,6 +847,19 @@ class ReadingLoop(ControlLoop[Reading]):
         -----
         ``u = ub + K (x - xb) + F (e - eb)`` about the centre (xb, eb) under the same targets: their
         feed-forward is a function of the targets alone.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(3)
+        >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+        >>> for t in range(1, 199):
+        ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+        >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+        >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+        >>> u = loop.start(([[0.2], [0.1]], [[0.0]]))
+        >>> loop.tube(20).radii[:2].round(2)
+        array([0.  , 0.01])
         """
         proof, now = self.certificate(delta), self._window.now
         if now is None or not now[1] or not self._runs:

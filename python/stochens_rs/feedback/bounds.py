@@ -37,6 +37,8 @@ class Margins(SavedRecord):
         The names of states and inputs.
     dt : float or None
         The time between two steps [s].
+    reason : str or None
+        Why nothing is proved; None where something is.
     """
 
     certified: Annotated[Floats, "margin", "infinite"]
@@ -44,6 +46,7 @@ class Margins(SavedRecord):
     delta: Probability
     labels: Labels
     dt: float | None = None
+    reason: str | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -139,6 +142,8 @@ class Margins(SavedRecord):
     def __repr__(self) -> str:
         low, high = self.gain[:, 0].max(), self.gain[:, 1].min()
         size = show.margin(float(self.phase.min()))
+        if self.reason is not None:
+            return f"<Margins: no gain, phase or disk is proved: {self.reason}>"
         return (
             f"<Margins: {show.percent(self.delta)}, gain {show.at_most(low)} to "
             f"{show.margin(high)}, phase {size} deg, disk {show.margin(self.disk)}>"

@@ -598,8 +598,21 @@ class LoopCertificate(SavedRecord):
         found = np.ascontiguousarray(self._core.margins(recorder).T)
         m = len(self.labels.inputs)
         found[:, 2 : 4 * m : 4] = np.rad2deg(found[:, 2 : 4 * m : 4])
+        reason = None
+        if self.status != "certified":
+            reason = f"the loop is {self.status}"
+        elif self.region.missing:
+            reason = f"the data leave {', '.join(self.region.missing[:3])} open: vary the inputs"
+        else:  # the disk holds gains and turns, too
+            low, high, phase, disk = found[0, : 4 * m].reshape(m, 4).T  # views
+            half = np.minimum(disk * (0.5 - 1e-12), 1.0 - 1e-12)
+            low[:] = np.minimum(low, (1.0 - half) / (1.0 + half))
+            high[:] = np.maximum(high, (1.0 + half) / (1.0 - half))
+            phase[:] = np.maximum(phase, np.rad2deg(2.0 * np.arctan(half)))
+            if not (low < 1.0).any() and not (high > 1.0).any():
+                reason = "no proof was found, as of signals that say nearly the same"
         certified, nominal = (validation.frozen(one) for one in found)
-        return Margins(certified, nominal, self.region.delta, self.labels, self.dt)
+        return Margins(certified, nominal, self.region.delta, self.labels, self.dt, reason)
 
     def allows(self, *, on: ArrayLike | str | Sequence[str], of: str | Sequence[str]) -> float:
         """Find how large a term of any kind may be that the model leaves out.

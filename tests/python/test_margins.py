@@ -543,7 +543,9 @@ def test_gains_and_phases_hold_what_the_disk_does():
             u.append(K @ y[-1] + 0.5 * rng.standard_normal(1))
             y.append(own @ y[-1] + by @ u[-1] + 0.02 * rng.standard_normal(2))
         runs.append((np.array(y), np.array(u)))
-    model = se.identify(se.Trajectories(*zip(*runs), outputs=True), window=se.Window(lags=2))
+    model = se.identify(
+        se.Trajectories(*map(list, zip(*runs, strict=True)), outputs=True), window=se.Window(lags=2)
+    )
     loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
     sheet = loop.certificate(0.05).margins()
     half = sheet.disk / 2.0

@@ -251,6 +251,9 @@ def test_an_input_without_effect_leaves_no_gain():
     assert first.status == "undetermined"
     assert "u[0] has no effect within its bounds" in first.reason
     assert second.status == "certified"
+    few = se.gain(se.identify(of(*runs(np.random.default_rng(924), 3, 3))), 1.0, 1.0)
+    reason = few.certificate(0.05).reason
+    assert "9 pairs leave the sign of every effect open, of the states too: measure more" in reason
 
 
 def test_last_pairs_keep_the_rows_before(tmp_path):

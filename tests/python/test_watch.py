@@ -446,6 +446,7 @@ def test_logs_of_tiny_numbers_say_little():
     runs = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.1 * w)
     changes = model.accepts(runs)
     assert (changes.status, changes.region) == ("too few pairs", None)
+    assert repr(changes).startswith("<Changes: too few pairs, 60 pairs;")
 
 
 def exact_row(size):

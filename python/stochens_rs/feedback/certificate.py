@@ -1000,8 +1000,15 @@ def _no_effect(region: Region, K: Floats, model: Identified) -> str | None:
     none = np.flatnonzero(hidden & K.any(axis=1)).tolist()
     if not none:
         return None
-    names = ", ".join(model.input_names[j] for j in none)
+    A, open_by = np.asarray(region.centre)[:, :n], region.entry_bounds[:, :n]
+    if len(none) == m and (np.abs(A) <= open_by).all():
+        return (
+            f"{show.number_of(source.size, 'pair')} leave the sign of every effect open, "  # type: ignore[union-attr]
+            "of the states too: measure more (or accept='no effect')"
+        )
+    names, one = ", ".join(model.input_names[j] for j in none), len(none) == 1
     return (
-        f"{names} has no effect within its bounds, and nothing follows for a feedback: excite it, "
-        "or see whether rows hold the state after their action (delay=-1) (or accept='no effect')"
+        f"{names} {'has no effect within its bounds' if one else 'have no effect within theirs'}, "
+        f"and nothing follows for a feedback: excite {'it' if one else 'them'}, or see whether "
+        "rows hold the state after their action (delay=-1) (or accept='no effect')"
     )

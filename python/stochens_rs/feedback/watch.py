@@ -383,12 +383,15 @@ class Watch(Durable):
         watch.__setstate__(WatchState._from_sections(sections).parts)
         return watch
 
-    def __repr__(self) -> str:
+    @property
+    def statement(self) -> str:
+        """What is promised of false alarms, in words."""
         p = self.promise
         often = f"one in {p:.4g} steps" if p >= 1 else f"{p:.3g} ever"
         null = "a plant that moves inside the region" if self.moving else "a constant plant"
+        return f"false alarms at most {often} for {null}, noise '{self.law}'"
+
+    def __repr__(self) -> str:
         last = "" if self.alarm is None else f"; {self.alarm}"
         calls = show.number_of(len(self.history), "call")
-        return (
-            f"<Watch: false alarms at most {often} for {null}, noise '{self.law}', {calls}{last}>"
-        )
+        return f"<Watch: {self.statement}, {calls}{last}>"

@@ -255,7 +255,8 @@ class Changes(SavedRecord):
         return tuple(found)
 
     def __repr__(self) -> str:
-        parts = [self.status + f" by {show.number_of(self.pairs, 'pair')}"]
+        pairs = show.number_of(self.pairs, "pair")
+        parts = [f"{self.status}, {pairs}" if "few" in self.status else f"{self.status} by {pairs}"]
         if self.outside > 1.0:
             alone = ", ".join(self.explanations) or "no single signal or row"
             parts.append(f"a change of one alone: {alone}")

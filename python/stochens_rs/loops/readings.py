@@ -879,7 +879,9 @@ class ReadingLoop(ControlLoop[Reading]):
             u = self._policy @ (x - xs) + self._forward[min(k, last)] + us + more * by**k
         return proof.tube(first, K, inputs=inputs, noise=noise)
 
-    def to_c(self, path: Any, *, name: str = "controller") -> None:
+    def to_c(
+        self, path: Any, *, name: str = "controller", proof: LoopCertificate | None = None
+    ) -> None:
         """Write the loop as one C99 header, as it is now: with its target, and an empty window.
 
         Parameters
@@ -889,12 +891,16 @@ class ReadingLoop(ControlLoop[Reading]):
         name : str, default "controller"
             What its names begin with: ``controller_start(&s)``, then ``controller_step(&s, y, u)``
             with the readings y, nan where one is missing. Between two calls ``s.target`` can be
-            set, and ``s.applied`` to the input that acted if it was not u.
+            set, to one number for each reading in their order, of which those of free outputs do
+            nothing, and ``s.applied`` to the input that acted if it was not u.
+        proof : LoopCertificate, optional
+            Of a loop with a gain: its sentence stands in the head. Default: `certificate` at 5 %.
 
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used; or the loop has measured inputs, targets to come, a free
+            If an argument cannot be used, or the proof is of another gain, or of a loop
+            that plans; or the loop has measured inputs, targets to come, a free
             output that integrates, or limits of outputs.
 
         Examples
@@ -919,11 +925,11 @@ class ReadingLoop(ControlLoop[Reading]):
         law, part = {"law": "u = us + K (x - xs), x the window"}, ["policy_gain"]
         sizes, tables, about = {"N": model.n, "M": model.m}, {"K": self._policy}, law
         if isinstance(self._policy, np.ndarray):
-            proof = self.certificate()
-            about |= sentence(proof.K, proof)
+            certified = self.certificate()
+            about |= sentence(certified.K, certified if proof is None else proof)
         else:
             sizes, tables, about = condensed(self._policy, *self._system[:2])
-            part, about = ["horizon", "policy_plan"], about | sentence(None, None)
+            part, about = ["horizon", "policy_plan"], about | sentence(None, proof)
         tables |= {"far": MOVED * (self._high - self._low), "most_rate": self._rate}
         counts, numbers = self._window.tables()
         none, own = np.zeros(model.n_outputs), np.zeros(model.m)

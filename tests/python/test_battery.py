@@ -299,3 +299,15 @@ def test_the_place_of_a_spike_counts_the_rows_that_were_lost():
     data = se.Trajectories.from_table(rows, **columns)
     (doubt, *_) = se.identify(data, window=se.Window(lags=2)).doubts
     assert "at about 15 s of data[1] (y = 5" in doubt
+
+
+def test_the_places_of_outliers_among_last_pairs_are_those_in_their_runs():
+    rng = np.random.default_rng(928)
+    x, u = runs(rng, 60, 10)
+    odd = sorted(rng.choice(60, 8, replace=False).tolist())
+    for run in odd:
+        x[run][-1] += 20.0 * rng.standard_normal(2)
+    model = se.identify(last(x, u), **opts(**EXACT, checks=False))
+    (doubt,) = model.doubts
+    places = ", ".join(f"step 9 of data[{run}]" for run in odd[:5])
+    assert doubt.startswith(f"what follows {places} and 3 more is no Gaussian noise")

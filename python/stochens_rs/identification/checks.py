@@ -251,19 +251,19 @@ def _in_tail(name: str, test: Tested, tail: float) -> bool:
     return tail > 0.0 and name in ("memory", "dead time") and bool(most <= 1.5 * tail)
 
 
-def _places(data: Any, pairs: list[int]) -> str:
-    """Where pairs stand in the log: the run, the time since its first row, and the odd reading."""
-    layout, read = data.layout, data.rows[:, : data.n]
-    runs, skipped = layout.runs(), layout.skipped()
+def _places(data: Any, pairs: list[int], odd: bool) -> str:
+    """Where pairs stand in the log: the time since the first row, the run, and the odd reading."""
+    data = data if data.whole is None else data.whole  # of last pairs the pairs of all runs
+    runs, skipped, read = data.layout.runs(), data.layout.skipped(), data.rows[:, : data.n]
     away = np.abs(read - np.median(read, axis=0)) / np.where(np.ptp(read, axis=0), read.std(0), 1.0)
     found = []
     for pair in pairs[:5]:
         begin = int(np.searchsorted(runs, runs[pair]))
         lost = int(skipped[begin : pair + 1].sum())  # rows off the grid count as lost steps
-        step, odd = pair - begin + lost, int(away[pair].argmax())
+        step, most = pair - begin + lost, int(away[pair].argmax())
         when = f"step {step}" if data.dt is None else f"{step * data.dt:.6g} s"
-        value = f"{data.state_names[odd]} = {read[pair, odd]:.6g}"
-        found.append(f"{'about ' if lost else ''}{when} of data[{runs[pair]}] ({value})")
+        value = f" ({data.state_names[most]} = {read[pair, most]:.6g})" if odd else ""
+        found.append(f"{'about ' if lost else ''}{when} of data[{runs[pair]}]{value}")
     return ", ".join(found) + (f" and {len(pairs) - 5} more" if len(pairs) > 5 else "")
 
 
@@ -290,7 +290,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         share=f"{show.two(100 * test.share)} % of the variance",
         percent=show.two(100 * test.share),
         most=most,
-        rows="" if name not in OF_ROWS else _places(model.data, at),
+        rows="" if name not in OF_ROWS else _places(model.data, at, name == "spikes"),
         count=len(at),
         state=state,
         jump=f"{test.share:.4g}",

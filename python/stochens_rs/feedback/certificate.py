@@ -610,7 +610,10 @@ class LoopCertificate(SavedRecord):
             high[:] = np.maximum(high, (1.0 + half) / (1.0 - half))
             phase[:] = np.maximum(phase, np.rad2deg(2.0 * np.arctan(half)))
             if not (low < 1.0).any() and not (high > 1.0).any():
-                reason = "no proof was found, as of signals that say nearly the same"
+                reason = (
+                    "no proof was found, as where readings say nearly the same (pass their sum and "
+                    "difference) or the certificate has no room (more data)"
+                )
         certified, nominal = (validation.frozen(one) for one in found)
         return Margins(certified, nominal, self.region.delta, self.labels, self.dt, reason)
 

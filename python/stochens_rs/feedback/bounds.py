@@ -233,7 +233,11 @@ class Rest(SavedRecord):
 
     def __repr__(self) -> str:
         size, share = show.at_most(self.radius), show.percent(self.delta)
-        return f"<Rest: every system rests within {size} of {show.vector(self.states)}, {share}>"
+        at = show.vector(self.states)
+        if self.labels.given and len(self.states) <= 6:
+            named = zip(self.labels.state_axes, self.states, strict=True)
+            at = ", ".join(f"{name} = {value:.4g}" for name, value in named)
+        return f"<Rest: every system rests within {size} of {at}, {share}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

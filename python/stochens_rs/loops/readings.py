@@ -174,7 +174,10 @@ class ReadingLoop(ControlLoop[Reading]):
         gain = system if isinstance(system, Loop) else None
         model = system.model if isinstance(system, Loop) else system
         if not isinstance(model, Model) or model.window is None:
-            raise InputError("`offset_free` is for models of outputs and loops of them")
+            raise InputError(
+                "`offset_free` must be left out for a model of states: pass what was read as "
+                "outputs=, and identify(data, window=)"
+            )
         if offset_free is None:
             raise InputError(
                 "`offset_free` must be given for a model of outputs: True where a constant "

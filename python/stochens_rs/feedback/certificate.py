@@ -605,7 +605,7 @@ class LoopCertificate(SavedRecord):
             reason = f"the data leave {', '.join(self.region.missing[:3])} open: vary the inputs"
         else:  # the disk holds gains and turns, too
             low, high, phase, disk = found[0, : 4 * m].reshape(m, 4).T  # views
-            half = np.minimum(disk * (0.5 - 1e-12), 1.0 - 1e-12)
+            half = np.minimum(disk * (0.5 - 1e-12), 0.998)  # gains up to 1000 are looked at
             low[:] = np.minimum(low, (1.0 - half) / (1.0 + half))
             high[:] = np.maximum(high, (1.0 + half) / (1.0 - half))
             phase[:] = np.maximum(phase, np.rad2deg(2.0 * np.arctan(half)))

@@ -251,6 +251,9 @@ def test_an_input_without_effect_leaves_no_gain():
     assert first.status == "undetermined"
     assert "u[0] has no effect within its bounds" in first.reason
     assert second.status == "certified"
+    few = se.gain(se.identify(of(*runs(np.random.default_rng(924), 3, 3))), 1.0, 1.0)
+    reason = few.certificate(0.05).reason
+    assert "9 pairs leave the sign of every effect open, of the states too: measure more" in reason
 
 
 def test_last_pairs_keep_the_rows_before(tmp_path):
@@ -263,3 +266,48 @@ def test_last_pairs_keep_the_rows_before(tmp_path):
     assert (
         se.identify(data.last_pairs(), **opts(**EXACT, checks=False)).tests["memory"] > checks.FAULT
     )
+
+
+WINDOWS = None, se.Window(lags=1), se.Window(lags=3), se.Window(filters=(0.5, 3))
+
+
+@pytest.mark.parametrize("at", [60, 700])
+@pytest.mark.parametrize("window", WINDOWS)
+def test_a_spike_is_seen_and_placed_wherever_it_is(at, window):
+    """Also in the first part, which tells window and scale, and where filters remember it."""
+    (x,), (u,) = runs(np.random.default_rng(926), 1, 800)
+    clean = x.copy()
+    x[at, 0] += 99.0
+    names = {"outputs": True, "dt": 0.5, "state_names": ["place", "speed"]}
+    model = se.identify(of([x], [u], **names), window=window)
+    (doubt,) = (text for text in model.doubts if "accept='spikes'" in text)
+    assert f"at {0.5 * at:g} s of data[0] (place = {x[at, 0]:.6g})" in doubt
+    assert "wrap" not in model.tests
+    assert "spikes" not in se.identify(of([clean], [u], **names), window=window).tests
+
+
+def test_the_place_of_a_spike_counts_the_rows_that_were_lost():
+    rows = {name: [] for name in ("run", "time", "y", "u")}
+    rng = np.random.default_rng(927)
+    for run in range(3):
+        y = rng.standard_normal(300).cumsum() * 0.1
+        y[150] += 50.0 * (run == 1)
+        for k in np.delete(np.arange(300), [30, 31, 90]):
+            for name, one in zip(rows, (run, 0.1 * k, y[k], rng.standard_normal()), strict=True):
+                rows[name].append(one)
+    columns = {"outputs": ["y"], "inputs": ["u"], "by": "run", "time": "time"}
+    data = se.Trajectories.from_table(rows, **columns)
+    (doubt, *_) = se.identify(data, window=se.Window(lags=2)).doubts
+    assert "at about 15 s of data[1] (y = 5" in doubt
+
+
+def test_the_places_of_outliers_among_last_pairs_are_those_in_their_runs():
+    rng = np.random.default_rng(928)
+    x, u = runs(rng, 60, 10)
+    odd = sorted(rng.choice(60, 8, replace=False).tolist())
+    for run in odd:
+        x[run][-1] += 20.0 * rng.standard_normal(2)
+    model = se.identify(last(x, u), **opts(**EXACT, checks=False))
+    (doubt,) = model.doubts
+    places = ", ".join(f"step 9 of data[{run}]" for run in odd[:5])
+    assert doubt.startswith(f"what follows {places} and 3 more is no Gaussian noise")

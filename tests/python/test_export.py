@@ -13,6 +13,7 @@ import pytest
 import stochens_rs as se
 from controllers import BROKEN, FLAGS, KINDS, Controller, compiler
 from coverage_study import sets
+from stochens_rs.exceptions import InputError
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
 needs_gcc = pytest.mark.skipif(compiler() is None, reason="no gcc: controllers are not compiled")
@@ -301,3 +302,18 @@ def test_matrices_and_the_closed_loop() -> None:
     response = control.impulse_response(closed, T=np.arange(3) * 0.5)
     a = found["closed"].item()
     np.testing.assert_allclose(response.outputs.ravel() * 0.5, [0.0, 1.0, a], atol=1e-12)
+
+
+def test_the_proof_of_a_loop_from_readings_stands_in_its_head(tmp_path: Path) -> None:
+    loop, other = (made("readings", seed) for seed in (1, 2))
+    proof, file = loop.certificate(0.2), tmp_path / "one.h"
+    loop.watch = watch = proof.watch(every=1e4)
+    rng = np.random.default_rng(1)
+    for _ in range(300):
+        loop(rng.standard_normal(loop.model.n_outputs) * loop.model.data.rows.max())
+    loop.to_c(file, proof=proof)
+    head = re.sub(r"\n \* +", " ", file.read_text("utf-8").partition("*/")[0])
+    assert "delta: 0.2," in head
+    assert f"alarm: {watch.statement}; controller_look" in head  # not what this run has seen
+    with pytest.raises(InputError, match="`proof` must be of this gain"):
+        loop.to_c(file, proof=other.certificate(0.2))

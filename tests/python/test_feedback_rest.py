@@ -9,7 +9,9 @@ import stochens_rs as se
 from core_regions import white
 from coverage_study import at_most, sets
 from declarations import opts
+from stochens_rs._base.names import Labels
 from stochens_rs.exceptions import InputError
+from stochens_rs.feedback import Rest
 from stochens_rs.feedback.certificate import noise_bound
 from test_feedback import CENTRE, K, S, V, judged
 
@@ -171,3 +173,18 @@ def test_noise_without_a_gaussian_law_has_no_tube():
         proof = se.gain(of_data(gen, noise=law, bound=4.0), 1.0, 0.1).certificate(0.1)
         with pytest.raises(InputError, match="`noise` needs a bound"):
             proof.tube([1.0, 0.0], 5, noise=0.05)
+
+
+def test_a_point_of_rest_names_its_states():
+    labels = Labels(("encoder [deg]", "camera"), ("motor",), (("camera", "mm"),))
+    sizes = (np.array(one) for one in ([-0.02, 3.0], [0.0], [0.1, 0.1], [0.0]))
+    rest = Rest(*sizes, 0.149, 0.05, labels)
+    assert repr(rest) == (
+        "<Rest: every system rests within 0.149 of encoder [deg] = -0.02, camera [mm] = 3, 95 %>"
+    )
+
+
+def test_an_offset_of_states_is_refused_with_its_cure():
+    model = of_data(np.random.default_rng(1), N=150)
+    with pytest.raises(InputError, match=r"`offset_free` must be left out .* outputs="):
+        se.regulate(se.gain(model, 1.0, 0.1), limits=(-1.0, 1.0), offset_free=True)

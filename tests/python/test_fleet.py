@@ -10,6 +10,7 @@ import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, ShapeError
 from stochens_rs.fleet.plan import Units
+from stochens_rs.plots.lines import draw_misses
 
 
 def gains(*values: float) -> se.SystemEnsemble:
@@ -253,3 +254,14 @@ def test_units_that_leave_their_limits_have_no_threshold() -> None:
     with pytest.raises(InputError, match="more of them leave their limits"):
         plan.validate(fresh, 0.1, epsilon=0.3)
     assert plan.validate(fresh, 0.1, epsilon=0.5).threshold < 1.0
+
+
+@pytest.mark.parametrize("level", [0.05, 0.3, 0.5, 0.7, 0.97])
+def test_the_legend_of_misses_stands_beside_the_threshold(level: float) -> None:
+    misses = np.linspace(0.0, 1.0, 30) ** 2
+    none = np.zeros(30, dtype=bool)
+    ax = draw_misses(misses, level, none, none, named="threshold", fresh=misses)
+    ax.figure.canvas.draw()
+    box = ax.get_legend().get_window_extent()
+    line = ax.transData.transform((0.5, level))[1]
+    assert not box.y0 < line < box.y1

@@ -317,7 +317,8 @@ def test_regions_in_closed_loop_hold():
         data = se.Trajectories(*run)
         with pytest.warns(DataWarning):
             fused = se.fuse(models, "alse", data=data, noise=se.Noise(sigma=1.0))
-        assert any("the region is that of least squares" in text for text in fused.warnings)
+        cure = "that of least squares, without the models; declare Noise("
+        assert any(cure in text for text in fused.warnings)
         region = fused.region(DELTA)
         failed += not region.contains(Theta[:, :2], Theta[:, 2:])
         assert region.radius == fused.least_squares.region(DELTA).radius

@@ -9,7 +9,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs._base import validation
-from stochens_rs.exceptions import InputError
+from stochens_rs.exceptions import InputError, InputTypeError
 from test_validation import assert_one_short_line
 
 pd = pytest.importorskip("pandas")
@@ -93,3 +93,48 @@ def test_what_has_no_labels_gives_the_same_control():
     plain = se.control((A, B), X0, XF)
     framed = se.control((pd.DataFrame(A), pd.DataFrame(B)), pd.Series(X0), xr.DataArray(XF))
     np.testing.assert_array_equal(framed.u, plain.u)
+
+
+OVEN = se.System(A, B[:, :1], states=["front", "back"], inputs=["heat"], units={"front": "K"})
+
+
+def test_a_dict_of_numbers_is_a_vector_by_name():
+    plain = se.control(OVEN, X0, XF, steps=5, limits=(-9.0, 9.0)).u
+    named = {"back": X0[1], "front": X0[0]}, {"back": XF[1], "front": XF[0]}
+    assert np.array_equal(se.control(OVEN, *named, steps=5, limits=(-9.0, 9.0)).u, plain)
+    fleet = se.SystemEnsemble.from_systems([OVEN, OVEN])
+    made = [se.control_fleet(fleet, *both, 5).u for both in (named, (X0, XF))]
+    assert np.array_equal(*made)
+    for wrong, what in (
+        ({"back": 1.0}, "'front' is missing"),
+        (named[0] | {"side": 1.0}, "got 'side'"),
+    ):
+        with pytest.raises(InputError, match=f"`x0` must have the labels .*{what}.*: rename"):
+            se.control(OVEN, wrong, XF)
+    with pytest.raises(InputTypeError, match="an object of type dict"):
+        se.control(OVEN, {"back": [1.0, 2.0], "front": [1.0, 2.0]}, XF)
+
+
+@pytest.mark.parametrize(
+    ("names", "same"),
+    [
+        (["front [K]", "back [K]"], True),
+        (["back", "front [K]"], True),
+        (["front [degC]", "back"], False),
+        (["front", "side"], False),
+    ],
+)
+def test_names_with_units_are_those_of_a_system_with_the_same_units(names, same):
+    rng = np.random.default_rng(1)
+    x, u = rng.standard_normal((40, 2)), rng.standard_normal((40, 1))
+    order = [0, 1] if names[0].startswith("front") else [1, 0]
+    after = x @ A.T + u @ B[:, :1].T + 0.1 * rng.standard_normal((40, 2))
+    rows = x[:, order], u, after[:, order]
+    data = se.Trajectories.from_pairs(*rows, state_names=names, input_names=["heat [kW]"])
+    noise = se.Noise(sigma=0.1, design="independent")
+    if not same:
+        with pytest.raises(InputError, match=r"`ensemble` must have the states .* 'front"):
+            se.fuse([OVEN, OVEN], "alse", data=data, noise=noise)
+        return
+    fused = se.fuse([OVEN, OVEN], "alse", data=data, noise=noise)
+    assert np.abs(fused.A[np.ix_(np.argsort(order), np.argsort(order))] - A).max() < 0.1

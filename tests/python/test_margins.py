@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 
 import control
 import numpy as np
@@ -505,3 +506,76 @@ def test_float32_stays_within_its_bound(proof):
     assert proof.rounding(x0, bits=0).margin == 0.0 or np.isfinite(
         proof.rounding(x0, bits=0).margin
     )
+
+
+def test_a_sheet_without_a_proof_says_why():
+    wide = se.gain(identified(rig_data(2, 1, lambda x, u: 0.0, 5e-4, 3)), **WEIGHTS)
+    refuted = wide.certificate(0.05)
+    assert refuted.status != "certified"
+    assert repr(refuted.margins()) == (
+        f"<Margins: no gain, phase or disk is proved: the loop is {refuted.status}>"
+    )
+    # one feedback in all runs: its gain alone is certified
+    rng = np.random.default_rng(1)
+    x = [np.ones(1)]
+    for _ in range(600):
+        x.append(0.7 * x[-1] + 0.1 * rng.standard_normal(1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = se.identify(se.Trajectories([x], [-0.5 * np.array(x[:-1])]), noise=0.1)
+    gain = replace(se.gain(model, 1.0, 1.0), K=np.array([[-0.5]]), S=None)
+    proof = gain.certificate(0.05)
+    assert proof.status == "certified"
+    assert "the data leave" in repr(proof.margins())
+
+
+def nearly_equal(rng):
+    """A plant of two readings that say nearly the same, and a gain for its logs."""
+    a, b = rng.uniform(1.02, 1.2), rng.uniform(0.3, 0.95)
+    T = rng.standard_normal((2, 2))
+    own, by = T @ np.diag([a, b]) @ np.linalg.inv(T), rng.standard_normal((2, 1))
+    return own, by, -np.asarray(control.dlqr(own, by, np.eye(2), np.eye(1))[0])
+
+
+def followed(rng, own, by, K, steps):
+    y, u = [0.2 * rng.standard_normal(2)], []
+    for _ in range(steps):
+        u.append(K @ y[-1] + 0.5 * rng.standard_normal(1))
+        y.append(own @ y[-1] + by @ u[-1] + 0.02 * rng.standard_normal(2))
+    return np.array(y), np.array(u)
+
+
+def sheet_of_readings(runs, M):
+    """The margins of a loop from the readings M y, with the same weights of y."""
+    readings, inputs = [y @ M.T for y, _ in runs], [u for _, u in runs]
+    back = np.linalg.inv(M)
+    data = se.Trajectories(readings, inputs, outputs=True)
+    gain = se.gain(se.identify(data, window=se.Window(lags=2)), Q=back.T @ back, R=1.0)
+    proof = se.regulate(gain, offset_free=True).certificate(0.05)
+    assert proof.status == "certified"
+    return proof.margins()
+
+
+def test_gains_and_phases_hold_what_the_disk_does():
+    """Chains of discs end long before the disk does."""
+    rng = np.random.default_rng(9)
+    plant = nearly_equal(rng)
+    sheet = sheet_of_readings([followed(rng, *plant, 80) for _ in range(30)], np.eye(2))
+    half = sheet.disk / 2.0
+    assert half > 0.1
+    low, high = sheet.gain[0]
+    assert low <= (1.0 - half) / (1.0 + half) + 1e-9
+    assert high >= (1.0 + half) / (1.0 - half) - 1e-9
+    assert sheet.phase[0] >= np.rad2deg(2.0 * np.arctan(half)) - 1e-9
+
+
+def test_a_sheet_without_a_proof_names_readings_that_say_the_same():
+    """Of the same data in other coordinates all of it is found."""
+    rng = np.random.default_rng(9)
+    plant = nearly_equal(rng)
+    runs = [followed(rng, *plant, 40) for _ in range(12)]
+    turn = np.linalg.inv(np.linalg.cholesky(np.cov(np.vstack([y for y, _ in runs]).T)))
+    assert "pass their sum and difference" in repr(sheet_of_readings(runs, np.eye(2)))
+    found = sheet_of_readings(runs, turn)
+    assert found.reason is None
+    assert found.disk > 0.1

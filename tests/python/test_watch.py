@@ -446,6 +446,7 @@ def test_logs_of_tiny_numbers_say_little():
     runs = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.1 * w)
     changes = model.accepts(runs)
     assert (changes.status, changes.region) == ("too few pairs", None)
+    assert repr(changes).startswith("<Changes: too few pairs, 60 pairs;")
 
 
 def exact_row(size):
@@ -585,3 +586,14 @@ def test_recursive_residuals_are_no_fair_test_under_feedback():
         x = y
     assert passed[0].mean() > 0.06
     assert passed[1].mean() <= 0.05 + 3.0 * np.sqrt(0.05 * 0.95 / runs)
+
+
+def test_a_constant_that_changed_is_named():
+    rng = np.random.default_rng(5)
+    x, u, w = rng.standard_normal((3, 300, 1))
+    data = se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.3 + 0.1 * w)
+    model = se.identify(data, noise=0.1, intercept=True)
+    x, u, w = rng.standard_normal((3, 300, 1))
+    changes = model.accepts(se.Trajectories.from_pairs(x, u, 0.9 * x + u + 0.8 + 0.1 * w))
+    assert "1" in changes.explanations
+    assert "a change of one alone: a constant" in repr(changes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -13,23 +13,11 @@ import numpy as np
 
 from ..exceptions import InputError, InputTypeError, ShapeError
 from . import validation
-from .reading import aligned, shown_labels
+from .reading import aligned, shown_labels, titled
 from .records import Record
 from .types import Floats
 
 _LISTED = 12  # most names in a cell of a table
-_TITLE = re.compile(r"^(.*\S)\s*[\[(]\s*(?![-+]?\d)[^\[\]()]+[\])]$")
-
-
-def titled(name: Any, titles: Collection[Any]) -> Any:
-    """The one of `titles` that is this name with a unit behind it; else the name.
-
-    ``angle [rad]``, ``angle[rad]`` or ``angle (rad)``; but x[0] is a name.
-    """
-    if not isinstance(name, str) or name in titles:
-        return name
-    fits = [one for one in titles if isinstance(one, str) and _TITLE.sub(r"\1", one) == name]
-    return fits[0] if len(fits) == 1 else name
 
 
 @dataclass(frozen=True)
@@ -165,10 +153,15 @@ def order_of(argument: str, found: Labels | None, wanted: Labels | None) -> Orde
         elif sorted(has) == sorted(names):
             order.append([has.index(name) for name in names])
         else:
-            raise InputError(
-                f"`{argument}` must have the {what} {shown_labels(names)} in any order, or none by "
-                f"name, got {shown_labels(has)}"
-            )
+            along = [getattr(one, f"{what[:-1]}_axes") for one in (found, wanted)]  # with units
+            own = [titled(name, along[1]) for name in along[0]]
+            other = [titled(name, own) for name in along[1]]
+            if sorted(own) != sorted(other):
+                raise InputError(
+                    f"`{argument}` must have the {what} {shown_labels(along[1])} in any order, or "
+                    f"none by name, got {shown_labels(along[0])}"
+                )
+            order.append([own.index(name) for name in other])
     return Order(*order)
 
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import operator
+import re
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from typing import Any
@@ -22,6 +23,7 @@ _ARRAYS = {
     "Plan": "an array, got a Plan: pass plan.u",
     "System": "an array, got a System: pass system.{}",
 }
+_TITLE = re.compile(r"^(.*\S)\s*[\[(]\s*(?![-+]?\d)[^\[\]()]+[\])]$")
 # What has no labels.
 _PLAIN = (np.ndarray, list, tuple, int, float)
 
@@ -89,6 +91,17 @@ def _axes(value: Any) -> dict[str, list[Any]]:
         return {}
 
 
+def titled(name: Any, titles: Collection[Any]) -> Any:
+    """The one of `titles` that is this name with a unit behind it; else the name.
+
+    ``angle [rad]``, ``angle[rad]`` or ``angle (rad)``; but x[0] is a name.
+    """
+    if not isinstance(name, str) or name in titles:
+        return name
+    fits = [one for one in titles if isinstance(one, str) and _TITLE.sub(r"\1", one) == name]
+    return fits[0] if len(fits) == 1 else name
+
+
 def _counted(labels: list[Any], prefix: str) -> bool:
     """Whether labels are 0, 1, 2, ... as integers, or these after the prefix."""
     return all(
@@ -104,12 +117,15 @@ def labels_along(value: Any) -> list[list[Any]]:
 
 
 def aligned(name: str, value: Any, names: Sequence[str], *, square: bool = False) -> Any:
-    """Bring the last axis of a table with labels into the order of `names`.
+    """Bring the last axis of a table, or a dict of numbers, into the order of `names`.
 
     Both axes of a `square` table with two: the names of the rows are those of the columns where it
     has these alone. Anything without labels along its last axis goes through as it is; so does a
     table whose rows, in time, have no labels that increase, which `read` refuses.
     """
+    if isinstance(value, Mapping) and all(np.ndim(one) == 0 for one in value.values()):
+        numbers = np.array(list(value.values()))
+        return _placed(name, numbers, [list(value)], (names,), "numbers without names")
     along = labels_along(value)
     if not along or not along[-1]:
         return value
@@ -164,11 +180,16 @@ def _table(name: str, value: Any) -> tuple[NDArray[Any], list[list[str]]] | None
 
 
 def _placed(
-    name: str, values: NDArray[Any], found: list[list[Any]], wanted: Sequence[Sequence[str]]
+    name: str,
+    values: NDArray[Any],
+    found: list[list[Any]],
+    wanted: Sequence[Sequence[str]],
+    plain: str = "",
 ) -> NDArray[Any]:
-    """The table in the order of the wanted names along its last axes."""
+    """The table in the order of the wanted names along its last axes; units may be left out."""
+    plain = plain or f"{name}.to_numpy()"
     for k, (labels, names) in enumerate(zip(found, wanted, strict=True)):
-        has = list(map(str, labels))
+        has = [titled(str(label), names) for label in labels]
         if sorted(has) != sorted(names):
             odd = [one for one in has if one not in names or has.count(one) > 1]
             lack = next((repr(one) for one in names if one not in has), "")
@@ -176,7 +197,7 @@ def _placed(
             raise InputError(
                 f"`{name}` must have the labels {shown_labels(names)}{where}, each once, "
                 f"{f'got {shown_labels(odd[:1])}' if odd else f'{lack:.40} is missing'}: rename "
-                f"them, or pass {name}.to_numpy() if the order is right"
+                f"them, or pass {plain} if the order is right"
             )
         values = values.take([has.index(one) for one in names], axis=k - len(found))
     return values

@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import cases
 from .._base.files import is_state, write_text
-from .._base.names import titled
+from .._base.reading import titled
 from .._base.show import at_most, listed, percent
 from .._base.types import ROUNDING, Floats
 from ..controls import control

@@ -9,7 +9,8 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.names import Labels, titled, weight
+from .._base.names import Labels, weight
+from .._base.reading import titled
 from .._base.types import DELTA, ArrayLike, Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.bounds import Rest

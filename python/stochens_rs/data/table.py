@@ -18,8 +18,7 @@ import numpy as np
 from .. import _core
 from .._base import running, validation
 from .._base.files import PathLike, checked_path, regular_file
-from .._base.names import titled
-from .._base.reading import printable
+from .._base.reading import printable, titled
 from .._base.types import Floats, NDArray
 from ..exceptions import InputError, InputTypeError, ShapeError
 

@@ -37,6 +37,8 @@ class Margins(SavedRecord):
         The names of states and inputs.
     dt : float or None
         The time between two steps [s].
+    reason : str or None
+        Why nothing is proved; None where something is.
     """
 
     certified: Annotated[Floats, "margin", "infinite"]
@@ -44,6 +46,7 @@ class Margins(SavedRecord):
     delta: Probability
     labels: Labels
     dt: float | None = None
+    reason: str | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -113,7 +116,22 @@ class Margins(SavedRecord):
         return draw_margins(own, model, self.labels.inputs, show.percent(self.delta), figure)
 
     def rows(self) -> list[list[str]]:
-        """The table: what, certified, of the model."""
+        """Return the table: what, certified, of the model.
+
+        Returns
+        -------
+        list of [name, certified, of the model]
+            Texts, one row for each of `names`; "none" is infinite.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
+        >>> proof.margins().rows()[1]
+        ['largest gain of u[0]', '2.52', '2.75']
+        """
         shown = []
         for name, *pair in zip(self.names, self.certified, self.nominal, strict=True):
             text = show.at_most if name.startswith(("least", "bits")) else show.margin
@@ -124,6 +142,8 @@ class Margins(SavedRecord):
     def __repr__(self) -> str:
         low, high = self.gain[:, 0].max(), self.gain[:, 1].min()
         size = show.margin(float(self.phase.min()))
+        if self.reason is not None:
+            return f"<Margins: no gain, phase or disk is proved: {self.reason}>"
         return (
             f"<Margins: {show.percent(self.delta)}, gain {show.at_most(low)} to "
             f"{show.margin(high)}, phase {size} deg, disk {show.margin(self.disk)}>"
@@ -213,7 +233,11 @@ class Rest(SavedRecord):
 
     def __repr__(self) -> str:
         size, share = show.at_most(self.radius), show.percent(self.delta)
-        return f"<Rest: every system rests within {size} of {show.vector(self.states)}, {share}>"
+        at = show.vector(self.states)
+        if self.labels.given and len(self.states) <= 6:
+            named = zip(self.labels.state_axes, self.states, strict=True)
+            at = ", ".join(f"{name} = {value:.4g}" for name, value in named)
+        return f"<Rest: every system rests within {size} of {at}, {share}>"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -527,6 +527,23 @@ class LoopCertificate(SavedRecord):
         -------
         LoopCertificate
             Without a region "undetermined".
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `region` is not a region of these states and inputs, or `reason` not a text.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 40, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
+        >>> model = se.identify(data, noise=0.1)
+        >>> proof = se.gain(model, 1.0, 1.0).certificate(0.05)
+        >>> proof.of(model.region(0.01)).status
+        'certified'
+        >>> proof.of(None, "the log was lost").status
+        'undetermined'
         """
         if region is not None:
             validation.instance("region", region, Region)
@@ -581,8 +598,24 @@ class LoopCertificate(SavedRecord):
         found = np.ascontiguousarray(self._core.margins(recorder).T)
         m = len(self.labels.inputs)
         found[:, 2 : 4 * m : 4] = np.rad2deg(found[:, 2 : 4 * m : 4])
+        reason = None
+        if self.status != "certified":
+            reason = f"the loop is {self.status}"
+        elif self.region.missing:
+            reason = f"the data leave {', '.join(self.region.missing[:3])} open: vary the inputs"
+        else:  # the disk holds gains and turns, too
+            low, high, phase, disk = found[0, : 4 * m].reshape(m, 4).T  # views
+            half = np.minimum(disk * (0.5 - 1e-12), 0.998)  # gains up to 1000 are looked at
+            low[:] = np.minimum(low, (1.0 - half) / (1.0 + half))
+            high[:] = np.maximum(high, (1.0 + half) / (1.0 - half))
+            phase[:] = np.maximum(phase, np.rad2deg(2.0 * np.arctan(half)))
+            if not (low < 1.0).any() and not (high > 1.0).any():
+                reason = (
+                    "no proof was found, as where readings say nearly the same (pass their sum and "
+                    "difference) or the certificate has no room (more data)"
+                )
         certified, nominal = (validation.frozen(one) for one in found)
-        return Margins(certified, nominal, self.region.delta, self.labels, self.dt)
+        return Margins(certified, nominal, self.region.delta, self.labels, self.dt, reason)
 
     def allows(self, *, on: ArrayLike | str | Sequence[str], of: str | Sequence[str]) -> float:
         """Find how large a term of any kind may be that the model leaves out.
@@ -970,8 +1003,15 @@ def _no_effect(region: Region, K: Floats, model: Identified) -> str | None:
     none = np.flatnonzero(hidden & K.any(axis=1)).tolist()
     if not none:
         return None
-    names = ", ".join(model.input_names[j] for j in none)
+    A, open_by = np.asarray(region.centre)[:, :n], region.entry_bounds[:, :n]
+    if len(none) == m and (np.abs(A) <= open_by).all():
+        return (
+            f"{show.number_of(source.size, 'pair')} leave the sign of every effect open, "  # type: ignore[union-attr]
+            "of the states too: measure more (or accept='no effect')"
+        )
+    names, one = ", ".join(model.input_names[j] for j in none), len(none) == 1
     return (
-        f"{names} has no effect within its bounds, and nothing follows for a feedback: excite it, "
-        "or see whether rows hold the state after their action (delay=-1) (or accept='no effect')"
+        f"{names} {'has no effect within its bounds' if one else 'have no effect within theirs'}, "
+        f"and nothing follows for a feedback: excite {'it' if one else 'them'}, or see whether "
+        "rows hold the state after their action (delay=-1) (or accept='no effect')"
     )

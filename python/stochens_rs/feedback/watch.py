@@ -189,6 +189,27 @@ class Watch(Durable):
             For each input the least relative change of its effect, for each reading the least load
             in deviations of its noise; infinite where it would take longer, or where the noise of a
             reading is rounding or follows from that of others: there nothing is watched.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `steps` is not a whole number > 0.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(1)
+        >>> x, u, w = rng.standard_normal((3, 60, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
+        >>> watch, x = proof.watch(every=1e4), np.zeros(1)
+        >>> for u in rng.standard_normal((60, 1)):  # an input of half the effect
+        ...     seen = watch(x, u)
+        ...     x = 0.5 * x + 0.5 * u + 0.1 * rng.standard_normal(1)
+        >>> sorted(watch.sees(100))
+        ['load on x[0]', 'u[0]']
+        >>> watch.sees(100)["u[0]"] < 0.5  # it would have been seen
+        True
         """
         found = self._core.sights(float(validation.size("steps", steps)))
         blind = set(range(len(self.names[0]))).difference(self._core.rows)
@@ -207,6 +228,25 @@ class Watch(Durable):
         -------
         Changes
             For Gaussian or sub-Gaussian noise, and a plant that stays as it is after the alarm.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `level` is not a number between 0 and 1.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(1)
+        >>> x, u, w = rng.standard_normal((3, 60, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
+        >>> watch, x = proof.watch(every=1e4), np.zeros(1)
+        >>> for u in rng.standard_normal((60, 1)):  # an input of half the effect
+        ...     seen = watch(x, u)
+        ...     x = 0.5 * x + 0.5 * u + 0.1 * rng.standard_normal(1)
+        >>> watch.changes().explanations  # one effect alone cannot tell more
+        ('u[0]', 'x[0](k+1)')
         """
         return self._source.changes(self._core, validation.probability("level", level))
 
@@ -224,6 +264,25 @@ class Watch(Durable):
             Before an alarm the one that is watched over. Behind it "certified": the old gain holds
             again, with what these pairs prove of the plant; "undetermined" while they are too few,
             or where `clear` forgot them.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `level` is not a number between 0 and 1.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(1)
+        >>> x, u, w = rng.standard_normal((3, 60, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
+        >>> watch, x = proof.watch(every=1e4), np.zeros(1)
+        >>> for u in rng.standard_normal((60, 1)):  # an input of half the effect
+        ...     seen = watch(x, u)
+        ...     x = 0.5 * x + 0.5 * u + 0.1 * rng.standard_normal(1)
+        >>> watch.hold().status  # also with an input of half the effect
+        'certified'
         """
         if self.alarm is None and not self._core.now[2]:
             return self.proof
@@ -246,7 +305,25 @@ class Watch(Durable):
         self._core.step(*(np.full(len(names), np.nan) for names in self.names))
 
     def clear(self) -> None:
-        """Take the alarm as seen: quiet until the next one; the pairs after it are forgotten."""
+        """Take the alarm as seen: quiet until the next one; the pairs after it are forgotten.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(1)
+        >>> x, u, w = rng.standard_normal((3, 60, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
+        >>> watch, x = proof.watch(every=1e4), np.zeros(1)
+        >>> for u in rng.standard_normal((60, 1)):  # an input of half the effect
+        ...     seen = watch(x, u)
+        ...     x = 0.5 * x + 0.5 * u + 0.1 * rng.standard_normal(1)
+        >>> seen.status, watch.alarm is None
+        ('alarm', False)
+        >>> watch.clear()
+        >>> watch.alarm is None, watch.hold().status
+        (True, 'undetermined')
+        """
         self._core.clear()
 
     def plot(self, *, ax: Axes | None = None) -> Axes:
@@ -260,6 +337,27 @@ class Watch(Durable):
         Returns
         -------
         matplotlib Axes
+
+        Raises
+        ------
+        InputError
+            Before the first call.
+        ImportError
+            If matplotlib is not installed.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(1)
+        >>> x, u, w = rng.standard_normal((3, 60, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
+        >>> watch, x = proof.watch(every=1e4), np.zeros(1)
+        >>> for u in rng.standard_normal((60, 1)):  # an input of half the effect
+        ...     seen = watch(x, u)
+        ...     x = 0.5 * x + 0.5 * u + 0.1 * rng.standard_normal(1)
+        >>> watch.plot().get_ylabel()
+        'evidence of a change'
         """
         if not self.history:
             raise InputError("the history is empty: there is nothing to draw before the first call")
@@ -285,12 +383,15 @@ class Watch(Durable):
         watch.__setstate__(WatchState._from_sections(sections).parts)
         return watch
 
-    def __repr__(self) -> str:
+    @property
+    def statement(self) -> str:
+        """What is promised of false alarms, in words."""
         p = self.promise
         often = f"one in {p:.4g} steps" if p >= 1 else f"{p:.3g} ever"
         null = "a plant that moves inside the region" if self.moving else "a constant plant"
+        return f"false alarms at most {often} for {null}, noise '{self.law}'"
+
+    def __repr__(self) -> str:
         last = "" if self.alarm is None else f"; {self.alarm}"
         calls = show.number_of(len(self.history), "call")
-        return (
-            f"<Watch: false alarms at most {often} for {null}, noise '{self.law}', {calls}{last}>"
-        )
+        return f"<Watch: {self.statement}, {calls}{last}>"

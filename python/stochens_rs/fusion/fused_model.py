@@ -190,7 +190,10 @@ class FusedModel(SavedRecord, Identified):
         if self._noise.variance is None and self._noise.degrees == 0:
             found.append("there are too few pairs to estimate the noise: declare sigma if known")
         if data.design == "adaptive":
-            found.append("design='adaptive': the region is that of least squares")
+            found.append(
+                "design='adaptive': the region is that of least squares, without the models; "
+                "declare Noise(sigma=, design='independent') if no input follows from the noise"
+            )
         return (*found, *data.warnings)
 
     def region(self, delta: float = 0.05, *, future: int = 0, frobenius: bool = False) -> Region:

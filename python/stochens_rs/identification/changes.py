@@ -255,9 +255,11 @@ class Changes(SavedRecord):
         return tuple(found)
 
     def __repr__(self) -> str:
-        parts = [self.status + f" by {show.number_of(self.pairs, 'pair')}"]
+        pairs = show.number_of(self.pairs, "pair")
+        parts = [f"{self.status}, {pairs}" if "few" in self.status else f"{self.status} by {pairs}"]
         if self.outside > 1.0:
-            alone = ", ".join(self.explanations) or "no single signal or row"
+            names = ("a constant" if name == "1" else name for name in self.explanations)
+            alone = ", ".join(names) or "no single signal or row"
             parts.append(f"a change of one alone: {alone}")
         seen = {name: v for name, v in self.detectable.items() if np.isfinite(v)}
         if self.status == "not refuted" and seen:

@@ -118,6 +118,11 @@ class Checks(Record):
         tuple of str
             Their names; empty if no assumption is seen to fail, which proves none of them.
 
+        Raises
+        ------
+        InputError, InputTypeError
+            If `level` is not a number between 0 and 1.
+
         Examples
         --------
         >>> import numpy as np, stochens_rs as se
@@ -162,11 +167,13 @@ def too_many(pairs: int, n: int) -> bool:
 FAULT = 5e-4  # level of each test of a log: together below 0.01
 # Of which law each test asks more than a mean of 0.
 OF_GAUSSIAN = ("outliers", "variance", "noise shape")
+OF_ROWS = ("spikes", "outliers")  # their places are pairs
 TEXTS = {
     "equal rows": "{count} pairs are equal to others to the last digit: pass them once",
-    "spikes": "readings jump there and back, at pairs {rows}: cut them, or pass them as nan",
+    "spikes": "readings jump there and back, at {rows}: cut these rows, or pass nan in their place "
+    "(of a CSV file: empty the cell)",
     "wrap": "{state} jumps by {jump}, and else by less than half of it: it wraps; unwrap it",
-    "outliers": "pairs {rows} are no Gaussian noise, and move the model by more than noise does: "
+    "outliers": "what follows {rows} is no Gaussian noise, and moves the model by more than it: "
     "cut them, or pass them as missing (nan)",
     "clipped": "residuals depend on whether a reading is at its largest or least value{most}: the "
     "end of the range of a sensor; cut these rows",
@@ -244,6 +251,22 @@ def _in_tail(name: str, test: Tested, tail: float) -> bool:
     return tail > 0.0 and name in ("memory", "dead time") and bool(most <= 1.5 * tail)
 
 
+def _places(data: Any, pairs: list[int], odd: bool) -> str:
+    """Where pairs stand in the log: the time since the first row, the run, and the odd reading."""
+    data = data if data.whole is None else data.whole  # of last pairs the pairs of all runs
+    runs, skipped, read = data.layout.runs(), data.layout.skipped(), data.rows[:, : data.n]
+    away = np.abs(read - np.median(read, axis=0)) / np.where(np.ptp(read, axis=0), read.std(0), 1.0)
+    found = []
+    for pair in pairs[:5]:
+        begin = int(np.searchsorted(runs, runs[pair]))
+        lost = int(skipped[begin : pair + 1].sum())  # rows off the grid count as lost steps
+        step, most = pair - begin + lost, int(away[pair].argmax())
+        when = f"step {step}" if data.dt is None else f"{step * data.dt:.6g} s"
+        value = f" ({data.state_names[most]} = {read[pair, most]:.6g})" if odd else ""
+        found.append(f"{'about ' if lost else ''}{when} of data[{runs[pair]}]{value}")
+    return ", ".join(found) + (f" and {len(pairs) - 5} more" if len(pairs) > 5 else "")
+
+
 def sentence(name: str, test: Tested, model: Any) -> str:
     """A failed test in words, with its cure."""
     names, window, at = model.outputs, model.window, test.at.tolist()
@@ -256,7 +279,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         most = f" of {show.listed([names[i] for i in largest])}"
     part = "the halves of the data have models of their own"
     if at:
-        which = f"run {first}" if len(at) == 1 else f"part {first + 1} of {at[1]}"
+        which = f"the run data[{first}]" if len(at) == 1 else f"part {first + 1} of {at[1]}"
         part = f"{which} has a model of its own"
     key = name
     if window is not None and name == "memory":
@@ -267,7 +290,7 @@ def sentence(name: str, test: Tested, model: Any) -> str:
         share=f"{show.two(100 * test.share)} % of the variance",
         percent=show.two(100 * test.share),
         most=most,
-        rows=", ".join(map(str, at[:5])) + (f" and {len(at) - 5} more" if len(at) > 5 else ""),
+        rows="" if name not in OF_ROWS else _places(model.data, at, name == "spikes"),
         count=len(at),
         state=state,
         jump=f"{test.share:.4g}",

@@ -41,7 +41,7 @@ from .pilot import refuse as refuse_pilot
 from .region import METHODS, Method, Region, Wish, entered, of_core, region_of, said, withheld
 from .region import directions as spanned_by
 from .region import refuse as refuse_region
-from .window import Loop, Regressors, assumed, of_names, rows_of
+from .window import Loop, Regressors, assumed, complete, of_names, rows_of
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -370,7 +370,30 @@ class Model(SavedRecord, Fitted):
         assert log is not None
         about = self.regressors.core, self.first, self.window is not None, self.pilot is not None
         declared = self._plain, self._tested_rows, self.assumptions.declared
-        return tests.by_name(_core.log_tests(log, whole, *about, *declared))
+        found = tests.by_name(_core.log_tests(log, whole, *about, *declared))
+        if self.window is not None:
+            jumps = self._jumps()
+            if jumps and "spikes" not in found:
+                found = {name: test for name, test in found.items() if name != "wrap"} | jumps
+        return found
+
+    def _jumps(self) -> dict[str, Tested]:
+        """Readings that jump and stay no part of the fit: those of the first part, which tells the
+        window and the scale, and those that filters remember, by a model of lags.
+        """
+        own, data, threads = self.regressors, self.data, get_num_threads()
+        if own.pole is not None:
+            own = trusted(Regressors, own.outputs, own.inputs, 3, None, own.delay, own.intercept)
+        end = self.first if own is self.regressors else data.size
+        rows, at = complete(own, data)
+        rows = rows[: int(np.searchsorted(at, end))]
+        if len(rows) < 3 * own.length:
+            return {}
+        fitted = _core.fit(_core.triangle(rows, threads), own.length, len(rows), threads)
+        log = data.rows[:end], data.layout.places()[:end], data.layout.runs()[:end]
+        about = None, own.core, 0, True, False, fitted, self._tested_rows
+        tested = tests.by_name(_core.log_tests(log, *about, self.assumptions.declared))
+        return {name: tested[name] for name in ("spikes",) if name in tested}
 
     @property
     def _tested_rows(self) -> list[int]:
@@ -398,6 +421,13 @@ class Model(SavedRecord, Fitted):
         -------
         Checks or None
             None with too few pairs.
+
+        Raises
+        ------
+        InputError, InputTypeError
+            If `draws` is not a whole number > 0.
+        SeedError
+            If `rng` cannot be used.
 
         Examples
         --------

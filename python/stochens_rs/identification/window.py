@@ -157,6 +157,11 @@ class Regressors(Record):
             ``z = J (x; u)``, ``x+ = [A B] (x; u) + G w``; with intercept one more column each, for
             1 behind u.
 
+        Raises
+        ------
+        InputError, InputTypeError
+            If `Theta` has another shape or is no matrix of finite numbers.
+
         Examples
         --------
         >>> import numpy as np, stochens_rs as se

@@ -12,8 +12,8 @@ import numpy as np
 
 from .. import _core
 from .._base import running, validation
-from .._base.names import Labels, default_labels, titled, weight
-from .._base.reading import shown_labels
+from .._base.names import Labels, default_labels, weight
+from .._base.reading import shown_labels, titled
 from .._base.records import Record, require_shapes, trusted
 from .._base.running import get_num_threads
 from .._base.types import ROUNDING, Floats, NDArray, Status

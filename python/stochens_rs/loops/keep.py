@@ -60,7 +60,21 @@ class Kept:
         self.reset()
 
     def reset(self) -> None:
-        """Begin anew: the next call is the first one."""
+        """Begin anew: the next call is the first one.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> model = se.identify(data, noise=0.1)
+        >>> keep = se.Keep(se.gain(model, 1.0, 1.0), calls=20)
+        >>> loop = se.regulate(model, 5, limits=(-1.0, 1.0), keep=keep)
+        >>> u = loop([0.1])
+        >>> loop.kept.reset()
+        >>> loop.kept.since, loop.kept.model.tolist()
+        (0, [0.0, 0.0])
+        """
         self._model = np.zeros(len(self.low))
         self._start: Floats | None = None
         self._plan: Floats | None = None
@@ -110,6 +124,26 @@ class Kept:
         -------
         Task
             The same within limits that are tighter by `tightening`.
+
+        Raises
+        ------
+        SolverError
+            If the margins leave no room between two limits.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> model = se.identify(data, noise=0.1)
+        >>> keep = se.Keep(se.gain(model, 1.0, 1.0), calls=20)
+        >>> loop = se.regulate(model, 5, limits=(-1.0, 1.0), keep=keep)
+        >>> from stochens_rs.limits.problem import Task
+        >>> one, far = np.eye(1), np.ones((5, 1))
+        >>> task = Task(-far, far, one, one, reference=0.0 * far)
+        >>> loop.kept.tightened(task).high[:2].round(3)
+        array([[1.   ],
+               [0.896]])
         """
         model, noise, n = self.model, self.noise, task.reference.shape[1]
         off = model + noise
@@ -150,6 +184,19 @@ class Kept:
         ------
         SolverError
             If no plan was accepted yet.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> model = se.identify(data, noise=0.1)
+        >>> keep = se.Keep(se.gain(model, 1.0, 1.0), calls=20)
+        >>> loop = se.regulate(model, 5, limits=(-1.0, 1.0), keep=keep)
+        >>> found = np.zeros((5, 1)), "optimal", 0.0  # no input at all
+        >>> plan, u, status, gap = loop.kept.choose(np.array([0.01]), found, lambda: found, np.inf)
+        >>> u.tolist(), status
+        ([0.0], 'optimal')
         """
         plan, status, gap = found
         first = self._plan is None

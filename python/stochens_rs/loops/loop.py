@@ -205,7 +205,7 @@ class ControlLoop(Durable, Generic[Entry]):
             sizes = sizes | {f"ALARM_{one}": count for one, count in counts}
             tables = tables | {f"alarm_{one}": values for one, values in numbers}
             how = f"{name}_look(&alarm, y, the inputs that acted since the last call)"
-            about = about | {"alarm": f"{repr(self.watch)[8:-1]}; {how}"}
+            about = about | {"alarm": f"{self.watch.statement}; {how}"}
         write(path, name, parts, sizes, tables, about)
 
     def _begin(self) -> None:

@@ -184,7 +184,10 @@ class ReadingLoop(ControlLoop[Reading]):
         gain = system if isinstance(system, Loop) else None
         model = system.model if isinstance(system, Loop) else system
         if not isinstance(model, Model) or model.window is None:
-            raise InputError("`offset_free` is for models of outputs and loops of them")
+            raise InputError(
+                "`offset_free` must be left out for a model of states: pass what was read as "
+                "outputs=, and identify(data, window=)"
+            )
         if offset_free is None:
             raise InputError(
                 "`offset_free` must be given for a model of outputs: True where a constant "
@@ -425,6 +428,20 @@ class ReadingLoop(ControlLoop[Reading]):
         ------
         InputError, InputTypeError
             If the record does not fill the window.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(3)
+        >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+        >>> for t in range(1, 199):
+        ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+        >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+        >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+        >>> loop.start(([[0.2], [0.1]], [[0.0]])).round(2)
+        array([-0.02])
+        >>> loop.full
+        True
         """
         started = perf_counter()
         with self._turn():
@@ -807,6 +824,18 @@ class ReadingLoop(ControlLoop[Reading]):
         ``u = K x + F e + constant``, ``F = T_u - K T_x``, T what one unit of e adds to the inputs
         and the window that hold the set point, and ``e+ = e + L (y - y^)``. The error of a sensor
         is never removed.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(3)
+        >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+        >>> for t in range(1, 199):
+        ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+        >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+        >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+        >>> loop.certificate(0.05).status
+        'certified'
         """
         if not isinstance(self._policy, np.ndarray):
             raise InputError(
@@ -856,6 +885,19 @@ class ReadingLoop(ControlLoop[Reading]):
         -----
         ``u = ub + K (x - xb) + F (e - eb)`` about the centre (xb, eb) under the same targets: their
         feed-forward is a function of the targets alone.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> rng = np.random.default_rng(3)
+        >>> y, u = np.zeros((200, 1)), rng.standard_normal((199, 1))
+        >>> for t in range(1, 199):
+        ...     y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
+        >>> model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+        >>> loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
+        >>> u = loop.start(([[0.2], [0.1]], [[0.0]]))
+        >>> loop.tube(20).radii[:2].round(2)
+        array([0.  , 0.01])
         """
         proof, now = self.certificate(delta), self._window.now
         if now is None or not now[1] or not self._runs:
@@ -875,7 +917,9 @@ class ReadingLoop(ControlLoop[Reading]):
             u = self._policy @ (x - xs) + self._forward[min(k, last)] + us + more * by**k
         return proof.tube(first, K, inputs=inputs, noise=noise)
 
-    def to_c(self, path: Any, *, name: str = "controller") -> None:
+    def to_c(
+        self, path: Any, *, name: str = "controller", proof: LoopCertificate | None = None
+    ) -> None:
         """Write the loop as one C99 header, as it is now: with its target, and an empty window.
 
         Parameters
@@ -885,12 +929,16 @@ class ReadingLoop(ControlLoop[Reading]):
         name : str, default "controller"
             What its names begin with: ``controller_start(&s)``, then ``controller_step(&s, y, u)``
             with the readings y, nan where one is missing. Between two calls ``s.target`` can be
-            set, and ``s.applied`` to the input that acted if it was not u.
+            set, to one number for each reading in their order, of which those of free outputs do
+            nothing, and ``s.applied`` to the input that acted if it was not u.
+        proof : LoopCertificate, optional
+            Of a loop with a gain: its sentence stands in the head. Default: `certificate` at 5 %.
 
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used; or the loop has measured inputs, targets to come, a free
+            If an argument cannot be used, or the proof is of another gain, or of a loop
+            that plans; or the loop has measured inputs, targets to come, a free
             output that integrates, or limits of outputs.
 
         Examples
@@ -915,11 +963,11 @@ class ReadingLoop(ControlLoop[Reading]):
         law, part = {"law": "u = us + K (x - xs), x the window"}, ["policy_gain"]
         sizes, tables, about = {"N": model.n, "M": model.m}, {"K": self._policy}, law
         if isinstance(self._policy, np.ndarray):
-            proof = self.certificate()
-            about |= sentence(proof.K, proof)
+            certified = self.certificate()
+            about |= sentence(certified.K, certified if proof is None else proof)
         else:
             sizes, tables, about = condensed(self._policy, *self._system[:2])
-            part, about = ["horizon", "policy_plan"], about | sentence(None, None)
+            part, about = ["horizon", "policy_plan"], about | sentence(None, proof)
         tables |= {"far": MOVED * (self._high - self._low), "most_rate": self._rate}
         counts, numbers = self._window.tables()
         none, own = np.zeros(model.n_outputs), np.zeros(model.m)

@@ -294,5 +294,5 @@ def draw_misses(
     ax.axhline(threshold, color=look.ink, linestyle="--", linewidth=1, label=named)
     style.add_labels(ax, "share of the units", "miss")
     ax.set_ylim(bottom=0.0)
-    style.add_key(ax, loc="center left")
+    style.add_key(ax, loc="best")
     return ax

@@ -139,6 +139,13 @@ class Results(Record):
         ------
         ImportError
             If xarray is not installed (extra ``tables``).
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> study = se.Study(lambda key, a: {"x": 2.0 * a}, {"a": [1, 2]}, replicates=2, rng=1)
+        >>> dict(study.run().to_xarray().sizes)
+        {'a': 2, 'replicate': 2}
         """
         with extra("data sets need xarray", "tables"):
             import xarray
@@ -171,6 +178,15 @@ class Results(Record):
             If it is no path, or has another ending.
         ImportError
             If the packages for netCDF are not installed (extra ``tables``).
+
+        Examples
+        --------
+        >>> import pathlib, tempfile, stochens_rs as se
+        >>> study = se.Study(lambda key, a: {"x": 2.0 * a}, {"a": [1, 2]}, replicates=2, rng=1)
+        >>> path = pathlib.Path(tempfile.mkdtemp()) / "table.csv"
+        >>> study.run().save(path)
+        >>> path.read_text().split()[:2]
+        ['a,replicate,x', '1,0,2.0']
         """
         checked = Path(files.checked_path("path", path))
         suffix = validation.choice("path suffix", checked.suffix, SUFFIXES)

@@ -159,6 +159,14 @@ class Study:
             If the file cannot be written.
         ResourceError
             If the numbers need more memory than there is.
+
+        Examples
+        --------
+        >>> import concurrent.futures, stochens_rs as se
+        >>> study = se.Study(lambda key, a: {"x": 2.0 * a}, {"a": [1, 2]}, replicates=2, rng=1)
+        >>> with concurrent.futures.ThreadPoolExecutor(2) as threads:
+        ...     study.run(threads)
+        <Results: x of 2 a x 2 replicates, completed: 4 of 4 ran>
         """
         if self._function is None:
             raise InputError("`function` must be given: Study.resume(path, function)")
@@ -316,6 +324,18 @@ class Study:
             what differs.
         InputError
             If `path` exists.
+
+        Examples
+        --------
+        >>> import tempfile, pathlib, stochens_rs as se
+        >>> folder = pathlib.Path(tempfile.mkdtemp())
+        >>> def noise(key):
+        ...     return {"x": key.generator().normal()}
+        >>> for part in (range(0, 3), range(3, 5)):  # on two machines
+        ...     study = se.Study(noise, {}, replicates=part, rng=1)
+        ...     found = study.run(path=folder / f"{part.start}.study")
+        >>> se.Study.merge([folder / "0.study", folder / "3.study"]).results
+        <Results: x of 5 replicates, completed: 5 of 5 ran>
         """
         checked = [files.checked_path("paths", one) for one in validation.items("paths", paths)]
         if not checked:

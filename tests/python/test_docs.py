@@ -9,6 +9,7 @@ import inspect
 import pkgutil
 import re
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -400,6 +401,7 @@ def test_rig_script_compares_and_draws(tmp_path, monkeypatch, capsys):
     monkeypatch.syspath_prepend(script.parent)
     spec.loader.exec_module(module)
     monkeypatch.setattr(module, "SIZES", (20, 50))
+    monkeypatch.setattr(module, "which_number", partial(module.which_number, sets=5))
     monkeypatch.setattr(sys, "argv", ["rig.py", "--seeds", "1", "--images", str(tmp_path / "a")])
     module.main()
     printed = capsys.readouterr().out

@@ -83,7 +83,7 @@ def test_regions_with_feedback_and_without(delta: float) -> None:
 @pytest.mark.parametrize("name", ["rig", *FAMILIES])
 def test_certificates_of_all_families(name: str, delta: float) -> None:
     plant = {**FAMILIES, "rig": rig()}[name]
-    many, some, few = sets(400, 30), sets(200, 20), sets(100, 10)
+    many, some, few = sets(400, 20), sets(200, 14), sets(100, 8)
     for runs in (10, 60):
         assert max(failures(plant, runs, many, delta)) <= most(many, delta)
     assert max(failures(plant, 20, some, delta, noise=True)) <= most(some, delta)

@@ -94,7 +94,7 @@ class Ball:
                 trial = G + step * rng.standard_normal(G.shape)
                 trial /= max(np.linalg.norm(trial, 2), 1e-12)
                 Theta = self.C + self.rho * self.D @ trial @ self.W
-                size = max(radius(one) for one in loops(Theta))
+                size = radius(np.array(loops(Theta)))
                 if size > best:
                     best, G = size, trial
         return best

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 import stochens_rs as se
@@ -65,6 +67,11 @@ class Arx:
     def data(self, count, steps, rng):
         y, u = self.runs(count, steps, rng)
         return se.Trajectories(list(y), list(u), outputs=True)
+
+    def model(self, count, steps, rng):
+        """Least squares of such runs over as many lags."""
+        window = se.Window(lags=self.lags)
+        return se.identify(self.data(count, steps, rng), checks=False, window=window)
 
 
 class Rig:
@@ -173,3 +180,12 @@ class Belt:
             u.append(acted[:-1])
         names = {"state_names": ["phi", "load"], "input_names": ["amps"]}
         return se.Trajectories(y, u, dt=0.004, outputs=True, **names)
+
+
+@cache
+def regulated_belt():
+    """The belt, a model of runs of it, and a gain."""
+    plant = Belt()
+    data = plant.data(8, np.random.default_rng(1))
+    model = se.identify(data, accept="memory", checks=False, window=se.Window(filters=(0.6, 4)))
+    return plant, model, se.gain(model, [100.0, 1.0], 1.0)

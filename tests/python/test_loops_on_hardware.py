@@ -12,7 +12,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from hidden_outputs import Arx, Belt
+from hidden_outputs import Arx, regulated_belt
 from stochens_rs.exceptions import (
     InputError,
     InputTypeError,
@@ -29,10 +29,7 @@ TAKEN = "rejected 3 times, and so no false reading: now taken for true"
 
 @pytest.fixture(scope="module")
 def belt():
-    plant = Belt()
-    data = plant.data(8, np.random.default_rng(1))
-    model = se.identify(data, accept="memory", checks=False, window=se.Window(filters=(0.6, 4)))
-    return plant, model, se.gain(model, [100.0, 1.0], 1.0)
+    return regulated_belt()
 
 
 @pytest.fixture(scope="module")
@@ -177,9 +174,7 @@ def test_true_readings_pass_the_gate_as_often_as_said(monkeypatch):
     for seed in range(8):
         rng = np.random.default_rng([11, seed])
         system = Arx(rng)
-        model = se.identify(
-            system.data(14, 50, rng), checks=False, window=se.Window(lags=system.lags)
-        )
+        model = system.model(14, 50, rng)
         own, J, window = gate.gate_of(model), model.loop.J, model.window
         centre = model.region(0.05, method="mixture").centre
         for noise in rejected:

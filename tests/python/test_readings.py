@@ -21,9 +21,7 @@ def arx(seed, runs=14, steps=50):
     """A system, a model of it, a record, and the source of its noise."""
     rng = np.random.default_rng([7, seed])
     system = Arx(rng)
-    model = se.identify(
-        system.data(runs, steps, rng), checks=False, window=se.Window(lags=system.lags)
-    )
+    model = system.model(runs, steps, rng)
     return system, model, system.run(20, rng), rng
 
 

@@ -13,7 +13,7 @@ import pytest
 import stochens_rs as se
 from core_regions import ball
 from coverage_study import most, sets
-from hidden_outputs import Arx, Belt
+from hidden_outputs import Arx, regulated_belt
 from stochens_rs import _core
 from stochens_rs.controls.set_point import rest_at
 from stochens_rs.exceptions import InputError, InputTypeError, SolverError
@@ -162,9 +162,7 @@ def test_true_points_of_rest_are_not_refused():
         if system.p <= system.m:
             continue
         count += 1
-        model = se.identify(
-            system.data(14, 50, rng), checks=False, window=se.Window(lags=system.lags)
-        )
+        model = system.model(14, 50, rng)
         A, B = system.A.sum(axis=0), system.B.sum(axis=0)
         y = np.linalg.lstsq(np.eye(system.p) - A, B @ np.ones(system.m), rcond=None)[0]
         away = np.linalg.svd(np.hstack([np.eye(system.p) - A, -B]))[0][:, -1] * np.linalg.norm(y)
@@ -184,9 +182,7 @@ def test_the_true_system_rests_where_it_is_said():
     for seed in range(sets(200, 40)):
         rng = np.random.default_rng([40, seed])
         system = Arx(rng)
-        model = se.identify(
-            system.data(8, 50, rng), checks=False, window=se.Window(lags=system.lags)
-        )
+        model = system.model(8, 50, rng)
         chosen = rng.permutation(system.p)[: system.m]
         target = {model.outputs[i]: float(rng.standard_normal()) for i in chosen}
         loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target=target)
@@ -235,9 +231,7 @@ def test_held_outputs_are_exact_on_any_plant():
     for seed in range(count):
         rng = np.random.default_rng([41, seed])
         system = Arx(rng)
-        model = se.identify(
-            system.data(6, 50, rng), checks=False, window=se.Window(lags=system.lags)
-        )
+        model = system.model(6, 50, rng)
         system.A = system.A * (1.0 + 0.03 * rng.standard_normal(system.A.shape))
         system.B = system.B * (1.0 + 0.03 * rng.standard_normal(system.B.shape))
         chosen = rng.permutation(system.p)[: system.m]
@@ -261,10 +255,7 @@ def test_held_outputs_are_exact_on_any_plant():
 
 @pytest.fixture(scope="module")
 def belt():
-    plant = Belt()
-    data = plant.data(8, np.random.default_rng(1))
-    model = se.identify(data, accept="memory", checks=False, window=se.Window(filters=(0.6, 4)))
-    return plant, model, se.gain(model, [100.0, 1.0], 1.0)
+    return regulated_belt()
 
 
 def test_a_target_by_name(belt):

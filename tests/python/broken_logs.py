@@ -135,6 +135,7 @@ def logged(
     law: Callable[[Array, Array], Array] = lambda e, y: e,
     ahead: float = 0.0,
     system: Callable[[int], tuple[Array, Array]] | None = None,
+    last: bool = False,
     **how: Any,
 ) -> Log:
     """Runs of a plant.
@@ -161,7 +162,7 @@ def logged(
         A, B = (plant.A, plant.B) if system is None else system(k)
         x = x @ A.T + acting @ B.T + e @ plant.G.T
     y_all, u_all = np.array(y_all).swapaxes(0, 1), np.array(u_all).swapaxes(0, 1)
-    return Log(y_all, u_all[:, :-1], how, motor=motor, dead=dead)
+    return Log(y_all, u_all[:, :-1], how, last, motor=motor, dead=dead)
 
 
 # -- what follows from a log -----------------------------------------------------------------------
@@ -272,6 +273,27 @@ def fault(
 def clean(plant: Plant, gen: Generator) -> Log:
     """A log without a fault."""
     return logged(plant, gen)
+
+
+def last_pairs(plant: Plant, gen: Generator, **how: Any) -> Log:
+    """The last pairs of 60 runs."""
+    return logged(plant, gen, 60, 5, last=True, design="independent", **how)
+
+
+def of_readings(*sizes: Any) -> Any:
+    """A fault of a clean log: ``spoil(y, spread, size, gen)`` in place."""
+
+    def add(spoil: Any) -> Any:
+        def make(plant: Plant, gen: Generator, size: Any) -> Log:
+            log = clean(plant, gen)
+            y = log.y.copy()
+            spoil(y, spread(log), size, gen)
+            return changed(log, y)
+
+        make.__name__, make.__doc__ = spoil.__name__, spoil.__doc__
+        return fault(*sizes)(make)
+
+    return add
 
 
 def changed(log: Log, y: Any = None, u: Any = None) -> Log:
@@ -446,77 +468,58 @@ def noisy_readings(plant, gen, size):
     return changed(log, log.y + size * plant.noise * gen.standard_normal(log.y.shape))
 
 
-@fault(0.3, 1.0, 5.0)
-def spikes(plant, gen, size):
+@of_readings(0.3, 1.0, 5.0)
+def spikes(y, spread, size, gen):
     """One reading in 600 is off, in deviations of the readings."""
-    log = logged(plant, gen)
-    y = log.y.copy()
-    y[gen.integers(6), gen.integers(20, 80), 0] += size * spread(log)[0]
-    return changed(log, y)
+    y[gen.integers(6), gen.integers(20, 80), 0] += size * spread[0]
 
 
-@fault(3.0, 2.0, 1.0)
-def wrapped_angle(plant, gen, range_):
+@of_readings(3.0, 2.0, 1.0)
+def wrapped_angle(y, spread, range_, gen):
     """A reading is that of an angle: it jumps from one end of its range to the other."""
-    log = logged(plant, gen)
-    y, half = log.y.copy(), range_ * spread(log)[-1]
+    half = range_ * spread[-1]
     y[..., -1] = (y[..., -1] + half) % (2 * half) - half
-    return changed(log, y)
 
 
-@fault(2.5, 1.5, 0.7)
-def clipped_sensor(plant, gen, range_):
+@of_readings(2.5, 1.5, 0.7)
+def clipped_sensor(y, spread, range_, gen):
     """A reading stays at the end of its range."""
-    log = logged(plant, gen)
-    y, end = log.y.copy(), range_ * spread(log)[0]
+    end = range_ * spread[0]
     y[..., 0] = np.clip(y[..., 0], -end, end)
-    return changed(log, y)
 
 
-@fault(12, 8, 5)
-def few_bits(plant, gen, bits):
+@of_readings(12, 8, 5)
+def few_bits(y, spread, bits, gen):
     """Readings of few bits over six deviations."""
-    log = logged(plant, gen)
-    step = 6 * spread(log) / 2**bits
-    return changed(log, np.round(log.y / step) * step)
+    step = 6 * spread / 2**bits
+    y[:] = np.round(y / step) * step
 
 
-@fault(0.1, 0.5, 0.9)
-def filtered_readings(plant, gen, pole):
+@of_readings(0.1, 0.5, 0.9)
+def filtered_readings(y, spread, pole, gen):
     """Readings behind a low-pass filter."""
-    log = logged(plant, gen)
-    y = log.y.copy()
     for k in range(1, y.shape[1]):
         y[:, k] = pole * y[:, k - 1] + (1 - pole) * y[:, k]
-    return changed(log, y)
 
 
-@fault(0.1, 0.5, 0.9)
-def one_filtered_reading(plant, gen, pole):
+@of_readings(0.1, 0.5, 0.9)
+def one_filtered_reading(y, spread, pole, gen):
     """One of the readings behind a low-pass filter."""
-    log = logged(plant, gen)
-    y = log.y.copy()
     for k in range(1, y.shape[1]):
         y[:, k, -1] = pole * y[:, k - 1, -1] + (1 - pole) * y[:, k, -1]
-    return changed(log, y)
 
 
-@fault(3, 15, 60)
-def stuck_sensor(plant, gen, rows):
+@of_readings(3, 15, 60)
+def stuck_sensor(y, spread, rows, gen):
     """A reading is repeated for a while."""
-    log = logged(plant, gen)
-    y, run, at = log.y.copy(), gen.integers(6), gen.integers(5, 30)
+    run, at = gen.integers(6), gen.integers(5, 30)
     y[run, at : at + rows, 0] = y[run, at, 0]
-    return changed(log, y)
 
 
-@fault(0.1, 1.0, 5.0)
-def drifting_sensor(plant, gen, size):
+@of_readings(0.1, 1.0, 5.0)
+def drifting_sensor(y, spread, size, gen):
     """A reading drifts over each run, in its deviations."""
-    log = logged(plant, gen)
-    y = log.y.copy()
-    y[..., 0] += size * spread(log)[0] * np.linspace(0, 1, 101)
-    return changed(log, y)
+    y[..., 0] += size * spread[0] * np.linspace(0, 1, 101)
 
 
 @fault(1, 2, 5)
@@ -528,13 +531,10 @@ def late_sensor(plant, gen, rows):
     return changed(log, y, log.u[:, rows:])
 
 
-@fault(1.02, 1.5, 1000.0)
-def changed_units(plant, gen, factor):
+@of_readings(1.02, 1.5, 1000.0)
+def changed_units(y, spread, factor, gen):
     """The unit of a reading is another one in the second half of the log."""
-    log = logged(plant, gen)
-    y = log.y.copy()
     y[3:, :, -1] *= factor
-    return changed(log, y)
 
 
 @fault(1 / 50, 1 / 6, 1 / 2)
@@ -596,11 +596,7 @@ def interpolated(plant, gen, shift):
 @fault(0.1, 0.5, 1.0)
 def same_file_twice(plant, gen, share):
     """A part of the runs is handed over twice."""
-    if plant.lags is not None:
-        log = logged(plant, gen)
-    else:
-        log = logged(plant, gen, 60, 5, design="independent")
-        log.last = True
+    log = last_pairs(plant, gen) if plant.lags is None else logged(plant, gen)
     log.twice = share
     return log
 
@@ -611,17 +607,13 @@ def same_file_twice(plant, gen, share):
 @fault(0.9, 0.6, 1 / 3)
 def declared_covariance(plant, gen, part):
     """The declared noise is this part of the true one; 30 pilot runs where there are states."""
-    how: dict[str, Any] = {"covariance": part**2 * np.diag(plant.noise**2)}
-    return logged(plant, gen, **how)
+    return logged(plant, gen, covariance=part**2 * np.diag(plant.noise**2))
 
 
 @fault(0.9, 0.6, 1 / 3, plants=STATES)
 def declared_covariance_of_last_pairs(plant, gen, part):
     """The same of the last pairs of 60 runs."""
-    how: dict[str, Any] = {"covariance": part**2 * np.diag(plant.noise**2)}
-    log = logged(plant, gen, 60, 5, design="independent", **how)
-    log.last = True
-    return log
+    return last_pairs(plant, gen, covariance=part**2 * np.diag(plant.noise**2))
 
 
 @fault(1, 2, 3)
@@ -634,11 +626,7 @@ def declared_delay(plant, gen, steps):
 def scalar_covariance(plant, gen, ratio):
     """covariance="scalar", but the noises of two states differ by this factor."""
     sizes = plant.noise[0] * np.where(np.arange(len(plant.A)) % 2, ratio, 1.0)
-    log = logged(
-        plant._replace(G=np.diag(sizes)), gen, 60, 5, design="independent", covariance="scalar"
-    )
-    log.last = True
-    return log
+    return last_pairs(plant._replace(G=np.diag(sizes)), gen, covariance="scalar")
 
 
 @fault(0.2, 0.6, 0.95, plants=STATES)
@@ -646,27 +634,19 @@ def diagonal_covariance(plant, gen, correlation):
     """covariance="diagonal", but the noises have this correlation."""
     n = len(plant.A)
     root = np.linalg.cholesky(np.eye(n) + correlation * (1 - np.eye(n)))
-    log = logged(
-        plant._replace(G=plant.G @ root), gen, 60, 5, design="independent", covariance="diagonal"
-    )
-    log.last = True
-    return log
+    return last_pairs(plant._replace(G=plant.G @ root), gen, covariance="diagonal")
 
 
 @fault(1, 2, 3, plants=STATES)
 def dead_time_of_last_pairs(plant, gen, steps):
     """Last pairs of runs whose inputs act some steps later."""
-    log = logged(plant, gen, 60, 5, dead=steps, design="independent")
-    log.last = True
-    return log
+    return last_pairs(plant, gen, dead=steps)
 
 
 @fault(0.2, 0.5, 0.8, plants=STATES)
 def hidden_motor_of_last_pairs(plant, gen, pole):
     """Last pairs of runs whose actuator has a lag that is not measured."""
-    log = logged(plant, gen, 60, 5, motor=pole, design="independent")
-    log.last = True
-    return log
+    return last_pairs(plant, gen, motor=pole)
 
 
 @fault(3.0, 2.0, 1.0, plants=STATES)

@@ -44,7 +44,7 @@ class Controller:
         source.write_text(DRIVER.format(name=name, **fields))
         library = header.with_name(f"{name}{'f' if single else ''}.so")
         how = [f"-D{name.upper()}_FLOAT"] if single else []
-        command = [compiler() or "gcc", *FLAGS, "-O1", *how, *(more or []), "-fPIC", "-shared"]
+        command = [compiler() or "gcc", *FLAGS, *how, *(more or []), "-fPIC", "-shared"]
         made = subprocess.run(
             [*command, str(source), "-o", str(library), "-lm"], capture_output=True, text=True
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 import stochens_rs as se
@@ -37,22 +39,39 @@ class Arx:
             y.append(mean + noise * self.L @ rng.standard_normal(self.p))
         return np.array(y[len(y) - K :])
 
-    def run(self, steps, rng):
-        """Readings (steps + 1, p) and inputs (steps, m), with a saturated feedback and dither."""
-        y = [rng.standard_normal(self.p) for _ in range(self.lags)]
-        u = [rng.standard_normal(self.m) for _ in range(self.lags - 1)]
-        while len(y) <= steps:
-            v = np.clip(self.K @ y[-1], -1.0, 1.0) + rng.standard_normal(self.m)
-            u.append(v)
-            y.append(
-                sum(self.A[i] @ y[-1 - i] + self.B[i] @ u[-1 - i] for i in range(self.lags))
-                + self.L @ rng.standard_normal(self.p)
-            )
-        return np.array(y), np.array(u)
+    def runs(self, count, steps, rng):
+        """Readings (count, steps + 1, p) and inputs (count, steps, m): saturated feedback, dither.
 
-    def data(self, runs, steps, rng):
-        y, u = zip(*(self.run(steps, rng) for _ in range(runs)), strict=True)
+        All runs advance together; each takes its numbers from `rng` behind those of the last.
+        """
+        p, m, lags = self.p, self.m, self.lags
+        ends = np.cumsum([lags * p, (lags - 1) * m])
+        z = rng.standard_normal((count, ends[1] + (steps + 1 - lags) * (m + p)))
+        y, u = np.zeros((count, steps + 1, p)), np.zeros((count, steps, m))
+        y[:, :lags] = z[:, : ends[0]].reshape(count, lags, p)
+        u[:, : lags - 1] = z[:, ends[0] : ends[1]].reshape(count, lags - 1, m)
+        later = z[:, ends[1] :].reshape(count, -1, m + p)
+        for t in range(lags, steps + 1):
+            dither, noise = np.split(later[:, t - lags], [m], axis=1)
+            u[:, t - 1] = np.clip(y[:, t - 1] @ self.K.T, -1.0, 1.0) + dither
+            y[:, t] = noise @ self.L.T
+            for i in range(lags):
+                y[:, t] += y[:, t - 1 - i] @ self.A[i].T + u[:, t - 1 - i] @ self.B[i].T
+        return y, u
+
+    def run(self, steps, rng):
+        """One of `runs`."""
+        (y,), (u,) = self.runs(1, steps, rng)
+        return y, u
+
+    def data(self, count, steps, rng):
+        y, u = self.runs(count, steps, rng)
         return se.Trajectories(list(y), list(u), outputs=True)
+
+    def model(self, count, steps, rng):
+        """Least squares of such runs over as many lags."""
+        window = se.Window(lags=self.lags)
+        return se.identify(self.data(count, steps, rng), checks=False, window=window)
 
 
 class Rig:
@@ -84,26 +103,32 @@ class Rig:
         y.append(x[:2] + noise * self.noise * rng.standard_normal(2))
         return np.array(y), np.array(u)[:, None]
 
-    def logger(self, rng):
-        """A feedback from filtered differences, with a dither of 1 N."""
-        before, v = None, np.zeros(2)
+    def logger(self, dither):
+        """A feedback from filtered differences, with a ``dither()`` of 1 N; runs may lead."""
+        before, v = None, 0.0
 
         def act(y):
             nonlocal before, v
-            if before is not None:
-                v = 0.6 * v + 0.4 * (y - before) / 0.02
+            v = np.zeros_like(y) if before is None else 0.6 * v + 0.4 * (y - before) / 0.02
             before = y
-            known = 1.5 * y[0] + 28.0 * y[1] + 2.6 * v[0] + 5.0 * v[1]
-            return np.clip(known + rng.standard_normal(), -10.0, 10.0)
+            known = np.concatenate([y, v], axis=-1) @ [1.5, 28.0, 2.6, 5.0]
+            return np.clip(known + dither(), -10.0, 10.0)
 
         return act
 
     def data(self, runs, rng, steps=150):
-        """Logged runs."""
-        starts = rng.standard_normal((runs, 4)) * [0.05, 0.02, 0.05, 0.05]
-        made = [self.simulate(self.logger(rng), steps, rng, x0) for x0 in starts]
+        """Logged runs, which advance together; each draws behind the last."""
+        x = rng.standard_normal((runs, 4)) * [0.05, 0.02, 0.05, 0.05]
+        z = rng.standard_normal((runs, 4 * steps + 2))
+        dithers = iter(z[:, 2:-2:4].T)
+        act = self.logger(lambda: next(dithers))
+        y, u = np.zeros((runs, steps + 1, 2)), np.zeros((runs, steps, 1))
+        for t in range(steps + 1):
+            y[:, t] = x[:, :2] + self.noise * z[:, 4 * t : 4 * t + 2]
+            if t < steps:
+                u[:, t, 0] = act(y[:, t])
+                x = x @ self.A.T + (u[:, t] + 0.02 * z[:, 4 * t + 3 : 4 * t + 4]) * self.B
         names = {"state_names": ["pos", "angle"], "input_names": ["force"]}
-        y, u = zip(*made, strict=True)
         return se.Trajectories(list(y), list(u), dt=0.02, outputs=True, **names)
 
 
@@ -155,3 +180,12 @@ class Belt:
             u.append(acted[:-1])
         names = {"state_names": ["phi", "load"], "input_names": ["amps"]}
         return se.Trajectories(y, u, dt=0.004, outputs=True, **names)
+
+
+@cache
+def regulated_belt():
+    """The belt, a model of runs of it, and a gain."""
+    plant = Belt()
+    data = plant.data(8, np.random.default_rng(1))
+    model = se.identify(data, accept="memory", checks=False, window=se.Window(filters=(0.6, 4)))
+    return plant, model, se.gain(model, [100.0, 1.0], 1.0)

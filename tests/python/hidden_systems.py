@@ -15,6 +15,16 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Draw = Callable[[np.random.Generator, int, int], tuple[Array, Array]]
 
+# a pendulum on a cart: A and B
+RIG = np.array(
+    [
+        [1, -0.0099, 0.1, -0.0003, 0.005],
+        [0, 1.0594, 0, 0.102, -0.005],
+        [0, -0.2001, 1, -0.0099, 0.1003],
+        [0, 1.2004, 0, 1.0594, -0.102],
+    ]
+)
+
 
 class HiddenSystem(NamedTuple):
     """``x(k+1) = A x(k) + B u(k)``: A of shape (n, n), B of shape (n, m)."""

@@ -183,18 +183,18 @@ def clean(gen, system):
     root = NOISE * hidden.NOISES["isotropic" if scalar else "correlated"](gen, n)
     grows = np.abs(np.linalg.eigvals(system.A)).max() > 1.01
     steps, count = int(gen.integers(3, 11 if grows else 40)), int(gen.integers(12, 40))
-    states, inputs, feedback = [], [], gen.random() < 0.6
-    for _ in range(count):
-        x, u = [gen.standard_normal(n)], gen.standard_normal((steps, m))
-        for acting in u:
-            if feedback:
-                acting[: min(n, m)] -= 0.1 * np.clip(x[-1][: min(n, m)], -1.0, 1.0)
-            x.append(system.A @ x[-1] + system.B @ acting + root @ gen.standard_normal(n))
-        states.append(np.array(x))
-        inputs.append(u)
+    feedback, least = gen.random() < 0.6, min(n, m)
+    start, u, w = np.split(gen.standard_normal((count, n + steps * (m + n))), [n, n + steps * m], 1)
+    u, w = u.reshape(count, steps, m), w.reshape(count, steps, n)
+    x = np.zeros((count, steps + 1, n))
+    x[:, 0] = start
+    for k in range(steps):
+        if feedback:
+            u[:, k, :least] -= 0.1 * np.clip(x[:, k, :least], -1.0, 1.0)
+        x[:, k + 1] = x[:, k] @ system.A.T + u[:, k] @ system.B.T + w[:, k] @ root.T
     true = [{}, {"sigma": NOISE}, {"covariance": "scalar"}, {"covariance": "diagonal"}]
     options = true[gen.integers(4)] if scalar else {}
-    data = of(states, inputs)
+    data = of(list(x), list(u))
     return [(data, options), (data.last_pairs(), EXACT)]
 
 

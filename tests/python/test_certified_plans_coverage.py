@@ -173,7 +173,7 @@ def test_noise_of_known_size_to_come(noise):
 
 def test_runs_must_not_be_declared_as_independent_pairs():
     """A random walk with offset: the certificate at the worst state and input fails too often."""
-    runs = sets(300, 120)
+    runs = sets(300, 80)
     true = np.hstack([np.eye(3), np.zeros((3, 2))])
 
     def case(gen):

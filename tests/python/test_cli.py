@@ -110,18 +110,10 @@ def test_failures_become_exit_codes(raised, code, monkeypatch, capsys):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="pipes differ")
 def test_a_reader_who_leaves_early_causes_no_traceback():
-    code = "import sys; from stochens_rs.cli import main; sys.exit(main(['doctor']))"
     read, write = os.pipe()
     os.close(read)
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", code],
-            stdout=write,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=60,
-            check=False,
-        )
+        done = run("doctor", stdout=write)
     finally:
         os.close(write)
     assert done.returncode == 5
@@ -132,14 +124,7 @@ def test_a_reader_who_leaves_early_causes_no_traceback():
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no full device")
 def test_a_full_disk_behind_standard_output_is_named():
     with open("/dev/full", "w") as full:
-        done = subprocess.run(
-            [sys.executable, "-m", "stochens_rs", "doctor"],
-            stdout=full,
-            stderr=subprocess.PIPE,
-            text=True,
-            timeout=60,
-            check=False,
-        )
+        done = run("doctor", stdout=full)
     assert done.returncode == 5
     assert done.stderr == ("stochens: cannot write to standard output: No space left on device\n")
 

@@ -9,6 +9,7 @@ import inspect
 import pkgutil
 import re
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -348,14 +349,18 @@ def test_the_search_for_names_sees_faults():
     assert missing_names(", ".join(f"`{name}`" for name in bad)) == bad
 
 
-def test_first_example_script_draws(tmp_path, monkeypatch):
+def script(name, monkeypatch):
+    """A program of docs/ as a module."""
     pytest.importorskip("matplotlib")
-    script = ROOT / "docs" / "first_example.py"
-    if not script.exists():
+    if not (ROOT / "docs" / f"{name}.py").exists():
         pytest.skip("not run from a checkout")
-    spec = importlib.util.spec_from_file_location("first_example", script)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
+    monkeypatch.syspath_prepend(ROOT / "docs")
+    monkeypatch.delitem(sys.modules, name, raising=False)
+    return importlib.import_module(name)
+
+
+def test_first_example_script_draws(tmp_path, monkeypatch):
+    module = script("first_example", monkeypatch)
     monkeypatch.setattr(module, "SIZE", 200)
     monkeypatch.setattr(module.sys, "argv", ["first_example.py", str(tmp_path / "a" / "b.png")])
     module.main()
@@ -365,16 +370,9 @@ def test_first_example_script_draws(tmp_path, monkeypatch):
 
 
 def test_rig_script_compares_and_draws(tmp_path, monkeypatch, capsys):
-    pytest.importorskip("matplotlib")
-    script = ROOT / "docs" / "rig.py"
-    if not script.exists():
-        pytest.skip("not run from a checkout")
-    spec = importlib.util.spec_from_file_location("rig", script)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "rig", module)
-    monkeypatch.syspath_prepend(script.parent)
-    spec.loader.exec_module(module)
+    module = script("rig", monkeypatch)
     monkeypatch.setattr(module, "SIZES", (20, 50))
+    monkeypatch.setattr(module, "which_number", partial(module.which_number, sets=5))
     monkeypatch.setattr(sys, "argv", ["rig.py", "--seeds", "1", "--images", str(tmp_path / "a")])
     module.main()
     printed = capsys.readouterr().out

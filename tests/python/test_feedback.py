@@ -11,6 +11,7 @@ import stochens_rs as se
 from core_regions import ball, white
 from coverage_study import sets
 from declarations import opts
+from hidden_systems import RIG
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, InputTypeError, NonFiniteError, SolverError
 from stochens_rs.feedback import LoopCertificate, Tube
@@ -20,15 +21,6 @@ CENTRE = np.array([[0.9, 0.2, 0.0], [-0.1, 0.8, 1.0]])
 V = np.array([[115.0, 41, -11], [41, 103, -11], [-11, -11, 99]])
 S = np.array([[0.45, 0.04], [0.04, 0.06]])
 K = np.array([[0.1, -0.5]])
-# a pendulum on a cart
-RIG = np.array(
-    [
-        [1, -0.0099, 0.1, -0.0003, 0.005],
-        [0, 1.0594, 0, 0.102, -0.005],
-        [0, -0.2001, 1, -0.0099, 0.1003],
-        [0, 1.2004, 0, 1.0594, -0.102],
-    ]
-)
 RIG_V, RIG_S = 300 * np.diag([0.04, 0.0025, 0.04, 0.01, 1]), 2.5e-7 * np.eye(4)
 WEIGHTS = np.diag([1, 10, 0.1, 1.0]), np.array([[0.01]])
 NONE = np.zeros((0, 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from functools import cache
 
 import numpy as np
 import pytest
@@ -236,13 +237,17 @@ def regression(gen, n, p, pairs):
     return Theta, np.array(Z), np.array(Y), sigma
 
 
+@cache
+def regressions(systems):
+    gen = np.random.default_rng(10)
+    return [regression(gen, 1 + i % 3, 1 + i // 3 % 4, 400) for i in range(systems)]
+
+
 @pytest.mark.parametrize("delta", [0.05, 0.5])
 def test_coverage_for_windows_with_feedback(delta):
     """Systems of 1 to 3 outputs and 1 to 4 lags, 400 pairs, at both kinds of covariance."""
-    gen, missed, systems = np.random.default_rng(10), {"known": 0, "full": 0}, sets(240, 80)
-    for system in range(systems):
-        n, p = 1 + system % 3, 1 + system // 3 % 4
-        Theta, Z, Y, sigma = regression(gen, n, p, 400)
+    missed, systems = {"known": 0, "full": 0}, sets(240, 80)
+    for system, (Theta, Z, Y, sigma) in enumerate(regressions(systems)):
         kind = "known" if system % 2 else "full"
         known = np.diag(sigma**2) if kind == "known" else None
         found = region(Z, Y, max(50, 2 * Z.shape[1]), ("adaptive", "gaussian", kind, known), delta)

@@ -8,7 +8,7 @@ from scipy import sparse
 from scipy.optimize import linprog
 
 import stochens_rs as se
-from coverage_study import at_most, repeated
+from coverage_study import at_most, repeated, sets
 from stochens_rs.exceptions import InputError
 from stochens_rs.theory import scenario
 from test_fleet import alone, drawn
@@ -206,7 +206,7 @@ def tanks(gen: np.random.Generator, N: int) -> se.SystemEnsemble:
 
 def test_the_risk_holds_for_misses_and_limits_together() -> None:
     """The first vessel may not run over: units that hold the limit are part of the support."""
-    runs, N, fresh = 300, 50, 3000
+    runs, N, fresh = sets(300, 120), 50, 3000
     asked = se.Limits(u=(0.0, 2.0), rate=0.8, previous=0.0, x=(0.0, [0.9, np.inf]), soft=False)
 
     def case(gen):

@@ -9,17 +9,9 @@ import pytest
 import scipy.linalg
 
 import stochens_rs as se
-from hidden_systems import KINDS, drawn
+from hidden_systems import KINDS, RIG, drawn
 from stochens_rs.exceptions import InputError, SolverError
 
-RIG = np.array(
-    [
-        [1, -0.0099, 0.1, -0.0003, 0.005],
-        [0, 1.0594, 0, 0.102, -0.005],
-        [0, -0.2001, 1, -0.0099, 0.1003],
-        [0, 1.2004, 0, 1.0594, -0.102],
-    ]
-)
 CART = RIG[:, :4], RIG[:, 4:]
 MOVES = "the inputs do not move the mode of A with the eigenvalue "
 WEIGHS = "Q gives no weight to the mode with the eigenvalue "

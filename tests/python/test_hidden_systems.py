@@ -21,7 +21,7 @@ from scipy import stats
 
 import stochens_rs as se
 import tail_bounds as bounds
-from coverage_study import ALARM, at_most
+from coverage_study import ALARM, at_most, sets
 from declarations import opts
 from hidden_systems import KINDS, NOISES, covariance, drawn
 from limit_plans import within
@@ -382,20 +382,20 @@ GUARANTEES = {
     "DataStream": Guarantee(streams, (0.08, 0.3, 0.3, 0.3)),
     # rare hits make nearly all of the variance: the mean of 4000 squares is not normal
     "moments": Guarantee(moments_of_errors, 0.05, without=UNITS),
-    "regions": Guarantee(regions("adaptive", False), 0.5, 8),
+    "regions": Guarantee(regions("adaptive", False), 0.5, sets(8, 4)),
     # states of 1e10 are rounded by more than a noise of 1e-7
     "regions, known noise": Guarantee(
-        regions("adaptive", True), 0.5, 8, without=("one_huge_entry",)
+        regions("adaptive", True), 0.5, sets(8, 4), without=("one_huge_entry",)
     ),
-    "regions, pairs": Guarantee(regions("independent", False), 0.5, 8),
+    "regions, pairs": Guarantee(regions("independent", False), 0.5, sets(8, 4)),
     "certificates": Guarantee(certificates(), (0.1, 0.05, 0.08, 0.15), 3),
     "certificates, pairs": Guarantee(certificates(design="independent"), (0.1, 0.15, 0.2, 0.7), 3),
     "certificates, noise": Guarantee(certificates(noise=True), (0.4, 0.15, 0.2, 0.6), 3),
     "certificates, limits": Guarantee(
         certificates(limits=LIMITS, R=0.1), (0.7, 0.08, 0.12, 0.8), 2
     ),
-    "looks": Guarantee(looks, (0.1, 0.5), 2),
-    "fleets": Guarantee(fleets, (0.15, 0.1, 0.9), 5),
+    "looks": Guarantee(looks, (0.1, 0.5), sets(2, 1)),
+    "fleets": Guarantee(fleets, (0.15, 0.1, 0.9), sets(5, 3)),
 }
 
 

@@ -38,8 +38,8 @@ def count(seed, runs, failed, **options):
 
 
 def test_coverage_of_the_full_region():
-    """20 000 data sets, in `make test` 1000."""
-    runs = sets(20_000, 1000)
+    """20 000 data sets, in `make test` 500."""
+    runs = sets(20_000, 500)
     failed = count(
         80, runs, lambda gen, T, z, y: misses(model_of(z, y).region(DELTA), T), root=SKEWED
     )
@@ -124,7 +124,7 @@ def test_coverage_with_known_entries():
 
 def test_coverage_where_the_data_miss_directions():
     mix = np.random.default_rng(88).standard_normal((3, 6))
-    runs = sets(2000, 500)
+    runs = sets(2000, 200)
 
     def failed(gen):
         Theta, z = gen.standard_normal((2, 6)), gen.standard_normal((8, 3)) @ mix
@@ -162,7 +162,7 @@ def test_regions_for_any_design_hold_at_all_looks():
 
 
 def test_last_pairs_of_runs_with_feedback_have_the_exact_region():
-    runs = sets(800, 150)
+    runs = sets(800, 100)
 
     def failed(gen):
         Theta = None
@@ -213,7 +213,7 @@ def test_directions_must_not_be_chosen_by_the_outcomes():
 
 def test_a_random_walk_with_offset_breaks_the_exact_region():
     """Which is why runs are refused: here they are passed off as pairs."""
-    runs = sets(500, 250)
+    runs = sets(500, 150)
 
     def failed(gen):
         w = gen.standard_normal((101, 1))
@@ -262,7 +262,7 @@ def test_states_read_with_error_break_the_region_and_warn():
 
 
 def test_heavy_tails_alone_do_not_break_the_region():
-    runs = 800
+    runs = sets(800, 300)
 
     def failed(gen):
         Theta, z, _ = independent(gen)
@@ -323,7 +323,7 @@ def test_the_residual_of_missing_rows_must_be_counted():
 
 def test_a_changing_covariance_breaks_the_region_of_one_covariance():
     """Noise that is large while the regressors are: allowed for known sigma, not for unknown."""
-    runs = 100
+    runs = sets(100, 40)
     size = np.where(np.arange(400) < 8, 10.0, 0.1)[:, None]
 
     def case(gen):

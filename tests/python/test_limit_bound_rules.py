@@ -176,8 +176,8 @@ def soft_best(A, B, x0, task):
 
 
 def test_soft_limits_of_the_state():
-    """500 problems, in `make test` 200: a moved start and target (T5), and an uncertain map."""
-    gen, seen, used, count = np.random.default_rng(4), Ratios(), 0, sets(500, 200)
+    """500 problems, in `make test` 100: a moved start and target (T5), and an uncertain map."""
+    gen, seen, used, count = np.random.default_rng(4), Ratios(), 0, sets(500, 100)
     for i in range(count):
         n, m = int(gen.integers(1, 4)), int(gen.integers(1, 3))
         A, B = (

@@ -8,9 +8,17 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
-SPEC = importlib.util.spec_from_file_location("lines", ROOT / "tools" / "lines.py")
-lines = importlib.util.module_from_spec(SPEC)
-SPEC.loader.exec_module(lines)
+
+
+def loaded(path):
+    """A program of the repository beside the package, as a module."""
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+lines = loaded(ROOT / "tools" / "lines.py")
 
 PYTHON = '''"""A module.
 

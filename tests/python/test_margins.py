@@ -95,7 +95,7 @@ class Ball:
                 trial = G + step * rng.standard_normal(G.shape)
                 trial /= max(np.linalg.norm(trial, 2), 1e-12)
                 Theta = self.C + self.rho * self.D @ trial @ self.W
-                size = max(radius(one) for one in loops(Theta))
+                size = radius(np.array(loops(Theta)))
                 if size > best:
                     best, G = size, trial
         return best
@@ -186,7 +186,7 @@ def attacked(ball, rng, certified):
 
 
 def test_margins_hold_for_all_members():
-    rng, found, count = np.random.default_rng(5), [], sets(6, 3)
+    rng, found, count = np.random.default_rng(5), [], sets(6, 2)
     for _ in range(count):
         ball = Ball(rng)
         certified, nominal = ball.core.margins().T
@@ -198,7 +198,7 @@ def test_margins_hold_for_all_members():
     assert max(found) < 1.0
 
 
-@pytest.mark.parametrize("seed", range(sets(6, 3)))
+@pytest.mark.parametrize("seed", range(sets(6, 2)))
 def test_margins_of_a_known_system_are_those_of_python_control(seed):
     rng = np.random.default_rng(seed)
     n = 2 + seed % 3
@@ -209,7 +209,7 @@ def test_margins_of_a_known_system_are_those_of_python_control(seed):
     (low, high, phase, disk), nominal = core.margins()[:4, 0], core.margins()[:4, 1]
     L = control.ss(A_, B_, -K, 0, 1.0)
     omega = np.sort(
-        np.concatenate([np.linspace(1e-4, np.pi, 5_000), np.abs(np.angle(np.linalg.eigvals(A_)))])
+        np.concatenate([np.linspace(1e-4, np.pi, 2_000), np.abs(np.angle(np.linalg.eigvals(A_)))])
     )
     alpha, _, _ = control.disk_margins(L, omega, skew=0.0)
     assert disk == pytest.approx(min(float(np.min(alpha)), 1000.0), rel=2e-2)
@@ -455,19 +455,18 @@ def test_all_members_come_to_rest_with_a_saturated_motor(proof):
     assert scale > 2.0 * proof.holds((-1.0, 1.0), x0)
     assert proof.attracts((-2.0, 2.0), x0) == pytest.approx(2 * scale, rel=1e-3)
     part, K, rng = proof.region.parts[0], np.asarray(proof.K), np.random.default_rng(9)
-    D, rho, ends = np.linalg.cholesky(part.S), np.sqrt(part.factor), []
-    for far, count in ((scale, 400), (1.3, 40)):
-        for trial in range(count):
-            G = rng.standard_normal((4, 5))
-            if trial % 2:
-                G = np.outer(G[:, 0], rng.standard_normal(5))
-            Theta = proof.region.centre + rho * D @ (G / np.linalg.norm(G, 2)) @ part.white
-            x = far * x0
-            for _ in range(150):
-                x = Theta @ np.concatenate([x, np.clip(K @ x, -1.0, 1.0)])
-            ends.append(np.linalg.norm(x))
-    assert max(ends[:400]) < 0.02
-    assert min(ends[400:]) > 1.0  # from 1.3 times x0 the motor is too weak
+    D, rho = np.linalg.cholesky(part.S), np.sqrt(part.factor)
+    G = rng.standard_normal((440, 4, 5))
+    G[1::2] = G[1::2, :, :1] * rng.standard_normal((220, 1, 5))
+    G /= np.linalg.norm(G, 2, axis=(1, 2), keepdims=True)
+    Theta = proof.region.centre + rho * D @ G @ part.white
+    x = np.where(np.arange(440) < 400, scale, 1.3)[:, None] * x0
+    for _ in range(150):
+        z = np.hstack([x, np.clip(x @ K.T, -1.0, 1.0)])
+        x = (Theta @ z[:, :, None])[:, :, 0]
+    ends = np.linalg.norm(x, axis=1)
+    assert ends[:400].max() < 0.02
+    assert ends[400:].min() > 1.0  # from 1.3 times x0 the motor is too weak
 
 
 def test_float32_stays_within_its_bound(proof):

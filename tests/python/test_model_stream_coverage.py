@@ -138,7 +138,7 @@ def test_planned_looks_hold_together():
 
     The shares of 9 looks sum to 0.9 delta; failures are fewer, as those of looks are related.
     """
-    runs, Theta = sets(2000, 250), np.random.default_rng(112).standard_normal((2, 3))
+    runs, Theta = sets(2000, 150), np.random.default_rng(112).standard_normal((2, 3))
     sizes = [planned(12, j) for j in range(6)]
 
     def case(gen):

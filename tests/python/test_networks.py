@@ -125,15 +125,15 @@ def test_stiffness_is_the_derivative_of_the_powers(case):
 
 
 def test_system_follows_the_nonlinear_machines():
-    """x' of 20 000 Euler steps of the swing equations against the linear system, small push."""
+    """x' of 1250 Euler steps of the swing equations against the linear system, small push."""
     machines = {bus: {**row, "D": 5.0} for bus, row in MACHINES_9.items()}
     network = matpower.read_network(NINE)
     data = matpower.matched(network, swing_models.read_machines(machines))
     E, _ = matpower.internal(network, data.xd1)
     start, power = np.angle(E), NINE["gen"][:, 1] / 100.0
-    push, h = np.array([0.01, 0.0, -0.01]), 1e-4
+    push, h = np.array([0.01, 0.0, -0.01]), 4e-4
     delta, omega = start.copy(), np.zeros(3)
-    for _ in range(5000):
+    for _ in range(1250):
         P = electrical(NINE, machines, delta, E)
         omega = omega + h * FREE / (2.0 * data.H) * (power + push - P - data.D * omega / FREE)
         delta = delta + h * omega

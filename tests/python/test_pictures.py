@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import itertools
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -31,11 +32,20 @@ from coverage_study import sets
 from stochens_rs.plots.style import COLORS, DARK, LIGHT, contrast, look_of, number_text
 
 
+@cache
+def drawn(name: str) -> tuple[Figure, np.ndarray]:
+    """The figure, whose layout is settled, and its picture."""
+    figure = pictures.drawn(name)
+    picture = pictures.pixels(figure)
+    figure.set_layout_engine("none")
+    return figure, picture
+
+
 @pytest.mark.parametrize("name", pictures.NAMES)
 def test_a_plot_looks_as_it_did_and_its_texts_can_be_read(name: str) -> None:
     """Texts stand out from the background, lie within the figure and cover no other."""
-    figure = pictures.drawn(name)
-    found = pictures.difference(pictures.pixels(figure), pictures.kept(name))
+    figure, picture = drawn(name)
+    found = pictures.difference(picture, pictures.kept(name))
     assert found <= pictures.SLACK, pictures.advice(name, found)
     face = to_rgb(figure.get_facecolor())
     for text in figure.findobj(matplotlib.text.Text):
@@ -58,9 +68,7 @@ def test_a_plot_looks_as_it_did_and_its_texts_can_be_read(name: str) -> None:
 @pytest.mark.parametrize("name", [*pictures.AXES, *pictures.FIGURES])
 def test_whatever_is_taken_away_is_missed(name: str) -> None:
     """Each part, in `make test` every twelfth."""
-    figure = pictures.drawn(name)
-    whole = pictures.pixels(figure)
-    figure.set_layout_engine("none")
+    figure, whole = drawn(name)
     assert pictures.difference(pictures.pixels(figure), whole) == 0
     missed = []
     for group in parts(figure)[:: sets(1, 12)]:
@@ -77,8 +85,7 @@ def test_whatever_is_taken_away_is_missed(name: str) -> None:
 
 @pytest.mark.parametrize("name", ["trajectory", "trace", "region", "plan"])
 def test_swapped_colours_are_seen(name: str) -> None:
-    figure = pictures.drawn(name)
-    whole = pictures.pixels(figure)
+    figure, whole = drawn.__wrapped__(name)
     blue, red = COLORS[:2]
     other = {blue: red, red: blue, "#009e73": COLORS[3]}
     for artist in figure.findobj(lambda one: isinstance(one, (Line2D, Patch, Collection))):

@@ -47,7 +47,7 @@ def test_the_law_of_the_error_is_exact() -> None:
     """``||Gamma||_F^2`` is chi^2, two-sided: a unit root, 6 runs, a pilot of 2."""
     A, B, sigma = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[0.0], [1.0]]), 0.3
     plant = Plant(A, B, sigma, np.ones(2), 5, np.zeros(2), np.zeros(2), 1)
-    Theta, outside, runs = np.hstack([A, B]), 0, sets(20_000, 1000)
+    Theta, outside, runs = np.hstack([A, B]), 0, sets(20_000, 500)
     bound = stats.chi2.isf(0.05, 6)
     law = covariance(plant)
     for seed in range(runs):
@@ -83,7 +83,7 @@ def test_regions_with_feedback_and_without(delta: float) -> None:
 @pytest.mark.parametrize("name", ["rig", *FAMILIES])
 def test_certificates_of_all_families(name: str, delta: float) -> None:
     plant = {**FAMILIES, "rig": rig()}[name]
-    many, some, few = sets(400, 30), sets(200, 20), sets(100, 10)
+    many, some, few = sets(400, 20), sets(200, 14), sets(100, 8)
     for runs in (10, 60):
         assert max(failures(plant, runs, many, delta)) <= most(many, delta)
     assert max(failures(plant, 20, some, delta, noise=True)) <= most(some, delta)

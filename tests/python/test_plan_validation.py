@@ -104,11 +104,15 @@ def test_the_numbers_are_those_of_the_definitions(kind: str) -> None:
 
 
 def failures(kind: str, repeats: int, fresh: bool, delta: float = 0.05, M: int = 19) -> np.ndarray:
-    """How many next runs leave the tube and miss the target by more, of `repeats`."""
+    """How many of `repeats` next runs leave the tube, and miss the target by more.
+
+    In the second row with the tube and the target one rank lower.
+    """
     gen = np.random.default_rng(1000 + list(KINDS).index(kind))
     plan = planned(kind, gen)
     A, B = plan.basis.A.values, plan.basis.B
-    failed = np.zeros(2, dtype=int)
+    powers = np.array([np.linalg.matrix_power(A, k) for k in range(1, K + 1)])
+    failed = np.zeros((2, 2), dtype=int)
     runs = None if fresh else measured(plan, gen, (repeats, M + 1))
     for r in range(repeats):
         if runs is None:
@@ -119,32 +123,26 @@ def failures(kind: str, repeats: int, fresh: bool, delta: float = 0.05, M: int =
             held = plan.validate(se.SystemEnsemble(As[:M], Bs[:M], c[:M]), delta)
             one = se.SystemEnsemble(As[M:], Bs[M:], c[M:])
             last = plan.validate(one, 0.5)
-            last = last.deviations[0], last.misses[0]
+            off, miss = last.deviations[0], last.misses[0]
         else:
             held = plan.validate(runs[r, :M], delta)
             # by the definition: another code than that of the scores
-            A_k, x = np.eye(len(A)), runs[r, M]
-            inside = []
-            for k in range(1, K + 1):
-                A_k = A @ A_k
-                p = plan.predicted_states[k] + A_k @ (x[0] - plan.predicted_states[0])
-                inside.append((np.abs(x[k] - p) <= held.tube[k]).all())
-            last = (0.0 if all(inside) else np.inf), np.linalg.norm(x[K])
-        failed += [last[0] > held.factor, last[1] > held.target]
+            x, units = runs[r, M], held.tube[1:] / held.factor
+            paths = plan.predicted_states[1:] + powers @ (x[0] - plan.predicted_states[0])
+            off, miss = (np.abs(x[1:] - paths) / units).max(), np.linalg.norm(x[K])
+        lower = [sorted(one)[held.rank - 2] for one in (held.deviations, held.misses)]
+        failed += [[off > held.factor, miss > held.target], [off > lower[0], miss > lower[1]]]
     return failed
 
 
 @pytest.mark.parametrize("fresh", [False, True], ids=["runs", "fresh systems"])
-def test_coverage_is_exact_on_every_kind(fresh: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_coverage_is_exact_on_every_kind(fresh: bool) -> None:
     """50 draws of 19 runs and a next one for each kind; two-sided, false alarms 1e-6 each."""
     repeats = 50
-    total = np.sum([failures(kind, repeats, fresh) for kind in KINDS], axis=0)
+    total, wrong = np.sum([failures(kind, repeats, fresh) for kind in KINDS], axis=0)
     low, high = binomial_range(repeats * len(KINDS), 0.05)
     assert ((low <= total) & (total <= high)).all(), (total, low, high)
-    # mutant: one rank lower
-    monkeypatch.setattr(held_out_runs, "rank_of", lambda *how: max(rank_of(*how) - 1, 1))
-    wrong = np.sum([failures(kind, repeats, fresh) for kind in KINDS], axis=0)
-    assert (wrong > high).all(), (wrong, high)
+    assert (wrong > high).all(), (wrong, high)  # mutant: one rank lower
 
 
 def scalar() -> se.Plan:
@@ -180,7 +178,7 @@ def test_the_confidence_is_exact(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_weights_are_needed_where_the_starts_differ() -> None:
     """1500 draws, of 60 runs from N(0, 1), the next from N(1, 1); the size of w grows with x0."""
-    plan, gen, repeats, M = scalar(), np.random.default_rng(6), sets(1500, 300), 60
+    plan, gen, repeats, M = scalar(), np.random.default_rng(6), sets(1500, 200), 60
     starts = gen.standard_normal((repeats, M + 1)) + (np.arange(M + 1) == M)
     runs = np.stack([starts, np.exp(starts) * gen.standard_normal(starts.shape)], axis=-1)[
         ..., None
@@ -208,8 +206,8 @@ ANTI = {
 
 @pytest.mark.parametrize("which", ANTI)
 def test_what_was_chosen_after_a_look_is_void(which: str) -> None:
-    """500 draws of 38 runs and a next one; fails far more often than 5 %: no false alarm rate."""
-    gen, repeats = np.random.default_rng(7), 500
+    """500 draws of 38 runs and a next one, in `make test` 150: fails far more often than 5 %."""
+    gen, repeats = np.random.default_rng(7), sets(500, 150)
     plan = planned("dense", gen)
     runs = measured(plan, gen, (repeats, 39), starts=0.0)
     chosen: Callable[..., Validation] = ANTI[which]

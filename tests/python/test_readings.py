@@ -21,9 +21,7 @@ def arx(seed, runs=14, steps=50):
     """A system, a model of it, a record, and the source of its noise."""
     rng = np.random.default_rng([7, seed])
     system = Arx(rng)
-    model = se.identify(
-        system.data(runs, steps, rng), checks=False, window=se.Window(lags=system.lags)
-    )
+    model = system.model(runs, steps, rng)
     return system, model, system.run(20, rng), rng
 
 
@@ -153,7 +151,7 @@ def test_mismatched_plants_rest_at_the_target():
         system.A = system.A * (1.0 + 0.03 * rng.standard_normal(system.A.shape))
         system.B = system.B * (1.0 + 0.03 * rng.standard_normal(system.B.shape))
         loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=0.05)
-        y = plant(system, loop, 2500, force=0.3)
+        y = plant(system, loop, 1500, force=0.3)
         if not np.abs(y[-1] - y[-200]).max() < 1e-8:
             continue  # not a stable loop, or a slow one
         rested += 1
@@ -169,7 +167,7 @@ def rig_loop(model, policy, offset_free, seed=2, **options):
     """Readings of the rig with a constant force of 0.5 N; at first the logger acts."""
     rig, rng = Rig(), np.random.default_rng(seed)
     loop, logger, last = se.regulate(policy, offset_free=offset_free, **options), None, 0.0
-    logger = rig.logger(rng)
+    logger = rig.logger(rng.standard_normal)
 
     def act(y):
         nonlocal last

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import importlib.util
 import inspect
 import json
 import re
@@ -14,19 +13,13 @@ from pathlib import Path
 import pytest
 
 import stochens_rs as se
+from test_lines import loaded
 from test_public_names import ROOMS, TOP
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 if not (DOCS / "conf.py").exists():
     pytest.skip("not run from a checkout", allow_module_level=True)
-
-
-def loaded(path):
-    spec = importlib.util.spec_from_file_location(path.stem, path)
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
 
 
 PAGES = loaded(DOCS / "_site" / "pages.py")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs.rng import as_key
 from stream_problems import OPTIONS, SLOTS, X0, XF, A, B, make
 from twin import streaming
@@ -27,7 +28,7 @@ def twin(key, steps, **options):
 @pytest.mark.parametrize(("safeguard", "slots"), OPTIONS)
 def test_equals_the_reference(safeguard, slots):
     options = {"safeguard": safeguard, "slots": slots}
-    steps = 10_000 if slots == "random" else 1500
+    steps = sets(10_000, 4000) if slots == "random" else 1500
     key = as_key(3)
     theirs, ours = twin(key, steps, **options), make(key, **options)
     ours.step(steps)
@@ -63,7 +64,7 @@ def test_realizations_are_those_of_a_sample():
 
 def test_certificate_bounds_the_error_at_every_step():
     worst = np.inf
-    for seed in range(100):
+    for seed in range(sets(100, 30)):
         stream = make(seed, safeguard=seed % 2 == 1, slots=("random", "round-robin")[seed % 2])
         for _ in range(120):
             true = np.linalg.norm(B @ (stream.u - V_STAR))

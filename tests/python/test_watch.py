@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, StochensError
 from stochens_rs.feedback import Watch
@@ -271,7 +272,7 @@ def test_models_are_refuted_no_more_often_than_asked(name):
 
 def test_two_logs_in_open_loop_are_tested_exactly():
     rng, design = np.random.default_rng(11), se.Noise(design="independent")
-    L, refuted, runs = np.array([[0.3, 0.0], [0.1, 0.2]]), 0, 300
+    L, refuted, runs = np.array([[0.3, 0.0], [0.1, 0.2]]), 0, sets(300, 200)
 
     def pairs(N, B, heating=None):
         x, w = rng.standard_normal((2, N, 2))

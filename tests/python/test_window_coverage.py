@@ -41,16 +41,14 @@ def arx_runs(gen, system, runs, steps, size=0.3):
     ny, m, p, A, B = system
     L = size * np.linalg.cholesky(np.eye(ny) + 0.5)
     K = 0.2 * gen.standard_normal((m, ny))
-    outputs, inputs = [], []
-    for _ in range(runs):
-        y, u = [np.zeros(ny)] * p, [np.zeros(m)] * (p - 1)
-        for _ in range(steps + p):
-            u.append(np.clip(-K @ y[-1], -2.0, 2.0) + gen.standard_normal(m))
-            past, acting = np.hstack(y[: -p - 1 : -1]), np.hstack(u[: -p - 1 : -1])
-            y.append(A @ past + B @ acting + L @ gen.standard_normal(ny))
-        outputs.append(np.array(y[p - 1 :]))
-        inputs.append(np.array(u[p - 1 :]))
-    return outputs, inputs
+    z = gen.standard_normal((runs, steps + p, m + ny))
+    y, u = np.zeros((runs, steps + 2 * p, ny)), np.zeros((runs, steps + 2 * p - 1, m))
+    for t in range(p, steps + 2 * p):
+        dither, noise = np.split(z[:, t - p], [m], axis=1)
+        u[:, t - 1] = np.clip(-y[:, t - 1] @ K.T, -2.0, 2.0) + dither
+        past, acting = (one[:, t - p : t][:, ::-1].reshape(runs, -1) for one in (y, u))
+        y[:, t] = past @ A.T + acting @ B.T + noise @ L.T
+    return list(y[:, p - 1 :]), list(u[:, p - 1 :])
 
 
 def padded(system, lags):

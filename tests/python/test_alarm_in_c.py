@@ -187,6 +187,22 @@ def test_the_alarm_is_that_of_the_core(kind: str, law: Any, tmp_path: Path) -> N
         at += count
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["states", "filters, delay"])
+def test_the_alarm_over_a_long_run(kind: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng([8, list(MADE).index(kind)])
+    loop, proof, model = MADE[kind](rng)
+    loop.watch = (proof or se.gain(model, 1.0, 1.0).certificate()).watch(every=1e6)
+    loop.to_c(tmp_path / "one.h", name="one")
+    c = Alarm(tmp_path)
+    off, statuses = followed(loop.watch, c, rng, sets(1_000_000, 20_000))
+    assert off < 1e-9
+    assert "alarm" in statuses
+    text = (tmp_path / "one.h").read_text("utf-8")
+    count = int(re.search(r"ONE_ALARM_ALL (\d+)", text)[1])  # type: ignore[index]
+    assert np.isfinite(c.numbers(2, count)).all()
+
+
 def test_it_is_in_double_precision_in_any_case(tmp_path: Path) -> None:
     rng = np.random.default_rng(3)
     loop, proof, _ = MADE["lags"](rng)

@@ -1162,7 +1162,8 @@ class Horizon:
     # R (m, m), given or chosen
     @property
     def r(self) -> _Floats: ...
-    # the lower triangle of H^-1 row by row, F (m K, n) and g: inputs without limits are F x0 + g
+    # the lower triangle of H^-1 row by row, F (m K, n) and g: inputs without limits are F x0 + g;
+    # states that have limits follow behind the inputs
     def condensed(self) -> tuple[_Floats, _Floats, _Floats]: ...
     # whether the recursion of Riccati solves it, and the rows of M
     @property

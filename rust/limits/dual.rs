@@ -190,7 +190,7 @@ impl Dual {
         (-rate, rate)
     }
 
-    fn limit(&self, row: usize) -> f64 {
+    pub(super) fn limit(&self, row: usize) -> f64 {
         let (low, high) = self.limits(row);
         if self.side[row] < 0 { low } else { high }
     }

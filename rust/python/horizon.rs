@@ -60,11 +60,12 @@ getters! {
         array2(py, try_copy(WHAT, self.inner.r())?, m, m)
     }
 
-    /// The lower triangle of `H^-1` row by row, F (m K, n) and g (m K): the best inputs without limits are `F x0 + g`.
+    /// The lower triangle of `H^-1` row by row, F (m K, n) and g (m K): the best inputs without limits are `F x0 + g`. Limited
+    /// states follow behind the inputs.
     fn condensed<'py>(&self, py: Python<'py>) -> PyResult<(Array1<'py>, Array2<'py>, Array1<'py>)> {
-        let (n, m, steps) = self.inner.size();
+        let n = self.inner.size().0;
         let Condensed { inverse, map, offset } = run(py, self.cost, |_| self.inner.condensed())?;
-        Ok((array1(py, inverse)?, array2(py, map, m * steps, n)?, array1(py, offset)?))
+        Ok((array1(py, inverse)?, array2(py, map, offset.len(), n)?, array1(py, offset)?))
     }
 
     /// `M` (rows, m K), `state` (rows, n) and `target` (rows,).

@@ -315,7 +315,8 @@ impl Readings {
         for _ in 0..us.len() {
             let wanted = product(&self.aim.of_bias, bias)?;
             let over = |i: usize| us[i] + wanted[i] - (us[i] + wanted[i]).clamp(low[i], high[i]);
-            let new = (0..us.len()).filter(|i| over(*i) != 0.0 && held.iter().all(|(at, _)| at != i));
+            let beyond = |i: usize| over(i).abs() > CAPPED * wanted[i].abs().max(us[i].abs());
+            let new = (0..us.len()).filter(|i| beyond(*i) && held.iter().all(|(at, _)| at != i));
             let new = try_collect(WHAT, new.map(|i| (i, (us[i] + wanted[i]).clamp(low[i], high[i]) - us[i])))?;
             if new.is_empty() {
                 break;
@@ -415,7 +416,9 @@ impl Readings {
         off.iter_mut().zip(y).for_each(|(off, y)| *off = y - *off);
         let more = self.filter.unknown(now);
         let found = gate.excess(&off, z, seen, more.as_ref())?;
-        if found > 1.0 && shift.iter().any(|v| *v != 0.0) {
+        // one that was capped to 0 is rounding
+        let shifted = |(v, variance): (&f64, &f64)| v.abs() > CAPPED * variance.sqrt();
+        if found > 1.0 && shift.iter().zip(self.of.noise.iter().step_by(y.len() + 1)).any(shifted) {
             let spread = MatRef::from_row_major_slice(&self.of.spread, y.len(), y.len()).to_owned();
             let more = more.map_or_else(|| spread.clone(), |more| &more + &spread);
             off.iter_mut().zip(shift).for_each(|(off, shift)| *off -= shift);

@@ -106,8 +106,13 @@ MADE = {
 }
 
 
-def followed(watch: Any, c: Alarm, rng: Any, steps: int, still: bool = False) -> tuple[Any, Any]:
-    """Both alarms on records of a plant that changes, with readings that are missing."""
+def followed(
+    watch: Any, c: Alarm, rng: Any, steps: int, still: bool = False, model: Any = None
+) -> tuple[Any, Any]:
+    """Both alarms on records of a plant that changes, with readings that are missing.
+
+    The plant of a model is this model, but for 30 steps in 20 000.
+    """
     source, n = watch.proof.source, len(watch.names[0])
     z = source.window
     x, off, statuses = np.zeros((z.count + z.delay, n)), 0.0, set()
@@ -118,7 +123,7 @@ def followed(watch: Any, c: Alarm, rng: Any, steps: int, still: bool = False) ->
             u[-1] = 0.6
         y = x[0].copy()
         if rng.random() < 0.01:
-            y[rng.integers(n)] = [np.nan, np.inf, 1e30][rng.integers(3)]
+            y[rng.integers(n)] = [np.nan, np.inf, 1e30][rng.integers(3 if model is None else 2)]
         acted = past[0].copy()
         if rng.random() < 0.002:
             acted[0] = np.nan
@@ -135,6 +140,10 @@ def followed(watch: Any, c: Alarm, rng: Any, steps: int, still: bool = False) ->
         past = np.vstack([u, past[:-1]])
         effect = past[z.delay] * (0.5 if t > steps // 2 and t % 700 < 200 else 1.0)
         new = 0.6 * x[0] + 0.1 * x[-1] + effect.sum() * 0.3 + 0.1 * rng.standard_normal(n)
+        if model is not None:
+            acting = past[z.delay :][: z.count] * (0.3 if 10_000 <= t % 20_000 < 10_030 else 1.0)
+            new = model.coefficients @ np.hstack([x[: z.count].ravel(), acting.ravel()])
+            new = new + 0.8 * np.sqrt(np.diag(model.covariance)) * rng.standard_normal(n)
         x = np.vstack([new, x[:-1]])
     return off, statuses
 
@@ -185,6 +194,24 @@ def test_the_alarm_is_that_of_the_core(kind: str, law: Any, tmp_path: Path) -> N
             rows = c.numbers(which, count), state[at : at + count]
             np.testing.assert_allclose(*rows, rtol=1e-11, atol=1e-12)
         at += count
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["states", "lags, delay"])
+def test_the_alarm_over_a_long_run(kind: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng([8, list(MADE).index(kind)])
+    loop, proof, model = MADE[kind](rng)
+    loop.watch = (proof or se.gain(model, 1.0, 1.0).certificate()).watch(every=1e6)
+    loop.to_c(tmp_path / "one.h", name="one")
+    c = Alarm(tmp_path)
+    steps = sets(1_000_000, 20_000)
+    off, statuses = followed(loop.watch, c, rng, steps, model=model)
+    assert off < 1e-9
+    assert {"alarm", "quiet"} <= statuses
+    assert c.numbers(0, 6)[5] < steps / 1000  # so that the evidence is that of long runs
+    text = (tmp_path / "one.h").read_text("utf-8")
+    count = int(re.search(r"ONE_ALARM_ALL (\d+)", text)[1])  # type: ignore[index]
+    assert np.isfinite(c.numbers(2, count)).all()
 
 
 def test_it_is_in_double_precision_in_any_case(tmp_path: Path) -> None:

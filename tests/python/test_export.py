@@ -51,13 +51,32 @@ def called(loop: Any, y: Any, last: Any) -> Any:
     return loop(y)
 
 
-def differences(loop: Any, c: Controller, y: Any) -> Any:
+def aimed(loop: Any, c: Controller, rng: Any) -> None:
+    """Another target for both: rows where there are some, for readings the one behind it."""
+    y, wide, shape = loop.target, 0.3, np.shape(loop.target)
+    if hasattr(loop, "model"):
+        shape = (1 if loop._law else 2, len(y))
+        wide = 0.2 * loop.model.data.pairs()[0].std(axis=0)
+    off = wide * rng.standard_normal(shape)
+    for share in (1.0, 0.2, 0.0):  # until it is a point of rest within the limits
+        try:
+            loop.target = y + share * off
+        except se.StochensError:
+            continue
+        assert c.aim(np.nan_to_num(y + share * off)) == 0
+        return
+
+
+def differences(loop: Any, c: Controller, y: Any, rng: Any = None) -> Any:
     _, m = sizes(loop)
     last, found = np.zeros(m), []
-    for row in y:
+    for t, row in enumerate(y):
+        if rng is not None and not hasattr(loop, "K") and t % 40 == 20:
+            aimed(loop, c, rng)
         last = called(loop, row, last)
         _, u = c.step(row)
-        found.append(np.abs(u - last).max() / max(1.0, np.abs(last).max()))
+        terms = [c.c.size(j) for j in range(m)]  # that add up to an input of a plan
+        found.append(np.abs(u - last).max() / max(1.0, np.abs(last).max(), *terms))
         if hasattr(loop, "model") and not hasattr(loop, "K"):
             for j in range(m):
                 c.c.applied()[j] = last[j]
@@ -71,18 +90,37 @@ def test_the_controller_is_the_loop(kind: str, seed: int, tmp_path: Path) -> Non
     loop = made(kind, seed)
     loop.to_c(tmp_path / "one.h", name="one")
     c = Controller(tmp_path / "one.h", sizes(loop)[1])
-    y = readings(loop, np.random.default_rng(seed), 200)
-    assert differences(loop, c, y).max() < 1e-12
+    rng = np.random.default_rng(seed)
+    assert differences(loop, c, readings(loop, rng, 200), rng).max() < 1e-12
+    head = (tmp_path / "one.h").read_text("utf-8").partition("*/")[0]
+    size = re.search(r"tables, (\d+) of state", re.sub(r"\n \* +", " ", head))
+    assert size is None or int(size[1]) <= c.c.bytes()
 
 
 @needs_gcc
-@pytest.mark.parametrize("kind", ["gain", "rates", "readings"])
-def test_another_number_makes_another_controller(kind: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "gain"])
+def test_a_target_that_cannot_be_changes_nothing(kind: str, tmp_path: Path) -> None:
+    loop = made(kind, 2)
+    loop.to_c(tmp_path / "one.h", name="one")
+    c = Controller(tmp_path / "one.h", sizes(loop)[1])
+    size = int(re.search(r"_TARGETS (\d+)", (tmp_path / "one.h").read_text())[1])  # type: ignore
+    rows = np.zeros((size, sizes(loop)[0]))
+    for at, value in enumerate(BROKEN):
+        rows.ravel()[at % rows.size] = value
+        assert c.aim(rows) == 1
+    assert differences(loop, c, readings(loop, np.random.default_rng(2), 100)).max() < 1e-12
+
+
+@needs_gcc
+@pytest.mark.parametrize(
+    ("kind", "table"),
+    [("gain", "one_K"), ("rates", "one_inverse"), ("rates", "one_aims"), ("readings", "one_K")],
+)
+def test_another_number_makes_another_controller(kind: str, table: str, tmp_path: Path) -> None:
     loop, file = made(kind, 1), tmp_path / "one.h"
     loop.to_c(file, name="one")
     text = file.read_text("utf-8")
-    table, real = ("one_inverse", "W") if kind == "rates" else ("one_K", "R")
-    at = text.index(f"ONE_{real}(", text.index(f" {table}[")) + 6
+    at = text.index("ONE_", text.index(f" {table}[")) + 6
     file.write_text(f"{text[:at]}1e-9 + {text[at:]}", "utf-8")
     c = Controller(file, sizes(loop)[1])
     assert differences(loop, c, readings(loop, np.random.default_rng(1), 200)).max() > 1e-12
@@ -286,9 +324,10 @@ def test_what_is_not_written_says_so(tmp_path: Path) -> None:
     for name in ("", "Cart", "1a", "a-b", "x" * 40, 3):
         with pytest.raises(se.StochensError, match="`name` must be"):
             loop.to_c(tmp_path / "c.h", name=name)  # type: ignore[arg-type]
-    within = se.Limits(u=(-1.0, 1.0), x=(-1.0, 1.0))
-    with pytest.raises(se.StochensError, match="leave out those of states"):
-        se.regulate(([[1.2]], [[1.0]]), 3, limits=within).to_c(tmp_path / "c.h")
+    for soft, steps, why in (False, 3, "leave out `soft=False`"), (True, 200, "(1 MB): give fewer"):
+        within = se.Limits(u=(-1.0, 1.0), x=(-1.0, 1.0), soft=soft)
+        with pytest.raises(se.StochensError, match=re.escape(why)):
+            se.regulate(([[0.9]], [[1.0]]), steps, limits=within).to_c(tmp_path / "c.h")
     assert list(tmp_path.iterdir()) == []
 
 

@@ -199,3 +199,5 @@ def test_without_a_plan_the_call_ends_with_its_time(monkeypatch):
         assert np.abs(loop(START)) <= 1.0
         assert loop.log[-1].status == "infeasible"
         assert (len(plans) > 1) == (limit > 1.0)
+    with pytest.raises(se.StochensError, match="cannot change with `keep`"):
+        loop.target = np.zeros(4)

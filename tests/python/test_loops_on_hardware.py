@@ -117,9 +117,7 @@ def test_a_broken_sensor_holds_and_is_said(loops, name, bad):
 
 @pytest.mark.parametrize("name", NAMES)
 def test_attributes_that_do_not_exist_cannot_be_set(loops, name):
-    for attribute in ("target", "limit", "K2", "plan"):
-        if attribute == "target" and name.endswith("readings"):
-            continue  # it has one
+    for attribute in ("aim", "limit", "K2", "plan"):
         with pytest.raises(AttributeError):
             setattr(loops[name][0], attribute, 1.0)
 

@@ -213,6 +213,24 @@ def test_another_model_swaps_in_between_steps():
     assert np.array_equal(loop(x), before[0])
 
 
+def test_another_target():
+    how = {"limits": (-0.5, 1.0)}
+    rows = 0.1 * np.arange(8.0).reshape(4, 2)
+    loops = [se.regulate((A, B), 6, **how), se.regulate((A, B), 3, cost=se.Cost(reference=rows))]
+    for loop, target in zip(loops, ([1.0, 0.2], 2.0 * rows[1:]), strict=True):
+        _, x = driven(loop, np.array([3.0, 1.0]), 5)
+        loop.target = target
+        assert np.array_equal(loop.target, target)
+        assert np.array_equal(copy.deepcopy(loop).target, target)
+        cost = se.Cost(reference=np.vstack([rows[:1], np.broadcast_to(target, (loop.steps, 2))]))
+        fresh = se.regulate((A, B), loop.steps, cost=cost, limits=loop.limits)
+        assert np.allclose(loop(x), fresh(x), rtol=1e-12, atol=1e-12)
+        for bad in (1.0, np.zeros(3), np.full(np.shape(target), np.nan), "there"):
+            with pytest.raises(se.StochensError, match="`target"):
+                loop.target = bad
+        assert np.array_equal(loop.target, target)
+
+
 def test_a_model_of_a_stream_swaps_in():
     gen = np.random.default_rng(3)
     stream = se.ModelStream(2, 1, noise=se.Noise(sigma=0.01))

@@ -39,12 +39,14 @@ def write(path: Any, name: str, parts: list[str], sizes: Any, tables: Any, about
     sizes = {"WIDE": 0} | sizes
     lines += [*(f"#define $_{size} {number}" for size, number in sizes.items()), _part("types")]
     for table, values in tables.items():
-        array = np.asarray(values, dtype=np.float64)
+        array = np.asarray(values)
         real, kind = "@_real", "$_R"
         if table.startswith("alarm_"):
             real, kind = "double", ""
-        elif table in ("inverse", "map", "offset"):
+        elif table in ("inverse", "map", "offset", "aims"):
             real, kind = "@_wide", "$_W"
+        elif array.dtype.kind == "i":
+            real, kind = "int", ""
         numbers = ", ".join(_number(value, kind) for value in array.ravel().tolist())
         body = "\n    ".join(wrap(numbers or "0", 108))
         lines.append(f"static const {real} @_{table}[{max(array.size, 1)}] = {{\n    {body}}};")

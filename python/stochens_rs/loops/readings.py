@@ -928,18 +928,18 @@ class ReadingLoop(ControlLoop[Reading]):
             The file, ``controller.h``.
         name : str, default "controller"
             What its names begin with: ``controller_start(&s)``, then ``controller_step(&s, y, u)``
-            with the readings y, nan where one is missing. Between two calls ``s.target`` can be
-            set, to one number for each reading in their order, of which those of free outputs do
-            nothing, and ``s.applied`` to the input that acted if it was not u.
+            with the readings y, nan where one is missing. Between two calls
+            ``controller_target(&s, r)`` is ``loop.target = r``, and ``s.applied`` can be set to the
+            input that acted if it was not u.
         proof : LoopCertificate, optional
             Of a loop with a gain: its sentence stands in the head. Default: `certificate` at 5 %.
 
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used, or the proof is of another gain, or of a loop
-            that plans; or the loop has measured inputs, targets to come, a free
-            output that integrates, or limits of outputs.
+            If an argument cannot be used, or the proof is of another gain, or of a loop that plans;
+            or the loop has measured inputs, targets to come, a free output that integrates, or too
+            many limits of outputs for a header of 1 MB.
 
         Examples
         --------
@@ -961,24 +961,38 @@ class ReadingLoop(ControlLoop[Reading]):
         if not np.allclose(places[0], places[1]):
             raise InputError("`to_c` needs a target of each output that integrates: some are free")
         law, part = {"law": "u = us + K (x - xs), x the window"}, ["policy_gain"]
-        sizes, tables, about = {"N": model.n, "M": model.m}, {"K": self._policy}, law
+        sizes, tables, about = {"M": model.m}, {"K": self._policy}, law
+        # a gain without weights follows the slope
+        gains = self._law is None and self._asked is None
+        far, more = self._high - self._low, 2 if gains else 1
         if isinstance(self._policy, np.ndarray):
             certified = self.certificate()
             about |= sentence(certified.K, certified if proof is None else proof)
         else:
-            sizes, tables, about = condensed(self._policy, *self._system[:2])
+            task, (A, B) = self._policy, self._system[:2]
+            sizes, tables, about = condensed(task, A, B, first=model.n)
             part, about = ["horizon", "policy_plan"], about | sentence(None, proof)
-        tables |= {"far": MOVED * (self._high - self._low), "most_rate": self._rate}
+            tables["map"] = tables["map"][:, : model.n]
+            if task.state_low is not None:
+                rooms = task.state_high[0] - task.state_low[0]
+                far = np.hstack([far, rooms[model.n :]])
+        sizes |= {"N": model.n, "TARGETS": more}
+        about["target"] = f"{name}_target(&s, r), r = the outputs wanted at the next call"
+        about["target"] += ", and at the one behind it" * (more > 1)
+        tables |= {"far": MOVED * far, "most_rate": self._rate}
         counts, numbers = self._window.tables()
         none, own = np.zeros(model.n_outputs), np.zeros(model.m)
         base = np.hstack(self._point.moving(none, none, none, own))
-        steps = (self._point.moving(none, one, none, own) for one in np.diag(~np.isnan(row) * 1.0))
-        moved = np.transpose([np.hstack(one) - base for one in steps])
-        tables["xs_of_target"], tables["us_of_target"] = np.split(moved, [model.n])
+        for of, at in ("target", 0), ("slope", 1):
+            ways = np.zeros((len(row), 2, len(row)))
+            ways[:, at] = np.diag(~np.isnan(row) * 1.0)
+            found = (self._point.moving(none, step, slope, own) for step, slope in ways)
+            moved = np.transpose([np.hstack(one) - base for one in found])
+            tables[f"xs_of_{of}"], tables[f"us_of_{of}"] = np.split(moved, [model.n])
         tables["xs_of_bias"] = self._point.states_of_bias
         tables["us_of_bias"] = self._point.of_bias[len(row) :]
         tables["xs"], tables["us"] = self._at(row)
-        tables |= {"target": or_zero(row), "floor": self._low, "ceiling": self._high}
+        tables |= {"first_target": or_zero(row), "floor": self._low, "ceiling": self._high}
         tables |= {"begin": self._safe, "most": np.minimum(self._most, LARGEST)}
         about |= evidence(model.labels, model.dt, model, model.outputs)
         tables |= dict(numbers)

@@ -24,6 +24,8 @@ from ..validation.held_out import PredictedLoop
 from .keep import Found, Kept
 from .loop import ControlLoop, counted
 
+MOST = 33_000  # numbers of plans with limits of states in C: 1 MB of text
+
 
 @dataclass(frozen=True, eq=False)
 class Call:
@@ -74,22 +76,43 @@ class WorstTime(NamedTuple):
     seconds: float
 
 
-def condensed(task: Task, A: Floats, B: Floats, c: Floats | None = None) -> tuple[Any, Any, Any]:
-    """The sizes and tables of plans in C, and what the head says of them."""
-    if task.state_low is not None:
-        raise InputError("`to_c` writes limits of inputs and rates: leave out those of states")
+def condensed(
+    task: Task, A: Floats, B: Floats, c: Floats | None = None, first: int = 0
+) -> tuple[Any, Any, Any]:
+    """The sizes and tables of plans in C, and what the head says of them.
+
+    The first states of a model of readings are its window, whose limits are those behind them.
+    """
+    (K, m), n, rates = task.low.shape, len(A), int(task.rate is not None)
+    low, high, limited = task.low.ravel(), task.high.ravel(), np.zeros(0, dtype=np.int64)
+    if task.state_low is not None and task.state_high is not None:
+        if task.soft is None:
+            raise InputError("`to_c` writes soft limits of states: leave out `soft=False`")
+        limited = np.flatnonzero(np.isfinite(task.state_low) | np.isfinite(task.state_high))
+        low = np.hstack([low, task.state_low.ravel()[limited]])
+        high = np.hstack([high, task.state_high.ravel()[limited]])
+    size = len(low)
+    flash = size * (size + 1) // 2 + size * (n + 3)
+    if len(limited) and flash > MOST:
+        raise InputError(
+            f"`to_c` would write {flash} numbers for {K * m} inputs and {len(limited)} limited "
+            f"states, must be {MOST} at most (1 MB): give fewer steps, or limits of fewer states"
+        )
     inverse, free, offset = Horizon(task, A, B, c).core.condensed()
-    (K, m), rates = task.low.shape, int(task.rate is not None)
-    most = 4 * K * m * (1 + rates) + 20
-    H = np.zeros((K * m, K * m))  # the inverse
-    H[np.tril_indices(K * m)] = inverse
+    most = 4 * (size + rates * K * m) + 20
+    H = np.zeros((size, size))  # the inverse, and the states
+    H[np.tril_indices(size)] = inverse
     wide = int(np.linalg.cond(H + np.tril(H, -1).T) > 1e4)  # single precision has 7 digits
-    sizes = {"N": len(A), "M": m, "STEPS": K, "RATES": rates, "EXCHANGES": most, "WIDE": wide}
-    tables = {"inverse": inverse, "map": free, "offset": offset, "low": task.low, "high": task.high}
-    tables["rate"] = np.zeros(m) if task.rate is None else task.rate
-    work = f"{most} at most, each {9 * (K * m) ** 2} operations at most; no factorization"
+    sizes = {"N": n, "M": m, "STEPS": K, "RATES": rates, "EXCHANGES": most, "WIDE": wide}
+    sizes |= {"STATES": len(limited), "RESTS": n - first if len(limited) else 0}
+    tables: dict[str, Any] = {"inverse": inverse, "map": free, "offset": offset}
+    tables |= {"low": low, "high": high, "column": limited % n - first}
+    tables |= {"rate": np.zeros(m) if task.rate is None else task.rate}
+    work = f"{most} at most, each {9 * size**2} operations at most; no factorization"
+    memory = f"{8 * flash} bytes of tables, {4 * size * (size + 16)} of state, in double precision"
     law = f"the first input of the best plan over {K} steps within the limits"
-    return sizes, tables, {"law": law, "exchanges": work}
+    law += ", those of states at a cost" * bool(len(limited))
+    return sizes, tables, {"law": law, "exchanges": work, "plans": memory}
 
 
 class Regulator(ControlLoop[Call]):
@@ -183,23 +206,25 @@ class Regulator(ControlLoop[Call]):
             The file, ``controller.h``.
         name : str, default "controller"
             What its names begin with: ``controller_start(&s)``, then ``controller_step(&s, y, u)``
-            with the states y for the first input u of the best plan.
+            with the states y for the first input u of the best plan. ``controller_target(&s, r)``
+            is ``loop.target = r``.
 
         Raises
         ------
         InputError, InputTypeError
             If an argument cannot be used, the loop keeps limits with a probability, or has limits
-            of states: those of inputs and rates are written.
+            of states that are hard or too many for a header of 1 MB.
         SolverError
             If an input has no weight.
 
         Notes
         -----
-        ``H^-1`` of the plans is a table. A dual active-set method (Goldfarb and Idnani 1983) begins
-        at the active limits of the call before and exchanges one at a time; the head says how many
-        at most, and the work of each. A call that would need more returns a safe input, and a code.
-        Inputs agree with those of this loop to rounding: 1e-12 of their limits, but 1e-8 where the
-        plant grows by 4000 over the horizon.
+        ``H^-1`` of the plans is a table, with limited states ``[I; G] H^-1 [I; G]'``. A dual
+        active-set method (Goldfarb and Idnani 1983) begins at the active limits of the call before
+        and exchanges one at a time; the head says how many at most, and the work of each. A call
+        that would need more returns a safe input, and a code. Inputs agree with those of this loop
+        to rounding: 1e-12 of the terms that add up to them, but 1e-8 where the plant grows by 4000
+        over the horizon.
 
         Examples
         --------
@@ -211,8 +236,18 @@ class Regulator(ControlLoop[Call]):
         """
         if self.kept is not None:
             raise InputError("`to_c` writes no loop with `keep`: its promise needs its plans")
-        sizes, tables, about = condensed(self._task, *self._matrices)
-        tables |= {"begin": self._start(), "most": self._most}
+        task, (A, B, c) = self._task, self._matrices
+        goal = task.reference if task.follows else task.reference[:1]
+        none = np.zeros_like(task.reference)
+        sizes, tables, about = condensed(replace(task, reference=none), A, B, c)
+
+        units = np.eye(goal.size).reshape(-1, *goal.shape)
+        each = (Horizon(replace(task, reference=none + unit), A, B).core for unit in units)
+        tables["aims"] = np.transpose([core.condensed()[2] for core in each])
+        tables |= {"begin": self._start(), "most": self._most, "goal": goal}
+        sizes["TARGETS"] = len(goal)
+        rows = "a row for each step of a plan" if task.follows else "the states wanted from then on"
+        about["target"] = f"{name}_target(&s, r), r = {rows}"
         about |= evidence(self.labels, self._dt, self._system, self.labels.states)
         about |= sentence(None, None)
         self._write(path, name, ["horizon", "regulator"], sizes, tables, about)
@@ -400,11 +435,36 @@ class Regulator(ControlLoop[Call]):
             raise InputError("`system` cannot change with a gain: its proof is about one model")
         checked = checked_model(system)
         with self._turn():
-            warm = self._solver.warm()
-            self._set(checked, self._acting())
-            self._solver.resume(warm)
+            self._change(checked, self._acting())
             if not self.labels.given:
                 self.labels = checked.labels
+
+    def _change(self, system: System | Identified, task: Task) -> None:
+        warm = self._solver.warm()
+        self._set(system, task)
+        self._solver.resume(warm)
+
+    @property
+    def target(self) -> Floats:
+        """Where the states are to stay, (n,), or the states wanted over the steps of each plan.
+
+        It can be set: to a target, or to a row for each step of a plan, (K, n), if the loop has a
+        reference; the last plan and the active limits are kept. All that does not depend on the
+        state is then computed anew; a controller in C has a table for it.
+        """
+        rows = self._task.reference
+        return rows.copy() if self._task.follows else rows[0].copy()
+
+    @target.setter
+    def target(self, target: ArrayLike) -> None:
+        if self.kept is not None:
+            raise InputError("`target` cannot change with `keep`: its limits are about one target")
+        rows, shape = validation.array("target", target, ndim=(1, 2)), self.target.shape
+        if rows.shape != shape:
+            raise ShapeError(f"`target` must have shape {shape}, got {rows.shape}")
+        with self._turn():
+            reference = rows + np.zeros_like(self._task.reference)
+            self._change(self._system, replace(self._acting(), reference=reference))
 
     def _predictions(self) -> PredictedLoop:
         covariance = getattr(self._system, "covariance", None)

@@ -12,18 +12,19 @@ use faer::{Mat, MatRef, Side};
 
 use super::map::{Horizon, WHAT};
 use crate::error::{Error, Result};
-use crate::memory::{checked_len, covered, room_for_products, try_collect, try_room};
+use crate::memory::{checked_len, covered, room_for_products, try_collect, try_push, try_room};
 
 type Matrix = Mat<f64>;
 
-/// What a horizon is without its limits; matrices row by row.
+/// What a horizon is without its limits, for its inputs and the states that have limits; matrices row by row.
 #[derive(Debug)]
 pub struct Condensed {
-    /// The lower triangle of `H^-1`.
+    /// The lower triangle of `H^-1`, of `C H^-1 C'` with states, `C = [I; G]`. Of states whose limits are soft with weight w,
+    /// `1 / w` is added to the diagonal: what is beyond a limit is then one more variable.
     pub inverse: Vec<f64>,
-    /// F (K m, n).
+    /// F (K m + states, n).
     pub map: Vec<f64>,
-    /// g (K m).
+    /// g (K m + states).
     pub offset: Vec<f64>,
 }
 
@@ -39,16 +40,23 @@ struct Step {
 type Ways = (Matrix, Matrix);
 
 impl Horizon {
-    /// The same inputs, condensed; limits of states are not in it.
+    /// The entries of `x(1) .. x(K)` that have a limit.
+    pub(super) fn limited(&self) -> Result<Vec<usize>> {
+        let mut states = Vec::new();
+        if let Some((low, high)) = &self.task.states {
+            for i in (0..low.len()).filter(|i| low[*i].is_finite() || high[*i].is_finite()) {
+                try_push(WHAT, &mut states, i)?;
+            }
+        }
+        Ok(states)
+    }
+
+    /// The same inputs, condensed, and the states that have limits behind them.
     ///
     /// # Errors
     /// [`Error::Numerical`] where an input has no weight at some step, [`Error::Memory`].
     pub fn condensed(&self) -> Result<Condensed> {
-        self.with_states(&[])
-    }
-
-    /// The same with these entries of `x(1) .. x(K)` behind the inputs: for `C = [I; G]` of these `C H^-1 C'`, C F and C g.
-    pub(super) fn with_states(&self, states: &[usize]) -> Result<Condensed> {
+        let states = &self.limited()?[..];
         let (n, m, steps) = (self.n, self.m, self.steps);
         let (d, more) = (steps * m, steps * n);
         let (size, wide) = (d + states.len(), d + states.len() + n + 1);
@@ -61,6 +69,8 @@ impl Horizon {
         let at = |i: usize, j: usize| if i < d { u[(i, j)] } else { x[(states[i - d], j)] };
         let mut inverse = try_room(WHAT, checked_len(WHAT, size, size + 1)? / 2)?;
         (0..size).for_each(|i| (0..=i).for_each(|j| inverse.push(-0.5 * (at(i, j) + at(j, i)))));
+        let slack = self.task.soft.map_or(0.0, |soft| 1.0 / soft);
+        (d..size).for_each(|i| inverse[i * (i + 3) / 2] += slack);
         let map = try_collect(WHAT, (0..size * n).map(|e| at(e / n, size + e % n)))?;
         let offset = try_collect(WHAT, (0..size).map(|i| at(i, size + n)))?;
         if inverse.iter().chain(&map).chain(&offset).any(|v| !v.is_finite()) {

@@ -17,7 +17,7 @@ use crate::limits::linear::least_eigenvalue;
 use crate::limits::quadratic::{Method, Status, Until};
 use crate::limits::rows::{KEPT, Within, clipped};
 use crate::limits::solve::{Most, Solution, measured};
-use crate::memory::{checked_len, try_filled, try_push, try_room, try_zeros};
+use crate::memory::{checked_len, try_filled, try_room, try_zeros};
 
 /// Inputs and limited states up to which there is a table of their products.
 const MOST: usize = 1500;
@@ -153,29 +153,20 @@ impl Pivoting {
     /// None where a table of products would be too large, or does not exist to rounding.
     pub(super) fn new(h: &Horizon) -> Result<Option<Self>> {
         let (n, m, steps, d) = (h.n, h.m, h.steps, h.steps * h.m);
-        let mut states = Vec::new();
-        if let Some((low, high)) = &h.task.states {
-            for i in (0..low.len()).filter(|i| low[*i].is_finite() || high[*i].is_finite()) {
-                try_push(WHAT, &mut states, i)?;
-            }
-        }
+        let states = h.limited()?;
         let size = d + states.len();
         if h.boxed() || h.grows || size > MOST {
             return Ok(None);
         }
-        let made = match h.with_states(&states) {
+        let made = match h.condensed() {
             Err(Error::Numerical(_)) => return Ok(None),
             made => made?,
         };
         let ld = padded(size);
         let mut table = try_zeros(WHAT, checked_len(WHAT, size, ld)?)?;
-        let mut entries = made.inverse.iter();
-        for i in 0..size {
-            for j in 0..=i {
-                let more = if i == j && i >= d { h.task.soft.map_or(0.0, |soft| 1.0 / soft) } else { 0.0 };
-                let value = entries.next().map_or(0.0, |v| v + more);
-                (table[i * ld + j], table[j * ld + i]) = (value, value);
-            }
+        for (i, j) in (0..size).flat_map(|i| (0..=i).map(move |j| (i, j))) {
+            let value = made.inverse[i * (i + 1) / 2 + j];
+            (table[i * ld + j], table[j * ld + i]) = (value, value);
         }
         let mut map = try_zeros(WHAT, checked_len(WHAT, size, padded(n + 1))?)?;
         for (i, line) in map.chunks_exact_mut(padded(n + 1)).enumerate() {
@@ -298,11 +289,11 @@ impl Pivoting {
             let over = |at: &usize| self.beyond(h, *at, low, high).powi(2);
             zero += soft * self.states.iter().map(over).sum::<f64>();
         }
-        self.now.u.copy_from_slice(&self.dual.v[..d]);
+        self.take();
         self.judge(h, zero)?;
         if end == End::Found && !self.good(zero) {
             self.dual.again();
-            self.now.u.copy_from_slice(&self.dual.v[..d]);
+            self.take();
             self.judge(h, zero)?;
         }
         if let End::Early(_) = end {
@@ -431,6 +422,13 @@ impl Pivoting {
             self.signs[first + at] = self.dual.side[d + k];
         }
         self.begun = true;
+    }
+
+    /// The inputs that were found, active limits exactly.
+    fn take(&mut self) {
+        for (i, u) in self.now.u.iter_mut().enumerate() {
+            *u = if self.dual.side[i] == 0 { self.dual.v[i] } else { self.dual.limit(i) };
+        }
     }
 
     /// How far a state, of `x(1) .. x(K)`, is above its upper limit, or below its lower one with a minus.

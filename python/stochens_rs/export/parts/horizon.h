@@ -1,23 +1,27 @@
 
-/* Plans within limits: the least (v - f)'H (v - f) over the rows low <= C v <= high of inputs and rates, by a
-   dual active-set method (Goldfarb and Idnani 1983) on H^-1, begun at the active limits of the call before. The
-   factors L D L' of C H^-1 C' of the active rows are updated: no call factors anew. */
+/* Plans within limits: the least (v - f)'W^-1 (v - f) over the rows low <= C v <= high of inputs, states and rates,
+   by a dual active-set method (Goldfarb and Idnani 1983) on W, begun at the active limits of the call before. The
+   factors L D L' of C W C' of the active rows are updated: no call factors anew. v has the inputs of all steps, then
+   the states that have limits, which it may exceed at a cost: W = H^-1 without them, [I; G] H^-1 [I; G]' with them,
+   and the inverse of the weight of the excess on the diagonal. */
 #define $_V ($_STEPS * $_M)
-#define $_ROWS ($_V + $_RATES * $_V)
+#define $_ALL ($_V + $_STATES)
+#define $_ROWS ($_ALL + $_RATES * $_V)
 
 typedef struct {
-    @_wide u[$_V];       /* the plan, step by step */
-    @_wide f[$_V];       /* that without limits */
-    @_wide size[$_V];    /* of the terms that made u */
-    @_wide mu[$_V];      /* multipliers of the active rows */
-    @_wide to[$_V];      /* what they would be without signs */
-    @_wide pivot[$_V];   /* D */
-    @_wide lower[$_V * ($_V + 1) / 2 + 1]; /* L below its diagonal, row by row */
-    int set[$_V];        /* the active rows */
+    @_wide u[$_ALL];     /* the plan, step by step, and its states */
+    @_wide f[$_ALL];     /* that without limits */
+    @_wide base[$_ALL];  /* that from the state 0, to the target */
+    @_wide size[$_ALL];  /* of the terms that made u */
+    @_wide mu[$_ALL];    /* multipliers of the active rows */
+    @_wide to[$_ALL];    /* what they would be without signs */
+    @_wide pivot[$_ALL]; /* D */
+    @_wide lower[$_ALL * ($_ALL + 1) / 2 + 1]; /* L below its diagonal, row by row */
+    int set[$_ALL];      /* the active rows */
     int count;           /* how many */
     int exchanges;       /* of the last call; at most $_EXCHANGES */
     signed char side[$_ROWS]; /* -1: at its lower limit, 1: at the upper one */
-    @_real about[$_M]; /* the set point that limits are about */
+    @_real about[$_M + $_RESTS]; /* the set point that limits are about */
 } @_plan;
 
 static inline @_wide @_pair(int i, int j)
@@ -25,31 +29,42 @@ static inline @_wide @_pair(int i, int j)
     return i >= j ? @_inverse[i * (i + 1) / 2 + j] : @_inverse[j * (j + 1) / 2 + i];
 }
 
-/* Entry i of H^-1 c, c a row: rows from $_V on are u_j - u_(j-m). */
+/* The entry of v that a row is of; rows from $_ALL on are u_j - u_(j-m). */
+static inline int @_place(int row)
+{
+    return $_RATES && row >= $_ALL ? row - $_ALL : row;
+}
+
+static inline int @_change(int row)
+{
+    return $_RATES && row >= $_ALL + $_M;
+}
+
+/* Entry i of W c, c a row. */
 static inline @_wide @_across(int i, int row)
 {
-    int j = row % $_V;
-    return $_RATES && row >= $_V && j >= $_M ? @_pair(i, j) - @_pair(i, j - $_M) : @_pair(i, j);
+    int j = @_place(row);
+    return @_change(row) ? @_pair(i, j) - @_pair(i, j - $_M) : @_pair(i, j);
 }
 
 static inline @_wide @_gram(int row, int other)
 {
-    int i = row % $_V;
-    return $_RATES && row >= $_V && i >= $_M ? @_across(i, other) - @_across(i - $_M, other) : @_across(i, other);
+    int i = @_place(row);
+    return @_change(row) ? @_across(i, other) - @_across(i - $_M, other) : @_across(i, other);
 }
 
 static inline @_wide @_value(const @_wide *v, int row)
 {
-    int i = row % $_V;
-    return $_RATES && row >= $_V && i >= $_M ? v[i] - v[i - $_M] : v[i];
+    int i = @_place(row);
+    return @_change(row) ? v[i] - v[i - $_M] : v[i];
 }
 
-/* The limit of a row; u = us + v, and the first rate is from the input that acts now. */
+/* The limit of a row about the set point `us`; the first rate is from the input that acts now. */
 static inline @_wide @_limit(int row, int side, const @_real *us, const @_real *now)
 {
-    int i = row % $_V, j = i % $_M;
-    if (!$_RATES || row < $_V)
-        return (side < 0 ? @_low[i] : @_high[i]) - us[j];
+    int i = @_place(row), j = i % $_M;
+    if (row < $_ALL)
+        return (side < 0 ? @_low[i] : @_high[i]) - us[i < $_V ? j : $_M + @_column[i - $_V]];
     return (side < 0 ? -@_rate[j] : @_rate[j]) + (i < $_M ? now[j] - us[j] : $_W(0));
 }
 
@@ -70,7 +85,7 @@ static inline int @_enter(@_plan *p, int row)
         rest -= own[i] * v;
         own[i] = v;
     }
-    if (k == $_V || !(rest > $_W(100) * $_WIDE_EPS * size))
+    if (k == $_ALL || !(rest > $_W(100) * $_WIDE_EPS * size))
         return 0;
     p->pivot[k] = rest;
     p->set[k] = row;
@@ -115,7 +130,7 @@ static inline void @_back(const @_plan *p, @_wide *x)
             x[j] -= p->lower[i * (i - 1) / 2 + j] * x[i];
 }
 
-/* to = (C H^-1 C')^-1 (C v - b) over the active rows. */
+/* to = (C W C')^-1 (C v - b) over the active rows. */
 static inline void @_aim(@_plan *p, const @_wide *v, const @_real *us, const @_real *now)
 {
     for (int i = 0; i < p->count; ++i) {
@@ -130,10 +145,10 @@ static inline void @_aim(@_plan *p, const @_wide *v, const @_real *us, const @_r
     @_back(p, p->to);
 }
 
-/* u = f - H^-1 C' mu */
+/* u = f - W C' mu */
 static inline void @_move(@_plan *p)
 {
-    for (int i = 0; i < $_V; ++i) {
+    for (int i = 0; i < $_ALL; ++i) {
         @_wide v = p->f[i], size = v < $_W(0) ? -v : v;
         for (int k = 0; k < p->count; ++k) {
             @_wide by = @_across(i, p->set[k]) * p->mu[k];
@@ -147,7 +162,7 @@ static inline void @_move(@_plan *p)
 
 static inline int @_fixed(int row)
 {
-    return (!$_RATES || row < $_V) && !(@_low[row] < @_high[row]);
+    return row < $_ALL && !(@_low[row] < @_high[row]);
 }
 
 /* The active row that leaves first on the way of the multipliers by (x mu + y to), and how far that is. */
@@ -175,11 +190,11 @@ static inline int @_beyond(const @_plan *p, const @_real *us, const @_real *now,
     int at = -1;
     @_wide most = $_W(0);
     for (int row = 0; row < $_ROWS; ++row) {
-        int i = row % $_V;
+        int i = @_place(row);
         @_wide v = @_value(p->u, row), size = p->size[i];
         if (p->side[row])
             continue;
-        if ($_RATES && row >= $_V && i >= $_M)
+        if (@_change(row))
             size += p->size[i - $_M];
         for (int s = -1; s < 2; s += 2) {
             @_wide limit = @_limit(row, s, us, now), off = s < 0 ? limit - v : v - limit;
@@ -197,9 +212,11 @@ static inline void @_blank(@_plan *p)
 {
     for (int row = 0; row < $_ROWS; ++row)
         p->side[row] = 0;
-    for (int i = 0; i < $_V; ++i)
+    for (int i = 0; i < $_ALL; ++i) {
         p->u[i] = $_W(0);
-    for (int j = 0; j < $_M; ++j)
+        p->base[i] = @_offset[i];
+    }
+    for (int j = 0; j < $_M + $_RESTS; ++j)
         p->about[j] = $_R(0);
     p->count = 0;
     p->exchanges = 0;
@@ -218,13 +235,25 @@ static inline void @_clip(@_plan *p, const @_real *us, const @_real *now)
     }
 }
 
+/* The row that a row was one step before; of the last step itself. */
+static inline int @_later(int row)
+{
+    int next = row + $_M;
+    if (row < $_V || row >= $_ALL)
+        return next < $_V || (row >= $_ALL && next < $_ROWS) ? next : row;
+    for (next = row + 1; next < $_ALL; ++next)
+        if (@_column[next - $_V] == @_column[row - $_V])
+            return next;
+    return row;
+}
+
 /* The plan from the state x. */
 static inline int @_solve(@_plan *p, const @_real *x, const @_real *now)
 {
     const @_real *us = p->about;
     int done = 0;
-    for (int i = 0; i < $_V; ++i) {
-        @_wide v = @_offset[i];
+    for (int i = 0; i < $_ALL; ++i) {
+        @_wide v = p->base[i];
         for (int j = 0; j < $_N; ++j)
             v += @_map[i * $_N + j] * x[j];
         p->f[i] = v;
@@ -234,8 +263,7 @@ static inline int @_solve(@_plan *p, const @_real *x, const @_real *now)
     /* the active limits of the last call, one step later; the last step once more */
     p->count = 0;
     for (int row = 0; row < $_ROWS; ++row) {
-        int next = row % $_V + $_M < $_V ? row + $_M : row;
-        signed char side = (signed char)(@_fixed(row) ? 1 : p->side[next]);
+        signed char side = (signed char)(@_fixed(row) ? 1 : p->side[@_later(row)]);
         if (side && !@_fits(@_limit(row, side, us, now), $_LARGEST))
             side = 0;
         p->side[row] = side;
@@ -291,7 +319,7 @@ static inline int @_solve(@_plan *p, const @_real *x, const @_real *now)
     }
     for (int i = 0; i < p->count; ++i) { /* exactly at the limits */
         int row = p->set[i];
-        if (done && (!$_RATES || row < $_V))
+        if (done && row < $_V)
             p->u[row] = @_limit(row, p->side[row], us, now);
     }
     @_clip(p, us, now);

@@ -9,10 +9,11 @@ static inline void @_blank(@_plan *p)
     p->none = 0;
 }
 
-static inline int @_policy(@_plan *p, const @_real *x, const @_real *us, const @_real *acted,
+static inline int @_policy(@_plan *p, const @_real *x, const @_real *xs, const @_real *us, const @_real *acted,
                             @_real *v)
 {
     (void)p;
+    (void)xs;
     (void)us;
     (void)acted;
     for (int j = 0; j < $_M; ++j) {

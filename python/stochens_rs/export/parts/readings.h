@@ -13,6 +13,7 @@ typedef struct {
     @_real u[$_M];           /* the input returned last */
     @_real applied[$_M];     /* what acts until the next call: write here what was applied if it is not u */
     @_real target[$_P];      /* where the outputs are to go; those that were free stay free */
+    @_real slope[$_P];       /* what that changes by until the next call */
     @_real goal[$_P];        /* the last target that can be */
     @_real bias[$_P];        /* what is learned of a constant that is added to each reading */
     @_real joint[($_N + $_P) * ($_N + $_P)], rows[$_P * ($_N + $_P)], step[$_N * ($_N + $_P)];
@@ -27,11 +28,24 @@ static inline void @_start(@ *s)
     for (int j = 0; j < $_M; ++j)
         s->u[j] = s->applied[j] = @_begin[j];
     for (int i = 0; i < $_P; ++i) {
-        s->target[i] = s->goal[i] = @_target[i];
-        s->bias[i] = $_R(0);
+        s->target[i] = s->goal[i] = @_first_target[i];
+        s->slope[i] = s->bias[i] = $_R(0);
     }
     s->row = s->alike = $_R(0);
     s->full = s->raised = s->doubted = s->started = 0;
+}
+
+/* Where the outputs are to go: $_TARGETS rows, at the next call, and at the one behind it, where it then stays. */
+static inline int @_target(@ *s, const @_real *target)
+{
+    for (int i = 0; i < $_TARGETS * $_P; ++i)
+        if (!@_fits(target[i], @_most[i % $_P]))
+            return $_HELD;
+    for (int i = 0; i < $_P; ++i) {
+        s->target[i] = target[i];
+        s->slope[i] = target[($_TARGETS - 1) * $_P + i] - target[i];
+    }
+    return $_OK;
 }
 
 /* One step of filters in a row, of which the first is fed by `by`. */
@@ -387,7 +401,7 @@ static inline @_real @_off(const @ *s, const @_real *y, const @_real *z, const i
         for (int j = 0; j < $_D; ++j)
             off[i] -= @_gate_theta[i * $_D + j] * z[j];
         any = any || seen[i];
-        shifted = shifted || s->bias[i] > $_R(0) || s->bias[i] < $_R(0);
+        shifted = shifted || $_ABS(s->bias[i]) > $_CAPPED * $_SQRT(@_noise[i * $_P + i]); /* less is rounding */
     }
     if (!$_GATE || !any)
         return $_R(0);
@@ -428,14 +442,16 @@ static inline void @_project(@_real *bias, const @_real *us)
     for (int round = 0; round < $_M; ++round) {
         int before = count, fine = 1;
         for (int j = 0; j < $_M; ++j) {
-            @_real v = us[j], w;
+            @_real wanted = $_R(0), v, w, size;
             int there = 0;
             for (int i = 0; i < $_P; ++i)
-                v += @_us_of_bias[j * $_P + i] * bias[i];
+                wanted += @_us_of_bias[j * $_P + i] * bias[i];
+            v = us[j] + wanted;
+            size = $_ABS(wanted) > $_ABS(us[j]) ? $_ABS(wanted) : $_ABS(us[j]);
             for (int k = 0; k < before; ++k)
                 there = there || held[k] == j;
             w = @_within(v, @_floor[j], @_ceiling[j]);
-            if (!there && (v < w || v > w)) {
+            if (!there && $_ABS(v - w) > $_CAPPED * size) {
                 value[count] = w - us[j];
                 held[count++] = j;
             }
@@ -517,7 +533,8 @@ static inline void @_reject(@ *s, const @_real *y, const @_real *predicted, cons
 static inline int @_step(@ *s, const @_real *y, @_real *u)
 {
     int seen[$_P], none[$_P], known = 1, complete = 1, lost = 0, runs = 0, code = $_OK, raised = 0;
-    @_real read[$_P], acted[$_M], us[$_M], goal[$_M], bias[$_P], z[$_D], predicted[$_P], x[$_N], sum = $_R(0);
+    @_real read[$_P], acted[$_M], us[$_M], goal[$_M], bias[$_P], z[$_D], predicted[$_P], x[$_N], xs[$_N];
+    @_real slope[$_P], sum = $_R(0);
     @_real v[$_M] = {0};
     for (int i = 0; i < $_P; ++i) {
         seen[i] = @_fits(y[i], @_most[i]);
@@ -527,6 +544,7 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
         bias[i] = s->bias[i];
         if (@_fits(s->target[i], @_most[i]))
             s->goal[i] = s->target[i];
+        slope[i] = @_fits(s->slope[i], @_most[i]) ? s->slope[i] : $_R(0);
     }
     for (int j = 0; j < $_M; ++j)
         known = known && @_fits(s->applied[j], @_most[$_P + j]);
@@ -535,7 +553,7 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
     for (int j = 0; j < $_M; ++j) {
         goal[j] = @_us[j];
         for (int i = 0; i < $_P; ++i)
-            goal[j] += @_us_of_target[j * $_P + i] * (s->goal[i] - @_target[i]);
+            goal[j] += @_us_of_target[j * $_P + i] * (s->goal[i] - @_first_target[i]);
         us[j] = @_within(goal[j], @_floor[j], @_ceiling[j]);
     }
     if (s->full) {
@@ -603,14 +621,17 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
         for (int j = 0; j < $_M; ++j) {
             us[j] = goal[j];
             for (int i = 0; i < $_P; ++i)
-                us[j] += @_us_of_bias[j * $_P + i] * bias[i];
+                us[j] += @_us_of_bias[j * $_P + i] * bias[i] + @_us_of_slope[j * $_P + i] * slope[i];
         }
         for (int a = 0; a < $_N; ++a) {
-            x[a] = s->now.x[a] - @_xs[a];
-            for (int i = 0; i < $_P; ++i)
-                x[a] -= @_xs_of_bias[a * $_P + i] * bias[i] + @_xs_of_target[a * $_P + i] * (s->goal[i] - @_target[i]);
+            xs[a] = @_xs[a];
+            for (int i = 0; i < $_P; ++i) {
+                xs[a] += @_xs_of_bias[a * $_P + i] * bias[i] + @_xs_of_slope[a * $_P + i] * slope[i];
+                xs[a] += @_xs_of_target[a * $_P + i] * (s->goal[i] - @_first_target[i]);
+            }
+            x[a] = s->now.x[a] - xs[a];
         }
-        code = @_policy(&s->plan, x, us, acted, v);
+        code = @_policy(&s->plan, x, xs, us, acted, v);
         lost = code == $_HELD;
         for (int j = 0; j < $_M; ++j) {
             v[j] += us[j];
@@ -634,6 +655,10 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
     else if (code == $_OK && !complete)
         code = $_FILLED;
     s->started = s->started || runs;
+    for (int i = 0; i < $_P; ++i) { /* the target is that of the next call */
+        s->target[i] = s->goal[i] + slope[i];
+        s->slope[i] = $_R(0);
+    }
     for (int j = 0; j < $_M; ++j)
         u[j] = s->applied[j] = s->u[j];
     return code;

@@ -6,9 +6,30 @@ typedef struct {
     int held;      /* calls in a row without a state; -1 before the first plan */
 } @;
 
+/* From the next call on to these states: $_TARGETS rows, one that stays or one for each step of a plan. */
+static inline int @_target(@ *s, const @_real *target)
+{
+    int code = $_OK;
+    for (int i = 0; i < $_TARGETS * $_N; ++i)
+        if (!@_fits(target[i], @_most[i % $_N]))
+            code = $_HELD;
+    for (int i = 0; i < $_ALL && code == $_OK; ++i) {
+        @_wide v = @_offset[i];
+        for (int j = 0; j < $_TARGETS * $_N; ++j)
+            v += @_aims[i * $_TARGETS * $_N + j] * target[j];
+        s->plan.f[i] = v;
+        if (!@_fits(v, $_LARGEST))
+            code = $_HELD;
+    }
+    for (int i = 0; i < $_ALL && code == $_OK; ++i)
+        s->plan.base[i] = s->plan.f[i];
+    return code;
+}
+
 static inline void @_start(@ *s)
 {
     @_blank(&s->plan);
+    (void)@_target(s, @_goal);
     for (int j = 0; j < $_M; ++j)
         s->u[j] = @_begin[j];
     s->held = -1;

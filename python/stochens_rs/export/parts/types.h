@@ -24,7 +24,8 @@ typedef @_real @_wide;
 #define $_W(v) ((@_wide)(v))
 #define $_ABS(v) ((v) < $_R(0) ? -(v) : (v))
 
-/* What @_step returns; in every case u holds numbers within the limits. */
+/* What @_step returns; in every case u holds numbers within the limits. @_target returns $_OK, or $_HELD where it was
+   given nan, inf or what is too large: the target is then as before. */
 enum {
     $_OK = 0,      /* a new input */
     $_HELD = 1,    /* what was read cannot be true (nan, inf, huge): the last safe input goes on */

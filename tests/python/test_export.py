@@ -55,7 +55,7 @@ def aimed(loop: Any, c: Controller, rng: Any) -> None:
     """Another target for both: rows where there are some, for readings the one behind it."""
     y, wide, shape = loop.target, 0.3, np.shape(loop.target)
     if hasattr(loop, "model"):
-        shape = (1 if loop._law else 2, len(y))
+        shape = (1 if loop._law or loop._asked else 2, len(y))
         wide = 0.2 * loop.model.data.pairs()[0].std(axis=0)
     off = wide * rng.standard_normal(shape)
     for share in (1.0, 0.2, 0.0):  # until it is a point of rest within the limits

@@ -319,7 +319,6 @@ OWN = {
     "EnsembleTrajectory.plot_phase": {"across": 0, "up": 1},
 }
 # Arguments that do take one of the values of NEVER.
-LIMITS = ("u", "rate", "previous", "x", "soft")
 TAKEN = {
     ("System", "name"): {"text"},
     ("System", "states"): {"text array"},
@@ -346,7 +345,9 @@ TAKEN = {
     ("ReadingLoop.__call__", "applied"): {"nan vector"},
     ("ReadingLoop.__call__", "target"): {"nan vector"},  # of an output that is free
     # numbers, which are checked where the problem is known
-    **{("Limits", name): {"object vector", "ragged", "list of None"} for name in LIMITS},
+    **{("Limits", name): {"object vector", "ragged", "list of None"} for name in ("u", "x")},
+    **{("Limits", name): {"deep"} for name in ("rate", "previous")},
+    ("Limits", "forecast"): {"dict"},
     **{("Cost", name): {"deep"} for name in ("Q", "Qf", "R", "reference")},
     ("Uncertain", "values"): {"deep"},
     # runs that diverged
@@ -448,13 +449,14 @@ def call(label, function, parameters, tried=None, value=None):
     """Call with one bad argument."""
     name = label.rpartition(".")[2]
     own = OWN.get(label, OWN.get(name, {}))
-    args, kwargs = [], {}
+    args, kwargs, skipped = [], {}, False
     for p in parameters:
         if p.name == tried:
             given = value
         elif p.name in own:
             given = own[p.name]
         elif p.default is not p.empty or p.kind is p.VAR_KEYWORD:
+            skipped = True
             continue
         else:
             assert p.name in GOOD, missing(label, p.name)
@@ -464,7 +466,7 @@ def call(label, function, parameters, tried=None, value=None):
             kwargs["a"] = given
         elif p.kind is p.VAR_POSITIONAL:
             args += [value, *OWN[label][p.name][1:]] if p.name == tried else given
-        elif p.kind is p.KEYWORD_ONLY:
+        elif p.kind is p.KEYWORD_ONLY or (skipped and p.kind is p.POSITIONAL_OR_KEYWORD):
             kwargs[p.name] = given
         else:
             args.append(given)

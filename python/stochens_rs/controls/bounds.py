@@ -555,9 +555,8 @@ def ranked(
     count = validation.size("draws", draws)
     rank = rank_of(count, delta)
     if rank > count:
-        raise SizeError(
-            f"`draws` must be at least {needed(delta)} for delta={delta:g}, got {count}"
-        )
+        least = validation.show(needed(delta))
+        raise SizeError(f"`draws` must be at least {least} for delta={delta:g}, got {count}")
     miss = _core.validation_rank(misses(count), rank)
     said = f"approximate, no bound; {assumption}"
     return Typical(miss, certified, delta, count, noise, said)

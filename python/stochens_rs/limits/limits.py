@@ -305,6 +305,8 @@ class Cost(Asked):
     reference: Floats | Named | None = None
 
     def __post_init__(self) -> None:
+        if isinstance(self.R, str):
+            validation.choice("R", self.R, ("auto",))
         for name, value in self.given.items():
             self._keep(**{name: entries(name, value, square=name != "reference")})
         super().__post_init__()

@@ -198,7 +198,9 @@ class ControlLoop(Durable, Generic[Entry]):
 
     def _write(self, path: Any, name: str, parts: list[str], *of: dict[str, Any]) -> None:
         """Write the header of a controller from its sizes, tables and head, with the alarm."""
-        sizes, tables, about = of
+        (sizes, tables, about), name = of, validation.text("name", name)
+        if "target" in about:
+            about = about | {"target": f"{name}_target(&s, r), r = {about['target']}"}
         if self.watch is not None:
             counts, numbers = self.watch.tables()
             parts = [*parts, "alarm"]

@@ -977,7 +977,7 @@ class ReadingLoop(ControlLoop[Reading]):
                 rooms = task.state_high[0] - task.state_low[0]
                 far = np.hstack([far, rooms[model.n :]])
         sizes |= {"N": model.n, "TARGETS": more}
-        about["target"] = f"{name}_target(&s, r), r = the outputs wanted at the next call"
+        about["target"] = "the outputs wanted at the next call"
         about["target"] += ", and at the one behind it" * (more > 1)
         tables |= {"far": MOVED * far, "most_rate": self._rate}
         counts, numbers = self._window.tables()

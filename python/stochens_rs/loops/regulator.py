@@ -160,7 +160,8 @@ class Regulator(ControlLoop[Call]):
     ) -> None:
         checked, limit = checked_model(system), time_limit
         self._time_limit = None if limit is None else validation.positive("time_limit", limit)
-        self.labels, self.kept = checked.labels, kept
+        self.labels = checked.labels
+        self.kept = None if kept is None else validation.instance("kept", kept, Kept)
         self._set(checked, validation.instance("task", task, Task))
         self._plan: Floats | None = None
         self._held = 0
@@ -247,7 +248,7 @@ class Regulator(ControlLoop[Call]):
         tables |= {"begin": self._start(), "most": self._most, "goal": goal}
         sizes["TARGETS"] = len(goal)
         rows = "a row for each step of a plan" if task.follows else "the states wanted from then on"
-        about["target"] = f"{name}_target(&s, r), r = {rows}"
+        about["target"] = rows
         about |= evidence(self.labels, self._dt, self._system, self.labels.states)
         about |= sentence(None, None)
         self._write(path, name, ["horizon", "regulator"], sizes, tables, about)

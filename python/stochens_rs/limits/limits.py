@@ -94,8 +94,14 @@ def _sides_by_name(name: str, value: Mapping[Any, Any]) -> tuple[Named, Named]:
     return Named(lows.copy(), names), Named(highs.copy(), names)
 
 
-def rows_by_name(name: str, value: Mapping[Any, Any]) -> Named:
+def rows_by_name(name: str, value: Any) -> Named:
     """Numbers or rows of steps by name, ``{"outdoor": [4.0, 3.5]}``, as (h, names)."""
+    if isinstance(value, Named):
+        return value
+    if not isinstance(value, Mapping):
+        raise InputTypeError(
+            f"`{name}` must be numbers or steps by name, got {validation.show(value)}"
+        )
     names = tuple(value)
     if not names or not all(isinstance(one, str) for one in names):
         raise InputTypeError(f"`{name}` must have texts as names, got {names!s:.60}")
@@ -103,6 +109,12 @@ def rows_by_name(name: str, value: Mapping[Any, Any]) -> Named:
     if len({one.size for one in each} - {1}) > 1:
         raise ShapeError(f"`{name}` must have as many steps for each of {', '.join(names)}")
     return Named(np.column_stack(np.broadcast_arrays(*each)), names)
+
+
+def steps_ahead(rows: Floats, K: int) -> Floats:
+    """The rows of the next K steps; the last stays."""
+    found: Floats = rows[np.minimum(np.arange(K), len(rows) - 1)]
+    return found
 
 
 def entries(name: str, value: Any, *, square: bool = False) -> Any:
@@ -180,13 +192,7 @@ class Forecast(Asked):
     error: float | Named = 0.0
 
     def __post_init__(self) -> None:
-        given: Any = self.values
-        if not isinstance(given, Named):
-            if not isinstance(given, Mapping):
-                raise InputTypeError(
-                    f"`values` must be numbers or steps by name, got {validation.show(given)}"
-                )
-            self._keep(values=rows_by_name("values", given))
+        self._keep(values=rows_by_name("values", self.values))
         if isinstance(self.error, Mapping):
             self._keep(error=rows_by_name("error", self.error))
         of = self.error.values if isinstance(self.error, Named) else self.error

@@ -21,7 +21,7 @@ from ..exceptions import InputError, NonFiniteError, ShapeError
 from ..rng import Key
 from ..theory.drawn_bounds import PlanErrors
 from ..theory.exact import matrix_powers
-from .limits import Cost, Entries, Limits, Named, as_cost, as_limits
+from .limits import Cost, Entries, Limits, Named, as_cost, as_limits, steps_ahead
 
 SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of Q
 
@@ -187,17 +187,15 @@ def inputs_within(within: Limits, K: int, labels: Labels) -> tuple[Floats, Float
 
 def forecast_of(within: Limits, K: int, labels: Labels) -> tuple[Floats, Floats]:
     """What inputs will be that are not chosen, nan for the others, and how far from it, (K, m)."""
-    if (found := within.forecast) is None:
-        return np.full((K, len(labels.inputs)), np.nan), np.zeros((K, len(labels.inputs)))
 
-    def ahead(of: Any, none: float) -> Floats:
-        rows = of.values[np.minimum(np.arange(K), len(of.values) - 1)]
-        return _side("forecast", Named(rows, of.names), K, labels.inputs, none)
+    def ahead(of: Entries, none: float) -> Floats:
+        if isinstance(of, Named):
+            of = Named(steps_ahead(of.values, K), of.names)
+        return _side("forecast", of, K, labels.inputs, none)
 
-    values, error = ahead(found.values, np.nan), found.error
-    if isinstance(error, Named):
-        return values, np.where(np.isnan(values), 0.0, ahead(error, 0.0))
-    return values, np.where(np.isnan(values), 0.0, error)
+    found = within.forecast
+    values = ahead(found and found.values, np.nan)
+    return values, np.where(np.isnan(values), 0.0, ahead(found and found.error, 0.0))
 
 
 def _side(name: str, value: Entries, K: int, names: tuple[str, ...], none: float) -> Floats:

@@ -178,8 +178,11 @@ class Regulator(ControlLoop[Call]):
         none = np.zeros(self.m) if self._task.rate is None else self._last
         return np.clip(none, self._task.low[0], self._task.high[0])
 
-    def _set(self, system: System | Identified, task: Task) -> None:
-        """Compute all that does not depend on the state; nothing changes if that raises."""
+    def _set(self, system: System | Identified, task: Task, warm: Any = None) -> None:
+        """Compute all but what depends on the state, for calls that begin at the limits `warm`.
+
+        Nothing changes if that raises.
+        """
         sizes, wanted = system.B.shape, (task.reference.shape[1], task.low.shape[1])
         if sizes != wanted:
             raise ShapeError(
@@ -195,6 +198,7 @@ class Regulator(ControlLoop[Call]):
         A, B = (np.ascontiguousarray(M) for M in order.matrices(system.A, system.B))
         within = task if self.kept is None else self.kept.tightened(task)
         self._solver = loop_of(within, A, B, c)
+        self._solver.resume(warm)
         self._system, self._task, self._matrices = system, task, (A, B, c)
         self._most = believed(seen)
 
@@ -243,8 +247,8 @@ class Regulator(ControlLoop[Call]):
         sizes, tables, about = condensed(replace(task, reference=none), A, B, c)
 
         units = np.eye(goal.size).reshape(-1, *goal.shape)
-        each = (Horizon(replace(task, reference=none + unit), A, B).core for unit in units)
-        tables["aims"] = np.transpose([core.condensed()[2] for core in each])
+        each = (Horizon(task, A, B, wanted=none + unit).core.condensed() for unit in units)
+        tables["aims"] = np.transpose([offset for _, _, offset in each])
         tables |= {"begin": self._start(), "most": self._most, "goal": goal}
         sizes["TARGETS"] = len(goal)
         rows = "a row for each step of a plan" if task.follows else "the states wanted from then on"
@@ -337,8 +341,7 @@ class Regulator(ControlLoop[Call]):
         self.kept = None if kept is None else Kept.__new__(Kept)
         if self.kept is not None:
             vars(self.kept).update(kept)
-        self._set(self._system, self._acting())
-        self._solver.resume(warm)
+        self._set(self._system, self._acting(), warm)
 
     def _forget(self) -> None:
         self._plan, self._held, self._safe = None, 0, self._start()
@@ -436,14 +439,9 @@ class Regulator(ControlLoop[Call]):
             raise InputError("`system` cannot change with a gain: its proof is about one model")
         checked = checked_model(system)
         with self._turn():
-            self._change(checked, self._acting())
+            self._set(checked, self._acting(), self._solver.warm())
             if not self.labels.given:
                 self.labels = checked.labels
-
-    def _change(self, system: System | Identified, task: Task) -> None:
-        warm = self._solver.warm()
-        self._set(system, task)
-        self._solver.resume(warm)
 
     @property
     def target(self) -> Floats:
@@ -464,8 +462,8 @@ class Regulator(ControlLoop[Call]):
         if rows.shape != shape:
             raise ShapeError(f"`target` must have shape {shape}, got {rows.shape}")
         with self._turn():
-            reference = rows + np.zeros_like(self._task.reference)
-            self._change(self._system, replace(self._acting(), reference=reference))
+            task = replace(self._acting(), reference=rows + np.zeros_like(self._task.reference))
+            self._set(self._system, task, self._solver.warm())
 
     def _predictions(self) -> PredictedLoop:
         covariance = getattr(self._system, "covariance", None)

@@ -15,7 +15,7 @@ from .._base.types import DELTA, ArrayLike, Floats
 from ..exceptions import InputError, NonFiniteError, ShapeError, StochensError
 from ..feedback.bounds import Rest
 from ..identification.model import Model
-from ..limits.limits import Cost, rows_by_name
+from ..limits.limits import Cost, rows_by_name, steps_ahead
 
 # Of all outputs, or by name; rows of them are one for each step.
 Target: TypeAlias = ArrayLike | Mapping[str, ArrayLike]
@@ -67,20 +67,20 @@ def or_zero(values: Floats) -> Floats:
     return np.where(np.isnan(values), 0.0, values)
 
 
-def moves(rows: Floats, k: int, target: Floats) -> tuple[Floats, Floats]:
-    """How far the target at time k is from that of a set point, and its slope; the last stays."""
-    row, after = (rows[min(at, len(rows) - 1)] for at in (k, k + 1))
-    return or_zero(row - target), or_zero(after - row)
+def moves(rows: Floats, K: int, target: Floats) -> tuple[Floats, Floats]:
+    """How far the targets of the times 0 .. K are from one, (K + 1, p), and their slopes, (K, p)."""
+    way = or_zero(steps_ahead(rows, K + 1) - target)
+    return way, np.diff(way, axis=0)
 
 
 def way_of(rows: Floats, K: int, target: Floats) -> tuple[Floats, Floats, Floats]:
-    """Targets of the times 0 .. K less one: a ramp to their end, and how far they are from it.
+    """The ramp to the end of the targets of the times 0 .. K, and how far they are from it.
 
-    Its place at time 0 and its slope, the median of theirs, each (p,), and (K + 1, p); the last
-    target stays.
+    Its distance from `target` at time 0 and its slope, the median of theirs, each (p,), and
+    (K + 1, p).
     """
-    way = or_zero(rows[np.minimum(np.arange(K + 1), len(rows) - 1)] - target)
-    slope = np.median(np.diff(way, axis=0), axis=0)
+    way, slopes = moves(rows, K, target)
+    slope = np.median(slopes, axis=0)
     ramp = way[-1] - np.arange(K, -1, -1)[:, None] * slope
     return ramp[0], slope, way - ramp
 

@@ -37,7 +37,7 @@ from ..feedback.bounds import Rest, Tube
 from ..feedback.certificate import judged, sentence
 from ..identification.changes import source_of
 from ..identification.model import Model
-from ..limits.limits import Cost, LimitsLike, Named, as_cost, as_limits
+from ..limits.limits import Cost, LimitsLike, as_cost, as_limits, steps_ahead
 from ..limits.problem import forecast_of, loop_of, read_task
 from ..validation.held_out import PredictedLoop
 from .loop import ControlLoop
@@ -134,7 +134,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     __slots__ = (
         "_acted",  # the input before that of the last call
-        "_aimed",  # of `_point`: where free outputs stay, target, inputs
+        "_aimed",  # of `_point`: target, where free outputs stay, inputs
         "_asked",
         "_at_rest",
         "_bias",
@@ -240,7 +240,7 @@ class ReadingLoop(ControlLoop[Reading]):
         self._given, self._acted = ahead, self._safe
         self._low[fixed], self._high[fixed] = -np.inf, np.inf
         self._require(self._rows, here)
-        self._aimed = here, self._rows[0], ahead[-1]
+        self._aimed = self._rows[0], here, ahead[-1]
         self._restore((None, ()))
         self._forward = self._feed_forward()
         self._forget()
@@ -255,8 +255,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _restore(self, core: Any) -> None:
         warm, window = core
-        now, target, given = self._aimed
-        self._point = self._without_limits(target, now, given)
+        self._point = self._without_limits(*self._aimed)
         y, u, _ = self.model.data.pairs()
         wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
         assert self.model.window is not None
@@ -373,7 +372,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if follows == "runs":
             try:
                 if not self._started and np.isnan(self._rows[0]).any():
-                    self._aim(x[: len(y)].copy(), self._aimed[1])  # what is free stays where it is
+                    self._aim(self._aimed[0], x[: len(y)].copy())  # what is free stays where it is
                     self._window.aim(self._toward())
                 u, status = self._input(x, bias, acted)
             except InputError:  # what overflows, or leaves no room within the limits
@@ -484,7 +483,7 @@ class ReadingLoop(ControlLoop[Reading]):
         """Window and inputs at rest, and along targets to come how far the window is to be off."""
         if self._asked is None or not (self._looks or len(self._rows) > 1):
             return *self._point.moving(bias, *self._moves), None
-        start, slope, off = way_of(self._rows, self._steps, self._aimed[1])
+        start, slope, off = way_of(self._rows, self._steps, self._aimed[0])
         xs, us = self._point.moving(bias, start, slope, self._moves[2])
         pole = self.model.window.pole or 0.0  # type: ignore[union-attr]
         self._came = pole * self._came + (1.0 - pole) * self._rows[0]
@@ -506,7 +505,7 @@ class ReadingLoop(ControlLoop[Reading]):
             A, B, _ = self._system
             self._solver, near = loop_of(task, A, B, None), np.False_
         if not np.isnan(self._given).all():
-            self._solver.fix(self._given[np.minimum(np.arange(task.steps), len(self._given) - 1)])
+            self._solver.fix(steps_ahead(self._given, task.steps))
             near = np.False_
         if not near:
             # at rest the first lags or filters are the readings
@@ -515,11 +514,17 @@ class ReadingLoop(ControlLoop[Reading]):
             self._solved = xs, us
         return self._solver
 
-    def _aim(self, now: Floats, target: Floats) -> None:
+    def _aim(self, target: Floats, now: Floats) -> None:
         """Choose the rows that hold a target; outputs that are free and integrate stay at `now`."""
-        self._point = self._without_limits(target, now, self._given[: self._steps][-1])
-        self._aimed = now, target, self._given[: self._steps][-1]
+        self._aimed = target, now, self._measured_last
+        self._point = self._without_limits(*self._aimed)
         self._forward = self._feed_forward()
+
+    @property
+    def _measured_last(self) -> Floats:
+        """The inputs that are measured, at the end of a plan; nan where one is chosen."""
+        given: Floats = self._given[: self._steps][-1]
+        return given
 
     def _without_limits(self, target: Floats, now: Floats, given: Floats) -> _core.SetPoint:
         """The set point as it is asked for: what the inputs cannot do is cut in each call."""
@@ -540,16 +545,16 @@ class ReadingLoop(ControlLoop[Reading]):
         names = "_rows", "_point", "_aimed", "_forward", "_moves", "_way", "_came"
         before = {name: getattr(self, name) for name in names}
         now = self._window.now
-        here = self._aimed[0] if now is None else now[0][: rows.shape[1]]
+        here = self._aimed[1] if now is None else now[0][: rows.shape[1]]
         with np.errstate(all="ignore"):
             self._require(rows, here)
             try:
                 self._came = self._came if self._looks else self._rows[0]
                 self._rows = rows = self._padded(rows)
-                if (np.isnan(rows[0]) == np.isnan(self._aimed[1])).all():
+                if (np.isnan(rows[0]) == np.isnan(self._aimed[0])).all():
                     self._forward = self._feed_forward()
                 else:
-                    self._aim(here, rows[0])
+                    self._aim(rows[0], here)
                 self._window.aim(self._toward())
             except BaseException:
                 for name, value in before.items():
@@ -570,19 +575,15 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _toward(self) -> tuple[Floats, Floats, Floats, Floats]:
         """What a bias adds to the inputs that hold the target, these inputs, and the limits."""
-        row, self._moves = self._rows[0], self._moves_of(0)
+        row, (way, slopes) = self._rows[0], moves(self._rows, 1, self._aimed[0])
+        self._moves = way[0], slopes[0], or_zero(self._measured_last - self._aimed[2])
         inputs = np.minimum(np.maximum(self._at(row)[1], self._low), self._high)
         return self._point.of_bias[len(row) :].copy(), inputs, self._low, self._high
-
-    def _moves_of(self, k: int) -> tuple[Floats, Floats, Floats]:
-        """The target of the call k to come, from that of `_point`, its slope, and given inputs."""
-        apart = or_zero(self._given[: self._steps][-1] - self._aimed[2])
-        return *moves(self._rows, k, self._aimed[1]), apart
 
     def _at(self, row: Floats) -> tuple[Floats, Floats]:
         """The window and the inputs at rest at a target, without a bias."""
         none = np.zeros(len(row))
-        return self._point.moving(none, or_zero(row - self._aimed[1]), none, self._moves[2])
+        return self._point.moving(none, or_zero(row - self._aimed[0]), none, self._moves[2])
 
     def _feed_forward(self) -> Floats:
         """What targets to come add to the input of the gain, (h, m), 0 without weights.
@@ -598,13 +599,13 @@ class ReadingLoop(ControlLoop[Reading]):
             return forward
         (S, R), none, n, p = self._law, np.zeros(model.n_outputs), model.n, model.n_outputs
         own, chosen = np.zeros(model.m), np.isnan(self._given[0])
-        each = (moves(rows, k, self._aimed[1]) for k in range(len(rows)))
-        found = [self._point.moving(none, *one, own) for one in each]
+        steps, slopes = moves(rows, len(rows), self._aimed[0])
+        found = [self._point.moving(none, *one, own) for one in zip(steps, slopes, strict=False)]
         x, u = (np.array(each) for each in zip(*found, strict=True))
         A, B, K, H = model.A, model.B, self._policy, model.coefficients @ model.loop.J
         Q = (S - A.T @ S @ (A + B @ K))[:p, :p]  # of Riccati's equation
         w = u[:, ~chosen] @ B[:, ~chosen].T + (0.0 if model.c is None else model.c)
-        start = self._point.moving(none, or_zero(rows[0] - self._aimed[1]), none, own)[0]
+        start = self._point.moving(none, steps[0], none, own)[0]
         if self._way is not None and np.allclose(rows[0], self._way[1][0], equal_nan=True):
             start = self._way[0][0]
         of = A, B[:, chosen], H[:, :n], H[:, n : n + model.m][:, chosen]
@@ -642,10 +643,8 @@ class ReadingLoop(ControlLoop[Reading]):
 
         Of the region at 95 %, with what is held as in `exact`, which needs `offset_free`.
         """
-        task, sides = (self._rows[-1], self._weights), (self._low, self._high)
-        about = self._aimed[0], self._given[: self._steps][-1]
-        point = nearest_point(self.model, Aim(*task, sides, *about))[1]
-        found = rest_at(self.model, point)
+        about = self._weights, (self._low, self._high), self._aimed[1], self._measured_last
+        found = rest_at(self.model, nearest_point(self.model, Aim(self._rows[-1], *about))[1])
         return found if self._learning[0].any() else replace(found, exact=())
 
     @property
@@ -707,15 +706,14 @@ class ReadingLoop(ControlLoop[Reading]):
         if limits.rate is not None:
             limits = replace(limits, previous=self._acted)
         if limits.forecast is not None:
-            own = ~np.isnan(self._given[0])
-            names = tuple(np.array(self.model.input_names)[own].tolist())
-            now_on = replace(limits.forecast, values=Named(self._given[:, own], names))
-            limits = replace(limits, forecast=now_on)
+            columns = zip(self.model.input_names, self._given.T, strict=True)
+            now_on: Any = {name: one for name, one in columns if not np.isnan(one[0])}
+            limits = replace(limits, forecast=replace(limits.forecast, values=now_on))
         read = validation.frozen(self._log[-1].y.copy())
         start = Start(now[0], read, self._at_rest, self._acted)
         # the target of the last call is gone; a plan has those of the steps behind it
-        rows, given = np.vstack([self._rows[:1], self._rows]), self._given[: self._steps][-1]
-        point = self._without_limits(rows[: steps + 1][-1], self._aimed[0], given)
+        rows = np.vstack([self._rows[:1], self._rows])
+        point = self._without_limits(rows[: steps + 1][-1], self._aimed[1], self._measured_last)
         return plan_from(self.model, start, (point, rows, self._came), Wanted(steps, limits, cost))
 
     def _predictions(self) -> PredictedLoop:
@@ -785,7 +783,7 @@ class ReadingLoop(ControlLoop[Reading]):
         new, now, more = copy.copy(self), self._window.now, np.zeros(model.m)
         new._policy = gain.K
         new._of(model, gain)
-        new._require(new._rows, new._aimed[0])
+        new._require(new._rows, new._aimed[1])
         new._restore(new._saved())
         new._forward, new._fading = new._feed_forward(), (more, radius)
         if self._runs and now is not None:
@@ -904,8 +902,9 @@ class ReadingLoop(ControlLoop[Reading]):
             raise InputError("`tube` needs a full window, of which no reading was missing")
         if not np.isnan(self._given).all():
             raise InputError("`tube` is for loops without measured inputs: their way is not known")
-        K, model, last = validation.size("steps", steps), self.model, len(self._rows) - 1
-        more, by = self._fading
+        K, model = validation.size("steps", steps), self.model
+        ways, slopes = moves(self._rows, K, self._aimed[0])
+        (more, by), forward = self._fading, steps_ahead(self._forward, K)
         x, e, u = now[0], self._bias, self._last
         first = np.hstack([x, e[: proof.region.n - len(x)]])
         inputs = np.empty((K, model.m))
@@ -913,8 +912,8 @@ class ReadingLoop(ControlLoop[Reading]):
         for k in range(K):
             inputs[k] = u
             x, e = model.A @ x + model.B @ u + c, e - self._learning[0] @ e
-            xs, us = self._point.moving(e, *self._moves_of(k))
-            u = self._policy @ (x - xs) + self._forward[min(k, last)] + us + more * by**k
+            xs, us = self._point.moving(e, ways[k], slopes[k], self._moves[2])
+            u = self._policy @ (x - xs) + forward[k] + us + more * by**k
         return proof.tube(first, K, inputs=inputs, noise=noise)
 
     def to_c(
@@ -954,7 +953,7 @@ class ReadingLoop(ControlLoop[Reading]):
         >>> "controller_real target[" in path.read_text()
         True
         """
-        model, row, now = self.model, self._rows[0], self._aimed[0]
+        model, row, now = self.model, self._rows[0], self._aimed[1]
         if len(self._rows) > 1 or not np.isnan(self._given).all():
             raise InputError("`to_c` writes loops of one target and without inputs that are given")
         places = [self._without_limits(row, at, self._given[0]).place for at in (now, now + 1.0)]

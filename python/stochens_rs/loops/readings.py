@@ -495,12 +495,8 @@ class ReadingLoop(ControlLoop[Reading]):
     def _solver_at(self, xs: Floats, us: Floats) -> _core.Loop:
         """The problem whose limits are those from a point of rest, or from one that is near."""
         task: Any = self._policy
-        far, (before, solved) = MOVED * (self._high - self._low), self._solved
-        near = (np.abs(us - solved) <= far).all()
-        p = self.model.n_outputs
-        if task.state_low is not None:  # of (x, y)
-            rooms = task.state_high[0, -p:] - task.state_low[0, -p:]
-            near &= (np.abs(xs[:p] - before[:p]) <= MOVED * rooms).all()
+        far, before = self._far, np.hstack(self._solved[::-1])
+        near = (np.abs(np.hstack([us, xs]) - before)[: len(far)] <= far).all()
         if self._solver is None:
             A, B, _ = self._system
             self._solver, near = loop_of(task, A, B, None), np.False_
@@ -508,11 +504,22 @@ class ReadingLoop(ControlLoop[Reading]):
             self._solver.fix(steps_ahead(self._given, task.steps))
             near = np.False_
         if not near:
-            # at rest the first lags or filters are the readings
-            rest = xs if task.state_low is None else np.hstack([xs, xs[:p]])
-            self._solver.about(us, rest)
+            # at rest the first lags or filters are the readings, which may stand behind the window
+            self._solver.about(us, np.hstack([xs, xs[: len(self._system[0]) - len(xs)]]))
             self._solved = xs, us
         return self._solver
+
+    @property
+    def _far(self) -> Floats:
+        """How far a point of rest may move without a new problem: the inputs, and limited outputs.
+
+        The first lags or filters of the window at rest are the outputs.
+        """
+        room, task = self._high - self._low, self._policy
+        if not isinstance(task, np.ndarray) and task.state_low is not None:  # of (x, y)
+            rooms = task.state_high[0] - task.state_low[0]
+            room = np.hstack([room, rooms[self.model.n :]])
+        return MOVED * room
 
     def _aim(self, target: Floats, now: Floats) -> None:
         """Choose the rows that hold a target; outputs that are free and integrate stay at `now`."""
@@ -962,8 +969,7 @@ class ReadingLoop(ControlLoop[Reading]):
         law, part = {"law": "u = us + K (x - xs), x the window"}, ["policy_gain"]
         sizes, tables, about = {"M": model.m}, {"K": self._policy}, law
         # a gain without weights follows the slope
-        gains = self._law is None and self._asked is None
-        far, more = self._high - self._low, 2 if gains else 1
+        more = 2 if self._law is None and self._asked is None else 1
         if isinstance(self._policy, np.ndarray):
             certified = self.certificate()
             about |= sentence(certified.K, certified if proof is None else proof)
@@ -972,22 +978,17 @@ class ReadingLoop(ControlLoop[Reading]):
             sizes, tables, about = condensed(task, A, B, first=model.n)
             part, about = ["horizon", "policy_plan"], about | sentence(None, proof)
             tables["map"] = tables["map"][:, : model.n]
-            if task.state_low is not None:
-                rooms = task.state_high[0] - task.state_low[0]
-                far = np.hstack([far, rooms[model.n :]])
         sizes |= {"N": model.n, "TARGETS": more}
         about["target"] = "the outputs wanted at the next call"
         about["target"] += ", and at the one behind it" * (more > 1)
-        tables |= {"far": MOVED * far, "most_rate": self._rate}
+        tables |= {"far": self._far, "most_rate": self._rate}
         counts, numbers = self._window.tables()
         none, own = np.zeros(model.n_outputs), np.zeros(model.m)
         base = np.hstack(self._point.moving(none, none, none, own))
-        for of, at in ("target", 0), ("slope", 1):
-            ways = np.zeros((len(row), 2, len(row)))
-            ways[:, at] = np.diag(~np.isnan(row) * 1.0)
-            found = (self._point.moving(none, step, slope, own) for step, slope in ways)
-            moved = np.transpose([np.hstack(one) - base for one in found])
-            tables[f"xs_of_{of}"], tables[f"us_of_{of}"] = np.split(moved, [model.n])
+        for of, at in ("target", [1.0, 0.0]), ("slope", [0.0, 1.0]):
+            ways = (np.outer(at, unit) for unit in np.diag(~np.isnan(row) * 1.0))
+            moved = [np.hstack(self._point.moving(none, *way, own)) - base for way in ways]
+            tables[f"xs_of_{of}"], tables[f"us_of_{of}"] = np.split(np.transpose(moved), [model.n])
         tables["xs_of_bias"] = self._point.states_of_bias
         tables["us_of_bias"] = self._point.of_bias[len(row) :]
         tables["xs"], tables["us"] = self._at(row)

@@ -998,13 +998,13 @@ def _no_effect(region: Region, K: Floats, model: Identified) -> str | None:
     if "no effect" in source.assumptions.accept:  # type: ignore[union-attr]
         return None
     n, m = region.n, region.m
-    B, within = np.asarray(region.centre)[:, n : n + m], region.entry_bounds[:, n : n + m]
-    hidden = ((np.abs(B) <= within) & np.isfinite(within)).all(axis=0)
-    none = np.flatnonzero(hidden & K.any(axis=1)).tolist()
+    AB, within = np.asarray(region.centre)[:, : n + m], region.entry_bounds[:, : n + m]
+    hidden = np.abs(AB) <= within
+    of_inputs = (hidden & np.isfinite(within))[:, n:].all(axis=0)
+    none = np.flatnonzero(of_inputs & K.any(axis=1)).tolist()
     if not none:
         return None
-    A, open_by = np.asarray(region.centre)[:, :n], region.entry_bounds[:, :n]
-    if len(none) == m and (np.abs(A) <= open_by).all():
+    if len(none) == m and hidden[:, :n].all():
         return (
             f"{show.number_of(source.size, 'pair')} leave the sign of every effect open, "  # type: ignore[union-attr]
             "of the states too: measure more (or accept='no effect')"

@@ -371,10 +371,9 @@ class Model(SavedRecord, Fitted):
         about = self.regressors.core, self.first, self.window is not None, self.pilot is not None
         declared = self._plain, self._tested_rows, self.assumptions.declared
         found = tests.by_name(_core.log_tests(log, whole, *about, *declared))
-        if self.window is not None:
-            jumps = self._jumps()
-            if jumps and "spikes" not in found:
-                found = {name: test for name, test in found.items() if name != "wrap"} | jumps
+        if self.window is not None and "spikes" not in found and (jumps := self._jumps()):
+            found.pop("wrap", None)
+            found |= jumps
         return found
 
     def _jumps(self) -> dict[str, Tested]:

@@ -388,11 +388,8 @@ class ReadingLoop(ControlLoop[Reading]):
             why.append(waits)
             status = "cannot start" if stuck and not self._started else status
         self._started = self._started or self._runs
-        self._next_target()
-        u = np.where(np.isnan(self._given[0]), u, self._given[0])
-        reason, took = "; ".join(why) or None, perf_counter() - started
-        entry = Reading(y, predicted, u, self._bias, status, took, reason)
-        return self._entered(entry, u, y, acted)
+        how: Any = {"predicted": predicted, "status": status, "reason": "; ".join(why) or None}
+        return self._returned(u, y, acted, started, **how)
 
     def _waits(self) -> tuple[str, bool]:
         """What the loop waits for, and whether it will do."""
@@ -450,12 +447,9 @@ class ReadingLoop(ControlLoop[Reading]):
             self._window.aim(self._toward())
             self._window.start(found.x)
             u, status = self._input(found.x, self._bias, found.acted)
-            u = np.where(np.isnan(self._given[0]), u, self._given[0])
             self._at_rest, self._runs, self._started = found.at_rest, True, True
-            self._next_target()
-            took = perf_counter() - started
-            entry = Reading(found.read, None, u, self._bias, status, took)
-            return self._entered(entry, u, found.read, np.full(self.model.m, np.nan))
+            about = u, found.read, np.full(self.model.m, np.nan), started
+            return self._returned(*about, predicted=None, status=status)
 
     def _input(self, x: Floats, bias: Floats, acted: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""
@@ -574,11 +568,15 @@ class ReadingLoop(ControlLoop[Reading]):
             return rows
         return np.vstack([rows, np.repeat(rows[-1:], SETTLES, axis=0)])
 
-    def _next_target(self) -> None:
+    def _returned(self, u: Floats, y: Floats, acted: Floats, started: float, **how: Any) -> Floats:
+        """The input of a call that began at `started`, written down; next comes the next target."""
         if len(self._rows) > 1:
             self._rows, self._forward = self._rows[1:], self._forward[1:]
             self._way = self._way and (self._way[0][1:], self._way[1][1:])
             self._window.aim(self._toward())
+        u = np.where(np.isnan(self._given[0]), u, self._given[0])
+        took = perf_counter() - started
+        return self._entered(Reading(y=y, u=u, bias=self._bias, seconds=took, **how), u, y, acted)
 
     def _toward(self) -> tuple[Floats, Floats, Floats, Floats]:
         """What a bias adds to the inputs that hold the target, these inputs, and the limits."""

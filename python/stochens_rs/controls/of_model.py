@@ -143,20 +143,14 @@ def task_of(
             "`soft` must not be False for a model of outputs: give a weight, or leave it out"
         )
     names = Labels(model.outputs, model.input_names)
-    own = read_task(p, m, K, np.zeros(p), within, Cost(Q=weights_of(model, cost)), names)
-    assert own.state_low is not None
-    assert own.state_high is not None
+    own: Any = read_task(p, m, K, np.zeros(p), within, Cost(Q=weights_of(model, cost)), names)
     task = read_task(n, m, K, xf, replace(within, x=None, soft=None), cost, model.labels)
-
-    def wider(M: Floats) -> Floats:
-        return np.pad(M, [(0, p)] * 2)
-
     free = np.full((K, n), np.inf)
     ahead = model.coefficients @ model.loop.J
     task = replace(
         task,
-        stage=wider(task.stage),
-        terminal=wider(task.terminal),
+        stage=np.pad(task.stage, (0, p)),
+        terminal=np.pad(task.terminal, (0, p)),
         reference=np.pad(task.reference, [(0, 0), (0, p)]),
         state_low=np.hstack([-free, own.state_low]),
         state_high=np.hstack([free, own.state_high]),
@@ -319,19 +313,17 @@ def plan_from(
     Inputs cost what they differ from those there. The window saw targets before that led to the
     last of `goal`.
     """
-    (point, rows, came), none, own = goal, np.zeros(model.n_outputs), np.zeros(model.m)
-    K = wanted.steps
-    start_of_ramp, slope, off = way_of(rows, K, rows[: K + 1][-1])
-    x, u = point.moving(none, K * slope + start_of_ramp, slope, own)
-    way = None
-    if len(rows) > 1:
-        ramp = x[: len(none)] - np.arange(K - 1, -1, -1)[:, None] * slope
-        way = ramp + in_window(model, off, or_zero(came - x[: len(none)] + K * slope))
-    _, apart = forecast_of(as_limits(wanted.limits), wanted.steps, model.labels)
+    (point, rows, came), K, p = goal, wanted.steps, model.n_outputs
+    _, slope, off = way_of(rows, K, rows[: K + 1][-1])
+    x, u = point.moving(np.zeros(p), np.zeros(p), slope, np.zeros(model.m))
+    _, apart = forecast_of(as_limits(wanted.limits), K, model.labels)
     about = start.x, x, 0.0, start.read, start.at_rest, False, apart if apart.any() else None
-    basis = trusted(ModelBasis, model, *about)
-    if way is not None and wanted.cost.R is None:  # a task also without limits
-        wanted = wanted._replace(cost=replace(wanted.cost, R="auto"))
+    basis, way = trusted(ModelBasis, model, *about), None
+    if len(rows) > 1:
+        ramp = x[:p] - np.arange(K, -1, -1)[:, None] * slope
+        way = ramp[1:] + in_window(model, off, or_zero(came - ramp[0]))
+        if wanted.cost.R is None:  # a task also without limits
+            wanted = wanted._replace(cost=replace(wanted.cost, R="auto"))
     return model_control(basis, wanted, u, way)
 
 

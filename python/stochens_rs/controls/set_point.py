@@ -68,7 +68,7 @@ def or_zero(values: Floats) -> Floats:
 
 
 def moves(rows: Floats, K: int, target: Floats) -> tuple[Floats, Floats]:
-    """How far the targets of the times 0 .. K are from one, (K + 1, p), and their slopes, (K, p)."""
+    """How far targets of the times 0 .. K are from one, (K + 1, p), and their slopes, (K, p)."""
     way = or_zero(steps_ahead(rows, K + 1) - target)
     return way, np.diff(way, axis=0)
 
@@ -107,7 +107,13 @@ class Aim(NamedTuple):
     weights: Floats | None
     limits: tuple[Floats, Floats]
     now: Floats
-    given: Floats | None = None
+    given: Floats
+
+
+def points_of(model: Model) -> _core.SetPoints:
+    """The points of rest of a model of outputs."""
+    theta = np.ascontiguousarray(model.coefficients)
+    return _core.SetPoints(model.regressors.core, theta, model.ranges)
 
 
 def nearest_point(model: Model, aim: Aim) -> tuple[_core.SetPoints, _core.SetPoint]:
@@ -116,15 +122,13 @@ def nearest_point(model: Model, aim: Aim) -> tuple[_core.SetPoints, _core.SetPoi
     With the least ``(y - r)'Q(y - r)``, Q the `weights`, without them the squares of 1 / the range
     of each output.
     """
-    p, names, unit = model.n_outputs, model.outputs, model.ranges
-    target, weights, limits, now, given = aim
-    points = _core.SetPoints(model.regressors.core, np.ascontiguousarray(model.coefficients), unit)
+    points, (target, weights, limits, now, given) = points_of(model), aim
     if not points.can_be_held:
-        raise InputError(
-            f"`target` must be left out: no feedback holds {', '.join(names)} in this model"
-        )
-    Q = np.diag(unit[:p] ** -2.0) if weights is None or not weights.any() else weights
-    point = points.at(target, Q, now, limits, np.full(model.m, np.nan) if given is None else given)
+        names = ", ".join(model.outputs)
+        raise InputError(f"`target` must be left out: no feedback holds {names} in this model")
+    if weights is None or not weights.any():
+        weights = np.diag(model.ranges[: model.n_outputs] ** -2.0)
+    point = points.at(target, weights, now, limits, given)
     if not np.isfinite(point.place).all():
         raise NonFiniteError("`target` is too large: the point of rest overflows")
     return points, point
@@ -144,7 +148,7 @@ def set_point(model: Model, aim: Aim) -> _core.SetPoint:
     if point.at_limit:
         held = ", ".join(model.input_names[i] for i in point.at_limit)
         place += f", held by the limit of {held}"
-    chosen = np.isnan(np.full(model.m, np.nan) if aim.given is None else aim.given)
+    chosen = np.isnan(aim.given)
     m, wanted = int(chosen.sum()), int(np.count_nonzero(~np.isnan(target)))
     if wanted > m:
         place += (

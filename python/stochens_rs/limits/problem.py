@@ -193,7 +193,7 @@ def forecast_of(within: Limits, K: int, labels: Labels) -> tuple[Floats, Floats]
             of = Named(steps_ahead(of.values, K), of.names)
         return _side("forecast", of, K, labels.inputs, none)
 
-    found = within.forecast
+    found: Any = within.forecast
     values = ahead(found and found.values, np.nan)
     return values, np.where(np.isnan(values), 0.0, ahead(found and found.error, 0.0))
 

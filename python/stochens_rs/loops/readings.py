@@ -24,6 +24,7 @@ from ..controls.set_point import (
     moves,
     nearest_point,
     or_zero,
+    points_of,
     rest_at,
     set_point,
     targets,
@@ -509,7 +510,8 @@ class ReadingLoop(ControlLoop[Reading]):
 
         The first lags or filters of the window at rest are the outputs.
         """
-        room, task = self._high - self._low, self._policy
+        room: Floats = self._high - self._low
+        task = self._policy
         if not isinstance(task, np.ndarray) and task.state_low is not None:  # of (x, y)
             rooms = task.state_high[0] - task.state_low[0]
             room = np.hstack([room, rooms[self.model.n :]])
@@ -539,7 +541,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if np.isnan(self._given).all():
             limits = self._low, self._high
             for row in rows[:: max(1, len(rows) - 1)]:
-                set_point(self.model, Aim(row, self._weights, limits, now))
+                set_point(self.model, Aim(row, self._weights, limits, now, self._given[0]))
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""
@@ -985,7 +987,8 @@ class ReadingLoop(ControlLoop[Reading]):
         base = np.hstack(self._point.moving(none, none, none, own))
         for of, at in ("target", [1.0, 0.0]), ("slope", [0.0, 1.0]):
             ways = (np.outer(at, unit) for unit in np.diag(~np.isnan(row) * 1.0))
-            moved = [np.hstack(self._point.moving(none, *way, own)) - base for way in ways]
+            each = (self._point.moving(none, step, slope, own) for step, slope in ways)
+            moved = [np.hstack(one) - base for one in each]
             tables[f"xs_of_{of}"], tables[f"us_of_{of}"] = np.split(np.transpose(moved), [model.n])
         tables["xs_of_bias"] = self._point.states_of_bias
         tables["us_of_bias"] = self._point.of_bias[len(row) :]
@@ -1008,10 +1011,8 @@ class ReadingLoop(ControlLoop[Reading]):
 
 def gate_of(model: Model) -> _core.Gate | None:
     """The gate of a model, also of one in doubt; None where no bound of its noise is known."""
-    region = bounded(model)
-    if region is None or region.noise is None:
-        return None
-    return _core.Gate.of(region.core, np.ascontiguousarray(region.noise), FALSE_ALARM)
+    found = bounded(model)
+    return None if found is None else _core.Gate.of(found[0].core, found[1], FALSE_ALARM)
 
 
 def bias_of(model: Model, drift: Floats | None) -> tuple[Floats, Floats, Floats]:
@@ -1024,6 +1025,4 @@ def bias_of(model: Model, drift: Floats | None) -> tuple[Floats, Floats, Floats]
     noise = noise + 1e-12 * np.diag(squares + np.diag(noise))  # of exact data: rounding
     if drift is None:
         return np.zeros((p, p)), np.zeros((p, p)), noise
-    window, unit = model.regressors.core, np.ones(p + model.m)
-    points = _core.SetPoints(window, np.ascontiguousarray(model.coefficients), unit)
-    return (*_core.bias_gain(points.of_inputs, drift, noise), noise)
+    return (*_core.bias_gain(points_of(model).of_inputs, drift, noise), noise)

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .. import _core
 from .._base import show
 from .._base.types import DELTA
+from ..controls.set_point import points_of
 from ..exceptions import StochensError
 from ..identification.model import Model, asked_region
 from ..identification.region import Wish
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
 FALSE_ALARM = 1e-4
 
 
-def bounded(model: Model) -> Region | None:
-    """The region of a model, also of one in doubt; None where no bound of its noise is known."""
+def bounded(model: Model) -> tuple[Region, Floats] | None:
+    """The region of a model, also of one in doubt, and its noise; None where that has no bound."""
     if model.noise != "gaussian":
         return None
     try:
@@ -30,23 +30,20 @@ def bounded(model: Model) -> Region | None:
         region = asked_region(model, wish)
     except StochensError:
         return None
-    known = region.noise is not None and len(region.noise) == model.n_outputs
-    return region if known else None
+    if region.noise is None or len(region.noise) != model.n_outputs:
+        return None
+    return region, np.ascontiguousarray(region.noise)
 
 
 def explained(model: Model, bias: Floats, L: Floats, y: Floats, u: Floats) -> str | None:
     """What explains a bias at rest at (y, u), learned with L, beside noise and the region."""
-    region = bounded(model)
-    if region is None or region.noise is None:
+    if (found := bounded(model)) is None:
         return None
-    points = _core.SetPoints(
-        model.regressors.core, np.ascontiguousarray(model.coefficients), model.ranges
-    )
-    noise = np.ascontiguousarray(region.noise)
-    found = points.causes(region.core, noise, L, bias, (y, u), FALSE_ALARM)
-    if found is None:
+    region, noise = found
+    causes_of = points_of(model).causes(region.core, noise, L, bias, (y, u), FALSE_ALARM)
+    if causes_of is None:
         return None
-    acting, sensors, two = found
+    acting, sensors, two = causes_of
     causes = []
     if acting is not None:
         pairs = zip(acting, model.input_names, strict=True)

@@ -124,14 +124,13 @@ def aligned(name: str, value: Any, names: Sequence[str], *, square: bool = False
     table whose rows, in time, have no labels that increase, which `read` refuses.
     """
     if isinstance(value, Mapping) and all(np.ndim(one) == 0 for one in value.values()):
-        numbers = np.array(list(value.values()))
-        return _placed(name, numbers, [list(value)], (names,), "numbers without names")
+        return _placed(name, value, [list(value)], (names,))
     along = labels_along(value)
     if not along or not along[-1]:
         return value
     if square and np.ndim(value) == 2:
-        return _placed(name, np.asarray(value), (along * 2)[:2], (names, names))
-    found = _placed(name, np.asarray(value), along[-1:], (names,))
+        return _placed(name, value, (along * 2)[:2], (names, names))
+    found = _placed(name, value, along[-1:], (names,))
     if len(along) == 1:
         return found
     with suppress(Exception):  # labels that cannot be compared
@@ -180,14 +179,12 @@ def _table(name: str, value: Any) -> tuple[NDArray[Any], list[list[str]]] | None
 
 
 def _placed(
-    name: str,
-    values: NDArray[Any],
-    found: list[list[Any]],
-    wanted: Sequence[Sequence[str]],
-    plain: str = "",
+    name: str, value: Any, found: list[list[Any]], wanted: Sequence[Sequence[str]]
 ) -> NDArray[Any]:
     """The table in the order of the wanted names along its last axes; units may be left out."""
-    plain = plain or f"{name}.to_numpy()"
+    values, plain = np.asarray(value), f"{name}.to_numpy()"
+    if isinstance(value, Mapping):
+        values, plain = np.array(list(value.values())), "numbers without names"
     for k, (labels, names) in enumerate(zip(found, wanted, strict=True)):
         has = [titled(str(label), names) for label in labels]
         if sorted(has) != sorted(names):

@@ -120,8 +120,11 @@ def percent(*deltas: float) -> str:
     return f"{_rounded(float(left), 6, ROUND_FLOOR)} %"
 
 
-def vector(values: Floats) -> str:
-    """At most six entries."""
+def vector(values: Floats, names: Sequence[str] = ()) -> str:
+    """At most six entries; with names those that are not nan."""
+    if names:
+        pairs = zip(names, values, strict=True)
+        return ", ".join(f"{name} = {value:.4g}" for name, value in pairs if not np.isnan(value))
     some = ", ".join(f"{value:.4g}" for value in values[:6])
     return f"({some}{', …' if len(values) > 6 else ''})"
 

@@ -143,7 +143,7 @@ def set_point(model: Model, aim: Aim) -> _core.SetPoint:
     off = np.abs(y - target) > NEAR * np.sqrt(variances) + 1e-9 * np.abs(target)
     if not off.any():
         return point
-    shown = shown_target(names, target)
+    shown = show.vector(target, names if np.isnan(target).any() else ())
     place = f"the nearest is {show.vector(y)} with the inputs {show.vector(u)}"
     if point.at_limit:
         held = ", ".join(model.input_names[i] for i in point.at_limit)
@@ -182,14 +182,6 @@ def set_point(model: Model, aim: Aim) -> _core.SetPoint:
     text = f"`target` {shown} is no point of rest of the model: {place}, and is taken"
     running.warn(text)
     return point
-
-
-def shown_target(names: tuple[str, ...], target: Floats) -> str:
-    """A target in words; of some outputs with their names."""
-    if not np.isnan(target).any():
-        return show.vector(target)
-    pairs = zip(names, target, strict=True)
-    return ", ".join(f"{name} = {v:.4g}" for name, v in pairs if not np.isnan(v))
 
 
 def rest_at(model: Model, point: _core.SetPoint, delta: float = DELTA) -> Rest:

@@ -233,10 +233,8 @@ class Rest(SavedRecord):
 
     def __repr__(self) -> str:
         size, share = show.at_most(self.radius), show.percent(self.delta)
-        at = show.vector(self.states)
-        if self.labels.given and len(self.states) <= 6:
-            named = zip(self.labels.state_axes, self.states, strict=True)
-            at = ", ".join(f"{name} = {value:.4g}" for name, value in named)
+        few = self.labels.given and len(self.states) <= 6
+        at = show.vector(self.states, self.labels.state_axes if few else ())
         return f"<Rest: every system rests within {size} of {at}, {share}>"
 
 

@@ -977,7 +977,6 @@ class ReadingLoop(ControlLoop[Reading]):
             task, (A, B) = self._policy, self._system[:2]
             sizes, tables, about = condensed(task, A, B, first=model.n)
             part, about = ["horizon", "policy_plan"], about | sentence(None, proof)
-            tables["map"] = tables["map"][:, : model.n]
         sizes |= {"N": model.n, "TARGETS": more}
         about["target"] = "the outputs wanted at the next call"
         about["target"] += ", and at the one behind it" * (more > 1)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any, overload
 
 import numpy as np
@@ -186,8 +185,6 @@ def regulate(
         raise InputError("`forecast` of `limits` is for models of outputs: give None")
     if target is not None and weights.reference is not None:
         raise InputError("`target` must be None with a reference, whose last row takes its place")
-    if weights.R is None:  # a task also without limits
-        weights = replace(weights, R="auto")
     task = read_task(n, m, K, goal, as_limits(limits), weights, checked.labels)
     kept = None if keep is None else kept_of(checked, task, keep)
     return Regulator(checked, task, time_limit, kept)

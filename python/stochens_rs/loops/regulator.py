@@ -105,7 +105,7 @@ def condensed(
     wide = int(np.linalg.cond(H + np.tril(H, -1).T) > 1e4)  # single precision has 7 digits
     sizes = {"N": n, "M": m, "STEPS": K, "RATES": rates, "EXCHANGES": most, "WIDE": wide}
     sizes |= {"STATES": len(limited), "RESTS": n - first if len(limited) else 0}
-    tables: dict[str, Any] = {"inverse": inverse, "map": free, "offset": offset}
+    tables: dict[str, Any] = {"inverse": inverse, "map": free[:, : first or n], "offset": offset}
     tables |= {"low": low, "high": high, "column": limited % n - first}
     tables |= {"rate": np.zeros(m) if task.rate is None else task.rate}
     work = f"{most} at most, each {9 * size**2} operations at most; no factorization"

@@ -138,8 +138,6 @@ def entries(name: str, value: Any, *, square: bool = False) -> Any:
 
 def _named(name: str, value: Any, square: bool) -> Named | None:
     """A table with names along its last axis, or None for anything else."""
-    if isinstance(value, (np.ndarray, list, tuple, int, float)):
-        return None
     along = labels_along(value)
     if not along or not along[-1] or not all(isinstance(label, str) for label in along[-1]):
         return None

@@ -298,8 +298,7 @@ def output_certificate(
     """
     model = basis.model
     assert isinstance(model, Model)
-    assert model.window is not None
-    rows, outputs, r = model.window.count, model.n_outputs, basis.target
+    rows, outputs, r = model.regressors.count, model.n_outputs, basis.target
     if noise and model.noise != "gaussian":
         raise InputError(
             "`noise` must be False: the noise of readings to come is bounded for Gaussian noise"
@@ -328,7 +327,7 @@ def output_certificate(
     if noise:
         parts["noise"] = norm((tube - mean[0])[1:][last]) if np.isfinite(target) else np.inf
     what = "readings" if noise else "means of the readings"
-    method = f"window of {model.window.text}, {'with' if noise else 'without'} noise"
+    method = f"window of {model.regressors.text}, {'with' if noise else 'without'} noise"
     if gain is not None:
         method += ", followed with the gain"
     reason = "too few pairs, or too many steps for an unstable model (a feedback keeps it small)"

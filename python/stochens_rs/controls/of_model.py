@@ -244,8 +244,7 @@ def start_of(model: Model, record: Any) -> Start:
 
     Rest is refused where the data say that the model does not stay there.
     """
-    window, p, m = model.window, model.n_outputs, model.m
-    assert window is not None
+    window, p, m = model.regressors, model.n_outputs, model.m
     if record is None:
         raise InputError(
             f"`record` needs {window.fill + 1} rows of outputs and {window.fill} of inputs that "
@@ -285,15 +284,14 @@ def cost_of_outputs(model: Model, cost: Cost) -> Cost:
 
 def output_control(model: Model, record: Any, target: Any, wanted: Wanted) -> Plan:
     """Compute the control for a model of outputs; the arguments are those of `control`."""
-    assert model.window is not None
     start, K = start_of(model, record), validation.size("steps", wanted.steps)
     limits, cost = as_limits(wanted.limits), cost_of_outputs(model, wanted.cost)
     if limits.rate is not None and limits.previous is None:
         limits = replace(limits, previous=start.acted)
-    if model.window.count > K:
+    if model.regressors.count > K:
         raise InputError(
-            f"`steps` must be {model.window.count} at least, so that the window can be at rest in "
-            f"the end, got {K}"
+            f"`steps` must be {model.regressors.count} at least, so that the window can be at rest "
+            f"in the end, got {K}"
         )
     rows = targets(model, target)
     low, high = (side[-1].copy() for side in inputs_within(limits, K, model.labels))

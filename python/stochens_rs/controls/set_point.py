@@ -87,8 +87,7 @@ def way_of(rows: Floats, K: int, target: Floats) -> tuple[Floats, Floats, Floats
 
 def in_window(model: Model, off: Floats, first: Floats) -> Floats:
     """The first p states of a window whose outputs go along `off` (K + 1, p), at times 1 .. K."""
-    assert model.window is not None
-    if (pole := model.window.pole) is None:
+    if (pole := model.regressors.pole) is None:
         return off[1:]
     found = np.vstack([first, off[1:]])
     for k in range(1, len(off)):

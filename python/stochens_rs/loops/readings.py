@@ -259,9 +259,8 @@ class ReadingLoop(ControlLoop[Reading]):
         self._point = self._without_limits(*self._aimed)
         y, u, _ = self.model.data.pairs()
         wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
-        assert self.model.window is not None
         self._window = _core.Readings(
-            self.model.window.core,
+            self.model.regressors.core,
             np.ascontiguousarray(self.model.coefficients),
             self._learning[2],
             (y.mean(axis=0), wide),
@@ -394,16 +393,15 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _waits(self) -> tuple[str, bool]:
         """What the loop waits for, and whether it will do."""
-        now, window = self._window.now, self.model.window
+        now = self._window.now
         assert now is not None
-        assert window is not None
         _, _, excess, since, calls, read, stuck = now
         known = f"the next readings are known to {math.sqrt(excess):.3g} deviations of their noise"
         if stuck:
             i = int(np.argmin(read))
             name = self.model.outputs[i]
             return f"of {name} {read[i]} of {calls} were read: {known}, must be 3", stuck
-        left = show.number_of(max(1, window.fill + 1 - since), "complete reading")
+        left = show.number_of(max(1, self.model.regressors.fill + 1 - since), "complete reading")
         if excess <= SURE**2:
             return f"the window fills: {left} in a row to come", stuck
         return f"{known}: {SURE:g} will do, or {left} in a row", stuck
@@ -480,7 +478,7 @@ class ReadingLoop(ControlLoop[Reading]):
             return *self._point.moving(bias, *self._moves), None
         start, slope, off = way_of(self._rows, self._steps, self._aimed[0])
         xs, us = self._point.moving(bias, start, slope, self._moves[2])
-        pole = self.model.window.pole or 0.0  # type: ignore[union-attr]
+        pole = self.model.regressors.pole or 0.0
         self._came = pole * self._came + (1.0 - pole) * self._rows[0]
         way = in_window(self.model, off, or_zero(self._came - xs[: len(bias)]))
         settled = np.abs(way) <= 1e-12 * np.abs(self._rows[0]).max(initial=0.0)

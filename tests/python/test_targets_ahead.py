@@ -139,3 +139,25 @@ def test_a_loop_that_plans_begins_before_the_step():
             off[ahead, rate] = np.sqrt(np.mean(np.square(seen[20:])))
     assert off[True, None] < 0.5 * off[False, None], off
     assert off[True, 0.8] < 0.5 * off[False, 0.8], off
+
+
+def test_a_loop_is_done_with_targets_that_it_has_reached():
+    """Behind the last row filters see it for some calls; then a call is as that of one target."""
+    found, rng = plant(1)
+    model = model_of(found, rng, se.Window(filters=(0.5, 4)))
+    rows = np.zeros((4, found.p))
+    rows[0, 0] = 1.0
+    limits = se.Limits((-3.0, 3.0))
+    loop, one = (
+        se.regulate(model, K, target, limits=limits, cost=se.Cost(Q=1.0), offset_free=False)
+        for target in (rows, rows[-1])
+    )
+    y, u = found.run(40, rng)
+    loop.start((y, u))
+    acted = one.start((y, u))
+    calls = rng.standard_normal((80, found.p)) * 0.1
+    for row in calls:
+        inputs = one(row), loop(row, applied=acted)
+        acted = inputs[0]
+    assert not loop._looks
+    np.testing.assert_allclose(*inputs, atol=1e-9)

@@ -481,7 +481,7 @@ class ReadingLoop(ControlLoop[Reading]):
         pole = self.model.regressors.pole or 0.0
         self._came = pole * self._came + (1.0 - pole) * self._rows[0]
         way = in_window(self.model, off, or_zero(self._came - xs[: len(bias)]))
-        settled = np.abs(way) <= 1e-12 * np.abs(self._rows[0]).max(initial=0.0)
+        settled = np.abs(way) <= 1e-12 / BEYOND * self._most[: len(bias)]
         self._looks = len(self._rows) > 1 or not settled.all()
         return xs, us, way
 

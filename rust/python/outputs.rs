@@ -57,6 +57,7 @@ fn handed<'py>(py: Python<'py>, tube: OutputTube) -> PyResult<Radii<'py>> {
 
 /// Windows and outputs along a plan whose inputs may be off by `apart`, the tube of the mean, and that of readings for noise of `(covariance, probability)`.
 #[pyfunction]
+#[expect(clippy::too_many_arguments, reason = "the arguments of one call")]
 pub(super) fn output_tube<'py>(
     py: Python<'py>,
     region: &Bound<'_, PyRegion>,

@@ -16,7 +16,8 @@ from email import message_from_bytes
 from pathlib import Path
 from zipfile import ZipFile
 
-LIMIT = 4_600_000  # bytes; 4.57 MB for x86_64, most of it the extension
+# Bytes of what is published, most of it the extension: 4.59 MB for x86_64.
+LIMIT = 4_600_000
 # For all versions of Python, or for one that is free-threaded.
 TAGS = ("abi3", "cp314t")
 EXTENSION = re.compile(
@@ -50,7 +51,8 @@ def look(wheel: Path) -> None:
     """Fail at the first fault of the file."""
     assert wheel.stem.split("-")[-2] in TAGS, f"{wheel}: not for all versions of Python"
     size = wheel.stat().st_size
-    assert size <= LIMIT, f"{wheel}: {size} bytes, allowed are {LIMIT}"
+    local = wheel.stem.split("-")[-1].startswith("linux_")  # by pip, for this machine
+    assert local or size <= LIMIT, f"{wheel}: {size} bytes, allowed are {LIMIT}"
     with ZipFile(wheel) as packed:
         names = packed.namelist()
         missing = {f"stochens_rs/{name}" for name in FILES} - set(names)

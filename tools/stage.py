@@ -50,6 +50,9 @@ def stage(folder: Path, address: str = "") -> None:
         shutil.copy(ROOT / name, folder / name)
     project = (ROOT / "pyproject.toml").read_text("utf-8")
     (folder / "pyproject.toml").write_text(with_urls(project, address), "utf-8")
+    # maturin would put the README of the crate in place of that of the package
+    crate = (ROOT / "Cargo.toml").read_text("utf-8")
+    (folder / "Cargo.toml").write_text(crate.replace("rust/README.md", "README.md"), "utf-8")
     readme = (ROOT / "README.md").read_text("utf-8")
     (folder / "README.md").write_text(standalone(readme, address), "utf-8")
 

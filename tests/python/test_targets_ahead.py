@@ -159,5 +159,5 @@ def test_a_loop_is_done_with_targets_that_it_has_reached():
     for row in calls:
         inputs = one(row), loop(row, applied=acted)
         acted = inputs[0]
-    assert not loop._looks
+    assert not loop._ahead
     np.testing.assert_allclose(*inputs, atol=1e-9)

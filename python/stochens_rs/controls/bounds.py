@@ -555,7 +555,7 @@ def ranked(
     count = validation.size("draws", draws)
     rank = rank_of(count, delta)
     if rank > count:
-        least: Any = needed(delta) if needed(delta) < 1e20 else "1e20"
+        least = min(needed(delta), 10**20)
         raise SizeError(f"`draws` must be at least {least} for delta={delta:g}, got {count}")
     miss = _core.validation_rank(misses(count), rank)
     said = f"approximate, no bound; {assumption}"

@@ -308,10 +308,11 @@ def plan_from(
 ) -> Plan:
     """The plan along targets, with the set point of that in the end.
 
-    Inputs cost what they differ from those there. The window saw targets before that led to the
-    last of `goal`.
+    `goal` has the set point, the targets of the times 0, 1, .., and the first states of the window
+    now if the outputs had been at their targets. Inputs cost what they differ from those in the
+    end.
     """
-    (point, rows, came), K, p = goal, wanted.steps, model.n_outputs
+    (point, rows, first), K, p = goal, wanted.steps, model.n_outputs
     _, slope, off = way_of(rows, K, rows[: K + 1][-1])
     x, u = point.moving(np.zeros(p), np.zeros(p), slope, np.zeros(model.m))
     _, apart = forecast_of(as_limits(wanted.limits), K, model.labels)
@@ -319,7 +320,7 @@ def plan_from(
     basis, way = trusted(ModelBasis, model, *about), None
     if len(rows) > 1:
         ramp = x[:p] - np.arange(K, -1, -1)[:, None] * slope
-        way = ramp[1:] + in_window(model, off, or_zero(came - ramp[0]))
+        way = ramp[1:] + in_window(model, off, or_zero(first - ramp[0]))
         if wanted.cost.R is None:  # a task also without limits
             wanted = wanted._replace(cost=replace(wanted.cost, R="auto"))
     return model_control(basis, wanted, u, way)

@@ -371,14 +371,16 @@ class Model(SavedRecord, Fitted):
         about = self.regressors.core, self.first, self.window is not None, self.pilot is not None
         declared = self._plain, self._tested_rows, self.assumptions.declared
         found = tests.by_name(_core.log_tests(log, whole, *about, *declared))
-        if self.window is not None and "spikes" not in found and (jumps := self._jumps()):
+        if self.window is not None and "spikes" not in found and (spikes := self._spikes()):
             found.pop("wrap", None)
-            found |= jumps
+            found["spikes"] = spikes
         return found
 
-    def _jumps(self) -> dict[str, Tested]:
-        """Readings that jump and stay no part of the fit: those of the first part, which tells the
-        window and the scale, and those that filters remember, by a model of lags.
+    def _spikes(self) -> Tested | None:
+        """The test of spikes that the tests of the fit do not see.
+
+        Those of the first part, which tells the window and the scale, and those that filters
+        remember, by a model of lags.
         """
         own, data, threads = self.regressors, self.data, get_num_threads()
         if own.pole is not None:
@@ -387,12 +389,12 @@ class Model(SavedRecord, Fitted):
         rows, at = complete(own, data)
         rows = rows[: int(np.searchsorted(at, end))]
         if len(rows) < 3 * own.length:
-            return {}
+            return None
         fitted = _core.fit(_core.triangle(rows, threads), own.length, len(rows), threads)
         log = data.rows[:end], data.layout.places()[:end], data.layout.runs()[:end]
         about = None, own.core, 0, True, False, fitted, self._tested_rows
         tested = tests.by_name(_core.log_tests(log, *about, self.assumptions.declared))
-        return {name: tested[name] for name in ("spikes",) if name in tested}
+        return tested.get("spikes")
 
     @property
     def _tested_rows(self) -> list[int]:

@@ -201,7 +201,7 @@ class Forecast(Asked):
     @property
     def exact(self) -> bool:
         """Whether the inputs will be what is forecast."""
-        return not np.any(self.error.values if isinstance(self.error, Named) else self.error)
+        return not np.asarray(self.error).any()
 
 
 @dataclass(frozen=True, eq=False, repr=False)

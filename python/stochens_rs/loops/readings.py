@@ -135,11 +135,11 @@ class ReadingLoop(ControlLoop[Reading]):
 
     __slots__ = (
         "_acted",  # the input before that of the last call
+        "_ahead",  # whether the last plan looked ahead along targets
         "_aimed",  # of `_point`: target, where free outputs stay, inputs
         "_asked",
         "_at_rest",
         "_bias",
-        "_came",  # the targets so far, as the window sees them
         "_drift",
         "_fading",  # what is added since a swap, and its factor from call to call
         "_forward",
@@ -147,11 +147,11 @@ class ReadingLoop(ControlLoop[Reading]):
         "_high",
         "_law",
         "_learning",
-        "_looks",  # whether the last plan looked ahead along targets
         "_low",
         "_max_missing",
         "_most",
         "_moves",  # the target from that of `_point`, its slope, and inputs
+        "_past",  # the first states of the window, if the outputs had been at the targets
         "_point",
         "_policy",
         "_rate",
@@ -280,8 +280,8 @@ class ReadingLoop(ControlLoop[Reading]):
     def _forget(self) -> None:
         self._window.resume()
         self._bias: Floats = np.zeros(self.model.n_outputs)
-        self._fading, self._came = (np.zeros(self.model.m), 0.0), self._rows[0]
-        self._runs = self._started = self._at_rest = self._looks = False
+        self._fading, self._past = (np.zeros(self.model.m), 0.0), self._rows[0]
+        self._runs = self._started = self._at_rest = self._ahead = False
         if not isinstance(self._policy, np.ndarray):
             self._solver_at(*self._solved).resume(None)
 
@@ -474,15 +474,15 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _coming(self, bias: Floats) -> tuple[Floats, Floats, Floats | None]:
         """Window and inputs at rest, and along targets to come how far the window is to be off."""
-        if self._asked is None or not (self._looks or len(self._rows) > 1):
+        if self._asked is None or not (self._ahead or len(self._rows) > 1):
             return *self._point.moving(bias, *self._moves), None
         start, slope, off = way_of(self._rows, self._steps, self._aimed[0])
         xs, us = self._point.moving(bias, start, slope, self._moves[2])
         pole = self.model.regressors.pole or 0.0
-        self._came = pole * self._came + (1.0 - pole) * self._rows[0]
-        way = in_window(self.model, off, or_zero(self._came - xs[: len(bias)]))
+        self._past = pole * self._past + (1.0 - pole) * self._rows[0]
+        way = in_window(self.model, off, or_zero(self._past - xs[: len(bias)]))
         settled = np.abs(way) <= 1e-12 / BEYOND * self._most[: len(bias)]
-        self._looks = len(self._rows) > 1 or not settled.all()
+        self._ahead = len(self._rows) > 1 or not settled.all()
         return xs, us, way
 
     def _solver_at(self, xs: Floats, us: Floats) -> _core.Loop:
@@ -543,14 +543,14 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""
-        names = "_rows", "_point", "_aimed", "_forward", "_moves", "_way", "_came"
+        names = "_rows", "_point", "_aimed", "_forward", "_moves", "_way", "_past"
         before = {name: getattr(self, name) for name in names}
         now = self._window.now
         here = self._aimed[1] if now is None else now[0][: rows.shape[1]]
         with np.errstate(all="ignore"):
             self._require(rows, here)
             try:
-                self._came = self._came if self._looks else self._rows[0]
+                self._past = self._past if self._ahead else self._rows[0]
                 self._rows = rows = self._padded(rows)
                 if (np.isnan(rows[0]) == np.isnan(self._aimed[0])).all():
                     self._forward = self._feed_forward()
@@ -719,7 +719,7 @@ class ReadingLoop(ControlLoop[Reading]):
         # the target of the last call is gone; a plan has those of the steps behind it
         rows = np.vstack([self._rows[:1], self._rows])
         point = self._without_limits(rows[: steps + 1][-1], self._aimed[1], self._measured_last)
-        return plan_from(self.model, start, (point, rows, self._came), Wanted(steps, limits, cost))
+        return plan_from(self.model, start, (point, rows, self._past), Wanted(steps, limits, cost))
 
     def _predictions(self) -> PredictedLoop:
         if not np.isnan(self._given).all():

@@ -359,7 +359,9 @@ impl RecedingHorizon {
         Ok(())
     }
 
-    /// From now on plans follow these states r(1) .. r(K), (K, n). The first call makes a map for all references, which allocates.
+    /// From now on plans follow these states r(1) .. r(K), (K, n).
+    ///
+    /// The first call makes a map for all references, which allocates.
     ///
     /// # Errors
     /// [`Error::Shape`], as [`Solver::new`].

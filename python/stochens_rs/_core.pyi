@@ -994,13 +994,10 @@ class Readings:
     # whether it is stuck
     @property
     def now(self) -> tuple[_Floats, bool, float, int, int, list[int], bool] | None: ...
-    # of the window and of that with what was rejected, and the doubt of the first
-    def state(self) -> tuple[_Floats | None, _Floats | None, _Floats]: ...
+    # of the window and of those with what was rejected, and the doubt of the first
+    def state(self) -> tuple[list[_Floats | None], _Floats]: ...
     def resume(
-        self,
-        now: _Floats | None = None,
-        raw: _Floats | None = None,
-        doubt: _Floats | None = None,
+        self, windows: list[_Floats | None] | None = None, doubt: _Floats | None = None
     ) -> None: ...
 
 @final

@@ -156,28 +156,32 @@ impl PyReadings {
         now.map(handed).transpose()
     }
 
-    /// The window, that with what was rejected, and how much doubt there is of the first.
-    fn state<'py>(&self, py: Python<'py>) -> PyResult<(Option<Row<'py>>, Option<Row<'py>>, Row<'py>)> {
-        let (now, raw, doubt) = self.inner.with(py, 0.0, |inner, _| {
-            let (now, raw, doubt) = inner.state()?;
-            let numbers = |of: Option<&Contents>| of.map(Contents::numbers).transpose();
-            Ok((numbers(now)?, numbers(raw)?, doubt))
+    /// The window, those with all that was rejected and with all but the first, and how much doubt there is of the window.
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<(Vec<Option<Row<'py>>>, Row<'py>)> {
+        let (windows, doubt) = self.inner.with(py, 0.0, |inner, _| {
+            let (windows, doubt) = inner.state()?;
+            let mut numbers = [const { None }; 3];
+            for (numbers, of) in numbers.iter_mut().zip(windows) {
+                *numbers = of.map(Contents::numbers).transpose()?;
+            }
+            Ok((numbers, doubt))
         })?;
         let handed = |of: Option<Vec<f64>>| of.map(|of| array1(py, of)).transpose();
-        Ok((handed(now)?, handed(raw)?, array1(py, doubt)?))
+        Ok((windows.into_iter().map(handed).collect::<PyResult<_>>()?, array1(py, doubt)?))
     }
 
-    #[pyo3(signature = (now=None, raw=None, doubt=None))]
+    #[pyo3(signature = (windows=None, doubt=None))]
     fn resume(
         &self,
         py: Python<'_>,
-        now: Option<Vector<'_>>,
-        raw: Option<Vector<'_>>,
+        windows: Option<[Option<Vector<'_>>; 3]>,
         doubt: Option<Vector<'_>>,
     ) -> PyResult<()> {
-        let now = now.as_ref().map(|now| slice("now", now)).transpose()?;
-        let raw = raw.as_ref().map(|raw| slice("raw", raw)).transpose()?;
+        let mut numbers = [None; 3];
+        for (numbers, of) in numbers.iter_mut().zip(windows.iter().flatten()) {
+            *numbers = of.as_ref().map(|of| slice("window", of)).transpose()?;
+        }
         let doubt = doubt.as_ref().map(|doubt| slice("doubt", doubt)).transpose()?.unwrap_or(&[]);
-        self.inner.with(py, 0.0, |inner, _| inner.restore(now, raw, doubt))
+        self.inner.with(py, 0.0, |inner, _| inner.restore(numbers, doubt))
     }
 }

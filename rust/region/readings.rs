@@ -18,8 +18,10 @@ mod tables;
 const WHAT: &str = "a loop from readings";
 /// Rejected readings in a row, or alike with few others between them, behind which the next rejected one is taken for true.
 const BELIEVED: f64 = 3.0;
-/// What an accepted reading takes off the number of those that were alike.
-const FORGOTTEN: f64 = 1.0 / 3.0;
+/// So many accepted readings take one off the number of those that were alike.
+const FORGOTTEN: f64 = 3.0;
+/// A window without the first of the rejected readings is the true one where it predicts so much better.
+const BETTER: f64 = 0.5;
 /// Relative: inputs that hold a capped bias are at their limits to rounding.
 const CAPPED: f64 = 1e-9;
 /// Of the excess of a window: what it holds says nothing.
@@ -104,8 +106,9 @@ impl Gate {
         })?
     }
 
-    /// `(||T off|| - ||T D|| ||W z||) / q` of the components `seen`; above 1 it rejects.
-    fn excess(&self, off: &[f64], z: &[f64], seen: &[bool], more: Option<&Mat<f64>>) -> Result<f64> {
+    /// `(||T off|| - ||T D|| ||W z||) / q` of the components `seen`; above 1 it rejects. Of the system of the model alone: `||T
+    /// off|| / q`.
+    fn excess(&self, off: &[f64], z: &[f64], seen: &[bool], more: Option<&Mat<f64>>, alone: bool) -> Result<f64> {
         let places = try_collect(WHAT, (0..off.len()).filter(|i| seen[*i]))?;
         let mut other = None;
         if more.is_some() || places.len() < off.len() {
@@ -121,7 +124,8 @@ impl Gate {
         let White(t, sizes) = other.as_ref().unwrap_or(&self.usual);
         let along = |i: usize| (0..=i).map(|j| t[(i, j)] * off[places[j]]).sum::<f64>();
         let far = (0..places.len()).map(|i| along(i).powi(2)).sum::<f64>().sqrt();
-        let room = self.parts.iter().zip(sizes).map(|(part, size)| size * part.length(z)).sum::<f64>();
+        let room = self.parts.iter().zip(sizes).map(|(part, size)| size * part.length(z));
+        let room = if alone { 0.0 } else { room.sum::<f64>() };
         Ok((far - room) / self.quantiles[places.len()])
     }
 
@@ -135,7 +139,7 @@ impl Gate {
             let (expected, found) = (format!("{p} entries, and {d} of z"), off.len().to_string());
             return Err(Error::Shape { name: "off", expected, found });
         }
-        self.excess(off, z, seen, None)
+        self.excess(off, z, seen, None, false)
     }
 }
 
@@ -216,7 +220,7 @@ pub struct Step {
     pub runs: bool,
 }
 
-/// A window of readings with a gate, and what it was with those that were rejected.
+/// A window of readings with a gate, and what it would be with those that were rejected.
 #[derive(Debug)]
 pub struct Readings {
     filter: Filter,
@@ -226,7 +230,8 @@ pub struct Readings {
     aim: Aim,
     max_missing: usize,
     now: Option<Contents>,
-    raw: Option<Contents>,
+    /// With all that was rejected, and with all but the first of it, which was then false.
+    others: [Option<Contents>; 2],
     doubt: Doubt,
 }
 
@@ -236,7 +241,7 @@ pub struct Readings {
 struct Doubt {
     /// Rejected in a row.
     row: f64,
-    /// Rejected and off by the same, less a third of the others between them.
+    /// `FORGOTTEN` times those that were rejected and off by the same, less the others between them.
     alike: f64,
     /// What the last rejected one was off by, in deviations of the noise (p).
     off: Vec<f64>,
@@ -244,11 +249,11 @@ struct Doubt {
 
 impl Doubt {
     const fn of_change(&self) -> bool {
-        self.row >= BELIEVED || self.alike >= BELIEVED
+        self.row >= BELIEVED || self.alike >= FORGOTTEN * BELIEVED
     }
 
     fn accept(&mut self) {
-        (self.row, self.alike) = (0.0, (self.alike - FORGOTTEN).max(0.0));
+        (self.row, self.alike) = (0.0, (self.alike - 1.0).max(0.0));
     }
 
     /// Off by the same: within half of the larger one.
@@ -256,7 +261,8 @@ impl Doubt {
         let size = |v: &[f64]| v.iter().map(|v| v * v).sum::<f64>();
         let apart = self.off.iter().zip(&off).map(|(a, b)| (a - b).powi(2)).sum::<f64>();
         let same = self.off.len() == off.len() && 4.0 * apart <= size(&self.off).max(size(&off));
-        (self.row, self.alike) = (self.row + 1.0, if same { (self.alike + 1.0).min(2.0 * BELIEVED) } else { 1.0 });
+        let before = if same { self.alike } else { 0.0 };
+        (self.row, self.alike) = (self.row + 1.0, (before + FORGOTTEN).min(2.0 * FORGOTTEN * BELIEVED));
         self.off = off;
     }
 }
@@ -286,8 +292,8 @@ impl Readings {
         }
         let theta = try_copy(WHAT, theta)?;
         let none = Aim { of_bias: Vec::new(), limits: [const { Vec::new() }; 3] };
-        let mut made =
-            Self { filter, theta, gate, of, aim: none, max_missing, now: None, raw: None, doubt: Doubt::default() };
+        let (others, doubt) = ([None, None], Doubt::default());
+        let mut made = Self { filter, theta, gate, of, aim: none, max_missing, now: None, others, doubt };
         made.aim(aim)?;
         Ok(made)
     }
@@ -368,23 +374,24 @@ impl Readings {
         self.now.as_ref()
     }
 
-    /// The window, that with what was rejected, and the doubt of the first: how many were rejected in a row, how many were alike,
-    /// and what the last was off by.
+    /// The window, those with all that was rejected and with all but the first, and the doubt of the window: how many were
+    /// rejected in a row, how many were alike, and what the last was off by.
     ///
     /// # Errors
     /// [`Error::Memory`].
-    pub fn state(&self) -> Result<(Option<&Contents>, Option<&Contents>, Vec<f64>)> {
+    pub fn state(&self) -> Result<([Option<&Contents>; 3], Vec<f64>)> {
         let Doubt { row, alike, off } = &self.doubt;
         let doubt = try_collect(WHAT, [*row, *alike].into_iter().chain(off.iter().copied()))?;
-        Ok((self.now.as_ref(), self.raw.as_ref(), doubt))
+        let [raw, late] = &self.others;
+        Ok(([self.now.as_ref(), raw.as_ref(), late.as_ref()], doubt))
     }
 
-    /// Go on from there, with the numbers of both, and the doubt.
+    /// Go on from there, with the numbers of the windows, and the doubt.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn restore(&mut self, now: Option<&[f64]>, raw: Option<&[f64]>, doubt: &[f64]) -> Result<()> {
-        let contents = |numbers| self.filter.restored(numbers);
+    pub fn restore(&mut self, windows: [Option<&[f64]>; 3], doubt: &[f64]) -> Result<()> {
+        let contents = |of: Option<&[f64]>| of.map(|numbers| self.filter.restored(numbers)).transpose();
         let p = self.filter.window.outputs();
         let doubt = match doubt {
             [] => Doubt::default(),
@@ -396,7 +403,8 @@ impl Readings {
                 return Err(Error::Shape { name: "doubt", expected, found });
             }
         };
-        (self.now, self.raw, self.doubt) = (now.map(contents).transpose()?, raw.map(contents).transpose()?, doubt);
+        let [now, raw, late] = windows;
+        (self.now, self.others, self.doubt) = (contents(now)?, [contents(raw)?, contents(late)?], doubt);
         Ok(())
     }
 
@@ -405,24 +413,24 @@ impl Readings {
     /// # Errors
     /// [`Error::Memory`].
     pub fn start(&mut self, x: &[f64]) -> Result<()> {
-        (self.now, self.raw, self.doubt) = (Some(self.filter.full(x)?), None, Doubt::default());
+        (self.now, self.others, self.doubt) = (Some(self.filter.full(x)?), [None, None], Doubt::default());
         Ok(())
     }
 
-    /// How far off a reading is, in widths of the gate, with the bias or without it.
-    fn off(&self, y: &[f64], now: &Contents, z: &[f64], shift: &[f64], seen: &[bool]) -> Result<f64> {
+    /// How far off a reading is, in widths of the gate, with the bias or without it; of the system of the model `alone`, or of all.
+    fn off(&self, y: &[f64], now: &Contents, z: &[f64], shift: &[f64], seen: &[bool], alone: bool) -> Result<f64> {
         let Some(gate) = self.gate.as_ref().filter(|_| seen.contains(&true)) else { return Ok(0.0) };
         let mut off = product(&gate.centre, z)?;
         off.iter_mut().zip(y).for_each(|(off, y)| *off = y - *off);
         let more = self.filter.unknown(now);
-        let found = gate.excess(&off, z, seen, more.as_ref())?;
+        let found = gate.excess(&off, z, seen, more.as_ref(), alone)?;
         // one that was capped to 0 is rounding
         let shifted = |(v, variance): (&f64, &f64)| v.abs() > CAPPED * variance.sqrt();
         if found > 1.0 && shift.iter().zip(self.of.noise.iter().step_by(y.len() + 1)).any(shifted) {
             let spread = MatRef::from_row_major_slice(&self.of.spread, y.len(), y.len()).to_owned();
             let more = more.map_or_else(|| spread.clone(), |more| &more + &spread);
             off.iter_mut().zip(shift).for_each(|(off, shift)| *off -= shift);
-            return Ok(found.min(gate.excess(&off, z, seen, Some(&more))?));
+            return Ok(found.min(gate.excess(&off, z, seen, Some(&more), alone)?));
         }
         Ok(found)
     }
@@ -440,60 +448,79 @@ impl Readings {
         }
         let mut step =
             Step { predicted: None, bias: try_copy(WHAT, bias)?, off: 0.0, believed: false, lost: false, runs: false };
-        let mut next = (None, None, self.doubt.clone());
+        let mut next = (None, [None, None], self.doubt.clone());
+        let mut begins = self.now.is_none();
         if let Some(now) = &self.now {
             let ahead = |z: &[f64]| -> Result<Vec<f64>> {
                 let mut ahead = product(&self.theta, z)?;
                 ahead.iter_mut().zip(bias).for_each(|(ahead, shift)| *ahead += shift);
                 Ok(ahead)
             };
+            let with_all = |of: &Contents| -> Result<Option<Contents>> {
+                let predicted = ahead(&self.filter.regressors(of, acted)?)?;
+                Ok(Some(self.filter.advanced(of, y, acted, seen, &predicted)?))
+            };
             let (mut now, mut z) = (now, self.filter.regressors(now, acted)?);
-            let (mut seen, none) = (seen, try_collect(WHAT, seen.iter().map(|_| false))?);
-            step.off = if started { self.off(y, now, &z, bias, seen)? } else { 0.0 };
+            let (mut came, none) = (seen, try_collect(WHAT, seen.iter().map(|_| false))?);
+            step.off = self.off(y, now, &z, bias, seen, false)?;
+            begins = step.off > 1.0 && now.calls == 1 && now.covariance.is_some();
             if step.off > 1.0 {
-                let raw = self.raw.as_ref().unwrap_or(now);
-                let with_raw = self.filter.regressors(raw, acted)?;
                 let predicted = ahead(&z)?;
                 let off = |i: usize| {
                     let off = (y[i] - predicted[i]) / self.of.noise[i * p + i].sqrt();
                     if seen[i] && off.is_finite() { off } else { 0.0 }
                 };
                 next.2.reject(try_collect(WHAT, (0..p).map(off))?);
-                next.1 = Some(self.filter.advanced(raw, y, acted, seen, &ahead(&with_raw)?)?);
                 if self.doubt.of_change() {
-                    (now, z, step.believed) = (raw, with_raw, true);
+                    let mut least = f64::INFINITY;
+                    for other in self.others.iter().flatten().chain([now]) {
+                        let of = self.filter.regressors(other, acted)?;
+                        // a false reading in a window makes all systems together say little
+                        let off = self.off(y, other, &of, bias, seen, true)?;
+                        if off < BETTER * least {
+                            (now, z, least) = (other, of, off);
+                        }
+                    }
+                    step.believed = true;
+                    next.1[0] = with_all(now)?;
                 } else {
-                    seen = &none;
+                    came = &none;
+                    next.1[0] = with_all(self.others[0].as_ref().unwrap_or(now))?;
+                    if self.others[0].is_some() {
+                        next.1[1] = with_all(self.others[1].as_ref().unwrap_or(now))?;
+                    }
                 }
             } else {
                 next.2.accept();
-                if let Some(raw) = self.raw.as_ref().filter(|_| next.2.alike > 0.0) {
-                    let predicted = ahead(&self.filter.regressors(raw, acted)?)?;
-                    next.1 = Some(self.filter.advanced(raw, y, acted, seen, &predicted)?);
+                if next.2.alike > 0.0 {
+                    for (next, other) in next.1.iter_mut().zip(self.others.iter().flatten()) {
+                        *next = with_all(other)?;
+                    }
                 }
             }
             let predicted = ahead(&z)?;
-            let news = |i: usize| if started && seen[i] { y[i] - predicted[i] } else { 0.0 };
+            let news = |i: usize| if started && came[i] { y[i] - predicted[i] } else { 0.0 };
             let news = try_collect(WHAT, (0..p).map(news))?;
             step.bias.iter_mut().zip(product(&self.of.gain, &news)?).for_each(|(e, more)| *e += more);
             if self.gate.is_some() {
                 // alone, a cut would leave a part of a false reading behind
                 self.capped(&mut step.bias)?;
             }
-            next.0 = Some(self.filter.advanced(now, y, acted, seen, &predicted)?);
+            next.0 = Some(self.filter.advanced(now, y, acted, came, &predicted)?);
             step.predicted = Some(predicted);
-        } else {
-            next.0 = Some(self.filter.begun(y, acted, seen)?);
-            next.2 = Doubt::default();
+        }
+        if begins {
+            // of two readings that do not agree the second is kept: no others say which is false
+            next = (Some(self.filter.begun(y, acted, seen)?), [None, None], Doubt::default());
         }
         let found = next.0.as_ref();
         let sum = |now: &Contents| now.x.iter().chain(&step.bias).sum::<f64>();
         step.lost = !found.is_some_and(|now| sum(now).is_finite() && now.excess < USELESS);
         step.runs = !step.lost && found.is_some_and(|now| now.tells(started) && now.missed <= self.max_missing);
         if step.lost {
-            next = (None, None, Doubt::default());
+            next = (None, [None, None], Doubt::default());
         }
-        (self.now, self.raw, self.doubt) = next;
+        (self.now, self.others, self.doubt) = next;
         Ok(step)
     }
 }

@@ -255,7 +255,7 @@ def test_missing_readings():
     for wrong, error in (([1.0] * 7, ShapeError), ("word", InputTypeError)):
         with pytest.raises(error, match="`y`"):
             loop(wrong)
-    np.testing.assert_array_equal(loop._window.state()[0], now[0])
+    np.testing.assert_array_equal(loop._window.state()[0][0], now[0][0])
     assert loop.calls == calls
 
 

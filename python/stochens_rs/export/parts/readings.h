@@ -9,7 +9,8 @@ typedef struct {
 
 /* The state of the loop. */
 typedef struct {
-    @_window now, raw, next, spare; /* raw: with the readings that were rejected */
+    @_window now, next;
+    @_window others[2], spare[2]; /* with all readings that were rejected, and with all but the first */
     @_real u[$_M];           /* the input returned last */
     @_real applied[$_M];     /* what acts until the next call: write here what was applied if it is not u */
     @_real target[$_P];      /* where the outputs are to go; those that were free stay free */
@@ -18,7 +19,7 @@ typedef struct {
     @_real bias[$_P];        /* what is learned of a constant that is added to each reading */
     @_real joint[($_N + $_P) * ($_N + $_P)], rows[$_P * ($_N + $_P)], step[$_N * ($_N + $_P)];
     @_real row, alike, off[$_P]; /* rejected in a row, off by the same, and by what: of a change of the plant */
-    int full, raised, doubted, started;
+    int full, raised, doubted, started; /* raised: how many others there are */
     @_plan plan;
 } @;
 
@@ -339,8 +340,9 @@ static inline void @_advanced(@ *s, const @_window *w, @_window *to, const @_rea
     @_counted(to, seen);
 }
 
-/* (||T off|| - sum ||T D|| ||W z||) / q of the readings that came; above 1 it rejects. T T' = cov^-1. */
-static inline @_real @_excess(const @_real *off, const @_real *z, const int *seen, const @_real *more)
+/* (||T off|| - sum ||T D|| ||W z||) / q of the readings that came; above 1 it rejects. T T' = cov^-1. Of one system: without
+   what is taken off. */
+static inline @_real @_excess(const @_real *off, const @_real *z, const int *seen, const @_real *more, int one)
 {
     @_real root[$_P * $_P] = {0}, half[$_P * $_P] = {0}, white[$_P] = {0}, far = $_R(0), room = $_R(0);
     int came[$_P] = {0}, k = 0;
@@ -359,7 +361,7 @@ static inline @_real @_excess(const @_real *off, const @_real *z, const int *see
         white[i] = v / root[i * $_P + i];
         far += white[i] * white[i];
     }
-    for (int part = 0; part < $_PARTS; ++part) {
+    for (int part = 0; part < $_PARTS && !one; ++part) {
         @_real length = $_R(0);
         for (int r = 0; r < $_LOST; ++r) { /* of what the data do not determine nothing is too far */
             @_real v = $_R(0), size = $_R(0);
@@ -392,7 +394,7 @@ static inline @_real @_excess(const @_real *off, const @_real *z, const int *see
 }
 
 /* How far off readings are, with the bias or without it. */
-static inline @_real @_off(const @ *s, const @_real *y, const @_real *z, const int *seen)
+static inline @_real @_off(const @ *s, const @_window *of, const @_real *y, const @_real *z, const int *seen, int one)
 {
     @_real off[$_P], more[$_P * $_P], found, other;
     int any = 0, shifted = 0;
@@ -405,14 +407,14 @@ static inline @_real @_off(const @ *s, const @_real *y, const @_real *z, const i
     }
     if (!$_GATE || !any)
         return $_R(0);
-    @_unknown(&s->now, more);
-    found = @_excess(off, z, seen, more);
+    @_unknown(of, more);
+    found = @_excess(off, z, seen, more, one);
     if (found > $_R(1) && shifted) {
         for (int i = 0; i < $_P * $_P; ++i)
             more[i] += @_spread[i];
         for (int i = 0; i < $_P; ++i)
             off[i] -= s->bias[i];
-        other = @_excess(off, z, seen, more);
+        other = @_excess(off, z, seen, more, one);
         return other < found ? other : found;
     }
     return found;
@@ -523,16 +525,27 @@ static inline void @_reject(@ *s, const @_real *y, const @_real *predicted, cons
     }
     s->row += s->row < $_R(4) ? $_R(1) : $_R(0);
     if (s->doubted && $_R(4) * apart <= (before > size ? before : size))
-        s->alike = s->alike < $_R(5) ? s->alike + $_R(1) : $_R(6);
+        s->alike = s->alike < $_R(15) ? s->alike + $_R(3) : $_R(18);
     else
-        s->alike = $_R(1);
+        s->alike = $_R(3);
     s->doubted = 1;
+}
+
+/* The window `with` one step later, with the readings that were rejected: number k, and so many there are then. */
+static inline int @_follow(@ *s, const @_window *with, int k, const @_real *y, const @_real *acted, const int *seen,
+                           const @_real *bias)
+{
+    @_real z[$_D], predicted[$_P];
+    @_regressors(with->x, acted, z);
+    @_predict(z, bias, predicted);
+    @_advanced(s, with, &s->spare[k], y, acted, seen, predicted);
+    return k + 1;
 }
 
 /* The input from the readings y now; nan where one is missing. */
 static inline int @_step(@ *s, const @_real *y, @_real *u)
 {
-    int seen[$_P], none[$_P], known = 1, complete = 1, lost = 0, runs = 0, code = $_OK, raised = 0;
+    int seen[$_P], none[$_P], known = 1, complete = 1, lost = 0, runs = 0, code = $_OK, raised = 0, begins = !s->full;
     @_real read[$_P], acted[$_M], us[$_M], goal[$_M], bias[$_P], z[$_D], predicted[$_P], x[$_N], xs[$_N];
     @_real slope[$_P], sum = $_R(0);
     @_real v[$_M] = {0};
@@ -561,35 +574,39 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
         const int *came = seen;
         @_real off;
         @_regressors(s->now.x, acted, z);
-        off = s->started ? @_off(s, read, z, seen) : $_R(0);
+        off = @_off(s, &s->now, read, z, seen, 0);
+        begins = off > $_R(1) && s->now.calls == 1 && !s->now.known;
         if (off > $_R(1)) {
-            const @_window *with = s->raised ? &s->raw : &s->now;
-            int change = s->row >= $_R(3) || s->alike >= $_R(3);
-            @_real other[$_D];
-            @_regressors(with->x, acted, other);
+            int change = s->row >= $_R(3) || s->alike >= $_R(9); /* alike: in thirds */
             @_predict(z, bias, predicted);
             @_reject(s, read, predicted, seen);
-            @_predict(other, bias, predicted);
-            @_advanced(s, with, &s->spare, read, acted, seen, predicted);
-            raised = 1;
-            if (change) { /* taken for true */
-                from = with;
-                for (int j = 0; j < $_D; ++j)
-                    z[j] = other[j];
+            if (change) { /* taken for true, behind the window that predicts them: halves of what is off count */
+                @_real least = $_HUGE;
+                for (int k = 0; k <= s->raised; ++k) {
+                    const @_window *with = k < s->raised ? &s->others[k] : &s->now;
+                    @_real other[$_D];
+                    @_regressors(with->x, acted, other);
+                    off = @_off(s, with, read, other, seen, 1);
+                    if (off < least / $_R(2)) {
+                        from = with;
+                        least = off;
+                        for (int j = 0; j < $_D; ++j)
+                            z[j] = other[j];
+                    }
+                }
+                raised = @_follow(s, from, 0, read, acted, seen, bias);
             } else {
                 came = none;
                 complete = 0;
+                raised = @_follow(s, s->raised > 0 ? &s->others[0] : &s->now, 0, read, acted, seen, bias);
+                if (s->raised > 0)
+                    raised = @_follow(s, s->raised > 1 ? &s->others[1] : &s->now, 1, read, acted, seen, bias);
             }
         } else {
             s->row = $_R(0);
-            s->alike = s->alike > $_R(1) / $_R(3) ? s->alike - $_R(1) / $_R(3) : $_R(0);
-            if (s->raised && s->alike > $_R(0)) {
-                @_real other[$_D];
-                @_regressors(s->raw.x, acted, other);
-                @_predict(other, bias, predicted);
-                @_advanced(s, &s->raw, &s->spare, read, acted, seen, predicted);
-                raised = 1;
-            }
+            s->alike = s->alike > $_R(1) ? s->alike - $_R(1) : $_R(0);
+            for (int k = 0; k < s->raised && s->alike > $_R(0); ++k)
+                raised = @_follow(s, &s->others[k], k, read, acted, seen, bias);
         }
         @_predict(z, bias, predicted);
         for (int i = 0; i < $_P && s->started; ++i)
@@ -600,12 +617,13 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
             @_capped(bias, us);
         @_advanced(s, from, &s->next, read, acted, came, predicted);
         s->now = s->next;
-        if (raised)
-            s->raw = s->spare;
-    } else {
+        for (int k = 0; k < raised; ++k)
+            s->others[k] = s->spare[k];
+    }
+    if (begins) { /* of two readings that do not agree the second is kept: no others say which is false */
         @_begun(&s->now, read, acted, seen);
         s->row = s->alike = $_R(0);
-        s->doubted = 0;
+        s->doubted = raised = 0;
     }
     s->full = 1;
     s->raised = raised;

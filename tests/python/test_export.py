@@ -253,7 +253,7 @@ def test_it_compiles_without_a_warning(compile: str, tmp_path: Path) -> None:
 @needs_gcc
 def test_known_plans(tmp_path: Path) -> None:
     """|u| <= 1 from 5 by steps of one; two steps with a rate from u = 0: -2/5."""
-    cost = se.Cost(Q=1.0, R=1.0)
+    cost = se.Cost(Q=1.0, Qf=1.0, R=1.0)
     se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), cost=cost).to_c(
         tmp_path / "a.h", name="a"
     )

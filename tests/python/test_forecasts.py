@@ -179,7 +179,7 @@ def test_loop_that_plans_uses_the_forecast():
             12,
             [21.0],
             limits=Limits({"heat": (0.0, 10.0)}, rate=1.5, previous=0.0, forecast={"outdoor": 0.0}),
-            cost=se.Cost(Q=1.0, R=0.01),
+            cost=se.Cost(Q=1.0, Qf=1.0, R=0.01),
             offset_free=True,
         )
         for _ in range(2)
@@ -197,7 +197,7 @@ def test_loop_and_plan_are_one_answer():
     rng = np.random.default_rng(6)
     model = house(rng)
     limits = Limits({"heat": (0.0, 10.0)}, forecast=Forecast({"outdoor": 5.0}, error=0.5))
-    cost, y, u = se.Cost(Q=1.0, R=0.01), [], []
+    cost, y, u = se.Cost(Q=1.0, Qf=1.0, R=0.01), [], []
     loop = se.regulate(model, 8, [21.0], limits=limits, cost=cost, offset_free=False)
     x, past = 19.0, [0.0] * 3
     for k in range(20):

@@ -10,7 +10,7 @@ import scipy.linalg
 
 import stochens_rs as se
 from hidden_systems import KINDS, RIG, drawn
-from stochens_rs.exceptions import InputError, SolverError
+from stochens_rs.exceptions import DataWarning, InputError, SolverError
 
 CART = RIG[:, :4], RIG[:, 4:]
 MOVES = "the inputs do not move the mode of A with the eigenvalue "
@@ -174,6 +174,7 @@ def test_a_guaranteed_gain_in_other_units():
 
 def test_a_plan_of_one_step_that_weighs_no_state():
     """Q counts from the second step on: u = 0 is best."""
-    loop = se.regulate(([[1.2]], [[1.0]]), 1, cost=se.Cost(Q=1.0, Qf=0.0, R=1.0))
+    with pytest.warns(DataWarning, match="grows by 1.2 in each call"):
+        loop = se.regulate(([[1.2]], [[1.0]]), 1, cost=se.Cost(Q=1.0, Qf=0.0, R=1.0))
     assert loop([1.0]) == 0.0
     assert loop.log[-1].status == "optimal"

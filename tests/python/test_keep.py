@@ -13,7 +13,7 @@ from test_feedback import RIG, WEIGHTS
 
 A, B = RIG[:, :4], RIG[:, 4:]
 START = np.array([0.1, 0.05, 0.0, 0.0])
-COST = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], R=0.01)
+COST = se.Cost(Q=[1.0, 10.0, 0.1, 1.0], Qf=[1.0, 10.0, 0.1, 1.0], R=0.01)
 
 
 def model_of_runs(N, *, seed=1, noise=0.0005, declared=0.0005, accept=()):
@@ -66,7 +66,7 @@ def plant_loop(name, *, kept=True, N=100, calls=25):
         se.Trajectories.from_pairs(x, u, y), checks=False, noise=se.Noise(sigma=0.01)
     )
     limits = se.Limits(u=(-inputs, inputs), x=(-states, states), soft=False)
-    given = {"limits": limits, "cost": se.Cost(Q=1.0, R=0.1)}
+    given = {"limits": limits, "cost": se.Cost(Q=1.0, Qf=1.0, R=0.1)}
     if kept:
         given["keep"] = se.Keep(se.gain(model, 1.0, 1.0), calls, 0.9)
     return se.regulate(model, 12, 3.0 * np.eye(n)[0], **given)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from decimal import Decimal as D
 from decimal import localcontext
 
@@ -114,7 +115,8 @@ def test_public_cases(A, B, x0, steps, limit, J, first):
     least, v = conic(np.array(A), np.array(B), np.array(x0), steps, u=limit)
     assert plan.limited.objective == pytest.approx(least, rel=1e-6)
     np.testing.assert_allclose(plan.u[0], v[0], rtol=1e-3)
-    loop = se.regulate((A, B), steps, limits=(-limit, limit), cost=COST)
+    cost = replace(COST, Qf=COST.Q)
+    loop = se.regulate((A, B), steps, limits=(-limit, limit), cost=cost)
     u = loop(x0)
     assert loop.log[-1].status == "optimal"
     np.testing.assert_allclose(u, plan.u[0], rtol=1e-9)

@@ -332,7 +332,7 @@ def test_a_model_with_a_misfit_gives_nothing_that_is_linear(tmp_path):
         lambda: proof.rest(x0),
         lambda: proof.rounding(x0),
         lambda: se.regulate(
-            model, 5, limits=(-9.0, 9.0), cost=se.Cost(Q=1.0), keep=se.Keep(loop, 10, 0.9)
+            model, 5, limits=(-9.0, 9.0), cost=se.Cost(Q=1.0, R=1.0), keep=se.Keep(loop, 10, 0.9)
         ),
     ):
         with pytest.raises(InputError):

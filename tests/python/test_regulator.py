@@ -12,7 +12,7 @@ import pytest
 import stochens_rs as se
 from limit_plans import within
 from limit_problems import draw_steps
-from stochens_rs.exceptions import InputTypeError, NonFiniteError, ShapeError
+from stochens_rs.exceptions import DataWarning, InputTypeError, NonFiniteError, ShapeError
 from stochens_rs.limits.problem import Horizon
 from twin.limited_control import solve
 from twin.limited_problems import objective, several_steps
@@ -43,7 +43,7 @@ def driven(loop, x, count):
 def test_oracle_of_one_integrator():
     """x+ = x + u, |u| <= 1, Q = R = 1, K = 1 from 5: the fourth -1 has the multiplier 0."""
     loop, x = (
-        se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), cost=se.Cost(Q=1.0, R=1.0)),
+        se.regulate(([[1.0]], [[1.0]]), 1, limits=(-1.0, 1.0), cost=se.Cost(Q=1.0, Qf=1.0, R=1.0)),
         np.array([5.0]),
     )
     for _ in range(6):
@@ -55,6 +55,7 @@ def test_oracle_of_one_integrator():
     assert min(call.seconds for call in loop.log) > 0.0
 
 
+@pytest.mark.filterwarnings("ignore:the loop grows")
 def test_equals_the_twin_at_every_state():
     """60 random loops of unlike kinds, half with rates, 5 calls each: J, gap and inputs."""
     gen, checked, at_rate = np.random.default_rng(15), 0, 0
@@ -87,6 +88,21 @@ def test_equals_the_twin_at_every_state():
     assert at_rate > 20  # of 150
 
 
+@pytest.mark.parametrize("steps", [1, 5, 40])
+def test_a_loop_without_active_limits_is_the_gain(steps):
+    """For any number of steps, of an unstable system, which other weights do not hold."""
+    F, X, _ = plant(3, 4, 2)
+    F, cost = 1.3 * F / np.abs(np.linalg.eigvals(F)).max(), {"Q": [1.0, 0.0, 0.3, 2.0], "R": 10.0}
+    K = se.gain((F, X), **cost).K
+    for limits in (None, se.Limits(rate=1e6, previous=0.0), se.Limits(x=(-1e6, 1e6))):
+        loop = se.regulate((F, X), steps, limits=limits, cost=se.Cost(**cost))
+        for x in np.eye(4):
+            loop.reset()
+            np.testing.assert_allclose(loop(x), K @ x, atol=1e-9)
+    with pytest.warns(DataWarning, match="grows by 1"):
+        se.regulate((F, X), 1, cost=se.Cost(**cost, Qf=0.1))
+
+
 @pytest.mark.parametrize("kind", ["rate", "soft", "hard", "rate and soft"])
 def test_limits_of_rates_and_states_begin_at_those_of_the_call_before(kind):
     """5 loops of 10 disturbed steps: each plan is that of `control`; an interior point is rare."""
@@ -94,7 +110,7 @@ def test_limits_of_rates_and_states_begin_at_those_of_the_call_before(kind):
     for index in range(5):
         F, X, gen = plant(60 + index, 3, 2)
         F = F / 1.1
-        task = {"limits": (-0.6, 0.6), "Q": 1.0, "R": 0.1}
+        task = {"limits": (-0.6, 0.6), "Q": 1.0, "Qf": 1.0, "R": 0.1}
         rate = {"rate": 0.25} if "rate" in kind else {}
         if kind != "rate":
             task |= {"state_limits": (-2.5, 2.5), "soft": None if "soft" in kind else False}
@@ -370,7 +386,7 @@ def test_references_and_limits_that_differ_from_step_to_step():
     reference = np.cumsum(np.ones((7, 2)), axis=0)
     low, high = -np.arange(1.0, 7.0)[:, None], np.full((6, 1), np.inf)
     loop = se.regulate(
-        (A, B), 6, limits=(low, high), cost=se.Cost(reference=reference, Q=1.0, R=0.1)
+        (A, B), 6, limits=(low, high), cost=se.Cost(reference=reference, Q=1.0, Qf=1.0, R=0.1)
     )
     x = np.array([5.0, 1.0])
     u = loop(x)

@@ -49,7 +49,7 @@ def test_loop_and_plan_along_targets_are_one_answer(kind, seed, window):
     model = model_of(found, rng, window)
     rows = stairs(model, 30)
     limits = se.Limits((-3.0, 3.0), **KINDS[kind])
-    how = {"limits": limits, "cost": se.Cost(Q=1.0, R=0.1)}
+    how = {"limits": limits, "cost": se.Cost(Q=1.0, Qf=1.0, R=0.1)}
     loop = se.regulate(model, K, rows, offset_free=False, **how)
     y, u = (list(one) for one in found.run(40, rng))
     limits_then = dict(KINDS[kind])

@@ -279,7 +279,8 @@ class Cost(Asked):
     ----------
     Q, Qf : float or array_like, shape (n,) or (n, n), optional
         Weights of the states x(1), ..., x(K-1), and of x(K): numbers, diagonals or matrices, >= 0.
-        Default: Q is 0, and Qf is Q, or I without Q. Of a model of outputs a number, or what has
+        Default: Q is 0, and Qf is Q, or I without Q; in `regulate` with Q and R the cost of all
+        that follows, by the gain of `gain`. Of a model of outputs a number, or what has
         the shape of the outputs, weighs the readings now, or their first filters. Tables with the
         names of the states, of a matrix along both axes, may be in any order; so may R with the
         names of the inputs.

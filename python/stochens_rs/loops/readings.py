@@ -42,7 +42,7 @@ from ..limits.limits import Cost, LimitsLike, as_cost, as_limits, steps_ahead
 from ..limits.problem import forecast_of, loop_of, read_task
 from ..validation.held_out import PredictedLoop
 from .loop import ControlLoop
-from .regulator import condensed
+from .regulator import condensed, continued, warn_of_growth
 from .sensors import bounded, explained
 
 ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
@@ -217,9 +217,12 @@ class ReadingLoop(ControlLoop[Reading]):
         else:
             K = validation.size("steps", steps)
             weights = replace(weights, R="auto") if weights.R is None else weights
+            outputs, (ahead, _) = weights_of(model, weights), forecast_of(within, K, labels)
+            own, weights = weights, continued(weights, model, within, K)
             task, self._system, _ = task_of(model, K, np.zeros(model.n), within, weights)
-            policy, (ahead, _) = task, forecast_of(within, K, labels)
-            asked, outputs = (K, within, weights), weights_of(model, weights)
+            policy, asked = task, (K, within, weights)
+            if weights.Qf is own.Qf:
+                warn_of_growth(task, *self._system[:2])
         self._rate = np.full(m, np.inf) if task.rate is None else task.rate
         if hold is None and task.previous is not None:
             hold = task.previous

@@ -16,7 +16,7 @@ from ..limits.limits import Cost, LimitsLike, as_cost, as_limits
 from ..limits.problem import read_task
 from .keep import Keep, kept_of
 from .readings import ReadingLoop
-from .regulator import Regulator, checked_model
+from .regulator import Regulator, checked_model, continued, warn_of_growth
 
 if TYPE_CHECKING:
     from ..controls.set_point import Target
@@ -126,8 +126,10 @@ def regulate(
     exchanges them at most 10 times; where that does not lead to a plan whose gap is certified, the
     plan is solved from no earlier one: milliseconds in place of tenths of one.
 
-    A feedback corrects errors of the model at the next state. That the loop is stable does not
-    follow: it needs a K that is long enough, or a weight Qf that continues the cost.
+    Without Qf, with Q and R, the last states are weighed by what follows a plan: the cost of the
+    gain that `gain` makes. Without limits, or where none is met any more, the loop is then that
+    gain for every K. With other weights it needs a K that is long enough, and a warning says where
+    it grows.
 
     With `keep` a plan from x(j) is followed by ``u = v + K (x - xb)``. Its states and inputs are
     off by at most ``sqrt(h'L h) ||c|| / (1 - theta)`` for the model (`LoopCertificate.tube`) and
@@ -146,8 +148,8 @@ def regulate(
     >>> for _ in range(6):
     ...     u = loop(x)
     ...     x = x + u
-    >>> [float(call.u[0]) for call in loop.log]
-    [-1.0, -1.0, -1.0, -1.0, -0.5, -0.25]
+    >>> [round(float(call.u[0]), 3) for call in loop.log]
+    [-1.0, -1.0, -1.0, -1.0, -0.618, -0.236]
 
     With `keep`:
 
@@ -180,11 +182,13 @@ def regulate(
     goal = np.zeros(n)
     if target is not None:
         goal = validation.vector("target", target, length=n, labels=checked.state_names)
-    weights = as_cost(cost)
+    weights = continued(as_cost(cost), checked, as_limits(limits), K)
     if as_limits(limits).forecast is not None:
         raise InputError("`forecast` of `limits` is for models of outputs: give None")
     if target is not None and weights.reference is not None:
         raise InputError("`target` must be None with a reference, whose last row takes its place")
     task = read_task(n, m, K, goal, as_limits(limits), weights, checked.labels)
+    if weights.Qf is None or as_cost(cost).Qf is not None:
+        warn_of_growth(task, checked.A, checked.B)
     kept = None if keep is None else kept_of(checked, task, keep)
     return Regulator(checked, task, time_limit, kept)

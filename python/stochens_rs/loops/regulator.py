@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .._base import show, validation
-from .._base.names import order_of
+from .. import _core
+from .._base import running, show, validation
+from .._base.names import order_of, weight
 from .._base.types import ArrayLike, Figure, Floats, Status, SubFigure
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
@@ -17,7 +18,8 @@ from ..export.header import believed, evidence
 from ..feedback import Watched
 from ..feedback.certificate import sentence
 from ..identification.identified import Identified
-from ..limits.problem import Horizon, Task, loop_of
+from ..limits.limits import Cost, Limits
+from ..limits.problem import Horizon, Task, inputs_within, loop_of, read_task
 from ..plots.panels import Inputs, draw_calls
 from ..system.system import System
 from ..validation.held_out import PredictedLoop
@@ -540,6 +542,38 @@ class Regulator(ControlLoop[Call]):
         return (
             f"<Regulator: n={self.n} m={self.m}, {show.number_of(self.steps)}, "
             f"{show.number_of(self._calls, 'call')}{last}>"
+        )
+
+
+def continued(cost: Cost, system: System | Identified, within: Limits, steps: int) -> Cost:
+    """`cost` with what follows a plan, where Q and R say it: the cost of the gain of `gain`."""
+    if cost.Q is None or cost.Qf is not None or cost.R is None or isinstance(cost.R, str):
+        return cost
+    (n, m), names = system.B.shape, system.labels
+    low, high = inputs_within(within, steps, names)
+    chosen = np.flatnonzero((low < high).any(axis=0))
+    Q, R = weight("Q", cost.Q, n, labels=names.states), weight("R", cost.R, m, labels=names.inputs)
+    A, B = np.ascontiguousarray(system.A), np.ascontiguousarray(system.B[:, chosen])
+    R = np.ascontiguousarray(R[chosen][:, chosen])
+    try:
+        return replace(cost, Qf=_core.feedback_gain(A, B, Q, R, names.states)[1])
+    except (SolverError, InputError):  # no gain holds all that Q weighs, or R is 0
+        return cost
+
+
+def warn_of_growth(task: Task, A: Floats, B: Floats) -> None:
+    """Warn where a loop is unstable for its own model: its gain without limits, by columns."""
+    if not task.stage.any() and not task.terminal.any():
+        return
+    n, m = B.shape
+    cost = Cost(Q=task.stage, Qf=task.terminal, R="auto" if task.R is None else task.R)
+    loop = loop_of(read_task(n, m, task.steps, np.zeros(n), Limits(), cost), A, B, None)
+    gain = np.transpose([loop.solve(x, None).control[:m] for x in np.eye(n)])
+    radius = np.abs(np.linalg.eigvals(A + B @ gain)).max()
+    if radius > 1.0 + 1e-9:
+        running.warn(
+            f"the loop grows by {radius:.4g} in each call, for its own model and without limits: "
+            "take more `steps`, or Cost(Q=, R=) without Qf, which then weighs all that follows"
         )
 
 

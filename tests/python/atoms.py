@@ -6,6 +6,8 @@ import itertools
 
 import numpy as np
 
+TOLERANCE = 1e-12
+
 
 def vector_atoms(w):
     """The realizations of a vector: ||w||_1 sign(w_i) e_i with probability |w_i| / ||w||_1."""
@@ -34,3 +36,15 @@ def averages(atoms, size):
         (np.prod([p for p, _ in draws]), sum(value for _, value in draws) / size)
         for draws in itertools.product(atoms, repeat=size)
     ]
+
+
+def mean_and_covariance(p, values):
+    """Of rows with these probabilities."""
+    assert abs(p.sum() - 1.0) < TOLERANCE
+    mean = p @ values
+    return mean, ((values - mean).T * p) @ (values - mean)
+
+
+def close(found, expected):
+    scale = max(1.0, float(np.abs(expected).max()))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=TOLERANCE * scale)

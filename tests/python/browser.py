@@ -94,11 +94,6 @@ class Browser:
         """Events of these kinds since the page was opened."""
         return [one["params"] for one in self.events if one.get("method") in methods]
 
-    def screenshot(self, path):
-        """The whole page as PNG."""
-        data = self.call("Page.captureScreenshot", captureBeyondViewport=True)["data"]
-        path.write_bytes(base64.b64decode(data))
-
     def pdf(self, path):
         """The page as printed on A4."""
         self.call("Emulation.setEmulatedMedia", media="", features=[])

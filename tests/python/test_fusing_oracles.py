@@ -31,36 +31,27 @@ class Result(NamedTuple):
     error: float
 
 
-class Engine:
-    """The calls used below."""
-
-    def dense(self, samples: Any, method: str, target: Any, weight_set: str = "simplex") -> Result:
-        ensemble = se.Ensemble.from_samples(np.asarray(samples, dtype=float))
-        fit = se.fuse(ensemble, Alse(weight_set) if method == "alse" else method, target=target)
-        return Result(fit.estimate, fit.weights, fit.error)
-
-    def singleton(
-        self, indices: Any, w: Any, method: str, target: Any = None, weight_set: str = "simplex"
-    ) -> Result:
-        ensemble = se.Ensemble.from_indices(np.asarray(indices), w)
-        goal = w if target is None else target
-        fit = se.fuse(ensemble, Alse(weight_set) if method == "alse" else method, target=goal)
-        return Result(fit.estimate, fit.weights, fit.error)
-
-    def errors(self, samples: Any, method: str, target: Any) -> Array:
-        ensemble = se.Ensemble.from_samples(np.asarray(samples, dtype=float))
-        path = se.fuse_path(ensemble, np.arange(1, len(samples) + 1), method, target=target)
-        return np.asarray(path.errors)
-
-    def singleton_errors(self, indices: Any, w: Any, method: str) -> Array:
-        ensemble = se.Ensemble.from_indices(np.asarray(indices), w)
-        path = se.fuse_path(ensemble, np.arange(1, len(indices) + 1), method, target=w)
-        return np.asarray(path.errors)
+def fused(ensemble: Any, method: str, target: Any, weight_set: str) -> Result:
+    fit = se.fuse(ensemble, Alse(weight_set) if method == "alse" else method, target=target)
+    return Result(fit.estimate, fit.weights, fit.error)
 
 
-@pytest.fixture
-def engine() -> Engine:
-    return Engine()
+def dense(samples: Any, method: str, target: Any, weight_set: str = "simplex") -> Result:
+    samples = np.asarray(samples, dtype=float)
+    return fused(se.Ensemble.from_samples(samples), method, target, weight_set)
+
+
+def singleton(
+    indices: Any, w: Any, method: str, target: Any = None, weight_set: str = "simplex"
+) -> Result:
+    goal = w if target is None else target
+    return fused(se.Ensemble.from_indices(np.asarray(indices), w), method, goal, weight_set)
+
+
+def errors_of(ensemble: se.Ensemble, method: str, target: Any) -> Array:
+    """The errors of all prefixes."""
+    path = se.fuse_path(ensemble, np.arange(1, ensemble.size + 1), method, target=target)
+    return np.asarray(path.errors)
 
 
 # --- exact arithmetic -----------------------------------------------------------------------------
@@ -96,41 +87,30 @@ def exact_errors(samples: Sequence[Sequence[Any]], target: Sequence[Any], method
     return out
 
 
-def sequences(w: Sequence[int], N: int) -> Iterator[tuple[tuple[int, ...], Fraction]]:
-    """All index sequences of length N that can occur, with their exact probabilities."""
-    gamma = sum(abs(x) for x in w)
-    support = [i for i, x in enumerate(w) if x]
-    for idx in itertools.product(support, repeat=N):
-        p = Fraction(1)
-        for i in idx:
-            p *= Fraction(abs(w[i]), gamma)
-        yield idx, p
-
-
 # --- SLSE: what is true ---------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("method", ["uniform", "slse", "slse-safeguarded"])
-def test_errors_of_every_prefix_are_exact(engine: Any, method: str) -> None:
+def test_errors_of_every_prefix_are_exact(method: str) -> None:
     rng = np.random.default_rng(8)
     for _ in range(20):
         N, n = int(rng.integers(1, 9)), int(rng.integers(1, 5))
         samples, target = rng.integers(-4, 5, (N, n)), rng.integers(-3, 4, n)
         exact = exact_errors(samples.tolist(), target.tolist(), method)
-        errors = engine.errors(samples.astype(float), method, target)
+        errors = errors_of(se.Ensemble.from_samples(samples.astype(float)), method, target)
         assert_allclose(errors**2, [float(e) for e in exact], rtol=1e-11, atol=1e-13)
-        last = engine.dense(samples, method, target)
+        last = dense(samples, method, target)
         assert_allclose(last.error**2, float(exact[-1]), rtol=1e-11, atol=1e-13)
         assert_allclose(last.weights @ samples, last.estimate, atol=1e-12)
         assert abs(last.weights.sum() - 1) < 1e-12
         assert last.weights.min() >= 0
 
 
-def test_a_repeated_sample_changes_nothing(engine: Any) -> None:
+def test_a_repeated_sample_changes_nothing() -> None:
     """E = F: the step is 0 by convention, so the weight stays with the first occurrence."""
     for result in (
-        engine.dense([[1.0, 2.0]] * 3, "slse", [5.0, 0.0]),
-        engine.singleton([1, 1, 1], np.array([1.0, 2.0]), "slse"),
+        dense([[1.0, 2.0]] * 3, "slse", [5.0, 0.0]),
+        singleton([1, 1, 1], np.array([1.0, 2.0]), "slse"),
     ):
         assert result.weights.tolist() == [1.0, 0.0, 0.0]
 
@@ -146,12 +126,13 @@ def random_cases(count: int, seed: int) -> Iterator[tuple[Array, Array]]:
         yield (repeated if k % 2 else samples), target
 
 
-def test_order_of_the_methods_on_every_path(engine: Any) -> None:
+def test_order_of_the_methods_on_every_path() -> None:
     """ALSE <= safeguarded SLSE <= uniform and ALSE <= SLSE; all but uniform non-increasing."""
     for samples, target in random_cases(30, seed=6):
         unit = float(np.sum(target**2)) or max(float(np.sum(E**2)) for E in samples)
+        drawn = se.Ensemble.from_samples(samples)
         squares = {
-            m: engine.errors(samples, m, target) ** 2
+            m: errors_of(drawn, m, target) ** 2
             for m in ("uniform", "alse", "slse", "slse-safeguarded")
         }
         slack, solver = 1e-13 * unit, 2e-9 * unit  # rounding; the tolerance of `fuse`
@@ -163,14 +144,12 @@ def test_order_of_the_methods_on_every_path(engine: Any) -> None:
         assert np.all(np.diff(squares["alse"]) <= solver)
 
 
-def test_safeguard_holds_where_slse_fails(engine: Any) -> None:
+def test_safeguard_holds_where_slse_fails() -> None:
     """Negative control: on the same paths the plain SLSE does exceed the uniform mean."""
-    violations = 0
-    for idx, _ in sequences([2, 1, 1], 4):
-        errors = {
-            m: engine.singleton_errors(idx, np.array([2, 1, 1]), m)
-            for m in ("uniform", "slse", "slse-safeguarded")
-        }
+    violations, w = 0, np.array([2.0, 1.0, 1.0])
+    for idx in itertools.product(range(3), repeat=4):
+        drawn = se.Ensemble.from_indices(np.array(idx), w)
+        errors = {m: errors_of(drawn, m, w) for m in ("uniform", "slse", "slse-safeguarded")}
         violations += int(np.any(errors["slse"] > errors["uniform"] + 1e-9))
         assert np.all(errors["slse-safeguarded"] <= errors["uniform"] + 1e-13)
     assert violations > 0
@@ -213,9 +192,9 @@ def singleton_cases(count: int) -> Iterator[tuple[list[int], Array, Array]]:
 
 
 @pytest.mark.parametrize("weight_set", ["simplex", "subsimplex"])
-def test_closed_form_solves_the_quadratic_program(engine: Any, weight_set: str) -> None:
+def test_closed_form_solves_the_quadratic_program(weight_set: str) -> None:
     for indices, w, target in singleton_cases(200):
-        result = engine.singleton(indices, w, "alse", target, weight_set)
+        result = singleton(indices, w, "alse", target, weight_set)
         atoms = twin.sampling.atoms(w)
         points = np.vstack([np.diag(atoms)[np.unique(indices)] - target, -target])
         best, unit = brute_force(points, weight_set), float(np.sum(atoms**2) + np.sum(target**2))
@@ -232,7 +211,7 @@ def test_closed_form_solves_the_quadratic_program(engine: Any, weight_set: str) 
         assert_allclose(result.estimate, combined, atol=1e-13 * np.abs(w).sum())
 
 
-def test_closed_form_for_the_exact_target(engine: Any) -> None:
+def test_closed_form_for_the_exact_target() -> None:
     """Y_k = |w_k|/gamma + delta/|D1|, J = sum_{D2} w_k^2 + (gamma delta)^2/|D1| (Lemma 4.4')."""
     for indices, w, target in singleton_cases(60):
         if target is not w:
@@ -240,12 +219,12 @@ def test_closed_form_for_the_exact_target(engine: Any) -> None:
         seen = np.zeros(len(w), dtype=bool)
         seen[indices] = True
         lost = np.abs(w)[~seen].sum()  # gamma * delta
-        result = engine.singleton(indices, w, "alse")
+        result = singleton(indices, w, "alse")
         expected = np.where(seen, np.sign(w) * (np.abs(w) + lost / seen.sum()), 0.0)
         assert_allclose(result.estimate, expected, atol=1e-14 * np.abs(w).sum())
         J = np.sum(w[~seen] ** 2) + lost**2 / seen.sum()
         assert_allclose(result.error**2, J, rtol=1e-12, atol=1e-28 * np.sum(w**2))
-        sub = engine.singleton(indices, w, "alse", weight_set="subsimplex")
+        sub = singleton(indices, w, "alse", weight_set="subsimplex")
         assert_allclose(sub.error**2, np.sum(w[~seen] ** 2), rtol=1e-12, atol=1e-28 * np.sum(w**2))
 
 
@@ -287,7 +266,7 @@ def test_weights_are_on_the_simplex_whatever_the_sizes() -> None:
 
 
 @pytest.mark.parametrize("weight_set", ["simplex", "subsimplex"])
-def test_dense_alse_against_clarabel(engine: Any, weight_set: str) -> None:
+def test_dense_alse_against_clarabel(weight_set: str) -> None:
     clarabel, sparse = pytest.importorskip("clarabel"), pytest.importorskip("scipy.sparse")
     rng = np.random.default_rng(13)
     for N, d in ((5, 3), (40, 6), (120, 20)):
@@ -306,7 +285,7 @@ def test_dense_alse_against_clarabel(engine: Any, weight_set: str) -> None:
         )
         y = np.array(solver.solve().x)
         best = float(np.sum((y @ samples - target) ** 2))
-        result = engine.dense(samples, "alse", target, weight_set)
+        result = dense(samples, "alse", target, weight_set)
         assert abs(result.error**2 - best) <= 1e-8 * np.sum(target**2)
 
 

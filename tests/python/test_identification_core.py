@@ -232,28 +232,6 @@ def test_missing_directions_of_states_make_steps_infinite(gen, gain):
     assert np.isinf(found[1][2])
 
 
-# -- replicates ------------------------------------------------------------------------------------
-
-KEY = bytes(range(32))
-
-
-def test_the_law_of_drawn_models():
-    fitted = fitted_to(Z, Y)
-    size = 40_000
-    V = fitted.white.T @ fitted.white
-    law = fitted.H, fitted.white, fitted.S, "full", fitted.nu
-    draws = core.estimate_draws(law, size, KEY, 1)
-    models, spread = draws.reshape(size, 2, 3), np.kron(V, fitted.S / (fitted.nu - 3))
-    error = models.mean(axis=0) - fitted.H
-    assert np.all(np.abs(error) < 5 * models.std(axis=0) / np.sqrt(size))
-    found = np.cov(models.transpose(0, 2, 1).reshape(size, -1).T)
-    scale = np.sqrt(np.outer(np.diag(spread), np.diag(spread)))
-    assert np.max(np.abs(found - spread) / scale) < 0.05
-
-
-# -- tests of residuals ----------------------------------------------------------------------------
-
-
 def test_least_squares_from_rows_and_from_their_triangle() -> None:
     """The last input is the first one minus twice the first state."""
     gen = np.random.default_rng(3)

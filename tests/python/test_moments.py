@@ -9,22 +9,17 @@ from functools import partial
 import numpy as np
 import pytest
 
-from atoms import averages, matrix_atoms, vector_atoms
+from atoms import TOLERANCE, averages, close, matrix_atoms, mean_and_covariance, vector_atoms
 from stochens_rs.theory import moments
 
-TOLERANCE = 1e-12
 AXES = ("columns", "rows")
 
 # -- the oracle: a distribution is a list of (probability, value) ------------------------------
 
 
-def mean_and_covariance(atoms):
-    p = np.array([probability for probability, _ in atoms])
+def moments_of(atoms):
     values = np.array([np.ravel(value) for _, value in atoms])
-    assert abs(p.sum() - 1.0) < TOLERANCE
-    mean = p @ values
-    centred = values - mean
-    return mean, (centred.T * p) @ centred
+    return mean_and_covariance(np.array([p for p, _ in atoms]), values)
 
 
 def differences(x0s, xfs, As):
@@ -33,11 +28,6 @@ def differences(x0s, xfs, As):
     x0, xf, A = (np.array([value for _, value in d]) for d in (x0s, xfs, As))
     y = xf[None, :, None, :] - np.einsum("cij,aj->aci", A, x0)[:, None, :, :]
     return list(zip(p.ravel(), y.reshape(-1, y.shape[-1]), strict=True))
-
-
-def close(found, expected):
-    scale = max(1.0, float(np.abs(expected).max()))
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=TOLERANCE * scale)
 
 
 # -- cases: signs, zeros, all shapes of B ------------------------------------------------------
@@ -112,7 +102,7 @@ def test_covariance_in_rational_numbers():
 @axes
 @cases(MATRICES)
 def test_mse(case, axis):
-    mean, covariance = mean_and_covariance(matrix_atoms(case, axis))
+    mean, covariance = moments_of(matrix_atoms(case, axis))
     close(mean, np.ravel(case))
     close(moments.mse(case, axis=axis), np.trace(covariance))
     if axis == "rows":
@@ -137,7 +127,7 @@ def test_product_covariance(case, axis):
     m = np.shape(case)[1]
     for x0 in ([1.0, -2.0, 0.5][:m], [0.0, 3.0, 0.0][:m], [0.0] * m):
         z = [(p * q, S @ s) for p, s in vector_atoms(x0) for q, S in matrix_atoms(case, axis)]
-        mean, covariance = mean_and_covariance(z)
+        mean, covariance = moments_of(z)
         close(mean, np.asarray(case) @ x0)
         found = moments.product_covariance(case, x0, axis=axis)
         close(found, covariance)
@@ -204,7 +194,7 @@ def systematic_matrix_atoms(A, size, axis):
 @pytest.mark.parametrize("w", SYSTEMATIC)
 @pytest.mark.parametrize("size", [1, 2, 3, 7, 50, 6500])
 def test_systematic_covariance(w, size):
-    mean, covariance = mean_and_covariance(systematic_atoms(w, size))
+    mean, covariance = moments_of(systematic_atoms(w, size))
     close(mean, np.array(w))
     found = moments.covariance(w, size, scheme="systematic")
     close(found, covariance)
@@ -245,7 +235,7 @@ def test_controls_from_systematic_samples(case, axis, sizes):
         (moments.control_covariance(*case, **options), pinv),
         (moments.state_covariance(*case, **options), B @ pinv),
     ):
-        close(found, mean_and_covariance([(p, F @ v) for p, v in y])[1])
+        close(found, moments_of([(p, F @ v) for p, v in y])[1])
     rms = moments.control_rms(*case, **options), moments.state_rms(*case, **options)
     close(rms[0] ** 2, np.trace(moments.control_covariance(*case, **options)))
     close(rms[1] ** 2, np.trace(moments.state_covariance(*case, **options)))
@@ -266,8 +256,8 @@ def check_controls(case, axis, sizes, fusion):
         N = max(k for k in sizes if k is not None)
         y = averages(differences(*(e if k is None else s for s, e, k in entities)), N)
     pinv = np.linalg.pinv(B)
-    mean_u, covariance_u = mean_and_covariance([(p, pinv @ v) for p, v in y])
-    mean_x, covariance_x = mean_and_covariance([(p, A @ x0 + B @ (pinv @ v)) for p, v in y])
+    mean_u, covariance_u = moments_of([(p, pinv @ v) for p, v in y])
+    mean_x, covariance_x = moments_of([(p, A @ x0 + B @ (pinv @ v)) for p, v in y])
     options = {"size": sizes, "fusion": fusion, "axis": axis}
     close(mean_u, pinv @ (xf - A @ x0))
     close(moments.control_covariance(*case, **options), covariance_u)
@@ -341,6 +331,3 @@ def test_scale_of_B_does_not_change_its_rank():
             moments.state_covariance((A, np.array(B) * scale), x0, xf),
             moments.state_covariance((A, B), x0, xf),
         )
-
-
-# -- the sampler ---------------------------------------------------------------------------------

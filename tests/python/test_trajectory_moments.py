@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from atoms import averages, matrix_atoms, vector_atoms
+from atoms import averages, close, matrix_atoms, mean_and_covariance, vector_atoms
 from stochens_rs.theory import moments
 
-TOLERANCE = 1e-12
 AXES = ("columns", "rows")
 axes = pytest.mark.parametrize("axis", AXES)
 
@@ -23,17 +22,6 @@ def push(p, x, As, Bs, u):
     states = np.einsum("aij,sj->sai", A, x)[:, :, None, :] + b
     weights = p[:, None, None] * pA[:, None] * pB
     return weights.ravel(), states.reshape(-1, x.shape[1])
-
-
-def mean_and_covariance(p, x):
-    assert abs(p.sum() - 1.0) < TOLERANCE
-    mean = p @ x
-    return mean, ((x - mean).T * p) @ (x - mean)
-
-
-def close(found, expected):
-    scale = max(1.0, float(np.abs(expected).max()))
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=TOLERANCE * scale)
 
 
 A2, B2 = np.array([[1.0, -2.0], [0.5, 3.0]]), np.array([[1.0], [-0.5]])

@@ -81,22 +81,6 @@ def normal_quantile(covariance: Array, delta: float) -> float:
     return float(np.sqrt(top * root(left, 1e-6 * high, high)))
 
 
-def order_quantile(draws: Array, delta: float) -> float:
-    """The ceil((1 - delta) (M + 1))-th smallest of M draws; infinite if there are too few.
-
-    A further independent draw is larger with probability <= delta, over all M + 1 draws
-    (Dwass 1957).
-    """
-    k = int(np.ceil((1.0 - delta) * (len(draws) + 1) - 1e-9))
-    return float(np.sort(draws)[k - 1]) if k <= len(draws) else np.inf
-
-
-def lower_order_quantile(draws: Array, delta: float) -> float:
-    """The floor(delta (M + 1))-th smallest of M draws: a further draw is smaller with <= delta."""
-    k = int(np.floor(delta * (len(draws) + 1) + 1e-9))
-    return float(np.sort(draws)[k - 1]) if k >= 1 else -np.inf
-
-
 def log_hyp1f1(a: float, b: float, c: float) -> float:
     """log 1F1(a; b; c) for 0 < a <= b, c >= 0: all terms (a)_k / (b)_k c^k / k! are positive.
 

@@ -74,6 +74,21 @@ class Arx:
         return se.identify(self.data(count, steps, rng), checks=False, window=window)
 
 
+def one_log(ahead, seed, steps=300, sizes=(1, 1), noise=0.05, lags=1):
+    """Readings and inputs of ``y(t+1) = ahead(y, u) + noise``, from all of both up to t."""
+    rng = np.random.default_rng(seed)
+    y, u = np.zeros((steps, sizes[0])), rng.standard_normal((steps - 1, sizes[1]))
+    for t in range(lags - 1, steps - 1):
+        y[t + 1] = ahead(y[: t + 1], u[: t + 1]) + noise * rng.standard_normal(sizes[0])
+    return y, u
+
+
+def of_lags(y, u, lags=1, **options):
+    """A model of one log."""
+    data = se.Trajectories([y], [u], outputs=True)
+    return se.identify(data, window=se.Window(lags=lags), **options)
+
+
 class Rig:
     """A cart with a pole at 50 Hz: position (noise 0.3 mm) and angle (0.5 mrad) are read.
 

@@ -14,6 +14,7 @@ import pytest
 import stochens_rs as se
 from controllers import FLAGS, compiler
 from coverage_study import sets
+from hidden_outputs import one_log
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning"),
@@ -85,10 +86,10 @@ def of_states(rng: Any, still: bool = False) -> Any:
 
 
 def of_readings(rng: Any, filters: bool, delay: int) -> Any:
-    y, u = np.zeros((300, 1)), rng.standard_normal((299, 2))
-    for t in range(delay + 1, 299):
-        effect = u[t - delay] @ [1.0, 0.4]
-        y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + effect + 0.1 * rng.standard_normal(1)
+    def ahead(y: Any, u: Any) -> Any:
+        return 1.2 * y[-1] - 0.4 * y[-2] + u[-1 - delay] @ [1.0, 0.4]
+
+    y, u = one_log(ahead, rng, sizes=(1, 2), noise=0.1, lags=delay + 2)
     window = se.Window(filters=(0.4, 3), delay=delay) if filters else se.Window(lags=2, delay=delay)
     data = se.Trajectories([y], [u], outputs=True)
     model = se.identify(data, window=window, noise=0.1, accept="memory" if filters else ())

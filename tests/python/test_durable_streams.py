@@ -18,7 +18,7 @@ from stochens_rs.exceptions import (
     StateLockedError,
     StateRecoveredWarning,
 )
-from stream_problems import same
+from stream_problems import OPTIONS, same
 
 GEN = np.random.default_rng(0)
 A, B = GEN.standard_normal((6, 6)), GEN.standard_normal((6, 3))
@@ -29,17 +29,21 @@ def make(**options: object) -> se.Stream:
     return se.Stream((A, B), X0, XF, rng=3, **options)
 
 
-@pytest.mark.parametrize("options", [{}, {"safeguard": True}, {"slots": "gain"}])
-def test_resuming_is_never_having_stopped(tmp_path: Path, options: dict[str, object]) -> None:
-    whole, part = make(**options), make(**options)
-    whole.step(50_000)
-    for count in (1, 999, 20_000, 29_000):  # across chunks of the random streams
+@pytest.mark.parametrize(("safeguard", "slots"), OPTIONS)
+def test_resuming_is_never_having_stopped(tmp_path: Path, safeguard: bool, slots: str) -> None:
+    whole, part = (make(safeguard=safeguard, slots=slots) for _ in range(2))
+    part.save(tmp_path / "a.state")
+    # at the ends of blocks and across chunks of the random streams
+    for count in (1, 254, 1, 127, 60_000, 20_000):
+        part = se.Stream.load(tmp_path / "a.state")
         part.step(count)
         part.save(tmp_path / "a.state")
         se.set_num_threads(1 + count % 2)
-        part = se.Stream.load(tmp_path / "a.state")
+    whole.step(80_383)
+    part = se.Stream.load(tmp_path / "a.state")
     assert same(whole, part)
     assert np.array_equal(whole.u, part.u)
+    assert part.key == whole.key
 
 
 def test_checkpoints_on_the_way(tmp_path: Path) -> None:
@@ -180,12 +184,6 @@ def test_a_child_forked_in_a_run_does_not_end_its_lock(tmp_path: Path) -> None:
     assert locked == [True]
 
 
-# -- all kinds: damage and kills -------------------------------------------------------------------
-
-
-# -- damage and full disks -------------------------------------------------------------------------
-
-
 @pytest.fixture
 def small(tmp_path: Path) -> Path:
     stream = se.Stream(([[3.0]], [[1.0]]), [2.0], [0.5], rng=1)
@@ -263,6 +261,3 @@ def test_ctrl_c_during_the_last_save(
     run = stream.run(max_steps=100, checkpoint=path)
     assert (run.status, run.steps) == ("interrupted", 100)
     assert same(se.Stream.load(path), stream)
-
-
-# -- signals ---------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from hidden_outputs import one_log
 from stochens_rs.exceptions import InputError
 
 pytestmark = pytest.mark.filterwarnings("ignore::stochens_rs.exceptions.DataWarning")
@@ -130,10 +131,7 @@ def test_a_loop_holds_its_readings_below_the_limit(model):
     ("window", "names"), [(se.Window(lags=3), ["y[0]"]), (se.Window(filters=(0.5, 3)), ["y[0]~1"])]
 )
 def test_a_tube_draws_the_outputs_and_not_their_lags(window, names):
-    rng = np.random.default_rng(1)
-    u, y = rng.standard_normal((300, 1)), np.zeros((301, 1))
-    for t in range(300):
-        y[t + 1] = 0.8 * y[t] + u[t] + 0.01 * rng.standard_normal(1)
+    y, u = one_log(lambda y, u: 0.8 * y[-1] + u[-1], 1, 301, noise=0.01)
     data = se.Trajectories([y], [u], outputs=True)
     model = se.identify(data, window=window, accept=["memory"], checks=False)
     proof = se.gain(model, 1.0, 1.0).certificate(0.05)

@@ -8,6 +8,7 @@ from scipy import stats
 
 import stochens_rs as se
 from coverage_study import exactly, sets
+from hidden_outputs import of_lags, one_log
 from stochens_rs.exceptions import InputError, ShapeError
 
 A, B = np.array([[1.0, 0.1], [0.0, 1.0]]), np.array([[0.005], [0.1]])
@@ -128,11 +129,8 @@ def of_readings(**options):
         now = [1.6 * y[0] - 0.7 * before[0] + v[0], 0.5 * y[1] + 0.3 * y[0]]
         return np.array(now) - pull + 0.05 * w
 
-    y, u = np.zeros((400, 2)), gen.standard_normal((399, 1))
-    for t in range(1, 399):
-        y[t + 1] = ahead(y[t], y[t - 1], u[t], gen.standard_normal(2))
-    data = se.Trajectories([y], [u], outputs=True)
-    model = se.identify(data, window=se.Window(lags=2), checks=False)
+    y, u = one_log(lambda y, u: ahead(y[-1], y[-2], u[-1], 0.0), gen, 400, (2, 1), lags=2)
+    model = of_lags(y, u, 2, checks=False)
     made = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, limits=(-1.5, 1.5), **options)
 
     def ride(M, spread=1.0):

@@ -9,6 +9,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
+from hidden_outputs import of_lags, one_log
 from stochens_rs._core import preview
 from twin.preview import preview as twin
 
@@ -99,13 +100,8 @@ def test_what_is_added_ends_and_stays_within_limits(monkeypatch):
 
 
 def test_warnings_point_at_the_line_of_the_user():
-    rng, y, u = np.random.default_rng(0), np.zeros((31, 2)), np.zeros((30, 1))
-    u[:] = rng.standard_normal(u.shape)
-    for t in range(30):
-        now = [0.5 * y[t, 0] + u[t, 0], 0.3 * y[t, 1] + 0.8 * u[t, 0]]
-        y[t + 1] = now + 0.1 * rng.standard_normal(2)
-    data = se.Trajectories([y], [u], outputs=True)
-    model = se.identify(data, window=se.Window(lags=1), checks=False)
+    y, u = one_log(lambda y, u: [0.5, 0.3] * y[-1] + [1.0, 0.8] * u[-1], 0, 31, (2, 1), 0.1)
+    model = of_lags(y, u, checks=False)
     gain, odd = se.gain(model, 1.0, 1.0), [0.0, 0.6]
     with warnings.catch_warnings(record=True) as found:
         warnings.simplefilter("always")

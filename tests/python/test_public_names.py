@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import ast
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -58,17 +56,6 @@ def test_records_are_named_in_their_rooms(room: str) -> None:
 def test_what_only_the_package_uses_is_not_public() -> None:
     assert not {"Basis", "Known", "Requirement"} & set(dir(se.controls))
     assert not hasattr(se.plots, "require_matplotlib")
-
-
-def test_reference_and_matplotlib_are_imported_at_their_first_use() -> None:
-    code = (
-        "import sys, stochens_rs as se\n"
-        "assert se.plots.save_figures\n"
-        "assert 'stochens_rs.reference' not in sys.modules\n"
-        "assert se.reference.fusing.alse_dense\n"
-        "assert 'matplotlib' not in sys.modules"
-    )
-    subprocess.run([sys.executable, "-c", code], check=True)
 
 
 def test_every_exception_is_exported_and_raised_somewhere() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
-from hidden_outputs import Arx, Rig
+from hidden_outputs import Arx, Rig, of_lags, one_log
 from stochens_rs._base import show as html
 from stochens_rs.exceptions import InputError, InputTypeError, ShapeError
 
@@ -80,14 +80,8 @@ def test_a_plan_and_its_certificate():
 
 
 def test_an_offset_in_the_model():
-    rng = np.random.default_rng(5)
-    y, u = np.zeros((400, 1)), rng.standard_normal((399, 1))
-    for t in range(1, 399):
-        w = 0.02 * rng.standard_normal(1)
-        y[t + 1] = 1.1 * y[t] - 0.3 * y[t - 1] + u[t] + 0.4 + w
-    model = se.identify(
-        se.Trajectories([y], [u], outputs=True), intercept=True, window=se.Window(lags=2)
-    )
+    y, u = one_log(lambda y, u: 1.1 * y[-1] - 0.3 * y[-2] + u[-1] + 0.4, 5, 400, noise=0.02, lags=2)
+    model = of_lags(y, u, 2, intercept=True)
     plan = se.control(model, record=(y[-9:], u[-8:]), target=[1.0], steps=6, limits=(-2.0, 2.0))
     np.testing.assert_allclose(plan.predicted_outputs[-2:, 0], 1.0, atol=1e-5)
     loop = se.regulate(model, 10, offset_free=False, target=[1.0], cost=se.Cost(Q=[1.0], R=1.0))

@@ -161,26 +161,6 @@ def test_equals_control_at_every_state(index):
     assert any(np.any((call.u == 0.3) | (call.u == [-0.4, np.inf])) for call in loop.log)
 
 
-@pytest.mark.parametrize("again", [copy.deepcopy, lambda loop: pickle.loads(pickle.dumps(loop))])
-@pytest.mark.parametrize("held", [0, 2])
-def test_a_copy_goes_on_with_the_same_bits(again, held):
-    loop = made()
-    _, x = driven(loop, np.array([3.0, 1.0]), 7)
-    for _ in range(held):
-        loop(LOST)
-    other = again(loop)
-    assert np.any(loop._solver.warm())
-    assert np.array_equal(other._solver.warm(), loop._solver.warm())
-    assert other.calls == loop.calls == 7 + held
-    assert [call.seconds for call in other.log] == [call.seconds for call in loop.log]
-    assert np.array_equal(loop(LOST), other(LOST))
-    u, v = driven(loop, x, 10)[0], driven(other, x, 10)[0]
-    assert np.array_equal(u, v)
-    assert [call.gap for call in loop.log][-5:] == [call.gap for call in other.log][-5:]
-    loop.reset()  # the copy shares nothing
-    assert (other.calls, loop.calls) == (18 + held, 0)
-
-
 def test_a_held_input_is_the_next_of_the_plan():
     loop = made()
     assert np.array_equal(loop(LOST), [0.0])

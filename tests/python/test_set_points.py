@@ -13,7 +13,7 @@ import pytest
 import stochens_rs as se
 from core_regions import ball
 from coverage_study import most, sets
-from hidden_outputs import Arx, regulated_belt
+from hidden_outputs import Arx, of_lags, one_log, regulated_belt
 from stochens_rs import _core
 from stochens_rs.controls.set_point import rest_at
 from stochens_rs.exceptions import InputError, InputTypeError, SolverError
@@ -351,13 +351,8 @@ def test_what_is_exact_needs_a_learned_bias(belt):
 
 def test_exact_data_have_no_noise_to_weigh_with():
     """Two sensors of one signal, without noise: the covariance of the noise is rounding."""
-    rng = np.random.default_rng(1)
-    y, u = np.zeros((60, 2)), rng.standard_normal((59, 1))
-    for t in range(59):
-        y[t + 1] = 0.5 * y[t, 0] + u[t, 0] * np.array([1.0, 2.0])
-    model = se.identify(
-        se.Trajectories([y], [u], outputs=True), checks=False, window=se.Window(lags=1)
-    )
+    y, u = one_log(lambda y, u: 0.5 * y[-1, 0] + u[-1] * [1.0, 2.0], 1, 60, (2, 1), 0.0)
+    model = of_lags(y, u, checks=False)
     name = model.outputs[0]
     loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True, target={name: 1.0})
     read = np.zeros(2)
@@ -454,17 +449,11 @@ def test_known_set_points_with_a_given_input():
 # -- what went wrong once --------------------------------------------------------------------------
 
 
-def first_order(rng, steps, gain=0.2, pole=0.8):
-    y, u = np.zeros((steps + 1, 1)), rng.standard_normal((steps, 1))
-    for t in range(steps):
-        y[t + 1] = pole * y[t] + gain * u[t] + 0.02 * rng.standard_normal(1)
-    return y, u
-
-
 def test_a_target_at_a_limit_is_taken_up_again():
     """Aimed at u = .5 = the limit it stayed there for ever, whatever was asked for later."""
     rng = np.random.default_rng(1)
-    y, u = zip(*(first_order(rng, 60) for _ in range(6)), strict=True)
+    runs = [one_log(lambda y, u: 0.8 * y[-1] + 0.2 * u[-1], rng, 61, noise=0.02) for _ in range(6)]
+    y, u = zip(*runs, strict=True)
     data = se.Trajectories(list(y), list(u), outputs=True, state_names=["T"])
     model = se.identify(data, checks=False, window=se.Window(lags=1))
     gain = se.gain(model, 1.0, 0.1)
@@ -483,11 +472,8 @@ def test_a_target_at_a_limit_is_taken_up_again():
 @pytest.mark.parametrize("ratio", [1.0, 1e4, 1e8, 1e12])
 def test_units_change_no_point_of_rest(ratio):
     """From 1e9 on the half widths were half of what they are; from 1e10 on it did not end well."""
-    rng = np.random.default_rng(2)
-    y, u = np.zeros((200, 2)), rng.standard_normal((199, 1))
-    for t in range(199):
-        y[t + 1] = [0.8 * y[t, 0] + 0.2 * u[t, 0], 0.5 * y[t, 1] + 0.3 * y[t, 0]]
-        y[t + 1] += 0.02 * rng.standard_normal(2)
+    A = np.array([[0.8, 0.0], [0.3, 0.5]])
+    y, u = one_log(lambda y, u: A @ y[-1] + [0.2, 0.0] * u[-1], 2, 200, (2, 1), 0.02)
     found = []
     for unit in (1.0, ratio):
         data = se.Trajectories([y * [1.0, unit]], [u], outputs=True, state_names=["a", "b"])
@@ -539,11 +525,8 @@ def test_the_nearest_point_is_the_nearest_of_all():
 
 def test_an_output_that_cannot_be_held_is_not_said_to_be():
     """A cart whose place is free: its speed rests at 0 alone, and the place stays."""
-    rng = np.random.default_rng(3)
-    y, u = np.zeros((400, 2)), rng.standard_normal((399, 1))
-    for t in range(399):
-        y[t + 1] = [0.9 * y[t, 0] + 0.1 * u[t, 0], y[t, 1] + 0.1 * y[t, 0]]
-        y[t + 1] += 0.01 * rng.standard_normal(2)
+    A = np.array([[0.9, 0.0], [0.1, 1.0]])
+    y, u = one_log(lambda y, u: A @ y[-1] + [0.1, 0.0] * u[-1], 3, 400, (2, 1), 0.01)
     data = se.Trajectories([y], [u], outputs=True, state_names=["speed", "place"])
     model = se.identify(data, checks=False, window=se.Window(lags=1))
     gain = se.gain(model, [1.0, 1.0], 0.1)
@@ -621,10 +604,7 @@ def test_hidden_systems_stay_in_the_tube_of_a_reference():
 
 def test_names_without_their_units_are_known():
     """As in `from_csv` and `limits`: a user writes the names of the columns once."""
-    rng = np.random.default_rng(5)
-    y, u = np.zeros((300, 1)), rng.standard_normal((299, 2))
-    for t in range(299):
-        y[t + 1] = 0.8 * y[t] + u[t, :1] + 0.1 * u[t, 1:] + 0.1 * rng.standard_normal(1)
+    y, u = one_log(lambda y, u: 0.8 * y[-1] + u[-1] @ [1.0, 0.1], 5, 300, (1, 2), 0.1)
     names = {"state_names": ["room [C]"], "input_names": ["heat [kW]", "outdoor [C]"]}
     data = se.Trajectories([y], [u], outputs=True, **names)
     model = se.identify(data, window=se.Window(filters=(0.5, 2)))

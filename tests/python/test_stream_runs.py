@@ -14,24 +14,9 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs.exceptions import InputError, SizeError
-from stream_problems import OPTIONS, X0, XF, A, B, make, same
+from stream_problems import X0, XF, A, B, make, same
 
 # -- state ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("safeguard", "slots"), OPTIONS)
-@pytest.mark.parametrize("steps", [0, 1, 255, 256, 383])
-def test_saved_and_restored_bit_for_bit(safeguard, slots, steps):
-    options = {"safeguard": safeguard, "slots": slots}
-    whole, part = make(7, **options), make(7, **options)
-    if steps:
-        part.step(steps)
-    restored = se.Stream._from_sections(part._to_sections())
-    assert same(restored, part)
-    assert restored.key == part.key
-    restored.step(400)
-    whole.step(400 + steps)
-    assert same(restored, whole)
 
 
 def test_copies_and_pickles_go_their_own_way():
@@ -41,15 +26,6 @@ def test_copies_and_pickles_go_their_own_way():
         assert same(other, one)
         other.step(5)
         assert (other.steps, one.steps) == (15, 10)
-
-
-def test_restored_across_chunks_of_the_random_stream():
-    whole, part = make(7), make(7)
-    part.step(60_000)  # every slot has left its first chunk of 16 384 realizations
-    restored = se.Stream._from_sections(part._to_sections())
-    restored.step(5)
-    whole.step(60_005)
-    assert same(restored, whole)
 
 
 def test_damaged_states_are_refused():

@@ -120,17 +120,6 @@ def test_rows_of_different_runs_may_be_mixed():
     assert mixed == read(frame)
 
 
-def test_without_runs_and_times():
-    columns = table(u=[1.0, 2.0, 3.0, 4.0, None])
-    data = read(columns, by=None, time=None)
-    assert (data.lengths.tolist(), data.dt) == ([4], None)
-
-
-def test_times_written_with_few_digits_are_equally_far_apart():
-    """By a thousandth of the step, within a run and between runs."""
-    assert read(table(t=[0.0, 0.1, 0.20005, 5.0, 5.10008])).dt == pytest.approx(0.1, rel=1e-3)
-
-
 @pytest.mark.parametrize("labels", [[1, 1, True, True], [0, 0, False, False], [1, 1, "1", "1"]])
 def test_runs_with_different_labels_are_different_runs(labels):
     columns = {"run": labels, "x": [1.0, 2, 3, 4], "v": [1.0] * 4, "u": [1.0] * 4}

@@ -324,11 +324,6 @@ def test_exceptions_are_one_documented_picklable_family(error):
     assert str(back) == "what happened"
 
 
-def test_exceptions_keep_what_they_carry():
-    assert pickle.loads(pickle.dumps(ResourceError("m", 7, 5))).needed_bytes == 7
-    assert pickle.loads(pickle.dumps(ResourceError("m", 7, 5))).limit_bytes == 5
-
-
 @pytest.mark.parametrize(
     ("name", "builtin"),
     [("InputError", ValueError), ("ShapeError", ValueError), ("NonFiniteError", ValueError),

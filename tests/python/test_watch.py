@@ -10,6 +10,7 @@ import pytest
 
 import stochens_rs as se
 from coverage_study import sets
+from hidden_outputs import of_lags, one_log
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, StochensError
 from stochens_rs.feedback import Watch
@@ -214,10 +215,7 @@ def test_it_goes_on_from_a_file(tmp_path):
 
 def test_loops_take_it_along(tmp_path):
     rng = np.random.default_rng(9)
-    y, u = np.zeros((400, 1)), rng.standard_normal((399, 1))
-    for t in range(1, 399):
-        y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + u[t] + 0.1 * rng.standard_normal(1)
-    model = se.identify(se.Trajectories([y], [u], outputs=True), window=se.Window(lags=2))
+    model = of_outputs(rng)
     loop = se.regulate(se.gain(model, 1.0, 1.0), offset_free=True)
     proof = loop.certificate(0.05)
     loop.watch = proof.watch(every=1e4)
@@ -494,11 +492,10 @@ def test_inputs_in_tiny_units_are_watched():
 
 
 def of_outputs(rng, gain=1.0, lags=2):
-    y, u = np.zeros((400, 1)), rng.standard_normal((399, 1))
-    for t in range(1, 399):
-        y[t + 1] = 1.2 * y[t] - 0.4 * y[t - 1] + gain * u[t] + 0.1 * rng.standard_normal(1)
-    data = se.Trajectories([y], [u], outputs=True)
-    return se.identify(data, window=se.Window(lags=lags))
+    y, u = one_log(
+        lambda y, u: 1.2 * y[-1] - 0.4 * y[-2] + gain * u[-1], rng, 400, noise=0.1, lags=2
+    )
+    return of_lags(y, u, lags)
 
 
 @pytest.mark.parametrize("free", [True, False])

@@ -43,7 +43,7 @@ def model(place, capsys):
 
 def failed(capsys, *args, code=2):
     """The one line on standard error of a command that fails."""
-    assert cli.main([*args]) == code
+    assert cli.main([*map(str, args)]) == code
     captured = capsys.readouterr()
     assert captured.out == ""
     assert captured.err.startswith("stochens: ")

@@ -9,6 +9,7 @@ import pytest
 
 import stochens_rs as se
 from stochens_rs import cli
+from test_cli_commands import failed
 from test_cli_snapshots import A, B, log
 
 COLUMNS = ["--states", "angle,rate", "--inputs", "torque"]
@@ -39,17 +40,6 @@ def ran(capsys, *args):
     captured = capsys.readouterr()
     assert code == 0, captured.err
     return json.loads(captured.out)
-
-
-def failed(capsys, *args):
-    """The one line on standard error of a command that fails for its input."""
-    code = cli.main([*map(str, args)])
-    captured = capsys.readouterr()
-    assert code == 2, captured.err
-    assert captured.out == ""
-    assert captured.err.startswith("stochens: ")
-    assert captured.err.count("\n") == 1
-    return captured.err
 
 
 def in_python(table):

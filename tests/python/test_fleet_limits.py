@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import sparse
 from scipy.optimize import linprog
 
 import stochens_rs as se
@@ -12,6 +11,7 @@ from coverage_study import at_most, repeated, sets
 from stochens_rs.exceptions import InputError
 from stochens_rs.theory import scenario
 from test_fleet import alone, drawn
+from twin import populations as twin
 
 BETA = 0.05
 
@@ -70,32 +70,12 @@ def everything(plan: se.FleetPlan) -> tuple[list, np.ndarray, np.ndarray]:
 
 def at_once(plan: se.FleetPlan) -> float:
     """The least value, by one cone problem of all units and limits for Clarabel."""
-    clarabel = pytest.importorskip("clarabel")
+    pytest.importorskip("clarabel")
     units, C, c = everything(plan)
-    d = C.shape[1]
     if plan.risk == "mean":  # one cone of all rows
         share = np.sqrt(len(units))
         units = [tuple(np.concatenate(part) / share for part in zip(*units, strict=True))]
-    top = np.r_[np.zeros(d), -1.0][None]
-    blocks = [np.hstack([C, np.zeros((len(C), 1))])]
-    ends = [c]
-    for M, t in units:
-        blocks += [top, np.hstack([-M, np.zeros((len(M), 1))])]
-        ends += [[0.0], -t]
-    cones = [clarabel.NonnegativeConeT(len(C))]
-    cones += [clarabel.SecondOrderConeT(1 + len(t)) for _, t in units]
-    settings = clarabel.DefaultSettings()
-    settings.verbose = False
-    settings.tol_gap_abs = settings.tol_gap_rel = settings.tol_feas = 1e-10
-    found = clarabel.DefaultSolver(
-        sparse.csc_matrix((d + 1, d + 1)),
-        -top[0],
-        sparse.csc_matrix(np.vstack(blocks)),
-        np.concatenate(ends),
-        cones,
-        settings,
-    ).solve()
-    return float(found.x[d])
+    return twin.program(units, C, c)[1]
 
 
 @pytest.mark.parametrize("risk", ["mean", "worst"])

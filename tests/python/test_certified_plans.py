@@ -52,15 +52,11 @@ def under(plan, u):
     return replace(plan, u=u, predicted_states=trajectory(Theta, plan.basis.x0, u))
 
 
-def measured(gen, Theta, runs, K, sigma=0.1, feedback=None):
+def measured(gen, Theta, runs, K, sigma=0.1):
     n = len(Theta)
-    m = Theta.shape[1] - n
-    x, u = gen.standard_normal((runs, K + 1, n)), gen.standard_normal((runs, K, m))
-    for r in range(runs):
-        for k in range(K):
-            if feedback is not None:
-                u[r, k] = feedback @ x[r, k] + 0.1 * u[r, k]
-            x[r, k + 1] = Theta @ np.concatenate([x[r, k], u[r, k]]) + sigma * x[r, k + 1]
+    x, u = gen.standard_normal((runs, K + 1, n)), gen.standard_normal((runs, K, len(Theta[0]) - n))
+    for k in range(K):
+        x[:, k + 1] = np.concatenate([x[:, k], u[:, k]], axis=1) @ Theta.T + sigma * x[:, k + 1]
     return se.Trajectories(x, u)
 
 

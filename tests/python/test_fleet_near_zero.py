@@ -44,7 +44,7 @@ def test_twenty_inputs_for_a_few_units(N: int) -> None:
         assert plan.value == pytest.approx(both, rel=1e-9)
         # any other command costs as much as the lower bound at least
         pairs = maps(plan.units)
-        units = [twin.unit(G, b, R=plan.R[0, 0] * np.eye(20)) for G, b in pairs]
+        units = [twin.unit(G, b, plan.R[0, 0] * np.eye(20)) for G, b in pairs]
         best = twin.worst(units)
         assert plan.lower_bound <= best * (1 + 1e-9)
         assert plan.value <= best + 1e-5 * scale
@@ -131,7 +131,7 @@ def test_lower_bounds_with_any_weight(gen: np.random.Generator, sides) -> None:
                 fleet, x0, np.zeros(3), K, risk="worst", limits=sides, cost=se.Cost(R=R)
             )
             whole = np.kron(np.eye(K), R)
-            units = [twin.unit(G, b, R=whole) for G, b in maps(plan.units)]
+            units = [twin.unit(G, b, whole) for G, b in maps(plan.units)]
             best = twin.worst(units, plan.units.task.low.ravel(), plan.units.task.high.ravel())
             assert plan.status == "optimal"
             assert plan.value == pytest.approx(best, rel=2e-6)

@@ -64,7 +64,7 @@ def problem(u: tuple[float, ...] = (0.5, 0.0, -0.5)) -> tuple[twin.Problem, Arra
     return twin.Problem(found, H0, SIGMA * np.eye(2), 4.0, 5.0, z, z0), end
 
 
-def posed(plant: Plant, runs: int, seed: int, known: object = None) -> tuple[object, ...]:
+def posed(plant: Plant, runs: int, seed: int) -> tuple[object, ...]:
     """A model, its reference and plan, and the same for the twin at delta = .05."""
     gen = np.random.default_rng(seed)
     rows, dither = measured(plant, runs, gen)

@@ -143,12 +143,12 @@ def test_the_twin_finds_the_same(n, K, noise):
 # -- brute force: nothing in the region is above the bounds ----------------------------------------
 
 
-def measured(gen, A, B, N=60, scale=0.1, z=None, **options):
+def measured(gen, A, B, N=60, scale=0.1, **options):
     """A model from pairs of a system with noise of the size of its states, in their units."""
     n, m = B.shape
     sizes = scale * np.maximum(np.linalg.norm(A, axis=1), np.linalg.norm(B, axis=1))
     sizes[sizes == 0.0] = scale
-    z = gen.standard_normal((N, n + m)) if z is None else z
+    z = gen.standard_normal((N, n + m))
     y = z @ np.hstack([A, B]).T + sizes * gen.standard_normal((N, n))
     data = se.Trajectories.from_pairs(z[:, :n], z[:, n:], y)
     options = options or {"covariance": np.diag(sizes**2)}

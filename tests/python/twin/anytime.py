@@ -202,7 +202,6 @@ class Look(NamedTuple):
     """
 
     certificate: float
-    model_error: float
     enough: float
 
 
@@ -226,13 +225,13 @@ def look(
     level = least_squares_level(data, delta, lams)
     step = bound(known_noise(data, sigma, delta, lams), z)
     if left >= tolerance or not np.isfinite(step):
-        return Look(left + step, left, np.inf)
+        return Look(left + step, np.inf)
     h2, N = float(np.sum((m.white @ z) ** 2)) * data.N, float(data.N)
     for _ in range(2):
         later = data._replace(R=data.R * np.sqrt(N / data.N))
         level = least_squares_level(later, delta, lams)
         N = sigma**2 * level * h2 / (tolerance - left) ** 2
-    return Look(left + step, left, float(np.ceil(N)))
+    return Look(left + step, float(np.ceil(N)))
 
 
 def look_shares(looks: int, delta: float) -> Array:

@@ -1,8 +1,7 @@
 """One command for many units: x_s = G_s u + (what u does not change), each with its own target.
 
-A unit is (M, t) with miss ||M u - t||: M = Q^(1/2) G_s, t = Q^(1/2) b_s, and below them the rows of
-R if inputs are weighed. `worst` minimizes the largest miss; its
-command is unique if every M has full column rank, which weighed inputs make true.
+A unit is (M, t) with miss ||M u - t||: M = G_s, t = b_s, and below them the rows of R. `worst` is
+the largest miss of the command that makes it least.
 """
 
 from __future__ import annotations
@@ -13,22 +12,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .laws import scipy
-from .limited_problems import limits, matrix, root
+from .limited_problems import limits, root
 
 Array = NDArray[np.float64]
 Unit = tuple[Array, Array]
 
 
-def unit(
-    G: ArrayLike, b: ArrayLike, *, Q: ArrayLike | None = None, R: ArrayLike | None = None
-) -> Unit:
-    """Q^(1/2) G and Q^(1/2) b, with R^(1/2) and 0 below if R is given."""
-    G, b = np.asarray(G, dtype=np.float64), np.asarray(b, dtype=np.float64)
-    half = root(matrix(Q, len(b), 1.0))
-    if R is None:
-        return half @ G, half @ b
-    d = G.shape[1]
-    return np.vstack([half @ G, root(matrix(R, d))]), np.concatenate([half @ b, np.zeros(d)])
+def unit(G: Array, b: Array, R: Array) -> Unit:
+    """G and b, with R^(1/2) and 0 below."""
+    return np.vstack([G, root(R)]), np.concatenate([b, np.zeros(G.shape[1])])
 
 
 def misses(units: Sequence[Unit], u: Array) -> Array:

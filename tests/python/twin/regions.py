@@ -165,10 +165,10 @@ class JointRegion(NamedTuple):
     delta: float
 
 
-def joint(data: Triangle, delta: float, *, future: int = 0) -> JointRegion:
-    """||Gamma||_2 <= spectral and ||Gamma||_F <= frobenius, with `future` columns of noise."""
+def joint(data: Triangle, delta: float) -> JointRegion:
+    """||Gamma||_2 <= spectral and ||Gamma||_F <= frobenius."""
     m = fit(data)
-    radii = _core.joint_radii(len(m.H), m.rank + future, m.nu, delta, 1)
+    radii = _core.joint_radii(len(m.H), m.rank, m.nu, delta, 1)
     return JointRegion(m, *radii, delta)
 
 
@@ -190,10 +190,8 @@ class Rows(NamedTuple):
     free: NDArray[np.bool_]
 
 
-def pattern(
-    Z: ArrayLike, Y: ArrayLike, free: ArrayLike, delta: float, known: ArrayLike | None = None
-) -> Rows:
-    """Entries that are not `free` (n, d) are `known` (default 0); fixed before the data.
+def pattern(Z: ArrayLike, Y: ArrayLike, free: ArrayLike, delta: float) -> Rows:
+    """Entries that are not `free` (n, d) are 0; fixed before the data.
 
     Row i has the regressors P_i: |e_i' D z| <= s_i sqrt(d_i F_{d_i, N - d_i; delta/n})
     ||z_{P_i}||, s_i^2 = RSS_i / (N - d_i). Each row is exact for itself, so the union over rows
@@ -202,10 +200,10 @@ def pattern(
     Z, Y = np.asarray(Z, dtype=np.float64), np.asarray(Y, dtype=np.float64)
     free = np.asarray(free, dtype=bool)
     n = len(free)
-    H = np.where(free, 0.0, np.zeros(free.shape) if known is None else np.asarray(known))
+    H = np.zeros(free.shape)
     fits, q = [], np.zeros(n)
     for i, own in enumerate(free):
-        m = fit(triangle(Z[:, own], Y[:, [i]] - Z @ H[i][:, None]))
+        m = fit(triangle(Z[:, own], Y[:, [i]]))
         q[i] = m.rank * f_upper(delta / n, m.rank, m.nu) / m.nu if m.rank and m.nu else 0.0
         q[i] = np.inf if m.rank and not m.nu else q[i]
         fits.append(m)

@@ -24,7 +24,6 @@ class Streamed(NamedTuple):
     certificates: Array  # (steps + 1,)
     errors: Array  # (steps + 1,), ||B (v - v*)||
     sizes: Array  # (steps + 1,), the step sizes t, 1 at the start
-    slots: NDArray[np.int64]  # (steps,)
     estimates: list[Array]  # F0, Ff, FA at the end
     counts: list[int]
 
@@ -72,7 +71,7 @@ def stream(
     total = [E[0] for E in samples]
     counts = [1, 1, 1]
     v = control(*F)
-    controls, certificates, errors, sizes, chosen = [], [], [], [1.0], []
+    controls, certificates, errors, sizes = [], [], [], [1.0]
     for k in range(steps + 1):
         controls.append(v)
         apart = P @ ((F[1] - targets[1]) - A_ @ (F[0] - targets[0]))
@@ -101,13 +100,11 @@ def stream(
             v = (1.0 - s) * v + s * control(*[*F[:i], U, *F[i + 1 :]])
             F[i] = (1.0 - s) * F[i] + s * U
         sizes.append(t)
-        chosen.append(i)
     return Streamed(
         np.array(controls),
         np.array(certificates),
         np.array(errors),
         np.array(sizes),
-        np.array(chosen, dtype=np.int64),
         F,
         counts,
     )

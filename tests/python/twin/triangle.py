@@ -149,10 +149,10 @@ def pairs(runs: Sequence[Run], *, offset: bool = False) -> tuple[Array, Array]:
     return np.vstack(Z), np.vstack(Y)
 
 
-def last_pairs(runs: Sequence[Run], *, offset: bool = False) -> tuple[Array, Array]:
+def last_pairs(runs: Sequence[Run]) -> tuple[Array, Array]:
     """The last pair of each run: independent of all noise in Y, also with feedback in the run.
 
     The runs must be independent, and their lengths chosen without a look at the last state.
     """
     ends = [(np.asarray(x)[-2:], np.asarray(u)[-1:]) for x, u in runs]
-    return pairs(ends, offset=offset)
+    return pairs(ends)

@@ -8,7 +8,7 @@ OUT ?= results
 ADDRESS ?=
 MINUTES ?= 3
 # Each file of tests runs in one process; a process for each core.
-PARALLEL ?= --numprocesses auto --dist loadfile
+PARALLEL ?= --numprocesses auto
 LIBRARY := $(if $(findstring Darwin,$(shell uname)),libstochens.dylib,libstochens.so)
 VENV := .venv
 # Absolute, because some steps run in another directory.

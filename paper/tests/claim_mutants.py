@@ -42,7 +42,7 @@ Patch: TypeAlias = "Callable[[pytest.MonkeyPatch], None]"
 
 # each row on its own, as small as its evidence allows
 ROWS: dict[str, Callable[[], paper.Claim]] = {
-    "Contribution vi": lambda: algorithm_1.variance(algorithm_1.measure(KEY, runs=16)),
+    "Contribution vi": lambda: algorithm_1.variance(algorithm_1.measure(KEY, runs=6)),
     "Definition 2.1, eq. (3)": definitions.solution_formula,
     "Definition 2.2": definitions.index_maps,
     "Definition 2.3": lambda: definitions.approximate_reachability(KEY),
@@ -56,13 +56,13 @@ ROWS: dict[str, Callable[[], paper.Claim]] = {
     "Remark after Lemma 4.1, rows": lemmas_on_sampling.rows_or_columns,
     "Remark after Lemma 4.1, sparsity": lemmas_on_sampling.sparsity,
     "Remark after Lemma 4.1, Bernoulli": lemmas_on_sampling.bernoulli,
-    "Lemma 4.2": lambda: lemmas_on_tails.lemma_42(tails.measure(KEY, runs=300)),
+    "Lemma 4.2": lambda: lemmas_on_tails.lemma_42(tails.measure(KEY, runs=150)),
     "Proof of Lemma 4.2, norm": lemmas_on_tails.proof_of_lemma_42,
     "Lemma 4.3": lambda: lemmas_on_tails.lemma_43(KEY),
     "Lemma 4.4": lemmas_on_weights.lemma_44,
     "Remark after Lemma 4.4": lambda: lemmas_on_weights.exact_recovery(KEY),
     "Algorithm 1, lines 3 and 16": algorithm_1.lines_3_and_16,
-    "Algorithm 1": lambda: algorithm_1.algorithm_1(algorithm_1.measure(KEY, runs=16)),
+    "Algorithm 1": lambda: algorithm_1.algorithm_1(algorithm_1.measure(KEY, runs=6)),
     "Lemma 4.5, recursion": lemmas_on_weights.recursion,
     "Lemma 4.5, first inequality": lambda: lemmas_on_weights.first_inequality(KEY),
     "Lemma 4.5, second inequality": lambda: lemmas_on_weights.second_inequality(
@@ -173,6 +173,8 @@ def _scaled_bound(honest: Any, *args: Any, **kwargs: Any) -> Any:
     return 0.2 * radius, name
 
 
+loop_of_fused = put(algorithm_1, "_printed", lambda s, w: rationals.slse_path(s, w)[-1])
+mean_for_alse = as_method(lemmas_on_weights, "fuse", "alse", "uniform")
 # sqrt is in the radius only; the probability of an error is left as it is
 half_of_mcdiarmid = change(
     printed_bounds, "Corrected", lambda honest, V, W: honest(V / 4.0, W / 4.0)
@@ -189,9 +191,7 @@ class WrongStream(se.Stream):
 
 MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Contribution vi", 0): {
-        "the printed loop has fused estimates": put(
-            algorithm_1, "_printed", lambda samples, w: rationals.slse_path(samples, w)[-1]
-        ),
+        "the printed loop has fused estimates": loop_of_fused,
         "SLSE is the printed loop": put(
             rationals, "slse", lambda s, w: [rationals.square(algorithm_1._printed(s, w) - w)]
         ),
@@ -204,9 +204,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         ),
     },
     ("Contribution vi", 2): {
-        "the printed loop has fused estimates": put(
-            algorithm_1, "_printed", lambda samples, w: rationals.slse_path(samples, w)[-1]
-        ),
+        "the printed loop has fused estimates": loop_of_fused,
         "a bound that says nothing": change(
             algorithm_1,
             "Lemma42",
@@ -344,9 +342,7 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
     ("Remark after Lemma 4.4", 0): {
         "weights for every column": put(rationals, "slse", lambda samples, w: [rationals.ZERO])
     },
-    ("Remark after Lemma 4.4", 1): {
-        "ALSE is the mean": as_method(lemmas_on_weights, "fuse", "alse", "uniform")
-    },
+    ("Remark after Lemma 4.4", 1): {"ALSE is the mean": mean_for_alse},
     ("Algorithm 1, lines 3 and 16", 0): {"no randomness": deterministic, "another length": double},
     ("Algorithm 1", 0): {"both with fused estimates": fused_loop, "both as printed": printed_loop},
     ("Algorithm 1", 1): {
@@ -360,13 +356,13 @@ MUTANTS: dict[tuple[str, int], dict[str, Patch]] = {
         "the segment contains the target": put(rationals, "towards", lambda F, E, target: target),
     },
     ("Lemma 4.5, first inequality", 0): {
-        "ALSE is the mean": as_method(lemmas_on_weights, "fuse", "alse", "uniform"),
+        "ALSE is the mean": mean_for_alse,
         "ALSE is SLSE": as_method(lemmas_on_weights, "fuse", "alse", "slse"),
         "the closed form is the mean": alse_is_the_mean,
         "the closed form is off the simplex": put(rationals, "alse", lambda samples, w: w),
     },
     ("Lemma 4.5, first inequality", 1): {
-        "ALSE is the mean": as_method(lemmas_on_weights, "fuse", "alse", "uniform"),
+        "ALSE is the mean": mean_for_alse,
         "ALSE is SLSE": as_method(lemmas_on_weights, "fuse", "alse", "slse"),
         "SLSE is ALSE": as_method(lemmas_on_weights, "fuse", "slse", "alse"),
     },

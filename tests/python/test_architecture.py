@@ -53,8 +53,9 @@ class Package:
                 self.folders.add(".".join(parts[:-1]))
                 parts = parts[:-1]
             self.trees[".".join(parts)] = ast.parse(source)
+        self.found = {module: list(self.imports_of(module)) for module in self.trees}
 
-    def imports(self, module: str) -> Iterator[tuple[int, str, bool]]:
+    def imports_of(self, module: str) -> Iterator[tuple[int, str, bool]]:
         """Line, imported module of the package, and whether that is inside a function.
 
         `if TYPE_CHECKING` makes no difference: who needs a name knows where it is from.
@@ -84,7 +85,7 @@ class Package:
         """The modules that this one imports, with their parent packages."""
         around = set(packages_of(module))
         found = set()
-        for _, target, _ in self.imports(module):
+        for _, target, _ in self.found[module]:
             found |= {target, *packages_of(target)} - around - {module}
         return found
 
@@ -96,10 +97,13 @@ def packages_of(module: str) -> list[str]:
 
 def walk(node: ast.AST, *, inside: bool) -> Iterator[tuple[ast.AST, bool]]:
     """All nodes below, and whether they are in the body of a function."""
-    for child in ast.iter_child_nodes(node):
-        yield child, inside
-        function = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
-        yield from walk(child, inside=inside or function)
+    left = [(node, inside)]
+    while left:
+        node, inside = left.pop()
+        for child in ast.iter_child_nodes(node):
+            yield child, inside
+            function = isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda))
+            left.append((child, inside or function))
 
 
 def order_faults(package: Package) -> Iterator[str]:
@@ -109,7 +113,7 @@ def order_faults(package: Package) -> Iterator[str]:
         if room != APART and room not in HEIGHT:
             yield f"{module}: give the room {room!r} a place in LAYERS"
             continue
-        for line, target, _ in package.imports(module):
+        for line, target, _ in package.found[module]:
             other = target.partition(".")[0]
             if other == room:
                 continue
@@ -140,7 +144,7 @@ def in_circles(needs: dict[str, set[str]]) -> list[str]:
 def hidden_faults(package: Package) -> Iterator[str]:
     """Imports of the package in places that the first two checks do not see."""
     for module, tree in package.trees.items():
-        for line, target, inside in package.imports(module):
+        for line, target, inside in package.found[module]:
             if inside:
                 yield f"{module}:{line}: imports {target} inside a function"
         for node in ast.walk(tree):

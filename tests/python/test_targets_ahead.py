@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
+from coverage_study import sets
 from hidden_outputs import Arx
 
 # four filters are too few for some of these plants, which is not what is tested
@@ -42,7 +43,7 @@ def stairs(model, calls, ramp=0.0):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2, 3][: sets(3, 2)])
 @pytest.mark.parametrize("window", [None, se.Window(filters=(0.5, 4))], ids=["lags", "filters"])
 def test_loop_and_plan_along_targets_are_one_answer(kind, seed, window):
     found, rng = plant(seed)

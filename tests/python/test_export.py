@@ -185,12 +185,11 @@ def test_single_precision_is_in_the_tube_of_the_head(tmp_path: Path) -> None:
     assert "single precision: float32, 95 %, off by at most x[0] " in re.sub(r"\n \* +", " ", head)
     first, most, part = np.abs(x).max(axis=0), np.zeros(2), proof.region.parts[0]
     bound = proof.rounding(first).states
-    L = np.linalg.cholesky(part.S * part.factor)
+    L, c = np.linalg.cholesky(part.S * part.factor), Controller(tmp_path / "one.h", 1, single=True)
     for _ in range(20):
         a, b = rng.standard_normal(2), rng.standard_normal(3)
         off = np.outer(L @ a, b @ part.white) / np.linalg.norm(a) / np.linalg.norm(b)
         plant = np.asarray(proof.region.centre) + 0.99 * off
-        c = Controller(tmp_path / "one.h", 1, single=True)
         near = exact = first
         for _ in range(60):
             near = plant @ np.concatenate([near, c.step(near)[1]])

@@ -9,7 +9,7 @@ from scipy import stats
 import stochens_rs as se
 from coverage_study import sets
 
-SETS = sets(300, 24)
+SETS = sets(300, 12)
 LAWS = {
     "normal": lambda gen, shape: gen.standard_normal(shape),
     "uniform": lambda gen, shape: gen.uniform(-1.7, 1.7, shape),
@@ -27,7 +27,7 @@ def misses(law, N, K, limits, n=3, m=2, size=0.1, copies=1):
     """In how many sets the true miss is above the typical one; each realization comes in copies."""
     failed = 0
     for r in range(SETS):
-        gen = np.random.default_rng([r, N, K, 72])
+        gen = np.random.default_rng([r, N, K, list(LAWS).index(law), 72])
         A = gen.standard_normal((n, n))
         A *= 0.95 / np.abs(np.linalg.eigvals(A)).max()
         B, x0, xf = gen.standard_normal((n, m)), gen.standard_normal(n), gen.standard_normal(n)
@@ -43,7 +43,6 @@ def misses(law, N, K, limits, n=3, m=2, size=0.1, copies=1):
     return failed
 
 
-@pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
     "cell",
     [
@@ -54,14 +53,19 @@ def misses(law, N, K, limits, n=3, m=2, size=0.1, copies=1):
     ],
     ids=["limits", "long", "large", "six states"],
 )
-def test_the_share_of_misses_above(law, cell):
-    """It is approximate: 8 % at most, widened by a false alarm of 1e-5."""
-    assert misses(law, **cell) <= stats.binom.ppf(1 - 1e-5, SETS, 0.08)
+def test_the_share_of_misses_above(cell):
+    """It is approximate: 8 % at most, of each law and of all; false alarms 1e-5.
+
+    Half of a typical miss is exceeded in a third of the sets: more than the 19 of 84 accepted.
+    """
+    counts = [misses(law, **cell) for law in LAWS]
+    assert max(counts) <= stats.binom.ppf(1 - 1e-5, SETS, 0.08)
+    assert sum(counts) <= stats.binom.ppf(1 - 1e-5, SETS * len(LAWS), 0.08)
 
 
 def test_copies_of_realizations_make_it_wrong():
-    failed = misses("normal", 16, 5, None, copies=4)
-    assert failed > 0.15 * SETS
+    counts = [misses(law, 16, 5, None, copies=4) for law in ("normal", "uniform")]
+    assert sum(counts) > 0.15 * 2 * SETS
 
 
 def test_its_law_is_that_of_student():

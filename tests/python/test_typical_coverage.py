@@ -19,7 +19,7 @@ from coverage_study import sets
 from declarations import opts
 from stochens_rs.exceptions import DataWarning
 
-SETS = sets(300, 24)
+SETS = sets(300, 14)
 RIG = (
     np.array([[1, -0.0099, 0.1, -0.0003], [0, 1.0594, 0, 0.102], [0, -0.2001, 1, -0.0099],
               [0, 1.2004, 0, 1.0594]]),
@@ -91,17 +91,20 @@ def exceeded(
     return failed
 
 
-def accepted(count: int, least: float = 0.025) -> bool:
-    low, high = stats.binom.ppf([1e-5, 1 - 1e-5], SETS, [least, 0.08])
-    return bool(low <= count <= high)
+def accepted(failed: int, least: float = 0.025, count: int = SETS) -> bool:
+    low, high = stats.binom.ppf([1e-5, 1 - 1e-5], count, [least, 0.08])
+    return bool(low <= failed <= high)
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])
 @pytest.mark.parametrize("N", [4, 10])
-@pytest.mark.parametrize("which", CELLS)
-def test_the_share_of_misses_above(which: str, N: int, known: bool) -> None:
-    few = which == "n10 m5" and not known  # 25 degrees of freedom for 10 states: on the safe side
-    assert accepted(exceeded(which, N, known), 0.002 if few else 0.025)
+def test_the_share_of_misses_above(N: int, known: bool) -> None:
+    """Of each system and of all, where half of a typical miss is exceeded too often."""
+    found = {which: exceeded(which, N, known) for which in CELLS}
+    if not known:  # 25 degrees of freedom for 10 states: on the safe side
+        assert accepted(found.pop("n10 m5"), 0.002)
+    assert all(accepted(failed) for failed in found.values()), found
+    assert accepted(sum(found.values()), count=SETS * len(found)), found
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["known", "unknown"])

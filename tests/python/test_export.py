@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import subprocess
 from pathlib import Path
@@ -21,6 +22,25 @@ needs_gcc = pytest.mark.skipif(compiler() is None, reason="no gcc: controllers a
 
 def made(kind: str, seed: int) -> Any:
     return KINDS[kind](np.random.default_rng([seed, list(KINDS).index(kind)]))
+
+
+@pytest.fixture(scope="module")
+def compiled(tmp_path_factory: pytest.TempPathFactory) -> Any:
+    """The controller `one` of made(kind, seed), where what C does not define ends the process."""
+    how = ["-fsanitize=undefined", "-fsanitize-undefined-trap-on-error"]
+
+    @functools.cache
+    def once(kind: str, seed: int, single: bool) -> tuple[Path, Controller]:
+        loop, file = made(kind, seed), tmp_path_factory.mktemp("c") / "one.h"
+        loop.to_c(file, name="one")
+        return file, Controller(file, sizes(loop)[1], single, how)
+
+    def started(kind: str, seed: int, single: bool = False) -> tuple[Any, Path, Controller]:
+        file, c = once(kind, seed, single)
+        c.start()
+        return made(kind, seed), file, c
+
+    return started
 
 
 def sizes(loop: Any) -> tuple[int, int]:
@@ -86,24 +106,20 @@ def differences(loop: Any, c: Controller, y: Any, rng: Any = None) -> Any:
 @needs_gcc
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(1, 1 + sets(2, 1)))
-def test_the_controller_is_the_loop(kind: str, seed: int, tmp_path: Path) -> None:
-    loop = made(kind, seed)
-    loop.to_c(tmp_path / "one.h", name="one")
-    c = Controller(tmp_path / "one.h", sizes(loop)[1])
+def test_the_controller_is_the_loop(kind: str, seed: int, compiled: Any) -> None:
+    loop, file, c = compiled(kind, seed)
     rng = np.random.default_rng(seed)
     assert differences(loop, c, readings(loop, rng, 200), rng).max() < 1e-12
-    head = (tmp_path / "one.h").read_text("utf-8").partition("*/")[0]
+    head = file.read_text("utf-8").partition("*/")[0]
     size = re.search(r"tables, (\d+) of state", re.sub(r"\n \* +", " ", head))
     assert size is None or int(size[1]) <= c.c.bytes()
 
 
 @needs_gcc
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "gain"])
-def test_a_target_that_cannot_be_changes_nothing(kind: str, tmp_path: Path) -> None:
-    loop = made(kind, 2)
-    loop.to_c(tmp_path / "one.h", name="one")
-    c = Controller(tmp_path / "one.h", sizes(loop)[1])
-    size = int(re.search(r"_TARGETS (\d+)", (tmp_path / "one.h").read_text())[1])  # type: ignore
+def test_a_target_that_cannot_be_changes_nothing(kind: str, compiled: Any) -> None:
+    loop, file, c = compiled(kind, 1)
+    size = int(re.search(r"_TARGETS (\d+)", file.read_text())[1])  # type: ignore
     rows = np.zeros((size, sizes(loop)[0]))
     for at, value in enumerate(BROKEN):
         rows.ravel()[at % rows.size] = value
@@ -129,12 +145,9 @@ def test_another_number_makes_another_controller(kind: str, table: str, tmp_path
 @needs_gcc
 @pytest.mark.parametrize("single", [False, True], ids=["double", "single"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_no_reading_makes_a_nan(kind: str, single: bool, tmp_path: Path) -> None:
-    loop, rng = made(kind, 3), np.random.default_rng(3)
-    loop.to_c(tmp_path / "one.h", name="one")
+def test_no_reading_makes_a_nan(kind: str, single: bool, compiled: Any) -> None:
+    (loop, _, c), rng = compiled(kind, 1, single), np.random.default_rng(3)
     n, m = sizes(loop)
-    how = ["-fsanitize=undefined", "-fsanitize-undefined-trap-on-error"]
-    c = Controller(tmp_path / "one.h", m, single, how)
     low, high = getattr(loop, "limits", (np.full(m, -np.inf), np.full(m, np.inf)))
     last, codes, given = np.zeros(m), set(), [*BROKEN, 0.0, -0.0, 1e-310, 3e38, 1e17, -1e17, 1.0]
     for t in range(sets(2000, 500)):
@@ -154,10 +167,8 @@ def test_no_reading_makes_a_nan(kind: str, single: bool, tmp_path: Path) -> None
 
 @needs_gcc
 @pytest.mark.parametrize("kind", KINDS)
-def test_single_precision_is_near(kind: str, tmp_path: Path) -> None:
-    loop = made(kind, 1)
-    loop.to_c(tmp_path / "one.h", name="one")
-    c = Controller(tmp_path / "one.h", sizes(loop)[1], single=True)
+def test_single_precision_is_near(kind: str, compiled: Any) -> None:
+    loop, _, c = compiled(kind, 1, single=True)
     n = sizes(loop)[0]
     y = readings(loop, np.random.default_rng(1), 200)
     y[~np.isfinite(y) | (np.abs(y) > 1e9)] = np.nan  # what is huge is another number there

@@ -19,6 +19,8 @@ const LONG: usize = 250;
 /// From this growth of the powers of `A` on states and inputs are kept together: `J` has lost 8 of its 16 digits in the
 /// condensed map.
 const GROWTH: f64 = 1e4;
+/// From this growth on loops use a table of Riccati's recursion: inputs of the map have lost 3 of 16 digits.
+const STEEP: f64 = 10.0;
 /// Factorizations that are usual.
 const FACTORS: usize = 8;
 
@@ -60,6 +62,8 @@ pub struct Horizon {
     pub(super) c: Option<Vec<f64>>,
     /// Whether the system grows so much that inputs alone do not tell where its states are.
     pub(super) grows: bool,
+    /// Whether it grows so much that inputs of the map have few digits.
+    pub(super) steep: bool,
     /// `f(1) .. f(K)`: the states from 0 without inputs.
     pub(super) drift: Vec<f64>,
     /// `A^p B`, `p = 0 .. K-1`.
@@ -186,10 +190,11 @@ impl Horizon {
         };
         let none = OnceLock::new;
         let drift = try_zeros(WHAT, steps * n)?;
-        let grows = growth(&a, n, steps)? > GROWTH;
+        let growth = growth(&a, n, steps)?;
+        let (grows, steep) = (growth > GROWTH, growth > STEEP);
         let c_kept = c.map(|c| try_copy(WHAT, c)).transpose()?;
         let (map, powers) = (none(), none());
-        let mut new = Self { n, m, steps, a, b, task, r, c: c_kept, grows, drift, pushes, roots, seen, map, powers };
+        let mut new = Self { n, m, steps, a, b, task, r, c: c_kept, grows, steep, drift, pushes, roots, seen, map, powers };
         if let Some(c) = c {
             let mut x = try_zeros(WHAT, n)?;
             for k in 0..steps {

@@ -155,7 +155,7 @@ impl Pivoting {
         let (n, m, steps, d) = (h.n, h.m, h.steps, h.steps * h.m);
         let states = h.limited()?;
         let size = d + states.len();
-        if h.boxed() || h.grows || size > MOST {
+        if h.boxed() && !h.steep || h.grows || size > MOST {
             return Ok(None);
         }
         let made = match h.condensed() {

@@ -312,18 +312,18 @@ impl RecedingHorizon {
     pub fn new(horizon: Horizon, stop: &Stop) -> Result<Self> {
         let d = horizon.steps * horizon.m;
         let mut way = Way::Anew(None);
-        if !horizon.long() && horizon.boxed() && !horizon.map()?.is_empty() {
-            let (cost, state, target) = (horizon.cost()?, horizon.state()?, horizon.target()?);
-            let bounds = Bounds::new(&horizon.task.low, &horizon.task.high, d)?;
-            let goal = (&state[..], &target[..]);
-            let solver = Solver::new(horizon.map()?, Horizon::penalty(&cost), bounds, horizon.m, goal, stop)?;
-            way = Way::Inputs(Box::new(solver));
-        } else if let Some(mut table) = Pivoting::new(&horizon)? {
+        if let Some(mut table) = Pivoting::new(&horizon)? {
             let mut first = Solution::sized(d)?;
             // a previous input from where no limit can be kept has its error in the calls
             let _ = table.solve(&horizon, &try_zeros(WHAT, horizon.n)?, Until::new(stop, None), &mut first);
             table.resume(None);
             way = Way::Rows(Box::new(table));
+        } else if !horizon.long() && horizon.boxed() && !horizon.map()?.is_empty() {
+            let (cost, state, target) = (horizon.cost()?, horizon.state()?, horizon.target()?);
+            let bounds = Bounds::new(&horizon.task.low, &horizon.task.high, d)?;
+            let goal = (&state[..], &target[..]);
+            let solver = Solver::new(horizon.map()?, Horizon::penalty(&cost), bounds, horizon.m, goal, stop)?;
+            way = Way::Inputs(Box::new(solver));
         }
         let task = &horizon.task;
         let (below, above) = task.states.as_ref().map_or((&[][..], &[][..]), |(low, high)| (&low[..], &high[..]));

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use super::*;
+use crate::memory::tests::counted;
 use crate::region::{Part, PartOf, Region};
 use crate::window::{Kind, Window};
 
@@ -158,6 +159,20 @@ fn evidence_over_all_starts() {
     for (t, expected) in [(0, 0.5), (1, 0.411_562_048_1), (2, 28.956_005_722), (11, 17_568.053_603_1)] {
         near(m[t], expected, 1e-7);
     }
+}
+
+#[test]
+fn calls_allocate_nothing() {
+    let (_, mut watch) = watched(Laws::Variance, Promise::Every(10.0), Null::Constant, 12);
+    for t in 0..200 {
+        let [a, b, u] = z(t % 12);
+        let (_, bytes) = counted(|| {
+            watch.step(&[a, b], &[0.0]).unwrap();
+            watch.step(&y(&changed(), t % 12), &[u]).unwrap();
+        });
+        assert_eq!(bytes, 0, "{t}");
+    }
+    assert!(watch.counts().alarms > 0.0);
 }
 
 /// The evidence of the block.

@@ -89,7 +89,7 @@ def aimed(loop: Any, c: Controller, rng: Any) -> None:
 
 def differences(loop: Any, c: Controller, y: Any, rng: Any = None) -> Any:
     _, m = sizes(loop)
-    last, found = np.zeros(m), []
+    last, found = np.array([c.c.applied()[j] for j in range(m)], dtype=np.float64), []
     for t, row in enumerate(y):
         if rng is not None and not hasattr(loop, "K") and t % 40 == 20:
             aimed(loop, c, rng)
@@ -97,19 +97,23 @@ def differences(loop: Any, c: Controller, y: Any, rng: Any = None) -> Any:
         _, u = c.step(row)
         terms = [c.c.size(j) for j in range(m)]  # that add up to an input of a plan
         found.append(np.abs(u - last).max() / max(1.0, np.abs(last).max(), *terms))
-        if hasattr(loop, "model") and not hasattr(loop, "K"):
-            for j in range(m):
-                c.c.applied()[j] = last[j]
+        for j in range(m):  # what acts is one input
+            c.c.applied()[j] = last[j]
     return np.array(found)
+
+
+SOAKED = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(2, 2 + sets(5, 0))]
 
 
 @needs_gcc
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(1, 1 + sets(2, 1)))
+@pytest.mark.parametrize("seed", [1, *SOAKED])
 def test_the_controller_is_the_loop(kind: str, seed: int, compiled: Any) -> None:
+    """A million steps of 40 loops in `make soak`."""
     loop, file, c = compiled(kind, seed)
     rng = np.random.default_rng(seed)
-    assert differences(loop, c, readings(loop, rng, 200), rng).max() < 1e-12
+    for _ in range(1 if seed == 1 else 125):
+        assert differences(loop, c, readings(loop, rng, 200), rng).max() < 1e-12
     head = file.read_text("utf-8").partition("*/")[0]
     size = re.search(r"tables, (\d+) of state", re.sub(r"\n \* +", " ", head))
     assert size is None or int(size[1]) <= c.c.bytes()
@@ -234,30 +238,84 @@ def test_plans_that_single_precision_does_not_resolve(tmp_path: Path) -> None:
     assert 3 in {c.step(row)[0] for row in x}
 
 
+BUILDS = {
+    "clang": ("clang",),
+    "32 bits": ("gcc", "-m32"),
+    "single precision": ("gcc", "-O1", "-DALL_FLOAT"),
+    "sanitizers": ("gcc", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"),
+    "valgrind": ("gcc", "-g"),
+    "Cortex-M4": ("arm-none-eabi-gcc", "-mcpu=cortex-m4", "-mthumb", "-Os", "--specs=nosys.specs"),
+}
+SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in list(BUILDS)[3:] if sets(1, 0)]
+FILE = """{includes}#include <math.h>
+static double draw(int t, int i)
+{{
+    static unsigned long seed = 1;
+    seed = (seed * 1103515245UL + 12345UL) & 0x7fffffffUL;
+    if (t % 20 == 7 + i)
+        return 0.0 * HUGE_VAL;
+    return t % 30 == 11 ? 1e30 : (double)seed / 1073741824.0 - 1.0;
+}}
+int main(void)
+{{
+    int code = 0;
+{calls}    return code;
+}}
+"""
+CALLED = """    {{
+        static {name} s;
+        static {name}_real y[9], u[9], r[200];
+        {name}_start(&s);
+        for (int t = 0; t < 60; ++t) {{
+            for (int i = 0; i < 9; ++i)
+                y[i] = ({name}_real)draw(t, i);
+            r[t] = u[0];
+            code |= {name}_step(&s, y, u) > 4 || {target};
+        }}
+    }}
+"""
+LOOKED = """    {{
+        static {name}_alarm a;
+        static {name}_real y[9], u[9];
+        {name}_alarm_start(&a);
+        for (int t = 0; t < 60; ++t)
+            code |= {name}_look(&a, y, u) > 3;
+    }}
+"""
+
+
 @needs_gcc
-@pytest.mark.parametrize("compile", ["clang", "gcc -m32", "gcc -O3 -DALL_FLOAT"])
-def test_it_compiles_without_a_warning(compile: str, tmp_path: Path) -> None:
-    """Several controllers in one file."""
-    command, *more = compile.split()
-    if compiler(command) is None:
-        pytest.skip(f"no {command} here")
-    if "-m32" in more:
-        (tmp_path / "a.c").write_text("#include <math.h>\nint main(void) { return 0; }\n")
-        if subprocess.run([command, "-m32", "a.c"], cwd=tmp_path, capture_output=True).returncode:
-            pytest.skip("no libraries of 32 bits here")
-    text, body = "", "    int code = 0;\n"
-    for at, kind in enumerate(("gain", "rates", "readings", "readings, plans")):
-        name = f"c{at}"
-        made(kind, 1).to_c(tmp_path / f"{name}.h", name=name)
-        text += f"#define C{at}_FLOAT\n" * ("-DALL_FLOAT" in more) + f'#include "{name}.h"\n'
-        body += f"    {{\n        static {name} s;\n        {name}_real y[9] = {{0}}, u[9];\n"
-        body += f"        {name}_start(&s);\n        code |= {name}_step(&s, y, u) > 4;\n    }}\n"
-    text += f"int main(void)\n{{\n{body}    return code;\n}}\n"
-    (tmp_path / "a.c").write_text(text)
-    run = [command, *FLAGS, "-O2", *more, "a.c", "-lm"]
+@pytest.mark.parametrize("build", [*list(BUILDS)[:3], *SLOW])
+def test_it_compiles_without_a_warning(build: str, tmp_path: Path) -> None:
+    """Several controllers in one file, one with an alarm; all kinds and builds in `make soak`."""
+    command, *how = BUILDS[build]
+    runner = ["valgrind", "-q", "--error-exitcode=3"] if build == "valgrind" else []
+    for one in (command, *runner[:1]):
+        if compiler(one) is None:
+            pytest.skip(f"no {one} here")
+    (tmp_path / "a.c").write_text("#include <math.h>\nint main(void) { return 0; }\n")
+    if subprocess.run([command, *how, "a.c"], cwd=tmp_path, capture_output=True).returncode:
+        pytest.skip(f"no libraries for {build} here")
+    loops = [(kind, 1) for kind in ("gain", "rates", "readings", "readings, plans")]
+    if sets(1, 0):
+        loops, how = [(kind, seed) for kind in KINDS for seed in (1, 2, 3)], ["-O2", *how]
+    includes = calls = ""
+    for at, (kind, seed) in enumerate(loops):
+        name, loop = f"c{at}", made(kind, seed)
+        if (kind, seed) == ("readings", 1):
+            loop.watch = loop.certificate(0.2).watch()
+            calls += LOOKED.format(name=name)
+        loop.to_c(tmp_path / f"{name}.h", name=name)
+        includes += f"#define C{at}_FLOAT\n" * ("-DALL_FLOAT" in how) + f'#include "{name}.h"\n'
+        target = "r[0] > 1e30f" if kind == "gain" else f"{name}_target(&s, r) > 1"
+        calls += CALLED.format(name=name, target=target)
+    (tmp_path / "a.c").write_text(FILE.format(includes=includes, calls=calls))
+    run = [command, *FLAGS, *how, "a.c", "-lm"]
     done = subprocess.run(run, cwd=tmp_path, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    assert subprocess.run([str(tmp_path / "a.out")]).returncode == 0
+    if build != "Cortex-M4":
+        done = subprocess.run([*runner, tmp_path / "a.out"], capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
 
 
 @needs_gcc
@@ -278,6 +336,26 @@ def test_known_plans(tmp_path: Path) -> None:
     loop = se.regulate(system, 2, limits=limits, cost=last)
     loop.to_c(tmp_path / "b.h", name="b")
     assert abs(Controller(tmp_path / "b.h", 1).step([1.0, 0.0])[1][0] + 0.4) < 1e-3
+
+
+@needs_gcc
+def test_an_unstable_plant_over_many_steps(tmp_path: Path) -> None:
+    """A cart-pole that grows by 4000 over the horizon: the core and C plan alike."""
+    A = [[1, 0.01, 0, 0], [0, 1, 0.039, 0], [0, 0, 1.002, 0.01], [0, 0, 0.458, 1.002]]
+    system = np.array(A), np.array([[0.0], [0.02], [0.0], [0.067]])
+    rng, x = np.random.default_rng(1), np.array([0.5, 0.0, 0.05, 0.0])
+    loop = se.regulate(system, 125, limits=(-0.5, 0.5), cost=se.Cost(Q=[10.0, 1, 10, 1], R=1.0))
+    loop.to_c(tmp_path / "one.h", name="one")
+    c, off, cut = Controller(tmp_path / "one.h", 1, more=["-O1"]), 0.0, 0
+    for k in range(160):
+        u = loop(x)
+        off, cut = max(off, abs(c.step(x)[1] - u).item()), cut + int(abs(u[0]) > 0.499)
+        x = system[0] @ x + system[1] @ u + 1e-3 * rng.standard_normal(4)
+        assert abs(x[2]) < 0.2  # it does not fall
+        if k % 40 == 39:
+            x = np.array([0.5, 0.1, 0.03, 0.05]) * rng.uniform(-1.0, 1.0, 4)
+    assert cut > 20
+    assert off < 1e-12
 
 
 @needs_gcc

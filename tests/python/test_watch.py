@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import sets
+from coverage_study import most, sets
 from hidden_outputs import of_lags, one_log
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, StochensError
@@ -98,16 +98,106 @@ def test_the_evidence_is_that_of_the_formulas(moving):
     np.testing.assert_allclose(found, twin, rtol=1e-7)
 
 
-@pytest.mark.parametrize("name", PLANTS)
+def rough(rng, law, x):
+    """Noise of one step with mean 0 and at most variance 1 given the past."""
+    n = len(x)
+    if law == "t(3)":
+        return rng.standard_t(3, n) / np.sqrt(3.0)
+    if law == "outliers":  # 7 deviations in 2 % of steps
+        return rng.choice([-7.0, 0.0, 7.0], n, p=[0.01, 0.98, 0.01])
+    if law == "skewed":
+        return rng.exponential(1.0, n) - 1.0
+    size = 1.0 if law == "gaussian" else 0.3 + 0.7 * (x.sum() > 0.0)
+    return size * rng.standard_normal(n)
+
+
+class Family:
+    """A plant of readings (one lag: of states) under feedback, its model and its gain."""
+
+    def __init__(self, Theta, sizes, dither, law, lags=1, intercept=False, most=np.inf, lost=0.0):
+        self.Theta, self.sizes, self.lags = np.array(Theta), np.array(sizes), lags
+        self.dither, self.law, self.intercept = np.array(dither), law, intercept
+        self.most, self.lost = most, lost
+        p, m = len(self.sizes), len(self.dither)
+        rest = p * lags
+        top = np.hstack([self.Theta[:, :rest], self.Theta[:, rest + m : rest + m * lags]])
+        A, B = np.zeros((rest + m * (lags - 1),) * 2), np.zeros((rest + m * (lags - 1), m))
+        A[:p], B[:p] = top, self.Theta[:, rest : rest + m]
+        A[p:rest, : rest - p] = np.eye(rest - p)
+        B[rest : rest + m] = np.eye(m)[: m * (lags - 1)]
+        scale = np.concatenate([np.tile(self.sizes, lags), np.tile(self.dither, lags - 1)])
+        self.K = se.gain((A, B), np.diag(scale**-2.0), np.diag(self.dither**-2.0)).K
+        rng = np.random.default_rng(1)
+        y, u = zip(*(self.follow(self.Theta, 60, rng, "gaussian") for _ in range(10)), strict=True)
+        data = se.Trajectories(y, u, outputs=lags > 1)
+        how = {"window": se.Window(lags=lags)} if lags > 1 else {}
+        noise = se.Noise(covariance=np.diag(self.sizes**2))
+        self.model = se.identify(data, noise=noise, intercept=intercept, **how)
+        self.source = source_of(self.model, self.model.region(0.05))
+
+    def follow(self, Theta, steps, rng, law=None):
+        p, m = len(self.sizes), len(self.dither)
+        past, acts = np.zeros((self.lags, p)), np.zeros((self.lags, m))
+        y, u = [past[0]], []
+        for _ in range(steps):
+            state = np.concatenate([past.ravel(), acts[: self.lags - 1].ravel()])
+            now = self.K @ state + self.dither * rng.standard_normal(m)
+            acts = np.vstack([np.clip(now, -self.most, self.most), acts[:-1]])
+            z = np.concatenate([past.ravel(), acts.ravel(), [1.0] * self.intercept])
+            noise = self.sizes * rough(rng, law or self.law, past[0])
+            past = np.vstack([Theta @ z + noise, past[:-1]])
+            y.append(past[0])
+            u.append(acts[0])
+        return np.array(y), np.array(u)
+
+    def on_the_edge(self, rng):
+        while True:
+            Theta = np.hstack(edge(self.source.region, rng))
+            with np.errstate(all="ignore"):
+                if np.abs(self.follow(Theta, 300, rng)[0]).max() < 1e4 * self.sizes.max():
+                    return Theta
+
+
+MIXED = np.array(
+    [[0.9, 2e-3, 0.0, 1e-2, 0.0], [10.0, 1.05, 0.0, 0.0, 0.3], [0.0, 1e-3, 0.7, 1e-3, 1e-3]]
+)
+FAMILIES = {
+    "rig": lambda: Family(np.hstack(RIG[:2]), RIG[2], [0.5], "gaussian"),
+    "rig, cut inputs": lambda: Family(np.hstack(RIG[:2]), RIG[2], [0.5], "skewed", most=2.0),
+    "room": lambda: Family(np.hstack(ROOM[:2]), ROOM[2], [300.0], "t(3)"),
+    "room, offset, missing": lambda: Family(
+        np.hstack([*ROOM[:2], [[1.0], [1.5]]]), ROOM[2], [300.0], "gaussian", 1, True, lost=0.1
+    ),
+    "units": lambda: Family(np.hstack(UNITS[:2]), UNITS[2], [50.0], "skewed"),
+    "one": lambda: Family(np.hstack(ONE[:2]), ONE[2], [0.3], "outliers"),
+    "resonance": lambda: Family(
+        [[1, 0.1, 0, 0], [0, 0.95, -0.3, 0.1], [0, 0.3, 0.95, 0.2]],
+        [0.01, 0.02, 0.02], [1.0], "turns",
+    ),
+    "mixed": lambda: Family(MIXED, [1e-2, 1.0, 1e-2], [1.0, 3.0], "t(3)"),
+    "readings": lambda: Family([[1.2, -0.4, 1.0, 0.3]], [0.1], [0.5], "outliers", lags=2),
+    "two readings": lambda: Family(
+        [[1.0, 0.1, 0.1, 0.0, 0.5, 0.1], [0.0, 0.9, 0.1, -0.1, 0.2, 0.0]],
+        [0.1, 0.2], [0.5], "gaussian", lags=2,
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FAMILIES)
 def test_false_alarms_are_as_rare_as_promised(name):
-    """Also on the edge of the region, with heavy tails; the steps are Bernoulli at most."""
-    (A, B), K, model = made(name)
-    source, rng, steps = source_of(model, model.region(0.05)), np.random.default_rng(3), 4000
-    alarms = 0
-    for plant in ((A, B), edge(source.region, rng)):
-        x, u = follow(plant, K, *PLANTS[name][2:], steps, rng, "t(3)")
-        alarms += run(source.watch("variance", False, 50.0), x, u)
-    assert 10 < alarms <= 2 * (steps + 14) / 50.0
+    """At the true plant and on the edge of the region: a million steps in `make soak`."""
+    one, rng = FAMILIES[name](), np.random.default_rng([3, list(FAMILIES).index(name)])
+    steps, short, level, alarms, rung = sets(50_000, 1000), 500, 0.2, 0, 0
+    for Theta in (one.Theta, one.on_the_edge(rng)):
+        y, u = one.follow(Theta, steps, rng)
+        y[rng.random(y.shape) < one.lost] = np.nan
+        alarms += run(one.source.watch("variance", False, 100.0), y, u)
+        for at in range(0, steps, short):
+            part = y[at : at + short + 1], u[at : at + short]
+            rung += run(one.source.watch("variance", False, level), *part) > 0
+    assert 0 < alarms <= 2 * (steps + 14) / 100.0
+    assert rung <= most(2 * steps // short, level)
 
 
 def test_without_the_region_or_the_law_it_is_false():
@@ -241,16 +331,54 @@ def test_loops_take_it_along(tmp_path):
     assert held.region.centre.shape == proof.region.centre.shape
 
 
-def test_states_that_are_planned_for_take_it_along():
-    (A, B), _, model = made("one")
-    proof = se.gain(model, 1.0, 1.0).certificate(0.05)
-    loop, rng, x = se.regulate(model, 5, limits=(-2.0, 2.0)), np.random.default_rng(1), np.zeros(1)
+def planned(plans_of_readings):
+    """A loop that plans, with its watch, and a plant about its model as a step from what acts."""
+    rng = np.random.default_rng(1)
+    if plans_of_readings:
+        model = of_outputs(rng)
+        loop = se.regulate(model, 5, [0.5], limits=(-2.0, 2.0), offset_free=False)
+        proof = se.regulate(se.gain(model, 1.0, 1.0), offset_free=False).certificate(0.05)
+    else:
+        _, _, model = made("one")
+        loop = se.regulate(model, 5, limits=(-9.0, 9.0))
+        proof = se.gain(model, 1.0, 1.0).certificate(0.05)
     loop.watch = proof.watch(every=1e4)
-    for k in range(200):
-        u = loop(x)
-        x = A @ x + (0.3 if k > 100 else 1.0) * B @ u + 0.1 * rng.standard_normal(1)
-    assert loop.log[99].watch.status == "quiet"
-    assert loop.log[-1].watch.alarms > 0
+    past = [np.zeros(1), np.zeros(1)]
+
+    def step(u, effect=1.0):
+        first = 1.2 * past[0] - (0.4 * past[1] if plans_of_readings else 0.0)
+        past[:] = first + effect * u + 0.1 * rng.standard_normal(1), past[0]
+        return past[0]
+
+    return loop, step
+
+
+@pytest.mark.parametrize("of_readings", [False, True])
+def test_loops_that_plan_take_it_along(of_readings, tmp_path):
+    """Saved and resumed bit by bit; an alarm outlives `reset`, and not `clear`."""
+    loop, step = planned(of_readings)
+    x, rng, other = np.zeros(1), np.random.default_rng(2), None
+    for k in range(300):
+        effect = 1.0 if k < 150 else 0.5
+        aim = {"target": [float(rng.standard_normal())]} if of_readings else {}
+        acts = loop(x, **aim)
+        assert loop.log[-1].watch.evidence == loop.watch.history[-1]
+        if k == 100:
+            loop.save(tmp_path / "loop")
+            other = type(loop).load(tmp_path / "loop")
+        elif other is not None:
+            np.testing.assert_array_equal(other(x, **aim), acts)
+            assert other.log[-1].watch == loop.log[-1].watch
+        if k == 149:
+            assert loop.log[-1].watch.alarms == 0
+        x = step(acts, effect)
+    assert loop.watch.alarm is not None
+    loop.reset()
+    loop(x)
+    assert loop.log[-1].watch.status == "alarm"
+    loop.watch.clear()
+    loop(x)
+    assert loop.log[-1].watch.status != "alarm"
 
 
 @pytest.mark.parametrize("name", PLANTS)

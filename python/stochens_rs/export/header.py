@@ -21,16 +21,23 @@ BEYOND = 1e6  # times the largest in the data from which a number is that of a b
 LARGEST = 1e150  # of a number without a limit of its own: its square is finite
 
 
-def write(path: Any, name: str, parts: list[str], sizes: Any, tables: Any, about: Any) -> None:
-    """Write the header of the controller `name`.
+def write(path: Any, name: str, parts: list[str], *of: dict[str, Any], watch: Any = None) -> None:
+    """Write the header of the controller `name`, with the alarm `watch` if there is one.
 
-    `sizes`, `tables` and `about` are numbers, arrays and lines of its head, by their names.
+    `of`: sizes, tables and lines of its head, by their names.
     """
+    sizes, tables, about = of
     file = files.checked_path("path", path)
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,30}", validation.text("name", name)):
         raise InputError(
             f"`name` must be a C name of lower-case letters, digits and _, got {name!r:.40}"
         )
+    if watch is not None:
+        (counts, numbers), parts = watch.tables(), [*parts, "alarm"]
+        sizes = sizes | {f"ALARM_{one}": count for one, count in counts}
+        tables = tables | {f"alarm_{one}": values for one, values in numbers}
+        how = f"{name}_look(&alarm, y, the inputs that acted since the last call)"
+        about = about | {"alarm": f"{watch.statement}; {how}"}
     lines = [f"/* {name}: a controller by stochens_rs {_core.version()}", " *"]
     for title, text in about.items():
         plain = re.sub(r"\*/|/\*|\?\?|[\x00-\x1f\\]", " ", f"{title}: {text}")

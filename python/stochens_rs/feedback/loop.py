@@ -21,6 +21,7 @@ from ..identification.model import Model, in_states
 from ..identification.region import Region
 from ..system.system import System
 from .certificate import LoopCertificate, judged, more_logs, sentence, unmoved
+from .watch import Watch
 
 GainMethod: TypeAlias = Literal["least squares", "guaranteed cost", "widest margin"]
 
@@ -133,7 +134,12 @@ class Loop(SavedRecord):
         return judged(region, self.K, self.labels, self.model, squares, source=source)
 
     def to_c(
-        self, path: Any, *, name: str = "controller", proof: LoopCertificate | None = None
+        self,
+        path: Any,
+        *,
+        name: str = "controller",
+        proof: LoopCertificate | None = None,
+        watch: Watch | None = None,
     ) -> None:
         """Write the feedback as one C99 header.
 
@@ -147,11 +153,14 @@ class Loop(SavedRecord):
         proof : LoopCertificate, optional
             Of this gain: its sentence stands in the head. Default: `certificate` at 5 %, where
             there is a model from data.
+        watch : Watch, optional
+            An alarm, which is written along: ``controller_look(&alarm, y, u)``.
 
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used, or the proof is of another gain.
+            If an argument cannot be used, the proof is of another gain, or the watch of other
+            signals.
 
         Notes
         -----
@@ -168,6 +177,8 @@ class Loop(SavedRecord):
         >>> "static inline int controller_step(" in path.read_text()
         True
         """
+        if watch is not None:
+            validation.instance("watch", watch, Watch)._require(self.labels)
         if proof is None and self.model is not None:
             proof = self.certificate()
         signals = evidence(self.labels, self.dt, self.model, self.labels.states)
@@ -182,7 +193,7 @@ class Loop(SavedRecord):
             except InputError as error:
                 about["single precision"] = f"nothing is proved: {error}"
         tables = {"K": self.K, "most": believed(np.zeros(n) if seen is None else seen[:n])}
-        write(path, name, ["gain"], {"N": n, "M": m}, tables, about)
+        write(path, name, ["gain"], {"N": n, "M": m}, tables, about, watch=watch)
 
     def matrices(self) -> dict[str, Floats]:
         """Return the matrices for other tools.

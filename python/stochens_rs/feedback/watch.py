@@ -11,6 +11,7 @@ import numpy as np
 
 from .._base import show, validation
 from .._base.files import Durable
+from .._base.names import Labels
 from .._base.records import SavedRecord
 from .._base.types import ArrayLike, Axes, Self
 from ..exceptions import InputError
@@ -293,8 +294,15 @@ class Watch(Durable):
             return self.proof.of(None, gone if self.alarm is None else few)
         return self.proof.of(self._source.entered(region))
 
+    def _require(self, labels: Labels) -> None:
+        """Refuse other signals than those that are watched."""
+        own = labels.states, labels.inputs
+        if self.names != own:
+            raise InputError(f"`watch` must be of {own}, got one of {self.names}")
+
     def _attach(self, loop: Any) -> None:
         """Be the watch of a loop, which calls it; refused while it is that of another one."""
+        self._require(loop.labels)
         other = self._loop and self._loop()
         if other is not None and other is not loop and other.watch is self:
             raise InputError("`watch` is that of another loop, of one plant: set copy.copy(watch)")

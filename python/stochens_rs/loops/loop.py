@@ -76,17 +76,15 @@ class ControlLoop(Durable, Generic[Entry]):
     def watch(self) -> Watch | None:
         """The alarm that looks at each call, of `LoopCertificate.watch`; can be set.
 
-        `reset` leaves its evidence, which is about the plant; the next call begins anew.
+        `reset` leaves its evidence and an alarm, which are about the plant, until `Watch.clear`;
+        the reading before it and the next one are no pair.
         """
         return self._watch
 
     @watch.setter
     def watch(self, watch: Watch | None) -> None:
         if watch is not None:
-            own = self.labels.states, self.labels.inputs
-            if validation.instance("watch", watch, Watch).names != own:
-                raise InputError(f"`watch` must be of {own}, got one of {watch.names}")
-            watch._attach(self)
+            validation.instance("watch", watch, Watch)._attach(self)
         self._watch = watch
 
     @property
@@ -201,14 +199,7 @@ class ControlLoop(Durable, Generic[Entry]):
         (sizes, tables, about), name = of, validation.text("name", name)
         if "target" in about:
             about = about | {"target": f"{name}_target(&s, r), r = {about['target']}"}
-        if self.watch is not None:
-            counts, numbers = self.watch.tables()
-            parts = [*parts, "alarm"]
-            sizes = sizes | {f"ALARM_{one}": count for one, count in counts}
-            tables = tables | {f"alarm_{one}": values for one, values in numbers}
-            how = f"{name}_look(&alarm, y, the inputs that acted since the last call)"
-            about = about | {"alarm": f"{self.watch.statement}; {how}"}
-        write(path, name, parts, sizes, tables, about)
+        write(path, name, parts, sizes, tables, about, watch=self.watch)
 
     def _begin(self) -> None:
         self._log.clear()
@@ -239,13 +230,13 @@ class ControlLoop(Durable, Generic[Entry]):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         core, watch = state.pop("core"), state.pop("_watch")
+        self._busy = threading.Lock()
+        for name, value in state.items():
+            setattr(self, name, value)
         self._watch = None if watch is None else Watch.__new__(Watch)
         if self._watch is not None:
             self._watch.__setstate__(watch)
             self._watch._attach(self)
-        self._busy = threading.Lock()
-        for name, value in state.items():
-            setattr(self, name, value)
         self._restore(core)
 
     def _to_sections(self) -> dict[str, Any]:

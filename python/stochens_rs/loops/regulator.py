@@ -230,8 +230,7 @@ class Regulator(ControlLoop[Call]):
         active-set method (Goldfarb and Idnani 1983) begins at the active limits of the call before
         and exchanges one at a time; the head says how many at most, and the work of each. A call
         that would need more returns a safe input, and a code. Inputs agree with those of this loop
-        to rounding: 1e-12 of the terms that add up to them, but 1e-8 where the plant grows by 4000
-        over the horizon.
+        to rounding: 1e-12 of the terms that add up to them.
 
         Examples
         --------

@@ -194,7 +194,8 @@ impl Horizon {
         let (grows, steep) = (growth > GROWTH, growth > STEEP);
         let c_kept = c.map(|c| try_copy(WHAT, c)).transpose()?;
         let (map, powers) = (none(), none());
-        let mut new = Self { n, m, steps, a, b, task, r, c: c_kept, grows, steep, drift, pushes, roots, seen, map, powers };
+        let mut new =
+            Self { n, m, steps, a, b, task, r, c: c_kept, grows, steep, drift, pushes, roots, seen, map, powers };
         if let Some(c) = c {
             let mut x = try_zeros(WHAT, n)?;
             for k in 0..steps {

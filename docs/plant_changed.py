@@ -1,7 +1,8 @@
 """Figure of plant-changed.md: python docs/plant_changed.py [--steps N] [--runs N].
 
 False alarms of four plants in closed loop over the steps, and delays of detection for three faults
-beside a CUSUM that knows the plant before and after the fault, of the same promise.
+beside a CUSUM that knows the plant before and after the fault, of the same promise. Then, as a
+table, which effects can have changed by the pairs after an alarm.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from numpy.typing import NDArray
 import stochens_rs as se
 
 Floats = NDArray[np.float64]
-EVERY, LONGEST = 1000.0, 3000
+EVERY, LONGEST, LOOKS = 1000.0, 3000, (30, 100, 400)
 #: A, B, deviations of the noise, and of the dither.
 PLANTS: dict[str, tuple[Any, Any, Any, float]] = {
     "pendulum on a cart": (
@@ -112,14 +113,50 @@ class Plant:
                 break
         return found[0], found[1]
 
+    def explanations(self, fault: Any) -> list[set[str]]:
+        """What alone can have changed, by so many pairs after the alarm; none: nothing proved."""
+        watch = pickle.loads(pickle.dumps(self.watch))
+        watch.clear()
+        x, u = self.follow(LONGEST + LOOKS[-1], fault)
+        watch(np.full(len(self.A), np.nan), u[0])  # the run begins anew
+        found, alarmed = [], 0
+        for pair in zip(x, u, strict=False):
+            alarmed += watch(*pair).status == "alarm"
+            if alarmed - 1 in LOOKS[len(found) : len(found) + 1]:
+                found.append(set(watch.changes().explanations))
+            if len(found) == len(LOOKS):
+                break
+        return found
+
+
+def table(plants: dict[str, Plant], runs: int) -> None:
+    """In how many runs a change is proved, how many explanations are left, and true ones lost."""
+    pairs = " | ".join(f"{count} pairs" for count in LOOKS)
+    print(f"| plant | changed | explanations | {pairs} | true one refuted |")
+    for name, plant in plants.items():
+        n = len(plant.A)
+        slower = plant.A.copy()
+        slower[-1, -1] -= 0.2
+        for fault, true, what in (
+            ((plant.A, 0.5 * plant.B, 0.0), "u[0]", "input at 50 %"),
+            ((slower, plant.B, 0.0), f"x[{n - 1}](k+1)", "last entry of A less 0.2"),
+        ):
+            every = [found for _ in range(runs) if len(found := plant.explanations(fault)) == 3]
+            cells, lost = [], 0
+            for k in range(len(LOOKS)):
+                proved = [one[k] for one in every if one[k]]
+                left = f", {np.mean([len(one) for one in proved]):.1f} left" if proved else ""
+                cells.append(f"{len(proved)} of {len(every)}{left}")
+                lost += sum(true not in one for one in proved)
+            print(f"| {name} | {what} | {2 * n + 1} | {' | '.join(cells)} | {lost} |")
+
 
 def main(steps: int, runs: int, path: Path) -> None:
     """Draw both panels, and print their numbers."""
     figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.0), layout="constrained")
     left.plot([0, steps], [0, steps / EVERY], "k--", linewidth=1, label="promised")
-    places, names = [], []
-    for i, name in enumerate(PLANTS):
-        plant = Plant(name, i)
+    places, names, plants = [], [], {name: Plant(name, i) for i, name in enumerate(PLANTS)}
+    for i, (name, plant) in enumerate(plants.items()):
         alarms = plant.false_alarms(steps)
         left.step(np.arange(len(alarms)), alarms, label=name, color=f"C{i}")
         print(f"{name}: {alarms[-1]:.0f} false alarms in {steps} steps")
@@ -130,7 +167,8 @@ def main(steps: int, runs: int, path: Path) -> None:
             right.plot([at, at], [low, min(high, LONGEST)], color=f"C{i}", linewidth=2)
             right.plot(at, middle, "o", color=f"C{i}")
             right.plot(at, np.median(known), "_", color="k", markersize=12)
-            print(f"  {fault}: {middle:.0f} steps, CUSUM {np.median(known):.0f}")
+            ratio = middle / np.median(known)
+            print(f"  {fault}: {middle:.0f} steps, CUSUM {np.median(known):.0f}: {ratio:.1f} times")
             places, names = [*places, at], [*names, fault]
     left.set(xlabel="step", ylabel="false alarms", title="Without a fault")
     left.legend(frameon=False)
@@ -140,6 +178,7 @@ def main(steps: int, runs: int, path: Path) -> None:
     for ax in (left, right):
         ax.spines[["top", "right"]].set_visible(False)
     figure.savefig(path, dpi=110)
+    table(plants, runs)
 
 
 if __name__ == "__main__":

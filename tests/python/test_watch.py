@@ -358,18 +358,18 @@ def test_loops_that_plan_take_it_along(of_readings, tmp_path):
     """Saved and resumed bit by bit; an alarm outlives `reset`, and not `clear`."""
     loop, step = planned(of_readings)
     x, rng, other = np.zeros(1), np.random.default_rng(2), None
-    for k in range(300):
-        effect = 1.0 if k < 150 else 0.5
+    for k in range(160):
+        effect = 1.0 if k < 80 else 0.5
         aim = {"target": [float(rng.standard_normal())]} if of_readings else {}
         acts = loop(x, **aim)
         assert loop.log[-1].watch.evidence == loop.watch.history[-1]
-        if k == 100:
+        if k == 60:
             loop.save(tmp_path / "loop")
             other = type(loop).load(tmp_path / "loop")
         elif other is not None:
             np.testing.assert_array_equal(other(x, **aim), acts)
             assert other.log[-1].watch == loop.log[-1].watch
-        if k == 149:
+        if k == 79:
             assert loop.log[-1].watch.alarms == 0
         x = step(acts, effect)
     assert loop.watch.alarm is not None

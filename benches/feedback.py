@@ -5,7 +5,8 @@ A gain that stabilises all systems of a region exists exactly if Q > 0 and Y = K
     [Q - rho^2 S, 0, A Q + B Y; 0, I, W [Q; Y]; ., ., Q] > 0    (Petersen; Bisoffi et al. 2022),
 
 which Clarabel decides on regions that are 0.9 and 1.1 times the largest one; both verdicts must
-agree. `regulate` with a gain is measured beside the same plans without one.
+agree. The sheet of margins is measured beside the disk margins of the centre alone, and `regulate`
+with a gain beside the same plans without one.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 
 import clarabel
+import control
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -124,7 +126,27 @@ def feedback() -> Iterator[Line]:
             case.petersen(0.9 * case.rho),
             1,
         )
+    yield from margins()
     yield from promised()
+
+
+def margins() -> Iterator[Line]:
+    """The whole sheet, beside the disk margins of the centre alone on a grid of frequencies."""
+    for n in (4, 20, 100):
+        case, omega = Case(n, 1, n), np.geomspace(1e-3, np.pi, 200)
+        region = case.region(0.3 * case.rho)
+        K = _core.widest_gain(region)[0]
+        loop = _core.Feedback(region, K)
+        assert loop.status == "certified"
+        L = control.ss(case.C[:, :n], case.C[:, n:], -K, 0, 1.0)
+        yield (
+            f"margins of all systems of a region, n={n} m=1",
+            "python-control, of the centre",
+            lambda loop=loop: loop.margins(),
+            1,
+            lambda L=L, omega=omega: control.disk_margins(L, omega, skew=0.0),
+            1,
+        )
 
 
 def promised() -> Iterator[Line]:

@@ -1,5 +1,7 @@
 //! The exact data of the statements: the centre, and each part as `C + D G W`, in units in which the noise of a state is 1.
 
+use std::ops::Range;
+
 use faer::{Mat, MatRef, Side};
 
 use crate::error::{Error, Result};
@@ -155,6 +157,8 @@ pub(super) struct Uncertain {
     pub misfits: Vec<Misfit>,
     /// See `lemma::least`.
     pub lift: f64,
+    /// Rows of A and B that are of `u - K x` in place of u, K in the units of the data: nothing of x cancels in them.
+    pub followed: Option<(Range<usize>, Matrix)>,
 }
 
 /// A term `f(z)`, `||f(z)|| <= most ||z||`, `z = of (x, u)`, that is added to the states along `direction`: any function, also
@@ -231,7 +235,20 @@ impl Uncertain {
             let rho = one.most * (1.0 + 1e-12);
             pieces.push(Piece { rows, rho, root: root(&s)?, s, w });
         }
-        Ok(Self { n, m, unit, a, b, c, pieces, phi: phi * (1.0 + 1e-8), region: region.clone(), misfits, lift: LIFT })
+        Ok(Self {
+            n,
+            m,
+            unit,
+            a,
+            b,
+            c,
+            pieces,
+            phi: phi * (1.0 + 1e-8),
+            region: region.clone(),
+            misfits,
+            lift: LIFT,
+            followed: None,
+        })
     }
 
     /// The misfits of a plant with `more` states below.
@@ -250,6 +267,22 @@ impl Uncertain {
             all.push(Misfit { direction, of, most: one.most });
         }
         all
+    }
+
+    /// `A + B K` of a gain, and bounds of the sums of absolute values in each entry.
+    pub fn around(&self, k: &Matrix) -> (Matrix, Matrix) {
+        let (mut a, mut sizes) = (&self.a + &self.b * k, absolute(&self.a) + absolute(&self.b) * absolute(k));
+        if let Some((rows, asked)) = &self.followed {
+            let off = Mat::from_fn(self.m, self.n, |i, j| k[(i, j)] - asked[(i, j)] * self.unit[j]);
+            let (more, more_sizes) = (&self.b * &off, absolute(&self.b) * absolute(&off));
+            for i in rows.clone() {
+                for j in 0..self.n {
+                    a[(i, j)] = self.a[(i, j)] + more[(i, j)];
+                    sizes[(i, j)] = self.a[(i, j)].abs() + more_sizes[(i, j)];
+                }
+            }
+        }
+        (a, sizes)
     }
 
     /// `1 / unit`.
@@ -313,7 +346,7 @@ impl Closed {
             e.push(&piece.w * &joined);
             t.push(1.0);
         }
-        Self { a0: &data.a + &data.b * &k, k, e, t }
+        Self { a0: data.around(&k).0, k, e, t }
     }
 
     /// `T^(-1/2) E` of all parts (R, n).

@@ -7,7 +7,7 @@ use crate::memory::covered;
 use crate::parallel::Stop;
 
 use super::blocks::{Blocks, Channel};
-use super::data::{Matrix, WHAT, absolute, filled, gathered};
+use super::data::{Matrix, WHAT, filled, gathered};
 use super::lemma::least;
 use super::loops::{Loop, best_of, bytes, squares};
 use super::spectrum::radius;
@@ -92,27 +92,28 @@ impl Loop {
     }
 
     /// How far states and inputs of the loop as it is computed are from those of exact numbers (n + m), for ever: each input is
-    /// wrong by at most `relative sum_j |K_ij x_j|` and an `absolute` part (m), while the exact states are within `reach` (n).
+    /// wrong by at most `weights` (m, n + m) times the sizes of states and inputs, which are those of `reach` (n + m) in exact
+    /// numbers, and an `absolute` part (m).
     ///
     /// # Errors
     /// As [`Loop::errors`].
-    pub fn computed(&self, reach: &[f64], relative: f64, absolute_part: &[f64], stop: &Stop) -> Result<Vec<f64>> {
+    pub fn computed(&self, reach: &[f64], weights: &[f64], absolute: &[f64], stop: &Stop) -> Result<Vec<f64>> {
         let (n, m) = (self.data.n, self.data.m);
-        if reach.len() != n || absolute_part.len() != m {
-            let found = format!("{}, {}", reach.len(), absolute_part.len());
-            return Err(Error::Shape { name: "reach", expected: format!("{n} and {m} entries"), found });
+        if reach.len() != n + m || weights.len() != m * (n + m) || absolute.len() != m {
+            let found = format!("{}, {}, {}", reach.len(), weights.len(), absolute.len());
+            return Err(Error::Shape { name: "reach", expected: format!("n + m = {} entries", n + m), found });
         }
-        let k = absolute(&self.closed.k);
         let weigh = |sizes: &[f64]| {
-            gathered((0..m).map(|i| (0..n).map(|j| k[(i, j)] / self.data.unit[j] * sizes[j]).sum::<f64>()))
+            gathered(weights.chunks_exact(n + m).map(|row| row.iter().zip(sizes).map(|(w, v)| w * v).sum::<f64>()))
         };
         // each input by what it is wrong at least
         let asked = weigh(reach);
-        let start = gathered(asked.iter().zip(absolute_part).map(|(own, more)| relative * own + more));
+        let start = gathered(asked.iter().zip(absolute).map(|(own, more)| own + more));
         let moved = self.errors(&start, stop)?;
-        // the states may move by c times that: relative (asked + c K moved) + absolute <= c start
-        let again = weigh(&moved[..n]);
-        let part = again.iter().zip(&start).map(|(more, own)| if *more > 0.0 { relative * more / own } else { 0.0 });
+        // the states may move by c times that: weights (reach + c moved) + absolute <= c start
+        let mut again = moved.clone();
+        again[n..].iter_mut().zip(&start).for_each(|(one, own)| *one += own);
+        let part = weigh(&again).into_iter().zip(&start).map(|(more, own)| if more > 0.0 { more / own } else { 0.0 });
         let chi = part.fold(0.0, f64::max);
         if chi.is_nan() || chi >= 1.0 {
             return Ok(filled(n + m, f64::INFINITY));

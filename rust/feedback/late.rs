@@ -68,10 +68,17 @@ impl Loop {
         in_units(&self.closed.k, &filled(self.data.m, 1.0), &self.data.back())
     }
 
-    fn grown(&self, below: &Matrix, k: impl Fn(usize, usize) -> f64) -> Result<(Uncertain, Closed)> {
-        let region = with_below(&self.data.region, below)?;
+    /// The first rows below, so many, are of `u - K x` in place of u.
+    fn grown(&self, below: &Matrix, following: usize, k: impl Fn(usize, usize) -> f64) -> Result<(Uncertain, Closed)> {
+        let (region, n) = (with_below(&self.data.region, below)?, self.data.n);
         let mut data = Uncertain::beside(&region, self.data.later_misfits(below.nrows()))?;
         data.lift = self.data.lift;
+        data.followed = match &self.data.followed {
+            Some((rows, asked)) => {
+                Some((rows.clone(), Mat::from_fn(data.m, data.n, |i, j| if j < n { asked[(i, j)] } else { 0.0 })))
+            }
+            None => (following > 0).then(|| (n..n + following, Mat::from_fn(data.m, data.n, &k))),
+        };
         let inside = Mat::from_fn(data.m, data.n, |i, j| k(i, j) * data.unit[j]);
         let closed = Closed::new(&data, inside);
         Ok((data, closed))
@@ -87,7 +94,7 @@ impl Loop {
             (false, _) => f64::from(u8::from(j + m == n + i)),
         });
         let end = n + m * (d - 1);
-        self.grown(&below, |i, j| match (j < n, j >= end) {
+        self.grown(&below, 0, |i, j| match (j < n, j >= end) {
             (true, _) => own * k[(i, j)],
             (false, true) => last * f64::from(u8::from(i == j - end)),
             (false, false) => 0.0,
@@ -117,10 +124,11 @@ impl Loop {
         let asked = in_units(&next.subcols(n, m).to_owned(), &back, &filled(m, 1.0));
         let reads = in_units(&matrix(recorder.reads, n, p), &back, &unit[..p]);
         let held = &own * &reads;
-        let seeds = if at == Fault::Inputs { &asked } else { &held };
+        let acts = at == Fault::Inputs;
+        let seeds = if acts { &asked } else { &held };
         let kept = followers(&own, gathered((0..n).map(|i| (0..seeds.ncols()).any(|j| seeds[(i, j)] != 0.0))));
-        let filtered = gathered((0..p).filter(|j| at == Fault::Readings && own[(*j, *j)] != 0.0));
-        let (by_gain, more) = (&asked * k, kept.len() + filtered.len());
+        let filtered = gathered((0..p).filter(|j| !acts && own[(*j, *j)] != 0.0));
+        let more = kept.len() + filtered.len();
         let all = n + more;
         let below = Mat::from_fn(more, all + m, |i, j| {
             let Some(i) = kept.get(i).copied() else {
@@ -128,20 +136,19 @@ impl Loop {
                 return if j == of { back[j] } else { 0.0 };
             };
             match kept.get(j.wrapping_sub(n)) {
-                _ if j < n => by_gain[(i, j)] * back[j],
-                Some(of) => own[(i, *of)] + by_gain[(i, *of)],
-                None if j < all => 0.0,
-                None => -asked[(i, j - all)],
+                Some(of) if j >= n => own[(i, *of)],
+                None if j >= all && acts => -asked[(i, j - all)],
+                _ => 0.0,
             }
         });
-        let (mut data, mut closed) = self.grown(&below, |i, j| {
+        let (mut data, mut closed) = self.grown(&below, if acts { kept.len() } else { 0 }, |i, j| {
             if j < n { k[(i, j)] * back[j] } else { kept.get(j - n).map_or(0.0, |of| k[(i, *of)]) }
         })?;
         closed.t.clone_from(&self.closed.t);
         data.lift = if more > 0 { REPEATED } else { data.lift };
-        let (through, into) = (k * &reads, &held + &asked * (k * &reads));
+        let through = k * &reads;
         let channels = (0..p).map(|j| {
-            let e = |i: usize| kept.get(i.wrapping_sub(n)).map_or(0.0, |of| into[(*of, j)]);
+            let e = |i: usize| kept.get(i.wrapping_sub(n)).map_or(0.0, |of| held[(*of, j)]);
             let at = filtered.iter().position(|of| *of == j).map(|i| n + kept.len() + i);
             let y = |i: usize| match (i == j, at == Some(i)) {
                 (true, _) => 1.0 / reads[(j, j)],

@@ -44,6 +44,7 @@ mod norm;
 mod preview;
 mod rest;
 mod riccati;
+mod rounding;
 mod saturation;
 mod scalings;
 mod spectrum;
@@ -59,6 +60,7 @@ pub use late::Recorder;
 pub use loops::Loop;
 pub use margins::{Margin, Margins};
 pub use preview::Preview;
+pub use rounding::Filters;
 pub use tube::{Run, Tube};
 
 #[cfg(test)]

@@ -5,7 +5,7 @@ use faer::{Mat, c64};
 use crate::error::Result;
 use crate::scaled::nearest_power_of_two;
 
-use super::data::{Matrix, filled, finite, in_units, inverse, lost};
+use super::data::{Matrix, absolute, filled, finite, in_units, inverse, lost};
 
 /// Rounds over all states; each costs n^2.
 const ROUNDS: usize = 40;
@@ -74,6 +74,16 @@ pub(super) fn eigen(a: &Matrix) -> Result<(Vec<c64>, Mat<c64>)> {
     let mut values = Vec::new();
     values.extend(found.S().column_vector().iter().copied());
     Ok((values, Mat::from_fn(a.nrows(), a.nrows(), |i, j| found.U()[(i, j)] * d[i])))
+}
+
+/// The same of a complex matrix.
+pub(super) fn radius_of_complex(re: &Matrix, im: &Matrix) -> Result<f64> {
+    if !(finite(re) && finite(im)) {
+        return Ok(f64::INFINITY);
+    }
+    let d = balancing(&(absolute(re) + absolute(im)), None);
+    let own = Mat::from_fn(re.nrows(), re.nrows(), |i, j| c64::new(re[(i, j)], im[(i, j)]) * (d[j] / d[i]));
+    Ok(own.eigenvalues().map_err(lost)?.iter().fold(0.0, |most, value| value.re.hypot(value.im).max(most)))
 }
 
 /// The spectral radius; infinite for what is not finite.

@@ -221,9 +221,9 @@ fn errors_of_the_inputs() {
     near(moved[1], 0.9 * moved[0], 1e-6);
     assert_eq!(found.errors(&[0.0], &Stop::new()).unwrap(), [0.0, 0.0]);
     assert!(found.errors(&[f64::NAN], &Stop::new()).is_err());
-    let rounded = found.computed(&[1.0], 1e-7, &[1e-9], &Stop::new()).unwrap();
+    let rounded = found.computed(&[1.0, 9.0], &[0.9e-7, 0.0], &[1e-9], &Stop::new()).unwrap();
     near(rounded[0], moved[0] / 0.05 * (0.9e-7 + 1e-9), 1e-3);
-    assert!(found.computed(&[1.0], 0.9, &[1e-9], &Stop::new()).unwrap()[0].is_infinite());
+    assert!(found.computed(&[1.0, 0.9], &[0.81, 0.0], &[1e-9], &Stop::new()).unwrap()[0].is_infinite());
 }
 
 /// Saturation of one unstable state: `x = 1 / (.9 kappa)`, kappa the root of `1.2 - .9 kappa + rho sqrt(1 + .81 kappa^2) = 1`.

@@ -9,7 +9,7 @@ use crate::memory::{checked_len, covered, try_collect};
 use crate::parallel::Stop;
 
 use super::certificate::{Verdict, weighted};
-use super::data::{Matrix, WHAT, in_units, largest, matrix, scaled, stacked, symmetric};
+use super::data::{Matrix, REPEATED, WHAT, in_units, largest, matrix, scaled, stacked, symmetric};
 use super::lemma::least;
 use super::loops::{Loop, bytes, squares};
 use super::verify::{Claim, verify_alone};
@@ -84,8 +84,10 @@ pub(super) struct Level {
 impl Loop {
     /// The root of `L` with `A L A' / lambda + X <= L`, proved.
     pub(super) fn gramian(&self, a: &Matrix, x: &Matrix, lambda: f64) -> Option<Matrix> {
-        [1e-9, 1e-7, 1e-5, 1e-3].iter().find_map(|slack| {
-            let root = least(a, None, &scaled(x, 1.0 + slack), lambda, (*slack, self.data.lift)).found()?;
+        // where nothing stirs up a state, as an input in filters behind a delay, with more of a lift
+        let lifts = [self.data.lift, REPEATED];
+        lifts.iter().flat_map(|lift| [1e-9, 1e-7, 1e-5, 1e-3].map(|slack| (slack, *lift))).find_map(|(slack, lift)| {
+            let root = least(a, None, &scaled(x, 1.0 + slack), lambda, (slack, lift)).found()?;
             verify_alone(a, &Claim { root: &root, x: Some(x), alpha: 1.0, lambda, by: 1.0 }).then_some(root)
         })
     }

@@ -70,9 +70,8 @@ pub(super) struct Claim<'a> {
 /// Whether the claim is proved; `false` says nothing.
 pub(super) fn verify(data: &Uncertain, closed: &Closed, claim: &Claim<'_>) -> bool {
     let joined = absolute(&data.joined(&closed.k));
-    let sizes = &absolute(&data.a) + &absolute(&data.b) * &absolute(&closed.k);
     let mut size_blocks = Vec::new();
-    size_blocks.push(sizes);
+    size_blocks.push(data.around(&closed.k).1);
     data.pieces.iter().for_each(|piece| size_blocks.push(&absolute(&piece.w) * &joined));
     let n = data.n;
     let f = stacked(std::iter::once(&closed.a0).chain(&closed.e), n);

@@ -9,7 +9,7 @@ use super::convert::{array1, array2, slice};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use crate::Error;
-use crate::feedback::{self, Gain, Keeper, Loop, Misfit, Preview, Recorder, Run, Verdict};
+use crate::feedback::{self, Filters, Gain, Keeper, Loop, Misfit, Preview, Recorder, Run, Verdict};
 use crate::memory::{try_collect, try_copy};
 use crate::parallel::Stop;
 
@@ -19,6 +19,10 @@ type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
 
 const WHAT: &str = "the certificate of a feedback";
+
+fn recorded<'a>(given: Option<&'a (Matrix<'_>, Matrix<'_>)>) -> PyResult<Option<Recorder<'a>>> {
+    given.map(|(next, reads)| Ok(Recorder { next: slice("N", next)?, reads: slice("G", reads)? })).transpose()
+}
 
 /// A gain and a region, with what is proved.
 #[pyclass(frozen, module = "stochens_rs._core", name = "Feedback")]
@@ -167,10 +171,7 @@ impl PyFeedback {
     /// the disk of all, delay, varying delay, readings, bits, share. `recorder` is that of the controller, if it has one.
     #[pyo3(signature = (recorder=None))]
     fn margins<'py>(&self, py: Python<'py>, recorder: Option<(Matrix<'py>, Matrix<'py>)>) -> PyResult<Array2<'py>> {
-        let recorder = match &recorder {
-            Some((next, reads)) => Some(Recorder { next: slice("N", next)?, reads: slice("G", reads)? }),
-            None => None,
-        };
+        let recorder = recorded(recorder.as_ref())?;
         let found = run(py, UNTIL_STOPPED, |stop| self.of.margins(recorder, stop))?;
         let mut all = Vec::new();
         for ((gain, phase), disk) in found.gains.iter().zip(&found.phases).zip(&found.disks) {
@@ -181,16 +182,29 @@ impl PyFeedback {
         array2(py, values, all.len(), 2)
     }
 
-    /// How far states and inputs are moved by errors of the inputs, relative to `|K| |x|`, and absolute.
-    fn computed<'py>(
+    /// How far states and inputs from `x0` are moved by the rounding of a computer; filters are (pole, outputs, count).
+    fn rounded<'py>(
         &self,
         py: Python<'py>,
-        reach: Vector<'_>,
-        relative: f64,
-        absolute: Vector<'_>,
+        x0: Vector<'_>,
+        bits: Option<i32>,
+        filters: Option<(Option<f64>, usize, usize)>,
     ) -> PyResult<Array1<'py>> {
-        let (reach, absolute) = (slice("reach", &reach)?, slice("absolute", &absolute)?);
-        array1(py, run(py, UNTIL_STOPPED, |stop| self.of.computed(reach, relative, absolute, stop))?)
+        let x0 = slice("x0", &x0)?;
+        let filters = filters.and_then(|(pole, outputs, count)| pole.map(|pole| Filters { pole, outputs, count }));
+        array1(py, run(py, UNTIL_STOPPED, |stop| self.of.rounded(x0, bits, filters, stop))?)
+    }
+
+    /// How far states and `K x`, and inputs, are moved by readings that are off by these sizes.
+    fn misread<'py>(
+        &self,
+        py: Python<'py>,
+        recorder: Option<(Matrix<'py>, Matrix<'py>)>,
+        sizes: Vector<'_>,
+    ) -> PyResult<(Array1<'py>, Array1<'py>)> {
+        let (recorder, sizes) = (recorded(recorder.as_ref())?, slice("sizes", &sizes)?);
+        let (moved, off) = run(py, UNTIL_STOPPED, |stop| self.of.misread(recorder, sizes, stop))?;
+        Ok((array1(py, moved)?, array1(py, off)?))
     }
 
     /// How many times `x0` all systems come to rest from, although the inputs saturate.

@@ -446,8 +446,6 @@ def test_saturation_and_float32_of_a_window():
 
 def test_what_stays_unknown_is_refused_and_files_have_the_same_sheet(rig, tmp_path):
     model, proof, _ = rig
-    with pytest.raises(InputError, match="`rounding` is not known of a loop with filters"):
-        proof.rounding(np.zeros(model.n))
     learned = se.regulate(se.gain(model, [1.0, 10.0], 0.01), offset_free=True).certificate(0.05)
     for call in (
         lambda: learned.attracts((-1.0, 1.0), np.ones(learned.region.n)),
@@ -482,3 +480,87 @@ def test_states_with_a_dead_time_have_the_margins_of_both_records():
     assert radius(own.matrix(model.coefficients, late=int(sheet.nominal[-5]) + 1)) > 1.0
     assert 0.0 < proof.rounding([1.0, 1.0, 0.0, 0.0]).states.max() < 1e-3
     assert proof.attracts((-1.0, 1.0), [1.0, 1.0, 0.0, 0.0]) > 0.28
+
+
+def test_errors_of_readings_of_a_stated_size_stay_in_the_tube():
+    """Errors that an enemy chooses at each step, for members of the region."""
+    rng, count, most_of = np.random.default_rng(14), sets(120, 6), 0.0
+    for seed in range(count):
+        window = (se.Window(lags=2), se.Window(filters=(0.4, 2)), se.Window(lags=2))[seed % 3]
+        data = simulated(window, seed, noise=0.05, size=(0.9, 1.1))[0]
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            model = se.identify(data, window=window, checks=False, accept="memory")
+            gain = se.gain(model, 1.0, 1.0)
+            learned = seed % 3 == 2
+            loop = se.regulate(gain, offset_free=True) if learned else gain
+            proof = loop.certificate(0.05)
+        if proof.status != "certified":
+            continue
+        source, n = proof.source, proof.region.n
+        x0, members = np.zeros(n), Members(model)
+        tube = proof.tube(x0, 5, readings=0.1)
+        assert (tube.start[0, :n] == 0.0).all()
+        assert tube.start[0, n] > 0.0
+        assert np.isfinite(tube.reach).all()
+        assert proof.tube(x0, 5, readings=0.2).reach == pytest.approx(2 * tube.reach, rel=1e-6)
+        H = model.coefficients
+        own = Records(source.window, proof.K, source.bias, H)
+        T = members.of(rng.standard_normal(members.shape)) if seed % 2 else H
+        # the largest output and input at one time: the sign of each error by its own response
+        whole = np.zeros(own.size())
+        one = own.step(T, whole, add=(np.zeros(1), np.zeros(1), np.ones(1)))[0]
+        outputs, inputs = [], []
+        for _ in range(400):
+            one, (_, y, v) = own.step(T, one)
+            outputs.append(abs(y[0]))
+            inputs.append(abs(v[0]))
+        found = 0.1 * np.array([sum(outputs), sum(inputs)])
+        assert found[0] <= tube.reach[0] * (1 + 1e-9)
+        assert found[1] <= tube.reach[n] * (1 + 1e-9)
+        most_of = max(most_of, found[0] / tube.reach[0])
+    assert most_of > 0.5
+
+
+@pytest.mark.parametrize("bits", [None, 14])
+def test_filters_in_the_numbers_of_a_computer_stay_within_their_bound(bits):
+    """Filters, gain and inputs as a controller has them, beside the same in exact numbers."""
+    window, rng = se.Window(filters=(0.4, 2), delay=1), np.random.default_rng(8)
+    data, Theta = simulated(window, 1)
+    model, proof = proved(data, window)
+    assert proof.status == "certified"
+    own, members = Records(model.window, proof.K), Members(model)
+    x0 = np.r_[1.0, 0.7, 0.2, -0.1, np.zeros(own.n - 4)]
+    bound, worst = proof.rounding(x0, bits=bits), np.zeros(own.n)
+    assert np.isfinite(bound.states).all()
+
+    def kept(value):
+        if bits is None:
+            return np.asarray(value, np.float32)
+        return np.round(np.asarray(value, float) * 2.0**bits) / 2.0**bits
+
+    a, count = kept(window.filters[0]), model.window.count
+    rest = kept(kept(1.0) - a)
+
+    def record(c, u, y):
+        """The controller's own: each operation is rounded."""
+        read, acted, queue = c[:count], c[count : 2 * count], c[2 * count :]
+        sums = [kept(kept(a * one) + kept(rest * before)) for one, before in (
+            *zip(read, [kept(y), *read[:-1]], strict=True),
+            *zip(acted, [queue[-1], *acted[:-1]], strict=True),
+        )]  # fmt: skip
+        return kept([*sums, u, *queue[:-1]])
+
+    K = kept(bound.K[0])
+    for trial in range(sets(60, 8)):
+        T = members.of(rng.standard_normal(members.shape)) if trial else Theta
+        exact, plant, c = x0, x0, kept(x0)
+        for _ in range(150):
+            u, v = bound.K @ exact, kept(sum(kept(k * one) for k, one in zip(K, c, strict=True)))
+            exact = own.next(exact, u, T @ own.next(exact, u)[0])[1]
+            y = T @ own.next(plant, np.array([float(v)]))[0]
+            plant = own.next(plant, np.array([float(v)]), y)[1]
+            c = record(c, v, y[0])
+            worst = np.maximum(worst, np.abs(plant - exact))
+    assert (worst <= bound.states).all()
+    assert worst.max() > 1e-3 * bound.states.max()

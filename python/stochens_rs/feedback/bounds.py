@@ -254,7 +254,7 @@ class Tube(SavedRecord):
     model : ndarray, shape (K + 1, n + m)
         What the error of the model adds to each state and input, as absolute values.
     start : ndarray, shape (K + 1, n + m)
-        The same of an uncertain start.
+        The same of an uncertain start, and of errors of the readings.
     state_radii : ndarray, shape (K + 1,)
         The 2-norm of the states that both add.
     noise : ndarray, shape (n + m,)

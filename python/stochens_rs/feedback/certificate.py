@@ -30,7 +30,7 @@ from .watch import LAWS, LawOfWatch, Watch
 
 LoopStatus: TypeAlias = Literal["certified", "refuted", "not provable", "undetermined", "undecided"]
 
-WINDOW, FILTERS = "a window that is not that of its model", "filters, which are rounded too"
+WINDOW = "a window that is not that of its model"
 BIAS = "a learned constant, which it keeps within limits: take the loop of gain(model)"
 DOUBLED = 10  # times that the number of logs is doubled in a forecast
 
@@ -220,9 +220,8 @@ class LoopCertificate(SavedRecord):
             self.region.misfit is not None
         ):
             return False
-        none = np.zeros_like(self.proof)
-        given = np.ascontiguousarray(self.proof), none, 1.0, 1.0, self.multipliers
-        return self._core.verified(*given)
+        root = np.ascontiguousarray(self.proof)
+        return self._core.verified(root, np.zeros_like(root), 1.0, 1.0, self.multipliers)
 
     def tube(
         self,
@@ -233,6 +232,7 @@ class LoopCertificate(SavedRecord):
         start: float = 0.0,
         noise: float | None = None,
         rest: Rest | None = None,
+        readings: ArrayLike = 0.0,
     ) -> Tube:
         """Bound where every system of the region goes from x0.
 
@@ -258,6 +258,10 @@ class LoopCertificate(SavedRecord):
             holds for all time also with an intercept, around the centre under it, and `Tube.later`
             and `Tube.settles` are about the distance from the true point of rest. Default: that of
             `target`, if the loop has one.
+        readings : float or array_like, shape (p,), default 0
+            Each reading that the feedback gets may be off by this, in any way, at every step:
+            drift, offset, steps of a converter. A loop of readings has them at all lags, in its
+            filters and in the constant that it learns.
 
         Returns
         -------
@@ -278,7 +282,9 @@ class LoopCertificate(SavedRecord):
         and of ``e(k) = r + A_G^k (x0 - xs - r)`` with r of `rest`. A system of the region need not
         rest at xs: its way from 0 to xs is not that from -xs to 0, whatever the centre does.
         Noise: ``Cov e(k) <= Y`` with ``A_G Y A_G' + Sigma <= Y`` for all systems, and the union
-        over rows and steps.
+        over rows and steps. Errors of readings: the record of the feedback is off by at most ``d =
+        (I - |N|)^-1 |G| e``, its inputs by ``|K| d``, and an ellipsoid is invariant for all systems
+        and all such inputs; they add to `Tube.start`.
 
         Examples
         --------
@@ -317,18 +323,37 @@ class LoopCertificate(SavedRecord):
         nominal, *bounds = self._core.tube(first, K, plan, radius, noisy, point)
         if not np.isfinite(nominal).all():
             raise NonFiniteError("`x0`, `inputs` and `steps` lead beyond the largest number")
-        about: list[Any] = [self.region.delta, noise, self.labels, self.dt]
         parts: list[Any] = bounds
         holds, misfit = self.status == "certified", self.region.misfit
         if holds and misfit is not None:  # which is bounded where states and inputs are so small
             reach = np.asarray(bounds[-1])[None]
             holds = bool(sizes_of(misfit, reach, self.labels)[0] <= misfit.within)
+        if np.any(readings):
+            moved, off = self._misread(readings)
+            _, begun, radii, _, _, later, reach = parts
+            begun[1:] += moved
+            begun[:, n:] += off
+            for one in (radii[1:], later):
+                one += np.linalg.norm(moved[:n])
+            reach += moved + np.append(np.zeros(n), off)
         parts = parts if holds else [one + np.inf for one in parts]
+        about = self.region.delta, noise, self.labels, self.dt
         fields = [nominal[:, :n], nominal[:-1, n:], *parts, *about]
         for one in fields:
             if isinstance(one, np.ndarray):
                 one.flags.writeable = False
         return Tube(*fields)
+
+    def _misread(self, sizes: ArrayLike) -> tuple[Floats, Floats]:
+        """How far errors of the readings move states and ``K x``, (n + m,), and inputs, (m,)."""
+        require_linear(self.region, "readings")
+        self._refuse("readings", WINDOW)
+        recorder = None if self.source is None else self.source.recorder()
+        p = self.region.n if recorder is None else recorder[1].shape[1]
+        given = read("readings", sizes)
+        given = given if given.ndim else np.full(p, given)
+        each = validation.vector("readings", given, length=p)
+        return self._core.misread(recorder, each)
 
     def rest(self, xs: ArrayLike | None = None) -> Rest:
         """Bound how far from a set point every system of the region comes to rest.
@@ -545,14 +570,13 @@ class LoopCertificate(SavedRecord):
         >>> proof.of(None, "the log was lost").status
         'undetermined'
         """
-        if region is not None:
-            validation.instance("region", region, Region)
         if reason is not None:
             validation.text("reason", reason)
         if region is None:
             fields = {"status": "undetermined", "norm": np.inf, "proof": None, "reason": reason}
             return replace(self, **fields, multipliers=self.multipliers[:0], member=None)  # type: ignore[arg-type]
-        found = judged(region, self.K, self.labels, None, (None, 0), self.target, self.source)
+        known = validation.instance("region", region, Region)
+        found = judged(known, self.K, self.labels, None, (None, 0), self.target, self.source)
         return replace(found, dt=self.dt)
 
     def margins(self) -> Margins:
@@ -582,7 +606,7 @@ class LoopCertificate(SavedRecord):
         most this part of itself. Share: each input may be cut to this part of it at any step.
         A loop of a window has a record of its own, of inputs that it asked for and of what it read,
         at all lags, beside that of the plant; only of the share it has what acted.
-        It takes about a second for 15 states and 5 for 35; `allows` milliseconds.
+        Times: see benchmarks; `allows` takes milliseconds.
 
         Examples
         --------
@@ -603,17 +627,11 @@ class LoopCertificate(SavedRecord):
             reason = f"the loop is {self.status}"
         elif self.region.missing:
             reason = f"the data leave {', '.join(self.region.missing[:3])} open: vary the inputs"
-        else:  # the disk holds gains and turns, too
-            low, high, phase, disk = found[0, : 4 * m].reshape(m, 4).T  # views
-            half = np.minimum(disk * (0.5 - 1e-12), 0.998)  # gains up to 1000 are looked at
-            low[:] = np.minimum(low, (1.0 - half) / (1.0 + half))
-            high[:] = np.maximum(high, (1.0 + half) / (1.0 - half))
-            phase[:] = np.maximum(phase, np.rad2deg(2.0 * np.arctan(half)))
-            if not (low < 1.0).any() and not (high > 1.0).any():
-                reason = (
-                    "no proof was found, as where readings say nearly the same (pass their sum and "
-                    "difference) or the certificate has no room (more data)"
-                )
+        elif (found[0, : 4 * m].reshape(m, 4)[:, :2] == 1.0).all():
+            reason = (
+                "no proof was found, as where readings say nearly the same (pass their sum and "
+                "difference) or the certificate has no room (more data)"
+            )
         certified, nominal = (validation.frozen(one) for one in found)
         return Margins(certified, nominal, self.region.delta, self.labels, self.dt, reason)
 
@@ -720,15 +738,16 @@ class LoopCertificate(SavedRecord):
         Raises
         ------
         InputError, InputTypeError
-            If an argument cannot be used, 0 is no point of rest, or the loop learns a constant or
-            has filters, which are rounded, too.
+            If an argument cannot be used, 0 is no point of rest, or the loop learns a constant.
 
         Notes
         -----
         The stored gain is certified as it is. Its inputs are wrong by ``|eta_i| <= g sum_j |K_ij
         x_j| + mu``, ``g = (n + 2) u / (1 - (n + 2) u)``, ``u = 2^-24``; errors of the inputs move
         the states by at most ``s``, an invariant ellipsoid for all systems, and ``s g |K|`` of the
-        states again. About the motion without noise.
+        states again. About the motion without noise. Filters ``a c + (1 - a) before`` and their
+        poles are rounded as well: in float32 each step is off by ``(5 + a / (1 - a)) u (|c| +
+        |before|)``, and the filter by ``1 / (1 - a)`` of that, beside the one before it.
 
         Examples
         --------
@@ -740,43 +759,34 @@ class LoopCertificate(SavedRecord):
         <Rounding: 12 fraction bits, 95 %, off by at most x[0] 0.00042>
         """
         self._at_zero("rounding")
-        self._refuse("rounding", WINDOW, BIAS, FILTERS)
+        self._refuse("rounding", WINDOW, BIAS)
         require_linear(self.region, "rounding")
         n, K = self.region.n, np.asarray(self.K)
+        window = None if self.source is None else self.source.window
+        filters = None if window is None else (window.pole, len(window.outputs), window.count)
         if bits is None:
             with np.errstate(over="ignore", under="ignore"):
-                kept, unit = K.astype(np.float32).astype(np.float64), (n + 2) * 2.0**-24
+                kept = K.astype(np.float32).astype(np.float64)
             kept[np.abs(kept) < 2.0**-126] = 0.0  # subnormal
-            relative = unit / (1.0 - unit)
-            fixed = np.full(len(K), n * (1.0 + np.abs(kept).max()) * 2.0**-125)
         else:
-            half = 2.0 ** -(validation.size("bits", bits, minimum=0, maximum=62) + 1)
-            kept, relative = np.round(K / (2.0 * half)) * (2.0 * half), 0.0
-            fixed = (np.abs(kept).sum(axis=1) + 1.0) * half
+            step = 2.0 ** -validation.size("bits", bits, minimum=0, maximum=62)
+            kept = np.round(K / step) * step
         # the gain that is stored, in place of this one
         core = _judge(self.region, kept, self.labels, self.status == "undetermined")
         first = validation.vector("x0", x0, length=n, labels=self.labels.states)
-        reach = core.tube(first, 1, np.zeros((0, len(K))), 0.0, None)[-1]
-        moved = np.full(n + len(K), np.inf)
-        if self.status == core.status == "certified" and np.isfinite(reach[:n]).all():
-            moved = core.computed(np.ascontiguousarray(reach[:n]), relative, fixed)
+        moved = core.rounded(first, bits, filters)
         states, inputs = (validation.frozen(one.copy()) for one in np.split(moved, [n]))
-        margin = 1.0 / core.sizes[0] if core.status == "certified" else 0.0
-        about = bits, states, inputs, margin, self.region.delta, self.labels
-        return Rounding(validation.frozen(kept), *about)
+        about = 1.0 / core.sizes[0] if core.status == "certified" else 0.0, self.region.delta
+        return Rounding(validation.frozen(kept), bits, states, inputs, *about, self.labels)
 
     def _refuse(self, what: str, *but: str) -> None:
         """Refuse loops that remember what nothing is proved for."""
         rows = {row for part in self.region.parts for row in part.rows.tolist()}
-        of, found = self.source, []
-        if of is None:
-            found += [WINDOW] if len(rows) < self.region.n else []
-        else:
-            found += [BIAS] if of.bias is not None else []
-            found += [FILTERS] if of.window.pole is not None else []
-        for one in found:
-            if one in but:
-                raise InputError(f"`{what}` is not known of a loop with {one}")
+        odd = WINDOW if len(rows) < self.region.n else None
+        if self.source is not None:
+            odd = BIAS if self.source.bias is not None else None
+        if odd in but:
+            raise InputError(f"`{what}` is not known of a loop with {odd}")
 
     def _at_zero(self, what: str) -> None:
         """Refuse a loop that does not rest at 0."""
@@ -993,9 +1003,8 @@ def unmoved(model: Identified, delta: float) -> str | None:
 def _no_effect(region: Region, K: Floats, model: Identified) -> str | None:
     """Why a gain is not certified whose inputs have no effect that the data show."""
     source = getattr(model, "least_squares", model)
-    if getattr(source, "window", None) is not None or not np.isfinite(region.radius):
-        return None
-    if "no effect" in source.assumptions.accept:  # type: ignore[union-attr]
+    known = np.isfinite(region.radius) and getattr(source, "window", None) is None
+    if not known or "no effect" in source.assumptions.accept:  # type: ignore[union-attr]
         return None
     n, m = region.n, region.m
     AB, within = np.asarray(region.centre)[:, : n + m], region.entry_bounds[:, : n + m]

@@ -22,6 +22,8 @@ const MOST: f64 = 1e3;
 const LATE: usize = 20;
 /// Most bits of a rounded gain.
 const BITS: i32 = 16;
+/// Factors of a multiplier that are tried near the end of a chain.
+const FACTORS: [f64; 9] = [1.0, 3.0, 0.33, 10.0, 0.1, 30.0, 100.0, 300.0, 1000.0];
 /// Least piece of a chain of discs.
 const PIECE: f64 = 5e-4;
 
@@ -360,11 +362,21 @@ impl<'a> Faults<'a> {
     ) -> Result<f64> {
         let (k, mut a, least) = (&self.of.closed.k, from, PIECE.min(0.01 * to));
         let channel = [Channel::at_inputs(unit(self.of.data.m, i), row_of(k, i))];
+        let piece = |a: f64, h: f64| (curve(a + 0.5 * h), within(h) + 4.0 * f64::EPSILON * (1.0 + a + h));
+        let around = |kappa: c64| {
+            let turned = |part: f64, rest: f64| {
+                Mat::from_fn(k.nrows(), k.ncols(), |row, j| k[(row, j)] * if row == i { part } else { rest })
+            };
+            let im = (kappa.im != 0.0).then(|| turned(kappa.im, 0.0));
+            Blocks::new(&self.of.data, &turned(kappa.re, 1.0), im.as_ref(), &self.of.closed.t, &channel)
+        };
+        let none = |_: f64, one: Reduced| one.shifted(c64::ONE, c64::ZERO);
+        let start = hinted(&mut self.region, Which::One(i), 1, &none, self.stop)?;
+        let Some(mut t) = start.and_then(|one| one.t.first().copied()) else { return Ok(a) };
         while to - a >= least {
             self.stop.check()?;
-            let piece = |h: f64| (curve(a + 0.5 * h), within(h) + 4.0 * f64::EPSILON * (1.0 + a + h));
             let mut fits = |h: f64, rounds: usize| -> Result<Option<Found>> {
-                let (kappa, radius) = piece(h);
+                let (kappa, radius) = piece(a, h);
                 let view = |_: f64, one: Reduced| one.shifted(c64::ONE, kappa - c64::ONE);
                 let found = hinted(&mut self.region, Which::One(i), rounds, &view, self.stop)?;
                 Ok(found.filter(|one| SHARES[0] * one.gamma >= radius))
@@ -388,17 +400,30 @@ impl<'a> Faults<'a> {
                     h *= 0.6;
                     continue;
                 };
-                let (kappa, radius) = piece(h);
-                let turned = |part: f64, rest: f64| {
-                    Mat::from_fn(k.nrows(), k.ncols(), |row, j| k[(row, j)] * if row == i { part } else { rest })
-                };
-                let im = (kappa.im != 0.0).then(|| turned(kappa.im, 0.0));
-                let of = Blocks::new(&self.of.data, &turned(kappa.re, 1.0), im.as_ref(), &self.of.closed.t, &channel);
-                next = proof_at(&of, &[1.0], &found, radius).map(|_| h);
+                let (kappa, radius) = piece(a, h);
+                let proved = proof_at(&around(kappa), &[1.0], &found, radius);
+                t = proved.as_ref().and_then(|(one, _)| one.t.first().copied()).unwrap_or(t);
+                next = proved.map(|_| h);
                 h *= if h > 0.9 * low { 0.95 } else { 0.6 };
             }
             let Some(h) = next else { break };
             a += h;
+        }
+        // near its end, where frequencies promise too little: proofs alone, from the multipliers of the last piece
+        let mut h = (16.0 * least).min(to - a);
+        while h >= least {
+            self.stop.check()?;
+            let (kappa, radius) = piece(a, h);
+            let of = around(kappa);
+            let proved = |one: &f64| {
+                [1.02, 1.0005].iter().any(|slack| of.proof(&[radius], &[*one], (None, 1.0), *slack).is_some())
+            };
+            if let Some(one) = FACTORS.map(|by| t * by).into_iter().find(proved) {
+                (t, a) = (one, a + h);
+                h = (1.5 * h).min(to - a);
+            } else {
+                h /= 1.7;
+            }
         }
         Ok(a)
     }

@@ -137,7 +137,8 @@ fn margins_of_one_state() {
         let [low, high] = one.gains[0];
         assert!(low.certified >= least && low.certified <= least + 5e-3, "{} of {least}", low.certified);
         assert!(high.certified <= most && high.certified >= most - 5e-3, "{} of {most}", high.certified);
-        assert!(one.phases[0].certified <= phase && one.phases[0].certified >= phase - 5e-3);
+        let turn = one.phases[0].certified;
+        assert!(turn <= phase && turn >= phase - 5e-3, "{turn} of {phase}, {a}, {rho}");
         // symmetric disk: the worst of both ends of the gain and of the phase
         let alpha = root(0.0, 1.99, |v| {
             let worst = |turn: f64| {

@@ -615,7 +615,7 @@ class LoopCertificate(SavedRecord):
         >>> data = se.Trajectories.from_pairs(x, u, 1.2 * x + u + 0.1 * w)
         >>> proof = se.gain(se.identify(data, noise=0.1), 1.0, 1.0).certificate(0.05)
         >>> proof.margins()
-        <Margins: 95 %, gain 0.333 to 2.52, phase 49.2 deg, disk 0.864>
+        <Margins: 95 %, gain 0.331 to 2.52, phase 49.3 deg, disk 0.864>
         """
         self._refuse("margins", WINDOW)
         recorder = None if self.source is None else self.source.recorder()

@@ -157,8 +157,8 @@ impl PyReadings {
     }
 
     /// The window, those with all that was rejected and with all but the first, and how much doubt there is of the window.
-    fn state<'py>(&self, py: Python<'py>) -> PyResult<(Vec<Option<Row<'py>>>, Row<'py>)> {
-        let (windows, doubt) = self.inner.with(py, 0.0, |inner, _| {
+    fn state<'py>(&self, py: Python<'py>) -> PyResult<([Option<Row<'py>>; 3], Row<'py>)> {
+        let ([now, raw, late], doubt) = self.inner.with(py, 0.0, |inner, _| {
             let (windows, doubt) = inner.state()?;
             let mut numbers = [const { None }; 3];
             for (numbers, of) in numbers.iter_mut().zip(windows) {
@@ -167,7 +167,7 @@ impl PyReadings {
             Ok((numbers, doubt))
         })?;
         let handed = |of: Option<Vec<f64>>| of.map(|of| array1(py, of)).transpose();
-        Ok((windows.into_iter().map(handed).collect::<PyResult<_>>()?, array1(py, doubt)?))
+        Ok(([handed(now)?, handed(raw)?, handed(late)?], array1(py, doubt)?))
     }
 
     #[pyo3(signature = (windows=None, doubt=None))]

@@ -320,6 +320,7 @@ class LoopCertificate(SavedRecord):
             if self._resting(*point).to_dict() != rest.to_dict():
                 raise InputError("`rest` must be of this certificate: proof.rest(xs)")
         noisy = None if noise is None else noise_bound(self, "noise", noise)
+        misread = self._misread(readings)
         nominal, *bounds = self._core.tube(first, K, plan, radius, noisy, point)
         if not np.isfinite(nominal).all():
             raise NonFiniteError("`x0`, `inputs` and `steps` lead beyond the largest number")
@@ -328,14 +329,14 @@ class LoopCertificate(SavedRecord):
         if holds and misfit is not None:  # which is bounded where states and inputs are so small
             reach = np.asarray(bounds[-1])[None]
             holds = bool(sizes_of(misfit, reach, self.labels)[0] <= misfit.within)
-        if np.any(readings):
-            moved, off = self._misread(readings)
-            _, begun, radii, _, _, later, reach = parts
-            begun[1:] += moved
-            begun[:, n:] += off
-            for one in (radii[1:], later):
-                one += np.linalg.norm(moved[:n])
-            reach += moved + np.append(np.zeros(n), off)
+        if misread is not None:
+            (moved, off), (_, begun, radii, _, _, later, reach) = misread, parts
+            with np.errstate(over="ignore"):
+                begun[1:] += moved
+                begun[:, n:] += off
+                for one in (radii[1:], later):
+                    one += np.linalg.norm(moved[:n])
+                reach += moved + np.append(np.zeros(n), off)
         parts = parts if holds else [one + np.inf for one in parts]
         about = self.region.delta, noise, self.labels, self.dt
         fields = [nominal[:, :n], nominal[:-1, n:], *parts, *about]
@@ -344,15 +345,20 @@ class LoopCertificate(SavedRecord):
                 one.flags.writeable = False
         return Tube(*fields)
 
-    def _misread(self, sizes: ArrayLike) -> tuple[Floats, Floats]:
+    def _misread(self, sizes: ArrayLike) -> tuple[Floats, Floats] | None:
         """How far errors of the readings move states and ``K x``, (n + m,), and inputs, (m,)."""
+        recorder = None if self.source is None else self.source.recorder()
+        p, given = (
+            self.region.n if recorder is None else recorder[1].shape[1],
+            read("readings", sizes),
+        )
+        each = validation.vector("readings", given if given.ndim else np.full(p, given), length=p)
+        if (each < 0.0).any():
+            raise InputError(f"`readings` must be >= 0, got {each.min():.3g}")
+        if not each.any():
+            return None
         require_linear(self.region, "readings")
         self._refuse("readings", WINDOW)
-        recorder = None if self.source is None else self.source.recorder()
-        p = self.region.n if recorder is None else recorder[1].shape[1]
-        given = read("readings", sizes)
-        given = given if given.ndim else np.full(p, given)
-        each = validation.vector("readings", given, length=p)
         return self._core.misread(recorder, each)
 
     def rest(self, xs: ArrayLike | None = None) -> Rest:

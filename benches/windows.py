@@ -18,13 +18,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import expm
 
 import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.identification import Regressors
 from stochens_rs.identification.assumptions import ACCEPTED
 from stochens_rs.identification.window import complete
+from stochens_rs.system.conversions import discretize
 
 Floats = NDArray[np.float64]
 POLES, COUNTS, WITHIN = (0.3, 0.5, 0.7, 0.8, 0.9, 0.95), range(2, 9), 6.0
@@ -69,12 +69,8 @@ class Plant:
 
 
 def sampled(A: object, B: object, dt: float) -> tuple[Floats, Floats]:
-    """Held inputs."""
-    A, B = np.array(A, dtype=float), np.array(B, dtype=float)
-    both = np.zeros((len(A) + B.shape[1],) * 2)
-    both[: len(A)] = dt * np.hstack([A, B])
-    held = expm(both)[: len(A)]
-    return held[:, : len(A)], held[:, len(A) :]
+    """With inputs that are held."""
+    return discretize(np.array(A, dtype=float), np.array(B, dtype=float), dt, "zoh")
 
 
 def belt(rng: np.random.Generator, by: Callable[..., Floats]) -> Plant:

@@ -382,15 +382,14 @@ impl Readings {
     pub fn state(&self) -> Result<([Option<&Contents>; 3], Vec<f64>)> {
         let Doubt { row, alike, off } = &self.doubt;
         let doubt = try_collect(WHAT, [*row, *alike].into_iter().chain(off.iter().copied()))?;
-        let [raw, late] = &self.others;
-        Ok(([self.now.as_ref(), raw.as_ref(), late.as_ref()], doubt))
+        Ok(([self.now.as_ref(), self.others[0].as_ref(), self.others[1].as_ref()], doubt))
     }
 
     /// Go on from there, with the numbers of the windows, and the doubt.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn restore(&mut self, windows: [Option<&[f64]>; 3], doubt: &[f64]) -> Result<()> {
+    pub fn restore(&mut self, [now, raw, late]: [Option<&[f64]>; 3], doubt: &[f64]) -> Result<()> {
         let contents = |of: Option<&[f64]>| of.map(|numbers| self.filter.restored(numbers)).transpose();
         let p = self.filter.window.outputs();
         let doubt = match doubt {
@@ -403,7 +402,6 @@ impl Readings {
                 return Err(Error::Shape { name: "doubt", expected, found });
             }
         };
-        let [now, raw, late] = windows;
         (self.now, self.others, self.doubt) = (contents(now)?, [contents(raw)?, contents(late)?], doubt);
         Ok(())
     }
@@ -475,14 +473,13 @@ impl Readings {
                     let mut least = f64::INFINITY;
                     for other in self.others.iter().flatten().chain([now]) {
                         let of = self.filter.regressors(other, acted)?;
-                        // a false reading in a window makes all systems together say little
+                        // behind a false reading some system of the region explains nearly everything
                         let off = self.off(y, other, &of, bias, seen, true)?;
                         if off < BETTER * least {
                             (now, z, least) = (other, of, off);
                         }
                     }
                     step.believed = true;
-                    next.1[0] = with_all(now)?;
                 } else {
                     came = &none;
                     next.1[0] = with_all(self.others[0].as_ref().unwrap_or(now))?;
@@ -507,6 +504,9 @@ impl Readings {
                 self.capped(&mut step.bias)?;
             }
             next.0 = Some(self.filter.advanced(now, y, acted, came, &predicted)?);
+            if step.believed {
+                next.1[0].clone_from(&next.0);
+            }
             step.predicted = Some(predicted);
         }
         if begins {

@@ -348,13 +348,9 @@ class LoopCertificate(SavedRecord):
     def _misread(self, sizes: ArrayLike) -> tuple[Floats, Floats] | None:
         """How far errors of the readings move states and ``K x``, (n + m,), and inputs, (m,)."""
         recorder = None if self.source is None else self.source.recorder()
-        p, given = (
-            self.region.n if recorder is None else recorder[1].shape[1],
-            read("readings", sizes),
-        )
+        p = self.region.n if recorder is None else recorder[1].shape[1]
+        given = read("readings", sizes)
         each = validation.vector("readings", given if given.ndim else np.full(p, given), length=p)
-        if (each < 0.0).any():
-            raise InputError(f"`readings` must be >= 0, got {each.min():.3g}")
         if not each.any():
             return None
         require_linear(self.region, "readings")
@@ -612,7 +608,8 @@ class LoopCertificate(SavedRecord):
         most this part of itself. Share: each input may be cut to this part of it at any step.
         A loop of a window has a record of its own, of inputs that it asked for and of what it read,
         at all lags, beside that of the plant; only of the share it has what acted.
-        Times: see benchmarks; `allows` takes milliseconds.
+        It takes under a second with one input, but 9 s with 3 inputs and 10 states, and 23 s with 5
+        and 20; `allows` takes milliseconds.
 
         Examples
         --------

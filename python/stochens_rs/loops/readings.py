@@ -218,10 +218,10 @@ class ReadingLoop(ControlLoop[Reading]):
             K = validation.size("steps", steps)
             weights = replace(weights, R="auto") if weights.R is None else weights
             outputs, (ahead, _) = weights_of(model, weights), forecast_of(within, K, labels)
-            own, weights = weights, continued(weights, model, within, K)
+            given, weights = weights, continued(weights, model, within, K)
             task, self._system, _ = task_of(model, K, np.zeros(model.n), within, weights)
             policy, asked = task, (K, within, weights)
-            if weights.Qf is own.Qf:
+            if weights is given:
                 warn_of_growth(task, *self._system[:2])
         self._rate = np.full(m, np.inf) if task.rate is None else task.rate
         if hold is None and task.previous is not None:

@@ -178,17 +178,17 @@ def regulate(
     validation.size("max_missing", max_missing, minimum=0)
     checked = checked_model(system)
     n, m = checked.B.shape
-    K = validation.size("steps", steps)
-    goal = np.zeros(n)
+    K, goal = validation.size("steps", steps), np.zeros(n)
     if target is not None:
         goal = validation.vector("target", target, length=n, labels=checked.state_names)
-    weights = continued(as_cost(cost), checked, as_limits(limits), K)
-    if as_limits(limits).forecast is not None:
+    given, within = as_cost(cost), as_limits(limits)
+    weights = continued(given, checked, within, K)
+    if within.forecast is not None:
         raise InputError("`forecast` of `limits` is for models of outputs: give None")
     if target is not None and weights.reference is not None:
         raise InputError("`target` must be None with a reference, whose last row takes its place")
-    task = read_task(n, m, K, goal, as_limits(limits), weights, checked.labels)
-    if weights.Qf is None or as_cost(cost).Qf is not None:
+    task = read_task(n, m, K, goal, within, weights, checked.labels)
+    if weights is given:
         warn_of_growth(task, checked.A, checked.B)
     kept = None if keep is None else kept_of(checked, task, keep)
     return Regulator(checked, task, time_limit, kept)

@@ -545,7 +545,7 @@ class Regulator(ControlLoop[Call]):
 
 
 def continued(cost: Cost, system: System | Identified, within: Limits, steps: int) -> Cost:
-    """`cost` with what follows a plan, where Q and R say it: the cost of the gain of `gain`."""
+    """`cost` itself, or where Q and R are given alone with the cost of the gain of `gain` as Qf."""
     if cost.Q is None or cost.Qf is not None or cost.R is None or isinstance(cost.R, str):
         return cost
     (n, m), names = system.B.shape, system.labels

@@ -340,8 +340,8 @@ static inline void @_advanced(@ *s, const @_window *w, @_window *to, const @_rea
     @_counted(to, seen);
 }
 
-/* (||T off|| - sum ||T D|| ||W z||) / q of the readings that came; above 1 it rejects. T T' = cov^-1. Of one system: without
-   what is taken off. */
+/* (||T off|| - sum ||T D|| ||W z||) / q of the readings that came; above 1 it rejects. T T' = cov^-1. `one`: of the
+   system of the model alone, ||T off|| / q. */
 static inline @_real @_excess(const @_real *off, const @_real *z, const int *seen, const @_real *more, int one)
 {
     @_real root[$_P * $_P] = {0}, half[$_P * $_P] = {0}, white[$_P] = {0}, far = $_R(0), room = $_R(0);
@@ -393,7 +393,7 @@ static inline @_real @_excess(const @_real *off, const @_real *z, const int *see
     return ($_SQRT(far) - room) / @_quantile[k];
 }
 
-/* How far off readings are, with the bias or without it. */
+/* How far off readings are behind the window `of`, with the bias or without it. */
 static inline @_real @_off(const @ *s, const @_window *of, const @_real *y, const @_real *z, const int *seen, int one)
 {
     @_real off[$_P], more[$_P * $_P], found, other;
@@ -531,7 +531,7 @@ static inline void @_reject(@ *s, const @_real *y, const @_real *predicted, cons
     s->doubted = 1;
 }
 
-/* The window `with` one step later, with the readings that were rejected: number k, and so many there are then. */
+/* The window `with` one step later, with the readings that were rejected, as spare[k]; how many there are then. */
 static inline int @_follow(@ *s, const @_window *with, int k, const @_real *y, const @_real *acted, const int *seen,
                            const @_real *bias)
 {
@@ -572,15 +572,16 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
     if (s->full) {
         const @_window *from = &s->now;
         const int *came = seen;
+        int change = 0;
         @_real off;
         @_regressors(s->now.x, acted, z);
         off = @_off(s, &s->now, read, z, seen, 0);
         begins = off > $_R(1) && s->now.calls == 1 && !s->now.known;
         if (off > $_R(1)) {
-            int change = s->row >= $_R(3) || s->alike >= $_R(9); /* alike: in thirds */
+            change = s->row >= $_R(3) || s->alike >= $_R(9); /* alike: in thirds */
             @_predict(z, bias, predicted);
             @_reject(s, read, predicted, seen);
-            if (change) { /* taken for true, behind the window that predicts them: halves of what is off count */
+            if (change) { /* taken for true, behind the window that predicts them: another one if half as far off */
                 @_real least = $_HUGE;
                 for (int k = 0; k <= s->raised; ++k) {
                     const @_window *with = k < s->raised ? &s->others[k] : &s->now;
@@ -594,7 +595,7 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
                             z[j] = other[j];
                     }
                 }
-                raised = @_follow(s, from, 0, read, acted, seen, bias);
+                raised = 1;
             } else {
                 came = none;
                 complete = 0;
@@ -617,6 +618,8 @@ static inline int @_step(@ *s, const @_real *y, @_real *u)
             @_capped(bias, us);
         @_advanced(s, from, &s->next, read, acted, came, predicted);
         s->now = s->next;
+        if (change)
+            s->spare[0] = s->next;
         for (int k = 0; k < raised; ++k)
             s->others[k] = s->spare[k];
     }

@@ -283,7 +283,9 @@ fn hinted(
     };
     let both = matches!(which, Which::One(_));
     let asked = Asked { shares: &filled(several, 1.0), outs: &channels, ins: &channels, rounds, both };
-    let own = |angle: f64, one: Reduced| view(angle, if let Which::One(i) = which { one.only(i) } else { one });
+    let own = |angle: f64, one: &Reduced| {
+        if let Which::One(i) = which { view(angle, &one.only(i)) } else { view(angle, one) }
+    };
     field.hint(asked, &own, stop)
 }
 
@@ -338,7 +340,7 @@ impl<'a> Faults<'a> {
 
     /// `(1 + delta / 2) / (1 - delta / 2)` at one input, or at all.
     fn disk(&mut self, i: Option<usize>) -> Result<Margin> {
-        let (which, view) = (i.map_or(Which::Each, Which::One), |_: f64, one: Reduced| Some(one.with_own(0.5)));
+        let (which, view) = (i.map_or(Which::Each, Which::One), |_: f64, one: &Reduced| Some(one.with_own(0.5)));
         let mut channels = self.of.inputs();
         channels.iter_mut().for_each(|one| one.own[(0, 0)] = 0.5);
         let channels = i.map_or(&channels[..], |i| &channels[i..=i]);
@@ -370,14 +372,14 @@ impl<'a> Faults<'a> {
             let im = (kappa.im != 0.0).then(|| turned(kappa.im, 0.0));
             Blocks::new(&self.of.data, &turned(kappa.re, 1.0), im.as_ref(), &self.of.closed.t, &channel)
         };
-        let none = |_: f64, one: Reduced| one.shifted(c64::ONE, c64::ZERO);
+        let none = |_: f64, one: &Reduced| one.shifted(c64::ONE, c64::ZERO);
         let start = hinted(&mut self.region, Which::One(i), 1, &none, self.stop)?;
         let Some(mut t) = start.and_then(|one| one.t.first().copied()) else { return Ok(a) };
         while to - a >= least {
             self.stop.check()?;
             let mut fits = |h: f64, rounds: usize| -> Result<Option<Found>> {
                 let (kappa, radius) = piece(a, h);
-                let view = |_: f64, one: Reduced| one.shifted(c64::ONE, kappa - c64::ONE);
+                let view = |_: f64, one: &Reduced| one.shifted(c64::ONE, kappa - c64::ONE);
                 let found = hinted(&mut self.region, Which::One(i), rounds, &view, self.stop)?;
                 Ok(found.filter(|one| SHARES[0] * one.gamma >= radius))
             };
@@ -468,7 +470,7 @@ impl<'a> Faults<'a> {
             let (data, closed) = of.past(d, (0.0, 1.0))?;
             stable = radius(&closed.a0)? < 1.0;
             let late =
-                |angle: f64, one: Reduced| one.shifted(c64::ONE, c64::from_polar(1.0, -angle * d as f64) - c64::ONE);
+                |angle: f64, one: &Reduced| one.shifted(c64::ONE, c64::from_polar(1.0, -angle * d as f64) - c64::ONE);
             let likely = data.pieces.len() > 1 || self.region.as_ref().is_some_and(|field| field.stands(&late));
             if proved {
                 self.stop.check()?;
@@ -492,7 +494,7 @@ impl<'a> Faults<'a> {
         let (n, m, asked) = (of.data.n, of.data.m, of.own_gain());
         let hint = |field: &mut Option<Field>, share: f64, rounds: usize| {
             let centre = c64::new(0.5 * share, 0.0);
-            let view = |angle: f64, one: Reduced| one.shifted(c64::from_polar(1.0, -angle) - c64::ONE, centre);
+            let view = |angle: f64, one: &Reduced| one.shifted(c64::from_polar(1.0, -angle) - c64::ONE, centre);
             hinted(field, Which::Together, rounds, &view, stop)
         };
         let blocks = |share: f64| -> Result<Blocks> {
@@ -525,7 +527,7 @@ impl<'a> Faults<'a> {
     fn share(&mut self) -> Result<Margin> {
         let (of, stop, ones) = (self.of, self.stop, filled(self.of.data.m, 1.0));
         let cut = |field: &mut Option<Field>, beta: f64, rounds: usize| {
-            let view = |_: f64, one: Reduced| one.shifted(c64::ONE, c64::new(-0.5 * beta, 0.0));
+            let view = |_: f64, one: &Reduced| one.shifted(c64::ONE, c64::new(-0.5 * beta, 0.0));
             hinted(field, Which::Each, rounds, &view, stop)
         };
         let certified = withstood(

@@ -1,14 +1,16 @@
 //! How large the channels may be, and the multipliers of their proof: hints by frequencies, proved afterwards.
 
+use faer::dyn_stack::{MemBuffer, MemStack};
+use faer::linalg::cholesky::llt::factor::{cholesky_in_place, cholesky_in_place_scratch};
 use faer::linalg::solvers::Solve;
 use faer::linalg::triangular_solve::solve_lower_triangular_in_place;
 use faer::{Mat, Par, Side, c64};
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::parallel::Stop;
 
 use super::blocks::Blocks;
-use super::data::{Matrix, filled, gathered, lost};
+use super::data::{Matrix, WHAT, filled, gathered, lost};
 use super::spectrum::eigenvalues;
 
 /// The channels at one angle, with the region closed around them: a proof at this angle needs
@@ -135,9 +137,10 @@ impl Reduced {
     }
 
     /// With `z = .. + own q`.
-    pub fn with_own(mut self, own: f64) -> Self {
-        (0..self.q.nrows()).for_each(|i| self.q[(i, i)] += own);
-        self
+    pub fn with_own(&self, own: f64) -> Self {
+        let mut found = self.clone();
+        (0..self.q.nrows()).for_each(|i| found.q[(i, i)] += own);
+        found
     }
 
     /// With `q = centre z + q'`, and q' in place of q a function of z, of z with this `filter`.
@@ -162,20 +165,24 @@ impl Reduced {
     }
 
     /// For channels of gamma `c_j` times a common one: `S_j = T_j c_j^2 gamma^2`.
-    fn scaled(&self, rows: &[f64]) -> Self {
-        let l = rows.len();
-        let p = Mat::from_fn(l, l, |i, j| self.p[(i, j)] * (rows[i] * rows[j]));
-        let q = Mat::from_fn(l, self.q.ncols(), |i, j| self.q[(i, j)] * rows[i]);
-        Self { p, q, n: self.n.clone() }
+    fn scaled(mut self, rows: &[f64]) -> Self {
+        for (i, row) in rows.iter().enumerate() {
+            (0..rows.len()).for_each(|j| self.p[(i, j)] *= row * rows[j]);
+            (0..self.q.ncols()).for_each(|j| self.q[(i, j)] *= *row);
+        }
+        self
     }
 
     /// `gamma^-2` with `S` of the channels, or `most` if it is below that.
-    fn least(&self, s: &[f64], (outs, ins): (&[usize], &[usize]), most: f64) -> f64 {
+    fn least(&self, s: &[f64], (outs, ins): (&[usize], &[usize]), most: f64, work: &mut Work) -> f64 {
         let (l, k) = (outs.len(), ins.len());
         if l == 1 && k == 1 {
             let room = 1.0 / s[0] - self.n[(0, 0)].re;
             let sum = (self.p[(0, 0)].re + self.q[(0, 0)].norm_sqr() / room) / s[0];
             return if room > 0.0 { sum } else { f64::INFINITY };
+        }
+        if work.above(self, s, (outs, ins), most) {
+            return most;
         }
         let mut room = Mat::from_fn(k, k, |i, j| -(self.n[(i, j)] + self.n[(j, i)].conj()) * 0.5);
         (0..k).for_each(|j| room[(j, j)] += 1.0 / s[ins[j]]);
@@ -184,12 +191,38 @@ impl Reduced {
         let sum = &self.p + half.adjoint() * &half;
         let root = |i: usize| s[outs[i]].sqrt();
         let sum = Mat::from_fn(l, l, |i, j| (sum[(i, j)] + sum[(j, i)].conj()) * (0.5 / root(i) / root(j)));
-        // a Cholesky factor says that no eigenvalue is above
-        let above = Mat::from_fn(l, l, |i, j| if i == j { c64::new(most, 0.0) - sum[(i, j)] } else { -sum[(i, j)] });
-        if above.llt(Side::Lower).is_ok() {
-            return most;
-        }
         sum.self_adjoint_eigenvalues(Side::Lower).map_or(f64::INFINITY, |all| all.last().map_or(0.0, |v| v.max(0.0)))
+    }
+}
+
+/// The space of a Cholesky factor.
+struct Work {
+    whole: Mat<c64>,
+    memory: MemBuffer,
+}
+
+impl Work {
+    fn new(size: usize) -> Result<Self> {
+        let scratch = cholesky_in_place_scratch::<c64>(size, Par::Seq, Default::default());
+        let bytes = scratch.unaligned_bytes_required() as u128;
+        let memory = MemBuffer::try_new(scratch).map_err(|_| Error::Memory { what: WHAT, bytes })?;
+        Ok(Self { whole: Mat::zeros(size, size), memory })
+    }
+
+    /// Whether `[S^-1 - N, Q*; Q, most S - P] > 0`: `gamma^-2` is below `most`.
+    fn above(&mut self, of: &Reduced, s: &[f64], (outs, ins): (&[usize], &[usize]), most: f64) -> bool {
+        let k = ins.len();
+        for (j, channel) in ins.iter().enumerate() {
+            (j..k).for_each(|i| self.whole[(i, j)] = -of.n[(i, j)]);
+            self.whole[(j, j)] += 1.0 / s[*channel];
+            (0..outs.len()).for_each(|i| self.whole[(k + i, j)] = of.q[(i, j)]);
+        }
+        for (j, channel) in outs.iter().enumerate() {
+            (j..outs.len()).for_each(|i| self.whole[(k + i, k + j)] = -of.p[(i, j)]);
+            self.whole[(k + j, k + j)] += most * s[*channel];
+        }
+        let stack = MemStack::new(&mut self.memory);
+        cholesky_in_place(self.whole.as_mut(), Default::default(), Par::Seq, stack, Default::default()).is_ok()
     }
 }
 
@@ -214,6 +247,13 @@ fn least((low, high): (f64, f64), count: usize, mut f: impl FnMut(f64) -> f64) -
     best
 }
 
+/// The largest first, so that the others need no eigenvalues.
+fn by_size(all: Vec<Reduced>, mut size: impl FnMut(&[Reduced]) -> f64) -> Vec<Reduced> {
+    let mut sizes = gathered(all.into_iter().map(|one| (size(std::slice::from_ref(&one)), one)));
+    sizes.sort_by(|a, b| b.0.total_cmp(&a.0));
+    gathered(sizes.into_iter().map(|one| one.1))
+}
+
 /// What channels do at the angles that were looked at.
 pub(super) struct Field {
     response: Response,
@@ -221,7 +261,7 @@ pub(super) struct Field {
 }
 
 /// Channels made of those of a field, at an angle; None where the region is too large for them.
-pub(super) type View<'a> = &'a dyn Fn(f64, Reduced) -> Option<Reduced>;
+pub(super) type View<'a> = &'a dyn Fn(f64, &Reduced) -> Option<Reduced>;
 
 /// Which channels are asked for: the parts of the common size, the channel of each row and of each column, and rounds of
 /// finer angles around the largest.
@@ -265,7 +305,7 @@ impl Field {
 
     /// Whether the region is not too large for what is seen at all angles.
     pub fn stands(&self, view: View<'_>) -> bool {
-        self.at.iter().all(|(angle, one)| view(*angle, one.clone()).is_some())
+        self.at.iter().all(|(angle, one)| view(*angle, one).is_some())
     }
 
     /// The largest common size of the channels.
@@ -275,9 +315,9 @@ impl Field {
         let seen = |at: &[(f64, Reduced)]| {
             let mut all = Vec::new();
             for (angle, one) in at {
-                all.push(view(*angle, one.clone())?.scaled(&rows));
+                all.push(view(*angle, one)?.scaled(&rows));
                 if of.both {
-                    all.push(view(-*angle, one.conjugate())?.scaled(&rows));
+                    all.push(view(-*angle, &one.conjugate())?.scaled(&rows));
                 }
             }
             Some(all)
@@ -296,21 +336,15 @@ impl Field {
         }
         let mut logs = filled(count, 0.0);
         let s_of = |logs: &[f64]| gathered(logs.iter().zip(&unit).map(|(log, unit)| unit * 10f64.powf(*log)));
-        let size = |all: &[Reduced], logs: &[f64]| {
+        let mut work = Work::new(of.outs.len() + of.ins.len())?;
+        let mut size = |all: &[Reduced], logs: &[f64]| {
             let s = s_of(logs);
             all.iter().fold(0.0f64, |most, one| {
-                let v = one.least(&s, (of.outs, of.ins), most);
+                let v = one.least(&s, (of.outs, of.ins), most, &mut work);
                 if v <= most { most } else { v }
             })
         };
-        // the largest first, so that the others need no eigenvalues
-        let ordered = |all: &mut Vec<Reduced>, logs: &[f64]| {
-            let s = s_of(logs);
-            let mut sizes = gathered(all.drain(..).map(|one| (one.least(&s, (of.outs, of.ins), 0.0), one)));
-            sizes.sort_by(|a, b| b.0.total_cmp(&a.0));
-            all.extend(sizes.into_iter().map(|one| one.1));
-        };
-        ordered(&mut all, &filled(count, -1.0));
+        all = by_size(all, |one| size(one, &filled(count, -1.0)));
         for round in 0..of.rounds {
             stop.check()?;
             let mut best = if round == 0 { f64::INFINITY } else { size(&all, &logs) };
@@ -344,8 +378,7 @@ impl Field {
                 return Ok(None);
             }
             let Some(finer) = seen(&self.at) else { return Ok(None) };
-            all = finer;
-            ordered(&mut all, &logs);
+            all = by_size(finer, |one| size(one, &logs));
         }
         let level = size(&all, &logs).max(1e-200);
         let gamma = level.sqrt().recip();
@@ -358,7 +391,7 @@ impl Field {
 pub(super) fn hint(of: &Blocks, shares: &[f64], stop: &Stop) -> Result<Option<Found>> {
     let Some(mut field) = Field::new(of, stop)? else { return Ok(None) };
     let asked = Asked { shares, outs: &of.outs, ins: &of.ins, rounds: ROUNDS_OF_ANGLES, both: false };
-    field.hint(asked, &|_, one| Some(one), stop)
+    field.hint(asked, &|_, one| Some(one.clone()), stop)
 }
 
 /// The largest common size of channels that is proved, with its multipliers; 0 where none is. `most` is enough.

@@ -968,20 +968,31 @@ class SetPoint:
     def moving(
         self, bias: _Floats, step: _Floats, slope: _Floats, given: _Floats
     ) -> tuple[_Floats, _Floats]: ...
+    # of a law (gain, what is added, rate, low, high) about it, with step, slope and given inputs;
+    # None: it overflows
+    def input(
+        self,
+        x: _Floats,
+        bias: _Floats,
+        moves: tuple[_Floats, _Floats, _Floats],
+        law: tuple[_Floats, _Floats, _Floats, _Floats, _Floats],
+        acted: _Floats,
+    ) -> _Floats | None: ...
 
 # L and P (p, p) of a bias that is learned
 def bias_gain(of_inputs: _Floats, drift: _Floats, noise: _Floats) -> tuple[_Floats, _Floats]: ...
 
 @final
 class Readings:
-    # signals: the mean of the outputs, and what is not known of outputs and inputs at first;
+    # signals: the mean of the outputs, what is not known of outputs and inputs at first, and above
+    # which no output can have been measured;
     # bias: its gain, the covariance of its error, and of the noise; aim: as of `aim`
     def __new__(
         cls,
         window: Window,
         theta: _Floats,
         noise: _Floats,
-        signals: tuple[_Floats, _Floats],
+        signals: tuple[_Floats, _Floats, _Floats],
         gate: Gate | None,
         bias: tuple[_Floats, _Floats, _Floats],
         aim: tuple[_Floats, _Floats, _Floats, _Floats],
@@ -991,10 +1002,13 @@ class Readings:
     def tables(self) -> tuple[list[tuple[str, int]], list[tuple[str, _Floats]]]: ...
     # what a bias adds to the inputs that hold the set point, these inputs, and their limits
     def aim(self, aim: tuple[_Floats, _Floats, _Floats, _Floats]) -> None: ...
-    # what was predicted, the bias, how far off in widths of the gate, whether believed; x
+    # what was predicted, the bias, how far off in widths of the gate, whether believed; x, and
+    # whether all was read
     def step(
-        self, y: _Floats, seen: list[bool], acted: _Floats, bias: _Floats, started: bool
-    ) -> tuple[_Floats | None, _Floats, float, bool, Literal["lost", "waits", "runs"], _Floats]: ...
+        self, y: _Floats, acted: _Floats, bias: _Floats, started: bool
+    ) -> tuple[
+        _Floats | None, _Floats, float, bool, Literal["lost", "waits", "runs"], _Floats, bool
+    ]: ...
     def start(self, x: _Floats) -> None: ...
     # x, whether it is known, excess, complete readings in a row, calls, readings of each output,
     # whether it is stuck

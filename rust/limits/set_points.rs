@@ -763,6 +763,44 @@ impl SetPoints {
     }
 }
 
+/// A gain K (m, n), what is added to its input, and the limits of that: of the change in one step, low and high (m).
+#[derive(Debug)]
+pub struct Law<'a> {
+    /// K.
+    pub gain: &'a [f64],
+    /// What is added.
+    pub more: &'a [f64],
+    /// Most of the change.
+    pub rate: &'a [f64],
+    /// The least input.
+    pub low: &'a [f64],
+    /// The largest one.
+    pub high: &'a [f64],
+}
+
+impl Law<'_> {
+    /// `us + K (x - xs) + more`, at most `rate` from `acted`, within the limits; None where it overflows.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Memory`].
+    pub fn input(&self, x: &[f64], (xs, us): (&[f64], &[f64]), acted: &[f64]) -> Result<Option<Vec<f64>>> {
+        let (n, m) = (xs.len(), us.len());
+        let sizes = [self.more, self.rate, self.low, self.high, acted].map(<[f64]>::len);
+        if x.len() != n || self.gain.len() != m * n || sizes != [m; 5] {
+            return Err(Error::Shape { name: "x", expected: format!("{n} states"), found: x.len().to_string() });
+        }
+        let law = |i: usize| (0..n).map(|j| self.gain[i * n + j] * (x[j] - xs[j])).sum::<f64>() + us[i] + self.more[i];
+        let mut u = try_collect(WHAT, (0..m).map(law))?;
+        if !u.iter().all(|v| v.is_finite()) {
+            return Ok(None);
+        }
+        for (i, u) in u.iter_mut().enumerate() {
+            *u = u.max(acted[i] - self.rate[i]).min(acted[i] + self.rate[i]).max(self.low[i]).min(self.high[i]);
+        }
+        Ok(Some(u))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use std::sync::Arc;

@@ -9,7 +9,7 @@ use super::region::PyRegion;
 use super::run::run;
 use super::shared::Shared;
 use super::window::PyWindow;
-use crate::memory::try_copy;
+use crate::memory::{try_collect, try_copy};
 use crate::region::{Aim, Bias, Gate, Readings};
 use crate::window::{Contents, Filter};
 
@@ -19,8 +19,9 @@ type Row<'py> = Bound<'py, PyArray1<f64>>;
 /// What a bias adds to the inputs that hold the set point (m, p), these inputs, and their limits low and high.
 type Aimed<'py> = (Matrix<'py>, Vector<'py>, Vector<'py>, Vector<'py>);
 type Made<'py> = Bound<'py, PyArray2<f64>>;
-/// What was predicted, the bias, how far off, whether believed, what follows ("lost", "waits" or "runs"), and x.
-type Found<'py> = (Option<Row<'py>>, Row<'py>, f64, bool, &'static str, Row<'py>);
+/// What was predicted, the bias, how far off, whether believed, what follows ("lost", "waits" or "runs"), x, and whether all
+/// was read.
+type Found<'py> = (Option<Row<'py>>, Row<'py>, f64, bool, &'static str, Row<'py>, bool);
 /// x, whether it is known, excess, complete readings in a row, calls, readings of each output, and whether it is stuck.
 type Now<'py> = (Row<'py>, bool, f64, usize, usize, Vec<usize>, bool);
 
@@ -72,19 +73,21 @@ pub(super) fn bias_gain<'py>(
 pub(super) struct PyReadings {
     inner: Shared<Readings>,
     cost: f64,
+    /// Above which nothing can have been measured.
+    most: Vec<f64>,
 }
 
 #[pymethods]
 impl PyReadings {
-    /// Of a model `theta` with the covariance of its noise; `signals`: the mean of the outputs, and the range and deviation of
-    /// outputs and inputs; `bias`: its gain, what is not known of it, and the noise; `aim`: see [`Self::aim`].
+    /// Of a model `theta` with the covariance of its noise; `signals`: the mean of the outputs, the range and deviation of
+    /// outputs and inputs, and above which no output can have been measured; `bias`: its gain, what is not known of it, and the noise; `aim`: see [`Self::aim`].
     #[new]
     #[expect(clippy::too_many_arguments, reason = "what a loop from readings is made of")]
     fn new(
         window: &Bound<'_, PyWindow>,
         theta: Matrix<'_>,
         noise: Matrix<'_>,
-        signals: (Vector<'_>, Vector<'_>),
+        signals: (Vector<'_>, Vector<'_>, Vector<'_>),
         gate: Option<&Bound<'_, PyGate>>,
         bias: (Matrix<'_>, Matrix<'_>, Matrix<'_>),
         aim: Aimed<'_>,
@@ -101,7 +104,7 @@ impl PyReadings {
         };
         let made = Readings::new(filter, theta, gate.map(|gate| gate.get().0.clone()), of, aimed(&aim)?, max_missing)?;
         let cost = 20.0 * ((window.states() + window.outputs()) as f64).powi(3);
-        Ok(Self { inner: Shared::new("loop", made), cost })
+        Ok(Self { inner: Shared::new("loop", made), cost, most: try_copy(WHAT, slice("most", &signals.2)?)? })
     }
 
     /// Another set point: what a bias adds to its inputs (m, p), these inputs, and their limits.
@@ -114,12 +117,12 @@ impl PyReadings {
         &self,
         py: Python<'py>,
         y: Vector<'_>,
-        seen: Vec<bool>,
         acted: Vector<'_>,
         bias: Vector<'_>,
         started: bool,
     ) -> PyResult<Found<'py>> {
         let (y, acted, bias) = (slice("y", &y)?, slice("applied", &acted)?, slice("bias", &bias)?);
+        let seen = try_collect(WHAT, y.iter().zip(&self.most).map(|(y, most)| y.abs() <= *most))?;
         let (found, x) = self.inner.with(py, self.cost, |inner, _| {
             let found = inner.step(y, &seen, acted, bias, started)?;
             Ok((found, try_copy(WHAT, inner.window().map_or(&[], |now| &now.x))?))
@@ -130,7 +133,8 @@ impl PyReadings {
             (_, true) => "runs",
         };
         let predicted = found.predicted.map(|predicted| array1(py, predicted)).transpose()?;
-        Ok((predicted, array1(py, found.bias)?, found.off, found.believed, follows, array1(py, x)?))
+        let whole = !seen.contains(&false);
+        Ok((predicted, array1(py, found.bias)?, found.off, found.believed, follows, array1(py, x)?, whole))
     }
 
     /// Sizes and numbers by their names, for a controller without this core.

@@ -10,7 +10,7 @@ use super::outputs::with_noise;
 use super::region::PyRegion;
 use super::run::run;
 use super::window::PyWindow;
-use crate::limits::{Causes, SetPoint, SetPointTask, SetPoints};
+use crate::limits::{Causes, Law, SetPoint, SetPointTask, SetPoints};
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -159,5 +159,28 @@ getters! {
         let moves = [slice("step", &step)?, slice("slope", &slope)?];
         let (x, u) = self.points.moving(&self.point, slice("bias", &bias)?, moves, slice("given", &given)?)?;
         Ok((array1(py, x)?, array1(py, u)?))
+    }
+
+    /// The input of a `law`, of its gain, what is added, rate, low and high, about the point as it moves; None: it overflows.
+    fn input<'py>(
+        &self,
+        py: Python<'py>,
+        x: Vector<'_>,
+        bias: Vector<'_>,
+        moves: (Vector<'_>, Vector<'_>, Vector<'_>),
+        law: (Matrix<'_>, Vector<'_>, Vector<'_>, Vector<'_>, Vector<'_>),
+        acted: Vector<'_>,
+    ) -> PyResult<Option<Row<'py>>> {
+        let ((step, slope, given), (gain, more, rate, low, high)) = (moves, law);
+        let moves = [slice("step", &step)?, slice("slope", &slope)?];
+        let (xs, us) = self.points.moving(&self.point, slice("bias", &bias)?, moves, slice("given", &given)?)?;
+        let law = Law {
+            gain: slice("gain", &gain)?,
+            more: slice("more", &more)?,
+            rate: slice("rate", &rate)?,
+            low: slice("low", &low)?,
+            high: slice("high", &high)?,
+        };
+        law.input(slice("x", &x)?, (&xs, &us), slice("acted", &acted)?)?.map(|u| array1(py, u)).transpose()
     }
 }

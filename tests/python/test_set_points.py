@@ -141,12 +141,13 @@ def test_a_bias_that_the_limits_cannot_take_off():
     window = _core.Window(2, 1, 1)
     region, _ = region_of("P1")
     loop = _core.Readings(
-        window, model, SIGMA, (np.zeros(2), np.ones(3)), _core.Gate.of(region, SIGMA, 1e-5),
+        window, model, SIGMA, (np.zeros(2), np.ones(3), np.full(2, 1e9)),
+        _core.Gate.of(region, SIGMA, 1e-5),
         (np.eye(2), SIGMA, SIGMA),
         (held.of_bias[2:].copy(), held.place[2:].copy(), np.array([-4.0]), np.array([4.0])), 3,
     )  # fmt: skip
     loop.start(np.zeros(2))
-    bias = loop.step(np.zeros(2), [True, True], np.zeros(1), np.array([3.0, -1.0]), False)[1]
+    bias = loop.step(np.zeros(2), np.zeros(1), np.array([3.0, -1.0]), False)[1]
     np.testing.assert_allclose(bias, [1.08, -1.16], atol=1e-9)
 
 

@@ -46,6 +46,8 @@ def measured(name: str, value: object, names: Sequence[str]) -> Floats:
     Only type and shape are checked: nan, inf and what is too large are for the caller to judge. Of
     one sensor a number will do.
     """
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == (len(names),):
+        return value.copy()
     given = _numeric(name, value, names)
     if given.ndim == 0 and len(names) == 1:
         given = given.reshape(1)

@@ -149,6 +149,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_learning",
         "_low",
         "_max_missing",
+        "_measures",  # whether there are inputs that are measured
         "_most",
         "_moves",  # the target from that of `_point`, its slope, and inputs
         "_past",  # the first states of the window, if the outputs had been at the targets
@@ -213,7 +214,7 @@ class ReadingLoop(ControlLoop[Reading]):
                 raise InputError("`forecast` must be None for a Loop, see `gain(given=)`")
             task = read_task(model.n, m, K, np.zeros(model.n), within, Cost(), labels)
             fixed, of_inputs = np.isin(model.input_names, gain.given), model.data.pairs()[1]
-            policy, ahead = gain.K, np.where(fixed, of_inputs.mean(axis=0), np.nan)[None]
+            policy, ahead = gain.K.copy(), np.where(fixed, of_inputs.mean(axis=0), np.nan)[None]
         else:
             K = validation.size("steps", steps)
             weights = replace(weights, R="auto") if weights.R is None else weights
@@ -241,7 +242,7 @@ class ReadingLoop(ControlLoop[Reading]):
         self._solved = np.zeros(model.n), np.zeros(m)  # of the problem that is solved, at rest
         self._rows, self._way = self._padded(targets(model, target)), None
         here, fixed = model.data.pairs()[0].mean(axis=0), ~np.isnan(ahead[0])
-        self._given, self._acted = ahead, self._safe
+        self._given, self._measures, self._acted = ahead, bool(fixed.any()), self._safe
         self._low[fixed], self._high[fixed] = -np.inf, np.inf
         self._require(self._rows, here)
         self._aimed = self._rows[0], here, ahead[-1]
@@ -266,7 +267,7 @@ class ReadingLoop(ControlLoop[Reading]):
             self.model.regressors.core,
             np.ascontiguousarray(self.model.coefficients),
             self._learning[2],
-            (y.mean(axis=0), wide),
+            (y.mean(axis=0), wide, self._most[: y.shape[1]].copy()),
             gate_of(self.model),
             self._learning,
             self._toward(),
@@ -323,24 +324,22 @@ class ReadingLoop(ControlLoop[Reading]):
             If the readings have another shape or are no numbers, the target is none, or another
             thread is in a call. The loop is then as it was before the call.
         """
-        started, model = perf_counter(), self.model
+        started, labels = perf_counter(), self.labels
         with self._turn():
-            read = validation.measured("y", y, model.outputs)
+            read = validation.measured("y", y, labels.states)
             acted, why = self._last, []
             if applied is not None:
-                acted = validation.measured("applied", applied, model.input_names)
-                wrong = validation.broken(acted, self._most[len(read) :], model.input_names)
+                acted = validation.measured("applied", applied, labels.inputs)
+                wrong = validation.broken(acted, self._most[len(read) :], labels.inputs)
                 if wrong is not None:
                     acted, why = self._last, [wrong]
-            measures = given is not None or not np.isnan(self._given).all()
-            now = self._measured(given) if measures else self._given
+            now = self._measured(given) if given is not None or self._measures else self._given
             if target is not None:
-                self._follow(targets(model, target))
-            if measures:
+                self._follow(targets(self.model, target))
+            if self._measures:
                 self._given = now
                 self._window.aim(self._toward())
-            with np.errstate(all="ignore"):
-                return self._stepped(read, acted, why, started)
+            return self._stepped(read, acted, why, started)
 
     def _measured(self, given: Any) -> Floats:
         """The inputs that are measured and forecast; one that cannot be true is as before."""
@@ -360,14 +359,12 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _stepped(self, y: Floats, acted: Floats, why: list[str], started: float) -> Floats:
         """Take the reading in, or what is predicted in its place."""
-        most = self._most[: len(y)]
-        seen = (np.abs(y) <= most).tolist()
-        if not all(seen):
-            why.append(str(validation.broken(y, most, self.model.outputs)))
-        found = self._window.step(y, seen, acted, self._bias, self._started)
-        predicted, bias, off, believed, follows, x = found
+        found = self._window.step(y, acted, self._bias, self._started)
+        predicted, bias, off, believed, follows, x, whole = found
         u = self._last
         status: ReadingStatus = "held" if self._started else "filling"
+        if not whole:
+            why.append(str(validation.broken(y, self._most[: len(y)], self.labels.states)))
         if believed:
             why.append("rejected 3 times, and so no false reading: now taken for true")
         elif off > 1.0:
@@ -377,7 +374,8 @@ class ReadingLoop(ControlLoop[Reading]):
                 if not self._started and np.isnan(self._rows[0]).any():
                     self._aim(self._aimed[0], x[: len(y)].copy())  # what is free stays where it is
                     self._window.aim(self._toward())
-                u, status = self._input(x, bias, acted)
+                with np.errstate(all="ignore"):
+                    u, status = self._input(x, bias, acted)
             except InputError:  # what overflows, or leaves no room within the limits
                 follows = "lost"
         self._runs = follows == "runs"
@@ -455,10 +453,16 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _input(self, x: Floats, bias: Floats, acted: Floats) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""
-        self._acted, (xs, us, way) = acted, self._coming(bias)
+        self._acted, (more, by) = acted, self._fading
+        if by:
+            self._fading = more * by, by
+        u: Floats | None
         if isinstance(self._policy, np.ndarray):
-            v, status = self._policy @ (x - xs) + self._forward[0], "gain"
+            added = self._forward[0] + more if by else self._forward[0]
+            law = self._policy, added, self._rate, self._low, self._high
+            u, status = self._point.input(x, bias, self._moves, law, acted), "gain"
         else:
+            xs, us, way = self._coming(bias)
             solver, off = self._solver_at(xs, us), np.zeros(len(self._system[0]))
             off[: len(x)] = x - xs
             if np.isfinite(self._rate).any():
@@ -466,18 +470,17 @@ class ReadingLoop(ControlLoop[Reading]):
             if way is not None:
                 solver.toward(np.pad(way, [(0, 0), (0, len(off) - len(bias))]))
             found = solver.solve(off, None)
-            v, status = found.control[: len(us)], found.status
-        more, by = self._fading
-        u = v + us + more
-        if not math.isfinite(u.sum()):
+            u, status = found.control[: len(us)] + us, found.status
+        if u is None or not math.isfinite(u.sum()):
             raise NonFiniteError("`y` is too large: the input overflows")
-        self._fading = more * by, by
-        u = np.minimum(np.maximum(u, acted - self._rate), acted + self._rate)
-        return np.minimum(np.maximum(u, self._low), self._high), status
+        if status != "gain":
+            u = np.minimum(np.maximum(u, acted - self._rate), acted + self._rate)
+            u = np.minimum(np.maximum(u, self._low), self._high)
+        return u, status
 
     def _coming(self, bias: Floats) -> tuple[Floats, Floats, Floats | None]:
         """Window and inputs at rest, and along targets to come how far the window is to be off."""
-        if self._asked is None or not (self._ahead or len(self._rows) > 1):
+        if not self._ahead and len(self._rows) == 1:
             return *self._point.moving(bias, *self._moves), None
         start, slope, off = way_of(self._rows, self._steps, self._aimed[0])
         xs, us = self._point.moving(bias, start, slope, self._moves[2])
@@ -496,7 +499,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if self._solver is None:
             A, B, _ = self._system
             self._solver, near = loop_of(task, A, B, None), np.False_
-        if not np.isnan(self._given).all():
+        if self._measures:
             self._solver.fix(steps_ahead(self._given, task.steps))
             near = np.False_
         if not near:
@@ -539,7 +542,7 @@ class ReadingLoop(ControlLoop[Reading]):
         """Refuse targets that are too large, or rest in no system: the first and the last row."""
         if (np.abs(rows) > self._most[: rows.shape[1]]).any():
             raise InputError("`target` is too large: a million times the largest in the data")
-        if np.isnan(self._given).all():
+        if not self._measures:
             limits = self._low, self._high
             for row in rows[:: max(1, len(rows) - 1)]:
                 set_point(self.model, Aim(row, self._weights, limits, now, self._given[0]))
@@ -577,7 +580,8 @@ class ReadingLoop(ControlLoop[Reading]):
             self._rows, self._forward = self._rows[1:], self._forward[1:]
             self._way = self._way and (self._way[0][1:], self._way[1][1:])
             self._window.aim(self._toward())
-        u = np.where(np.isnan(self._given[0]), u, self._given[0])
+        if self._measures:
+            u = np.where(np.isnan(self._given[0]), u, self._given[0])
         took = perf_counter() - started
         return self._entered(Reading(y=y, u=u, bias=self._bias, seconds=took, **how), u, y, acted)
 
@@ -725,7 +729,7 @@ class ReadingLoop(ControlLoop[Reading]):
         return plan_from(self.model, start, (point, rows, self._past), Wanted(steps, limits, cost))
 
     def _predictions(self) -> PredictedLoop:
-        if not np.isnan(self._given).all():
+        if self._measures:
             raise InputError("`validate` is for loops without measured inputs: their way is open")
         model, noise = self.model, self.model.covariance
         unit = np.ones(model.n_outputs) if noise is None else np.sqrt(np.diag(noise))
@@ -785,11 +789,11 @@ class ReadingLoop(ControlLoop[Reading]):
         one, other = (replace(of.regressors, found=None) for of in (model, self.model))
         if one != other or gain.given != tuple(np.array(one.inputs)[fixed].tolist()):
             raise InputError("`gain` must have the signals, the window and `given` of this loop")
-        radius = float(np.abs(gain.E).max())
+        radius = max(float(np.abs(gain.E).max()), np.finfo(float).tiny)
         if radius >= 1.0:
             raise InputError(f"`gain` must be stable for its model, its radius is {radius:.4g}")
         new, now, more = copy.copy(self), self._window.now, np.zeros(model.m)
-        new._policy = gain.K
+        new._policy = gain.K.copy()
         new._of(model, gain)
         new._require(new._rows, new._aimed[1])
         new._restore(new._saved())
@@ -908,7 +912,7 @@ class ReadingLoop(ControlLoop[Reading]):
         proof, now = self.certificate(delta), self._window.now
         if now is None or not now[1] or not self._runs:
             raise InputError("`tube` needs a full window, of which no reading was missing")
-        if not np.isnan(self._given).all():
+        if self._measures:
             raise InputError("`tube` is for loops without measured inputs: their way is not known")
         K, model = validation.size("steps", steps), self.model
         ways, slopes = moves(self._rows, K, self._aimed[0])
@@ -962,7 +966,7 @@ class ReadingLoop(ControlLoop[Reading]):
         True
         """
         model, row, now = self.model, self._rows[0], self._aimed[1]
-        if len(self._rows) > 1 or not np.isnan(self._given).all():
+        if len(self._rows) > 1 or self._measures:
             raise InputError("`to_c` writes loops of one target and without inputs that are given")
         places = [self._without_limits(row, at, self._given[0]).place for at in (now, now + 1.0)]
         if not np.allclose(places[0], places[1]):

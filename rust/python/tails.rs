@@ -2,21 +2,17 @@
 
 use numpy::{PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
-use pyo3::types::{PyDict, PyTuple};
+use pyo3::types::PyTuple;
 
-use super::arrays::mapping;
-use super::convert::{array1, array2, slice};
+use super::convert::slice;
 use super::error::{InputError, ShapeError};
 use super::run::run;
-use crate::memory::try_copy;
 use crate::tails::{FusedControl, Inequality, Lines, Norm, Problem};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
 /// `(A, B, x0, xf, rows, control, paired)`
 type Told<'py> = (Matrix<'py>, Matrix<'py>, Vector<'py>, Vector<'py>, bool, bool, bool);
-
-const WHAT: &str = "a tail bound";
 
 enum Setting {
     Lines(Lines),
@@ -84,44 +80,6 @@ impl PyTailBounds {
             }
         };
         found.ok_or_else(unknown)
-    }
-
-    /// Of a control: what the formulas are made of, in units.
-    fn constants<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let (found, Setting::Control(of)) = (mapping(py)?, &self.of) else {
-            return mapping(py);
-        };
-        let of = &of.image;
-        found.set_item("A", array2(py, try_copy(WHAT, &of.a)?, of.n, of.n)?)?;
-        found.set_item("images", array2(py, try_copy(WHAT, &of.images)?, of.n, of.images.len() / of.n)?)?;
-        for (name, values) in [("x0", &of.x0), ("xf", &of.xf), ("tau", &of.tau)] {
-            found.set_item(name, array1(py, try_copy(WHAT, values)?)?)?;
-        }
-        let numbers = [
-            ("unit", of.unit),
-            ("unit_x0", of.unit_x0),
-            ("g0", of.g0),
-            ("D_f", of.d_f),
-            ("reach_A", of.reach_a),
-            ("reach_z", of.reach_z),
-            ("cap_A", of.cap_a),
-            ("slope_A", of.slope_a),
-        ];
-        numbers.iter().try_for_each(|(name, number)| found.set_item(name, number))?;
-        Ok(found)
-    }
-
-    /// Of a control: mean square error, the root of the squared ranges of one `M A^s x`, and the largest
-    /// `||M A d||^2 + rate E||M (A^s - A) d||^2`.
-    fn measures(&self, rates: Vec<f64>, x: Vector<'_>) -> PyResult<(f64, f64, f64)> {
-        let (Setting::Control(of), rates) = (&self.of, three(&rates)?) else {
-            return Err(InputError::new_err("`measures` are those of a control"));
-        };
-        let x = slice("x", &x)?;
-        if x.len() != of.image.n {
-            return Err(ShapeError::new_err(format!("`x` must have {} entries, got {}", of.image.n, x.len())));
-        }
-        Ok((of.mean_square(rates), of.image.range(x), of.image.d_0_squared(rates[2])))
     }
 }
 

@@ -271,7 +271,8 @@ def main(kinds: tuple[type, ...] = (Belt, Oven)) -> None:
                     lost = int(np.sum(~(far < kind.failure)))
                     print(
                         f"| {event} | {way} | {np.median(held):.3f} | {np.median(most):.2f} | "
-                        f"{most.max():.2f} | {np.median(far):.2f} | {lost} | {1e6 * np.median(spent):.0f} us |"
+                        f"{most.max():.2f} | {np.median(far):.2f} | {lost} | "
+                        f"{1e6 * np.median(spent):.0f} us |"
                     )
     for made in (ours, Theirs):
         print(made.__name__, len(inspect.getsource(made).splitlines()), "lines")

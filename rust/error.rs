@@ -122,6 +122,14 @@ impl fmt::Display for Obstacle {
     }
 }
 
+/// As many entries as `expected`.
+pub(crate) fn sized(name: &'static str, found: usize, expected: usize) -> Result<()> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(Error::Shape { name, expected: format!("{expected} entries"), found: found.to_string() })
+}
+
 /// The index of the first NaN or infinity becomes an error that names `name`.
 pub(crate) fn require_finite(name: &'static str, values: &[f64]) -> Result<()> {
     match values.iter().position(|v| !v.is_finite()) {

@@ -6,7 +6,7 @@
 
 use rand::RngExt;
 
-use crate::error::{Error, Result, require_finite};
+use crate::error::{Error, Result, require_finite, sized};
 use crate::identify::covariance_root;
 use crate::memory::{checked_len, try_zeros};
 use crate::parallel::Stop;
@@ -254,10 +254,8 @@ fn checked<'a>(goal: Goal<'a>, runs: NextRuns<'_>) -> Result<(usize, Search<'a>)
     let Goal { model, n, m, white, covariance, x0, inputs } = goal;
     let d = model.len().checked_div(n).unwrap_or(0);
     let fits = |name, values: &[f64], len: usize| {
-        if values.len() == len {
-            return require_finite(name, values);
-        }
-        Err(Error::Shape { name, expected: format!("{len} entries"), found: values.len().to_string() })
+        sized(name, values.len(), len)?;
+        require_finite(name, values)
     };
     if n == 0 || m == 0 || d.wrapping_sub(n + m) > 1 || inputs.is_empty() || runs.steps == 0 {
         let expected = "n rows of n + m entries, or one more, and a step at least".into();

@@ -1,6 +1,6 @@
 //! The paired realizations of a control problem, and the mean of `y^s = xf^s - A^s x0^s`.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::fuse::Dense;
 use crate::memory::{checked_len, try_collect, try_zeros};
 use crate::parallel::Stop;
@@ -61,9 +61,7 @@ impl<'a> Realized<'a> {
     /// [`Error::Shape`] if the entities' shapes or numbers of realizations differ.
     pub fn new(x0: Entity<'a>, xf: Entity<'a>, a: Entity<'a>, n: usize) -> Result<Self> {
         for (name, entity, len) in [("x0", &x0, n), ("xf", &xf, n), ("A", &a, checked_len("A", n, n)?)] {
-            if entity.len() != len {
-                return Err(Error::Shape { name, expected: format!("{len} entries"), found: entity.len().to_string() });
-            }
+            sized(name, entity.len(), len)?;
         }
         let mut sizes = [("x0", &x0), ("xf", &xf), ("A", &a)].map(|(name, e)| (name, e.size()));
         sizes.sort_unstable_by_key(|(_, size)| size.is_none());

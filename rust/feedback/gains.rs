@@ -3,7 +3,7 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::memory::{covered, room_for_products};
 use crate::parallel::Stop;
 use crate::region::Region;
@@ -50,10 +50,7 @@ pub fn eigenvalues(a: &[f64], b: &[f64], k: &[f64], n: usize, m: usize) -> Resul
 }
 
 fn weights(name: &'static str, values: &[f64], size: usize) -> Result<Matrix> {
-    if values.len() != size * size {
-        let found = values.len().to_string();
-        return Err(Error::Shape { name, expected: format!("{size} x {size} entries"), found });
-    }
+    sized(name, values.len(), size * size)?;
     crate::error::require_finite(name, values)?;
     Ok(symmetric(&matrix(values, size, size)))
 }
@@ -71,10 +68,7 @@ fn refused(what: &str) -> Error {
 pub fn least_squares(a: &[f64], b: &[f64], q: &[f64], r: &[f64], n: usize, m: usize, stop: &Stop) -> Result<Gain> {
     for (name, values, size) in [("A", a, n * n), ("B", b, n * m)] {
         crate::error::require_finite(name, values)?;
-        if values.len() != size {
-            let found = values.len().to_string();
-            return Err(Error::Shape { name, expected: format!("{size} entries"), found });
-        }
+        sized(name, values.len(), size)?;
     }
     room_for_products()?;
     covered(WHAT, bytes(n, n + m), || {

@@ -16,7 +16,7 @@ use std::sync::Arc;
 use faer::Mat;
 use faer::linalg::solvers::DenseSolveCore;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::identify::normal_quantile;
 use crate::memory::{covered, try_copy};
 use crate::parallel::Stop;
@@ -284,10 +284,7 @@ impl Keeper {
     /// [`Error::Shape`].
     pub fn follow(&self, x0: &[f64], plan: &[f64], k: usize, x: &[f64]) -> Result<Vec<f64>> {
         let (data, mut z, mut next) = (&self.of.data, self.begin(x0, plan)?, Vec::new());
-        if x.len() != data.n {
-            let found = x.len().to_string();
-            return Err(Error::Shape { name: "x", expected: format!("{} entries", data.n), found });
-        }
+        sized("x", x.len(), data.n)?;
         next.resize(data.n, 0.0);
         (1..=k).for_each(|k| self.step(&mut z, &mut next, plan, k));
         let (xb, u) = z.split_at(data.n);

@@ -2,7 +2,7 @@
 
 use faer::Mat;
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::memory::{covered, room_for_products};
 use crate::parallel::Stop;
 use crate::region::Region;
@@ -74,10 +74,7 @@ impl Loop {
     /// As [`Loop::new`].
     pub fn beside(region: &Region, misfits: Vec<Misfit>, gain: &[f64], stop: &Stop) -> Result<Self> {
         let (n, m) = (region.n, region.m);
-        if gain.len() != m * n {
-            let found = gain.len().to_string();
-            return Err(Error::Shape { name: "K", expected: format!("{m} x {n} entries"), found });
-        }
+        sized("K", gain.len(), m * n)?;
         crate::error::require_finite("K", gain)?;
         room_for_products()?;
         covered(WHAT, bytes(n, region.d), || {
@@ -112,10 +109,7 @@ impl Loop {
     /// [`Error::Shape`], [`Error::Memory`].
     pub fn invariant(&self, x: &[f64], alpha: f64, lambda: f64, slack: Option<f64>) -> Result<Option<Vec<f64>>> {
         let n = self.data.n;
-        if x.len() != n * n {
-            let found = x.len().to_string();
-            return Err(Error::Shape { name: "X", expected: format!("{n} x {n} entries"), found });
-        }
+        sized("X", x.len(), n * n)?;
         covered(WHAT, bytes(n, self.data.region.d), || {
             let back = self.data.back();
             let x = in_units(&matrix(x, n, n), &back, &back);

@@ -1,6 +1,6 @@
 //! Lower and upper limits, and which of them a control has reached.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 
 /// `low <= u <= high`; infinite where there is no limit.
 #[derive(Clone, Copy)]
@@ -16,10 +16,7 @@ impl<'a> Bounds<'a> {
     /// [`Error::Shape`], and [`Error::Value`] for NaN, for `low > high`, and for a side that leaves nothing.
     pub fn new(low: &'a [f64], high: &'a [f64], d: usize) -> Result<Self> {
         for (name, side) in [("low", low), ("high", high)] {
-            if side.len() != d {
-                let found = format!("{} entries", side.len());
-                return Err(Error::Shape { name, expected: format!("{d} entries"), found });
-            }
+            sized(name, side.len(), d)?;
         }
         for (i, (&l, &h)) in low.iter().zip(high).enumerate() {
             if !(l <= h && l < f64::INFINITY && h > f64::NEG_INFINITY) {

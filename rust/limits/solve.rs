@@ -8,7 +8,7 @@ use super::dense::Dense;
 use super::orthogonal::Orthogonal;
 use super::quadratic::{Method, Quadratic, Status, Until};
 use super::search::{Search, good};
-use crate::error::{Error, Result, require_finite};
+use crate::error::{Error, Result, require_finite, sized};
 use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
 
 const WHAT: &str = "a control within limits";
@@ -107,10 +107,7 @@ impl Penalty<'_> {
             Self::Diagonal(values) => (values, d),
             Self::Full(values) => (values, checked_len(WHAT, d, d)?),
         };
-        if values.len() != len {
-            let found = format!("{} entries", values.len());
-            return Err(Error::Shape { name, expected: format!("{len} entries"), found });
-        }
+        sized(name, values.len(), len)?;
         require_finite(name, values)?;
         let indefinite =
             |v: f64| Error::Value { name, expected: "positive semidefinite", found: format!("a pivot of {v:e}") };
@@ -268,13 +265,7 @@ pub(super) fn aim(dense: &mut Dense, rows: usize, y: &[f64]) -> Result<()> {
 }
 
 pub(super) fn checked_warm(warm: Option<&[i8]>, d: usize) -> Result<()> {
-    match warm {
-        Some(warm) if warm.len() != d => {
-            let found = format!("{} entries", warm.len());
-            Err(Error::Shape { name: "warm", expected: format!("{d} entries"), found })
-        }
-        _ => Ok(()),
-    }
+    sized("warm", warm.map_or(d, <[i8]>::len), d)
 }
 
 /// The least `||M u - y||^2 + u' R u` within `bounds`, from the limits that `warm` names.

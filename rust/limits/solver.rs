@@ -6,7 +6,7 @@ use super::orthogonal::reduce;
 use super::quadratic::{Quadratic, Until};
 use super::search::{FACTORIZATIONS, Search};
 use super::solve::{Most, Penalty, Solution, checked_warm, find, measured, stacked, tell};
-use crate::error::{Error, Result, require_finite};
+use crate::error::{Error, Result, require_finite, sized};
 use crate::memory::{checked_len, try_copy, try_filled, try_zeros};
 use crate::parallel::Stop;
 
@@ -71,13 +71,7 @@ impl Solver {
     /// As [`super::box_control`].
     pub fn solve(&mut self, x: &[f64], until: Until<'_>) -> Result<&Solution> {
         let (d, n) = (self.low.len(), self.n);
-        if x.len() != n {
-            return Err(Error::Shape {
-                name: "x",
-                expected: format!("{n} entries"),
-                found: format!("{} entries", x.len()),
-            });
-        }
+        sized("x", x.len(), n)?;
         require_finite("x", x)?;
         let (of_inputs, others) = self.map.split_at(d * (n + 1));
         let at = |row: &[f64]| row[n] - x.iter().zip(row).map(|(x, v)| x * v).sum::<f64>();

@@ -12,7 +12,7 @@ use rand::rngs::ChaCha8Rng;
 
 use crate::Scheme;
 use crate::control::steps_control;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::fuse::norm;
 use crate::memory::{checked_len, try_collect, try_room, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
@@ -70,9 +70,7 @@ impl Plans {
     pub fn new(x0: PlanEntity, xf: PlanEntity, a: PlanEntity, rows: bool, paired: bool) -> Result<Self> {
         let n = x0.len();
         for (name, entity, len) in [("xf", &xf, n), ("A", &a, checked_len("A", n, n)?)] {
-            if entity.len() != len {
-                return Err(Error::Shape { name, expected: format!("{len} entries"), found: entity.len().to_string() });
-            }
+            sized(name, entity.len(), len)?;
         }
         let systematic = matches!(&a, PlanEntity::Drawn(average) if average.scheme == Scheme::Systematic);
         if rows && paired && systematic {

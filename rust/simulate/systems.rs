@@ -2,7 +2,7 @@
 
 use super::block::{RUNS, Row, States};
 use super::moments::{Ensemble, Second, Sums, Tree};
-use crate::error::{Error, Result, require_finite};
+use crate::error::{Error, Result, require_finite, sized};
 use crate::memory::{checked_len, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
 
@@ -79,10 +79,8 @@ impl Systems<'_> {
         let square = checked_len(WHAT, n, n)?;
         let size = self.a.len().checked_div(square).unwrap_or(0);
         let fits = |name, values: &[f64], len: usize| {
-            if values.len() == len {
-                return require_finite(name, values);
-            }
-            Err(Error::Shape { name, expected: format!("{len} entries"), found: values.len().to_string() })
+            sized(name, values.len(), len)?;
+            require_finite(name, values)
         };
         if size == 0 || m == 0 {
             return Err(Error::Shape { name: "A", expected: "a system at least".into(), found: "none".into() });

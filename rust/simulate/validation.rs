@@ -3,7 +3,7 @@
 
 use super::systems::{Systems, WHAT};
 use crate::control::{times, transposed};
-use crate::error::{Error, Result, require_finite};
+use crate::error::{Error, Result, require_finite, sized};
 use crate::identify::{Symmetric, f_upper};
 use crate::memory::{checked_len, try_copy, try_zeros};
 use crate::parallel::{Stop, for_each_chunk};
@@ -146,10 +146,8 @@ impl Predicted<'_> {
     fn checked(&self) -> Result<()> {
         let n = self.n;
         let fits = |name, values: &[f64], len: usize| {
-            if values.len() == len {
-                return require_finite(name, values);
-            }
-            Err(Error::Shape { name, expected: format!("{len} entries"), found: values.len().to_string() })
+            sized(name, values.len(), len)?;
+            require_finite(name, values)
         };
         let one = self.one();
         if n == 0
@@ -244,10 +242,7 @@ pub fn order_statistic(scores: &[f64], rank: usize) -> Result<f64> {
 /// is not in `[0, inf)`, [`Error::Memory`].
 pub fn weighted_order_statistic(scores: &[f64], weights: &[f64], delta: f64) -> Result<f64> {
     not_nan(scores)?;
-    if weights.len() != scores.len() + 1 {
-        let expected = format!("{} entries", scores.len() + 1);
-        return Err(Error::Shape { name: "weights", expected, found: weights.len().to_string() });
-    }
+    sized("weights", weights.len(), scores.len() + 1)?;
     if let Some(w) = weights.iter().find(|w| !(0.0..f64::INFINITY).contains(*w)) {
         return Err(Error::Value { name: "weights", expected: ">= 0 and finite", found: w.to_string() });
     }

@@ -3,7 +3,7 @@
 use super::geometry::Geometry;
 use super::sections::NAMES;
 use crate::control::Best;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::fuse::{Dense, distance, norm, step_towards};
 use crate::memory::{checked_len, try_collect, try_zeros};
 use crate::parallel::Stop;
@@ -148,9 +148,7 @@ impl DataStream {
         let n = geometry.n;
         let dims = [n, n, checked_len("A", n, n)?];
         for ((name, dim), target) in NAMES.into_iter().zip(dims).zip(&targets) {
-            if let Some(target) = target.as_ref().filter(|target| target.len() != dim) {
-                return Err(Error::Shape { name, expected: format!("{dim} entries"), found: target.len().to_string() });
-            }
+            sized(name, target.as_ref().map_or(dim, Vec::len), dim)?;
         }
         let [x0, xf, a] = targets;
         let feeds = [Feed::new(dims[0], x0)?, Feed::new(dims[1], xf)?, Feed::new(dims[2], a)?];

@@ -5,7 +5,7 @@ use super::geometry::{Geometry, scaled_norm};
 use super::products::{Products, Start};
 use super::trace::{Entry, on_grid};
 use crate::control::singular_values;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::memory::{checked_len, try_filled, try_room, try_zeros};
 use crate::sample::{Law, Sequence};
 use crate::stream::Key;
@@ -115,9 +115,7 @@ impl Stream {
         let n = geometry.n;
         let shapes = [("x0", &laws.x0, n), ("xf", &laws.xf, n), ("A", &laws.a, checked_len("A", n, n)?)];
         for (name, values, len) in shapes {
-            if values.len() != len {
-                return Err(Error::Shape { name, expected: format!("{len} entries"), found: values.len().to_string() });
-            }
+            sized(name, values.len(), len)?;
         }
         let slot = |values, lines, key: Key| Estimator::new(values, lines, n, key, config.safeguard);
         let size_a = scaled_norm(&laws.a);

@@ -1,6 +1,6 @@
 //! Runs of a log as pairs of rows that are one step apart, the gaps inside them, and the rows that each has lost.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::memory::{try_collect, try_extend, try_push, try_room};
 
 const WHAT: &str = "the pieces of a log";
@@ -143,10 +143,7 @@ impl Pieces {
     /// # Errors
     /// [`Error::Shape`] if `kept` is not of the number of pairs; [`Error::Memory`].
     pub fn chosen(&self, kept: &[bool]) -> Result<Self> {
-        if kept.len() != self.size() {
-            let (expected, found) = (format!("{} entries", self.size()), kept.len().to_string());
-            return Err(Error::Shape { name: "kept", expected, found });
-        }
+        sized("kept", kept.len(), self.size())?;
         let (mut made, mut pair, mut total) = (Self::default(), 0, 0);
         let mut gaps = self.gaps.iter().peekable();
         for (&length, &lost) in self.lengths.iter().zip(&self.lost) {

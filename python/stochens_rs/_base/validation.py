@@ -55,8 +55,6 @@ def measured(name: str, value: object, names: Sequence[str]) -> Floats:
         _fit(name, value, given, (len(names),), f", one number for each of {shown_labels(names)}")
     if isinstance(value, (list, tuple)) and not _BOOLS.isdisjoint(map(type, value)):
         raise InputTypeError(f"`{name}` must contain integers or real floats, got a bool")
-    if given.dtype.itemsize <= 8:
-        return given.astype(np.float64)
     with np.errstate(all="ignore"):  # a long double may overflow
         return given.astype(np.float64)
 

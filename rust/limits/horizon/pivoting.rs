@@ -8,7 +8,7 @@
 #![allow(clippy::needless_range_loop, reason = "formulas with indices")]
 
 use super::map::{Horizon, WHAT};
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::limits::bounds::Bounds;
 use crate::limits::certificate::{Certificate, NOTHING, frank_wolfe, status};
 use crate::limits::dual::{Dual, End};
@@ -254,10 +254,7 @@ impl Pivoting {
     /// one goes on from its limits.
     pub(super) fn solve(&mut self, h: &Horizon, x0: &[f64], until: Until<'_>, to: &mut Solution) -> Result<bool> {
         let (n, m, d) = (h.n, h.m, h.steps * h.m);
-        if x0.len() != n {
-            let found = format!("{} entries", x0.len());
-            return Err(Error::Shape { name: "x", expected: format!("{n} entries"), found });
-        }
+        sized("x", x0.len(), n)?;
         self.start[..n].copy_from_slice(x0);
         self.start[n] = 1.0;
         times(&self.map, &self.start, false, &mut self.dual.free[..d + self.states.len()]);

@@ -2,7 +2,7 @@
 
 use super::map::{Horizon, WHAT};
 use super::pivoting::Pivoting;
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::limits::bounds::Bounds;
 use crate::limits::linear::{form, least_eigenvalue, norm, product, singular_values};
 use crate::limits::quadratic::{Status, Until};
@@ -349,10 +349,7 @@ impl RecedingHorizon {
     /// [`Error::Shape`].
     pub fn fix(&mut self, values: &[f64]) -> Result<()> {
         let [low, high, ..] = &mut self.given;
-        if values.len() != low.len() {
-            let (expected, found) = (format!("{} entries", low.len()), format!("{} entries", values.len()));
-            return Err(Error::Shape { name: "values", expected, found });
-        }
+        sized("values", values.len(), low.len())?;
         for ((low, high), value) in low.iter_mut().zip(high).zip(values).filter(|(_, value)| !value.is_nan()) {
             (*low, *high) = (*value, *value);
         }
@@ -368,10 +365,7 @@ impl RecedingHorizon {
     pub fn toward(&mut self, reference: &[f64], stop: &Stop) -> Result<()> {
         let Self { horizon, reference: first, ahead, way, .. } = self;
         let n = horizon.n;
-        if reference.len() != first.len() {
-            let (expected, found) = (format!("{} entries", first.len()), format!("{} entries", reference.len()));
-            return Err(Error::Shape { name: "reference", expected, found });
-        }
+        sized("reference", reference.len(), first.len())?;
         if let Way::Inputs(solver) = way {
             if ahead.is_none() {
                 // y = target - state x + F (r - reference)
@@ -410,10 +404,7 @@ impl RecedingHorizon {
     pub fn about(&mut self, inputs: &[f64], states: &[f64]) -> Result<()> {
         let Self { horizon, given, way, .. } = self;
         for (name, of, len) in [("inputs", inputs, horizon.m), ("states", states, horizon.n)] {
-            if of.len() != len {
-                let found = format!("{} entries", of.len());
-                return Err(Error::Shape { name, expected: format!("{len} entries"), found });
-            }
+            sized(name, of.len(), len)?;
         }
         let less = |to: &mut [f64], from: &[f64], point: &[f64]| {
             to.iter_mut().zip(from).zip(point.iter().cycle()).for_each(|((to, side), by)| *to = side - by);

@@ -1,6 +1,6 @@
 //! A problem with limits on states and on changes of inputs: its data checked, states, adjoints, and the clip.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, sized};
 use crate::limits::bounds::Bounds;
 use crate::limits::riccati::Steps;
 use crate::memory::{try_copy, try_filled, try_zeros};
@@ -49,13 +49,6 @@ pub(super) struct Task<'a> {
     within: (Vec<f64>, Vec<f64>),
     /// Sizes of each state and of each input, to scale by.
     pub(super) size: (Vec<f64>, Vec<f64>),
-}
-
-fn sized(name: &'static str, values: &[f64], len: usize) -> Result<()> {
-    if values.len() == len {
-        return Ok(());
-    }
-    Err(Error::Shape { name, expected: format!("{len} entries"), found: format!("{} entries", values.len()) })
 }
 
 pub(super) fn largest<'a>(values: impl IntoIterator<Item = &'a f64>) -> f64 {
@@ -181,10 +174,10 @@ impl<'a> Task<'a> {
     pub(super) fn new(h: Steps<'a>, bounds: Bounds<'a>, rows: Rows<'a>) -> Result<Self> {
         let n = h.x0.len();
         let (m, steps) = (h.b.len() / n.max(1), h.reference.len() / n.max(1));
-        sized("low", bounds.low, steps * m)?;
+        sized("low", bounds.low.len(), steps * m)?;
         if let Some((rate, previous)) = rows.rate {
-            sized("rate", rate, m)?;
-            sized("previous", previous, m)?;
+            sized("rate", rate.len(), m)?;
+            sized("previous", previous.len(), m)?;
             crate::error::require_finite("previous", previous)?;
             if let Some(found) = rate.iter().find(|r| r.is_nan() || **r <= 0.0) {
                 return Err(Error::Value { name: "rate", expected: "above 0", found: found.to_string() });
@@ -192,8 +185,8 @@ impl<'a> Task<'a> {
         }
         let (mut low, mut high) = (Vec::new(), Vec::new());
         if let Some((below, above)) = rows.states {
-            sized("state_low", below, steps * n)?;
-            sized("state_high", above, steps * n)?;
+            sized("state_low", below.len(), steps * n)?;
+            sized("state_high", above.len(), steps * n)?;
             for (i, (&l, &h)) in below.iter().zip(above).enumerate() {
                 if !(l <= h && l < f64::INFINITY && h > f64::NEG_INFINITY) {
                     let expected = "at most `state_high`, with a number between them";

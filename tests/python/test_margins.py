@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from dataclasses import replace
 
@@ -379,6 +380,32 @@ def test_a_grown_region_has_the_errors_of_all_terms_of_the_declared_size():
             X = np.linalg.solve(np.linalg.cholesky(S), error @ np.linalg.inv(white))
             worst = max(worst, np.linalg.norm(X, 2))
     assert 0.6 < worst <= 1.0  # not far from what can happen
+
+
+def test_the_norm_of_all_misfits_bounds_what_signs_can_do():
+    """O8: leverages; the norm, the sum over leverages, and the largest over all signs."""
+    z = np.array([[1.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
+    white = np.linalg.inv(np.linalg.cholesky(z.T @ z))
+    leverages, signs = np.square(z @ white.T).sum(axis=1), itertools.product([1, -1], repeat=3)
+    signs = np.array(list(signs))
+
+    def largest(phi):
+        return np.linalg.norm(phi * signs @ z @ white.T, axis=1).max()
+
+    phi = np.array([0.1, 0.2, 0.1])
+    np.testing.assert_allclose(leverages, [1 / 3, 5 / 6, 5 / 6], rtol=1e-12)
+    found = largest(phi), np.linalg.norm(phi), phi @ np.sqrt(leverages)
+    np.testing.assert_allclose(found, [0.241522945770, 0.244948974278, 0.331596305672], rtol=1e-11)
+    part = _core.RegionPart(
+        np.arange(1), np.arange(2), white, np.ascontiguousarray(np.linalg.inv(white).T),
+        np.zeros((2, 0)), 1.0, np.eye(1), 1e-16,
+    )  # fmt: skip
+    labels = se.System([[1.0]], [[1.0]]).labels
+    wide = grown(se.Misfit(on=[1.0], of=["x[0]", "u[0]"], at_most=0.1), part, z, labels)
+    phi = 0.1 * np.linalg.norm(z, axis=1)
+    radius = np.sqrt(wide.S[0, 0] * wide.factor)
+    assert radius == pytest.approx(np.linalg.norm(phi), rel=1e-6)
+    assert largest(phi) <= radius
 
 
 TERMS = {

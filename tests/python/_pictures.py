@@ -93,7 +93,7 @@ def calls() -> Any:
     side = np.ones((30, 1))
     inputs = Inputs(u, ["force [N]"], -side, side, k == 12)
     took = 1e-6 * (20.0 + 9.0 * np.sin(k) ** 2)
-    return draw_calls(x, ["position [m]", "speed [m/s]"], inputs, np.zeros(2), took, dt=0.1)
+    return draw_calls(x, ["position [m]", "speed [m/s]"], inputs, took, target=np.zeros(2), dt=0.1)
 
 
 def trace(ax: Any) -> Any:

@@ -241,6 +241,26 @@ def test_false_readings_do_nothing(belt, spike, count):
         assert told == list(range(300, 300 + count))
 
 
+def test_the_picture_of_a_loop_shows_what_was_not_taken_for_true(belt):
+    pytest.importorskip("matplotlib")
+    faults = {300: (1, 1e300), 310: (1, 80.0), 320: (0, np.nan)}
+
+    def fault(k, read):
+        if k in faults:
+            read[faults[k][0]] += faults[k][1]
+
+    loop = driven(belt, fault, 400)[1]
+    *panels, _, _ = loop.plot().axes
+    for i, (ax, rows) in enumerate(zip(panels, ([310, 320], [300, 310]), strict=True)):
+        lines = {line.get_label(): np.array(line.get_ydata()) for line in ax.get_lines()}
+        calls, log = lines["predicted, not read"], loop.log
+        assert np.flatnonzero(np.isfinite(calls[290:])).tolist() == [row - 290 for row in rows]
+        np.testing.assert_array_equal(calls[rows], [log[row].predicted[i] for row in rows])
+        assert not np.isfinite(lines["measured"][rows]).any()
+        assert (lines["target"] == TARGET[i]).all()
+        assert [log[row].rejected for row in (299, 300, 310, 320)] == [False, False, True, False]
+
+
 def after_false_readings(belt, size):
     """How far off the load is at most, with one false reading or two before the window is full."""
     worst = 0.0

@@ -16,10 +16,11 @@ from .._base import show, validation
 from .._base.files import Durable
 from .._base.names import Labels
 from .._base.records import SavedRecord
-from .._base.types import DELTA, ArrayLike, Floats, Self
+from .._base.types import DELTA, ArrayLike, Figure, Floats, Self, SubFigure
 from ..exceptions import InputError
 from ..export.header import write
 from ..feedback import Watch
+from ..plots.panels import Inputs, draw_calls
 from ..validation.held_out import Asked, PredictedLoop, Runs, Validation, validated_loop
 
 LOGGED = 1000  # calls that the log keeps
@@ -167,6 +168,60 @@ class ControlLoop(Durable, Generic[Entry]):
         """
         asked = Asked.checked(delta, beta, scale, weights)
         return validated_loop(self._predictions(), runs, asked)
+
+    def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
+        """Draw the calls in the log: what was measured, inputs, and the time of each call.
+
+        An input is thick where it is at one of its limits; held ones are marked. Where a reading
+        was missing or rejected, that which was predicted is drawn in its place.
+
+        Parameters
+        ----------
+        figure : matplotlib Figure or SubFigure, optional
+            Where to draw; the default is a new figure.
+
+        Returns
+        -------
+        matplotlib Figure
+
+        Raises
+        ------
+        ImportError
+            If matplotlib is not installed.
+        InputError
+            If the log is empty.
+
+        Examples
+        --------
+        >>> import stochens_rs as se
+        >>> loop, x = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0)), 5.0
+        >>> for _ in range(8):
+        ...     x = x + loop([x])[0]
+        >>> len(loop.plot().axes)
+        3
+        """
+        log: Any = self._log
+        if not log:
+            raise InputError("the log is empty: there is nothing to draw before the first call")
+        u, held = np.array([call.u for call in log]), [call.status == "held" for call in log]
+        low, high = (np.broadcast_to(side, u.shape) for side in self.limits)
+        inputs = Inputs(u, self.labels.input_axes, low, high, np.array(held))
+        times = np.array([call.seconds for call in log])
+        about = self.labels.state_axes, inputs, times
+        return draw_calls(self._readings(), *about, dt=self._dt, figure=figure, **self._drawn())
+
+    @property
+    def limits(self) -> tuple[Floats, Floats]:
+        """The limits (low, high) of the input, each (m,) or (K, m)."""
+        raise NotImplementedError
+
+    @property
+    def _dt(self) -> float | None:
+        raise NotImplementedError
+
+    def _drawn(self) -> dict[str, Any]:
+        """The target of each call, and what was predicted, for `plot`."""
+        raise NotImplementedError
 
     def _predictions(self) -> PredictedLoop:
         """What `validate` compares runs with."""

@@ -72,6 +72,10 @@ class Reading:
         enough; "held": the last input once more.
     seconds : float
         The time that the call took [s].
+    target : ndarray, shape (n_outputs,)
+        What the outputs should be next; nan where one is free.
+    rejected : bool
+        Whether it was rejected: what was predicted counts in its place.
     reason : str or None
         What was wrong with the reading and what was done, or what the loop waits for.
     watch : Watched or None
@@ -84,6 +88,8 @@ class Reading:
     bias: Floats
     status: ReadingStatus
     seconds: float
+    target: Floats
+    rejected: bool = False
     reason: str | None = None
     watch: Watched | None = None
 
@@ -367,7 +373,8 @@ class ReadingLoop(ControlLoop[Reading]):
             why.append(str(validation.broken(y, self._most[: len(y)], self.labels.states)))
         if believed:
             why.append("rejected 3 times, and so no false reading: now taken for true")
-        elif off > 1.0:
+        rejected = off > 1.0 and not believed
+        if rejected:
             why.append(f"rejected, {off:.3g} times as far off as the gate is wide")
         if follows == "runs":
             try:
@@ -389,7 +396,8 @@ class ReadingLoop(ControlLoop[Reading]):
             why.append(waits)
             status = "cannot start" if stuck and not self._started else status
         self._started = self._started or self._runs
-        how: Any = {"predicted": predicted, "status": status, "reason": "; ".join(why) or None}
+        how: Any = {"predicted": predicted, "status": status, "rejected": rejected}
+        how["reason"] = "; ".join(why) or None
         return self._returned(u, y, acted, started, **how)
 
     def _waits(self) -> tuple[str, bool]:
@@ -576,6 +584,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _returned(self, u: Floats, y: Floats, acted: Floats, started: float, **how: Any) -> Floats:
         """The input of a call that began at `started`, written down; next comes the next target."""
+        how["target"] = self._rows[0]
         if len(self._rows) > 1:
             self._rows, self._forward = self._rows[1:], self._forward[1:]
             self._way = self._way and (self._way[0][1:], self._way[1][1:])
@@ -631,7 +640,18 @@ class ReadingLoop(ControlLoop[Reading]):
         return forward
 
     def _readings(self) -> Floats:
-        return np.array([call.y for call in self._log])
+        most = self._most[: len(self._bias)]
+        calls = [(np.abs(one.y) <= most, np.nan if one.rejected else one.y) for one in self._log]
+        return np.array([np.where(seen, y, np.nan) for seen, y in calls])
+
+    def _drawn(self) -> dict[str, Any]:
+        none = np.full(len(self._bias), np.nan)
+        guess = [none if one.predicted is None else one.predicted for one in self._log]
+        return {"target": np.array([one.target for one in self._log]), "predicted": np.array(guess)}
+
+    @property
+    def _dt(self) -> float | None:
+        return self.model.dt
 
     @property
     def target(self) -> Floats:

@@ -11,7 +11,7 @@ import numpy as np
 from .. import _core
 from .._base import running, show, validation
 from .._base.names import order_of, weight
-from .._base.types import ArrayLike, Figure, Floats, Status, SubFigure
+from .._base.types import ArrayLike, Floats, Status
 from ..certificates.of_model import trajectory
 from ..exceptions import InputError, NonFiniteError, ShapeError, SolverError
 from ..export.header import believed, evidence
@@ -20,7 +20,6 @@ from ..feedback.certificate import sentence
 from ..identification.identified import Identified
 from ..limits.limits import Cost, Limits
 from ..limits.problem import Horizon, Task, inputs_within, loop_of, read_task
-from ..plots.panels import Inputs, draw_calls
 from ..system.system import System
 from ..validation.held_out import PredictedLoop
 from .keep import Found, Kept
@@ -491,50 +490,8 @@ class Regulator(ControlLoop[Call]):
         unknown = np.full(self.n, np.nan)
         return np.array([unknown if call.status == "held" else call.x for call in self._log])
 
-    def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
-        """Draw the calls in the log: states, inputs within their limits, time of each call.
-
-        An input is thick where it is at one of its limits; held ones are marked.
-
-        Parameters
-        ----------
-        figure : matplotlib Figure or SubFigure, optional
-            Where to draw; the default is a new figure.
-
-        Returns
-        -------
-        matplotlib Figure
-
-        Raises
-        ------
-        ImportError
-            If matplotlib is not installed.
-        InputError
-            If the log is empty.
-
-        Examples
-        --------
-        >>> import stochens_rs as se
-        >>> loop, x = se.regulate(([[1.0]], [[1.0]]), 3, limits=(-1.0, 1.0)), 5.0
-        >>> for _ in range(8):
-        ...     x = x + loop([x])[0]
-        >>> len(loop.plot().axes)
-        3
-        """
-        if not self._log:
-            raise InputError("the log is empty: there is nothing to draw before the first call")
-        inputs = np.array([call.u for call in self._log])
-        low, high = (np.broadcast_to(side, inputs.shape) for side in self.limits)
-        held = np.array([call.status == "held" for call in self._log])
-        return draw_calls(
-            self._readings(),
-            self.labels.state_axes,
-            Inputs(inputs, self.labels.input_axes, low, high, held),
-            self._task.reference[-1],
-            np.array([call.seconds for call in self._log]),
-            dt=self._dt,
-            figure=figure,
-        )
+    def _drawn(self) -> dict[str, Any]:
+        return {"target": self._task.reference[-1]}
 
     def __repr__(self) -> str:
         last = f", the last: {counted(self.log[-10:])}" if self._log else ""

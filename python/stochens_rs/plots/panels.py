@@ -256,15 +256,17 @@ def draw_calls(
     states: Floats,
     names: Sequence[str],
     inputs: Inputs,
-    target: Floats,
     seconds: Floats,
     *,
+    target: Floats,
+    predicted: Floats | None = None,
     dt: float | None = None,
     figure: Figure | SubFigure | None = None,
 ) -> Figure:
     """Draw each state (T, n), nan where it was not known, each input, and the time of each call.
 
-    `target` (n,) is where the states should go.
+    `target` (n,) or (T, n) is where the states should go, nan where one is free; what was
+    `predicted` (T, n) is drawn where a state was not known.
     """
     style.require_matplotlib()
     from matplotlib.ticker import LogLocator
@@ -272,12 +274,20 @@ def draw_calls(
     times = np.arange(len(states)) * (1.0 if dt is None else dt)
     size = states.shape[1], inputs.u.shape[1]
     figure, panels, others, (last,) = time_panels(figure, *size, more=1)
-    look = style.look_of(last)
-    line: Any = {"color": look.color(0), "linewidth": 1.2, "markersize": 4, "label": "state"}
+    look, target = style.look_of(last), np.broadcast_to(target, states.shape)
+    line: Any = {"color": look.color(0), "linewidth": 1.2, "markersize": 4, "label": "measured"}
+    dots: Any = {"color": look.color(1), "markerfacecolor": look.face, "markersize": 4.5}
+    wanted: Any = {"color": look.ink, "linewidth": 1, "zorder": 3}
     for i, ax in enumerate(panels):
-        low, high, far = extent(np.append(states[:, i], target[i]))
-        ax.axhline(target[i], color=look.ink, linestyle="--", linewidth=1, label="target")
+        instead = np.full(len(states), np.nan)
+        if predicted is not None:
+            instead = np.where(np.isnan(states[:, i]), predicted[:, i], np.nan)
+        low, high, far = extent(np.concatenate([states[:, i], target[:, i], instead]))
+        if np.isfinite(target[:, i]).any():
+            ax.plot(times, target[:, i], "--", label="target", **wanted)
         ax.plot(times, states[:, i], ".-", **line)
+        if np.isfinite(instead).any():
+            ax.plot(times, instead, "o", label="predicted, not read", **dots)
         frame(ax, low, high, far, dt, names[i])
     draw_inputs(others, inputs, range(len(others)), dt)
     last.plot(times, 1e6 * seconds, ".", color=look.color(5), markersize=4)

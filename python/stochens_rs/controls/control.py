@@ -156,7 +156,10 @@ def control(
     if of_model.of_outputs(system, {"x0": x0, "xf": xf}, {"record": record, "target": target}):
         return of_model.output_control(system, record, target, wanted)
     if within.forecast is not None and not within.forecast.exact:
-        raise InputError("`error` of `forecast` must be 0, but for a model of outputs")
+        raise InputError(
+            "`error` of `forecast` must be 0 for a model of states: read them as outputs=, and "
+            "identify with Window(lags=1)"
+        )
     if isinstance(system, Identified):
         if validation.choice("fusion", fusion, FUSIONS) != "product":
             raise InputError("`fusion` must be 'product' for a model from data, got 'diagonal'")

@@ -23,92 +23,61 @@ except ImportError:
     raise
 
 if TYPE_CHECKING:
-    from . import cases, exceptions, plots, studies, theory
-    from ._base.running import get_num_threads, set_num_threads
-    from .certificates import Certificate
-    from .controls import Plan, design, predict, realization_controls, required_samples, steer
-    from .controls.control import control
-    from .ensembles import Counts, Ensemble, SystemEnsemble, sample, sample_counts
-    from .exceptions import StochensError
-    from .feedback import gain
-    from .fleet import control_fleet
-    from .fusion import Fit, fuse, fuse_path
-    from .identification import Misfit, Model, Noise, Pilot, Trajectories, Window, identify
-    from .limits import Cost, Forecast, Limits, Uncertain
-    from .loops import Keep, Regulator, regulate
-    from .rng import Key
-    from .simulation import (
-        EnsembleTrajectory,
-        StepEstimate,
-        Tracking,
-        Trajectory,
-        simulate,
-        simulate_ensemble,
-        track,
-    )
-    from .streams import DataStream, ModelStream, Stream
-    from .studies import Study
-    from .system.system import System
+    from . import cases as cases
+    from . import exceptions as exceptions
+    from . import plots as plots
+    from . import studies as studies
+    from . import theory as theory
+    from ._base.running import get_num_threads as get_num_threads
+    from ._base.running import set_num_threads as set_num_threads
+    from .certificates import Certificate as Certificate
+    from .controls import Plan as Plan
+    from .controls import design as design
+    from .controls import predict as predict
+    from .controls import realization_controls as realization_controls
+    from .controls import required_samples as required_samples
+    from .controls import steer as steer
+    from .controls.control import control as control
+    from .ensembles import Counts as Counts
+    from .ensembles import Ensemble as Ensemble
+    from .ensembles import SystemEnsemble as SystemEnsemble
+    from .ensembles import sample as sample
+    from .ensembles import sample_counts as sample_counts
+    from .exceptions import StochensError as StochensError
+    from .feedback import gain as gain
+    from .fleet import control_fleet as control_fleet
+    from .fusion import Fit as Fit
+    from .fusion import fuse as fuse
+    from .fusion import fuse_path as fuse_path
+    from .identification import Misfit as Misfit
+    from .identification import Model as Model
+    from .identification import Noise as Noise
+    from .identification import Pilot as Pilot
+    from .identification import Trajectories as Trajectories
+    from .identification import Window as Window
+    from .identification import identify as identify
+    from .limits import Cost as Cost
+    from .limits import Forecast as Forecast
+    from .limits import Limits as Limits
+    from .limits import Uncertain as Uncertain
+    from .loops import Keep as Keep
+    from .loops import Regulator as Regulator
+    from .loops import regulate as regulate
+    from .rng import Key as Key
+    from .simulation import EnsembleTrajectory as EnsembleTrajectory
+    from .simulation import StepEstimate as StepEstimate
+    from .simulation import Tracking as Tracking
+    from .simulation import Trajectory as Trajectory
+    from .simulation import simulate as simulate
+    from .simulation import simulate_ensemble as simulate_ensemble
+    from .simulation import track as track
+    from .streams import DataStream as DataStream
+    from .streams import ModelStream as ModelStream
+    from .streams import Stream as Stream
+    from .studies import Study as Study
+    from .system.system import System as System
 
 __version__ = _version()
-
-__all__ = [
-    "Certificate",
-    "Cost",
-    "Counts",
-    "DataStream",
-    "Ensemble",
-    "EnsembleTrajectory",
-    "Fit",
-    "Forecast",
-    "Keep",
-    "Key",
-    "Limits",
-    "Misfit",
-    "Model",
-    "ModelStream",
-    "Noise",
-    "Pilot",
-    "Plan",
-    "Regulator",
-    "StepEstimate",
-    "StochensError",
-    "Stream",
-    "Study",
-    "System",
-    "SystemEnsemble",
-    "Tracking",
-    "Trajectories",
-    "Trajectory",
-    "Uncertain",
-    "Window",
-    "__version__",
-    "cases",
-    "control",
-    "control_fleet",
-    "design",
-    "exceptions",
-    "fuse",
-    "fuse_path",
-    "gain",
-    "get_num_threads",
-    "identify",
-    "plots",
-    "predict",
-    "realization_controls",
-    "reference",
-    "regulate",
-    "required_samples",
-    "sample",
-    "sample_counts",
-    "set_num_threads",
-    "simulate",
-    "simulate_ensemble",
-    "steer",
-    "studies",
-    "theory",
-    "track",
-]
 
 # Where each name comes from. Nothing is imported before its first use: `import stochens_rs` then
 # adds a few milliseconds to that of NumPy.
@@ -133,6 +102,8 @@ _ROOMS = {
     "validation": "",
 }
 _HOME = {name: room for room, names in _ROOMS.items() for name in names.split()}
+_PUBLIC = "__version__ cases exceptions plots reference studies theory"
+__all__ = sorted([*_HOME, *_PUBLIC.split()])
 
 
 def __getattr__(name: str) -> Any:

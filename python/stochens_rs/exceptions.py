@@ -6,25 +6,6 @@ of its result instead. All exceptions can be pickled.
 
 from __future__ import annotations
 
-__all__ = [
-    "DataWarning",
-    "InputError",
-    "InputTypeError",
-    "InternalError",
-    "NonFiniteError",
-    "ResourceError",
-    "SeedError",
-    "ShapeError",
-    "SizeError",
-    "SolverError",
-    "StateError",
-    "StateIOError",
-    "StateLockedError",
-    "StateNotFoundError",
-    "StateRecoveredWarning",
-    "StochensError",
-]
-
 
 class StochensError(Exception):
     """Base class of the exceptions of this package."""
@@ -108,3 +89,6 @@ class DataWarning(StochensError, UserWarning):
 
 class InternalError(StochensError, RuntimeError):
     """A defect of this package: a panic in the Rust core. Please report it."""
+
+
+__all__ = sorted(name for name, one in globals().items() if isinstance(one, type))

@@ -14,7 +14,6 @@ import hashlib
 import operator
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -30,8 +29,7 @@ __all__ = ["Key", "RngLike", "as_key"]
 _SEED_LIMIT = 2**4096
 
 
-@dataclass(frozen=True, slots=True, repr=False)
-class Key(Record):
+class Key(Record, eq=True):
     """The 256-bit key of a random stream; immutable and hashable.
 
     Parameters

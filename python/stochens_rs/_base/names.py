@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -20,8 +19,7 @@ from .types import Floats
 _LISTED = 12  # most names in a cell of a table
 
 
-@dataclass(frozen=True)
-class Labels(Record):
+class Labels(Record, eq=True):
     """Names of the states and inputs of a system, and the units of some of them; hashable.
 
     Attributes

@@ -14,6 +14,7 @@ import json
 import re
 import sys
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from dataclasses import fields as fields_of
 from functools import cache
 from typing import (
@@ -150,8 +151,12 @@ _ROOM = __name__.partition(".")[0] + "."
 _IN_LIST, _PARSED = 40, 80
 
 
+@types.dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(field,))
 class Record:
     """Base of the classes that are made of numbers, texts, arrays and other records.
+
+    They are frozen dataclasses without a decorator, with `eq` compared by their fields; but those
+    without `init` make themselves, and those that are not `listed` only hand down methods.
 
     Pickling, copying, `from_dict` and `load` call the constructor, which checks the fields, because
     data can come from anywhere. A class that has another one than its own names it ``_made_by``.
@@ -161,21 +166,30 @@ class Record:
 
     _kind: ClassVar[str]
     _made_by: ClassVar[Callable[..., Any] | None] = None
+    __dataclass_fields__: ClassVar[dict[str, Any]]
 
-    def __init_subclass__(cls, *, listed: bool = True, **options: Any) -> None:
+    def __init_subclass__(
+        cls, *, listed: bool = True, init: bool = True, eq: bool = False, **options: Any
+    ) -> None:
         super().__init_subclass__(**options)
         if "_kind" not in vars(cls):
             cls._kind = re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
+        if listed and init:
+            dataclass(frozen=True, eq=eq, repr=cls.__repr__ is object.__repr__)(cls)
         if listed and cls.__module__.startswith(_ROOM):
             fields.enter(cls, cls._made_by, cls._verify)
 
     def __post_init__(self) -> None:
-        """Check that the fields are of their declared types; a class checks what else must hold."""
+        """Check the fields by their declarations, and then what else must hold."""
         if fields.RECORDS.get(type(self).__name__) is type(self):
             check(self)
+        self._check()
+
+    def _check(self) -> None:
+        """Check what the declarations of the fields do not say."""
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(self), tuple(getattr(self, one.name) for one in fields_of(self))  # type: ignore[arg-type]
+        return type(self), tuple(getattr(self, one.name) for one in fields_of(self))
 
     def _repr_html_(self) -> str:
         """The fields that are numbers, texts or vectors, and a drawing of the first over steps."""

@@ -15,8 +15,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure as Figure
     from matplotlib.figure import SubFigure as SubFigure
     from typing_extensions import Self as Self
+    from typing_extensions import dataclass_transform as dataclass_transform
 else:  # neither package is needed to run
     Axes = Figure = SubFigure = Self = Any
+
+    def dataclass_transform(**_):
+        return lambda kind: kind
+
 
 Floats: TypeAlias = NDArray[np.float64]
 Axis: TypeAlias = Literal["columns", "rows"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -15,7 +15,6 @@ from ..exceptions import InputError, ShapeError
 from ..plots.certificates import draw_radii
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Radius(Record):
     """A quantity is at most `radius` away from another one; an entry of a `Certificate`.
 
@@ -40,8 +39,7 @@ class Radius(Record):
     method: str
     reason: str | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         found = np.asarray(self.radius)
         if found.ndim > 2:
             raise ShapeError(f"`radius` must have at most two dimensions, got {found.ndim}")
@@ -85,8 +83,7 @@ def radius_at(
 Kind: TypeAlias = Literal["guaranteed", "certain", "estimated"]
 
 
-@dataclass(frozen=True, repr=False)
-class Certificate(SavedRecord):
+class Certificate(SavedRecord, eq=True):
     """How far quantities can be from where they should be, one `Radius` each, by name.
 
     Made by `Plan.bound`, `DataStream.confidence` and `ModelStream.look`. Radii of one certificate
@@ -120,8 +117,7 @@ class Certificate(SavedRecord):
     parts: dict[str, float] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if not self.quantities:
             raise InputError("`quantities` must have at least one radius, got none")
         for name, part in self.parts.items():

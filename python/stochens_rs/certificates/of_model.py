@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import sqrt
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
@@ -22,7 +22,6 @@ from ..theory.exact import states
 from .certificate import Certificate, certificate_of
 
 
-@dataclass(frozen=True, eq=False)
 class ModelBasis(Record):
     """What a plan for a model from data keeps.
 
@@ -53,8 +52,7 @@ class ModelBasis(Record):
     given: bool = False
     apart: Floats | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         n = len(self.model.A)
         if len(self.x0) != n:
             raise ShapeError(f"`x0` must have shape ({n},), got {self.x0.shape}")

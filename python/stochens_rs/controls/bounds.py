@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import inf, sqrt
 from time import monotonic
 from typing import Any, Literal
@@ -506,7 +506,6 @@ def followed(of: Question, gain: Loop | LoopCertificate) -> Certificate:
     )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Typical(SavedRecord):
     """An approximate error bar of a plan from data, beside its certificate; it is no bound.
 

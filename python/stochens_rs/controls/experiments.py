@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cache
 from html import escape
 from math import ceil, inf
@@ -29,8 +28,7 @@ from .control import fusion_over
 from .plan import Plan
 
 
-@dataclass(frozen=True)
-class Requirement(Record):
+class Requirement(Record, eq=True):
     """The number of realizations that one bound requires, and the errors with that number.
 
     Attributes
@@ -55,7 +53,6 @@ class Requirement(Record):
     failures: int | None
 
 
-@dataclass(frozen=True, eq=False)
 class SamplePlan(Record):
     """Numbers of realizations for a given error; what `required_samples` returns.
 
@@ -290,7 +287,6 @@ def required_samples(
     )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class NextRuns(SavedRecord):
     """Inputs of runs to come, and what the certificate may be after them: a forecast, not a bound.
 

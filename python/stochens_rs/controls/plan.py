@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -61,7 +61,6 @@ _DRAWN = 1e300  # the largest measured value that an axis, with its margins, can
 _ROUNDED = 1e-9  # distances up to here beside the states are said to be rounding
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Plan(SavedRecord, Timed):
     """A control over K steps, its predicted states, and the data for its error bound.
 
@@ -112,8 +111,7 @@ class Plan(SavedRecord, Timed):
     labels: Labels | None = None
     dt: Positive | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if self.basis is not None:
             known = self.basis.model if isinstance(self.basis, ModelBasis) else self.basis
             require_shapes(known, B=self._shape)

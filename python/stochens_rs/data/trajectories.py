@@ -53,7 +53,7 @@ def _rebuild(
     return last
 
 
-class Trajectories(SavedRecord):
+class Trajectories(SavedRecord, init=False):
     """Measured runs: the states and inputs of each, one run after another; immutable.
 
     Parameters

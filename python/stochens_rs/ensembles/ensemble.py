@@ -9,7 +9,6 @@ Only the indices are stored.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,7 +22,6 @@ from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 from ..rng import Key, RngLike, as_key
 
 
-@dataclass(frozen=True, eq=False)
 class Law(Record):
     """The distribution of realizations.
 
@@ -94,7 +92,6 @@ def dense(draws: _core.Draws, shape: tuple[int, ...], axis: Axis) -> Floats:
     return out
 
 
-@dataclass(frozen=True, eq=False)
 class Counts(SavedRecord):
     """How many of N realizations hit each entry.
 
@@ -118,8 +115,7 @@ class Counts(SavedRecord):
     key: Key
     law: Law | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         validation.kept("estimate", self.estimate, shape=self.counts.shape)
         if self.counts.min() < 0:
             raise InputError(f"`counts` must be >= 0, got {self.counts.min()}")
@@ -166,7 +162,6 @@ def _rebuilt(
     return drawn._like(scheme=scheme, key=key, centre=None if scheme is None else "truth")
 
 
-@dataclass(frozen=True, eq=False, repr=False, init=False)
 class Ensemble(SavedRecord):
     """N realizations of one vector or matrix; immutable.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any, overload
 
 import numpy as np
@@ -17,7 +17,6 @@ from ..exceptions import InputError, ShapeError
 from ..system.system import System, in_order, rebuilt
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class SystemEnsemble(SavedRecord, Tabled):
     """Models ``x(k+1) = A_s x(k) + B_s u(k) (+ c_s)``, s = 1, ..., N; immutable.
 

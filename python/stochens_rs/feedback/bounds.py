@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -18,7 +17,6 @@ from ..plots.panels import Inputs, draw_tube
 _EACH, _WHOLE = 4, 6  # margins of each input, and of the loop
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Margins(SavedRecord):
     """What a loop withstands: for every system of a region, and the same of its centre alone.
 
@@ -153,7 +151,6 @@ class Margins(SavedRecord):
         return show.card(self, [], show.grid(["", "certified", "of the model"], self.rows()))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Rounding(SavedRecord):
     """How far a loop in the numbers of a computer is from that in exact numbers.
 
@@ -194,7 +191,6 @@ class Rounding(SavedRecord):
         return f"<Rounding: {form}, {show.percent(self.delta)}, off by at most {each}>"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Rest(SavedRecord):
     """How far the point of rest of any system of a region is from a set point.
 
@@ -238,7 +234,6 @@ class Rest(SavedRecord):
         return f"<Rest: every system rests within {size} of {at}, {share}>"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Tube(SavedRecord):
     """Bounds of the states and inputs of every system of a region, around those of its centre.
 

@@ -6,7 +6,7 @@ import hashlib
 import json
 from bisect import bisect_left
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -35,7 +35,6 @@ BIAS = "a learned constant, which it keeps within limits: take the loop of gain(
 DOUBLED = 10  # times that the number of logs is doubled in a forecast
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class LoopCertificate(SavedRecord):
     """Whether ``u = K x`` makes every system of a region stable.
 
@@ -103,8 +102,7 @@ class LoopCertificate(SavedRecord):
     target: Annotated[Floats, "state+input"] | None = None
     source: Predictor | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         n, m = self.region.n, self.region.m
         require_shapes(self, K=(m, n), member=self.region.centre.shape)
         if self.residual is not None:

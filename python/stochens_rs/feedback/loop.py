@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -26,7 +25,6 @@ from .watch import Watch
 GainMethod: TypeAlias = Literal["least squares", "guaranteed cost", "widest margin"]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Loop(SavedRecord):
     """A linear feedback ``u = K x``.
 

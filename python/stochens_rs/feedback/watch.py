@@ -48,7 +48,6 @@ class Watched:
     reason: str | None = None
 
 
-@dataclass(frozen=True, eq=False)
 class WatchState(SavedRecord):
     """What a watch is made of and where it stands.
 

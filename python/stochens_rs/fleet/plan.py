@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 import numpy as np
@@ -31,7 +30,6 @@ Risk: TypeAlias = Literal["mean", "worst"]
 Method: TypeAlias = Literal["compression", "a priori", "discarding", "hold-out"]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class RiskBound(SavedRecord):
     """A fresh unit misses more than `threshold` with probability at most `epsilon` (+ `delta`).
 
@@ -92,7 +90,6 @@ class RiskBound(SavedRecord):
         )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class FleetPlan(SavedRecord, Timed):
     """One command for many units, made by `control_fleet`.
 
@@ -155,8 +152,7 @@ class FleetPlan(SavedRecord, Timed):
     discard: int = 0
     missing: float = 0.0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         size, shape = self.units.size, self.units.task.low.shape
         require_shapes(self, u=shape, misses=(size,))
         for name in ("support", "removed"):
@@ -613,7 +609,6 @@ def control_fleet(
 Systems: TypeAlias = "SystemEnsemble | Sequence[System | Identified | Any]"
 
 
-@dataclass(frozen=True, eq=False)
 class Units(Record):
     """Units ``x_s(k+1) = A_s x_s(k) + B_s u(k) + c_s``, and where they shall go.
 
@@ -631,8 +626,7 @@ class Units(Record):
     x0: Floats
     task: Task
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         N, n, task = self.systems.size, self.systems.n, self.task
         if validation.kept("x0", self.x0, ndim=(2,)).shape not in ((1, n), (N, n)):
             raise ShapeError(f"`x0` must have shape ({n},) or ({N}, {n}), got {self.x0.shape}")

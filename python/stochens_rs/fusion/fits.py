@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from math import isfinite, sqrt
 from time import monotonic
 from typing import Annotated, Any, Literal, TypeAlias
@@ -22,7 +22,6 @@ from ..theory.exact import EPS
 _BLOCK = 1 << 20  # entries of dense realizations at a time
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Fit(SavedRecord):
     """The estimate of one vector or matrix, fused from its realizations.
 
@@ -75,8 +74,7 @@ class Fit(SavedRecord):
     target: Floats | None = None
     ensemble: Ensemble | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if self.target is not None:
             validation.kept("target", self.target, shape=self.estimate.shape)
         for name in ("error", "gap", "lower_bound"):
@@ -141,7 +139,6 @@ class Fit(SavedRecord):
         return f"<Fit {self.method}: {len(self.weights)} realizations, {self.status}{error}{gap}>"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Path(SavedRecord):
     """Errors of the fusion of the first k realizations, for several k.
 
@@ -168,8 +165,7 @@ class Path(SavedRecord):
     gaps: Annotated[Floats, "size", "infinite"] | None = None
     estimates: Floats | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if self.estimates is not None:
             validation.kept("estimates", self.estimates, ndim=(2, 3))
             require_shapes(self, estimates=(len(self.sizes), *self.estimates.shape[1:]))
@@ -209,8 +205,7 @@ _EXACT = 16.0 * float(np.finfo(float).eps)
 _LEAST_TIME = 1e-9
 
 
-@dataclass(frozen=True, repr=False)
-class Alse(Options):
+class Alse(Options, eq=True):
     """Accumulated least squares with options, as the `method` of `fuse` and `fuse_path`.
 
     Attributes

@@ -11,7 +11,7 @@ deviations of the rows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -64,7 +64,6 @@ class Hull(NamedTuple):
     largest: float
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class FusedModel(SavedRecord, Identified):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` mixed from given models and from data.
 
@@ -95,8 +94,7 @@ class FusedModel(SavedRecord, Identified):
     gap: Annotated[float, validation.nonnegative]
     status: Status
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         require_fit("least_squares", self.least_squares, self.models)
         weights = validation.kept("weights", self.weights, shape=(self.models.size,))
         if not (0.0 <= weights.min() <= weights.max() <= 2.0 and abs(weights.sum() - 1.0) <= 1e-6):

@@ -8,7 +8,7 @@ hold arrays of the size of the problem, never the realizations.
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -38,7 +38,6 @@ _REQUIRED: dict[Kind, tuple[str, ...]] = {
 }
 
 
-@dataclass(frozen=True, eq=False)
 class Known(Record):
     """What is known about x0, xf or A: the estimate, and the exact values it stands for.
 
@@ -71,14 +70,12 @@ class Known(Record):
     axis: Axis = "columns"
     key: Key | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         for field in _REQUIRED.get(self.kind, ()):
             if getattr(self, field) is None:
                 raise InputError(f"`{field} of {self.name}` must be known for kind '{self.kind}'")
 
 
-@dataclass(frozen=True, eq=False)
 class Basis(Record):
     """What is known about x0, xf and A.
 
@@ -99,8 +96,7 @@ class Basis(Record):
     A: Known
     rounding: tuple[float, float] = (0.0, 0.0)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if not min(self.rounding) >= 0.0:
             raise InputError(f"`rounding` must be two numbers >= 0, got {self.rounding}")
         n = len(self.B)

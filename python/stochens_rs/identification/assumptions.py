@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
@@ -50,7 +49,6 @@ ACCEPTED = (*FAULTS, "no effect")
 ROUNDING = EPS  # times n^2: least eigenvalues of correlation matrices up to here may be 0
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Noise(Options):
     """The noise w(k) of ``x(k+1) = A x(k) + B u(k) + c + w(k)``, of mean 0, as you declare it.
 
@@ -116,8 +114,7 @@ class Noise(Options):
             raise InputError(f"`sigma` must be given for law='{self.law}'{SIZES[self.law]}")
 
 
-@dataclass(frozen=True, repr=False)
-class Window(Options):
+class Window(Options, eq=True):
     """The part of the past from which a model predicts, as you declare it.
 
     At most one of `lags` and `filters` is given, for outputs. Without one the first quarter of the
@@ -188,7 +185,6 @@ class Window(Options):
         return [name for name in ("lags", "filters") if getattr(self, name) is not None]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Pilot(Options):
     """Runs whose error has an exact law, whatever their length, as you declare it.
 
@@ -268,7 +264,6 @@ def as_noise(noise: Any) -> Noise:
 GAUSSIAN, ANY = Noise(), Window()  # where nothing is declared
 
 
-@dataclass(frozen=True, eq=False)
 class Assumptions(Record):
     """What is assumed about the data; `identify` says what each word means.
 
@@ -298,8 +293,7 @@ class Assumptions(Record):
     tail: NotNegative = 0.0
     accept: tuple[str, ...] = ()
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if (self.covariance == "known") != (self.known is not None):
             raise InputError("`known` must be the covariance where it is known, and only there")
         if self.known is not None:
@@ -437,7 +431,6 @@ def require_triangle_of(rows: Floats, triangle: Floats) -> None:
         raise InputError("`triangle` must be that of the data")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Misfit(Options):
     """A term ``f(z, k)`` in ``x(k+1) = A x(k) + B u(k) + f + w(k)`` that no linear model has.
 

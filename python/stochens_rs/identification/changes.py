@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
@@ -24,7 +23,6 @@ LITTLE = "little excited, the sign of its effect is not determined"
 SHARE = 0.01  # of the probability, for a bound of a covariance that the region does not have
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Predictor(SavedRecord):
     """What an alarm needs of a model: its region in terms of its regressors, and the noise.
 
@@ -146,7 +144,6 @@ def source_of(
     return Predictor(region, kept, window, given.noise, max(1, own.size), frozen, spent)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Changes(SavedRecord):
     """What new pairs say against a region: what changed, by how much, and what they cannot say.
 

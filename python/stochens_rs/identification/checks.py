@@ -7,7 +7,6 @@ finds makes every certificate infinite, unless its name is in `accept` of `ident
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,7 +72,6 @@ WORK = 1.6e8  # normal variates that `identify` draws at most, about three secon
 KEY = as_key(20_020_101).child("residual tests")  # fixed, so that p-values repeat
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Checks(Record):
     """Tests of the residuals of a model, each with its p-value.
 
@@ -98,8 +96,7 @@ class Checks(Record):
     draws: Count
     exact: bool
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         for name in NAMES:
             validation.positive(name, self.p_values.get(name), maximum=1.0)
             if not np.isfinite(self.distances.get(name, np.nan)):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import ceil
 from typing import Any
 
@@ -44,7 +44,6 @@ from .region import refuse as refuse_region
 from .window import Loop, Regressors, assumed, complete, of_names, rows_of
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Model(SavedRecord, Fitted):
     """A model ``x(k+1) = A x(k) + B u(k) + c`` identified from data, with what was assumed.
 
@@ -100,8 +99,7 @@ class Model(SavedRecord, Fitted):
     misfit: Misfit | None = None
     looks: Probability | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if self.looks is not None and (self.scale is None or self.first or self.pilot):
             raise InputError("`looks` needs `scale`, and neither a first part nor a pilot")
         if self.misfit is not None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from .window import of_names, rows_of
 MOST = 100_000  # steps of a reference
 
 
-@dataclass(frozen=True, eq=False)
 class PilotModel(Record):
     """What repeats the runs of a model on paper, and the plan it has for a task fixed beforehand.
 
@@ -49,8 +47,7 @@ class PilotModel(Record):
     start: Annotated[Floats, "state"] | None = None
     inputs: Annotated[Floats, "step input"] | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         found = sizes(self)
         for one, other in (("gain", "dither"), ("start", "inputs")):
             if (getattr(self, one) is None) != (getattr(self, other) is None):

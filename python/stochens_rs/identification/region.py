@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias, get_args
 
 import numpy as np
@@ -36,7 +35,6 @@ fields.enter(
 )
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Region(SavedRecord):
     """Models ``[A B c]`` that contain the true one with probability at least ``1 - delta``.
 
@@ -84,8 +82,7 @@ class Region(SavedRecord):
     noise: Annotated[Floats, "row row"] | None = None
     misfit: Misfit | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         n, d = self.centre.shape
         if d not in (n + self.m, n + self.m + 1):
             raise ShapeError(f"`centre` must have {n + self.m} columns, or one more, got {d}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -32,8 +31,7 @@ class Loop(NamedTuple):
     G: Floats
 
 
-@dataclass(frozen=True)
-class Regressors(Record):
+class Regressors(Record, eq=True):
     """Past readings and inputs from which a model predicts the next readings.
 
     Attributes
@@ -78,8 +76,7 @@ class Regressors(Record):
     burn: Index = 0
     found: int | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if self.pole is not None:
             validation.positive("pole", self.pole, maximum=1.0)
         _ = self.core  # refuses sizes and poles

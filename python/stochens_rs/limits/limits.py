@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,7 +14,6 @@ from .._base.types import Floats, NDArray, Self
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
 
 
-@dataclass(frozen=True, eq=False)
 class Named(Record):
     """An array with names along its last axis."""
 
@@ -159,7 +157,6 @@ def _shown(value: Any) -> str:
     return f"array {value.shape}" if value.size > 6 else str(value.tolist())
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Forecast(Asked):
     """What inputs will be that are measured and not chosen, as the weather or a load.
 
@@ -204,7 +201,6 @@ class Forecast(Asked):
         return not np.asarray(self.error).any()
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Limits(Asked):
     """Limits of inputs, of their changes and of states.
 
@@ -269,7 +265,6 @@ def as_limits(value: Any) -> Limits:
     return value if isinstance(value, Limits) else Limits(u=value)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Cost(Asked):
     """Weights of states and inputs, and the wanted states.
 
@@ -321,7 +316,6 @@ def as_cost(value: Any) -> Cost:
     return Cost() if value is None else validation.instance("cost", value, Cost)
 
 
-@dataclass(frozen=True, eq=False)
 class Uncertain(SavedRecord):
     """An initial state that is known up to a distance, for plans of a model from data.
 

@@ -26,7 +26,6 @@ from .limits import Cost, Entries, Limits, Named, as_cost, as_limits, steps_ahea
 SOFT = 1e3  # weight of soft state limits, in units of the largest eigenvalue of Q
 
 
-@dataclass(frozen=True, eq=False)
 class Task(Record):
     """``J(u) = sum_k ||x(k) - r(k)||^2_{Q_k} + ||u(k-1) - u_s||^2_R``, k = 1, ..., K, and limits.
 
@@ -266,7 +265,6 @@ def _rates(
 OPTIMAL = 1e-9  # the gap of an "optimal" control, in units of J(u), as in the core
 
 
-@dataclass(frozen=True, eq=False)
 class Limited(Record):
     """What is known about a control within limits. Made by `control`, and ``plan.limited`` there.
 
@@ -328,8 +326,7 @@ class Limited(Record):
     open_until: int | None = None
     open_objective: float | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         require_shapes(self, u=self.task.low.shape, states=self.task.reference.shape)
 
     @property

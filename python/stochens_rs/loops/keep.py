@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn, TypeAlias
@@ -248,8 +248,7 @@ class Kept:
         )
 
 
-@dataclass(frozen=True, repr=False)
-class Keep(Options):
+class Keep(Options, eq=True):
     """Limits that a certified gain keeps over a number of calls; an option of `regulate`.
 
     Parameters

@@ -7,7 +7,7 @@ import threading
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -30,7 +30,6 @@ CORE = ("_matrices", "_point", "_solver", "_window", "kept")
 Entry = TypeVar("Entry")
 
 
-@dataclass(frozen=True, eq=False)
 class LoopState(SavedRecord):
     """What a loop is made of and where it stands, without its log.
 

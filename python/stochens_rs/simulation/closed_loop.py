@@ -73,7 +73,6 @@ class StepEstimate:
             validation.flag(name, getattr(self, name))
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Tracking(SavedRecord, Tabled):
     """A reference, and the trajectories of a system that tracks it.
 
@@ -114,8 +113,7 @@ class Tracking(SavedRecord, Tabled):
     status: Status
     info: dict[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if not self.inputs.size:
             raise ShapeError(f"`inputs` must have a step and an input, got {self.inputs.shape}")
 

@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, Any, ClassVar, TypeAlias
 
 import numpy as np
 
@@ -29,12 +28,10 @@ from ..theory.exact import checked_motion
 class _OverTime(SavedRecord, Timed, listed=False):
     """What both trajectories have: a phase portrait, and names of the states that are drawn."""
 
-    inputs: Floats
-    dt: float | None
-    labels: Labels | None
+    _drawn: ClassVar[str]  # the field with the curves, the states or their means, (K + 1, n)
 
     @property
-    def steps(self) -> int:
+    def steps(self: Any) -> int:
         """The number of steps K."""
         return len(self.inputs)
 
@@ -71,18 +68,16 @@ class _OverTime(SavedRecord, Timed, listed=False):
         labels = self._labels
         at = two_states(labels, across, up)
         names = labels.state_axes
-        return draw_phase([(self._curves[:, at], None)], (names[at[0]], names[at[1]]), ax=ax)
+        curves = getattr(self, self._drawn)[:, at]
+        return draw_phase([(curves, None)], (names[at[0]], names[at[1]]), ax=ax)
 
     @property
-    def _curves(self) -> Floats:
-        """The states, or their means, (K + 1, n)."""
-        raise NotImplementedError
+    def _labels(self: Any) -> Labels:
+        return self.labels or default_labels(
+            getattr(self, self._drawn).shape[1], self.inputs.shape[1]
+        )
 
-    @property
-    def _labels(self) -> Labels:
-        return self.labels or default_labels(self._curves.shape[1], self.inputs.shape[1])
-
-    def _shown(self, states: object) -> tuple[list[int], dict[str, Any]]:
+    def _shown(self: Any, states: object) -> tuple[list[int], dict[str, Any]]:
         """The places of the chosen states, and how they are named."""
         labels = self._labels
         at = labels.places("states", states)
@@ -94,7 +89,6 @@ class _OverTime(SavedRecord, Timed, listed=False):
         return at, {"names": [named[i] for i in at], "up": up, "timed": self.dt is not None}
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Trajectory(_OverTime):
     """The trajectory of an exact system under given inputs.
 
@@ -112,15 +106,13 @@ class Trajectory(_OverTime):
         Names and units of the states and inputs, as those of the system.
     """
 
+    _drawn = "states"
+
     states: Annotated[Floats, "step+1 state"]
     inputs: Annotated[Floats, "step input"]
     times: Annotated[Floats, "step+1"]
     dt: Positive | None = None
     labels: Labels | None = None
-
-    @property
-    def _curves(self) -> Floats:
-        return self.states
 
     def plot(
         self, states: str | int | Sequence[str | int] | None = None, *, ax: Axes | None = None
@@ -161,7 +153,6 @@ class Trajectory(_OverTime):
         return f"<Trajectory: n={self.states.shape[1]}, {show.number_of(self.steps)}>"
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class EnsembleTrajectory(_OverTime):
     """Mean and covariance of random trajectories, or of those of several models of a system.
 
@@ -204,6 +195,8 @@ class EnsembleTrajectory(_OverTime):
         Names and units of the states and inputs, as those of the system.
     """
 
+    _drawn = "mean"
+
     mean: Annotated[Floats, "step+1 state"]
     variance: Annotated[Floats, "step+1 state", "own unit"] | None
     covariance: Annotated[Floats, "step+1 state other_state", "own unit"] | None
@@ -220,14 +213,9 @@ class EnsembleTrajectory(_OverTime):
     centre: Centre | None = None
     labels: Labels | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if self.runs is not None and len(self.runs) != self.replicates:
             raise ShapeError(f"`runs` must be {self.replicates}, got {len(self.runs)}")
-
-    @property
-    def _curves(self) -> Floats:
-        return self.mean
 
     @property
     def standard_error(self) -> Floats | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Annotated, Any, NamedTuple, overload
 
 import numpy as np
@@ -36,7 +36,6 @@ from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, refuse
 _MIXTURES = _core.mixtures()
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Logs(SavedRecord):
     """Logs of outputs, and what was declared of them before the first one."""
 

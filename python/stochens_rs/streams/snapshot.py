@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from math import ceil, floor, inf, isfinite, isqrt, log2
 from typing import Annotated, Any, TypeAlias
@@ -45,7 +45,6 @@ from ..identification.region import Region, Wish, of_core, region_of, withheld
 Size: TypeAlias = Annotated[int, partial(validation.size, minimum=0)]
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Snapshot(SavedRecord, Fitted):
     """The model of a `ModelStream` at one time. Made by `ModelStream.model`.
 
@@ -89,8 +88,7 @@ class Snapshot(SavedRecord, Fitted):
     input_names: tuple[str, ...] = ()
     runs: int = 0
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         d = len(self.scale)
         if d != self.n + self.m + self.intercept or len(self.triangle) != d + self.n:
             raise ShapeError("`triangle` and `scale` must be of the sizes of n, m and intercept")
@@ -257,7 +255,6 @@ def look_after(first: int, size: int) -> int:
     return j
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Look(Record):
     """Whether the data so far are enough to reach xf from x0. Made by `ModelStream.look`.
 
@@ -426,7 +423,6 @@ def _forecast(
     return max(size - model.size, 1.0)
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class LoopLook(Record):
     """Whether the data so far certify a feedback. Made by `ModelStream.look`.
 

@@ -7,7 +7,7 @@ import hashlib
 import io
 import itertools
 import json
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,8 +27,7 @@ SUFFIXES = (".csv", ".nc", ".json")
 _MOST = 6  # numbers of a table
 
 
-@dataclass(frozen=True)
-class Failure(Record):
+class Failure(Record, eq=True):
     """A replicate that raised an error.
 
     Attributes
@@ -45,7 +44,6 @@ class Failure(Record):
     error: str
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Results(Record):
     """The numbers of a study. Made by `Study.run`; see also `Study.results`.
 
@@ -88,8 +86,7 @@ class Results(Record):
     seconds: float
     units: dict[str, str] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         shape = (*map(len, self.grid.values()), len(self.replicates))
         require_shapes(self, done=shape, failed=shape)
 

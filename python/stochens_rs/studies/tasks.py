@@ -228,8 +228,7 @@ WAITING, DONE, FAILED = 0, 1, 2  # the state of a task
 MOST = 2**40  # tasks
 
 
-@dataclass(frozen=True, repr=False)
-class Manifest(Record):
+class Manifest(Record, eq=True):
     """What must agree for a study to be continued, but for more replicates and other units."""
 
     stochens_rs: str
@@ -244,13 +243,11 @@ class Manifest(Record):
     function_digest: str
     units: dict[str, str]
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if not 0 <= self.replicates[0] < self.replicates[1] <= MOST:
             raise InputError(f"`replicates` must be the first and the end, got {self.replicates}")
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Block(SavedRecord):
     """Some tasks and what became of them: numbers by name, a row for each task; one text for each
     that failed, in their order; and where they ran. Or what the study is.
@@ -266,8 +263,7 @@ class Block(SavedRecord):
     seconds: float = 0.0
     study: Manifest | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         if not np.isin(self.states, (WAITING, DONE, FAILED)).all():
             raise InputError(f"`states` must be in 0 to {FAILED}")
         if np.count_nonzero(self.states == FAILED) != len(self.errors):

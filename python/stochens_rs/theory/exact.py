@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from math import inf
 from typing import Any, Literal, TypeAlias, TypeVar
 
@@ -29,8 +29,7 @@ RELATIVE_TO = {
 _FAR = 1e3  # errors so many times as large as what they are relative to are not printed as shares
 
 
-@dataclass(frozen=True)
-class Reachability(Record):
+class Reachability(Record, eq=True):
     """Whether a control over K steps can reach the (estimated) target.
 
     ``C_K = [B, A B, ..., A^{K-1} B]``; one step: ``C_1 = B``.
@@ -89,8 +88,7 @@ class Reachability(Record):
         return f"undecided whether reachable: {self.upper:.2g} ({share}) away, {low} at least"
 
 
-@dataclass(frozen=True)
-class PlanError(Record):
+class PlanError(Record, eq=True):
     """The error of a control for a system that is known exactly.
 
     ``v = B^+ (xf - A x0)`` is the best control, ``x_actual = A x0 + B v`` the state it leads to.

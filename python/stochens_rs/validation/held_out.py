@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
 
@@ -51,7 +50,6 @@ _SAME = {
 }
 
 
-@dataclass(frozen=True, eq=False, repr=False)
 class Validation(SavedRecord):
     """The next run stays in `tube`, and ends within `target`, with probability ``1 - delta`` each.
 
@@ -106,8 +104,7 @@ class Validation(SavedRecord):
     rank: int | None
     noise_free: float | None = None
 
-    def __post_init__(self) -> None:
-        super().__post_init__()
+    def _check(self) -> None:
         validation.size("tube", len(self.tube))
         size = validation.size("deviations", len(self.deviations))
         if self.rank is not None:

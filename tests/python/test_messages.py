@@ -48,7 +48,7 @@ CALLS = [
     (lambda: se.simulate(SYSTEM, X0, 2.0), "`u` must have shape (K, 3), one row per step, got fl"),
     (
         lambda: se.fuse(ENSEMBLE, "alse", target=X0),
-        "`target` must have shape (3, 3) as a realization, got (3,)",
+        "`target` must have shape (3, 3), got (3,)",
     ),
     (
         lambda: se.track(SYSTEM, np.ones((3, 4)), 5),

@@ -167,11 +167,6 @@ def encode(kind: str, generation: int, sections: Mapping[str, NDArray[Any]]) -> 
     return _core.storage_encode(kind, generation, _arrays(sections))
 
 
-def decode(source: str, content: bytes, kind: str) -> tuple[int, dict[str, Section]]:
-    """Return the generation and the arrays in the bytes of a state file (see `load`)."""
-    return _core.storage_decode(source, content, kind)
-
-
 _held: weakref.WeakSet[_core.StateLock] = weakref.WeakSet()
 
 
@@ -211,6 +206,9 @@ class Durable:
     @classmethod
     def _from_sections(cls, sections: dict[str, Any]) -> Self:
         raise NotImplementedError
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self)._from_sections, (self._to_sections(),)
 
     def save(self, path: PathLike) -> int:
         """Save to a file.

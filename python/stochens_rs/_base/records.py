@@ -283,8 +283,7 @@ class Options(Record, listed=False):
         given = []
         for one in fields_of(own):
             value = getattr(self, one.name)
-            same = type(value) is type(one.default) and value == one.default
-            if value is not one.default and not same:
+            if type(value) is not type(one.default) or value != one.default:
                 given.append(f"{one.name}={value!r}")
         return f"{own.__name__}({', '.join(given)})"
 

@@ -37,7 +37,7 @@ def vector(
 
     A table whose labels are `labels`, the names of its entries, is brought into their order.
     """
-    return _array(name, value, ("n" if length is None else length,), labels)
+    return shaped(name, value, ("n" if length is None else length,), labels)
 
 
 def measured(name: str, value: object, names: Sequence[str]) -> Floats:
@@ -83,7 +83,7 @@ def matrix(
     """
     height = "n" if rows is None else rows
     width = height if square else "m" if cols is None else cols
-    return _array(name, value, (height, width), labels)
+    return shaped(name, value, (height, width), labels)
 
 
 def inputs(
@@ -276,6 +276,20 @@ def instance(name: str, value: object, kind: type[T]) -> T:
     return value
 
 
+def left_out(where: str, /, **arguments: object) -> None:
+    """Refuse arguments that are given, that is not None, where they make no sense."""
+    for name, value in arguments.items():
+        if value is not None:
+            raise InputError(f"`{name}` must be left out {where}, got {show(value)}")
+
+
+def same_sizes(name: str, found: tuple[int, ...], wanted: tuple[int, ...], like: str) -> None:
+    """Refuse other numbers of states and inputs than those of what it goes with."""
+    if found != wanted:
+        sizes = ("n={} m={}".format(*pair) for pair in (wanted, found))
+        raise ShapeError("`{}` must have {} as {}, got {}".format(name, next(sizes), like, *sizes))
+
+
 def same_dt(name: str, dt: object, wanted: object, like: str) -> None:
     """Refuse another time between two steps; one that is not stated goes with all."""
     if not (isinstance(dt, float) and isinstance(wanted, float)):
@@ -316,8 +330,8 @@ def frozen(checked: Floats) -> Floats:
     return copied
 
 
-def _array(
-    name: str, value: object, wanted: tuple[int | str, ...], labels: Sequence[str] | None
+def shaped(
+    name: str, value: object, wanted: tuple[int | str, ...], labels: Sequence[str] | None = None
 ) -> Floats:
     """Return `value` as finite numbers of a shape, in which a letter stands for any length."""
     given = _numeric(name, value, labels)

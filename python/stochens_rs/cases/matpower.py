@@ -12,7 +12,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from .._base import running, validation
-from .._base.files import checked_path
+from .._base.files import checked_path, regular_file
 from .._base.tables import extra
 from .._base.types import Floats, NDArray
 from ..exceptions import InputError, InputTypeError, ShapeError
@@ -103,8 +103,8 @@ class Network(NamedTuple):
 def read_network(case: object) -> Network:
     """Return the network of any of the three kinds of cases."""
     if isinstance(case, (str, os.PathLike)):
-        path = Path(checked_path("case", case))
-        return _network(read_file(path), path.stem, None)
+        path = checked_path("case", case)
+        return _network(read_matpower(path), Path(path).stem, None)
     if getattr(case, "_ppc", ...) is not ...:
         return _pandapower(case)
     if isinstance(case, Mapping):
@@ -113,34 +113,6 @@ def read_network(case: object) -> Network:
         "`case` must be the path of a MATPOWER .m file, a MATPOWER dictionary or a pandapower "
         f"net, got {validation.show(case)}"
     )
-
-
-def read_file(path: Path) -> dict[str, Any]:
-    """All tables of a MATPOWER file that computes nothing."""
-    if path.suffix.lower() != ".m":
-        raise InputError(f"`case` must be a MATPOWER .m file, got {path}")
-    path.stat()  # a missing file is an OSError
-    if not path.is_file():
-        raise InputError(f"{path} must be a regular file")
-    with extra(f"{path} is a MATPOWER file, read by matpowercaseframes", "grids"):
-        import matpowercaseframes
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of the parser, about pandas
-            frames = matpowercaseframes.CaseFrames(str(path))
-        tables: dict[str, Any] = {"version": "2", "baseMVA": frames.baseMVA}
-        for name in frames.attributes:
-            frame = getattr(frames, name)
-            if name in WIDTH or (hasattr(frame, "to_numpy") and name not in _TEXTS):
-                tables[name] = frame.to_numpy(dtype=float, copy=True)
-        tables = {name: tables[name] for name in (*tables, *WIDTH)}
-    except Exception as error:  # of the parser, on a file of another kind
-        raise InputError(
-            f"{path} must be a MATPOWER case with numbers in bus, gen and branch "
-            f"({type(error).__name__}: {str(error)[:80]})"
-        ) from error
-    _refuse_statements(path)
-    return tables
 
 
 def _refuse_statements(path: Path) -> None:
@@ -316,7 +288,29 @@ def read_matpower(path: str | os.PathLike[str]) -> dict[str, Any]:
         ...
     stochens_rs.exceptions.InputError: `case` must be a MATPOWER .m file, got case.raw
     """
-    return read_file(Path(checked_path("path", path)))
+    path = Path(checked_path("path", path))
+    if path.suffix.lower() != ".m":
+        raise InputError(f"`case` must be a MATPOWER .m file, got {path}")
+    regular_file(path)
+    with extra(f"{path} is a MATPOWER file, read by matpowercaseframes", "grids"):
+        import matpowercaseframes
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of the parser, about pandas
+            frames = matpowercaseframes.CaseFrames(str(path))
+        tables: dict[str, Any] = {"version": "2", "baseMVA": frames.baseMVA}
+        for name in frames.attributes:
+            frame = getattr(frames, name)
+            if name in WIDTH or (hasattr(frame, "to_numpy") and name not in _TEXTS):
+                tables[name] = frame.to_numpy(dtype=float, copy=True)
+        tables = {name: tables[name] for name in (*tables, *WIDTH)}
+    except Exception as error:  # of the parser, on a file of another kind
+        raise InputError(
+            f"{path} must be a MATPOWER case with numbers in bus, gen and branch "
+            f"({type(error).__name__}: {str(error)[:80]})"
+        ) from error
+    _refuse_statements(path)
+    return tables
 
 
 def from_matpower(

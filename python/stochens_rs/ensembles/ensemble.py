@@ -15,7 +15,7 @@ import numpy as np
 
 from .. import _core
 from .._base import running, validation
-from .._base.records import Count, Dense, Record, SavedRecord, trusted
+from .._base.records import Count, Dense, Record, SavedRecord, require_shapes, trusted
 from .._base.running import get_num_threads
 from .._base.types import AXES, CENTRES, SCHEMES, ArrayLike, Axis, Centre, Floats, NDArray, Scheme
 from ..exceptions import InputError, InputTypeError, NonFiniteError, ShapeError
@@ -49,9 +49,8 @@ def to_lines(values: Floats, axis: Axis) -> Floats:
 
 def from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
     """Undo `to_lines`."""
-    if len(shape) == 1:
-        return values.reshape(shape)
-    return np.ascontiguousarray(values.T) if axis == "columns" else values
+    found: NDArray[Any] = stack_from_lines(values, shape, axis)[0]
+    return found
 
 
 def stack_from_lines(values: NDArray[Any], shape: tuple[int, ...], axis: Axis) -> NDArray[Any]:
@@ -122,10 +121,7 @@ class Counts(SavedRecord):
         law = self.law
         if law is None:
             return
-        if law.values.shape != self.shape:
-            raise ShapeError(
-                f"`law` must have values of shape {self.shape}, got {law.values.shape}"
-            )
+        require_shapes(law, values=self.shape)
         along = 1 if law.axis == "rows" and law.values.ndim == 2 else 0
         # Sums up to 2^53 are exact. Converted in one step: NumPy's buffered loops, which mix
         # types, crash if memory runs out.
@@ -531,13 +527,9 @@ def lines_of(ensemble: Ensemble, values: Floats) -> Floats:
 
 def from_core(ensemble: Ensemble, values: Floats, stack: bool = False) -> Floats:
     """Undo `lines_of`; of a stack, whose first axis counts."""
-    if stack and ensemble.is_singleton:
-        return stack_from_lines(values, ensemble.shape, ensemble.axis)
-    if stack:
-        return values.reshape(-1, *ensemble.shape)
-    if ensemble.is_singleton:
-        return from_lines(values, ensemble.shape, ensemble.axis)
-    return values.reshape(ensemble.shape)
+    axis: Axis = ensemble.axis if ensemble.is_singleton else "rows"
+    found = stack_from_lines(values, ensemble.shape, axis)
+    return found if stack else found[0]
 
 
 def blocks_of(ensemble: Ensemble, rows: int) -> Iterator[Floats]:

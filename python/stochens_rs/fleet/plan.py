@@ -368,17 +368,15 @@ class FleetPlan(SavedRecord, Timed):
         <RiskBound hold-out: a fresh unit misses more than 0.4191 with at most 4.951 %, 38 of 1000>
         """
         beta = validation.probability("beta", beta)
-        if epsilon is not None and threshold is not None:
-            raise InputError("`threshold` must be left out with `epsilon`, which gives one")
         share = None if epsilon is None else validation.probability("epsilon", epsilon)
+        if share is not None:
+            validation.left_out("with `epsilon`, which gives one", threshold=threshold)
         limit = (
             self.threshold if threshold is None else validation.nonnegative("threshold", threshold)
         )
         fresh, mine = read_systems(new_units), self.units.systems
-        if (fresh.n, fresh.m) != (mine.n, mine.m):
-            raise ShapeError(
-                f"`new_units` must have n={mine.n} and m={mine.m}, got n={fresh.n} and m={fresh.m}"
-            )
+        sizes = (fresh.n, fresh.m), (mine.n, mine.m)
+        validation.same_sizes("new_units", *sizes, "those of this plan")
         validation.same_dt("new_units", fresh.dt, mine.dt, "this plan")
         fresh = systems_in_order("new_units", fresh, mine.labels)
         if x0 is None and len(self.units.x0) > 1:
@@ -423,9 +421,8 @@ class FleetPlan(SavedRecord, Timed):
         if radius is None:
             return np.zeros(size), 0.0
         if self.units.task.state_low is not None:
-            raise InputError(
-                "`radius` must be left out with limits of states: it is about misses alone"
-            )
+            about = "with limits of states, as it is about misses alone"
+            validation.left_out(about, radius=radius)
         radii = validation.vector("radius", radius, length=size)
         if (radii < 0.0).any():
             raise InputError(f"`radius` must be >= 0, got {radii.min():.3g}")

@@ -90,11 +90,8 @@ class Fit(SavedRecord):
         N, shape = self.ensemble.size, self.ensemble.shape
         if shape != self.shape:
             raise ShapeError(f"`ensemble` must have shape {self.shape}, got {shape}")
-        if len(self.weights) != N:
-            raise ShapeError(f"`weights` must have {N} rows, got {len(self.weights)}")
         lines = (N,) if 1 in (self.weights.ndim, len(shape)) else (N, shape[not self._by_rows])
-        if self.weights.shape != lines:
-            raise ShapeError(f"`weights` must have shape {lines}, got {self.weights.shape}")
+        require_shapes(self, weights=lines)
         self._check_sum(self.ensemble)
 
     def _check_sum(self, ensemble: Ensemble) -> None:

@@ -23,7 +23,7 @@ from .._base.records import SavedRecord, cached_property
 from .._base.types import ROUNDING, Floats, Status
 from ..data import Trajectories
 from ..ensembles.systems import SystemEnsemble
-from ..exceptions import InputError, ShapeError
+from ..exceptions import InputError
 from ..identification.identified import Identified
 from ..identification.model import Model
 from ..identification.region import Region
@@ -288,8 +288,11 @@ class FusedModel(SavedRecord, Identified):
         data, known = self.least_squares, self.least_squares.assumptions.known
         own = data.region(delta / 2.0, future=future, frobenius=frobenius)
         a = np.sqrt(_core.hull_radius(self._hull, self._noise, delta / 2.0, data.n * future))
-        b, away = _radius(own, known is not None), self._hull.t - self._hull.point
-        radius = _core.hull_between(b, float(a), away, self.share, frobenius)
+        b = np.sqrt(own.parts[0].factor) if own.frobenius is None else own.frobenius
+        if known is None and np.isfinite(b):
+            b *= np.sqrt(np.linalg.norm(own.parts[0].S, 2))
+        away = self._hull.t - self._hull.point
+        radius = _core.hull_between(float(b), float(a), away, self.share, frobenius)
         shape = np.eye(data.n) if known is None else known
         return replace(
             own,
@@ -311,10 +314,7 @@ class FusedModel(SavedRecord, Identified):
 
 def require_fit(name: str, data: Model, models: SystemEnsemble) -> None:
     """Refuse least squares that the models cannot be mixed with."""
-    if (data.n, data.m) != (models.n, models.m):
-        raise ShapeError(
-            f"`{name}` must have n={models.n} m={models.m} as the models, got n={data.n} m={data.m}"
-        )
+    validation.same_sizes(name, (data.n, data.m), (models.n, models.m), "the models")
     if models.c is not None and not data.intercept:
         raise InputError(f"`{name}` must be a model with intercept, as the models have offsets")
     if data.known is not None:
@@ -344,15 +344,6 @@ def stacked(models: SystemEnsemble, intercept: bool) -> Floats:
         offset = np.zeros((models.size, models.n)) if models.c is None else models.c
         parts.append(offset[:, :, None])
     return np.concatenate(parts, axis=2)
-
-
-def _radius(own: Region, known: bool) -> float:
-    """The radius of a region of least squares, Frobenius where it has one, in the `units`."""
-    part = own.parts[0]
-    factor = np.sqrt(part.factor) if own.frobenius is None else own.frobenius
-    if known or not np.isfinite(factor):
-        return float(factor)
-    return float(factor * np.sqrt(np.linalg.norm(part.S, 2)))
 
 
 def one_variance(data: Model) -> bool:

@@ -186,10 +186,10 @@ def fuse(
                 "`method` must be 'alse' with weights on the simplex with `data`, got "
                 f"{validation.show(method)}"
             )
-        _refuse("with `data`", target=target, weights=weights, variances=variances)
+        validation.left_out("with `data`", target=target, weights=weights, variances=variances)
         return _by_data(ensemble, data, noise, (shrink, independent), options)
     shrinks, own = (None if shrink is True else shrink), (None if independent is False else True)
-    _refuse("without `data`", noise=noise, shrink=shrinks, independent=own)
+    validation.left_out("without `data`", noise=noise, shrink=shrinks, independent=own)
     if isinstance(ensemble, SystemEnsemble):
         matrices = fused_model.stacked(ensemble, ensemble.c is not None)
         ensemble = Ensemble.from_samples(matrices, centre=ensemble.centre)
@@ -199,9 +199,9 @@ def fuse(
     goal = None if target is None and name == "uniform" else _goal(given, target, name)
     # the weights, and at most two copies on the way
     running.need("the weights", 3 * 8 * given.size)
-    if weights is not None or variances is not None:
-        if name != "uniform":
-            raise InputError(f"`weights` and `variances` must be left out for method '{name}'")
+    if name != "uniform":
+        validation.left_out(f"for method '{name}'", weights=weights, variances=variances)
+    elif weights is not None or variances is not None:
         return _weighted(given, goal, weights, variances)
     if goal is None or name == "uniform":
         estimate = given.mean()
@@ -313,19 +313,7 @@ def _goal(ensemble: Ensemble, target: ArrayLike | None, method: str) -> Floats:
     """Check the target that a method fits to."""
     if target is None:
         raise InputError(f"`target` is required for method '{method}': what to fit to")
-    goal = validation.array("target", target, ndim=(1, 2))
-    if goal.shape != ensemble.shape:
-        raise ShapeError(
-            f"`target` must have shape {ensemble.shape} as a realization, got {goal.shape}"
-        )
-    return goal
-
-
-def _refuse(where: str, **arguments: object) -> None:
-    """Refuse arguments that have no meaning here."""
-    for name, value in arguments.items():
-        if value is not None:
-            raise InputError(f"`{name}` must be left out {where}")
+    return validation.shaped("target", target, ensemble.shape)
 
 
 def _of_senders(ensembles: Sequence[object]) -> Ensemble:
@@ -417,8 +405,7 @@ def _by_data(
 def _least_squares(given: SystemEnsemble, data: object, noise: Any) -> Model:
     """Least squares of the data, with what was declared; refused where the method needs more."""
     if isinstance(data, Model):
-        if noise is not None:
-            raise InputError("`noise` must be left out: `data` is a model that has it")
+        validation.left_out("where `data` is a model, which has it", noise=noise)
         least = data
     elif isinstance(data, Identified):
         raise InputTypeError(f"`data` must be Trajectories or a Model, got {validation.show(data)}")

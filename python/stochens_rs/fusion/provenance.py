@@ -19,7 +19,7 @@ from .._base.records import Count, Dense, Record, require_shapes, trusted
 from .._base.types import Axis, Floats
 from ..certificates.of_model import ModelBasis
 from ..ensembles.ensemble import Counts, Ensemble
-from ..exceptions import InputError, ShapeError
+from ..exceptions import InputError
 from ..rng import Key
 from ..system.system import System, in_order
 from .fits import Fit
@@ -176,8 +176,6 @@ def completed(basis: Any, declared: tuple[Any, ...], what: str, labels: Labels |
     }
     if system is not None:
         checked = System.from_any(system)
-        if checked.B.shape != basis.B.shape:
-            raise ShapeError(f"`system.B` must have shape {basis.B.shape}, got {checked.B.shape}")
         checked = in_order("system", checked, labels)
         if not np.array_equal(checked.B, basis.B):
             raise InputError("`system.B` differs from the `B` of this plan")

@@ -92,9 +92,7 @@ def checked_task(
     within, weights = as_limits(limits), as_cost(cost)
     if weights.given or {"u", "rate", "x", "forecast"}.intersection(within.given):
         return read_task(n, m, K, xf, within, weights, labels)
-    for name in within.given:
-        found = validation.show(getattr(within, name))
-        raise InputError(f"`{name}` must be left out without limits, got {found}")
+    validation.left_out("without limits", **within.given)
     return None
 
 
@@ -125,8 +123,8 @@ def read_task(
         soft = SOFT * float(max(np.abs(stage).max(), np.abs(terminal).max()))
         if not (within.soft is None or within.soft is True):
             soft = None if within.soft is False else validation.positive("soft", within.soft)
-    elif within.soft is not None:
-        raise InputError("`soft` must be left out without limits of states, `Limits(x=)`")
+    else:
+        validation.left_out("without limits of states, `Limits(x=)`", soft=within.soft)
     # of the inputs that keep limits of states a weight R takes the least
     least = within.x is not None and soft != 0.0 and inputs is not None and inputs.any()
     if not stage.any() and not terminal.any() and not least:
@@ -146,13 +144,9 @@ def read_task(
 
 def seconds(time_limit: Any, task: Task | None) -> float | None:
     """The time for the task [s], checked."""
-    if time_limit is None:
-        return None
     if task is None:
-        raise InputError(
-            f"`time_limit` must be left out without limits, got {validation.show(time_limit)}"
-        )
-    return validation.positive("time_limit", time_limit)
+        validation.left_out("without limits", time_limit=time_limit)
+    return None if time_limit is None else validation.positive("time_limit", time_limit)
 
 
 def sides(
@@ -223,8 +217,7 @@ def _rates(
 ) -> tuple[Floats | None, Floats | None]:
     """``|u(k) - u(k-1)|`` at most, and ``u(-1)``; refused where they leave no room."""
     if within.rate is None:
-        if within.previous is not None:
-            raise InputError("`previous` must be left out without `rate`")
+        validation.left_out("without `rate`", previous=within.previous)
         return None, None
     if within.previous is None:
         raise InputError(

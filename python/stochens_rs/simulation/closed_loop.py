@@ -272,8 +272,7 @@ def track(
     if validation.is_real(controller):
         controller = StepEstimate(controller)  # type: ignore[arg-type]
     if isinstance(controller, StepEstimate):
-        if noise is not None:
-            raise InputError("`noise` must be None with a StepEstimate, got one")
+        validation.left_out("with a StepEstimate", noise=noise)
         states, inputs, status, info = _estimated(checked, start, r, controller, key, R)
         cure = ": is `size` above the threshold of stability (see track)?"
     else:
@@ -309,12 +308,7 @@ def _controlled(
     n, m = system.n, system.m
     labels = controller.labels if isinstance(controller, Loop | Regulator) else None
     sizes = (n, m) if labels is None else (len(labels.states), len(labels.inputs))
-    if sizes != (n, m):
-        raise InputError(
-            "`controller` must be for n={} and m={} as `system`, got n={} and m={}".format(
-                n, m, *sizes
-            )
-        )
+    validation.same_sizes("controller", sizes, (n, m), "`system`")
     # what the controller calls by the same names stands where it has it
     order = order_of("system", system.labels, labels)
     back, logged = order.back(), isinstance(controller, Regulator)

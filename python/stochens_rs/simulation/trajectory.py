@@ -13,7 +13,6 @@ import numpy as np
 from .. import _core
 from .._base import running, show, validation
 from .._base.names import Labels, default_labels, two_states
-from .._base.reading import aligned
 from .._base.records import Count, Positive, SavedRecord
 from .._base.tables import Timed
 from .._base.types import AVERAGINGS, ArrayLike, Averaging, Axes, Centre, Floats
@@ -471,16 +470,12 @@ def _each(
     """Run each of several systems once."""
     N, n, m = models.size, models.n, models.m
     names = models.labels or default_labels(n, m)
-    start = validation.array("x0", aligned("x0", x0, names.states), ndim=(1, 2))
-    if start.shape not in ((n,), (N, n)):
-        raise ShapeError(
-            f"`x0` must have shape ({n},), or ({N}, {n}) with one for each model, got {start.shape}"
-        )
+    start = validation.starts(x0, N, n, names.states)
     inputs = validation.inputs("u", u, cols=m, labels=names.inputs)
     options = _checked_memory(n, len(inputs), N, models.A.nbytes + models.B.nbytes, kept)
     A, B = (np.ascontiguousarray(M.transpose(0, 2, 1)) for M in (models.A, models.B))
     found = _core.simulate_systems(
-        A.reshape(N, n * n), B.reshape(N, m * n), models.c, start.reshape(-1, n), inputs, *options
+        A.reshape(N, n * n), B.reshape(N, m * n), models.c, start, inputs, *options
     )
     return EnsembleTrajectory(
         **_arrays(found, inputs, models.dt),

@@ -374,9 +374,6 @@ class DataStream(Durable):
         made._shape, made._targets = (n, m), tuple(bool(v) for v in targets)
         return made
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return DataStream._from_sections, (self._to_sections(),)
-
     def __repr__(self) -> str:
         n, m = self._shape
         seen = ", ".join(f"{count} of {name}" for name, count in self.counts.items())
@@ -407,7 +404,7 @@ def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
             raise ShapeError(f"`{name}` must have shape {shape}, got {value.shape}")
         return (block.reshape(-1, entries) for block in blocks_of(value, rows))
     if isinstance(value, Iterator):
-        return (_one(name, item, shape).reshape(1, -1) for item in value)
+        return (validation.shaped(name, item, shape).reshape(1, -1) for item in value)
     array = validation.array(name, value, ndim=(len(shape), len(shape) + 1))
     if array.shape[-len(shape) :] != shape:
         raise ShapeError(
@@ -415,12 +412,6 @@ def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
             f"got {array.shape}"
         )
     return [array.reshape(-1, entries)]
-
-
-def _one(name: str, item: object, shape: tuple[int, ...]) -> Floats:
-    if len(shape) == 1:
-        return validation.vector(name, item, length=shape[0])
-    return validation.matrix(name, item, rows=shape[0], cols=shape[1])
 
 
 def radii_of_means(

@@ -274,8 +274,8 @@ class ModelStream(Durable):
         >>> stream.size
         3
         """
-        if isinstance(x, Trajectories) and not (u is None and x_next is None):
-            raise InputError("`u` and `x_next` must be left out with Trajectories")
+        if isinstance(x, Trajectories):
+            validation.left_out("with Trajectories", u=u, x_next=x_next)
         start = self._known
         more = x if isinstance(start, Logs) else pair_rows(start.begun, x, u, x_next)
         while True:  # again if another thread was faster: no pair is lost
@@ -381,10 +381,10 @@ class ModelStream(Durable):
         model, best = self.model, {"limits": limits, "cost": cost}
         given: dict[str, Any] = {"x0": x0, "xf": xf, "tol": tol, "u": u, **best}
         if gain is not None:
-            _leave_out(given, "gain", *given)
+            validation.left_out("with `gain`", **given)
             return look_at_loop(model, gain)
         if isinstance(model, Model):
-            _leave_out(given, "window", "u")
+            validation.left_out("with `window`", u=u)
             task = {"record": x0, "target": xf, "steps": steps, **best}
             return look(model, validation.positive("tol", tol), None, task)
         for name in ("x0", "tol") if u is None and cost is not None else ("x0", "xf", "tol"):
@@ -393,7 +393,7 @@ class ModelStream(Durable):
         limit = validation.positive("tol", tol)
         x0 = validation.vector("x0", x0, length=model.n, labels=model.state_names)
         if u is not None:
-            _leave_out(given, "u", "limits", "cost")
+            validation.left_out("with `u`", **best)
             K = validation.size("steps", steps)
             u = validation.matrix("u", u, rows=K, cols=model.m, labels=model.input_names)
             xf = validation.vector("xf", xf, length=model.n, labels=model.state_names)
@@ -425,15 +425,6 @@ class ModelStream(Durable):
         made._begin(Pairs(model, model.triangle, model.size, model.runs, own))
         return made
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return ModelStream._from_sections, (self._to_sections(),)
-
-
-def _leave_out(given: dict[str, Any], beside: str, *names: str) -> None:
-    for name in names:
-        if given[name] is not None:
-            raise InputError(f"`{name}` must be left out with `{beside}`")
-
 
 def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
     """Check pairs or runs of a stream, and return their rows."""
@@ -459,10 +450,7 @@ def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
     """Refuse runs of another system."""
     if runs.outputs:
         raise InputError("`x` must be runs of states, got outputs: see identify")
-    if (runs.n, runs.m) != (about.n, about.m):
-        raise InputError(
-            f"`x` must be runs with n={about.n} m={about.m}, got n={runs.n} m={runs.m}"
-        )
+    validation.same_sizes("x", (runs.n, runs.m), (about.n, about.m), "this stream")
     if runs.dt != about.dt:
         raise InputError(
             f"`x` must be with dt={about.dt}, got dt={runs.dt}: pass dt={runs.dt} to ModelStream"

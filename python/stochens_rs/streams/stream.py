@@ -458,9 +458,6 @@ class Stream(Durable):
         made._shape = n, m
         return made
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return Stream._from_sections, (self._to_sections(),)
-
     def __repr__(self) -> str:
         name = "Stream: n={}, m={}".format(*self._shape)
         try:

@@ -210,10 +210,7 @@ def as_key(rng: RngLike) -> Key:
         rng = np.random.Generator(rng)
     if isinstance(rng, np.random.Generator):
         return _root(b"bytes", rng.bytes(32))
-    raise InputTypeError(
-        "`rng` must be None, an integer >= 0, a SeedSequence, a Generator, a BitGenerator "
-        f"or a Key, got {show(rng)}"
-    )
+    raise InputTypeError(f"`rng` must be None, an integer, a Key or of NumPy, got {show(rng)}")
 
 
 def _root(tag: bytes, payload: bytes) -> Key:

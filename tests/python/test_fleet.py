@@ -251,7 +251,7 @@ def test_units_that_leave_their_limits_have_no_threshold() -> None:
     limits = se.Limits(x=(None, 1.1), soft=False)
     plan = se.control_fleet(gains(0.9, 1.0), [0.0], [1.0], 1, limits=limits, risk="worst")
     fresh = gains(*([0.95] * 15 + [5.0] * 5))
-    with pytest.raises(InputError, match="more of them leave their limits"):
+    with pytest.raises(InputError, match="allows 2 units to leave limits: more do"):
         plan.validate(fresh, 0.1, epsilon=0.3)
     assert plan.validate(fresh, 0.1, epsilon=0.5).threshold < 1.0
 

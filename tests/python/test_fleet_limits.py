@@ -170,7 +170,7 @@ def test_what_limits_lack_is_the_least(seed: int) -> None:
     assert plan.missing == pytest.approx(found.fun, rel=1e-5)
     assert plan.excess.max() <= found.fun * (1 + 1e-4)
     if plan.risk == "worst":
-        with pytest.raises(InputError, match="leave the limits of states"):
+        with pytest.raises(InputError, match="leave their limits of states"):
             plan.certify(BETA)
 
 

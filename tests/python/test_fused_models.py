@@ -363,7 +363,7 @@ def test_models_of_the_same_data_break_the_region_and_are_refused():
         fused = fused_by([Theta_of(own), *others], z, y, 1.0)
         ball = fused._ball(DELTA, frobenius=True)
         failed += error_of(ball, fused, Theta) > ball.frobenius
-        with pytest.raises(InputError, match=r"ensemble\[0\]` was fitted on pairs that are also"):
+        with pytest.raises(InputError, match=r"ensemble\[0\]` was fitted on pairs of `data`"):
             se.fuse([own, *((T[:, :4], T[:, 4:]) for T in others)], "alse", data=own)
     assert coverage(failed, runs) < 0.1
 
@@ -502,12 +502,12 @@ def test_pairs_are_the_same_under_names_in_another_order():
         for states, inputs in ((["p", "v"], ["F", "G"]), (["v", "p"], ["G", "F"]))
     )
     model, exact = se.identify(own), se.System(np.eye(2), np.eye(2), dt=0.1)
-    with pytest.raises(InputError, match=r"ensemble\[1\]` was fitted on pairs that are also"):
+    with pytest.raises(InputError, match=r"ensemble\[1\]` was fitted on pairs of `data`"):
         se.fuse([exact, model], "alse", data=turned)
     # in another unit and back, 1 / 3 is no longer 1 / 3
     again = {name: values * 1.1 / 1.1 for name, values in table.items()}
     again = se.Trajectories.from_table(again, states=["p", "v"], inputs=["F", "G"], dt=0.1)
-    with pytest.raises(InputError, match=r"ensemble\[0\]` was fitted on pairs that are also"):
+    with pytest.raises(InputError, match=r"ensemble\[0\]` was fitted on pairs of `data`"):
         se.fuse([model, exact], "alse", data=again)
     other = {name: values[::-1] + 1.0 for name, values in table.items()}
     other = se.Trajectories.from_table(other, states=["v", "p"], inputs=["G", "F"], dt=0.1)

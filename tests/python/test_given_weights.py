@@ -90,5 +90,5 @@ def test_a_bound_needs_more_than_weights_of_its_own():
     x0 = se.sample([1.0, 2.0], 50, rng=1)
     fit = se.fuse(x0, weights=np.arange(1.0, 51.0))
     plan = se.control(([[0.9, 0.2], [-0.1, 0.8]], [[0.0], [1.0]]), fit, [0.0, 1.0])
-    with pytest.raises(InputError, match="weights of its own"):
+    with pytest.raises(InputError, match="with its own weights"):
         plan.bound(0.05, x0=[1.0, 2.0])

@@ -60,11 +60,11 @@ CALLS = [
     ),
     (
         lambda: drawn_bound("state", B, X0, XF, A, size=5, delta=0.1),
-        "`data` must be system, x0, xf for a state, got 4 arguments",
+        "`data` of a state must be system, x0, xf, got 4",
     ),
     (
         lambda: drawn_bound("vector", size=5, delta=0.1),
-        "`data` must be one array for a vector, got 0 arguments",
+        "`data` of a vector must be one array, got 0",
     ),
     (
         lambda: drawn_bound("state", SYSTEM, X0, XF, size=5, delta=0.1, norm="1"),
@@ -143,7 +143,7 @@ CALLS += [
         "one of `tol`, `max_steps` and `time_limit` must be given",
     ),
     (lambda: se.Study(len, {"a": []}, replicates=2), "`grid['a']` must have at least one value"),
-    (lambda: se.Study(len, {}, replicates=2).run(3), "`executor` must be a concurrent.futures.Exe"),
+    (lambda: se.Study(len, {}, replicates=2).run(3), "`executor` must be of concurrent.futures"),
     (lambda: scenario.judged(5, 6, 0.1), "`support` must be in [0, 5], got int 6"),
 ]
 

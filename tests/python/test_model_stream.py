@@ -323,7 +323,7 @@ def test_bad_pairs_are_refused_before_any_is_taken_in():
         ((z[:, :4], z[:, 4:], huge), StochensError, "overflow"),
         ((z[:, :4],), InputError, "`u` and `x_next` must be given"),
         ((runs,), InputError, "must have n=4 m=2"),
-        ((timed,), InputError, r"with dt=None, got dt=0\.1: pass dt=0\.1 to ModelStream"),
+        ((timed,), InputError, r"must have dt=None as ModelStream\(dt=\), got dt=0\.1"),
         ((run, z[:, 4:], y), InputError, "must be left out with Trajectories"),
     ):
         with pytest.raises(error, match=text):

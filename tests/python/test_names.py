@@ -74,12 +74,12 @@ def test_hostile_names_are_drawn_as_they_are(tmp_path):
 
 
 def test_no_control_character_reaches_a_repr_or_a_terminal(tmp_path, capsys):
-    with pytest.raises(InputError, match=r"`name` must be one line of text .* got str '\\x07'"):
+    with pytest.raises(InputError, match=r"`name` must be one line without .* got str '\\x07'"):
         se.System(A, B, name="\x07")
-    with pytest.raises(InputError, match="`state_names` must be one line of text"):
+    with pytest.raises(InputError, match="`state_names` must be one line without"):
         se.Trajectories([[0.0], [1.0]], [[1.0]], state_names=["\x1b]0;title\x07"])
     table = {"\x1b[31mx": [0.0, 1.0, 2.0], "u": [1.0, 1.0, 1.0]}
-    with pytest.raises(InputError, match="one line of text"):
+    with pytest.raises(InputError, match="one line without"):
         se.Trajectories.from_table(table, states=["\x1b[31mx"], inputs=["u"])
     with pytest.raises(InputError) as caught:  # the names of other columns are in the message
         se.Trajectories.from_table(table, states=["y"], inputs=["u"])

@@ -199,8 +199,8 @@ WRONG = {
     "must return a mapping of numbers, got .*dict": lambda key: {},
     "return x.real": lambda key: {"x": 1j},
     "`x` must be a number or an array, got str 'text'": lambda key: {"x": "text"},
-    "return names as of arguments, other than axes, got str 'a b'": lambda key: {"a b": 1},
-    "return names as of arguments, other than axes, got int 3": lambda key: {3: 1},
+    "return names that are no axes, got str 'a b'": lambda key: {"a b": 1},
+    "return names that are no axes, got int 3": lambda key: {3: 1},
     "at most 2\\^53": lambda key: {"x": 2**53 + 2},
 }
 

@@ -207,9 +207,6 @@ class Durable:
     def _from_sections(cls, sections: dict[str, Any]) -> Self:
         raise NotImplementedError
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        return type(self)._from_sections, (self._to_sections(),)
-
     def save(self, path: PathLike) -> int:
         """Save to a file.
 

@@ -43,10 +43,7 @@ class Labels(Record, eq=True):
     def require(self, n: int, m: int) -> None:
         """Refuse to be the names of another number of states or inputs."""
         if (len(self.states), len(self.inputs)) != (n, m):
-            raise ShapeError(
-                f"`labels` must name {n} states and {m} inputs, got {len(self.states)} and "
-                f"{len(self.inputs)}"
-            )
+            raise ShapeError(f"`labels` must name {n} states and {m} inputs, got others")
 
     @property
     def given(self) -> bool:
@@ -185,10 +182,7 @@ def made_labels(
         return default_labels(n, m)
     names = checked_names(n, m, states, inputs, ("states", "inputs"))
     if units is not None and not isinstance(units, Mapping):
-        raise InputTypeError(
-            "`units` must be a mapping from names of states and inputs to units, got "
-            f"{validation.show(units)}"
-        )
+        raise InputTypeError(f"`units` must be a mapping by name, got {validation.show(units)}")
     return Labels(*names, () if units is None else tuple(units.items()))
 
 
@@ -219,9 +213,7 @@ def checked_names(
             raise InputError(f"`{argument}` must be different names, got {twice[0][:40]!r} twice")
     both = set(found[0]) & set(found[1])
     if both:
-        raise InputError(
-            f"`{arguments[1]}` must differ from `{arguments[0]}`, got {min(both)[:40]!r} in both"
-        )
+        raise InputError(f"`{arguments[1]}` must not be in `{arguments[0]}`: {min(both)[:40]!r}")
     return found[0], found[1]
 
 

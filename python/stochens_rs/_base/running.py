@@ -163,10 +163,7 @@ def progress_bar(
         At once, if `progress` is neither None, True, False nor callable.
     """
     if not (progress is None or callable(progress) or isinstance(progress, (bool, np.bool_))):
-        raise InputTypeError(
-            "`progress` must be None, True, False or a function of (done, total), "
-            f"got {show(progress)}"
-        )
+        raise InputTypeError(f"`progress` must be None, a bool or a function, got {show(progress)}")
     if callable(progress):
         return nullcontext(lambda done: progress(done, total))
     return _bar(total, what, unit) if progress and watched() else nullcontext(lambda _: None)

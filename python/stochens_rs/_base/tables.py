@@ -27,9 +27,7 @@ def extra(need: str, name: str = "plot") -> Iterator[None]:
     try:
         yield
     except ImportError as error:
-        raise ImportError(
-            f"{need}: install the extra with `pip install 'stochens_rs[{name}]'`"
-        ) from error
+        raise ImportError(f"{need}: install it by `pip install 'stochens_rs[{name}]'`") from error
 
 
 class Tabled:

@@ -133,9 +133,7 @@ def output(name: str, value: object, shape: tuple[int, ...], apart: dict[str, ob
         raise InputError(f"`{name}` must be C-contiguous, aligned and writeable, it is not")
     for other, one in apart.items():
         if isinstance(one, np.ndarray) and np.shares_memory(array, one):
-            raise InputError(
-                f"`{name}` must not share memory with `{other}`, which it would change"
-            )
+            raise InputError(f"`{name}` must not share memory with `{other}`, it would change it")
     return array
 
 
@@ -157,9 +155,7 @@ def kept(
 def _floats(name: str, value: object) -> Floats:
     if type(value) is not np.ndarray or value.dtype != np.float64:
         found = f" of {str(value.dtype)[:40]}" if isinstance(value, np.ndarray) else ""
-        raise InputTypeError(
-            f"`{name}` must be a numpy.ndarray of float64, got {show(value)}{found}"
-        )
+        raise InputTypeError(f"`{name}` must be an ndarray of float64, got {show(value)}{found}")
     return value
 
 
@@ -180,9 +176,7 @@ def sizes(name: str, value: object, *, maximum: int) -> NDArray[np.int64]:
     counts = [size(f"{name}[{k}]", one, maximum=maximum) for k, one in enumerate(given.tolist())]
     for k, (before, after) in enumerate(pairwise(counts), 1):
         if after <= before:
-            raise InputError(
-                f"`{name}[{k}]` is {after} after {before}: sizes must increase strictly"
-            )
+            raise InputError(f"`{name}[{k}]` is {after} after {before}: sizes must increase")
     return np.array(counts, dtype=np.int64)
 
 
@@ -312,9 +306,7 @@ def text(name: str, value: object) -> str:
 def line(name: str, value: object) -> str:
     """Return a string of one line, without control characters: it will be printed."""
     if printable(text(name, value)) != value:
-        raise InputError(
-            f"`{name}` must be one line of text without control characters, got {show(value)}"
-        )
+        raise InputError(f"`{name}` must be one line without control characters, got {show(value)}")
     return str(value)
 
 

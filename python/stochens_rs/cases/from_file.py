@@ -114,10 +114,7 @@ def from_file(path: str | os.PathLike[str]) -> Problem:
     if not isinstance(units, dict) and units is not None:  # in the order of states and inputs
         names, units = system.state_names + system.input_names, validation.items("units", units)
         if len(units) != len(names):
-            raise ShapeError(
-                f"`units` must have {len(names)} texts, one for each state and input, "
-                f"got {len(units)}"
-            )
+            raise ShapeError(f"`units` must have a text for each of {len(names)}, got {len(units)}")
         units = {name: unit for name, unit in zip(names, units, strict=True) if unit != ""}
     if units:
         system = System(system.A, system.B, **about, units=units)

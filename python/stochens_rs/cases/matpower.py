@@ -109,10 +109,7 @@ def read_network(case: object) -> Network:
         return _pandapower(case)
     if isinstance(case, Mapping):
         return _network(case, "case", None)
-    raise InputTypeError(
-        "`case` must be the path of a MATPOWER .m file, a MATPOWER dictionary or a pandapower "
-        f"net, got {validation.show(case)}"
-    )
+    raise InputTypeError(f"`case` must be of MATPOWER or pandapower, got {validation.show(case)}")
 
 
 def _refuse_statements(path: Path) -> None:
@@ -161,10 +158,7 @@ def _network(
     """`numbers` are names of the buses that differ from those in the tables."""
     missing = next((key for key in ("baseMVA", *WIDTH) if key not in case), None)
     if missing is not None:
-        raise InputError(
-            "`case` must have baseMVA, bus, gen and branch, as a MATPOWER case has; "
-            f"{missing} is missing"
-        )
+        raise InputError(f"`case` must have baseMVA, bus, gen and branch, {missing} is missing")
     base = case["baseMVA"]
     base = base.item() if isinstance(base, np.ndarray) else base
     mva = validation.positive("case['baseMVA']", base)

@@ -14,6 +14,7 @@ from .._base import running, validation
 from .._base.files import checked_path
 from .._base.running import interruptible
 from .._base.types import ArrayLike, Floats, NDArray
+from .._base.validation import show
 from ..data.table import Table
 from ..exceptions import InputError, InputTypeError, SizeError
 from ..rng import RngLike, as_key
@@ -72,11 +73,9 @@ def read_machines(machines: object) -> Machines:
         values = validation.vector(f"machines['{name}']", columns[name], length=len(bus))
         wrong = values < 0.0 if name == "D" else values <= 0.0
         if wrong.any():
-            k = int(np.argmax(wrong))
-            raise InputError(
-                f"`machines['{name}']` must be {'>= 0' if name == 'D' else '> 0'}, "
-                f"got {values[k]:g} at bus {bus[k]:.0f}"
-            )
+            k, rule = int(np.argmax(wrong)), ">= 0" if name == "D" else "> 0"
+            value = f"{values[k]:g} at bus {bus[k]:.0f}"
+            raise InputError(f"`machines['{name}']` must be {rule}, got {value}")
         found[name] = values
     return Machines(bus.astype(np.int64), **found)
 
@@ -90,19 +89,13 @@ def _columns(machines: object) -> dict[str, Any]:
     if isinstance(machines, Mapping):
         if any(name in machines for name in _NEEDED):
             return {str(name): column for name, column in machines.items()}
-        for bus, row in machines.items():
+        for row in machines.values():
             if not isinstance(row, Mapping):
-                raise InputTypeError(
-                    f"`machines[{validation.show(bus)}]` must be a mapping with H, D and xd1, "
-                    f"got {validation.show(row)}"
-                )
+                raise InputTypeError(f"`machines` must map buses to mappings, got {show(row)}")
         names = dict.fromkeys(name for row in machines.values() for name in row)
         some = [name for name in names if any(name not in row for row in machines.values())]
         if some or not names:
-            raise InputError(
-                "`machines` must give H, D and xd1 for every bus, "
-                f"got {some[0] if some else 'nothing'} for some only"
-            )
+            raise InputError(f"`machines` must have {_WANTED} for each bus, {some[:1]} is not")
         rows = {str(name): [row[name] for row in machines.values()] for name in names}
         return {"bus": list(machines)} | rows
     frame: Any = machines
@@ -113,7 +106,7 @@ def _columns(machines: object) -> dict[str, Any]:
     except Exception:  # not a DataFrame; anything a foreign object raises
         raise InputTypeError(
             "`machines` must be a mapping, a DataFrame or the path of a CSV file with "
-            f"{_WANTED}, got {validation.show(machines)}"
+            f"{_WANTED}, got {show(machines)}"
         ) from None
     return columns
 

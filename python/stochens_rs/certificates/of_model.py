@@ -298,9 +298,7 @@ def output_certificate(
     assert isinstance(model, Model)
     rows, outputs, r = model.regressors.count, model.n_outputs, basis.target
     if noise and model.noise != "gaussian":
-        raise InputError(
-            "`noise` must be False: the noise of readings to come is bounded for Gaussian noise"
-        )
+        raise InputError("`noise` must be False: that to come is bounded for Gaussian noise alone")
     # a covariance that is not known is bounded by the mixture alone, whatever the data
     own = noise and model.assumptions.known is None and model.assumptions.tail == 0.0
     region = model.region(delta * REGION if noise else delta, method="mixture" if own else "auto")

@@ -171,9 +171,7 @@ def _share(text: str) -> float:
     if figure.endswith("%"):
         return number(figure[:-1]) / 100.0
     if (found := number(figure)) >= 1.0:
-        raise click.BadParameter(
-            f"{figure} is {100 * found:g} %: give {figure}%, or a number below 1"
-        )
+        raise click.BadParameter(f"{figure} is {100 * found:g} %: give {figure}% or less than 1")
     return found
 
 
@@ -289,9 +287,7 @@ class Out:
                 p for k in ("json", "png", "svg") if (p := self._folder / f"{name}.{k}").exists()
             ]
             if taken and not force:
-                raise InputError(
-                    f"{taken[0]} exists: give another --out, or --force to replace the files"
-                )
+                raise InputError(f"{taken[0]} exists: give another --out, or --force to replace it")
 
     def write(self, facts: dict[str, Any], draw: Callable[[], Figure]) -> None:
         """Write facts and the figure to the directory if there is one; name the files."""

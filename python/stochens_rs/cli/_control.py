@@ -99,10 +99,7 @@ def control_command(
         x0, xf, n = None, None, known.n_outputs
     else:
         if noise or gain or x0_error:
-            raise click.UsageError(
-                "--x0-error, --noise and --gain are for models of identify, not for a system that "
-                "is known"
-            )
+            raise click.UsageError("--x0-error, --noise and --gain are for models of identify")
         problem = cases.from_file(source)
         known, x0, xf = problem.system, problem.x0, problem.xf
         n = known.n

@@ -190,9 +190,7 @@ class Ensemble(SavedRecord):
     _made_by = staticmethod(_rebuilt)
 
     def __init__(self, *_: object, **__: object) -> None:
-        raise InputTypeError(
-            "an Ensemble is made by `sample`, `Ensemble.from_samples` or `Ensemble.from_indices`"
-        )
+        raise InputTypeError("an Ensemble is made by `sample`, `from_samples` or `from_indices`")
 
     @classmethod
     def from_samples(cls, samples: ArrayLike, *, centre: Centre | None = None) -> Ensemble:

@@ -277,10 +277,7 @@ class FleetPlan(SavedRecord, Timed):
         removed, limits = list(self.removed), self.units.task
         threshold = float(np.delete(scores, removed).max())
         if threshold == np.inf:
-            raise InputError(
-                "units of the design leave the limits of states, so that no bound follows from "
-                "them: use validate(new_units)"
-            )
+            raise InputError("units leave their limits of states: use validate(new_units) instead")
         # the inputs that are not fixed, the value, and R
         count = int(np.count_nonzero(limits.low < limits.high)) + 1 + (self.widest is not None)
         if method == "compression":
@@ -380,16 +377,11 @@ class FleetPlan(SavedRecord, Timed):
         validation.same_dt("new_units", fresh.dt, mine.dt, "this plan")
         fresh = systems_in_order("new_units", fresh, mine.labels)
         if x0 is None and len(self.units.x0) > 1:
-            raise InputError(
-                "`x0` must be given: the units of the design began at different states"
-            )
+            raise InputError("`x0` must be given: units of the design began at different states")
         starts = self.units.x0 if x0 is None else validation.starts(x0, fresh.size, fresh.n)
         units = Units(fresh, starts, self.units.task)
         if old := units.of_design(self.units):
-            raise InputError(
-                f"`new_units` must be fresh, got {old} of {units.size} that had a part in the "
-                "design: leave these out"
-            )
+            raise InputError(f"`new_units` must be fresh, {old} of {units.size} are of the design")
         misses, excess = units.misses(self.u)
         radii, failing = self._radii(radius, delta, fresh.size)
         misses = misses + radii
@@ -407,8 +399,7 @@ class FleetPlan(SavedRecord, Timed):
             limit = float(np.sort(scores)[rank - 1])
             if limit == np.inf:
                 raise InputError(
-                    f"`epsilon` {share:g} allows for {above} of these units: more of them leave "
-                    "their limits of states"
+                    f"`epsilon` {share:g} allows {above} units to leave limits: more do"
                 )
         found = scenario.hold_out(fresh.size, above, beta)
         kept = self.units.task.state_low is not None
@@ -567,10 +558,7 @@ def control_fleet(
     fleet, within, weights = read_systems(systems), as_limits(limits), as_cost(cost)
     n, m = fleet.n, fleet.m
     if within.x is not None and within.soft is not False:
-        raise InputError(
-            "`soft` must be False: the limits of states of a fleet are hard, got "
-            f"{validation.show(within.soft)}"
-        )
+        raise InputError(f"`soft` must be False for a fleet, got {validation.show(within.soft)}")
     labels = fleet.labels or default_labels(n, m)
     if weights.R is not None:
         weight("R", weights.R, m, labels=labels.inputs)

@@ -182,10 +182,7 @@ def fuse(
                 raise InputError("`data` must have states, got readings: read it with states=")
         _, options = _method(method)
         if options is None or options.weight_set != "simplex":
-            raise InputError(
-                "`method` must be 'alse' with weights on the simplex with `data`, got "
-                f"{validation.show(method)}"
-            )
+            raise InputError(f"`method` must be 'alse' or Alse() with `data`, got {method!r:.40}")
         validation.left_out("with `data`", target=target, weights=weights, variances=variances)
         return _by_data(ensemble, data, noise, (shrink, independent), options)
     shrinks, own = (None if shrink is True else shrink), (None if independent is False else True)
@@ -300,9 +297,7 @@ def _method(method: object) -> tuple[Method, Alse | None]:
 def _checked(ensemble: object, method: object) -> tuple[Ensemble, Method, Alse | None]:
     """Check realizations, the method, and its options."""
     if not isinstance(ensemble, Ensemble):
-        raise InputTypeError(
-            f"`ensemble` must be an Ensemble (see `sample`), got {type(ensemble).__name__}"
-        )
+        raise InputTypeError(f"`ensemble` must be an Ensemble, got {type(ensemble).__name__}")
     name, options = _method(method)
     if options is not None:
         require(options, ensemble)
@@ -323,9 +318,7 @@ def _of_senders(ensembles: Sequence[object]) -> Ensemble:
         raise InputError("`ensemble` must have at least one Ensemble, got an empty list")
     for k, one in enumerate(given):
         if one.shape != given[0].shape:
-            raise ShapeError(
-                f"`ensemble[{k}]` must have shape {given[0].shape} as the first, got {one.shape}"
-            )
+            raise ShapeError(f"`ensemble[{k}]` must have shape {given[0].shape}, got {one.shape}")
     entries = sum(one.size for one in given) * math.prod(given[0].shape)
     running.need("the realizations of all senders", 3 * 8 * entries)
     centres = {one.centre for one in given}
@@ -342,9 +335,7 @@ def _weighted(ensemble: Ensemble, goal: Floats | None, weights: object, variance
         if spread.min() <= 0.0:
             raise InputError(f"`variances` must be positive, got {spread.min():g}")
         if ensemble.centre == "estimate":
-            raise InputError(
-                "`variances` must be left out: the realizations scatter about an estimate"
-            )
+            raise InputError("`variances` must be left out: realizations scatter about an estimate")
     method, chosen = "uniform", np.full(N, 1.0 / N)
     if isinstance(weights, str):
         method = validation.choice("weights", weights, ("precision",))
@@ -448,6 +439,4 @@ def _apart_from(k: int, one: Identified, data: object, independent: bool) -> Non
     for other in sets:
         rows = getattr(other, "data", other)
         if isinstance(rows, Trajectories) and shared_rows(own, rows):
-            raise InputError(
-                f"`ensemble[{k}]` was fitted on pairs that are also in `data`: see data.split()"
-            )
+            raise InputError(f"`ensemble[{k}]` was fitted on pairs of `data`: see data.split()")

@@ -183,9 +183,7 @@ def completed(basis: Any, declared: tuple[Any, ...], what: str, labels: Labels |
     entities = [_declare(one, values.get(one.name), what) for one in basis.entities]
     for one, other in itertools.combinations(entities, 2):
         if one.key is not None and one.key == other.key:
-            raise InputError(
-                f"`{one.name}` and `{other.name}` were drawn with the same key: use key.child(name)"
-            )
+            raise InputError(f"`{one.name}` and `{other.name}` have one key: use key.child(name)")
     x0_known, xf_known, A_known = entities
     return trusted(Basis, basis.B, x0_known, xf_known, A_known, basis.rounding)
 
@@ -207,9 +205,7 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
                 "of a known mean; for other laws see plan.validate(fresh)"
             )
         if entity.size is None:
-            raise InputError(
-                f"`{entity.name}` is a fit with weights of its own: no {what} is known for it"
-            )
+            raise InputError(f"`{entity.name}` is a fit with its own weights: no {what} is known")
         if why := _refused(entity, values):
             raise InputError(
                 f"`{label}` cannot be what the realizations of `{entity.name}` were drawn from as "
@@ -219,9 +215,7 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
     if values is None:
         return entity
     if entity.kind == "fitted":
-        raise InputError(
-            f"`{argument}` must not be given: `{entity.name}` is a fit, bounded by its own error"
-        )
+        raise InputError(f"`{argument}` must be left out: a fit of {entity.name} has its error")
     if entity.values is None or not np.array_equal(values, entity.values):
         raise InputError(f"`{label}` differs from what this plan knows of `{entity.name}`")
     return entity

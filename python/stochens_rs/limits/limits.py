@@ -49,11 +49,8 @@ class Asked(SavedRecord, listed=False):
         """Refuse what is not among `names`, where a function has no use for it."""
         for name, one in self.given.items():
             if name not in names:
-                kind = type(self).__name__
-                raise InputError(
-                    f"`{kind.lower()}` must have {' and '.join(names)} only here, got "
-                    f"{kind}({name}={_shown(one)})"
-                )
+                kind, known = type(self).__name__, " and ".join(names)
+                raise InputError(f"`{kind}` must have {known} only here, got {name}={_shown(one)}")
         return self
 
     def __repr__(self) -> str:
@@ -84,9 +81,7 @@ def _sides_by_name(name: str, value: Mapping[Any, Any]) -> tuple[Named, Named]:
         low, high = pair_of(of, value[one]) or (None, None)
         for end in (low, high):
             if not (end is None or isinstance(end, float)):
-                raise InputTypeError(
-                    f"`{of}` must be a pair of numbers, got {validation.show(end)}"
-                )
+                raise InputTypeError(f"`{of}` must be two numbers, got {validation.show(end)}")
         rows.append([-np.inf if low is None else low, np.inf if high is None else high])
     lows, highs = np.array(rows).T
     return Named(lows.copy(), names), Named(highs.copy(), names)
@@ -97,9 +92,7 @@ def rows_by_name(name: str, value: Any) -> Named:
     if isinstance(value, Named):
         return value
     if not isinstance(value, Mapping):
-        raise InputTypeError(
-            f"`{name}` must be numbers or steps by name, got {validation.show(value)}"
-        )
+        raise InputTypeError(f"`{name}` must be numbers by name, got {validation.show(value)}")
     names = tuple(value)
     if not names or not all(isinstance(one, str) for one in names):
         raise InputTypeError(f"`{name}` must have texts as names, got {names!s:.60}")
@@ -124,9 +117,7 @@ def entries(name: str, value: Any, *, square: bool = False) -> Any:
     found = _named(name, value, square)
     given = validation.read(name, value) if found is None else found.values
     if given.dtype.kind not in "iuf":
-        raise InputTypeError(
-            f"`{name}` must be a number or an array of numbers, got {validation.show(value)}"
-        )
+        raise InputTypeError(f"`{name}` must be numbers, got {validation.show(value)}")
     if np.isnan(given).any():
         raise NonFiniteError(f"`{name}` has nan: leave out what is not known, or pass None")
     if found is not None:

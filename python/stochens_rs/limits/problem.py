@@ -161,11 +161,8 @@ def sides(
     wrong = np.argwhere(low > high)
     if len(wrong):
         k, i = (int(j) for j in wrong[0])
-        entry = labels.entry(i, inputs=inputs)
-        raise InputError(
-            f"`{name}` must have low <= high, got {low[k, i]:.6g} > {high[k, i]:.6g} for {entry} "
-            f"in step {k}"
-        )
+        found = f"{low[k, i]:.6g} > {high[k, i]:.6g} for {labels.entry(i, inputs=inputs)}"
+        raise InputError(f"`{name}` must have low <= high, got {found} in step {k}")
     if (low == np.inf).any() or (high == -np.inf).any():
         raise InputError(f"`{name}` must leave room: low is inf or high is -inf somewhere")
     return low, high
@@ -205,9 +202,7 @@ def _side(name: str, value: Entries, K: int, names: tuple[str, ...], none: float
         given = np.full((*value.values.shape[:-1], m), none)
         given[..., [names.index(one) for one in named]] = value.values
     if given.shape not in ((), (m,), (K, m)):
-        raise ShapeError(
-            f"`{name}` must be a number or have shape ({m},) or ({K}, {m}), got {given.shape}"
-        )
+        raise ShapeError(f"`{name}` must be a number, ({m},) or ({K}, {m}), got {given.shape}")
     # -0.0 + 0.0 is 0.0: one zero only
     return np.ascontiguousarray(np.broadcast_to(given, (K, m)) + 0.0)
 
@@ -220,9 +215,7 @@ def _rates(
         validation.left_out("without `rate`", previous=within.previous)
         return None, None
     if within.previous is None:
-        raise InputError(
-            "`previous` must be given with `rate`: the input that is applied now, a number or (m,)"
-        )
+        raise InputError("`previous` must be given with `rate`: the input now, a number or (m,)")
     m = low.shape[1]
     rate, previous = (
         validation.vector(

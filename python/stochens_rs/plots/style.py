@@ -282,9 +282,7 @@ def save(
     from matplotlib.artist import Artist
 
     if not isinstance(drawn, Artist) or not hasattr(root_of(drawn), "savefig"):
-        raise InputTypeError(
-            f"`drawn` must be a figure or axes of matplotlib, got {validation.show(drawn)}"
-        )
+        raise InputTypeError(f"`drawn` must be a figure or axes, got {validation.show(drawn)}")
     to = Path(path)
     if not to.name:
         raise InputError(f"`path` must name a file, got {validation.show(str(path))}")

@@ -433,10 +433,7 @@ def simulate_ensemble(
     mean_field = validation.choice("averaging", averaging, AVERAGINGS) == "mean-field"
     repeats = validation.size("replicates", replicates)
     if not mean_field and repeats != 1:
-        raise InputError(
-            f"`replicates` must be 1 for averaging='runs', got {repeats}: there the runs "
-            "themselves are the independent trajectories, and `size` is their number"
-        )
+        raise InputError(f"`replicates` must be 1 for averaging='runs', got {repeats}: use `size`")
     trajectories = repeats if mean_field else count
     n, m = checked.n, checked.m
     tables = 16 * (n + m) * (n + (1 << (n - 1).bit_length()))  # laws of the columns of A and B

@@ -10,7 +10,6 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.files import Durable
 from .._base.running import interruptible
 from .._base.types import DELTA, ArrayLike, Floats
 from ..certificates.certificate import Certificate, certificate_of
@@ -19,14 +18,14 @@ from ..ensembles.ensemble import Ensemble, blocks_of
 from ..exceptions import InputError, InputTypeError, ShapeError
 from ..rng import RngLike, as_key
 from ..theory.exact import EPS
-from .stream import ENTITIES
+from .stream import ENTITIES, Stateful
 
 FeedLike: TypeAlias = ArrayLike | Ensemble | Iterable[ArrayLike]
 
 T = TypeVar("T")
 
 
-class DataStream(Durable):
+class DataStream(Stateful):
     """The control from realizations that are passed in one by one or in batches.
 
     x0, xf and A are each estimated by F, the mean of their realizations; `confidence` bounds the
@@ -333,9 +332,7 @@ class DataStream(Durable):
         self._seen(what)
         if any(self._targets):
             named = [n for n, known in zip(ENTITIES, self._targets, strict=True) if known]
-            raise InputError(
-                f"`{what}` needs the mean of {named[0]}, but this stream fits it to a target"
-            )
+            raise InputError(f"`{what}` needs the mean of {named[0]}, which is fitted to a target")
 
     def _repr_html_(self) -> str:
         counts = self.counts
@@ -407,10 +404,7 @@ def blocks(name: str, value: Any, shape: tuple[int, ...]) -> Iterable[Floats]:
         return (validation.shaped(name, item, shape).reshape(1, -1) for item in value)
     array = validation.array(name, value, ndim=(len(shape), len(shape) + 1))
     if array.shape[-len(shape) :] != shape:
-        raise ShapeError(
-            f"`{name}` must have shape {shape} or (k, {', '.join(map(str, shape))}), "
-            f"got {array.shape}"
-        )
+        raise ShapeError(f"`{name}` must have shape {shape}, or k of these, got {array.shape}")
     return [array.reshape(-1, entries)]
 
 

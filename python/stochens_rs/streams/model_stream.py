@@ -11,7 +11,6 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.files import Durable
 from .._base.names import checked_names
 from .._base.records import Positive, Probability, SavedRecord, cached_property
 from .._base.running import get_num_threads
@@ -31,6 +30,7 @@ from ..identification.model import Model
 from ..identification.window import Regressors, rows_of, spread
 from ..limits.limits import Cost, LimitsLike
 from .snapshot import Look, LoopLook, Snapshot, look, look_at_loop, refuse
+from .stream import Stateful
 
 # The event of a stream refers to these: a stream must not go on with others.
 _MIXTURES = _core.mixtures()
@@ -118,7 +118,7 @@ class Pairs(NamedTuple):
         return {**self.model._to_sections(), "end": self.end}
 
 
-class ModelStream(Durable):
+class ModelStream(Stateful):
     """The model ``x(k+1) = A x(k) + B u(k) + c + w(k)`` from pairs, as they arrive.
 
     With a `window` it is one of outputs, from whole logs, ``Trajectories(..., outputs=True)``.
@@ -452,9 +452,7 @@ def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
         raise InputError("`x` must be runs of states, got outputs: see identify")
     validation.same_sizes("x", (runs.n, runs.m), (about.n, about.m), "this stream")
     if runs.dt != about.dt:
-        raise InputError(
-            f"`x` must be with dt={about.dt}, got dt={runs.dt}: pass dt={runs.dt} to ModelStream"
-        )
+        raise InputError(f"`x` must have dt={about.dt} as ModelStream(dt=), got dt={runs.dt}")
     if about.assumptions.design == "independent" and not runs.single:
         raise InputError("`x` must be single pairs for design='independent': use last_pairs()")
 

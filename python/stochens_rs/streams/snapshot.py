@@ -180,9 +180,7 @@ class Snapshot(SavedRecord, Fitted):
         """
         level = self.delta if delta is None else validation.probability("delta", delta)
         if level > self.delta:
-            raise InputError(
-                f"`delta` must be at most {self.delta:g}, which all looks share, got {level:g}"
-            )
+            raise InputError(f"`delta` must be at most {self.delta:g} of all looks, got {level:g}")
         if validation.size("future", future, minimum=0):
             raise InputError("`future` must be 0: regions of a stream cover no noise to come")
         if self.next_look != self.size:
@@ -237,9 +235,7 @@ class Snapshot(SavedRecord, Fitted):
 def refuse(assumed: Assumptions) -> None:
     """Refuse assumptions whose regions do not hold while data arrive."""
     if assumed.design == "independent" and assumed.noise != "gaussian":
-        raise InputError(
-            f"`design` must be 'adaptive' for noise='{assumed.noise}': the region is the same"
-        )
+        raise InputError(f"`design` must be 'adaptive' for noise='{assumed.noise}'")
 
 
 def planned(first: int, j: int) -> int:

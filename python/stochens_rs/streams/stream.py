@@ -124,7 +124,14 @@ class Trace:
         return f"<Trace: {len(self)} entries up to step {end}, last error {last}>"
 
 
-class Stream(Durable):
+class Stateful(Durable):
+    """What is copied and pickled as it is saved."""
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return type(self)._from_sections, (self._to_sections(),)
+
+
+class Stream(Stateful):
     """Algorithm 1 of the paper, on realizations that the stream draws itself.
 
     Each step draws one realization E for one slot (x0, xf or A) and moves the estimate F of that
@@ -422,9 +429,7 @@ class Stream(Durable):
         _, theirs = files.load(path, self._kind)
         ours = self._to_sections()
         if any(k not in theirs or ours[k].tobytes() != theirs[k].tobytes() for k in _SAME):
-            raise StateError(
-                f"{path} must be a state of this problem, key and options, got another"
-            )
+            raise StateError(f"{path} must be of this problem, key and options, got another")
         there, here = int(theirs["steps"][0]), int(ours["steps"][0])
         if there > here:
             raise StateError(

@@ -175,13 +175,9 @@ def _fitted(found: object, layout: Layout, grid: Grid) -> tuple[dict[str, Any], 
         if (has := np.shape(row[name])) != shape:
             raise InputError(f"`{name}` must have shape {shape} in all tasks, got {has}")
         if not isinstance(name, str) or not name.isidentifier() or name in (*grid.labels, *OWN):
-            raise InputError(
-                f"`function` must return names as of arguments, other than axes, got {show(name)}"
-            )
+            raise InputError(f"`function` must return names that are no axes, got {show(name)}")
         if grid.nested is not None and shape[:1] != (len(grid.labels[grid.nested]),):
-            raise InputError(
-                f"`{name}` must have an entry for each of {grid.nested!r}, got shape {shape}"
-            )
+            raise InputError(f"`{name}` must have an entry for each {grid.nested!r}, got {shape}")
     return row, layout
 
 
@@ -348,9 +344,7 @@ def checked_executor(executor: object) -> Executor | None:
     if executor is None or isinstance(executor, Executor):
         return executor
     dask = ": pass client.get_executor(pure=False)" if hasattr(executor, "get_executor") else ""
-    raise InputTypeError(
-        f"`executor` must be a concurrent.futures.Executor, got {show(executor)}{dask}"
-    )
+    raise InputTypeError(f"`executor` must be of concurrent.futures, got {show(executor)}{dask}")
 
 
 def _workers_of(executor: Executor) -> int:

@@ -200,9 +200,7 @@ def function_digest(function: Any, version: str | None) -> str:
         parts.append(inspect.getsource(function))
     except (OSError, TypeError) as error:
         if version is None:
-            raise InputError(
-                f"`version` must be given: the source text of {parts[0]} is not known, got None"
-            ) from error
+            raise InputError(f"`version` must be given: {parts[0]} has no source") from error
     return digest("function", parts)
 
 

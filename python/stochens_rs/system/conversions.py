@@ -104,15 +104,10 @@ def checked_dt(dt: object) -> float | bool | None:
 
 def _of_tuple(system: tuple[Any, ...]) -> dict[str, Any]:
     if len(system) not in (2, 3):
-        raise InputTypeError(
-            f"`system` must be a tuple (A, B) or (A, B, dt), got {len(system)} items"
-        )
+        raise InputTypeError(f"`system` must be (A, B) or (A, B, dt), got {len(system)} items")
     dt = system[2] if len(system) == 3 else None
     if not (dt is None or isinstance(dt, (bool, np.bool_)) or validation.is_real(dt)):
-        raise InputTypeError(
-            "`system` must be (A, B) or (A, B, dt) with a number dt > 0, got "
-            f"{validation.show(dt)} as third item"
-        )
+        raise InputTypeError(f"`system` must have a number dt, got {validation.show(dt)}")
     continuous = validation.is_real(dt) and dt == 0
     return {"A": system[0], "B": system[1], "dt": dt, "continuous": continuous}
 
@@ -172,9 +167,7 @@ def _state_space(system: Any) -> tuple[Any, str]:
         raise
     except Exception as error:  # improper, of several inputs without Slycot, ...
         said = " ".join(str(error).split())[:120]
-        raise InputError(
-            f"`system` cannot be brought into state space by its to_ss(): {said}"
-        ) from error
+        raise InputError(f"`system` has no state space by its to_ss(): {said}") from error
     return made, f"realized by {_package(system)} to_ss"
 
 
@@ -249,6 +242,5 @@ def attribute(system: object, word: str, missing: object = None) -> Any:
         return getattr(system, word, missing)
     except Exception as error:  # a property can raise anything
         raise InputTypeError(
-            f"`system` must be a system whose attribute {word} can be read, got "
-            f"{validation.show(system)}"
+            f"`system` has no {word} to read, {validation.show(system)}"
         ) from error

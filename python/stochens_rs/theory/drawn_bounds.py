@@ -177,9 +177,7 @@ class Bounded:
         control = self.quantity in types.QUANTITIES
         if len(data) != (3 if control else 1):
             expected = "system, x0, xf" if control else "one array"
-            raise InputTypeError(
-                f"`data` must be {expected} for a {self.quantity}, got {len(data)} arguments"
-            )
+            raise InputTypeError(f"`data` of a {self.quantity} must be {expected}, got {len(data)}")
         norms = NORMS[self.quantity]
         self.norm = norms[0] if norm is None else validation.choice("norm", norm, norms)
         self.paired = validation.choice("fusion", fusion, types.FUSIONS) == "diagonal"
@@ -196,8 +194,7 @@ class Bounded:
         ):
             if refused and value != default:
                 raise InputError(
-                    f"`{name}` must be {default!r} for a {self.quantity}, "
-                    f"got {validation.show(value)}"
+                    f"`{name}` must be {default!r} of a {self.quantity}, got {value!r}"
                 )
         self.plan: PlanErrors | None = None
         if control:

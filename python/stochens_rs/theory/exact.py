@@ -297,9 +297,7 @@ def states(A: Floats, B: Floats, x0: Floats, u: Floats) -> Floats:
             x[k + 1] = A @ x[k] + B @ u_k
     if not np.isfinite(x).all():
         k = int(np.argwhere(~np.isfinite(x))[0, 0])
-        raise NonFiniteError(
-            f"the state overflows at step {k}: scale the problem down, or take fewer steps"
-        )
+        raise NonFiniteError(f"the state overflows at step {k}: scale it down, or take fewer")
     return x
 
 

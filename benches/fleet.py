@@ -17,7 +17,7 @@ import numpy as np
 from scipy import linalg, sparse
 
 import stochens_rs as se
-from stochens_rs.fleet.plan import FleetPlan
+from stochens_rs.fleet import FleetPlan
 from stochens_rs.theory import scenario
 
 Work = Callable[[], object]

@@ -9,7 +9,7 @@ from scipy.optimize import linprog
 import stochens_rs as se
 from stochens_rs import _core
 from stochens_rs.exceptions import InputError, ShapeError
-from stochens_rs.fleet.plan import Units
+from stochens_rs.fleet import Units
 from stochens_rs.plots.lines import draw_misses
 
 

@@ -174,7 +174,7 @@ def test_the_units_of_the_design_are_not_fresh() -> None:
         np.concatenate([fleet.B[order[:19]], fresh.B]),
         np.concatenate([fleet.c[order[:19]], fresh.c]),
     )
-    with pytest.raises(InputError, match=r"must be fresh, got 19 of 59 that had a part in the des"):
+    with pytest.raises(InputError, match=r"must be fresh, 19 of 59 are of the design"):
         plan.validate(some, BETA)
     assert plan.validate(fresh, BETA).size == 40
     # of a law with equal units, a fresh one may be equal to one of the design

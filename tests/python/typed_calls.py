@@ -8,7 +8,7 @@ from typing_extensions import assert_type
 
 import stochens_rs as se
 from stochens_rs.feedback import Loop, LoopCertificate
-from stochens_rs.fleet.plan import FleetPlan
+from stochens_rs.fleet import FleetPlan
 from stochens_rs.fusion.fused_model import FusedModel
 from stochens_rs.loops.readings import ReadingLoop
 from stochens_rs.theory import drawn_bound

@@ -167,6 +167,11 @@ def encode(kind: str, generation: int, sections: Mapping[str, NDArray[Any]]) -> 
     return _core.storage_encode(kind, generation, _arrays(sections))
 
 
+def decode(source: str, content: bytes, kind: str) -> tuple[int, dict[str, Section]]:
+    """Return the generation and the arrays in the bytes of a state file (see `load`)."""
+    return _core.storage_decode(source, content, kind)
+
+
 _held: weakref.WeakSet[_core.StateLock] = weakref.WeakSet()
 
 

@@ -193,9 +193,8 @@ class Record:
 
     def _repr_html_(self) -> str:
         """The fields that are numbers, texts or vectors, and a drawing of the first over steps."""
-        own: Any = type(self)
+        own, drawn = cast("Any", type(self)), ""
         facts: dict[str, Any] = {}
-        drawn = ""
         for name in (*fields.declared(own), "covers", "assumption"):
             value, title = getattr(self, name, None), name.replace("_", " ")
             dims = rules(own).get(name, Rule()).dims
@@ -279,13 +278,12 @@ class Options(Record, listed=False):
     __slots__ = ()
 
     def __repr__(self) -> str:
-        own: Any = type(self)
         given = []
-        for one in fields_of(own):
+        for one in fields_of(self):
             value = getattr(self, one.name)
             if type(value) is not type(one.default) or value != one.default:
                 given.append(f"{one.name}={value!r}")
-        return f"{own.__name__}({', '.join(given)})"
+        return f"{type(self).__name__}({', '.join(given)})"
 
 
 class SavedRecord(Record, Durable, listed=False):

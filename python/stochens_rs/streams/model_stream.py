@@ -430,7 +430,13 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
     """Check pairs or runs of a stream, and return their rows."""
     n, m = about.n, about.m
     if isinstance(x, Trajectories):
-        _refuse_runs(about, x)
+        if x.outputs:
+            raise InputError("`x` must be runs of states, got outputs: see identify")
+        validation.same_sizes("x", (x.n, x.m), (n, m), "this stream")
+        if x.dt != about.dt:
+            raise InputError(f"`x` must have dt={about.dt} as ModelStream(dt=), got dt={x.dt}")
+        if about.assumptions.design == "independent" and not x.single:
+            raise InputError("`x` must be single pairs for design='independent': use last_pairs()")
         before, inputs, after = in_order("x", x, about.labels)
     elif u is None or x_next is None:
         raise InputError("`u` and `x_next` must be given with `x`")
@@ -444,17 +450,6 @@ def pair_rows(about: Snapshot, x: Any, u: Any, x_next: Any) -> Floats:
         after = validation.matrix("x_next", x_next, rows=len(before), cols=n)
     running.need("the pairs", 8 * len(before) * len(about.triangle))
     return np.hstack([before, inputs, np.ones((len(before), int(about.intercept))), after])
-
-
-def _refuse_runs(about: Snapshot, runs: Trajectories) -> None:
-    """Refuse runs of another system."""
-    if runs.outputs:
-        raise InputError("`x` must be runs of states, got outputs: see identify")
-    validation.same_sizes("x", (runs.n, runs.m), (about.n, about.m), "this stream")
-    if runs.dt != about.dt:
-        raise InputError(f"`x` must have dt={about.dt} as ModelStream(dt=), got dt={runs.dt}")
-    if about.assumptions.design == "independent" and not runs.single:
-        raise InputError("`x` must be single pairs for design='independent': use last_pairs()")
 
 
 def declared_window(window: Any, names: tuple[Any, Any], offset: bool) -> Regressors:

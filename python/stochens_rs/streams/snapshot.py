@@ -365,12 +365,6 @@ def _in_runs(model: Snapshot | Model, pairs: float) -> float:
     return pairs * model.runs / model.size if model.size else pairs
 
 
-def _later(model: Snapshot | Model, size: float) -> tuple[Any, int]:
-    """The model at a look at `size` pairs or more, and their number."""
-    pairs = _next_look(model, size)
-    return after(model, pairs) if isinstance(model, Model) else model._after(pairs), pairs
-
-
 def _next_look(model: Snapshot | Model, size: float) -> int:
     """The first possible look at `size` pairs or more."""
     return ceil(size) if isinstance(model, Model) else model._size_after(size)
@@ -402,7 +396,8 @@ def _forecast(
         # next to where ``error ~ N^(-1/2)`` would be `room`
         more = 2.0 * (log2(max(error, SMALL)) - log2(room)) if isfinite(error) else 0.0
         power = min(max(ceil(log2(size) + more), low + 1), high - 1)
-        later, pairs = _later(model, 2.0**power)
+        pairs = _next_look(model, 2.0**power)
+        later: Any = after(model, pairs) if isinstance(model, Model) else model._after(pairs)
         size, error = float(pairs), error_of(later)
         if error > room:
             low, above = power, (size, error)

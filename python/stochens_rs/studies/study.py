@@ -21,7 +21,7 @@ from .._base.types import NDArray, Self, Status
 from .._base.validation import show
 from .._core import version as package_version
 from ..exceptions import InputError, InputTypeError, StateError
-from ..rng import Key, RngLike, as_key
+from ..rng import RngLike, as_key
 from . import tasks
 from .results import Failure, Results
 from .running import Function, Work, checked_executor, interruptions, run_tasks
@@ -369,7 +369,7 @@ class Study:
             axes, span = found.grid if grid is None else grid, range(*found.replicates)
             about: Any = {"rng": found.key, "nested": found.nested, "shared": found.shared}
             about["version"] = found.version
-            study = cls(function or _unknown, axes, replicates=span, **about)
+            study = cls(function or dict, axes, replicates=span, **about)
         except (InputError, InputTypeError) as error:
             raise StateError(f"{path} is not the file of this study: {error}") from error
         study._found = found
@@ -444,10 +444,6 @@ class Study:
         axes = "".join(f"{len(labels)} {name} x " for name, labels in self._grid.labels.items())
         left = self._table.count(tasks.WAITING)
         return f"<Study: {self._name} of {axes}{len(self.replicates)} replicates, {left} to run>"
-
-
-def _unknown(key: Key, **_: Any) -> Mapping[str, Any]:
-    raise InputError("`function` must be given")
 
 
 def _units_of(function: object) -> dict[str, str]:

@@ -32,11 +32,11 @@ from typing import Annotated, Any, BinaryIO, TypeAlias
 
 import numpy as np
 
-from .. import _core
 from .._base import files, running, validation
 from .._base.records import Record, SavedRecord
 from .._base.types import Floats, NDArray, Self
 from .._base.validation import show
+from .._core import version
 from ..exceptions import (
     InputError,
     InputTypeError,
@@ -454,7 +454,7 @@ def _read(path: str, file: BinaryIO) -> tuple[list[Block], int]:
                 raise StateError("there is no record")
             running.need("a block of a study", 4 * length)
             content += file.read(length - 9)
-            number, sections = _core.storage_decode(path, content, Block._kind)
+            number, sections = files.decode(path, content, Block._kind)
         except StateError as error:
             if at < end:
                 raise StateError(f"{path} is damaged at byte {at}: {error}") from error
@@ -488,7 +488,7 @@ def fingerprint() -> dict[str, str]:
     """What the bits of a number may depend on, beside the study: see `stochens_rs.Study`."""
     found = np.show_config(mode="dicts")["SIMD Extensions"]
     return {
-        "stochens_rs": _core.version(),
+        "stochens_rs": version(),
         "python": ".".join(platform.python_version_tuple()[:2]),
         "numpy": np.__version__,
         "platform": f"{platform.system()} {platform.machine()}",

@@ -63,10 +63,10 @@ def test_bad_output_is_refused() -> None:
     read_only = np.zeros((N, 2))
     read_only.setflags(write=False)
     for out, message in (
-        ([[0.0, 0.0]] * N, "a numpy.ndarray of float64, got an obj"),
-        (np.ma.zeros((N, 2)), "a numpy.ndarray of float64"),
-        (np.zeros((N, 2), np.float32), "a .* of float64, got ndarray .* of float32"),
-        (np.zeros((N, 2), ">f8"), "a .* of float64, got ndarray .* of >f8"),
+        ([[0.0, 0.0]] * N, "an ndarray of float64, got an obj"),
+        (np.ma.zeros((N, 2)), "an ndarray of float64"),
+        (np.zeros((N, 2), np.float32), "an .* of float64, got ndarray .* of float32"),
+        (np.zeros((N, 2), ">f8"), "an .* of float64, got ndarray .* of >f8"),
         (np.zeros((2, N)), r"shape \(700, 2\), got \(2, 700\)"),
         (np.zeros((2, N)).T, "C-contiguous"),
         (np.zeros((N, 4))[:, ::2], "C-contiguous"),

@@ -249,5 +249,5 @@ def test_a_declared_law_must_be_possible():
 def test_entities_with_one_key_are_not_independent():
     plan = se.control((A, B), se.sample(X0, N, rng=1), se.sample(XF, N, rng=1))
     for call in (plan.bound, plan.covariance):
-        with pytest.raises(InputError, match="`x0` and `xf` were drawn with the same key"):
+        with pytest.raises(InputError, match="`x0` and `xf` have one key"):
             call()

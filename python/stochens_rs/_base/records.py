@@ -71,9 +71,8 @@ def check(record: Any) -> None:
 
     A number becomes what its check returns.
     """
-    own: Any = type(record)
-    known, free = rules(own), Rule()
-    for name, kind in fields.declared(own).items():
+    known, free = rules(record.__class__), Rule()
+    for name, kind in fields.declared(record.__class__).items():
         value, checked = getattr(record, name), known.get(name, free).check
         if checked is not None and value is not None:
             record._keep(**{name: checked(name, value)})
@@ -84,10 +83,9 @@ def check(record: Any) -> None:
 
 def sizes(record: Any) -> dict[str, int]:
     """The length of each dimension that the fields of a record name; refuses what does not fit."""
-    own: Any = type(record)
     found: dict[str, int] = {}
     runs: bool | None = None  # whether there is an axis of runs, the same for all fields
-    for name, rule in rules(own).items():
+    for name, rule in rules(record.__class__).items():
         value, dims = getattr(record, name), rule.dims
         if value is None or rule.check is not None:
             continue
@@ -155,8 +153,9 @@ _IN_LIST, _PARSED = 40, 80
 class Record:
     """Base of the classes that are made of numbers, texts, arrays and other records.
 
-    They are frozen dataclasses without a decorator, with `eq` compared by their fields; but those
-    without `init` make themselves, and those that are not `listed` only hand down methods.
+    Those of this package are frozen dataclasses without a decorator, with `eq` compared by their
+    fields; but those without `init` make themselves, and those that are not `listed` only hand
+    down methods.
 
     Pickling, copying, `from_dict` and `load` call the constructor, which checks the fields, because
     data can come from anywhere. A class that has another one than its own names it ``_made_by``.
@@ -174,9 +173,9 @@ class Record:
         super().__init_subclass__(**options)
         if "_kind" not in vars(cls):
             cls._kind = re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
-        if listed and init:
-            dataclass(frozen=True, eq=eq, repr=cls.__repr__ is object.__repr__)(cls)
         if listed and cls.__module__.startswith(_ROOM):
+            if init:
+                dataclass(frozen=True, eq=eq, repr=cls.__repr__ is object.__repr__)(cls)
             fields.enter(cls, cls._made_by, cls._verify)
 
     def __post_init__(self) -> None:

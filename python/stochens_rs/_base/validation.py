@@ -272,9 +272,8 @@ def instance(name: str, value: object, kind: type[T]) -> T:
 
 def left_out(where: str, /, **arguments: object) -> None:
     """Refuse arguments that are given, that is not None, where they make no sense."""
-    for name, value in arguments.items():
-        if value is not None:
-            raise InputError(f"`{name}` must be left out {where}, got {show(value)}")
+    for name in [one for one, value in arguments.items() if value is not None]:
+        raise InputError(f"`{name}` must be left out {where}, got {show(arguments[name])}")
 
 
 def same_sizes(name: str, found: tuple[int, ...], wanted: tuple[int, ...], like: str) -> None:

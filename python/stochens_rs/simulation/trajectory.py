@@ -414,18 +414,11 @@ def simulate_ensemble(
     """
     kept = validation.subset("keep", keep, _KEEP)
     if isinstance(system, SystemEnsemble):
-        for name, value, default in (
-            ("size", size, None),
-            ("sampled", sampled, SAMPLED),
-            ("averaging", averaging, "runs"),
-            ("replicates", replicates, 1),
-            ("rng", rng, None),
-        ):
-            if value is not default and not (isinstance(value, str | int) and value == default):
-                raise InputError(
-                    f"`{name}` must be left out for a SystemEnsemble, whose models are run as they "
-                    f"are, got {validation.show(value)}"
-                )
+        default: dict[str, Any] = {"sampled": SAMPLED, "averaging": "runs", "replicates": 1}
+        given = zip(default.items(), (sampled, averaging, replicates), strict=True)
+        own = {k: v for (k, one), v in given if not (type(v) is type(one) and v == one)}
+        where = "for a SystemEnsemble, whose models are run as they are"
+        validation.left_out(where, size=size, rng=rng, **own)
         return _each(system, x0, u, kept)
     checked, start, inputs = checked_motion(system, x0, u)
     count = validation.size("size", size)

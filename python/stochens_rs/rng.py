@@ -210,7 +210,8 @@ def as_key(rng: RngLike) -> Key:
         rng = np.random.Generator(rng)
     if isinstance(rng, np.random.Generator):
         return _root(b"bytes", rng.bytes(32))
-    raise InputTypeError(f"`rng` must be None, an integer, a Key or of NumPy, got {show(rng)}")
+    wanted = "None, an integer >= 0, a Key, or a SeedSequence, Generator or BitGenerator"
+    raise InputTypeError(f"`rng` must be {wanted}, got {show(rng)}")
 
 
 def _root(tag: bytes, payload: bytes) -> Key:

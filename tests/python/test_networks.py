@@ -284,7 +284,7 @@ def changed(key, row, column, value, case=NINE):
 
 
 BAD_CASES = [
-    (7, InputTypeError, "`case` must be of MATPOWER or pandapower, got int 7"),
+    (7, InputTypeError, "pandapower net, got int 7"),
     ({}, InputError, "baseMVA is missing"),
     ({**NINE, "bus": NINE["bus"][:, :5]}, ShapeError, "at least the 9 columns"),
     (changed("bus", 4, 7, 0.0), InputError, "must have voltages > 0, got 0 at bus 5"),

@@ -109,7 +109,8 @@ def read_network(case: object) -> Network:
         return _pandapower(case)
     if isinstance(case, Mapping):
         return _network(case, "case", None)
-    raise InputTypeError(f"`case` must be of MATPOWER or pandapower, got {validation.show(case)}")
+    wanted = "the path or dictionary of a MATPOWER case or a pandapower net"
+    raise InputTypeError(f"`case` must be {wanted}, got {validation.show(case)}")
 
 
 def _refuse_statements(path: Path) -> None:

@@ -89,13 +89,14 @@ def _columns(machines: object) -> dict[str, Any]:
     if isinstance(machines, Mapping):
         if any(name in machines for name in _NEEDED):
             return {str(name): column for name, column in machines.items()}
-        for row in machines.values():
+        for bus, row in machines.items():
             if not isinstance(row, Mapping):
-                raise InputTypeError(f"`machines` must map buses to mappings, got {show(row)}")
+                raise InputTypeError(f"`machines[{bus!r}]` must be a mapping, got {show(row)}")
         names = dict.fromkeys(name for row in machines.values() for name in row)
         some = [name for name in names if any(name not in row for row in machines.values())]
         if some or not names:
-            raise InputError(f"`machines` must have {_WANTED} for each bus, {some[:1]} is not")
+            missing = some[0] if some else "nothing"
+            raise InputError(f"`machines` must have {_WANTED} for each bus, got {missing} for some")
         rows = {str(name): [row[name] for row in machines.values()] for name in names}
         return {"bus": list(machines)} | rows
     frame: Any = machines

@@ -246,7 +246,8 @@ def require(options: Alse, ensemble: Ensemble) -> None:
     if options.weight_set not in _LINES:
         return
     if len(ensemble.shape) == 1:
-        raise InputError(f"`weight_set` of vectors must be (sub)simplex, got {options.weight_set}")
+        wanted = f"'simplex' or 'subsimplex' for vectors, got {options.weight_set!r}"
+        raise InputError(f"`weight_set` must be {wanted}")
     if ensemble.is_singleton and ensemble.axis != _LINES[options.weight_set]:
         raise InputError(
             f"`weight_set` must be 'per-{ensemble.axis[:-1]}' for realizations sampled by "

@@ -215,7 +215,7 @@ def _declare(entity: Known, values: Floats | None, what: str) -> Known:
     if values is None:
         return entity
     if entity.kind == "fitted":
-        raise InputError(f"`{argument}` must be left out: a fit of {entity.name} has its error")
+        raise InputError(f"`{argument}` must be left out: the fit {entity.name} has its own")
     if entity.values is None or not np.array_equal(values, entity.values):
         raise InputError(f"`{label}` differs from what this plan knows of `{entity.name}`")
     return entity

@@ -765,7 +765,7 @@ impl SetPoints {
 
 /// A gain K (m, n), what is added to its input, and the limits of that: of the change in one step, low and high (m).
 #[derive(Debug)]
-pub struct Law<'a> {
+pub struct Policy<'a> {
     /// K.
     pub gain: &'a [f64],
     /// What is added.
@@ -778,7 +778,7 @@ pub struct Law<'a> {
     pub high: &'a [f64],
 }
 
-impl Law<'_> {
+impl Policy<'_> {
     /// `us + K (x - xs) + more`, at most `rate` from `acted`, within the limits; None where it overflows.
     ///
     /// # Errors

@@ -10,7 +10,7 @@ use super::outputs::with_noise;
 use super::region::PyRegion;
 use super::run::run;
 use super::window::PyWindow;
-use crate::limits::{Causes, Law, SetPoint, SetPointTask, SetPoints};
+use crate::limits::{Causes, Policy, SetPoint, SetPointTask, SetPoints};
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -174,7 +174,7 @@ getters! {
         let ((step, slope, given), (gain, more, rate, low, high)) = (moves, law);
         let moves = [slice("step", &step)?, slice("slope", &slope)?];
         let (xs, us) = self.points.moving(&self.point, slice("bias", &bias)?, moves, slice("given", &given)?)?;
-        let law = Law {
+        let law = Policy {
             gain: slice("gain", &gain)?,
             more: slice("more", &more)?,
             rate: slice("rate", &rate)?,

@@ -401,6 +401,8 @@ SEPARATE = {
     "Watch",
     "Kept",
     "WorstTime",
+    "Call",
+    "Reading",
     "Plan.typical",
 }  # made by functions
 # programs, and what ends in files of Matplotlib

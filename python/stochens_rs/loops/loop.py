@@ -7,7 +7,6 @@ import threading
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from typing import Any, Generic, TypeVar
 
 import numpy as np
@@ -327,8 +326,8 @@ class ControlLoop(Durable, Generic[Entry]):
         """Write a call down, with what the watch says; what is returned is the caller's own."""
         if self.watch is not None:
             found = self.watch(read, u, applied=acted)
-            watched: Any = replace(entry, watch=found)  # type: ignore[type-var]
-            entry = watched
+            of: Any = entry
+            entry = of._replace(watch=found)
         self._last = u
         self._calls += 1
         self._log.append(entry)

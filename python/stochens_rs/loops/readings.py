@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import copy
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -53,8 +53,7 @@ SETTLES = 100  # calls behind the last target in which what was added to the inp
 MOVED = 0.01  # of the range of the limits: how far the set point may move without a new problem
 
 
-@dataclass(frozen=True, eq=False)
-class Reading:
+class Reading(NamedTuple):
     """One call of a `ReadingLoop`.
 
     Attributes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from time import perf_counter
 from typing import Any, NamedTuple
 
@@ -28,8 +28,7 @@ from .loop import ControlLoop, counted
 MOST = 33_000  # numbers of plans with limits of states in C: 1 MB of text
 
 
-@dataclass(frozen=True, eq=False)
-class Call:
+class Call(NamedTuple):
     """One call of a `Regulator`.
 
     Attributes

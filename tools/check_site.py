@@ -187,10 +187,24 @@ class Browser:
         self.value("new Promise(done => setTimeout(done, 30))")
         return [text for event in self.events if (text := complaint(event))]
 
+    def open(self, address: str, *, width: int = WIDTHS[0], dark: bool = False) -> list[str]:
+        """Load a page in a window of this width; the errors that it causes."""
+        feature = {"name": "prefers-color-scheme", "value": "dark" if dark else "light"}
+        self.call("Emulation.setEmulatedMedia", media="screen", features=[feature])
+        self.widen(width)
+        return self.show(address)
+
     def value(self, expression: str) -> Any:
         """Value of an expression on the page."""
         options = {"expression": expression, "returnByValue": True, "awaitPromise": True}
-        return self.call("Runtime.evaluate", **options)["result"].get("value")
+        found = self.call("Runtime.evaluate", **options)
+        if "exceptionDetails" in found:
+            raise RuntimeError(f"{expression[:80]}: {found['exceptionDetails']['text']}")
+        return found["result"].get("value")
+
+    def reported(self, *methods: str) -> list[dict[str, Any]]:
+        """Events of these kinds since the page was loaded."""
+        return [event["params"] for event in self.events if event.get("method") in methods]
 
     def widen(self, width: int, height: int = 900) -> None:
         """Set the size of the page."""
@@ -202,6 +216,12 @@ class Browser:
         clip = {"x": 0, "y": 0, "width": width, "height": height, "scale": 1}
         whole = self.call("Page.captureScreenshot", clip=clip, captureBeyondViewport=True)
         path.write_bytes(base64.b64decode(whole["data"]))
+
+    def pdf(self, path: Path) -> None:
+        """Write the page as printed on A4."""
+        self.call("Emulation.setEmulatedMedia", media="", features=[])
+        size = {"paperWidth": 8.27, "paperHeight": 11.69, "preferCSSPageSize": True}
+        path.write_bytes(base64.b64decode(self.call("Page.printToPDF", **size)["data"]))
 
     def close(self) -> None:
         """End the browser."""
@@ -286,10 +306,7 @@ def take_pictures(browser: Browser, site: Path, folder: Path, names: list[str]) 
     """Pictures of pages at both widths, light and dark."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, width, scheme in itertools.product(names, WIDTHS, ("light", "dark")):
-        feature = {"name": "prefers-color-scheme", "value": scheme}
-        browser.call("Emulation.setEmulatedMedia", features=[feature])
-        browser.widen(width)
-        browser.show((site / f"{name}.html").as_uri())
+        browser.open((site / f"{name}.html").as_uri(), width=width, dark=scheme == "dark")
         height = min(browser.value("document.documentElement.scrollHeight"), 6000)
         file = f"{name.replace('/', '-')}-{width}-{scheme}.png"
         browser.picture(folder / file, width, height)

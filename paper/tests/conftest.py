@@ -1,8 +1,7 @@
-"""The seed of tests, and which of them are slow."""
+"""Which tests of the paper are slow, and what they share."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 SLOW = ("experiments", "claims", "program", "report_page")
@@ -21,15 +20,3 @@ def claimed():
 
     seen: list[tuple[int, int | None]] = []
     return paper.claims(quick=True, progress=lambda *counts: seen.append(counts)), seen
-
-
-@pytest.fixture
-def seed(request: pytest.FixtureRequest) -> int:
-    """Seed of this run: a test that takes it must pass for every seed."""
-    return int(request.config.getoption("--seed", 42))
-
-
-@pytest.fixture
-def gen(seed: int) -> np.random.Generator:
-    """Source of test data; new for every test, so their order does not matter."""
-    return np.random.default_rng(seed)

@@ -161,16 +161,6 @@ def test_notebooks_have_the_code_and_pictures_of_their_page(name):
     assert "](" not in re.sub(r"\]\((attachment:|https:)", "", words)
 
 
-# -- how to cite -------------------------------------------------------------------------------
-
-
-def test_the_citations_name_this_version():
-    cff, page = (p.read_text("utf-8") for p in (ROOT / "CITATION.cff", DOCS / "index.md"))
-    assert re.search(r"^version: (.*)$", cff, re.M)[1] == se.__version__
-    assert re.search(r"version = \{(.*)\}", page)[1] == se.__version__
-    assert re.search(r'^title: "(.*)"$', cff, re.M)[1] == re.search(r" title .*?\{(.*)\}", page)[1]
-
-
 # -- the check of the built site ---------------------------------------------------------------
 
 GOOD = """<html><head><link rel="canonical" href="https://a.b/c">

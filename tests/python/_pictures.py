@@ -187,6 +187,8 @@ def _crowd(one: np.ndarray, other: np.ndarray, least: float) -> int:
     """The most pixels in a window of `one` that have none of their colour nearby in `other`."""
     height, width, _ = one.shape
     rows, columns = np.nonzero(np.abs(one - other).max(axis=2) > least)
+    if not len(rows):
+        return 0
     nearest = np.full(len(rows), np.inf)
     for i, j in itertools.product(range(-REACH, REACH + 1), repeat=2):
         near = other[np.clip(rows + i, 0, height - 1), np.clip(columns + j, 0, width - 1)]

@@ -80,21 +80,6 @@ x0 = pd.Series(X0, index=["speed", "angle"])
 frame = pd.DataFrame(A, columns=["a", "b"], index=["a", "b"])
 
 
-def test_the_cure_of_the_message_cures():
-    """Tables in three different orders give the control of the plain arrays."""
-    states = ["speed", "angle"]
-    shuffled = pd.DataFrame(A, index=states, columns=states).loc[states[::-1], states]
-    start = x0[states[::-1]]
-    cured = se.control((shuffled.loc[states, states].to_numpy(), B), start[states].to_numpy(), XF)
-    np.testing.assert_array_equal(cured.u, se.control((A, B), X0, XF).u)
-
-
-def test_what_has_no_labels_gives_the_same_control():
-    plain = se.control((A, B), X0, XF)
-    framed = se.control((pd.DataFrame(A), pd.DataFrame(B)), pd.Series(X0), xr.DataArray(XF))
-    np.testing.assert_array_equal(framed.u, plain.u)
-
-
 OVEN = se.System(A, B[:, :1], states=["front", "back"], inputs=["heat"], units={"front": "K"})
 
 

@@ -43,18 +43,6 @@ def test_limits_by_name_leave_the_others_free():
         se.control(cart, *start, limits=se.Limits(x={"force": (-1.0, 1.0)}))
 
 
-def test_messages_about_references_and_targets():
-    with pytest.raises(InputError, match="`reference` must have shape"):
-        se.control(TWO, [1.0, 0.0], steps=2, cost=se.Cost(reference=np.zeros((2, 2))))
-    with pytest.raises(InputError, match="`xf`"):
-        se.control(TWO, [1.0, 0.0], steps=2, limits=(-1.0, 1.0))
-    followed = se.control(TWO, [1.0, 0.0], steps=2, cost=se.Cost(reference=np.zeros((3, 2))))
-    with pytest.raises(InputError, match="`xf` must be None: this plan has a reference"):
-        followed.error(TWO, [1.0, 0.0], [0.0, 0.0])
-    with pytest.raises(InputError, match="`xf` must be given: this plan has no reference"):
-        se.control(TWO, [1.0, 0.0], [0.0, 0.0], cost=se.Cost(R=1.0)).error(TWO, [1.0, 0.0])
-
-
 WITH = {"limits": (-1.0, 1.0), "Q": 1.0, "Qf": [1.0, 2.0], "R": 0.1, "time_limit": 10.0}
 WITH |= {"state_limits": (None, 0.5), "soft": 10.0, "rate": 1.0, "previous": [0.0]}
 

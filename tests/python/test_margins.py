@@ -279,27 +279,11 @@ def test_the_rig(proof):
 
 
 def test_what_is_refused(proof):
-    for name, value in (
-        ("on", "rates"),
-        ("on", [0.0] * 4),
-        ("on", []),
-        ("of", "speeds"),
-        ("of", ["angle"] * 2),
-    ):
-        asked = {"on": "rate", "of": "angle", name: value}
-        with pytest.raises(InputError, match=f"`{name}`"):
-            proof.allows(**asked)
     with pytest.raises(InputError, match="`inputs` must have low < 0 < high"):
         proof.attracts((1.0, 2.0), np.ones(4))
-    with pytest.raises(InputError, match="`bits`"):
-        proof.rounding(np.ones(4), bits=99)
-    for bad, name in (
-        ({"at_most": -1.0}, "at_most"),
-        ({"at_most": 1.0, "power": 3.0}, "power"),
-        ({"at_most": 1.0, "within": 1.0, "cut": 2.0}, "cut"),
-    ):
-        with pytest.raises(InputError, match=f"`{name}`"):
-            se.Misfit(on="rate", of="angle", **bad)
+    for bad in ({"power": 3.0}, {"within": 1.0, "cut": 2.0}):
+        with pytest.raises(InputError, match=f"`{list(bad)[-1]}`"):
+            se.Misfit(on="rate", of="angle", at_most=1.0, **bad)
     data, misfit = rig_data(6, 1), se.Misfit(on="rate", of="angle", at_most=0.1)
     with pytest.raises(InputError, match="`misfit` needs noise=sigma"):
         se.identify(data, misfit=misfit)
@@ -664,7 +648,3 @@ def test_readings_that_are_off_stay_in_the_tube(proof):
             power = closed @ power
         share = max(share, (sums / more[0]).max())
     assert 0.6 < share <= 1.0
-    with pytest.raises(InputError, match="`readings` must be"):
-        proof.tube(x0, 5, readings=-1.0)
-    with pytest.raises(InputError, match="`readings`"):
-        proof.tube(x0, 5, readings=[1.0, 2.0])

@@ -215,20 +215,6 @@ def test_the_names_of_an_ensemble_stay_with_it(tmp_path) -> None:
         se.SystemEnsemble(A[None, :2, :2], B[None, :2], labels=FIRST.labels)
 
 
-def test_a_fleet_takes_its_start_and_target_by_name():
-    pandas = pytest.importorskip("pandas")
-    order = [2, 0, 1]
-    x0, xf = (
-        pandas.Series([v[i] for i in order], index=[STATES[i] for i in order]) for v in (X0, XF)
-    )
-    named = se.control_fleet([FIRST, system(1.1)], x0, xf, 3, limits=LIMITS)
-    assert np.array_equal(
-        named.u, se.control_fleet([FIRST, system(1.1)], X0, XF, 3, limits=LIMITS).u
-    )
-    with pytest.raises(InputError, match="x0"):
-        se.control_fleet([FIRST, system(1.1)], x0.rename({STATES[0]: "other"}), xf, 3)
-
-
 def test_weights_are_tables_in_any_order(tmp_path):
     pandas = pytest.importorskip("pandas")
     A, names = np.array([[0.9, 0.2, 0.0], [-0.1, 0.8, 0.1], [0.0, 0.1, 0.7]]), ["a", "b", "c"]

@@ -89,19 +89,6 @@ def test_trace_is_thin_and_the_same_in_one_run_or_many():
     assert later.trace.certificates[-1] == later.certificate
 
 
-def test_trace_plot():
-    pytest.importorskip("matplotlib")
-    stream = make(3)
-    stream.step(100)
-    ax = stream.trace.plot()
-    lines = {line.get_label(): line.get_xydata() for line in ax.get_lines()}
-    assert set(lines) == {"certificate", "error"}
-    np.testing.assert_array_equal(lines["error"][:, 0], stream.trace.steps[1:])
-    np.testing.assert_array_equal(lines["error"][:, 1], stream.trace.errors[1:])
-    assert stream.trace.plot(ax=ax) is ax
-    assert make(3).trace.plot().get_xscale() == "log"  # nothing to draw yet
-
-
 # -- runs ----------------------------------------------------------------------------------------
 
 

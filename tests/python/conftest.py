@@ -40,6 +40,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
             file = nodeid.partition("::")[0]
             return "paper" if file.startswith("paper/") else file
 
+    config.option.loadscopereorder = False  # in the order of pytest_collection_modifyitems
     return ByFile(config, log)
 
 
@@ -52,7 +53,11 @@ SLOW = ("coverage", "hostile", "hidden_systems", "pictures", "gallery", "noteboo
         "interrupt", "durable")  # fmt: skip
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+# Files that take long without being slow tests.
+LONG = ("paper", "docs", "margins", "fused", "export", "loops", "propagation", "points", "alarm")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     for item in items:
         if any(word in item.path.stem for word in SLOW):
             item.add_marker("slow")
@@ -60,6 +65,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             # data are drawn by thousands: tests of logs warn of about one set in 200 by chance
             quiet = "ignore::stochens_rs.exceptions.DataWarning"
             item.add_marker(pytest.mark.filterwarnings(quiet))
+    if hasattr(config, "workerinput"):  # the long ones first, so that all processes end together
+        words = (*LONG, *SLOW)
+        items.sort(key=lambda item: not any(word in item.nodeid.split("::")[0] for word in words))
 
 
 @pytest.fixture

@@ -194,9 +194,9 @@ def test_regions_hold(system):
         n, m = len(Theta), Theta.shape[1] - len(Theta)
         for place, sigma in ((0, 1.0), (2, None)):
             fused = fused_by(models, z, y, sigma)
-            regions = fused.region(DELTA), *fused.regions(DELTA)
+            regions = fused.regions(DELTA)  # `region` is the first, or least squares
             failed[place] += not all(contains(one, Theta, n, m) for one in regions)
-            regions = fused.region(DELTA, frobenius=True), *fused.regions(DELTA, frobenius=True)
+            regions = fused.regions(DELTA, frobenius=True)
             failed[place + 1] += any(error_of(r, fused, Theta) > r.frobenius for r in regions)
             if sigma and off == 0.0:
                 sizes.append(fused._ball(DELTA, frobenius=True).frobenius)

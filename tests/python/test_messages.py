@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -78,7 +79,7 @@ CALLS = [
 
 W, PAIRS, GAINS = np.array([1.0, -2.0]), se.sample([1.0, -2.0], 5, rng=1), np.ones((2, 1, 1))
 STATES, INPUTS = np.random.default_rng(1).standard_normal((2, 30, 1))
-RUNS = se.Trajectories(STATES, INPUTS[1:])
+RUNS, CLIENT = se.Trajectories(STATES, INPUTS[1:]), SimpleNamespace(get_executor=None)
 ONE, TWO = ([[1.0]], [[1.0]]), se.SystemEnsemble(GAINS, GAINS)
 # A prefix of the message.
 CALLS += [
@@ -144,6 +145,10 @@ CALLS += [
     ),
     (lambda: se.Study(len, {"a": []}, replicates=2), "`grid['a']` must have at least one value"),
     (lambda: se.Study(len, {}, replicates=2).run(3), "`executor` must be of concurrent.futures"),
+    (
+        lambda: se.Study(len, {}, replicates=2).run(CLIENT),
+        "`executor` must be of concurrent.futures, got an object of type SimpleNamespace: ",
+    ),
     (lambda: scenario.judged(5, 6, 0.1), "`support` must be in [0, 5], got int 6"),
 ]
 

@@ -18,7 +18,7 @@ import pytest
 
 import stochens_rs as se
 import study_functions as functions
-from stochens_rs.exceptions import InputError, InputTypeError
+from stochens_rs.exceptions import InputError
 from stochens_rs.studies import running
 from stochens_rs.studies import study as study_module
 from stochens_rs.studies.tasks import Block
@@ -105,16 +105,6 @@ def test_loky_finds_the_same(undisturbed: se.studies.Results) -> None:
     loky = pytest.importorskip("loky")
     with loky.ProcessPoolExecutor(2) as processes:
         assert study().run(processes).digest == undisturbed.digest
-
-
-@pytest.mark.filterwarnings("ignore")
-def test_a_local_dask_cluster_finds_the_same(undisturbed: se.studies.Results) -> None:
-    distributed = pytest.importorskip("distributed")
-    options = {"n_workers": 2, "threads_per_worker": 1, "dashboard_address": None}
-    with distributed.LocalCluster(**options) as cluster, distributed.Client(cluster) as client:
-        with pytest.raises(InputTypeError, match=r"got .*Client.*: pass client.get_executor\("):
-            study().run(client)
-        assert study().run(client.get_executor(pure=False)).digest == undisturbed.digest
 
 
 def test_workers_use_one_thread_each() -> None:

@@ -147,7 +147,7 @@ ENVIRONMENT = {
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux counts what is mapped")
 def test_every_call_under_a_shrinking_limit() -> None:
     run = subprocess.run(
-        [sys.executable, "-c", LADDER, "300", "400", str(sets(10, 6)), str(readers.PRODUCTS)],
+        [sys.executable, "-c", LADDER, "300", "400", str(sets(10, 5)), str(readers.PRODUCTS)],
         capture_output=True,
         text=True,
         env={**os.environ, **ENVIRONMENT, "PYTHONPATH": os.pathsep.join(sys.path)},

@@ -47,3 +47,16 @@ def ball(centre, V, S, rho=1.0, m=1, *, by_rows=False, frobenius=None):
 def region_errors(region, x0, u, *, rho0=0.0, to_come=None):
     """The errors of a trajectory of the centre of a `Region` of the package."""
     return region.core.errors(x0, np.ascontiguousarray(u), rho0, to_come)
+
+
+def share(region, Theta):
+    """The part of its radius that the error of Theta takes: above 1 Theta is outside.
+
+    A count of failures of so few data sets sees no region that is somewhat too small; this does.
+    """
+    off, found = Theta - region.centre, []
+    for part in region.parts:
+        rows, columns = np.asarray(part.rows), np.asarray(part.columns)
+        X = np.linalg.solve(np.linalg.cholesky(part.S), off[np.ix_(rows, columns)] @ part.root.T)
+        found.append(np.linalg.norm(X, 2) / np.sqrt(part.factor))
+    return max(found)

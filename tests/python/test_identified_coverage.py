@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import stochens_rs as se
-from coverage_study import DELTA, at_most, coverage, exactly, failures, sets
+from core_regions import share
+from coverage_study import DELTA, at_most, coverage, exactly, failures, repeated, sets
 from declarations import opts
 from identification_data import LAMS, SKEWED, independent, noisy_states, tuned
 from stochens_rs.identification.assumptions import ACCEPTED
@@ -154,9 +155,13 @@ def test_regions_for_any_design_hold_at_all_looks():
                 N == 150 and misses(unknown.region(DELTA), Theta),
                 misses(exact.region(DELTA), Theta),
             ]
-        return now
+        shares = [share(known.region(DELTA), Theta), share(unknown.region(DELTA), Theta)]
+        return {"failed": now, "shares": np.array(shares)}
 
-    failed = failures(case, runs, 91)
+    found = repeated(case, runs, 91)
+    failed = found["failed"].sum(axis=0)
+    usual = [0.4018, 0.3076]  # as wide as they were
+    assert np.median(found["shares"][:30], axis=0) == pytest.approx(usual, rel=0.02)
     at_most(failed[:3], runs)
     assert coverage(failed[3], runs) < 0.9
 

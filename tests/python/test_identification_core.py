@@ -65,15 +65,6 @@ QUANTILES = [
     (20, 22, 200, 0.01, 0.617460467012, 96.025285985676, 0.272261168848, 84.39013176503),
     (5, 8, 40_000, 0.05, 0.000697388875063, 27.886529414011, 0.000500950994083, None),
 ]
-LARGEST = [
-    (2, 2, 9, 0.05, 1.765073871830),
-    (2, 1, 9, 0.05, 1.114742526881),
-    (4, 6, 34, 0.05, 0.878703628912667),
-    (4, 3, 34, 0.05, 0.588992481883),
-    (4, 1, 34, 0.05, 0.345634465762168),
-    (2, 5, 12, 0.05, 2.113591033513),
-    (8, 12, 60, 0.01, 1.21828685238584594),
-]
 
 
 def test_exact_quantiles():
@@ -83,11 +74,6 @@ def test_exact_quantiles():
         check(core.row_quantile(n, d, nu, delta), row, rtol=1e-10)
         if smallest is not None:
             check(core.smallest_quantile(n, nu, delta, 1), smallest, rtol=1e-9)
-    for *sizes, delta, roy in LARGEST:
-        check(core.roy_quantile(*sizes, delta, 1), roy, rtol=1e-10)
-    for *sizes, expected in ((1, 3, 9, 1.287516119208), (2, 3, 9, 0.751702538693)):
-        check(core.scalar_quantile(*sizes, 0.05, 1), expected, rtol=1e-10)
-    check(core.scalar_quantile(4, 6, 34, 0.05, 1), 0.166390274969643, rtol=1e-10)
 
 
 def test_without_degrees_of_freedom_quantiles_are_infinite():

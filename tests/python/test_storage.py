@@ -179,20 +179,6 @@ def test_a_full_disk_raises_and_the_old_state_loads(tmp_path: Path) -> None:
     assert state_file.save(path, "full", small) == 2
 
 
-@POSIX
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="no /dev/full")
-def test_devices_and_pipes_are_neither_read_nor_written(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    (tmp_path / "folder").mkdir()
-    for path in ("/dev/full", "/dev/zero", tmp_path / "pipe", tmp_path / "folder"):
-        with pytest.raises(StateError, match="not a regular file"):
-            state_file.save(path, "k", {})
-        with pytest.raises(StateError, match="not a regular file"):
-            state_file.load(path, "k")
-    assert sorted(os.listdir(tmp_path)) == ["folder", "pipe"]
-    assert not os.path.exists("/dev/full.lock")
-
-
 def test_no_directory_no_file_a_long_name(tmp_path: Path) -> None:
     with pytest.raises(StateNotFoundError) as caught:
         state_file.save(tmp_path / "none" / "state", "k", {})

@@ -37,6 +37,9 @@ LONG_CALLS = {
     "mean field": "se.simulate_ensemble((A / 99, A), np.ones(100), np.ones((9999, 100)), 10**6, "
     "averaging='mean-field', rng=1)",
     "systems": "se.simulate_ensemble(models, np.ones(100), np.ones((20_000, 100)))",
+    "stream run": "cut_run(stream.run(tol=1e-300))",
+    "stream": "stream.step(10**12)",
+    "data stream": "data.update(x0=forever())",
     "controls": "se.control((big, np.eye(100)), np.ones(100), np.ones(100), fusion='diagonal')",
 }
 
@@ -79,6 +82,25 @@ if {needs_fed}:
     fed.update(x0=np.ones(2500), xf=np.ones(2500), A=np.random.default_rng(6).random((2500, 2500)))
 models = se.SystemEnsemble(np.tile(A / 99, (200, 1, 1)), np.tile(A, (200, 1, 1)))
 
+S30, B30, x30 = A30 / 6, np.ones((30, 3)), np.ones(30)
+stream, data = se.Stream((S30, B30), x30, x30, rng=1), se.DataStream(B30)
+
+def forever():
+    while True:
+        yield x30
+
+def cut_run(run):
+    assert run.status == "interrupted" and 0 < run.steps == stream.steps, run
+    raise KeyboardInterrupt
+
+def complete():
+    # the state of a stream is that of whole steps
+    again = se.Stream((S30, B30), x30, x30, rng=1)
+    again.step(min(stream.steps, 200_000))
+    assert stream.steps > 200_000 or np.array_equal(again.u, stream.u)
+    data.update(x0=x30)
+    assert np.array_equal(data.estimates["x0"], x30)
+
 def cut(fit):
     # the solver answers the first Ctrl-C with the best weights so far, and says so
     assert fit.status == "interrupted", fit
@@ -115,6 +137,8 @@ for call in {calls}:
     except KeyboardInterrupt:
         late = time.process_time() - sent[0]
         # nothing is lost: the same objects go on working
+        if "stream" in call or "data." in call:
+            complete()
         assert se.fuse(big.prefix(10), "slse", target=A).weights.shape == (10,)
         assert se.sample([1.0, 2.0], 100, rng=1) == se.sample([1.0, 2.0], 100, rng=1)
         print(f"{{late:.3f}}", flush=True)

@@ -7,7 +7,6 @@ import os
 import pickle
 import subprocess
 import sys
-import textwrap
 
 import numpy as np
 import pytest
@@ -173,72 +172,6 @@ os._exit(0)
 def test_a_child_forked_while_a_thread_steps():
     run = subprocess.run([sys.executable, "-c", FORKED], capture_output=True, text=True)
     assert run.stdout == "ended 0\n", run.stderr
-
-
-INTERRUPTED = """
-import faulthandler, os, signal, sys, threading, time
-import numpy as np
-import stochens_rs as se
-
-faulthandler.dump_traceback_later(200, exit=True)  # says where, should a signal get lost
-signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell's background jobs ignore it
-
-def interrupt_after(seconds):
-    begun = time.process_time()  # of this process: it is at work then
-    def wait():
-        while time.process_time() < begun + seconds:
-            time.sleep(0.01)
-        os.kill(os.getpid(), signal.SIGINT)
-    threading.Thread(target=wait).start()
-
-A = np.random.default_rng(0).standard_normal((30, 30)) / 6
-B, x = np.ones((30, 3)), np.ones(30)
-stream = se.Stream((A, B), x, x, rng=1)
-interrupt_after(0.3)
-run = stream.run(tol=1e-300)
-assert run.status == "interrupted", run
-assert 0 < run.steps == stream.steps, run
-interrupt_after(0.3)
-try:
-    stream.step(10**12)
-    sys.exit("not interrupted")
-except KeyboardInterrupt:
-    pass
-assert stream.steps > run.steps
-data = se.DataStream(B)
-def endless():
-    while True:
-        yield x
-interrupt_after(0.3)
-try:
-    data.update(x0=endless())
-    sys.exit("not interrupted")
-except KeyboardInterrupt:
-    pass
-data.update(x0=x)
-assert data.counts["x0"] > 0 and np.array_equal(data.estimates["x0"], x)
-again = se.Stream((A, B), x, x, rng=1)
-again.step(min(stream.steps, 200_000))
-if stream.steps <= 200_000:
-    assert np.array_equal(again.u, stream.u)
-state = stream._to_sections()
-one, two = se.Stream._from_sections(state), stream
-one.step(100); two.step(100)
-assert np.array_equal(one.u, two.u)
-print("good")
-"""
-
-
-@pytest.mark.skipif(sys.platform == "win32", reason="SIGINT cannot be sent to oneself on Windows")
-def test_interrupts_leave_a_complete_state():
-    done = subprocess.run(
-        [sys.executable, "-c", textwrap.dedent(INTERRUPTED)],
-        capture_output=True,
-        text=True,
-        timeout=300,
-        env={**os.environ, "PYTHONFAULTHANDLER": "1"},
-    )
-    assert done.stdout == "good\n", done.stderr
 
 
 # -- bad input -----------------------------------------------------------------------------------

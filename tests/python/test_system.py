@@ -82,12 +82,7 @@ def test_equality_and_hash(system):
     assert all(system != other for other in others)
     assert len({system, same, *others[:-1]}) == len(others)
 
-
-def test_dt_true_is_not_dt_one():
     assert System(A, B, dt=True) != System(A, B, dt=1.0)
-
-
-def test_equal_zeros_have_equal_hashes():
     plus, minus = System([[0.0]], [[1.0]]), System([[-0.0]], [[1.0]])
     assert plus == minus
     assert hash(plus) == hash(minus)
@@ -105,16 +100,10 @@ def test_pickle_and_copy(system):
 # -- from_any ----------------------------------------------------------------------------------
 
 
-def test_from_any_returns_a_system_as_it_is(system):
+def test_from_any_takes_tuples_and_anything_with_A_and_B(system):
     assert System.from_any(system) is system
-
-
-def test_from_any_takes_tuples():
     assert System.from_any((A, B)) == System(A, B)
     assert System.from_any((A, B, 0.1)) == System(A, B, dt=0.1)
-
-
-def test_from_any_takes_anything_with_A_and_B():
     assert System.from_any(SimpleNamespace(A=A, B=B)) == System(A, B)
     named = System.from_any(SimpleNamespace(A=A, B=B, dt=0.1, name="drone"))
     assert (named.dt, named.name) == (0.1, "drone")

@@ -396,18 +396,10 @@ MADE = {
 }
 
 OPTIONS = {"Limits", "Cost", "Uncertain", "Key"}  # records that users make
-SEPARATE = {
-    "Ensemble",
-    "ReadingLoop",
-    "Watch",
-    "Kept",
-    "WorstTime",
-    "Call",
-    "Reading",
-    "Plan.typical",
-}  # made by functions
+# made by functions
+SEPARATE = {"Ensemble", "ReadingLoop", "Watch", "Kept", "WorstTime", "Call", "Reading"}
 # programs, and what ends in files of Matplotlib
-SEPARATE |= {"main", "save", "save_figures"}
+SEPARATE |= {"Plan.typical", "main", "save", "save_figures"}
 STATEFUL = {"DataStream", "ModelStream", "Regulator", "ReadingLoop", "Stream", "Study"}
 MADE = {n: make if n in STATEFUL else cache(make) for n, make in MADE.items()}
 

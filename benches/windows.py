@@ -18,12 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import binom
 
 import stochens_rs as se
-from stochens_rs import _core
 from stochens_rs.identification import Regressors
 from stochens_rs.identification.assumptions import ACCEPTED
-from stochens_rs.identification.window import complete
+from stochens_rs.identification.window import rows_of
 from stochens_rs.system.conversions import discretize
 
 Floats = NDArray[np.float64]
@@ -145,22 +145,36 @@ def hidden(rng: np.random.Generator, by: Callable[..., Floats]) -> Plant:
     return Plant(A, B, C, process * np.eye(n), sensor * np.ones(p), *about, 1.0)
 
 
+def readings_over_noise(data: se.Trajectories, places: NDArray[np.int64], first: int) -> float:
+    """The largest range of a reading over the deviation of its noise, by a model of six lags."""
+    window = Regressors(data.state_names, data.input_names, 6)
+    rows = rows_of(window, data)[1][np.flatnonzero(places >= window.fill) < first]
+    Z, Y = rows[:, : window.length], rows[:, window.length :]
+    squares = ((Y - Z @ np.linalg.lstsq(Z, Y, rcond=None)[0]) ** 2).sum(axis=0)
+    read = np.vstack([data.rows[:first, : data.n], data.rows[:first, -data.n :]])
+    return float((np.ptp(read, axis=0) / np.sqrt(squares / (len(Z) - Z.shape[1]))).max())
+
+
+def filled_after(pole: float, count: int, ratio: float, pieces: int) -> int:
+    """The rows after which the start values of filters are below the noise of all pieces."""
+    rows, most = np.arange(1000), np.sqrt((1 - pole**2) / pieces)
+    return int(np.argmax(binom.cdf(count - 1, rows, 1 - pole) * ratio <= most))
+
+
 def short(data: se.Trajectories) -> se.Window | None:
     """The other rule, on the rows of the first quarter that all windows have."""
     first, names = -(-data.size // 4), (data.state_names, data.input_names)
     places = data.layout.places()
-    begins = (places[:first] == 0).tolist()
-    start = np.ascontiguousarray(data.rows[:first]), begins, data.n, data.m, False
-    ratio, tried = _core.readings_over_noise(*start), []
-    most = min(np.median(data.pieces) / 2, 2 * first / (3 * sum(begins)))
+    begins, tried = int((places[:first] == 0).sum()), []
+    ratio = readings_over_noise(data, places, first)
+    most = min(np.median(data.pieces) / 2, 2 * first / (3 * begins))
     for pole in POLES:
         for count in COUNTS:
-            burn = _core.window_burn(pole, count, ratio, len(data.pieces))
-            if burn <= most:
+            if (burn := filled_after(pole, count, ratio, len(data.pieces))) <= most:
                 tried.append(Regressors(*names, count, pole, 0, False, burn))
     common, found = max((one.burn for one in tried), default=0), []
     for window in tried:
-        rows, at = complete(window, data)
+        rows, at = rows_of(window, data)[1], np.flatnonzero(places >= window.fill)
         rows, d = rows[(at < first) & (places[at] >= common)], window.length
         if len(rows) >= 2 * (d + data.n):
             off = (
@@ -180,7 +194,7 @@ def judged(
     """Whether a gain is certified, its margin, and whether the region is wrong."""
     model = se.identify(data, window=window, checks=False, accept=ACCEPTED)
     proof = se.gain(model, plant.Q, plant.R).certificate(0.05)
-    rows, _ = complete(model.window, plant.runs(np.random.default_rng(seed), 2, 0.0))
+    rows = rows_of(model.window, plant.runs(np.random.default_rng(seed), 2, 0.0))[1]
     region, d, n = model.region(0.05), model.window.length, model.n_outputs
     off = np.linalg.norm(rows[:, d:] - rows[:, :d] @ model.coefficients.T, axis=1)
     wrong = any(size > region.bound(z[:n], z[n:d]) for size, z in zip(off, rows, strict=True))

@@ -21,6 +21,7 @@ __all__ = [
     "Gate",
     "Horizon",
     "HorizonControl",
+    "Identified",
     "Keeper",
     "Loop",
     "Pieces",
@@ -45,7 +46,6 @@ __all__ = [
     "box_control",
     "build",
     "certify",
-    "choose_window",
     "closed_form",
     "diagonal_quantile",
     "drawn_bounds",
@@ -55,7 +55,6 @@ __all__ = [
     "exceedances",
     "f_upper",
     "feedback_gain",
-    "first_pairs",
     "fit",
     "fleet_alone",
     "fleet_mean",
@@ -69,11 +68,11 @@ __all__ = [
     "hull_position",
     "hull_radius",
     "hull_share",
+    "identify",
     "instants",
     "joint_radii",
     "least_squares_level",
     "log_multigamma",
-    "log_tests",
     "loop_eigenvalues",
     "mean_difference",
     "mean_radius",
@@ -85,7 +84,6 @@ __all__ = [
     "one_noise",
     "output_tube",
     "preview",
-    "readings_over_noise",
     "realization_controls",
     "residual_checks",
     "row_quantile",
@@ -122,7 +120,6 @@ __all__ = [
     "validation_weighted",
     "version",
     "widest_gain",
-    "window_burn",
     "wishart_quantile",
     "zero_order_hold",
 ]
@@ -566,9 +563,12 @@ class Estimate:
     @property
     def rank(self) -> int: ...
     @property
+    def size(self) -> int: ...
+    @property
     def covariance(self) -> _Floats | None: ...
     @property
     def blocks(self) -> list[Fitted]: ...
+    def after(self, size: int, times: float) -> Estimate: ...
     # assumed: design, noise, covariance, the known one
     def region(
         self,
@@ -600,10 +600,16 @@ class Window:
     @property
     def length(self) -> int: ...
     @property
+    def count(self) -> int: ...
+    @property
+    def pole(self) -> float | None: ...
+    @property
+    def delay(self) -> int: ...
+    @property
     def states(self) -> int: ...
     @property
     def fill(self) -> int: ...
-    def rows(self, pairs: _Floats, first: list[bool]) -> tuple[_Floats, NDArray[np.int64]]: ...
+    def rows(self, pairs: _Floats, runs: Pieces, first: int) -> tuple[_Floats, _Floats]: ...
     def state_of(self, y: _Floats, u: _Floats) -> _Floats: ...
     def advance(self, x: _Floats, y: _Floats, u: _Floats) -> _Floats: ...
     # x, z, u, states (n, m), outputs (n_y, m), off, rounding
@@ -612,24 +618,6 @@ class Window:
     ) -> tuple[_Floats, _Floats, float, float]: ...
     def linear(self, theta: _Floats) -> tuple[_Floats, _Floats, _Floats]: ...
 
-def window_burn(pole: float, count: int, ratio: float, pieces: int) -> int: ...
-def readings_over_noise(
-    pairs: _Floats, first: list[bool], outputs: int, inputs: int, intercept: bool
-) -> float: ...
-
-# pole, count, delay, burn, count by the criterion, rows compared
-def choose_window(
-    pairs: _Floats,
-    first: list[bool],
-    outputs: int,
-    inputs: int,
-    intercept: bool,
-    poles: list[float],
-    most: tuple[int, int],
-    delays: tuple[int, int],
-    pieces: tuple[int, int],
-) -> tuple[float | None, int, int, int, int, int]: ...
-def first_pairs(rows: _Floats, d: int, threads: int) -> int | None: ...
 def mixtures() -> _Floats: ...
 
 # (Theta - C) V (Theta - C)' <= S times the factor for some rows and columns of Theta; white' white
@@ -1089,19 +1077,51 @@ def next_runs(
 _Tested: TypeAlias = tuple[str, float, float, NDArray[np.int64], _Floats]
 
 # rows (x, u, x one step later), the place of each in its piece, and its run
-_Log: TypeAlias = tuple[_Floats, NDArray[np.int64], NDArray[np.int64]]
+_Log: TypeAlias = tuple[_Floats, Pieces]
 
-def log_tests(
+# What a log says: window, how many lags or filters its first pairs asked for, how many of these are
+# not the model's; estimates of all others, and of those that say the size of the rest and this rest
+@final
+class Identified:
+    @property
+    def window(self) -> Window: ...
+    @property
+    def found(self) -> int | None: ...
+    @property
+    def first(self) -> int: ...
+    @property
+    def unit(self) -> bool: ...
+    @property
+    def size(self) -> int: ...
+    @property
+    def triangle(self) -> _Floats: ...
+    @property
+    def estimate(self) -> Estimate: ...
+    @property
+    def parts(self) -> list[Estimate] | None: ...
+    @property
+    def plain(self) -> Fitted: ...
+    @property
+    def tests(self) -> list[_Tested]: ...
+    @property
+    def checks(self) -> tuple[_Floats, _Floats] | None: ...
+
+# about: least and largest delay; intercept, whether outputs are read, whether z is a window,
+# whether its size was expected, whether the error has an exact law, whether there is a pilot;
+# simulated: draws, key, most numbers
+def identify(
     pairs: _Log,
     whole: _Log | None,
-    window: Window,
-    first: int,
-    read: bool,
-    piloted: bool,
-    fitted: Fitted,
+    sizes: tuple[int, int],
+    past: tuple[Window, int] | tuple[float, int] | int,
+    about: tuple[tuple[int, int], tuple[bool, ...]],
+    known: _Floats | None,
     tested: Sequence[int],
     noise: tuple[str, _Floats | None],
-) -> list[_Tested]: ...
+    threads: int,
+    triangle: _Floats | None = None,
+    simulated: tuple[int, bytes, float] | None = None,
+) -> Identified: ...
 def noise_tests(
     fitted: Fitted, tested: Sequence[int], noise: tuple[str, _Floats | None]
 ) -> list[_Tested]: ...

@@ -34,12 +34,15 @@ pub struct Estimate {
     pub model: Vec<f64>,
     /// Least squares of all rows at once, or of each where their known columns differ.
     pub blocks: Vec<Arc<Fitted>>,
-    pub(crate) n: usize,
+    /// The number of states.
+    pub n: usize,
     pub(crate) m: usize,
     pub(crate) d: usize,
-    own: Vec<f64>,
+    /// The number of pairs.
+    pub size: usize,
+    /// `R` of `[Z Y]`, see [`Data`].
+    pub triangle: Vec<f64>,
     known: Option<Vec<f64>>,
-    size: usize,
 }
 
 impl Estimate {
@@ -61,9 +64,9 @@ impl Estimate {
             let (expected, found) = ("at least one state and one input".into(), format!("n={n}, m={m}"));
             return Err(Error::Shape { name: "triangle", expected, found });
         }
-        let own = reduced(of.triangle, width, 1, stop)?;
+        let triangle = reduced(of.triangle, width, 1, stop)?;
         let known = of.known.map(|known| try_copy(WHAT, known)).transpose()?;
-        let mut made = Self { model: Vec::new(), blocks: Vec::new(), n, m, d, own, known, size };
+        let mut made = Self { model: Vec::new(), blocks: Vec::new(), n, m, d, triangle, known, size };
         made.blocks = made.least_squares(false, stop)?;
         made.model = made.assembled()?;
         Ok(made)
@@ -78,7 +81,7 @@ impl Estimate {
         let free = |i: usize, j: usize| self.known.as_ref().is_none_or(|known| known[i * d + j].is_nan());
         let alike = (1..n).all(|i| (0..d).all(|j| free(i, j) == free(0, j)));
         if self.known.is_none() && !by_rows {
-            return Ok(Vec::from([Arc::new(fit(&self.own, width, d, self.size, 1, stop)?)]));
+            return Ok(Vec::from([Arc::new(fit(&self.triangle, width, d, self.size, 1, stop)?)]));
         }
         let together = alike && !by_rows;
         let sets = if together { 1 } else { n };
@@ -95,7 +98,7 @@ impl Estimate {
     fn restricted(&self, rows: Vec<usize>, columns: Vec<usize>, stop: &Stop) -> Result<Fitted> {
         let (d, narrow) = (self.d, columns.len() + rows.len());
         let mut some = try_room(WHAT, checked_len(WHAT, self.d + self.n, narrow)?)?;
-        for row in self.own.chunks_exact(self.d + self.n) {
+        for row in self.triangle.chunks_exact(self.d + self.n) {
             some.extend(columns.iter().map(|&j| row[j]));
             some.extend(rows.iter().map(|&i| {
                 let known = self.known.iter().flat_map(|known| &known[i * d..(i + 1) * d]);
@@ -120,6 +123,16 @@ impl Estimate {
             }
         }
         Ok(model)
+    }
+
+    /// The estimate from so many pairs, `times` as many, if data go on like those so far.
+    ///
+    /// # Errors
+    /// As [`Estimate::new`].
+    pub fn after(&self, size: usize, times: f64, stop: &Stop) -> Result<Self> {
+        let triangle = &try_collect(WHAT, self.triangle.iter().map(|v| v * times.sqrt()))?;
+        let Self { n, m, .. } = *self;
+        Self::new(Data { triangle, size, n, m, offset: self.d > n + m, known: self.known.as_deref() }, stop)
     }
 
     /// How many directions of `z` the data determine, the least over the rows.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{array1, array2, getters, slice};
 use super::error::InputError;
 use super::fitted::{PyFitted, copied};
 use super::region::PyRegion;
@@ -21,14 +21,14 @@ const WHAT: &str = "least squares";
 
 /// A model from the triangle of its data.
 #[pyclass(frozen, module = "stochens_rs._core", name = "Estimate")]
-pub(super) struct PyEstimate {
-    estimate: Estimate,
-    n: usize,
-    d: usize,
-}
+pub(super) struct PyEstimate(pub(super) Arc<Estimate>);
 
-#[pymethods]
-impl PyEstimate {
+getters! {
+    PyEstimate {
+        rank: usize = |own| own.0.rank();
+        size: usize = |own| own.0.size;
+    }
+
     #[new]
     #[pyo3(signature = (triangle, size, n, m, offset, known=None))]
     fn new(
@@ -44,31 +44,30 @@ impl PyEstimate {
         let triangle = slice("triangle", &triangle)?;
         let of = Data { triangle, size, n, m, offset, known };
         let cost = 30.0 * ((n + m) as f64).powi(3) * if known.is_some() { n as f64 } else { 1.0 };
-        let estimate = run(py, cost, |stop| Estimate::new(of, stop))?;
-        Ok(Self { estimate, n, d: n + m + usize::from(offset) })
+        Ok(Self(Arc::new(run(py, cost, |stop| Estimate::new(of, stop))?)))
     }
 
     #[getter(Theta)]
     fn model<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyArray2<f64>>> {
-        copied(py, &self.estimate.model, self.n, self.d)
-    }
-
-    #[getter]
-    fn rank(&self) -> usize {
-        self.estimate.rank()
+        copied(py, &self.0.model, self.0.n, self.0.model.len() / self.0.n)
     }
 
     #[getter]
     fn covariance<'py>(&self, py: Python<'py>) -> PyResult<Option<Bound<'py, PyArray2<f64>>>> {
-        self.estimate.covariance()?.map(|found| array2(py, found, self.n, self.n)).transpose()
+        self.0.covariance()?.map(|found| array2(py, found, self.0.n, self.0.n)).transpose()
     }
 
     /// All rows at once, or each of them.
     #[getter]
     fn blocks(&self) -> PyResult<Vec<PyFitted>> {
-        let mut found = try_room(WHAT, self.estimate.blocks.len())?;
-        found.extend(self.estimate.blocks.iter().map(|block| PyFitted(Arc::clone(block))));
+        let mut found = try_room(WHAT, self.0.blocks.len())?;
+        found.extend(self.0.blocks.iter().map(|block| PyFitted(Arc::clone(block))));
         Ok(found)
+    }
+
+    /// The estimate from so many pairs, if data go on like those so far.
+    fn after(&self, py: Python<'_>, size: usize, times: f64) -> PyResult<Self> {
+        Ok(Self(Arc::new(run(py, UNTIL_STOPPED, |stop| self.0.after(size, times, stop))?)))
     }
 
     #[pyo3(signature = (assumed, units, delta, components, directions, future, frobenius, method, anytime, threads, tail=0.0))]
@@ -105,11 +104,11 @@ impl PyEstimate {
         let wish = Wish { delta, components, directions, future, frobenius, method, anytime };
         let assumed = Assumed { design, noise, covariance, tail };
         let units = match &units {
-            UnitsOf::First(first) => Magnitudes::First(&first.get().estimate),
+            UnitsOf::First(first) => Magnitudes::First(&first.get().0),
             UnitsOf::Expected(scale) => Magnitudes::Expected(slice("scale", scale)?),
         };
         let region =
-            run(py, UNTIL_STOPPED, |stop| Region::from_data(&self.estimate, assumed, wish, units, threads, stop))?;
+            run(py, UNTIL_STOPPED, |stop| Region::from_data(&self.0, assumed, wish, units, threads, stop))?;
         Ok(PyRegion(region))
     }
 }
@@ -131,13 +130,6 @@ pub(super) fn covariance<'a>(word: &str, known: Option<&'a Matrix<'_>>) -> PyRes
         ("known", Some(known)) => Ok(Covariance::Known(known)),
         (other, _) => Err(InputError::new_err(format!("`covariance` must be of a known kind, got '{other}'"))),
     }
-}
-
-/// How many of the first pairs `rows` `= [Z Y]` are to say the size of the others, d columns in Z; None: too few.
-#[pyfunction]
-pub(super) fn first_pairs(py: Python<'_>, rows: Matrix<'_>, d: usize, threads: usize) -> PyResult<Option<usize>> {
-    let (width, values) = (rows.as_array().dim().1, slice("rows", &rows)?);
-    run(py, 0.3 * (values.len() * width) as f64, |stop| identify::first_pairs(values, width, d, threads, stop))
 }
 
 /// What the event of a region of any design refers to: the mixtures, and the noise of the prior behind them.

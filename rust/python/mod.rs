@@ -4,7 +4,6 @@
 //! of the core: a law's arrays are `(lines, length)`, and the package turns columns or rows of a matrix into lines.
 
 mod arrays;
-mod battery;
 mod control;
 mod convert;
 mod drawn;
@@ -19,6 +18,7 @@ mod horizon;
 mod horizon_arguments;
 mod horizon_loop;
 mod horizon_results;
+mod identified;
 mod identify;
 mod laws;
 mod limited;
@@ -48,15 +48,13 @@ use pyo3::prelude::*;
 #[pymodule(gil_used = false)]
 mod _core {
     #[pymodule_export]
-    use super::battery::{log_tests, noise_tests};
-    #[pymodule_export]
     use super::control::{PyBest, PyFactors, mean_difference, realization_controls};
     #[pymodule_export]
     use super::drawn::{drawn_misses, estimate_draws, next_runs};
     #[pymodule_export]
     use super::draws::{Draws, sample_counts};
     #[pymodule_export]
-    use super::estimate::{PyEstimate, first_pairs, mixtures};
+    use super::estimate::{PyEstimate, mixtures};
     #[pymodule_export]
     use super::feedback::{
         PyFeedback, PyKeeper, feedback_gain, guaranteed_gain, loop_eigenvalues, preview, widest_gain,
@@ -76,6 +74,8 @@ mod _core {
     use super::horizon_loop::PyLoop;
     #[pymodule_export]
     use super::horizon_results::{Apart, HorizonControl};
+    #[pymodule_export]
+    use super::identified::{PyIdentified, identify, noise_tests};
     #[pymodule_export]
     use super::identify::{residual_checks, triangle, triangle_update};
     #[pymodule_export]
@@ -120,7 +120,7 @@ mod _core {
     #[pymodule_export]
     use super::watch::{PyWatch, test_of_two_logs};
     #[pymodule_export]
-    use super::window::{PyWindow, choose_window, readings_over_noise, window_burn};
+    use super::window::PyWindow;
     #[pymodule_export]
     use super::{build, version};
 }

@@ -17,7 +17,7 @@ type Numbers<'py> = Bound<'py, PyArray1<i64>>;
 /// Runs, gaps (pair behind it, steps) one behind the other, and the rows that each run has lost.
 #[pyclass(frozen, eq, module = "stochens_rs._core", name = "Pieces")]
 #[derive(PartialEq)]
-pub(super) struct PyPieces(Pieces);
+pub(super) struct PyPieces(pub(super) Pieces);
 
 getters! {
     PyPieces {

@@ -4,11 +4,11 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2, PyUntypedArr
 use pyo3::prelude::*;
 
 use super::convert::{array1, array2, getters, slice};
-use super::error::{InputError, ShapeError};
-use super::fitted::places;
-use super::run::{UNTIL_STOPPED, run};
+use super::error::ShapeError;
+use super::pieces::PyPieces;
+use super::run::run;
 use crate::memory::{try_collect, try_copy};
-use crate::window::{self, Kind, Search, Window};
+use crate::window::{Kind, Window};
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
 type Vector<'py> = PyReadonlyArray1<'py, f64>;
@@ -24,6 +24,9 @@ pub(super) struct PyWindow(pub(super) Window);
 getters! {
     PyWindow {
         length: usize = |own| own.0.length();
+        count: usize = |own| own.0.count();
+        pole: Option<f64> = |own| own.0.pole();
+        delay: usize = |own| own.0.delay();
         states: usize = |own| own.0.states();
         fill: usize = |own| own.0.fill();
     }
@@ -43,18 +46,26 @@ getters! {
         Ok(Self(Window::new(outputs, inputs, kind, delay, intercept, burn)?))
     }
 
-    /// The rows (z, y one step later) of `pairs`, and the places of their pairs.
+    /// The rows (z, y one step later) of `pairs`: of the `first` ones, and of those behind them.
     fn rows<'py>(
         &self,
         py: Python<'py>,
         pairs: Matrix<'py>,
-        first: Vec<bool>,
-    ) -> PyResult<(Made<'py>, Bound<'py, PyArray1<i64>>)> {
-        let values = slice("pairs", &pairs)?;
+        runs: &PyPieces,
+        first: usize,
+    ) -> PyResult<(Made<'py>, Made<'py>)> {
+        let (values, places) = (slice("pairs", &pairs)?, runs.0.places()?);
+        let begins = try_collect(WHAT, places.iter().map(|&place| place == 0))?;
         let width = self.0.length() + self.0.outputs();
-        let cost = (first.len() * (width + self.0.states())) as f64;
-        let (rows, at) = run(py, cost, |_| self.0.rows(values, &first))?;
-        Ok((array2(py, rows, at.len(), width)?, places(py, &at)?))
+        let cost = (places.len() * (width + self.0.states())) as f64;
+        let (mut before, at) = run(py, cost, |_| self.0.rows(values, &begins))?;
+        let count = at.partition_point(|&t| t < first);
+        if count == at.len() {
+            return Err(self.0.too_long(&places, first).into());
+        }
+        let after = try_copy(WHAT, &before[count * width..])?;
+        before.truncate(count * width);
+        Ok((array2(py, before, count, width)?, array2(py, after, at.len() - count, width)?))
     }
 
     /// x at the last of the readings.
@@ -109,65 +120,4 @@ impl PyWindow {
         }
         Err(ShapeError::new_err(format!("`{name}` must have {expected} columns or entries, got {found}")))
     }
-}
-
-/// The rows that fill `count` filters of this pole.
-#[pyfunction]
-pub(super) fn window_burn(py: Python<'_>, pole: f64, count: usize, ratio: f64, pieces: usize) -> PyResult<usize> {
-    run(py, UNTIL_STOPPED, |stop| window::burn(pole, count, ratio, pieces, stop))
-}
-
-/// The largest range of a reading over the deviation of its noise.
-#[pyfunction]
-pub(super) fn readings_over_noise(
-    py: Python<'_>,
-    pairs: Matrix<'_>,
-    first: Vec<bool>,
-    outputs: usize,
-    inputs: usize,
-    intercept: bool,
-) -> PyResult<f64> {
-    let values = slice("pairs", &pairs)?;
-    let cost = 400.0 * values.len() as f64;
-    run(py, cost, |stop| window::readings_over_noise(values, &first, outputs, inputs, intercept, stop))
-}
-
-/// `(pole or None, count, delay, burn, count by the criterion, rows compared)` of the window that the first part asks for.
-#[pyfunction]
-#[expect(clippy::too_many_arguments, reason = "the windows to choose from")]
-pub(super) fn choose_window(
-    py: Python<'_>,
-    pairs: Matrix<'_>,
-    first: Vec<bool>,
-    outputs: usize,
-    inputs: usize,
-    intercept: bool,
-    poles: Vec<f64>,
-    most: (usize, usize),
-    delays: (usize, usize),
-    pieces: (usize, usize),
-) -> PyResult<(Option<f64>, usize, usize, usize, usize, usize)> {
-    let values = slice("pairs", &pairs)?;
-    if poles.len() > 1000 {
-        return Err(InputError::new_err("`poles` must be at most 1000"));
-    }
-    let (filters, lags) = most;
-    let poles = try_collect(WHAT, poles)?;
-    let of = Search {
-        outputs,
-        inputs,
-        intercept,
-        poles: &poles,
-        filters,
-        lags,
-        delays: delays.into(),
-        pieces: pieces.into(),
-    };
-    let found = run(py, 1e9, |stop| window::choose(values, &first, of, stop))?;
-    let (pole, count) = match found.kind {
-        Kind::Lags(count) => (None, count),
-        Kind::Filters { pole, count } => (Some(pole), count),
-    };
-    let burn = if pole.is_some() { found.window.fill() - found.delay } else { 0 };
-    Ok((pole, count, found.delay, burn, found.found, found.rows))
 }

@@ -13,7 +13,7 @@ use super::shape::{Kind, LARGEST, WHAT, Window};
 /// # Errors
 /// [`Error::Value`] for a pole outside (0, 1), a ratio that is negative or not finite, or b > `LARGEST`;
 /// [`Error::Interrupted`].
-pub fn burn(pole: f64, count: usize, ratio: f64, pieces: usize, stop: &Stop) -> Result<usize> {
+pub(super) fn burn(pole: f64, count: usize, ratio: f64, pieces: usize, stop: &Stop) -> Result<usize> {
     if !(pole > 0.0 && pole < 1.0 && ratio >= 0.0 && ratio.is_finite()) {
         let found = format!("{pole} and {ratio}");
         return Err(Error::Value { name: "pole", expected: "in (0, 1), with a finite ratio", found });
@@ -50,7 +50,7 @@ pub fn burn(pole: f64, count: usize, ratio: f64, pieces: usize, stop: &Stop) -> 
 ///
 /// # Errors
 /// As [`fit`].
-pub fn readings_over_noise(
+pub(super) fn readings_over_noise(
     pairs: &[f64],
     first: &[bool],
     outputs: usize,

@@ -1,5 +1,6 @@
 //! The tests of a log: those of the residuals of its model, and what the order of its pairs and runs says.
 
+use super::order::Past;
 use super::{Kind, Window};
 use crate::error::Result;
 use crate::identify::{Declared, Fitted, Given, Test, battery, fit, noise_tests};
@@ -38,7 +39,7 @@ pub struct Log<'a> {
 }
 
 impl Log<'_> {
-    fn size(&self) -> usize {
+    pub(super) fn size(&self) -> usize {
         self.places.len()
     }
 
@@ -64,44 +65,54 @@ impl Log<'_> {
     }
 
     /// The rows (z, y) of complete windows, and their pairs.
-    fn rows(&self, window: &Window) -> Result<(Vec<f64>, Vec<usize>)> {
+    pub(super) fn rows(&self, window: &Window) -> Result<(Vec<f64>, Vec<usize>)> {
         window.rows(self.pairs, &try_collect(WHAT, self.places.iter().map(|&place| place == 0))?)
     }
 }
 
-/// A log and its model.
+/// What is declared of a log and its model.
 #[derive(Debug, Clone, Copy)]
-pub struct Logged<'a> {
+pub struct Declarations<'a> {
     /// The pairs of the model.
     pub log: Log<'a>,
     /// The runs of which these are the last pairs.
     pub whole: Option<Log<'a>>,
-    /// From what the model predicts: one lag for states.
-    pub window: &'a Window,
-    /// How many of the first pairs are not the model's.
-    pub first: usize,
-    /// Whether outputs are read, and not states.
+    /// From which part of the past it predicts.
+    pub past: Past,
+    /// The least and the largest delay, of a past that is not known.
+    pub delays: [usize; 2],
+    /// Whether z has a 1.
+    pub intercept: bool,
+    /// Whether outputs are read: of states only the delay is chosen.
     pub read: bool,
+    /// Whether z is of outputs, or of states with a dead time.
+    pub windowed: bool,
+    /// Whether the size of z was expected before the data.
+    pub scaled: bool,
+    /// Whether the error has an exact law, for which no size counts.
+    pub exact: bool,
     /// Whether starts are declared to be independent of the noise of all runs.
     pub piloted: bool,
-    /// Least squares of the pairs.
-    pub fitted: &'a Fitted,
     /// The rows that are not declared as exact.
     pub tested: &'a [usize],
     /// What was declared of the noise.
-    pub declared: Option<Declared<'a>>,
+    pub noise: Option<Declared<'a>>,
 }
 
-/// All tests that the pairs allow, of each name the one with the smallest probability.
-///
-/// # Errors
-/// Pairs that do not fit together; no memory; an interruption.
-pub fn log_tests(of: &Logged<'_>, stop: &Stop) -> Result<Vec<Test>> {
-    let Logged { log, window, fitted, .. } = *of;
+/// All tests that the pairs allow, of each name the one with the smallest probability, for least squares of those behind the
+/// `first` ones.
+pub(super) fn log_tests(
+    of: &Declarations<'_>,
+    window: &Window,
+    first: usize,
+    fitted: &Fitted,
+    stop: &Stop,
+) -> Result<Vec<Test>> {
+    let log = of.log;
     let width = window.length() + log.n;
-    let plain = !of.read && window.fill() == 0;
+    let plain = !of.windowed && window.fill() == 0;
     let (all, mut at) = log.rows(window)?;
-    let before = at.partition_point(|&t| t < of.first);
+    let before = at.partition_point(|&t| t < first);
     let rows = &all[before * width..];
     at.drain(..before);
     let raw = of.whole.filter(|_| plain).unwrap_or(log);
@@ -113,7 +124,7 @@ pub fn log_tests(of: &Logged<'_>, stop: &Stop) -> Result<Vec<Test>> {
     let mut found = Vec::new();
     let given = Rows { log: raw, rows, at: &at, window, extra: rest.as_deref(), marked: None };
     add(&mut found, given.tests(fitted, &noise, stop)?)?;
-    add(&mut found, declared_tests(fitted, of.tested, of.declared)?)?;
+    add(&mut found, declared_tests(fitted, of.tested, of.noise)?)?;
     wraps(raw, &mut found)?;
     if let Some(late) = take(&mut found, "late rows").filter(|late| late.p_value <= LEVEL) {
         if plain && no_effect(&found) {
@@ -125,7 +136,7 @@ pub fn log_tests(of: &Logged<'_>, stop: &Stop) -> Result<Vec<Test>> {
     }
     found.retain(|test| test.name != "effect");
     if of.whole.is_some() {
-        before_last(of, raw, &mut found, stop)?;
+        before_last(of.tested, window.intercept(), raw, &mut found, stop)?;
     }
     if (of.piloted || of.whole.is_some())
         && let Some(test) = starts(raw, window.intercept(), stop)?
@@ -327,12 +338,12 @@ fn late_actions(log: Log<'_>, stop: &Stop) -> Result<Option<Test>> {
 }
 
 /// What the rows before the last pairs say: of dead time and hidden states, and of the ends.
-fn before_last(of: &Logged<'_>, raw: Log<'_>, found: &mut Vec<Test>, stop: &Stop) -> Result<()> {
-    let window = Window::new(raw.n, raw.m, Kind::Lags(1), 0, of.window.intercept(), 0)?;
+fn before_last(tested: &[usize], intercept: bool, raw: Log<'_>, found: &mut Vec<Test>, stop: &Stop) -> Result<()> {
+    let window = Window::new(raw.n, raw.m, Kind::Lags(1), 0, intercept, 0)?;
     let (rows, at) = raw.rows(&window)?;
     let width = window.length() + raw.n;
     let f = fit(&rows, width, window.length(), at.len(), 1, stop)?;
-    let noise = noisy(&f, of.tested)?;
+    let noise = noisy(&f, tested)?;
     let tests = |marked: Option<&[bool]>| {
         let given = Rows { log: raw, rows: &rows, at: &at, window: &window, extra: None, marked };
         let mut own = Vec::new();

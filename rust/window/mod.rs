@@ -11,16 +11,18 @@
 
 mod burn;
 mod filter;
+mod identified;
 mod linear;
 mod log_tests;
 mod order;
+mod past;
 mod rest;
 mod shape;
 
-pub use burn::{burn, readings_over_noise};
 pub use filter::{Contents, Filter};
+pub use identified::{Identified, Simulated};
 pub use linear::Linear;
-pub use log_tests::{Log, Logged, declared_tests, log_tests};
-pub use order::{Choice, Search, choose};
+pub use log_tests::{Declarations, Log, declared_tests};
+pub use order::Past;
 pub use rest::Rest;
 pub use shape::{Kind, Window};

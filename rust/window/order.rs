@@ -8,9 +8,22 @@ use crate::parallel::Stop;
 use super::burn::{burn, readings_over_noise};
 use super::shape::{Kind, WHAT, Window};
 
-/// The windows to choose from.
+/// What is declared of a window.
 #[derive(Debug, Clone, Copy)]
-pub struct Search<'a> {
+pub enum Past {
+    /// The window, and how many of the first pairs are not the model's.
+    Known(Window, usize),
+    /// So many lags.
+    Lags(usize),
+    /// The pole of so many filters, of which the first pairs say how long they fill.
+    Filters(f64, usize),
+    /// The first pairs choose; whether filters are tried beside lags.
+    Chosen(bool),
+}
+
+/// The windows to choose from.
+#[derive(Clone, Copy)]
+pub(super) struct Search<'a> {
     /// The number of outputs.
     pub outputs: usize,
     /// The number of inputs.
@@ -30,14 +43,9 @@ pub struct Search<'a> {
 }
 
 /// The window that was chosen, and its length before it was made longer.
-#[derive(Debug, Clone, Copy)]
-pub struct Choice {
+pub(super) struct Choice {
     /// The window, with more filters or lags than the criterion asked for.
     pub window: Window,
-    /// Its kind.
-    pub kind: Kind,
-    /// Its delay.
-    pub delay: usize,
     /// The lags or filters that the criterion asked for.
     pub found: usize,
     /// The rows over which windows were compared.
@@ -66,7 +74,7 @@ impl Family {
 ///
 /// # Errors
 /// [`Error::Value`] where the `pairs` are too few for any window; as [`Window::rows`] and [`fit`].
-pub fn choose(pairs: &[f64], first: &[bool], of: Search<'_>, stop: &Stop) -> Result<Choice> {
+pub(super) fn choose(pairs: &[f64], first: &[bool], of: Search<'_>, stop: &Stop) -> Result<Choice> {
     let (n, m) = (of.outputs, of.inputs);
     let ratio = readings_over_noise(pairs, first, n, m, of.intercept, stop)?;
     let (rows, half) = (first.len(), of.pieces[1] / 2);
@@ -155,7 +163,7 @@ fn least(
     let count = longer(found);
     let kind = pole.map_or(Kind::Lags(count), |pole| Kind::Filters { pole, count });
     let window = Window::new(n, m, kind, delay, of.intercept, fill(pole, count)?)?;
-    Ok(Some(Choice { window, kind, delay, found, rows: compared }))
+    Ok(Some(Choice { window, found, rows: compared }))
 }
 
 /// `ceil(1.5 r) + 1`.

@@ -110,7 +110,7 @@ def test_a_label_of_two_lines_gives_a_message_of_one(tmp_path):
 def test_squares_that_overflow_are_refused(largest):
     rows = np.random.default_rng(1).standard_normal((20, 2))
     rows[4, 0] = largest
-    with pytest.raises(se.exceptions.NonFiniteError, match="the squares of the data overflow"):
+    with pytest.raises(se.exceptions.NonFiniteError, match="the sum of squares of the data"):
         se.identify(se.Trajectories([rows], [np.ones((19, 1))]))
     rows[4, 0] = 1e150
     with pytest.warns(se.exceptions.DataWarning):

@@ -177,15 +177,15 @@ def test_a_child_forked_while_a_thread_computes_a_value(monkeypatch):
             end.wait()
         return 7
 
-    monkeypatch.setattr(se.Model.__dict__["_first"], "func", slow)
+    monkeypatch.setattr(se.Model.__dict__["core"], "func", slow)
     for model in (one, other):
-        model.__dict__.pop("_first", None)
-    thread = threading.Thread(target=lambda: one._first)
+        model.__dict__.pop("core", None)
+    thread = threading.Thread(target=lambda: one.core)
     thread.start()
     began.wait()
     child = os.fork()
     if child == 0:
-        os._exit(other._first)
+        os._exit(other.core)
     until = time.monotonic() + 5.0
     while not (done := os.waitpid(child, os.WNOHANG))[0] and time.monotonic() < until:
         time.sleep(0.01)

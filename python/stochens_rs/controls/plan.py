@@ -11,7 +11,7 @@ import numpy as np
 from .. import _core
 from .._base import show, validation
 from .._base.names import Labels, default_labels, two_states
-from .._base.records import Positive, SavedRecord, require_shapes
+from .._base.records import Positive, SavedRecord, require_shapes, trusted
 from .._base.running import get_num_threads
 from .._base.tables import Timed
 from .._base.types import (
@@ -268,7 +268,7 @@ class Plan(SavedRecord, Timed):
                 found = plan_bound(known, self.u, predicted, self.fusion, delta)
             else:
                 found = limited_bound(known, limited, predicted, delta, self.fusion)
-        return replace(found, warnings=self.warnings)
+        return trusted(Certificate, **{**vars(found), "warnings": self.warnings})
 
     def typical(
         self,
@@ -360,8 +360,7 @@ class Plan(SavedRecord, Timed):
         of = None if window is None else window.core
 
         def misses(size: int) -> Floats:
-            own = law, basis.x0, self.u, goal, noisy, size, key, threads
-            return _core.drawn_misses(*own, of, K)
+            return _core.drawn_misses(law, basis.x0, self.u, goal, noisy, size, key, threads, of, K)
 
         return ranked(misses, certified, share, draws, noisy, text)
 

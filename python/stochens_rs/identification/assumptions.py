@@ -20,6 +20,12 @@ Design: TypeAlias = Literal["independent", "adaptive"]
 NoiseLaw: TypeAlias = Literal["gaussian", "sub-gaussian", "bounded"]
 Covariance: TypeAlias = Literal["full", "diagonal", "scalar", "known"]
 
+COVARIANCES: dict[Covariance, str] = {
+    "full": "one unknown covariance",
+    "diagonal": "one unknown diagonal covariance",
+    "scalar": "covariance sigma^2 I, sigma unknown",
+    "known": "known covariance",
+}
 UNKNOWN = ("full", "diagonal", "scalar")  # covariances that are estimated
 #: What `sigma` is for the laws that need it.
 SIZES: dict[NoiseLaw, str] = {"sub-gaussian": "", "bounded": ", the largest norm of the noise"}
@@ -180,6 +186,11 @@ class Window(Options, eq=True):
             )
 
     @property
+    def delays(self) -> tuple[int, int]:
+        """The least and the largest delay."""
+        return self.delay if isinstance(self.delay, tuple) else (self.delay, self.delay)
+
+    @property
     def given(self) -> list[str]:
         """Which of `lags` and `filters` is given."""
         return [name for name in ("lags", "filters") if getattr(self, name) is not None]
@@ -320,13 +331,9 @@ class Assumptions(Record):
     @property
     def text(self) -> str:
         """The assumption on the noise in words."""
-        kind = {
-            "full": "one unknown covariance",
-            "diagonal": "one unknown diagonal covariance",
-            "scalar": "covariance sigma^2 I, sigma unknown",
-            "known": "known covariance" if self.noise == "gaussian" else "a known bound",
-        }[self.covariance]
-        return f"{'Gaussian' if self.noise == 'gaussian' else self.noise} noise of {kind}"
+        if self.noise != "gaussian":
+            return f"{self.noise} noise of a known bound"
+        return f"Gaussian noise of {COVARIANCES[self.covariance]}"
 
 
 def checked_assumptions(
@@ -345,12 +352,12 @@ def checked_assumptions(
         word = noise.covariance
     else:
         known = checked_covariance("covariance", noise.covariance, n, semi=singular)
-    exact = set()
-    for one in noise.exact:
-        if isinstance(one, str):
-            exact.add(names.index(validation.choice("exact", one, tuple(names))))
-        else:
-            exact.add(validation.size("exact", one, minimum=0, maximum=len(names) - 1))
+    exact = {
+        names.index(validation.choice("exact", one, tuple(names)))
+        if isinstance(one, str)
+        else validation.size("exact", one, minimum=0, maximum=n - 1)
+        for one in noise.exact
+    }
     found = tuple(sorted(exact)), tail, checked_accept(accept)
     return trusted(Assumptions, noise.design, noise.law, word, known, *found)  # type: ignore[arg-type]
 

@@ -293,7 +293,7 @@ def accepted(model: Any, runs: Trajectories, level: float, design: Design) -> Ch
 def unexcited(model: Any) -> tuple[str, ...]:
     """What `Model.excitation` returns."""
     names, d = model.regressors.regressor_names, model.regressors.length
-    Z, missing, region = model.rows[:, :d], model._plain.missing != 0.0, model.region()
+    Z, missing, region = model.rows[:, :d], model.core.plain.missing != 0.0, model.region()
     found, done = [], set()
     for j in np.flatnonzero(missing.any(axis=1)).tolist():
         group = {j}

@@ -13,7 +13,7 @@ import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
-from .._base.records import Count, Record
+from .._base.records import Count, Record, trusted
 from .._base.types import Floats, NDArray
 from ..exceptions import InputError
 from ..rng import as_key
@@ -33,10 +33,11 @@ def exact_relations(
 
     The columns after "declare" leave others that are independent; readings are no exact states.
     """
-    if f.nu <= len(f.S):
+    spanned = f.span(tested)
+    if f.nu <= len(f.S) or not any(spanned):
         return ()
     said = []
-    zero, tied, last = ([names[i] for i in some] for some in f.span(tested))
+    zero, tied, last = ([names[i] for i in some] for some in spanned)
     if zero:
         said.append(
             f"{show.listed(zero)} {'have' if len(zero) > 1 else 'has'} no residual: computed from "
@@ -134,9 +135,9 @@ class Checks(Record):
     @property
     def warnings(self) -> tuple[str, ...]:
         """One sentence for each test that rejects at the default level."""
-        hints = dict(zip(NAMES, HINTS, strict=True))
         return tuple(
-            f"{name} in the residuals ({self._said(name)}): {hints[name]}" for name in self.failed()
+            f"{name} in the residuals ({self._said(name)}): {HINTS[NAMES.index(name)]}"
+            for name in self.failed()
         )
 
     def _said(self, name: str) -> str:
@@ -154,6 +155,14 @@ class Checks(Record):
 
     def _repr_html_(self) -> str:
         return show.card(self, [(name, self._said(name)) for name in NAMES])
+
+
+def checks_of(found: tuple[Floats, Floats] | None, draws: int, design: str) -> Checks | None:
+    """The record of the tests of the core."""
+    if found is None:
+        return None
+    p_values, distances = (dict(zip(NAMES, one.tolist(), strict=True)) for one in found)
+    return trusted(Checks, p_values, distances, draws, design == "independent")
 
 
 def too_many(pairs: int, n: int) -> bool:
@@ -226,16 +235,12 @@ def noise_doubts(model: Any, tested: list[int]) -> tuple[str, ...]:
 
 def failed(found: dict[str, Tested], assumed: Assumptions, looks: float = 1.0) -> list[str]:
     """The names of the tests that fail, in the order in which they are named."""
-    gaussian = assumed.noise == "gaussian"
-    names = [
-        name
-        for name in FAULTS
-        if name in found
-        and found[name].p_value <= FAULT / looks
-        and (gaussian or name not in OF_GAUSSIAN)
-        and not _in_tail(name, found[name], assumed.tail)
-    ]
-    both = {"dead time", "memory"} <= set(names)
+    small = {name for name, test in found.items() if test.p_value <= FAULT / looks}
+    if assumed.noise != "gaussian":
+        small.difference_update(OF_GAUSSIAN)
+    small -= {name for name in small if _in_tail(name, found[name], assumed.tail)}
+    names = [name for name in FAULTS if name in small]
+    both = {"dead time", "memory"} <= small
     if both and found["dead time"].share < 0.7 * found["memory"].share:
         names.remove("dead time")
         names.insert(names.index("memory") + 1, "dead time")

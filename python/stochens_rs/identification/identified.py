@@ -190,7 +190,7 @@ class Fitted(Identified, listed=False):
     @property
     def identifiable(self) -> bool:
         """Whether the data determine the whole model."""
-        return bool(self.rank == self.estimate.Theta.shape[1])
+        return not self.missing
 
     @cached_property
     def missing(self) -> tuple[str, ...]:
@@ -199,7 +199,13 @@ class Fitted(Identified, listed=False):
         ``x[1] - u[0]``: the data are the same for all models that act alike on the z in which this
         combination is 0.
         """
-        return missing_directions(self.blocks, self._coefficients[1])
+        return self._missing_in(self.estimate)
+
+    def _missing_in(self, estimate: _core.Estimate) -> tuple[str, ...]:
+        """The directions that the data of this estimate do not determine."""
+        if estimate.rank == estimate.Theta.shape[1]:
+            return ()
+        return missing_directions(estimate.blocks, self._coefficients[1])
 
     def _text(self, sizes: str) -> str:
         """The repr of a model of these sizes."""

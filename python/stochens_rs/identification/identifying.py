@@ -8,94 +8,33 @@ from typing import Any
 
 import numpy as np
 
-from .. import _core
 from .._base import validation
 from .._base.names import Labels
 from .._base.records import trusted
-from .._base.running import get_num_threads
 from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, moved, pooled
-from ..exceptions import InputError, NonFiniteError, ShapeError
+from ..exceptions import InputError, ShapeError
 from ..system.system import System
 from . import assumptions
+from . import checks as tests
 from .assumptions import ANY, Misfit, Noise, Pilot, Window, sizes_of
-from .checks import KEY, too_many, warn_of
 from .identified import Identified
-from .model import Model, require_fit
+from .model import Model, Past, identified, require_fit
 from .pilot import made
-from .window import Regressors, complete, of_names, rows_of, spread
-
-POLES = (0.2, 0.4, 0.6, 0.8, 0.9)  # of filters that are tried
-FILTERS, LAGS = 6, 12  # how many at most
-COMPARED = 3  # of which two rows for each unknown are enough for a choice
-SHARE = 4  # the first quarter of the pairs chooses
-FILLED = 4  # filters that use up more than a quarter of the median piece give way to lags
+from .window import regressors_of, spread
 
 
-def chosen_window(runs: Trajectories, asked: Window, offset: bool) -> tuple[Regressors | None, int]:
-    """The regressors of a window, and how many pairs they were chosen from.
-
-    None and 0 for states without a dead time; with one, the states now and past inputs.
-    """
-    lags, filters, given = asked.lags, asked.filters, asked.given
-    least, most = asked.delay if isinstance(asked.delay, tuple) else (asked.delay, asked.delay)
-    if not runs.outputs:
-        if given:
-            raise InputError(
-                f"`{given[0]}` is for outputs, but `data` has states: read it with outputs="
-            )
-        if most == 0:
-            return None, 0
-        if least == most:
-            lags = 1
-    # for filters that are declared the first part says only how long they fill
-    first = -(-runs.size // (SHARE if filters is None else 2 * SHARE))
-    names = runs.state_names, runs.input_names
-    auto = lags == "auto"
-    if isinstance(lags, int):
-        return trusted(Regressors, *names, lags, None, least, offset), 0
-    begins = (runs.layout.places()[:first] == 0).tolist()
-    start = runs.rows[:first], begins, runs.n, runs.m, offset
-    if filters is not None:
-        pole, count = filters
-        ratio = _core.readings_over_noise(*start)
-        burn = _core.window_burn(pole, count, ratio, len(runs.pieces))
-        return trusted(Regressors, *names, count, pole, least, offset, burn), first
-    poles = [] if auto or not runs.outputs else list(POLES)
-    tried = (FILTERS, LAGS if runs.outputs else 1)
-    pieces = len(runs.pieces), int(np.median(runs.pieces))
-    found = _core.choose_window(*start, poles, tried, (least, most), pieces)
-    if not runs.outputs:  # states say all of the past but the inputs under way
-        return trusted(Regressors, *names, 1, None, found[2], offset), first
-    if FILLED * found[3] > pieces[1]:
-        found = _core.choose_window(*start, [], tried, (least, most), pieces)
-    own_pole, count, back, burn, least, rows = found
-    # two rows for each unknown of a longer window, or nothing says that a short one is enough
-    needed = 2 * (min(least + 1, COMPARED) * (runs.n + runs.m) + offset + runs.n)
-    if rows < needed:
+def declared_past(runs: Trajectories, asked: Window) -> tuple[Past, bool]:
+    """Lags, filters, or whether filters are tried; and whether z is more than the states now."""
+    least, most = asked.delays
+    if runs.outputs:
+        lags = asked.lags if isinstance(asked.lags, int) else asked.lags is None
+        return asked.filters or lags, True
+    if asked.given:
         raise InputError(
-            f"`data` must be longer, or Window(lags=) declared, got {runs.size} pairs, and needs "
-            f"{SHARE * (first + needed - rows)} to choose one"
+            f"`{asked.given[0]}` is for outputs, but `data` has states: read it with outputs="
         )
-    window = trusted(Regressors, *names, count, own_pole, back, offset, burn, least)
-    return window, first
-
-
-def sized(
-    runs: Trajectories, window: Regressors, sizes: Floats | None, first: int
-) -> tuple[Floats | None, int]:
-    """The expected sizes of z, None for those of the first part, and how many pairs that has.
-
-    The first part holds the pairs that the window was chosen from, and the first rows that say the
-    size of the others; where all rows are too few for that, z is expected to be of size 1.
-    """
-    if sizes is not None:
-        return spread(window, sizes), first
-    rows, at = complete(window, runs)
-    asked = _core.first_pairs(rows, window.length, get_num_threads())
-    if asked is None:
-        return np.ones(window.length), first
-    return None, first if asked <= np.searchsorted(at, first) else int(at[asked])
+    return 1 if least == most else False, most > 0
 
 
 def identify(
@@ -213,38 +152,33 @@ def identify(
     n, names = runs.n, runs.state_names
     assumed = assumptions.checked_assumptions(law, names, guided is not None, asked.tail, accept)
     offset = validation.flag("intercept", intercept)
-    past, first = chosen_window(runs, asked, offset)
+    past, windowed = declared_past(runs, asked)
     for name, one in (("known", known), ("pilot", guided)):
-        if past is not None and one is not None:
+        if windowed and one is not None:
             raise InputError(
                 f"`{name}` must be left out for outputs: it is about states"
                 if runs.outputs
                 else f"`{name}` must be left out with `delay`: it is about states that say all"
             )
-    regressors = past or of_names(names, runs.input_names, offset)
     entries = known_entries(n, runs.m, offset, known)
     sizes = None if scale is None else assumptions.checked_scale(scale, n + runs.m, offset)
-    if past is not None:
-        sizes, first = sized(runs, past, sizes, first)
     assumptions.refuse(assumed, n, runs.single)
     if misfit is not None:
-        require_fit(misfit, runs, assumed, sizes, (past, guided, entries))
+        require_fit(misfit, runs, assumed, sizes, (windowed or None, guided, entries))
     guide = None
     if guided is not None:
         guide, runs = made(runs, assumed, entries is not None, guided, offset)
-    rows = rows_of(regressors, runs, first)[1]
-    with np.errstate(over="ignore"):
-        if not np.isfinite(np.vdot(rows, rows)):
-            raise NonFiniteError("the squares of the data overflow: scale the data down")
-    wanted = validation.flag("checks", checks) and not too_many(len(rows), n)
-    triangle = _core.triangle(rows, get_num_threads())
-    if not np.isfinite(triangle).all():
-        raise NonFiniteError("the products of the data overflow: scale them down")
-    found = runs, triangle, assumed, sizes, offset, entries, None, guide, past, first, misfit
-    model = trusted(Model, *found)
-    if wanted:
-        model._keep(checks=model.check(rng=KEY))
-    warn_of(model.warnings, "model.warnings")
+    by = (tests.DRAWS, bytes(tests.KEY), tests.WORK) if validation.flag("checks", checks) else None
+    about = assumed, sizes is not None, offset, entries, guide
+    found = identified(runs, past, *about, windowed, asked.delays, simulated=by)
+    regressors = regressors_of(found, runs, offset) if windowed else None
+    if regressors is not None:
+        sizes = np.ones(regressors.length) if found.unit else spread(regressors, sizes)
+    residuals = tests.checks_of(found.checks, tests.DRAWS, assumed.design)
+    fields = offset, entries, residuals, guide, regressors, found.first, misfit
+    model = trusted(Model, runs, found.triangle, assumed, sizes, *fields)
+    model._keep(core=found)
+    tests.warn_of(model.warnings, "model.warnings")
     return model
 
 
@@ -261,8 +195,9 @@ def below(runs: Trajectories, misfit: Misfit) -> Trajectories:
 
 def known_entries(n: int, m: int, offset: bool, given: Any) -> Floats | None:
     """The known entries of [A B c], nan where an entry is to be estimated; None if none is."""
-    known = np.full((n, n + m + offset), np.nan)
-    pair = (None, None) if given is None else validation.items("known", given)
+    if given is None:
+        return None
+    known, pair = np.full((n, n + m + offset), np.nan), validation.items("known", given)
     if len(pair) != 2:
         raise ShapeError(f"`known` must be (A, B), each with nan or None, got {len(pair)} items")
     for k, (value, columns) in enumerate(zip(pair, (slice(n), slice(n, n + m)), strict=True)):

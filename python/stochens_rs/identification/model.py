@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from math import ceil
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from .. import _core
 from .._base import running, show, validation
 from .._base.names import Labels
-from .._base.records import Probability, SavedRecord, cached_property, trusted
+from .._base.records import Probability, SavedRecord, cached_property
 from .._base.running import get_num_threads
 from .._base.types import DELTA, ArrayLike, Figure, Floats, SubFigure
 from ..data import Trajectories
@@ -34,14 +34,14 @@ from .assumptions import (
     require_triangle_of,
 )
 from .changes import Changes, accepted, unexcited
-from .checks import Checks, Tested, cautions, missing_directions
+from .checks import Checks, Tested, cautions
 from .identified import Fitted, Identified
 from .pilot import PilotModel
 from .pilot import refuse as refuse_pilot
 from .region import METHODS, Method, Region, Wish, entered, of_core, region_of, said, withheld
 from .region import directions as spanned_by
 from .region import refuse as refuse_region
-from .window import Loop, Regressors, assumed, complete, of_names, rows_of
+from .window import Loop, Regressors, assumed, of_names, rows_of
 
 
 class Model(SavedRecord, Fitted):
@@ -129,7 +129,7 @@ class Model(SavedRecord, Fitted):
             refuse_pilot(self.assumptions, self.data, self.known is not None)
             validation.kept("pilot.model", self.pilot.model, shape=(n, d))
             if self.pilot.dither is not None:
-                validation.kept("pilot.dither", self.pilot.dither, shape=(self.size, self.m))
+                validation.kept("pilot.dither", self.pilot.dither, shape=(self.data.size, self.m))
 
     @cached_property
     def regressors(self) -> Regressors:
@@ -140,8 +140,17 @@ class Model(SavedRecord, Fitted):
     @cached_property
     def ranges(self) -> Floats:
         """Between the least and largest reading and input of its data, 1 for a constant."""
-        found = np.hstack([np.ptp(values, axis=0) for values in self.data.pairs()[:2]])
+        found = np.ptp(self.data.rows[:, : self.data.n + self.m], axis=0)
         return validation.frozen(np.where(found > 0.0, found, 1.0))
+
+    @cached_property
+    def core(self) -> _core.Identified:
+        """What the core finds in the data."""
+        scaled = self.scale is not None
+        own = self.assumptions, scaled, self.intercept, self.known, self.pilot
+        past = self.regressors.core, self.first
+        windowed = self.window is not None
+        return identified(self.data, past, *own, windowed, triangle=self.triangle)
 
     @cached_property
     def rows(self) -> Floats:
@@ -166,12 +175,12 @@ class Model(SavedRecord, Fitted):
     @property
     def size(self) -> int:
         """The number of pairs N; of outputs, those with a complete window."""
-        return len(self.rows)
+        return self.core.size
 
     @property
     def state_names(self) -> tuple[str, ...]:
         """The names of the states; of outputs, those of the contents of the window."""
-        return self.regressors.state_names
+        return self.data.state_names if self.window is None else self.window.state_names
 
     @property
     def outputs(self) -> tuple[str, ...]:
@@ -210,34 +219,17 @@ class Model(SavedRecord, Fitted):
     @cached_property
     def estimate(self) -> _core.Estimate:
         """The estimate from all rows, without a pilot."""
-        return self._fitted(self.triangle, self.size)
-
-    def _fitted(self, triangle: Floats, size: int) -> _core.Estimate:
-        """The estimate from the triangle of so many pairs."""
-        known = None if self.known is None else np.ascontiguousarray(self.known)
-        own = np.ascontiguousarray(triangle), size, self.n_outputs, self._free, self.intercept
-        return _core.Estimate(*own, known)
+        return self.core.estimate
 
     @cached_property
+    def parts(self) -> list[_core.Estimate] | None:
+        """The estimates from the first pairs, which say the size of the others, and from these."""
+        return self.core.parts
+
+    @property
     def _first(self) -> int:
         """How many of the first pairs say the size of the others; 0 where none is asked for."""
-        exact = self.design == "independent" and self.noise == "gaussian"
-        if exact or self.scale is not None or self.pilot is not None:
-            return 0
-        if self.window is not None:
-            return len(rows_of(self.window, self.data, self.first)[0])
-        return _core.first_pairs(self.rows, self._d, get_num_threads()) or 0
-
-    @cached_property
-    def _divided(self) -> tuple[_core.Estimate, _core.Estimate]:
-        """The estimates from the first pairs and from those after them."""
-        parts = self.rows[: self._first], self.rows[self._first :]
-        if self.window is not None:  # its rows are those after the first part
-            parts = rows_of(self.window, self.data, self.first)
-        before, after = (
-            self._fitted(_core.triangle(rows, get_num_threads()), len(rows)) for rows in parts
-        )
-        return before, after
+        return self.parts[0].size if self.parts else 0
 
     @cached_property
     def Theta(self) -> Floats:
@@ -310,8 +302,8 @@ class Model(SavedRecord, Fitted):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What to be careful about, one sentence each; see also `checks`."""
-        said = list(self.doubts)
         accepted = self.assumptions.accept
+        said = [*self.doubts]
         said += [f"accepted: {text}" for name, text in self._faults.items() if name in accepted]
         large = self._tested.get("noise too large")
         if large is not None and large.p_value <= tests.FAULT and large.share < 0.9:
@@ -326,7 +318,7 @@ class Model(SavedRecord, Fitted):
                 f"the residuals were not tested, as {self.size} pairs take long: see Model.check"
             )
         said += cautions(self.blocks, self.missing)
-        if self._first and self._divided[0].rank < self.rank:
+        if self.parts and self.parts[0].rank < self.rank:
             said.append(
                 f"the first {self._first} pairs do not determine what later ones do, so that "
                 "regions are infinite: pass `scale`"
@@ -344,7 +336,7 @@ class Model(SavedRecord, Fitted):
         less than 1 % of sound logs. Empty where nothing is seen, which proves nothing.
         """
         exact = tests.exact_relations(
-            self._plain, self._tested_rows, self.outputs, not self.data.outputs
+            self.core.plain, self._tested_rows, self.outputs, not self.data.outputs
         )
         return (*exact, *self._refusing)
 
@@ -361,38 +353,7 @@ class Model(SavedRecord, Fitted):
 
     @cached_property
     def _tested(self) -> dict[str, Tested]:
-        log, whole = (
-            None if data is None else (data.rows, data.layout.places(), data.layout.runs())
-            for data in (self.data, self.data.whole)
-        )
-        assert log is not None
-        about = self.regressors.core, self.first, self.window is not None, self.pilot is not None
-        declared = self._plain, self._tested_rows, self.assumptions.declared
-        found = tests.by_name(_core.log_tests(log, whole, *about, *declared))
-        if self.window is not None and "spikes" not in found and (spikes := self._spikes()):
-            found.pop("wrap", None)
-            found["spikes"] = spikes
-        return found
-
-    def _spikes(self) -> Tested | None:
-        """The test of spikes that the tests of the fit do not see.
-
-        Those of the first part, which tells the window and the scale, and those that filters
-        remember, by a model of lags.
-        """
-        own, data, threads = self.regressors, self.data, get_num_threads()
-        if own.pole is not None:
-            own = trusted(Regressors, own.outputs, own.inputs, 3, None, own.delay, own.intercept)
-        end = self.first if own is self.regressors else data.size
-        rows, at = complete(own, data)
-        rows = rows[: int(np.searchsorted(at, end))]
-        if len(rows) < 3 * own.length:
-            return None
-        fitted = _core.fit(_core.triangle(rows, threads), own.length, len(rows), threads)
-        log = data.rows[:end], data.layout.places()[:end], data.layout.runs()[:end]
-        about = None, own.core, 0, True, False, fitted, self._tested_rows
-        tested = tests.by_name(_core.log_tests(log, *about, self.assumptions.declared))
-        return tested.get("spikes")
+        return tests.by_name(self.core.tests)
 
     @property
     def _tested_rows(self) -> list[int]:
@@ -439,10 +400,7 @@ class Model(SavedRecord, Fitted):
         count, key = validation.size("draws", draws), bytes(as_key(rng))
         about = self._d, self._tested_rows, count, key, get_num_threads()
         found = _core.residual_checks(self.rows, *about)
-        if found is None:
-            return None
-        p_values, distances = (dict(zip(tests.NAMES, one.tolist(), strict=True)) for one in found)
-        return trusted(Checks, p_values, distances, count, self.design == "independent")
+        return tests.checks_of(found, count, self.design)
 
     def plot(self, *, figure: Figure | SubFigure | None = None) -> Figure:
         """Draw what the checks look at: residuals over time, lags, quantiles and leverages.
@@ -473,7 +431,7 @@ class Model(SavedRecord, Fitted):
         Z, Y = np.hsplit(self.rows, [self._d])
         residuals = Y - Z @ self.coefficients.T
         # h_t = ||z_t||^2 in the norm of V^-1, over the columns of all rows of Theta together
-        leverages = np.sum((Z @ self._plain.white.T) ** 2, axis=1)
+        leverages = np.sum((Z @ self.core.plain.white.T) ** 2, axis=1)
         tested = None if self.checks is None else self.checks.p_values
         return draw_residuals(residuals, leverages, self.outputs, tested, figure)
 
@@ -678,19 +636,10 @@ class Model(SavedRecord, Fitted):
         return unexcited(self)
 
     @cached_property
-    def _plain(self) -> _core.Fitted:
-        """Least squares without regard to known entries."""
-        if self.known is None:
-            return self.blocks[0]
-        return _core.fit(np.ascontiguousarray(self.triangle), self._d, self.size, 1)
-
-    @cached_property
     def largest(self) -> Floats | None:
         """The largest size of each state and input in the data; None for a window."""
-        if self.window is not None:
-            return None
-        x, u, _ = self.data.pairs()
-        return np.hstack([np.abs(x).max(axis=0), np.abs(u).max(axis=0)])
+        past = self.data.rows[:, : self.data.n + self.m]
+        return None if self.window is not None else np.abs(past).max(axis=0)
 
     def _verify(self) -> None:
         """Refuse a triangle that is not that of the data."""
@@ -707,6 +656,38 @@ class Model(SavedRecord, Fitted):
         checks = "not tested" if self.checks is None else repr(self.checks)[1:-1]
         rows = [("assumed", said(self.assumptions, None, self._first)), ("residuals", checks)]
         return show.card(self, rows, self._table())
+
+
+Past: TypeAlias = tuple[_core.Window, int] | tuple[float, int] | int
+
+
+def identified(
+    data: Trajectories,
+    past: Past,
+    assumed: Assumptions,
+    scaled: bool,
+    offset: bool,
+    known: Floats | None,
+    pilot: PilotModel | None,
+    windowed: bool,
+    delays: tuple[int, int] = (0, 0),
+    **about: Any,
+) -> _core.Identified:
+    """What the core finds in the runs of a model.
+
+    `past` is a window with the number of pairs before its model, filters, lags, or whether filters
+    are tried beside lags.
+    """
+    if windowed:
+        kind, count = past if isinstance(past, tuple) else (0.0, past)
+        length = kind.length if isinstance(kind, _core.Window) else count * (data.n + data.m)
+        running.need("the pairs", 8 * data.size * (length + data.n))
+    log, all_of = (data.rows, data.layout), data.whole
+    whole = None if all_of is None else (all_of.rows, all_of.layout)
+    exact = assumed.design == "independent" and assumed.noise == "gaussian"
+    flags = offset, bool(data.outputs), windowed, scaled, exact, pilot is not None
+    of = known, tests.tested_rows(assumed, known, data.n), assumed.declared, get_num_threads()
+    return _core.identify(log, whole, (data.n, data.m), past, (delays, flags), *of, **about)
 
 
 def require_states(model: Model, name: str) -> None:
@@ -727,13 +708,10 @@ def after(model: Model, size: int) -> Model:
     """The model with so many pairs, if data go on like those so far; with all else as it is."""
     later, times = object.__new__(Model), size / model.size
     vars(later).update({k: v for k, v in vars(model).items() if k not in ("blocks", "missing")})
-    vars(later)["estimate"] = model._fitted(model.triangle * np.sqrt(times), size)
-    if model._first:
-        before, own = model._divided
-        own_size = own.blocks[0].N
-        rows = model.rows if model.window is not None else model.rows[model._first :]
-        triangle = _core.triangle(rows, get_num_threads()) * np.sqrt(times)
-        vars(later)["_divided"] = before, model._fitted(triangle, ceil(own_size * times))
+    vars(later)["estimate"] = model.estimate.after(size, times)
+    if model.parts:
+        before, own = model.parts
+        vars(later)["parts"] = before, own.after(ceil(own.size * times), times)
     return later
 
 
@@ -756,10 +734,10 @@ def asked_region(model: Model, wish: Wish) -> Region:
         made = model.piloted.region(law, wish.delta, wish.frobenius)
         assumption = f"{model.assumptions.text}, {model.pilot.said}"
     else:
-        scale = np.ones(model._d) if model.scale is None else model.scale
-        units, estimate = model._divided if first else (scale, model.estimate)
+        scale = np.ones(model._d) if model.scale is None else np.ascontiguousarray(model.scale)
+        units, estimate = model.parts if model.parts and first else (scale, model.estimate)
         made = region_of(estimate, model.assumptions, wish, units)
-        missing = missing_directions(estimate.blocks, model.regressors.regressor_names)
+        missing = model._missing_in(estimate)
     assumption += "" if model.window is None else assumed(model.window, model.assumptions.tail)
     assumption += "" if model.misfit is None else f", {model.misfit.text}"
     accepted = ", ".join(model.assumptions.accept)

@@ -390,8 +390,6 @@ def region_of(
     """The region of the core; `units`: a scale, or the estimate of the first pairs."""
     known = None if noise.known is None else np.ascontiguousarray(noise.known)
     law = noise.design, noise.noise, noise.covariance, known
-    if isinstance(units, np.ndarray):
-        units = np.ascontiguousarray(units)
     return estimate.region(law, units, *wish, get_num_threads(), noise.tail)
 
 

@@ -10,7 +10,7 @@ from .. import _core
 from .._base import running, show, validation
 from .._base.names import Labels
 from .._base.records import Count, Index, Record, cached_property, trusted
-from .._base.types import ArrayLike, Floats, NDArray
+from .._base.types import ArrayLike, Floats
 from ..data.trajectories import Trajectories, in_order
 from ..exceptions import InputError
 
@@ -97,7 +97,7 @@ class Regressors(Record, eq=True):
         """How many pairs at the start of each piece only fill the window."""
         return self.core.fill
 
-    @property
+    @cached_property
     def state_names(self) -> tuple[str, ...]:
         """The names of the states x of the model: what the window holds from step to step."""
         lags = self.pole is None
@@ -107,7 +107,7 @@ class Regressors(Record, eq=True):
         )
         return (*self._entries(self.outputs, 0, self.count), *acting, *queue)
 
-    @property
+    @cached_property
     def regressor_names(self) -> tuple[str, ...]:
         """The names of the entries of z."""
         acting = self._entries(self.inputs, self.delay, self.count)
@@ -285,28 +285,24 @@ def assumed(window: Regressors, tail: float) -> str:
     )
 
 
+def regressors_of(found: _core.Identified, data: Trajectories, intercept: bool) -> Regressors:
+    """The window that the core made, or chose, of these readings."""
+    own, names = found.window, (data.state_names, data.input_names)
+    burn, count = 0 if own.pole is None else own.fill - own.delay, own.count
+    return trusted(Regressors, *names, count, own.pole, own.delay, intercept, burn, found.found)
+
+
 def rows_of(window: Regressors, data: Trajectories, first: int = 0) -> tuple[Floats, Floats]:
     """The rows (z, y one step later) of complete windows: before pair `first`, and after."""
     if (window.count, window.pole, window.delay, window.intercept) == (1, None, 0, False):
         return data.rows[:first], data.rows[first:]  # as they are
-    rows, at = complete(window, data)
-    if not len(at) or at[-1] < first:
-        raise InputError(
-            f"a window of {window.text} needs pieces of more than {window.fill} pairs, but the "
-            f"longest has {int(data.pieces.max())}"
-            + (f", and none is left behind the first {first} pairs" if len(at) else "")
-        )
-    place = int(np.searchsorted(at, first))
-    return rows[:place], rows[place:]
-
-
-def complete(window: Regressors, data: Trajectories) -> tuple[Floats, NDArray[np.int64]]:
-    """The rows of all complete windows, and the pair of each."""
     running.need("the pairs", 8 * data.size * (window.length + data.n))
-    return window.core.rows(data.rows, (data.layout.places() == 0).tolist())
+    return window.core.rows(data.rows, data.layout, first)
 
 
-def spread(window: Regressors, sizes: Floats) -> Floats:
+def spread(window: Regressors, sizes: Floats | None) -> Floats | None:
     """The sizes of z from those of outputs and inputs, and 1."""
+    if sizes is None:
+        return None
     y, u, one = np.split(sizes, np.cumsum([len(window.outputs), len(window.inputs)]))
     return np.concatenate([np.tile(y, window.count), np.tile(u, window.count), one])

@@ -253,6 +253,8 @@ LimitsLike: TypeAlias = "Limits | tuple[Any, Any] | Mapping[str, tuple[Any, Any]
 
 def as_limits(value: Any) -> Limits:
     """`value` itself, or the limits of inputs for a pair or pairs by name, or none for None."""
+    if value is None:
+        return NO_LIMITS
     return value if isinstance(value, Limits) else Limits(u=value)
 
 
@@ -304,7 +306,10 @@ class Cost(Asked):
 
 def as_cost(value: Any) -> Cost:
     """`value` itself, or no weights for None."""
-    return Cost() if value is None else validation.instance("cost", value, Cost)
+    return NO_WEIGHTS if value is None else validation.instance("cost", value, Cost)
+
+
+NO_LIMITS, NO_WEIGHTS = Limits(), Cost()
 
 
 class Uncertain(SavedRecord):

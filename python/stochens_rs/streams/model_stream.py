@@ -49,7 +49,7 @@ class Logs(SavedRecord):
     @property
     def size(self) -> int:
         """How many pairs have a complete window."""
-        return 0 if self.data is None else self.model.size
+        return 0 if self.data is None else len(self.model.rows)
 
     @cached_property
     def model(self) -> Model:
@@ -209,7 +209,7 @@ class ModelStream(Stateful):
             past, own = declared_window(window, named, offset), as_noise(noise)
             if first is not None or own.design != "adaptive":
                 raise InputError("`window` must be left out with `first` or design='independent'")
-            sizes = spread(past, checked_scale(scale, states + inputs, offset))
+            sizes: Any = spread(past, checked_scale(scale, states + inputs, offset))
             law = checked_assumptions(own, past.outputs)
             self._begin(Logs(past, law, sizes, delta, dt))
             return

@@ -242,17 +242,19 @@ def model_bound(
     if of.bands and (window or gain is not None):
         other_than = "for a model of outputs" if window else "with `gain`"
         raise InputError(f"`bands` must be False {other_than}")
-    if gain is not None and not isinstance(gain, (Loop, LoopCertificate)):
-        raise InputTypeError(
-            f"`gain` must be a Loop or its certificate, got {validation.show(gain)}"
-        )
-    K = None if gain is None else np.ascontiguousarray(gain.K)
-    if K is not None and K.shape != basis.model.B.shape[::-1]:
-        raise ShapeError(f"`gain` must be one of this model, got one of shape {K.shape}")
+    K = None
+    if gain is not None:
+        if not isinstance(gain, (Loop, LoopCertificate)):
+            raise InputTypeError(
+                f"`gain` must be a Loop or its certificate, got {validation.show(gain)}"
+            )
+        K = np.ascontiguousarray(gain.K)
+        if K.shape != basis.model.B.shape[::-1]:
+            raise ShapeError(f"`gain` must be one of this model, got one of shape {K.shape}")
+        if not window:
+            return followed(of, gain)
     if window:
         return output_certificate(basis, of.u, of.delta, noisy, K)
-    if gain is not None:
-        return followed(of, gain)
     near = near_reference(of)
     if limited is None:
         return near or certificate(of)

@@ -68,10 +68,8 @@ def basis_in_states(model: Identified, x0: Any, xf: Any) -> ModelBasis:
     """What a plan for a model of states keeps of its arguments."""
     radius, values = (x0.radius, x0.values) if isinstance(x0, Uncertain) else (0.0, x0)
     names = model.labels.states
-    start, goal = (
-        validation.vector(name, value, length=len(names), labels=names).copy()
-        for name, value in (("x0", values), ("xf", xf))
-    )
+    start = validation.vector("x0", values, length=len(names), labels=names).copy()
+    goal = validation.vector("xf", xf, length=len(names), labels=names).copy()
     return trusted(ModelBasis, model, start, goal, radius)
 
 
@@ -164,10 +162,11 @@ def task_of(
 
 def _best(basis: ModelBasis, K: int) -> exact.Best:
     """The best control without limits; ``xf`` less what the offset alone adds over K steps."""
-    model = basis.model
-    n, m = model.B.shape
-    drift = trajectory(model.Theta, np.zeros(n), np.zeros((K, m)))[-1]
-    return exact.best_control(model.A, model.B, basis.x0, basis.xf - drift, K)
+    model, goal = basis.model, basis.xf
+    if model.c is not None:
+        zeros = np.zeros((K, model.B.shape[1]))
+        goal = goal - trajectory(model.Theta, 0.0 * goal, zeros)[-1]
+    return exact.best_control(model.A, model.B, basis.x0, goal, K)
 
 
 def _planned(
@@ -296,10 +295,8 @@ def output_control(model: Model, record: Any, target: Any, wanted: Wanted) -> Pl
     rows = targets(model, target)
     low, high = (side[-1].copy() for side in inputs_within(limits, K, model.labels))
     fixed = np.where((low == high) & (low < high).any(), low, np.nan)
-    point = set_point(
-        model, Aim(rows[: K + 1][-1], weights_of(model, cost), (low, high), start.read, fixed)
-    )
-    goal = point, rows, rows[0]
+    aim = Aim(rows[: K + 1][-1], weights_of(model, cost), (low, high), start.read, fixed)
+    goal = set_point(model, aim), rows, rows[0]
     return plan_from(model, start, goal, Wanted(K, limits, cost, wanted.time_limit))
 
 

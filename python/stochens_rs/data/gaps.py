@@ -40,16 +40,15 @@ def _step(runs: Sequence[Run], dt: float | None) -> float | None:
     If it is not declared: the mean of ``step / round(step / median)`` over the steps that are near
     a multiple of their median; the median alone is wrong where stamps are rounded.
     """
-    for run in runs:
-        _refuse_disorder(run)
-        _refuse_alternating(run)
+    each = [_steps(run) for run in runs]
+    for run, own in zip(runs, each, strict=True):
+        _refuse_alternating(run, own)
         if (run.times[:1] > LATEST).any():
             raise InputError(
                 f"`time` must be in seconds, but {run.name} begins at {run.times[0]:.6g}: if that "
                 "is in another unit, write it behind the name of the column, as t [ns]"
             )
-    steps = np.concatenate([np.diff(run.times) for run in runs])
-    declared = dt
+    declared, steps = dt, np.concatenate(each)
     if dt is None and len(steps):
         parts = steps / np.median(steps)
         near = (np.abs(parts - np.round(parts)) <= NEAR) & (np.round(parts) >= 1.0)
@@ -61,19 +60,19 @@ def _step(runs: Sequence[Run], dt: float | None) -> float | None:
         found = float(np.mean(steps[near] / np.round(parts[near])))
         declared = float(f"{found:.12g}")  # 0.1, where stamps are 0, 0.1, 0.2, 0.30000000000000004
     if declared is not None:
-        _refuse_irregular(runs, declared, dt is None)
+        _refuse_irregular(runs, each, declared, dt is None)
     return declared
 
 
-def _refuse_disorder(run: Run) -> None:
-    """Refuse times that do not increase, and say why they may not."""
+def _steps(run: Run) -> Floats:
+    """The steps between the stamps of a run; refuses times that do not increase, and says why."""
     times = run.times
     with np.errstate(over="ignore"):
         steps = np.diff(times)
     if np.isinf(steps).any():
         raise InputError(f"`time` must have finite steps, got {steps.max():g} {run.where(0)}")
     if (steps > 0.0).all():
-        return
+        return steps
     k, same = int(np.argmax(steps <= 0.0)) + 1, int((steps == 0.0).sum())
     rows = f"{run.rows_of(k - 1, k)}, at {times[k]:.6g} s"
     if (steps < 0.0).any():
@@ -103,14 +102,13 @@ def _refuse_disorder(run: Run) -> None:
     raise InputError(f"`time` must increase within a run, but {why}")
 
 
-def _refuse_alternating(run: Run) -> None:
+def _refuse_alternating(run: Run, steps: Floats) -> None:
     """Refuse steps that alternate, as where the rows of two logs are merged.
 
     Steps of one and two, say, are what a lost row leaves, unless every second row repeats a column.
     """
     if len(run.times) < ENOUGH:
         return
-    steps = np.diff(run.times)
     pair = np.sort([np.median(steps[::2]), np.median(steps[1::2])])
     middle = float(pair[0] / 2 + pair[1] / 2)
     same = np.abs(steps[2:] - steps[:-2]) <= CLOSE * middle
@@ -126,12 +124,13 @@ def _refuse_alternating(run: Run) -> None:
         )
 
 
-def _refuse_irregular(runs: Sequence[Run], dt: float, found: bool) -> None:
+def _refuse_irregular(runs: Sequence[Run], steps: Sequence[Floats], dt: float, found: bool) -> None:
     """Refuse a run whose rows are not mostly one step apart, and stamps that are too far off."""
     off, slack = [], CLOSE if found else NEAR
     worst, example = 0.0, ""
-    for run in (run for run in runs if len(run.times) > 1):
-        own = np.diff(run.times)
+    for run, own in zip(runs, steps, strict=True):
+        if not len(own):
+            continue
         with np.errstate(over="ignore", invalid="ignore"):
             q = own / dt
             away = np.abs(q - np.maximum(np.round(q), 1.0))
@@ -168,8 +167,7 @@ def pairs_of(
     back = validation.size("delay", delay, minimum=-1)
     split = validation.choice("on_gap", on_gap, get_args(OnGap)) == "split"
     step = None if dt is None else validation.positive("dt", dt)
-    timed = len(runs[0].times) > 0
-    if timed:
+    if len(runs[0].times):
         step = _step(runs, step)
     n = runs[0].n
     readings = sum(len(run.z) for run in runs)
@@ -184,17 +182,18 @@ def pairs_of(
         for run, (own, acting, *_) in zip(runs, places, strict=True)
     ]
     pieces = [Pieces(*parts) for _, _, *parts in places]
-    if dt is None and timed and step is not None:
+    layout = Pieces.joined(pieces)
+    lost = int(layout.lost.sum())
+    if dt is None and step is not None and lost > MANY * readings:
         wide = float(f"{step:.3g}")
-        less = sum(int(parts[-1][0]) for parts in kept(wide, NEAR))
-        saved = sum(int(part.lost.sum()) for part in pieces) - less
+        saved = lost - sum(int(parts[-1][0]) for parts in kept(wide, NEAR))
         if saved > MANY * readings:
             text = f"{saved} rows dropped because the stamps jitter; declare dt={wide:g}"
             running.warn(text)
     every = np.vstack(rows)
     _refuse_useless(every[:, : len(names)], names, n)
     warn_of_ends([(run.z[:, :n], run.z[:, n:]) for run in runs], names)
-    return every, Pieces.joined(pieces), step
+    return every, layout, step
 
 
 def _kept(

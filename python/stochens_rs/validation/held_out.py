@@ -303,11 +303,10 @@ class Predicted(NamedTuple):
         size = np.abs(self.states).max(axis=0)
         size = np.where(size > 0.0, size, size.max() or 1.0)
         units = np.tile(size, (K, 1))
-        if not isinstance(self.basis, ModelBasis) or not isinstance(self.basis.model, Model):
+        model = self.basis.model if isinstance(self.basis, ModelBasis) else None
+        if not isinstance(model, Model) or model.covariance is None:
             return units
-        if self.basis.model.covariance is None:
-            return units
-        A, added = map(np.ascontiguousarray, self.basis.model.with_outputs)
+        A, added = map(np.ascontiguousarray, model.with_outputs)
         units = _core.noise_deviations(A, added, K)[:, :n]
         floor = np.maximum(_LEAST * size, np.finfo(float).tiny)
         return np.where(np.isfinite(units), np.maximum(units, floor), size)
@@ -362,8 +361,7 @@ def validated_loop(loop: PredictedLoop, runs: Runs, asked: Asked) -> Validation:
     nothing = np.zeros((K, loop.m)), np.zeros((K + 1, loop.n))
     like = Predicted(*nothing, None, None, loop.labels, loop.dt)
     states = _states(like, runs, loop)
-    given = asked.scale
-    units = np.tile(loop.scale, (K, 1)) if given is None else _scale(given, like.states)
+    units = np.tile(loop.scale, (K, 1)) if asked.scale is None else _scale(asked.scale, like.states)
     running.need("the predictions", states.nbytes)
     paths = np.array([loop.path(run) for run in np.nan_to_num(states)])
     lost = ~np.isfinite(paths).all(axis=(1, 2))  # nothing is predicted: as a run that ended

@@ -10,7 +10,7 @@ import numpy as np
 
 from .. import _core
 from .._base import running, validation
-from .._base.records import Record
+from .._base.records import Record, trusted
 from .._base.types import Floats
 from ..exceptions import NonFiniteError
 from ..system.system import System
@@ -323,7 +323,7 @@ class Best(_core.Best):
 
     def reachability(self) -> Reachability:
         """The part of the target that no control reaches, with bounds."""
-        return Reachability(*self.reach())
+        return trusted(Reachability, *self.reach())
 
     def error(self, u: Floats, x0: Floats) -> PlanError:
         """Compare another control, in the order of time, with this one."""

@@ -344,7 +344,8 @@ class ReadingLoop(ControlLoop[Reading]):
             if self._measures:
                 self._given = now
                 self._window.aim(self._toward())
-            return self._stepped(read, acted, why, started)
+            with np.errstate(all="ignore"):
+                return self._stepped(read, acted, why, started)
 
     def _measured(self, given: Any) -> Floats:
         """The inputs that are measured and forecast; one that cannot be true is as before."""
@@ -380,8 +381,7 @@ class ReadingLoop(ControlLoop[Reading]):
                 if not self._started and np.isnan(self._rows[0]).any():
                     self._aim(self._aimed[0], x[: len(y)].copy())  # what is free stays where it is
                     self._window.aim(self._toward())
-                with np.errstate(all="ignore"):
-                    u, status = self._input(x, bias, acted)
+                u, status = self._input(x, bias, acted)
             except InputError:  # what overflows, or leaves no room within the limits
                 follows = "lost"
         self._runs = follows == "runs"

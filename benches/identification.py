@@ -15,7 +15,7 @@ from stochens_rs import ModelStream
 from stochens_rs import _core as core
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests" / "python"))
-from twin import certified_control, quantiles
+from twin import certified_control
 from twin import triangle as twin
 
 Line = tuple[str, str, Callable[[], object], float, Callable[[], object], float]
@@ -61,15 +61,6 @@ def identification() -> Iterator[Line]:
 
     what = "a pair into ModelStream, in batches of 100"
     yield what, "NumPy loop over pairs, sums of products", feed, len(x), feed_by_sums, 5000
-    for n, d, nu in ((4, 6, 34), (10, 15, 100)):
-        yield (
-            f"Roy's quantile, n={n}, d={d}, nu={nu}",
-            "NumPy twin",
-            lambda n=n, d=d, nu=nu: core.roy_quantile(n, d, nu, 0.05, 1),
-            1,
-            lambda n=n, d=d, nu=nu: quantiles.roy_quantile.__wrapped__(n, d, nu, 0.05),
-            1,
-        )
 
 
 def fitted_pairs(gen: np.random.Generator, N: int) -> tuple[np.ndarray, np.ndarray, twin.Fitted]:

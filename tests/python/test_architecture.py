@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -406,3 +407,20 @@ def test_the_page_for_contributors_names_every_room_and_only_files_that_exist() 
     ]
     ways = {room: {face.get(room, f"{room}/"), f"{room}.py", f"{room}.rs"} for room in rooms}
     assert [room for room in rooms if not ways[room] & named] == []
+
+
+BENCHES = sorted((Path(__file__).parents[2] / "benches").glob("*.py"))
+
+
+@pytest.mark.parametrize("path", BENCHES, ids=lambda path: path.stem)
+def test_a_bench_imports_what_is_there(path: Path) -> None:
+    """Of the package and of the twins: no test runs a bench."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module.split(".")[0] in (
+            "stochens_rs",
+            "twin",
+        ):
+            home = importlib.import_module(node.module)
+            for one in node.names:
+                if not hasattr(home, one.name):
+                    importlib.import_module(f"{node.module}.{one.name}")

@@ -88,7 +88,9 @@ TITLES = {
     "feedback": (
         "Closed loop",
         "A gain and its proof for all systems of a region, against a semidefinite program that "
-        "decides the same; and what limits that are promised with a probability add to a call.",
+        "decides the same; and what limits that are promised with a probability add to a call. The "
+        "sheet of margins is nine proofs for all systems; the peer has the disk of the centre "
+        "alone.",
     ),
     "fleets": ("Fleets", "One control for all units, n = 4, m K = 20; time per problem."),
     "studies": (

@@ -80,7 +80,8 @@ pub(super) struct PyReadings {
 #[pymethods]
 impl PyReadings {
     /// Of a model `theta` with the covariance of its noise; `signals`: the mean of the outputs, the range and deviation of
-    /// outputs and inputs, and above which no output can have been measured; `bias`: its gain, what is not known of it, and the noise; `aim`: see [`Self::aim`].
+    /// outputs and inputs, and above which no output can have been measured; `bias`: its gain, what is not known of it, and
+    /// the noise; `aim`: see [`Self::aim`].
     #[new]
     #[expect(clippy::too_many_arguments, reason = "what a loop from readings is made of")]
     fn new(

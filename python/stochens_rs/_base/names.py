@@ -42,9 +42,9 @@ class Labels(Record, eq=True):
 
     def require(self, n: int, m: int) -> None:
         """Refuse to be the names of another number of states or inputs."""
-        found = len(self.states), len(self.inputs)
-        if found != (n, m):
-            raise ShapeError(f"`labels` must name {n} states and {m} inputs, got %d and %d" % found)
+        x, u = len(self.states), len(self.inputs)
+        if (x, u) != (n, m):
+            raise ShapeError(f"`labels` must name {n} states and {m} inputs, got {x} and {u}")
 
     @property
     def given(self) -> bool:

@@ -271,7 +271,7 @@ def instance(name: str, value: object, kind: type[T]) -> T:
 
 
 def left_out(where: str, /, **arguments: object) -> None:
-    """Refuse arguments that are given, that is not None, where they make no sense."""
+    """Refuse arguments that are not None where they make no sense."""
     for name in [one for one, value in arguments.items() if value is not None]:
         raise InputError(f"`{name}` must be left out {where}, got {show(arguments[name])}")
 
@@ -279,8 +279,8 @@ def left_out(where: str, /, **arguments: object) -> None:
 def same_sizes(name: str, found: tuple[int, ...], wanted: tuple[int, ...], like: str) -> None:
     """Refuse other numbers of states and inputs than those of what it goes with."""
     if found != wanted:
-        sizes = ("n={} m={}".format(*pair) for pair in (wanted, found))
-        raise ShapeError("`{}` must have {} as {}, got {}".format(name, next(sizes), like, *sizes))
+        (n, m), (states, inputs) = wanted, found
+        raise ShapeError(f"`{name}` must have n={n} m={m} as {like}, got n={states} m={inputs}")
 
 
 def same_dt(name: str, dt: object, wanted: object, like: str) -> None:

@@ -49,7 +49,7 @@ class Asked(SavedRecord, listed=False):
         """Refuse what is not among `names`, where a function has no use for it."""
         for name, one in self.given.items():
             if name not in names:
-                kind, known = type(self).__name__, " and ".join(names)
+                kind, known = type(self).__name__.lower(), " and ".join(names)
                 raise InputError(f"`{kind}` must have {known} only here, got {name}={_shown(one)}")
         return self
 

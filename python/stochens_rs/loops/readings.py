@@ -146,7 +146,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_at_rest",
         "_bias",
         "_drift",
-        "_fading",  # what is added since a swap, and its factor from call to call
+        "_fading",  # what is added since a swap, and its factor from call to call; 0: none
         "_forward",
         "_given",  # the inputs that are measured, now and to come, (h, m); nan where one is chosen
         "_high",
@@ -395,9 +395,8 @@ class ReadingLoop(ControlLoop[Reading]):
             why.append(waits)
             status = "cannot start" if stuck and not self._started else status
         self._started = self._started or self._runs
-        how: Any = {"predicted": predicted, "status": status, "rejected": rejected}
-        how["reason"] = "; ".join(why) or None
-        return self._returned(u, y, acted, started, **how)
+        how: Any = {"predicted": predicted, "rejected": rejected, "reason": "; ".join(why) or None}
+        return self._returned(u, y, acted, started, status=status, **how)
 
     def _waits(self) -> tuple[str, bool]:
         """What the loop waits for, and whether it will do."""
@@ -477,12 +476,12 @@ class ReadingLoop(ControlLoop[Reading]):
             if way is not None:
                 solver.toward(np.pad(way, [(0, 0), (0, len(off) - len(bias))]))
             found = solver.solve(off, None)
-            u, status = found.control[: len(us)] + us, found.status
-        if u is None or not math.isfinite(u.sum()):
+            v, status = found.control[: len(us)] + us, found.status
+            near = np.minimum(np.maximum(v, acted - self._rate), acted + self._rate)
+            within = np.minimum(np.maximum(near, self._low), self._high)
+            u = within if math.isfinite(v.sum()) else None
+        if u is None:
             raise NonFiniteError("`y` is too large: the input overflows")
-        if status != "gain":
-            u = np.minimum(np.maximum(u, acted - self._rate), acted + self._rate)
-            u = np.minimum(np.maximum(u, self._low), self._high)
         return u, status
 
     def _coming(self, bias: Floats) -> tuple[Floats, Floats, Floats | None]:
@@ -583,7 +582,7 @@ class ReadingLoop(ControlLoop[Reading]):
 
     def _returned(self, u: Floats, y: Floats, acted: Floats, started: float, **how: Any) -> Floats:
         """The input of a call that began at `started`, written down; next comes the next target."""
-        how["target"] = self._rows[0]
+        about = {"bias": self._bias, "target": self._rows[0]}
         if len(self._rows) > 1:
             self._rows, self._forward = self._rows[1:], self._forward[1:]
             self._way = self._way and (self._way[0][1:], self._way[1][1:])
@@ -591,7 +590,7 @@ class ReadingLoop(ControlLoop[Reading]):
         if self._measures:
             u = np.where(np.isnan(self._given[0]), u, self._given[0])
         took = perf_counter() - started
-        return self._entered(Reading(y=y, u=u, bias=self._bias, seconds=took, **how), u, y, acted)
+        return self._entered(Reading(y=y, u=u, seconds=took, **about, **how), u, y, acted)
 
     def _toward(self) -> tuple[Floats, Floats, Floats, Floats]:
         """What a bias adds to the inputs that hold the target, these inputs, and the limits."""

@@ -46,6 +46,7 @@ mod rest;
 mod riccati;
 mod rounding;
 mod saturation;
+mod saved;
 mod scalings;
 mod spectrum;
 mod tube;

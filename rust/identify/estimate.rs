@@ -42,7 +42,7 @@ pub struct Estimate {
     pub size: usize,
     /// `R` of `[Z Y]`, see [`Data`].
     pub triangle: Vec<f64>,
-    known: Option<Vec<f64>>,
+    pub(super) known: Option<Vec<f64>>,
 }
 
 impl Estimate {

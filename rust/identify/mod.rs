@@ -17,6 +17,7 @@ mod levels;
 mod normal_norm;
 mod quantiles;
 mod residual_tests;
+mod saved;
 mod span;
 mod symmetric;
 mod triangle;

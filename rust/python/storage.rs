@@ -174,16 +174,20 @@ pub(super) fn storage_decode<'py>(
     arrays(py, found)
 }
 
+/// The values of a section.
+pub(super) fn array_of<'py>(py: Python<'py>, values: Values<'static>) -> PyResult<Bound<'py, PyAny>> {
+    Ok(match values {
+        Values::Bytes(values) => array1(py, values.into_owned())?.into_any(),
+        Values::Integers(values) => array1(py, values.into_owned())?.into_any(),
+        Values::Reals(values) => array1(py, values.into_owned())?.into_any(),
+    })
+}
+
 /// Generation and arrays, by their names.
 fn arrays(py: Python<'_>, found: Container) -> PyResult<(u64, Bound<'_, PyDict>)> {
     let sections = mapping(py)?;
     for section in found.sections {
-        let name = text(py, &section.name)?;
-        match section.values {
-            Values::Bytes(values) => sections.set_item(name, array1(py, values.into_owned())?)?,
-            Values::Integers(values) => sections.set_item(name, array1(py, values.into_owned())?)?,
-            Values::Reals(values) => sections.set_item(name, array1(py, values.into_owned())?)?,
-        }
+        sections.set_item(text(py, &section.name)?, array_of(py, section.values)?)?;
     }
     Ok((found.generation, sections))
 }

@@ -11,11 +11,10 @@ use super::error::InputError;
 use super::realizations::dense;
 use super::run::run_unstoppable;
 use super::shared::Shared;
-use super::storage::Array;
+use super::storage::{Array, array_of};
 use crate::memory::{try_collect, try_copy, try_room};
-use crate::streaming::{
-    Budget, Config, DataStream, End, Geometry, Order, Rule, SavedArray, Sections, Stream, StreamLaws,
-};
+use crate::storage::{Section, Sections, Values};
+use crate::streaming::{Budget, Config, DataStream, End, Geometry, Order, Rule, Stream, StreamLaws};
 use crate::{Key, Result};
 
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
@@ -35,13 +34,8 @@ fn geometry(py: Python<'_>, b: &PyReadonlyArray2<'_, f64>) -> PyResult<Geometry>
 
 fn to_python<'py>(py: Python<'py>, sections: Sections) -> PyResult<Vec<(String, Bound<'py, PyAny>)>> {
     let mut made = try_room("the sections", sections.0.len())?;
-    for (name, section) in sections.0 {
-        let array = match section {
-            SavedArray::U8(values) => array1(py, values)?.into_any(),
-            SavedArray::U64(values) => array1(py, values)?.into_any(),
-            SavedArray::F64(values) => array1(py, values)?.into_any(),
-        };
-        made.push((name, array));
+    for section in sections.0 {
+        made.push((section.name.into_owned(), array_of(py, section.values)?));
     }
     Ok(made)
 }
@@ -50,12 +44,12 @@ fn from_python(sections: Vec<(String, Array<'_>)>) -> PyResult<Sections> {
     const WHAT: &str = "a state";
     let mut plain = try_room(WHAT, sections.len())?;
     for (name, array) in sections {
-        let section = match array {
-            Array::Bytes(values) => SavedArray::U8(try_collect(WHAT, values.as_array().iter().copied())?),
-            Array::Integers(values) => SavedArray::U64(try_collect(WHAT, values.as_array().iter().copied())?),
-            Array::Reals(values) => SavedArray::F64(try_collect(WHAT, values.as_array().iter().copied())?),
+        let values = match array {
+            Array::Bytes(values) => Values::Bytes(try_collect(WHAT, values.as_array().iter().copied())?.into()),
+            Array::Integers(values) => Values::Integers(try_collect(WHAT, values.as_array().iter().copied())?.into()),
+            Array::Reals(values) => Values::Reals(try_collect(WHAT, values.as_array().iter().copied())?.into()),
         };
-        plain.push((name, section));
+        plain.push(Section { name: name.into(), values });
     }
     Ok(Sections(plain))
 }

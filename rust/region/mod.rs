@@ -13,6 +13,7 @@ mod models;
 mod part;
 mod projection;
 mod readings;
+mod saved;
 
 pub use entering::Entering;
 pub use hull::{CoordinateNoise, Mixture, Place, between};

@@ -112,7 +112,7 @@ pub fn load(path: &Path, kind: &str, stop: &Stop) -> Result<Loaded> {
 }
 
 /// The container in a file.
-fn read(path: &Path, kind: &str, stop: &Stop) -> Result<Container> {
+pub(super) fn read(path: &Path, kind: &str, stop: &Stop) -> Result<Container> {
     decode(path, &disk::read(path, stop)?, kind, stop)
 }
 

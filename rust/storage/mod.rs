@@ -18,6 +18,8 @@
 mod disk;
 mod file;
 mod format;
+mod saved;
+mod sections;
 #[cfg(test)]
 mod tests;
 
@@ -25,3 +27,6 @@ pub use crate::fault::{Fault, MAX_BYTES, VERSION};
 pub use disk::Lock;
 pub use file::{Loaded, load, lock, save, save_held};
 pub use format::{Container, MAX_HEADER, Section, Values, decode, encode};
+pub use saved::Saved;
+pub use sections::Sections;
+pub(crate) use sections::{LARGEST, damaged};

@@ -1,7 +1,6 @@
 //! A stream of realizations from outside: running means, or line searches towards targets.
 
-use super::geometry::Geometry;
-use super::sections::NAMES;
+use super::geometry::{Geometry, NAMES};
 use crate::control::Best;
 use crate::error::{Error, Result, sized};
 use crate::fuse::{Dense, distance, norm, step_towards};

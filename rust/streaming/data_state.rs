@@ -1,11 +1,10 @@
 //! Saves a data stream as sections and loads it, bit for bit; loaded numbers are checked as in [`super::state`].
 
 use super::data::{DataStream, Feed, GROUPS, size};
-use super::estimator::damaged;
-use super::geometry::Geometry;
-use super::sections::{LARGEST, NAMES, Sections};
+use super::geometry::{Geometry, NAMES};
 use crate::error::Result;
 use crate::fuse::distance;
+use crate::storage::{LARGEST, Sections, damaged};
 
 /// Version of the sections. Others are refused, because their steps may differ in the last bits.
 const FORMAT: u64 = 4;

@@ -2,10 +2,11 @@
 
 use std::sync::Arc;
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::fuse::{Apart, Run, power_of_two_scale};
 use crate::memory::{try_collect, try_zeros};
 use crate::sample::{Law, Sequence};
+use crate::storage::damaged;
 use crate::stream::Key;
 use crate::vector::dot;
 
@@ -196,11 +197,6 @@ impl Estimator {
         }
         Ok(())
     }
-}
-
-/// The error for a saved state that no stream can have.
-pub(super) fn damaged(expected: &'static str, found: String) -> Error {
-    Error::Value { name: "state", expected, found }
 }
 
 #[cfg(test)]

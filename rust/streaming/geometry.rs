@@ -7,6 +7,9 @@ use crate::memory::try_zeros;
 use crate::parallel::Stop;
 use crate::vector::{dot, norm};
 
+/// Prefixes of the saved arrays of the three entities.
+pub(super) const NAMES: [&str; 3] = ["x0", "xf", "A"];
+
 /// `B` with its singular vectors; the left ones are an orthonormal basis of its range.
 #[derive(Debug)]
 pub struct Geometry {

@@ -1,15 +1,15 @@
 //! Saves a stream as sections and loads it, bit for bit. Shapes, ranges, and whether the numbers belong together are
 //! checked before a stream is made of them.
 
-use super::estimator::{Estimator, damaged};
-use super::geometry::Geometry;
+use super::estimator::Estimator;
+use super::geometry::{Geometry, NAMES};
 use super::products::Products;
-use super::sections::{LARGEST, NAMES, Sections};
 use super::stream::{Config, Order, Stream, StreamLaws};
 use super::trace::{Entry, on_grid};
 use crate::error::Result;
 use crate::fuse::distance;
 use crate::memory::{try_collect, try_copy};
+use crate::storage::{LARGEST, Sections, damaged};
 use crate::stream::Key;
 use crate::vector::norm;
 
@@ -159,7 +159,7 @@ fn load_slot(slot: &mut Estimator, name: &str, count: u64, config: Config, from:
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::streaming::SavedArray;
+    use crate::storage::Values;
     use crate::streaming::stream::tests::{every_config, stream};
     use proptest::prelude::*;
 
@@ -198,11 +198,11 @@ mod tests {
             });
             let mut sections = good.to_sections().unwrap();
             let count = sections.0.len();
-            match &mut sections.0[which % count].1 {
-                SavedArray::U8(values) => { let at = at % values.len(); values[at] = bits as u8; }
-                SavedArray::U64(values) => { let at = at % values.len(); values[at] = bits; }
-                SavedArray::F64(values) if values.is_empty() => values.push(1.0),
-                SavedArray::F64(values) => { let at = at % values.len(); values[at] = f64::from_bits(bits); }
+            match &mut sections.0[which % count].values {
+                Values::Bytes(values) => { let values = values.to_mut(); let at = at % values.len(); values[at] = bits as u8; }
+                Values::Integers(values) => { let values = values.to_mut(); let at = at % values.len(); values[at] = bits; }
+                Values::Reals(values) if values.is_empty() => values.to_mut().push(1.0),
+                Values::Reals(values) => { let values = values.to_mut(); let at = at % values.len(); values[at] = f64::from_bits(bits); }
             }
             if let Ok(mut stream) = Stream::from_sections(sections) {
                 (0..600).for_each(|_| {

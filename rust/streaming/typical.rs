@@ -3,7 +3,7 @@
 use rand_distr::{ChiSquared, Distribution, StandardNormal};
 
 use super::data::{DataStream, Feed, GROUPS};
-use super::sections::NAMES;
+use super::geometry::NAMES;
 use crate::error::{Error, Result, require_finite};
 use crate::memory::try_zeros;
 use crate::parallel::Stop;

@@ -11,8 +11,8 @@ use stochens::limits::horizon::{Horizon, RecedingHorizon, Task};
 use stochens::{Result, Stop};
 
 /// A mass of 1 kg, 1 ms a step: position [m], speed [m/s], force [N].
-const A: [f64; 4] = [1.0, 0.001, 0.0, 1.0];
-const B: [f64; 2] = [5e-7, 0.001];
+const A: [[f64; 2]; 2] = [[1.0, 0.001], [0.0, 1.0]];
+const B: [[f64; 1]; 2] = [[5e-7], [0.001]];
 const STEPS: usize = 20;
 
 pub fn main() -> Result<()> {
@@ -27,7 +27,7 @@ pub fn main() -> Result<()> {
         r: Some(vec![1e-4]),
         ..Task::default()
     };
-    let mut plans = RecedingHorizon::new(Horizon::new(A.to_vec(), B.to_vec(), None, 2, task)?, &stop)?;
+    let mut plans = RecedingHorizon::new(Horizon::new(&A, &B, None, task)?, &stop)?;
 
     let (mut x, mut took) = ([0.02, 0.0], Vec::new());
     for _ in 0..1000 {
@@ -35,7 +35,7 @@ pub fn main() -> Result<()> {
         let found = plans.solve(&x, Until::new(&stop, Some(Duration::from_micros(900))))?;
         took.push(began.elapsed());
         let u = found.control[0]; // the first input of the plan acts, the next call plans anew
-        x = [0, 1].map(|i| A[2 * i] * x[0] + A[2 * i + 1] * x[1] + B[i] * u);
+        x = [0, 1].map(|i| A[i][0] * x[0] + A[i][1] * x[1] + B[i][0] * u);
     }
     took.sort();
     println!("after 1 s: {:.6} m, {:.6} m/s", x[0], x[1]);

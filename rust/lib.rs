@@ -36,19 +36,18 @@
 //! From measured pairs to a plan with a certificate:
 //!
 //! ```
-//! use stochens::identify::{Assumed, Covariance, Data, Design, Estimate, Noise, Magnitudes, Wish, triangle};
+//! use stochens::identify::{Assumed, Covariance, Design, Estimate, Noise, Magnitudes, Wish};
 //! use stochens::{Stop, certificate, region::Region};
-//! // 40 pairs (x, u, y) of y = x / 2 + u + w, |w| <= .01
-//! let row = |k: f64| (k.cos(), (1.7 * k).sin(), 0.01 * (2.9 * k).sin());
-//! let pairs = (0..40).map(|k| row(f64::from(k))).flat_map(|(x, u, w)| [x, u, x / 2.0 + u + w]);
+//! // 40 pairs of y = x / 2 + u + w, |w| <= .01
+//! let at = |of: fn(f64) -> f64| -> [[f64; 1]; 40] { std::array::from_fn(|k| [of(k as f64)]) };
+//! let (x, u) = (at(f64::cos), at(|k| (1.7 * k).sin()));
+//! let y = at(|k| k.cos() / 2.0 + (1.7 * k).sin() + 0.01 * (2.9 * k).sin());
 //! let stop = Stop::new();
-//! let triangle = triangle(&pairs.collect::<Vec<_>>(), 3, 1, &stop)?;
-//! let data = Data { triangle: &triangle, size: 40, n: 1, m: 1, offset: false, known: None };
-//! let estimate = Estimate::new(data, &stop)?;
+//! let estimate = Estimate::from_pairs(&x, &u, &y, 1, &stop)?;
 //! let covariance = Covariance::Known(&[1e-4]);
 //! let assumed = Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance, tail: 0.0 };
 //! let region = Region::from_data(&estimate, assumed, Wish::new(0.05), Magnitudes::Expected(&[1.0, 1.0]), 1, &stop)?;
-//! assert!(region.contains(&[0.5, 1.0])? && !region.contains(&[0.6, 1.0])?);
+//! assert!(region.contains(&[[0.5, 1.0]])? && !region.contains(&[[0.6, 1.0]])?);
 //! // the control by the model from x0 = 1 to xf = 2, and how far the true system ends from there
 //! let ([x0, xf], [a, b]) = ([1.0, 2.0], [estimate.model[0], estimate.model[1]]);
 //! let u = (xf - a * x0) / b;
@@ -60,8 +59,9 @@
 //! ```
 //!
 //! The best inputs within limits, again at every state: [`limits::horizon::RecedingHorizon`], a loop at 1 kHz. A gain that
-//! is proved for every system of a region, and what it survives: [`feedback::Loop`], [`feedback::Loop::margins`]. Three
-//! programs are in `examples/`: `certified_gain`, `kilohertz_loop` and `fleet`.
+//! is proved for every system of a region, and what it survives: [`feedback::Loop`], [`feedback::Loop::margins`]. Estimates,
+//! regions and loops are files with [`storage::Saved`]; matrices are a [`MatrixView`], such as `&[[1.0, 0.1], [0.0, 1.0]]`.
+//! Three programs are in `examples/`: `certified_gain`, `kilohertz_loop` and `fleet`.
 
 #![deny(missing_docs, unsafe_code)]
 #![cfg_attr(test, allow(clippy::disallowed_methods, clippy::disallowed_macros))]
@@ -76,6 +76,7 @@ pub mod fleet;
 pub mod fuse;
 pub mod identify;
 pub mod limits;
+mod matrix;
 mod memory;
 mod nontemporal;
 mod parallel;
@@ -98,6 +99,7 @@ pub mod watch;
 pub mod window;
 
 pub use error::{Error, Obstacle, Result};
+pub use matrix::MatrixView;
 pub use parallel::Stop;
 pub use sample::{Law, Scheme, Singletons, sample};
 pub use simd::LANES;

@@ -3,7 +3,8 @@
 use faer::linalg::solvers::Solve;
 use faer::{Mat, Side};
 
-use crate::error::{Error, Result, sized};
+use crate::error::{Error, Result};
+use crate::matrix::MatrixView;
 use crate::memory::{covered, room_for_products};
 use crate::parallel::Stop;
 use crate::region::Region;
@@ -28,31 +29,39 @@ pub struct Gain {
     pub cost: Option<Vec<f64>>,
     /// What was chosen: the multiplier tau of [`guaranteed`], the widest margin of [`widest`].
     pub parameter: f64,
+    n: usize,
+}
+
+/// K (m, n).
+impl<'a> From<&'a Gain> for MatrixView<'a> {
+    fn from(of: &'a Gain) -> Self {
+        Self::of(&of.gain, of.n)
+    }
 }
 
 /// The eigenvalues of `A + B K` as pairs; A (n, n), B (n, m), K (m, n).
 ///
 /// # Errors
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Numerical`], [`Error::Memory`].
-pub fn eigenvalues(a: &[f64], b: &[f64], k: &[f64], n: usize, m: usize) -> Result<Vec<(f64, f64)>> {
-    if a.len() != n * n || b.len() != n * m || k.len() != m * n {
-        let found = k.len().to_string();
-        return Err(Error::Shape { name: "K", expected: format!("{m} x {n} entries"), found });
-    }
-    [("A", a), ("B", b), ("K", k)].iter().try_for_each(|(name, values)| crate::error::require_finite(name, values))?;
+pub fn eigenvalues<'a>(
+    a: impl Into<MatrixView<'a>>,
+    b: impl Into<MatrixView<'a>>,
+    k: impl Into<MatrixView<'a>>,
+) -> Result<Vec<(f64, f64)>> {
+    let (a, b) = (a.into(), b.into());
+    let (n, m) = b.shape();
+    let (a, b, k) = (a.finite("A", n, n)?, b.finite("B", n, m)?, k.into().finite("K", m, n)?);
     room_for_products()?;
     covered(WHAT, bytes(n, n + m), || {
-        let own = matrix(a, n, n) + matrix(b, n, m) * matrix(k, m, n);
+        let own = matrix(&a, n, n) + matrix(&b, n, m) * matrix(&k, m, n);
         let mut found = Vec::new();
         found.extend(spectrum::eigenvalues(&own)?.iter().map(|value| (value.re, value.im)));
         Ok(found)
     })?
 }
 
-fn weights(name: &'static str, values: &[f64], size: usize) -> Result<Matrix> {
-    sized(name, values.len(), size * size)?;
-    crate::error::require_finite(name, values)?;
-    Ok(symmetric(&matrix(values, size, size)))
+fn weights<'a>(name: &'static str, values: impl Into<MatrixView<'a>>, size: usize) -> Result<Matrix> {
+    Ok(symmetric(&matrix(&values.into().finite(name, size, size)?, size, size)))
 }
 
 fn refused(what: &str) -> Error {
@@ -65,17 +74,22 @@ fn refused(what: &str) -> Error {
 /// # Errors
 /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Value`] for an R that is not positive definite, [`Error::NoGain`] with the
 /// cause, [`Error::Memory`], [`Error::Interrupted`].
-pub fn least_squares(a: &[f64], b: &[f64], q: &[f64], r: &[f64], n: usize, m: usize, stop: &Stop) -> Result<Gain> {
-    for (name, values, size) in [("A", a, n * n), ("B", b, n * m)] {
-        crate::error::require_finite(name, values)?;
-        sized(name, values.len(), size)?;
-    }
+pub fn least_squares<'a>(
+    a: impl Into<MatrixView<'a>>,
+    b: impl Into<MatrixView<'a>>,
+    q: impl Into<MatrixView<'a>>,
+    r: impl Into<MatrixView<'a>>,
+    stop: &Stop,
+) -> Result<Gain> {
+    let (a, b) = (a.into(), b.into());
+    let (n, m) = b.shape();
+    let (a, b) = (a.finite("A", n, n)?, b.finite("B", n, m)?);
     room_for_products()?;
     covered(WHAT, bytes(n, n + m), || {
-        let (a, b) = (matrix(a, n, n), matrix(b, n, m));
+        let (a, b) = (matrix(&a, n, n), matrix(&b, n, m));
         let (q, r) = (weights("Q", q, n)?, weights("R", r, m)?);
         let (p, k) = regulator(&a, &b, &q, &r, stop)?;
-        Ok(Gain { gain: entries(&k), cost: Some(entries(&p)), parameter: 0.0 })
+        Ok(Gain { gain: entries(&k), cost: Some(entries(&p)), parameter: 0.0, n })
     })?
 }
 
@@ -127,7 +141,7 @@ fn in_own_units(data: &Uncertain, p: Option<&Matrix>, k: &Matrix, parameter: f64
     let cost = p.map(|p| entries(&in_units(p, &back, &back)));
     let mut gain = entries(k);
     gain.iter_mut().enumerate().for_each(|(at, v)| *v *= back[at % data.n]);
-    Gain { gain, cost, parameter }
+    Gain { gain, cost, parameter, n: data.n }
 }
 
 /// The gain for nearly the largest region, at 9/10 of it, and how many times larger than `region` that may be: 0 where
@@ -185,7 +199,13 @@ fn sizes(q: &Matrix, information: &Matrix) -> Vec<f64> {
 ///
 /// # Errors
 /// As [`least_squares`] and [`widest`].
-pub fn guaranteed(region: &Region, q: &[f64], r: &[f64], tau: Option<f64>, stop: &Stop) -> Result<Gain> {
+pub fn guaranteed<'a>(
+    region: &Region,
+    q: impl Into<MatrixView<'a>>,
+    r: impl Into<MatrixView<'a>>,
+    tau: Option<f64>,
+    stop: &Stop,
+) -> Result<Gain> {
     let (n, m) = (region.n, region.m);
     room_for_products()?;
     covered(WHAT, bytes(n, region.d), || {

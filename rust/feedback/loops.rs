@@ -3,6 +3,7 @@
 use faer::Mat;
 
 use crate::error::{Error, Result, sized};
+use crate::matrix::MatrixView;
 use crate::memory::{covered, room_for_products};
 use crate::parallel::Stop;
 use crate::region::Region;
@@ -60,11 +61,11 @@ pub(super) fn best_of(low: f64, high: f64, count: usize, mut f: impl FnMut(f64) 
 }
 
 impl Loop {
-    /// Judges the gain `u = K x`, K (m, n) row by row.
+    /// Judges the gain `u = K x`, K (m, n).
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
-    pub fn new(region: &Region, gain: &[f64], stop: &Stop) -> Result<Self> {
+    pub fn new<'a>(region: &Region, gain: impl Into<MatrixView<'a>>, stop: &Stop) -> Result<Self> {
         Self::beside(region, Vec::new(), gain, stop)
     }
 
@@ -72,10 +73,14 @@ impl Loop {
     ///
     /// # Errors
     /// As [`Loop::new`].
-    pub fn beside(region: &Region, misfits: Vec<Misfit>, gain: &[f64], stop: &Stop) -> Result<Self> {
+    pub fn beside<'a>(
+        region: &Region,
+        misfits: Vec<Misfit>,
+        gain: impl Into<MatrixView<'a>>,
+        stop: &Stop,
+    ) -> Result<Self> {
         let (n, m) = (region.n, region.m);
-        sized("K", gain.len(), m * n)?;
-        crate::error::require_finite("K", gain)?;
+        let gain = gain.into().finite("K", m, n)?;
         room_for_products()?;
         covered(WHAT, bytes(n, region.d), || {
             let data = Uncertain::beside(region, misfits)?;
@@ -94,6 +99,18 @@ impl Loop {
         (of.status, of.norm, of.proof, of.member) = (Verdict::Undetermined, f64::INFINITY, None, None);
         self.proof = None;
         self
+    }
+
+    /// K (m, n), row by row.
+    #[must_use]
+    pub fn gain(&self) -> Vec<f64> {
+        entries(&self.own_gain())
+    }
+
+    /// The region.
+    #[must_use]
+    pub const fn region(&self) -> &Region {
+        &self.data.region
     }
 
     /// What is proved.

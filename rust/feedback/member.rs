@@ -117,7 +117,7 @@ fn climb(data: &Uncertain, closed: &Closed, mut direction: Vec<Matrix>, stop: &S
                     loops[(i, j)] = own[i * d + j] + input;
                 }
             }
-            if data.region.contains(&own)? && radius(&loops)? > UNSTABLE {
+            if data.region.holds(&own)? && radius(&loops)? > UNSTABLE {
                 return Ok(Some(own));
             }
         }

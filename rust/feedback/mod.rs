@@ -19,7 +19,7 @@
 //!     rows: &[0], columns: &[0, 1], white: &eye, root: &eye, missing: &[], ratio: 1.0, shape: &one, factor: 0.09,
 //! };
 //! let region = Region::new(&[1.2, 1.0], 1, 1, vec![Arc::new(Part::new(part)?)], None, false)?;
-//! let found = Loop::new(&region, &[-0.9], &Stop::new())?;
+//! let found = Loop::new(&region, &[[-0.9]], &Stop::new())?;
 //! assert_eq!(found.certificate().status, Verdict::Certified);
 //! assert!((found.certificate().norm - 0.5766).abs() < 1e-3); // .3 sqrt(1 + .9^2) / (1 - .3)
 //! # Ok::<(), stochens::Error>(())

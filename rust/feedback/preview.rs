@@ -4,6 +4,7 @@ use faer::Mat;
 use faer::linalg::solvers::Solve;
 
 use crate::error::{Error, Result};
+use crate::matrix::MatrixView;
 use crate::memory::{covered, room_for_products};
 use crate::parallel::Stop;
 
@@ -52,7 +53,8 @@ impl Preview<'_> {
             let left = &c - &d * &cross;
             let states = left.transpose() * &q * &left + cross.transpose() * &r * &cross;
             let free = entries(&(&a - &b * &cross));
-            let found = least_squares(&free, self.b, &entries(&states), &entries(&weight), n, m, stop)?;
+            let (states, costs, of) = (entries(&states), entries(&weight), MatrixView::of);
+            let found = least_squares(of(&free, n), of(self.b, m), of(&states, n), of(&costs, m), stop)?;
             let s = matrix(&found.cost.unwrap_or_default(), n, n);
             let own = matrix(&found.gain, m, n) - cross;
             let per = -((&weight + b.transpose() * &s * &b).partial_piv_lu().solve(b.transpose()));

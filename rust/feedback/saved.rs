@@ -1,9 +1,10 @@
 //! Loops in files: what is proved of one is proved again when it is loaded.
 
 use super::certificate::Verdict;
-use super::data::{Misfit, entries};
+use super::data::Misfit;
 use super::loops::Loop;
 use crate::error::Result;
+use crate::matrix::MatrixView;
 use crate::memory::try_push;
 use crate::parallel::Stop;
 use crate::region::Region;
@@ -23,7 +24,7 @@ impl Saved for Loop {
         let verdict = VERDICTS.iter().position(|one| *one == self.certificate.status).unwrap_or(VERDICTS.len());
         self.data.region.put(to)?;
         to.put_u64("loop", &[FORMAT, self.data.misfits.len() as u64, verdict as u64])?;
-        to.put_f64("gain", &entries(&self.own_gain()))?;
+        to.put_f64("gain", &self.gain())?;
         for (k, misfit) in self.data.misfits.iter().enumerate() {
             to.put_f64(format!("misfit{k}.direction"), &misfit.direction)?;
             to.put_f64(format!("misfit{k}.of"), &misfit.of)?;
@@ -36,6 +37,7 @@ impl Saved for Loop {
         let region = Region::take(from, stop)?;
         let [count, verdict] = from.take_sizes("loop", FORMAT)?;
         let gain = from.take_f64("gain", None)?;
+        let gain = MatrixView::new(&gain, region.m, region.n)?;
         let mut misfits = Vec::new();
         for k in 0..count {
             let mut values = |name: &str| from.take_f64(&format!("misfit{k}.{name}"), None);
@@ -43,7 +45,7 @@ impl Saved for Loop {
             let most = from.take_reals(&format!("misfit{k}.most"), Some(1))?[0];
             try_push("a state", &mut misfits, Misfit { direction, of, most })?;
         }
-        let made = Self::beside(&region, misfits, &gain, stop)?;
+        let made = Self::beside(&region, misfits, gain, stop)?;
         match (VERDICTS.get(verdict), made.certificate().status) {
             (Some(Verdict::Certified), Verdict::Certified) => Ok(made),
             (Some(Verdict::Certified), found) => Err(damaged("a loop that is proved again", format!("{found:?}"))),
@@ -117,8 +119,8 @@ mod tests {
 
     fn closed(misfits: Vec<Misfit>) -> Loop {
         let of = region(&estimate(None), Wish::new(0.05));
-        let (a, b) = ([1.0, 0.1, 0.0, 0.9], [0.0, 0.1]);
-        let gain = least_squares(&a, &b, &[1.0, 0.0, 0.0, 1.0], &[0.1], 2, 1, &go()).unwrap().gain;
+        let (a, b) = ([[1.0, 0.1], [0.0, 0.9]], [[0.0], [0.1]]);
+        let gain = least_squares(&a, &b, &[[1.0, 0.0], [0.0, 1.0]], &[[0.1]], &go()).unwrap();
         Loop::beside(&of, misfits, &gain, &go()).unwrap()
     }
 
@@ -215,6 +217,18 @@ mod tests {
     }
 
     #[test]
+    fn what_could_not_be_loaded_is_not_saved() {
+        let folder = Folder::new("unsaved");
+        let no_covariance = Covariance::Known(&[1e-4, 2e-4, -2e-4, 1e-4]);
+        let assumed =
+            Assumed { design: Design::Adaptive, noise: Noise::SubGaussian, covariance: no_covariance, tail: 0.0 };
+        let units = Magnitudes::Expected(&[1.0; 3]);
+        let made = Region::from_data(&estimate(None), assumed, Wish::new(0.05), units, 1, &go()).unwrap();
+        assert!(made.save(folder.file(), &go()).unwrap_err().to_string().contains("sets"));
+        assert!(!folder.file().exists());
+    }
+
+    #[test]
     fn a_certificate_that_is_false_is_refused() {
         let folder = Folder::new("forged");
         let good = sections(&closed(Vec::new()));
@@ -294,7 +308,7 @@ mod tests {
             }
             if let Ok(back) = Region::take(&mut change(region.clone()), &go()) {
                 prop_assert!(back.bound(&[1.0; 3], false).unwrap_or(0.0) >= 0.0);
-                let _ = (back.contains(&[1.0; 6]), back.entry_bounds(), back.spread(0, 2));
+                let _ = (back.contains(&[[1.0; 3]; 2]), back.entry_bounds(), back.spread(0, 2));
             }
             if let Ok(back) = Loop::take(&mut change(closed.clone()), &go()) {
                 let certified = back.certificate().status == Verdict::Certified;

@@ -31,7 +31,7 @@ fn near(found: f64, expected: f64, within: f64) {
 #[test]
 fn one_state() {
     let region = round(&[1.2, 1.0], 1, 1, 0.3);
-    let found = Loop::new(&region, &[-0.9], &Stop::new()).unwrap();
+    let found = Loop::new(&region, &[[-0.9]], &Stop::new()).unwrap();
     let one = found.certificate();
     assert_eq!(one.status, Verdict::Certified);
     near(one.least, 0.3 * 1.81f64.sqrt() / 0.7, 1e-7); // rho is widened by 1e-8
@@ -40,7 +40,7 @@ fn one_state() {
     near(q[0] * q[0], 0.101142725470413, 1e-6); // its root
     for (by, status) in [(0.999, Verdict::Certified), (1.001, Verdict::Refuted)] {
         let region = round(&[1.2, 1.0], 1, 1, by * 0.7 / 1.81f64.sqrt());
-        assert_eq!(Loop::new(&region, &[-0.9], &Stop::new()).unwrap().certificate().status, status);
+        assert_eq!(Loop::new(&region, &[[-0.9]], &Stop::new()).unwrap().certificate().status, status);
     }
 }
 
@@ -63,13 +63,13 @@ fn traps_are_refused() {
     near(0.45 * found.parameter, 1.0 / 26f64.sqrt(), 1e-3);
     let found = widest(&round(&[1.5, 0.6, -0.4, 0.9, -1.5, 1.0], 2, 1, 0.4), &Stop::new()).unwrap();
     assert!(found.parameter < 1.0);
-    assert!(guaranteed(&round(&[1.5, 0.3], 1, 1, 0.45), &[1.0], &[1.0], None, &Stop::new()).is_err());
+    assert!(guaranteed(&round(&[1.5, 0.3], 1, 1, 0.45), &[[1.0]], &[[1.0]], None, &Stop::new()).is_err());
 }
 
 /// One state at the set point 1: `rho / .7 |(1, us)| / (1 - rho g)`, as `1.2 + us = 1`.
 #[test]
 fn rests_of_one_state() {
-    let found = Loop::new(&round(&[1.2, 1.0], 1, 1, 0.3), &[-0.9], &Stop::new()).unwrap();
+    let found = Loop::new(&round(&[1.2, 1.0], 1, 1, 0.3), &[[-0.9]], &Stop::new()).unwrap();
     let (rows, radius) = found.rest(&[1.0], &[-0.2]).unwrap();
     let expected = 0.3 / 0.7 * 1.04f64.sqrt() / (1.0 - 0.3 * 1.81f64.sqrt() / 0.7);
     near(rows[0], expected, 1e-5);
@@ -81,7 +81,7 @@ fn rests_of_one_state() {
 /// Limits so wide that nothing lacks, and so narrow that noise alone is too much.
 #[test]
 fn plans_are_accepted_within_limits_only() {
-    let found = Arc::new(Loop::new(&round(&[1.2, 1.0], 1, 1, 0.1), &[-0.9], &Stop::new()).unwrap());
+    let found = Arc::new(Loop::new(&round(&[1.2, 1.0], 1, 1, 0.1), &[[-0.9]], &Stop::new()).unwrap());
     for (limit, accepted) in [(10.0, true), (0.5, false)] {
         let sides = ([f64::NEG_INFINITY, -limit], [f64::INFINITY, limit]);
         let keeper = Keeper::new(Arc::clone(&found), (&sides.0, &sides.1), &[0.01], 0.05, 50).unwrap().unwrap();
@@ -98,7 +98,7 @@ fn plans_are_accepted_within_limits_only() {
 #[test]
 fn allowances_of_one_state() {
     for rho in [0.3, 0.1] {
-        let found = Loop::new(&round(&[1.2, 1.0], 1, 1, rho), &[-0.9], &Stop::new()).unwrap();
+        let found = Loop::new(&round(&[1.2, 1.0], 1, 1, rho), &[[-0.9]], &Stop::new()).unwrap();
         let exact = 0.7 - rho * 1.81f64.sqrt();
         for (sign, column) in [(1.0, 0), (-1.0, 0), (1.0, 1)] {
             let mut h = [0.0, 0.0];
@@ -126,7 +126,7 @@ fn root(mut low: f64, mut high: f64, f: impl Fn(f64) -> f64) -> f64 {
 #[test]
 fn margins_of_one_state() {
     for (a, rho) in [(1.2, 0.3), (0.6, 0.3), (1.2, 0.0), (1.2, 0.05)] {
-        let found = Loop::new(&round(&[a, 1.0], 1, 1, rho), &[-0.9], &Stop::new()).unwrap();
+        let found = Loop::new(&round(&[a, 1.0], 1, 1, rho), &[[-0.9]], &Stop::new()).unwrap();
         let one = found.margins(None, &Stop::new()).unwrap();
         let size = |kappa: f64, phase: f64| {
             let (re, im) = (kappa * phase.cos(), kappa * phase.sin());
@@ -216,7 +216,7 @@ fn proofs_with_a_channel_are_sharp() {
 /// Errors of the inputs of one state: `.05` moves it by `.083970` at most, `.083967886806` for a constant member.
 #[test]
 fn errors_of_the_inputs() {
-    let found = Loop::new(&round(&[1.2, 1.0], 1, 1, 0.1), &[-0.9], &Stop::new()).unwrap();
+    let found = Loop::new(&round(&[1.2, 1.0], 1, 1, 0.1), &[[-0.9]], &Stop::new()).unwrap();
     let moved = found.errors(&[0.05], &Stop::new()).unwrap();
     assert!(moved[0] >= 0.083967886806 && moved[0] < 0.0842, "{}", moved[0]);
     near(moved[1], 0.9 * moved[0], 1e-6);
@@ -231,7 +231,7 @@ fn errors_of_the_inputs() {
 #[test]
 fn saturated_inputs() {
     for (rho, exact) in [(0.0, 5.0), (0.1, 3.283702811636)] {
-        let found = Loop::new(&round(&[1.2, 1.0], 1, 1, rho), &[-0.9], &Stop::new()).unwrap();
+        let found = Loop::new(&round(&[1.2, 1.0], 1, 1, rho), &[[-0.9]], &Stop::new()).unwrap();
         let far = found.attracted(&[1.0], &[1.0], &Stop::new()).unwrap();
         assert!(far <= exact && far > 0.9 * exact, "{far} of {exact}");
         near(found.attracted(&[2.0], &[-0.5], &Stop::new()).unwrap(), 4.0 * far, 1e-6);
@@ -242,7 +242,7 @@ fn saturated_inputs() {
 #[test]
 fn one_step_of_delay() {
     for (rho, steps) in [(0.0575, 1.0), (0.0577, 0.0)] {
-        let found = Loop::new(&round(&[1.2, 1.0], 1, 1, rho), &[-0.9], &Stop::new()).unwrap();
+        let found = Loop::new(&round(&[1.2, 1.0], 1, 1, rho), &[[-0.9]], &Stop::new()).unwrap();
         let delay = found.margins(None, &Stop::new()).unwrap().delay;
         assert_eq!((delay.certified, delay.nominal), (steps, 1.0));
     }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 
@@ -46,6 +47,36 @@ pub struct Estimate {
 }
 
 impl Estimate {
+    /// From pairs of `x+ = A x + B u + w`: states (N, n), inputs (N, m), and the states one step later (N, n). [`Estimate::new`]
+    /// takes data that come as a triangle, known entries, and an offset.
+    ///
+    /// # Errors
+    /// As [`Estimate::new`].
+    pub fn from_pairs<'a>(
+        x: impl Into<MatrixView<'a>>,
+        u: impl Into<MatrixView<'a>>,
+        next: impl Into<MatrixView<'a>>,
+        threads: usize,
+        stop: &Stop,
+    ) -> Result<Self> {
+        let (x, u, next) = (x.into(), u.into(), next.into());
+        let ((size, n), m) = (x.shape(), u.shape().1);
+        let (x, u, next) = (x.sized("x", size, n)?, u.sized("u", size, m)?, next.sized("next", size, n)?);
+        let width = 2 * n + m;
+        let mut rows = try_room(WHAT, checked_len(WHAT, size, width)?)?;
+        for k in 0..size {
+            [(&x, n), (&u, m), (&next, n)].iter().for_each(|(of, d)| rows.extend_from_slice(&of[k * d..(k + 1) * d]));
+        }
+        let triangle = triangle(&rows, width, threads, stop)?;
+        Self::new(Data { triangle: &triangle, size, n, m, offset: false, known: None }, stop)
+    }
+
+    /// Theta (n, d): `[A B]`, with the offset behind it if there is one.
+    #[must_use]
+    pub fn theta(&self) -> MatrixView<'_> {
+        MatrixView::of(&self.model, self.d)
+    }
+
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`], [`Error::Numerical`], [`Error::Memory`],
     /// [`Error::Interrupted`].

@@ -17,10 +17,11 @@ use crate::control::{Entity, Factors, Motion, Realized, best_control, pseudoinve
 use crate::fuse::{self, Dense, Settings, Weights};
 use crate::identify;
 use crate::limits::{self, Bounds, Penalty, Rows, Steps, Until};
+use crate::matrix::MatrixView;
 use crate::region::{Part, PartOf, Region};
 use crate::sample::{multinomial_counts, systematic_counts};
 use crate::simulate::{self, Average, Drawn, Exact, Model, PlanEntity, Plans, Second, mean_field, runs};
-use crate::storage::{self, Section, Values};
+use crate::storage::{self, Saved, Section, Sections, Values};
 use crate::streaming::{Budget, Config, DataStream, Geometry, Order, Rule, Stream, StreamLaws};
 use crate::tails::Norm;
 use crate::{Key, Law, Scheme, Singletons, Stop, sample};
@@ -399,6 +400,8 @@ fn call(name: &str) -> Option<Call> {
                 let triangle = identify::triangle(&rows, n + d, 1, &stop)?;
                 let of = identify::Data { triangle: &triangle, size: 200, n, m: d - n, offset: false, known: None };
                 let estimate = identify::Estimate::new(of, &stop)?;
+                let (x, u) = (MatrixView::of(&rows[..200 * n], n), MatrixView::of(&rows[..200 * (d - n)], d - n));
+                identify::Estimate::from_pairs(x, u, MatrixView::of(&rows[200..][..200 * n], n), 1, &stop)?;
                 let assumed = |design| identify::Assumed {
                     tail: 0.0,
                     design,
@@ -411,7 +414,14 @@ fn call(name: &str) -> Option<Call> {
                 Region::from_data(&estimate, any, wish, units, 1, &stop)?;
                 Region::from_data(&estimate, any, identify::Wish { components: true, ..wish }, units, 1, &stop)?;
                 let wish = identify::Wish { directions: Some(&directions), ..wish };
-                Region::from_data(&estimate, exact, wish, units, 1, &stop).map(drop)
+                Region::from_data(&estimate, exact, wish, units, 1, &stop)?;
+                let full = identify::Assumed { covariance: identify::Covariance::Full, ..exact };
+                let region = Region::from_data(&estimate, full, wish, units, 1, &stop)?;
+                let mut sections = Sections::default();
+                estimate.put(&mut sections)?;
+                region.put(&mut sections)?;
+                Region::take(&mut sections, &stop)?;
+                identify::Estimate::take(&mut sections, &stop).map(drop)
             })
         }
         "several steps" => {
@@ -438,7 +448,7 @@ fn call(name: &str) -> Option<Call> {
                 certify(task, &[one], None, (true, &stop))?;
                 whole.projection((0, 0), (1, 1))?;
                 whole.entry_bounds()?;
-                whole.contains(&model).map(drop)
+                whole.holds(&model).map(drop)
             })
         }
         "replicates" => {

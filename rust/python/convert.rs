@@ -8,6 +8,7 @@ use super::arrays::{Values, array};
 use super::error::{InputError, ShapeError};
 use crate::Key;
 use crate::fuse::Fusion;
+use crate::matrix::MatrixView;
 use crate::memory::{try_copy, try_push, try_room};
 
 /// A read-only view of a contiguous array of doubles.
@@ -18,6 +19,12 @@ pub(super) fn slice<'a, D: ndarray::Dimension>(
     // `as_slice` alone takes the order of Fortran as well
     let rows_first = array.is_c_contiguous().then(|| array.as_slice().ok()).flatten();
     rows_first.ok_or_else(|| ShapeError::new_err(format!("`{name}` must be C-contiguous")))
+}
+
+/// The same of a matrix, with its sizes.
+pub(super) fn view<'a>(name: &str, array: &'a PyReadonlyArray2<'_, f64>) -> PyResult<MatrixView<'a>> {
+    let (rows, columns) = array.as_array().dim();
+    Ok(MatrixView::new(slice(name, array)?, rows, columns)?)
 }
 
 /// Whole numbers, and rows of numbers, by their names.

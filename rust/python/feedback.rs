@@ -5,7 +5,7 @@ use std::sync::Arc;
 use numpy::{Complex64, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 
-use super::convert::{array1, array2, slice};
+use super::convert::{array1, array2, slice, view};
 use super::region::PyRegion;
 use super::run::{UNTIL_STOPPED, run};
 use crate::Error;
@@ -45,7 +45,7 @@ impl PyFeedback {
         misfit: Option<(Matrix<'_>, Matrix<'_>, f64)>,
     ) -> PyResult<Self> {
         let (region, (m, n)) = (&region.get().0, gain.as_array().dim());
-        let gain = slice("K", &gain)?;
+        let gain = view("K", &gain)?;
         let mut misfits = Vec::new();
         if let Some((direction, of, most)) = &misfit {
             let direction = try_copy(WHAT, slice("direction", direction)?)?;
@@ -314,10 +314,9 @@ pub(super) fn feedback_gain<'py>(
     r: Matrix<'_>,
     states: Option<Vec<String>>,
 ) -> PyResult<FoundGain<'py>> {
-    let (n, m) = b.as_array().dim();
-    let (a, b, q, r) = (slice("A", &a)?, slice("B", &b)?, slice("Q", &q)?, slice("R", &r)?);
-    let found = run(py, UNTIL_STOPPED, |stop| feedback::least_squares(a, b, q, r, n, m, stop).map_err(named(states)))?;
-    handed(py, found, n)
+    let (a, b, q, r) = (view("A", &a)?, view("B", &b)?, view("Q", &q)?, view("R", &r)?);
+    let found = run(py, UNTIL_STOPPED, |stop| feedback::least_squares(a, b, q, r, stop).map_err(named(states)))?;
+    handed(py, found, a.shape().0)
 }
 
 /// `(v, way)`: see [`Preview::inputs`].
@@ -355,8 +354,7 @@ pub(super) fn loop_eigenvalues<'py>(
     b: Matrix<'_>,
     k: Matrix<'_>,
 ) -> PyResult<Bound<'py, PyArray1<Complex64>>> {
-    let (n, m) = b.as_array().dim();
-    complex(py, &feedback::eigenvalues(slice("A", &a)?, slice("B", &b)?, slice("K", &k)?, n, m)?)
+    complex(py, &feedback::eigenvalues(view("A", &a)?, view("B", &b)?, view("K", &k)?)?)
 }
 
 /// The gain with the widest margin in a region.
@@ -377,7 +375,7 @@ pub(super) fn guaranteed_gain<'py>(
     tau: Option<f64>,
     states: Option<Vec<String>>,
 ) -> PyResult<FoundGain<'py>> {
-    let (region, q, r) = (&region.get().0, slice("Q", &q)?, slice("R", &r)?);
+    let (region, q, r) = (&region.get().0, view("Q", &q)?, view("R", &r)?);
     let found = run(py, UNTIL_STOPPED, |stop| feedback::guaranteed(region, q, r, tau, stop).map_err(named(states)))?;
     handed(py, found, region.n)
 }

@@ -11,6 +11,7 @@ use super::simulate::EstimateArgument;
 use crate::Result;
 use crate::limits::Solution;
 use crate::limits::horizon::{DrawnEntity, Horizon, Task};
+use crate::matrix::MatrixView;
 use crate::memory::{try_collect, try_copy};
 
 const WHAT: &str = "the control within limits";
@@ -87,7 +88,7 @@ pub(super) fn made(
     let (a, b) = (values(a)?, values(b)?);
     let c = c.map(values).transpose()?;
     let work = 4.0 * (steps * n * n * (n + m)) as f64;
-    run(py, work, |_| Horizon::new(a, b, c.as_deref(), n, task))
+    run(py, work, |_| Horizon::new(MatrixView::of(&a, n), MatrixView::of(&b, m), c.as_deref(), task))
 }
 
 pub(super) fn given<'a>(name: &str, (lines, drawn): &'a EstimateArgument<'_>) -> PyResult<DrawnEntity<'a>> {

@@ -6,7 +6,7 @@ use numpy::{PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;
 use pyo3::types::PyTuple;
 
-use super::convert::{array1, array2, getters, slice};
+use super::convert::{array1, array2, getters, slice, view};
 use super::error::ShapeError;
 use super::fitted::{PyFitted, copied, places as as_places};
 use super::run::run;
@@ -244,7 +244,7 @@ getters! {
     }
 
     fn contains(&self, theta: Matrix<'_>) -> PyResult<bool> {
-        Ok(self.0.contains(slice("Theta", &theta)?)?)
+        Ok(self.0.contains(view("Theta", &theta)?)?)
     }
 
     /// Corners (directions, 2), or None where there is no edge.

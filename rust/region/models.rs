@@ -4,6 +4,7 @@ use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::fuse::norm;
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_copy, try_room, try_zeros};
 
 use super::part::{Part, WHAT, times};
@@ -25,7 +26,7 @@ const LARGEST: f64 = 1e100;
 /// };
 /// let region = Region::new(&[0.5, 1.0], 1, 1, vec![Arc::new(Part::new(part)?)], None, false)?;
 /// assert!((region.bound(&[3.0, 0.0], false)? - 0.3).abs() < 1e-15); // sqrt(.04 * 1) * 3 / 2
-/// assert!(region.contains(&[0.59, 1.0])? && !region.contains(&[0.61, 1.0])?);
+/// assert!(region.contains(&[[0.59, 1.0]])? && !region.contains(&[[0.61, 1.0]])?);
 /// # Ok::<(), stochens::Error>(())
 /// ```
 #[derive(Debug, Clone)]
@@ -214,28 +215,26 @@ impl Region {
     }
 
     /// Whether a model (n, d) has the known entries of the centre, up to rounding.
-    ///
-    /// # Errors
-    /// [`Error::Shape`].
-    fn has_known(&self, theta: &[f64]) -> Result<bool> {
-        if theta.len() != self.centre.len() {
-            let found = theta.len().to_string();
-            return Err(Error::Shape { name: "Theta", expected: format!("{} x {} entries", self.n, self.d), found });
-        }
+    fn has_known(&self, theta: &[f64]) -> bool {
         let free =
             |i: usize, j: usize| self.parts.iter().any(|part| part.rows.contains(&i) && part.columns.contains(&j));
         let same = |(at, (one, own)): (usize, (&f64, &f64))| {
             one.abs() <= LARGEST && (free(at / self.d, at % self.d) || (one - own).abs() <= SAME * own.abs())
         };
-        Ok(theta.iter().zip(&self.centre).enumerate().all(same))
+        theta.iter().zip(&self.centre).enumerate().all(same)
     }
 
     /// Whether a model (n, d) is in the region.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Memory`].
-    pub fn contains(&self, theta: &[f64]) -> Result<bool> {
-        if !self.has_known(theta)? {
+    pub fn contains<'a>(&self, theta: impl Into<MatrixView<'a>>) -> Result<bool> {
+        self.holds(&theta.into().sized("Theta", self.n, self.d)?)
+    }
+
+    /// The same of its entries.
+    pub(crate) fn holds(&self, theta: &[f64]) -> Result<bool> {
+        if !self.has_known(theta) {
             return Ok(false);
         }
         let mut difference = try_copy(WHAT, theta)?;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use super::models::Region;
 use super::part::{Part, PartOf, WHAT};
 use crate::error::Result;
-use crate::memory::{checked_len, try_collect_all, try_push};
+use crate::memory::{checked_len, try_collect, try_push};
 use crate::parallel::Stop;
 use crate::storage::{Saved, Sections, damaged};
 
@@ -43,8 +43,9 @@ impl Saved for Region {
 }
 
 fn put_part(of: PartOf<'_>, k: usize, to: &mut Sections) -> Result<()> {
+    require_set(of, k)?;
     for (name, places) in [("rows", of.rows), ("columns", of.columns)] {
-        let places = try_collect_all(WHAT, places.iter().map(|at| Ok(*at as u64)))?;
+        let places = try_collect(WHAT, places.iter().map(|at| *at as u64))?;
         to.put_u64(format!("part{k}.{name}"), &places)?;
     }
     for (name, values) in [("white", of.white), ("root", of.root), ("missing", of.missing), ("shape", of.shape)] {
@@ -53,50 +54,51 @@ fn put_part(of: PartOf<'_>, k: usize, to: &mut Sections) -> Result<()> {
     to.put_f64(format!("part{k}.sizes"), &[of.ratio, of.factor])
 }
 
-/// A part whose matrices describe a set, and the same one.
 fn take_part(k: usize, from: &mut Sections) -> Result<Part> {
-    let wrong = |expected| damaged(expected, format!("others in part {k}"));
     let mut places = |name: &str| {
         let found = from.take_u64(&format!("part{k}.{name}"), None)?;
-        if !found.is_sorted_by(|a, b| a < b) {
-            return Err(wrong("a state with rising rows and columns"));
-        }
-        let place = |at: u64| usize::try_from(at).map_err(|_| wrong("a state with rows and columns of its model"));
-        try_collect_all(WHAT, found.into_iter().map(place))
+        try_collect(WHAT, found.into_iter().map(|at| usize::try_from(at).unwrap_or(usize::MAX)))
     };
     let (rows, columns) = (places("rows")?, places("columns")?);
-    let mut values = |name: &str| from.take_f64(&format!("part{k}.{name}"), None);
-    let (white, root, missing) = (values("white")?, values("root")?, values("missing")?);
-    let shape = from.take_reals(&format!("part{k}.shape"), Some(checked_len(WHAT, rows.len(), rows.len())?))?;
+    let mut values = |name: &str| from.take_reals(&format!("part{k}.{name}"), None);
+    let (white, root, missing, shape) = (values("white")?, values("root")?, values("missing")?, values("shape")?);
     let sizes = from.take_reals(&format!("part{k}.sizes"), Some(2))?;
-    let of = PartOf {
-        rows: &rows,
-        columns: &columns,
-        white: &white,
-        root: &root,
-        missing: &missing,
-        ratio: sizes[0],
-        shape: &shape,
-        factor: sizes[1],
-    };
+    let (rows, columns, white, root) = (&rows[..], &columns[..], &white[..], &root[..]);
+    let of = PartOf { rows, columns, white, root, missing: &missing, ratio: sizes[0], shape: &shape, factor: sizes[1] };
     let part = Part::new(of)?;
-    let (n, width) = (rows.len(), columns.len().max(1));
-    let diagonal = |i: usize| shape[i * n + i];
-    let fits = |(i, j): (usize, usize)| {
+    require_set(of, k)?;
+    Ok(part)
+}
+
+/// Refuses matrices that describe no set, or not the same one.
+fn require_set(of: PartOf<'_>, k: usize) -> Result<()> {
+    let wrong = |expected| Err(damaged(expected, format!("others in part {k}")));
+    if ![of.rows, of.columns].iter().all(|places| places.is_sorted_by(|a, b| a < b)) {
+        return wrong("a region with rising rows and columns");
+    }
+    if ![of.white, of.root, of.missing].iter().all(|values| values.iter().all(|v| v.is_finite())) {
+        return wrong("a region of finite numbers");
+    }
+    if !(0.0..=1.0).contains(&of.ratio) {
+        return wrong("a region with ratios from 0 to 1");
+    }
+    let (n, width) = (of.rows.len(), of.columns.len().max(1));
+    let diagonal = |i: usize| of.shape[i * n + i];
+    let fits = |i: usize, j: usize| {
         let size = (diagonal(i) * diagonal(j)).sqrt();
-        let (a, b) = (shape[i * n + j], shape[j * n + i]);
+        let (a, b) = (of.shape[i * n + j], of.shape[j * n + i]);
         a.abs() <= size * (1.0 + TOLERANCE) && (a - b).abs() <= size * TOLERANCE
     };
-    let is_weight = (0..n).all(|i| diagonal(i) >= 0.0 && (0..i).all(|j| fits((i, j))));
-    let inverse = white.chunks_exact(width).enumerate().all(|(i, w)| {
-        root.chunks_exact(width).enumerate().all(|(j, r)| {
+    let is_weight = (0..n).all(|i| diagonal(i) >= 0.0 && (0..i).all(|j| fits(i, j)));
+    let inverse = of.white.chunks_exact(width).enumerate().all(|(i, w)| {
+        of.root.chunks_exact(width).enumerate().all(|(j, r)| {
             let terms = || w.iter().zip(r).map(|(a, b)| a * b);
             let off = terms().sum::<f64>() - f64::from(u8::from(i == j));
             off.abs() <= TOLERANCE * terms().map(f64::abs).sum::<f64>().max(1.0)
         })
     });
-    if (of.factor.is_finite() && !is_weight) || !inverse || white.len() != root.len() {
-        return Err(wrong("a state with parts that are sets"));
+    if (of.factor.is_finite() && !is_weight) || !inverse || of.white.len() != of.root.len() {
+        return wrong("a region with parts that are sets");
     }
-    if (0.0..=1.0).contains(&of.ratio) { Ok(part) } else { Err(wrong("a state with ratios from 0 to 1")) }
+    Ok(())
 }

@@ -53,7 +53,7 @@ fn models_inside_and_outside() {
         let moved = |by: [f64; 3], second: [f64; 3]| {
             let mut theta = region.centre.clone();
             by.iter().chain(&second).zip(&mut theta).for_each(|(by, to)| *to += by);
-            region.contains(&theta).unwrap()
+            region.holds(&theta).unwrap()
         };
         assert!(moved([0.0; 3], [0.0; 3]));
         assert!(moved([0.149, 0.0, 0.0], [0.0; 3]) && !moved([0.151, 0.0, 0.0], [0.0; 3]));
@@ -61,15 +61,15 @@ fn models_inside_and_outside() {
         // both at once only where the rows are judged apart
         assert_eq!(moved([0.149, 0.0, 0.0], [0.299, 0.0, 0.0]), by_rows);
         assert!(!moved([0.0; 3], [0.0, 0.0, 1e-6])); // the known entry
-        assert!(region.contains(&[f64::NAN; 6]).is_ok_and(|inside| !inside));
-        assert!(region.contains(&[0.0; 4]).is_err());
+        assert!(region.contains(&[[f64::NAN; 3]; 2]).is_ok_and(|inside| !inside));
+        assert!(region.contains(&[[0.0; 2]; 2]).is_err() && region.contains(&[[0.0; 2]; 3]).is_err());
     }
     // no size at all: the centre alone; an infinite one: all
     let same = region(0.0, false);
-    assert!(same.contains(&same.centre).unwrap());
+    assert!(same.holds(&same.centre).unwrap());
     let mut other = same.centre.clone();
     other[0] += 1e-9;
-    assert!(!same.contains(&other).unwrap() && region(f64::INFINITY, false).contains(&other).unwrap());
+    assert!(!same.holds(&other).unwrap() && region(f64::INFINITY, false).holds(&other).unwrap());
 }
 
 #[test]
@@ -125,6 +125,23 @@ fn estimate(known: Option<&[f64]>) -> Estimate {
     Estimate::new(of, &Stop::new()).unwrap()
 }
 
+#[test]
+fn pairs_are_the_rows_of_a_triangle() {
+    let known = estimate(None);
+    let at = |of: fn(f64) -> f64| -> [[f64; 1]; 40] { std::array::from_fn(|k| [of(k as f64)]) };
+    let (x, u) = (at(f64::cos), at(|k| (1.7 * k).sin()));
+    let y = at(|k| k.cos() / 2.0 + (1.7 * k).sin() + 0.01 * (2.9 * k).sin());
+    let found = Estimate::from_pairs(&x, &u, &y, 1, &Stop::new()).unwrap();
+    assert_eq!(format!("{found:?}"), format!("{known:?}"));
+    assert_eq!(found.theta().row(0), Some(&known.model[..]));
+    // one row less, a column more, nothing at all
+    assert!(Estimate::from_pairs(&x, &u[1..], &y, 1, &Stop::new()).is_err());
+    assert!(Estimate::from_pairs(&x, &u, &[[0.0; 2]; 40], 1, &Stop::new()).is_err());
+    let nothing: &[[f64; 0]] = &[[]; 40];
+    assert!(Estimate::from_pairs(nothing, &u, nothing, 1, &Stop::new()).is_err());
+    assert!(Estimate::from_pairs(&x, nothing, &y, 1, &Stop::new()).is_err());
+}
+
 fn made(known: Option<&[f64]>, design: Design, wish: Wish<'_>) -> crate::Result<Region> {
     let assumed = Assumed { design, noise: Noise::Gaussian, covariance: Covariance::Full, tail: 0.0 };
     Region::from_data(&estimate(known), assumed, wish, Magnitudes::Expected(&[1.0, 1.0]), 1, &Stop::new())
@@ -135,14 +152,14 @@ fn one_row_of_an_independent_design_has_the_law_of_f() {
     let region = made(None, Design::Independent, Wish::new(0.05)).unwrap();
     let part = region.parts()[0].of();
     assert!((part.factor - 2.0 / 38.0 * f_upper(0.05, 2.0, 38.0).unwrap()).abs() < 1e-13);
-    assert!(region.contains(&[0.5, 1.0]).unwrap() && !region.contains(&[0.6, 1.0]).unwrap());
+    assert!(region.contains(&[[0.5, 1.0]]).unwrap() && !region.contains(&[[0.6, 1.0]]).unwrap());
     // one entry is known: one column of G
     let region = made(Some(&[0.5, f64::NAN]), Design::Independent, Wish::new(0.05)).unwrap();
     assert_eq!((region.centre()[0], region.parts()[0].of().columns), (0.5, &[1][..]));
     assert!((region.parts()[0].of().factor - f_upper(0.05, 1.0, 39.0).unwrap() / 39.0).abs() < 1e-13);
     // all of them: a region of one model
     let region = made(Some(&[0.5, 1.0]), Design::Independent, Wish::new(0.05)).unwrap();
-    assert!(region.contains(&[0.5, 1.0]).unwrap() && !region.contains(&[0.5, 1.1]).unwrap());
+    assert!(region.contains(&[[0.5, 1.0]]).unwrap() && !region.contains(&[[0.5, 1.1]]).unwrap());
 }
 
 #[test]

@@ -1,7 +1,8 @@
 //! Durable state: arrays of numbers in a file that survives crashes of the writer, full disks and bad sectors.
 //!
 //! `format` is the container in memory (see `docs/systems.md`), `file` writes and reads it. Neither knows what the
-//! numbers mean: the caller checks that after [`load`].
+//! numbers mean: the caller checks that after [`load`]. Types
+//! that know it are [`Saved`].
 //!
 //! ```
 //! use stochens::{Stop, storage::{self, Section, Values}};

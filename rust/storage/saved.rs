@@ -11,7 +11,33 @@ use crate::parallel::Stop;
 
 /// What is saved in a file, and judged as any other input when it is loaded: a file is not trusted.
 ///
-/// Of a type of your own, give the first three.
+/// Of a type of your own, give the first three:
+///
+/// ```
+/// use stochens::storage::{Saved, Sections};
+/// use stochens::{Result, Stop};
+///
+/// #[derive(Debug, PartialEq)]
+/// struct Weight(f64);
+///
+/// impl Saved for Weight {
+///     const KIND: &'static str = "weight";
+///
+///     fn put(&self, to: &mut Sections) -> Result<()> {
+///         to.put_f64("weight", &[self.0])
+///     }
+///
+///     fn take(from: &mut Sections, _: &Stop) -> Result<Self> {
+///         Ok(Self(from.take_f64("weight", Some(1))?[0]))
+///     }
+/// }
+///
+/// let path = std::env::temp_dir().join(format!("weight-{}", std::process::id()));
+/// assert_eq!(Weight(0.1).save(&path, &Stop::new())?, 1); // the generation
+/// assert_eq!(Weight::load(&path, &Stop::new())?, Weight(0.1));
+/// # for end in ["", ".lock"] { std::fs::remove_file(format!("{}{end}", path.display())).unwrap() }
+/// # Ok::<(), stochens::Error>(())
+/// ```
 pub trait Saved: Sized {
     /// The kind of the files: 1 to 64 letters, digits, `_`, `-` or `.`.
     const KIND: &'static str;

@@ -265,7 +265,7 @@ CORE = (
     ("compensated", "fault", "pod", "scaled", "simd", "vector"),
     ("error", "nontemporal"),
     ("memory", "parallel", "stream"),
-    ("sample", "storage"),
+    ("matrix", "sample", "storage"),
     ("fuse",),
     ("control",),
     ("identify", "streaming", "table", "tails"),

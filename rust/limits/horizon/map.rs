@@ -5,6 +5,7 @@ use std::sync::OnceLock;
 use crate::error::{Error, Result, require_finite};
 use crate::limits::linear::{only_diagonal, root, times};
 use crate::limits::solve::{Penalty, checked_rows};
+use crate::matrix::MatrixView;
 use crate::memory::{checked_len, try_copy, try_extend, try_room, try_zeros};
 use crate::vector;
 
@@ -145,15 +146,20 @@ impl Horizon {
     /// # Errors
     /// [`Error::Shape`], [`Error::NonFinite`], [`Error::Overflow`], [`Error::Numerical`] for the root of a weight,
     /// [`Error::Memory`].
-    pub fn new(a: Vec<f64>, b: Vec<f64>, c: Option<&[f64]>, n: usize, task: Task) -> Result<Self> {
-        let (m, steps) = (b.len().checked_div(n).unwrap_or(0), task.reference.len().checked_div(n).unwrap_or(0));
+    pub fn new<'a>(
+        a: impl Into<MatrixView<'a>>,
+        b: impl Into<MatrixView<'a>>,
+        c: Option<&[f64]>,
+        task: Task,
+    ) -> Result<Self> {
+        let b = b.into();
+        let (n, m) = b.shape();
+        let steps = task.reference.len().checked_div(n).unwrap_or(0);
         let d = checked_len(WHAT, steps, m)?;
         if d == 0 {
             return Err(Error::Shape { name: "B", expected: "a state and an input".into(), found: "none".into() });
         }
         let sized = [
-            ("A", a.len(), n, n),
-            ("B", b.len(), n, m),
             ("reference", task.reference.len(), steps, n),
             ("stage", task.stage.len(), n, n),
             ("terminal", task.terminal.len(), n, n),
@@ -165,6 +171,8 @@ impl Horizon {
         for (name, len, rows, columns) in sized {
             checked_rows(name, len, rows, columns)?;
         }
+        let (a, b) = (a.into().sized("A", n, n)?, b.sized("B", n, m)?);
+        let (a, b) = (try_copy(WHAT, &a)?, try_copy(WHAT, &b)?);
         for (name, values) in [("A", &a), ("B", &b), ("stage", &task.stage), ("terminal", &task.terminal)] {
             require_finite(name, values)?;
         }

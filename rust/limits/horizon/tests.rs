@@ -3,6 +3,7 @@ use std::sync::Arc;
 use super::*;
 use crate::limits::linear::{decomposition, root, singular_values, times};
 use crate::limits::{Status, Until};
+use crate::matrix::MatrixView;
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region};
 use crate::simulate::Plans;
@@ -11,6 +12,14 @@ use crate::{Key, Scheme};
 const A: [f64; 4] = [0.9, 0.2, -0.1, 0.8];
 const B: [f64; 2] = [1.0, 0.5];
 const X0: [f64; 2] = [1.0, 2.0];
+
+fn of(a: &[f64]) -> MatrixView<'_> {
+    MatrixView::of(a, 2)
+}
+
+fn of_input(b: &[f64]) -> MatrixView<'_> {
+    MatrixView::of(b, 1)
+}
 
 fn task(steps: usize, limit: f64) -> Task {
     Task {
@@ -25,7 +34,7 @@ fn task(steps: usize, limit: f64) -> Task {
 }
 
 fn horizon(task: Task) -> Horizon {
-    Horizon::new(A.to_vec(), B.to_vec(), Some(&[0.1, -0.2]), 2, task).unwrap()
+    Horizon::new(of(&A), of_input(&B), Some(&[0.1, -0.2]), task).unwrap()
 }
 
 fn solved(h: &Horizon, x0: &[f64]) -> Solved {
@@ -100,7 +109,7 @@ fn another_system_is_within_the_bounds() {
         let (da, db) = ([size, 0.0, -0.5 * size, 0.3 * size], [0.2 * size, -size]);
         let a: Vec<f64> = A.iter().zip(da).map(|(a, d)| a + d).collect();
         let b: Vec<f64> = B.iter().zip(db).map(|(b, d)| b + d).collect();
-        let exact = Horizon::new(a, b, Some(&[0.1, -0.2]), 2, task(3, 5.0)).unwrap();
+        let exact = Horizon::new(of(&a), of_input(&b), Some(&[0.1, -0.2]), task(3, 5.0)).unwrap();
         let best = solved(&exact, &X0).found;
         let (at, model_at) = (exact.states(&X0, &given.control).unwrap(), model.states(&X0, &given.control).unwrap());
         let off: Vec<f64> = at.iter().zip(&model_at).map(|(a, b)| a - b).collect();
@@ -159,7 +168,7 @@ fn drawn_errors_do_not_depend_on_threads_and_follow_the_estimates() {
     for auto in [false, true] {
         let mut given = task(3, 0.3);
         given.r = if auto { None } else { given.r };
-        let h = Horizon::new(A.to_vec(), B.to_vec(), None, 2, given).unwrap();
+        let h = Horizon::new(of(&A), of_input(&B), None, given).unwrap();
         let columns = [A[0], A[2], A[1], A[3]];
         let drawn = |lines, length| DrawnEntity { lines, length, drawn: Some((50, Scheme::Iid)) };
         let [x0, xf] = [
@@ -178,7 +187,7 @@ fn drawn_errors_do_not_depend_on_threads_and_follow_the_estimates() {
         let estimates = plans().unwrap().estimates(0, 150, &key, &stop).unwrap();
         let best = solved(&h, &X0).found;
         for (errors, estimate) in one.chunks_exact(3).zip(estimates.chunks_exact(8)).step_by(10) {
-            let own = Horizon::new(estimate[4..].to_vec(), B.to_vec(), None, 2, h.task.clone()).unwrap();
+            let own = Horizon::new(of(&estimate[4..]), of_input(&B), None, h.task.clone()).unwrap();
             let u = solved(&own, &estimate[..2]).found.control;
             let wrong = u.iter().zip(&best.control).map(|(u, v)| (u - v) * (u - v)).sum::<f64>().sqrt();
             assert!((errors[1] - wrong).abs() <= 1e-6 * (1.0 + wrong), "{} {wrong}", errors[1]);
@@ -195,7 +204,7 @@ fn moved_targets_are_zero_without_draws() {
         let mut given = task(steps, 0.3);
         given.soft = soft;
         given.states = soft.map(|_| (vec![-1.0; 2 * steps], vec![1.0; 2 * steps]));
-        let h = Horizon::new(A.to_vec(), B.to_vec(), None, 2, given).unwrap();
+        let h = Horizon::new(of(&A), of_input(&B), None, given).unwrap();
         let given = [entity(&X0), entity(&[0.5, 0.5]), entity(&columns)];
         let runs = Runs { count: 20, key: &key, threads: 1 };
         let found = h.moved_targets(given, (false, false), [&X0, &[0.5, 0.5]], runs, &stop).unwrap();
@@ -210,14 +219,11 @@ fn moved_targets_are_zero_without_draws() {
 
 #[test]
 fn overflow_and_wrong_shapes_are_refused() {
-    let huge = Horizon::new(vec![1e200, 0.0, 0.0, 1.0], B.to_vec(), None, 2, task(4, 1.0));
+    let huge = Horizon::new(&[[1e200, 0.0], [0.0, 1.0]], of_input(&B), None, task(4, 1.0));
     assert!(matches!(huge, Err(crate::Error::Overflow { .. })));
     let mut short = task(4, 1.0);
     short.low.pop();
-    assert!(matches!(
-        Horizon::new(A.to_vec(), B.to_vec(), None, 2, short),
-        Err(crate::Error::Shape { name: "low", .. })
-    ));
+    assert!(matches!(Horizon::new(of(&A), of_input(&B), None, short), Err(crate::Error::Shape { name: "low", .. })));
 }
 
 #[test]
@@ -249,7 +255,7 @@ fn a_plan_over_which_the_system_grows_is_followed() {
     let p = (1..steps).fold(1.0, |p, _| 1.0 + 1.9 * 1.9 * p * r / (r + p));
     let least = 1.9 * 1.9 * p * r / (r + p) * x0 * x0;
     for limit in [10.0, 0.8] {
-        let h = Horizon::new(vec![1.9], vec![1.0], None, 1, task(1, limit, vec![1.0])).unwrap();
+        let h = Horizon::new(&[[1.9]], &[[1.0]], None, task(1, limit, vec![1.0])).unwrap();
         let best = h.solve(&[x0], Until::new(&Stop::new(), None)).unwrap();
         let followed = best.followed.unwrap();
         assert_eq!(best.found.status, Status::Optimal);
@@ -258,9 +264,9 @@ fn a_plan_over_which_the_system_grows_is_followed() {
         assert!(best.found.control.iter().all(|u| u.abs() <= limit));
         assert_eq!(best.found.active[0], if limit < 0.88 { -1 } else { 0 });
     }
-    let h = Horizon::new(vec![1.9], vec![1.0], Some(&[0.3]), 1, task(1, 10.0, vec![1.0])).unwrap();
+    let h = Horizon::new(&[[1.9]], &[[1.0]], Some(&[0.3]), task(1, 10.0, vec![1.0])).unwrap();
     let wide = task(2, 10.0, vec![1.0, 0.0, 0.0, 0.0]);
-    let more = Horizon::new(vec![1.9, 0.3, 0.0, 1.0], vec![1.0, 0.0], None, 2, wide).unwrap();
+    let more = Horizon::new(&[[1.9, 0.3], [0.0, 1.0]], &[[1.0], [0.0]], None, wide).unwrap();
     let [one, two] = [(h, vec![x0]), (more, vec![x0, 1.0])]
         .map(|(h, x0)| h.solve(&x0, Until::new(&Stop::new(), None)).unwrap().found);
     assert!(one.objective == two.objective && one.control == two.control && one.status == Status::Optimal);

@@ -4,6 +4,7 @@ use std::time::{Duration, Instant};
 
 use super::*;
 use crate::limits::horizon::{Horizon, RecedingHorizon, Task};
+use crate::matrix::MatrixView;
 use crate::memory::tests::counted;
 
 /// Limits besides those of single inputs.
@@ -55,7 +56,7 @@ impl Plant {
             states: kind.states.map(|_| (sides(-0.6), sides(0.8))),
             soft: kind.states.flatten(),
         };
-        Horizon::new(self.a.clone(), self.b.clone(), Some(&vec![0.01; n]), n, task).unwrap()
+        Horizon::new(MatrixView::of(&self.a, n), MatrixView::of(&self.b, m), Some(&vec![0.01; n]), task).unwrap()
     }
 
     /// The state behind `u`, with noise.

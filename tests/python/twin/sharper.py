@@ -23,6 +23,15 @@ KAPPAS = (0.1, 0.2, 0.4, 0.7, 1.0, 1.5, 2.5)
 ONCE = 1.0 + 1e-9  # of every bound
 
 
+class Followed(NamedTuple):
+    """A plan that is followed; a reference is one too, made of what was known before the noise."""
+
+    A: Array
+    D: Array
+    E: Array
+    c: Array
+
+
 class Tube(NamedTuple):
     """Per step k = 1, .., K and row: ``|h' e_k|`` is at most the sum, the last times a quantile."""
 
@@ -49,15 +58,16 @@ def tube(
     `RR` covers the covariance of the noise of a step. All t of `ts` and all `kappas` are true at
     once: the least is taken, per step and row.
     """
-    steps, zero = range(1, len(c) + 1), np.zeros((len(c), len(rows)))
-    first = [[first_order(X(A, D, c, h, k), rho, phi) for h in rows] for k in steps]
+    plan = Followed(A, D, E, c)
+    steps = range(1, len(c) + 1)
+    first = [[first_order(X(plan, h, k), rho, phi) for h in rows] for k in steps]
     weights = around(A) if ts is None else ts
-    rest = np.array([weighted(A, D, E, c, rows, rho, phi, t) for t in weights]).min(axis=0)
+    rest = np.min([weighted(plan, rows, rho, phi, t) for t in weights], axis=0)
     if RR is None:
-        return Tube(np.array(first), rest, zero)
+        return Tube(np.array(first), rest, np.zeros_like(rest))
     found = [lemma2(A, D, E, RR, rho, len(c), kappa)[1:] for kappa in kappas]
     variances = np.einsum("ri,akij,rj->akr", rows, np.array(found), rows).min(axis=0)
-    return Tube(np.array(first), rest, np.sqrt(variances))
+    return Tube(np.array(first), rest, ONCE * np.sqrt(variances))
 
 
 def around(A: Array) -> list[float]:
@@ -80,56 +90,51 @@ def power(A: Array, p: int) -> Array:
     return np.linalg.matrix_power(A, p)
 
 
-def v(A: Array, D: Array, h: Array, p: int) -> Array:
+def v(plan: Followed, h: Array, p: int) -> Array:
     """``v_p = D' A'^p h``."""
-    return D.T @ power(A, p).T @ h
+    return plan.D.T @ power(plan.A, p).T @ h
 
 
-def H(A: Array, D: Array, E: Array, p: int) -> Array:
+def H(plan: Followed, p: int) -> Array:
     """``H_p = E A^p D``."""
-    return E @ power(A, p) @ D
+    return plan.E @ power(plan.A, p) @ plan.D
 
 
-def X(A: Array, D: Array, c: Array, h: Array, k: int) -> Array:
+def X(plan: Followed, h: Array, k: int) -> Array:
     """``h' e1_k = <G, X_k>``: ``X_k = sum_{j<k} v_{k-1-j} c_j'`` (q, r)."""
-    return sum(np.outer(v(A, D, h, k - 1 - j), c[j]) for j in range(k))
+    return sum(np.outer(v(plan, h, k - 1 - j), plan.c[j]) for j in range(k))
 
 
 def first_order(X: Array, rho: float, phi: float = np.inf) -> float:
-    """The largest ``<G, X>``: of the spectral ball, and at most that of the Frobenius ball."""
+    """``<G, X>`` is at most this: over the spectral ball, and over the Frobenius ball."""
     of_frobenius = phi * np.linalg.norm(X) if np.isfinite(phi) else np.inf
     return ONCE * min(rho * np.linalg.norm(X, "nuc"), of_frobenius)
 
 
-def toeplitz(A: Array, D: Array, E: Array, t: float, k: int) -> Array:
+def toeplitz(plan: Followed, t: float, k: int) -> Array:
     """Blocks (j, i), j > i, of ``t^-(p+1) H_p``, p = j - 1 - i, on [0, k)."""
-    r, q = len(E), D.shape[1]
+    r, q = len(plan.E), plan.D.shape[1]
     whole = np.zeros((k, r, k, q))
     for p in range(k - 1):
-        block = t ** -(p + 1) * H(A, D, E, p)
+        block = t ** -(p + 1) * H(plan, p)
         for i in range(k - 1 - p):
             whole[i + 1 + p, :, i, :] = block
     return whole.reshape(k * r, k * q)
 
 
-def gain(A: Array, D: Array, E: Array, t: float, k: int) -> float:
+def gain(plan: Followed, t: float, k: int) -> float:
     """``g_t`` on [0, k)."""
-    return float(np.linalg.norm(toeplitz(A, D, E, t, k), 2))
+    return float(np.linalg.norm(toeplitz(plan, t, k), 2))
 
 
-def maps(A: Array, D: Array, E: Array, c: Array) -> Array:
+def maps(plan: Followed) -> Array:
     """``T_j``: from the columns of G, one below the other, to ``E e1_j`` (K, r, q r)."""
-    K, r, q = len(c), len(E), D.shape[1]
+    K, r, q = len(plan.c), len(plan.E), plan.D.shape[1]
     T = np.zeros((K, r, q * r))
     for j in range(K):
         for i in range(j):
-            T[j] += np.kron(c[i][None], H(A, D, E, j - 1 - i))
+            T[j] += np.kron(plan.c[i][None], H(plan, j - 1 - i))
     return T
-
-
-def frobenius_radius(D: Array, E: Array, rho: float, phi: float) -> float:
-    """``phi'``: the Frobenius norm of G is at most this."""
-    return min(phi, rho * np.sqrt(min(D.shape[1], len(E))))
 
 
 def gram(T: Array, t: float, k: int) -> Array:
@@ -139,32 +144,30 @@ def gram(T: Array, t: float, k: int) -> Array:
 
 def length(values: Array, t: float) -> float:
     """``||f||_t`` of the rows f_0, f_1, .."""
-    j = np.arange(len(values))
-    return float(np.sqrt((t ** (-2.0 * j) * (values**2).sum(axis=1)).sum()))
+    return float(np.sqrt(sum(t ** (-2 * j) * f @ f for j, f in enumerate(values))))
 
 
-def reach(A: Array, D: Array, h: Array, t: float, k: int) -> float:
+def reach(plan: Followed, h: Array, t: float, k: int) -> float:
     """``sqrt(sum_{j<k} t^(2j) |v_{k-1-j}|^2)``."""
-    return float(np.sqrt(sum(t ** (2 * j) * (v(A, D, h, k - 1 - j) ** 2).sum() for j in range(k))))
+    values = [v(plan, h, k - 1 - j) for j in range(k)]
+    return float(np.sqrt(sum(t ** (2 * j) * f @ f for j, f in enumerate(values))))
 
 
-def beta(A: Array, D: Array, E: Array, c: Array, rho: float, phi: float, t: float, k: int) -> float:
+def beta(plan: Followed, T: Array, rho: float, phi: float, t: float, k: int) -> float:
     """``||E e1||_t`` on [0, k) is at most this."""
-    by_gain = rho * gain(A, D, E, t, k) * length(c[:k], t)
-    of_maps = np.linalg.eigvalsh(gram(maps(A, D, E, c[:k]), t, k))[-1]
-    return min(by_gain, frobenius_radius(D, E, rho, phi) * np.sqrt(max(of_maps, 0.0)))
+    of_all = min(phi, rho * np.sqrt(min(plan.D.shape[1], len(plan.E))))  # phi'
+    by_gain = rho * gain(plan, t, k) * length(plan.c[:k], t)
+    return min(by_gain, of_all * np.sqrt(max(np.linalg.eigvalsh(gram(T, t, k))[-1], 0.0)))
 
 
-def weighted(
-    A: Array, D: Array, E: Array, c: Array, rows: Array, rho: float, phi: float, t: float
-) -> Array:
+def weighted(plan: Followed, rows: Array, rho: float, phi: float, t: float) -> Array:
     """(K, rows): ``|h' e_k - h' e1_k|`` is at most this, infinite where rho g_t >= 1."""
-    found = np.full((len(c), len(rows)), np.inf)
-    for k in range(1, len(c) + 1):
-        small = rho * gain(A, D, E, t, k)
+    T, found = maps(plan), np.full((len(plan.c), len(rows)), np.inf)
+    for k in range(1, len(plan.c) + 1):
+        small = rho * gain(plan, t, k)
         if small < 1.0:
-            others = beta(A, D, E, c, rho, phi, t, k) / (1.0 - small)
-            found[k - 1] = [ONCE * rho * reach(A, D, h, t, k) * others for h in rows]
+            others = beta(plan, T, rho, phi, t, k) / (1.0 - small)
+            found[k - 1] = [ONCE * rho * reach(plan, h, t, k) * others for h in rows]
     return found
 
 
@@ -194,8 +197,9 @@ def lemma2_step(A: Array, D: Array, E: Array, RR: Array, Y: Array, kappa: float)
 # -- the truth that the tubes are about ------------------------------------------------------------
 
 
-def orders(A: Array, D: Array, E: Array, c: Array, G: Array) -> tuple[Array, Array, Array]:
+def orders(plan: Followed, G: Array) -> tuple[Array, Array, Array]:
     """``e``, ``e1`` (first order in G) and ``e2`` (second), each (K + 1, n), without noise."""
+    A, D, E, c = plan
     e, e1, e2 = (np.zeros((len(c) + 1, len(A))) for _ in range(3))
     for k in range(len(c)):
         e[k + 1] = A @ e[k] + D @ G @ (E @ e[k] + c[k])
@@ -204,8 +208,242 @@ def orders(A: Array, D: Array, E: Array, c: Array, G: Array) -> tuple[Array, Arr
     return e, e1, e2
 
 
-def second_order(A: Array, D: Array, E: Array, c: Array, h: Array, k: int) -> Array:
+def second_order(plan: Followed, T: Array, h: Array, k: int) -> Array:
     """``h' e2_k = g' Q_k g``, g the columns of G one below the other: symmetric (q r, q r)."""
-    T, r = maps(A, D, E, c[:k]), len(E)
-    Q = sum(np.kron(np.eye(r), v(A, D, h, k - 1 - j)[:, None]) @ T[j] for j in range(k))
+    ones = np.eye(len(plan.E))
+    Q = sum(np.kron(ones, v(plan, h, k - 1 - j)[:, None]) @ T[j] for j in range(k))
     return (Q + Q.T) / 2
+
+
+# -- sec. 2: the exact law in closed loop ----------------------------------------------------------
+
+
+def root_of(M: Array) -> Array:
+    """The symmetric root of a symmetric M >= 0."""
+    values, Q = np.linalg.eigh(M)
+    return (Q * np.sqrt(np.maximum(values, 0.0))) @ Q.T
+
+
+def geometric_mean(V: Array, R: Array) -> Array:
+    """``V^-1 # R``: the M > 0 with ``M V M = R``."""
+    half = root_of(V)
+    back = np.linalg.inv(half)
+    return back @ root_of(half @ R @ half) @ back
+
+
+def starts_of_blocks(N: int, blocks: int) -> set[int]:
+    """Where M is chosen anew, dense towards the end."""
+    share = 1.0 - np.arange(blocks) / blocks
+    return set(np.floor(N * (1.0 - share**2)).astype(int).tolist())
+
+
+def spend(
+    x: Array, N1: int, *, eps: float | None = None, M: Array | None = None, blocks: int = 24
+) -> Array:
+    """q_0, .., q_(N-1) in rows, ``sum q q' = I``; q_t is a function of x_0, .., x_t.
+
+    `x` (N, d) in coordinates in which the second moment of the N1 pairs before is I. A given `M`
+    stays as it is; without it M is chosen at the start of each block for the pairs to come.
+    """
+    N, d = x.shape
+    one, fixed = np.eye(d), M
+    eps = 0.3 * d / N if eps is None else eps
+    R, back, q = (1.0 - eps) * one, one / (1.0 - eps), np.zeros((N, d))
+    begins, seen = starts_of_blocks(N, blocks), N1 * one
+    for t in range(N - d):
+        if fixed is None and t in begins:
+            M = geometric_mean((N - t) * seen / (N1 + t), R)
+        q[t] = M @ x[t]
+        a = q[t] @ back @ q[t]
+        if a > 0.5:
+            q[t] *= np.sqrt(0.5 / a)
+        R = R - np.outer(q[t], q[t])
+        f = back @ q[t]
+        back = back + np.outer(f, f) / (1.0 - q[t] @ f)
+        seen = seen + np.outer(x[t], x[t])
+    F = np.linalg.cholesky(one - q.T @ q)
+    for t in range(N - d, N):
+        q[t], F = completed(F, M @ x[t])
+    return q
+
+
+def completed(F: Array, b: Array) -> tuple[Array, Array]:
+    """``q = F v``, v along ``F' b``, and ``F [v^perp]``, one column less."""
+    v = F.T @ b
+    size = np.linalg.norm(v)
+    if size <= 1e-12 * np.linalg.norm(F, 2) * np.linalg.norm(b):
+        v = np.eye(F.shape[1])[0]
+    else:
+        v = v / size
+    mirror = v + np.copysign(1.0, v[0]) * np.eye(len(v))[0]  # turns v into a multiple of e_1
+    others = np.eye(len(v)) - 2.0 * np.outer(mirror, mirror) / (mirror @ mirror)
+    return F @ v, F @ others[:, 1:]
+
+
+class Spent(NamedTuple):
+    """``H - Theta = Sigma^(1/2) Gamma T``, Gamma = ``Sigma^(-1/2) sum w q'`` standard normal."""
+
+    H: Array
+    T: Array
+    T0: Array  # the forecast of T by the first part
+    q: Array
+    V: Array
+    H_LS: Array
+    S: Array  # residual sum of squares of least squares, on the same pairs
+
+
+def estimate(first: Array, z: Array, y: Array, blocks: int = 24) -> Spent:
+    """The fit whose law is exact; `first` (N1, d) and z (N, d) are pairs in their order in time."""
+    L = whitening(first)
+    q = spend(z @ L.T, len(first), blocks=blocks)
+    if np.abs(q.T @ q - np.eye(z.shape[1])).max() > 1e-10:
+        raise ValueError("sum q q' is not I")
+    T = np.linalg.inv(L @ z.T @ q) @ L
+    V = z.T @ z
+    H_LS = np.linalg.solve(V, z.T @ y).T
+    left = y - z @ H_LS.T
+    return Spent(y.T @ q @ T, T, L / np.sqrt(len(z)), q, V, H_LS, left.T @ left)
+
+
+def whitening(first: Array) -> Array:
+    """``R1^-T``, ``R1' R1`` the second moment of the first part."""
+    return np.linalg.inv(np.linalg.cholesky(first.T @ first / len(first)))
+
+
+def replayed(first: Array, z0: Array) -> Array:
+    """The forecast of T by the main runs replayed on H0: ``(L V0 L')^(-1/2) L``."""
+    L = whitening(first)
+    return np.linalg.inv(root_of(L @ z0.T @ z0 @ L.T)) @ L
+
+
+def share_of_S(a: float, b: float, beta: float) -> float:
+    """S is at least this times Sigma: the root s of ``s + (sqrt(beta s) + b)^2 = a``, or 0."""
+    if a <= b**2:
+        return 0.0
+    root = np.sqrt(beta * b**2 + (1.0 + beta) * (a - b**2)) - np.sqrt(beta) * b
+    return float((root / (1.0 + beta)) ** 2)
+
+
+def covariance_bound(fit: Spent, rho: float, a: float) -> Array:
+    """Sigma is at most this; a: the lower quantile of the least root of W_n(I, N)."""
+    off = fit.H_LS - fit.H
+    beta = np.linalg.eigvals(np.linalg.solve(fit.S, off @ fit.V @ off.T)).real.max()
+    tau = np.linalg.norm(fit.T @ root_of(fit.V), 2)
+    s = share_of_S(a, rho * tau, max(float(beta), 0.0))
+    return ONCE * fit.S / s if s > 0.0 else np.full_like(fit.S, np.inf)
+
+
+# -- sec. 4: near a reference ----------------------------------------------------------------------
+
+
+class Levels(NamedTuple):
+    """Radii that hold together, and the levels of the events."""
+
+    spectral: float
+    frobenius: float
+    first: float  # delta1
+    others: float  # delta3
+
+
+def near(
+    plan: Followed, reference: Followed, rows: Array, at: Levels, ts: Sequence[float],
+    *, known: bool, traces: bool | None = None,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Theorem 3: (K, rows) of the first order and of the rest.
+
+    `known`: whether D is made of Sigma itself, or of a bound of it. `traces`: whether norms of
+    matrices of q d rows are replaced by traces; by default from 300 rows on.
+    """
+    K, T, T0 = len(plan.c), maps(plan), maps(reference)
+    traces = T.shape[2] > 300 if traces is None else traces
+    events = K * len(rows)
+    z, x = quantile_of(events, at.first), np.log(4.0 * events / at.others)
+    first, rest = (np.full((K, len(rows)), np.inf) for _ in range(2))
+    noise = [chaos_of(reference, T0, t, np.log(2.0 * len(ts) / at.others), traces) for t in ts]
+    for k in range(1, K + 1):
+        found = [shrunk(plan, T, T0, at, t, k, b, traces) for t, b in zip(ts, noise, strict=True)]
+        for i, h in enumerate(rows):
+            X_k, X0_k = (X(one, h, k) for one in (plan, reference))
+            first[k - 1, i] = ONCE * along(X_k, X0_k, z, at)
+            second = np.inf if traces else second_bound(plan, reference, T, T0, h, k, x, at, known)
+            for t, (small, f) in zip(ts, found, strict=True):
+                b = at.spectral * reach(plan, h, t, k) * f
+                better = min(b, second + small * b) if np.isfinite(b) else np.inf
+                rest[k - 1, i] = min(rest[k - 1, i], ONCE * better)
+    return first, rest
+
+
+def along(X: Array, X0: Array, z: float, at: Levels) -> float:
+    """(i): ``|<Gamma, X>| <= |s| z ||X0||_F + min(rho_S ||X - s X0||_*, rho_F ||X - s X0||_F)``."""
+
+    def of(s: float) -> float:
+        away = X - s * X0
+        worst = min(at.spectral * np.linalg.norm(away, "nuc"), at.frobenius * np.linalg.norm(away))
+        return s * z * np.linalg.norm(X0) + worst
+
+    return min(of(s) for s in (0.0, 0.4, 0.7, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.2))
+
+
+def chaos(S: Array, x: float) -> float:
+    """``g' S g`` exceeds the square of this with chance ``exp(-x)`` at most."""
+    top = np.linalg.eigvalsh(S)[-1]
+    return float(np.sqrt(np.trace(S) + 2.0 * np.sqrt(x) * np.linalg.norm(S) + 2.0 * x * top))
+
+
+def chaos_of(reference: Followed, T0: Array, t: float, x: float, traces: bool) -> float:
+    """(ii), its first part: of ``S0_t`` over the longest horizon."""
+    K = len(T0)
+    if not traces:
+        return chaos(gram(T0, t, K), x)
+    trace = sum(t ** (-2 * j) * (T0[j] ** 2).sum() for j in range(K))
+    top = gain(reference, t, K) * length(reference.c, t)
+    return float(np.sqrt(trace) + np.sqrt(2.0 * x) * top)
+
+
+def shrunk(
+    plan: Followed, T: Array, T0: Array, at: Levels, t: float, k: int, noise: float, traces: bool
+) -> tuple[float, float]:
+    """``rho g_t`` and the bound of ``||E e||_t`` on [0, k): beta_t over ``1 - rho g_t``."""
+    small = at.spectral * gain(plan, t, k)
+    if small >= 1.0:
+        return small, np.inf
+    if traces:
+        off = sum(t ** (-2 * j) * ((T[j] - T0[j]) ** 2).sum() for j in range(k))
+        plain = small * length(plan.c[:k], t)
+    else:
+        off = max(np.linalg.eigvalsh(gram(T - T0, t, k))[-1], 0.0)
+        plain = beta(plan, T, at.spectral, at.frobenius, t, k)
+    return small, min(noise + at.frobenius * np.sqrt(off), plain) / (1.0 - small)
+
+
+def second_bound(
+    plan: Followed, reference: Followed, T: Array, T0: Array,
+    h: Array, k: int, x: float, at: Levels, known: bool,
+) -> float:  # fmt: skip
+    """(iii): ``|h' e2_k|`` is at most this."""
+    Q, Q0 = second_order(plan, T, h, k), second_order(reference, T0, h, k)
+    trace = abs(np.trace(Q0)) if known else largest_trace(Q0, plan.D.shape[1])
+    noise = 2.0 * np.sqrt(x) * np.linalg.norm(Q0) + 2.0 * x * np.linalg.norm(Q0, 2)
+    worst = at.frobenius**2
+    return min(trace + noise + worst * np.linalg.norm(Q - Q0, 2), worst * np.linalg.norm(Q, 2))
+
+
+def largest_trace(Q0: Array, q: int) -> float:
+    """The largest ``|tr Q0|`` over all 0 <= Sigma <= Sbar, where Q0 is made of Sbar."""
+    r = len(Q0) // q
+    P = np.einsum("iaib->ab", Q0.reshape(r, q, r, q))
+    values = np.linalg.eigvalsh(P)
+    return float(max(values[values > 0.0].sum(), -values[values < 0.0].sum()))
+
+
+# -- sec. 5: one quantile --------------------------------------------------------------------------
+
+
+def one_quantile(f: float, v0: float, delta: float) -> float:
+    """q with ``2 Phi(-q / sqrt(f^2 + v0)) + Phi(-q / f) = delta``."""
+    low, high = 0.0, quantile_of(1, delta / 4.0) * np.sqrt(f**2 + v0)
+    for _ in range(60):
+        q = (low + high) / 2.0
+        outside = 2.0 * norm.sf(q / np.sqrt(f**2 + v0)) + norm.sf(q / f)
+        low, high = (q, high) if outside > delta else (low, q)
+    return float(high)

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
+import functools
+from collections.abc import Callable
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
+from scipy.stats import chi2, norm
 
-from coverage_study import sets
+import hidden_systems
+from coverage_study import at_most, exactly, sets
+from stochens_rs import _core
+from twin import outputs
 from twin import sharper as twin
 
 
@@ -133,7 +141,7 @@ def members(gen, plan, rows, rho, phi, count):
 
 def test_no_member_leaves_the_tube():
     gen, nearest, finite = np.random.default_rng(1), 0.0, 0
-    for trial in range(sets(1000, 150)):
+    for trial in range(sets(1000, 110)):
         plan, rho, phi = random_plan(gen, trial)
         rows = np.vstack([np.eye(len(plan.A))[0], gen.standard_normal(len(plan.A))])
         ts = [share * max(radius_of(plan.A), 0.2) for share in (0.8, 1.0, 1.1, 1.25)]
@@ -172,7 +180,7 @@ def test_first_and_second_order_of_members():
 
 def test_no_covariance_above_that_of_the_lemma():
     gen, least, nearest = np.random.default_rng(3), np.inf, 0.0
-    for trial in range(sets(400, 80)):
+    for trial in range(sets(400, 60)):
         plan, rho, _ = random_plan(gen, trial)
         A, D, E, c = plan
         root = gen.standard_normal((len(A), 1 + trial % len(A)))
@@ -189,3 +197,493 @@ def test_no_covariance_above_that_of_the_lemma():
             nearest = max(nearest, (np.diag(true) / np.diag(Y[-1])).max() * (len(c) > 2))
     assert least > -1e-13
     assert nearest > 0.7
+
+
+# -- sec. 2: the law of spent instruments ----------------------------------------------------------
+
+LEVELS = (0.5, 0.2, 0.05)
+
+
+def unit_root(w, dither):
+    """x+ = x + w and an intercept."""
+    x = np.zeros(len(w))
+    for t in range(w.shape[1]):
+        yield np.column_stack([x, np.ones(len(x))])
+        x = x + w[:, t, 0]
+
+
+def relay(w, dither):
+    """A pole of 1.3 under a relay and a clipped gain."""
+    x = np.zeros(len(w))
+    for t in range(w.shape[1]):
+        u = np.clip(-1.2 * x - 0.5 * np.sign(x), -4.0, 4.0)
+        yield np.column_stack([x, u])
+        x = 1.3 * x + u + w[:, t, 0]
+
+
+def own_lags(w, dither):
+    """A window of two readings and an input that is fed back, with an intercept."""
+    y, before = np.zeros((2, len(w)))
+    for t in range(w.shape[1]):
+        u = np.clip(-0.6 * y + 0.2 * before, -2.0, 2.0) + 0.3 * dither[:, t]
+        yield np.column_stack([y, before, u, np.ones(len(y))])
+        y, before = 1.2 * y - 0.4 * before + u + w[:, t, 0], y
+
+
+def switched_off(w, dither):
+    """The input is off for good as soon as the noise has summed up to 2."""
+    x, total = np.zeros((2, len(w)))
+    on = np.ones(len(w), bool)
+    for t in range(w.shape[1]):
+        on &= np.abs(total) < 2.0
+        u = on * dither[:, t]
+        yield np.column_stack([x, u])
+        x, total = 0.9 * x + u + w[:, t, 0], total + w[:, t, 0]
+
+
+def double_integrator(w, dither):
+    """It is excited where the last noise was large."""
+    x, last = np.zeros((len(w), 2)), np.zeros(len(w))
+    for t in range(w.shape[1]):
+        u = -0.2 * x[:, 0] - 0.7 * x[:, 1] + 2.0 * (np.abs(last) > 0.7) * dither[:, t]
+        yield np.column_stack([x, u])
+        last = w[:, t, 1]
+        x = np.column_stack([x[:, 0] + x[:, 1], x[:, 1] + u]) + w[:, t]
+
+
+def oscillation(w, dither):
+    """A growing oscillation that a bounded feedback damps."""
+    A = 1.02 * np.array([[np.cos(0.5), np.sin(0.5)], [-np.sin(0.5), np.cos(0.5)]])
+    x = np.zeros((len(w), 2))
+    for t in range(w.shape[1]):
+        u = -np.tanh(x[:, 0] - 0.5 * x[:, 1])
+        yield np.column_stack([x, u])
+        x = x @ A.T + u[:, None] * np.array([0.5, -0.3]) + w[:, t]
+
+
+# design, outputs, pairs before, pairs
+DESIGNS = {
+    "unit root": (unit_root, 1, 12, 30),
+    "relay": (relay, 1, 12, 30),
+    "own lags": (own_lags, 1, 15, 30),
+    "switched off": (switched_off, 1, 12, 30),
+    "double integrator": (double_integrator, 2, 15, 30),
+    "oscillation": (oscillation, 2, 15, 30),
+    "five pairs": (double_integrator, 2, 15, 5),
+}
+
+
+def drawn(name, count, longer=0):
+    """Regressors and noise of so many sets, (sets, N1 + N, ..), and N1."""
+    design, n, N1, N = DESIGNS[name]
+    N += longer
+    gen = np.random.default_rng([4, list(DESIGNS).index(name)])
+    w, dither = gen.standard_normal((count, N1 + N, n)), gen.standard_normal((count, N1 + N))
+    return np.stack(list(design(w, dither)), axis=1), w, N1
+
+
+def pairs(name, count):
+    """Regressors in coordinates of the first part, the noise after it, and N1."""
+    z, w, N1 = drawn(name, count)
+    return np.array([one[N1:] @ twin.whitening(one[:N1]).T for one in z]), w[:, N1:], N1
+
+
+def exceeding(Gamma):
+    """How often ``||Gamma||_F^2`` and an entry are above their quantiles, at three levels."""
+    sizes, entries = (Gamma**2).sum(axis=(1, 2)), np.abs(Gamma[:, 0, 0])
+    return np.array(
+        [
+            [(sizes > chi2.isf(p, Gamma[0].size)).sum(), (entries > norm.isf(p / 2)).sum()]
+            for p in LEVELS
+        ]
+    )
+
+
+def as_stated(counts, runs):
+    """Whether all counts are those of exact levels; a false alarm of 1e-5 each."""
+    for count, level in zip(counts, LEVELS, strict=True):
+        exactly(count, runs, level)
+
+
+@pytest.mark.parametrize("name", DESIGNS)
+def test_the_law_is_exact_whatever_the_design(name):
+    x, w, N1 = pairs(name, sets(4000, 400))
+    q = np.array([twin.spend(one, N1, blocks=8) for one in x])
+    assert np.abs(np.einsum("stj,stk->sjk", q, q) - np.eye(x.shape[2])).max() <= 1e-10
+    as_stated(exceeding(np.einsum("sti,stj->sij", w, q)), len(x))
+
+
+def test_a_row_is_spent_before_the_next_is_seen():
+    gen = np.random.default_rng(5)
+    for name in DESIGNS:
+        x, _, N1 = pairs(name, 1)
+        q = twin.spend(x[0], N1)
+        for t in {0, len(q) // 3, len(q) - x.shape[2] - 1, len(q) - 2}:
+            other = x[0].copy()
+            other[t + 1 :] = gen.standard_normal(other[t + 1 :].shape) * 10.0 ** gen.uniform(-3, 3)
+            changed = twin.spend(other, N1)
+            assert (changed[: t + 1] == q[: t + 1]).all()
+            # the last is fixed but for its sign
+            assert t == len(q) - 2 or not (changed[t + 1 :] == q[t + 1 :]).all()
+            assert np.abs(changed.T @ changed - np.eye(x.shape[2])).max() <= 1e-10
+
+
+def test_an_input_that_stops_is_spent_too():
+    """The last rows may all be 0: a fixed unit vector takes their place."""
+    x = np.random.default_rng(6).standard_normal((30, 3))
+    x[20:] = 0.0
+    q = twin.spend(x, 10)
+    assert np.isfinite(q).all()
+    assert np.abs(q.T @ q - np.eye(3)).max() <= 1e-10
+
+
+def test_instruments_that_look_ahead_must_fail():
+    """Normalised by all pairs, or scaled by the noise to come: then the law is another one."""
+    x, w, N1 = pairs("unit root", 400)
+    after_all = [one @ np.linalg.inv(twin.root_of(one.T @ one)) for one in x]
+    scaled = [twin.spend(one * (0.2 + v), N1, blocks=8) for one, v in zip(x, w, strict=True)]
+    for q in (after_all, scaled):
+        assert np.abs(q[0].T @ q[0] - np.eye(2)).max() <= 1e-10
+        with pytest.raises(AssertionError):
+            as_stated(exceeding(np.einsum("sti,stj->sij", w, np.array(q))), len(x))
+
+
+def test_what_the_fit_errs_by():
+    """``H - Theta = Sigma^(1/2) Gamma T``, in units of all sizes."""
+    z, w, N1 = drawn("double integrator", 1)
+    gen, units = np.random.default_rng(7), np.array([1e-3, 1.0, 1e4])
+    z, w = z[0] * units, w[0]
+    Theta, root = gen.standard_normal((2, 3)) / units, np.array([[2.0, 0.0], [0.5, 0.1]])
+    y = z @ Theta.T + w @ root.T
+    fit = twin.estimate(z[:N1], z[N1:], y[N1:])
+    Gamma = w[N1:].T @ fit.q
+    assert (fit.H - Theta) * units == pytest.approx(root @ Gamma @ fit.T * units, abs=1e-10)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.2, 0.05])
+def test_the_bound_of_an_unknown_covariance(level):
+    """Half of the level for the radius, half for the least root of the noise."""
+    z, w, N1 = drawn("oscillation", sets(2000, 60), longer=50)
+    n, d, N = w.shape[2], z.shape[2], w.shape[1] - N1
+    rho = np.sqrt(_core.wishart_quantile(n, d, level / 2, 1))
+    a, root = _core.smallest_quantile(n, N, level / 2, 1), np.array([[1.0, 0.0], [0.9, 0.2]])
+    false = finite = 0
+    for one, noise in zip(z, w @ root.T, strict=True):
+        fit = twin.estimate(one[:N1], one[N1:], noise[N1:], blocks=8)
+        bound = twin.covariance_bound(fit, rho, a)
+        finite += np.isfinite(bound).all()
+        false += np.isfinite(bound).all() and np.linalg.eigvalsh(bound - root @ root.T)[0] < 0.0
+    at_most(false, len(z), level)
+    assert finite > 0.5 * len(z)
+
+
+def test_the_share_of_the_covariance_and_what_is_false():
+    gen = np.random.default_rng(8)
+
+    def left(s, b, beta):
+        return s + (np.sqrt(beta * s) + b) ** 2
+
+    for _ in range(200):
+        b, beta = gen.uniform(0.1, 10.0), 10 ** gen.uniform(-3, 1)
+        a = b**2 * gen.uniform(1.0, 4.0)
+        assert left(twin.share_of_S(a, b, beta), b, beta) == pytest.approx(a, rel=1e-10)
+    assert twin.share_of_S(100.0, 8.0, 0.9) == pytest.approx(3.66, abs=2e-3)
+    # without a > b^2 the formula claims s > 0, though every s' > 0 is consistent with a
+    a, b, beta = 30.0, 6.0, 2.0
+    claimed = ((np.sqrt((1 + beta) * a - b**2) - np.sqrt(beta) * b) / (1 + beta)) ** 2
+    assert claimed > 0.1
+    assert left(claimed / 10.0, b, beta) > a
+    assert twin.share_of_S(a, b, beta) == 0.0
+    # the iteration from s = a leaves the root
+    s, seen = 100.0, []
+    for _ in range(40):
+        s = 100.0 - (np.sqrt(0.9 * max(s, 0.0)) + 8.0) ** 2
+        seen.append(s)
+    assert not any(s == pytest.approx(3.66, abs=0.5) for s in seen)
+
+
+# -- sec. 4: coverage near a reference, logs with feedback -----------------------------------------
+
+STEPS = 6
+TASK = np.array([0.6, -0.3, 0.0, 0.2, -0.2, 0.0])  # what the plan adds to the gain, per step
+
+
+class Log(NamedTuple):
+    """Pairs in their order, and the main regressors as a model replays them, where it can."""
+
+    z: np.ndarray
+    y: np.ndarray
+    replayed: Callable[[np.ndarray], np.ndarray] | None = None
+
+
+class Family:
+    """A true system, how it is logged under feedback, and the start of the plan."""
+
+    def __init__(self, Theta, root, x0, log, *, lags=None, N1=60, N=180):
+        self.Theta, self.root, self.x0, self.log = Theta, root, np.array(x0), log
+        self.lags, self.N1, self.N = lags, N1, N
+
+    def structure(self, Theta):
+        """``[A B]``, J of ``z = J (x, u)``, and G of ``x+ = .. + G w``."""
+        n, d = Theta.shape
+        if self.lags:
+            return outputs.lag_system(Theta, self.lags, d // self.lags - n)
+        return Theta, np.eye(d), np.eye(n)
+
+    def followed(self, Theta, T, root):
+        """The plan of the task by a model and how it is followed, the gain, and the way."""
+        AB, J, G = self.structure(Theta)
+        n = len(AB)
+        A, B = np.ascontiguousarray(AB[:, :n]), AB[:, n:].copy()
+        K = _core.feedback_gain(A, B, np.eye(n), 0.3 * np.eye(B.shape[1]))[0]
+        x, way = self.x0, []
+        for add in TASK:
+            way.append(np.append(x, K @ x + add))
+            x = AB @ way[-1]
+        way, E = np.array(way), T @ J @ np.vstack([np.eye(n), K])
+        return twin.Followed(A + B @ K, G @ root, E, way @ J.T @ T.T), K, way
+
+
+def of_states(A, B, sigma, dither, x0, *, clip=np.inf, run=None, spread=0.0, weight=0.3):
+    """Logs of states under a clipped gain and dither: one run, or runs of so many steps."""
+    A, B = np.atleast_2d(A).astype(float), np.atleast_2d(B).astype(float)
+    (n, m), Theta = B.shape, np.hstack([A, B])
+    gain = _core.feedback_gain(A, B, np.eye(n), weight * np.eye(m))[0]
+
+    def simulated(model, starts, v, w):
+        z, y, x = [], [], starts[0]
+        for t in range(len(w)):
+            x = starts[t] if run and t % run == 0 else x
+            z.append(np.append(x, np.clip(gain @ x, -clip, clip) + v[t]))
+            x = model @ z[-1] + w[t]
+            y.append(x)
+        return np.array(z), np.array(y)
+
+    def log(gen, N1, N):
+        starts, v = spread * gen.standard_normal((N, n)), dither * gen.standard_normal((N, m))
+        w = sigma * gen.standard_normal((N, n))
+        again = None
+        if run:  # starts and dither are independent of the noise
+
+            def again(H0):
+                return simulated(H0, starts[N1:], v[N1:], 0.0 * w[N1:])[0]
+
+        return Log(*simulated(Theta, starts, v, w), again)
+
+    return Family(Theta, sigma * np.eye(n), x0, log)
+
+
+def of_readings():
+    """Two lags with a pole of 1.1, logged under proportional and integral feedback."""
+    Theta = np.array([[1.5, -0.44, 1.0, 0.3]])  # (y, y before, u, u before)
+
+    def log(gen, N1, N):
+        y, u, total = [0.0, 0.0], [0.0, 0.0], 0.0
+        for _ in range(N + 1):
+            total = np.clip(total + y[-1], -20.0, 20.0)
+            before = Theta[0] @ [y[-1], y[-2], 0.0, u[-1]]
+            u.append(float(-0.5 * before - 0.02 * total + gen.standard_normal()))
+            now = [y[-1], y[-2], u[-1], u[-2]]
+            y.append(float(Theta[0] @ now) + 0.1 * gen.standard_normal())
+        z, after = outputs.lag_rows(np.array(y)[1:, None], np.array(u)[2:, None], 2)
+        return Log(z[-N:], after[-N:])
+
+    return Family(Theta, np.array([[0.1]]), [0.5, 0.4, 0.1], log, lags=2)
+
+
+def six_states():
+    gen = np.random.default_rng(9)
+    A, B = gen.standard_normal((6, 6)), gen.standard_normal((6, 2))
+    return of_states(A * 0.95 / radius_of(A), B, 0.1, 2.0, gen.standard_normal(6))
+
+
+def cart_pole():
+    A, B = np.split(hidden_systems.RIG, [4], axis=1)
+    return of_states(A, B, 5e-4, 1.0, [0.1, 0.05, 0, 0], weight=0.01, run=10, spread=0.05)
+
+
+UNSTABLE = np.array([[1.2, 0.3], [0.0, 0.7]]), np.array([[0.3], [1.0]])
+FAMILIES = {
+    "unit root": lambda: of_states(1.0, 0.5, 0.1, 1.0, [1.0]),
+    "unstable": lambda: of_states(*UNSTABLE, 0.1, 1.0, [1.0, -0.5]),
+    "clipped runs": lambda: of_states(
+        *UNSTABLE, 0.1, 1.0, [1.0, -0.5], clip=1.0, run=10, spread=0.5
+    ),
+    "clipped": lambda: of_states(1.15, 1.0, 0.2, 1.0, [1.0], clip=2.0),
+    "cart-pole": cart_pole,
+    "six states": six_states,
+    "readings": of_readings,
+}
+
+
+@functools.lru_cache
+def radii(n, d, delta):
+    """Spectral and Frobenius radius in one event."""
+    spectral = np.sqrt(_core.wishart_quantile(n, d, delta / 2, 1))
+    return spectral, float(np.sqrt(chi2.isf(delta / 2, n * d)))
+
+
+def certificate(family, gen, delta, traces=None):
+    """Bounds of the model part and of all with noise, and what a run then does of both."""
+    N1, (n, d) = family.N1, family.Theta.shape
+    log = family.log(gen, N1, N1 + family.N)
+    first, z, y = log.z[:N1], log.z[N1:], log.y[N1:]
+    fit = twin.estimate(first, z, y, blocks=12)
+    H0 = np.linalg.lstsq(first, log.y[:N1], rcond=None)[0].T
+    T0 = twin.replayed(first, log.replayed(H0)) if log.replayed else fit.T0
+    spectral, frobenius = radii(n, d, 0.10 * delta)
+    root, share = family.root, 0.40
+    if family.lags:  # of which the covariance is not known
+        a = _core.smallest_quantile(n, len(z), 0.05 * delta, 1)
+        root, share = np.linalg.cholesky(twin.covariance_bound(fit, spectral, a)), 0.35
+    plan, K, way = family.followed(fit.H, fit.T, root)
+    reference, _, _ = family.followed(H0, T0, root)
+    rows = np.eye(len(plan.A))[: 1 if family.lags else None]
+    ts = [max(radius_of(reference.A), 0.5), 0.9, 1.05]
+    at = twin.Levels(spectral, frobenius, share * delta, 0.10 * delta)
+    one, rest = twin.near(plan, reference, rows, at, ts, known=not family.lags, traces=traces)
+    deviations = twin.deviations(plan, rows, spectral, plan.D @ plan.D.T)
+    noise = twin.quantile_of(rest.size, 0.40 * delta) * deviations
+    AB, _, G = family.structure(family.Theta)
+    own, wrong = AB[:, : len(AB)] + AB[:, len(AB) :] @ K, (AB - family.structure(fit.H)[0]) @ way.T
+    e = np.zeros((2, STEPS + 1, len(AB)))
+    for k in range(STEPS):
+        e[:, k + 1] = e[:, k] @ own.T + wrong[:, k]
+        e[1, k + 1] += G @ family.root @ gen.standard_normal(n)
+    return one + rest, one + rest + noise, *np.abs(e[:, 1:] @ rows.T)
+
+
+def failures_near(family, seeds, delta):
+    """How often the model part leaves its bound, and how often a noisy run leaves the whole."""
+    found = [certificate(family, np.random.default_rng(seed), delta) for seed in seeds]
+    return np.sum([[(e > model).any(), (x > whole).any()] for model, whole, e, x in found], axis=0)
+
+
+@pytest.mark.parametrize("level", LEVELS)
+def test_no_more_runs_leave_than_stated(level):
+    """Model parts at their share of the level, noisy runs at the level: per family, and of all."""
+    count, total = sets(300, 8), np.zeros(2)
+    of_model = level * (0.10 + 0.10 + 0.40 + 0.05)
+    for index, make in enumerate(FAMILIES.values()):
+        family = make()
+        failed = failures_near(family, [[10, index, seed] for seed in range(count)], level)
+        at_most(failed[0], count, of_model)
+        at_most(failed[1], count, level)
+        total += failed
+    at_most(total[0], count * len(FAMILIES), of_model)
+    at_most(total[1], count * len(FAMILIES), level)
+
+
+def test_certificates_near_a_reference_are_small():
+    """At 5 %, medians over the worst of many runs: no more than 2.5 times as large."""
+    for name, most in (("unit root", 2.5), ("clipped runs", 2.5), ("cart-pole", 2.5)):
+        family = FAMILIES[name]()
+        found = [certificate(family, np.random.default_rng([11, k]), 0.05) for k in range(10)]
+        model, _, e, _ = (np.array(one) for one in zip(*found, strict=True))
+        assert (np.median(model, axis=0) / e.max(axis=0)).mean() < most
+
+
+# -- sec. 4 by draws: on the events the algebra leaves no room -------------------------------------
+
+
+def near_plans(gen, trial):
+    """A plan, and a reference a little off."""
+    while True:
+        plan, rho, _ = random_plan(gen, trial)
+        if len(plan.c) > 1:
+            break
+    size = 10 ** gen.uniform(-3, -0.5)
+    reference = twin.Followed(*(one * (1 + size * gen.standard_normal(one.shape)) for one in plan))
+    return plan, reference, rho
+
+
+def events_hold(reference, rows, at, ts, G):
+    """Whether G is in all the events of Theorem 3, Sigma known."""
+    K, T0, g = len(reference.c), twin.maps(reference), G.T.ravel()
+    z, x = (
+        norm.isf(at.first / (2 * K * len(rows))),
+        np.log(4 * K * len(rows) / at.others),
+    )
+    fine = np.linalg.norm(G, 2) <= at.spectral and np.linalg.norm(G) <= at.frobenius
+    for t in ts:
+        f = twin.length(np.einsum("jrq,q->jr", T0, g), t)
+        fine &= f <= twin.chaos(twin.gram(T0, t, K), np.log(2 * len(ts) / at.others))
+    for k in range(1, K + 1):
+        for h in rows:
+            X0, Q0 = twin.X(reference, h, k), twin.second_order(reference, T0, h, k)
+            wide = 2 * np.sqrt(x) * np.linalg.norm(Q0) + 2 * x * np.linalg.norm(Q0, 2)
+            fine &= abs((G * X0).sum()) <= z * np.linalg.norm(X0)
+            fine &= abs(g @ Q0 @ g) <= abs(np.trace(Q0)) + wide
+    return fine
+
+
+def test_on_the_events_no_plan_leaves():
+    gen, held, nearest = np.random.default_rng(12), 0, 0.0
+    for trial in range(sets(400, 10)):
+        plan, reference, rho = near_plans(gen, trial)
+        q, r = plan.D.shape[1], len(plan.E)
+        spectral, frobenius = radii(q, r, 0.1)
+        plan, reference = (one._replace(D=one.D * rho / spectral) for one in (plan, reference))
+        rows = np.vstack([np.eye(len(plan.A))[0], gen.standard_normal(len(plan.A))])
+        at = twin.Levels(spectral, frobenius, 0.3, 0.3)
+        ts = [share * max(radius_of(plan.A), 0.3) for share in (0.9, 1.1, 1.3)]
+        whole = np.add(*twin.near(plan, reference, rows, at, ts, known=True))
+        by_traces = twin.near(plan, reference, rows, at, ts, known=True, traces=True)
+        assert (np.add(*by_traces) >= whole).all()
+        for G in gen.standard_normal((20, q, r)):
+            if events_hold(reference, rows, at, ts, G):
+                held += 1
+                moved = np.abs(twin.orders(plan, G)[0][1:] @ rows.T)
+                assert (moved <= whole).all()
+                nearest = max(nearest, (moved / whole).max())
+    assert held > 10 * trial
+    assert nearest > 0.8
+
+
+def test_quadratic_forms_of_normal_vectors():
+    """The chance of leaving is at most that of Laurent and Massart, for indefinite forms too."""
+    gen, x = np.random.default_rng(13), np.log(20.0)
+    g = gen.standard_normal((20_000, 6))
+    for trial in range(12):
+        M = gen.standard_normal((6, 1 + trial % 6))
+        S = M @ M.T
+        outside = np.sqrt(np.einsum("si,ij,sj->s", g, S, g)) > twin.chaos(S, x)
+        assert outside.mean() <= np.exp(-x)
+        Q = gen.standard_normal((6, 6))
+        Q = Q + Q.T if trial else np.diag([1.0, -1.0, 0, 0, 0, 0])
+        off = np.einsum("si,ij,sj->s", g, Q, g) - np.trace(Q)
+        limit = 2 * np.sqrt(x) * np.linalg.norm(Q) + 2 * x * np.linalg.eigvalsh(Q)[-1]
+        assert 0.0 < (off > limit).mean() <= np.exp(-x)
+
+
+def test_traces_with_a_bound_of_the_covariance():
+    """`tr Q0` with the bound may be smaller than the true one; the largest trace is not."""
+    gen, naive = np.random.default_rng(14), 0
+    Q0 = np.diag([1.0, -1.0])
+    assert twin.largest_trace(Q0, 2) == 1.0  # Sigma = diag(1, .01): .99
+    for _ in range(300):
+        q, r = int(gen.integers(1, 4)), int(gen.integers(1, 4))
+        Q = gen.standard_normal((q * r, q * r))
+        Q = Q + Q.T
+        turn = np.linalg.qr(gen.standard_normal((q, q)))[0]
+        half = np.kron(np.eye(r), (turn * gen.uniform(0.0, 1.0, q)) @ turn.T)  # of the columns of G
+        true = abs(np.trace(half @ Q @ half))
+        naive += true > abs(np.trace(Q))
+        assert true <= twin.largest_trace(Q, q) * (1 + 1e-12)
+    assert naive > 20
+
+
+# -- sec. 5: one quantile for the fit and the noise to come ----------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("f", "v0", "delta"), [(1.0, 1.0, 0.05), (0.5, 1.0, 0.01), (2.0, 0.1, 0.2)]
+)
+def test_one_quantile_covers_any_smaller_variance(f, v0, delta):
+    """Also one that is 0 where the fit is outside already, which is the worst; it is used up."""
+    q = twin.one_quantile(f, v0, delta)
+    F = np.linspace(-q, q, 20_001)
+    leaves = norm.sf((q - F) / np.sqrt(v0)) + norm.sf((q + F) / np.sqrt(v0))
+    worst = trapezoid(leaves * norm.pdf(F, scale=f), F) + 2 * norm.sf(q / f)
+    assert 0.6 * delta < worst <= delta
+    assert 2 * norm.sf(q / np.hypot(f, np.sqrt(v0))) <= worst

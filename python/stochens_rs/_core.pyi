@@ -680,6 +680,10 @@ class Pilot:
         feedback: tuple[_Floats, _Floats] | None,
         threads: int,
     ) -> Pilot: ...
+    @staticmethod
+    def after(
+        rows: _Floats, model: _Floats, root: _Floats, before: int, m: int, threads: int
+    ) -> Pilot: ...
     @property
     def centre(self) -> _Floats: ...
     @property
@@ -688,6 +692,15 @@ class Pilot:
     def determined(self) -> bool: ...
     def region(self, known: _Known, delta: float, both: bool) -> Region: ...
     def reference(self, x0: _Floats, inputs: _Floats) -> Reference: ...
+    # of the model and of noise, (K + 1, n) each; of a system, x0, inputs and a gain
+    def followed(
+        self,
+        own: tuple[_System, _Floats, _Floats, _Floats | None],
+        reference: tuple[_System, _Floats, _Floats, _Floats | None],
+        known: _Known,
+        delta: float,
+        noise: bool,
+    ) -> tuple[_Floats, _Floats] | None: ...
     # target, reach, quantile, mismatch, rest, tube (K + 1,), components (n,)
     def near(
         self,

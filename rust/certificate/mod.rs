@@ -15,8 +15,10 @@
 //! # Ok::<(), stochens::Error>(())
 //! ```
 
+mod carried;
 mod drawn_misses;
 mod near;
+mod near_followed;
 mod next_runs;
 mod noise;
 mod nuclear;
@@ -25,15 +27,19 @@ mod pilot;
 mod plan;
 mod powers;
 mod reference;
+mod second;
 mod several_steps;
+mod spend;
 mod trajectory;
+mod weighted;
 
 pub use drawn_misses::{PlannedRun, drawn_misses};
 pub use near::Near;
+pub use near_followed::{Course, NearRows};
 pub use next_runs::{DesignedRuns, Goal, NextRuns, next_runs};
 pub use noise::{Gaussian, ToCome};
 pub use outputs::{Along, OutputTube, Outputs, outputs};
-pub use pilot::{Event, MainRuns, Pilot, Simulation};
+pub use pilot::{Event, LaterPairs, MainRuns, Pilot, Simulation};
 pub use plan::{ControlError, Endpoints, Plan, Way, certify};
 pub use reference::{Reference, Shares};
 pub use trajectory::{Errors, followed, states, trajectory};

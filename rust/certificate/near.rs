@@ -16,7 +16,7 @@
 //! rest        = spectral wcs(A^p_j S^(1/2), b_j),    b_j >= ||T_x e(j)||.
 //! ```
 //!
-//! `b_j` is that of [`super::several_steps`], of which the first order is that of the same split of `T_x e(j)`, with a quantile of
+//! Without noise the rest is also that of [`super::second`]. `b_j` is that of [`super::several_steps`], of which the first order is that of the same split of `T_x e(j)`, with a quantile of
 //! its own, where that is smaller. Noise of the
 //! run to come adds `sum_p A0^p w` to F, which is independent of it, with s = 1; `drift`, the quantile of
 //! `sum_p (A^p - A0^p) w`, to the mismatch; and `nu_j` to `b_j`.
@@ -36,8 +36,10 @@ use super::pilot::{Event, Pilot, WHAT};
 use super::plan::Endpoints;
 use super::powers::{Powers, deviations, first_order, in_units, largest_difference, product, products};
 use super::reference::{Reference, Shares};
+use super::second::Second;
 use super::several_steps::{Radii, Seen, norms, several_steps};
 use super::trajectory::states;
+use super::weighted::{Followed, Weighted, growth, rates};
 
 /// What holds near a reference: `target`, `tube` and `components` are each a statement of its own.
 #[derive(Debug, Clone)]
@@ -342,25 +344,51 @@ impl Pilot {
         }
         let besides = [Some(outer.as_slice()), Some(inner.as_slice())];
         let (spectral, frobenius) = (event.spectral, event.frobenius);
-        let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come, besides, apart: None };
+        let radii = Radii { spectral, frobenius, rho0: 0.0, noise: false, to_come, within: true, besides, apart: None };
         let steps = several_steps(region, &root, at, inputs, radii, Seen { rows: n, gain: None }, stop)?;
         if noisy {
             mismatch += normal_quantile(&work.drift[count - 1], n, half)?;
         } else if steps.linear[count] < quantile + mismatch {
             (quantile, mismatch) = (0.0, steps.linear[count]); // s = 0
         }
+        let (mut back, mut rows) = (try_copy(WHAT, &steps.back)?, try_filled(WHAT, f64::INFINITY, n)?);
+        if shares.later > 0.0 {
+            let (seen, seen0) = (columns(&self.t)?, columns(&self.t0)?);
+            let mut kernel = Powers::new(d, n, count)?;
+            for m in work.own.all() {
+                kernel.push(&product(&seen, m, d, n, n)?)?;
+            }
+            let followed =
+                |a, seen, c| Followed { a, error: &root, seen, kernel: &kernel, c, radii: (spectral, frobenius) };
+            let (own, other) = (followed(&a, &seen, &c), followed(&a0, &seen0, &reference.g));
+            // fixed with the reference: by its A0 alone
+            let rates = rates(growth(&a0, n, count)?);
+            let second = Second::new([&own, &other], n, stop)?;
+            let betas = second.as_ref().map(|of| of.betas(&rates, shares.later / 2.0)).transpose()?;
+            if let Some(mut weighted) = Weighted::new(&own, (n, n), &rates, betas.as_deref(), stop)? {
+                let mut last = try_filled(WHAT, f64::INFINITY, n)?;
+                if let Some(second) = second {
+                    let x = (4.0 * n as f64 / shares.later).ln();
+                    second.rows(count, [&work.own, &work.pilot], n, x, &mut last)?;
+                }
+                for (k, to) in back.iter_mut().enumerate().skip(1) {
+                    let second = (k == count).then_some(last.as_slice());
+                    *to = to.min(weighted.step(k, steps.outside.square(k - 1), second, &mut rows)?);
+                }
+            }
+        }
         let mut tube = try_room(WHAT, count + 1)?;
         for (k, (x, predicted)) in at.chunks_exact(n).zip(task.predicted.chunks_exact(n)).enumerate() {
             let first = if noisy { first[k] } else { first[k].min(steps.linear[k]) };
-            tube.push(distance(x, predicted) + first + steps.back[k]);
+            tube.push(distance(x, predicted) + first + back[k]);
         }
         let mut later = try_room(WHAT, n)?; // what is not of first order of each row of the last state
         for i in 0..n {
             let each = steps.outside.all().zip(steps.rest[..count].iter().rev());
             let sum: f64 = each.map(|(m, b)| times(norm(m[i * n..(i + 1) * n].iter().copied()), *b)).sum();
-            later.push(event.spectral * sum);
+            later.push((event.spectral * sum).min(rows[i]));
         }
-        let (rest, mut components) = (steps.back[count], work.components(&later)?);
+        let (rest, mut components) = (back[count], work.components(&later)?);
         let off = at[count * n..].iter().zip(task.xf).map(|(x, xf)| (x - xf).abs());
         components.iter_mut().zip(off).for_each(|(to, off)| *to += off);
         let reach = distance(&at[count * n..], task.xf);

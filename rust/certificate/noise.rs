@@ -12,7 +12,7 @@ pub struct Gaussian<'a> {
     pub root: &'a [f64],
     /// The probability that the last state is off by more than what is added for it.
     pub end: f64,
-    /// The same of each earlier state, and again of its effect through the error of the model.
+    /// The same of each earlier state; near a reference again of its effect through the error of the model.
     pub before: f64,
 }
 
@@ -28,13 +28,12 @@ impl Gaussian<'_> {
         Ok(())
     }
 
-    /// `|sum_p A^p w(p)|_i` is at most `t sqrt(N_ii)`, with `P(|g| > t) = level / n` for one standard normal g; the level is
-    /// that of the last state or of an earlier one.
-    pub(super) fn of_components(&self, last: bool, covariance: &[f64], n: usize, to: &mut [f64]) -> Result<()> {
+    /// Each of n variates of these variances is at most `t` deviations, with `P(|g| > t) = level / n` for one standard normal
+    /// g; the level is that of the last state or of an earlier one.
+    pub(super) fn of_components(&self, last: bool, variances: &[f64], to: &mut [f64]) -> Result<()> {
         let level = if last { self.end } else { self.before };
-        let times = chi2_upper(level / n as f64, 1.0)?.sqrt();
-        for (i, to) in to.iter_mut().enumerate() {
-            let variance = covariance[i * (n + 1)];
+        let times = chi2_upper(level / variances.len() as f64, 1.0)?.sqrt();
+        for (to, variance) in to.iter_mut().zip(variances) {
             *to += if variance.is_finite() { times * variance.sqrt() } else { f64::INFINITY };
         }
         Ok(())
@@ -88,10 +87,10 @@ mod tests {
         noise.add(&[0.0, 1.0, 1.0, 0.0], 2, &mut covariance).unwrap();
         [5.0, 4.0, 4.0, 5.0].iter().zip(&covariance).for_each(|(e, f)| assert!((e - f).abs() < 1e-13));
         let mut found = [1.0; 2];
-        noise.of_components(true, &covariance, 2, &mut found).unwrap();
+        noise.of_components(true, &[covariance[0], covariance[3]], &mut found).unwrap();
         // P(|g| > 1.959963984540054) = .05
         found.iter().for_each(|f| assert!((f - 1.0 - 1.959963984540054 * 5f64.sqrt()).abs() < 1e-9));
-        noise.of_components(true, &[f64::NAN; 4], 2, &mut found).unwrap();
+        noise.of_components(true, &[f64::NAN; 2], &mut found).unwrap();
         assert_eq!(found, [f64::INFINITY; 2]);
     }
 }

@@ -3,9 +3,8 @@
 //! The state x is such a window. In front of it we put the output of the step, on which nothing acts: `D = [I; G] S^(1/2)`
 //! and `P = [I 0]` in the recursion of [`several_steps`].
 //!
-//! Readings have the noise of the run, Gaussian and independent of the data, of covariance `<= Sbar`: at each of K steps it
-//! adds `nu_k` to the bound of the outputs and `mu_k` to that of the window which the error of the model sees. These are
-//! 2 K events, of equal shares.
+//! Readings have the noise of the run, Gaussian and independent of the data, of covariance `<= Sbar`, with what the error of
+//! the model makes of it: see [`super::carried`]. These are K events, of equal shares.
 
 use crate::error::{Error, Result};
 use crate::identify::covariance_root;
@@ -116,7 +115,7 @@ pub fn outputs(
             for (to, row) in square.chunks_exact_mut(whole).zip(product(&both, &root, whole, p, p)?.chunks_exact(p)) {
                 to[..p].copy_from_slice(row);
             }
-            let share = level / (2 * steps) as f64;
+            let share = level / steps as f64;
             Some(of.tube(way, Some(Gaussian { root: &square, end: share, before: share }), stop)?)
         }
         _ => Some(unbounded(steps, p)?),
@@ -163,6 +162,7 @@ impl Of {
             rho0: 0.0,
             noise: false,
             to_come: noise,
+            within: false,
             besides: [None; 2],
             apart,
         };

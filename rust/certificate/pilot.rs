@@ -15,17 +15,30 @@
 //! ```text
 //! ||E||_F >= sigma (chi_{n (N - d)} - frobenius tau),    E' E >= (sqrt(lam_min W_n(I, N - d)) - spectral tau)^2 Sigma.
 //! ```
+//!
+//! For inputs by any feedback the weights of [`super::spend`] are the rows of Q, after a first part of the log that gives `H0`.
+//! Their Gamma is not independent of the residuals. With S and `H_LS` of least squares of the same pairs, `V = Z' Z`,
+//! `beta = lam_max(S^-1 (H_LS - H) V (H_LS - H)')`, `b = spectral ||T V^(1/2)||` and a the quantile of `lam_min W_n(I, N)`:
+//!
+//! ```text
+//! Sigma <= S / s,    sqrt(s) = (sqrt(beta b^2 + (1 + beta) (a - b^2)) - sqrt(beta) b) / (1 + beta)    if a > b^2,
+//! ```
+//!
+//! the root of `s + (sqrt(beta s) + b)^2 = a`, since `W W' = S + (H_LS - Theta) V (..)'`, `H_LS - Theta = (H_LS - H) + (H - Theta)`.
 
 use std::sync::Arc;
 
 use crate::error::{Error, Result};
 use crate::fuse::norm;
-use crate::identify::{By, Covariance, SLACK, chi2_quantile, chi2_upper, level, spectral_norm, triangle};
+use crate::identify::{
+    By, Covariance, SLACK, chi2_quantile, chi2_upper, cholesky, fit, level, spectral_norm, triangle,
+};
 use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Part, PartOf, Region, times};
 
 use super::powers::{product, transposed_inverse};
+use super::spend::spend;
 
 pub(super) const WHAT: &str = "a model by instruments";
 /// `Z' Q` with columns of unit length counts as singular below this ratio of singular values: T would have half its digits.
@@ -89,6 +102,23 @@ pub struct Pilot {
     residual: Vec<f64>,
     /// Rounding of each row of `H (Z' Q)` (n).
     rounding: Vec<f64>,
+    /// Of weights after the past: S (n, n), beta and `||T V^(1/2)||`.
+    weighted: Option<(Vec<f64>, f64, f64)>,
+}
+
+/// The pairs of a log with any feedback: rows `(z, y)` in the order of time, and what the ones before them say.
+#[derive(Debug, Clone, Copy)]
+pub struct LaterPairs<'a> {
+    /// (N, d + n).
+    pub rows: &'a [f64],
+    /// The model of the first pairs (n, d).
+    pub model: &'a [f64],
+    /// The triangle of their z, divided by the root of their number (d, d).
+    pub root: &'a [f64],
+    /// Their number.
+    pub before: usize,
+    /// The number of inputs.
+    pub m: usize,
 }
 
 impl Pilot {
@@ -100,6 +130,75 @@ impl Pilot {
         let (n, m, model) = (runs.n, runs.m, simulation.model);
         let d = model.len().checked_div(n).unwrap_or(0);
         let rows = simulated(runs, simulation, d, stop)?;
+        Self::of_instruments(rows, model, (n, m, d), threads, stop)
+    }
+
+    /// Of pairs with any feedback: the rows of Q are weights of the past.
+    ///
+    /// # Errors
+    /// [`Error::Shape`], [`Error::Value`] for too few pairs or first pairs that determine nothing, [`Error::Overflow`],
+    /// [`Error::Numerical`], [`Error::Memory`], [`Error::Interrupted`].
+    pub fn after(of: LaterPairs<'_>, threads: usize, stop: &Stop) -> Result<Self> {
+        room_for_products()?;
+        let d = of.root.len().isqrt();
+        let n = of.model.len().checked_div(d).unwrap_or(0);
+        let fits = n > 0 && of.model.len() == n * d && of.root.len() == d * d && (d == n + of.m || d == n + of.m + 1);
+        if !fits || !of.rows.len().is_multiple_of(d + n) {
+            let found = format!("{} and {} entries", of.rows.len(), of.root.len());
+            let expected = "rows (z, y), a model (n, d) and a triangle (d, d)".into();
+            return Err(Error::Shape { name: "pairs", expected, found });
+        }
+        let count = of.rows.len() / (d + n);
+        let mut z = try_room(WHAT, checked_len(WHAT, count, d)?)?;
+        of.rows.chunks_exact(d + n).for_each(|row| z.extend_from_slice(&row[..d]));
+        let weights = spend(&z, of.root, of.before, d, stop)?;
+        let mut rows = try_room(WHAT, checked_len(WHAT, count, 2 * d + n)?)?;
+        for (q, row) in weights.chunks_exact(d).zip(of.rows.chunks_exact(d + n)) {
+            rows.extend_from_slice(q);
+            rows.extend_from_slice(row);
+        }
+        let mut made = Self::of_instruments(rows, of.model, (n, of.m, d), threads, stop)?;
+        // the forecast of T: N^(-1/2) root'^-1
+        let units = try_filled(WHAT, 1.0, d)?;
+        let scaled = try_collect(WHAT, of.root.iter().map(|v| v * (count as f64).sqrt()))?;
+        made.t0 = transposed_inverse(&scaled, &units, d)?.0;
+        let plain = fit(&triangle(of.rows, d + n, threads, stop)?, d + n, d, count, threads, stop)?;
+        let apart = try_collect(WHAT, plain.model.iter().zip(&made.h).map(|(a, b)| a - b))?;
+        let (rank, white) = (plain.root.len() / d, &plain.root);
+        let mut along = try_zeros(WHAT, checked_len(WHAT, n, rank)?)?; // (H_LS - H) V^(1/2)
+        for (to, row) in along.chunks_exact_mut(rank.max(1)).zip(apart.chunks_exact(d)) {
+            let each = white.chunks_exact(d).map(|v| v.iter().zip(row).map(|(a, b)| a * b).sum::<f64>());
+            to.iter_mut().zip(each).for_each(|(to, v)| *to = v);
+        }
+        let beta = match cholesky(&plain.residual, n)? {
+            Some(lower) => {
+                for j in 0..rank {
+                    for i in 0..n {
+                        let before: f64 = (0..i).map(|k| lower[i * n + k] * along[k * rank + j]).sum();
+                        along[i * rank + j] = (along[i * rank + j] - before) / lower[i * (n + 1)];
+                    }
+                }
+                spectral_norm(&along, n, rank)?.powi(2)
+            }
+            None => f64::INFINITY,
+        };
+        let mut seen = try_zeros(WHAT, checked_len(WHAT, d, rank)?)?; // T V^(1/2)
+        for (to, row) in seen.chunks_exact_mut(rank.max(1)).zip(made.t.chunks_exact(d)) {
+            let each = white.chunks_exact(d).map(|v| v.iter().zip(row).map(|(a, b)| a * b).sum::<f64>());
+            to.iter_mut().zip(each).for_each(|(to, v)| *to = v);
+        }
+        let tau = if made.determined() && rank == d { spectral_norm(&seen, d, rank)? } else { f64::INFINITY };
+        made.weighted = Some((try_copy(WHAT, &plain.residual)?, beta, tau));
+        Ok(made)
+    }
+
+    fn of_instruments(
+        rows: Vec<f64>,
+        model: &[f64],
+        (n, m, d): (usize, usize, usize),
+        threads: usize,
+        stop: &Stop,
+    ) -> Result<Self> {
         let width = 2 * d + n;
         let (r, pairs) = (triangle(&rows, width, threads, stop)?, rows.len() / width);
         drop(rows);
@@ -151,7 +250,7 @@ impl Pilot {
         }
         let tau = if ratio > SINGULAR { spectral_norm(&seen, d, d)? } else { f64::INFINITY };
         let model = try_copy(WHAT, model)?;
-        Ok(Self { n, m, d, pairs, model, h, t, t0, root, ratio, tau, residual, rounding })
+        Ok(Self { n, m, d, pairs, model, h, t, t0, root, ratio, tau, residual, rounding, weighted: None })
     }
 
     /// `H` (n, d).
@@ -212,6 +311,18 @@ impl Pilot {
         by: By<'_>,
     ) -> Result<Vec<f64>> {
         let (n, free) = (self.n, self.pairs.saturating_sub(self.d));
+        if let Some((residual, beta, tau)) = &self.weighted {
+            let (a, b) = (by.smallest(n, self.pairs, delta)?, times(spectral, *tau));
+            let left = beta * b * b + (1.0 + beta) * (a - b * b);
+            let root = (left.max(0.0).sqrt() - beta.sqrt() * b) / (1.0 + beta);
+            let sound = a > b * b && root > 0.0 && root.is_finite();
+            let by = if sound { (1.0 + f64::EPSILON.sqrt()) / root.powi(2) } else { f64::INFINITY };
+            return if sound {
+                try_collect(WHAT, residual.iter().map(|s| s * by))
+            } else {
+                try_filled(WHAT, f64::INFINITY, n * n)
+            };
+        }
         let room = |least: f64, radius: f64| {
             let room = least.sqrt() - times(radius, self.tau);
             if free > 0 && room > 0.1 { room.powi(2) } else { 0.0 }

@@ -88,6 +88,17 @@ impl Powers {
         self.matrices.chunks_exact((self.rows * self.n).max(1))
     }
 
+    /// `M_{k-1}, .., M_0`.
+    pub fn back(&self, k: usize) -> impl Iterator<Item = &[f64]> {
+        let size = self.rows * self.n;
+        self.matrices[..k * size].chunks_exact(size.max(1)).rev()
+    }
+
+    /// `M_p M_p'` (rows, rows).
+    pub fn square(&self, p: usize) -> &[f64] {
+        &self.squares[p * self.rows * self.rows..(p + 1) * self.rows * self.rows]
+    }
+
     /// Above `||sum_j M_{k-1-j} y_j||` for all `||y_j|| <= sizes_j`, and at most `sum_j sizes_j ||M_{k-1-j}||`:
     ///
     /// `sqrt(lam_max(sum_j (c_j / ||M_j||) M_j M_j') sum_j c_j ||M_j||)`, terms that are 0 left out.

@@ -17,6 +17,8 @@ pub struct Shares {
     pub reference: f64,
     /// All `b_j` together.
     pub between: f64,
+    /// Without noise: what is not of first order by a weighted small gain, and of second order.
+    pub later: f64,
     /// Noise to come: half for its drift, half for its part of all `b_j`.
     pub noise: f64,
 }
@@ -28,15 +30,30 @@ impl Shares {
     /// [`Error::Value`] for a `delta` outside (0, 1).
     pub fn new(delta: f64, known: bool, noise: bool, steps: usize) -> Result<Self> {
         crate::identify::level("delta", delta)?;
-        let covariance = if known { 0.0 } else { COVARIANCE };
-        let [radii, mut reference, mut between, noise] =
-            if noise { [0.1, 0.74, 0.06, 0.1] } else { [0.12, 0.8, 0.08, 0.0] };
+        let [radii, mut reference, mut between, mut later, noise] =
+            if noise { [0.1, 0.74, 0.06, 0.0, 0.1] } else { [0.12, 0.8, 0.04, 0.04, 0.0] };
         if steps < 2 {
-            (reference, between) = (reference + between, 0.0);
+            (reference, between, later) = (reference + between + later, 0.0, 0.0);
         }
+        Ok(Self { radii, covariance: 0.0, reference, between, later, noise }.of(delta, known))
+    }
+
+    /// The same for outputs of a plan that is followed, where noise is apart.
+    ///
+    /// # Errors
+    /// As [`Shares::new`].
+    pub fn followed(delta: f64, known: bool, noise: bool) -> Result<Self> {
+        crate::identify::level("delta", delta)?;
+        let [radii, reference, later, noise] = if noise { [0.1, 0.38, 0.08, 0.44] } else { [0.1, 0.8, 0.1, 0.0] };
+        Ok(Self { radii, covariance: 0.0, reference, between: 0.0, later, noise }.of(delta, known))
+    }
+
+    fn of(self, delta: f64, known: bool) -> Self {
+        let covariance = if known { 0.0 } else { COVARIANCE };
         let of = |share: f64| share * (1.0 - covariance) * delta;
-        let [radii, reference, between, noise] = [radii, reference, between, noise].map(of);
-        Ok(Self { radii, covariance: covariance * delta, reference, between, noise })
+        let [radii, reference, between, later, noise] =
+            [self.radii, self.reference, self.between, self.later, self.noise].map(of);
+        Self { radii, covariance: covariance * delta, reference, between, later, noise }
     }
 }
 

@@ -32,13 +32,15 @@ use crate::control::singular_values;
 use crate::error::{Error, Result};
 use crate::fuse::norm;
 use crate::identify::{normal_quantile, spectral_norm};
-use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_room, try_zeros};
+use crate::memory::{checked_len, room_for_products, try_collect, try_copy, try_filled, try_room, try_zeros};
 use crate::parallel::Stop;
 use crate::region::{Part, Region, times};
 
+use super::carried::Carried;
 use super::noise::Gaussian;
 use super::nuclear::{EFFORT, Effort, WHAT};
 use super::powers::{Powers, Span, product};
+use super::weighted::{Followed, Weighted, growth, rates};
 
 /// For the rounding of singular values, relative to their sum.
 const ROUNDING: f64 = 1e-12;
@@ -59,6 +61,8 @@ pub(super) struct Radii<'a> {
     pub noise: bool,
     /// Noise of the run besides.
     pub to_come: Option<Gaussian<'a>>,
+    /// Whether it is within `b_k`, as near a reference; else it is bounded by itself, see [`super::carried`].
+    pub within: bool,
     /// Other bounds of `||sum_{j<k} P M_{k-1-j} Gamma c_j||` and of `||sum_{j<k} W^(1/2) M_{k-1-j} Gamma c_j||` (K + 1) that hold in
     /// the event; infinite where there is none.
     pub besides: [Option<&'a [f64]>; 2],
@@ -92,8 +96,12 @@ pub(super) struct Steps {
     pub span: Span,
     /// `P A^k` (p, n), k <= K.
     pub powers: Vec<Vec<f64>>,
-    /// `P N_k P'` (p, p), k <= K; 0 without noise to come besides.
+    /// A bound of the covariance of noise to come (p, p), k <= K; 0 without noise.
     pub covariances: Vec<Vec<f64>>,
+    /// Bounds of its variances (p), k <= K.
+    pub variances: Vec<Vec<f64>>,
+    /// Other bounds of what is not of first order in each row (K + 1, p), or infinite.
+    pub later: Vec<f64>,
     /// `f_k` (K + 1, p), of inputs that may be off the plan; empty without them.
     pub pushed: Vec<f64>,
 }
@@ -103,6 +111,9 @@ impl Steps {
     pub fn add(&mut self, noise: Gaussian<'_>) -> Result<()> {
         let steps = self.radii.len() - 1;
         for (k, (to, covariance)) in self.radii.iter_mut().zip(&self.covariances).enumerate().skip(1) {
+            if !to.is_finite() {
+                continue;
+            }
             let level = if k < steps { noise.before } else { noise.end };
             *to += normal_quantile(covariance, covariance.len().isqrt(), level)?;
         }
@@ -118,7 +129,7 @@ impl Steps {
             stop.check()?;
             let mut own = self.components(k, radii)?;
             if let (Some(noise), true) = (radii.to_come, k > 0) {
-                noise.of_components(k == steps, &self.covariances[k], p, &mut own)?;
+                noise.of_components(k == steps, &self.variances[k], &mut own)?;
             }
             bands.extend(own);
         }
@@ -156,7 +167,8 @@ impl Steps {
             let first = times(radii.frobenius, frobenius).min(times(radii.spectral, nuclear));
             let start = times(radii.rho0, norm(power[i * n..(i + 1) * n].iter().copied()));
             let pushed = self.pushed.get(k * p + i).unwrap_or(&0.0);
-            *component = first + times(radii.spectral, back) + start + pushed;
+            let later = times(radii.spectral, back).min(self.later[k * p + i]);
+            *component = first + later + start + pushed;
         }
         Ok(components)
     }
@@ -226,12 +238,17 @@ pub(super) fn several_steps(
     let mut power = try_zeros(WHAT, n * n)?;
     (0..n).for_each(|i| power[i * (n + 1)] = 1.0);
     let mut covariance = try_zeros(WHAT, n * n)?;
+    let by = (radii.spectral, root);
+    let apart = radii.to_come.filter(|_| !radii.within).map(|noise| Carried::new((&a, &half), noise.root, by, n));
+    let mut carried = apart.transpose()?;
     let [mut linear, mut rest, mut r] =
         [try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?];
     let mut backs = try_zeros(WHAT, steps + 1)?;
     let [mut powers, mut covariances] = [try_room(WHAT, steps + 1)?, try_room(WHAT, steps + 1)?];
     powers.push(try_copy(WHAT, &power[..p * n])?);
     covariances.push(try_zeros(WHAT, p * p)?);
+    let mut variances = try_room(WHAT, steps + 1)?;
+    variances.push(try_zeros(WHAT, p)?);
     let start = |matrix: &[f64], rows: usize| -> Result<f64> {
         Ok(if radii.rho0 == 0.0 { 0.0 } else { times(radii.rho0, spectral_norm(matrix, rows, n)?) })
     };
@@ -250,7 +267,7 @@ pub(super) fn several_steps(
         outside.push(&moved[..p * q])?;
         inside.push(&product(&half, &moved, rank, n, q)?)?;
         let mut nu = 0.0;
-        if let Some(noise) = radii.to_come {
+        if let Some(noise) = radii.to_come.filter(|_| radii.within) {
             noise.add(&power, n, &mut covariance)?; // N_k
             if k < steps && known {
                 let moved = product(&half, &covariance, rank, n, n)?;
@@ -280,10 +297,36 @@ pub(super) fn several_steps(
         let own = first + start(&product(&half, &power, rank, n, n)?, rank)? + back + nu + inner_push;
         rest.push(seen(own) + away.as_ref().map_or(0.0, |of| of.at(k)));
         powers.push(try_copy(WHAT, &power[..p * n])?);
-        covariances.push(leading(&covariance, n, p)?);
+        let (covariance, variance) = match &mut carried {
+            Some(carried) => {
+                carried.step(k == 1 || known)?;
+                carried.leading(p)?
+            }
+            None => {
+                let own = leading(&covariance, n, p)?;
+                let variance = try_collect(WHAT, own.iter().step_by(p + 1).copied())?;
+                (own, variance)
+            }
+        };
+        covariances.push(covariance);
+        variances.push(variance);
+    }
+    // from 0, and about no other first order, by a weighted small gain too
+    let mut later = try_filled(WHAT, f64::INFINITY, checked_len(WHAT, steps + 1, p)?)?;
+    if known && radii.rho0 == 0.0 && radii.apart.is_none() && radii.besides == [None; 2] && !radii.noise {
+        let followed = Followed { a: &a, error: root, seen: &half, kernel: &inside, c: &c, radii: bounds };
+        if let Some(mut weighted) = Weighted::new(&followed, (n, p), &rates(growth(&a, n, steps)?), None, stop)? {
+            for (k, rows) in later.chunks_exact_mut(p).enumerate().skip(1) {
+                let whole = weighted.step(k, outside.square(k - 1), None, rows)?;
+                if whole < backs[k] {
+                    r[k] += whole - backs[k];
+                    backs[k] = whole;
+                }
+            }
+        }
     }
     let pushed = away.map_or_else(Vec::new, |of| of.pushed);
-    Ok(Steps { radii: r, linear, back: backs, rest, outside, span, powers, covariances, pushed })
+    Ok(Steps { radii: r, linear, back: backs, rest, outside, span, powers, covariances, variances, later, pushed })
 }
 
 /// What inputs do that may be off the plan.

@@ -160,6 +160,7 @@ fn one_part(
         rho0,
         noise: region.future,
         to_come: None,
+        within: false,
         besides: [None; 2],
         apart: None,
     };
@@ -273,7 +274,8 @@ fn by_rows(
         bands.extend_from_slice(&components);
         let quantile = match noise {
             Some(noise) => {
-                noise.of_components(k == steps, &covariance, n, &mut bands[k * n..])?;
+                let variances = try_collect(WHAT, covariance.iter().step_by(n + 1).copied())?;
+                noise.of_components(k == steps, &variances, &mut bands[k * n..])?;
                 normal_quantile(&covariance, n, if k == steps { noise.end } else { noise.before })?
             }
             None => 0.0,

@@ -15,13 +15,13 @@ type Vector<'py> = PyReadonlyArray1<'py, f64>;
 type Array1<'py> = Bound<'py, PyArray1<f64>>;
 type Array2<'py> = Bound<'py, PyArray2<f64>>;
 /// `[A B c]`, J, G and the number of inputs.
-type System<'py> = (Matrix<'py>, Matrix<'py>, Matrix<'py>, usize);
+pub(super) type System<'py> = (Matrix<'py>, Matrix<'py>, Matrix<'py>, usize);
 /// Radii (K + 1) and components (K + 1, p).
 type Radii<'py> = (Array1<'py>, Array2<'py>);
 
 const WHAT: &str = "a region of a window";
 
-fn entering<'a>((matrix, entering, noise, m): &'a System<'_>) -> PyResult<Entering<'a>> {
+pub(super) fn entering<'a>((matrix, entering, noise, m): &'a System<'_>) -> PyResult<Entering<'a>> {
     Ok(Entering {
         m: *m,
         matrix: slice("matrix", matrix)?,

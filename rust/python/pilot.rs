@@ -5,9 +5,10 @@ use pyo3::prelude::*;
 
 use super::convert::{array1, array2, slice};
 use super::estimate::covariance;
+use super::outputs::{System, entering};
 use super::region::{PyRegion, places};
 use super::run::{UNTIL_STOPPED, run};
-use crate::certificate::{Endpoints, MainRuns, Pilot, Reference, Shares, Simulation};
+use crate::certificate::{Course, Endpoints, LaterPairs, MainRuns, Pilot, Reference, Shares, Simulation};
 use crate::memory::try_copy;
 
 type Matrix<'py> = PyReadonlyArray2<'py, f64>;
@@ -33,6 +34,19 @@ pub(super) struct PyReference(Reference);
 /// `(target, reach, quantile, mismatch, rest, tube, components)`.
 type FoundNear<'py> = (f64, f64, f64, f64, f64, Bound<'py, PyArray1<f64>>, Bound<'py, PyArray1<f64>>);
 
+/// The system, its first state, the inputs, and a gain.
+type GivenCourse<'py> = (System<'py>, Vector<'py>, Matrix<'py>, Option<Matrix<'py>>);
+type Followed<'py> = (Bound<'py, PyArray2<f64>>, Bound<'py, PyArray2<f64>>);
+
+fn course<'a>((system, x0, inputs, gain): &'a GivenCourse<'_>) -> PyResult<Course<'a>> {
+    Ok(Course {
+        system: entering(system)?,
+        gain: gain.as_ref().map(|gain| slice("gain", gain)).transpose()?,
+        x0: slice("x0", x0)?,
+        inputs: slice("inputs", inputs)?,
+    })
+}
+
 #[pymethods]
 impl PyPilot {
     #[new]
@@ -54,6 +68,24 @@ impl PyPilot {
         let simulation = Simulation { model: slice("model", &model)?, feedback };
         let cost = (pairs * (2 * d + n).pow(2)) as f64;
         Ok(Self { pilot: run(py, cost, |stop| Pilot::new(runs, simulation, threads, stop))?, n, d })
+    }
+
+    /// Of pairs `(z, y)` with any feedback, behind `before` ones of this model and root of their squares.
+    #[staticmethod]
+    fn after(
+        py: Python<'_>,
+        rows: Matrix<'_>,
+        model: Matrix<'_>,
+        root: Matrix<'_>,
+        before: usize,
+        m: usize,
+        threads: usize,
+    ) -> PyResult<Self> {
+        let ((pairs, width), (n, d)) = (rows.as_array().dim(), model.as_array().dim());
+        let (model, root) = (slice("model", &model)?, slice("root", &root)?);
+        let of = LaterPairs { rows: slice("rows", &rows)?, model, root, before, m };
+        let cost = (pairs * (d + width).pow(2)) as f64;
+        Ok(Self { pilot: run(py, cost, |stop| Pilot::after(of, threads, stop))?, n, d })
     }
 
     #[getter]
@@ -81,6 +113,27 @@ impl PyPilot {
     /// From the inputs of a plan.
     fn reference(&self, x0: Vector<'_>, inputs: Matrix<'_>) -> PyResult<PyReference> {
         Ok(PyReference(Reference::new(&self.pilot, slice("x0", &x0)?, slice("inputs", &inputs)?)?))
+    }
+
+    /// Bounds of the model and of noise (K + 1, p) of a plan that is followed, beside that of the pilot; None if it is too large.
+    fn followed<'py>(
+        &self,
+        py: Python<'py>,
+        own: GivenCourse<'_>,
+        reference: GivenCourse<'_>,
+        known: Known<'_>,
+        delta: f64,
+        noise: bool,
+    ) -> PyResult<Option<Followed<'py>>> {
+        let shares = Shares::followed(delta, known.1.is_some(), noise)?;
+        let covariance = covariance(&known.0, known.1.as_ref())?;
+        let (steps, (own, reference)) = (own.2.as_array().dim().0, (course(&own)?, course(&reference)?));
+        let found = run(py, UNTIL_STOPPED, |stop| {
+            let event = self.pilot.event(covariance, (shares.radii, shares.covariance), true, stop)?;
+            self.pilot.followed(own, reference, &event, shares, stop)
+        })?;
+        let Some(found) = found else { return Ok(None) };
+        Ok(Some((array2(py, found.model, steps + 1, self.n)?, array2(py, found.noise, steps + 1, self.n)?)))
     }
 
     /// The certificate of a plan at `delta`.

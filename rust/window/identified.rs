@@ -69,7 +69,7 @@ impl Identified {
         // the rows of the pairs before this one
         let before = |pair: usize| if plain { pair } else { at.partition_point(|&t| t < pair) };
         let mut sized = of.scaled;
-        if of.windowed && !sized && !matches!(of.past, Past::Known(..)) {
+        if of.windowed && !sized && !of.piloted && !matches!(of.past, Past::Known(..)) {
             match first_pairs(&rows, width, d, threads, stop)? {
                 None => sized = true,
                 Some(asked) if asked > before(first) => first = if plain { asked } else { at[asked] },

@@ -141,17 +141,18 @@ def test_against_the_twin(name: str, noise: bool) -> None:
     else:
         end = (0.8 + 0.08 * one) * delta
         s, first = p.best(K, end)
-        b = p.better_rest(K, 0.08 * delta / max(K - 1, 1), s)
+        b = p.better_rest(K, 0.04 * delta / max(K - 1, 1), s)
         q = abs(s) * twin.wq(p.C0(K), end)
     # s is where a convex function is flat: known to the root of eps
     assert quantile == pytest.approx(q, rel=1e-7)
     # over the spectral ball both are smaller, here and there; never below a part that is attained
     assert 0.8 * first < quantile + mismatch < LARGER * first
-    assert 0.8 * p.rest(b) <= rest <= 1.01 * p.rest(b)
+    # the rest without noise is also that of second order (test_near_followed.py)
+    assert (0.8 if noise else 0.2) * p.rest(b) <= rest <= 1.01 * p.rest(b)
     # the tube has its level for K steps, a component its share of n
     if not noise:
         wider = abs(s) * twin.wq(p.C0(K), end / K) + p.mismatch(K, s) + p.rest(b)
-        assert 0.8 * wider < tube[K] < 1.01 * wider
+        assert 0.8 * (wider - p.rest(b)) < tube[K] < 1.01 * wider
         deviation = np.sqrt(np.diag(p.C0(K)))
         low = abs(s) * stats.norm.isf(end / n / 2) * deviation
         assert np.all(components >= np.minimum(low, wider) + np.abs(xs[-1] - plant.xf) - 1e-12)

@@ -610,10 +610,7 @@ def near_plans(gen, trial):
 def events_hold(reference, rows, at, ts, G):
     """Whether G is in all the events of Theorem 3, Sigma known."""
     K, T0, g = len(reference.c), twin.maps(reference), G.T.ravel()
-    z, x = (
-        norm.isf(at.first / (2 * K * len(rows))),
-        np.log(4 * K * len(rows) / at.others),
-    )
+    x = np.log(4 * K * len(rows) / at.others)
     fine = np.linalg.norm(G, 2) <= at.spectral and np.linalg.norm(G) <= at.frobenius
     for t in ts:
         f = twin.length(np.einsum("jrq,q->jr", T0, g), t)
@@ -622,6 +619,7 @@ def events_hold(reference, rows, at, ts, G):
         for h in rows:
             X0, Q0 = twin.X(reference, h, k), twin.second_order(reference, T0, h, k)
             wide = 2 * np.sqrt(x) * np.linalg.norm(Q0) + 2 * x * np.linalg.norm(Q0, 2)
+            z = twin.quantile_at(k, K, len(rows), at.first)
             fine &= abs((G * X0).sum()) <= z * np.linalg.norm(X0)
             fine &= abs(g @ Q0 @ g) <= abs(np.trace(Q0)) + wide
     return fine

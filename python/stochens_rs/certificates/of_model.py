@@ -266,7 +266,7 @@ def step_regions(of: Question) -> tuple[tuple[Region, ...], ToCome | None]:
         # too few pairs for a bound of the covariance: infinite
         root = np.diag(np.full(n, np.inf)) if bound is None else root_of(bound)
         end = END if K > 1 else END + BEFORE
-        before = BEFORE * of.delta / (2 * max(K - 1, 1))
+        before = BEFORE * of.delta / max(K - 1, 1)
         return regions, GaussianNoise(root, end * of.delta, before)
     assumed: Assumptions = model.assumptions  # type: ignore[attr-defined]
     assert assumed.known is not None
@@ -301,6 +301,7 @@ def output_certificate(
         raise InputError("`noise` must be False: that to come is bounded for Gaussian noise alone")
     # a covariance that is not known is bounded by the mixture alone, whatever the data
     own = noise and model.assumptions.known is None and model.assumptions.tail == 0.0
+    own = own and model.pilot is None
     region = model.region(delta * REGION if noise else delta, method="mixture" if own else "auto")
     none = np.full((outputs, outputs), np.inf)
     covariance = none if region.noise is None else np.ascontiguousarray(region.noise)
@@ -308,6 +309,9 @@ def output_certificate(
     system = model.loop.ABc, model.loop.J, model.loop.G, model.m
     about = region.core, system, basis.x0, u, gain
     _, predicted, mean, read = _core.output_tube(*about, level, basis.apart)
+    near = near_rows(basis, u, delta, noise, gain)
+    if near is not None:
+        mean, read = ((np.linalg.norm(of, axis=1), of) for of in (near[0], near[0] + near[1]))
     tube, components = mean if read is None else read
     if model.doubts:
         for radii in (mean[0], tube, components):
@@ -326,6 +330,8 @@ def output_certificate(
     method = f"window of {model.regressors.text}, {'with' if noise else 'without'} noise"
     if gain is not None:
         method += ", followed with the gain"
+    if near is not None:
+        method += ", near a reference"
     reason = "too few pairs, or too many steps for an unstable model (a feedback keeps it small)"
     if model.doubts:
         reason = model.doubts[0]
@@ -348,8 +354,8 @@ def output_certificate(
         said += "; noise to come independent of the data, at half of the probability of failure"
     if basis.apart is not None:
         most = zip(model.input_names, basis.apart.max(axis=0), strict=True)
-        near = (f"{name} within {show.at_most(off)}" for name, off in most if off > 0.0)
-        said += f"; declared: {', '.join(near)} of the forecast"
+        within = (f"{name} within {show.at_most(off)}" for name, off in most if off > 0.0)
+        said += f"; declared: {', '.join(within)} of the forecast"
     said += "; declared: the plant was at rest" if basis.at_rest else "; the record happened"
     return certificate_of(
         delta,
@@ -359,6 +365,74 @@ def output_certificate(
         covers="target and tube together, and all radii of single outputs together, over the noise "
         + ("of the data and of the run" if noise else "of the data"),
         assumption=f"{said}; the number of steps was fixed beforehand",
+        parts=parts,
+        warnings=model.warnings,
+    )
+
+
+def near_rows(
+    basis: ModelBasis, u: Floats, delta: float, noise: bool, gain: Floats | None
+) -> tuple[Floats, Floats] | None:
+    """Of each step and output bounds of its mean, and of noise; None for a plan without reference.
+
+    That is decided without the data: by the number of steps, an exact x0, and a declared gain.
+    """
+    model = basis.model
+    if not isinstance(model, Model) or model.pilot is None or model.doubts:
+        return None
+    pilot, off = model.pilot, basis.x0_error or basis.apart is not None
+    if pilot.steps != len(u) or (gain is not None and pilot.follow is None) or off:
+        return None
+    assert pilot.start is not None
+    assert pilot.inputs is not None
+
+    def course(Theta: Floats, x0: Floats, inputs: Floats, K: Floats | None) -> Any:
+        J, ABc, G = map(np.ascontiguousarray, model.regressors.loop(Theta))
+        rows = np.ascontiguousarray(inputs), None if K is None else np.ascontiguousarray(K)
+        return (ABc, J, G, model.m), np.ascontiguousarray(x0), *rows
+
+    return model.piloted.followed(
+        course(model.coefficients, basis.x0, u, gain),
+        course(pilot.model, pilot.start, pilot.inputs, None if gain is None else pilot.follow),
+        (model.assumptions.covariance, model.assumptions.known),
+        delta,
+        noise,
+    )
+
+
+NEAR = "near a reference,"
+
+
+def near_states(
+    of: Question, rows: tuple[Floats, Floats], gain: Floats | None = None
+) -> Certificate:
+    """Bound where the true system ends, near a reference: followed with a gain, or with noise."""
+    basis, model = of.basis, of.basis.model
+    assert isinstance(model, Model)
+    assert model.pilot is not None
+    whole, off = rows[0] + rows[1], np.abs(of.predicted[-1] - basis.xf)
+    alone, tube = norm(rows[0][-1]), np.linalg.norm(whole, axis=1)
+    parts = {"reach": norm(off), "model error": alone}
+    if of.noise:
+        parts["noise"] = float(tube[-1]) - alone
+    quantities = {
+        "target": (norm(off) + tube[-1], "xf"),
+        "state": (tube[-1], "the predicted state"),
+        "components": (off + whole[-1], "xf, for each state"),
+        "tube": (tube, "the predicted states, for each step"),
+    }
+    if gain is not None:  # |K e|_i <= sum_j |K_ij| |e_j|
+        inputs = (whole[:-1] @ np.abs(gain).T).max(axis=0)
+        quantities["inputs"] = (inputs, "the planned ones, for each input in any step")
+    return certificate_of(
+        of.delta,
+        of.method(NEAR if gain is None else "near a reference, followed with the gain,"),
+        "too few data for this probability, or a pilot that says too little",
+        quantities,
+        covers="all together, over the noise of the data" + " and of the run" * of.noise,
+        assumption=f"{model.assumptions.text}, {model.pilot.said}"
+        + "; inputs u(k) + K (x(k) - xh(k)) with states read exactly" * (gain is not None)
+        + "; noise of the run independent of the data" * of.noise,
         parts=parts,
         warnings=model.warnings,
     )
@@ -381,6 +455,9 @@ def near_reference(of: Question) -> Certificate | None:
         return None
     if len(of.u) != model.pilot.steps or basis.x0_error:
         return None
+    if of.noise and model.pilot.root is not None:  # apart from the reference
+        rows = near_rows(basis, of.u, of.delta, True, None)
+        return None if rows is None else near_states(of, rows)
     plain, share = model.of_any_design, ANY_DESIGN if model.of_any_design is not None else 0.0
     task = basis.x0, basis.xf, np.ascontiguousarray(of.u), np.ascontiguousarray(of.predicted)
     known = model.assumptions.covariance, model.assumptions.known
@@ -400,7 +477,7 @@ def near_reference(of: Question) -> Certificate | None:
         tube = np.minimum(tube, other["tube"].radius)
     return certificate_of(
         of.delta,
-        of.method("near a reference,"),
+        of.method(NEAR),
         "too few data for this probability, or a pilot that says too little",
         {
             "target": (target, "xf"),

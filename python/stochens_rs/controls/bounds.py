@@ -20,6 +20,8 @@ from ..certificates.of_model import (
     Question,
     certificate,
     near_reference,
+    near_rows,
+    near_states,
     output_certificate,
     step_regions,
     trajectory,
@@ -462,6 +464,10 @@ def proof_of(
 def followed(of: Question, gain: Loop | LoopCertificate) -> Certificate:
     """Bound where the true system ends under ``u(k) + K (x - xh)``; half of delta is for noise."""
     basis, u, predicted, delta, noise, _ = of
+    K = np.ascontiguousarray(gain.K)
+    near = near_rows(basis, u, delta, noise, K)
+    if near is not None:
+        return near_states(of, near, K)
     proof = proof_of("plan", basis.model, gain, delta / 2.0 if noise else delta)
     region = proof.region
     left = delta - region.delta

@@ -201,7 +201,8 @@ class Pilot(Options):
 
     Gaussian noise; number and lengths of runs fixed beforehand; starts measured without error and
     independent of the noise of all runs; `inputs` as declared. The pilot repeats the runs on paper,
-    and the model is estimated with what it predicts as instruments.
+    and the model is estimated with what it predicts as instruments. For inputs by any feedback the
+    pairs are weighted after their past instead, and starts are free.
 
     Attributes
     ----------
@@ -212,15 +213,20 @@ class Pilot(Options):
     reference : (x0, xf, steps) or Plan, optional
         The task that plans will be about, fixed without the runs of the model: never a state that
         they led to. `Plan.bound` of a plan of as many steps is then close to the error itself where
-        the plan is near the pilot's; starts and targets are free.
-    inputs : "open loop" or array_like of shape (m, n), default "open loop"
+        the plan is near the pilot's; starts and targets are free. For outputs a Plan.
+    gain : Loop, optional
+        The feedback that plans will be followed with, made for the model of the pilot by the rule
+        that makes it for the model: `Plan.bound(gain=)` is then near the reference.
+    inputs : "open loop", "any" or array_like of shape (m, n), default "open loop"
         How the inputs of the runs were made: independent of the noise, or ``gain x + dither`` with
-        this gain.
+        this gain, or by any feedback, for runs in the order of time: `source` is then a share or
+        number of runs.
     dither : array_like, shape (N, m), optional
         What was added to the feedback, as it was recorded, not computed from u and x.
     lengths_fixed : bool, default False
         Your declaration that runs of unequal length are so by plan: their lengths were fixed
-        beforehand, and no run was ended because of what was measured.
+        beforehand, and no run was ended because of what was measured; with inputs="any" also that
+        rows that are missing were lost by chance.
 
     Raises
     ------
@@ -239,6 +245,12 @@ class Pilot(Options):
     inputs: str | Floats = "open loop"
     dither: Floats | None = None
     lengths_fixed: bool = False
+    gain: Any = None
+
+    @property
+    def past(self) -> bool:
+        """Whether pairs are weighted after their past."""
+        return isinstance(self.inputs, str) and self.inputs == "any"
 
     def __post_init__(self) -> None:
         if self.source is None:
@@ -247,12 +259,22 @@ class Pilot(Options):
             )
         open_loop = isinstance(self.inputs, str)
         if open_loop:
-            validation.choice("inputs", self.inputs, ("open loop",))
+            validation.choice("inputs", self.inputs, ("open loop", "any"))
         else:
             self._keep(inputs=validation.matrix("inputs", self.inputs))
         if open_loop != (self.dither is None):
             raise InputError(
-                "`dither` must be given with a gain as `inputs`, and be left out for 'open loop'"
+                "`dither` must be given with a gain as `inputs`, and be left out without one"
+            )
+        if self.past and not validation.is_real(self.source):
+            raise InputError(
+                "`source` must be a share or a number of the first runs with inputs='any', got "
+                f"{validation.show(self.source)}"
+            )
+        if self.gain is not None and (self.reference is None or not hasattr(self.gain, "K")):
+            raise InputError(
+                "`gain` must be a Loop, as by `gain`, beside a `reference`, got "
+                f"{validation.show(self.gain)}"
             )
         if self.dither is not None:
             self._keep(dither=validation.matrix("dither", self.dither))

@@ -20,8 +20,8 @@ from . import checks as tests
 from .assumptions import ANY, Misfit, Noise, Pilot, Window, sizes_of
 from .identified import Identified
 from .model import Model, Past, identified, require_fit
-from .pilot import made
-from .window import regressors_of, spread
+from .pilot import after, made, split
+from .window import of_names, regressors_of, spread
 
 
 def declared_past(runs: Trajectories, asked: Window) -> tuple[Past, bool]:
@@ -153,10 +153,12 @@ def identify(
     assumed = assumptions.checked_assumptions(law, names, guided is not None, asked.tail, accept)
     offset = validation.flag("intercept", intercept)
     past, windowed = declared_past(runs, asked)
-    for name, one in (("known", known), ("pilot", guided)):
+    past_pilot = guided is not None and guided.past
+    for name, one in (("known", known), ("pilot", None if past_pilot else guided)):
         if windowed and one is not None:
             raise InputError(
-                f"`{name}` must be left out for outputs: it is about states"
+                f"`{name}` must be left out for outputs, but for Pilot(inputs='any'): it is about "
+                "states"
                 if runs.outputs
                 else f"`{name}` must be left out with `delay`: it is about states that say all"
             )
@@ -165,15 +167,22 @@ def identify(
     assumptions.refuse(assumed, n, runs.single)
     if misfit is not None:
         require_fit(misfit, runs, assumed, sizes, (windowed or None, guided, entries))
-    guide = None
-    if guided is not None:
+    guide = first = None
+    if guided is not None and guided.past:
+        lags = asked.lags if isinstance(asked.lags, int) else 1
+        d = lags * (n + runs.m) + offset
+        first, runs = split(runs, assumed, entries is not None, guided, d)
+    elif guided is not None:
         guide, runs = made(runs, assumed, entries is not None, guided, offset)
     by = (tests.DRAWS, bytes(tests.KEY), tests.WORK) if validation.flag("checks", checks) else None
-    about = assumed, sizes is not None, offset, entries, guide
+    about = assumed, sizes is not None, offset, entries, guided is not None
     found = identified(runs, past, *about, windowed, asked.delays, simulated=by)
     regressors = regressors_of(found, runs, offset) if windowed else None
     if regressors is not None:
         sizes = np.ones(regressors.length) if found.unit else spread(regressors, sizes)
+    if first is not None and guided is not None:
+        own = regressors or of_names(names, runs.input_names, offset)
+        guide = after(first, runs, own, guided)
     residuals = tests.checks_of(found.checks, tests.DRAWS, assumed.design)
     fields = offset, entries, residuals, guide, regressors, found.first, misfit
     model = trusted(Model, runs, found.triangle, assumed, sizes, *fields)

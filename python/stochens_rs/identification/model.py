@@ -126,7 +126,8 @@ class Model(SavedRecord, Fitted):
                 raise InputError("`known` must have numbers, and nan where an entry was estimated")
         refuse(self.assumptions, n, self.data.single)
         if self.pilot is not None:
-            refuse_pilot(self.assumptions, self.data, self.known is not None)
+            past = self.pilot.root is not None
+            refuse_pilot(self.assumptions, self.data, self.known is not None, past)
             validation.kept("pilot.model", self.pilot.model, shape=(n, d))
             if self.pilot.dither is not None:
                 validation.kept("pilot.dither", self.pilot.dither, shape=(self.data.size, self.m))
@@ -147,7 +148,7 @@ class Model(SavedRecord, Fitted):
     def core(self) -> _core.Identified:
         """What the core finds in the data."""
         scaled = self.scale is not None
-        own = self.assumptions, scaled, self.intercept, self.known, self.pilot
+        own = self.assumptions, scaled, self.intercept, self.known, self.pilot is not None
         past = self.regressors.core, self.first
         windowed = self.window is not None
         return identified(self.data, past, *own, windowed, triangle=self.triangle)
@@ -272,7 +273,7 @@ class Model(SavedRecord, Fitted):
     def piloted(self) -> _core.Pilot:
         """The runs as the pilot simulates them."""
         pilot: Any = self.pilot
-        return pilot.simulated(self.data)  # type: ignore[no-any-return]
+        return pilot.simulated(self.data, self.rows, self._free)  # type: ignore[no-any-return]
 
     @cached_property
     def reference(self) -> _core.Reference:
@@ -668,7 +669,7 @@ def identified(
     scaled: bool,
     offset: bool,
     known: Floats | None,
-    pilot: PilotModel | None,
+    piloted: bool,
     windowed: bool,
     delays: tuple[int, int] = (0, 0),
     **about: Any,
@@ -685,7 +686,7 @@ def identified(
     log, all_of = (data.rows, data.layout), data.whole
     whole = None if all_of is None else (all_of.rows, all_of.layout)
     exact = assumed.design == "independent" and assumed.noise == "gaussian"
-    flags = offset, bool(data.outputs), windowed, scaled, exact, pilot is not None
+    flags = offset, bool(data.outputs), windowed, scaled, exact, piloted
     of = known, tests.tested_rows(assumed, known, data.n), assumed.declared, get_num_threads()
     return _core.identify(log, whole, (data.n, data.m), past, (delays, flags), *of, **about)
 

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from . import sharper
 from .laws import normal_quantile
 from .regions import _times
 from .triangle import Fitted, seen
@@ -134,9 +135,8 @@ def several_steps(
     and ||c_j|| becomes sqrt(1 + ||c_j||^2).
 
     `to_come` = (N, end, before): Gaussian noise to come of covariance N, independent of the data.
-    Given them, n_k = sum_{p<k} A^p w is N(0, N_k), N_k = sum_{p<k} A^p N A^p'; r_k gets the
-    quantile of ||n_k||, b_k that of ||W^(1/2) n_k||, as e_k holds n_k, at the level `before` each,
-    r_K at `end`.
+    With what D_x makes of it its covariance is at most Y_k (`sharper.lemma2`, of several kappa that
+    of the least trace); r_k gets the quantile of its norm at the level `before`, r_K at `end`.
     """
     m = fitted
     n = len(m.H)
@@ -193,13 +193,23 @@ def several_steps(
             + start
             + _product(spectral, weighted_cauchy_schwarz(back_W, past))
         )
-        if to_come is not None:
-            N, end, before = to_come
-            N_k = sum((power @ N @ power.T for power in powers[:k]), np.zeros((n, n)))
-            r[-1] += normal_quantile(N_k, before if k < len(c) else end)
-            b += normal_quantile(half @ N_k @ half.T, before) if k < len(c) else 0.0
         rest.append(b if known else np.inf)
+    if to_come is not None:
+        N, end, before = to_come
+        for k, Y in enumerate(with_noise(A, root, half, N, spectral, len(c))[1:], 1):
+            within = Y if known or k == 1 else np.full((n, n), np.inf)
+            r[k] += normal_quantile(within, before if k < len(c) else end)
     return Steps(np.array(states), np.array(r), np.array(first), np.array(rest), np.array(sizes))
+
+
+def with_noise(A: Array, D: Array, E: Array, N: Array, rho: float, steps: int) -> list[Array]:
+    """Of each step the Y_k of the least trace; alpha is chosen where rho D has rows of length 1."""
+    sizes = rho * np.linalg.norm(D, axis=1)
+    units = np.where(sizes > 0.0, sizes, 1.0)
+    given = A / units[:, None] * units, D / units[:, None], E * units, N / np.outer(units, units)
+    every = [sharper.lemma2(*given, rho, steps, kappa) for kappa in sharper.KAPPAS]
+    own = [[Y * np.outer(units, units) for Y in one] for one in every]
+    return [min(of, key=np.trace) for of in zip(*own, strict=True)]
 
 
 def _product(a: float, b: float) -> float:

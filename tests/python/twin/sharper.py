@@ -79,6 +79,13 @@ def quantile_of(events: int, delta: float) -> float:
     return float(norm.isf(delta / (2 * events)))
 
 
+def quantile_at(k: int, K: int, rows: int, delta: float) -> float:
+    """The same for the rows of step k of K: .8 of delta is for those of the last step."""
+    if k == K:
+        return quantile_of(rows, delta * (0.8 if K > 1 else 1.0))
+    return quantile_of((K - 1) * rows, 0.2 * delta)
+
+
 # -- sec. 3: any region ----------------------------------------------------------------------------
 
 
@@ -363,13 +370,14 @@ def near(
     K, T, T0 = len(plan.c), maps(plan), maps(reference)
     traces = T.shape[2] > 300 if traces is None else traces
     events = K * len(rows)
-    z, x = quantile_of(events, at.first), np.log(4.0 * events / at.others)
+    x = np.log(4.0 * events / at.others)
     first, rest = (np.full((K, len(rows)), np.inf) for _ in range(2))
     noise = [chaos_of(reference, T0, t, np.log(2.0 * len(ts) / at.others), traces) for t in ts]
     for k in range(1, K + 1):
         found = [shrunk(plan, T, T0, at, t, k, b, traces) for t, b in zip(ts, noise, strict=True)]
         for i, h in enumerate(rows):
             X_k, X0_k = (X(one, h, k) for one in (plan, reference))
+            z = quantile_at(k, K, len(rows), at.first)
             first[k - 1, i] = ONCE * along(X_k, X0_k, z, at)
             second = np.inf if traces else second_bound(plan, reference, T, T0, h, k, x, at, known)
             for t, (small, f) in zip(ts, found, strict=True):

@@ -213,8 +213,8 @@ def split(
     refuse(assumed, data, entries, True)
     if (np.ptp(data.lengths) > 0 or len(data.layout.gaps)) and not asked.lengths_fixed:
         raise InputError(
-            "runs of unequal length, or with lost rows, need `lengths_fixed=True`: you declare that "
-            "lengths were fixed beforehand and rows lost by chance"
+            "runs of unequal length, or with lost rows, need `lengths_fixed=True`: you declare "
+            "that lengths were fixed beforehand and rows lost by chance"
         )
     first = _first(data, np.asarray(asked.source).item(), d)
     return data[:first], data[first:]

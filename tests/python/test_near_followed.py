@@ -292,8 +292,6 @@ def test_the_law_of_weights_after_the_past(name: str) -> None:
         at_most(missed[1, at], count, 0.12 * delta + 0.88 * delta)
 
 
-
-
 def test_a_long_unit_root_has_weights() -> None:
     """Its forecast is spent early: of 600 pairs behind 20, each of 200 logs has its law."""
     Theta, root, z, y, _ = logs("unit root, offset", sets(2000, 200), 9, 600)

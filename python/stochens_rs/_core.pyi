@@ -820,6 +820,8 @@ class Feedback:
         doubted: bool = False,
         misfit: tuple[_Floats, _Floats, float] | None = None,
     ) -> Feedback: ...
+    # of more states, which follow those of this one and do not act on them
+    def behind(self, region: Region, gain: _Floats) -> Feedback: ...
     @property
     def status(self) -> _LoopStatus: ...
     # proved upper and unproved lower bound of rho g, spectral radius of the centre
@@ -1020,12 +1022,11 @@ class Readings:
 
 @final
 class Keeper:
-    # limits (n + m,); None where nothing is proved
+    # limits low, high (n + m + r,) and rows below (r, n + m); None where nothing is proved
     @staticmethod
     def of(
         feedback: Feedback,
-        low: _Floats,
-        high: _Floats,
+        limits: tuple[_Floats, _Floats, _Floats],
         covariance: _Floats,
         eps: float,
         calls: int,

@@ -11,7 +11,7 @@ use crate::scaled::nearest_power_of_two;
 pub(super) const WHAT: &str = "the certificate of a feedback";
 pub(super) type Matrix = Mat<f64>;
 /// `lift` of `lemma::least`: where disturbances reach each state, and where states repeat each other.
-const LIFT: f64 = 1e-14;
+pub(super) const LIFT: f64 = 1e-14;
 pub(super) const REPEATED: f64 = 1e-6;
 
 /// An eigenvalue, singular value or inverse that was not found.

@@ -22,7 +22,7 @@ use crate::memory::{covered, try_copy};
 use crate::parallel::Stop;
 
 use super::certificate::Verdict;
-use super::data::{Matrix, WHAT, entries, in_units, matrix, symmetric};
+use super::data::{Matrix, WHAT, entries, in_units, matrix, stacked, symmetric};
 use super::first_order::FirstOrder;
 use super::loops::{Loop, bytes, forms, squares};
 use super::tube::ROUNDING;
@@ -35,7 +35,7 @@ const LATE: usize = 5000;
 /// What a plan lacks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Short {
-    /// The row: states, then inputs.
+    /// The row: states, inputs, and those below.
     pub row: usize,
     /// The step.
     pub step: usize,
@@ -52,7 +52,7 @@ pub struct Short {
 pub struct Judged {
     /// The worst row and step where it is not.
     pub short: Option<Short>,
-    /// What the error of the model adds at most along the plan (n + m).
+    /// What the error of the model adds at most along the plan (n + m + r).
     pub model: Vec<f64>,
     /// Whether it would not be accepted for any smaller `model` either.
     pub surely: bool,
@@ -63,6 +63,8 @@ pub struct Judged {
 pub struct Keeper {
     of: Arc<Loop>,
     rows: Matrix,
+    /// The rows below states and inputs, of these.
+    below: Vec<f64>,
     low: Vec<f64>,
     high: Vec<f64>,
     noise: Vec<f64>,
@@ -92,25 +94,25 @@ fn square(g: &[f64], x: &[f64]) -> f64 {
 }
 
 impl Keeper {
-    /// Limits (n + m), states and inputs, `low < 0 < high`, for `calls` steps with Gaussian noise of at most this covariance
-    /// (n, n); `eps` is given away for it. None where there is no bound.
+    /// Limits (n + m + r), of states, inputs and the rows `below` (r, n + m) of both, `low < 0 < high`, for `calls` steps with
+    /// Gaussian noise of at most this covariance (n, n); `eps` is given away for it. None where there is no bound.
     ///
     /// # Errors
     /// [`Error::Shape`], [`Error::Value`], [`Error::Numerical`], [`Error::Memory`].
     pub fn new(
         of: Arc<Loop>,
-        limits: (&[f64], &[f64]),
+        (limits, below): ((&[f64], &[f64]), &[f64]),
         covariance: &[f64],
         eps: f64,
         calls: usize,
     ) -> Result<Option<Self>> {
         let (n, q, d) = (of.data.n, of.data.n + of.data.m, of.data.region.d);
-        let (low, high) = limits;
-        if low.len() != q || high.len() != q || covariance.len() != n * n {
+        let ((low, high), r) = (limits, below.len() / q);
+        if low.len() != q + r || high.len() != q + r || below.len() != r * q || covariance.len() != n * n {
             let found = format!("{}, {} and {}", low.len(), high.len(), covariance.len());
             return Err(Error::Shape {
                 name: "limits",
-                expected: format!("{q} entries, and {n} x {n} of noise"),
+                expected: format!("{q} entries, one more for each row below, and {n} x {n} of noise"),
                 found,
             });
         }
@@ -119,8 +121,9 @@ impl Keeper {
         }) else {
             return Ok(None);
         };
-        covered(WHAT, bytes(n, d) + 16 * (STEPS * q) as u128, || {
-            let (rows, back, theta) = (of.rows(), of.data.back(), of.certificate.norm);
+        covered(WHAT, bytes(n, d) + 16 * (STEPS * (q + r)) as u128, || {
+            let (own, back, theta) = (of.rows(), of.data.back(), of.certificate.norm);
+            let rows = stacked([&own, &(matrix(below, r, q) * &own)], n);
             let (a, inputs, outputs) = (&of.closed.a0, of.closed.inputs(&of.data), of.closed.outputs());
             let forcing = symmetric(&(&inputs * inputs.transpose()));
             let all = of.gramian(a, &forcing, 1.0);
@@ -149,7 +152,7 @@ impl Keeper {
             let zeta = normal_quantile(&[1.0], 1, (2.0 * eps / (sides.max(1) as f64 * pairs)).min(0.999))?;
             let (noise, level) = (sizes(squares(&y, &rows), zeta), sizes(squares(proof, &rows), 1.0));
             let inverse = proof.partial_piv_lu().inverse();
-            let (low, high) = (try_copy(WHAT, low)?, try_copy(WHAT, high)?);
+            let (low, high, below) = (try_copy(WHAT, low)?, try_copy(WHAT, high)?, try_copy(WHAT, below)?);
             let (mut centre, mut white) = (Vec::new(), Vec::new());
             for i in 0..n {
                 centre.extend((0..n).map(|j| of.data.a[(i, j)]));
@@ -162,11 +165,11 @@ impl Keeper {
             let (gain, inverse, rest) =
                 (entries(&of.closed.k), entries(&inverse), entries(&rest.transpose().to_owned()));
             let of = Arc::clone(&of);
-            Ok(Some(Self { rows, low, high, noise, forced, level, centre, gain, white, rest, inverse, of }))
+            Ok(Some(Self { rows, below, low, high, noise, forced, level, centre, gain, white, rest, inverse, of }))
         })?
     }
 
-    /// What noise adds at most to each row (n + m).
+    /// What noise adds at most to each row (n + m + r).
     #[must_use]
     pub fn noise(&self) -> &[f64] {
         &self.noise
@@ -202,6 +205,13 @@ impl Keeper {
         self.act(z, plan, k);
     }
 
+    /// Row h of z, in the units of the data.
+    fn value(&self, h: usize, z: &[f64]) -> f64 {
+        let own = |i: usize| z[i] * self.of.data.unit.get(i).copied().unwrap_or(1.0);
+        let below = h.checked_sub(z.len()).and_then(|h| self.below.chunks_exact(z.len()).nth(h));
+        below.map_or_else(|| own(h), |row| row.iter().enumerate().map(|(i, v)| v * own(i)).sum())
+    }
+
     /// Whether the data determine `Theta z`.
     fn determined(&self, z: &[f64]) -> bool {
         let (n, unit) = (self.of.data.n, &self.of.data.unit);
@@ -224,13 +234,13 @@ impl Keeper {
         let mut order = sharp.then(|| FirstOrder::new(&self.of));
         let (mut squared, mut short, mut worst, mut surely): (f64, Option<Short>, f64, bool) = (0.0, None, 0.0, false);
         let partial = data.region.parts.iter().any(|part| part.rank() < part.columns.len());
-        largest.resize(q, 0.0f64);
+        largest.resize(self.low.len(), 0.0f64);
         for k in 0.. {
             let later = k >= planned;
             let whole = (squared + if later { square(&self.rest, &z[..n]) } else { 0.0 }).sqrt();
             let inside = if later { (square(&self.inverse, &z[..n]) * (1.0 + ROUNDING)).sqrt() } else { f64::INFINITY };
             let (table, end, mut resting) = (&self.forced[k.min(STEPS)], &self.forced[STEPS], later);
-            for h in 0..q {
+            for h in 0..self.low.len() {
                 let (low, high) = (self.low[h], self.high[h]);
                 if low == f64::NEG_INFINITY && high == f64::INFINITY {
                     continue;
@@ -244,7 +254,7 @@ impl Keeper {
                     model = model.min(order.along(&self.rows.subrows(h, 1).to_owned())? + theta * model);
                 }
                 let noise = if k == 0 { 0.0 } else { self.noise[h] };
-                let (off, value) = (model + noise, z[h] * if h < n { data.unit[h] } else { 1.0 });
+                let (off, value) = (model + noise, self.value(h, &z));
                 largest[h] = largest[h].max(model);
                 let amount = (value + off - high).max(low - value + off);
                 surely |= (h >= n || k > 0) && amount > model + ROUNDING * high.min(-low);

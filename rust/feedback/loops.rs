@@ -9,7 +9,7 @@ use crate::parallel::Stop;
 use crate::region::Region;
 
 use super::certificate::{Certificate, Verdict, judged};
-use super::data::{Closed, Matrix, Misfit, Uncertain, WHAT, entries, in_units, matrix, scaled};
+use super::data::{Closed, LIFT, Matrix, Misfit, REPEATED, Uncertain, WHAT, entries, in_units, matrix, scaled};
 use super::lemma::least;
 use super::verify::{Claim, verify};
 
@@ -79,11 +79,40 @@ impl Loop {
         gain: impl Into<MatrixView<'a>>,
         stop: &Stop,
     ) -> Result<Self> {
+        Self::lifted((region, misfits, LIFT), gain.into(), stop)
+    }
+
+    /// The loop of more states, which follow those of this one and do not act on them, nor on the input: readings, inputs of
+    /// before. They may repeat others. `region` is of the same event, with their rows below; `rho g` is that of this loop.
+    ///
+    /// # Errors
+    /// As [`Loop::new`]; [`Error::Shape`] for a region or a gain in which they act.
+    pub fn behind<'a>(&self, region: &Region, gain: impl Into<MatrixView<'a>>, stop: &Stop) -> Result<Self> {
+        let (of, own, gain) = (&self.data.region, self.own_gain(), gain.into());
+        let (n, m, more) = (of.n, of.m, region.n.saturating_sub(of.n));
+        let given = gain.sized("K", region.m, region.n)?;
+        let apart = |j: usize| (n..n + more).contains(&j);
+        let before =
+            |i: usize, j: usize| if apart(j) { 0.0 } else { of.centre[i * of.d + if j < n { j } else { j - more }] };
+        let alike = |i: usize| (0..region.d).all(|j| region.centre[i * region.d + j] == before(i, j));
+        let silent = |i: usize| (0..region.n).all(|j| given[i * region.n + j] == if j < n { own[(i, j)] } else { 0.0 });
+        let fits = region.n >= n && region.m == m && region.d == of.d + more;
+        if !(fits && (0..n).all(alike) && (0..m).all(silent)) {
+            let (expected, found) = (format!("{n} first states that move by themselves"), "others".into());
+            return Err(Error::Shape { name: "region", expected, found });
+        }
+        let mut found = Self::lifted((region, Vec::new(), REPEATED), gain, stop)?;
+        found.certificate.norm = found.certificate.norm.min(self.certificate.norm);
+        Ok(found)
+    }
+
+    fn lifted((region, misfits, lift): (&Region, Vec<Misfit>, f64), gain: MatrixView<'_>, stop: &Stop) -> Result<Self> {
         let (n, m) = (region.n, region.m);
-        let gain = gain.into().finite("K", m, n)?;
+        let gain = gain.finite("K", m, n)?;
         room_for_products()?;
         covered(WHAT, bytes(n, region.d), || {
-            let data = Uncertain::beside(region, misfits)?;
+            let mut data = Uncertain::beside(region, misfits)?;
+            data.lift = lift;
             let k = Mat::from_fn(m, n, |i, j| gain[i * n + j] * data.unit[j]);
             let closed = Closed::new(&data, k);
             let (mut certificate, proof, closed) = judged(&data, closed, stop)?;

@@ -84,7 +84,7 @@ fn plans_are_accepted_within_limits_only() {
     let found = Arc::new(Loop::new(&round(&[1.2, 1.0], 1, 1, 0.1), &[[-0.9]], &Stop::new()).unwrap());
     for (limit, accepted) in [(10.0, true), (0.5, false)] {
         let sides = ([f64::NEG_INFINITY, -limit], [f64::INFINITY, limit]);
-        let keeper = Keeper::new(Arc::clone(&found), (&sides.0, &sides.1), &[0.01], 0.05, 50).unwrap().unwrap();
+        let keeper = Keeper::new(Arc::clone(&found), ((&sides.0, &sides.1), &[]), &[0.01], 0.05, 50).unwrap().unwrap();
         let judged = keeper.judge(&[1.0], &[-0.4, -0.2], false, &Stop::new()).unwrap();
         let sharp = keeper.judge(&[1.0], &[-0.4, -0.2], true, &Stop::new()).unwrap();
         assert_eq!(judged.short.is_none(), accepted);
@@ -92,6 +92,44 @@ fn plans_are_accepted_within_limits_only() {
         // u(1) = -.2 + K (x - xb), xb = 1.2 - .4
         near(keeper.follow(&[1.0], &[-0.4, -0.2], 1, &[1.0]).unwrap()[0], -0.2 - 0.9 * 0.2, 1e-9);
     }
+}
+
+/// The input before as a state behind x, and `u - v` as a row: its largest changes are .48 in the steps 2 and 3, and noise adds
+/// `zeta .9 sqrt(1.4 / .91) .1` at least.
+#[test]
+fn changes_of_inputs_are_kept_within_limits() {
+    let one = Loop::new(&round(&[1.2, 1.0], 1, 1, 0.1), &[[-0.9]], &Stop::new()).unwrap();
+    let eye = [1.0, 0.0, 0.0, 1.0];
+    let of = PartOf {
+        rows: &[0],
+        columns: &[0, 2],
+        white: &eye,
+        root: &eye,
+        missing: &[],
+        ratio: 1.0,
+        shape: &[1.0],
+        factor: 0.01,
+    };
+    let parts = || vec![Arc::new(Part::new(of).unwrap())];
+    let wider = |a: f64| Region::new(&[1.2, a, 1.0, 0.0, 0.0, 1.0], 2, 1, parts(), None, false).unwrap();
+    assert!(one.behind(&wider(0.0), &[[-0.9, 0.1]], &Stop::new()).is_err());
+    assert!(one.behind(&wider(0.1), &[[-0.9, 0.0]], &Stop::new()).is_err());
+    assert!(one.behind(&round(&[1.2, 1.0], 1, 1, 0.1), &[[-0.8]], &Stop::new()).is_err());
+    let all = Arc::new(one.behind(&wider(0.0), &[[-0.9, 0.0]], &Stop::new()).unwrap());
+    near(all.certificate().norm, one.certificate().norm, 1e-9);
+    let far = f64::INFINITY;
+    for (limit, accepted) in [(2.0, true), (0.9, false)] {
+        let sides = ([-far, -far, -far, -limit], [far, far, far, limit]);
+        let below = ((&sides.0[..], &sides.1[..]), &[0.0, -1.0, 1.0][..]);
+        let keeper = Keeper::new(Arc::clone(&all), below, &[0.01, 0.0, 0.0, 0.0], 0.05, 50).unwrap().unwrap();
+        let judged = keeper.judge(&[1.0, 0.0], &[-0.4, -0.2], true, &Stop::new()).unwrap();
+        assert_eq!(judged.short.map(|short| (short.row, short.step)), if accepted { None } else { Some((3, 3)) });
+        // zeta of 2 sides and 1275 pairs
+        let least = 4.1121 * 0.09 * (1.4f64 / 0.91).sqrt();
+        assert!((1.0..1.2).contains(&(keeper.noise()[3] / least)), "{} of {least}", keeper.noise()[3]);
+        assert!(judged.model[3] > 0.0);
+    }
+    assert!(Keeper::new(all, ((&[-1.0; 3], &[1.0; 3]), &[1.0]), &[0.01; 4], 0.05, 50).is_err());
 }
 
 /// The oracles of one state: `|a0| + rho sqrt(1 + K^2) + gamma = 1` is exact for a term of x in its own row.

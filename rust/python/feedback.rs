@@ -55,6 +55,14 @@ impl PyFeedback {
         Ok(Self { of: Arc::new(if doubted { of.doubted() } else { of }), n, m })
     }
 
+    /// The loop of more states, which follow those of this one and do not act on them.
+    fn behind(&self, py: Python<'_>, region: &Bound<'_, PyRegion>, gain: Matrix<'_>) -> PyResult<Self> {
+        let (region, (m, n)) = (&region.get().0, gain.as_array().dim());
+        let gain = view("K", &gain)?;
+        let of = run(py, UNTIL_STOPPED, |stop| self.of.behind(region, gain, stop))?;
+        Ok(Self { of: Arc::new(of), n, m })
+    }
+
     #[getter]
     fn status(&self) -> &'static str {
         match self.of.certificate().status {
@@ -228,18 +236,18 @@ type Short = (usize, usize, f64, f64, f64);
 
 #[pymethods]
 impl PyKeeper {
-    /// None where nothing is proved.
+    /// None where nothing is proved; limits `(low, high, below)`.
     #[staticmethod]
     fn of(
         feedback: &Bound<'_, PyFeedback>,
-        low: Vector<'_>,
-        high: Vector<'_>,
+        limits: (Vector<'_>, Vector<'_>, Matrix<'_>),
         covariance: Matrix<'_>,
         eps: f64,
         calls: usize,
     ) -> PyResult<Option<Self>> {
-        let (limits, covariance) = ((slice("low", &low)?, slice("high", &high)?), slice("noise", &covariance)?);
-        Ok(Keeper::new(Arc::clone(&feedback.get().of), limits, covariance, eps, calls)?.map(Self))
+        let (low, high, below) = (slice("low", &limits.0)?, slice("high", &limits.1)?, slice("below", &limits.2)?);
+        let covariance = slice("noise", &covariance)?;
+        Ok(Keeper::new(Arc::clone(&feedback.get().of), ((low, high), below), covariance, eps, calls)?.map(Self))
     }
 
     #[getter]

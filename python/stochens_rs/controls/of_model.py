@@ -138,7 +138,8 @@ def task_of(
     p = model.n_outputs
     if within.soft is False:
         raise InputError(
-            "`soft` must not be False for a model of outputs: give a weight, or leave it out"
+            "`soft` must not be False for a model of outputs, as noise leads beyond any limit: "
+            "give a weight, or leave it out; regulate(keep=) keeps hard ones with a probability"
         )
     names = Labels(model.outputs, model.input_names)
     own: Any = read_task(p, m, K, np.zeros(p), within, Cost(Q=weights_of(model, cost)), names)

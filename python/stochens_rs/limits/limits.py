@@ -206,7 +206,7 @@ class Limits(Asked):
         from a `record` takes its last one.
     x : tuple (low, high) or mapping, optional
         Limits of the states x(1), ..., x(K), each a number, (n,) or (K, n), or None; or by name. Of
-        a model of outputs limits of the readings that it predicts, which are soft.
+        a model of outputs limits of the readings that it predicts, soft but with `Keep`.
     soft : float or bool, optional
         The weight of the squares of what is beyond `x`; default: 1000 times the largest entry of
         Q and Qf. False: hard limits, with status "infeasible" if they cannot be kept; with a model

@@ -19,12 +19,18 @@ from ..exceptions import InputError, SolverError
 from ..feedback import Loop, LoopCertificate
 from ..feedback.certificate import noise_bound
 from ..identification.identified import Identified
+from ..identification.region import entered
+from ..identification.window import Regressors
+from ..limits.problem import Task
 
 if TYPE_CHECKING:
-    from ..limits.problem import Task
+    from ..limits.limits import Limits
     from ..system.system import System
 
 Found: TypeAlias = tuple[Floats, Status, float]  # a plan (K, m), and its gap
+# of a loop from readings: the names of all limits, changes of inputs as rows of states and inputs,
+# and whether readings and the last inputs are states behind the window
+Rows: TypeAlias = tuple[tuple[str, ...], Floats, tuple[bool, bool] | None]
 ROUNDS = 8  # plans of the first call, each with limits that are tighter by what the last needed
 ROOM = 1.02  # how much more than the last plan needed is kept back for the model
 
@@ -39,6 +45,13 @@ class Kept:
     inside for good. Else the plan before goes on, which stays accepted: what was accepted once
     never becomes infeasible.
 
+    For a model of outputs the states are the window, with limited readings behind filters, and
+    limited changes of the inputs are below these, as in `names`. The promise begins with the first
+    window of which every reading came. It ends where a reading is missing or rejected, another
+    input acted than was returned, or an input had to be cut to its limits: `ended` and the log then
+    say so. The loop goes on by such plans from its estimate of the window, with status "unproved",
+    until `reset`.
+
     Attributes
     ----------
     proof : LoopCertificate
@@ -48,15 +61,27 @@ class Kept:
     eps : float
         The probability that is given away for noise.
     low, high : ndarray, shape (n + m,)
-        The limits of states and inputs.
+        The limits of states and inputs; of readings also of changes, as all arrays below.
+    names : tuple of str
+        What each limit is of.
     missing : float
         By how much the last plan missed the tighter limits; 0 if it was accepted.
+    ended : str or None
+        Why nothing is promised any more.
     """
 
     def __init__(
-        self, proof: LoopCertificate, low: Floats, high: Floats, eps: float, calls: int
+        self,
+        proof: LoopCertificate,
+        low: Floats,
+        high: Floats,
+        eps: float,
+        calls: int,
+        rows: Rows | None = None,
     ) -> None:
         self.proof, self.low, self.high, self.eps, self.calls = proof, low, high, eps, calls
+        names = *proof.labels.states, *proof.labels.inputs
+        self.names, self.below, self.behind = rows or (names, np.zeros((0, len(low))), None)
         self.reset()
 
     def reset(self) -> None:
@@ -80,17 +105,52 @@ class Kept:
         self._plan: Floats | None = None
         self.since = 0  # steps since the plan began
         self.missing = 0.0
+        self.ended: str | None = None
 
     @cached_property
     def _core(self) -> _core.Keeper:
-        noise = noise_bound(self.proof, "keep", self.eps)
-        made = _core.Keeper.of(self.proof._core, self.low, self.high, *noise, self.calls)
+        feedback, (noise, eps) = self.proof._core, noise_bound(self.proof, "keep", self.eps)
+        if self.behind and any(self.behind) and self.proof.source is not None:
+            of, K = self.proof.source, self.proof.K
+            region = entered(of.region, *followed(of.window, of.region.centre, self.behind), len(K))
+            K = np.pad(K, [(0, 0), (0, region.n - K.shape[1])])
+            feedback, noise = feedback.behind(region.linear, K), np.array(region.noise)
+        limits = self.low, self.high, self.below
+        made = _core.Keeper.of(feedback, limits, noise, eps, self.calls)
         if made is None:
-            raise SolverError("no bound of what noise does in this loop could be proved")
+            raise SolverError(
+                "no bound of what noise does in this loop could be proved: take more data, another "
+                "gain, or limits of fewer kinds"
+            )
         return made
 
     def __getstate__(self) -> dict[str, Any]:
         return {name: value for name, value in vars(self).items() if name != "_core"}
+
+    def end(self, cause: str) -> list[str]:
+        """Promise no limit any more if one was; what to say of it, if it is news.
+
+        Examples
+        --------
+        >>> import numpy as np, stochens_rs as se
+        >>> x, u, w = np.random.default_rng(1).standard_normal((3, 60, 1))
+        >>> data = se.Trajectories.from_pairs(x, u, 0.5 * x + u + 0.1 * w)
+        >>> model = se.identify(data, noise=0.1)
+        >>> keep = se.Keep(se.gain(model, 1.0, 1.0), calls=20)
+        >>> loop = se.regulate(model, 5, limits=(-1.0, 1.0), keep=keep)
+        >>> u = loop([0.1])
+        >>> loop.kept.end("the plant was opened"), loop.kept.end("again")
+        (['no limit is promised any more: the plant was opened'], [])
+        """
+        if self._plan is None or self.ended is not None:
+            return []
+        self.ended = f"no limit is promised any more: {cause}"
+        return [self.ended]
+
+    @property
+    def n(self) -> int:
+        """The number of states."""
+        return len(self.names) - len(self.proof.K) - len(self.below)
 
     @property
     def keep(self) -> float:
@@ -145,18 +205,21 @@ class Kept:
         array([[1.   ],
                [0.896]])
         """
-        model, noise, n = self.model, self.noise, task.reference.shape[1]
+        model, noise, n, m = self.model, self.noise, self.n, task.low.shape[1]
         off = model + noise
         wide = self.high - self.low - 2.0 * off
         if (wide <= 0.0).any():
             i = int(np.argmin(wide))
             self._refuse(i, None, float(-wide[i] / 2.0), float(model[i]), float(noise[i]))
-        inputs = np.tile(off[n:], (task.steps, 1))
+        inputs = np.tile(off[n : n + m], (task.steps, 1))
         inputs[0] = 0.0
         made = replace(task, low=task.low + inputs, high=task.high - inputs)
         if task.state_low is None or task.state_high is None:
             return made
-        low, high = task.state_low + off[:n], task.state_high - off[:n]
+        states, changes = (np.tile(of, (task.steps, 1)) for of in (off[:n], off[n + m :]))
+        first = changes * np.where(np.arange(task.steps) > 0, 1.0, 1e-6)[:, None]  # for rounding
+        states = np.hstack([states, first, changes])
+        low, high = task.state_low + states, task.state_high - states
         return replace(made, state_low=low, state_high=high)
 
     def choose(
@@ -228,8 +291,7 @@ class Kept:
     def _refuse(
         self, row: int, step: int | None, amount: float, model: float, noise: float
     ) -> NoReturn:
-        labels = self.proof.labels
-        name = (*labels.states, *labels.inputs)[row]
+        name = self.names[row]
         where = "" if step is None else f" in step {step}"
         self.reset()
         self.missing = amount
@@ -242,10 +304,23 @@ class Kept:
         )
 
     def __repr__(self) -> str:
+        read = "with states read exactly"
+        if self.behind is not None:
+            read = "while all readings come and the inputs act as returned,"
+        ended = f"; {self.ended}" if self.ended else ""
         return (
             f"<Kept: every limit in {show.number_of(self.calls)} together with {self.keep:.4g}, "
-            "for the linear system the data came from, with states read exactly and Gaussian noise>"
+            f"for the linear system the data came from, {read} and Gaussian noise{ended}>"
         )
+
+
+def resumed(state: dict[str, Any] | None) -> Kept | None:
+    """What a saved loop keeps."""
+    if state is None:
+        return None
+    made = Kept.__new__(Kept)
+    vars(made).update(state)
+    return made
 
 
 class Keep(Options, eq=True):
@@ -280,26 +355,32 @@ class Keep(Options, eq=True):
     probability: Probability = 0.95
 
 
-def kept_of(system: System | Identified, task: Task, keep: Keep) -> Kept:
+def kept_of(system: System | Identified, task: Task, keep: Keep, rows: Rows | None = None) -> Kept:
     """What `regulate` is to keep, for its model and its limits."""
     validation.instance("keep", keep, Keep)
-    n, m, share = task.reference.shape[1], task.low.shape[1], keep.probability
+    share, n = keep.probability, task.reference.shape[1]
+    last = n
+    if rows is not None:
+        n, last = len(rows[0]) - len(rows[1]) - task.low.shape[1], len(rows[0]) - task.low.shape[1]
     if not isinstance(system, Identified):
         raise InputError("`system` must be the model that the gain of `keep` was made for")
     proof = proof_of("system", system, keep.gain, (1.0 - share) / 2.0)
     region = proof.region
     if proof.status != "certified":
         raise InputError(f"`keep` must have a certified gain, got {proof!r}")
-    if region.centre.shape[1] > n + m:
+    if region.centre.shape[1] > region.n + region.m:
         raise InputError("`system` must be without an intercept: with one 0 is no point of rest")
     eps = 1.0 - share - region.delta
     if eps <= 0.0:
         raise InputError(
             f"`probability` must be below 1 - delta = {1.0 - region.delta:g}, got {share:g}"
         )
-    free = np.full((task.steps, n), np.inf)
-    low = np.hstack([-free if task.state_low is None else task.state_low, task.low])
-    high = np.hstack([free if task.state_high is None else task.state_high, task.high])
+    high = np.full((task.steps, last), np.inf) if task.state_high is None else task.state_high
+    low = -high if task.state_low is None else task.state_low
+    low, high = (
+        np.hstack([of[:, :n], inputs, of[:, n:last]])
+        for of, inputs in ((low, task.low), (high, task.high))
+    )
     for wrong, wanted in (
         (task.rate is not None, "without `rate`"),
         (
@@ -312,6 +393,69 @@ def kept_of(system: System | Identified, task: Task, keep: Keep) -> Kept:
     ):
         if wrong:
             raise InputError(f"`limits` must be {wanted}, with `keep`")
-    made = Kept(proof, low[0].copy(), high[0].copy(), eps, keep.calls)
+    made = Kept(proof, low[0].copy(), high[0].copy(), eps, keep.calls, rows)
     made.noise  # noqa: B018  refuses what has no bound of the noise
     return made
+
+
+def followed(
+    window: Regressors, Theta: Floats, behind: tuple[bool, bool]
+) -> tuple[Floats, Floats, Floats]:
+    """``[A B]``, J and G of a window with readings and the last inputs behind it, or without."""
+    (J, AB, G), m, (read, acted) = window.loop(Theta), len(window.inputs), behind
+    n, p = G.shape
+    AB = np.vstack([AB, *[Theta @ J] * read, *[np.eye(m, n + m, n)] * acted])
+    G = np.vstack([G, *[np.eye(p)] * read, *[np.zeros((m, p))] * acted])
+    AB, J = (np.insert(M, [n] * (len(G) - n), 0.0, axis=1) for M in (AB, J))
+    return AB, J, G
+
+
+def limits_of_readings(
+    system: Any, task: Task, keep: Keep, limits: Limits, offset_free: Any
+) -> tuple[Task, tuple[Floats, Floats, None], Kept]:
+    """The task of `task_of` with hard limits of the states of `followed`, these, and the rest."""
+    validation.instance("keep", keep, Keep)
+    model: Any = system.model if isinstance(system, Loop) else system
+    noise, soft = model.assumptions, limits.x is not None and limits.soft is not False
+    given = isinstance(keep.gain, Loop) and keep.gain.given
+    for wrong, text in (
+        (system is not model, "`system` must be the model of a Loop, for plans"),
+        (offset_free, "`offset_free` must be False: what is learned moves the loop"),
+        (limits.forecast, "`forecast` must be None: plans choose all inputs"),
+        (model.intercept, "`system` must be without an intercept: with one 0 is no point of rest"),
+        (noise.tail, "`system` must be without a `tail`, which is no white noise"),
+        (noise.noise != "gaussian", f"`system` must have Gaussian noise, got {noise.noise} noise"),
+        (soft, "`limits` must be without soft limits of outputs: give soft=False"),
+        (given, "`keep` must have a gain of all inputs: make it without `given`"),
+    ):
+        if wrong:
+            raise InputError(f"{text}, with `keep`")
+    window, m, rates = model.regressors, model.m, task.rate is not None
+    last = tuple(f"{u}(-1)" for u in window.inputs)
+    read = task.state_low is not None and window.pole is not None
+    behind = read, rates and last[0] not in window.state_names
+    states = (*window.state_names, *window.outputs * read, *last * behind[1])
+    known, first, n = followed(window, model.coefficients, behind)[0], model.n, len(states)
+    shape = m * rates, n + m
+    changes = np.eye(*shape, n) - np.eye(*shape, states.index(last[0]) if rates else 0)
+    high = np.full((task.steps, n + 2 * len(changes)), np.inf)
+    low = -high
+    if task.state_low is not None and task.state_high is not None:  # of (x, y)
+        at = first * read + np.arange(model.n_outputs)
+        low[:, at], high[:, at] = task.state_low[:, first:], task.state_high[:, first:]
+    if task.rate is not None:
+        high[:, n : n + m], high[-1, n + m :] = task.rate, task.rate
+        low[:, n:] = -high[:, n:]
+    wide = (0, high.shape[1] - first)
+    stage, terminal = (np.pad(M[:first, :first], wide) for M in (task.stage, task.terminal))
+    reference = np.pad(task.reference[:, :first], [(0, 0), wide])
+    own = task.low, task.high, stage, terminal, reference, task.R
+    task = Task(*own, state_low=low, state_high=high)
+    names = (*states, *window.inputs, *(f"change of {u}" for u in window.inputs * rates))
+    kept = kept_of(model, task, keep, (names, changes, behind))
+    if rates:  # planned with them: the changes, and the one to the gain behind the plan
+        ahead = kept.proof.K @ known[:first] - np.eye(m, n + m, n)
+        known = np.vstack([known, changes, ahead])
+    A, B = np.split(known, [n], axis=1)
+    A = np.pad(A, [(0, 0), (0, len(A) - n)])
+    return task, (A, np.ascontiguousarray(B), None), kept

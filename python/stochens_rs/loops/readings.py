@@ -31,7 +31,7 @@ from ..controls.set_point import (
     way_of,
     weights_of,
 )
-from ..exceptions import InputError, NonFiniteError
+from ..exceptions import InputError, NonFiniteError, SolverError
 from ..export.header import BEYOND, LARGEST, evidence
 from ..feedback import Loop, LoopCertificate, Watched
 from ..feedback.bounds import Rest, Tube
@@ -41,11 +41,12 @@ from ..identification.model import Model
 from ..limits.limits import Cost, LimitsLike, as_cost, as_limits, steps_ahead
 from ..limits.problem import forecast_of, loop_of, read_task
 from ..validation.held_out import PredictedLoop
+from .keep import Found, Keep, Kept, limits_of_readings, resumed
 from .loop import ControlLoop
 from .regulator import condensed, continued, warn_of_growth
 from .sensors import bounded, explained
 
-ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain"]
+ReadingStatus: TypeAlias = Status | Literal["filling", "cannot start", "gain", "unproved"]
 FALSE_ALARM = 1e-5  # of a call: the probability that a true reading is rejected
 SURE = 3.0  # deviations of the noise: what a loop runs with knows the next readings so well
 EASE = 0.01  # of the weights of the inputs of a gain: what those cost that are known beforehand
@@ -68,7 +69,9 @@ class Reading(NamedTuple):
         The estimate of a constant that is added to the next readings.
     status : str
         "gain", or that of the plan; "filling" or "cannot start" while the window does not say
-        enough; "held": the last input once more.
+        enough; "held": the last input once more. With `keep` also "kept": an earlier plan goes on;
+        "infeasible": no plan was accepted yet, the input is ``K x`` within the limits; "unproved":
+        the promise has ended.
     seconds : float
         The time that the call took [s].
     target : ndarray, shape (n_outputs,)
@@ -115,11 +118,13 @@ class ReadingLoop(ControlLoop[Reading]):
     on inputs, states and sensors, and whatever the plant is; m of them, or of their combinations,
     can be held. Where a sensor reads wrong, it is held at the wrong place.
 
+    With `keep` limits of readings are kept with a probability: ``loop.kept``, see `Kept`.
+
     Parameters
     ----------
     system : Model or Loop
         A model of outputs, or the gain of one.
-    steps, target, limits, cost, offset_free, hold, max_missing
+    steps, target, limits, cost, offset_free, hold, max_missing, keep
         As in `regulate`.
 
     Examples
@@ -171,6 +176,7 @@ class ReadingLoop(ControlLoop[Reading]):
         "_way",  # of the window along the targets to come, and these
         "_weights",
         "_window",
+        "kept",
         "model",
     )
 
@@ -187,6 +193,7 @@ class ReadingLoop(ControlLoop[Reading]):
         offset_free: bool | float | None,
         hold: ArrayLike | None,
         max_missing: int,
+        keep: Keep | None = None,
     ) -> None:
         gain = system if isinstance(system, Loop) else None
         model = system.model if isinstance(system, Loop) else system
@@ -207,6 +214,7 @@ class ReadingLoop(ControlLoop[Reading]):
         weights = cost_of_outputs(model, as_cost(cost))
         if gain and (steps is not None or cost is not None):
             raise InputError("`steps` and `cost` must be left out for a Loop, which has its gain")
+        self.kept: Kept | None = None
         if weights.reference is not None:
             raise InputError("`cost` must have no reference for a model of outputs: give `target`")
         if gain:
@@ -225,11 +233,16 @@ class ReadingLoop(ControlLoop[Reading]):
             weights = replace(weights, R="auto") if weights.R is None else weights
             outputs, (ahead, _) = weights_of(model, weights), forecast_of(within, K, labels)
             given, weights = weights, continued(weights, model, within, K)
-            task, self._system, _ = task_of(model, K, np.zeros(model.n), within, weights)
+            hard = keep is not None and within.soft is False
+            wider = replace(within, soft=None) if hard else within
+            task, self._system, _ = task_of(model, K, np.zeros(model.n), wider, weights)
             policy, asked = task, (K, within, weights)
             if weights is given:
                 warn_of_growth(task, *self._system[:2])
         self._rate = np.full(m, np.inf) if task.rate is None else task.rate
+        if keep is not None:
+            made = limits_of_readings(system, task, keep, within, offset_free)
+            policy, self._system, self.kept = made
         if hold is None and task.previous is not None:
             hold = task.previous
         drift = None
@@ -264,7 +277,9 @@ class ReadingLoop(ControlLoop[Reading]):
         self._most = np.where(most > 0.0, most, np.finfo(np.float64).max)
 
     def _restore(self, core: Any) -> None:
-        warm, window = core
+        warm, window, *kept = core
+        if kept:
+            self.kept = resumed(kept[0])
         self._point = self._without_limits(*self._aimed)
         y, u, _ = self.model.data.pairs()
         wide = np.hstack([one.std(axis=0) + np.ptp(one, axis=0) for one in (y, u)])
@@ -284,13 +299,17 @@ class ReadingLoop(ControlLoop[Reading]):
             self._solver_at(*self._solved).resume(warm)
 
     def _saved(self) -> Any:
-        return self._solver and self._solver.warm(), self._window.state()
+        warm, window = self._solver and self._solver.warm(), self._window.state()
+        return warm, window, None if self.kept is None else self.kept.__getstate__()
 
     def _forget(self) -> None:
         self._window.resume()
         self._bias: Floats = np.zeros(self.model.n_outputs)
         self._fading, self._past = (np.zeros(self.model.m), 0.0), self._rows[0]
         self._runs = self._started = self._at_rest = self._ahead = False
+        if self.kept is not None:
+            self.kept.reset()
+            self._solver = None
         if not isinstance(self._policy, np.ndarray):
             self._solver_at(*self._solved).resume(None)
 
@@ -368,6 +387,7 @@ class ReadingLoop(ControlLoop[Reading]):
         found = self._window.step(y, acted, self._bias, self._started)
         predicted, bias, off, believed, follows, x, whole = found
         u = self._last
+        other = bool(why)
         status: ReadingStatus = "held" if self._started else "filling"
         if not whole:
             why.append(str(validation.broken(y, self._most[: len(y)], self.labels.states)))
@@ -376,12 +396,22 @@ class ReadingLoop(ControlLoop[Reading]):
         rejected = off > 1.0 and not believed
         if rejected:
             why.append(f"rejected, {off:.3g} times as far off as the gate is wide")
+        if (kept := self.kept) is not None:
+            now = self._window.now
+            known = follows == "runs" and now is not None and now[1]
+            if not known:
+                why += kept.end("not all readings came")
+                if kept.ended is None and follows == "runs":
+                    follows = "waits"  # the first window is one of true readings
+                kept.since += follows != "runs"
+            elif other or not np.array_equal(acted, u):
+                why += kept.end("another input acted")
         if follows == "runs":
             try:
                 if not self._started and np.isnan(self._rows[0]).any():
                     self._aim(self._aimed[0], x[: len(y)].copy())  # what is free stays where it is
                     self._window.aim(self._toward())
-                u, status = self._input(x, bias, acted)
+                u, status = self._input(x, bias, acted, why)
             except InputError:  # what overflows, or leaves no room within the limits
                 follows = "lost"
         self._runs = follows == "runs"
@@ -452,12 +482,14 @@ class ReadingLoop(ControlLoop[Reading]):
             self._given = np.where(np.isnan(self._given[:1]), np.nan, found.acted)
             self._window.aim(self._toward())
             self._window.start(found.x)
-            u, status = self._input(found.x, self._bias, found.acted)
+            why: list[str] = []
+            u, status = self._input(found.x, self._bias, found.acted, why)
             self._at_rest, self._runs, self._started = found.at_rest, True, True
             about = u, found.read, np.full(self.model.m, np.nan), started
-            return self._returned(*about, predicted=None, status=status)
+            reason = "; ".join(why) or None
+            return self._returned(*about, predicted=None, status=status, reason=reason)
 
-    def _input(self, x: Floats, bias: Floats, acted: Floats) -> tuple[Floats, Any]:
+    def _input(self, x: Floats, bias: Floats, acted: Floats, why: list[str]) -> tuple[Floats, Any]:
         """The input within the limits, and how it was found: ``u = u_s + K (x - x_s)``."""
         self._acted, (more, by) = acted, self._fading
         if by:
@@ -468,20 +500,67 @@ class ReadingLoop(ControlLoop[Reading]):
             law = self._policy, added, self._rate, self._low, self._high
             u, status = self._point.input(x, bias, self._moves, law, acted), "gain"
         else:
-            xs, us, way = self._coming(bias)
-            solver, off = self._solver_at(xs, us), np.zeros(len(self._system[0]))
-            off[: len(x)] = x - xs
-            if np.isfinite(self._rate).any():
-                solver.follow(acted - us)
-            if way is not None:
-                solver.toward(np.pad(way, [(0, 0), (0, len(off) - len(bias))]))
-            found = solver.solve(off, None)
-            v, status = found.control[: len(us)] + us, found.status
+            if self.kept is None:
+                plan, status, _ = self._planned(x, bias, acted)
+                v = plan[0]
+            else:
+                v, status = self._kept(self.kept, x, bias, acted, why)
             near = np.minimum(np.maximum(v, acted - self._rate), acted + self._rate)
             within = np.minimum(np.maximum(near, self._low), self._high)
             u = within if math.isfinite(v.sum()) else None
+            if self.kept is not None:
+                cut = np.abs(v - within) > 1e-9 * (np.abs(v) + np.abs(acted))
+                why += self.kept.end("an input had to be cut to its limits") if cut.any() else []
         if u is None:
             raise NonFiniteError("`y` is too large: the input overflows")
+        if self.kept is not None and self.kept.ended:
+            status = "unproved"
+        return u, status
+
+    def _planned(self, x: Floats, bias: Floats, acted: Floats) -> Found:
+        """The best plan from here, its status and gap."""
+        xs, us, way = self._coming(bias)
+        solver, off = self._solver_at(xs, us), np.zeros(len(self._system[0]))
+        if self.kept is not None:
+            off += self._whole(x, xs, acted) - self._whole(xs, xs, us)
+        else:
+            off[: len(x)] = x - xs
+            if np.isfinite(self._rate).any():
+                solver.follow(acted - us)
+        if way is not None:
+            solver.toward(np.pad(way, [(0, 0), (0, len(off) - len(bias))]))
+        found = solver.solve(off, None)
+        plan = found.control[: self._steps * len(us)].reshape(-1, len(us)) + us
+        return plan, found.status, found.gap
+
+    def _whole(self, x: Floats, read: Floats, acted: Floats) -> Floats:
+        """The states of the plans: the window, and behind it readings, inputs and their changes."""
+        if self.kept is None or self.kept.behind is None:
+            return np.hstack([x, read[: len(self._system[0]) - len(x)]])
+        (reads, acts), rates = self.kept.behind, len(self.kept.below) > 0
+        behind = *[read[: self.model.n_outputs]] * reads, *[acted] * acts
+        changes = np.zeros(len(acted)), self.kept.proof.K @ x - acted
+        return np.hstack([x, *behind, *changes * rates])
+
+    def _kept(
+        self, kept: Kept, x: Floats, bias: Floats, acted: Floats, why: list[str]
+    ) -> tuple[Floats, Status]:
+        """The input of the newest plan that keeps the limits, or of the one before."""
+
+        def planned() -> Found:
+            plan, status, gap = self._planned(x, bias, acted)
+            return np.clip(plan, self._low, self._high), status, gap
+
+        def again() -> Found:
+            self._solver = None
+            return planned()
+
+        try:
+            whole = self._whole(x, x, acted)[: kept.n]
+            _, u, status, _ = kept.choose(whole, planned(), again, math.inf)
+        except SolverError as error:
+            self._solver, u, status = None, kept.proof.K @ x, "infeasible"
+            why.append(str(error))
         return u, status
 
     def _coming(self, bias: Floats) -> tuple[Floats, Floats, Floats | None]:
@@ -503,14 +582,15 @@ class ReadingLoop(ControlLoop[Reading]):
         far, before = self._far, np.hstack(self._solved[::-1])
         near = (np.abs(np.hstack([us, xs]) - before)[: len(far)] <= far).all()
         if self._solver is None:
-            A, B, _ = self._system
-            self._solver, near = loop_of(task, A, B, None), np.False_
+            (A, B, _), kept = self._system, self.kept
+            within = task if kept is None else kept.tightened(task)
+            self._solver, near = loop_of(within, A, B, None), np.False_
         if self._measures:
             self._solver.fix(steps_ahead(self._given, task.steps))
             near = np.False_
         if not near:
             # at rest the first lags or filters are the readings, which may stand behind the window
-            self._solver.about(us, np.hstack([xs, xs[: len(self._system[0]) - len(xs)]]))
+            self._solver.about(us, self._whole(xs, xs, us))
             self._solved = xs, us
         return self._solver
 
@@ -523,8 +603,8 @@ class ReadingLoop(ControlLoop[Reading]):
         room: Floats = self._high - self._low
         task = self._policy
         if not isinstance(task, np.ndarray) and task.state_low is not None:  # of (x, y)
-            rooms = task.state_high[0] - task.state_low[0]
-            room = np.hstack([room, rooms[self.model.n :]])
+            first, last = self.model.n, self.model.n + self.model.n_outputs
+            room = np.hstack([room, (task.state_high[0] - task.state_low[0])[first:last]])
         return MOVED * room
 
     def _aim(self, target: Floats, now: Floats) -> None:
@@ -725,8 +805,10 @@ class ReadingLoop(ControlLoop[Reading]):
         loop replaces it at the next reading, so that nothing follows for all time. For loops that
         estimate no disturbance, behind a window of which no reading was missing.
         """
-        if self._asked is None:
-            raise InputError("`plan` needs a loop that plans: regulate(model, steps, ...)")
+        if self._asked is None or self.kept is not None:
+            raise InputError(
+                "`plan` needs a loop that plans, without `keep`: regulate(model, steps, ...)"
+            )
         if self._learning[0].any():
             raise InputError("`plan` needs offset_free=False: its bound knows no estimated bias")
         now = self._window.now
@@ -821,7 +903,7 @@ class ReadingLoop(ControlLoop[Reading]):
                 row = np.hstack([now[0], self._last, np.ones(int(model.intercept))])
                 before, after = (of.coefficients @ of.loop.J @ row for of in (self.model, model))
                 new._bias = self._bias + before - after
-            more = self._last - new._input(now[0], new._bias, self._acted)[0]
+            more = self._last - new._input(now[0], new._bias, self._acted, [])[0]
         new._fading = np.where(fixed, 0.0, more), radius
         with self._turn():
             for name in self.__slots__:
@@ -984,6 +1066,8 @@ class ReadingLoop(ControlLoop[Reading]):
         True
         """
         model, row, now = self.model, self._rows[0], self._aimed[1]
+        if self.kept is not None:
+            raise InputError("`to_c` writes no loop with `keep`: its promise needs its plans")
         if len(self._rows) > 1 or self._measures:
             raise InputError("`to_c` writes loops of one target and without inputs that are given")
         places = [self._without_limits(row, at, self._given[0]).place for at in (now, now + 1.0)]

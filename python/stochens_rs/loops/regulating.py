@@ -45,6 +45,7 @@ def regulate(
     offset_free: bool | float,
     hold: ArrayLike | None = None,
     max_missing: int = 3,
+    keep: Keep | None = None,
 ) -> ReadingLoop: ...
 
 
@@ -88,7 +89,8 @@ def regulate(
         at within factorizations.
     keep : Keep, optional
         For a model from data: a gain that is certified for all systems its region allows, with
-        which the limits are kept in so many calls, with its probability; see Notes.
+        which the limits are kept in so many calls, with its probability; see Notes. For a model of
+        outputs these are hard limits of readings, inputs and their changes, without `offset_free`.
     offset_free : bool or float, optional
         For a model of outputs, as all that follows, and to be given there: whether a constant that
         is added to the readings is learned and taken off. True: as inputs that drift by 1 % of
@@ -112,7 +114,7 @@ def regulate(
     ResourceError
         If the problem does not fit into the memory this process may use.
     SolverError
-        With `keep`: what is kept back for noise leaves no room within the limits.
+        With `keep`: what is kept back for noise leaves no room within the limits, or has no bound.
 
     Notes
     -----
@@ -137,8 +139,13 @@ def regulate(
     ``j < k <= T``, as plans begin at states that noise has moved. `Kept` says which plans are
     accepted; where the newest is not, the status is "kept"; where none was yet, "infeasible": the
     log says which limit lacks how much, and the input is ``K x`` within the limits, without the
-    promise. The noise must be Gaussian, white and
-    independent of the data, the states read exactly, and the system the linear one of the data.
+    promise. The noise must be Gaussian, white and independent of the data, the states read exactly,
+    and the system the linear one of the data.
+
+    The states of a model of outputs are its window, known exactly while all readings come: what is
+    white is what no window predicts. The promise begins with the first full window. It ends, with
+    status "unproved" from then on, where a reading is missing or rejected, another input acted than
+    was returned, or an input had to be cut to its limits; the loop goes on.
 
     Examples
     --------
@@ -164,15 +171,14 @@ def regulate(
     """
     read = isinstance(system, Loop) or (isinstance(system, Model) and system.window is not None)
     if read or offset_free is not None:
-        for name, value, why in (
-            ("time_limit", time_limit, "the work of a call is bounded as it is"),
-            ("keep", keep, "no limit is promised for so many calls from readings"),
-        ):
-            if value is not None:
-                what = "a Loop" if isinstance(system, Loop) else "a model of outputs"
-                raise InputError(f"`{name}` must be left out for {what}: {why}")
+        what = "a Loop" if isinstance(system, Loop) else "a model of outputs"
+        if time_limit is not None:
+            raise InputError(
+                f"`time_limit` must be left out for {what}: the work of a call is bounded as it is"
+            )
         model: Any = system
-        return ReadingLoop(model, steps, target, limits, cost, offset_free, hold, max_missing)
+        how = offset_free, hold, max_missing, keep
+        return ReadingLoop(model, steps, target, limits, cost, *how)
     if hold is not None:
         raise InputError("`hold` is for models of outputs: must be left out")
     validation.size("max_missing", max_missing, minimum=0)

@@ -22,7 +22,7 @@ from ..limits.limits import Cost, Limits
 from ..limits.problem import Horizon, Task, inputs_within, loop_of, read_task
 from ..system.system import System
 from ..validation.held_out import PredictedLoop
-from .keep import Found, Kept
+from .keep import Found, Kept, resumed
 from .loop import ControlLoop, counted
 
 MOST = 33_000  # numbers of plans with limits of states in C: 1 MB of text
@@ -337,9 +337,7 @@ class Regulator(ControlLoop[Call]):
 
     def _restore(self, core: Any) -> None:
         warm, kept = core
-        self.kept = None if kept is None else Kept.__new__(Kept)
-        if self.kept is not None:
-            vars(self.kept).update(kept)
+        self.kept = resumed(kept)
         self._set(self._system, self._acting(), warm)
 
     def _forget(self) -> None:

@@ -142,13 +142,13 @@ def study(share, plants, runs, noise=1.0, size=3.0):
 
 @pytest.mark.parametrize("share", [0.9, 0.7, 0.4])
 def test_hidden_plants_keep_their_limits(share):
-    """In 12 plants (soak: 60) of lags and of filters, 20 runs each (100).
+    """In 12 plants (soak: 40) of lags and of filters, 20 runs each (50).
 
     Half of what is not promised is for the region, half for the noise of a run in its event: more
     failures than binomial quantiles of 1e-4 are a false alarm of 2e-4 for a share.
     """
-    eps, plants = (1.0 - share) / 2.0, sets(60, 12)
-    bad, runs, missed = study(share, plants, sets(100, 20))
+    eps, plants = (1.0 - share) / 2.0, sets(40, 12)
+    bad, runs, missed = study(share, plants, sets(50, 20))
     assert missed <= most(plants, eps)
     assert bad <= most(runs, eps)
 

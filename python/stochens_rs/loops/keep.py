@@ -68,6 +68,9 @@ class Kept:
         By how much the last plan missed the tighter limits; 0 if it was accepted.
     ended : str or None
         Why nothing is promised any more.
+    rows : tuple (names, below, behind) or None
+        Of a model of outputs: what each limit is of, changes of inputs as rows of states and
+        inputs, and whether readings and last inputs are states behind the window.
     """
 
     def __init__(
@@ -130,6 +133,21 @@ class Kept:
     def end(self, cause: str) -> list[str]:
         """Promise no limit any more if one was; what to say of it, if it is news.
 
+        Parameters
+        ----------
+        cause : str
+            Why.
+
+        Returns
+        -------
+        list of str
+            One sentence, or none if nothing was promised.
+
+        Raises
+        ------
+        InputTypeError
+            If `cause` is no text.
+
         Examples
         --------
         >>> import numpy as np, stochens_rs as se
@@ -144,7 +162,7 @@ class Kept:
         """
         if self._plan is None or self.ended is not None:
             return []
-        self.ended = f"no limit is promised any more: {cause}"
+        self.ended = f"no limit is promised any more: {validation.text('cause', cause)}"
         return [self.ended]
 
     @property

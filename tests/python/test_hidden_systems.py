@@ -390,7 +390,7 @@ GUARANTEES = {
     "regions, pairs": Guarantee(regions("independent", False), 0.5, sets(8, 4)),
     "certificates": Guarantee(certificates(), (0.1, 0.05, 0.08, 0.15), 3),
     "certificates, pairs": Guarantee(certificates(design="independent"), (0.1, 0.15, 0.2, 0.7), 3),
-    "certificates, noise": Guarantee(certificates(noise=True), (0.4, 0.15, 0.2, 0.6), 3),
+    "certificates, noise": Guarantee(certificates(noise=True), (0.38, 0.15, 0.2, 0.6), 3),
     "certificates, limits": Guarantee(
         certificates(limits=LIMITS, R=0.1), (0.7, 0.08, 0.12, 0.8), 2
     ),

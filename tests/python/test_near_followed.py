@@ -458,6 +458,15 @@ def test_a_first_part_that_determines_nothing() -> None:
         model_of(same, none)
 
 
+def test_a_tail_is_refused() -> None:
+    """The weights know the noise alone; a region that leaves out the tail would be too small."""
+    y, u = np.random.default_rng(1).standard_normal((2, 12, 30, 1))
+    data = se.Trajectories(list(y), list(u[:, :-1]), outputs=True)
+    pilot = se.Pilot(4, inputs="any")
+    with pytest.raises(InputError, match="`tail` of `window` must be 0"):
+        se.identify(data, window=se.Window(lags=2, tail=0.1), pilot=pilot)
+
+
 def test_what_all_runs_say_is_refused() -> None:
     x, u = given()
     every = UNSTABLE.plain(se.Trajectories(x, u))

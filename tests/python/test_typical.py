@@ -13,6 +13,7 @@ import stochens_rs as se
 from coverage_study import sets
 from declarations import opts
 from stochens_rs import _core
+from stochens_rs._base import show
 from stochens_rs.controls import Typical
 from stochens_rs.exceptions import DataWarning, InputError, SizeError
 from stochens_rs.identification.model import estimate_law
@@ -99,7 +100,8 @@ def test_it_stands_beside_the_certificate(tmp_path) -> None:
         assert found.certified == plan.bound(noise=noise).target
         assert found.miss < found.certified
         for shown in (repr(found), found._repr_html_()):
-            assert f"certified {found.certified:.3g}, typical {found.miss:.3g}" in shown
+            wide = show.at_most(found.certified)
+            assert f"certified {wide}, typical {found.miss:.3g}" in shown
         assert "approximate" in found._repr_html_()
         assert ("with noise" in repr(found)) == noise
     assert "known covariance" in found.assumption

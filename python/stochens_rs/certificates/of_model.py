@@ -103,8 +103,8 @@ class GaussianNoise(NamedTuple):
     """Gaussian noise to come, independent of the data, of covariance at most ``root root'``.
 
     Given the data, its part ``sum_i A^(k-1-i) w(i)`` of e(k) is Gaussian, A that of the centre.
-    `end` is the level of its quantile for the last state, `before` that of each earlier one, and
-    again of what the error of the model makes of it.
+    `end` is the level of its quantile for the last state, `before` that of each earlier one, with
+    what the error of the model makes of it.
     """
 
     root: Floats
@@ -131,8 +131,8 @@ def root_of(S: Floats) -> Floats:
 
 
 # Of the probability of failure with Gaussian noise to come: the region, the noise of the last
-# state, and that of earlier states with what the error of the model makes of it. For one step the
-# last share goes to the noise, too. Fixed before the data.
+# state, and that of earlier states. For one step the last share goes to the noise, too. Fixed
+# before the data.
 REGION, END, BEFORE = 0.5, 0.4, 0.1
 
 
@@ -351,7 +351,8 @@ def output_certificate(
     if gain is not None:
         said += "; inputs u(k) + K (x(k) - xh(k)), x the window of the readings"
     if noise:
-        said += "; noise to come independent of the data, at half of the probability of failure"
+        share = "half" if near is None else ".44"
+        said += f"; noise to come independent of the data, at {share} of the probability of failure"
     if basis.apart is not None:
         most = zip(model.input_names, basis.apart.max(axis=0), strict=True)
         within = (f"{name} within {show.at_most(off)}" for name, off in most if off > 0.0)

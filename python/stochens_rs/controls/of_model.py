@@ -120,7 +120,9 @@ def model_control(
     path = trajectory(model.Theta, basis.x0, u)
     if limited is not None and limited.states is not None:
         path = np.vstack([basis.x0, limited.states[:, :n]])
-    return _planned(basis, u, path, found, limited, step_warnings(found, sure=False))
+    # a window is led only as far as its outputs are asked for
+    further = () if basis.window is not None else step_warnings(found, sure=False)
+    return _planned(basis, u, path, found, limited, further)
 
 
 def task_of(
@@ -214,13 +216,13 @@ def step_warnings(found: exact.Best, *, sure: bool) -> tuple[str, ...]:
         rank = max(rank, len(exact.factors(C).s))
     if rank < n and K > 1:
         return (
-            f"C_K has rank {rank} < n = {n}: only targets in its range can be reached, and the "
-            "estimate need not be consistent",
+            f"the inputs of {K} steps move {rank} of {n} directions of the states: other targets "
+            "are not reached, and an error of the model may change which",
         )
     if m * K == n and K > 1 and not sure:
         return (
-            f"m K = n = {n}: the inverse of the estimated C_K has heavy tails; take more than "
-            f"{K} steps, or regularise",
+            f"{K} steps have just as many inputs as states, {n}: a small error of the model may "
+            f"change the control much; take more than {K} steps",
         )
     return ()
 

@@ -234,14 +234,15 @@ class Plan(SavedRecord, Timed):
         one chosen after the data. One step: ``||x(1) - xf|| <= ||H z - xf|| + radius ||z||``.
         Several: ``e(k+1) = A_hat e(k) + D z(k) + D_x e(k)``, ``D = Theta - H``, in first order
         exact over the Frobenius ball or by nuclear norms over the spectral one, and the rest by
-        induction. Gaussian noise of known covariance to come by its exact quantile, with .4 of
-        `delta`; .1 is for what the error of the model makes of it, the rest for the region.
+        induction. Gaussian noise of known covariance to come, with what the error of the model
+        makes of it, by its quantile: .4 of `delta` for the last state, .1 for those before.
 
         *With a pilot and a reference* (`identify`) of as many steps, and an exact x0: the first
         order of the error along the reference, ``F = sum_j A0^(K-1-j) Sigma^(1/2) Gamma g_j``, is
         Gaussian of known covariance, and ``||x(K) - xf|| <= ||xh(K) - xf|| + |s| q + mismatch(s) +
         rest`` with its quantile q: `parts` of the certificate. Target, components and tube are then
-        statements of their own.
+        statements of their own. With `gain`, for outputs, and with noise after any feedback each
+        row is bounded so, with noise apart.
 
         Examples
         --------

@@ -81,8 +81,8 @@ class PilotModel(Record):
         task = "; reference fixed without the runs of the model" if self.steps else ""
         if self.root is not None:
             return (
-                "any design, number and lengths of runs fixed beforehand and in the order of time, "
-                f"states exact; pilot: {self.source}{task}"
+                "any design, number and lengths of runs fixed beforehand and in the order of time; "
+                f"pilot: {self.source}{task}"
             )
         return (
             "number and lengths of runs fixed beforehand, states exact, starts independent of the "
@@ -164,6 +164,11 @@ def refuse(assumed: Assumptions, data: Trajectories, entries: bool, past: bool) 
         raise InputError("`pilot` needs Gaussian noise, and design='adaptive', which is then exact")
     if entries:
         raise InputError("`pilot` goes without known entries")
+    if assumed.tail > 0.0:
+        raise InputError(
+            "`tail` of `window` must be 0 with a pilot, whose law is that of the noise alone: take "
+            "a longer window, or leave `pilot` out"
+        )
     if past:
         return
     require_whole(data, "data", "a pilot simulates whole runs from their starts")

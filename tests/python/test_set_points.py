@@ -6,6 +6,7 @@ import copy
 import itertools
 import pickle
 import re
+import warnings
 
 import numpy as np
 import pytest
@@ -374,6 +375,22 @@ def heated(rng, act, weather, noise=0.05, start=0.0):
         y.append(mean + noise * rng.standard_normal(1))
         last = v
     return np.array(y), np.array(u)
+
+
+def test_a_target_that_no_input_reaches_is_named_beside_measured_inputs(house):
+    """It is a warning: with other weather the heater may do."""
+    gain = se.gain(house, 1.0, 0.01, given=["outdoor"])
+    limits = {"heater": (-5.0, 5.0)}
+    with pytest.warns(
+        se.exceptions.DataWarning, match="point of rest.*held by the limit of heater"
+    ):
+        loop = se.regulate(gain, target={"room": 200.0}, limits=limits, offset_free=True)
+    assert loop.rest.states[0] < 150.0
+    with pytest.warns(se.exceptions.DataWarning, match="point of rest"):
+        loop.target = {"room": 300.0}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        loop.target = {"room": 5.0}
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from .. import _core
 from .._base import show, validation
 from .._base.names import Labels
 from .._base.records import trusted
+from .._base.running import warn
 from .._base.types import ArrayLike, Floats, Status
 from ..controls.of_model import Record, Start, Wanted, cost_of_outputs, plan_from, start_of, task_of
 from ..controls.plan import Plan
@@ -628,10 +629,17 @@ class ReadingLoop(ControlLoop[Reading]):
         """Refuse targets that are too large, or rest in no system: the first and the last row."""
         if (np.abs(rows) > self._most[: rows.shape[1]]).any():
             raise InputError("`target` is too large: a million times the largest in the data")
-        if not self._measures:
-            limits = self._low, self._high
-            for row in rows[:: max(1, len(rows) - 1)]:
-                set_point(self.model, Aim(row, self._weights, limits, now, self._given[0]))
+        limits, given = (self._low, self._high), self._given[0]
+        for row in rows[:: max(1, len(rows) - 1)]:
+            try:
+                set_point(self.model, Aim(row, self._weights, limits, now, given))
+            except InputError as error:
+                if not self._measures:
+                    raise
+                # they may be others, and then so is what the loop can hold
+                own = zip(self.model.input_names, given, strict=True)
+                at = ", ".join(f"{name} = {v:.4g}" for name, v in own if not np.isnan(v))
+                warn(f"with {at}, {error}")
 
     def _follow(self, rows: Floats) -> None:
         """Go to other targets, from this call on; the state of the loop stays."""
